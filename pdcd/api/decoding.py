@@ -15,7 +15,7 @@ from pdcd.capture.worker.answers import rms_sigma
 from pdcd.errors import RequestError
 from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.decode import record_errors
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.protocol.events import Decoded as Step
 from pdcd.runs.record import RunRecord
 from pdcd.watch import Watch

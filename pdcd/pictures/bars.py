@@ -1,23 +1,54 @@
-"""The pictures of a run with their whole error: by what its parts show, or by the model."""
+"""The pictures of a run with their whole error: by what its parts show, or by the model.
+
+Either way the error of the codes is told of cells, and lies on their quads as light does. Nothing
+finer is asked of a part of a photo: its shots are averaged over cells first, once each, and all
+parts are worked out on these few values. A part then has the weight of a cell where the photo has
+that of each quad; it is the same in all parts, whose differences alone are looked at.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
-from pdcd.pictures.beside import beside_errors, pictures_beside
-from pdcd.pictures.border_light import with_border_light
-from pdcd.pictures.combine import Picture, pictures_of
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures.combine import white_of
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
-from pdcd.pictures.parted import averaged, barred_by_parts, part_images, used
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
-from pdcd.pictures.sigma import Barred
-from pdcd.pictures.sigma_model import modelled
-from pdcd.pictures.smoothed import seen_of
-from pdcd.recipes.parts import FEWEST_PARTS, part_numbers
-from pdcd.recipes.recipe import Recipe
+from pdcd.pictures.picture import Barred, Picture, barred, pictures_of, sigma_of
+from pdcd.pictures.sigma import measured
+from pdcd.pictures.sigma_model import (
+    NONE,
+    beside_error,
+    beside_weight,
+    model_errors,
+    usual_near_light,
+)
+from pdcd.pictures.to_cells import (
+    Averaged,
+    average,
+    average_apart,
+    average_shots,
+    halve,
+    mean_image,
+    seen_cells,
+)
+from pdcd.pictures.to_quads import edge_share, share_out
+from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
+from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
+from pdcd.words import NormaliseName
+
+Floats = NDArray[np.float64]
+Photos = Callable[[Recipe, Mapping[str, Exposed], CellMap], dict[str, Picture]]
+"""Scales and corrects the photos of a recipe."""
+
+LEAST_APART = 1e-4
+"""Share of the field in which panels draw different cells below which nobody could see it."""
 
 
 def barred_pictures(
@@ -35,16 +66,14 @@ def barred_pictures(
     shots : of the run, and sums of them. learned : of its pilot, if any. apart : of shots of whole
     cells, the share of the field in which both panels draw different cells.
     """
-    in_parts = len(part_numbers(recipe)) >= FEWEST_PARTS
-    coarse, coarse_cells = shots, cells
-    if in_parts:
-        coarse, coarse_cells = averaged(used(recipe, shots), cells)
-    told = NOTHING_TOLD
-    if record.smooth:
-        told = told_by_parts(
-            recipe, coarse, learned, coarse_cells, seen=seen_of(cells),
-            normalise=record.normalise, alive=alive,
-        )  # fmt: skip
+    averaged, told = None, NOTHING_TOLD
+    if len(part_numbers(recipe)) >= FEWEST_PARTS:
+        averaged = average_shots(_used(recipe, shots), cells)
+        if record.smooth:
+            told = told_by_parts(
+                recipe, averaged.shots, learned, averaged.cells, seen=seen_cells(cells),
+                normalise=record.normalise, alive=alive,
+            )  # fmt: skip
 
     def photos(part: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> dict[str, Picture]:
         return corrected_photos(
@@ -55,10 +84,182 @@ def barred_pictures(
     scaled = photos(recipe, shots, cells)
     whole = pictures_of(recipe, scaled)
     near = beside_errors(recipe, shots, scaled, learned, cells, normalise=record.normalise)
-    if in_parts:
-        images = part_images(recipe, coarse, coarse_cells, photos, averaged_from=cells)
-        barred = barred_by_parts(whole, images, cells, pictures_beside(recipe, scaled, near))
+    if averaged is not None:
+        images = part_images(recipe, averaged, photos)
+        bars = barred_by_parts(whole, images, cells, beside_of_pictures(recipe, scaled, near))
     else:
         sharp = None if learned is None else learned.sharp
-        barred = modelled(recipe, shots, scaled, whole, cells, alive, sharp, near=near)
-    return with_border_light(barred, recipe, scaled, apart, cells)
+        bars = barred_by_model(recipe, shots, scaled, whole, cells, alive, sharp, near=near)
+    return with_edge_light(bars, recipe, scaled, apart, cells)
+
+
+def _used(recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:
+    """The shots of a recipe's photos."""
+    names = dict.fromkeys(name for photo in recipe.photos for _, name in photo.shots)
+    return {name: shots[name] for name in names}
+
+
+def part_images(recipe: Recipe, averaged: Averaged, photos: Photos) -> dict[str, list[Floats]]:
+    """Every picture as each part alone makes it, (rows, cols, 3) in scene units, on the quads of
+    the camera that its shots are averaged for."""
+    found: dict[str, list[Floats]] = {name: [] for name in recipe.pictures}
+    for number in part_numbers(recipe):
+        part = only_parts(recipe, {number})
+        made = pictures_of(part, photos(part, averaged.shots, averaged.cells))
+        for name, picture in made.items():
+            image = picture.image.copy()
+            image.reshape(-1, image.shape[2])[averaged.unseen] = 0.0
+            found[name].append(image)
+    return found
+
+
+def barred_by_parts(
+    pictures: Mapping[str, Picture],
+    parts: Mapping[str, list[Floats]],
+    cells: CellMap,
+    alike: Mapping[str, Floats],
+) -> dict[str, Barred]:
+    """Pictures whose sigma is the sensor's, with the code error that their parts show.
+
+    parts : of `part_images`. alike : errors of the pictures' cells, (rows, cols, 3) each, that all
+    parts share, where there are any.
+    """
+    found, parted = {}, halve(cells)
+    for name, picture in pictures.items():
+        seen = average_apart(picture, parted)
+        code, of_cells = _code_of_parts(seen, parts[name], cells.grid, alike.get(name))
+        of_quads = share_out(code, picture, seen.image, parted)
+        found[name] = replace(barred(picture, of_quads, "measured"), of_cells=of_cells)
+    return found
+
+
+def _code_of_parts(
+    seen: Picture, parts: list[Floats], grid: tuple[int, int], alike: Floats | None
+) -> tuple[Floats, Floats | None]:
+    """Code error of a picture on cells by what its parts show, (rows, cols, 3); where these are of
+    half cells, that of means over whole ones, too."""
+    code, of_cells = measured(seen, parts).code, None
+    times = seen.image.shape[0] // grid[0]
+    if times != 1:
+        sigma = np.sqrt(_of_halves(seen.sigma**2) / 4.0)
+        whole = Picture(_of_halves(seen.image), sigma)
+        of_cells = measured(whole, [_of_halves(one) for one in parts]).code
+    if alike is not None:
+        code = np.hypot(code, alike.repeat(times, axis=0).repeat(times, axis=1))
+        of_cells = None if of_cells is None else np.hypot(of_cells, alike)
+    return np.asarray(code), None if of_cells is None else np.asarray(of_cells)
+
+
+def _of_halves(image: NDArray[np.floating]) -> Floats:
+    """Means over the four pieces of each cell, (2 rows, 2 cols, 3) -> (rows, cols, 3)."""
+    rows, cols = image.shape[0] // 2, image.shape[1] // 2
+    return np.asarray(image.reshape(rows, 2, cols, 2, -1).mean(axis=(1, 3)), dtype=np.float64)
+
+
+def barred_by_model(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    photos: Mapping[str, Picture],
+    pictures: Mapping[str, Picture],
+    cells: CellMap,
+    alive: Callable[[], None] = lambda: None,
+    sharp: Floats | None = None,
+    *,
+    near: Mapping[str, Floats] = NONE,
+) -> dict[str, Barred]:
+    """Pictures whose sigma is the sensor's, with the code error that the model foresees
+    (`pdcd.pictures.sigma_model.model_errors`, which says what `sharp` and `near` are).
+
+    photos : the scaled ones that the pictures were made of. Code errors of different photos are
+    taken as independent.
+    """
+    coarse = {name: average(photo, cells) for name, photo in photos.items()}
+    errors = model_errors(recipe, shots, coarse, alive, sharp, near=near)
+    alone = {
+        name: share_out(error, photos[name], coarse[name].image, cells)
+        for name, error in errors.items()
+    }
+    return {
+        name: barred(p, sigma_of(recipe.pictures[name], photos, alone), "modelled")
+        for name, p in pictures.items()
+    }
+
+
+def beside_errors(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    photos: Mapping[str, Picture],
+    learned: Learned | None,
+    cells: CellMap,
+    *,
+    normalise: NormaliseName = "auto",
+) -> dict[str, Floats]:
+    """Standard deviation, (rows, cols, 3), of the means over cells of all photos that take light
+    from right beside a cell for direct light (`pdcd.pictures.sigma_model.beside_weight`).
+
+    photos : scaled ones. learned : of a pilot, if any.
+    """
+    found = {}
+    for photo in recipe.photos:
+        weight = beside_weight(photo, shots, cells.grid, normalise)
+        if weight == 0.0:
+            continue
+        if learned is not None and learned.near.any():
+            near = learned.near
+        else:
+            near = usual_near_light(mean_image(photos[photo.name].image, cells))
+        found[photo.name] = beside_error(weight, near, cells.grid)
+    return found
+
+
+def beside_of_pictures(
+    recipe: Recipe, photos: Mapping[str, Picture], near: Mapping[str, Floats]
+) -> dict[str, Floats]:
+    """The same of the pictures that are made of those photos, by name."""
+    if not near:
+        return {}
+    none = np.zeros_like(next(iter(near.values())))
+    alone = {name: near.get(name, none) for name in photos}
+    return {
+        name: np.asarray(sigma_of(rule, photos, alone))
+        for name, rule in recipe.pictures.items()
+        if not isinstance(rule, Extremes)
+    }
+
+
+def with_edge_light(
+    pictures: Mapping[str, Barred],
+    recipe: Recipe,
+    photos: Mapping[str, Picture],
+    apart: Mapping[str, float],
+    cells: CellMap,
+) -> dict[str, Barred]:
+    """Pictures whose code error knows of direct light that gets through along the borders of whole
+    cells, where they are made of a photo of indirect light, and a white one tells how much direct
+    light there is.
+
+    Where the pixels of both panels do not meet they draw the border of a cell in two places, and
+    between these the light of one cell goes through the mask of the other (`pdcd.probing.borders`).
+    How much of the field that is, is known; which quads see it would take the camera's map to a
+    tenth of a quad. So it is an error of all quads that see two cells.
+
+    photos : scaled ones. apart : of shots of whole cells, the share of the field in which both
+    panels draw different cells.
+    """
+    white, found = white_of(recipe), dict(pictures)
+    for photo in recipe.photos:
+        share = min(apart.get(name, 0.0) for _, name in photo.shots)
+        if photo.wanted.uniform != (0.0, 1.0) or not white or share < LEAST_APART:
+            continue
+        direct = np.abs(photos[white[-1]].image - photos[photo.name].image)
+        error = edge_share(share, cells)[..., None] * direct
+        for name, picture in found.items():
+            rule = recipe.pictures[name]
+            if isinstance(rule, Extremes):
+                continue
+            part = sum((abs(weight) for weight, one in rule if one == photo.name), 0.0)
+            if part:
+                code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
+                plain = Picture(picture.image, picture.sensor)
+                found[name] = barred(plain, code, picture.kind)
+    return found

@@ -17,15 +17,15 @@ from pdcd.errors import DecodeError
 from pdcd.panels.patterns import Patterns, none
 from pdcd.panels.placing import placed
 from pdcd.pictures.bars import barred_pictures
-from pdcd.pictures.cell_light import Ambient
-from pdcd.pictures.combine import Matrix, Shown, realised_photo
-from pdcd.pictures.exposed import Exposed, Negative
+from pdcd.pictures.exposed import Ambient, Exposed, Negative
+from pdcd.pictures.leaks import Dark, Means
 from pdcd.pictures.learn import Learned, learn
-from pdcd.pictures.quads import cell_means
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.pictures.to_cells import average_with_bars, light_apart, mean_light
 from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
+from pdcd.pictures.weights import Matrix, Shown, realised_photo
 from pdcd.probing.borders import drawn_apart_share
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
@@ -86,7 +86,7 @@ class Decoded:
     @cached_property
     def cell_means(self) -> Barred:
         """The answer's means over the cells, (rows, cols, 3)."""
-        return cell_means(self.answer, self.cells)
+        return average_with_bars(self.answer, self.cells)
 
     def deviations(self, alive: Alive = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one.
@@ -153,11 +153,16 @@ class Darkroom:
         dark = self._record.dark
         key = sum(name in shots for name in self._recipe.stack), how.codes, dark is not None
         if self._learned is None or self._learned[0] != key:
-            off = None if dark is None else self.ambient(dark)
-            bits, cells = self._bits("pilot"), self._cells()
-            found = learn(self._recipe, shots, bits, how.codes, cells, ambient=off)
-            self._learned = key, found
+            self._learned = key, self._learn(shots, dark)
         return self._learned[1]
+
+    def _learn(self, shots: Mapping[str, Exposed], dark: DarkPhoto | None) -> Learned:
+        cells, bits = self._cells(), self._bits("pilot")
+        taken = [shots[name] for name in self._recipe.stack if name in shots]
+        seen = light_apart(taken, cells)
+        off = None if dark is None else light_apart([self.ambient(dark)], cells)
+        panels = [shot.realised for shot in taken]
+        return learn(self._record.grid, panels, bits, self._record.how.codes, seen, off)
 
     def matrices(self) -> tuple[Recipe, dict[str, Shown]]:
         """What the panels did in every shot and sum, without a look at the RAW files."""
@@ -194,7 +199,7 @@ class Darkroom:
         view = View.of(self._record, cells)
         return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
 
-    def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed], CellMap]:
+    def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed]]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
         shots = self._shots(watch)
         cells = self._cells()
@@ -202,7 +207,16 @@ class Darkroom:
         sums: dict[str, Exposed] = {}
         if self._sums_up(shots):
             sums = software_sums(recipe, shots, self._stack_bits(), cells)
-        return recipe, {**shots, **sums}, cells
+        return recipe, {**shots, **sums}
+
+    def means(self, watch: Watch) -> tuple[Recipe, Means]:
+        """The same on cells, as far as the answer is made of them."""
+        recipe, shots = self.exposed(watch)
+        return recipe, Means.of(recipe, shots, self._cells())
+
+    def dark_means(self, photo: DarkPhoto) -> Dark:
+        """What got into a dark photo within a second, on cells."""
+        return Dark.of(mean_light(self.ambient(photo), self._cells()))
 
     def ambient(self, photo: DarkPhoto) -> Ambient:
         """What got into a dark photo, over the time for which it shows each of its states."""

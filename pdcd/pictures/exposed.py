@@ -22,6 +22,29 @@ LARGE_QUADS = 2**18
 """Quads from which error bars are held in single precision."""
 
 
+class Lit(Protocol):
+    """Light of a frame and its variance, (h, w, 3) each."""
+
+    @property
+    def light(self) -> Floats:
+        """Scene units times seconds."""
+        ...
+
+    @property
+    def variance(self) -> Errors:
+        """Of that."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ambient:
+    """What gets in through an open mask before a black projector within a second, in scene units
+    times seconds, and its variance: (h, w, 3) each."""
+
+    light: Floats
+    variance: Floats
+
+
 class Exposed(Protocol):
     """A shot whose light can be had, whole or in pieces.
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import realised_photo
 from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.weights import cell_weights_s, divided_by_row
+from pdcd.pictures.to_cells import CellLight, mean_light
+from pdcd.pictures.weights import Shown, weigh_cells
 from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
@@ -35,6 +35,11 @@ class Dark:
 
     light: Floats
     variance: Floats
+
+    @classmethod
+    def of(cls, found: CellLight) -> Dark:
+        """Of the means of a dark photo."""
+        return cls(found.light, found.error**2)
 
     def less(self, other: Dark) -> Dark:
         """What is left without another."""
@@ -106,13 +111,30 @@ class Answer:
         return float(np.sqrt(power) / rms), float(sure / rms), float(abs(leak.mean()) / rms)
 
 
+@dataclass(frozen=True, eq=False)
+class Means:
+    """The shots of an answer on cells.
+
+    panels : what the panels did in them. light : what their cells got. seen : (N,), cells that any
+    quad sees.
+    """
+
+    panels: Mapping[str, Shown]
+    light: Mapping[str, CellLight]
+    seen: Bools
+
+    @classmethod
+    def of(cls, recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Means:
+        """Those that `answers_of` asks for."""
+        used = _answer_photos(recipe)
+        photos = [photo for photo in recipe.photos if photo.name in used]
+        names = dict.fromkeys(name for photo in photos for _, name in photo.shots)
+        light = {name: mean_light(shots[name], cells) for name in names}
+        return cls(shots, light, cells.seen())
+
+
 def answers_of(
-    recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    lit_s: Mapping[str, float],
-    cells: CellMap,
-    *,
-    normalise: NormaliseName,
+    recipe: Recipe, means: Means, lit_s: Mapping[str, float], *, normalise: NormaliseName
 ) -> list[Answer]:
     """The answer of a recipe without corrections, on cells. Where it is made of the largest and
     smallest of photos, which a leak hardly parts, the pictures beside it, too.
@@ -120,25 +142,15 @@ def answers_of(
     lit_s : of each shot, how long an average cell of the projector was lit; 0 of others. Raises
     DecodeError when a photo gathered no light at all.
     """
-    extremes = isinstance(recipe.answer, Extremes)
-    rules = list(recipe.pictures.values()) if extremes else [recipe.answer]
-    used = dict.fromkeys(name for rule in rules for name in _photos(rule))
     photos = {photo.name: photo for photo in recipe.photos}
-    seen = cells.seen()
-    found = {}
-    for name in used:
-        by_row = divided_by_row(photos[name], shots, normalise)
-        found[name] = _of_photo(photos[name], shots, lit_s, cells, seen, by_row=by_row)
-    return [_of_rule(rule, found) for rule in rules]
+    found = {
+        name: _of_photo(photos[name], means, lit_s, normalise) for name in _answer_photos(recipe)
+    }
+    return [_of_rule(rule, found) for rule in _answer_rules(recipe)]
 
 
 def noise_of(
-    recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    dark: Dark,
-    cells: CellMap,
-    *,
-    normalise: NormaliseName,
+    recipe: Recipe, means: Means, dark: Dark, *, normalise: NormaliseName
 ) -> dict[str, float]:
     """Variance that each photo of a recipe brings into the answer once black exposures have taken
     the ambient light of `dark` off it, over the square of the answer's RMS. Of an answer that is a
@@ -150,12 +162,11 @@ def noise_of(
     """
     if isinstance(recipe.answer, Extremes):
         return {}
-    answer = answers_of(recipe, shots, {}, cells, normalise=normalise)[0]
+    answer = answers_of(recipe, means, {}, normalise=normalise)[0]
     photos, found = {photo.name: photo for photo in recipe.photos}, {}
-    seen = cells.seen()
+    seen = means.seen
     for share, name in recipe.answer:
-        by_row = divided_by_row(photos[name], shots, normalise)
-        one = _of_photo(photos[name], shots, {}, cells, seen, by_row=by_row)
+        one = _of_photo(photos[name], means, {}, normalise)
         leak, light = (one.open * dark.light)[seen].sum(), one.image[seen].sum()
         again = float(np.clip(leak / light, 0.0, 1.0)) if light else 0.0
         found[name] = (1.0 + again) * share**2 * float(one.variance[seen].mean())
@@ -163,30 +174,35 @@ def noise_of(
     return {name: variance / square for name, variance in found.items()} if square else {}
 
 
+def _answer_rules(recipe: Recipe) -> list[Rule]:
+    """How the pictures are made whose leaks are looked at."""
+    extremes = isinstance(recipe.answer, Extremes)
+    return list(recipe.pictures.values()) if extremes else [recipe.answer]
+
+
+def _answer_photos(recipe: Recipe) -> dict[str, None]:
+    """Names of the photos that these are made of."""
+    return dict.fromkeys(name for rule in _answer_rules(recipe) for name in _photos(rule))
+
+
 def _photos(rule: Rule) -> tuple[str, ...]:
     return rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
 
 
 def _of_photo(
-    photo: Photo,
-    shots: Mapping[str, Exposed],
-    lit_s: Mapping[str, float],
-    cells: CellMap,
-    seen: Bools,
-    *,
-    by_row: bool,
+    photo: Photo, means: Means, lit_s: Mapping[str, float], normalise: NormaliseName
 ) -> Answer:
-    realised = realised_photo(photo.shots, shots)
-    weight = cell_weights_s(photo, realised, by_row=by_row).reshape(-1, 1)
+    weights = weigh_cells(photo, means.panels, normalise)
+    weight = weights.cells_s.reshape(-1, 1)
     light, noise, dark_s = np.zeros(()), np.zeros(()), 0.0
     for sign, name in photo.shots:
-        shot = shots[name]
-        light = light + sign * cells.mean(shot.light)
-        noise = noise + cells.error_of_mean(shot.variance) ** 2
-        dark_s += sign * max(0.0, lit_s.get(name, 0.0) - float(shot.realised.coaxial.mean()))
-    opened = realised.open_s.reshape(-1, 1)
+        light = light + sign * means.light[name].light
+        noise = noise + means.light[name].error ** 2
+        lit = float(means.panels[name].realised.coaxial.mean())
+        dark_s += sign * max(0.0, lit_s.get(name, 0.0) - lit)
+    opened = weights.realised.open_s.reshape(-1, 1)
     closed = np.full_like(opened, dark_s)
-    return Answer(light / weight, noise / weight**2, opened / weight, closed / weight, seen)
+    return Answer(light / weight, noise / weight**2, opened / weight, closed / weight, means.seen)
 
 
 def _of_rule(rule: Rule, photos: Mapping[str, Answer]) -> Answer:

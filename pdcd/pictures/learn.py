@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -21,12 +21,9 @@ from pdcd.codes.pilot.links import (
     worth,
 )
 from pdcd.codes.pilot.scene_light import near_light, sharp_squares
-from pdcd.pictures.cell_light import Ambient, Lit, light_of_cells
-from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.to_cells import CellLight
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Wanted
-from pdcd.recipes.recipe import Recipe
-from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -67,65 +64,46 @@ class Learned:
 
 
 def stack_photos(
-    recipe: Recipe,
-    shots: Mapping[str, Exposed],
+    taken: Sequence[Factors],
     bits: Bools,
-    cells: CellMap,
-    *,
-    ambient: Ambient | None = None,
+    seen: CellLight,
+    ambient: CellLight | None = None,
 ) -> tuple[Floats, Floats, Floats | None]:
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
-    Those not taken yet are left out; `bits` are of those that were. Each is divided by its
-    own time of open mask and lit projector; quads of a cell are averaged. Light of cells is told
-    from that of their neighbours where quads see both: else direct light of a neighbour looks like
-    a sharp path from there.
+    taken : what the panels did in each of K photos. bits : (K, N), their codes. seen : light of
+    their cells (`pdcd.pictures.to_cells.light_apart`). Each is divided by its own time of open mask
+    and lit projector.
 
-    `ambient` light is taken off for the time for which the mask was open. Its own noise is the same
-    in all photos, and no part of their standard deviation: it comes third, as variance (N, 3).
+    `ambient` light, of one dark photo, is taken off for the time for which the mask was open. Its
+    own noise is the same in all photos, and no part of their standard deviation: it comes third, as
+    variance (N, 3).
     """
-    taken = [shots[name] for name in recipe.stack if name in shots]
-    weights = times_s([shot.realised for shot in taken], bits)[:, None, None]
-    photos, sigmas = _of_cells(taken, cells)
+    weights = times_s(taken, bits)[:, None, None]
+    photos, sigmas = seen.light, seen.error
     if ambient is None:
         return photos / weights, sigmas / weights, None
-    (dark,), (dark_sigma,) = _of_cells([ambient], cells)
-    opened = np.array([shot.realised.open_s for shot in taken])[:, :, None]
+    (dark,), (dark_sigma,) = ambient.light, ambient.error
+    opened = np.array([realised.open_s for realised in taken])[:, :, None]
     common = (dark_sigma * np.mean(opened / weights, axis=0)) ** 2
     return (photos - opened * dark) / weights, sigmas / weights, common
 
 
-def _of_cells(taken: Sequence[Lit], cells: CellMap) -> tuple[Floats, Floats]:
-    """Light of all cells in K photos and its standard deviation, (K, N, 3) each."""
-    if cells.blocks is not None:  # then no quad sees two
-        return (
-            np.array([cells.mean(shot.light) for shot in taken]),
-            np.array([cells.error_of_mean(shot.variance) for shot in taken]),
-        )
-    seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
-    photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
-    photos[:, seen], sigmas[:, seen] = light_of_cells(taken, all_known, cells, seen)
-    return photos, sigmas
-
-
 def learn(
-    recipe: Recipe,
-    shots: Mapping[str, Exposed],
+    grid: tuple[int, int],
+    taken: Sequence[Factors],
     bits: Bools,
     total: int,
-    cells: CellMap,
-    *,
-    ambient: Ambient | None = None,
+    seen: CellLight,
+    ambient: CellLight | None = None,
 ) -> Learned:
     """Find the strong far paths in the pilot photos, `total` codes being spent in all.
 
-    ambient : as in `stack_photos`. With the scouts alone among `shots`, only look whether
-    there may be any.
+    Others as of `stack_photos`; `bits` may be of more photos, those to come. With the scouts alone,
+    only look whether there may be any.
     """
-    taken = sum(name in shots for name in recipe.stack)
-    bits = bits[:taken]
-    photos, sigma, common = stack_photos(recipe, shots, bits, cells, ambient=ambient)
-    grid = recipe.target.grid
+    bits = bits[: len(taken)]
+    photos, sigma, common = stack_photos(taken, bits, seen, ambient)
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)
     taken_off = None if common is None else np.sum(common, axis=1) / 9.0
@@ -141,9 +119,9 @@ def learn(
         return Learned(links, paths, predicted, sharp, left, near)
 
     none = scipy.sparse.csr_array((bits.shape[1], bits.shape[1]))
-    if taken == SCOUTS:
+    if len(taken) == SCOUTS:
         return with_paths(none, (none, none, none))
-    if taken in MATCHED:
+    if len(taken) in MATCHED:
         links, red, green, blue = match_links(bits, photos, grid, sigma=sigma)
         return with_paths(links, (red, green, blue))
     links = estimate_links(bits, grey, grid, sigma=grey_sigma)

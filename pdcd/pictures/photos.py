@@ -1,20 +1,47 @@
-"""The photos of a recipe, scaled and corrected: one way for runs as they are and as foreseen."""
+"""The photos of a recipe, scaled and corrected: one way for runs as they are and as foreseen.
+
+What codes get wrong is worked out on cells and brought to the quads of the photo: of the paths that
+a pilot found, and of smooth light.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
-from pdcd.pictures.combine import Floats, Picture, realised_photo, scaled_photos
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures.combine import scale_photos
 from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.learn import Learned, corrections
+from pdcd.pictures.learn import Learned, corrections, known_light
+from pdcd.pictures.picture import Picture
 from pdcd.pictures.shares import Bools
-from pdcd.pictures.smoothed import Told, smoothed, told_of
-from pdcd.pictures.weights import brought, cell_weights_s, divided_by_row
+from pdcd.pictures.smooth import Coded, colour_correction, shares_of_parts
+from pdcd.pictures.to_cells import mean_image, seen_cells
+from pdcd.pictures.to_quads import add_by_light, bring_to_quads
+from pdcd.pictures.weights import CellWeights, weigh_cells
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the parts of a photo tell of its smooth light: the light of cells, (N, C), without the
+    paths that are known, and the shares of each kind, (P,)
+    (`pdcd.pictures.smooth.shares_of_parts`).
+
+    Parts are corrected by the light of all of them, as their own errs by much more.
+    """
+
+    light: Floats
+    shares: Floats
+
 
 NOTHING_TOLD: Mapping[str, Told] = MappingProxyType({})
 
@@ -34,23 +61,30 @@ def corrected_photos(
 
     Parameters
     ----------
-    recipe, shots, normalise : as of `pdcd.pictures.combine.scaled_photos`.
+    recipe, shots, normalise : as of `pdcd.pictures.combine.combine`.
     learned : paths that a pilot found, whose error in photos is known.
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
-        of far light.
+        of far light. What is missing of a cell is shared out among its quads as they have light.
     alive : called now and then, and may raise to end the work.
-    told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves.
+    told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves,
+        where any quad sees them.
     """
-    missing = _missing(recipe, shots, learned, cells, normalise)
-    photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
+    weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
+    missing = {
+        name: bring_to_quads(wrong, cells, weights[name].realised.fine)
+        for name, wrong in _missing(recipe, weights, learned).items()
+    }
+    photos = scale_photos(recipe, weights, shots, cells, missing)
     for photo in recipe.photos:
         if not smooth or not _holds_smooth_light(photo):
             continue
-        before = photos[photo.name]
-        after = smoothed(
-            photo, shots, before, learned if photo.paths else None, cells,
-            normalise=normalise, alive=alive, told=told.get(photo.name),
-        )  # fmt: skip
+        before, weighed = photos[photo.name], weights[photo.name]
+        seen = seen_cells(cells)
+        light = _with_unseen(mean_image(before.image, cells), seen)
+        more = _missing_smooth(
+            weighed, light, learned, cells.grid, seen, told.get(photo.name), alive
+        )
+        after = add_by_light(before, light, more, cells, weighed.realised.fine)
         photos[photo.name] = after
         if "direct" in photos and not photo.beyond:
             # Of a pair: its codes err by as much the other way.
@@ -73,8 +107,8 @@ def told_by_parts(
     """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
 
     Arguments as there; nothing is told of photos that are not split, nor by fewer parts than
-    measure the error bars. Means of cells do (`pdcd.pictures.parted.averaged`). seen : cells (N,)
-    that any quad of the camera sees, None for all.
+    measure the error bars. Means of cells do (`pdcd.pictures.to_cells.average_shots`). seen : cells
+    (N,) that any quad of the camera sees, None for all.
     """
     numbers = part_numbers(recipe)
     if len(numbers) < FEWEST_PARTS:
@@ -85,13 +119,15 @@ def told_by_parts(
         for one in recipes
     ]
     found = {}
+    of_map = seen_cells(cells)
     for photo, *parts in zip(*(one.photos for one in recipes), strict=True):
         if len(parts[0].shots) == len(photo.shots) or not _holds_smooth_light(photo):
             continue
-        told = told_of(
-            photo, parts, shots, [made[photo.name] for made in pictures],
-            learned if photo.paths else None, cells, seen=seen, normalise=normalise, alive=alive,
-        )  # fmt: skip
+        weights = [weigh_cells(one, shots, normalise) for one in (photo, *parts)]
+        light = [
+            _with_unseen(mean_image(made[photo.name].image, cells), of_map) for made in pictures
+        ]
+        told = _told_of(weights, light, learned, cells.grid, seen, alive)
         if told is not None:
             found[photo.name] = told
     return found
@@ -103,21 +139,72 @@ def _holds_smooth_light(photo: Photo) -> bool:
 
 
 def _missing(
-    recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    learned: Learned | None,
-    cells: CellMap,
-    normalise: NormaliseName,
+    recipe: Recipe, weights: Mapping[str, CellWeights], learned: Learned | None
 ) -> dict[str, Floats]:
-    """What photos get wrong of the paths that a pilot found, (h, w, 3) each."""
-    missing: dict[str, Floats] = {}
-    if learned is None:
-        return missing
-    for photo in recipe.photos:
-        if photo.paths:
-            realised = realised_photo(photo.shots, shots)
-            by_row = divided_by_row(photo, shots, normalise)
-            weight = cell_weights_s(photo, realised, by_row=by_row)
-            wrong = corrections(learned, realised, weight, photo.wanted)
-            missing[photo.name] = brought(wrong, cells, realised.fine)
-    return missing
+    """What cells get wrong of the paths that a pilot found, (N, 3) a photo."""
+    return {
+        photo.name: corrections(
+            learned, weights[photo.name].realised, weights[photo.name].cells_s, photo.wanted
+        )
+        for photo in recipe.photos
+        if photo.paths and learned is not None
+    }
+
+
+def _with_unseen(light: Floats, seen: Bools | None) -> Floats:
+    """Light of cells (N, C) in which those that no quad sees are as bright as the others, for want
+    of anything better."""
+    if seen is not None:
+        light[~seen] = light[seen].mean(axis=0) if seen.any() else 0.0
+    return light
+
+
+def _without_paths(light: Floats, photo: Photo, learned: Learned | None) -> Floats:
+    """Light of cells (N, C) without that of the paths that are known."""
+    if learned is None or not photo.paths:
+        return light
+    return light - known_light(learned, photo.wanted)
+
+
+def _missing_smooth(
+    weights: CellWeights,
+    light: Floats,
+    learned: Learned | None,
+    grid: tuple[int, int],
+    seen: Bools | None,
+    told: Told | None,
+    alive: Callable[[], None],
+) -> Floats:
+    """What is missing of the light of cells, (N, C), for their smooth light."""
+    photo, realised = weights.photo, weights.realised
+    rest, shares = _without_paths(light, photo, learned), None
+    if told is not None:
+        rest, shares = told.light, told.shares
+    return colour_correction(
+        realised.left, realised.right, weights.cells_s, rest, grid, alive, photo.beyond, shares,
+        seen,
+    )  # fmt: skip
+
+
+def _told_of(
+    weights: Sequence[CellWeights],
+    light: Sequence[Floats],
+    learned: Learned | None,
+    grid: tuple[int, int],
+    seen: Bools | None,
+    alive: Callable[[], None],
+) -> Told | None:
+    """What the parts of a photo tell of its smooth light; None of a dark one.
+
+    weights, light : of the photo and of each of its parts, in that order; (N, C) each.
+    """
+    rest = [
+        _without_paths(one, weighed.photo, learned)
+        for weighed, one in zip(weights, light, strict=True)
+    ]
+    coded = [
+        Coded(one.realised.left, one.realised.right, one.cells_s, left.mean(axis=1))
+        for one, left in zip(weights, rest, strict=True)
+    ]
+    shares = shares_of_parts(coded[0], coded[1:], grid, weights[0].photo.beyond, alive, seen)
+    return None if shares is None else Told(rest[0], shares)

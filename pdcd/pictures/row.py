@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.pictures.combine import Shown, divided_by_row, realised_photo
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors
+from pdcd.pictures.weights import Shown, divided_by_row, realised_photo
 from pdcd.pictures.written.captions import strip
 from pdcd.pictures.written.develop import blocks
 from pdcd.probing.deviation import row_weights_s, weight_s

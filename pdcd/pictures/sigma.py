@@ -9,18 +9,14 @@ assumption about the scene.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import Errors, Picture
-from pdcd.sensor.bands import banded
+from pdcd.pictures.picture import Barred, Picture, barred
 
 Floats = NDArray[np.float64]
-Kind = Literal["measured", "modelled"]
 
 CONFIDENCE = 0.95
 """Share of pixels whose true value is to lie within image +- 1.96 sigma."""
@@ -30,21 +26,6 @@ NEIGHBOURS_PX = 3
 LEAST = 0.1
 """Least square of a pixel's error over that of its neighbourhood. More covers more of what parts
 get wrong alike, and widens the error bars of pixels that do not err."""
-
-
-@dataclass(frozen=True)
-class Barred(Picture):
-    """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, 3) each, float64 or,
-    where the frame is large, float32.
-
-    `kind` is how `code` was found. `of_cells` is the code error of means over cells,
-    (rows, cols, 3), where more is known of it than that of their quads.
-    """
-
-    sensor: Errors
-    code: Errors
-    kind: Kind
-    of_cells: Errors | None = None
 
 
 def measured(picture: Picture, parts: Sequence[Floats]) -> Barred:
@@ -80,25 +61,6 @@ def _strong_around(square: Floats) -> Floats:
     """Mean of squares (h, w) over each neighbourhood where it is above that of all; else 0."""
     around: Floats = scipy.ndimage.uniform_filter(square, NEIGHBOURS_PX, mode="nearest")
     return np.where(around > square.mean(), around, 0.0)
-
-
-def barred(picture: Picture, code: Errors, kind: Kind) -> Barred:
-    """A picture whose sigma is the sensor's, completed by the code error (h, w, 3)."""
-    return Barred(picture.image, _together(picture.sigma, code), picture.sigma, code, kind)
-
-
-def _together(sensor: Errors, code: Errors) -> Errors:
-    """Root of the sum of squares. Of float32 by itself: the library's function takes ten times as
-    long."""
-    if sensor.dtype != np.float32:
-        return np.asarray(np.hypot(sensor, code))
-
-    def total(rows: slice) -> Errors:
-        squares = sensor[rows] * sensor[rows]
-        squares += code[rows] * code[rows]
-        return np.sqrt(squares, out=squares)
-
-    return banded(sensor.shape, sensor.dtype, total)
 
 
 def _expected(variance: Floats, noise: Floats, image: Floats) -> Floats:

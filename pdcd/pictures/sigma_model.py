@@ -28,15 +28,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import Picture, cell_weights_s, realised_photo, sigma_of
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.quads import of_cells, shared_out
-from pdcd.pictures.sigma import Barred, barred
+from pdcd.pictures.picture import Picture
+from pdcd.pictures.smooth import beside
+from pdcd.pictures.weights import Shown, cell_weights_s, realised_photo, weigh_cells
 from pdcd.probing.deviation import row_deviations, weight_s
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.recipe import Photo, Recipe
-from pdcd.sensor.cells import CellMap
+from pdcd.words import NormaliseName
 
 Floats = NDArray[np.float64]
 
@@ -54,36 +53,39 @@ DARK = 0.02
 """Share of the brightest white below which a cell tells nothing of texture."""
 MEDIAN_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
+USUAL = 0.02
+"""Light from one of the eight cells around, over all indirect light, where no pilot tells: between
+the virtual scenes with little of it (0.1 to 1 %) and those with much (2 to 7 %)."""
+UNEVEN = 1.3
+"""Root of the mean square of what the eight send, over its mean: 1.05 to 2.5 before the virtual
+scenes."""
+LEAST_BESIDE = 0.15
+"""Weight that is off, in paths of one cell, below which it is the chance of codes: a photo of whole
+cells has none but that."""
 
 
-def modelled(
+def model_errors(
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    photos: Mapping[str, Picture],
-    pictures: Mapping[str, Picture],
-    cells: CellMap,
+    shots: Mapping[str, Shown],
+    coarse: Mapping[str, Picture],
     alive: Callable[[], None] = lambda: None,
     sharp: Floats | None = None,
     *,
     near: Mapping[str, Floats] = NONE,
-) -> dict[str, Barred]:
-    """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
+) -> dict[str, Floats]:
+    """Code errors of the photos of a recipe by the model above, (rows, cols, C) each, of cells:
+    what varies between the quads of a cell is texture.
 
-    It is worked out on the means of cells, as what varies between the quads of a cell is texture,
-    and then lies on the quads as light does.
-
-    `photos` are the scaled ones that the pictures were made of
-    (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
-    independent. `alive` is called now and then, may raise. `sharp` (N, C) is what the first photos
-    of a pilot tell of the sharp paths of each cell (`pdcd.codes.pilot.scene_light`): of photos in
-    which paths are corrected it takes the place of N_eff. `near` are errors of photos by light from
-    right beside each cell (`pdcd.pictures.beside`). Photos of far light, whose cells are each
-    divided by their own weight, are judged by these weights and by the roughness of all their
-    light. The light straight back is what the photo shows over the share of it that was wanted.
+    coarse : the scaled photos on cells (`pdcd.pictures.to_cells.average`). alive : called now and
+    then, may raise. sharp : (N, C), what the first photos of a pilot tell of the sharp paths of
+    each cell (`pdcd.codes.pilot.scene_light`): of photos in which paths are corrected it takes the
+    place of N_eff. near : errors of photos by light from right beside each cell (`beside_error`).
+    Photos of far light, whose cells are each divided by their own weight, are judged by these
+    weights and by the roughness of all their light. The light straight back is what the photo shows
+    over the share of it that was wanted.
     """
-    coarse = {name: of_cells(photo, cells) for name, photo in photos.items()}
     white = coarse["white"].image if "white" in coarse else None
-    alone = {}
+    found = {}
     for photo in recipe.photos:
         picture = coarse[photo.name]
         realised = realised_photo(photo.shots, shots)
@@ -92,7 +94,7 @@ def modelled(
         if far:
             realised, weight = _by_row(photo, realised), 1.0
         rows = row_deviations(realised, photo.wanted, weight, alive)
-        mean, variance, diagonal = (row.reshape(*cells.grid, 1) for row in rows)
+        mean, variance, diagonal = (row.reshape(*picture.image.shape[:2], 1) for row in rows)
         diagonal *= _straight(photo.wanted).reshape(diagonal.shape)
         if sharp is not None and photo.paths:
             light = _light(picture.image)
@@ -103,11 +105,8 @@ def modelled(
             error = code_error(picture, fixed, variance, photo.wanted.cells, white, far=far)
         if photo.name in near:
             error = np.hypot(error, near[photo.name])
-        alone[photo.name] = shared_out(error, photos[photo.name], picture, cells)
-    return {
-        name: barred(p, sigma_of(recipe.pictures[name], photos, alone), "modelled")
-        for name, p in pictures.items()
-    }
+        found[photo.name] = error
+    return found
 
 
 def code_error(
@@ -184,3 +183,42 @@ def _around(image: Floats, white: Floats | None) -> Floats:
         shares = np.divide(image, white, out=np.zeros_like(image), where=lit)
         expected[lit] = (white * scipy.ndimage.convolve(shares, RING, mode="nearest"))[lit]
     return expected
+
+
+def beside_weight(
+    photo: Photo, shots: Mapping[str, Shown], grid: tuple[int, int], normalise: NormaliseName
+) -> float:
+    """How much light from one of the cells around is worth in the error of a photo that cannot tell
+    it from direct light: what is lacking of all eight, and what is there of the cell's own, whose
+    size nobody knows. 0 where that is the chance of codes, and of photos that do not want all other
+    cells alike.
+
+    Under quarter windows the projector's code cell reaches a quarter of a cell beyond the window
+    that it belongs to. So a photo of indirect light lacks some of what comes from the cells around,
+    and has some of what wandered within its own. All parts of a photo do so alike: their spread
+    does not show it. How much light there is of either kind is modelled: by what a pilot tells
+    (`pdcd.codes.pilot.scene_light`), else as a share of all light.
+    """
+    if photo.wanted.uniform is None or photo.wanted.uniform[0] == photo.wanted.uniform[1]:
+        return 0.0
+    diagonal, off = photo.wanted.uniform
+    weights = weigh_cells(photo, shots, normalise)
+    realised, cells_s = weights.realised, weights.cells_s
+    lacking = sum(
+        off - share for share in beside(realised.left, realised.right, cells_s, grid).values()
+    )
+    own = float(np.mean(realised.row_sums_s[1] / cells_s)) - diagonal
+    weight = float(np.hypot(lacking, own))
+    return 0.0 if weight < LEAST_BESIDE else weight
+
+
+def beside_error(weight: float, near: Floats, grid: tuple[int, int]) -> Floats:
+    """Standard deviation, (rows, cols, C), of the cells of a photo of that `beside_weight`; `near`
+    is the light that each gets from one of those around, (N, C)."""
+    return UNEVEN * weight * near.reshape(*grid, -1)
+
+
+def usual_near_light(light: Floats) -> Floats:
+    """Light that each cell gets from one of those around, (N, C), where no pilot tells; `light` is
+    that of the photo."""
+    return USUAL * np.maximum(light, 0.0)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import Matrix, Shown
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import times_s
+from pdcd.pictures.weights import Matrix, Shown
 from pdcd.probing.realised import Factors
 from pdcd.recipes.alternatives import ALL_DARK, Fitted, Masked, Mixture
 from pdcd.recipes.recipe import Recipe

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
-from pdcd.pictures.cell_light import light_of_cells
 from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.to_cells import light_of_cells
 from pdcd.pictures.written.captions import strip
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.transport import Slice, s_matrix
@@ -86,9 +86,8 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
     known = ~np.logical_or.reduce([shot.saturated for shot in taken])
     sure = cells.seen(known)[part.seen] & (gathered > 0.0).all(axis=0)
     scale = np.divide(1.0, gathered, out=np.zeros_like(gathered), where=gathered > 0.0)
-    light, error = light_of_cells(taken, known, cells, part.seen)
-    light *= scale[..., None]
-    error *= scale[..., None]
+    found = light_of_cells(taken, known, cells, part.seen)
+    light, error = found.light * scale[..., None], found.error * scale[..., None]
     system = np.concatenate([shown, opened[:, None]], axis=1)
     if np.linalg.matrix_rank(system) < system.shape[1]:
         raise DecodeError(

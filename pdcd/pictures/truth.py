@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
 from pdcd.errors import DecodeError, disk_errors
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.patterns import stored_arrays

@@ -24,6 +24,7 @@ from pdcd.pictures.combine import combine, scaled_photos
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
+from pdcd.pictures.to_cells import light_apart
 from pdcd.pictures.truth import answer
 from pdcd.planning.guided import stopped, with_links
 from pdcd.planning.metering import TARGET, metered_pairs
@@ -259,7 +260,10 @@ def _learned(
     cells = plan.grid[0] * plan.grid[1]
     primal = plan.patterns["pilot"][0]
     bits = np.array([levels_of(primal, k, cells) > 0.5 for k in range(len(primal))])
-    return learn(plan.recipe, shots, bits, plan.how.codes, CellMap.block(plan.grid, plan.grid))
+    taken = [shots[name] for name in plan.recipe.stack if name in shots]
+    seen = light_apart(taken, CellMap.block(plan.grid, plan.grid))
+    panels = [shot.realised for shot in taken]
+    return learn(plan.grid, panels, bits, plan.how.codes, seen)
 
 
 def _added(

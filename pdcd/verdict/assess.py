@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import divided_by_row, realised_photo, share_taken_out
+from pdcd.pictures.combine import share_taken_out
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.weights import divided_by_row, realised_photo
 from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.probing.wanted import Full

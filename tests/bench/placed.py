@@ -22,9 +22,9 @@ from pdcd.bench.placed import camera_map, frame_of
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.combine import Picture, pictures_of
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.photos import corrected_photos
+from pdcd.pictures.picture import Picture, pictures_of
 from pdcd.pictures.truth import answer
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan

@@ -9,8 +9,9 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.panels.patterns import Patterns
 from pdcd.panels.schedule import build_frames
-from pdcd.pictures.combine import Picture, combine
+from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Print
+from pdcd.pictures.picture import Picture
 from pdcd.probing.panel import Panel
 from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target

@@ -10,8 +10,8 @@ import numpy as np
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.pictures.combine import Picture
 from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.picture import Picture
 from pdcd.pictures.transport import Sliced
 from pdcd.pictures.truth import entries
 from pdcd.planning.plan import Plan

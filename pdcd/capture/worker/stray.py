@@ -10,7 +10,7 @@ from pdcd.bench.tables import Config
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import PdcdError, RequestError
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.leaks import Dark, answers_of, noise_of
+from pdcd.pictures.leaks import answers_of, noise_of
 from pdcd.pictures.learn import Learned
 from pdcd.planning.average import averaged, noise_of_plan
 from pdcd.planning.guided import resumed, with_links
@@ -18,7 +18,6 @@ from pdcd.planning.look import lit_s
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.runs.record import DarkPhoto
-from pdcd.sensor.cells import CellMap
 from pdcd.watch import Watch
 
 
@@ -31,10 +30,10 @@ def leaks_in(plan: Plan, darkroom: Darkroom, darks: Sequence[DarkPhoto], watch: 
     look = plan.look
     if look is None:
         raise PdcdError("this plan looks at no dark photo")
-    recipe, shots, cells = darkroom.exposed(watch)
+    recipe, means = darkroom.means(watch)
     lit = {shot.name: lit_s(plan, shot) for shot in recipe.shots}
-    answers = answers_of(recipe, shots, lit, cells, normalise=darkroom.record.normalise)
-    found = [_of_cells(darkroom, photo, cells) for photo in darks]
+    answers = answers_of(recipe, means, lit, normalise=darkroom.record.normalise)
+    found = [darkroom.dark_means(photo) for photo in darks]
     ambient = mask = None
     if len(found) == 1:
         both = max(answer.most(found[0]) for answer in answers)
@@ -51,11 +50,6 @@ def leaks_in(plan: Plan, darkroom: Darkroom, darks: Sequence[DarkPhoto], watch: 
         limit=look.limit,
         raw=tuple(photo.raw for photo in darks),
     )
-
-
-def _of_cells(darkroom: Darkroom, photo: DarkPhoto, cells: CellMap) -> Dark:
-    light = darkroom.ambient(photo)
-    return Dark(cells.mean(light.light), cells.error_of_mean(light.variance) ** 2)
 
 
 @dataclass(frozen=True)
@@ -98,11 +92,11 @@ class Ambience:
         if leaks is None or leaks.ambient is None or leaks.ambient <= leaks.limit:
             replan(plan)
             return Mended()
-        recipe, shots, cells = darkroom.exposed(watch)
-        taken, names, variances = plan, frozenset(shots), {}
+        recipe, means = darkroom.means(watch)
+        taken, names, variances = plan, frozenset(means.panels), {}
         if self.average:
-            light, normalise = _of_cells(darkroom, photo, cells), darkroom.record.normalise
-            variances = noise_of(recipe, shots, light, cells, normalise=normalise)
+            light, normalise = darkroom.dark_means(photo), darkroom.record.normalise
+            variances = noise_of(recipe, means, light, normalise=normalise)
         plan = replace(plan, dark=photo)
         replan(plan)
         learned = darkroom.learned(watch)

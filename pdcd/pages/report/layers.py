@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pages.report.packing import least_step, linear, logarithmic
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
 from pdcd.pictures.written.balance import by_patch, by_white_photo
 from pdcd.pictures.written.brightness import WHITE, Brightness, Look, usual

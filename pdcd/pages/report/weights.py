@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pages.report.packing import factored, integers, singles, size_bytes
-from pdcd.pictures.combine import Shown
 from pdcd.pictures.row import Weighed, weighed
+from pdcd.pictures.weights import Shown
 from pdcd.probing.convolved import Kernel, SameRow
 from pdcd.probing.wanted import Gained, Lit, Match, Near, Outer, Part, Uniform, Wanted
 from pdcd.recipes.recipe import Photo, Recipe

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
 from pdcd.pictures.written.balance import Balance, by_patch, by_white_photo
 from pdcd.pictures.written.brightness import WHITE, Brightness, Look, step_of, usual

@@ -10,12 +10,11 @@ import scipy
 
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.pictures.beside import USUAL, beside_errors, pictures_beside
-from pdcd.pictures.border_light import with_border_light
-from pdcd.pictures.combine import Picture, pictures_of
+from pdcd.pictures.bars import beside_errors, beside_of_pictures, with_edge_light
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, _beside
-from pdcd.pictures.sigma import barred
+from pdcd.pictures.picture import Picture, barred, pictures_of
+from pdcd.pictures.sigma_model import USUAL
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect
@@ -82,12 +81,12 @@ def test_quarter_windows_lack_light_from_beside_and_whole_ones_do_not() -> None:
 def test_pictures_have_it_as_they_are_made_of_photos() -> None:
     plan = plan_of(goal="direct", window="quarter")
     near = errors(plan, told(0.05))
-    pictures = pictures_beside(plan.recipe, photos_of(plan), near)
+    pictures = beside_of_pictures(plan.recipe, photos_of(plan), near)
     assert set(pictures) == set(plan.recipe.pictures)
     np.testing.assert_array_equal(pictures["direct"], near["coded"])
     np.testing.assert_array_equal(pictures["indirect"], near["coded"])
     assert not pictures["white"].any()
-    assert pictures_beside(plan.recipe, photos_of(plan), {}) == {}
+    assert beside_of_pictures(plan.recipe, photos_of(plan), {}) == {}
 
 
 def test_known_paths_from_beside_count_as_light_from_there() -> None:
@@ -117,9 +116,9 @@ def test_borders_that_panels_draw_apart_are_an_error_of_quads_that_see_them(
         name: barred(one, 0.03 * image, "measured")
         for name, one in pictures_of(plan.recipe, photos).items()
     }
-    none = with_border_light(bars, plan.recipe, photos, {}, cells)
+    none = with_edge_light(bars, plan.recipe, photos, {}, cells)
     assert all(none[name] is one for name, one in bars.items())
-    found = with_border_light(bars, plan.recipe, photos, {"coded": 0.01, "white": 0.01}, cells)
+    found = with_edge_light(bars, plan.recipe, photos, {"coded": 0.01, "white": 0.01}, cells)
     assert found["white"] is bars["white"]
     one = found["indirect"]
     np.testing.assert_allclose(one.sigma, np.hypot(one.sensor, one.code))

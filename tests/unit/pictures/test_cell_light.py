@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.cell_light import light_of_cells
 from pdcd.pictures.exposed import Print
+from pdcd.pictures.to_cells import light_of_cells
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
@@ -39,10 +39,11 @@ def test_cells_are_told_apart_however_few_quads_they_have(
         taken.append(Print(quads, np.full(quads.shape, 1e-4), ~cells.known, NOTHING, {}))
     wanted = np.flatnonzero(cells.seen())
     assert wanted.size == 48
-    found, error = light_of_cells(taken, np.ones(frame, np.bool_), cells, wanted)
+    told = light_of_cells(taken, np.ones(frame, np.bool_), cells, wanted)
+    found, error = told.light, told.error
     np.testing.assert_allclose(found, values, atol=2e-3)
     assert found.shape == error.shape and 0.0 < error.min() <= error.max() < 0.01 * 4.0
     few = light_of_cells(taken, np.ones(frame, np.bool_), cells, wanted[5:9])
-    np.testing.assert_allclose(few[0], values[:, 5:9], atol=2e-3)
+    np.testing.assert_allclose(few.light, values[:, 5:9], atol=2e-3)
     if frame == (19, 25):  # three quads a cell: their mean holds much of the neighbours
         assert np.abs(cells.mean(taken[0].light) - values[0]).max() > 0.1

@@ -14,7 +14,7 @@ from pdcd.bench.tables import Config
 from pdcd.errors import Cancelled, DecodeError
 from pdcd.panels.map import Map
 from pdcd.pictures import truth as module
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.truth import (
     TRUTH,
     Known,

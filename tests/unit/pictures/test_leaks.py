@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.leaks import Answer, Dark, answers_of, noise_of
+from pdcd.pictures.leaks import Answer, Dark, Means, answers_of, noise_of
 from pdcd.planning.look import needed
 from pdcd.probing.realised import Factors
 from pdcd.protocol.request import Goal, How, Leaks
@@ -63,7 +63,7 @@ def exposed(light: np.ndarray, factors: Factors) -> Exposed:
 
 def answer(shots: dict[str, Exposed], lit_s: dict[str, float]) -> Answer:
     recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(white=False))
-    (found,) = answers_of(recipe, shots, lit_s, CELLS, normalise="scalar")
+    (found,) = answers_of(recipe, Means.of(recipe, shots, CELLS), lit_s, normalise="scalar")
     return found
 
 
@@ -132,7 +132,7 @@ def test_the_noise_of_ambient_light_is_that_of_a_photo_and_its_black_exposure(sh
     noisy: Exposed = replace(one, variance=electron * one.light)  # type: ignore[type-var]
     recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(white=False))
     recipe = replace(recipe, pictures={"indirect": ((share, "coded"),)})
-    found = noise_of(recipe, {"coded": noisy}, ambient, CELLS, normalise="scalar")
+    found = noise_of(recipe, Means.of(recipe, {"coded": noisy}, CELLS), ambient, normalise="scalar")
     light = one.light.reshape(N, 3)
     weight = float(np.mean(light / image))
     black = one.realised.open_s[:, None] * ambient.light
@@ -142,6 +142,7 @@ def test_the_noise_of_ambient_light_is_that_of_a_photo_and_its_black_exposure(sh
 
 
 def test_an_answer_of_extremes_has_no_such_noise() -> None:
-    shots, _, ambient, _, _, _ = bench(0.3, 0.0, 0.0)
+    ambient = bench(0.3, 0.0, 0.0)[2]
     recipe = recipe_of(Target(Goal(name="split", period=2), GRID), How())
-    assert noise_of(recipe, shots, ambient, CELLS, normalise="scalar") == {}
+    means = Means({}, {}, np.ones(N, np.bool_))
+    assert noise_of(recipe, means, ambient, normalise="scalar") == {}

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.combine import Picture
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.photos import corrected_photos
+from pdcd.pictures.picture import Picture
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect

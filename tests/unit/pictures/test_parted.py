@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.combine import Picture
+from pdcd.pictures.bars import barred_by_parts
 from pdcd.pictures.exposed import Print
-from pdcd.pictures.parted import averaged, barred_by_parts, pieces
-from pdcd.pictures.quads import cell_means
+from pdcd.pictures.picture import Picture
+from pdcd.pictures.to_cells import average_shots, average_with_bars, halve
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
@@ -30,9 +30,9 @@ def test_cells_have_the_mean_of_quads_that_no_shot_has_saturated() -> None:
     blown, more = np.zeros((2, *FRAME), np.bool_)
     blown[0, 0] = True  # of a cell a twenty-fifth: it does not count in either shot
     more[SIDE : 2 * SIDE, :SIDE] = True  # of another cell all
-    shots, alike = averaged(
-        {"one": shot(one, blown), "two": shot(two, more)}, CellMap.block(GRID, FRAME)
-    )
+    taken = {"one": shot(one, blown), "two": shot(two, more)}
+    averaged = average_shots(taken, CellMap.block(GRID, FRAME))
+    shots, alike = averaged.shots, averaged.cells
     for name, light in (("one", one), ("two", two)):
         blocks = light.reshape(GRID[0], SIDE, GRID[1], SIDE, 3)
         expected = blocks.mean(axis=(1, 3))
@@ -46,11 +46,11 @@ def test_cells_have_the_mean_of_quads_that_no_shot_has_saturated() -> None:
 def test_cells_that_no_quad_sees_are_as_bright_as_the_others() -> None:
     place = placed(Placing(scale=0.3), (FRAME[1], FRAME[0]), (40, 30), "camera")
     cells = CellMap(grid=GRID, frame=FRAME, map=place)
-    halves = pieces(cells)
+    halves = halve(cells)
     seen = halves.seen().reshape(halves.grid)
     assert 0 < seen.sum() < seen.size
     light = np.random.default_rng(6).random((*FRAME, 3))
-    found = averaged({"one": shot(light)}, cells)[0]["one"].light
+    found = average_shots({"one": shot(light)}, cells).shots["one"].light
     np.testing.assert_allclose(
         found[~seen], np.tile(found[seen].mean(axis=0), (sum(~seen.ravel()), 1))
     )
@@ -66,7 +66,7 @@ def test_light_that_is_the_same_everywhere_is_so_where_quads_see_past_the_border
     assert cells.inside is not None
     light = np.tile((cells.spread(np.ones(12)) * cells.inside)[..., None], (1, 1, 3))
     assert cells.known.any() and light[cells.known].min() < 0.95
-    found = averaged({"one": shot(light)}, cells)[0]["one"].light
+    found = average_shots({"one": shot(light)}, cells).shots["one"].light
     np.testing.assert_allclose(found, 1.0, atol=1e-6)
 
 
@@ -75,17 +75,18 @@ def test_a_camera_that_sees_halves_of_cells_averages_over_halves() -> None:
     frame = (31, 41)  # 10.3 quads a cell each way
     place = placed(Placing(), (frame[1], frame[0]), (40, 30), "camera")
     cells = CellMap(grid=GRID, frame=frame, map=place)
-    halves = pieces(cells)
+    halves = halve(cells)
     assert halves.grid == (6, 8)
     # Too few quads, or too much blur, for halves.
     few = msgspec.structs.replace(cells, frame=(9, 12), map=None)
-    assert pieces(few) is few
+    assert halve(few) is few
     few = CellMap(grid=GRID, frame=(8, 11), map=placed(Placing(), (11, 8), (40, 30), "camera"))
-    assert pieces(few) is few
+    assert halve(few) is few
     blurred = msgspec.structs.replace(cells, blur_quads=1.3)
-    assert pieces(blurred) is blurred
+    assert halve(blurred) is blurred
     values = np.random.default_rng(7).random((48, 3))
-    found, alike = averaged({"one": shot(halves.spread(values))}, cells)
+    averaged = average_shots({"one": shot(halves.spread(values))}, cells)
+    found, alike = averaged.shots, averaged.cells
     assert alike.grid == GRID and alike.frame == (6, 8) and alike.map is not None
     np.testing.assert_allclose(found["one"].light.reshape(-1, 3), values, atol=1e-12)
 
@@ -99,12 +100,12 @@ def test_cells_whose_quads_see_others_too_have_an_error_of_their_own(
     frame = (frame[0] * 16 // 3, frame[1] * 5)
     place = placed(Placing(), (frame[1], frame[0]), (400, 320), "camera")
     cells = CellMap(grid=grid, frame=frame, map=place)
-    assert (pieces(cells).grid != grid) is halves
+    assert (halve(cells).grid != grid) is halves
     rng = np.random.default_rng(8)
     errors = 0.05 * rng.standard_normal((count, grid[0] * grid[1], 3))
     shots = {f"{k}": shot(cells.spread(1.0 + one)) for k, one in enumerate(errors)}
     picture = Picture(cells.spread(1.0 + errors.mean(axis=0)), np.full((*frame, 3), 1e-6))
-    parts = [one.light for one in averaged(shots, cells)[0].values()]
+    parts = [one.light for one in average_shots(shots, cells).shots.values()]
     made = barred_by_parts({"it": picture}, {"it": parts}, cells, {})["it"]
     found = float(np.sqrt(np.mean(made.sigma[cells.single] ** 2)))
     assert found == pytest.approx(0.05 / np.sqrt(count), rel=0.06)
@@ -128,11 +129,11 @@ def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -
     cells = CellMap(
         grid=grid, frame=frame, map=placed(Placing(), (frame[1], frame[0]), (400, 320), "camera")
     )
-    halves = pieces(cells)
+    halves = halve(cells)
     rng = np.random.default_rng(9)
     errors = 0.05 * rng.standard_normal((count, 4 * grid[0] * grid[1], 3))
     parts = [halves.spread(1.0 + one) for one in errors]
-    light = averaged({f"{k}": shot(one) for k, one in enumerate(parts)}, cells)[0]
+    light = average_shots({f"{k}": shot(one) for k, one in enumerate(parts)}, cells).shots
     picture = Picture(np.mean(parts, axis=0), np.full((*frame, 3), 1e-6))
     made = barred_by_parts(
         {"it": picture},
@@ -142,6 +143,6 @@ def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -
     )["it"]
     true = 0.05 / np.sqrt(count)
     assert np.sqrt(np.mean(made.code**2)) == pytest.approx(true, rel=0.06)
-    means = cell_means(made, cells)
+    means = average_with_bars(made, cells)
     assert means.code.shape == (*grid, 3)
     assert np.sqrt(np.mean(means.code**2)) == pytest.approx(true / 2.0, rel=0.06)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import NoSpaceError
 from pdcd.panels.map import Map
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import View
 from pdcd.pictures.written import previews
 from pdcd.pictures.written.captions import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, strip

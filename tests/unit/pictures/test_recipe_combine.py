@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, RequestError
-from pdcd.pictures.combine import Picture, combine, pictures_of
+from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Exposed, Print
+from pdcd.pictures.picture import Picture, pictures_of
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
 from pdcd.protocol.request import Goal, How

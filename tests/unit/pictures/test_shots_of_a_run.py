@@ -16,10 +16,10 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.panels.map import Map
 from pdcd.pictures import darkroom
-from pdcd.pictures.cell_light import Ambient
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.exposed import Print
+from pdcd.pictures.exposed import Ambient, Print
 from pdcd.pictures.learn import stack_photos
+from pdcd.pictures.to_cells import light_apart
 from pdcd.probing.realised import Factors
 from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target
@@ -63,7 +63,7 @@ def test_light_is_in_scene_units_times_seconds(run: Path, level: float | None) -
     """DN times gain are electrons; over the responsivity, which falls with the square of f; and
     over the level of a shot of which codes were shown more than once."""
     record = record_of(run, level=level, missed=3)
-    _, shots, _ = Darkroom(run, record).exposed(Watch())
+    _, shots = Darkroom(run, record).exposed(Watch())
     assert list(shots) == [shot.name for shot in record.shots]
     for shot in record.shots:
         planes = frame_of(run, record, shot.name).planes.astype(np.float64)
@@ -119,19 +119,23 @@ def test_ambient_light_is_taken_off_the_photos_of_a_pilot() -> None:
         clean[name] = one
         shots[name] = replace(one, light=own + seconds * cells.spread(around))
     dark = Ambient(cells.spread(around), np.full((*frame, 3), 4.0))
-    wanted = stack_photos(recipe, clean, bits, cells)
-    found = stack_photos(recipe, shots, bits, cells, ambient=dark)
+    panels = [shot.realised for shot in clean.values()]
+    clear, seen, off = (
+        light_apart(taken, cells) for taken in (list(clean.values()), list(shots.values()), [dark])
+    )
+    wanted = stack_photos(panels, bits, clear)
+    found = stack_photos(panels, bits, seen, off)
     np.testing.assert_allclose(found[0], wanted[0], atol=1e-12)
     np.testing.assert_array_equal(found[1], wanted[1])
     # Its noise is that of a second, which is the same in all photos.
     assert wanted[2] is None and found[2] is not None
     np.testing.assert_allclose(found[2], (2.0 * wanted[1][0] * 0.5) ** 2, rtol=1e-9)
-    assert not np.allclose(stack_photos(recipe, shots, bits, cells)[0], wanted[0])
+    assert not np.allclose(stack_photos(panels, bits, seen)[0], wanted[0])
 
 
 def test_the_dark_of_a_shot_goes_by_the_time_between_its_blades(run: Path) -> None:
     record = record_of(run)
-    _, shots, _ = Darkroom(run, record).exposed(Watch())
+    _, shots = Darkroom(run, record).exposed(Watch())
     for shot in record.shots:
         found: Any = shots[shot.name]
         assert found.exposure_s == pytest.approx((shot.close_ns - shot.open_ns) * 1e-9)
@@ -153,7 +157,8 @@ def test_a_coarse_room_sees_squares_of_quads(run: Path) -> None:
     coarse.coarsen(2)
     one, two = (room.exposed(Watch()) for room in (fine, coarse))
     rows, cols = record.grid
-    assert one[2].frame == (2 * rows, 2 * cols) and two[2].frame == (rows, cols)
+    assert fine.decoded().cells.frame == (2 * rows, 2 * cols)
+    assert coarse.decoded().cells.frame == (rows, cols)
     for name, shot in one[1].items():
         means = shot.light.reshape(rows, 2, cols, 2, 3).mean(axis=(1, 3))
         np.testing.assert_allclose(two[1][name].light, means, rtol=1e-4, atol=1e-6)

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.pictures.combine import Picture, pictures_of, scaled_photos
+from pdcd.pictures.bars import barred_by_model
+from pdcd.pictures.combine import scaled_photos
 from pdcd.pictures.exposed import Print
+from pdcd.pictures.picture import Picture, pictures_of
 from pdcd.pictures.sigma import _inverse_trigamma, measured
-from pdcd.pictures.sigma_model import code_error, modelled
+from pdcd.pictures.sigma_model import code_error
 from pdcd.probing.deviation import row_deviations
 from pdcd.probing.realised import Factors
 from pdcd.protocol.request import Goal, How
@@ -169,7 +171,7 @@ def test_direct_light_left_by_the_codes_counts_by_its_square() -> None:
     cells = CellMap.block(shape, shape)
     photos = scaled_photos(recipe, shots, cells)
     weight = float(image[0, 0, 0] / photos["coded"].image[0, 0, 0])
-    found = modelled(recipe, shots, photos, pictures_of(recipe, photos), cells)["indirect"]
+    found = barred_by_model(recipe, shots, photos, pictures_of(recipe, photos), cells)["indirect"]
     light = float(photos["coded"].image[0, 0, 0])
     mean, variance, diagonal = row_deviations(realised, recipe.photos[0].wanted, weight)
     assert diagonal == pytest.approx(0.3 / weight) and variance.max() < 1e-15
@@ -195,7 +197,7 @@ def test_a_photo_that_keeps_a_share_of_direct_light_shows_no_more_of_it() -> Non
     whole = pictures_of(recipe, photos)
     truth = float(recipe.photos[0].wanted.diagonal()[0])
     error = np.sqrt(np.mean((whole["fraction"].image - truth) ** 2))
-    found = modelled(recipe, shots, photos, whole, cells)["fraction"]
+    found = barred_by_model(recipe, shots, photos, whole, cells)["fraction"]
     assert 0.7 < float(np.sqrt(np.mean(found.sigma**2)) / error) < 1.5
 
 
@@ -225,5 +227,5 @@ def test_bars_of_far_light_by_the_weight_of_each_cell(sources: int) -> None:
     photos = scaled_photos(recipe, shots, cells)
     whole = pictures_of(recipe, photos)
     error = np.sqrt(np.mean((whole["long-range"].image - 1.0) ** 2))
-    found = modelled(recipe, shots, photos, whole, cells)["long-range"]
+    found = barred_by_model(recipe, shots, photos, whole, cells)["long-range"]
     assert 0.8 < float(np.sqrt(np.mean(found.sigma**2)) / error) < 1.3

@@ -17,21 +17,21 @@ from numpy.typing import NDArray
 
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.combine import Picture, combine
+from pdcd.pictures.bars import barred_by_model
+from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.leaks import Answer, Dark, answers_of
-from pdcd.pictures.parted import averaged
+from pdcd.pictures.leaks import Answer, Dark, Means, answers_of
 from pdcd.pictures.photos import corrected_photos
-from pdcd.pictures.quads import cell_means, shared_out
+from pdcd.pictures.picture import Picture, barred
 from pdcd.pictures.row import MatrixRow
-from pdcd.pictures.sigma import barred, measured
-from pdcd.pictures.sigma_model import code_error, modelled
+from pdcd.pictures.sigma import measured
+from pdcd.pictures.sigma_model import code_error
 from pdcd.pictures.smooth import colour_correction
 from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.pictures.to_cells import average_shots, average_with_bars
+from pdcd.pictures.to_quads import Weights, direct_share, share_out
 from pdcd.pictures.transport import picture_of, sliced
-from pdcd.pictures.unmixed import direct_share
 from pdcd.pictures.upright import Sampler, View
-from pdcd.pictures.weights import Weights
 from pdcd.probing.realised import Factors
 from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
@@ -163,18 +163,18 @@ def bars() -> Any:
         shots = shots_of(one, cells, 4)
         photos = corrected_photos(one, shots, None, cells, normalise="auto", smooth=False)
         made_of = combine(one, shots, cells)
-        found = modelled(one, shots, photos, made_of, cells)
+        found = barred_by_model(one, shots, photos, made_of, cells)
         told[f"modelled, {kind}"] = {name: [made.sigma, made.code] for name, made in found.items()}
         sharp = rng.random((N, 3))
         guided = tuple(replace(photo, paths=photo.name == "coded") for photo in one.photos)
         one = replace(one, photos=guided)
-        found = modelled(one, shots, photos, made_of, cells, sharp=sharp)
+        found = barred_by_model(one, shots, photos, made_of, cells, sharp=sharp)
         told[f"modelled, {kind}, sharp"] = {name: made.code for name, made in found.items()}
-        means = cell_means(found["short-range"], cells)
+        means = average_with_bars(found["short-range"], cells)
         told[f"means, {kind}"] = [means.image, means.sigma, means.code]
         coarse = Picture(means.image, means.sensor)
-        told[f"shared out, {kind}"] = shared_out(
-            rng.random((*GRID, 3)), photos["coded"], coarse, cells
+        told[f"shared out, {kind}"] = share_out(
+            rng.random((*GRID, 3)), photos["coded"], coarse.image, cells
         )
     return told
 
@@ -187,7 +187,7 @@ def leaks() -> Any:
             one = recipe(goal, How(), **numbers)
             shots = shots_of(one, cells, 6)
             lit_s = {shot.name: 30.0 for shot in one.shots}
-            found = answers_of(one, shots, lit_s, cells, normalise="auto")
+            found = answers_of(one, Means.of(one, shots, cells), lit_s, normalise="auto")
             ambient, mask = (
                 Dark(level * rng.random((N, 3)), np.full((N, 3), 1e-6)) for level in (0.02, 0.05)
             )
@@ -244,7 +244,7 @@ def software() -> Any:
             name: [m.realised.left, m.realised.right, m.realised.open_s, m.missed]
             for name, m in matrices.items()
         }
-        coarse, _ = averaged(shots_of(recipe("direct", How()), cells, 10), cells)
+        coarse = average_shots(shots_of(recipe("direct", How()), cells, 10), cells).shots
         told[f"{kind}, told apart"] = {name: one.light for name, one in coarse.items()}
         ones = np.ones((1, N))
         share = direct_share(

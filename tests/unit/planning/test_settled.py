@@ -13,7 +13,7 @@ import pytest
 from pdcd.bench.tables import BenchConfig, Config
 from pdcd.errors import ConfigError, DecodeError, RequestError
 from pdcd.panels.map import Map
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.truth import Known, read_truth, write_truth
 from pdcd.planning.brightness import as_bright
 from pdcd.planning.grey import as_described, grey_panels, grey_reasons

@@ -33,15 +33,13 @@ from pdcd.capture.worker.stray import Ambience
 from pdcd.errors import CalibrationError, DiskError, PdcdError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_map
-from pdcd.pictures.cell_light import Ambient
-from pdcd.pictures.combine import Picture
-from pdcd.pictures.leaks import Answer
+from pdcd.pictures.leaks import Answer, Dark
+from pdcd.pictures.picture import Picture
 from pdcd.pictures.transport import Sliced
 from pdcd.planning.guided import stopped, with_links
 from pdcd.planning.make import make_plan
 from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.runs.record import DarkPhoto
-from pdcd.sensor.cells import CellMap
 from pdcd.watch import Watch
 
 UTC = "2026-01-01T12:00:00Z"
@@ -101,7 +99,7 @@ def test_of_entries_that_are_not_there_or_not_known_nothing_is_told() -> None:
     assert told["transport_sigma"] is None
 
 
-CELLS = CellMap(grid=(1, 2), frame=(1, 2), map=Map.filling((2, 1)))
+MEANS = SimpleNamespace(panels={})
 DARKS = (
     DarkPhoto(raw="raw/one", sha256="", iso=100, f_number=8.0, exposure_s=9.0, phase_s=2.0),
     DarkPhoto(raw="raw/two", sha256="", iso=100, f_number=8.0, exposure_s=9.0, phase_s=4.0),
@@ -123,10 +121,10 @@ def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) 
     answers = [answer(3.0, 5.0), answer(0.0, 0.0)]
     monkeypatch.setattr(stray, "answers_of", lambda *_, **__: answers)
     darkroom: Any = SimpleNamespace(
-        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS),
+        means=lambda watch: (SimpleNamespace(shots=()), MEANS),
         record=SimpleNamespace(normalise="row"),
-        ambient=lambda photo: Ambient(
-            np.full((1, 2, 3), light[photo.raw] / photo.phase_s), np.full((1, 2, 3), 1e-13)
+        dark_means=lambda photo: Dark(
+            np.full((2, 3), light[photo.raw] / photo.phase_s), np.full((2, 3), 1e-13)
         ),
     )
     plan: Any = SimpleNamespace(look=SimpleNamespace(limit=0.01))
@@ -160,7 +158,7 @@ def test_only_ambient_light_that_matters_is_taken_off_a_pilot(
         make_plan(CaptureRequest(goal="indirect", codes=8), Config(), (3, 4)), leaks=leaks
     )
     darkroom: Any = SimpleNamespace(
-        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS), learned=lambda watch: None
+        means=lambda watch: (SimpleNamespace(shots=()), MEANS), learned=lambda watch: None
     )
     after: list[Any] = []
     mended = Ambience(CaptureRequest(goal="indirect"), Config(), None, None, average=False)
@@ -181,7 +179,7 @@ def test_a_pilot_goes_on_where_ambient_light_had_hidden_what_it_looks_for(
     mended = Ambience(request, Config(limits=limits), None, before, average=False)
     seen: Any = SimpleNamespace(promising=True, sharpness=0.4, pays=False)
     darkroom: Any = SimpleNamespace(
-        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS), learned=lambda watch: seen
+        means=lambda watch: (SimpleNamespace(shots=()), MEANS), learned=lambda watch: seen
     )
     after: list[Any] = []
     found = mended.after(ended, DARKS[1], darkroom, after.append, Watch())
@@ -202,7 +200,7 @@ def test_a_map_that_is_clearer_guides_the_codes_that_were_not_shown() -> None:
     links = scipy.sparse.csr_array(np.eye(48, k=5))
     seen: Any = SimpleNamespace(promising=True, pays=True, links=links)
     darkroom: Any = SimpleNamespace(
-        exposed=lambda watch: (SimpleNamespace(shots=()), {"coded-1": None}, CELLS),
+        means=lambda watch: (SimpleNamespace(shots=()), SimpleNamespace(panels={"coded-1": None})),
         learned=lambda watch: seen,
     )
     after: list[Any] = []

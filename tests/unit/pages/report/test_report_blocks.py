@@ -19,7 +19,7 @@ from pdcd.pages.report.packing import factored, integers, least_step, linear, lo
 from pdcd.pages.report.write import written
 from pdcd.panels.map import Map
 from pdcd.pictures.exposed import Print
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import View
 from pdcd.probing.realised import Factors
 from pdcd.runs.later import REPORT

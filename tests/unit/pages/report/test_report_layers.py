@@ -16,7 +16,7 @@ from pdcd.pages.report.packing import size_bytes
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.truth import read_truth
 from pdcd.pictures.upright import Sampler, View
 from pdcd.protocol.request import CaptureRequest

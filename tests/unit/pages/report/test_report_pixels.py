@@ -11,7 +11,7 @@ import pytest
 from pdcd.bench.tables import PanelConfig
 from pdcd.pages.report import layers
 from pdcd.panels.map import Map
-from pdcd.pictures.sigma import Barred
+from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import View
 from tests.unit.pages.report._blocks import unpacked
 

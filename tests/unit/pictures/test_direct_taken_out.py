@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.pictures.unmixed import direct_share, unmixed
-from pdcd.pictures.weights import Weights
+from pdcd.pictures.combine import take_out_direct
+from pdcd.pictures.picture import Picture
+from pdcd.pictures.to_quads import Weights, direct_share
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
@@ -25,7 +26,8 @@ def test_what_is_taken_out_is_what_was_put_in() -> None:
     coded = indirect + share[..., None] * direct
     sigma, of_white = rng.uniform(0.1, 0.2, (2, *GRID, 3))
     of_white[1, 2, 0] = np.inf
-    image, error = unmixed(coded, sigma, direct + indirect, of_white, share)
+    found = take_out_direct(Picture(coded, sigma), Picture(direct + indirect, of_white), share)
+    image, error = found.image, found.sigma
     known = np.isfinite(of_white)
     assert image[known] == pytest.approx(indirect[known], rel=1e-12)
     assert image[1, 2, 0] == coded[1, 2, 0] and error[1, 2, 0] == sigma[1, 2, 0]

@@ -1,0 +1,289 @@
+"""From the quads of a camera down to cells: means over each cell, and which cells are known.
+
+This is the one way down, as `pdcd.pictures.to_quads` is the one way up. What is told of cells by
+these means is worked out without the map of the camera.
+
+A mean over a cell's area holds light of its neighbours wherever quads lie across its borders: a
+part that is small where a cell has many quads, and a third where it has three a side. Where that
+matters the light of cells is told apart (`Apart`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.panels.map import Map
+from pdcd.pictures.exposed import Exposed, Lit, Print
+from pdcd.pictures.picture import Barred, Picture
+from pdcd.sensor.cells import CellMap
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+LEAST_PURE = 0.2
+"""Share of a cell's area that quads must see which see nothing else."""
+STEPS = 12
+"""After so many, a mixture of half a cell with its neighbours is parted to a thousandth."""
+FINE = 1.6
+"""Quads along a side of half a cell, beyond what a blur smears, from which parts are averaged over
+halves: of fewer, too few see one half alone."""
+MANY = 400
+"""Quads in a cell, or in half of one, from which those that see another as well do not count: they
+lessen what the codes err by 1 % or less."""
+SMEARED = 3.0
+"""Standard deviations of a blur that count as smeared."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellLight:
+    """Light of cells and its standard deviation by the sensor: (N, C) each, or (K, N, C) of K
+    shots."""
+
+    light: Floats
+    error: Floats
+
+
+def seen_cells(cells: CellMap) -> Bools | None:
+    """Cells that any quad sees, (N,); None for all."""
+    seen = cells.seen()
+    return None if seen.all() else seen
+
+
+def mean_image(image: NDArray[np.floating], cells: CellMap) -> Floats:
+    """Means of an image (h, w, C) over cells, (N, C); 0 of cells that no quad sees."""
+    return cells.mean(image)
+
+
+def mean_light(shot: Lit, cells: CellMap) -> CellLight:
+    """Means of a shot over cells, of quads that see their neighbours, too."""
+    return CellLight(cells.mean(shot.light), cells.error_of_mean(shot.variance))
+
+
+def average(picture: Picture, cells: CellMap) -> Picture:
+    """Means of a picture over cells, (rows, cols, 3) float64, and the error of these means by the
+    errors of single quads; infinite where too little of a cell is known.
+
+    Quads that are not known do not count, but where a cell is unknown it has the mean of all that
+    see it, as they were measured. Cells that no quad sees are 0.
+    """
+    known = _known(picture, cells)
+    image, sure = _means(picture.image, known, cells)
+    sigma = cells.error_of_mean(picture.sigma**2, known)
+    sigma[~sure] = np.inf
+    shape = *cells.grid, image.shape[1]
+    return Picture(image.reshape(shape), sigma.reshape(shape))
+
+
+def average_with_bars(picture: Barred, cells: CellMap) -> Barred:
+    """The same of a picture with its whole error: (rows, cols, 3) float64 each.
+
+    The sensor's part gets less by averaging. The error of the codes does not: quads of a cell share
+    it, but for what `Barred.of_cells` knows.
+    """
+    coarse = average(Picture(picture.image, picture.sensor), cells)
+    code = picture.of_cells
+    if code is None:
+        code, _ = _means(picture.code, _known(picture, cells), cells)
+        code = code.reshape(coarse.image.shape)
+    sigma = np.hypot(coarse.sigma, code)
+    return Barred(coarse.image, sigma, coarse.sigma, code, picture.kind)
+
+
+def average_apart(picture: Picture, cells: CellMap) -> Picture:
+    """Means of a picture over cells as of `average`, with the error that sensor noise leaves in
+    them where cells are told apart as in the parts of the picture (`average_shots`)."""
+    coarse = average(picture, cells)
+    known: Bools = np.asarray(np.isfinite(picture.sigma).all(axis=-1))
+    parting = _part_neighbours(cells, None if known.all() else known)
+    seen = np.flatnonzero(np.isfinite(coarse.sigma).all(axis=-1))
+    if parting is None or not seen.size:
+        return coarse
+    error = parting.error(picture.sigma**2, int(seen[seen.size // 2])).reshape(coarse.sigma.shape)
+    return Picture(coarse.image, np.where(np.isfinite(coarse.sigma), error, coarse.sigma))
+
+
+def _means(
+    image: NDArray[np.floating], known: Bools | None, cells: CellMap
+) -> tuple[Floats, Bools]:
+    """Means of an image (h, w, C) over cells, (N, C), and which cells are known (N,).
+
+    known : (h, w), quads that count where enough of a cell is left; None for all of the field.
+    """
+    sure = cells.seen(known)
+    mean = cells.mean(image, known)
+    if not sure.all():
+        mean[~sure] = cells.mean(image)[~sure]
+    return mean, sure
+
+
+def _known(picture: Picture, cells: CellMap) -> Bools | None:
+    """(h, w), quads known in all channels; None where these are all that the field has."""
+    known = np.isfinite(picture.sigma[..., 0])
+    for channel in range(1, picture.sigma.shape[2]):
+        known &= np.isfinite(picture.sigma[..., channel])
+    return None if np.array_equal(known, cells.known) else known
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """How cells are told apart: which quads count (h, w), and whether what they mix is parted."""
+
+    cells: CellMap
+    known: Bools
+    used: Bools
+    pure: bool
+
+    def mean(self, light: Floats) -> Floats:
+        """Light of quads (h, w, C) -> of cells (N, C)."""
+        mean = self.cells.mean(light, self.used)
+        return mean if self.pure else _part(mean, self.cells, self.known)
+
+    def error(self, variance: NDArray[np.floating], middle: int) -> Floats:
+        """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C). Where cells are
+        parted noise grows as much everywhere as at the cell `middle`."""
+        error = self.cells.error_of_mean(variance, self.used)
+        if self.pure:
+            return error
+        one = np.zeros((self.cells.grid[0] * self.cells.grid[1], 1))
+        one[middle] = 1.0
+        more = float(np.sqrt(np.sum(_part(one, self.cells, self.known) ** 2)))
+        return more * error
+
+
+def tell_apart(known: Bools, cells: CellMap, wanted: Indices) -> Apart:
+    """How the light of some cells is told from that of their neighbours.
+
+    By quads that see one cell alone, where each cell has enough of them. Else all quads count, and
+    what they mix is parted again, as if cells were of one value each.
+
+    known : (h, w), quads that count. wanted : (C,), numbers of the cells.
+    """
+    alone = known & cells.single
+    share = cells.mean(alone[..., None].astype(np.float64))[wanted]
+    pure = bool(share.min(initial=1.0) >= LEAST_PURE)
+    return Apart(cells, known, alone if pure else known, pure)
+
+
+def light_of_cells(
+    taken: Sequence[Lit], known: Bools, cells: CellMap, wanted: Indices
+) -> CellLight:
+    """Light of some cells in K photos, (K, C, 3), told from that of their neighbours.
+
+    known : (h, w), quads that count. wanted : (C,), numbers of the cells.
+    """
+    apart = tell_apart(known, cells, wanted)
+    light = [apart.mean(shot.light)[wanted] for shot in taken]
+    middle = int(wanted[wanted.size // 2])
+    error = [apart.error(shot.variance, middle)[wanted] for shot in taken]
+    return CellLight(np.stack(light), np.stack(error))
+
+
+def light_apart(taken: Sequence[Lit], cells: CellMap) -> CellLight:
+    """Light of all cells in K photos, (K, N, 3), told from that of their neighbours where quads see
+    both: else direct light of a neighbour looks like a sharp path from there."""
+    if cells.blocks is not None:  # then no quad sees two
+        light = np.array([cells.mean(shot.light) for shot in taken])
+        return CellLight(light, np.array([cells.error_of_mean(shot.variance) for shot in taken]))
+    seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
+    photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
+    found = light_of_cells(taken, all_known, cells, seen)
+    photos[:, seen], sigmas[:, seen] = found.light, found.error
+    return CellLight(photos, sigmas)
+
+
+def _part(means: Floats, cells: CellMap, known: Bools) -> Floats:
+    """Means over cells (N, C) of quads that mix cells -> values of cells, by Van Cittert's steps:
+    what cells of these values would look like is subtracted from what was seen."""
+    values = means.copy()
+    for _ in range(STEPS):
+        values += means - cells.mean(cells.spread(values), known)
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class Averaged:
+    """Shots as a camera with one quad a cell would have taken them, or one with four.
+
+    shots : of that camera, without variance. cells : its map. unseen : its quads, counted row by
+    row, that the real camera does not see.
+    """
+
+    shots: Mapping[str, Exposed]
+    cells: CellMap
+    unseen: Indices
+
+
+def average_shots(shots: Mapping[str, Exposed], cells: CellMap) -> Averaged:
+    """Shots as a camera with one quad a cell would have taken them, or one with four where cells
+    are halved (`halve`).
+
+    Quads that are saturated in any shot do not count, but where too little of a cell is left all
+    of it does. Cells that no quad sees are as bright as the mean of the others. There is no
+    variance: it is not asked for.
+
+    The light of cells is told from that of their neighbours, where quads see both: the codes err
+    differently in both, and a mean of the two would err less than either.
+    """
+    grid, cells = cells.grid, halve(cells)
+    alike = CellMap.block(grid, grid)
+    if cells.grid != grid:
+        height, width = cells.grid
+        alike = CellMap(grid=grid, frame=cells.grid, map=Map.filling((width, height)))
+    lost = np.logical_or.reduce([shot.saturated for shot in shots.values()])
+    known = ~lost if lost.any() else None
+    unseen = ~cells.seen()
+    shape = *cells.grid, 3
+    nothing, dark = np.zeros(shape), np.zeros(cells.grid, np.bool_)
+    parting = _part_neighbours(cells, known)
+
+    def coarse(shot: Exposed) -> Print:
+        whole = _whole(shot.light, cells)
+        light, sure = _means(whole, known, cells)
+        if parting is not None:
+            light[sure] = parting.mean(whole)[sure]
+        if unseen.any() and not unseen.all():
+            light[unseen] = light[~unseen].mean(axis=0)
+        return Print(light.reshape(shape), nothing, dark, shot.realised, shot.exif, shot.missed)
+
+    averaged = {name: coarse(shot) for name, shot in shots.items()}
+    return Averaged(averaged, alike, np.flatnonzero(unseen))
+
+
+def halve(cells: CellMap) -> CellMap:
+    """The map of what parts are averaged over: of half cells each way where quads are so fine that
+    many lie in one, and else of cells.
+
+    Codes are shown through windows of half a cell, and near the edge of a cell a quad sees places
+    that are much like those beyond it, through a mask that is not: a mean over the whole cell would
+    know nothing of either.
+    """
+    side = 0.5 * cells.quad_cells**-0.5 if cells.quad_cells else 0.0
+    if cells.blocks is not None or side - SMEARED * cells.blur_quads < FINE:
+        return cells
+    rows, cols = cells.grid
+    return msgspec.structs.replace(cells, grid=(2 * rows, 2 * cols))
+
+
+def _part_neighbours(cells: CellMap, known: Bools | None) -> Apart | None:
+    """How cells are told apart in the parts of a photo, of `known` quads (h, w), None for all; None
+    where no quad sees two cells, or so few do that it makes no odds."""
+    if cells.quad_cells * MANY < 1.0 and cells.quad_cells and not cells.blur_quads:
+        return None
+    if cells.single[cells.known].all():
+        return None
+    good = cells.known if known is None else known & cells.known
+    return tell_apart(good, cells, np.flatnonzero(cells.seen(known)))
+
+
+def _whole(light: Floats, cells: CellMap) -> Floats:
+    """Light of quads that see past the border of the field, as if they did not."""
+    if cells.inside is None:
+        return light
+    share = np.where(cells.known & (cells.inside > 0.0), cells.inside, 1.0)
+    return np.asarray(light / share[..., None])

@@ -1,0 +1,207 @@
+"""From cells up to the quads of a camera: what is known of cells, as each quad saw it.
+
+This is the one way up, as `pdcd.pictures.to_cells` is the one way down. Whoever works on what is
+known of cells, as weights, corrections and errors of codes, needs no map of the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures.picture import Errors, Picture
+from pdcd.pictures.weights import CellWeights
+from pdcd.probing.fine import Fine
+from pdcd.probing.realised import Factors
+from pdcd.sensor.bands import OfRows, banded, in_bands, planar
+from pdcd.sensor.cells import CellMap
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BLIND = 1e-3
+"""Share of the mean light of all windows below which one counts as never open."""
+BRIGHTEST = 4.0
+"""Most that a quad is taken to be brighter than its cell, where an error is shared out by light."""
+LEAST_DIRECT = 1e-4
+"""Share of the direct light below which none is taken out: nobody could see it."""
+MOST_DIRECT = 0.5
+"""Share from which the photo tells too little of indirect light to be mended so."""
+UNEVEN_EDGES = 1.7
+"""Root of the mean square of direct light that gets through along borders over its mean, among
+quads that see a border: in places both panels draw it alike."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """What the quads of a photo are divided by, in seconds: () or (h, w) float64, all > 0.
+
+    blind : (h, w), quads whose windows were never open for light that the photo is to keep; None
+        where there are none. They are divided by the weight of their cell, or the common one.
+    """
+
+    quads_s: Floats
+    blind: Bools | None
+
+
+def quads_outside(cells: CellMap) -> Bools | None:
+    """(h, w), quads that lie not wholly within the field; None where all do."""
+    return None if cells.known.all() else ~cells.known
+
+
+def weigh_quads(weights: CellWeights, cells: CellMap) -> Weights:
+    """What to divide the quads of a photo by.
+
+    That of its cell, times the light of the windows that the quad saw over that of its cell. So
+    windows that were open longer than others leave no trace in the picture. Quads at the border of
+    the field, whose blur reaches beyond it, are divided by less.
+    """
+    own, shut = weights.cells_s, weights.shut
+    fine = None if cells.map is None else weights.realised.fine
+    blind = None if shut is None else cells.spread(shut)
+    weight = own
+    if own.ndim:
+        weight = bring_to_quads(own, cells, fine)
+    if fine is not None:
+        light, sure = weights.window_light()
+        if light is not None:
+            ratio, closed = _of_windows(light, fine, cells)
+            weight = weight * ratio
+            if sure:
+                blind = closed if blind is None else blind | closed
+    if cells.inside is not None:
+        weight = weight * np.where(cells.known, cells.inside, 1.0)
+    if blind is not None and not blind.any():
+        blind = None
+    if weight.ndim and not (weight > 0.0).all():  # outside the field
+        weight = np.where(weight > 0.0, weight, float(own.flat[0]))
+    return Weights(weight, blind)
+
+
+def _of_windows(light: Floats, fine: Fine, cells: CellMap) -> tuple[Floats, Bools]:
+    """Light of what each quad saw over that of its cell, (h, w), and where that is none."""
+    # A camera with one quad a cell: what it sees is the mean over each cell.
+    alike = CellMap.block(cells.grid, cells.grid)
+    mean = alike.gather(light, fine.cuts)
+    seen = cells.gather(light, fine.cuts)
+    around = _bring_rows(mean.ravel(), cells, fine)
+    least = BLIND * float(mean.mean())
+    closed, known = np.empty(cells.frame, np.bool_), cells.known
+
+    def ratio(rows: slice) -> Floats:
+        here, level = seen[rows], around(rows)
+        lit = (here > least) & (level > least)
+        closed[rows] = known[rows] & ~lit
+        return np.divide(here, level, out=np.ones_like(here), where=lit)
+
+    return banded(cells.frame, np.float64, ratio), closed
+
+
+def bring_to_quads(values: Floats, cells: CellMap, fine: Fine | None) -> Floats:
+    """What is known of cells, (N, ...) -> of quads, (h, w, ...).
+
+    Where every window has a code of its own (`fine`) nothing changes at the edges of cells, so that
+    what is only known cell by cell is brought over smoothly; else by the shares of cells.
+    """
+    if fine is not None and fine.smooth:
+        return cells.smooth(values)
+    return cells.spread(values)
+
+
+def _bring_rows(values: Floats, cells: CellMap, fine: Fine | None) -> OfRows:
+    """The same of one value a cell, (N,), some rows of quads at a time."""
+    if fine is not None and fine.smooth:
+        return cells.smooth_rows(values)
+    whole = cells.spread(values)
+    return lambda rows: whole[rows]
+
+
+def direct_share(realised: Factors, weights: Weights, cells: CellMap) -> Floats | None:
+    """Share of the direct light that a photo of indirect light has, (h, w); None where it is not
+    worth a correction, or beyond one."""
+    level = float(np.mean(weights.quads_s))
+    largest = float(np.abs(realised.coaxial).max()) / level
+    if not LEAST_DIRECT < largest < MOST_DIRECT:
+        return None
+    fine = None if cells.map is None else realised.fine
+    if fine is None:
+        seen = bring_to_quads(realised.coaxial, cells, None)
+    else:
+        seen = cells.gather(fine.coaxial, fine.cuts)
+    share = seen / weights.quads_s
+    return share if float(np.abs(share).max()) < MOST_DIRECT else None
+
+
+def add_by_light(
+    picture: Picture, light: Floats, more: Floats, cells: CellMap, fine: Fine | None
+) -> Picture:
+    """A picture with what is missing of its cells, (N, C), shared out among their quads as these
+    have light. Sigma stays: what is missing is a small part of the picture.
+
+    light : (N, C), that of the picture on cells. fine : as of `bring_to_quads`.
+    """
+    whole = cells.known.all()
+    lit = [_by_light(picture.image[..., c], light[:, c], cells) for c in range(light.shape[1])]
+    missing = [_bring_rows(one, cells, fine) for one in more.T]
+
+    def corrected(rows: slice) -> Floats:
+        out = picture.image[rows].copy(order="K")
+        for channel, (share, lacking) in enumerate(zip(lit, missing, strict=True)):
+            out[..., channel] += share(rows) * lacking(rows)
+        if not whole:
+            np.copyto(out, 0.0, where=~cells.known[rows, :, None])
+        return out
+
+    return Picture(banded(picture.image.shape, np.float64, corrected), picture.sigma)
+
+
+def share_out(error: Errors, picture: Picture, light: Floats, cells: CellMap) -> Errors:
+    """Errors of cells (rows, cols, 3) -> of quads (h, w, 3), in proportion to the quads' light.
+
+    light : (rows, cols, 3), that of the picture on cells.
+    """
+    channels = range(error.shape[2])
+    shares = [_by_light(picture.image[..., c], light[..., c].ravel(), cells) for c in channels]
+    errors = [cells.smooth_rows(error[..., c].ravel()) for c in channels]
+    out = planar(picture.sigma.shape, picture.sigma.dtype)
+
+    def band(rows: slice) -> None:
+        for channel, (share, brought) in enumerate(zip(shares, errors, strict=True)):
+            np.multiply(share(rows), brought(rows), out=out[rows, :, channel], casting="same_kind")
+
+    in_bands(out.shape[0], band)
+    return out
+
+
+def _by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> OfRows:
+    """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `BRIGHTEST`: how an
+    error that is in proportion to light lies on the quads of a cell. 1 where the cells are dark.
+
+    It is told for some rows of quads at a time.
+    """
+    around = cells.smooth_rows(of_cells)
+    lit = bool(of_cells.min() > 0.0)
+
+    def some(rows: slice) -> NDArray[np.floating]:
+        here, level = image[rows], around(rows)
+        share: NDArray[np.floating]
+        if lit:
+            share = here / level
+        else:
+            share = np.divide(here, level, out=np.ones(here.shape), where=level > 0.0)
+        return np.clip(share, 0.0, BRIGHTEST, out=share)
+
+    return some
+
+
+def edge_share(share: float, cells: CellMap) -> Floats:
+    """What of the direct light gets into each quad along the borders of cells, (h, w), where the
+    panels draw a `share` of the field apart: the root of the mean square of quads that see a
+    border; where none does, as quads end with cells, the mean of all."""
+    edges = cells.known & ~cells.single
+    lines = float(np.count_nonzero(edges)) / max(int(np.count_nonzero(cells.known)), 1)
+    if lines == 0.0:
+        return np.full(cells.frame, share)
+    return np.where(edges, min(UNEVEN_EDGES * share / lines, 1.0), 0.0)
