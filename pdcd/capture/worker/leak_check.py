@@ -14,7 +14,6 @@ from pdcd.pictures.leaks import Dark, answers_of, noise_of
 from pdcd.pictures.learn import Learned
 from pdcd.planning.average import averaged, noise_of_plan
 from pdcd.planning.guided import resumed, with_links
-from pdcd.planning.look import lit_s
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.runs.record import DarkPhoto
@@ -32,7 +31,7 @@ def leaks_in(plan: Plan, darkroom: Darkroom, darks: Sequence[DarkPhoto], watch: 
     if look is None:
         raise PdcdError("this plan looks at no dark photo")
     recipe, shots, cells = darkroom.exposed(watch)
-    lit = {shot.name: lit_s(plan, shot) for shot in recipe.shots}
+    lit = {shot.name: plan.sequence(shot).lit_s(plan.row_hz) for shot in recipe.shots}
     answers = answers_of(recipe, shots, lit, cells, normalise=darkroom.record.normalise)
     found = [_of_cells(darkroom, photo, cells) for photo in darks]
     ambient = mask = None
@@ -67,7 +66,7 @@ class Mended:
 
 
 @dataclass(frozen=True)
-class Ambience:
+class AmbientResponse:
     """What is done about ambient light beside black exposures.
 
     request, config, camera : of the job. before : its plan before the scouts of a pilot ended that;
