@@ -65,7 +65,7 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
     sigma = developed.rms_sigma
     # Two buckets of one exposure are two shots.
     exposures = {(s.open_ns, s.close_ns): s for s in record.shots}.values()
-    return {
+    told: Summary = {
         "goal": record.goal.name,
         "picture": developed.picture,
         "method": how.method,
@@ -87,6 +87,9 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
         "quality": developed.quality,
         **developed.transport,
     }
+    if developed.decided:
+        told["decided"] = "; ".join(developed.decided)
+    return told
 
 
 def begun_by(

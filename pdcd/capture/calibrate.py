@@ -19,8 +19,8 @@ from pdcd.calibration.script import Ask
 from pdcd.calibration.steps.all import BY_HAND, METER, ordered
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.capture.worker.calibrating import Begin, Found, NextAsk, NextPhoto
-from pdcd.capture.worker.desk import Desk
-from pdcd.capture.worker.hands import Hands
+from pdcd.capture.worker.proxy import WorkerProxy
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import CalibrationError, Cancelled, ConfigError, DeviceLost, SyncError, disk_errors
 from pdcd.protocol import events
 from pdcd.protocol.events import Emit, Event, logged
@@ -58,7 +58,7 @@ class CalibrationRun:
     config: Config
     rig: Rig
     profile: SensorProfile
-    hands: Hands
+    worker: WorkerProxy
     folder: RunFolder
     job: str
     request: CalibrateRequest
@@ -78,12 +78,12 @@ class CalibrationRun:
         helped = self.request.attended or self.rig.mock
         subject, marks = self.request.subject, self.request.marks
         begin = Begin(self.config, self.profile, camera, before, helped, subject, marks)
-        self.hands.do(self._watch(), Desk.calibrate, begin, self.folder.path)
+        self.worker.do(self._watch(), Worker.calibrate, begin, self.folder.path)
         if self.request.attended:
             self._ask(Ask(SUBJECTS[subject]))
         for number, name in enumerate((METER, *names)):
             self._step(name, number, len(names))
-        measured = self.hands.do(self._watch(), Desk.measured)
+        measured = self.worker.do(self._watch(), Worker.measured)
         if before is not None:
             self._carry_over(before, measured)
         record = self._record(started, measured, camera, digest)
@@ -144,14 +144,14 @@ class CalibrationRun:
     def _step(self, name: str, number: int, count: int) -> None:
         """Run one step to its end; the metering before all of them is told of as step 1."""
         self._notify(events.StepBegun(step=name, number=max(number, 1), steps=count))
-        wanted = self.hands.do(self._watch(), Desk.step, name, utc_now())
+        wanted = self.worker.do(self._watch(), Worker.step, name, utc_now())
         while not isinstance(wanted, Found):
             if isinstance(wanted, NextAsk):
                 self._ask(wanted.ask)
-                wanted = self.hands.do(self._watch(), Desk.answered)
+                wanted = self.worker.do(self._watch(), Worker.answered)
             else:
                 photo = self._photo(wanted)
-                wanted = self.hands.do(self._watch(), Desk.photo, photo)
+                wanted = self.worker.do(self._watch(), Worker.photo, photo)
         step = wanted.step
         self.steps.append(step)
         self._notify(
@@ -216,7 +216,7 @@ class CalibrationRun:
         """What is kept of a photo; its first one tells how the camera is held."""
         file = str(done.raw.path.relative_to(self.folder.path))
         if self.flip is None:
-            self.flip = self.hands.do(self._watch(), Desk.flip, self.folder.path, file)
+            self.flip = self.worker.do(self._watch(), Worker.flip, self.folder.path, file)
         log = done.log
         return PhotoRecord(
             name=wanted.name,

@@ -19,7 +19,7 @@ from pdcd.bench.devices import DriverContext
 from pdcd.bench.placed import dark_places, frame_of
 from pdcd.bench.registry import Role, load_driver
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
-from pdcd.capture.sight import hold_against
+from pdcd.capture.frame_check import check_frame
 from pdcd.errors import PdcdError
 from pdcd.panels.placing import Placing
 from pdcd.planning.guided import plan_for
@@ -144,7 +144,8 @@ class _Check:
         plan = plan_for(CaptureRequest(goal="indirect"), self._config, grid)
         frame = self._frame(grid)
         if frame is not None:
-            self._try("camera.place", partial(hold_against, plan, self._config, frame), "camera")
+            check = partial(check_frame, self._config, frame, grid, cut=plan.cut)
+            self._try("camera.place", check, "camera")
 
     def _frame(self, grid: tuple[int, int]) -> tuple[int, int] | None:
         """Rows and columns of quads of the camera's photos, where they are known."""

@@ -19,10 +19,11 @@ from pdcd.capture.job import Job, planning
 from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
+from pdcd.capture.worker.answers import Facts
 from pdcd.capture.worker.birth import Newborn
-from pdcd.capture.worker.desk import Desk, Facts
-from pdcd.capture.worker.hands import Hands, Here
 from pdcd.capture.worker.keeper import Child
+from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
@@ -77,15 +78,17 @@ def _unsafe(result: CaptureResult) -> CaptureResult:
 class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
-    def __init__(self, config: Config, hands: Callable[[Facts], Hands] = Here) -> None:
-        self._asked, self._make_hands = config, hands
+    def __init__(
+        self, config: Config, worker: Callable[[Facts], WorkerProxy] = InProcessWorker
+    ) -> None:
+        self._asked, self._make_worker = config, worker
         self._set_up(calibrated(config))
 
     def _set_up(self, config: Config) -> None:
         """Make the rig of a configuration, closed, and who works for it."""
         config = with_grid(config)
         rig, profile = Rig(config), load_profile(config.camera.profile)
-        self._hands = self._make_hands(Facts(config, profile, rig.grid, rig.scene))
+        self._worker = self._make_worker(Facts(config, profile, rig.grid, rig.scene))
         self._config, self._rig, self._profile = config, rig, profile
 
     @classmethod
@@ -110,7 +113,7 @@ class Engine:
 
     def start(self) -> None:
         """Open the rig. On return panels are black, the shutter is closed, the camera answers."""
-        self._hands.start()  # which takes a while to get warm, as devices do
+        self._worker.start()  # which takes a while to get warm, as devices do
         self._rig.connect()
 
     def stop(self) -> None:
@@ -118,7 +121,7 @@ class Engine:
         try:
             self._rig.disconnect()
         finally:
-            self._hands.stop()
+            self._worker.stop()
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -192,7 +195,7 @@ class Engine:
         asked = choice or asks_for_lag(request, self._config)
         lag_s = self._rig.mask_lag_s() if asked else None
         watch = planning(emit, look_for_cancel)
-        return self._hands.do(watch, Desk.plan, request, dict(given), camera, lag_s).summary
+        return self._worker.do(watch, Worker.plan, request, dict(given), camera, lag_s).summary
 
     def show(self, pattern: str, index: int = 0) -> None:
         """Hold a pattern on both panels: black, white, checker, grid, or one code by its number.
@@ -270,7 +273,7 @@ class Engine:
             try:
                 place = parent or held.enter_context(Place.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
-                run = Run(self._config, self._rig, self._profile, self._hands, folder, ordered)
+                run = Run(self._config, self._rig, self._profile, self._worker, folder, ordered)
                 result = run.execute(self.describe())
             except Exception as err:
                 failure = _failure(err, "capture", job)
@@ -314,7 +317,7 @@ class Engine:
                 place = held.enter_context(Place.at(out or self._calibrations))
                 folder = held.enter_context(RunFolder(place, job, below=FOLDERS))
                 run = CalibrationRun(
-                    self._config, rig, self._profile, self._hands, folder, job, request, emit,
+                    self._config, rig, self._profile, self._worker, folder, job, request, emit,
                     cancelled, proceed,
                 )  # fmt: skip
                 result = run.execute()

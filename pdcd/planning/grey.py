@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.planning.plan import Pair, Plan
+from pdcd.planning.plan import Pair
 
 PANELS = ("projector", "mask")
 
@@ -30,9 +30,9 @@ def grey_reasons(pairs: Iterable[Pair], config: Config) -> Iterator[str]:
             yield unknown(name)
 
 
-def grey_warnings(plan: Plan, config: Config) -> Iterator[str]:
+def grey_warnings(pairs: Iterable[Pair], config: Config) -> Iterator[str]:
     """What the user of a finished run must know of its grey levels."""
-    for name in grey_panels(plan.patterns.values()):
+    for name in grey_panels(pairs):
         if unsaid(getattr(config, name), config):
             yield unknown(name)
 

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import msgspec
 import scipy
 
 from pdcd.bench.tables import Config
-from pdcd.codes.orders import is_order
 from pdcd.codes.pilot.codes import MATCHED, SCOUTS
 from pdcd.codes.pilot.links import SHARP
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
+from pdcd.pictures.learn import Learned
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import linked_pairs
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
-from pdcd.protocol.request import CaptureRequest, PilotCost, PlanSummary
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded, Program, Signed, within
+from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
 
 
@@ -90,16 +93,49 @@ def _own(program: Program) -> bool:
     return isinstance(program, Coded) and program.partner is None
 
 
-def scouted(plan: Plan, taken: int) -> bool:
-    """Whether the scouts of a pilot, and no more, are among the first `taken` shots of a plan."""
-    return plan.how.pilot > SCOUTS and taken == _position(plan, plan.recipe.stack[SCOUTS - 1]) + 1
+@dataclass(frozen=True)
+class Piloted:
+    """What became of a plan when the photos of its pilot were looked at.
+
+    outcome : "stopped" where its scouts see no sharp paths, and the rest of its codes go to the
+        coded photo; "guided" where the codes that follow keep linked cells apart; "no use" where
+        they cannot. told : what was decided, and what that cost, where nobody asked for the pilot.
+    """
+
+    plan: Plan
+    outcome: Literal["stopped", "guided", "no use"]
+    told: str
 
 
-def piloted(plan: Plan, taken: int) -> bool:
-    """Whether a pilot is complete after the first `taken` shots, and has codes left to guide."""
-    if plan.how.pilot <= SCOUTS or not plan.how.coded:
-        return False
-    return taken == _position(plan, plan.recipe.stack[-1]) + 1
+def after_pilot(
+    plan: Plan,
+    learned: Learned,
+    shots: Sequence[ShotRecord],
+    *,
+    scouts: bool,
+    seed: int,
+    limit_s: float,
+    watch: Watch,
+) -> Piloted | None:
+    """The plan to go on by after a look at a pilot, or at its `scouts` alone; None where these say
+    that it is to go on as it is.
+
+    shots : all that were taken. limit_s : the longest exposure of the rig.
+    """
+    if scouts and learned.promising:
+        return None
+    outcome: Literal["stopped", "guided", "no use"]
+    unasked = plan.unasked
+    if scouts:
+        plan, outcome = stopped(plan, seed, limit_s), "stopped"
+    elif learned.pays:
+        plan, outcome = with_links(plan, learned.links, seed, watch), "guided"
+    else:
+        outcome = "no use"
+    if not unasked:
+        return Piloted(plan, outcome, "")
+    told = _pilot_words(plan, learned, shots)
+    return Piloted(replace(plan, reasons=(*plan.reasons, f"pilot: {told}")), outcome, told)
 
 
 def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
@@ -117,7 +153,7 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
     if plan.otherwise is not None:
         return replace(plan.otherwise, iso=plan.iso, exact_passes=exact)
     how = msgspec.structs.replace(
-        plan.how, codes=SCOUTS + _stopped_count(plan, limit_s), pilot=SCOUTS
+        plan.how, codes=SCOUTS + plan.codes_without_pilot(limit_s), pilot=SCOUTS
     )
     primal, dual = plan.patterns["pilot"]
     short = replace(
@@ -162,47 +198,20 @@ def resumed(full: Plan, ended: Plan, config: Config, sharpness: float) -> Plan:
     )
 
 
-def summary(plan: Plan, limit_s: float) -> PlanSummary:
-    """A plan in figures: what a pilot costs at most, and what if it ends with its scouts."""
-    whole = plan.summary()
-    if plan.how.pilot <= SCOUTS:
-        return whole
-    pilot_s = [plan.exposure_s(shot) for shot in plan.recipe.shots if shot.only is not None]
-    if plan.otherwise is not None:
-        stopped_codes, short = plan.otherwise.how.coded, plan.otherwise.summary()
-        stopped_files, stopped_s = short.raw_files, short.seconds
+def _pilot_words(plan: Plan, learned: Learned, shots: Sequence[ShotRecord]) -> str:
+    """What a pilot that nobody asked for found, what follows, and what it cost."""
+    single = [s for s in shots if s.name in plan.recipe.stack]
+    cost_s = sum((s.close_ns - s.open_ns) * 1e-9 for s in single)
+    light = f"sharpness {learned.sharpness:.2g}, limit {SHARP:g}"
+    if not learned.promising:
+        found = f"no mirrors ({light})"
+    elif learned.pays:
+        kept = "kept apart" if plan.recipe.coded is not None else "taken off"
+        found = f"sharp paths, which are {kept} ({light})"
     else:
-        stopped_codes = _stopped_count(plan, limit_s)
-        more_s = (stopped_codes / plan.how.coded - 1.0) * sum(
-            plan.refreshes(shot) / plan.row_hz
-            for shot in plan.recipe.shots
-            if shot.kind in ("coded", "far")
-        )
-        stopped_files = whole.raw_files - len(pilot_s) + SCOUTS
-        stopped_s = whole.seconds - sum(pilot_s[SCOUTS:]) + more_s
-    cost = PilotCost(
-        raw_files=len(pilot_s),
-        seconds=sum(pilot_s),
-        scouts=SCOUTS,
-        stopped_codes=stopped_codes,
-        stopped_raw_files=stopped_files,
-        stopped_seconds=stopped_s,
+        found = f"sharp light without a map ({light})"
+    how = plan.how
+    return (
+        f"{found}: {how.coded} codes in {how.parts} exposure{'s' * (how.parts > 1)}; the look took "
+        f"{len(single)} RAW files and {cost_s:.2g} s"
     )
-    return msgspec.structs.replace(whole, pilot_cost=cost)
-
-
-def _stopped_count(plan: Plan, limit_s: float) -> int:
-    """Codes of the coded photo when a pilot ends with its scouts."""
-    coded = next(shot for shot in plan.recipe.shots if shot.kind in ("coded", "far"))
-    codes_s = plan.refreshes(coded) / plan.row_hz
-    around_s = plan.exposure_s(coded) - codes_s
-    most = plan.how.coded + plan.how.pilot - SCOUTS
-    for count in range(most, plan.how.coded, -1):
-        fits = codes_s * count / plan.how.coded + around_s <= limit_s
-        if fits and count % plan.how.parts == 0 and is_order(count // plan.how.parts):
-            return count
-    return plan.how.coded
-
-
-def _position(plan: Plan, name: str) -> int:
-    return next(i for i, shot in enumerate(plan.recipe.shots) if shot.name == name)

@@ -18,11 +18,10 @@ import numpy as np
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.panels.curve import light_of
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import none
-from pdcd.panels.schedule import SLOTS, slot_rows
+from pdcd.panels.schedule import slot_rows
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.plan import Look, Plan
 from pdcd.protocol.request import CaptureRequest, Leaks
@@ -57,67 +56,54 @@ def settled(request: CaptureRequest, config: Config) -> Settled:
     return Settled("none", Look(wanted, may_add=request.seconds is None))
 
 
-def due(plan: Plan, taken: frozenset[str]) -> bool:
-    """Whether a plan wants a dark photo, and the shots that it is held against are there: all of
-    them, or those of the first part."""
-    if plan.look is None:
-        return False
-    return all(shot.name in taken for shot in plan.recipe.shots if shot.part <= 1)
+@dataclass(frozen=True)
+class DarkFrames:
+    """What a dark photo shows: an open mask alone for `rows`; then a `pause`; then a lit projector
+    alone for as long, or both panels black. shot : at whose aperture it is taken."""
 
+    shot: Shot
+    rows: int
+    pause: int
+    grid: tuple[int, int]
+    row_hz: float
 
-def dark_frames(plan: Plan, *, lit: bool) -> Frames:
-    """Refreshes of a dark photo: an open mask alone for `LOOK_S`; then a lit projector alone for as
-    long, or both panels black where it is not to be `lit`."""
-    rows = phase_rows(plan)
-    pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
-    primal = np.full(2 * rows + pause, BLACK, dtype=np.int32)
-    dual = primal.copy()
-    dual[:rows] = WHITE
-    if lit:
-        primal[-rows:] = WHITE
-    return Frames(
-        primal_patterns=none(),
-        dual_patterns=none(),
-        primal_index=primal,
-        dual_index=dual,
-        shift=np.zeros(primal.size, dtype=np.uint8),
-        code=np.zeros(primal.size, dtype=np.int32),
-        guard=dual == BLACK,
-        grid=plan.grid,
-        lattice=plan.grid,
-        window="whole",
-    )
+    @classmethod
+    def of(cls, plan: Plan) -> DarkFrames:
+        """Those of a plan: each state for `LOOK_S`, and no longer than the answer's shots."""
+        shot = plan.last_exposed
+        rows = min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(shot))
+        pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
+        return cls(shot, rows, pause, plan.grid, plan.row_hz)
 
+    @property
+    def phase_s(self) -> float:
+        """For how long each of the two states is shown."""
+        return self.rows / self.row_hz
 
-def phase_rows(plan: Plan) -> int:
-    """Rows of each state of a dark photo: no more than the answer's shots have, whose aperture it
-    is taken at."""
-    return min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(last_exposed(plan)))
+    @property
+    def seconds(self) -> float:
+        """For how long all of it is shown."""
+        return (2 * self.rows + self.pause) / self.row_hz
 
-
-def last_exposed(plan: Plan) -> Shot:
-    """The last shot that has an exposure of its own."""
-    return [shot for shot in plan.recipe.shots if not shot.beside][-1]
-
-
-def dark_s(plan: Plan) -> float:
-    """Planned time between opening and closing the shutter for a dark photo."""
-    return len(dark_frames(plan, lit=True)) / plan.row_hz + plan.delay_s + 2.0 * plan.settle_s
-
-
-def lit_s(plan: Plan, shot: Shot) -> float:
-    """Time for which an average cell of the projector is lit in a shot."""
-    if shot.primal_black:
-        return 0.0
-    rows = sum(SLOTS[plan.schedule][0]) * plan.passes_of(shot)
-    if shot.white:
-        return rows / plan.row_hz
-    lattice = Lattice(plan.grid, plan.window_of(shot))
-    primal = plan.patterns[shot.program][0]
-    shown = range(len(primal)) if shot.only is None else (shot.only,)
-    curve = plan.curves[0]
-    levels = sum(float(light_of(primal, k, lattice.lattice_cells, curve).mean()) for k in shown)
-    return rows * lattice.fields * levels / plan.row_hz
+    def frames(self, *, lit: bool) -> Frames:
+        """Refreshes of the photo; `lit` : whether the projector is in the end."""
+        primal = np.full(2 * self.rows + self.pause, BLACK, dtype=np.int32)
+        dual = primal.copy()
+        dual[: self.rows] = WHITE
+        if lit:
+            primal[-self.rows :] = WHITE
+        return Frames(
+            primal_patterns=none(),
+            dual_patterns=none(),
+            primal_index=primal,
+            dual_index=dual,
+            shift=np.zeros(primal.size, dtype=np.uint8),
+            code=np.zeros(primal.size, dtype=np.int32),
+            guard=dual == BLACK,
+            grid=self.grid,
+            lattice=self.grid,
+            window="whole",
+        )
 
 
 def needed(leaks: Leaks) -> BlackLevel:
@@ -199,9 +185,10 @@ def averaging(plan: Plan) -> Plan:
 
 
 def _foretold(plan: Plan, look: Look) -> str:
+    dark_s = DarkFrames.of(plan).seconds + plan.delay_s + 2.0 * plan.settle_s
     then = "are added" if look.may_add else "would be needed, which a warning says"
     return (
-        f"black exposures: decided after a look at one dark photo of {dark_s(plan):.2g} s; they "
+        f"black exposures: decided after a look at one dark photo of {dark_s:.2g} s; they "
         f"{then} where ambient light or leaks are more than {100.0 * look.limit:.3g} % of the "
         "picture" + ", and more light where ambient light is too noisy" * look.average
     )

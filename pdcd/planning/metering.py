@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.panels.curve import light_of
-from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import none
 from pdcd.planning.memory import exact_pairs
-from pdcd.planning.plan import Plan, beyond
+from pdcd.planning.plan import ShotSequence, beyond
 from pdcd.recipes.programs import Blocks, SignedBlocks
-from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
@@ -36,7 +35,7 @@ multiplied by more: sharp paths would be taken for more than they are."""
 MAX_TESTS = 6
 
 
-def metered_pairs(plan: Plan, shot: Shot) -> tuple[int, Floats]:
+def metered_pairs(shot: ShotSequence) -> tuple[int, Floats]:
     """Pairs of patterns in a test exposure, and how much more light the shot gathers: (rows, cols).
 
     Few codes open some cells more often than others. So each cell is told by the time its mask was
@@ -45,43 +44,30 @@ def metered_pairs(plan: Plan, shot: Shot) -> tuple[int, Floats]:
     their neighbours tell the rest. Exact sequences are shown whole: their first pairs are not like
     the others.
     """
-    exact = not shot.white and not plan.recipe.programs[shot.program].coded
-    of_shot = plan.pairs_of(shot)
-    pairs = of_shot if exact else min(_meter_pairs(plan, shot, of_shot), of_shot)
-    same = np.full(plan.grid, float(plan.passes_of(shot)))
-    if exact and shot.only is None and of_shot > (once := _sequence(plan, shot)):
+    program, of_shot = shot.program, shot.count
+    same = np.full(shot.grid, float(shot.passes))
+    if program is not None and not program.coded:
         # Copies of a sequence differ by no more than the rounding of their levels.
-        return once, same * (of_shot // once)
-    if pairs == of_shot:
-        return pairs, same
-    whole, test = _open(plan, shot, of_shot), _open(plan, shot, pairs)
+        once = exact_pairs(program) if isinstance(program, Blocks | SignedBlocks) else of_shot
+        return (once, same * (of_shot // once)) if of_shot > once else (of_shot, same)
+    pairs = METER_PAIRS
+    if program is not None and beyond(program):
+        pairs = max(METER_PAIRS, of_shot // METER_FAR)
+    if pairs >= of_shot:
+        return of_shot, same
+    whole, test = _open(shot, of_shot), _open(shot, pairs)
     least = np.maximum(test, SEEN * whole * pairs / of_shot)
     return pairs, same * np.divide(whole, least, out=np.zeros_like(whole), where=whole > 0.0)
 
 
-def _meter_pairs(plan: Plan, shot: Shot, of_shot: int) -> int:
-    """Pairs of coded patterns that a test exposure needs to show."""
-    if shot.white or not beyond(plan.recipe.programs[shot.program]):
-        return METER_PAIRS
-    return max(METER_PAIRS, of_shot // METER_FAR)
-
-
-def _sequence(plan: Plan, shot: Shot) -> int:
-    """Pairs of an exact sequence, shown in one copy or several (`pdcd.panels.curve`)."""
-    program = plan.recipe.programs[shot.program]
-    return (
-        exact_pairs(program) if isinstance(program, Blocks | SignedBlocks) else plan.pairs_of(shot)
-    )
-
-
-def _open(plan: Plan, shot: Shot, pairs: int) -> Floats:
+def _open(shot: ShotSequence, pairs: int) -> Floats:
     """Pairs, each weighted by the lit share of all cells, in which a cell is open: (rows, cols)."""
-    lattice = Lattice(plan.grid, plan.window_of(shot))
-    primal, dual = plan.patterns[shot.program]
+    lattice = shot.lattice
+    primal, dual = shot.pair or (none(), none())
     total = np.zeros(lattice.lattice_cells)
     for k in range(pairs):
-        lit = float(light_of(primal, k, total.size, plan.curves[0]).mean())
-        total += lit * light_of(dual, k, total.size, plan.curves[1])
+        lit = float(light_of(primal, k, total.size, shot.curves[0]).mean())
+        total += lit * light_of(dual, k, total.size, shot.curves[1])
     table = total.reshape(lattice.shape)
     if lattice.fields == 1:
         return table

@@ -9,13 +9,14 @@ import msgspec
 import numpy as np
 
 from pdcd.codes.far import woven_fits
+from pdcd.codes.orders import is_order
+from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.panels.curve import UNKNOWN, Curves, light_of
 from pdcd.panels.frames import Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns
-from pdcd.panels.schedule import build_frames, slot_rows
-from pdcd.protocol.request import How, Leaks, PlanSummary, Prediction, ShotSummary
-from pdcd.recipes.goals import Target
+from pdcd.panels.schedule import SLOTS, build_frames, slot_rows
+from pdcd.protocol.request import How, Leaks, PilotCost, PlanSummary, Prediction, ShotSummary
 from pdcd.recipes.parts import repeated
 from pdcd.recipes.programs import Far, Floodlit, Program, within
 from pdcd.recipes.recipe import Recipe, Shot
@@ -40,6 +41,63 @@ class Look:
     limit: float
     may_add: bool
     average: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class ShotSequence:
+    """What both panels show in a shot, over and over.
+
+    program, pair : who made the patterns, and all of them; None of both for a white shot. passes :
+    how often they are shown. primal_black, dual_black : for a shot that measures what a black panel
+    leaks.
+    """
+
+    program: Program | None
+    pair: Pair | None
+    grid: tuple[int, int]
+    window: str
+    schedule: ScheduleName
+    passes: int
+    primal_black: bool
+    dual_black: bool
+    curves: Curves
+
+    @property
+    def count(self) -> int:
+        """Pairs of patterns."""
+        return 1 if self.pair is None else len(self.pair[0])
+
+    @property
+    def lattice(self) -> Lattice:
+        """Where the code cells lie."""
+        return Lattice(self.grid, self.window)
+
+    def frames(self, pairs: int | None = None) -> Frames:
+        """Refreshes of the shot; `pairs` limits it to that many pairs, once (test exposures)."""
+        shown = self.pair
+        if shown is not None and pairs:
+            shown = shown[0][:pairs], shown[1][:pairs]
+        return build_frames(
+            shown,
+            self.grid,
+            window=self.window,
+            schedule=self.schedule,
+            passes=self.passes if pairs is None else 1,
+            primal_black=self.primal_black,
+            dual_black=self.dual_black,
+        )
+
+    def lit_s(self, row_hz: float) -> float:
+        """Time for which an average cell of the projector is lit in the shot."""
+        if self.primal_black:
+            return 0.0
+        rows = sum(SLOTS[self.schedule][0]) * self.passes
+        if self.pair is None:
+            return rows / row_hz
+        lattice, primal, curve = self.lattice, self.pair[0], self.curves[0]
+        cells, count = lattice.lattice_cells, len(primal)
+        levels = sum(float(light_of(primal, k, cells, curve).mean()) for k in range(count))
+        return rows * lattice.fields * levels / row_hz
 
 
 @dataclass(frozen=True)
@@ -110,13 +168,10 @@ class Plan:
             recipe=repeated(self.recipe, repeat),
         )
 
-    def outline(self) -> Plan:
-        """The same plan for those who only show its shots: of the recipe the shots and what they
-        show are left, but not the photos, pictures and sums that are made of them."""
-        recipe = self.recipe
-        target = Target(recipe.target.goal, recipe.target.grid)
-        bare = replace(recipe, target=target, photos=(), pictures={}, sums={}, meant=None)
-        return replace(self, recipe=bare, otherwise=None)
+    @property
+    def cut(self) -> bool:
+        """Whether any shot opens less than whole cells."""
+        return any(self.window_of(shot) != "whole" for shot in self.recipe.shots)
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
@@ -137,23 +192,30 @@ class Plan:
         """Pairs of patterns in a shot's sequence."""
         return 1 if shot.white or shot.only is not None else len(self.patterns[shot.program][0])
 
-    def frames(self, shot: Shot, *, pairs: int | None = None) -> Frames:
-        """Refreshes of a shot; `pairs` limits it to that many pairs, once (test exposures)."""
-        shown = None
+    def sequence(self, shot: Shot) -> ShotSequence:
+        """What a shot shows over and over."""
+        pair = program = None
         if not shot.white:
-            primal, dual = self.patterns[shot.program]
-            first = shot.only or 0
-            last = first + (pairs or self.pairs_of(shot))
-            shown = (primal[first:last], dual[first:last])
-        return build_frames(
-            shown,
-            self.grid,
+            program = self.recipe.programs[shot.program]
+            pair = self.patterns[shot.program]
+            if shot.only is not None:
+                one = slice(shot.only, shot.only + 1)
+                pair = pair[0][one], pair[1][one]
+        return ShotSequence(
+            program=program,
+            pair=pair,
+            grid=self.grid,
             window=self.window_of(shot),
             schedule=self.schedule,
-            passes=self.passes_of(shot) if pairs is None else 1,
+            passes=self.passes_of(shot),
             primal_black=shot.primal_black,
             dual_black=shot.dual_black,
+            curves=self.curves,
         )
+
+    def frames(self, shot: Shot, *, pairs: int | None = None) -> Frames:
+        """Refreshes of a shot; `pairs` limits it to that many pairs, once (test exposures)."""
+        return self.sequence(shot).frames(pairs)
 
     def refreshes(self, shot: Shot) -> int:
         """Number of refreshes of a shot, without building them."""
@@ -172,12 +234,58 @@ class Plan:
         kept = mean_light(self.patterns[shot.program], lattice.lattice_cells, self.curves)
         return duty * kept * lattice.opening.area
 
+    @property
+    def last_exposed(self) -> Shot:
+        """The last shot that has an exposure of its own."""
+        return [shot for shot in self.recipe.shots if not shot.beside][-1]
+
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""
         return self.refreshes(shot) / self.row_hz + self.delay_s + 2.0 * self.settle_s
 
-    def summary(self) -> PlanSummary:
-        """The plan in figures."""
+    def codes_without_pilot(self, limit_s: float) -> int:
+        """Codes of the coded photo when a pilot ends with its scouts, and exposures last so long
+        at most."""
+        coded = next(shot for shot in self.recipe.shots if shot.kind in ("coded", "far"))
+        codes_s = self.refreshes(coded) / self.row_hz
+        around_s = self.exposure_s(coded) - codes_s
+        most = self.how.coded + self.how.pilot - SCOUTS
+        for count in range(most, self.how.coded, -1):
+            fits = codes_s * count / self.how.coded + around_s <= limit_s
+            if fits and count % self.how.parts == 0 and is_order(count // self.how.parts):
+                return count
+        return self.how.coded
+
+    def summary(self, limit_s: float | None = None) -> PlanSummary:
+        """The plan in figures; where it is known how long an exposure may last, with what a pilot
+        costs at most, and what if it ends with its scouts."""
+        whole = self._summary()
+        if limit_s is None or self.how.pilot <= SCOUTS:
+            return whole
+        pilot_s = [self.exposure_s(shot) for shot in self.recipe.shots if shot.only is not None]
+        if self.otherwise is not None:
+            stopped_codes, short = self.otherwise.how.coded, self.otherwise.summary()
+            stopped_files, stopped_s = short.raw_files, short.seconds
+        else:
+            stopped_codes = self.codes_without_pilot(limit_s)
+            more_s = (stopped_codes / self.how.coded - 1.0) * sum(
+                self.refreshes(shot) / self.row_hz
+                for shot in self.recipe.shots
+                if shot.kind in ("coded", "far")
+            )
+            stopped_files = whole.raw_files - len(pilot_s) + SCOUTS
+            stopped_s = whole.seconds - sum(pilot_s[SCOUTS:]) + more_s
+        cost = PilotCost(
+            raw_files=len(pilot_s),
+            seconds=sum(pilot_s),
+            scouts=SCOUTS,
+            stopped_codes=stopped_codes,
+            stopped_raw_files=stopped_files,
+            stopped_seconds=stopped_s,
+        )
+        return msgspec.structs.replace(whole, pilot_cost=cost)
+
+    def _summary(self) -> PlanSummary:
         alike = {name: len(self.recipe.stack) for name in self.recipe.stack[:1]}
         copied = {s.copy_of for s in self.recipe.shots}
         alike |= {name: self.how.repeat * alike.get(name, 1) for name in copied if name}

@@ -295,7 +295,7 @@ def _added(
 
 def _metered_e(plan: Plan, shot: Shot, setting: Setting, scene: Scene) -> float:
     """Electrons at f/1 that metering expects of the brightest sample of a shot."""
-    pairs, ratio = metered_pairs(plan, shot)
+    pairs, ratio = metered_pairs(plan.sequence(shot))
     light, _ = _photo(plan, shot, setting.config, scene, pairs)
     return _peak_e(light * ratio[..., None], setting)
 

@@ -10,7 +10,6 @@ that names how its codes are spent is taken at its word.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -19,12 +18,10 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.codes.hadamard import hadamard_fits
 from pdcd.codes.pilot.codes import SCOUTS, pilot_share
-from pdcd.codes.pilot.links import SHARP
 from pdcd.codes.pilot.matching import MOST_CELLS
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import slot_rows
-from pdcd.pictures.learn import Learned
 from pdcd.planning.guided import plan_for
 from pdcd.planning.look import averaging
 from pdcd.planning.make import RANGES, make_plan, schedule_of, window_of
@@ -33,7 +30,6 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.recipes.programs import Far
-from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
 from pdcd.words import FamilyName
 
@@ -148,25 +144,6 @@ def settled(
         found = _without_pilot(bare, config, costs, parts=parts)
         return replace(found, reasons=(f"pilot: none, {why}", *found.reasons))
     return _with_pilot(bare, config, costs, parts=parts)
-
-
-def looked(plan: Plan, learned: Learned, shots: Sequence[ShotRecord]) -> str:
-    """What a pilot that nobody asked for found, what follows, and what it cost."""
-    single = [s for s in shots if s.name in plan.recipe.stack]
-    cost_s = sum((s.close_ns - s.open_ns) * 1e-9 for s in single)
-    light = f"sharpness {learned.sharpness:.2g}, limit {SHARP:g}"
-    if not learned.promising:
-        found = f"no mirrors ({light})"
-    elif learned.pays:
-        kept = "kept apart" if plan.recipe.coded is not None else "taken off"
-        found = f"sharp paths, which are {kept} ({light})"
-    else:
-        found = f"sharp light without a map ({light})"
-    how = plan.how
-    return (
-        f"{found}: {how.coded} codes in {how.parts} exposure{'s' * (how.parts > 1)}; the look took "
-        f"{len(single)} RAW files and {cost_s:.2g} s"
-    )
 
 
 def readout_s(config: Config, camera: CameraInfo | None) -> float:

@@ -1,4 +1,4 @@
-"""What comes back from the desk, and the figures it is made of."""
+"""What the worker and the owner of the devices say to each other, and the figures it is made of."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from typing import Literal
 
 import numpy as np
 
-from pdcd.bench.devices import CameraInfo
+from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.tables import Config
+from pdcd.panels.frames import Frames
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.transport import Sliced
 from pdcd.pictures.truth import entries
 from pdcd.planning.plan import Plan
 from pdcd.probing.deviation import Deviation
-from pdcd.protocol.request import CaptureRequest, Leaks, PlanSummary, Quality
+from pdcd.protocol.events import Event
+from pdcd.protocol.request import CaptureRequest, How, Leaks, PlanSummary, Quality
 from pdcd.recipes.parts import part_numbers
-from pdcd.runs.record import RunRecord, ShotRecord
+from pdcd.runs.record import MeterRecord, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.verdict.assess import assess
@@ -26,63 +28,103 @@ from pdcd.virtual.scene.scene import Scene
 
 
 @dataclass(frozen=True)
+class Facts:
+    """What holds for every job of a rig; `scene` is what stands before it, where that is known."""
+
+    config: Config
+    profile: SensorProfile
+    grid: tuple[int, int]
+    scene: Scene | None
+
+
+@dataclass(frozen=True)
 class Planned:
-    """A plan as those need it who show its shots (`Plan.outline`), and all of it in figures."""
+    """What is known of a plan before there is a folder.
 
-    plan: Plan
+    iso : None for the camera's lowest. cut : whether any shot opens less than whole cells.
+    warnings : what the user of the finished run must know.
+    """
+
     summary: PlanSummary
+    iso: int | None
+    cut: bool
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Metered:
-    """A test exposure: its brightest sample, and that of the real exposure at the same aperture,
-    as shares of saturation."""
+class Adopted:
+    """The run goes by this plan from here on, whose codes are stored. record : of the run, without
+    its shots. shots : names of all that are planned."""
 
-    peak: float
-    expected: float
+    summary: PlanSummary
+    record: RunRecord
+    shots: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Learnt:
-    """What follows from the photos of a pilot.
+class Enough:
+    """The error asked for is reached: shots that are still planned are not wanted."""
 
-    "go on": nothing yet. "stopped": its scouts see no sharp paths, and the rest of its codes go to
-    the coded photo. "guided": the codes that follow keep linked cells apart. "no use": they cannot.
-    `planned` is the plan from here on, where it is another one.
+
+Note = Event | MeterRecord | Adopted | Enough | str
+"""What is to be told, and kept in the run's ledger; text is a warning."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """Take this photo.
+
+    kind : a "shot" is kept with its frames, and taken again where codes got unequal light; a "test"
+        exposure is taken again where the display gave up; so is a "dark" photo, without which the
+        run goes on. f_number : as recorded, also of a lens that is not set from here. window : of a
+        shot, as recorded. even : whether each of its codes must be shown exactly as often as
+        planned. beside : names and frames of the shots that the other buckets of the sensor take.
     """
 
-    outcome: Literal["go on", "stopped", "guided", "no use"]
-    planned: Planned | None
-    told: str = ""
-    """What was decided, and what that cost, where nobody asked for the pilot."""
+    kind: Literal["shot", "test", "dark"]
+    name: str
+    frames: Frames
+    settings: CameraSettings
+    f_number: float
+    window: str = ""
+    even: bool = False
+    beside: tuple[tuple[str, Frames], ...] = ()
 
 
 @dataclass(frozen=True)
-class Stray:
-    """What follows from dark photos.
+class Photo:
+    """A test exposure or a dark photo as it came: path below the run folder and SHA-256 of each of
+    its planes, and seconds for which the shutter was open."""
 
-    "quiet": nothing gets in that matters. "unsure": another one is wanted, with both panels black
-    in its second half. "added": black exposures are, by a new plan. "warn": they are needed, and
-    `why` they cannot be had. `told` is what else the user must know, and `decided` what was done
-    about the noise of ambient light, in words.
-    """
+    planes: tuple[tuple[str, str], ...]
+    seconds: float
 
-    outcome: Literal["quiet", "unsure", "added", "warn"]
-    leaks: Leaks
-    planned: Planned
-    why: str = ""
-    told: tuple[str, ...] = ()
-    decided: str = ""
+    @property
+    def raw(self) -> str:
+        """Path of its first plane."""
+        return self.planes[0][0]
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Pictures of the parts taken so far: how many there are, RMS sigma over RMS image (infinite
-    where that is not known), and what sigma covers."""
+class Spoilt:
+    """A dark photo could not be had."""
 
-    parts: int
-    rms_sigma: float
-    sigma_kind: str
+    message: str
+
+
+Taken = tuple[ShotRecord, ...] | Photo | Spoilt | None
+"""What came of a photo that was wanted; None where none was."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the owner of the devices is to do next: tell and keep the notes in their order, then
+    take the photo. Without one it asks again, for then the notes are to be known before work that
+    takes long; or all is `done`."""
+
+    notes: tuple[Note, ...]
+    photo: Wanted | None = None
+    done: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,6 +139,7 @@ class Developed:
     deviations : of each photo's realised probing matrix from the wanted one.
     quality : the verdict on it.
     picture : name of the answer. warnings : of the previews.
+    decided : what was decided on the way where nobody had asked for it, in words.
     transport : figures of entries of T that were photographed, by name; none else.
     """
 
@@ -113,6 +156,7 @@ class Developed:
     picture: str
     warnings: tuple[str, ...] = ()
     transport: dict[str, float | int | None] = field(default_factory=dict)
+    decided: tuple[str, ...] = ()
 
 
 def record_of(
@@ -131,7 +175,7 @@ def record_of(
         how=plan.how,
         smooth=plan.smooth,
         normalise=request.normalise or config.schedule.normalise,
-        grid=plan.grid,
+        grid=plan.recipe.target.grid,
         cells=cells,
         projector=config.projector,
         mask=config.mask,
@@ -142,7 +186,7 @@ def record_of(
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
         dark=plan.dark,
-        leak=_left(plan),
+        leak=_left(plan.leaks, plan.how),
     )
 
 
@@ -200,10 +244,9 @@ def transport_figures(
     }
 
 
-def _left(plan: Plan) -> float:
+def _left(leaks: Leaks | None, how: How) -> float:
     """RMS error of the answer by leaks that a look found and nothing takes off."""
-    leaks = plan.leaks
-    if leaks is None or leaks.both <= leaks.limit or plan.how.black_level != "none":
+    if leaks is None or leaks.both <= leaks.limit or how.black_level != "none":
         return 0.0
     return leaks.both
 

@@ -18,10 +18,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
+from pdcd.capture.worker.answers import Facts
 from pdcd.capture.worker.birth import COMMAND, Newborn, born
-from pdcd.capture.worker.desk import Desk, Facts
 from pdcd.capture.worker.pipe import PIECE_BYTES, Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.capture.worker.work import FIRST, SPENT, WORK, broken, out_of_memory
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import PdcdError
 from pdcd.watch import Watch
 
@@ -39,7 +40,7 @@ R = TypeVar("R")
 
 
 class Child:
-    """One work process at a time; see `pdcd.capture.worker.hands.Hands`.
+    """One work process at a time; see `pdcd.capture.worker.proxy.WorkerProxy`.
 
     The kernel ends the process with the thread that started it, so `start` and `do` belong to a
     thread that lives as long as it is wanted.
@@ -83,7 +84,7 @@ class Child:
     def do(
         self,
         watch: Watch,
-        task: Callable[Concatenate[Desk, Watch, P], R],
+        task: Callable[Concatenate[Worker, Watch, P], R],
         *args: P.args,
         **kwargs: P.kwargs,
     ) -> R:

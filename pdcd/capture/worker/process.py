@@ -14,10 +14,11 @@ import scipy.ndimage
 import scipy.sparse
 import scipy.special  # noqa: F401
 
-from pdcd.capture.worker.desk import Desk, Facts
+from pdcd.capture.worker.answers import Facts
 from pdcd.capture.worker.limits import bound_memory
 from pdcd.capture.worker.pipe import PIECE_BYTES, Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.capture.worker.work import SPENT, WORK, out_of_memory
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.watch import Watch
 
@@ -80,20 +81,20 @@ class Talk:
 
 def serve(talk: Talk) -> None:
     """Do what is asked until the other end is gone."""
-    desk: Desk | None = None
+    worker: Worker | None = None
     while True:
         for message in talk.messages():
             if isinstance(message, Facts):
                 bound_memory(message.config.limits.work_bytes)
-                desk = Desk(message)
-            elif isinstance(message, Call) and desk is not None:
-                talk.send(_answer(desk, message, talk.watch()))
+                worker = Worker(message)
+            elif isinstance(message, Call) and worker is not None:
+                talk.send(_answer(worker, message, talk.watch()))
 
 
-def _answer(desk: Desk, call: Call, watch: Watch) -> Done | Failed:
+def _answer(worker: Worker, call: Call, watch: Watch) -> Done | Failed:
     """Do one task; whatever it raises is the answer."""
     try:
-        return Done(WORK[call.name](desk, watch, *call.args, **call.kwargs))
+        return Done(WORK[call.name](worker, watch, *call.args, **call.kwargs))
     except (EOFError, BrokenPipeError):
         raise  # of the talk: nobody is left who wants it
     except PdcdError as err:
@@ -104,7 +105,7 @@ def _answer(desk: Desk, call: Call, watch: Watch) -> Done | Failed:
     except Exception as err:
         logger.exception("work failed task=%s", call.name)
         failed = Failed(PdcdError(f"internal error: {type(err).__name__}: {err}"))
-    desk.forget(watch)
+    worker.forget(watch)
     return failed
 
 

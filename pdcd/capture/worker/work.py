@@ -1,4 +1,4 @@
-"""What can be asked of the desk, by name, and the words in which it goes wrong."""
+"""What can be asked of the worker, by name, and the words in which it goes wrong."""
 
 from __future__ import annotations
 
@@ -6,30 +6,26 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from pdcd.capture.worker.desk import Desk
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import DecodeError, PdcdError, PlanError
 
 Task = Callable[..., Any]
-"""A method of `Desk`."""
+"""A method of `Worker`."""
 
 WORK: Mapping[str, Task] = MappingProxyType(
     {
-        "plan": Desk.plan,
-        "begin": Desk.begin,
-        "meter_pairs": Desk.meter_pairs,
-        "metered": Desk.metered,
-        "look": Desk.look,
-        "learn": Desk.learn,
-        "stray": Desk.stray,
-        "see": Desk.see,
-        "develop": Desk.develop,
-        "report": Desk.report,
-        "calibrate": Desk.calibrate,
-        "step": Desk.step,
-        "photo": Desk.photo,
-        "answered": Desk.answered,
-        "measured": Desk.measured,
-        "flip": Desk.flip,
+        "plan": Worker.plan,
+        "begin": Worker.begin,
+        "next_exposure": Worker.next_exposure,
+        "look": Worker.look,
+        "develop": Worker.develop,
+        "report": Worker.report,
+        "calibrate": Worker.calibrate,
+        "step": Worker.step,
+        "photo": Worker.photo,
+        "answered": Worker.answered,
+        "measured": Worker.measured,
+        "flip": Worker.flip,
     }
 )
 """All that a child process can be asked."""

@@ -19,8 +19,8 @@ import pytest
 from pdcd.bench.tables import CameraConfig, LimitsConfig
 from pdcd.capture.engine import Engine
 from pdcd.capture.worker.birth import born
-from pdcd.capture.worker.desk import Desk
 from pdcd.capture.worker.keeper import Child
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, PdcdError, PlanError
 from pdcd.protocol.events import Event, Planning
 from pdcd.protocol.request import CaptureRequest, CaptureResult
@@ -38,15 +38,15 @@ FOREVER = (sys.executable, "-S", "-c", "import time; time.sleep(3600)")
 
 
 def child_of(engine: Engine) -> Child:
-    hands = engine._hands
-    assert isinstance(hands, Child)
-    return hands
+    worker = engine._worker
+    assert isinstance(worker, Child)
+    return worker
 
 
-def started(folder: Path, hands: Callable[..., Any] = Child, **tables: Any) -> Engine:
+def started(folder: Path, worker: Callable[..., Any] = Child, **tables: Any) -> Engine:
     camera = CameraConfig(noise="none", f_number=8.0)
     config = bench_rig.config(folder, **{"grid": (8, 8), "camera": camera, **tables})
-    engine = Engine(config, hands)
+    engine = Engine(config, worker)
     engine.start()
     return engine
 
@@ -240,7 +240,7 @@ def test_whoever_waits_for_a_silent_process_is_asked_all_the_time(engine: Engine
 
     try:
         with pytest.raises(Cancelled):
-            child.do(Watch(alive), Desk.plan, REQUEST, {}, None, None)
+            child.do(Watch(alive), Worker.plan, REQUEST, {}, None, None)
     finally:
         child.stop()
     assert len(signs) == 8
@@ -334,10 +334,10 @@ def test_a_folder_named_by_a_descriptor_is_the_same_for_the_child(
     child = child_of(engine)
     info = engine._rig.camera_info
     assert info is not None
-    child.do(Watch(), Desk.plan, REQUEST, {}, info, None)
+    child.do(Watch(), Worker.plan, REQUEST, {}, info, None)
     held = os.open(tmp_path, os.O_PATH | os.O_DIRECTORY)
     try:
-        child.do(Watch(), Desk.begin, Path(f"/proc/self/fd/{held}"))
+        child.do(Watch(), Worker.begin, Path(f"/proc/self/fd/{held}"))
     finally:
         os.close(held)
     assert "coded.primal" in read_patterns(tmp_path)
@@ -345,11 +345,11 @@ def test_a_folder_named_by_a_descriptor_is_the_same_for_the_child(
 
 def test_without_a_plan_there_is_no_work(engine: Engine) -> None:
     child = child_of(engine)
-    child.do(Watch(), Desk.plan, REQUEST, {}, None, None)
+    child.do(Watch(), Worker.plan, REQUEST, {}, None, None)
     with pytest.raises(PdcdError, match="no run folder"):
-        child.do(Watch(), Desk.develop, [])
+        child.do(Watch(), Worker.develop)
     with pytest.raises(PdcdError, match="no work is called"):
-        child.do(Watch(), Desk.forget)
+        child.do(Watch(), Worker.forget)
 
 
 def test_ten_deaths_leave_no_descriptor_and_no_process_behind(tmp_path: Path) -> None:

@@ -103,6 +103,7 @@ def developed(**said: Any) -> Any:
         "record": record, "parts": 3, "rms_sigma": 0.02, "sigma_kind": "measured",
         "sigma_mean": 0.5, "rms_error": 0.03, "quality": "q", "picture": "indirect",
         "transport": {"transport_photos": 7}, "exif": {"a": {"iso": 1}}, "deviations": {"a": {}},
+        "decided": (),
     }  # fmt: skip
     return SimpleNamespace(**{**fields, **said})
 
@@ -122,6 +123,7 @@ def test_a_finished_run_in_figures() -> None:
     bare = summary_of(plan, developed(parts=0, rms_sigma=math.inf))
     assert (bare["codes"], bare["parts"]) == (16 // 4 + 5, 1)
     assert bare["rms_sigma"] is None and bare["predicted_error"] is None
+    assert summary_of(plan, developed(decided=("a", "b")))["decided"] == "a; b"
 
 
 def begun(owner: OwnerView | None) -> Any:

@@ -28,7 +28,7 @@ def test_a_profile_is_taken_over_or_the_disk_is_named(
     record = SimpleNamespace(measured={"camera.profile": entry})
     monkeypatch.setattr(kept, "read_calibration", lambda folder: (record, "0" * 64))
     given: Any = dict.fromkeys(
-        ("config", "rig", "profile", "hands", "job", "request", "emit", "cancelled", "proceed")
+        ("config", "rig", "profile", "worker", "job", "request", "emit", "cancelled", "proceed")
     )
     folder: Any = SimpleNamespace(path=own, where=own)
     run = CalibrationRun(folder=folder, **given)

@@ -80,7 +80,7 @@ def test_a_picture_is_lit_until_black_is_asked_for(engine: Engine, pattern: str)
     assert bench.panels_black
 
 
-def test_a_rig_whose_hands_fail_to_stop_is_released_and_one_that_fails_frees_its_hands(
+def test_a_rig_whose_worker_fails_to_stop_is_released_and_one_that_fails_frees_its_worker(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stopped: list[str] = []
@@ -89,10 +89,10 @@ def test_a_rig_whose_hands_fail_to_stop_is_released_and_one_that_fails_frees_its
         raise RuntimeError("a fault of the program")
 
     monkeypatch.setattr(engine._rig, "disconnect", fail)
-    monkeypatch.setattr(engine._hands, "stop", lambda: stopped.append("hands"))
+    monkeypatch.setattr(engine._worker, "stop", lambda: stopped.append("worker"))
     with pytest.raises(RuntimeError):
         engine.stop()
-    assert stopped == ["hands"]
+    assert stopped == ["worker"]
     monkeypatch.undo()
 
 

@@ -1,4 +1,4 @@
-"""What a run decides on its way: whether it is good enough, dark enough, and on the same bench."""
+"""Whether a run is on the bench that was calibrated, with one camera; and who is told of it."""
 
 from __future__ import annotations
 
@@ -9,157 +9,13 @@ from typing import Any
 
 import pytest
 
-from pdcd.capture import lookout, same_bench
-from pdcd.capture.convergence import Convergence
+from pdcd.capture import same_bench
+from pdcd.capture.frame_check import FrameCheck
 from pdcd.capture.job import Job, Journal
-from pdcd.capture.lookout import Lookout, next_shot
 from pdcd.capture.same_bench import doubts, held_otherwise
-from pdcd.capture.sight import Sight
-from pdcd.capture.worker.answers import Seen
-from pdcd.errors import Cancelled, ConfigError, ExposureError, SyncError
+from pdcd.errors import Cancelled, ConfigError, ExposureError
 from pdcd.protocol import events
 from pdcd.protocol.request import CaptureRequest
-
-
-def shot(name: str, part: int = 0, beside: str = "") -> Any:
-    return SimpleNamespace(name=name, part=part, beside=beside)
-
-
-def test_a_part_is_complete_with_its_last_shot() -> None:
-    shots = [shot("white"), shot("a", 1), shot("b", 1), shot("c", 2), shot("d", 2)]
-    recipe: Any = SimpleNamespace(shots=shots)
-    complete = [one.name for one in shots if Convergence(0.1).after(recipe, one)]
-    assert complete == ["b", "d"]
-
-
-@pytest.mark.parametrize(
-    ("kind", "sigma", "met"),
-    [
-        ("measured", 0.1, True), ("measured", 0.11, False), ("measured", 0.05, True),
-        ("modelled", 0.05, False), ("measured", math.inf, False),
-    ],
-)  # fmt: skip
-def test_only_a_spread_that_is_small_enough_ends_a_run(kind: str, sigma: float, met: bool) -> None:
-    found = Convergence(0.1)
-    assert not found.met and found.reached == math.inf
-    event = found.see(Seen(3, sigma, kind))
-    assert (found.met, found.reached) == (met, sigma)
-    assert (event.part, event.target) == (3, 0.1)
-    assert event.rms_sigma == (None if math.isinf(sigma) else sigma)
-
-
-def test_what_is_said_where_all_parts_were_not_enough() -> None:
-    found = Convergence(0.025, reached=0.0432)
-    assert found.warning == "sigma came down to 4.3 %, not to the 2.5 % asked for"
-
-
-def planned(*shots: Any) -> Any:
-    return SimpleNamespace(
-        plan=SimpleNamespace(recipe=SimpleNamespace(shots=shots)),
-        summary=SimpleNamespace(black_level="modelled"),
-    )
-
-
-def test_the_next_shot_is_the_first_that_was_not_taken_and_that_does_not_come_along() -> None:
-    plan = planned(shot("a"), shot("a2", beside="a"), shot("b"), shot("c"))
-    taken: list[Any] = []
-    order = []
-    while (found := next_shot(plan, taken)) is not None:
-        order.append(found.name)
-        taken.append(found)
-    assert order == ["a", "b", "c"]
-    assert next_shot(plan, [shot("b")]).name == "a"  # type: ignore[union-attr]
-
-
-class Bench:
-    """Stands for all that a look needs; notes what was asked of it."""
-
-    def __init__(self, *outcomes: str, spoilt: int = -1, more: bool = False) -> None:
-        self.outcomes, self.spoilt, self.more = list(outcomes), spoilt, more
-        self.asked: list[Any] = []
-        self.warned: list[str] = []
-        self.job = SimpleNamespace(watch=lambda: "watch")
-        self.after = planned()
-
-    def dark(self, plan: object, name: str, *, lit: bool) -> str:
-        if len(self.asked) == self.spoilt:
-            raise SyncError("late")
-        self.asked.append((name, lit))
-        return name
-
-    def do(self, watch: str, task: Any, shots: object, darks: list[str]) -> Any:
-        self.asked[-1] += (watch, task.__name__, list(darks))
-        return SimpleNamespace(
-            outcome=self.outcomes.pop(0), planned=self.after, why="too long",
-            leaks=SimpleNamespace(both=0.0345, limit=0.01), told=("and more",) * self.more,
-            decided="ten times" * self.more,
-        )  # fmt: skip
-
-    def warn(self, text: str) -> None:
-        self.warned.append(text)
-
-    def look(self, monkeypatch: pytest.MonkeyPatch, *, due: bool = True) -> tuple[Lookout, Any]:
-        monkeypatch.setattr(lookout, "due", lambda plan, taken: due and taken == {"a"})
-        bench: Any = self
-        made = Lookout(bench, bench, bench)
-        return made, made.look(planned(), [shot("a")])
-
-
-FIRST = ("look-dark", True, "watch", "stray", ["look-dark"])
-SECOND = ("look-ambient", False, "watch", "stray", ["look-dark", "look-ambient"])
-SHARE = "3.5 % of the picture (limit 1 %)"
-
-
-@pytest.mark.parametrize(
-    ("outcomes", "asked", "warned"),
-    [
-        (("quiet",), [FIRST], []),
-        (("unsure", "quiet"), [FIRST, SECOND], []),
-        (
-            ("unsure", "added"),
-            [FIRST, SECOND],
-            [
-                f"ambient light and leaks would have made {SHARE}: black exposures were added "
-                "(black level modelled)"
-            ],
-        ),
-        (
-            ("warn",),
-            [FIRST],
-            [f"ambient light and leaks make {SHARE}, and black exposures are not added: too long"],
-        ),
-    ],
-)
-def test_one_dark_photo_is_taken_and_another_where_it_may_matter_whose_the_leak_is(
-    outcomes: tuple[str, ...], asked: list[Any], warned: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench = Bench(*outcomes)
-    made, after = bench.look(monkeypatch)
-    assert (bench.asked, bench.warned) == (asked, warned)
-    assert after is bench.after and made.done
-    assert made.look(planned(), [shot("a")]) is None  # once in a run
-
-
-def test_what_follows_from_ambient_light_is_kept_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench("unsure", "added", more=True)
-    made, _ = bench.look(monkeypatch)
-    assert bench.warned[1:] == ["and more"] and made.decided == "ten times"
-
-
-def test_no_look_is_taken_before_it_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench("quiet")
-    made, after = bench.look(monkeypatch, due=False)
-    assert after is None and not made.done and bench.asked == []
-
-
-@pytest.mark.parametrize("spoilt", [0, 1])
-def test_a_dark_photo_that_was_spoilt_ends_the_look_and_not_the_run(
-    spoilt: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench = Bench("unsure", spoilt=spoilt)
-    made, after = bench.look(monkeypatch)
-    assert after is None and made.done
-    assert bench.warned == ["no look at ambient light and leaks: late"]
 
 
 def config(**said: Any) -> Any:
@@ -294,10 +150,10 @@ def head(rows: int = 4, cols: int = 6, turned: str = "upright", model: str = "EO
     return SimpleNamespace(frame=(rows, cols), turned=turned, model=model, flip=0)
 
 
-def sight(warned: list[str], frame_quads: tuple[int, int] | None = (6, 4)) -> Sight:
+def frame_check(warned: list[str], frame_quads: tuple[int, int] | None = (6, 4)) -> FrameCheck:
     camera: Any = SimpleNamespace(frame_quads=frame_quads)
     journal: Any = SimpleNamespace(warn=warned.append)
-    return Sight(config(sha256=None), camera, journal)
+    return FrameCheck(config(sha256=None), camera, journal)
 
 
 @pytest.mark.parametrize(
@@ -310,7 +166,7 @@ def sight(warned: list[str], frame_quads: tuple[int, int] | None = (6, 4)) -> Si
 )
 def test_photos_of_a_run_are_alike(other: Any, words: str) -> None:
     warned: list[str] = []
-    seen = sight(warned)
+    seen = frame_check(warned)
     seen.saw("raw/a", head())
     seen.saw("raw/a2", head())
     with pytest.raises(ExposureError) as told:
@@ -322,12 +178,12 @@ def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     warned: list[str] = []
-    sight(warned, None).saw("raw/a", head())
+    frame_check(warned, None).saw("raw/a", head())
     assert warned == []
-    sight(warned, (4, 6)).saw("raw/a", head())
+    frame_check(warned, (4, 6)).saw("raw/a", head())
     assert len(warned) == 1 and warned[0].startswith("photos have 6 x 4 quads, not the 4 x 6 that")
-    monkeypatch.setattr("pdcd.capture.sight.held_otherwise", lambda _, flip: flip == 0)
-    sight(warned).saw("raw/a", head())
+    monkeypatch.setattr("pdcd.capture.frame_check.held_otherwise", lambda _, flip: flip == 0)
+    frame_check(warned).saw("raw/a", head())
     assert "held another way" in warned[1]
 
 

@@ -1,4 +1,4 @@
-"""The shots of a job one by one: metered, exposed, taken again, and what is kept of each."""
+"""The photos of a job one by one: exposed, taken again, and what is kept of each."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pdcd.bench.devices import CameraSettings
 from pdcd.capture import shots
 from pdcd.capture.rig import Exposure
 from pdcd.capture.shots import ShotTaker
-from pdcd.errors import ConfigError, ExposureError, SyncError
-from pdcd.planning.metering import MAX_TESTS
-from pdcd.runs.record import MeterRecord
+from pdcd.capture.worker.answers import Spoilt, Wanted
+from pdcd.errors import ExposureError, SyncError
 
 FOLDER = Path("/run")
 SHA, SECOND = "a" * 64, "b" * 64
+SETTINGS = CameraSettings(100, 5.6)
 
 
 class Log:
@@ -39,34 +39,19 @@ def raw(name: str, *, two: bool = False) -> Any:
     )
 
 
-def shot(name: str, **said: Any) -> Any:
-    told = {"kind": "coded", "beside": "", "primal_black": False, "dual_black": False}
-    return SimpleNamespace(name=name, **{**told, **said})
-
-
-class Plan:
-    """Two shots, and their frames by name."""
-
-    def __init__(self, *planned: Any, iso: int | None = None) -> None:
-        self.recipe, self.iso = SimpleNamespace(shots=planned), iso
-        self.row_hz = 60.0
-
-    def frames(self, one: Any, *, pairs: int | None = None) -> str:
-        return f"frames of {one.name}" + ("" if pairs is None else f" x {pairs}")
-
-    def window_of(self, one: Any) -> str:
-        return f"window of {one.name}"
+def shot(name: str, kind: Any = "shot", **said: Any) -> Wanted:
+    frames: Any = f"frames of {name}"
+    return Wanted(kind, name, frames, SETTINGS, 5.6, f"window of {name}", **said)
 
 
 class Bench:
-    """Rig, hands, journal and sight in one; what happens is noted in order."""
+    """Rig, worker, journal and frame check in one; what happens is noted in order."""
 
     def __init__(self, *exposed: Any, two: bool = False) -> None:
         self.exposed, self.two = list(exposed), two
         self.steps: list[Any] = []
         self.warned: list[str] = []
         self.kept: list[Any] = []
-        self.metering: list[tuple[float, float]] = []
         self.path = FOLDER
         self.folder = self.ledger = self
         self.job = SimpleNamespace(watch=lambda: "watch", emit=self.warned.append, cancelled="end")
@@ -84,10 +69,7 @@ class Bench:
     def do(self, watch: str, task: Any, *args: Any) -> Any:
         assert watch == "watch"
         self.steps.append((task.__name__, *args))
-        if task.__name__ == "metered":
-            peak, expected = self.metering.pop(0)
-            return SimpleNamespace(peak=peak, expected=expected)
-        return 3 if task.__name__ == "meter_pairs" else "head"
+        return "head"
 
     def saw(self, file: str, head: str) -> None:
         self.steps.append(("saw", file, head))
@@ -108,22 +90,16 @@ class Bench:
     def take(self, record: Any) -> None:
         self.kept.append(record)
 
-    def meter(self, record: Any) -> None:
-        self.kept.append(record)
-
     def heard(self, *kinds: str) -> list[Any]:
         return [step for step in self.steps if step[0] in kinds]
 
 
-def taker(bench: Bench, *, f_number: Any = 5.6, f_numbers: Any = (4.0, 8.0), **rig: Any) -> Any:
+def taker(bench: Bench, **rig: Any) -> Any:
     config: Any = SimpleNamespace(
-        rig=SimpleNamespace(**{"retries": 2, "on_miss": "retry", **rig}),
-        camera=SimpleNamespace(f_number=f_number), row_hz=60.0,
-    )  # fmt: skip
-    camera: Any = SimpleNamespace(isos=(200, 100, 400), f_numbers=f_numbers)
-    profile: Any = SimpleNamespace(saturation_dn=lambda iso: 10.0 * iso)
+        rig=SimpleNamespace(**{"retries": 2, "on_miss": "retry", **rig}), row_hz=60.0
+    )
     known: Any = bench
-    return ShotTaker(config, known, camera, profile, known, known, known)
+    return ShotTaker(config, known, known, known, known)
 
 
 @pytest.fixture(autouse=True)
@@ -144,7 +120,7 @@ def weights(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_is_kept_of_a_shot() -> None:
     bench = Bench(Log(0, 0, 0))
-    (record,) = taker(bench).take(Plan(shot("coded")), shot("coded"))
+    (record,) = taker(bench).take(shot("coded"))
     assert bench.kept == [record] and bench.warned == []
     told = {name: getattr(record, name) for name in record.__struct_fields__}
     assert told == {
@@ -154,28 +130,18 @@ def test_what_is_kept_of_a_shot() -> None:
         "level": 1.0,
     }  # fmt: skip
     assert bench.steps == [
-        ("expose", "frames of coded", CameraSettings(100, 5.6), "coded"),
+        ("expose", "frames of coded", SETTINGS, "coded"),
         ("look", "raw/coded.dng", SHA),
         ("saw", "raw/coded.dng", "head"),
         ("frames", "coded", "frames of coded", 3),
     ]
 
 
-def test_a_lens_that_cannot_be_set_is_not_set() -> None:
-    bench = Bench()
-    (record,) = taker(bench, f_numbers=()).take(Plan(shot("a"), iso=400), shot("a"))
-    assert bench.steps[0][2] == CameraSettings(400, None) and record.f_number == 5.6
-    with pytest.raises(ConfigError, match="cannot be set"):
-        taker(bench, f_numbers=(), f_number="auto").take(Plan(shot("a")), shot("a"))
-    with pytest.raises(ConfigError, match="ISO 50 is not offered") as told:
-        taker(bench).take(Plan(shot("a"), iso=50), shot("a"))
-    assert told.value.hint == "take one of 200, 100, 400"
-
-
 def test_the_second_bucket_comes_with_the_first() -> None:
-    one, two = shot("a"), shot("b", beside="a")
+    frames: Any = "frames of b"
+    one = shot("a", beside=(("b", frames),))
     bench = Bench(Log(0), two=True)
-    first, second = taker(bench).take(Plan(one, two), one)
+    first, second = taker(bench).take(one)
     assert (second.name, second.raw, second.sha256, second.size_bytes) == (
         "b", "raw/a-b.dng", SECOND, 4,
     )  # fmt: skip
@@ -185,7 +151,7 @@ def test_the_second_bucket_comes_with_the_first() -> None:
         ("a", "frames of a"), ("b", "frames of b"),
     ]  # fmt: skip
     with pytest.raises(ExposureError, match="one plane"):
-        taker(Bench(Log(0))).take(Plan(one, two), one)
+        taker(Bench(Log(0))).take(one)
 
 
 UNEVEN = "1 refreshes were missed; codes were lit 0.5 to 1 times as long as planned"
@@ -193,7 +159,7 @@ UNEVEN = "1 refreshes were missed; codes were lit 0.5 to 1 times as long as plan
 
 def test_a_shot_that_was_spoilt_is_set_aside_and_taken_again() -> None:
     bench = Bench(SyncError("the display gave up"), Log(1, 0), Log(0))
-    (record,) = taker(bench).take(Plan(shot("a")), shot("a"))
+    (record,) = taker(bench).take(shot("a"))
     assert record.refreshes == 1
     assert bench.heard("aside", "frames", "discarded") == [
         ("aside", "a", 1),
@@ -213,7 +179,7 @@ def test_a_shot_that_was_spoilt_is_set_aside_and_taken_again() -> None:
 def test_a_shot_that_is_spoilt_too_often_ends_the_run(retries: int) -> None:
     bench = Bench(*(Log(1) for _ in range(9)))
     with pytest.raises(SyncError) as told:
-        taker(bench, retries=retries).take(Plan(shot("a")), shot("a"))
+        taker(bench, retries=retries).take(shot("a"))
     assert len(bench.heard("expose")) == len(bench.heard("aside")) == retries + 1
     assert told.value.message == f"shot a was spoilt {retries + 1} times: {UNEVEN}"
     assert told.value.device == "display" and bench.kept == []
@@ -221,32 +187,30 @@ def test_a_shot_that_is_spoilt_too_often_ends_the_run(retries: int) -> None:
 
 def test_where_misses_are_only_flagged_the_first_exposure_is_kept() -> None:
     bench = Bench(Log(1, 0))
-    (record,) = taker(bench, on_miss="flag").take(Plan(shot("a")), shot("a"))
+    (record,) = taker(bench, on_miss="flag").take(shot("a"))
     assert (record.missed, record.level) == (1, None) and bench.heard("aside") == []
     assert bench.warned == [f"shot a: {UNEVEN}"]
     bench = Bench(Log(1, 1))
-    taker(bench, on_miss="flag").take(Plan(shot("a")), shot("a"))
+    taker(bench, on_miss="flag").take(shot("a"))
     assert bench.warned == ["shot a: 2 refreshes were missed; no code was lit"]
     bench = Bench(SyncError("gave up"))
     with pytest.raises(SyncError, match="gave up"):
-        taker(bench, on_miss="flag").take(Plan(shot("a")), shot("a"))
+        taker(bench, on_miss="flag").take(shot("a"))
     assert bench.heard("aside") == []
 
 
-@pytest.mark.parametrize("black", ["primal_black", "dual_black"])
 def test_shots_that_are_subtracted_from_each_other_were_shown_equally_often(
-    black: str, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     levels = [0.5, 1.0]
     monkeypatch.setattr(
         shots, "lit_weights",
         lambda *_: SimpleNamespace(realised=np.ones(0), planned=np.ones(0), level=levels.pop(0)),
     )  # fmt: skip
-    other = shot("b", **{black: True})
-    (record,) = taker(Bench()).take(Plan(shot("a"), other), shot("a"))
+    (record,) = taker(Bench()).take(shot("a", even=True))
     assert record.level == 1.0 and levels == []
     levels[:] = [0.5, 1.0]
-    (record,) = taker(Bench()).take(Plan(shot("a"), shot("b")), shot("a"))
+    (record,) = taker(Bench()).take(shot("a"))
     assert record.level == 0.5 and levels == [1.0]
 
 
@@ -254,90 +218,39 @@ def test_what_a_kept_shot_has_suffered_is_told(monkeypatch: pytest.MonkeyPatch) 
     even = SimpleNamespace(realised=np.ones(1), planned=np.ones(1), level=1.0)
     monkeypatch.setattr(shots, "lit_weights", lambda *_: even)
     bench = Bench(Log(2, 1, verified=False))
-    taker(bench).take(Plan(shot("a")), shot("a"))
+    taker(bench).take(shot("a"))
     assert bench.warned == [
         "shot a: 3 refreshes were missed, without harm to the codes",
         "shot a: presentation times are not verified",
     ]
 
 
-def test_an_aperture_is_metered_once_for_each_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-
-    def stepped(apertures: Any, f_number: float, peak: float, expected: float) -> Any:
-        asked.append((apertures, f_number, peak, expected))
-        return 4.0, len(asked) > 1
-
-    monkeypatch.setattr(shots, "next_aperture", stepped)
-    bench = Bench(two=True)
-    bench.metering = [(0.1, 0.4), (0.2, 0.3), (0.5, 0.5), (0.5, 0.6)]
-    made = taker(bench, f_number="auto", f_numbers=(4.0, 7.5, 16.0))
-    plan = Plan(shot("a"), iso=200)
-    (record,) = made.take(plan, shot("a"))
-    assert asked == [((4.0, 7.5, 16.0), 7.5, 0.2, 0.4), ((4.0, 7.5, 16.0), 4.0, 0.5, 0.6)]
-    assert record.f_number == 4.0 and made.apertures == {"coded": 4.0}
-    tests = [MeterRecord(raw=f"raw/meter-a-{n}.dng", f_number=f, peak=peak)
-             for n, f, peak in ((1, 7.5, 0.2), (2, 4.0, 0.5))]  # fmt: skip
-    assert made.meter == tests and bench.kept == [*tests, record]
-    assert [step[1:] for step in bench.heard("expose")] == [
-        ("frames of a x 3", CameraSettings(200, 7.5), "meter-a-1"),
-        ("frames of a x 3", CameraSettings(200, 4.0), "meter-a-2"),
-        ("frames of a", CameraSettings(200, 4.0), "a"),
-    ]
-    assert bench.heard("meter_pairs", "metered")[:3] == [
-        ("meter_pairs", "a"),
-        ("metered", "raw/meter-a-1.dng", SHA, 2000.0),
-        ("metered", "raw/meter-a-1-b.dng", SECOND, 2000.0),
-    ]
-    made.take(plan, shot("b"))  # of the same program
-    assert len(asked) == 2
-
-
-@pytest.mark.parametrize(("spoilt", "taken"), [(2, True), (3, False)])
-def test_a_test_exposure_that_is_given_up_is_taken_again(
-    spoilt: int, taken: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(shots, "next_aperture", lambda *_: (4.0, True))
-    bench = Bench(*(SyncError("gave up") for _ in range(spoilt)))
-    bench.metering = [(0.1, 0.1)]
-    made = taker(bench, f_number="auto", retries=2)
-    if not taken:
+@pytest.mark.parametrize("kind", ["test", "dark"])
+@pytest.mark.parametrize("spoilt", [0, 2, 3])
+def test_a_test_exposure_that_is_given_up_is_taken_again(kind: str, spoilt: int) -> None:
+    bench = Bench(*(SyncError("gave up") for _ in range(spoilt)), two=kind == "test")
+    made = taker(bench, retries=2)
+    if spoilt == 3:  # a run goes on without a dark photo
+        if kind == "dark":
+            assert made.take(shot("a", kind)) == Spoilt("gave up")
+            return
         with pytest.raises(SyncError, match="gave up"):
-            made.take(Plan(shot("a")), shot("a"))
+            made.take(shot("a", kind))
         return
-    (record,) = made.take(Plan(shot("a")), shot("a"))
-    assert [step[3] for step in bench.heard("expose")] == [*["meter-a-1"] * 3, "a"]
+    found = made.take(shot("a", kind))
+    planes = (("raw/a.dng", SHA), ("raw/a-b.dng", SECOND))
+    assert found.planes == planes[: 1 + bench.two] and found.raw == "raw/a.dng"
+    assert found.seconds == pytest.approx(2.0)
+    assert [step[3] for step in bench.heard("expose")] == ["a"] * (spoilt + 1)
     assert bench.heard("aside", "discarded") == [
-        ("aside", "meter-a-1", 1), ("discarded", "meter-a-1-discarded-1", "gave up"),
-        ("aside", "meter-a-1", 2), ("discarded", "meter-a-1-discarded-2", "gave up"),
-    ]  # fmt: skip
-    assert made.meter[0].raw == "raw/meter-a-1.dng" and record.f_number == 4.0
+        ("aside", "a", 1), ("discarded", "a-discarded-1", "gave up"),
+        ("aside", "a", 2), ("discarded", "a-discarded-2", "gave up"),
+    ][: 2 * spoilt]  # fmt: skip
+    assert bench.kept == [] and bench.heard("frames") == []
 
 
-def test_metering_that_does_not_settle_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shots, "next_aperture", lambda *_: (4.0, False))
-    bench = Bench()
-    bench.metering = [(0.1, 0.1)] * MAX_TESTS
-    taker(bench, f_number="auto").take(Plan(shot("a")), shot("a"))
-    assert bench.warned == ["metering of a did not settle; took f/4"] and bench.metering == []
-
-
-@pytest.mark.parametrize("settable", [True, False])
-@pytest.mark.parametrize("lit", [True, False])
-def test_a_dark_photo_is_taken_as_the_answer_is(
-    lit: bool, settable: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(shots, "last_exposed", lambda _: shot("coded"))
-    monkeypatch.setattr(shots, "dark_frames", lambda _, *, lit: f"dark {lit}")
-    monkeypatch.setattr(shots, "phase_rows", lambda _: 90)
-    bench = Bench()
-    made = taker(bench, f_numbers=(4.0,) if settable else ())
-    found = made.dark(Plan(shot("coded")), "look-dark", lit=lit)
-    assert (found.raw, found.sha256, found.iso, found.f_number) == (
-        "raw/look-dark.dng", SHA, 100, 5.6,
-    )  # fmt: skip
-    assert (found.exposure_s, found.phase_s) == (pytest.approx(2.0), 1.5)
-    settings = CameraSettings(100, 5.6 if settable else None)
-    assert bench.heard("expose") == [("expose", f"dark {lit}", settings, "look-dark")]
-    wanted = MeterRecord(raw="raw/look-dark.dng", f_number=5.6, peak=None)
-    assert made.meter == bench.kept == [wanted]
+def test_a_test_exposure_is_not_taken_again_where_misses_are_only_flagged() -> None:
+    bench = Bench(SyncError("gave up"))
+    with pytest.raises(SyncError, match="gave up"):
+        taker(bench, on_miss="flag").take(shot("a", "test"))
+    assert bench.heard("aside") == []

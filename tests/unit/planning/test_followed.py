@@ -19,16 +19,14 @@ from pdcd.panels.patterns import levels_of
 from pdcd.planning.guided import (
     by_prior,
     guidable,
-    piloted,
     plan_for,
-    scouted,
     stopped,
-    summary,
     with_links,
 )
 from pdcd.planning.pairs import linked_pairs, pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, mean_light
 from pdcd.planning.prior import load_prior
+from pdcd.planning.progress import piloted, scouted
 from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import draft_of
@@ -180,7 +178,7 @@ def test_codes_of_a_pilot_that_ends_go_to_the_photo(limit_s: float, codes: int) 
         whole = plan.patterns["pilot"][side]
         assert np.array_equal(short.patterns["pilot"][side], whole[:4])
     assert len(short.recipe.stack) == 4 and short.iso == 400
-    told = summary(plan, limit_s)
+    told = plan.summary(limit_s)
     cost = told.pilot_cost
     assert cost is not None
     assert (cost.raw_files, cost.scouts, cost.stopped_codes) == (16, 4, codes)
@@ -206,13 +204,13 @@ def test_another_plan_takes_the_place_of_a_pilot_that_finds_nothing() -> None:
     assert other is not None
     short = stopped(plan, 0, LONG_S)
     assert short.iso == 800 and short.how == other.how and short.recipe is other.recipe
-    cost = summary(plan, LONG_S).pilot_cost
+    cost = plan.summary(LONG_S).pilot_cost
     assert cost is not None
     told = other.summary()
     assert (cost.stopped_codes, cost.stopped_raw_files) == (12, told.raw_files)
     assert cost.stopped_seconds == told.seconds and cost.raw_files == 16
-    assert summary(other, LONG_S).pilot_cost is None
-    assert summary(plan_of(), LONG_S).pilot_cost is None
+    assert other.summary(LONG_S).pilot_cost is None
+    assert plan_of().summary(LONG_S).pilot_cost is None
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.planning.look import dark_frames, last_exposed, phase_rows, with_blacks
+from pdcd.planning.look import DarkFrames, with_blacks
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import MemoryLimitError, memory_bytes
 from pdcd.planning.plan import Look, Plan
@@ -121,9 +121,9 @@ def test_a_dark_photo_pauses_for_as_long_as_panels_settle() -> None:
     """At least two refreshes, and whole ones."""
     for settle_s, pause in ((0.0, 2), (0.02, 2), (0.034, 3), (0.05, 3), (0.051, 4)):
         plan = plan_of(config(rig={"settle_s": settle_s}), codes=128)
-        rows = phase_rows(plan)
-        assert len(dark_frames(plan, lit=True)) - 2 * rows == pause
-    frames = dark_frames(plan, lit=True)
+        dark = DarkFrames.of(plan)
+        assert dark.pause == len(dark.frames(lit=True)) - 2 * dark.rows == pause
+    frames = dark.frames(lit=True)
     assert not frames.shift.any() and not frames.code.any()
     assert frames.shift.size == frames.code.size == len(frames)
     assert (frames.grid, frames.lattice, frames.window) == (GRID, GRID, "whole")
@@ -134,13 +134,13 @@ def test_a_dark_photo_pauses_for_as_long_as_panels_settle() -> None:
 def test_each_state_of_a_dark_photo_lasts_a_quarter_of_a_second(row_hz: float, rows: int) -> None:
     """At least two rows, however slow the panels are."""
     plan = replace(plan_of(codes=128), row_hz=row_hz)
-    assert phase_rows(plan) == rows
+    assert DarkFrames.of(plan).rows == rows
 
 
 def test_the_last_exposure_is_not_that_of_a_second_bucket() -> None:
     rig = config(camera={"buckets": 2})
     plan = plan_of(rig, goal="direct", method="pairs")
     beside = [shot.name for shot in plan.recipe.shots if shot.beside]
-    assert beside and last_exposed(plan).name not in beside
+    assert beside and plan.last_exposed.name not in beside
     alone = [shot.name for shot in plan.recipe.shots if not shot.beside]
-    assert last_exposed(plan).name == alone[-1]
+    assert plan.last_exposed.name == alone[-1]

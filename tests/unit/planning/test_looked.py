@@ -13,11 +13,12 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.pictures.learn import Learned
-from pdcd.planning.guided import plan_for
+from pdcd.planning.guided import after_pilot, plan_for
 from pdcd.planning.plan import Plan
-from pdcd.planning.unasked import looked, plan_unasked, settled
+from pdcd.planning.unasked import plan_unasked, settled
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
+from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config
 
 GRID = (6, 8)
@@ -47,15 +48,27 @@ def record(name: str, open_ns: int, close_ns: int) -> ShotRecord:
     )  # fmt: skip
 
 
+def after(plan: Plan, found: Learned, shots: list[ShotRecord], *, scouts: bool = False) -> Any:
+    return after_pilot(plan, found, shots, scouts=scouts, seed=0, limit_s=60.0, watch=Watch())
+
+
 @pytest.mark.parametrize(
-    ("found", "words"),
+    ("found", "scouts", "outcome", "words"),
     [
-        (learned(0.149), "no mirrors (sharpness 0.15, limit 0.15)"),
-        (learned(0.3, SOME), "sharp paths, which are kept apart (sharpness 0.3, limit 0.15)"),
-        (learned(0.3), "sharp light without a map (sharpness 0.3, limit 0.15)"),
+        (learned(0.149), True, "stopped", "no mirrors (sharpness 0.15, limit 0.15): 28 codes"),
+        (
+            learned(0.3, SOME), False, "guided",
+            "sharp paths, which are kept apart (sharpness 0.3, limit 0.15): 16 codes",
+        ),
+        (
+            learned(0.3), False, "no use",
+            "sharp light without a map (sharpness 0.3, limit 0.15): 16 codes",
+        ),
     ],
-)
-def test_what_a_look_found_and_cost_is_told(found: Learned, words: str) -> None:
+)  # fmt: skip
+def test_what_a_look_found_and_cost_is_told(
+    found: Learned, scouts: bool, outcome: str, words: str
+) -> None:
     plan = plan_for(CaptureRequest(goal="indirect", codes=32, pilot=16), Config(), GRID)
     shots = [
         record("white", 0, 10**9),
@@ -63,10 +76,19 @@ def test_what_a_look_found_and_cost_is_told(found: Learned, words: str) -> None:
         record("pilot-0002", 4 * 10**9, 5 * 10**9 + 5 * 10**8),
         record("coded", 6 * 10**9, 9 * 10**9),
     ]
-    told = looked(plan, found, shots)
-    assert told == (f"{words}: 16 codes in 1 exposure; the look took 2 RAW files and 3.5 s")
+    asked = after(plan, found, shots, scouts=scouts)
+    assert (asked.outcome, asked.told) == (outcome, "")  # who asked for it knows
+    gone = after(replace(plan, unasked=True), found, shots, scouts=scouts)
+    assert gone.told == f"{words} in 1 exposure; the look took 2 RAW files and 3.5 s"
+    assert gone.outcome == outcome and gone.plan.reasons[-1] == f"pilot: {gone.told}"
     parts = plan_for(CaptureRequest(goal="indirect", codes=48, pilot=16, parts=4), Config(), GRID)
-    assert ": 32 codes in 4 exposures; the look took" in looked(parts, found, shots)
+    told = after(replace(parts, unasked=True), found, shots).told
+    assert ": 32 codes in 4 exposures; the look took" in told
+
+
+def test_scouts_that_see_sharp_paths_change_nothing() -> None:
+    plan = plan_for(CaptureRequest(goal="indirect", codes=32, pilot=16), Config(), GRID)
+    assert after(plan, learned(0.3, SOME), [], scouts=True) is None
 
 
 def test_a_plain_request_has_two_plans_with_the_same_reasons() -> None:

@@ -85,7 +85,7 @@ def test_light_from_everywhere_is_metered_exactly(
     request = CaptureRequest(goal=goal, codes=128, window=window, exposure_s=60.0, **fields)  # type: ignore[arg-type]
     plan = make_plan(request, bench_rig.config(tmp_path), grid)
     shot = next(s for s in plan.recipe.shots if s.name == plan.recipe.main or s.name == "coded")
-    pairs, ratio = metered_pairs(plan, shot)
+    pairs, ratio = metered_pairs(plan.sequence(shot))
     primal, dual = plan.patterns[shot.program]
     lattice = Lattice(grid, plan.window_of(shot))
     quarters = [(0, 0)] if lattice.window == "whole" else [(0, 0), (0, 1), (1, 0), (1, 1)]
@@ -114,7 +114,7 @@ def test_codes_of_far_light_are_too_unlike_for_a_few_to_tell(
     request = CaptureRequest(goal=goal, codes=codes, window="whole", **far)  # type: ignore[arg-type]
     plan = make_plan(request, bench_rig.config(tmp_path), (24, 32))
     shot = next(s for s in plan.recipe.shots if s.name == plan.recipe.main or s.name == "coded")
-    assert metered_pairs(plan, shot)[0] == pairs
+    assert metered_pairs(plan.sequence(shot))[0] == pairs
 
 
 @pytest.mark.long

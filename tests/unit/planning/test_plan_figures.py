@@ -170,22 +170,6 @@ def test_the_second_bucket_of_a_pair_is_no_exposure() -> None:
     assert told.light_share in {shot.light_share for shot in told.shots}
 
 
-def test_an_outline_keeps_the_shots_and_nothing_that_is_made_of_them() -> None:
-    plan = plan_of(illumination=LIGHT)
-    plan = replace(plan, otherwise=plan)
-    assert plan.recipe.target.planes
-    bare = plan.outline()
-    assert bare.recipe.shots == plan.recipe.shots and bare.patterns is plan.patterns
-    assert bare.otherwise is None and bare.recipe.meant is None
-    assert (bare.recipe.photos, bare.recipe.pictures, bare.recipe.sums) == ((), {}, {})
-    assert bare.recipe.target.planes == {} and bare.grid == plan.grid
-    told = replace(plan, prior="decay 3 cells", reasons=("so",), iso=400).summary()
-    assert (told.prior, told.reasons, told.leaks, told.prediction) == (
-        "decay 3 cells", ("so",), None, None,
-    )  # fmt: skip
-    assert bare.recipe.target.goal == plan.recipe.target.goal
-
-
 @pytest.mark.parametrize("repeat", [1, 3])
 def test_photos_of_a_slice_count_as_often_as_each_is_taken(repeat: int) -> None:
     plan = plan_of(goal="transport", rows=(2, 2), repeat=repeat)

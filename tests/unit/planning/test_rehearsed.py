@@ -132,7 +132,7 @@ def test_metering_expects_what_its_test_exposure_tells(tmp_path: Path) -> None:
     view = rehearsed(rig, plan)
     assert list(view.metered_e) == ["coded"]
     shot = next(shot for shot in plan.recipe.shots if shot.name == "coded")
-    pairs, ratio = metered_pairs(plan, shot)
+    pairs, ratio = metered_pairs(plan.sequence(shot))
     primal, dual = (
         np.unpackbits(np.asarray(side[:pairs]).astype(np.uint8), axis=1, count=CELLS).astype(float)
         for side in plan.patterns["coded"]

@@ -19,13 +19,9 @@ from pdcd.planning.brightness import as_bright
 from pdcd.planning.grey import as_described, grey_panels, grey_reasons
 from pdcd.planning.guards import asks_for_lag, choose_window, lag_rows, shares_of_cell, tolerant
 from pdcd.planning.look import (
-    dark_frames,
-    dark_s,
-    due,
-    lit_s,
+    DarkFrames,
     looking,
     needed,
-    phase_rows,
     quiet,
     settled,
 )
@@ -34,8 +30,10 @@ from pdcd.planning.metering import at_least, next_aperture
 from pdcd.planning.off_axis import on_bench
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Look, Plan, mean_light
+from pdcd.planning.progress import due
 from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.recipes.goals import OFF_AXIS
+from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
 from tests.unit.planning.test_measured import config
 
@@ -102,19 +100,25 @@ def test_black_exposures_are_those_that_leaks_call_for(
 
 def test_a_dark_photo_shows_an_open_mask_then_a_lit_projector() -> None:
     plan = plan_of(codes=128)
-    rows = phase_rows(plan)
-    assert rows == 15  # a quarter of a second at 60 Hz
+    dark = DarkFrames.of(plan)
+    rows = dark.rows
+    assert rows == 15 and dark.phase_s == 0.25
     pause = max(2, int(np.ceil(plan.settle_s * 60.0)))
     for lit in (True, False):
-        frames = dark_frames(plan, lit=lit)
+        frames = dark.frames(lit=lit)
         assert len(frames) == 2 * rows + pause
         open_, on = frames.dual_index == -2, frames.primal_index == -2
         assert open_.tolist() == [True] * rows + [False] * (rows + pause)
         assert on.tolist() == [False] * (rows + pause) + [lit] * rows
         assert np.array_equal(frames.guard, ~open_)
-    assert dark_s(plan) == pytest.approx((2 * rows + pause) / 60.0 + 2.0 * plan.settle_s)
+    assert dark.seconds == pytest.approx((2 * rows + pause) / 60.0)
+    assert dark.shot is plan.last_exposed
     short = plan_of(codes=2, guards="none")
-    assert phase_rows(short) == short.refreshes(short.recipe.shots[-1]) < 15
+    assert DarkFrames.of(short).rows == short.refreshes(short.recipe.shots[-1]) < 15
+
+
+def lit_s(plan: Plan, shot: Shot) -> float:
+    return plan.sequence(shot).lit_s(plan.row_hz)
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,12 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import keeper
+from pdcd.capture.worker.answers import Facts
 from pdcd.capture.worker.birth import Newborn, born
-from pdcd.capture.worker.desk import Desk, Facts
 from pdcd.capture.worker.keeper import Child
 from pdcd.capture.worker.pipe import Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.capture.worker.work import SPENT
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, DecodeError, PdcdError, PlanError, RequestError
 from pdcd.watch import Watch
 
@@ -96,9 +97,9 @@ def child(other: Other) -> Child:
     return Child(facts, (), other.newborn())
 
 
-FLIP: Any = Desk.flip
-PLAN: Any = Desk.plan
-ANSWERED: Any = Desk.answered
+FLIP: Any = Worker.flip
+PLAN: Any = Worker.plan
+ANSWERED: Any = Worker.answered
 """Tasks with and without a job before; what they do in truth is of no matter here."""
 
 
@@ -250,10 +251,10 @@ def test_a_long_message_goes_over_in_pieces(child: Child, other: Other) -> None:
 
 
 def test_only_work_of_the_table_is_asked_for(child: Child) -> None:
-    def plan(desk: Desk, watch: Watch) -> None:
+    def plan(worker: Worker, watch: Watch) -> None:
         pass
 
-    for stranger in (plan, Desk.forget):
+    for stranger in (plan, Worker.forget):
         with pytest.raises(PdcdError, match="no work is called"):
             child.do(Watch(), stranger)
 

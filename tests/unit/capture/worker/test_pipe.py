@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.capture.worker.desk import Desk
 from pdcd.capture.worker.keeper import _for_child
 from pdcd.capture.worker.pipe import Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.capture.worker.work import FIRST, WORK, broken, out_of_memory
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import DecodeError, DeviceLost, PlanError
 
 MESSAGES = [
@@ -49,7 +49,7 @@ def test_arrays_and_errors_come_out_as_they_went_in() -> None:
 
 
 def test_the_table_names_its_tasks_and_says_what_broke() -> None:
-    assert all(getattr(Desk, name) is task for name, task in WORK.items())
+    assert all(getattr(Worker, name) is task for name, task in WORK.items())
     for name in FIRST:
         assert isinstance(out_of_memory(name), PlanError)
     for name in WORK.keys() - FIRST:

@@ -1,4 +1,4 @@
-"""What a desk keeps and tells: figures of an answer, leaks, steps of a calibration, its guards."""
+"""What a worker keeps and tells: figures of an answer, leaks, steps of a calibration, guards."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Measured, Outcome, Script, Wanted
 from pdcd.calibration.shown import Shown
-from pdcd.capture.worker import calibrating, stray
-from pdcd.capture.worker.answers import rms_sigma, transport_figures
+from pdcd.capture.worker import calibrating, leak_check
+from pdcd.capture.worker.answers import Facts, rms_sigma, transport_figures
 from pdcd.capture.worker.calibrating import (
     Begin,
     Found,
@@ -28,8 +28,8 @@ from pdcd.capture.worker.calibrating import (
     read_arrays,
     write_arrays,
 )
-from pdcd.capture.worker.desk import Desk, Facts
-from pdcd.capture.worker.stray import Ambience
+from pdcd.capture.worker.leak_check import AmbientResponse
+from pdcd.capture.worker.worker import Worker
 from pdcd.errors import CalibrationError, DiskError, PdcdError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_map
@@ -119,7 +119,7 @@ def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) 
         return Answer(one, 0.0 * one, opened * one[:, :1], closed * one[:, :1], seen)
 
     answers = [answer(3.0, 5.0), answer(0.0, 0.0)]
-    monkeypatch.setattr(stray, "answers_of", lambda *_, **__: answers)
+    monkeypatch.setattr(leak_check, "answers_of", lambda *_, **__: answers)
     darkroom: Any = SimpleNamespace(
         means=lambda watch: (SimpleNamespace(shots=()), MEANS),
         record=SimpleNamespace(normalise="row"),
@@ -128,7 +128,7 @@ def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) 
         ),
     )
     plan: Any = SimpleNamespace(look=SimpleNamespace(limit=0.01))
-    return stray.leaks_in(plan, darkroom, darks, Watch())
+    return leak_check.leaks_in(plan, darkroom, darks, Watch())
 
 
 def test_one_dark_photo_tells_the_most_that_leaks_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -161,7 +161,7 @@ def test_only_ambient_light_that_matters_is_taken_off_a_pilot(
         means=lambda watch: (SimpleNamespace(shots=()), MEANS), learned=lambda watch: None
     )
     after: list[Any] = []
-    mended = Ambience(CaptureRequest(goal="indirect"), Config(), None, None, average=False)
+    mended = AmbientResponse(CaptureRequest(goal="indirect"), Config(), None, None, average=False)
     found = mended.after(plan, DARKS[1], darkroom, after.append, Watch())
     assert (found.told, found.decided) == ((), "")
     assert after[-1].dark == (DARKS[1] if known else None)
@@ -176,7 +176,7 @@ def test_a_pilot_goes_on_where_ambient_light_had_hidden_what_it_looks_for(
     before = make_plan(request, Config(), (6, 8))
     ended = replace(stopped(before, 0, 60.0), leaks=AMBIENT)
     limits = LimitsConfig(memory_bytes=memory)
-    mended = Ambience(request, Config(limits=limits), None, before, average=False)
+    mended = AmbientResponse(request, Config(limits=limits), None, before, average=False)
     seen: Any = SimpleNamespace(promising=True, sharpness=0.4, pays=False)
     darkroom: Any = SimpleNamespace(
         means=lambda watch: (SimpleNamespace(shots=()), MEANS), learned=lambda watch: seen
@@ -204,7 +204,7 @@ def test_a_map_that_is_clearer_guides_the_codes_that_were_not_shown() -> None:
         learned=lambda watch: seen,
     )
     after: list[Any] = []
-    mended = Ambience(request, Config(), None, None, average=False)
+    mended = AmbientResponse(request, Config(), None, None, average=False)
     mended.after(plan, DARKS[1], darkroom, after.append, Watch())
     found = after[-1].patterns
     assert found["coded-1"] is plan.patterns["coded-1"] and found["pilot"] is plan.patterns["pilot"]
@@ -218,7 +218,7 @@ def test_a_map_that_is_clearer_guides_the_codes_that_were_not_shown() -> None:
 def test_a_plan_that_looks_at_no_dark_photo_has_no_leaks() -> None:
     nothing: Any = SimpleNamespace(look=None)
     with pytest.raises(PdcdError, match="looks at no dark photo"):
-        stray.leaks_in(nothing, nothing, (), Watch())
+        leak_check.leaks_in(nothing, nothing, (), Watch())
 
 
 def test_arrays_come_back_as_they_were_written(tmp_path: Path) -> None:
@@ -355,21 +355,21 @@ def test_a_calibration_begins_with_the_arrays_of_the_one_before(
         one.write()
 
 
-def test_a_desk_without_a_job_says_what_is_missing(tmp_path: Path) -> None:
+def test_a_worker_without_a_job_says_what_is_missing(tmp_path: Path) -> None:
     nothing: Any = None
-    desk, watch = Desk(Facts(Config(), nothing, (3, 4), None)), Watch()
+    worker, watch = Worker(Facts(Config(), nothing, (3, 4), None)), Watch()
     for call, words in (
-        (lambda: desk.step(watch, "timing", UTC), "no calibration is under way"),
-        (lambda: desk.answered(watch), "no calibration is under way"),
-        (lambda: desk.photo(watch, nothing), "no calibration is under way"),
-        (lambda: desk.measured(watch), "no calibration is under way"),
-        (lambda: desk.begin(watch, tmp_path), "no plan to work on"),
-        (lambda: desk.see(watch, ()), "no plan to work on"),
-        (lambda: desk.look(watch, "raw", ""), "no plan to work on"),
+        (lambda: worker.step(watch, "timing", UTC), "no calibration is under way"),
+        (lambda: worker.answered(watch), "no calibration is under way"),
+        (lambda: worker.photo(watch, nothing), "no calibration is under way"),
+        (lambda: worker.measured(watch), "no calibration is under way"),
+        (lambda: worker.begin(watch, tmp_path), "no plan to work on"),
+        (lambda: worker.next_exposure(watch, None), "no plan to work on"),
+        (lambda: worker.look(watch, "raw", ""), "no plan to work on"),
     ):
         with pytest.raises(PdcdError, match=words):
             call()
-    assert desk.report(watch) is None
+    assert worker.report(watch) is None
 
 
 def test_an_error_of_a_script_is_not_taken_for_its_end(

@@ -12,11 +12,10 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import process
-from pdcd.capture.worker.answers import record_of
-from pdcd.capture.worker.desk import Facts
-from pdcd.capture.worker.hands import Here
+from pdcd.capture.worker.answers import Facts, record_of
 from pdcd.capture.worker.pipe import Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.capture.worker.process import Talk, main, serve
+from pdcd.capture.worker.proxy import InProcessWorker
 from pdcd.errors import Cancelled, ConfigError, PdcdError, PlanError
 from pdcd.protocol.request import How
 from pdcd.watch import Watch
@@ -167,7 +166,7 @@ def limits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How much memory was allowed; desks are stand-ins."""
     found: list[int] = []
     Table.made = []
-    monkeypatch.setattr(process, "Desk", Table)
+    monkeypatch.setattr(process, "Worker", Table)
     monkeypatch.setattr(process, "bound_memory", found.append)
     return found
 
@@ -253,7 +252,7 @@ def test_how_the_process_ends(
 
 
 def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
-    here = Here(FACTS)
+    here = InProcessWorker(FACTS)
 
     def plan(desk: object, watch: Watch, count: int) -> int:
         if count > 2:
@@ -268,8 +267,8 @@ def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
 
 def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
     plan: Any = SimpleNamespace(
-        recipe=SimpleNamespace(target=SimpleNamespace(goal="goal")), how=How(pilot=8), smooth=True,
-        grid=(3, 4), dark="dark", leaks=None,
+        recipe=SimpleNamespace(target=SimpleNamespace(goal="goal", grid=(3, 4))),
+        how=How(pilot=8), smooth=True, dark="dark", leaks=None,
     )  # fmt: skip
     config: Any = SimpleNamespace(
         schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",

@@ -15,7 +15,7 @@ import pytest
 
 from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
-from pdcd.capture.worker.desk import Desk
+from pdcd.capture.worker.worker import Worker
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pages.report import material, write
@@ -91,7 +91,7 @@ def test_a_page_that_cannot_be_made_costs_the_run_nothing(
     def broken(*told: object) -> str:
         raise ValueError("no page")
 
-    monkeypatch.setattr(Desk, "report", broken)
+    monkeypatch.setattr(Worker, "report", broken)
     result = captured(tmp_path)
     assert "report.html" not in result.files and verify(Path(str(result.folder))).whole
 

@@ -14,7 +14,6 @@ from pdcd.pictures.leaks import answers_of, noise_of
 from pdcd.pictures.learn import Learned
 from pdcd.planning.average import averaged, noise_of_plan
 from pdcd.planning.guided import resumed, with_links
-from pdcd.planning.look import lit_s
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.runs.record import DarkPhoto
@@ -31,7 +30,7 @@ def leaks_in(plan: Plan, darkroom: Darkroom, darks: Sequence[DarkPhoto], watch: 
     if look is None:
         raise PdcdError("this plan looks at no dark photo")
     recipe, means = darkroom.means(watch)
-    lit = {shot.name: lit_s(plan, shot) for shot in recipe.shots}
+    lit = {shot.name: plan.sequence(shot).lit_s(plan.row_hz) for shot in recipe.shots}
     answers = answers_of(recipe, means, lit, normalise=darkroom.record.normalise)
     found = [darkroom.dark_means(photo) for photo in darks]
     ambient = mask = None
@@ -61,7 +60,7 @@ class Mended:
 
 
 @dataclass(frozen=True)
-class Ambience:
+class AmbientResponse:
     """What is done about ambient light beside black exposures.
 
     request, config, camera : of the job. before : its plan before the scouts of a pilot ended that;

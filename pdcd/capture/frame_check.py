@@ -18,28 +18,29 @@ from pdcd.bench.tables import Config
 from pdcd.capture.job import Journal
 from pdcd.capture.same_bench import held_otherwise
 from pdcd.errors import ExposureError, PdcdError
-from pdcd.planning.plan import Plan
 from pdcd.sensor.fit import check_fit, fit_of
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import RawHead, read_head
 
 
 @dataclass
-class Sight:
-    """The camera's frame in one run."""
+class FrameCheck:
+    """The camera's frame in one run. grid : rows and columns of its cells. cut : whether any shot
+    opens less than whole cells. None of both is known before there is a plan."""
 
     config: Config
     camera: CameraInfo
     journal: Journal
-    plan: Plan | None = None
+    grid: tuple[int, int] | None = None
+    cut: bool = False
     _first: tuple[str, RawHead] | None = field(default=None, init=False)
 
-    def foresee(self, plan: Plan) -> None:
-        """Hold the frame that the camera tells of against the cells of the plan.
+    def foresee(self, grid: tuple[int, int], *, cut: bool) -> None:
+        """Hold the frame that the camera tells of against the cells of a plan.
 
         Nothing is said of a camera that tells none. Raises ConfigError.
         """
-        self.plan = plan
+        self.grid, self.cut = grid, cut
         if self.camera.frame_quads is not None:
             width, height = self.camera.frame_quads
             self._check((height, width))
@@ -76,17 +77,19 @@ class Sight:
                 )
 
     def _check(self, frame: tuple[int, int]) -> None:
-        if self.plan is not None:
-            hold_against(self.plan, self.config, frame)
+        if self.grid is not None:
+            check_frame(self.config, frame, self.grid, cut=self.cut)
 
 
-def hold_against(plan: Plan, config: Config, frame: tuple[int, int]) -> None:
-    """Hold a frame of so many rows and columns of quads against the cells of a plan.
+def check_frame(
+    config: Config, frame: tuple[int, int], grid: tuple[int, int], *, cut: bool
+) -> None:
+    """Hold a frame of so many rows and columns of quads against the cells of a grid; `cut` is that
+    of a plan (`Plan.cut`).
 
     Raises ConfigError when the camera's place is no sound map, or the frame does not fit.
     """
-    cut = any(plan.window_of(shot) != "whole" for shot in plan.recipe.shots)
-    check_fit(fit_of(camera_map(config, frame), plan.grid), "quarter" if cut else "whole")
+    check_fit(fit_of(camera_map(config, frame), grid), "quarter" if cut else "whole")
 
 
 def examine(config: Config, raw: Path | None) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Who does the work of the desk: this process itself, or a child of it
+"""How a worker is reached: it works in this process, or in a child of it
 (`pdcd.capture.worker.keeper`)."""
 
 from __future__ import annotations
@@ -6,16 +6,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
-from pdcd.capture.worker.desk import Desk, Facts
+from pdcd.capture.worker.answers import Facts
 from pdcd.capture.worker.work import out_of_memory
+from pdcd.capture.worker.worker import Worker
 from pdcd.watch import Watch
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class Hands(Protocol):
-    """Somebody who works at a desk, one task at a time."""
+class WorkerProxy(Protocol):
+    """Has a worker do one task at a time."""
 
     def start(self) -> None:
         """Get ready. Raises PdcdError when that cannot be."""
@@ -28,11 +29,11 @@ class Hands(Protocol):
     def do(
         self,
         watch: Watch,
-        task: Callable[Concatenate[Desk, Watch, P], R],
+        task: Callable[Concatenate[Worker, Watch, P], R],
         *args: P.args,
         **kwargs: P.kwargs,
     ) -> R:
-        """Do a task, a method of `Desk`, and return what it returns.
+        """Do a task, a method of `Worker`, and return what it returns.
 
         `watch` hears of the work in the thread that asks, and may raise to end it. Raises what the
         task raises; PlanError or DecodeError when it could not be brought to an end.
@@ -40,11 +41,11 @@ class Hands(Protocol):
         ...
 
 
-class Here:
+class InProcessWorker:
     """Does the work in this process, at once: no cost, no shelter."""
 
     def __init__(self, facts: Facts) -> None:
-        self._desk = Desk(facts)
+        self._worker = Worker(facts)
 
     def start(self) -> None:
         """Nothing is needed."""
@@ -55,12 +56,12 @@ class Here:
     def do(
         self,
         watch: Watch,
-        task: Callable[Concatenate[Desk, Watch, P], R],
+        task: Callable[Concatenate[Worker, Watch, P], R],
         *args: P.args,
         **kwargs: P.kwargs,
     ) -> R:
-        """See `Hands.do`."""
+        """See `WorkerProxy.do`."""
         try:
-            return task(self._desk, watch, *args, **kwargs)
+            return task(self._worker, watch, *args, **kwargs)
         except MemoryError as err:
             raise out_of_memory(task.__name__) from err

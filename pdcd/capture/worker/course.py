@@ -1,0 +1,316 @@
+"""One job on its way: the plan it goes by, the shots it has, and what it wants next.
+
+This is the one owner of a plan. `Course.next_exposure` says what to expose, is given what was taken
+and decides on its own what follows: an aperture, better codes after a pilot, a dark photo, black
+exposures after that, no more parts. Whoever has the devices only does what it is told, and keeps
+what it is told to keep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.capture.worker.answers import (
+    Adopted,
+    Enough,
+    Facts,
+    Order,
+    Photo,
+    Spoilt,
+    Taken,
+    Wanted,
+    record_of,
+    rms_sigma,
+)
+from pdcd.capture.worker.exposing import Exposer, Orders
+from pdcd.capture.worker.leak_check import AmbientResponse, leaks_in
+from pdcd.codes.pilot.codes import SCOUTS
+from pdcd.errors import PdcdError, RequestError, disk_errors
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.written.develop import write_png
+from pdcd.pictures.written.previews import Previews
+from pdcd.planning.guided import after_pilot
+from pdcd.planning.look import DarkFrames, quiet, with_blacks
+from pdcd.planning.plan import Plan
+from pdcd.planning.progress import completes_part, next_step
+from pdcd.protocol import events
+from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.recipes.parts import part_numbers
+from pdcd.recipes.recipe import Shot
+from pdcd.runs.folder import write_patterns
+from pdcd.runs.record import DarkPhoto, MeterRecord, RunRecord, ShotRecord
+from pdcd.sensor.cells import CellMap
+from pdcd.watch import Watch
+
+RUNNING = "preview/running.png"
+"""What is known of the answer while a run with `until_error` goes on."""
+DARK_NAMES = ("look-dark", "look-ambient")
+"""Dark photos, as their RAW files are called."""
+
+Steps = Generator[Order, Taken, None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is wanted, and the plan for it. `camera` may be None where nothing will be exposed."""
+
+    request: CaptureRequest
+    camera: CameraInfo | None
+    plan: Plan
+
+
+class Course:
+    """Where one job stands whose photos lie in `folder`; its codes are stored there at once.
+
+    Raises NoSpaceError, or DiskError for any other refusal of the disk.
+    """
+
+    def __init__(self, facts: Facts, job: Job, folder: Path) -> None:
+        if job.camera is None:
+            raise PdcdError("pictures need to know the camera")
+        self.plan, self.folder = job.plan, folder
+        self._facts, self._request, self._camera = facts, job.request, job.camera
+        self._before: Plan | None = None
+        """The plan before the scouts of a pilot ended that."""
+        self._looked = False
+        self._of_pilot = self._of_noise = ""
+        self._orders = Orders()
+        self._exposer = Exposer(facts, job.camera, job.plan.iso, folder, self._orders)
+        self._watch = Watch()
+        self._steps: Steps = self._run()
+        self._write_patterns()
+        self.darkroom = Darkroom(folder, self._record(()))
+
+    @property
+    def decided(self) -> tuple[str, ...]:
+        """What was decided about a pilot that nobody asked for, and about noise, in words."""
+        return tuple(text for text in (self._of_pilot, self._of_noise) if text)
+
+    def next_exposure(self, watch: Watch, taken: Taken) -> Order:
+        """What to do next, after `taken` was taken; None before the first exposure, and where there
+        was nothing to expose. Raises DecodeError, and ConfigError where the camera cannot do it."""
+        self._watch = watch
+        try:
+            return self._steps.send(taken)
+        except StopIteration:
+            return self._orders.end()
+
+    def _run(self) -> Steps:
+        """Shot after shot, as far as need be."""
+        until, fresh = self._request.until_error, True
+        while True:
+            taken = self._names()
+            step = next_step(self.plan, taken, looked=self._looked, fresh=fresh)
+            fresh = False
+            if step is None:
+                return
+            if step == "dark":
+                yield from self._look()
+            elif isinstance(step, str):
+                yield from self._learn(scouts=step == "scouts")
+            else:
+                yield from self._take(step)
+                fresh = True
+                if until is not None and self._is_good_enough(until, step):
+                    return
+
+    def _take(self, shot: Shot) -> Steps:
+        """Meter if need be, and expose. With two buckets the shot of the second comes with it."""
+        plan, shots = self.plan, self.plan.recipe.shots
+        sequence = plan.sequence(shot)
+        f_number = yield from self._exposer.aperture(shot.kind, shot.name, sequence)
+        wanted = Wanted(
+            kind="shot",
+            name=shot.name,
+            frames=sequence.frames(),
+            settings=self._exposer.settings(f_number),
+            f_number=f_number,
+            window=sequence.window,
+            # What leaks through black goes by the time an exposure took, not by its codes: photos
+            # that are to be subtracted from each other must have shown them equally often.
+            even=any(s.primal_black or s.dual_black for s in shots),
+            beside=tuple((s.name, plan.frames(s)) for s in shots if s.beside == shot.name),
+        )
+        taken = yield from self._orders.expose(wanted)
+        for record in cast(tuple[ShotRecord, ...], taken):
+            self.darkroom.add(record)
+
+    def _learn(self, *, scouts: bool) -> Steps:
+        """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
+        linked cells apart in the codes that follow."""
+        before, darkroom = self.plan, self.darkroom
+        yield self._orders.tell(events.Learning(photos=SCOUTS if scouts else before.how.pilot))
+        learned = darkroom.learned(self._watch)
+        if learned is None:
+            return
+        found = after_pilot(
+            before,
+            learned,
+            darkroom.record.shots,
+            scouts=scouts,
+            seed=self._request.seed,
+            limit_s=self._facts.config.limits.max_exposure_s,
+            watch=self._watch,
+        )
+        if found is None:
+            return
+        if found.outcome == "no use":
+            self.plan = found.plan
+        else:
+            self._adopt(found.plan)
+        if found.outcome == "stopped":
+            self._before = before
+        if found.told or found.outcome != "no use":
+            self._orders.note(self.adopted())
+        if found.told:
+            self._of_pilot = found.told
+        elif found.outcome == "stopped":
+            self._orders.note(
+                f"the pilot ended after {SCOUTS} photos, which show no sharp far paths; the coded "
+                f"photo took {found.plan.how.coded} codes"
+            )
+        elif found.outcome == "no use":
+            self._orders.note("the pilot found nothing that better codes could avoid")
+
+    def _look(self) -> Steps:
+        """Take a dark photo, and black exposures where it calls for them."""
+        self._looked = True
+        plan, darks = self.plan, list[DarkPhoto]()
+        due = DarkFrames.of(plan)
+        for name in DARK_NAMES:
+            dark = yield from self._dark(name, due, lit=not darks)
+            if dark is None:
+                return
+            darks.append(dark)
+            leaks = leaks_in(plan, self.darkroom, darks, self._watch)
+            if leaks.both <= leaks.limit:
+                self.plan = quiet(plan, leaks)
+                break
+        else:
+            self._stop_leaks(leaks, darks[-1])
+        self._orders.note(self.adopted())
+
+    def _dark(
+        self, name: str, due: DarkFrames, *, lit: bool
+    ) -> Generator[Order, Taken, DarkPhoto | None]:
+        """Take a dark photo at the aperture of the answer's light; None where it was spoilt."""
+        sequence = self.plan.sequence(due.shot)
+        f_number = yield from self._exposer.aperture(due.shot.kind, due.shot.name, sequence)
+        settings = self._exposer.settings(f_number)
+        wanted = Wanted("dark", name, due.frames(lit=lit), settings, f_number)
+        taken = yield from self._orders.expose(wanted)
+        if isinstance(taken, Spoilt):
+            self._orders.note(f"no look at ambient light and leaks: {taken.message}")
+            return None
+        photo = cast(Photo, taken)
+        yield self._orders.tell(MeterRecord(raw=photo.raw, f_number=f_number, peak=None))
+        return DarkPhoto(
+            raw=photo.raw,
+            sha256=photo.planes[0][1],
+            iso=settings.iso,
+            f_number=f_number,
+            exposure_s=photo.seconds,
+            phase_s=due.phase_s,
+        )
+
+    def _stop_leaks(self, leaks: Leaks, dark: DarkPhoto) -> None:
+        """Go on with black exposures and what else ambient light calls for, or say why not."""
+        plan, config = self.plan, self._facts.config
+        share = f"{100.0 * leaks.both:.2g} % of the picture (limit {100.0 * leaks.limit:.3g} %)"
+        try:
+            more = with_blacks(plan, leaks, config, self.darkroom.record.shots)
+        except RequestError as err:
+            self._adopt(quiet(plan, leaks))  # what is known of leaks is to be remembered
+            self._orders.note(
+                f"ambient light and leaks make {share}, and black exposures are not added: "
+                f"{err.message}"
+            )
+            return
+        average = plan.look is not None and plan.look.average
+        response = AmbientResponse(self._request, config, self._camera, self._before, average)
+        found = response.after(more, dark, self.darkroom, self._adopt, self._watch)
+        self._orders.note(
+            f"ambient light and leaks would have made {share}: black exposures were added "
+            f"(black level {self.plan.how.black_level})",
+            *found.told,
+        )
+        self._of_noise = found.decided
+
+    def _is_good_enough(self, target: float, shot: Shot) -> bool:
+        """Whether the parts taken so far reach the error asked for; tells how far they are.
+
+        Only a spread of parts may end a run: with fewer than `FEWEST_PARTS` sigma is a guess.
+        """
+        if not completes_part(self.plan, shot):
+            return False
+        decoded = self.darkroom.decoded(self._watch)
+        path = self.folder / RUNNING
+        with disk_errors(str(path.parent)):
+            previews = Previews(decoded.pictures, decoded.view)
+            write_png(path, previews.drawn(decoded.recipe.answer_name))
+        reached = rms_sigma(decoded.answer)
+        met = decoded.answer.kind == "measured" and reached <= target
+        last = shot is self.plan.last_exposed
+        self._orders.note(
+            events.Converging(
+                part=len(part_numbers(decoded.recipe)),
+                rms_sigma=reached if np.isfinite(reached) else None,
+                target=target,
+            )
+        )
+        if met and not last:
+            self._orders.note(Enough())
+        if not met and last:
+            self._orders.note(
+                f"sigma came down to {100.0 * reached:.2g} %, not to the {100.0 * target:g} % "
+                "asked for"
+            )
+        return met
+
+    def _adopt(self, plan: Plan) -> None:
+        """Go on by another plan; shots that it does not know are none any more."""
+        other = plan.patterns is not self.plan.patterns
+        self.plan = plan
+        if other:
+            self._write_patterns()
+        record, planned = self.darkroom.record, {shot.name for shot in plan.recipe.shots}
+        kept = tuple(shot for shot in record.shots if shot.name in planned)
+        self.darkroom.replan(self._record(kept, record.cells))
+
+    def adopted(self) -> Adopted:
+        """What has to be kept of the plan as it is now."""
+        plan = self.plan
+        return Adopted(
+            summary=plan.summary(self._facts.config.limits.max_exposure_s),
+            record=self._record(()),
+            shots=tuple(shot.name for shot in plan.recipe.shots),
+        )
+
+    def _names(self) -> frozenset[str]:
+        """The shots that were taken."""
+        return frozenset(shot.name for shot in self.darkroom.record.shots)
+
+    def _record(self, shots: Sequence[ShotRecord], cells: CellMap | None = None) -> RunRecord:
+        facts = self._facts
+        return record_of(
+            self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells
+        )
+
+    def _write_patterns(self) -> None:
+        target = self.plan.recipe.target
+        given: Mapping[str, NDArray[np.float64]] = {**target.planes, **target.matrices}
+        write_patterns(
+            self.folder,
+            self.plan.patterns,
+            given,
+            family=self.plan.how.family or "none",
+            codes=self.plan.how.coded,
+            seed=self._request.seed,
+        )

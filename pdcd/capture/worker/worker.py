@@ -1,0 +1,194 @@
+"""The worker: it works a job out, its plan, its next photo, its pictures; no device is near.
+
+Everything here takes long, or reads bytes that came from elsewhere. So the daemon has it done in a
+process of its own (`pdcd.capture.worker.keeper`); others call it where they are
+(`pdcd.capture.worker.proxy`). It owns what it needs between two calls, the plan above all
+(`pdcd.capture.worker.course`), and only what the caller must know goes back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pdcd.bench.calibration import Entry, PhotoRecord
+from pdcd.bench.devices import CameraInfo
+from pdcd.capture.worker.answers import (
+    Adopted,
+    Developed,
+    Facts,
+    Order,
+    Planned,
+    Taken,
+    developed_of,
+)
+from pdcd.capture.worker.course import Course, Job
+from pdcd.errors import PdcdError
+from pdcd.pages.report.material import cheap, gathered
+from pdcd.pages.report.write import written
+from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.decode import write_pictures
+from pdcd.pictures.truth import Known, known_answer, write_truth
+from pdcd.planning.choose import choose, wants_choice
+from pdcd.planning.grey import grey_warnings
+from pdcd.planning.outlook import Setting
+from pdcd.planning.unasked import plan_unasked
+from pdcd.protocol.request import CaptureRequest
+from pdcd.recipes.arrays import Given
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.record import RunRecord
+from pdcd.sensor.raw import RawHead, read_head
+from pdcd.watch import Watch
+
+if TYPE_CHECKING:
+    from pdcd.capture.worker.calibrating import Begin, Next, Study
+
+
+class Worker:
+    """Works out one job after the other; `plan` begins a new one, `forget` ends it.
+
+    Every method takes a `Watch`, which hears of the work and may end it.
+    """
+
+    def __init__(self, facts: Facts) -> None:
+        self._facts = facts
+        self._job: Job | None = None
+        self._course: Course | None = None
+        self._study: Study | None = None
+        self._finished: tuple[Path, RunRecord, Decoded, Known | None] | None = None
+
+    def plan(
+        self,
+        watch: Watch,
+        request: CaptureRequest,
+        given: Given,
+        camera: CameraInfo | None,
+        mask_lag_s: float | None,
+    ) -> Planned:
+        """Plan a request; what was kept of the job before is forgotten.
+
+        `camera` may be None where the request wants no choice (`wants_choice`) and no pictures will
+        be made. `given` holds the request's arrays. Raises RequestError.
+        """
+        self.forget(watch)
+        self._study = None
+        facts = self._facts
+        watch.stage = "codes"
+        config, grid = facts.config, facts.grid
+        if not wants_choice(request):
+            plan = plan_unasked(request, config, grid, camera, mask_lag_s, given, watch)
+        elif camera is None:
+            raise PdcdError("a plan by error or time needs to know the camera")
+        else:
+            setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
+            known = facts.scene if facts.scene and facts.scene.grid == facts.grid else None
+            plan = choose(request, setting, facts.grid, known, given, watch).plan
+        self._job = Job(request, camera, plan)
+        return Planned(
+            summary=plan.summary(config.limits.max_exposure_s),
+            iso=plan.iso,
+            cut=plan.cut,
+            warnings=tuple(grey_warnings(plan.patterns.values(), config)),
+        )
+
+    def begin(self, watch: Watch, folder: Path) -> Adopted:
+        """Store the codes of the plan in a run folder; shots will lie there, too.
+
+        Raises NoSpaceError, or DiskError for any other refusal of the disk.
+        """
+        if self._job is None:
+            raise PdcdError("there is no plan to work on")
+        self._course = Course(self._facts, self._job, folder)
+        return self._course.adopted()
+
+    def next_exposure(self, watch: Watch, taken: Taken) -> Order:
+        """Go on after what was `taken`: what to tell and to keep, and what to expose next. Raises
+        DecodeError for a photo that cannot be read, ConfigError where the camera cannot do it."""
+        return self._of_course().next_exposure(watch, taken)
+
+    def look(self, watch: Watch, raw: str, sha256: str) -> RawHead:
+        """Size, orientation and camera of a photo that has just come.
+
+        raw : path below the run folder. Raises DecodeError.
+        """
+        return read_head(self._of_course().folder / raw, sha256=sha256)
+
+    def develop(self, watch: Watch, *, report: bool = False) -> Developed:
+        """Make all pictures and write them into the run folder; the job is forgotten then, but for
+        what a `report` needs, where one is wanted and soon made.
+
+        Raises DecodeError, NoSpaceError.
+        """
+        course, facts = self._of_course(), self._facts
+        darkroom, folder, plan = course.darkroom, course.folder, course.plan
+        decoded = darkroom.decoded(watch)
+        warnings = write_pictures(folder, decoded)
+        record = darkroom.record
+        windows = [plan.window_of(shot) for shot in plan.recipe.shots]
+        known = known_answer(facts.config, facts.scene, plan.recipe, windows, record.cells, watch)
+        error = None
+        if known is not None:
+            error = known.rms_error(decoded.answer, decoded.cell_means.image)
+            write_truth(folder, known)
+        done = developed_of(record, decoded, error, warnings, watch, facts.scene)
+        self.forget(watch)
+        if report and cheap(record, decoded):
+            self._finished = folder, record, decoded, known
+        return replace(done, decided=course.decided)
+
+    def report(self, watch: Watch) -> str | None:
+        """Write the page of the run that was developed last, whose folder is finished; returns its
+        name in there, or None where it would take too long. Raises DiskError and DecodeError."""
+        finished, self._finished = self._finished, None
+        if finished is None:
+            return None
+        folder, record, decoded, known = finished
+        material = gathered(folder, record, decoded, known)
+        return written(folder, read_manifest(folder), material).name
+
+    def forget(self, watch: Watch) -> None:
+        """Keep nothing of the job."""
+        self._job = self._course = self._finished = None
+
+    def calibrate(self, watch: Watch, begin: Begin, folder: Path) -> None:
+        """Begin a calibration, whose photos will lie in `folder`; what was kept of the job before
+        is forgotten. Raises ConfigError."""
+        from pdcd.capture.worker.calibrating import Study  # no capture waits for its steps
+
+        self.forget(watch)
+        self._study = Study.begun(begin, folder)
+
+    def step(self, watch: Watch, name: str, now_utc: str) -> Next:
+        """Begin a step: what it wants first. Raises CalibrationError."""
+        return self._of_study().begin(name, now_utc)
+
+    def photo(self, watch: Watch, record: PhotoRecord) -> Next:
+        """Go on with the photo that was wanted, which lies in the folder with its lines of
+        frames.csv. Raises DecodeError and CalibrationError."""
+        return self._of_study().photo(record)
+
+    def answered(self, watch: Watch) -> Next:
+        """Go on: somebody did what was asked."""
+        return self._of_study().answered()
+
+    def measured(self, watch: Watch) -> dict[str, Entry]:
+        """Write what all steps found into the folder, and return the values. Raises DiskError."""
+        return self._of_study().write()
+
+    def flip(self, watch: Watch, folder: Path, raw: str) -> int:
+        """How the camera was held: `RawHead.flip` of a photo in a folder. Raises DecodeError."""
+        return read_head(folder / raw).flip
+
+    def _of_course(self) -> Course:
+        if self._course is None:
+            known = self._job is not None
+            raise PdcdError(
+                "the job has no run folder yet" if known else "there is no plan to work on"
+            )
+        return self._course
+
+    def _of_study(self) -> Study:
+        if self._study is None:
+            raise PdcdError("no calibration is under way")
+        return self._study

@@ -1,0 +1,144 @@
+"""How the photos of a job are exposed: ISO, and apertures by test exposures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.devices import CameraSettings
+from pdcd.bench.tables import Config
+from pdcd.capture.worker import exposing
+from pdcd.capture.worker.answers import Enough, Facts, Order, Photo, Wanted
+from pdcd.capture.worker.exposing import Exposer, Orders
+from pdcd.errors import ConfigError
+from pdcd.planning.metering import MAX_TESTS
+from pdcd.runs.record import MeterRecord
+
+SHA, SECOND = "a" * 64, "b" * 64
+SEQUENCE: Any = SimpleNamespace(frames=lambda pairs: f"frames of {pairs} pairs")
+PROFILE: Any = SimpleNamespace(saturation_dn=lambda iso: 10.0 * iso)
+
+
+def exposer(f_number: Any = "auto", f_numbers: Any = (4.0, 8.0), iso: int | None = None) -> Exposer:
+    config: Any = SimpleNamespace(camera=SimpleNamespace(f_number=f_number))
+    camera: Any = SimpleNamespace(isos=(200, 100, 400), f_numbers=f_numbers)
+    return Exposer(Facts(config, PROFILE, (3, 4), None), camera, iso, Path("/run"), Orders())
+
+
+def metered(
+    made: Exposer, program: str, shot: str, *, planes: int = 1
+) -> tuple[float, list[Order]]:
+    """The aperture, and what was ordered for it; photos come as they are wanted."""
+    orders: list[Order] = []
+    asking = made.aperture(program, shot, SEQUENCE)
+    taken = None
+    while True:
+        try:
+            order = asking.send(taken)
+        except StopIteration as end:
+            return end.value, orders
+        orders.append(order)
+        assert order.photo is not None
+        name = order.photo.name
+        raws = ((f"raw/{name}.dng", SHA), (f"raw/{name}-b.dng", SECOND))
+        taken = Photo(raws[:planes], 1.0)
+
+
+@pytest.fixture
+def shares(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What planes show, by path, and what is made of it."""
+    told: dict[str, Any] = {"asked": [], "seen": {}, "steps": []}
+
+    def seen(self: Exposer, raw: str, sha256: str, ratio: Any, saturation_dn: float) -> Any:
+        told["asked"].append((raw, sha256, ratio, saturation_dn))
+        return told["seen"].get(raw, (0.1, 0.1))
+
+    def step(apertures: Any, f_number: float, peak: float, expected: float) -> Any:
+        told["steps"].append((apertures, f_number, peak, expected))
+        return 4.0, told.get("settles", True) and len(told["steps"]) > 1
+
+    monkeypatch.setattr(Exposer, "_shares", seen)
+    monkeypatch.setattr(exposing, "metered_pairs", lambda sequence: (3, "ratio"))
+    monkeypatch.setattr(exposing, "next_aperture", step)
+    return told
+
+
+def test_an_aperture_is_metered_once_for_each_program(shares: dict[str, Any]) -> None:
+    shares["seen"] = {
+        "raw/meter-a-1.dng": (0.1, 0.4), "raw/meter-a-1-b.dng": (0.2, 0.3),
+        "raw/meter-a-2.dng": (0.5, 0.5), "raw/meter-a-2-b.dng": (0.5, 0.6),
+    }  # fmt: skip
+    made = exposer(f_numbers=(4.0, 7.5, 16.0), iso=200)
+    f_number, orders = metered(made, "coded", "a", planes=2)
+    assert f_number == 4.0 and made.apertures == {"coded": 4.0}
+    assert shares["steps"] == [
+        ((4.0, 7.5, 16.0), 7.5, 0.2, 0.4), ((4.0, 7.5, 16.0), 4.0, 0.5, 0.6)
+    ]  # fmt: skip
+    frames: Any = "frames of 3 pairs"
+    settings = [CameraSettings(200, f) for f in (7.5, 4.0)]
+    assert [vars(order.photo) for order in orders] == [
+        vars(Wanted("test", "meter-a-1", frames, settings[0], 7.5)),
+        vars(Wanted("test", "meter-a-2", frames, settings[1], 4.0)),
+    ]
+    first = MeterRecord(raw="raw/meter-a-1.dng", f_number=7.5, peak=0.2)
+    second = MeterRecord(raw="raw/meter-a-2.dng", f_number=4.0, peak=0.5)
+    # A photo is told of before anything else is done with the devices.
+    assert [order.notes for order in orders] == [(), (first,)]
+    assert made.orders.end() == Order((second,), done=True)
+    assert shares["asked"][:2] == [
+        ("raw/meter-a-1.dng", SHA, "ratio", 2000.0),
+        ("raw/meter-a-1-b.dng", SECOND, "ratio", 2000.0),
+    ]
+    assert metered(made, "coded", "b") == (4.0, [])  # of the same program
+
+
+def test_metering_that_does_not_settle_is_told_of(shares: dict[str, Any]) -> None:
+    shares["settles"] = False
+    made = exposer()
+    f_number, orders = metered(made, "", "white")
+    assert f_number == 4.0 and len(orders) == MAX_TESTS
+    assert made.orders.end().notes[-1] == "metering of white did not settle; took f/4"
+
+
+def test_a_lens_that_cannot_be_set_is_not_set() -> None:
+    fixed = exposer(5.6, (), 400)
+    assert metered(fixed, "coded", "a") == (5.6, [])
+    assert fixed.settings(5.6) == CameraSettings(400, None)
+    assert exposer(5.6).settings(5.6) == CameraSettings(100, 5.6)
+    with pytest.raises(ConfigError, match="cannot be set"):
+        metered(exposer("auto", ()), "coded", "a")
+    for call in (lambda one: one.settings(8.0), lambda one: metered(one, "coded", "a")):
+        with pytest.raises(ConfigError, match="ISO 50 is not offered") as told:
+            call(exposer(iso=50))
+        assert told.value.hint == "take one of 200, 100, 400"
+
+
+def test_a_note_waits_for_the_next_order() -> None:
+    orders = Orders()
+    orders.note("first", Enough())
+    assert orders.tell("second") == Order(("first", Enough(), "second"))
+    assert orders.end() == Order((), done=True)
+
+
+def test_a_test_exposure_is_held_against_the_cells(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    planes = np.full((4, 6, 8), 30.0, np.float32)
+    planes[2, 1, 3] = 60.0
+    frame = SimpleNamespace(frame=(6, 8), planes=planes, saturated=np.zeros((4, 6, 8), np.bool_))
+    asked: list[Any] = []
+
+    def read(path: Path, **said: Any) -> Any:
+        asked.append((path, said))
+        return frame
+
+    monkeypatch.setattr(exposing, "read_raw", read)
+    made = exposer()
+    made.facts = Facts(Config(), PROFILE, (3, 4), None)
+    peak, expected = made._shares("raw/a.dng", SHA, np.full((3, 4), 2.0), 100.0)
+    assert asked == [(Path("/run/raw/a.dng"), {"sha256": SHA, "saturation_dn": 100.0})]
+    assert peak == pytest.approx(0.6) and expected == pytest.approx(1.2)
