@@ -1,7 +1,7 @@
 # make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo test test-long test-slow test-systemd lint bench soak mutants clean
+.PHONY: demo test test-long test-slow test-systemd lint bench soak mutants goldens clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -57,6 +57,15 @@ OUT ?= mutants
 mutants:
 	@.ci/setup dev
 	nice -n 10 .venv/bin/python -m tests.mutants --room $(ROOM) --count $(COUNT) --seed $(SEED) --jobs $(JOBS) --out $(OUT)
+
+# Does every result equal that of a commit, byte for byte? WORDS=no lets sentences differ; ONLY is a
+# room or a pattern of cases.
+BASE ?= HEAD
+ONLY ?=
+WORDS ?= yes
+goldens:
+	@.ci/setup dev
+	nice .venv/bin/python -m tests.goldens base $(BASE) --only $(ONLY) $(if $(filter no,$(WORDS)),--no-words)
 
 clean:
 	rm -rf .venv demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

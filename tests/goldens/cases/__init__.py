@@ -1,0 +1,20 @@
+"""All cases, by subject."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from tests.goldens.case import Case
+
+ROOMS = ("goals", "ways", "benches", "calibrations", "commands")
+
+
+def all_cases() -> list[Case]:
+    """Every case, in the order of the rooms."""
+    found: list[Case] = []
+    for room in ROOMS:
+        found += import_module(f"{__name__}.{room}").cases()
+    names = [case.name for case in found]
+    if len(set(names)) < len(names):
+        raise ValueError(f"two cases share a name: {sorted(n for n in names if names.count(n) > 1)}")
+    return found
