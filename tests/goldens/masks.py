@@ -34,6 +34,7 @@ PLACES: dict[str, str] = {
     r"files\.(ledger\.jsonl|log\.jsonl|report\.html|capture\.json.*)\.size_bytes": (
         "these files hold numbers of processes, which may have more digits"
     ),
+    r"said\.\d+\.size_bytes": "of a whole run, with these files",
     r"(steps\.)?\d+\.seconds": "how long the computer took over a step of a calibration",
     r"\d+\.sha256": "of a line of the ledger, which holds times",
 }
@@ -70,6 +71,11 @@ class Masks:
         self._texts = [(re.compile(look), name) for name, (look, _) in TEXTS.items()]
         self._places = [re.compile(place) for place in PLACES]
         self._digests: dict[str, str] = {}
+        self._fields = dict(FIELDS)
+
+    def cover(self, fields: dict[str, str]) -> None:
+        """Cover these fields, too: name -> reason."""
+        self._fields |= fields
 
     def learn_digest(self, digest: str, name: str) -> None:
         """From now on this SHA-256, of a file that holds times, is told as `name`."""
@@ -87,7 +93,7 @@ class Masks:
         """Plain values with what is named above covered."""
         if value is None:
             return None
-        if at and at[-1] in FIELDS:
+        if at and at[-1] in self._fields:
             return f"<{at[-1]}>"
         if at and self._covered(".".join(at)):
             return "<covered>"

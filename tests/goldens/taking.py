@@ -54,9 +54,9 @@ def _take_all(names: Sequence[str], scratch: Path, folder: Path) -> list[Taken]:
     """In a pool whose processes have an environment of their own."""
     for name in ("home", "tmp"):
         (scratch / name).mkdir()
-    before = dict(os.environ)
+    before, own = dict(os.environ), own_environment(scratch, TREE)
     os.environ.clear()
-    os.environ.update(own_environment(scratch, TREE))
+    os.environ.update(own)
     try:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(PROCESSES, mp_context=context) as pool:

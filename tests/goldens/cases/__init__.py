@@ -6,7 +6,7 @@ from importlib import import_module
 
 from tests.goldens.case import Case
 
-ROOMS = ("goals", "ways", "benches", "calibrations", "commands")
+ROOMS = ("goals", "ways", "benches", "calibrations", "commands", "devices", "daemon")
 
 
 def all_cases() -> list[Case]:
