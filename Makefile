@@ -59,13 +59,15 @@ mutants:
 	nice -n 10 .venv/bin/python -m tests.mutants --room $(ROOM) --count $(COUNT) --seed $(SEED) --jobs $(JOBS) --out $(OUT)
 
 # Does every result equal that of a commit, byte for byte? WORDS=no lets sentences differ; ONLY is a
-# room or a pattern of cases.
+# room or a pattern of cases; in KEEP the goldens stay to be looked at.
 BASE ?= HEAD
 ONLY ?=
 WORDS ?= yes
+KEEP ?=
 goldens:
 	@.ci/setup dev
-	nice .venv/bin/python -m tests.goldens base $(BASE) --only $(ONLY) $(if $(filter no,$(WORDS)),--no-words)
+	nice .venv/bin/python -m tests.goldens base $(BASE) --only $(ONLY) $(if $(filter no,$(WORDS)),--no-words) \
+	    $(if $(KEEP),--keep $(KEEP))
 
 clean:
 	rm -rf .venv demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -12,6 +12,7 @@ tree. Goldens are not committed: they are equal byte for byte on one machine onl
     taking.py     all cases, in two processes
     comparing.py  what differs
     renamed.py    names that changed on purpose
+    talking.py    a daemon, and a client that writes down both sides
     base.py       goldens of a commit, in a git worktree of its own
     cases/        the cases themselves
     devices.py    the only file that reaches into drivers and their test rigs

@@ -28,7 +28,7 @@ class Case:
     weight: float = 1.0
 
 
-class Unavailable(Exception):
+class UnavailableError(Exception):
     """This machine lacks what a case needs, and why."""
 
 
@@ -61,7 +61,7 @@ class Bench:
 
     def keep_said(self, name: str, said: Said) -> None:
         """Keep what a command ended with: exit code and JSON."""
-        self.keep_json(name, {"exit": said.code, "said": said.lines})
+        self.keep_json(name, {"exit": said.code, "out": said.lines})
 
     def keep_text(self, name: str, text: str) -> None:
         """Keep a text, masked, under a name with its ending."""
@@ -74,7 +74,8 @@ class Bench:
     def keep_arrays(self, name: str, arrays: Mapping[str, Any]) -> None:
         """Keep arrays as NAME.npz."""
         file = io.BytesIO()
-        np.savez_compressed(file, **{key: np.asarray(array) for key, array in arrays.items()})
+        found: dict[str, Any] = {key: np.asarray(array) for key, array in arrays.items()}
+        np.savez_compressed(file, **found)
         self.keep_bytes(f"{name}.npz", file.getvalue())
 
     def keep_sum(self, name: str, data: bytes) -> None:

@@ -5,21 +5,22 @@ from __future__ import annotations
 import io
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.goldens.case import SUMS
 from tests.goldens.renamed import Renamed, read_renamed
 
 WORDS = frozenset(
-    "message hint advice reasons remarks warnings text said prior split limit title see unlike what "
-    "description source label meaning".split()
+    "message hint advice reasons remarks warnings text prior split limit title see unlike what"
+    " description label meaning paper caption keeps cause stage detail".split()
 )
-"""Fields that hold sentences for people."""
+"""Fields whose texts are sentences for people."""
 PAGES = (".html", ".html.txt")
 """Files that hold sentences for people among numbers."""
 MOST_LINES = 12
@@ -30,42 +31,44 @@ WIDE = 70
 
 @dataclass(frozen=True)
 class Difference:
-    """One thing that differs. field : of the file, "" for the file itself."""
+    """One thing that differs. field : of the file, "" for the file itself. words : whether it is
+    in a sentence for people."""
 
     case: str
     file: str
     field: str
     how: str
+    words: bool = False
 
 
-def compare(before: Path, after: Path, *, words: bool = True, renamed: Renamed | None = None) -> bool:
+def compare(
+    before: Path, after: Path, *, words: bool = True, renamed: Renamed | None = None
+) -> bool:
     """Print what differs; whether nothing does. words : whether sentences count."""
-    renamed = renamed or read_renamed()
-    found = [
-        one for one in differences(before, after, renamed) if words or not _is_words(one)
-    ]
+    wanted = read_renamed() if renamed is None else renamed
+    found = [one for one in differences(before, after, wanted) if words or not one.words]
     _tell(found)
-    ending = f"{len(found)} differences" if found else "no difference"
-    sys.stdout.write(f"{ending} in {len(_cases(before) | _cases(after))} cases\n")
-    return not found
+    count = len(_cases(before) | _cases(after))
+    sys.stdout.write(f"{len(found) or 'no'} differences in {count} cases\n")
+    return not found and count > 0
 
 
 def differences(before: Path, after: Path, renamed: Renamed) -> Iterator[Difference]:
     """Everything that differs and is not listed as renamed."""
-    for case in sorted(_cases(before) | _cases(after)):
-        one, two = before / case, after / case
+    ours, theirs = _cases(before), _cases(after)
+    for case in sorted(ours | theirs):
         if renamed.is_another(case):
             continue
-        if not one.is_dir() or not two.is_dir():
-            yield Difference(case, "", "", "is new" if two.is_dir() else "is missing")
+        if case not in ours or case not in theirs:
+            yield Difference(case, "", "", "is new" if case in theirs else "is missing")
             continue
-        yield from _of_case(case, _files(one), _files(two), renamed)
+        yield from _of_case(case, _files(before / case), _files(after / case), renamed)
 
 
 def _cases(folder: Path) -> set[str]:
-    """Names of cases: folders that hold a file of their own."""
+    """Names of cases: the uppermost folders that hold a file of their own."""
     own = {path.parent for path in folder.rglob("*") if path.is_file()}
-    top = {path for path in own if not any(other in path.parents for other in own)}
+    top = {path for path in own if not own.intersection(path.parents)}
     return {path.relative_to(folder).as_posix() for path in top}
 
 
@@ -75,59 +78,92 @@ def _files(case: Path) -> dict[str, bytes]:
 
 
 def _of_case(
-    case: str, before: dict[str, bytes], after: dict[str, bytes], renamed: Renamed
+    case: str, before: Mapping[str, bytes], after: Mapping[str, bytes], renamed: Renamed
 ) -> Iterator[Difference]:
+    met = set()
     for file, data in before.items():
-        name = renamed.now(file, "")
-        if name is None or after.get(file) == data:
+        name = renamed.file_now(file)
+        if name is None:
             continue
-        if file not in after:
+        met.add(name)
+        if name not in after:
             yield Difference(case, file, "", "is missing")
-            continue
-        for field, how in _of_file(file, data, after[file], renamed):
-            yield Difference(case, file, field, how)
+        elif after[name] != data:
+            yield from _of_file(case, file, data, after[name], renamed)
     for file in after:
-        if file not in before and not renamed.is_new(file, ""):
+        if file not in met and not renamed.is_new(file, ""):
             yield Difference(case, file, "", "is new")
 
 
 def _of_file(
-    file: str, before: bytes, after: bytes, renamed: Renamed
-) -> Iterator[tuple[str, str]]:
-    """Fields of a file that differ, and how."""
-    if file.endswith(".json"):
+    case: str, file: str, before: bytes, after: bytes, renamed: Renamed
+) -> Iterator[Difference]:
+    """What differs in a file."""
+    if file == SUMS:
+        yield from _of_sums(case, json.loads(before), json.loads(after), renamed)
+    elif file.endswith(".json"):
         one, two = _fields(json.loads(before)), _fields(json.loads(after))
-        yield from _of_fields(file, one, two, renamed, _unlike)
+        yield from _of_fields(case, file, one, two, renamed, _unlike)
     elif file.endswith(".npz"):
         one, two = _arrays(before), _arrays(after)
-        alike = True
-        for told in _of_fields(file, one, two, renamed, _unlike_arrays):
-            alike = False
-            yield told
-        if alike and list(one) == list(two):
-            yield "", "arrays are equal, the bytes around them are not"
+        found = list(_of_fields(case, file, one, two, renamed, _unlike_arrays))
+        yield from found
+        if not found and list(one) == list(two):
+            yield Difference(case, file, "", "arrays are equal, the bytes around them are not")
     elif file.endswith((".csv", ".txt", ".toml")):
-        yield from _unlike_lines(before.decode(), after.decode())
+        for field, how in _unlike_lines(before.decode(), after.decode()):
+            yield Difference(case, file, field, how, file.endswith(PAGES))
     else:
-        yield "", _unlike_bytes(before, after)
+        yield Difference(case, file, "", _unlike_bytes(before, after))
+
+
+def _of_sums(
+    case: str, before: Mapping[str, str], after: Mapping[str, str], renamed: Renamed
+) -> Iterator[Difference]:
+    """Files of which there are digests only."""
+    met = set()
+    for file, digest in before.items():
+        name = renamed.file_now(file)
+        if name is None:
+            continue
+        met.add(name)
+        if after.get(name) != digest:
+            how = "has another digest" if name in after else "is missing"
+            yield Difference(case, file, "", how, file.endswith(PAGES) and name in after)
+    for file in after:
+        if file not in met and not renamed.is_new(file, ""):
+            yield Difference(case, file, "", "is new")
 
 
 def _of_fields(
-    file: str, before: dict[str, Any], after: dict[str, Any], renamed: Renamed, unlike: Any
-) -> Iterator[tuple[str, str]]:
+    case: str,
+    file: str,
+    before: Mapping[str, Any],
+    after: Mapping[str, Any],
+    renamed: Renamed,
+    unlike: Callable[[Any, Any], str],
+) -> Iterator[Difference]:
     met = set()
     for path, value in before.items():
-        there = renamed.now("" if file == SUMS else file, path)
+        there = renamed.field_now(file, path)
         if there is None:
             continue
         met.add(there)
         if there not in after:
-            yield path, f"is missing, was {_short(value)}"
+            how = f"is missing, was {_short(value)}"
+            yield Difference(case, file, path, how, _is_words(path, value))
         elif how := unlike(value, after[there]):
-            yield path, how
+            words = _is_words(path, value, after[there])
+            yield Difference(case, file, path, how, words)
     for path, value in after.items():
         if path not in met and not renamed.is_new(file, path):
-            yield path, f"is new: {_short(value)}"
+            how = f"is new: {_short(value)}"
+            yield Difference(case, file, path, how, _is_words(path, value))
+
+
+def _is_words(path: str, *values: Any) -> bool:
+    """Whether these are sentences for people."""
+    return bool(WORDS.intersection(path.split("."))) and all(isinstance(v, str) for v in values)
 
 
 def _fields(value: Any, at: str = "") -> dict[str, Any]:
@@ -141,15 +177,14 @@ def _fields(value: Any, at: str = "") -> dict[str, Any]:
     return {at: value}
 
 
-def _arrays(data: bytes) -> dict[str, Any]:
+def _arrays(data: bytes) -> dict[str, NDArray[Any]]:
     with np.load(io.BytesIO(data), allow_pickle=False) as found:
         return {name: found[name] for name in found.files}
 
 
 def _unlike(one: Any, two: Any) -> str:
     """How two plain values differ; "" where they do not. 1 and 1.0 do, and so do 0.0 and -0.0."""
-    first, second = json.dumps(one), json.dumps(two)
-    if first == second:
+    if json.dumps(one) == json.dumps(two):
         return ""
     how = f"{_short(one)} -> {_short(two)}"
     if isinstance(one, float) and isinstance(two, float) and one:
@@ -157,9 +192,9 @@ def _unlike(one: Any, two: Any) -> str:
     return how
 
 
-def _unlike_arrays(one: np.ndarray, two: np.ndarray) -> str:
+def _unlike_arrays(one: NDArray[Any], two: NDArray[Any]) -> str:
     if one.dtype != two.dtype or one.shape != two.shape:
-        return f"{one.dtype}{list(one.shape)} -> {two.dtype}{list(two.shape)}"
+        return f"{_short(one)} -> {_short(two)}"
     if one.tobytes() == two.tobytes():
         return ""
     if one.dtype.kind not in "fiub":
@@ -168,9 +203,9 @@ def _unlike_arrays(one: np.ndarray, two: np.ndarray) -> str:
     off = np.count_nonzero(~((a == b) | (np.isnan(a) & np.isnan(b))))
     if not off:
         return "equal, but for the bytes of -0.0 or NaN"
-    with np.errstate(all="ignore"):
-        far = float(np.nanmax(np.abs(np.where(a == b, 0.0, a - b))))
-        scale = float(np.sqrt(np.nanmean(np.where(np.isfinite(a), a, np.nan) ** 2)))
+    known = np.isfinite(a) & np.isfinite(b)
+    far = float(np.abs(a - b)[known].max(initial=0.0))
+    scale = float(np.sqrt(np.mean(a[known] ** 2))) if known.any() else 0.0
     share = f", {far / scale:.1e} of its RMS" if scale else ""
     return f"{off} of {a.size} values, by up to {far:.3g}{share}"
 
@@ -181,7 +216,7 @@ def _unlike_lines(one: str, two: str) -> Iterator[tuple[str, str]]:
         yield "", f"{len(first)} lines -> {len(second)}"
     for number, (a, b) in enumerate(zip(first, second, strict=False), 1):
         if a != b:
-            at = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))
+            at = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), 0)
             begin = max(at - 20, 0)
             yield f"line {number}", f"{_short(a[begin:])} -> {_short(b[begin:])}"
     if first == second:
@@ -200,13 +235,6 @@ def _short(value: Any) -> str:
         return f"{value.dtype}{list(value.shape)}"
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= WIDE else text[:WIDE] + "..."
-
-
-def _is_words(one: Difference) -> bool:
-    """Whether it is in a sentence for people."""
-    if one.file.endswith(PAGES) or (one.file == SUMS and one.field.endswith(PAGES)):
-        return True
-    return one.file.endswith(".json") and bool(WORDS & set(one.field.split(".")))
 
 
 def _tell(found: list[Difference]) -> None:

@@ -31,7 +31,7 @@ from pdcd.frames.frames import Frames
 from pdcd.maps.placing import Placing
 from tests import whole_rig, x11_rig, xserver
 from tests.fake_serial import FakeLine, fake_line
-from tests.goldens.case import Unavailable
+from tests.goldens.case import UnavailableError
 from tests.goldens.masks import RAW_TIME
 from tests.panel_pixels import random_frames
 
@@ -190,12 +190,12 @@ def _panel_tables(sizes: Sequence[tuple[int, int]], places: str) -> dict[str, An
 
 @contextmanager
 def x_server() -> Iterator[xserver.XServer]:
-    """An X server with two small panels. Raises Unavailable where none can run."""
+    """An X server with two small panels. Raises UnavailableError where none can run."""
     with ExitStack() as stack:
         try:
             server = stack.enter_context(xserver.run(*xserver.QUARTER))
         except pytest.skip.Exception as err:
-            raise Unavailable(str(err)) from None
+            raise UnavailableError(str(err)) from None
         yield server
 
 
@@ -212,7 +212,7 @@ def shown_panels(
     config = x11_rig.config(folder, server, more={"layout": layout}, **tables)
     display = x11_rig.display(config)
     display.connect()
-    found = {}
+    found: dict[str, np.ndarray] = {}
     try:
         for window, grid, grey in wanted:
             frames = random_frames(grid, window, 6, grey=grey)

@@ -55,5 +55,3 @@ def _learn(bench: Bench, files: dict[str, bytes]) -> None:
             bench.masks.learn_digest(digest, f"<without its time: {rest[:32]}>")
         elif TIMED.fullmatch(file):
             bench.masks.learn_digest(digest, f"<sha256 of {file}>")
-
-

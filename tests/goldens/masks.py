@@ -34,7 +34,7 @@ PLACES: dict[str, str] = {
     r"files\.(ledger\.jsonl|log\.jsonl|report\.html|capture\.json.*)\.size_bytes": (
         "these files hold numbers of processes, which may have more digits"
     ),
-    r"said\.\d+\.size_bytes": "of a whole run, with these files",
+    r"out\.\d+\.size_bytes": "of a whole run, with these files",
     r"(steps\.)?\d+\.seconds": "how long the computer took over a step of a calibration",
     r"\d+\.sha256": "of a line of the ledger, which holds times",
 }

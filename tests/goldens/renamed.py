@@ -16,7 +16,7 @@
     reason = "..."
 
 The file of a field is the end of its path in the case, such as "capture.json" or "codes.npz"; an
-array is a field of its file. A whole file is named by "FILE:".
+array is a field of its file. A field that moves stays in its file. "FILE:" is a whole file.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class Name:
         if self.file and not (file == self.file or file.endswith("/" + self.file)):
             return None
         steps = [r"([^.]+)" if step == "*" else re.escape(step) for step in self.path.split(".")]
-        return re.fullmatch(r"\.".join(steps) + r"(?P<rest>(\..*)?)" if self.path else ".*", path)
+        look = r"\.".join(steps) + r"(?P<rest>(\..*)?)"
+        return re.fullmatch(look if self.path else ".*", path)
 
 
 @dataclass
@@ -60,10 +61,17 @@ class Renamed:
     new: Sequence[Name] = ()
     cases: Sequence[str] = ()
 
-    def now(self, file: str, path: str) -> str | None:
+    def file_now(self, file: str) -> str | None:
+        """What a file of before is called now; None: it is gone on purpose."""
+        for old, new in self.fields:
+            if not old.path and old.match(file, ""):
+                return None if new is None else file.removesuffix(old.file) + new.file
+        return file
+
+    def field_now(self, file: str, path: str) -> str | None:
         """What a field of before is called now; None: it is gone on purpose."""
         for old, new in self.fields:
-            found = old.match(file, path)
+            found = old.match(file, path) if old.path else None
             if found is None:
                 continue
             if new is None:

@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.goldens.case import Bench, Unavailable
+from tests.goldens.case import Bench, UnavailableError
 from tests.goldens.cases import all_cases
 from tests.goldens.masks import Masks
 from tests.goldens.program import case_environment, own_environment
@@ -89,7 +89,7 @@ def take_one(name: str, scratch: Path, out: Path, root: Path) -> Taken:
     try:
         case.take(bench)
         bench.end()
-    except Unavailable as err:
+    except UnavailableError as err:
         missing = str(err)
         shutil.rmtree(out)
     except Exception:

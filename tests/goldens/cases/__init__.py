@@ -15,6 +15,7 @@ def all_cases() -> list[Case]:
     for room in ROOMS:
         found += import_module(f"{__name__}.{room}").cases()
     names = [case.name for case in found]
-    if len(set(names)) < len(names):
-        raise ValueError(f"two cases share a name: {sorted(n for n in names if names.count(n) > 1)}")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"two cases share a name: {', '.join(twice)}")
     return found

@@ -183,7 +183,6 @@ def write_matrix(bench: Bench, name: str, grid: tuple[int, int] = GRID) -> str:
     return name
 
 
-
 def _copy_example(bench: Bench) -> None:
     """The truth that comes as an example."""
     example = Path(__file__).parents[3] / "config" / "truth.toml"

@@ -123,7 +123,8 @@ def _take_whole(bench: Bench) -> None:
     if whole.folder is not None:
         bench.keep_said("again", bench.pdcd("calibrate", "--again", str(whole.folder), "--json"))
         bench.keep_said("verify", bench.pdcd("verify", str(whole.folder), "--json"))
-    book = bench.write("book.toml", (bench.scratch / config).read_text().replace("card", "open-book"))
+    text = (bench.scratch / config).read_text().replace("card", "open-book")
+    book = bench.write("book.toml", text)
     _capture(bench, "photo-1", "indirect --codes 32 --parts 1", book)
     _capture(bench, "photo-4", "direct --codes 32 --parts 4", book)
 

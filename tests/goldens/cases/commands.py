@@ -74,8 +74,8 @@ def _take_run(bench: Bench) -> None:
     for kind in ("exr", "tiff16", "png16", "npz"):
         for upright in ((), ("--upright",)):
             name = "-".join((kind, *upright)).replace("---", "-")
-            words = ("export", str(run), "--format", kind, "--out", name, *upright)
-            bench.keep_said(f"export/{name}", bench.pdcd(*words, "--json"))
+            options = ("--format", kind, "--out", name, *upright)
+            bench.keep_said(f"export/{name}", bench.pdcd("export", str(run), *options, "--json"))
             for path in sorted((bench.scratch / name).iterdir()):
                 keep_file(bench, f"export/{name}/{path.name}", path.read_bytes())
     for name in ("row.png", "w.png"):
@@ -152,8 +152,8 @@ def _take_shown(bench: Bench) -> None:
             bench.keep_bytes(path.name, path.read_bytes())
     moved = '[mask.place]\nflip = "horizontal"\nturn_deg = 3.0\n'
     bench.write("moved.toml", panels + moved + BOOK)
-    words = ("show", "code", "--index", "3", "--config", "moved.toml", "--out", "moved.png")
-    bench.keep_said("moved", bench.pdcd(*words, "--json"))
+    moved_words = "show code --index 3 --config moved.toml --out moved.png --json"
+    bench.keep_said("moved", bench.pdcd(*moved_words.split()))
     bench.keep_bytes("moved.png", (bench.scratch / "moved.png").read_bytes())
 
 
@@ -185,7 +185,7 @@ def _take_python(bench: Bench) -> None:
     again = {"all": run.decode(progress=False), "half": run.decode(parts=2, progress=False)}
     again["plain"] = run.decode(smooth=False, normalise="scalar", progress=False)
     row = run.row(5, 7)
-    arrays = {"image": run.image, "sigma": run.sigma, "truth": run.truth}
+    arrays: dict[str, Any] = {"image": run.image, "sigma": run.sigma, "truth": run.truth}
     arrays |= {f"picture-{name}": picture for name, picture in run.pictures.items()}
     arrays |= {"wanted": row.wanted, "realised": row.realised}
     for name, made in again.items():
