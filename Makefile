@@ -3,7 +3,7 @@
 # make web: the page for the bench, in a browser. make notebook: the tutorial, in Jupyter.
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo web notebook test test-long test-slow test-systemd lint bench soak mutants clean
+.PHONY: demo web notebook test test-long test-slow test-systemd lint bench soak mutants goldens clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -74,6 +74,17 @@ OUT ?= mutants
 mutants:
 	@.ci/setup dev
 	nice -n 10 .venv/bin/python -m tests.mutants --room $(ROOM) --count $(COUNT) --seed $(SEED) --jobs $(JOBS) --out $(OUT)
+
+# Does every result equal that of a commit, byte for byte? WORDS=no lets sentences differ; ONLY is a
+# room or a pattern of cases; in KEEP the goldens stay to be looked at.
+BASE ?= HEAD
+ONLY ?=
+WORDS ?= yes
+KEEP ?=
+goldens:
+	@.ci/setup dev
+	nice .venv/bin/python -m tests.goldens base $(BASE) --only $(ONLY) $(if $(filter no,$(WORDS)),--no-words) \
+	    $(if $(KEEP),--keep $(KEEP))
 
 clean:
 	rm -rf .venv demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
