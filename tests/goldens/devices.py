@@ -35,7 +35,7 @@ from tests.goldens.case import UnavailableError
 from tests.goldens.masks import RAW_TIME
 from tests.panel_pixels import random_frames
 
-SHORT_B = 64
+SHORT_B = 1024
 """Longer transfers are kept by their digest."""
 
 FAULTS: Mapping[str, Script | None] = {

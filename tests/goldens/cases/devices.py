@@ -141,6 +141,7 @@ def _take_shown(bench: Bench, layout: str, places: str) -> None:
 
 def _take_figure(bench: Bench, number: str) -> None:
     """One figure of the paper in the smallest setting: numbers, pictures, plots."""
+    bench.masks.cover({"seconds": "how long the computer took over its captures"})
     folder = bench.scratch / "figures"
     bench.keep_json("outcome", devices.make_figures(folder, [number]))
     for path in sorted(folder.rglob("*")):
