@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib.util
 import re
 import shlex
-import shutil
 import sys
 from pathlib import Path
+from shutil import which
 
 ROOT = Path(__file__).resolve().parents[1]
 """The checkout, or the folder of installed packages."""
@@ -51,7 +51,7 @@ def _has_target(name: str) -> bool:
 
 def _outer_python() -> str:
     """A Python outside of this environment: while that is active, it is `python3` itself."""
-    found = shutil.which("python3")
+    found = which("python3")
     if found is not None and not Path(found).is_relative_to(sys.prefix):
         return "python3"
     return _quoted(getattr(sys, "_base_executable", sys.executable))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from pdcd.bench.registry import DRIVERS
 from pdcd.version import __version__
 from tests.places import ROOT
 from tests.tools import find
@@ -98,7 +99,7 @@ def test_it_works_beside_what_others_call_by_the_same_names(pdcd: Path, tmp_path
     assert run(pdcd, "--version", folder=tmp_path) == f"pdcd {__version__}\n"
     found = json.loads(run(pdcd, "drivers", "--json", folder=tmp_path))
     own = [driver for driver in found if driver["origin"] == "pdcd"]
-    assert len(own) == 10
+    assert {(driver["role"], driver["name"]) for driver in own} == set(DRIVERS)
     for driver in own:
         assert driver["target"].startswith("pdcd._drivers.")
         assert driver["available"] or driver["name"] == "gphoto2", driver
