@@ -14,6 +14,7 @@ from typing import Annotated, Literal, TypeGuard, get_args
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
+from pdcd.protocol.about import about, array
 from pdcd.protocol.labels import MOST_TAGS, Label, Note, Tag
 from pdcd.words import (
     BlackLevel,
@@ -58,11 +59,6 @@ Rows = tuple[tuple[float, ...], ...]
 Table = Name | Sent | Rows
 """Rows of numbers; the content of a file; or a name below the daemon's folder of arrays."""
 
-ARRAYS = (
-    "illumination", "warp", "warp_b", "region_a", "region_b", "disparities", "kernel", "matrix",
-)  # fmt: skip
-"""Fields of a request that are arrays; `prior` may be one."""
-
 
 def in_words(prior: object) -> TypeGuard[str]:
     """Whether a prior is said in words, and is no array or name of a file."""
@@ -73,6 +69,7 @@ MOST_CELLS = 65536
 """No panel has more pixels along a side; what the rig's own grid allows is less
 (`pdcd.recipes.bounds`)."""
 Step = Annotated[int, Meta(ge=-MOST_CELLS, le=MOST_CELLS)]
+Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
 Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Unit = Annotated[float, Meta(ge=0.0, le=1.0)]
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -80,109 +77,326 @@ Plane = tuple[Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry]
 Place = tuple[Unit, Unit]
 """(x, y) on the field, from its upper left corner (`pdcd.panels.map`)."""
 
+MATCHED: tuple[GoalName, ...] = ("indirect", "direct", "fraction", "split")
+"""Goals whose matched cell may be another than the cell itself."""
+RANGES_OF_DEPTH: tuple[GoalName, ...] = ("keyed", "stereo")
+
 
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One wanted photo, as `capture.start` and `pdcd capture` take it.
 
-    `goal` names what to keep of the light transport; the fields from `p` to `matrix` are the
-    parameters of goals, each of which takes its own (see `pdcd.recipes.goals`). `codes` is the
-    number of independent primal/dual pairs. `exposure_s` asks for a total coded time; the codes are
-    then shown in as many whole passes as fit. Fields left out (None) take the value of the rig's
-    configuration.
+    This is the one list of what can be asked for: name, type, bounds and default of each field,
+    what it is, and which goals take it (`about`). Fields that are None take the value of the rig's
+    configuration, or what `pdcd.planning.unasked` finds best.
     """
 
-    goal: GoalName
-    codes: Annotated[int, Meta(ge=1, le=65536)] | None = None
-    family: FamilyName | None = None
-    p: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    shift: tuple[Step, Step] | None = None
-    """Cells down and right from each camera cell to its projector cell."""
-    equal_brightness: bool = False
-    """Take as many times more codes as p is smaller than 1/2, so that light of the matched cell is
-    as bright in photos of any p (Fig. 8 of the paper)."""
-    radius: Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None = None
-    mix: tuple[Weight, Weight] | None = None
-    """Weights of `warp` and `warp_b`."""
-    period: Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None = None
-    """Cells from one stripe of the goal "split" to the next."""
-    disparity: tuple[Step, Step] | None = None
-    """Off-axis benches: lowest and highest disparity of the goals "keyed" and "stereo", in cells to
-    the right from where the camera sees a point to the projector cell that lights it; None: 0."""
-    plane: Plane | None = None
-    """Off-axis benches: homography from the camera's field to the projector's, row by row, of the
-    plane that disparities count from; None: the rig's."""
-    keep: KeepName | None = None
-    """Of the goal "epipolar": paths within rows of cells ("in", the default), or all others."""
-    rows: tuple[Step, Step] | None = None
-    """Of the goal "transport": row of projector cells, and row of camera cells; None: all."""
-    masked: bool | None = None
-    """Of the goal "transport": the mask opens the row of camera cells only, instead of all."""
-    illumination: Table | None = None
-    disparities: Table | None = None
-    """Off-axis benches: disparity of each camera cell, from which those of `disparity` count."""
-    warp: Table | None = None
-    warp_b: Table | None = None
-    region_a: Table | None = None
-    region_b: Table | None = None
-    kernel: Table | None = None
-    matrix: Table | None = None
-    method: MethodName = "coded"
-    """How: one coded photo; a pair of them, with the mask's codes and with their complement; many
-    photos through an open mask, masked in software; or the separation by shifted checkers (Nayar et
-    al. 2006). The last two are there to compare with."""
-    pilot: Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None = None
-    """Of the `codes`, how many to spend first on single photos through an open mask, to learn
-    which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
-    single paths. Each is one more RAW file. Where the first few see no sharp paths the pilot stops,
-    and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs.
-    "auto": a short one where its first photos are worth their files. None: "auto" where nothing is
-    asked for that says how codes are to be spent (`pdcd.planning.unasked`), else 0."""
-    parts: Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None = None
-    """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
-    From 4 parts on their spread measures the error of the codes. "auto": as many as are worth their
-    RAW files. None: "auto" for goals of coded photos where nothing is asked for that says how
-    codes are to be spent (`pdcd.planning.unasked`), else 1."""
-    until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    """Take no more parts when RMS sigma over RMS image is as low as that."""
-    repeat: Annotated[int, Meta(ge=1, le=1024)] = 1
-    """Equal exposures to add up for the answer: less sensor noise, the same error of the codes."""
-    error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    """Wanted RMS error relative to the RMS of the picture; codes and exposures then follow."""
-    confidence: Annotated[float, Meta(ge=0.5, lt=1.0)] | None = None
-    """With which probability `error` is to be kept; None: 0.95."""
-    seconds: Annotated[float, Meta(gt=0.0, le=86400.0)] | None = None
-    """Total time of all exposures, from which codes and exposures follow instead; at most a day."""
-    prior: Name | Sent | None = None
-    """What the scene is like, to guide the codes and foresee errors by: "scene:" and the name of a
-    preset, "decay:" and a distance in cells, or a transport matrix, given as other arrays are."""
-    smooth: bool | None = None
-    """Correct photos of indirect and of far light for what their codes get wrong of smoothly spread
-    light, by a model that the photo itself gives. None: with the family hadamard; others show what
-    they are."""
-    grey_masks: bool | None = None
-    """Let masks of far light have grey levels, which count it more evenly, for less light. None:
-    where the panel can show them and it is known what light they give."""
-    seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
-    exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
-    window: WindowName | None = None
-    guards: bool | GuardsName | None = None
-    """Which black refreshes keep a code apart from the next; "auto" by the measured lag."""
-    black_level: BlackLevelName | None = None
-    """Black exposures to take and subtract; "auto": those that a dark photo calls for."""
-    normalise: NormaliseName | None = None
-    """What a photo is divided by: one number, a weight for each cell, or as it needs."""
-    white: bool = True
-    """Take a white shot beside an indirect one, so that the run shows white, direct, indirect."""
-    white_patch: Place | None = None
-    """Where on the field something white lies, to balance the previews by; None: by what is bright
-    and nearly neutral in the white photo."""
-    out: str | None = None
-    """Folder the run folder is made in; below the state folder when asked for over the socket."""
-    name: Label | None = None
-    """What people call the run; it needs not be unique."""
-    tags: Annotated[tuple[Tag, ...], Meta(max_length=MOST_TAGS)] = ()
-    """Words to find the run by."""
-    note: Note = ""
+    goal: Annotated[GoalName, about("what to keep of the light", "goal")]
+    codes: Annotated[
+        Annotated[int, Meta(ge=1, le=65536)] | None,
+        about("independent pairs of codes, one for each panel", "codes", "K", common=True),
+    ] = None
+    family: Annotated[FamilyName | None, about("how the codes are made", "codes")] = None
+    p: Annotated[
+        Share | None,
+        about(
+            "share of all other light to keep",
+            "goal",
+            "P",
+            needed_by=["fraction"],
+            taken_by=["off-diagonal"],
+        ),
+    ] = None
+    shift: Annotated[
+        tuple[Step, Step] | None,
+        about(
+            "cells down and right from each camera cell to the projector cell it is matched with",
+            "goal",
+            ("DOWN", "RIGHT"),
+            needed_by=["off-diagonal", "descattered"],
+            taken_by=MATCHED,
+        ),
+    ] = None
+    equal_brightness: Annotated[
+        bool,
+        about(
+            "take as many times more codes as p is smaller than 1/2, so that light of the matched "
+            "cell is as bright for any p",
+            "codes",
+        ),
+    ] = False
+    radius: Annotated[
+        Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None,
+        about(
+            "what counts as near, in cells",
+            "goal",
+            "CELLS",
+            needed_by=["long-range", "short-range"],
+        ),
+    ] = None
+    mix: Annotated[
+        tuple[Weight, Weight] | None,
+        about("weights of the two warps", "goal", ("A", "B"), needed_by=["two-samples"]),
+    ] = None
+    period: Annotated[
+        Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None,
+        about("cells from one stripe to the next", "goal", "CELLS", needed_by=["split"]),
+    ] = None
+    disparity: Annotated[
+        tuple[Step, Step] | None,
+        about(
+            "lowest and highest disparity: cells to the right from where the camera sees a point "
+            "to the projector cell that lights it; default: 0",
+            "goal",
+            ("LOW", "HIGH"),
+            taken_by=RANGES_OF_DEPTH,
+            one_is_both=True,
+        ),
+    ] = None
+    plane: Annotated[
+        Plane | None,
+        about(
+            "homography from the camera's field to the projector's, row by row, of the plane that "
+            "disparities count from; default: the rig's",
+            "goal",
+            "H",
+            taken_by=RANGES_OF_DEPTH,
+        ),
+    ] = None
+    keep: Annotated[
+        KeepName | None,
+        about(
+            "paths in the epipolar plane, which are those within rows of cells (default: in), or "
+            "all others",
+            "goal",
+            taken_by=["epipolar"],
+        ),
+    ] = None
+    rows: Annotated[
+        tuple[Step, Step] | None,
+        about(
+            "row of projector cells and row of camera cells; default: all of T",
+            "goal",
+            ("R", "R2"),
+            taken_by=["transport"],
+            one_is_both=True,
+        ),
+    ] = None
+    masked: Annotated[
+        bool | None,
+        about("close the mask but for the row of camera cells", "goal", taken_by=["transport"]),
+    ] = None
+    illumination: Annotated[
+        Table | None,
+        array(
+            "light of the projector, 0 to 1",
+            needed_by=["illuminated"],
+            taken_by=[g for g in get_args(GoalName) if g not in ("illuminated", "transport")],
+        ),
+    ] = None
+    disparities: Annotated[
+        Table | None,
+        array(
+            "cells to the right from each camera cell to the projector cell that disparities count "
+            "from",
+            taken_by=RANGES_OF_DEPTH,
+        ),
+    ] = None
+    warp: Annotated[
+        Table | None,
+        array(
+            "projector cell of each camera cell, as row * columns + column, or -1",
+            needed_by=["warped", "two-samples"],
+            taken_by=(*MATCHED, *RANGES_OF_DEPTH),
+        ),
+    ] = None
+    warp_b: Annotated[Table | None, array("a second warp", needed_by=["two-samples"])] = None
+    region_a: Annotated[
+        Table | None, array("camera cells of a region, 0 or 1", needed_by=["blocked"])
+    ] = None
+    region_b: Annotated[
+        Table | None, array("projector cells of a region, 0 or 1", needed_by=["blocked"])
+    ] = None
+    kernel: Annotated[
+        Table | None,
+        array(
+            "weights of shifts, an array with odd sides whose centre is the shift (0, 0)",
+            needed_by=["filtered"],
+        ),
+    ] = None
+    matrix: Annotated[
+        Table | None, array("weight of every pair of cells, N x N", needed_by=["relit"])
+    ] = None
+    method: Annotated[
+        MethodName,
+        about(
+            "one coded photo; a pair of them, with the mask's codes and with their complement; "
+            "many photos through an open mask; or shifted checkers (nayar). The last two are there "
+            "to compare with",
+            "codes",
+        ),
+    ] = "coded"
+    pilot: Annotated[
+        Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None,
+        about(
+            "of the codes, how many to photograph one by one first, to learn which far cells are "
+            "linked: 8, 12 or 16 in front of mirrors, else a power of two from 32, or all; auto: "
+            "a few, where the first photos show that they are worth their files; default: auto "
+            "where nothing else says how codes are spent",
+            "codes",
+            "K0",
+        ),
+    ] = None
+    parts: Annotated[
+        Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None,
+        about(
+            "exposures to split the codes over; from 4 on their spread measures the error of the "
+            "codes; auto: as many as are worth their files; default: auto where nothing else says "
+            "how codes are spent",
+            "codes",
+            "B",
+        ),
+    ] = None
+    until_error: Annotated[
+        Share | None,
+        about(
+            "take no more parts once RMS sigma over the picture's RMS is as low as that",
+            "codes",
+            "E",
+        ),
+    ] = None
+    repeat: Annotated[
+        int,
+        Meta(ge=1, le=1024),
+        about(
+            "equal exposures to add up: less sensor noise, the same error of the codes",
+            "codes",
+            "B",
+        ),
+    ] = 1
+    error: Annotated[
+        Share | None,
+        about(
+            "wanted RMS error as a share of the picture's RMS; codes and exposures follow",
+            "planning",
+            "E",
+            common=True,
+        ),
+    ] = None
+    confidence: Annotated[
+        Annotated[float, Meta(ge=0.5, lt=1.0)] | None,
+        about("probability with which that error is kept; default: 0.95", "planning", "C"),
+    ] = None
+    seconds: Annotated[
+        Annotated[float, Meta(gt=0.0, le=86400.0)] | None,
+        about(
+            "time of all exposures; what gives the smallest error in it follows",
+            "planning",
+            "S",
+            common=True,
+        ),
+    ] = None
+    prior: Annotated[
+        Name | Sent | None,
+        about(
+            "what the scene is like, to guide the codes and foresee errors by: scene:NAME of a "
+            "preset, decay:CELLS, or a transport matrix",
+            "planning",
+            "PRIOR",
+            takes="scene:NAME, decay:CELLS, or a file (.npz)",
+        ),
+    ] = None
+    smooth: Annotated[
+        bool | None,
+        about(
+            "correct indirect and far light for what codes get wrong of smooth light, by a model "
+            "that the photo itself gives; default: with the family hadamard",
+            "codes",
+        ),
+    ] = None
+    grey_masks: Annotated[
+        bool | None,
+        about(
+            "let masks of long- and short-range light have grey levels, which count it more "
+            "evenly, for less light; default: where the mask can show them and it is known what "
+            "light they give",
+            "codes",
+        ),
+    ] = None
+    seed: Annotated[
+        int, Meta(ge=0, lt=2**53), about("the same seed gives the same codes", "codes", "N")
+    ] = 0
+    exposure_s: Annotated[
+        Annotated[float, Meta(gt=0.0, le=3600.0)] | None,
+        about(
+            "coded time in seconds: as many whole passes of the codes as fit",
+            "photo",
+            "S",
+            option="exposure",
+        ),
+    ] = None
+    window: Annotated[WindowName | None, about("part of a mask cell that opens", "photo")] = None
+    guards: Annotated[
+        bool | GuardsName | None,
+        about(
+            "refreshes that keep a code apart from the next: 1 (none), 2 (both panels black; the "
+            "mask black, before or after its code) or 3 (tail, for slow masks; full); auto: by the "
+            "measured lag of the mask",
+            "photo",
+            option="schedule",
+            switched=(
+                "a black mask between codes, whatever a wanted error would choose",
+                "no black mask between codes: more light, more error",
+            ),
+        ),
+    ] = None
+    black_level: Annotated[
+        BlackLevelName | None,
+        about(
+            "black exposures to take and subtract; auto: those that a dark photo calls for", "photo"
+        ),
+    ] = None
+    normalise: Annotated[
+        NormaliseName | None,
+        about(
+            "divide a photo by one number, each cell by its own weight, or (auto) as it needs",
+            "photo",
+        ),
+    ] = None
+    white: Annotated[
+        bool,
+        about(
+            "take a white photo beside an indirect one, so that the run shows white, direct and "
+            "indirect light",
+            "photo",
+        ),
+    ] = True
+    white_patch: Annotated[
+        Place | None,
+        about(
+            "where on the field something white lies, to balance the previews by, from 0 0 at its "
+            "upper left corner to 1 1; default: what is bright and nearly neutral",
+            "photo",
+            ("X", "Y"),
+        ),
+    ] = None
+    out: Annotated[
+        str | None,
+        about(
+            "make the run folder in DIR; over the socket, below the daemon's state folder",
+            "run",
+            "DIR",
+        ),
+    ] = None
+    name: Annotated[
+        Label | None,
+        about("what to call the run; it need not be unique", "run", "TEXT", common=True),
+    ] = None
+    tags: Annotated[
+        tuple[Tag, ...],
+        Meta(max_length=MOST_TAGS),
+        about("words to find the run by", "run", "WORD", option="tag", common=True),
+    ] = ()
+    note: Annotated[Note, about("whatever is to be remembered", "run", "TEXT", common=True)] = ""
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
@@ -391,18 +605,31 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a bench is to measure of itself.
-
-    steps : none is all of a whole calibration. attended : whether somebody is there to put a card
-        before the camera and say so; else it begins at once. subject : what is before the camera.
-        marks : what the geometry shows; "auto" is dots on a card, and on a scene stripes.
-    """
+    """What a bench is to measure of itself, as `calibrate.start` and `pdcd calibrate` take it."""
 
     # Everybody is told them for as long as the job is known, so they are no more than there are.
-    steps: Annotated[tuple[StepName, ...], Meta(max_length=len(get_args(StepName)))] = ()
-    attended: bool = False
-    subject: SubjectName = "card"
-    marks: MarksName = "auto"
+    steps: Annotated[
+        tuple[StepName, ...],
+        Meta(max_length=len(get_args(StepName))),
+        about("what to measure; none: all that a bench needs", "calibration", "STEP"),
+    ] = ()
+    attended: Annotated[
+        bool,
+        about(
+            "whether somebody is there to put a card in front of the camera and say so; else it "
+            "begins at once",
+            "calibration",
+        ),
+    ] = False
+    subject: Annotated[SubjectName, about("what is in front of the camera", "calibration")] = "card"
+    marks: Annotated[
+        MarksName,
+        about(
+            "what the geometry shows: dots on a card, or stripes; auto: dots on a card, stripes on "
+            "a scene",
+            "calibration",
+        ),
+    ] = "auto"
 
 
 def new_job_id() -> str:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.protocol.request import ARRAYS, CaptureRequest, Goal, Rows, Sent
+from pdcd.protocol.fields import ARRAYS
+from pdcd.protocol.request import CaptureRequest, Goal, Rows, Sent
 from pdcd.recipes.goals import MATRICES, PLANES, Target, check_target
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,8 @@ from typing import Any, get_args
 import msgspec
 
 from pdcd import words
-from pdcd.protocol.request import ARRAYS, CaptureRequest
+from pdcd.protocol.fields import ARRAYS
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import GOALS
 from tests.hostile import files
 from tests.hostile.files import Random

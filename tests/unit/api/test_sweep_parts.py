@@ -106,7 +106,7 @@ def test_wrong_numbers_of_workers_and_requests_are_named(hands: Hands) -> None:
     assert "1 or more" in str(caught.value.hint)
     with pytest.raises(RequestError, match="request 2: whit: no such goal") as caught:
         sweep(Config(), ["white", WHITE, "whit"], workers=1)
-    assert caught.value.hint == "docs/python.md lists goals and keywords"
+    assert caught.value.hint == "docs/request.md lists goals and keywords"
     with pytest.raises(RequestError, match=r"(?s)request 0: .*no such key"):
         sweep(Config(), [{"goal": "white", "config": {"scen": {}}}], workers=1)
     assert not hands.asked
