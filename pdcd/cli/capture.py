@@ -17,7 +17,9 @@ from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.cli.request import arrays_of, request_of
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,

@@ -10,7 +10,8 @@ from pdcd.cli.capture import refuse_with_local, take
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
 from pdcd.cli.request import arrays_of, request_of
-from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality, figure_of, quality_of
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality, figure_of, quality_of
 from pdcd.words import MethodName
 
 COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")

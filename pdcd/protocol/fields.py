@@ -252,14 +252,17 @@ def _range(kind: Any) -> str:
 
 def _shown(value: Any) -> str:
     """A value in few characters that can be printed; none where that cannot be done."""
-    if isinstance(value, list | tuple) and len(value) <= 9:
-        parts = list(map(_shown, value))
-        text = f"[{', '.join(parts)}]" if all(parts) else ""
-    elif isinstance(value, str | bool | float) or (isinstance(value, int) and abs(value) < 1e15):
-        text = json.dumps(value)
-    else:
-        text = ""
+    row = isinstance(value, list | tuple)
+    parts = value if row and len(value) <= 9 else [value]
+    if not all(isinstance(part, str | bool | float) or _is_short(part) for part in parts):
+        return ""
+    text = ", ".join(map(json.dumps, parts))
+    text = f"[{text}]" if row else text
     return text if len(text) <= 40 else ""
+
+
+def _is_short(value: Any) -> bool:
+    return isinstance(value, int) and abs(value) < 10**15
 
 
 def _figure(number: float) -> str:

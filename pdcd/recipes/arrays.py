@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.protocol.fields import ARRAYS
-from pdcd.protocol.request import CaptureRequest, Goal, Rows, Sent
+from pdcd.protocol.plan_summary import Goal
+from pdcd.protocol.request import CaptureRequest, Rows, Sent
 from pdcd.recipes.goals import MATRICES, PLANES, Target, check_target
 
 Floats = NDArray[np.float64]

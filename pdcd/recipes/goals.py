@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.protocol.fields import ARRAYS, needed_by, taken_by
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
 from pdcd.recipes.partners import Partner, check_depths, partner_of
 from pdcd.words import GoalName

@@ -37,7 +37,9 @@ from pdcd.protocol.messages import (
     SubscribeParams,
     Subscription,
 )
-from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.roles import Role
 from pdcd.protocol.views import Preview, RigView
 from pdcd.recipes.arrays import NOTHING, Given

@@ -18,22 +18,9 @@ from pdcd.protocol.fields import (
     request_fields,
     taken_by,
 )
-from pdcd.protocol.request import (
-    CalibrateRequest,
-    CaptureRequest,
-    CaptureResult,
-    Goal,
-    How,
-    PlanSummary,
-    Quality,
-    Sent,
-    ShotSummary,
-    figure_of,
-    in_words,
-    job_time,
-    new_job_id,
-    quality_of,
-)
+from pdcd.protocol.plan_summary import Goal, How, PlanSummary, ShotSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, Sent, in_words
+from pdcd.protocol.result import CaptureResult, Quality, figure_of, job_time, new_job_id, quality_of
 from tests import request_page
 
 TINY = 5e-324

@@ -23,7 +23,8 @@ from pdcd.api.task import Record, Task, key_of
 from pdcd.bench.measured import FOLDER as CALIBRATIONS
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests.unit.bench._calibrations import record, written
 
 WHITE = CaptureRequest(goal="white")

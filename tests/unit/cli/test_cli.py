@@ -24,7 +24,8 @@ from pdcd.errors import (
     RequestError,
     SyncError,
 )
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests.unit.cli.cli_stubs import (
     JOB,
     SUMMARY,

@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.errors import RequestError
 from pdcd.protocol.fields import needed_by, taken_by
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.goals import KEEPS, Target, check_target
 from pdcd.recipes.partners import partner_of
 from pdcd.words import GoalName
