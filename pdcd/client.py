@@ -35,7 +35,9 @@ from pdcd.protocol.messages import (
     Shown,
     Status,
 )
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, Sent
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
 
 T = TypeVar("T")

@@ -72,7 +72,7 @@ JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 NAME_WORDS = "1 to 80 letters, digits, spaces and any of _ . , : ; + = ( ) # ' & % @ -"
 TAG_WORDS = "1 to 40 letters, digits and any of _ . : + @ -"
 NOTE_WORDS = "up to 4096 characters that can be printed, in lines"
-"""What a run's name, a tag and the note may be (`pdcd.protocol.request`)."""
+"""What a run's name, a tag and the note may be (`pdcd.protocol.labels`)."""
 
 SIGMA_KINDS = {
     "measured": "measured by the spread of parts",

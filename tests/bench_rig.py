@@ -34,7 +34,8 @@ from pdcd.panels.patterns import Patterns, pack
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.planning.given import from_path, read_given
 from pdcd.probing.wanted import Match, Uniform, Wanted
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 
 Floats = NDArray[np.float64]

@@ -18,7 +18,7 @@ from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import levels_of
 from pdcd.planning.pairs import pairs_of, settled_family
 from pdcd.planning.plan import Pair
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import MATRICES, Target, check_target
 from pdcd.recipes.make import draft_of, finished
 from pdcd.recipes.recipe import Extremes, Photo, Recipe

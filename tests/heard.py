@@ -20,7 +20,8 @@ from pdcd.capture.engine import Engine
 from pdcd.client import Client
 from pdcd.protocol import messages
 from pdcd.protocol.events import Emit, Event
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.recipes.arrays import Given
 from pdcd.server import connections, protocol
 

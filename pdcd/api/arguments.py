@@ -8,16 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
-import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.bench.options import convert_field, unknown_key
+from pdcd.bench.options import unknown_key
 from pdcd.errors import RequestError
 from pdcd.files.opening import Sendable
-from pdcd.protocol.labels import LABELS
-from pdcd.protocol.request import ARRAYS, CaptureRequest, in_words
-from pdcd.recipes.goals import GOALS
+from pdcd.protocol.fields import Field, FieldError, request_fields
+from pdcd.protocol.request import CaptureRequest, in_words
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -31,12 +29,13 @@ from pdcd.words import (
 Array = ArrayLike | Path
 """An array, rows of numbers, or the path of a .npy, .npz or PNG file."""
 
-FIELDS = {field.name: field for field in msgspec.structs.fields(CaptureRequest)}
-
 
 class Arguments(TypedDict, total=False):
-    """What a capture takes beside its goal: the fields of
-    `pdcd.protocol.request.CaptureRequest`, which explains them; docs/python.md lists them."""
+    """What a capture takes beside its goal, for type checkers and editors, which read no loop.
+
+    Names and types are those of the fields of `pdcd.protocol.request.CaptureRequest`, as a test
+    compares them; docs/request.md explains them. Arrays may be arrays, too.
+    """
 
     codes: int
     family: FamilyName
@@ -93,34 +92,35 @@ def asked(
 
     Raises RequestError naming all faults, one a line.
     """
-    faults, values, arrays = [], {}, {}
-    if goal not in GOALS:
+    fields = request_fields()
+    keywords = [name for name in fields if name != "goal"]
+    goals = fields["goal"].words
+    faults: list[str] = []
+    values: dict[str, Any] = {"goal": goal}
+    arrays: dict[str, Sendable] = {}
+    if goal not in goals:
         faults.append(
-            unknown_key(str(goal), str(goal), GOALS).replace("no such key", "no such goal")
+            unknown_key(str(goal), str(goal), goals).replace("no such key", "no such goal")
         )
-    known = [name for name in FIELDS if name != "goal"]
     for name, value in arguments.items():
-        if name not in known:
-            faults.append(unknown_key(str(name), str(name), known).replace("key", "keyword"))
+        if name not in keywords:
+            faults.append(unknown_key(str(name), str(name), keywords).replace("key", "keyword"))
         elif value is None:
             continue
-        elif name in ARRAYS:
+        elif fields[name].kind == "array":
             arrays[name] = _array(name, value, faults)
-        elif name == "prior" and not in_words(value):
+        elif fields[name].kind == "prior" and not in_words(value):
             arrays[name] = _transport(value, grid, faults)
         else:
-            if name == "tags" and isinstance(value, str):
-                value = [value]  # else its letters would be
             try:
-                values[name] = convert_field(plain(value), FIELDS[name], name)
-            except ValueError as err:
-                words = LABELS.get(name)  # the pattern of a text tells nobody what it may be
-                faults.append(str(err) if words is None else f"{name}: it takes {words}")
+                values[name] = fields[name].convert(_row(plain(value), fields[name]))
+            except FieldError as err:
+                faults.append(str(err))
     if faults:
-        raise RequestError("\n".join(faults), hint="docs/python.md lists goals and keywords")
+        raise RequestError("\n".join(faults), hint="docs/request.md lists goals and keywords")
     if "out" in values:
         values["out"] = os.fspath(Path(values["out"]).absolute())
-    return CaptureRequest(goal=goal, **values), arrays  # type: ignore[arg-type]
+    return CaptureRequest(**values), arrays
 
 
 def plain(value: Any) -> Any:
@@ -134,6 +134,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(held) for held in value]
     return value
+
+
+def _row(value: Any, field: Field) -> Any:
+    """One word as a row of words, where its letters would be one."""
+    return [value] if field.kind == "words" and isinstance(value, str) else value
 
 
 def _array(name: str, value: Any, faults: list[str]) -> Sendable:

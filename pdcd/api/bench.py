@@ -13,7 +13,9 @@ from pdcd.api.progress import OnEvent, Shown, shown
 from pdcd.api.run import Run, open_run
 from pdcd.errors import of_kind
 from pdcd.files.opening import Sendable
-from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 
 if TYPE_CHECKING:
     from pdcd.words import GoalName

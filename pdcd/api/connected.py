@@ -16,7 +16,9 @@ from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.client import Client
 from pdcd.errors import DeniedError, PdcdError
-from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 
 
 def connect(socket: Path | str | None = None, *, queue: bool = False) -> Connected:

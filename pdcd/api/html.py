@@ -12,7 +12,7 @@ import numpy as np
 
 from pdcd.errors import DecodeError
 from pdcd.printable import as_html
-from pdcd.protocol.request import Figure, Quality
+from pdcd.protocol.result import Figure, Quality
 
 WIDTH_PX = 320
 """Width of a preview in a notebook; larger ones are drawn smaller."""

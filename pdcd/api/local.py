@@ -20,7 +20,9 @@ from pdcd.bench.reading import sized, text_table
 from pdcd.bench.tables import Config
 from pdcd.files.opening import parcels
 from pdcd.protocol.events import Event
-from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 from pdcd.protocol.views import OwnerView
 from pdcd.runs.folder import sha256_of
 

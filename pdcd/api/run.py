@@ -16,7 +16,7 @@ from pdcd.api.progress import Shown, shown
 from pdcd.errors import DecodeError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, fit, levels_of
-from pdcd.protocol.request import Figure, Quality
+from pdcd.protocol.result import Figure, Quality
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.frame_table import read_columns

@@ -17,7 +17,8 @@ from pdcd.api.local import LocalBench
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError
 from pdcd.files.opening import Limits, Sendable, Unsound, contents, open_own
-from pdcd.protocol.request import CaptureRequest, CaptureResult, figure_of, quality_of
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, figure_of, quality_of
 from pdcd.recipes.arrays import MOST_ELEMENTS
 from pdcd.version import __version__
 

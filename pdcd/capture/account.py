@@ -16,7 +16,8 @@ from pdcd.bench.tables import Config
 from pdcd.capture.job import Job
 from pdcd.capture.worker.answers import Developed
 from pdcd.errors import Cancelled, PdcdError, error_fields
-from pdcd.protocol.request import CaptureResult, Figure, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.result import CaptureResult, Figure
 from pdcd.protocol.views import RigView
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.ledger import Begun

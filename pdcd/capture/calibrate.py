@@ -24,7 +24,8 @@ from pdcd.capture.worker.worker import Worker
 from pdcd.errors import CalibrationError, Cancelled, ConfigError, DeviceLost, SyncError, disk_errors
 from pdcd.protocol import events
 from pdcd.protocol.events import Emit, Event, logged
-from pdcd.protocol.request import CalibrateRequest, CaptureResult
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import utc_now
 from pdcd.sensor.profile import SensorProfile

@@ -30,7 +30,9 @@ from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.measured import with_grid
 from pdcd.planning.unasked import asks_for_camera
 from pdcd.protocol.events import Emit, Event
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import CameraView, DriverView, OwnerView, Preview, RigView
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.runs.folder import RunFolder, read_manifest

@@ -27,7 +27,7 @@ from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import DeviceLost
 from pdcd.protocol import events
-from pdcd.protocol.request import CaptureResult
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.ledger import Ledger

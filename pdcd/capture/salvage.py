@@ -26,7 +26,7 @@ from pdcd.files.inside import CHUNK_BYTES, fault_of, opened, opened_file, path_o
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors, write_pictures
 from pdcd.printable import one_line
-from pdcd.protocol.request import PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.recipes.make import possible
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.folder import LOG, RunFolder

@@ -19,7 +19,8 @@ from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table,
 from pdcd.client import Client, OnEvent
 from pdcd.errors import ConfigError
 from pdcd.protocol.events import Event, StepEnded
-from pdcd.protocol.request import CalibrateRequest, CaptureResult, new_job_id
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 from pdcd.words import StepName
 
 LOOK_S = 0.1

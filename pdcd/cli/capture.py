@@ -7,8 +7,6 @@ import signal
 from collections.abc import Mapping
 from pathlib import Path
 
-import msgspec
-
 from pdcd.api.local import local
 from pdcd.api.progress import bar
 from pdcd.api.signals import held_back, signals_to
@@ -16,10 +14,12 @@ from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, say_json, say_result, say_table
+from pdcd.cli.request import arrays_of, request_of
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.protocol.labels import LABELS
-from pdcd.protocol.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, in_words
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
@@ -39,7 +39,7 @@ GUARDS = {
 def capture(args: argparse.Namespace) -> int:
     """Take a photo; the exit code tells how it ended."""
     refuse_with_local(args, "socket", "detach", "queue")
-    asked = request_of(args, out=args.out)
+    asked = request_of(args)
     result = take(args, asked, arrays_of(args), detach=args.detach, queue=args.queue)
     return say_result(result, as_json=args.json)
 
@@ -75,7 +75,7 @@ def wait(args: argparse.Namespace) -> int:
 
 def plan(args: argparse.Namespace) -> int:
     """Print what a capture would do, without doing it."""
-    summary = _plan(args, request_of(args, out=None), arrays_of(args))
+    summary = _plan(args, request_of(args), arrays_of(args))
     if args.json:
         say_json(summary)
         return DONE
@@ -155,82 +155,6 @@ def daemon_if_any(args: argparse.Namespace, *, needed: bool = False) -> Client |
         if needed or args.socket is not None:
             raise
     return None
-
-
-def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
-    """Check what was typed against the types of a request. Raises ConfigError.
-
-    Its files are left out: see `arrays_of`.
-    """
-    fields = {
-        "goal": args.goal,
-        "prior": args.prior if in_words(args.prior) else None,
-        "pilot": args.pilot,
-        "smooth": args.smooth,
-        "grey_masks": args.grey_masks,
-        "parts": args.parts,
-        "until_error": args.until_error,
-        "repeat": args.repeat,
-        "error": args.error,
-        "confidence": args.confidence,
-        "seconds": args.seconds,
-        "method": args.method,
-        "shift": args.shift,
-        "radius": args.radius,
-        "mix": args.mix,
-        "period": args.period,
-        "disparity": _range(args.disparity),
-        "plane": args.plane,
-        "keep": args.keep,
-        "rows": _both_rows(args.rows),
-        "masked": args.masked or None,
-        "codes": args.codes,
-        "family": args.family,
-        "p": args.p,
-        "equal_brightness": args.equal_brightness,
-        "seed": args.seed,
-        "exposure_s": args.exposure_s,
-        "window": args.window,
-        "guards": args.guards,
-        "black_level": args.black_level,
-        "normalise": args.normalise,
-        "white": args.white,
-        "white_patch": args.white_patch,
-        "out": None if out is None else str(out.absolute()),
-        "name": args.name,
-        "tags": args.tags or (),
-        "note": args.note,
-    }
-    try:
-        return msgspec.convert(fields, CaptureRequest)
-    except msgspec.ValidationError as err:
-        what, _, place = str(err).replace("`", "").partition(" - at $.")
-        field = place.partition("[")[0]
-        if field in LABELS:  # the pattern of a text tells nobody what it may be
-            raise ConfigError(f"{field}: it takes {LABELS[field]}") from err
-        raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
-
-
-def _range(disparity: list[int] | None) -> list[int] | None:
-    """Lowest and highest of what was typed; one number is both."""
-    return disparity * 2 if disparity is not None and len(disparity) == 1 else disparity
-
-
-def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
-    """The files that were named, by the request's field; this command opens them itself."""
-    given: dict[str, Path | None] = {name: getattr(args, name) for name in ARRAYS}
-    if args.prior is not None and not in_words(args.prior):
-        given["prior"] = Path(args.prior)
-    return {name: path for name, path in given.items() if path is not None}
-
-
-def _both_rows(rows: list[int] | None) -> tuple[int, int] | None:
-    """Row of projector cells, and of camera cells: the same one where no other was typed."""
-    if rows is None:
-        return None
-    if len(rows) > 2:
-        raise ConfigError("--rows takes one row of cells, or two", hint="such as --rows 12 20")
-    return rows[0], rows[-1]
 
 
 def _plan(

@@ -1,4 +1,4 @@
-"""Every command of the one parser, for what is made of it: completion and manual page.
+"""Commands of the one parser: how they are added, and all of them for what is made of it.
 
 argparse shows what it holds by names that begin with a line; all use of them is here.
 """
@@ -6,8 +6,61 @@ argparse shows what it holds by names that begin with a line; all use of them is
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, Protocol
+
+EXIT_CODES = (
+    "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
+    "6 denied, 130 cancelled"
+)
+
+Fill = Callable[[argparse.ArgumentParser], None]
+"""Adds the options of a command to its parser."""
+
+
+class Add(Protocol):
+    """Adds a command: its name, "module:function" and what it does; `fill` adds its options."""
+
+    def __call__(self, name: str, run: str, text: str, fill: Fill) -> None:
+        """Add it."""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """The parser of a command, which adds its options once they are needed.
+
+    Most are never: `pdcd --help` needs those of no command, and any command only its own.
+    """
+
+    def __init__(self, *args: Any, fill: Fill | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._fill = fill
+
+    def filled(self) -> CommandParser:
+        """The same, with its options."""
+        fill, self._fill = self._fill, None
+        if fill is not None:
+            fill(self)
+        return self
+
+    def parse_known_args(  # type: ignore[override]  # of its overloads, argparse uses this one
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """What was typed, by all options of the command."""
+        self.filled()
+        return super().parse_known_args(args, namespace)
+
+
+def commands_below(parser: argparse.ArgumentParser, **how: Any) -> Add:
+    """What adds commands below a parser; `how` is what argparse's `add_subparsers` takes."""
+    below = parser.add_subparsers(parser_class=CommandParser, **how)
+
+    def add(name: str, run: str, text: str, fill: Fill) -> None:
+        made = below.add_parser(
+            name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False, fill=fill
+        )
+        made.set_defaults(run=run)
+
+    return add
 
 
 class Command(NamedTuple):
@@ -24,6 +77,8 @@ def commands(parser: argparse.ArgumentParser) -> Iterator[Command]:
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             told = {choice.dest: choice.help or "" for choice in action._choices_actions}  # noqa: SLF001
             for name, below in action.choices.items():
+                if isinstance(below, CommandParser):
+                    below.filled()
                 yield Command(below, told.get(name, ""))
                 yield from commands(below)
 

@@ -6,10 +6,12 @@ import argparse
 
 import msgspec
 
-from pdcd.cli.capture import arrays_of, refuse_with_local, request_of, take
+from pdcd.cli.capture import refuse_with_local, take
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
-from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality, figure_of, quality_of
+from pdcd.cli.request import arrays_of, request_of
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality, figure_of, quality_of
 from pdcd.words import MethodName
 
 COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
@@ -40,7 +42,7 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
 def compare(args: argparse.Namespace) -> int:
     """Take the photo by all methods, one after the other; ends at the first that fails."""
     refuse_with_local(args, "socket")
-    asked, files = request_of(args, out=args.out), arrays_of(args)
+    asked, files = request_of(args), arrays_of(args)
     without_prior = {name: path for name, path in files.items() if name != "prior"}
     rows, results = [], []
     for method in COMPARED:

@@ -9,9 +9,9 @@ import argparse
 import sys
 from collections.abc import Iterator
 
-from pdcd.cli.commands import commands, groups, help_of, words_of
+from pdcd.cli.commands import EXIT_CODES, commands, groups, help_of, words_of
 from pdcd.cli.exits import DONE
-from pdcd.cli.parser import EXIT_CODES, build_parser
+from pdcd.cli.parser import build_parser
 from pdcd.version import __version__
 
 FILES = (

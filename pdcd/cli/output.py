@@ -12,7 +12,7 @@ from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
 from pdcd.cli.tables import fitted, width, wrapped
 from pdcd.errors import PdcdError
 from pdcd.printable import one_line
-from pdcd.protocol.request import CaptureResult, Quality, figure_of, quality_of
+from pdcd.protocol.result import CaptureResult, Quality, figure_of, quality_of
 from pdcd.runs.later import REPORT
 from pdcd.words import SIGMA_KINDS
 

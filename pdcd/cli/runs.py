@@ -18,12 +18,12 @@ from pdcd.cli.capture import daemon_if_any
 from pdcd.cli.exits import DONE
 from pdcd.cli.moment import moment
 from pdcd.cli.output import percent, say, say_json, say_table, say_verdict
-from pdcd.cli.runs_parser import LISTED
+from pdcd.cli.run_options import LISTED
 from pdcd.cli.tables import WIDTH
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
-from pdcd.protocol.labels import LABELS
+from pdcd.protocol.fields import request_fields
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.index import at, find, named, one
@@ -160,7 +160,7 @@ def query_of(
             RunQuery,
         )
     except msgspec.ValidationError as err:
-        raise ConfigError(f"--tag: it takes {LABELS['tags']}") from err
+        raise ConfigError(f"--tag: it takes {request_fields()['tags'].takes}") from err
 
 
 def pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page, None, None]:

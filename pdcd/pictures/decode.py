@@ -16,7 +16,7 @@ from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.transport import Sliced, picture_of
 from pdcd.pictures.written.develop import write_png, write_tiff
 from pdcd.pictures.written.previews import write_previews
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.verify import PROBE, whole_manifest
 from pdcd.watch import Watch

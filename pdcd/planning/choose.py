@@ -31,7 +31,8 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
 from pdcd.planning.rungs import LADDER, counts_of, family_of, most_repeats, parts_of
-from pdcd.protocol.request import CaptureRequest, Prediction
+from pdcd.protocol.plan_summary import Prediction
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.off_axis import FewCodesError
 from pdcd.virtual.scene.scene import Scene

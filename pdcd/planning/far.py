@@ -9,7 +9,8 @@ from pdcd.bench.tables import Config
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.grey import unsaid
 from pdcd.planning.plan import beyond, chosen_together
-from pdcd.protocol.request import CaptureRequest, How
+from pdcd.protocol.plan_summary import How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Recipe
 
 

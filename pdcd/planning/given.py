@@ -23,7 +23,8 @@ from pdcd.errors import RequestError
 from pdcd.files.arrays import read_array
 from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath, open_own
 from pdcd.planning.prior import GRID
-from pdcd.protocol.request import ARRAYS, CaptureRequest, Sent, in_words
+from pdcd.protocol.fields import ARRAYS
+from pdcd.protocol.request import CaptureRequest, Sent, in_words
 from pdcd.recipes.arrays import Given, most_elements, of_rows
 from pdcd.virtual.scene.matrix import read_transport
 

@@ -24,7 +24,8 @@ from pdcd.panels.patterns import none
 from pdcd.panels.schedule import slot_rows
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.plan import Look, Plan
-from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import ShotRecord

@@ -32,7 +32,8 @@ from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, shows_codes, windowed
-from pdcd.protocol.request import CaptureRequest, How
+from pdcd.protocol.plan_summary import How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given, target_of
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
 from pdcd.recipes.isolation import check_isolation

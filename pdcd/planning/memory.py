@@ -28,7 +28,7 @@ from pdcd.planning.plan import chosen_together, lattice_of, windowed
 from pdcd.probing.deviation import EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import BLOCK
-from pdcd.protocol.request import How
+from pdcd.protocol.plan_summary import How
 from pdcd.recipes.isolation import Isolation
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.parts import part_codes

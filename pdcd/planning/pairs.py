@@ -28,7 +28,7 @@ from pdcd.planning.plan import (
     shows_codes,
     windowed,
 )
-from pdcd.protocol.request import How
+from pdcd.protocol.plan_summary import How
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed

@@ -16,7 +16,7 @@ from pdcd.panels.frames import Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns
 from pdcd.panels.schedule import SLOTS, build_frames, slot_rows
-from pdcd.protocol.request import How, Leaks, PilotCost, PlanSummary, Prediction, ShotSummary
+from pdcd.protocol.plan_summary import How, Leaks, PilotCost, PlanSummary, Prediction, ShotSummary
 from pdcd.recipes.parts import repeated
 from pdcd.recipes.programs import Far, Floodlit, Program, within
 from pdcd.recipes.recipe import Recipe, Shot

@@ -23,7 +23,7 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.bench.calibration import FigureRecord
-from pdcd.protocol.request import CaptureResult, Figure
+from pdcd.protocol.result import CaptureResult, Figure
 from pdcd.words import GoalName, VerdictName
 
 Count = Annotated[int, Meta(ge=0)]

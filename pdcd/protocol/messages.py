@@ -21,7 +21,9 @@ from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
 from pdcd.protocol import events
 from pdcd.protocol.entry import Page, RunQuery
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.roles import Role
 from pdcd.protocol.views import OwnerView, Preview, RigView
 from pdcd.words import JobKind, JobState, PatternName

@@ -1,34 +1,30 @@
-"""What a user asks for and what comes back: the types that every floor speaks.
+"""What a user asks for: the one list of the fields of a request.
 
-They are plain values, so that the socket, the command line, the run folder and
-Python callers share one definition and one JSON Schema.
+They are plain values, so that the socket, the command line, the run folder and Python callers share
+one definition and one JSON Schema. What comes back is in `pdcd.protocol.plan_summary` and
+`pdcd.protocol.result`.
 """
 
 from __future__ import annotations
 
-import secrets
-from collections.abc import Mapping
-from datetime import UTC, datetime
 from typing import Annotated, Literal, TypeGuard, get_args
 
 import msgspec
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import Meta
 
+from pdcd.protocol.about import about, array
 from pdcd.protocol.labels import MOST_TAGS, Label, Note, Tag
 from pdcd.words import (
-    BlackLevel,
     BlackLevelName,
     FamilyName,
     GoalName,
     GuardsName,
-    JobState,
     KeepName,
     MarksName,
     MethodName,
     NormaliseName,
     StepName,
     SubjectName,
-    VerdictName,
     WindowName,
 )
 
@@ -58,11 +54,6 @@ Rows = tuple[tuple[float, ...], ...]
 Table = Name | Sent | Rows
 """Rows of numbers; the content of a file; or a name below the daemon's folder of arrays."""
 
-ARRAYS = (
-    "illumination", "warp", "warp_b", "region_a", "region_b", "disparities", "kernel", "matrix",
-)  # fmt: skip
-"""Fields of a request that are arrays; `prior` may be one."""
-
 
 def in_words(prior: object) -> TypeGuard[str]:
     """Whether a prior is said in words, and is no array or name of a file."""
@@ -73,6 +64,7 @@ MOST_CELLS = 65536
 """No panel has more pixels along a side; what the rig's own grid allows is less
 (`pdcd.recipes.bounds`)."""
 Step = Annotated[int, Meta(ge=-MOST_CELLS, le=MOST_CELLS)]
+Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
 Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Unit = Annotated[float, Meta(ge=0.0, le=1.0)]
 Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -80,336 +72,351 @@ Plane = tuple[Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry]
 Place = tuple[Unit, Unit]
 """(x, y) on the field, from its upper left corner (`pdcd.panels.map`)."""
 
+MATCHED: tuple[GoalName, ...] = ("indirect", "direct", "fraction", "split")
+"""Goals whose matched cell may be another than the cell itself."""
+RANGES_OF_DEPTH: tuple[GoalName, ...] = ("keyed", "stereo")
+
 
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One wanted photo, as `capture.start` and `pdcd capture` take it.
 
-    `goal` names what to keep of the light transport; the fields from `p` to `matrix` are the
-    parameters of goals, each of which takes its own (see `pdcd.recipes.goals`). `codes` is the
-    number of independent primal/dual pairs. `exposure_s` asks for a total coded time; the codes are
-    then shown in as many whole passes as fit. Fields left out (None) take the value of the rig's
-    configuration.
+    This is the one list of what can be asked for: name, type, bounds and default of each field,
+    what it is, and which goals take it (`about`). Fields that are None take the value of the rig's
+    configuration, or what `pdcd.planning.unasked` finds best.
     """
 
-    goal: GoalName
-    codes: Annotated[int, Meta(ge=1, le=65536)] | None = None
-    family: FamilyName | None = None
-    p: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    shift: tuple[Step, Step] | None = None
-    """Cells down and right from each camera cell to its projector cell."""
-    equal_brightness: bool = False
-    """Take as many times more codes as p is smaller than 1/2, so that light of the matched cell is
-    as bright in photos of any p (Fig. 8 of the paper)."""
-    radius: Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None = None
-    mix: tuple[Weight, Weight] | None = None
-    """Weights of `warp` and `warp_b`."""
-    period: Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None = None
-    """Cells from one stripe of the goal "split" to the next."""
-    disparity: tuple[Step, Step] | None = None
-    """Off-axis benches: lowest and highest disparity of the goals "keyed" and "stereo", in cells to
-    the right from where the camera sees a point to the projector cell that lights it; None: 0."""
-    plane: Plane | None = None
-    """Off-axis benches: homography from the camera's field to the projector's, row by row, of the
-    plane that disparities count from; None: the rig's."""
-    keep: KeepName | None = None
-    """Of the goal "epipolar": paths within rows of cells ("in", the default), or all others."""
-    rows: tuple[Step, Step] | None = None
-    """Of the goal "transport": row of projector cells, and row of camera cells; None: all."""
-    masked: bool | None = None
-    """Of the goal "transport": the mask opens the row of camera cells only, instead of all."""
-    illumination: Table | None = None
-    disparities: Table | None = None
-    """Off-axis benches: disparity of each camera cell, from which those of `disparity` count."""
-    warp: Table | None = None
-    warp_b: Table | None = None
-    region_a: Table | None = None
-    region_b: Table | None = None
-    kernel: Table | None = None
-    matrix: Table | None = None
-    method: MethodName = "coded"
-    """How: one coded photo; a pair of them, with the mask's codes and with their complement; many
-    photos through an open mask, masked in software; or the separation by shifted checkers (Nayar et
-    al. 2006). The last two are there to compare with."""
-    pilot: Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None = None
-    """Of the `codes`, how many to spend first on single photos through an open mask, to learn
-    which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
-    single paths. Each is one more RAW file. Where the first few see no sharp paths the pilot stops,
-    and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs.
-    "auto": a short one where its first photos are worth their files. None: "auto" where nothing is
-    asked for that says how codes are to be spent (`pdcd.planning.unasked`), else 0."""
-    parts: Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None = None
-    """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
-    From 4 parts on their spread measures the error of the codes. "auto": as many as are worth their
-    RAW files. None: "auto" for goals of coded photos where nothing is asked for that says how
-    codes are to be spent (`pdcd.planning.unasked`), else 1."""
-    until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    """Take no more parts when RMS sigma over RMS image is as low as that."""
-    repeat: Annotated[int, Meta(ge=1, le=1024)] = 1
-    """Equal exposures to add up for the answer: less sensor noise, the same error of the codes."""
-    error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    """Wanted RMS error relative to the RMS of the picture; codes and exposures then follow."""
-    confidence: Annotated[float, Meta(ge=0.5, lt=1.0)] | None = None
-    """With which probability `error` is to be kept; None: 0.95."""
-    seconds: Annotated[float, Meta(gt=0.0, le=86400.0)] | None = None
-    """Total time of all exposures, from which codes and exposures follow instead; at most a day."""
-    prior: Name | Sent | None = None
-    """What the scene is like, to guide the codes and foresee errors by: "scene:" and the name of a
-    preset, "decay:" and a distance in cells, or a transport matrix, given as other arrays are."""
-    smooth: bool | None = None
-    """Correct photos of indirect and of far light for what their codes get wrong of smoothly spread
-    light, by a model that the photo itself gives. None: with the family hadamard; others show what
-    they are."""
-    grey_masks: bool | None = None
-    """Let masks of far light have grey levels, which count it more evenly, for less light. None:
-    where the panel can show them and it is known what light they give."""
-    seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
-    exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
-    window: WindowName | None = None
-    guards: bool | GuardsName | None = None
-    """Which black refreshes keep a code apart from the next; "auto" by the measured lag."""
-    black_level: BlackLevelName | None = None
-    """Black exposures to take and subtract; "auto": those that a dark photo calls for."""
-    normalise: NormaliseName | None = None
-    """What a photo is divided by: one number, a weight for each cell, or as it needs."""
-    white: bool = True
-    """Take a white shot beside an indirect one, so that the run shows white, direct, indirect."""
-    white_patch: Place | None = None
-    """Where on the field something white lies, to balance the previews by; None: by what is bright
-    and nearly neutral in the white photo."""
-    out: str | None = None
-    """Folder the run folder is made in; below the state folder when asked for over the socket."""
-    name: Label | None = None
-    """What people call the run; it needs not be unique."""
-    tags: Annotated[tuple[Tag, ...], Meta(max_length=MOST_TAGS)] = ()
-    """Words to find the run by."""
-    note: Note = ""
-
-
-class Goal(msgspec.Struct, frozen=True, kw_only=True):
-    """What to keep of the light transport: a name and its numbers; arrays are kept beside it.
-
-    The fields are those of `CaptureRequest` with the same names. `pdcd.recipes.goals` says which
-    goal takes which.
-    """
-
-    name: GoalName
-    p: float | None = None
-    shift: tuple[int, int] | None = None
-    radius: int | None = None
-    mix: tuple[float, float] | None = None
-    period: int | None = None
-    disparity: tuple[int, int] | None = None
-    plane: Plane | None = None
-    keep: KeepName | None = None
-    rows: tuple[int, int] | None = None
-    masked: bool | None = None
-
-
-class How(msgspec.Struct, frozen=True, kw_only=True):
-    """How a goal is photographed: with the goal, all that its shots and sums depend on.
-
-    `family` is None where no codes are shown. The other fields are those of `CaptureRequest` with
-    the same names, after the configuration and the planner have filled in what was left open.
-    """
-
-    codes: int = 128
-    """All codes, the pilot's among them."""
-    pilot: int = 0
-    parts: int = 1
-    repeat: int = 1
-    method: MethodName = "coded"
-    family: FamilyName | None = "hadamard"
-    black_level: BlackLevel = "none"
-    white: bool = True
-    buckets: int = 1
-    """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
-    grey_masks: bool = False
-    """Whether masks of far light may have grey levels (`pdcd.codes.greyed`)."""
-    woven: bool = False
-    """Whether codes of far light may have them, too, and are chosen together with the masks
-    (`pdcd.codes.woven`)."""
-    late: bool = False
-    """Whether codes had been shown before the pilot went on: the shots of codes that count have
-    names of their own (`pdcd.recipes.parts`)."""
-
-    @property
-    def coded(self) -> int:
-        """Codes that are left for the coded photo."""
-        return self.codes - self.pilot
-
-
-class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One exposure of a plan, or `exposures` equal ones that differ in their code only."""
-
-    name: str
-    exposures: int = 1
-    codes: int
-    refreshes: int
-    exposure_s: float
-    light_share: float
-    """Mean share of a floodlit exposure's light that an off-diagonal path keeps, 0..1."""
-
-
-class Prediction(msgspec.Struct, frozen=True, kw_only=True):
-    """RMS errors to be expected of a plan's answer, relative to the RMS of the true picture.
-
-    `code` and `sensor` add up in squares to `error`; `bound` is kept with the probability
-    `confidence`. `prior` says what the scene was taken to be.
-    """
-
-    error: float
-    code: float
-    sensor: float
-    bound: float
-    confidence: float
-    iso: int
-    prior: str
-
-
-class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
-    """What the photos of a pilot cost, and what is saved if its first ones see no sharp paths.
-
-    After `scouts` photos it may stop; the coded photo then gets `stopped_codes` codes, and the
-    whole capture has `stopped_raw_files` files and takes `stopped_seconds`. The seconds are those
-    of exposures.
-    """
-
-    raw_files: int
-    seconds: float
-    scouts: int
-    stopped_codes: int
-    stopped_raw_files: int
-    stopped_seconds: float
-
-
-class Leaks(msgspec.Struct, frozen=True, kw_only=True):
-    """What a dark photo showed, as RMS errors of the answer relative to its RMS (docs/leaks.md).
-
-    `ambient`: light that is not the projector's, and what a black projector lets out; `mask`: what
-    a closed mask lets through; `both` together. A part that was not told from the other is None.
-    """
-
-    ambient: float | None
-    mask: float | None
-    both: float
-    floor: float
-    """The least error that would have been told from the sensor's noise; below it they are 0."""
-    limit: float
-    """Beyond it black exposures are added."""
-    raw: tuple[str, ...]
-    """The dark photos, in the run folder."""
-    noise: float | None = None
-    """RMS noise of the finished picture, relative to its RMS, that was foreseen with its black
-    exposures; None where nobody looked."""
-    times: int = 1
-    """How often everything is shown because of that noise; `noise` is what is left then."""
-
-
-class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
-
-    goal: str
-    family: str
-    codes: int
-    p: float
-    grid: tuple[int, int]
-    window: str
-    guards: bool
-    """Whether there are black refreshes between codes; `schedule` says which."""
-    schedule: str = "full"
-    """"none", "both", "lag", "lead", "tail" or "full": 1, 2, 2, 2, 3 or 3 refreshes a code."""
-    passes: int
-    parts: int = 1
-    """Exposures of each coded photo; with `until_error`, at most."""
-    shots: tuple[ShotSummary, ...]
-    refreshes: int
-    seconds: float
-    light_share: float
-    raw_files: int
-    memory_bytes: int = 0
-    """Foreseen peak of planning, taking and decoding, beside the program itself and the scene."""
-    pilot: int = 0
-    pilot_cost: PilotCost | None = None
-    prediction: Prediction | None = None
-    prior: str | None = None
-    """What guided the codes, in words."""
-    reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
-    what black exposures go by; and parts where they were left to the program."""
-    split: tuple[str, ...] = ()
-    """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
-    squared weights and how it is photographed."""
-    black_level: BlackLevelName = "none"
-    """Black exposures; "auto": decided once a dark photo was taken."""
-    leaks: Leaks | None = None
-    """What that photo showed."""
-
-
-class Quality(msgspec.Struct, frozen=True, kw_only=True):
-    """The verdict on a run (docs/quality.md): each reason is a plain sentence with its figure, its
-    limit and what to do. A good run has none; `remarks` leave it good."""
-
-    verdict: VerdictName
-    reasons: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-
-
-Figure = float | int | str | Quality | None
-"""What the summary of a run holds."""
-
-
-def quality_of(summary: Mapping[str, Figure]) -> Quality | None:
-    """The verdict in the summary of a run; None where it came to no picture."""
-    found = summary.get("quality")
-    return found if isinstance(found, Quality) else None
-
-
-def figure_of(summary: Mapping[str, Figure], name: str) -> float | int | str | None:
-    """A number or a word of the summary of a run; None for what is not known, and the verdict."""
-    found = summary.get(name)
-    return None if isinstance(found, Quality) else found
-
-
-class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
-    """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last."""
-
-    job: str
-    state: JobState
-    folder: str | None = None
-    manifest_sha256: str | None = None
-    error: dict[str, str | None] | None = None
-    """`kind`, `message`, `device`, `hint` of the failure, when `state` is failed or cancelled."""
-    files: tuple[str, ...] = ()
-    """Paths kept, relative to `folder` (of the unfinished folder when the job did not finish)."""
-    summary: dict[str, Figure] = {}
-    """codes, refreshes, exposure_s, missed_refreshes, rms_error, wall_s ... for the table; and
-    `quality`, the verdict."""
-    warnings: tuple[str, ...] = ()
-    """What the user must know of the run, one line each; the manifest has all of them."""
-    passed: bool | UnsetType = UNSET
-    """Of a calibration: whether it came to its end and nothing is bad, so that it is in use."""
+    goal: Annotated[GoalName, about("what to keep of the light", "goal")]
+    codes: Annotated[
+        Annotated[int, Meta(ge=1, le=65536)] | None,
+        about("independent pairs of codes, one for each panel", "codes", "K", common=True),
+    ] = None
+    family: Annotated[FamilyName | None, about("how the codes are made", "codes")] = None
+    p: Annotated[
+        Share | None,
+        about(
+            "share of all other light to keep",
+            "goal",
+            "P",
+            needed_by=["fraction"],
+            taken_by=["off-diagonal"],
+        ),
+    ] = None
+    shift: Annotated[
+        tuple[Step, Step] | None,
+        about(
+            "cells down and right from each camera cell to the projector cell it is matched with",
+            "goal",
+            ("DOWN", "RIGHT"),
+            needed_by=["off-diagonal", "descattered"],
+            taken_by=MATCHED,
+        ),
+    ] = None
+    equal_brightness: Annotated[
+        bool,
+        about(
+            "take as many times more codes as p is smaller than 1/2, so that light of the matched "
+            "cell is as bright for any p",
+            "codes",
+        ),
+    ] = False
+    radius: Annotated[
+        Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None,
+        about(
+            "what counts as near, in cells",
+            "goal",
+            "CELLS",
+            needed_by=["long-range", "short-range"],
+        ),
+    ] = None
+    mix: Annotated[
+        tuple[Weight, Weight] | None,
+        about("weights of the two warps", "goal", ("A", "B"), needed_by=["two-samples"]),
+    ] = None
+    period: Annotated[
+        Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None,
+        about("cells from one stripe to the next", "goal", "CELLS", needed_by=["split"]),
+    ] = None
+    disparity: Annotated[
+        tuple[Step, Step] | None,
+        about(
+            "lowest and highest disparity: cells to the right from where the camera sees a point "
+            "to the projector cell that lights it; default: 0",
+            "goal",
+            ("LOW", "HIGH"),
+            taken_by=RANGES_OF_DEPTH,
+            one_is_both=True,
+        ),
+    ] = None
+    plane: Annotated[
+        Plane | None,
+        about(
+            "homography from the camera's field to the projector's, row by row, of the plane that "
+            "disparities count from; default: the rig's",
+            "goal",
+            "H",
+            taken_by=RANGES_OF_DEPTH,
+        ),
+    ] = None
+    keep: Annotated[
+        KeepName | None,
+        about(
+            "paths in the epipolar plane, which are those within rows of cells (default: in), or "
+            "all others",
+            "goal",
+            taken_by=["epipolar"],
+        ),
+    ] = None
+    rows: Annotated[
+        tuple[Step, Step] | None,
+        about(
+            "row of projector cells and row of camera cells; default: all of T",
+            "goal",
+            ("R", "R2"),
+            taken_by=["transport"],
+            one_is_both=True,
+        ),
+    ] = None
+    masked: Annotated[
+        bool | None,
+        about("close the mask but for the row of camera cells", "goal", taken_by=["transport"]),
+    ] = None
+    illumination: Annotated[
+        Table | None,
+        array(
+            "light of the projector, 0 to 1",
+            needed_by=["illuminated"],
+            taken_by=[g for g in get_args(GoalName) if g not in ("illuminated", "transport")],
+        ),
+    ] = None
+    disparities: Annotated[
+        Table | None,
+        array(
+            "cells to the right from each camera cell to the projector cell that disparities count "
+            "from",
+            taken_by=RANGES_OF_DEPTH,
+        ),
+    ] = None
+    warp: Annotated[
+        Table | None,
+        array(
+            "projector cell of each camera cell, as row * columns + column, or -1",
+            needed_by=["warped", "two-samples"],
+            taken_by=(*MATCHED, *RANGES_OF_DEPTH),
+        ),
+    ] = None
+    warp_b: Annotated[Table | None, array("a second warp", needed_by=["two-samples"])] = None
+    region_a: Annotated[
+        Table | None, array("camera cells of a region, 0 or 1", needed_by=["blocked"])
+    ] = None
+    region_b: Annotated[
+        Table | None, array("projector cells of a region, 0 or 1", needed_by=["blocked"])
+    ] = None
+    kernel: Annotated[
+        Table | None,
+        array(
+            "weights of shifts, an array with odd sides whose centre is the shift (0, 0)",
+            needed_by=["filtered"],
+        ),
+    ] = None
+    matrix: Annotated[
+        Table | None, array("weight of every pair of cells, N x N", needed_by=["relit"])
+    ] = None
+    method: Annotated[
+        MethodName,
+        about(
+            "one coded photo; a pair of them, with the mask's codes and with their complement; "
+            "many photos through an open mask; or shifted checkers (nayar). The last two are there "
+            "to compare with",
+            "codes",
+        ),
+    ] = "coded"
+    pilot: Annotated[
+        Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None,
+        about(
+            "of the codes, how many to photograph one by one first, to learn which far cells are "
+            "linked: 8, 12 or 16 in front of mirrors, else a power of two from 32, or all; auto: "
+            "a few, where the first photos show that they are worth their files; default: auto "
+            "where nothing else says how codes are spent",
+            "codes",
+            "K0",
+        ),
+    ] = None
+    parts: Annotated[
+        Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None,
+        about(
+            "exposures to split the codes over; from 4 on their spread measures the error of the "
+            "codes; auto: as many as are worth their files; default: auto where nothing else says "
+            "how codes are spent",
+            "codes",
+            "B",
+        ),
+    ] = None
+    until_error: Annotated[
+        Share | None,
+        about(
+            "take no more parts once RMS sigma over the picture's RMS is as low as that",
+            "codes",
+            "E",
+        ),
+    ] = None
+    repeat: Annotated[
+        int,
+        Meta(ge=1, le=1024),
+        about(
+            "equal exposures to add up: less sensor noise, the same error of the codes",
+            "codes",
+            "B",
+        ),
+    ] = 1
+    error: Annotated[
+        Share | None,
+        about(
+            "wanted RMS error as a share of the picture's RMS; codes and exposures follow",
+            "planning",
+            "E",
+            common=True,
+        ),
+    ] = None
+    confidence: Annotated[
+        Annotated[float, Meta(ge=0.5, lt=1.0)] | None,
+        about("probability with which that error is kept; default: 0.95", "planning", "C"),
+    ] = None
+    seconds: Annotated[
+        Annotated[float, Meta(gt=0.0, le=86400.0)] | None,
+        about(
+            "time of all exposures; what gives the smallest error in it follows",
+            "planning",
+            "S",
+            common=True,
+        ),
+    ] = None
+    prior: Annotated[
+        Name | Sent | None,
+        about(
+            "what the scene is like, to guide the codes and foresee errors by: scene:NAME of a "
+            "preset, decay:CELLS, or a transport matrix",
+            "planning",
+            "PRIOR",
+            takes="scene:NAME, decay:CELLS, or a file (.npz)",
+        ),
+    ] = None
+    smooth: Annotated[
+        bool | None,
+        about(
+            "correct indirect and far light for what codes get wrong of smooth light, by a model "
+            "that the photo itself gives; default: with the family hadamard",
+            "codes",
+        ),
+    ] = None
+    grey_masks: Annotated[
+        bool | None,
+        about(
+            "let masks of long- and short-range light have grey levels, which count it more "
+            "evenly, for less light; default: where the mask can show them and it is known what "
+            "light they give",
+            "codes",
+        ),
+    ] = None
+    seed: Annotated[
+        int, Meta(ge=0, lt=2**53), about("the same seed gives the same codes", "codes", "N")
+    ] = 0
+    exposure_s: Annotated[
+        Annotated[float, Meta(gt=0.0, le=3600.0)] | None,
+        about(
+            "coded time in seconds: as many whole passes of the codes as fit",
+            "photo",
+            "S",
+            option="exposure",
+        ),
+    ] = None
+    window: Annotated[WindowName | None, about("part of a mask cell that opens", "photo")] = None
+    guards: Annotated[
+        bool | GuardsName | None,
+        about(
+            "refreshes that keep a code apart from the next: 1 (none), 2 (both panels black; the "
+            "mask black, before or after its code) or 3 (tail, for slow masks; full); auto: by the "
+            "measured lag of the mask",
+            "photo",
+            option="schedule",
+            switched=(
+                "a black mask between codes, whatever a wanted error would choose",
+                "no black mask between codes: more light, more error",
+            ),
+        ),
+    ] = None
+    black_level: Annotated[
+        BlackLevelName | None,
+        about(
+            "black exposures to take and subtract; auto: those that a dark photo calls for", "photo"
+        ),
+    ] = None
+    normalise: Annotated[
+        NormaliseName | None,
+        about(
+            "divide a photo by one number, each cell by its own weight, or (auto) as it needs",
+            "photo",
+        ),
+    ] = None
+    white: Annotated[
+        bool,
+        about(
+            "take a white photo beside an indirect one, so that the run shows white, direct and "
+            "indirect light",
+            "photo",
+        ),
+    ] = True
+    white_patch: Annotated[
+        Place | None,
+        about(
+            "where on the field something white lies, to balance the previews by, from 0 0 at its "
+            "upper left corner to 1 1; default: what is bright and nearly neutral",
+            "photo",
+            ("X", "Y"),
+        ),
+    ] = None
+    out: Annotated[
+        str | None,
+        about(
+            "make the run folder in DIR; over the socket, below the daemon's state folder",
+            "run",
+            "DIR",
+        ),
+    ] = None
+    name: Annotated[
+        Label | None,
+        about("what to call the run; it need not be unique", "run", "TEXT", common=True),
+    ] = None
+    tags: Annotated[
+        tuple[Tag, ...],
+        Meta(max_length=MOST_TAGS),
+        about("words to find the run by", "run", "WORD", option="tag", common=True),
+    ] = ()
+    note: Annotated[Note, about("whatever is to be remembered", "run", "TEXT", common=True)] = ""
 
 
 class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a bench is to measure of itself.
-
-    steps : none is all of a whole calibration. attended : whether somebody is there to put a card
-        before the camera and say so; else it begins at once. subject : what is before the camera.
-        marks : what the geometry shows; "auto" is dots on a card, and on a scene stripes.
-    """
+    """What a bench is to measure of itself, as `calibrate.start` and `pdcd calibrate` take it."""
 
     # Everybody is told them for as long as the job is known, so they are no more than there are.
-    steps: Annotated[tuple[StepName, ...], Meta(max_length=len(get_args(StepName)))] = ()
-    attended: bool = False
-    subject: SubjectName = "card"
-    marks: MarksName = "auto"
-
-
-def new_job_id() -> str:
-    """Name of a new job: UTC time to the second and four random hex digits."""
-    return f"{job_time(datetime.now(UTC))}-{secrets.token_hex(2)}"
-
-
-def job_time(moment: datetime) -> str:
-    """What the names of jobs of a moment begin with; they sort by time."""
-    return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"
+    steps: Annotated[
+        tuple[StepName, ...],
+        Meta(max_length=len(get_args(StepName))),
+        about("what to measure; none: all that a bench needs", "calibration", "STEP"),
+    ] = ()
+    attended: Annotated[
+        bool,
+        about(
+            "whether somebody is there to put a card in front of the camera and say so; else it "
+            "begins at once",
+            "calibration",
+        ),
+    ] = False
+    subject: Annotated[SubjectName, about("what is in front of the camera", "calibration")] = "card"
+    marks: Annotated[
+        MarksName,
+        about(
+            "what the geometry shows: dots on a card, or stripes; auto: dots on a card, stripes on "
+            "a scene",
+            "calibration",
+        ),
+    ] = "auto"

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.protocol.request import ARRAYS, CaptureRequest, Goal, Rows, Sent
+from pdcd.protocol.fields import ARRAYS
+from pdcd.protocol.plan_summary import Goal
+from pdcd.protocol.request import CaptureRequest, Rows, Sent
 from pdcd.recipes.goals import MATRICES, PLANES, Target, check_target
 
 Floats = NDArray[np.float64]

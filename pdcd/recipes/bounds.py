@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 
 LEAST_P = 1.0 / 65536
 """Least share of codes to light a cell in: once in the largest number of codes there is."""

@@ -1,8 +1,7 @@
 """What to keep of the light transport, as a value: every row of Tables 1 and 2 of the paper.
 
 A `Goal` is a name with its numbers, a `Target` is one over a grid, with its arrays. What it means
-as a matrix and how it is photographed is in `pdcd.recipes.make`; this file knows which parameters
-each goal takes, and checks them.
+as a matrix and how it is photographed is in `pdcd.recipes.make`; this file checks its parameters.
 """
 
 from __future__ import annotations
@@ -14,76 +13,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.protocol.request import Goal
+from pdcd.protocol.fields import ARRAYS, needed_by, taken_by
+from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
 from pdcd.recipes.partners import Partner, check_depths, partner_of
+from pdcd.words import GoalName
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]
 
-PLANES: dict[str, str] = {
-    "illumination": "light of the projector, 0..1 for each cell",
-    "warp": "projector cell of each camera cell, as row * columns + column, or -1",
-    "warp_b": "a second warp",
-    "region_a": "camera cells, 0 or 1",
-    "region_b": "projector cells, 0 or 1",
-    "disparities": "cells to the right from each camera cell to its projector cell",
-}
+MATRICES = ("kernel", "matrix")
+"""Parameters that are arrays of another shape than the grid."""
+PLANES = tuple(name for name in ARRAYS if name not in MATRICES)
 """Parameters with one value for each cell of the grid."""
 
-MATRICES: dict[str, str] = {
-    "kernel": "weights of shifts, an array with odd sides whose centre is the shift (0, 0)",
-    "matrix": "weight of every pair of cells, N x N",
+KEEPS: dict[GoalName, str] = {
+    "white": "all light",
+    "indirect": "light that left its cell (Table 2, row 2)",
+    "direct": "light that stayed in its cell, as white less indirect (Table 2, row 1)",
+    "fraction": "direct light and the share p of the indirect (section 5)",
+    "illuminated": "an ordinary photo under a pattern (Table 1, rows 1, 2)",
+    "diagonal": "light that stayed in its cell, by signed codes (Table 1, row 3)",
+    "off-diagonal": "light from the cell at a shift (Table 1, row 4)",
+    "warped": "light from one chosen cell each (Table 1, row 5)",
+    "two-samples": "a weighted pair of cells each (Table 1, row 6)",
+    "relit": "transport times a matrix of weights (Table 1, row 7)",
+    "long-range": "light from further than a radius (Table 2, row 3)",
+    "short-range": "indirect light from within a radius (Table 2, row 4)",
+    "blocked": "all but light from B to A (Table 2, row 5)",
+    "descattered": "direct light less that of a neighbour (Table 2, row 6)",
+    "filtered": "a filter over shifts (Table 2, row 7)",
+    "split": "indirect light that is sharp, and that is smooth (Fig. 10)",
+    "keyed": "all but direct light from a range of depths (Fig. 11)",
+    "epipolar": "light that stays in its row of cells, or that does not",
+    "stereo": "direct light from a range of depths",
+    "transport": "entries of T itself: a slice between two rows of cells, or all (Fig. 5)",
 }
-
-# name -> (parameters it needs, what it keeps). All goals but "illuminated" and "relit" may also be
-# taken under an illumination (Table 1, row 7).
-GOALS: dict[str, tuple[tuple[str, ...], str]] = {
-    "white": ((), "all light"),
-    "indirect": ((), "light that left its cell (Table 2, row 2)"),
-    "direct": ((), "light that stayed in its cell, as white less indirect (Table 2, row 1)"),
-    "fraction": (("p",), "direct light and the share p of the indirect (section 5)"),
-    "illuminated": (("illumination",), "an ordinary photo under a pattern (Table 1, rows 1, 2)"),
-    "diagonal": ((), "light that stayed in its cell, by signed codes (Table 1, row 3)"),
-    "off-diagonal": (("shift",), "light from the cell at a shift (Table 1, row 4)"),
-    "warped": (("warp",), "light from one chosen cell each (Table 1, row 5)"),
-    "two-samples": (("warp", "warp_b", "mix"), "a weighted pair of cells each (Table 1, row 6)"),
-    "relit": (("matrix",), "transport times a matrix of weights (Table 1, row 7)"),
-    "long-range": (("radius",), "light from further than a radius (Table 2, row 3)"),
-    "short-range": (("radius",), "indirect light from within a radius (Table 2, row 4)"),
-    "blocked": (("region_a", "region_b"), "all but light from B to A (Table 2, row 5)"),
-    "descattered": (("shift",), "direct light less that of a neighbour (Table 2, row 6)"),
-    "filtered": (("kernel",), "a filter over shifts (Table 2, row 7)"),
-    "split": (("period",), "indirect light that is sharp, and that is smooth (Fig. 10)"),
-    "keyed": ((), "all but direct light from a range of depths (Fig. 11)"),
-    "epipolar": ((), "light that stays in its row of cells, or that does not"),
-    "stereo": ((), "direct light from a range of depths"),
-    "transport": ((), "entries of T itself: a slice between two rows of cells, or all (Fig. 5)"),
-}
+"""What each goal keeps. Which parameters it takes stands with each field of `CaptureRequest`. All
+goals but "illuminated" and "relit" may also be taken under an illumination (Table 1, row 7)."""
 
 OFF_AXIS = ("keyed", "epipolar", "stereo")
 """Goals of benches whose camera is off the projector's axis."""
-DEPTHS = ("disparity", "plane", "disparities", "warp")
-MAY_TAKE: dict[str, tuple[str, ...]] = {
-    "indirect": ("shift", "warp"),
-    "direct": ("shift", "warp"),
-    "fraction": ("shift", "warp"),
-    "off-diagonal": ("p",),
-    "split": ("shift", "warp"),
-    "keyed": DEPTHS,
-    "stereo": DEPTHS,
-    "epipolar": ("keep",),
-    "transport": ("rows", "masked"),
-}
-"""What these goals may be given besides: the matched cell in the place of the cell itself, what
-share of all other light to keep beside it (Fig. 9(d)), depths, rows of entries."""
-
-
-def may_take(name: str) -> tuple[str, ...]:
-    """What a goal may be given besides what it needs."""
-    lit = () if name == "transport" else ("illumination",)
-    also = (*MAY_TAKE.get(name, ()), *lit)
-    return tuple(other for other in also if other not in GOALS[name][0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +89,13 @@ class Target:
 def check_target(target: Target) -> Target:
     """The target itself, or RequestError that says what to change."""
     goal = target.goal
-    if goal.name not in GOALS:
-        raise RequestError(f"unknown goal {goal.name!r}", hint=f"known goals: {', '.join(GOALS)}")
-    needs, _ = GOALS[goal.name]
+    if goal.name not in KEEPS:
+        raise RequestError(f"unknown goal {goal.name!r}", hint=f"known goals: {', '.join(KEEPS)}")
+    needs = needed_by(goal.name)
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    takes = (*needs, *may_take(goal.name))
+    takes = (*needs, *taken_by(goal.name))
     missing, spare = sorted({*needs} - given), sorted(given - {*takes})
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pdcd.errors import RequestError
-from pdcd.protocol.request import How
+from pdcd.protocol.plan_summary import How
 from pdcd.recipes.alternatives import Fitted, Masked, checkers, shares
 from pdcd.recipes.composed import composed
 from pdcd.recipes.each import RECIPES

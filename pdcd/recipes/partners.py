@@ -21,7 +21,7 @@ from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.placing import through
 from pdcd.probing.wanted import Grid, Indices, shifted
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.programs import (
     Coded,
     Program,

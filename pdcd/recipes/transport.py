@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdcd.codes.orders import hadamard_columns, is_order
 from pdcd.errors import RequestError
 from pdcd.probing.wanted import Outer, Wanted
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Blocks
 from pdcd.recipes.recipe import Photo, Recipe, Shot

@@ -17,7 +17,7 @@ import msgspec
 from pdcd.errors import RequestError
 from pdcd.printable import one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
-from pdcd.protocol.request import job_time
+from pdcd.protocol.result import job_time
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.look import bare_entry, damaged, entry_of
 from pdcd.runs.walk import Spot, Walk, is_job, opened_run, opened_state, spot_in, spot_of, walked

@@ -18,7 +18,7 @@ import msgspec
 
 from pdcd.errors import BusyError, DiskError, PdcdError, RequestError, disk_errors
 from pdcd.protocol.entry import RunEntry, RunQuery
-from pdcd.protocol.request import job_time
+from pdcd.protocol.result import job_time
 from pdcd.runs.index import find
 from pdcd.runs.place import UNFINISHED
 from pdcd.runs.walk import REMOVED, opened_run, opened_state

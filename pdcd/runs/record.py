@@ -10,7 +10,9 @@ from msgspec import Meta
 from pdcd.bench.tables import NonNegative, PanelConfig
 from pdcd.errors import DecodeError
 from pdcd.panels.placing import Placing
-from pdcd.protocol.request import Figure, Goal, How, Place, Quality, quality_of
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import Place
+from pdcd.protocol.result import Figure, Quality, quality_of
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName

@@ -20,7 +20,7 @@ from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError
 from pdcd.files.inside import fault_of, hashed, listing, opened, opened_file, read_file
 from pdcd.printable import one_line
-from pdcd.protocol.request import quality_of
+from pdcd.protocol.result import quality_of
 from pdcd.runs.folder import LOG
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.later import made_later

@@ -26,13 +26,9 @@ import msgspec
 from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, error_fields
 from pdcd.protocol.events import Emit, Event
 from pdcd.protocol.messages import JobView, Shown, ShowParams
-from pdcd.protocol.request import (
-    CalibrateRequest,
-    CaptureRequest,
-    CaptureResult,
-    PlanSummary,
-    new_job_id,
-)
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 from pdcd.protocol.views import OwnerView, Preview, RigView
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.runs.place import Place

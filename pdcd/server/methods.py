@@ -15,6 +15,7 @@ import msgspec
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
 from pdcd.protocol import messages
+from pdcd.protocol.fields import ARRAYS, needed_by, request_fields, taken_by
 from pdcd.protocol.messages import (
     Admitted,
     Agreed,
@@ -36,11 +37,13 @@ from pdcd.protocol.messages import (
     SubscribeParams,
     Subscription,
 )
-from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.roles import Role
 from pdcd.protocol.views import Preview, RigView
 from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.recipes.goals import GOALS, MATRICES, PLANES, may_take
+from pdcd.recipes.goals import KEEPS
 from pdcd.runs.index import search
 from pdcd.runs.place import Place
 from pdcd.server.aside import aside
@@ -193,7 +196,7 @@ class Methods:
         # During a job the last description must do: the engine's thread is taken.
         if self.state == "idle":
             self._description = await self._worker.call(self._engine.describe)
-        return Described(self._description, messages.schema(), _goals(), {**PLANES, **MATRICES})
+        return Described(self._description, messages.schema(), _goals(), _arrays())
 
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
@@ -333,9 +336,13 @@ def _owner(caller: Caller) -> Owner:
 
 def _goals() -> dict[str, GoalView]:
     return {
-        name: GoalView(keeps=keeps, needs=needs, may=may_take(name))
-        for name, (needs, keeps) in GOALS.items()
+        name: GoalView(keeps=keeps, needs=needed_by(name), may=taken_by(name))
+        for name, keeps in KEEPS.items()
     }
+
+
+def _arrays() -> dict[str, str]:
+    return {name: request_fields()[name].text for name in ARRAYS}
 
 
 def _clock() -> ClockAnchor:

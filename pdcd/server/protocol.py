@@ -9,8 +9,6 @@ counting, so a client whose count is in doubt is parted from.
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -20,6 +18,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from pdcd.errors import PdcdError, ProtocolError, RequestError
 from pdcd.protocol import messages
+from pdcd.protocol.fields import FieldError, convert_struct
 from pdcd.protocol.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
 from pdcd.server.descriptors import Descriptors
 
@@ -240,22 +239,18 @@ def _agree(wanted: tuple[int, int]) -> None:
 
 def _params(method: str, raw: Any, kind: type[msgspec.Struct]) -> msgspec.Struct:
     try:
-        return msgspec.convert(raw, kind)
+        return convert_struct(raw, kind)
+    except FieldError as err:
+        raise RequestError(
+            f"{method}: {err}", hint="rig.describe has the schema of every message"
+        ) from err
     # Besides its own errors, what numbers and depths beyond all measure make Python raise.
     except (ValueError, OverflowError, RecursionError) as err:
-        raise RequestError(f"{method}: {_short(str(err))}", hint=_hint(kind, str(err))) from err
-
-
-def _hint(kind: type[msgspec.Struct], message: str) -> str:
-    """What the field at fault takes, as JSON Schema, or which fields there are."""
-    at = re.search(r"`\$\.(\w+)", message)
-    if at is None or at[1] not in kind.__struct_fields__:
         names = ", ".join(kind.__struct_fields__) or "none"
-        return f"fields are: {names}; see rig.describe for their types"
-    schema = msgspec.json.schema(kind)["$defs"][kind.__name__]["properties"][at[1]]
-    # What may also be null, and stands for a default, is better shown by its first alternative.
-    shown = {key: value for key, value in schema.items() if key not in ("anyOf", "default")}
-    return f"{at[1]} takes {json.dumps(shown or schema['anyOf'][0])}"
+        raise RequestError(
+            f"{method}: {_short(str(err))}",
+            hint=f"fields are: {names}; see rig.describe for their types",
+        ) from err
 
 
 def _short(text: str, limit: int = 200) -> str:

@@ -13,7 +13,9 @@ from pdcd.errors import Cancelled, PdcdError, of_kind
 from pdcd.protocol import events
 from pdcd.protocol.events import Event
 from pdcd.protocol.messages import Shown, ShowParams, plain
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import Preview
 from pdcd.recipes.arrays import Given
 from pdcd.runs.place import Place

@@ -21,7 +21,7 @@ from pdcd.pictures.weights import divided_by_row, realised_photo
 from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.probing.wanted import Full
-from pdcd.protocol.request import Quality
+from pdcd.protocol.result import Quality
 from pdcd.recipes.parts import FLOODLIT
 from pdcd.recipes.recipe import Extremes, Photo, Shot
 from pdcd.runs.record import RunRecord

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.probing.deviation import Deviation
-from pdcd.protocol.request import Quality
+from pdcd.protocol.result import Quality
 from pdcd.runs.record import ShotRecord
 from pdcd.verdict.limits import LIMITS, Limits
 from pdcd.verdict.placement import Fit

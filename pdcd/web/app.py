@@ -13,11 +13,13 @@ import msgspec
 from aiohttp import web
 
 from pdcd.client import INTAKE_TIMEOUT_S
-from pdcd.errors import PdcdError
+from pdcd.errors import PdcdError, RequestError
+from pdcd.protocol.fields import FieldError, convert_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.web.asks import ENGINE_S, Asks
 from pdcd.web.door import ENTER, REPORT, Asked, Door, Refused
+from pdcd.web.form import form_groups
 from pdcd.web.guard import REQUEST_S, Guards
 from pdcd.web.news import News, TooMany
 from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, page_files
@@ -175,14 +177,9 @@ class Site:
             return response
 
     async def _describe(self, request: web.Request) -> web.StreamResponse:
-        """The rig, the goals, and the schema of what can be asked for."""
-        described = await self._asks.ask("rig.describe", answer_s=ENGINE_S)
-        schema = described["schema"]
-        wanted = schema["$defs"]["StartParams"]
-        fields = CaptureRequest.__struct_fields__
-        own = {name: each for name, each in wanted["properties"].items() if name in fields}
-        request_schema = {**wanted, "properties": own}
-        return _json({**described, "schema": {"request": request_schema}})
+        """The rig, the goals, and the fields of what can be asked for."""
+        told = await self._asks.ask("rig.describe", answer_s=ENGINE_S)
+        return _json({"rig": told["rig"], "goals": told["goals"], "groups": form_groups()})
 
     async def _runs(self, request: web.Request) -> web.StreamResponse:
         return _json({"runs": await self._disk.do(self._shelf.runs)})
@@ -220,8 +217,10 @@ class Site:
             raise Refused(413, "the body is too long")
         body = await request.read()
         try:
-            asked = msgspec.json.decode(body, type=wants.params)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as err:
+            asked = convert_struct(msgspec.json.decode(body), wants.params)
+        except FieldError as err:
+            raise RequestError(str(err)) from err
+        except (ValueError, OverflowError, RecursionError) as err:
             raise Refused(400, f"the body is not what it should be: {err}") from err
         self._guards.known(request.transport, LONG_S)
         if isinstance(asked, JobParams) and name == "cancel":

@@ -12,7 +12,8 @@ from pdcd.bench.config import load
 from pdcd.bench.toml_text import emit
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CalibrateRequest, new_job_id
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import new_job_id
 from tests.bench.measure import alone_in, peak_mib
 from tests.bench.tables import Aim, Section, Table, seconds
 from tests.places import ROOT

@@ -19,7 +19,8 @@ from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
 from pdcd.planning.given import from_path, read_given
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.place import Place
 from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import REPEATS, peak_mib, timed

@@ -24,7 +24,8 @@ from pdcd.bench.measured import calibrated as with_latest
 from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
 from pdcd.bench.truth import truth_of
 from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, new_job_id
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 from pdcd.sensor.profile import load_profile
 from tests import world
 from tests.calibrated.compare import compared

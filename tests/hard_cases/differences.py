@@ -13,7 +13,7 @@ from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.picture import Picture
 from pdcd.probing.panel import Panel
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe

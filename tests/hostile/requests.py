@@ -14,8 +14,9 @@ from typing import Any, get_args
 import msgspec
 
 from pdcd import words
-from pdcd.protocol.request import ARRAYS, CaptureRequest
-from pdcd.recipes.goals import GOALS
+from pdcd.protocol.fields import ARRAYS, needed_by
+from pdcd.protocol.request import CaptureRequest
+from pdcd.recipes.goals import KEEPS
 from tests.hostile import files
 from tests.hostile.files import Random
 
@@ -97,10 +98,10 @@ def attacks(
 
 
 def _attack(rng: Random, folder: Path, grid: tuple[int, int]) -> Attack:
-    goal = rng.choice(list(GOALS))
+    goal = rng.choice(list(KEEPS))
     params: dict[str, Any] = {"goal": goal}
     made: list[int] = []
-    for name in GOALS[goal][0]:
+    for name in needed_by(goal):
         params[name] = _fitting(rng, name, grid)
     fields = [f for f in CaptureRequest.__struct_fields__ if f != "goal"]
     for name in rng.sample(fields, rng.randrange(0, 4)):

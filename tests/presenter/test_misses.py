@@ -18,7 +18,8 @@ from pdcd.bench.tables import CameraConfig, RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import Cancelled
 from pdcd.panels.frames import FrameLog
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests import bench_rig, lateness, x11_rig
 from tests.contract.test_display import frames
 from tests.xserver import XServer

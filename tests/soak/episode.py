@@ -11,7 +11,8 @@ from random import Random
 
 from pdcd.client import Unreachable
 from pdcd.errors import PdcdError
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.verify import verify
 from tests.soak import processes
 from tests.soak.attacks import ATTACKS, Attack

@@ -8,24 +8,20 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.protocol.labels import LABELS
-from pdcd.protocol.request import (
+from pdcd.protocol.fields import (
     ARRAYS,
-    CalibrateRequest,
-    CaptureRequest,
-    CaptureResult,
-    Goal,
-    How,
-    PlanSummary,
-    Quality,
-    Sent,
-    ShotSummary,
-    figure_of,
-    in_words,
-    job_time,
-    new_job_id,
-    quality_of,
+    UNTOLD,
+    FieldError,
+    convert_struct,
+    fields_of,
+    needed_by,
+    request_fields,
+    taken_by,
 )
+from pdcd.protocol.plan_summary import Goal, How, PlanSummary, ShotSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, Sent, in_words
+from pdcd.protocol.result import CaptureResult, Quality, figure_of, job_time, new_job_id, quality_of
+from tests import request_page
 
 TINY = 5e-324
 NAME = "x" * 4096
@@ -68,6 +64,72 @@ def asked(**fields: Any) -> CaptureRequest:
     return msgspec.json.decode(
         msgspec.json.encode({"goal": "indirect", **fields}), type=CaptureRequest
     )
+
+
+def test_every_field_tells_people_what_it_is_and_takes() -> None:
+    for kind in (CaptureRequest, CalibrateRequest):
+        for field in fields_of(kind).values():
+            assert field.text and field.takes and field.about is not UNTOLD, field.name
+            assert field.text[0].islower() and not field.text.endswith("."), field.name
+    assert set(ARRAYS) == {name for name in BOUNDS if BOUNDS[name][0] == [NAME, [[1.0, -2.0]]]}
+
+
+@pytest.mark.parametrize(
+    ("name", "takes"),
+    [
+        ("codes", "a whole number from 1 to 65536"),
+        ("p", "a number over 0 and below 1"),
+        ("confidence", "a number from 0.5 and below 1"),
+        ("seconds", "a number over 0 and up to 86400"),
+        ("seed", "a whole number from 0 to 9007199254740991"),
+        ("period", "a multiple of 4 from 4 to 65536"),
+        ("plane", "9 numbers from -1000000 to 1000000"),
+        ("parts", "a whole number from 1 to 64 or auto"),
+        ("guards", "true, false, none, both, lag, lead, tail, full or auto"),
+        ("masked", "true or false"),
+        ("keep", "in or out"),
+        ("out", "a text"),
+    ],
+)
+def test_what_a_field_takes_is_said_in_words(name: str, takes: str) -> None:
+    assert request_fields()[name].takes == takes
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "shown"),
+    [
+        ("codes", 0, ", not 0"),
+        ("codes", "many", ', not "many"'),
+        ("codes", True, ", not true"),
+        ("codes", 10**400, ""),
+        ("codes", [[1]] * 9, ""),
+        ("shift", [1, 2, 3], ", not [1, 2, 3]"),
+        ("name", "a/b", ""),
+    ],
+)
+def test_a_refusal_names_what_is_taken_and_a_short_value(name: str, value: Any, shown: str) -> None:
+    field = request_fields()[name]
+    with pytest.raises(FieldError) as caught:
+        field.convert(value, "--x")
+    assert str(caught.value) == f"--x: it takes {field.takes}{shown}"
+
+
+def test_a_message_is_refused_by_its_wrong_field() -> None:
+    assert convert_struct({"goal": "white"}, CaptureRequest) == CaptureRequest(goal="white")
+    with pytest.raises(FieldError, match=r"^goal: it takes white, indirect"):
+        convert_struct({"goal": "whit"}, CaptureRequest)
+    with pytest.raises(msgspec.ValidationError, match="missing required field"):
+        convert_struct({}, CaptureRequest)
+
+
+def test_goals_take_what_the_fields_say() -> None:
+    assert needed_by("two-samples") == ("mix", "warp", "warp_b")
+    assert taken_by("keyed") == ("disparity", "plane", "illumination", "disparities", "warp")
+    assert needed_by("white") == () and taken_by("transport") == ("rows", "masked")
+
+
+def test_docs_request_is_the_page_that_the_fields_make() -> None:
+    assert request_page.PATH.read_text() == request_page.page(), "python -m tests.request_page"
 
 
 def test_no_field_is_without_a_bound() -> None:
@@ -174,5 +236,6 @@ def test_jobs_are_named_by_their_time_everywhere_the_same() -> None:
 
 
 def test_labels_say_what_is_taken() -> None:
-    assert set(LABELS) == {"name", "tags", "note"}
-    assert "16" in LABELS["tags"]
+    takes = {name: request_fields()[name].takes for name in ("name", "tags", "note")}
+    assert takes["name"].startswith("1 to 80 letters") and takes["note"].startswith("up to 4096")
+    assert takes["tags"].startswith("up to 16 words, each 1 to 40 letters")

@@ -18,7 +18,9 @@ from pdcd.pictures.truth import entries
 from pdcd.planning.plan import Plan
 from pdcd.probing.deviation import Deviation
 from pdcd.protocol.events import Event
-from pdcd.protocol.request import CaptureRequest, How, Leaks, PlanSummary, Quality
+from pdcd.protocol.plan_summary import How, Leaks, PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import Quality
 from pdcd.recipes.parts import part_numbers
 from pdcd.runs.record import MeterRecord, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap

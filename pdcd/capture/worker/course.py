@@ -41,7 +41,8 @@ from pdcd.planning.look import DarkFrames, quiet, with_blacks
 from pdcd.planning.plan import Plan
 from pdcd.planning.progress import completes_part, next_step
 from pdcd.protocol import events
-from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.folder import write_patterns

@@ -15,7 +15,8 @@ from pdcd.pictures.learn import Learned
 from pdcd.planning.average import averaged, noise_of_plan
 from pdcd.planning.guided import resumed, with_links
 from pdcd.planning.plan import Plan
-from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import DarkPhoto
 from pdcd.watch import Watch
 

@@ -1,55 +1,13 @@
-// A form made from the schema of a request: what may be asked for is told by the daemon alone.
+// A form of the fields that the server describes: it draws them in a loop and knows none by name.
 
-import { el, short } from "./dom.js";
+import { el } from "./dom.js";
 
-const FIRST = ["codes", "error", "seconds", "name", "tags", "note"]; // shown without a click
 const UNSAID = "by the rig";
 
-/** What a value may be: its kind, whether it may be left out, and the schema of each alternative. */
-function told(schema) {
-  const all = schema.anyOf ?? [schema];
-  const some = all.filter((each) => each.type !== "null");
-  const types = some.map((each) => (each.enum ? "enum" : each.$ref ? "file" : each.prefixItems ? "tuple" : each.type));
-  const optional = some.length < all.length;
-  const is = (...names) => types.length === names.length && names.every((name) => types.includes(name));
-  const of = (name) => some[types.indexOf(name)];
-  if (types.includes("file")) return { kind: "file", optional };
-  if (is("enum")) return { kind: "choice", optional, values: of("enum").enum };
-  if (is("boolean", "enum")) return { kind: "choice", optional, values: [true, false, ...of("enum").enum] };
-  if (is("boolean")) return optional ? { kind: "choice", optional, values: [true, false] } : { kind: "check" };
-  if (is("integer") || is("number")) return { kind: "number", optional, each: some[0] };
-  if (is("integer", "enum")) return { kind: "word", optional, each: of("integer"), values: of("enum").enum };
-  if (is("tuple")) return { kind: "tuple", optional, items: some[0].prefixItems };
-  if (is("array") && some[0].items?.type === "string") return { kind: "list", optional };
-  if (is("string")) return { kind: "text", optional, each: some[0] };
-  return { kind: "json", optional };
-}
-
 const named = (value) => (value === true ? "yes" : value === false ? "no" : String(value));
-const label = (name) => name.replaceAll("_", " ");
 
-function range(schema) {
-  const { minimum, maximum, exclusiveMinimum: over, exclusiveMaximum: below, multipleOf } = schema;
-  const low = over !== undefined ? `over ${short(over)}` : minimum !== undefined ? short(minimum) : "";
-  const high = below !== undefined ? `below ${short(below)}` : maximum !== undefined ? `to ${short(maximum)}` : "";
-  const ends = [low, high].filter(Boolean).join(over !== undefined || below !== undefined ? ", " : " ");
-  return [multipleOf && `multiple of ${multipleOf}`, ends].filter(Boolean).join(", ");
-}
-
-function number(schema, text, name) {
-  const value = Number(text);
-  const wrong =
-    text.trim() === "" ||
-    !Number.isFinite(value) ||
-    (schema.type === "integer" && !Number.isInteger(value)) ||
-    value < (schema.minimum ?? -Infinity) ||
-    value > (schema.maximum ?? Infinity) ||
-    value <= (schema.exclusiveMinimum ?? -Infinity) ||
-    value >= (schema.exclusiveMaximum ?? Infinity) ||
-    (schema.multipleOf && value % schema.multipleOf !== 0);
-  if (wrong) throw new Error(`${label(name)}: ${schema.type === "integer" ? "a whole number" : "a number"}, ${range(schema)}`);
-  return value;
-}
+/** A number where the text is one; all else goes to the server as it is, which says what it takes. */
+const number = (text) => (text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : text);
 
 async function content(file) {
   const bytes = new Uint8Array(await file.arrayBuffer());
@@ -58,67 +16,62 @@ async function content(file) {
   return { npy: btoa(parts.join("")), file: file.name.slice(0, 255) };
 }
 
-/** One field: its row on the page, and how its value is read; undefined is what was left out. */
-function field(name, schema, words, unsaid) {
-  const what = told(schema);
-  const id = `field-${name}`;
-  const hint = (each) => ({
-    title: range(each) || null,
-    placeholder: what.optional && what.kind !== "tuple" ? [unsaid, range(each)].filter(Boolean).join("; ") : null,
-  });
-  const numeric = (each, more) =>
-    el("input", { type: "text", inputmode: each.type === "integer" ? "numeric" : "decimal", autocomplete: "off", ...hint(each), ...more });
-  const standing = schema.default ?? null;
-  let input, read;
-  if (what.kind === "choice") {
-    const options = what.values.map((value, at) => el("option", { value: at, selected: value === standing }, named(value)));
-    if (what.optional) options.unshift(el("option", { value: "" }, unsaid));
-    input = el("select", { id }, ...options);
-    read = () => (input.value === "" ? undefined : what.values[Number(input.value)]);
-  } else if (what.kind === "check") {
-    input = el("input", { type: "checkbox", id, checked: standing === true });
-    read = () => input.checked;
-  } else if (what.kind === "number") {
-    input = numeric(what.each, { id, value: standing });
-    read = () => (input.value.trim() === "" ? undefined : number(what.each, input.value, name));
-  } else if (what.kind === "word") {
-    const list = el("datalist", { id: `${id}-list` }, ...what.values.map((value) => el("option", { value })));
-    const box = numeric(what.each, { id, list: list.id, inputmode: null });
-    input = el("div", {}, box, list);
-    box.title = `${what.values.join(", ")}, or ${range(what.each)}`;
-    read = () => {
-      const text = box.value.trim();
-      return text === "" ? undefined : what.values.includes(text) ? text : number(what.each, text, name);
-    };
-  } else if (what.kind === "tuple") {
-    const boxes = what.items.map((each, at) => numeric(each, { id: at ? null : id, "aria-label": `${label(name)} ${at + 1}` }));
-    input = el("div", { class: "many" }, ...boxes);
-    read = () =>
-      boxes.every((box) => box.value.trim() === "") ? undefined : boxes.map((box, at) => number(what.items[at], box.value, name));
-  } else if (what.kind === "file") {
-    input = el("input", { type: "file", id, accept: ".npy,.npz,.png" });
-    read = () => (input.files.length ? content(input.files[0]) : undefined);
-  } else {
-    const many = what.kind === "list" ? "several, with spaces between" : null;
-    input = el("input", { type: "text", id, autocomplete: "off", maxlength: what.each?.maxLength, value: many ? null : standing, placeholder: many });
-    const parse = {
-      list: (text) => text.split(/[\s,]+/).filter(Boolean),
-      json: (text) => JSON.parse(text),
-      text: (text) => text,
-    }[what.kind];
-    read = () => (input.value.trim() === "" ? undefined : parse(input.value));
-  }
-  const row = el("div", { class: "field" }, el("label", { for: id }, label(name)), input);
-  if (words) row.append(el("small", {}, words));
-  return { name, row, read };
+/** What a field is drawn by: its element, and how its value is read; undefined is what was left out. */
+const drawn = {
+  choice({ id, values, optional, of_goals, default: standing }) {
+    const options = values.map((value, at) => el("option", { value: at, selected: value === standing }, named(value)));
+    if (optional) options.unshift(el("option", { value: "" }, of_goals ? "" : UNSAID));
+    const input = el("select", { id }, ...options);
+    return { input, read: () => (input.value === "" ? undefined : values[Number(input.value)]) };
+  },
+  switch(field) {
+    if (field.optional) return drawn.choice(field);
+    const input = el("input", { type: "checkbox", id: field.id, checked: field.default });
+    return { input, read: () => input.checked };
+  },
+  number({ id, values, takes, default: standing }) {
+    const box = el("input", { type: "text", id, autocomplete: "off", title: takes, placeholder: takes, value: standing });
+    const read = () => (box.value.trim() === "" ? undefined : number(box.value));
+    if (!values.length) return { input: box, read };
+    const list = el("datalist", { id: `${id}-list` }, ...values.map((value) => el("option", { value })));
+    box.setAttribute("list", list.id);
+    return { input: el("div", {}, box, list), read };
+  },
+  numbers({ id, label, count, takes }) {
+    const box = (at) => el("input", { type: "text", id: at ? null : id, autocomplete: "off", title: takes, "aria-label": `${label} ${at + 1}` });
+    const boxes = Array.from({ length: count }, (_, at) => box(at));
+    const read = () => (boxes.every(({ value }) => value.trim() === "") ? undefined : boxes.map(({ value }) => number(value)));
+    return { input: el("div", { class: "many" }, ...boxes), read };
+  },
+  array({ id, takes }) {
+    const input = el("input", { type: "file", id, accept: ".npy,.npz,.png", title: takes });
+    return { input, read: () => (input.files.length ? content(input.files[0]) : undefined) };
+  },
+  prior: (field) => drawn.array(field),
+  words(field) {
+    const { input, read } = drawn.text(field);
+    input.placeholder = "several, with spaces between";
+    return { input, read: () => read()?.split(/[\s,]+/).filter(Boolean) };
+  },
+  text({ id, takes, default: standing }) {
+    const value = typeof standing === "string" ? standing : null;
+    const input = el("input", { type: "text", id, autocomplete: "off", title: takes, value });
+    return { input, read: () => (input.value.trim() === "" ? undefined : input.value) };
+  },
+};
+
+/** One field with its row on the page. */
+function row(field) {
+  const id = `field-${field.name}`;
+  const { input, read } = drawn[field.kind]({ ...field, id });
+  return { ...field, read, row: el("div", { class: "field" }, el("label", { for: id }, field.label), input, el("small", {}, field.text)) };
 }
 
-/** The form of a request over what `rig.describe` told, in an element of the page. */
+/** The form of a request over what the server told, in an element of the page. */
 export class RequestForm {
   #goal;
-  #fields = [];
   #goals = {};
-  #ofGoals = new Set();
+  #groups = [];
   #place;
 
   constructor(place) {
@@ -126,55 +79,58 @@ export class RequestForm {
   }
 
   /** Make all fields anew; the goal stays the chosen one. */
-  describe({ schema, goals, arrays }) {
+  describe({ goals, groups }) {
     const kept = this.#goal?.value;
-    const properties = schema.request.properties;
-    const possible = new Set(properties.goal.enum);
-    this.#goals = Object.fromEntries(Object.entries(goals).filter(([name]) => possible.has(name)));
-    this.#ofGoals = new Set(Object.values(goals).flatMap((goal) => [...goal.needs, ...goal.may]));
-    this.#goal = el("select", { id: "field-goal" }, ...Object.keys(this.#goals).map((name) => el("option", { value: name }, name)));
-    this.#goal.value = kept in this.#goals ? kept : "indirect" in this.#goals ? "indirect" : this.#goal.value;
+    this.#goals = goals;
+    this.#goal = el("select", { id: "field-goal" }, ...Object.keys(goals).map((name) => el("option", { value: name }, name)));
+    this.#goal.value = kept in goals ? kept : "indirect";
     this.#goal.addEventListener("change", () => this.#show());
-    this.#fields = Object.entries(properties)
-      .filter(([name]) => name !== "goal")
-      .map(([name, each]) => field(name, each, arrays[name], this.#ofGoals.has(name) ? "" : UNSAID));
-    const keeps = el("small", { id: "goal-keeps" });
+    this.#groups = groups.map(({ title, fields }) => ({ title, fields: fields.map(row) }));
     this.#place.replaceChildren(
-      el("div", { class: "field" }, el("label", { for: "field-goal" }, "goal"), this.#goal, keeps),
+      el("div", { class: "field" }, el("label", { for: "field-goal" }, "goal"), this.#goal, el("small", { id: "goal-keeps" })),
       el("div", { id: "fields-first" }),
       el("details", { id: "more" }, el("summary", {}, "More"), el("div", { id: "fields-more" })),
     );
     this.#show();
   }
 
-  #takes(name) {
-    const goal = this.#goals[this.#goal.value];
-    return !this.#ofGoals.has(name) || goal.needs.includes(name) || goal.may.includes(name);
+  get #fields() {
+    return this.#groups.flatMap(({ fields }) => fields);
+  }
+
+  #needs({ name }) {
+    return this.#goals[this.#goal.value].needs.includes(name);
+  }
+
+  #takes(field) {
+    return !field.of_goals || this.#needs(field) || this.#goals[this.#goal.value].may.includes(field.name);
   }
 
   #show() {
-    const goal = this.#goals[this.#goal.value];
-    this.#place.querySelector("#goal-keeps").textContent = goal.keeps;
-    // What the goal needs, what is asked for most, then all else, what the goal may have before it.
-    const rank = ({ name }) => (goal.needs.includes(name) ? 0 : FIRST.includes(name) ? 1 : goal.may.includes(name) ? 2 : 3);
-    const shown = this.#fields.filter(({ name }) => this.#takes(name)).sort((a, b) => rank(a) - rank(b));
-    const rows = (first) => shown.filter((each) => rank(each) < 2 === first).map(({ row }) => row);
-    this.#place.querySelector("#fields-first").replaceChildren(...rows(true));
-    this.#place.querySelector("#fields-more").replaceChildren(...rows(false));
-    for (const { name, row } of shown) {
-      row.querySelector("label").textContent = label(name) + (goal.needs.includes(name) ? " (needed)" : "");
-    }
+    this.#place.querySelector("#goal-keeps").textContent = this.#goals[this.#goal.value].keeps;
+    const needed = this.#fields.filter((field) => this.#needs(field));
+    const common = this.#fields.filter((field) => field.common && !needed.includes(field));
+    // What the goal needs, what is asked for most; then all else, group by group.
+    const first = [...needed, ...common];
+    const more = this.#groups.flatMap(({ title, fields }) => {
+      const rest = fields.filter((field) => this.#takes(field) && !first.includes(field));
+      return rest.length ? [el("h3", {}, title), ...rest.map(({ row }) => row)] : [];
+    });
+    this.#place.querySelector("#fields-first").replaceChildren(...first.map(({ row }) => row));
+    this.#place.querySelector("#fields-more").replaceChildren(...more);
+    for (const field of this.#fields) field.row.querySelector("label").textContent = field.label + (this.#needs(field) ? " (needed)" : "");
   }
 
-  /** The request as the fields have it. Throws an Error that says which of them is wrong. */
+  /** The request as the fields have it. Throws an Error where one is left out that the goal needs. */
   async read() {
     const request = { goal: this.#goal.value };
-    for (const { name, read } of this.#fields) {
-      const value = this.#takes(name) ? await read() : undefined;
+    const asked = this.#fields.filter((field) => this.#takes(field));
+    for (const { name, read } of asked) {
+      const value = await read();
       if (value !== undefined) request[name] = value;
     }
-    const missing = this.#goals[request.goal].needs.filter((name) => !(name in request));
-    if (missing.length) throw new Error(`${request.goal} needs ${missing.map(label).join(", ")}`);
+    const missing = asked.filter((field) => this.#needs(field) && !(field.name in request));
+    if (missing.length) throw new Error(`${request.goal} needs ${missing.map(({ label }) => label).join(", ")}`);
     return request;
   }
 }

@@ -19,7 +19,8 @@ from pdcd.capture.engine import Engine
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from pdcd.protocol.events import Event, StepEnded
-from pdcd.protocol.request import CalibrateRequest, CaptureResult, new_job_id
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 
 QUADS = (256, 192)
 PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)

@@ -29,7 +29,8 @@ from pdcd.capture.same_bench import doubts
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.protocol.events import Event, StepEnded
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify_calibration import verify_calibration
 

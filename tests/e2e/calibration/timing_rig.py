@@ -21,7 +21,8 @@ from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import Answer, kept_apart
-from pdcd.protocol.request import CalibrateRequest, CaptureResult, new_job_id
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 
 REFRESH_S = 1.0 / 60.0
 PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)

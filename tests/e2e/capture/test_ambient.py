@@ -15,7 +15,8 @@ from pdcd.capture.salvage import decode_partial
 from pdcd.pages.report.write import write as write_report
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Armed, Event
-from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import verify

@@ -17,7 +17,8 @@ from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning.make import make_plan
-from pdcd.protocol.request import CaptureRequest, Goal, How
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.runs.folder import read_manifest

@@ -23,7 +23,8 @@ from pdcd.capture.worker.keeper import Child
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, PdcdError, PlanError
 from pdcd.protocol.events import Event, Planning
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import read_patterns

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pdcd
-from pdcd.protocol.request import quality_of
+from pdcd.protocol.result import quality_of
 from pdcd.words import GoalName
 
 GRID = (12, 16)

@@ -20,7 +20,8 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Event
-from pdcd.protocol.request import CaptureRequest, new_job_id
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import new_job_id
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig, tampered
 from tests.places import DATA

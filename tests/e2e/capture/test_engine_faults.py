@@ -15,7 +15,8 @@ from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, ExposureError
 from pdcd.protocol.events import Event
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.manifest import MANIFEST
 from tests import bench_rig
 

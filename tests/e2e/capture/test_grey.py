@@ -15,7 +15,8 @@ import pytest
 from pdcd.bench.tables import BenchConfig, Config, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests import bench_rig
 from tests.sampled import sampled
 

@@ -13,7 +13,8 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig

@@ -15,7 +15,8 @@ from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest, CaptureResult, new_job_id
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.sampled import sampled

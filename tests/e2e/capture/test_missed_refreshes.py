@@ -24,7 +24,8 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import SyncError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

@@ -14,7 +14,8 @@ from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig,
 from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import Quality
 from pdcd.runs.folder import read_manifest
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.scene import Scene

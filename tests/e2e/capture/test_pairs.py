@@ -15,7 +15,8 @@ from pdcd.bench.checks import cross_faults
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.sampled import sampled

@@ -25,7 +25,8 @@ from pdcd.errors import BusyError, DecodeError, RequestError
 from pdcd.files.inside import opened
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Armed, Decoding, Event
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.ledger import read_ledger
 from pdcd.runs.place import Place

@@ -26,7 +26,9 @@ from pdcd.panels.frames import BLACK, FrameLog
 from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import collect, factors
-from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

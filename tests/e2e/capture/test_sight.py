@@ -18,7 +18,8 @@ from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from pdcd.protocol.events import Event, ShutterOpen
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests import bench_rig
 from tests.placed_film import PlacedFilm, Shot, masked_dng
 

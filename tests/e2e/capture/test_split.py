@@ -16,7 +16,8 @@ from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.written.develop import read_tiff
 from pdcd.probing.realised import Factors
-from pdcd.protocol.request import CaptureRequest, Goal, How
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
 from pdcd.sensor.cells import CellMap

@@ -245,7 +245,7 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
         ({"goal": "diagonal", "shift": [0, 1]}, "takes no shift"),
         ({"goal": "off-diagonal", "shift": [0, 1], "warp": WARP.tolist()}, "it takes shift, p"),
         ({"goal": "indirect", "shift": [0, 1], "warp": WARP.tolist()}, "both say"),
-        ({"goal": "indirect", "p": 0.25}, "it takes shift, warp"),
+        ({"goal": "indirect", "p": 0.25}, "it takes shift, illumination, warp"),
         ({"goal": "indirect", "equal_brightness": True}, "equal brightness is for"),
         ({"goal": "illuminated", "illumination": [[1.0]]}, "the grid is"),
         ({"goal": "illuminated", "illumination": (LIGHT - 1.0).tolist()}, "between 0 and 1"),

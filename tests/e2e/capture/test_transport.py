@@ -14,7 +14,8 @@ from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests import bench_rig
 from tests.sampled import sampled
 

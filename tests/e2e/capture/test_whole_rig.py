@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig, whole_rig
 

@@ -13,7 +13,8 @@ from pdcd.capture.engine import Engine
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import ShotRecord
 from tests import bench_rig

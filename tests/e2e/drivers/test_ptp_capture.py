@@ -23,7 +23,8 @@ from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
 from pdcd.protocol.events import Progress
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

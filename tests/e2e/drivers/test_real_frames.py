@@ -30,7 +30,8 @@ from pdcd.capture.engine import Engine
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, placed
 from pdcd.protocol.events import Event, ShutterClosed
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify
 from tests import bench_rig

@@ -14,7 +14,8 @@ from pdcd.bench.tables import CameraConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Converging, Event
-from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.bench.error_bars import bench

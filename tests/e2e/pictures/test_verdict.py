@@ -29,7 +29,8 @@ from pdcd.bench.tables import (
 from pdcd.panels.frames import Frames
 from pdcd.panels.patterns import Patterns, pack
 from pdcd.panels.placing import Placing
-from pdcd.protocol.request import CaptureRequest, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import Quality
 from pdcd.runs.folder import read_manifest
 from tests.bench.captures import capture_with, opened
 

@@ -10,7 +10,8 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.places import DATA

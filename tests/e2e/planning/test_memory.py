@@ -20,7 +20,8 @@ from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning import memory
 from pdcd.planning.guided import plan_for
-from pdcd.protocol.request import CaptureRequest, new_job_id
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import new_job_id
 from pdcd.sensor import cells
 from tests import bench_rig
 from tests.sampled import sampled

@@ -19,7 +19,8 @@ from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning.given import from_path, read_given
 from pdcd.planning.prior import GivenPrior, load_prior
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig

@@ -20,13 +20,9 @@ from pdcd.bench.tables import Config, RigConfig, ServerConfig
 from pdcd.errors import Cancelled, DeviceLost, RequestError, of_kind
 from pdcd.protocol import events
 from pdcd.protocol.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
-from pdcd.protocol.request import (
-    CalibrateRequest,
-    CaptureRequest,
-    CaptureResult,
-    PlanSummary,
-    ShotSummary,
-)
+from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import OwnerView, Preview, RigView
 from pdcd.recipes.arrays import Floats, Given
 from pdcd.runs.place import Place

@@ -19,7 +19,8 @@ from pdcd.bench.tables import CameraConfig, RigConfig
 from pdcd.client import Client, Unreachable
 from pdcd.protocol.entry import RunQuery
 from pdcd.protocol.events import Progress
-from pdcd.protocol.request import CaptureRequest, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import Quality
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

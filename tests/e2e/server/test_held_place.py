@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.verify import verify
 from pdcd.server.daemon import serve
 from tests import bench_rig

@@ -13,7 +13,8 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.protocol.messages import ShowParams
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.recipes.arrays import NOTHING
 from pdcd.server.jobs import Job, JobTable, Owner
 from pdcd.server.runner import Runner

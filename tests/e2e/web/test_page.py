@@ -64,7 +64,9 @@ def test_a_photo_from_the_form_ends_with_a_picture(chromium: Any, tmp_path: Path
         opened.locator("#form-trouble", has_text="fraction needs p").wait_for()
         opened.fill("#field-p", "1.5")
         start.click()
-        opened.locator("#form-trouble", has_text="p: a number, over 0, below 1").wait_for()
+        opened.locator(
+            "#form-trouble", has_text="p: it takes a number over 0 and below 1, not 1.5"
+        ).wait_for()
         opened.select_option("#field-goal", "indirect")
         assert not opened.locator("#field-p").is_visible()
         opened.fill("#field-codes", "8")

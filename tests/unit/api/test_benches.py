@@ -19,7 +19,8 @@ from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeniedError, DeviceLost, PdcdError, RequestError
 from pdcd.protocol.events import Event, Started
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
 
 WHITE = CaptureRequest(goal="white")

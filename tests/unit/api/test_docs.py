@@ -12,7 +12,6 @@ import nbformat
 import pytest
 
 import pdcd
-from pdcd.api.arguments import Arguments
 from pdcd.api.bench import Bench
 from pdcd.api.connected import Connected
 from pdcd.api.decoding import Decoding
@@ -56,7 +55,6 @@ def test_every_public_name_is_told_of() -> None:
     for kind in (Bench, Connected, Run, Table, Decoding):
         names = {n for n in (*vars(kind), *kind.__annotations__) if not n.startswith("_")}
         assert {n for n in names if not re.search(rf"`\.?{n}\b", PAGE)} == set(), kind
-    assert [name for name in Arguments.__annotations__ if f"`{name}`" not in PAGE] == []
 
 
 def test_the_tutorial_is_kept_as_it_ran() -> None:

@@ -19,7 +19,7 @@ def grid() -> tuple[int, int]:
 def faults(goal: Any, /, **arguments: Any) -> list[str]:
     with pytest.raises(RequestError) as caught:
         asked(goal, arguments, grid)
-    assert caught.value.hint == "docs/python.md lists goals and keywords"
+    assert caught.value.hint == "docs/request.md lists goals and keywords"
     return caught.value.message.split("\n")
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import pdcd
 from pdcd.bench.tables import CameraConfig, ScheduleConfig
 from pdcd.errors import ConfigError, DecodeError, RequestError
-from pdcd.protocol.request import Quality
+from pdcd.protocol.result import Quality
 from pdcd.runs.verify import verify
 from tests.bench_rig import GRID, config, transport
 

@@ -17,7 +17,7 @@ from pdcd.api import run as module
 from pdcd.api.run import Run
 from pdcd.errors import DecodeError
 from pdcd.panels.patterns import pack
-from pdcd.protocol.request import Quality
+from pdcd.protocol.result import Quality
 from tests.unit.api.test_tasks import run_of
 
 

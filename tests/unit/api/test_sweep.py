@@ -18,7 +18,8 @@ from pdcd.api.local import LocalBench
 from pdcd.api.task import ENDING, Record, key_of
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests.bench_rig import config, matrix_scene, transport
 
 REQUESTS: list[Any] = [
@@ -134,7 +135,10 @@ def test_two_sweeps_do_not_fill_one_folder(rig: Config, tmp_path: Path) -> None:
             {"goal": "illuminated", "illumination": np.ones((3, 4), complex)},
             "request 1: illumination: must be rows and columns of real numbers",
         ),
-        ({"goal": "fraction", "p": Fraction(1, 3)}, "request 1: p: expected float"),
+        (
+            {"goal": "fraction", "p": Fraction(1, 3)},
+            "request 1: p: it takes a number over 0 and below 1",
+        ),
         ({"goal": "white", 3: 4}, "request 1: 3: no such keyword"),
         (["white"], r"request 1: \['white'\] is no request"),
     ],

@@ -23,7 +23,8 @@ from pdcd.api.task import Record, Task, key_of
 from pdcd.bench.measured import FOLDER as CALIBRATIONS
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests.unit.bench._calibrations import record, written
 
 WHITE = CaptureRequest(goal="white")
@@ -106,7 +107,7 @@ def test_wrong_numbers_of_workers_and_requests_are_named(hands: Hands) -> None:
     assert "1 or more" in str(caught.value.hint)
     with pytest.raises(RequestError, match="request 2: whit: no such goal") as caught:
         sweep(Config(), ["white", WHITE, "whit"], workers=1)
-    assert caught.value.hint == "docs/python.md lists goals and keywords"
+    assert caught.value.hint == "docs/request.md lists goals and keywords"
     with pytest.raises(RequestError, match=r"(?s)request 0: .*no such key"):
         sweep(Config(), [{"goal": "white", "config": {"scen": {}}}], workers=1)
     assert not hands.asked

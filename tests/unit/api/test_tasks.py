@@ -30,7 +30,8 @@ from pdcd.capture.worker.pipe import packed
 from pdcd.errors import BusyError, DecodeError, DeviceLost, PdcdError, RequestError
 from pdcd.files.arrays import read_npz
 from pdcd.files.opening import Limits
-from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality
 
 WHITE = CaptureRequest(goal="white")
 

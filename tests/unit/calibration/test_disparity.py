@@ -17,7 +17,7 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, placed
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.partners import matches, places_of
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.products import Exposure

@@ -14,7 +14,8 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.protocol.events import Archived, Event
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests import bench_rig
 
 

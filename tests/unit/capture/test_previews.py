@@ -10,7 +10,8 @@ from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.capture.previews import KEPT, forget_old
 from pdcd.errors import Cancelled
-from pdcd.protocol.request import CaptureRequest, new_job_id
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import new_job_id
 from tests import bench_rig
 
 

@@ -16,7 +16,9 @@ from pdcd.errors import PdcdError
 from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.events import Armed, Emit, Event, read
 from pdcd.protocol.messages import ClockAnchor, JobView, Status
-from pdcd.protocol.request import CaptureRequest, CaptureResult, Figure, PlanSummary, ShotSummary
+from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Figure
 from pdcd.protocol.views import OwnerView
 from pdcd.recipes.arrays import Given
 

@@ -24,7 +24,8 @@ from pdcd.errors import (
     RequestError,
     SyncError,
 )
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests.unit.cli.cli_stubs import (
     JOB,
     SUMMARY,
@@ -373,17 +374,20 @@ def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ("--codes 0", "codes: expected int >= 1"),
-        ("--codes 70000", "codes: expected int <= 65536"),
-        ("--p 1", "p: expected float < 1.0"),
-        ("--p nan", "p: expected float"),
-        ("--white-patch 0.5 1.01", "white_patch[1]: expected float <= 1.0"),
-        ("--white-patch nan 0", "white_patch[0]: expected float"),
-        ("--exposure 0", "exposure_s: expected float > 0.0"),
-        ("--disparity 1 2 3", "disparity: expected array of length 2"),
-        ("--disparity 70000", "disparity[0]: expected int <= 65536"),
-        ("--exposure inf", "exposure_s: expected float <= 3600.0"),
-        ("--seed -1", "seed: expected int >= 0"),
+        ("--codes 0", "--codes: it takes a whole number from 1 to 65536, not 0"),
+        ("--codes 70000", "--codes: it takes a whole number from 1 to 65536, not 70000"),
+        ("--p 1", "--p: it takes a number over 0 and below 1, not 1.0"),
+        ("--p nan", "--p: it takes a number over 0 and below 1, not NaN"),
+        (
+            "--white-patch 0.5 1.01",
+            "--white-patch: it takes 2 numbers from 0 to 1, not [0.5, 1.01]",
+        ),
+        ("--white-patch nan 0", "--white-patch: it takes 2 numbers from 0 to 1, not [NaN, 0.0]"),
+        ("--exposure 0", "--exposure: it takes a number over 0 and up to 3600, not 0.0"),
+        ("--disparity 1 2 3", "--disparity: it takes 2 whole numbers from -65536 to 65536"),
+        ("--disparity 70000", "--disparity: it takes 2 whole numbers from -65536 to 65536"),
+        ("--exposure inf", "--exposure: it takes a number over 0 and up to 3600"),
+        ("--seed -1", "--seed: it takes a whole number from 0 to 9007199254740991, not -1"),
         ("--local --detach", "--local goes without --detach"),
         ("--local --queue --socket x", "--local goes without --socket and --queue"),
         ("--local --config gone.toml", "cannot read the configuration gone.toml"),

@@ -15,7 +15,8 @@ from pdcd.cli import calibrate as calibrate_cli
 from pdcd.cli.main import main
 from pdcd.errors import Cancelled
 from pdcd.protocol.events import StepEnded
-from pdcd.protocol.request import CalibrateRequest, CaptureResult, Quality
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import CaptureResult, Quality
 from tests.unit.cli.cli_stubs import JOB, StubClient, StubEngine, home_at, stub_engine
 
 

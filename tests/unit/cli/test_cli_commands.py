@@ -19,7 +19,8 @@ from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
 from pdcd.pictures.decode import Compared, Comparison
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from tests.unit.cli.cli_stubs import (
     JOB,
     STATUS,

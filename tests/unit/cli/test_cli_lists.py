@@ -19,7 +19,7 @@ from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DecodeError, RequestError
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
-from pdcd.protocol.request import Quality
+from pdcd.protocol.result import Quality
 from pdcd.runs.prune import Unwanted
 from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, home_at, stub_daemon
 

@@ -9,9 +9,9 @@ from typing import Any, get_args
 import pytest
 
 from pdcd import words
-from pdcd.cli import options, runs_parser
-from pdcd.cli.commands import commands, groups, words_of
-from pdcd.cli.parser import EXIT_CODES, build_parser
+from pdcd.cli import options, run_options
+from pdcd.cli.commands import EXIT_CODES, commands, groups, words_of
+from pdcd.cli.parser import build_parser
 
 CLIENT = "--config FILE, --socket PATH, --json"
 AGAIN = "--config FILE, --socket PATH, --state-dir DIR, --json"
@@ -20,38 +20,38 @@ EXPORT = (
     "--format FORMAT, --picture NAME, --out DIR, --upright, --white-patch X Y, "
     "--range BLACK WHITE, --force"
 )
-PHOTO = (
-    f"{CLIENT}, --local, --codes K, --pilot K0, --smooth/--no-smooth, "
-    "--grey-masks/--no-grey-masks, --parts B, --until-error E, "
-    "--error E, --confidence C, --seconds S, --prior PRIOR, --repeat B, --family FAMILY, --p P, "
-    "--equal-brightness, --seed N, --exposure S, --window WINDOW, --guards, --no-guards, "
-    "--schedule GUARDS, --black-level BLACK_LEVEL, --normalise NORMALISE, --no-white, "
+PHOTO = f"{CLIENT}, --local"
+CODES = (
+    "codes: --codes K, --family FAMILY, --equal-brightness, --method METHOD, --pilot K0, "
+    "--parts B, --until-error E, --repeat B, --smooth/--no-smooth, "
+    "--grey-masks/--no-grey-masks, --seed N"
+)
+PLANNING = "planning: --error E, --confidence C, --seconds S, --prior PRIOR"
+PANELS = (
+    "exposure and panels: --exposure S, --window WINDOW, --guards, --no-guards, "
+    "--schedule GUARDS, --black-level BLACK_LEVEL, --normalise NORMALISE, --white/--no-white, "
     "--white-patch X Y"
 )
 GOALS = (
-    "parameters of goals: --shift DOWN RIGHT, --radius CELLS, --mix A B, --period CELLS, "
-    "--disparity LOW [HIGH ...], --plane H H H H H H H H H, --keep KEEP, --rows R R2, --masked, "
-    "--illumination FILE, --warp FILE, --warp-b FILE, --region-a FILE, --region-b FILE, "
-    "--disparities FILE, --kernel FILE, --matrix FILE"
+    "parameters of goals: --p P, --shift DOWN RIGHT, --radius CELLS, --mix A B, --period CELLS, "
+    "--disparity LOW [HIGH ...], --plane H H H H H H H H H, --keep KEEP, --rows R [R2 ...], "
+    "--masked/--no-masked, --illumination FILE, --disparities FILE, --warp FILE, --warp-b FILE, "
+    "--region-a FILE, --region-b FILE, --kernel FILE, --matrix FILE"
 )
-LABELS = "labels: --name TEXT, --tag WORD, --note TEXT"
-RUN = "--out DIR, --detach, --queue"
+THE_RUN = "the run: --out DIR, --name TEXT, --tag WORD, --note TEXT"
+FIELDS = f"{CODES} | {PLANNING} | {PANELS} | {GOALS} | {THE_RUN}"
+WITHOUT_METHOD = FIELDS.replace("--method METHOD, ", "")
 DOCTOR = "--config FILE, --json"
 SYNOPSIS = {
     "serve": "--config FILE, --socket PATH, --state-dir DIR, -v/--verbose",
-    "capture": f"GOAL | {PHOTO}, --method METHOD, {RUN} | {GOALS} | {LABELS}",
-    "transport": f"{PHOTO}, {RUN} | {GOALS.replace('R R2', 'R [R ...]')} | {LABELS}",
-    "compare": f"GOAL | {PHOTO}, --out DIR | {GOALS} | {LABELS}",
+    "capture": f"GOAL | {PHOTO}, --detach, --queue | {FIELDS}",
+    "transport": f"{PHOTO}, --detach, --queue | {WITHOUT_METHOD}",
+    "compare": f"GOAL | {PHOTO} | {WITHOUT_METHOD}",
     "demo": "--out DIR, --codes K, --seed N",
-    "plan": f"GOAL | {PHOTO}, --method METHOD, --queue | {GOALS} | {LABELS}",
+    "plan": f"GOAL | {PHOTO}, --queue | {FIELDS.replace('--out DIR, ', '')}",
     "status": CLIENT,
     "watch": f"[JOB] | {CLIENT}",
     "cancel": f"[JOB] | {CLIENT}",
-    "runs": f"--config FILE, --socket PATH, --json, --state-dir DIR, {FILTERS}, --all",
-    "runs show": f"RUN | {AGAIN}",
-    "runs export": f"RUN | {EXPORT}, {AGAIN}",
-    "runs verify": f"[RUN ...] | {FILTERS}, {AGAIN}",
-    "runs prune": f"{FILTERS}, --older-than T, --keep N, --dry-run, --yes, {AGAIN}",
     "list": f"--newest N, {CLIENT}",
     "wait": f"JOB | {CLIENT}",
     "web": "--config FILE, --socket PATH, --state-dir DIR, --host ADDRESS, --port N",
@@ -67,14 +67,19 @@ SYNOPSIS = {
     "show": f"[PATTERN] | --index N, --loop, --out PNG, --seconds S, --detach, {CLIENT}",
     "timing": "--frames N, --out PNG, --config FILE, --json",
     "config": "ACTION | --config FILE",
+    "virtual-camera": "--port N, --scene KIND, --small",
+    "snr": "--profile NAME, --iso N, --codes N, --exposure S, --signal E, --transmission T, --json",
+    "runs": f"--config FILE, --socket PATH, --json, --state-dir DIR, {FILTERS}, --all",
+    "runs show": f"RUN | {AGAIN}",
+    "runs export": f"RUN | {EXPORT}, {AGAIN}",
+    "runs verify": f"[RUN ...] | {FILTERS}, {AGAIN}",
+    "runs prune": f"{FILTERS}, --older-than T, --keep N, --dry-run, --yes, {AGAIN}",
     "decode": "FOLDER | --partial, --out DIR, --json",
     "verify": "FOLDER [FOLDER ...] | --manifest-sha256 HEX, --json",
     "export": f"FOLDER | {EXPORT}, --json",
     "report": "FOLDER | --out FILE, --json",
     "row": "FOLDER | --cell ROW COLUMN, --photo NAME, --out PNG, --json",
-    "virtual-camera": "--port N, --scene KIND, --small",
     "figures": "[N ...] | --out DIR, --quick, --full, --no-plots, --workers N, --json",
-    "snr": "--profile NAME, --iso N, --codes N, --exposure S, --signal E, --transmission T, --json",
     "version": "",
     "completion": "SHELL",
     "man": "",
@@ -106,7 +111,7 @@ def test_every_command_takes_what_it_says_and_nothing_else() -> None:
 
 
 WORDLESS = {
-    "watch JOB", "cancel JOB", "wait JOB", "demo --codes", "demo --seed", "show PATTERN",
+    "watch JOB", "cancel JOB", "wait JOB", "show PATTERN",
     "config ACTION", "decode FOLDER", "verify FOLDER", "export FOLDER", "report FOLDER",
     "row FOLDER", "completion SHELL",
 }  # fmt: skip
@@ -165,7 +170,7 @@ def test_commands_of_many_options_have_a_short_usage() -> None:
      "row f --cell 1", "wait", "", "show stripes", "export f --format gif", "completion sh",
      "figures --out d --quick --full", "capture white --guards --no-guards",
      "capture white --no-guards --schedule full", "capture white --method dark",
-     "transport --method pairs", "transport white", "capture white --rows 1",
+     "transport --method pairs", "transport white",
      "capture white --plane 1 2", "capture white --shift 1", "capture white --keep up",
      "runs --goal sideways", "web --port x", "row f --cell a b", "snr --iso 1.5",
      "capture white --pilot much", "capture white --codes 1.5"],
@@ -183,8 +188,8 @@ NOTHING: dict[str, Any] = dict.fromkeys(
     name tags out""".split()
 )
 USUAL = {
-    **NOTHING, "local": False, "repeat": 1, "masked": False, "equal_brightness": False, "seed": 0,
-    "white": True, "note": "", "method": "coded",
+    **NOTHING, "local": False, "repeat": 1, "masked": None, "equal_brightness": False, "seed": 0,
+    "white": True, "note": "",
 }  # fmt: skip
 ANY_RIG: dict[str, Any] = {"config": None, "socket": None}
 LISTED: dict[str, Any] = {
@@ -199,7 +204,8 @@ EXPORTED = {
 DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     "serve": ("serve:serve", {**ANY_RIG, "state_dir": None, "verbose": False}),
     "capture white": (
-        "capture:capture", {**USUAL, "goal": "white", "detach": False, "queue": False},
+        "capture:capture",
+        {**USUAL, "goal": "white", "method": "coded", "detach": False, "queue": False},
     ),
     "transport": (
         "capture:capture", {**USUAL, "goal": "transport", "detach": False, "queue": False},
@@ -404,7 +410,7 @@ def test_words_that_may_be_typed_are_those_of_requests() -> None:
         "--normalise": get_args(words.NormaliseName),
         "pattern": (*get_args(words.PatternName), *get_args(words.MovingName)),
     }  # fmt: skip
-    assert runs_parser.LISTED == "list_"
+    assert run_options.LISTED == "list_"
 
 
 @pytest.mark.parametrize(

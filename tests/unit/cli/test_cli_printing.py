@@ -17,7 +17,7 @@ from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
 from pdcd.printable import lines, one_line
 from pdcd.protocol.events import Armed, Event, Unknown, read
-from pdcd.protocol.request import CaptureResult
+from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import OwnerView
 from tests.places import ROOT
 from tests.unit.cli import cli_stubs

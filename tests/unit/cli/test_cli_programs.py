@@ -23,7 +23,8 @@ from pdcd.cli.parser import build_parser
 from pdcd.cli.web import web
 from pdcd.client import Unreachable
 from pdcd.extras import install_hint
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.server import log
 from tests.unit.cli.cli_stubs import JOB, home_at
 

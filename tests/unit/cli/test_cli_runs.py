@@ -16,7 +16,8 @@ from pdcd.cli.moment import moment
 from pdcd.client import Unreachable
 from pdcd.errors import ConfigError
 from pdcd.protocol.entry import Page, RunQuery
-from pdcd.protocol.request import CaptureRequest, Quality
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import Quality
 from pdcd.runs.index import runs
 from tests.run_folders import cut, finished, job
 from tests.unit.cli.cli_stubs import (

@@ -11,7 +11,7 @@ from pdcd.cli.main import main
 from pdcd.cli.output import say_result
 from pdcd.cli.tables import WIDTH
 from pdcd.protocol import events
-from pdcd.protocol.request import CaptureResult, Quality
+from pdcd.protocol.result import CaptureResult, Quality
 from tests.unit.cli.cli_stubs import StubClient, home_at, stub_daemon
 
 LONG = "shot coded: 1.2 % of the field is saturated (limit 0.2 %); " + "close the aperture " * 8

@@ -20,15 +20,9 @@ from pdcd.cli.main import main
 from pdcd.cli.output import percent, say_compared, say_result
 from pdcd.cli.parser import build_parser
 from pdcd.cli.tables import fitted, wrapped
-from pdcd.protocol.request import (
-    CaptureRequest,
-    CaptureResult,
-    PilotCost,
-    PlanSummary,
-    Prediction,
-    Quality,
-    ShotSummary,
-)
+from pdcd.protocol.plan_summary import PilotCost, PlanSummary, Prediction, ShotSummary
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality
 from tests.unit.cli.cli_stubs import JOB, PLAN, home_at, stub_daemon
 
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdcd.cli import options
 from pdcd.codes.make import FAMILIES, Codes, make_codes
 from pdcd.errors import RequestError
 from pdcd.panels.patterns import pack
+from pdcd.protocol.fields import request_fields
 from pdcd.words import FamilyName
 
 Dual = Literal["complement", "same"]
@@ -32,7 +32,7 @@ ANY_COUNT = [name for name in FAMILIES if name != "singer"]
 def test_families_are_those_that_requests_and_the_command_line_may_name() -> None:
     named = [name for name in get_args(FamilyName) if name not in ("isolation", "confocal")]
     assert list(FAMILIES) == named
-    assert list(get_args(FamilyName)) == list(options.FAMILIES)
+    assert list(get_args(FamilyName)) == list(request_fields()["family"].words)
 
 
 @pytest.mark.parametrize("lattice", LATTICES)

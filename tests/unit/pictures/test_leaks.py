@@ -11,7 +11,7 @@ from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.leaks import Answer, Dark, Means, answers_of, noise_of
 from pdcd.planning.look import needed
 from pdcd.probing.realised import Factors
-from pdcd.protocol.request import Goal, How, Leaks
+from pdcd.protocol.plan_summary import Goal, How, Leaks
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.sensor.cells import CellMap

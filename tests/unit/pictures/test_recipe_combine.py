@@ -13,7 +13,7 @@ from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.picture import Picture, pictures_of
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Extremes, Rule

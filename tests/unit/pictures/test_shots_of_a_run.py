@@ -21,7 +21,8 @@ from pdcd.pictures.exposed import Ambient, Print
 from pdcd.pictures.learn import stack_photos
 from pdcd.pictures.to_cells import light_apart
 from pdcd.probing.realised import Factors
-from pdcd.protocol.request import CaptureRequest, Goal, How
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.runs.folder import read_manifest

@@ -17,7 +17,7 @@ from pdcd.pictures.sigma import _inverse_trigamma, measured
 from pdcd.pictures.sigma_model import code_error
 from pdcd.probing.deviation import row_deviations
 from pdcd.probing.realised import Factors
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Far

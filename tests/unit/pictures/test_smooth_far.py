@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
 from pdcd.pictures.smooth import smooth_correction
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Far

@@ -33,7 +33,7 @@ from pdcd.pictures.to_quads import Weights, direct_share, share_out
 from pdcd.pictures.transport import picture_of, sliced
 from pdcd.pictures.upright import Sampler, View
 from pdcd.probing.realised import Factors
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe

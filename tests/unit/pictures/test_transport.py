@@ -9,7 +9,7 @@ from pdcd.errors import DecodeError, RequestError
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.transport import picture_of, sliced
 from pdcd.probing.panel import Panel
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.transport import MOST_PHOTOS, check_slice, photos_of, s_matrix

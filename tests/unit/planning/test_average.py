@@ -15,7 +15,8 @@ from pdcd.planning.look import with_blacks
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.planning.unasked import plan_unasked
-from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import part_seed
 from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config

@@ -18,7 +18,8 @@ from pdcd.errors import RequestError
 from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.given import from_path, read_given
 from pdcd.planning.outlook import Estimate, Setting
-from pdcd.protocol.request import CaptureRequest, PlanSummary
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 from tests.places import DATA
 

@@ -27,7 +27,8 @@ from pdcd.planning.pairs import linked_pairs, pairs_of, settled_family, white_sl
 from pdcd.planning.plan import Plan, mean_light
 from pdcd.planning.prior import load_prior
 from pdcd.planning.progress import piloted, scouted
-from pdcd.protocol.request import CaptureRequest, Goal, How
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import draft_of
 from pdcd.recipes.parts import coin_signs, part_seed

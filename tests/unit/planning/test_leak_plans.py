@@ -14,7 +14,8 @@ from pdcd.planning.look import DarkFrames, with_blacks
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import MemoryLimitError, memory_bytes
 from pdcd.planning.plan import Look, Plan
-from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
 from tests.unit.planning.test_measured import config
 

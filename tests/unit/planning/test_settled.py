@@ -31,7 +31,8 @@ from pdcd.planning.off_axis import on_bench
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Look, Plan, mean_light
 from pdcd.planning.progress import due
-from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import OFF_AXIS
 from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap

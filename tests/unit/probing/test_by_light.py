@@ -9,7 +9,7 @@ import numpy as np
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Match, Uniform, Wanted
-from pdcd.protocol.request import How
+from pdcd.protocol.plan_summary import How
 from pdcd.recipes.make import recipe_of
 from tests import dense_recipe
 

@@ -16,7 +16,8 @@ import pytest
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.protocol.request import CaptureRequest, Goal, How
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Signed

@@ -10,7 +10,7 @@ import pytest
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
 from pdcd.probing.panel import Panel
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded

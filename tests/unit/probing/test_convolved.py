@@ -8,7 +8,7 @@ import pytest
 from pdcd.panels.lattice import Lattice
 from pdcd.probing.convolved import Kernel
 from pdcd.probing.wanted import Full, Match, Near, Part, Uniform, Wanted, shifted
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes import each
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of

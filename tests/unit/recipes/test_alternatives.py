@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of

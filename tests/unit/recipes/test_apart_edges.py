@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Match, Uniform, Wanted
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.factored import distinct_rows
 from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import FAMILIES, Isolation, check_isolation, isolated

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.planning.brightness import as_bright
-from pdcd.protocol.request import CaptureRequest, How
+from pdcd.protocol.plan_summary import How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import recipe_of
 from tests import dense_recipe
 from tests.sampled import sampled

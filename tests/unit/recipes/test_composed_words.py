@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.probing.wanted import Near
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.protocol.request import Goal
-from pdcd.recipes.goals import GOALS, Target, check_target, may_take
+from pdcd.protocol.fields import needed_by, taken_by
+from pdcd.protocol.plan_summary import Goal
+from pdcd.recipes.goals import KEEPS, Target, check_target
 from pdcd.recipes.partners import partner_of
+from pdcd.words import GoalName
 
 ROWS, COLS = GRID = (4, 8)
 CELLS = ROWS * COLS
@@ -115,10 +117,12 @@ def test_what_it_cannot_mean_is_refused_by_name(
 
 
 def test_a_goal_may_take_what_it_does_not_need() -> None:
-    for name, (needs, words) in GOALS.items():
-        assert words and not set(needs) & set(may_take(name))
+    assert set(KEEPS) == set(get_args(GoalName))
+    for name in KEEPS:
+        needs, may = needed_by(name), taken_by(name)
+        assert not set(needs) & set(may)
         # Every photo may be lit by a pattern; entries of T are those of single cells.
-        assert ("illumination" in {*needs, *may_take(name)}) == (name != "transport")
+        assert ("illumination" in {*needs, *may}) == (name != "transport")
 
 
 def test_cells_are_matched_by_a_shift_by_a_warp_or_with_themselves() -> None:

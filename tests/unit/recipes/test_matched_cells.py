@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.partners import (
     NOWHERE,
     REACH,

@@ -19,7 +19,8 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.rehearse import foreseen
 from pdcd.probing.convolved import SameRow
 from pdcd.probing.wanted import Match, Near, Outer, Part, Uniform, Wanted
-from pdcd.protocol.request import CaptureRequest, Goal
+from pdcd.protocol.plan_summary import Goal
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.partners import matches, places_of
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.scene.displaced import Displaced

@@ -14,7 +14,8 @@ from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.planning.make import make_plan
 from pdcd.probing.realised import Factors
-from pdcd.protocol.request import CaptureRequest, Goal, How
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.sensor.cells import CellMap

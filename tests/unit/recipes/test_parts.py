@@ -11,7 +11,8 @@ from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.planning.make import make_plan
-from pdcd.protocol.request import CaptureRequest, Goal, How
+from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import (

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import possible, recipe_of
 from pdcd.recipes.parts import repeated

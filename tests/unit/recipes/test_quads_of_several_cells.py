@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.protocol.request import Goal
+from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.alternatives import (
     ALL_DARK,
     Fitted,

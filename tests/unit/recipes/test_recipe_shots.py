@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.errors import RequestError
 from pdcd.probing.wanted import Near, Uniform
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import draft_of, finished, recipe_of

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Near, shifted
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.alternatives import Fitted, Masked, Mixture, checkers
 from pdcd.recipes.even import even_part
 from pdcd.recipes.factored import factors_of, nonnegative_sides

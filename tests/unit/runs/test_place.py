@@ -11,7 +11,8 @@ import pytest
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError, RequestError
 from pdcd.protocol.events import Archived, Event, ShutterOpen
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.manifest import DIGEST, MANIFEST
 from pdcd.runs.place import Place
 from pdcd.runs.verify import verify

@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.errors import DecodeError
 from pdcd.files.inside import opened, read_file
-from pdcd.protocol.request import Quality
+from pdcd.protocol.result import Quality
 from pdcd.runs import verify as module
 from pdcd.runs.record import FileRecord
 from pdcd.runs.verify import MAX_CELLS, MAX_FINDINGS, MAX_WORDS, Check, whole_manifest

@@ -9,7 +9,8 @@ import pytest
 from pdcd.errors import BusyError, Cancelled, RequestError
 from pdcd.protocol.events import Progress
 from pdcd.protocol.messages import ShowParams
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.server.jobs import PROGRESS_INTERVAL_NS, Coalescer, Job, JobTable, Owner, failed_result
 
 WHITE = CaptureRequest(goal="white")

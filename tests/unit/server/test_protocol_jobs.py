@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
 from pdcd.protocol.events import Learning, Progress
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, failed_result
 
 WHITE = CaptureRequest(goal="white")

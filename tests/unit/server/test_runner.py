@@ -14,7 +14,8 @@ import pytest
 from pdcd.errors import BusyError, Cancelled, DeviceLost, PdcdError, RequestError
 from pdcd.protocol.events import Armed, Attention, Event, Progress
 from pdcd.protocol.messages import Shown, ShowParams
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, new_job_id
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.result import CaptureResult, new_job_id
 from pdcd.protocol.views import Preview
 from pdcd.server.jobs import Job, Owner
 from pdcd.server.runner import Runner

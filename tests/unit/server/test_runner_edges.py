@@ -13,7 +13,9 @@ import pytest
 from pdcd.errors import PdcdError
 from pdcd.protocol.events import Armed, Event, Progress
 from pdcd.protocol.messages import ShowParams
-from pdcd.protocol.request import CalibrateRequest, CaptureResult, PlanSummary, ShotSummary
+from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.server import runner as module
 from tests.processes import LONG_S
 from tests.unit.server.test_runner import ANNA, BERT, PHOTO, WHITE, Desk, play, until_cancelled

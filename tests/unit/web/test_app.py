@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from pdcd.errors import BusyError, DeviceLost, PdcdError, RequestError
+from pdcd.protocol.request import CaptureRequest
 from pdcd.web.app import LONG_S, SMALL_BYTES, WANTS
 from pdcd.web.asks import ANSWER_S, ENGINE_S, Asks
 from pdcd.web.door import MOST_TICKETS, REPORT, Asked, Door, Refused
@@ -157,14 +158,22 @@ def test_what_went_wrong_is_told_and_nothing_of_our_own_faults(
 
 
 @pytest.mark.parametrize(
-    "body", [b"", b"{", b"[]", b'{"goal": 1}', b'{"goal": "white", "codes": 0}']
+    ("body", "says"),
+    [
+        (b"", "the body is not what it should be"),
+        (b"{", "the body is not what it should be"),
+        (b"[]", "the body is not what it should be"),
+        (b'{"goal": "white", "gaol": 1}', "the body is not what it should be"),
+        (b'{"goal": 1}', "goal: it takes white, "),
+        (b'{"goal": "white", "codes": 0}', "codes: it takes a whole number from 1 to 65536, not 0"),
+    ],
 )
 def test_a_body_that_is_no_wish_is_refused_unasked(
-    body: bytes, tmp_path: Path, daemon: Daemon
+    body: bytes, says: str, tmp_path: Path, daemon: Daemon
 ) -> None:
     async def scenario(host: str, port: int, inside: Inside) -> None:
         status, _, answer = await asked(host, port, inside, "capture", body)
-        assert status == 400 and "the body is not what it should be" in answer.decode()
+        assert status == 400 and says in json.loads(answer)["error"]["message"]
         long = b'{"job": "' + b"x" * (SMALL_BYTES - 11) + b'"}'
         assert len(long) == SMALL_BYTES
         assert (await asked(host, port, inside, "cancel", long))[0] != 413
@@ -174,21 +183,20 @@ def test_a_body_that_is_no_wish_is_refused_unasked(
     assert not [each for each in daemon.asked if each[0] == "capture.start"]
 
 
-def test_the_schema_is_that_of_a_request_without_what_the_page_sets(
-    tmp_path: Path, daemon: Daemon
-) -> None:
-    properties = {"goal": {"type": "string"}, "codes": {}, "detach": {}, "queue": {}}
-    wanted = {"type": "object", "properties": properties}
-    schema = {"$defs": {"StartParams": wanted, "Other": {}}}
-    daemon.answers["rig.describe"] = {"grid": [3, 4], "schema": schema}
+def test_the_page_is_told_of_every_field_and_what_it_takes(tmp_path: Path, daemon: Daemon) -> None:
+    daemon.answers["rig.describe"] = {"rig": {"grid": [3, 4]}, "goals": {}, "schema": {}}
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
         status, _, body = await asked(host, port, inside, "describe")
         told = json.loads(body)
-        assert status == 200 and told["grid"] == [3, 4]
-        request = told["schema"]["request"]
-        assert set(request["properties"]) == {"goal", "codes"} and request["type"] == "object"
-        assert [*told["schema"]] == ["request"]
+        assert status == 200 and told["rig"]["grid"] == [3, 4]
+        fields = {field["name"]: field for group in told["groups"] for field in group["fields"]}
+        assert {"goal", *fields} == set(CaptureRequest.__struct_fields__)
+        assert fields["codes"]["takes"] == "a whole number from 1 to 65536"
+        assert fields["parts"]["values"] == ["auto"] and fields["parts"]["kind"] == "number"
+        assert fields["guards"]["values"][:3] == [True, False, "none"]
+        assert fields["plane"]["count"] == 9 and fields["white"]["default"] is True
+        assert fields["p"]["of_goals"] and not fields["codes"]["of_goals"]
 
     served(tmp_path, scenario)
 

@@ -38,7 +38,8 @@ from pdcd.pictures.picture import Picture
 from pdcd.pictures.transport import Sliced
 from pdcd.planning.guided import stopped, with_links
 from pdcd.planning.make import make_plan
-from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import DarkPhoto
 from pdcd.watch import Watch
 

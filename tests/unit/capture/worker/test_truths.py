@@ -11,7 +11,8 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.worker.truths import pictures_in_truth
-from pdcd.protocol.request import CaptureRequest, How
+from pdcd.protocol.plan_summary import How
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, target_of
 from pdcd.recipes.goals import check_target
 from pdcd.recipes.make import recipe_of

@@ -17,7 +17,7 @@ from pdcd.capture.worker.pipe import Call, Done, Failed, Inbox, Sign, Stop, pack
 from pdcd.capture.worker.process import Talk, main, serve
 from pdcd.capture.worker.proxy import InProcessWorker
 from pdcd.errors import Cancelled, ConfigError, PdcdError, PlanError
-from pdcd.protocol.request import How
+from pdcd.protocol.plan_summary import How
 from pdcd.watch import Watch
 
 NOBODY: Any = None

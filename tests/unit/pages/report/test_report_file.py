@@ -22,7 +22,8 @@ from pdcd.pages.report import material, write
 from pdcd.pages.report.packing import least_step, logarithmic
 from pdcd.printable import as_html
 from pdcd.protocol.events import Armed
-from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify
 from tests import bench_rig

@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.pages.report import page
 from pdcd.pages.report.facts import MOST_ROWS, Table, figures, percent, tables
-from pdcd.protocol.request import Quality
+from pdcd.protocol.result import Quality
 
 SHOT = {
     "name": "coded", "exposure_s": 1.25, "iso": 200, "f_number": 5.6, "open": 0.5, "lit": 0.25,

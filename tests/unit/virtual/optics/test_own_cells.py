@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.panels.placing import Placing
 from pdcd.pictures.truth import answer
-from pdcd.protocol.request import Goal, How
+from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.virtual.optics.bench import OpticalBench

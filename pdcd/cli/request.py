@@ -1,0 +1,161 @@
+"""Fields of a request as options, and what was typed as a request.
+
+One loop over the fields of `pdcd.protocol.fields`; nothing here knows one of them by its name.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Container, Sequence
+from pathlib import Path
+from typing import Any
+
+from pdcd.cli.options import share
+from pdcd.errors import ConfigError
+from pdcd.protocol.about import GROUPS
+from pdcd.protocol.fields import Field, FieldError, request_fields
+from pdcd.protocol.request import CaptureRequest, in_words
+
+Group = argparse._ActionsContainer  # noqa: SLF001
+
+
+def add_fields(parser: argparse.ArgumentParser, *, without: Container[str] = ()) -> None:
+    """Add all fields of a photo but its goal and some, in their groups."""
+    fields = [
+        field
+        for field in request_fields().values()
+        if field.name != "goal" and field.name not in without
+    ]
+    for name, (title, text) in GROUPS.items():
+        in_group = [field for field in fields if field.about.group == name]
+        if in_group:
+            group = parser.add_argument_group(title, text)
+            for field in in_group:
+                add_field(group, field)
+
+
+def add_goal(parser: argparse.ArgumentParser) -> None:
+    """Add the goal, which has no option: it comes first."""
+    goal = request_fields()["goal"]
+    parser.add_argument(
+        "goal", choices=goal.words, metavar="GOAL", help=f"{goal.text}: {', '.join(goal.words)}"
+    )
+
+
+def add_field(group: Group, field: Field) -> None:
+    """Add one field. What is not typed is left as the request has it."""
+    if field.kind == "choice" and "true" in field.takes:
+        _add_switched(group, field)
+        return
+    group.add_argument(option_of(field), dest=field.name, **_how(field))
+
+
+def option_of(field: Field) -> str:
+    """What it is called on the command line."""
+    return "--" + (field.about.option or field.name).replace("_", "-")
+
+
+def request_of(args: argparse.Namespace) -> CaptureRequest:
+    """Check what was typed against the types of a request. Raises ConfigError.
+
+    Its files are left out: see `arrays_of`.
+    """
+    values, faults = {}, []
+    for name, field in request_fields().items():
+        given = getattr(args, name, None)
+        if given is not None and not _is_file(field, given):
+            try:
+                values[name] = field.convert(_value(field, given), option_of(field))
+            except FieldError as err:
+                faults.append(str(err))
+    if faults:
+        raise ConfigError("\n".join(faults))
+    return CaptureRequest(**values)
+
+
+def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
+    """The files that were named, by the request's field; this command opens them itself."""
+    return {
+        name: Path(given)
+        for name, field in request_fields().items()
+        if (given := getattr(args, name, None)) is not None and _is_file(field, given)
+    }
+
+
+def _is_file(field: Field, given: Any) -> bool:
+    return field.kind == "array" or (field.kind == "prior" and not in_words(given))
+
+
+def _value(field: Field, given: Any) -> Any:
+    """What was typed, as the field has it."""
+    if isinstance(given, Path):
+        return str(given.absolute())
+    if field.about.one_is_both and len(given) == 1:
+        return given * 2
+    return given
+
+
+def _add_switched(group: Group, field: Field) -> None:
+    """Add a field that takes true, false or a word: two switches, and an option for the words."""
+    one_of = group.add_mutually_exclusive_group()
+    dashed = field.name.replace("_", "-")
+    for option, value, text in zip(
+        (f"--{dashed}", f"--no-{dashed}"), (True, False), field.about.switched, strict=True
+    ):
+        one_of.add_argument(option, action="store_const", const=value, dest=field.name, help=text)
+    one_of.add_argument(option_of(field), choices=field.words, dest=field.name, help=_help(field))
+
+
+def _how(field: Field) -> dict[str, Any]:
+    """How argparse is to take it."""
+    how: dict[str, Any] = {"help": _help(field), "default": field.default}
+    metavar = field.about.metavar or None
+    match field.kind:
+        case "switch":
+            on = field.optional or field.default
+            return how | {"action": argparse.BooleanOptionalAction if on else "store_true"}
+        case "choice":
+            return how | {"choices": field.words}
+        case "array":
+            return how | {"metavar": metavar, "type": Path}
+        case "words":
+            return how | {"metavar": metavar, "action": "append", "default": None}
+        case "text":
+            return how | {"metavar": metavar, **({"type": Path} if metavar == "DIR" else {})}
+        case "numbers":
+            how["nargs"] = "+" if field.about.one_is_both else field.count
+        case "prior":
+            return how | {"metavar": metavar}
+    return how | {"metavar": metavar, "type": _number(field)}
+
+
+def _number(field: Field) -> Callable[[str], int | float | str]:
+    """Reads a number, or one of the words in its place; argparse reports the ValueError."""
+    read: Callable[[str], int | float] = int if field.whole else share if field.share else float
+
+    def number(text: str) -> int | float | str:
+        return text if text in field.words else read(text)
+
+    return number
+
+
+def _help(field: Field) -> str:
+    """Its text, which goals take it, and what it is unless typed."""
+    parts = [field.text]
+    if field.share:
+        parts.append("1% is 0.01")
+    if field.kind == "words":
+        parts.append("again for more")
+    elif field.default not in (None, "") and field.default is not False:
+        parts.append(f"default: {'on' if field.default is True else field.default}")
+    if field.goals:
+        parts[0] += f" ({_goals(field.goals)})"
+    return "; ".join(parts).replace("%", "%%")
+
+
+def _goals(names: Sequence[str]) -> str:
+    """Some goals in words; most of them by those that are left out."""
+    others = [goal for goal in request_fields()["goal"].words if goal not in names]
+    if len(others) < len(names):
+        return f"all goals but {', '.join(others)}"
+    return f"goal{'s' * (len(names) > 1)} {', '.join(names)}"

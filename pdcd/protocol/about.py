@@ -1,0 +1,94 @@
+"""What people are told of a field of a request, written beside its type.
+
+`pdcd.protocol.fields` reads it, and from there come the options of the command line, the keywords
+from Python, the form of the page, refusals in words, and docs/request.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from msgspec import Meta
+
+from pdcd.words import GoalName
+
+GroupName = Literal["goal", "codes", "planning", "photo", "run", "calibration"]
+
+GROUPS: Mapping[GroupName, tuple[str, str]] = {
+    "codes": ("codes", "how many, how they are made, and how they are spent"),
+    "planning": ("planning", "codes and exposures by a wanted error or a time"),
+    "photo": ("exposure and panels", "what is left out is as the configuration has it"),
+    "goal": (
+        "parameters of goals",
+        "each goal takes its own; arrays have one value for each cell but for the last two",
+    ),
+    "run": ("the run", "where it goes, and labels to find it by"),
+    "calibration": ("calibration", "what a bench measures of itself, by steps"),
+}
+"""Title of each group of fields, and a line below it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class About:
+    """What `about` was told, beside the text; see there."""
+
+    group: GroupName
+    option: str = ""
+    metavar: str | tuple[str, ...] = ""
+    needed_by: tuple[GoalName, ...] = ()
+    taken_by: tuple[GoalName, ...] = ()
+    common: bool = False
+    one_is_both: bool = False
+    switched: tuple[str, str] = ("", "")
+
+
+def about(
+    text: str,
+    group: GroupName,
+    metavar: str | tuple[str, ...] = "",
+    *,
+    takes: str = "",
+    option: str = "",
+    needed_by: Collection[GoalName] = (),
+    taken_by: Collection[GoalName] = (),
+    common: bool = False,
+    one_is_both: bool = False,
+    switched: tuple[str, str] = ("", ""),
+) -> Meta:
+    """Annotate a field with what people are told of it.
+
+    Parameters
+    ----------
+    text : what it is, without a capital or a full stop; also `description` of the JSON Schema.
+    metavar : what stands for its value on the command line, or for each of its values.
+    takes : what its values are, in words, where its type does not say it well.
+    option : its name on the command line where that is not the field's own.
+    needed_by, taken_by : goals that it is a parameter of; none: it is not one of goals.
+    common : whether the form of the page shows it at once.
+    one_is_both : whether one number may be typed for a pair of equal ones.
+    switched : help of the two switches of a field that takes true, false or a word.
+    """
+    told = About(
+        group=group,
+        option=option,
+        metavar=metavar,
+        needed_by=tuple(needed_by),
+        taken_by=tuple(taken_by),
+        common=common,
+        one_is_both=one_is_both,
+        switched=switched,
+    )
+    extra: dict[str, object] = {"about": told}
+    if takes:
+        extra["takes"] = takes
+    return Meta(description=text, extra=extra)
+
+
+def array(
+    text: str, *, needed_by: Collection[GoalName] = (), taken_by: Collection[GoalName] = ()
+) -> Meta:
+    """Annotate a parameter of goals that is an array, as `about` does other fields."""
+    takes = "rows of numbers, or a file (.npy, .npz or grey PNG)"
+    return about(text, "goal", "FILE", takes=takes, needed_by=needed_by, taken_by=taken_by)

@@ -1,0 +1,273 @@
+"""The fields of a request as values: what each is called, takes, and is refused for.
+
+Read once from `CaptureRequest` (or another struct of parameters). Whoever shows fields to people
+goes through them in a loop: the command line, the page, `pdcd.api.arguments`, docs/request.md.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.protocol.about import About
+from pdcd.protocol.request import CaptureRequest, Sent
+
+KindName = Literal["switch", "choice", "number", "numbers", "words", "text", "array", "prior"]
+"""A yes or no; one of some words; a number, or one of some words in its place; as many numbers as
+there are; any words; a text; an array; a prior, which is a text or an array."""
+
+Bounds = Mapping[str, float]
+_S = TypeVar("_S", bound=msgspec.Struct)
+
+
+UNTOLD = About(group="run")
+"""Of a field of which nothing is told beside its type."""
+
+
+class FieldError(ValueError):
+    """A field does not take a value; the message says what it takes."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field.
+
+    type : as annotated. optional : whether it may be None, which is left out. default : None where
+    there is none. text : what it is. takes : what its values are, in words; empty where these
+    say nothing. words : those that it
+    may be. whole : whether its numbers are whole. count : how many numbers it has. share : whether
+    its number lies between 0 and 1.
+    """
+
+    name: str
+    type: Any
+    optional: bool
+    default: Any
+    text: str
+    takes: str
+    kind: KindName
+    words: tuple[str, ...]
+    whole: bool
+    count: int
+    share: bool
+    about: About
+
+    @property
+    def label(self) -> str:
+        """Its name for people, whose words say the unit."""
+        return self.name.removesuffix("_s").replace("_", " ")
+
+    @property
+    def goals(self) -> tuple[str, ...]:
+        """The goals that it is a parameter of."""
+        return (*self.about.needed_by, *self.about.taken_by)
+
+    def refusal(self, value: Any, called: str = "") -> str:
+        """Say that it does not take that value. `called` is what the user called it."""
+        shown = "" if self.kind in ("text", "words") else _shown(value)
+        return f"{called or self.name}: it takes {self.takes}" + f", not {shown}" * bool(shown)
+
+    def convert(self, value: Any, called: str = "") -> Any:
+        """The value in the field's own type. Raises FieldError with `refusal`."""
+        try:
+            return msgspec.convert(value, self.type, strict=True)
+        # Besides its own error, what numbers and depths beyond all measure make Python raise.
+        except (ValueError, OverflowError, RecursionError) as err:
+            raise FieldError(self.refusal(value, called)) from err
+
+
+@functools.cache
+def fields_of(kind: type[msgspec.Struct]) -> Mapping[str, Field]:
+    """The fields of a struct by name, in its order."""
+    return {each.name: _field(each) for each in msgspec.structs.fields(kind)}
+
+
+def request_fields() -> Mapping[str, Field]:
+    """Those of a photo."""
+    return fields_of(CaptureRequest)
+
+
+def needed_by(goal: str) -> tuple[str, ...]:
+    """Parameters that a goal needs."""
+    return tuple(field.name for field in request_fields().values() if goal in field.about.needed_by)
+
+
+def taken_by(goal: str) -> tuple[str, ...]:
+    """Parameters that a goal may be given besides."""
+    return tuple(field.name for field in request_fields().values() if goal in field.about.taken_by)
+
+
+def convert_struct(raw: Any, kind: type[_S]) -> _S:
+    """A message as its struct.
+
+    Raises FieldError where one of its fields is wrong; for all else what msgspec and Python
+    raise: ValueError, OverflowError, RecursionError.
+    """
+    try:
+        return msgspec.convert(raw, kind)
+    except (ValueError, OverflowError, RecursionError):
+        if isinstance(raw, Mapping):
+            for name, field in fields_of(kind).items():
+                if name in raw and field.takes:
+                    field.convert(raw[name])
+        raise
+
+
+def _field(told: msgspec.structs.FieldInfo) -> Field:
+    bare, metas = _bare(told.type)
+    options = [option for option in _options(bare) if option is not type(None)]
+    extra: dict[str, Any] = {}
+    text = ""
+    for meta in metas:
+        extra |= meta.extra or {}
+        text = meta.description or text
+    words = tuple(word for each in options for word in _words(each))
+    numbers = [each for each in options if _bare(each)[0] in (int, float)]
+    tuples = [each for each in options if _is_row(each)]
+    items = get_args(_bare(tuples[0])[0]) if tuples else ()
+    number = (items or numbers or [None])[0]
+    bounds = _bounds(number)
+    return Field(
+        name=told.name,
+        type=told.type,
+        optional=len(options) < len(_options(bare)),
+        default=None if told.required else told.default,
+        text=text,
+        takes=extra.get("takes") or _takes(told.type),
+        kind=_kind(options, words),
+        words=words,
+        whole=_bare(number)[0] is int,
+        count=len(items),
+        share=bool(numbers) and _bare(number)[0] is float and bounds.get("lt") == 1.0,
+        about=extra.get("about", UNTOLD),
+    )
+
+
+def _kind(options: list[Any], words: tuple[str, ...]) -> KindName:
+    bare = [_bare(option)[0] for option in options]
+    if Sent in bare:
+        return "array" if any(get_origin(each) is tuple for each in bare) else "prior"
+    if int in bare or float in bare:
+        return "number"
+    if words:
+        return "choice"
+    if bare == [bool]:
+        return "switch"
+    if any(map(_is_row, options)):
+        return "numbers"
+    return "words" if get_origin(bare[0]) is tuple else "text"
+
+
+def _bare(kind: Any) -> tuple[Any, list[Meta]]:
+    """A type without its annotations, and these."""
+    if get_origin(kind) is Annotated:
+        inner, *metas = get_args(kind)
+        return inner, [meta for meta in metas if isinstance(meta, Meta)]
+    return kind, []
+
+
+def _options(kind: Any) -> tuple[Any, ...]:
+    """The types of a union, or the one that it is."""
+    return get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+
+
+def _words(kind: Any) -> tuple[str, ...]:
+    bare = _bare(kind)[0]
+    return get_args(bare) if get_origin(bare) is Literal else ()
+
+
+def _is_row(kind: Any) -> bool:
+    """Whether it is a tuple of so many numbers."""
+    bare = _bare(kind)[0]
+    return get_origin(bare) is tuple and Ellipsis not in get_args(bare)
+
+
+def _bounds(kind: Any) -> Bounds:
+    """Bounds of a number by the names that msgspec has for them."""
+    names = ("gt", "ge", "lt", "le", "multiple_of")
+    told = ((name, getattr(meta, name)) for meta in _bare(kind)[1] for name in names)
+    return {name: value for name, value in told if value is not None}
+
+
+def _takes(kind: Any) -> str:
+    """What values of a type are, in words; its own where it has some."""
+    bare, metas = _bare(kind)
+    for meta in metas:
+        if meta.extra and "takes" in meta.extra:
+            return str(meta.extra["takes"])
+    if get_origin(bare) in (Union, types.UnionType):
+        options = [option for option in get_args(bare) if option is not type(None)]
+        words = [word for each in options for word in _words(each) or _switched(each)]
+        other = [_takes(each) for each in options if not (_words(each) or _switched(each))]
+        return _either([*other, *words])
+    if bare in (int, float):
+        return f"{_noun(kind, 'a ')} {_range(kind)}".rstrip()
+    if _words(bare) or bare is bool:
+        return _either(_words(bare) or _switched(bare))
+    most = [meta.max_length for meta in metas if meta.max_length is not None]
+    if get_origin(bare) is tuple:
+        items = get_args(bare)
+        if Ellipsis not in items:
+            return f"{len(items)} {_noun(items[0])}s {_range(items[0])}".rstrip()
+        of = f"up to {most[0]}" if most else "any number of"
+        return f"{of} words, each {_takes(items[0])}"
+    if bare is str:
+        return f"a text of up to {most[0]} characters" if most else "a text"
+    return ""
+
+
+def _switched(kind: Any) -> tuple[str, ...]:
+    return ("true", "false") if kind is bool else ()
+
+
+def _either(words: Sequence[str]) -> str:
+    *most, last = words
+    return f"{', '.join(most)} or {last}" if most else last
+
+
+def _noun(kind: Any, article: str = "") -> str:
+    """What a number is called: "a multiple of 4", "whole number"."""
+    several = _bounds(kind).get("multiple_of")
+    if several is not None:
+        return f"{article}multiple of {several:g}"
+    return article + ("whole number" if _bare(kind)[0] is int else "number")
+
+
+def _range(kind: Any) -> str:
+    """Between which bounds it lies: "from 1 to 64", "over 0 and below 1"."""
+    bounds = dict(_bounds(kind))
+    if _bare(kind)[0] is int and "lt" in bounds:
+        bounds["le"] = bounds.pop("lt") - 1
+    said = {"ge": "from", "gt": "over", "le": "to" if "ge" in bounds else "up to", "lt": "below"}
+    parts = [f"{said[name]} {_figure(bounds[name])}" for name in said if name in bounds]
+    return (" " if "ge" in bounds and "le" in bounds else " and ").join(parts)
+
+
+def _shown(value: Any) -> str:
+    """A value in few characters that can be printed; none where that cannot be done."""
+    row = isinstance(value, list | tuple)
+    parts = value if row and len(value) <= 9 else [value]
+    if not all(isinstance(part, str | bool | float) or _is_short(part) for part in parts):
+        return ""
+    text = ", ".join(map(json.dumps, parts))
+    text = f"[{text}]" if row else text
+    return text if len(text) <= 40 else ""
+
+
+def _is_short(value: Any) -> bool:
+    return isinstance(value, int) and abs(value) < 10**15
+
+
+def _figure(number: float) -> str:
+    return f"{number:d}" if isinstance(number, int) else f"{number:.12g}"
+
+
+ARRAYS = tuple(field.name for field in request_fields().values() if field.kind == "array")
+"""Fields of a photo that are arrays; `prior` may be one."""

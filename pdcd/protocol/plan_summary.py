@@ -1,0 +1,168 @@
+"""A request once decided: what its shots depend on (`Goal`, `How`), and what its plan says."""
+
+from __future__ import annotations
+
+import msgspec
+
+from pdcd.protocol.request import Plane
+from pdcd.words import BlackLevel, BlackLevelName, FamilyName, GoalName, KeepName, MethodName
+
+
+class Goal(msgspec.Struct, frozen=True, kw_only=True):
+    """What to keep of the light transport: a name and its numbers; arrays are kept beside it.
+
+    The fields are those of `CaptureRequest` with the same names. `pdcd.recipes.goals` says which
+    goal takes which.
+    """
+
+    name: GoalName
+    p: float | None = None
+    shift: tuple[int, int] | None = None
+    radius: int | None = None
+    mix: tuple[float, float] | None = None
+    period: int | None = None
+    disparity: tuple[int, int] | None = None
+    plane: Plane | None = None
+    keep: KeepName | None = None
+    rows: tuple[int, int] | None = None
+    masked: bool | None = None
+
+
+class How(msgspec.Struct, frozen=True, kw_only=True):
+    """How a goal is photographed: with the goal, all that its shots and sums depend on.
+
+    `family` is None where no codes are shown. The other fields are those of `CaptureRequest` with
+    the same names, after the configuration and the planner have filled in what was left open.
+    """
+
+    codes: int = 128
+    """All codes, the pilot's among them."""
+    pilot: int = 0
+    parts: int = 1
+    repeat: int = 1
+    method: MethodName = "coded"
+    family: FamilyName | None = "hadamard"
+    black_level: BlackLevel = "none"
+    white: bool = True
+    buckets: int = 1
+    """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
+    grey_masks: bool = False
+    """Whether masks of far light may have grey levels (`pdcd.codes.greyed`)."""
+    woven: bool = False
+    """Whether codes of far light may have them, too, and are chosen together with the masks
+    (`pdcd.codes.woven`)."""
+    late: bool = False
+    """Whether codes had been shown before the pilot went on: the shots of codes that count have
+    names of their own (`pdcd.recipes.parts`)."""
+
+    @property
+    def coded(self) -> int:
+        """Codes that are left for the coded photo."""
+        return self.codes - self.pilot
+
+
+class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One exposure of a plan, or `exposures` equal ones that differ in their code only."""
+
+    name: str
+    exposures: int = 1
+    codes: int
+    refreshes: int
+    exposure_s: float
+    light_share: float
+    """Mean share of a floodlit exposure's light that an off-diagonal path keeps, 0..1."""
+
+
+class Prediction(msgspec.Struct, frozen=True, kw_only=True):
+    """RMS errors to be expected of a plan's answer, relative to the RMS of the true picture.
+
+    `code` and `sensor` add up in squares to `error`; `bound` is kept with the probability
+    `confidence`. `prior` says what the scene was taken to be.
+    """
+
+    error: float
+    code: float
+    sensor: float
+    bound: float
+    confidence: float
+    iso: int
+    prior: str
+
+
+class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
+    """What the photos of a pilot cost, and what is saved if its first ones see no sharp paths.
+
+    After `scouts` photos it may stop; the coded photo then gets `stopped_codes` codes, and the
+    whole capture has `stopped_raw_files` files and takes `stopped_seconds`. The seconds are those
+    of exposures.
+    """
+
+    raw_files: int
+    seconds: float
+    scouts: int
+    stopped_codes: int
+    stopped_raw_files: int
+    stopped_seconds: float
+
+
+class Leaks(msgspec.Struct, frozen=True, kw_only=True):
+    """What a dark photo showed, as RMS errors of the answer relative to its RMS (docs/leaks.md).
+
+    `ambient`: light that is not the projector's, and what a black projector lets out; `mask`: what
+    a closed mask lets through; `both` together. A part that was not told from the other is None.
+    """
+
+    ambient: float | None
+    mask: float | None
+    both: float
+    floor: float
+    """The least error that would have been told from the sensor's noise; below it they are 0."""
+    limit: float
+    """Beyond it black exposures are added."""
+    raw: tuple[str, ...]
+    """The dark photos, in the run folder."""
+    noise: float | None = None
+    """RMS noise of the finished picture, relative to its RMS, that was foreseen with its black
+    exposures; None where nobody looked."""
+    times: int = 1
+    """How often everything is shown because of that noise; `noise` is what is left then."""
+
+
+class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
+
+    goal: str
+    family: str
+    codes: int
+    p: float
+    grid: tuple[int, int]
+    window: str
+    guards: bool
+    """Whether there are black refreshes between codes; `schedule` says which."""
+    schedule: str = "full"
+    """"none", "both", "lag", "lead", "tail" or "full": 1, 2, 2, 2, 3 or 3 refreshes a code."""
+    passes: int
+    parts: int = 1
+    """Exposures of each coded photo; with `until_error`, at most."""
+    shots: tuple[ShotSummary, ...]
+    refreshes: int
+    seconds: float
+    light_share: float
+    raw_files: int
+    memory_bytes: int = 0
+    """Foreseen peak of planning, taking and decoding, beside the program itself and the scene."""
+    pilot: int = 0
+    pilot_cost: PilotCost | None = None
+    prediction: Prediction | None = None
+    prior: str | None = None
+    """What guided the codes, in words."""
+    reasons: tuple[str, ...] = ()
+    """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
+    what black exposures go by; and parts where they were left to the program."""
+    split: tuple[str, ...] = ()
+    """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
+    squared weights and how it is photographed."""
+    black_level: BlackLevelName = "none"
+    """Black exposures; "auto": decided once a dark photo was taken."""
+    leaks: Leaks | None = None
+    """What that photo showed."""

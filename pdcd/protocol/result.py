@@ -1,0 +1,67 @@
+"""How a job ended: its verdict, its figures, its name."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from datetime import UTC, datetime
+
+import msgspec
+from msgspec import UNSET, UnsetType
+
+from pdcd.words import JobState, VerdictName
+
+
+class Quality(msgspec.Struct, frozen=True, kw_only=True):
+    """The verdict on a run (docs/quality.md): each reason is a plain sentence with its figure, its
+    limit and what to do. A good run has none; `remarks` leave it good."""
+
+    verdict: VerdictName
+    reasons: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+Figure = float | int | str | Quality | None
+"""What the summary of a run holds."""
+
+
+def quality_of(summary: Mapping[str, Figure]) -> Quality | None:
+    """The verdict in the summary of a run; None where it came to no picture."""
+    found = summary.get("quality")
+    return found if isinstance(found, Quality) else None
+
+
+def figure_of(summary: Mapping[str, Figure], name: str) -> float | int | str | None:
+    """A number or a word of the summary of a run; None for what is not known, and the verdict."""
+    found = summary.get(name)
+    return None if isinstance(found, Quality) else found
+
+
+class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
+    """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last."""
+
+    job: str
+    state: JobState
+    folder: str | None = None
+    manifest_sha256: str | None = None
+    error: dict[str, str | None] | None = None
+    """`kind`, `message`, `device`, `hint` of the failure, when `state` is failed or cancelled."""
+    files: tuple[str, ...] = ()
+    """Paths kept, relative to `folder` (of the unfinished folder when the job did not finish)."""
+    summary: dict[str, Figure] = {}
+    """codes, refreshes, exposure_s, missed_refreshes, rms_error, wall_s ... for the table; and
+    `quality`, the verdict."""
+    warnings: tuple[str, ...] = ()
+    """What the user must know of the run, one line each; the manifest has all of them."""
+    passed: bool | UnsetType = UNSET
+    """Of a calibration: whether it came to its end and nothing is bad, so that it is in use."""
+
+
+def new_job_id() -> str:
+    """Name of a new job: UTC time to the second and four random hex digits."""
+    return f"{job_time(datetime.now(UTC))}-{secrets.token_hex(2)}"
+
+
+def job_time(moment: datetime) -> str:
+    """What the names of jobs of a moment begin with; they sort by time."""
+    return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"
