@@ -38,7 +38,7 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.assess import Thinned
+from pdcd.verdict.evidence import Thinned
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 
