@@ -196,7 +196,7 @@ def test_direct_light_in_a_picture_without_any() -> None:
 def test_light_that_comes_whatever_is_shown_of_a_slice(share: float, told: bool) -> None:
     """A quarter of the light that patterns bring is a fifth of all."""
     found = list(answer.common_light(share))
-    assert [f.grade for f in found] == [quality.Grade.DOUBTFUL] * told
+    assert [f.grade for f in found] == [Grade.DOUBTFUL] * told
     if told:
         assert f"{100.0 * share:.3g} % of the light" in found[0].text
         assert "entries of T are without it" in found[0].text
