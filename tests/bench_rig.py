@@ -132,7 +132,7 @@ def capture(
 def cells_error(folder: Path, *, taken_out: bool = True) -> float:
     """RMS error of a run's answer over its truth, both over the cells; as it is, or with all the
     direct light that got into it."""
-    all_kept = mock.patch("pdcd.pictures.unmixed.LEAST", math.inf)
+    all_kept = mock.patch("pdcd.pictures.to_quads.LEAST_DIRECT", math.inf)
     with contextlib.nullcontext() if taken_out else all_kept:
         image = Darkroom(folder, read_manifest(folder).run).decoded().cell_means.image
     truth = pdcd.open(folder).truth

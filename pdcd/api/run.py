@@ -293,7 +293,7 @@ class _Pictures(Mapping[str, NDArray[np.float32]]):
         if name not in self._names:
             raise KeyError(name)
         if name not in self._read:
-            from pdcd.pictures.written.develop import read_tiff
+            from pdcd.pictures.written.picture_files import read_tiff
 
             self._read[name] = read_tiff(self._run.checked(f"linear/{name}.tif"))
         return self._read[name]

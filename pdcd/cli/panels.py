@@ -144,8 +144,7 @@ def _draw(args: argparse.Namespace, config: Config, frames: Frames | None) -> No
 
     from pdcd.bench.placed import panels_of
     from pdcd.capture.show import sheet
-    from pdcd.pictures.written.captions import strip
-    from pdcd.pictures.written.develop import write_png
+    from pdcd.pictures.written.picture_files import strip, write_png
 
     what = "all codes" if args.loop else _picture(args.pattern, args.index)
     sizes = [f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask)]

@@ -7,7 +7,7 @@ import argparse
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.pictures.row import Floats, matrix_row
-from pdcd.pictures.written.develop import write_png
+from pdcd.pictures.written.picture_files import write_png
 from pdcd.runs.later import row_name
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.figures.figure import Panel, Row
-from pdcd.pictures.written.brightness import LEVEL, LEVEL_PERCENT
-from pdcd.pictures.written.captions import strip
+from pdcd.pictures.written.looks import LEVEL, LEVEL_PERCENT
+from pdcd.pictures.written.picture_files import strip
 from pdcd.pictures.written.previews import coded
 
 Bytes = NDArray[np.uint8]

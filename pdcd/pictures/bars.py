@@ -19,11 +19,11 @@ from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
 from pdcd.pictures.picture import Barred, Picture, barred, pictures_of, sigma_of
-from pdcd.pictures.sigma import measured
-from pdcd.pictures.sigma_model import (
+from pdcd.pictures.sigma import (
     NONE,
     beside_error,
     beside_weight,
+    measured,
     model_errors,
     usual_near_light,
 )
@@ -168,7 +168,7 @@ def barred_by_model(
     near: Mapping[str, Floats] = NONE,
 ) -> dict[str, Barred]:
     """Pictures whose sigma is the sensor's, with the code error that the model foresees
-    (`pdcd.pictures.sigma_model.model_errors`, which says what `sharp` and `near` are).
+    (`pdcd.pictures.sigma.model_errors`, which says what `sharp` and `near` are).
 
     photos : the scaled ones that the pictures were made of. Code errors of different photos are
     taken as independent.
@@ -195,7 +195,7 @@ def beside_errors(
     normalise: NormaliseName = "auto",
 ) -> dict[str, Floats]:
     """Standard deviation, (rows, cols, 3), of the means over cells of all photos that take light
-    from right beside a cell for direct light (`pdcd.pictures.sigma_model.beside_weight`).
+    from right beside a cell for direct light (`pdcd.pictures.sigma.beside_weight`).
 
     photos : scaled ones. learned : of a pilot, if any.
     """

@@ -17,6 +17,7 @@ from pdcd.errors import DecodeError
 from pdcd.panels.patterns import Patterns, none
 from pdcd.panels.placing import placed
 from pdcd.pictures.bars import barred_pictures
+from pdcd.pictures.combine import share_taken_out
 from pdcd.pictures.exposed import Ambient, Exposed, Negative
 from pdcd.pictures.leaks import Dark, Means
 from pdcd.pictures.learn import Learned, learn
@@ -40,6 +41,7 @@ from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 from pdcd.watch import Watch
+from pdcd.words import NormaliseName
 
 Alive = Callable[[], None]
 
@@ -78,6 +80,12 @@ class Decoded:
         if self.recipe.target.goal.name != "transport":
             return None
         return sliced(self.recipe, self.shots, self.cells)
+
+    def takes_out(self, photo: Photo, normalise: NormaliseName) -> bool:
+        """Whether direct light was taken out of a photo: not where there was too much of it."""
+        shots = {**self.shots, **self.sums}
+        share = share_taken_out(photo, self.recipe, shots, self.cells, normalise=normalise)
+        return share is not None
 
     def apart_in(self, photo: Photo) -> float:
         """Share of the field in which the panels showed different cells in all shots of a photo."""

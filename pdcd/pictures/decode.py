@@ -14,7 +14,7 @@ import numpy as np
 from pdcd.errors import ConfigError, DecodeError, PdcdError, disk_errors
 from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.transport import Sliced, picture_of
-from pdcd.pictures.written.develop import write_png, write_tiff
+from pdcd.pictures.written.picture_files import write_png, write_tiff
 from pdcd.pictures.written.previews import write_previews
 from pdcd.protocol.plan_summary import Goal
 from pdcd.runs.folder import sha256_of

@@ -13,8 +13,7 @@ from pdcd.errors import ConfigError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.weights import Shown, divided_by_row, realised_photo
-from pdcd.pictures.written.captions import strip
-from pdcd.pictures.written.develop import blocks
+from pdcd.pictures.written.picture_files import blocks, strip
 from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Photo

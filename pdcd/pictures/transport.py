@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pdcd.errors import DecodeError
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.to_cells import light_of_cells
-from pdcd.pictures.written.captions import strip
+from pdcd.pictures.written.picture_files import strip
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.transport import Slice, s_matrix
 from pdcd.sensor.cells import CellMap

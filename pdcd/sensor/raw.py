@@ -3,7 +3,7 @@
 The samples are taken as the file has them, minus black, and nothing else is done: no white balance,
 no scaling by the frame's own maximum, no clipping of noise below black, no demosaicing. Photos that
 will be subtracted from each other would be spoilt by each of these; they come last, in
-`pdcd.pictures.written.develop`.
+`pdcd.pictures.written.picture_files`.
 
 Black comes from the masked border where the file has one: columns of the sensor that no light
 reaches, exposed with the picture. A number in the file's tags knows nothing of that exposure.

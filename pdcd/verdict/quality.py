@@ -1,42 +1,23 @@
-"""The verdict on a photo: good, doubtful or bad, and why; pure functions of numbers.
+"""What the verdict says of shots, panels and codes; pure functions of numbers.
 
 Each function looks at one thing and yields what it finds: nothing where all is well. All limits
-stand in `pdcd.verdict.limits`. docs/quality.md says the same for users, with what to do.
+stand in `pdcd.verdict.findings`. docs/quality.md says the same for users, with what to do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.probing.deviation import Deviation
-from pdcd.protocol.result import Quality
 from pdcd.runs.record import ShotRecord
-from pdcd.verdict.limits import LIMITS, Limits
+from pdcd.verdict.findings import LIMITS, Finding, Grade, Limits, graded, percent
 from pdcd.verdict.placement import Fit
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-
-class Grade(IntEnum):
-    """How heavily a finding weighs; remarks leave a photo good."""
-
-    REMARK = 0
-    DOUBTFUL = 1
-    BAD = 2
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One plain sentence with its figure, its limit and what to do."""
-
-    grade: Grade
-    text: str
 
 
 UNSURE = 1.0 / 3.0
@@ -44,22 +25,6 @@ UNSURE = 1.0 / 3.0
 of the panels' times, and these are known to some ten per cent where nobody measured them."""
 UNSEEN = 10.0
 """Direct light over the rest of a scene, where no photo tells."""
-
-
-def verdict(findings: Iterable[Finding]) -> Quality:
-    """The worst finding decides; reasons come worst first, remarks apart."""
-    listed = sorted(findings, key=lambda f: -f.grade)
-    worst = max((f.grade for f in listed), default=Grade.REMARK)
-    return Quality(
-        verdict="bad" if worst == Grade.BAD else "doubtful" if worst else "good",
-        reasons=tuple(f.text for f in listed if f.grade),
-        remarks=tuple(f.text for f in listed if not f.grade),
-    )
-
-
-def graded(value: float, limits: tuple[float, float]) -> Grade:
-    """REMARK below the first limit, DOUBTFUL from it on, BAD from the second on."""
-    return Grade(int(value >= limits[0]) + int(value >= limits[1]))
 
 
 def saturation(shares: dict[str, float], limits: Limits = LIMITS) -> Iterator[Finding]:
@@ -104,42 +69,6 @@ def light_of(
         )
 
 
-def answer_of(
-    image: Floats, sigma: Floats, sensor: Floats, limits: Limits = LIMITS
-) -> Iterator[Finding]:
-    """Whether the answer stands above its noise; (n, C) each, of pixels in the field.
-
-    The error by codes is modelled where nothing was measured, and mostly too large; so the sensor's
-    noise decides, and sigma only where most of the picture drowns in it.
-    """
-    known = np.isfinite(sigma) & np.isfinite(image)
-    if not known.any():
-        yield Finding(
-            Grade.BAD,
-            "nothing is known of the answer: all of the field is saturated or unseen; close the "
-            "aperture and look at what the camera sees",
-        )
-        return
-    rms = float(np.sqrt(np.mean(image[known] ** 2)))
-    noise = float(np.sqrt(np.mean(sensor[known] ** 2)))
-    share = noise / rms if rms > 0.0 else np.inf
-    grade = graded(share, limits.noise)
-    if grade:
-        yield Finding(
-            grade,
-            f"the sensor's noise is {percent(share)} of the answer (limit "
-            f"{percent(limits.noise[0])}); open the aperture, or expose longer",
-        )
-    unsure = float(np.mean(sigma[known] > rms))
-    grade = graded(unsure, limits.unsure)
-    if grade:
-        yield Finding(
-            grade,
-            f"in {percent(unsure)} of the field sigma is larger than the answer (limit "
-            f"{percent(limits.unsure[0])}); take more codes, or parts to measure it",
-        )
-
-
 def stray_light(
     name: str, black: float, lit: float, leak: float, limits: Limits = LIMITS
 ) -> Iterator[Finding]:
@@ -154,17 +83,6 @@ def stray_light(
             f"ambient or stray light: shot {name} has {percent(share)} of the light of the lit "
             f"shot beyond what the panels let through (limit {percent(limits.stray[0])}); darken "
             "the room, or cover the way of the light",
-        )
-
-
-def leak_left(error: float, limits: Limits = LIMITS) -> Iterator[Finding]:
-    """RMS error by leaks that a dark photo showed, over the RMS of the answer they are in."""
-    grade = graded(error, limits.left)
-    if grade:
-        yield Finding(
-            grade,
-            f"ambient light and leaks are {percent(error)} of the answer and were not taken off "
-            f"(limit {percent(limits.left[0])}); darken the room, or take black exposures",
         )
 
 
@@ -314,8 +232,8 @@ def direct_left(
 
     weight : of direct light in the photo, on average. direct, answer : (n, 3) both pictures.
     light, advice : what it is called, and what to do, where it is that of some depths or rows.
-    taken_out : it was, by what is known of the panels (`pdcd.pictures.unmixed`); then `UNSURE` of
-    it counts.
+    taken_out : it was, by what is known of the panels (`pdcd.pictures.combine.take_out_direct`);
+    then `UNSURE` of it counts.
     """
     known = np.isfinite(direct) & np.isfinite(answer)
     squares = [float(np.sum(picture[known] ** 2)) for picture in (direct, answer)]
@@ -362,50 +280,6 @@ def direct_unseen(weight: float, limits: Limits = LIMITS) -> Iterator[Finding]:
         )
 
 
-def common_light(share: float, limits: Limits = LIMITS) -> Iterator[Finding]:
-    """Share of the light of a slice's photos that comes whatever is shown: it is in the picture of
-    the scene under all patterns, and not in the entries of T."""
-    if share < 1.0 and share / (1.0 - share) < limits.stray[0]:
-        return
-    yield Finding(
-        Grade.DOUBTFUL,
-        f"{percent(share)} of the light comes whatever is shown (limit "
-        f"{percent(limits.stray[0])} of the rest): entries of T are without it, the picture is "
-        "not; darken the room",
-    )
-
-
-def pair_sum(
-    sums: Floats, floodlit: Floats, variance: Floats, limits: Limits = LIMITS
-) -> Iterator[Finding]:
-    """Whether a complement pair adds up to the floodlit photo; (n, C) each, of pixels in the field,
-    `variance` that of their difference."""
-    known = np.isfinite(variance)
-    power = float(np.mean(floodlit[known] ** 2)) if known.any() else 0.0
-    if not power > 0.0:
-        return
-    apart = float(np.mean((sums - floodlit)[known] ** 2 - variance[known]))
-    share = float(np.sqrt(max(apart, 0.0) / power))
-    grade = graded(share, limits.pair_sum)
-    if grade:
-        yield Finding(
-            grade,
-            f"the pair of exposures does not add up to the white photo: it is {percent(share)} "
-            f"off (limit {percent(limits.pair_sum[0])}); look at ambient light and leaks "
-            "(black_level), a lamp that drifts, an aperture that does not come back, or a missed "
-            "refresh",
-        )
-
-
-def sigma_of(kind: str) -> Iterator[Finding]:
-    """Error bars that rest on a model alone are a remark: most photos have no others."""
-    if kind == "modelled":
-        yield Finding(
-            Grade.REMARK,
-            "error bars are modelled, not measured; --parts 4 measures them",
-        )
-
-
 def _shots(shots: Sequence[ShotRecord]) -> str:
     more = f" and {len(shots) - 1} more" if len(shots) > 1 else ""
     return f"shot {shots[0].name}{more}"
@@ -413,8 +287,3 @@ def _shots(shots: Sequence[ShotRecord]) -> str:
 
 def _times(value: float, error: float) -> str:
     return f"{value / error:.2g}" if error > 0.0 else "0"
-
-
-def percent(share: float) -> str:
-    """A share of 1 in words."""
-    return f"{100.0 * share:.3g} %"

@@ -32,7 +32,7 @@ from pdcd.files.opening import Limits, Unsound
 from pdcd.panels.frames import Frames
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
-from pdcd.pictures.written.develop import write_png
+from pdcd.pictures.written.picture_files import write_png
 from pdcd.runs.frame_table import FrameTable
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import read_raw

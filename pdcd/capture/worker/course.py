@@ -34,7 +34,7 @@ from pdcd.capture.worker.leak_check import AmbientResponse, leaks_in
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import PdcdError, RequestError, disk_errors
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.written.develop import write_png
+from pdcd.pictures.written.picture_files import write_png
 from pdcd.pictures.written.previews import Previews
 from pdcd.planning.guided import after_pilot
 from pdcd.planning.look import DarkFrames, quiet, with_blacks

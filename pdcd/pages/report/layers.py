@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from pdcd.pages.report.packing import least_step, linear, logarithmic
 from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
-from pdcd.pictures.written.balance import by_patch, by_white_photo
-from pdcd.pictures.written.brightness import WHITE, Brightness, Look, usual
+from pdcd.pictures.written.looks import WHITE, Brightness, Look, by_patch, by_white_photo, usual
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.bands import THREADS
 

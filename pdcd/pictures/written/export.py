@@ -21,9 +21,8 @@ from pdcd.files.images import exr_bytes, png_bytes, tiff_bytes
 from pdcd.files.inside import fault_of
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.upright import Sampler, View, all_known
-from pdcd.pictures.written.balance import Balance, by_patch
-from pdcd.pictures.written.brightness import WHITE
-from pdcd.pictures.written.develop import read_tiff
+from pdcd.pictures.written.looks import WHITE, Balance, by_patch
+from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.pictures.written.previews import LEAST_PX, MOST_PX
 from pdcd.printable import one_line
 from pdcd.runs.folder import sha256_of

@@ -17,10 +17,17 @@ from numpy.typing import NDArray
 
 from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
-from pdcd.pictures.written.balance import Balance, by_patch, by_white_photo
-from pdcd.pictures.written.brightness import WHITE, Brightness, Look, step_of, usual
-from pdcd.pictures.written.captions import strip
-from pdcd.pictures.written.develop import write_png
+from pdcd.pictures.written.looks import (
+    WHITE,
+    Balance,
+    Brightness,
+    Look,
+    by_patch,
+    by_white_photo,
+    step_of,
+    usual,
+)
+from pdcd.pictures.written.picture_files import strip, write_png
 from pdcd.sensor.bands import THREADS, banded
 
 Bytes = NDArray[np.uint8]

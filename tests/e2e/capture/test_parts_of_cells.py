@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, Config
 from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
-from pdcd.pictures.written.develop import read_tiff
+from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig

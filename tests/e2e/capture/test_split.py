@@ -14,7 +14,7 @@ from pdcd.errors import RequestError
 from pdcd.pictures.combine import combine
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.exposed import Print
-from pdcd.pictures.written.develop import read_tiff
+from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import Goal, How
 from pdcd.protocol.request import CaptureRequest

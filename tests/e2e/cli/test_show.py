@@ -18,7 +18,7 @@ import pytest
 
 from pdcd.cli.main import main
 from pdcd.client import Client
-from pdcd.pictures.written.captions import HEIGHT_PX
+from pdcd.pictures.written.picture_files import HEIGHT_PX
 from tests.e2e.server._server_harness import Daemon, threaded_daemon
 from tests.sampled import sampled
 

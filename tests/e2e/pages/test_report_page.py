@@ -20,7 +20,7 @@ from pdcd.capture.engine import Engine
 from pdcd.pages.report import write
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.row import matrix_row
-from pdcd.pictures.written.develop import read_tiff
+from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify

@@ -19,7 +19,7 @@ from pdcd.panels.placing import Placing, placed
 from pdcd.pictures import darkroom
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.written.develop import read_tiff
+from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor.cells import CellMap

@@ -11,7 +11,7 @@ import pytest
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.written.captions import HEIGHT_PX
+from pdcd.pictures.written.picture_files import HEIGHT_PX
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest

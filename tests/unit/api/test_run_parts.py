@@ -32,7 +32,7 @@ def test_pictures_are_read_once_each_when_asked_for(monkeypatch: pytest.MonkeyPa
         read.append(path)
         return f"picture {len(read)}"
 
-    monkeypatch.setattr("pdcd.pictures.written.develop.read_tiff", read_tiff)
+    monkeypatch.setattr("pdcd.pictures.written.picture_files.read_tiff", read_tiff)
     monkeypatch.setattr(Run, "checked", lambda self, name: Path("/checked") / name)
     names = ("linear/a.tif", "linear/b.c.tif", "other/d.tif", "linear/e.png", "linear.tif")
     pictures: Any = run_of(files=files(*names)).pictures

@@ -14,7 +14,7 @@ from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.pictures.row import matrix_row
-from pdcd.pictures.written.captions import HEIGHT_PX
+from pdcd.pictures.written.picture_files import HEIGHT_PX
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 

@@ -14,7 +14,7 @@ from pdcd.pictures.bars import beside_errors, beside_of_pictures, with_edge_ligh
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, _beside
 from pdcd.pictures.picture import Picture, barred, pictures_of
-from pdcd.pictures.sigma_model import USUAL
+from pdcd.pictures.sigma import USUAL
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect

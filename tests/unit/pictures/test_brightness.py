@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.pictures.written.brightness import Brightness, Look, step_of, usual
+from pdcd.pictures.written.looks import Brightness, Look, step_of, usual
 
 
 def test_the_brightest_hundredth_of_the_white_photo_is_shown_as_nine_tenths() -> None:

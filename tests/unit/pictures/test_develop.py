@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
-from pdcd.pictures.written.develop import blocks, read_tiff, write_png, write_tiff
+from pdcd.pictures.written.picture_files import blocks, read_tiff, write_png, write_tiff
 from tests.tools import needs, program
 
 

@@ -20,8 +20,8 @@ from pdcd import __version__
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import RequestError
-from pdcd.pictures.written.develop import read_tiff
 from pdcd.pictures.written.export import Asked, Exported, exported
+from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.verify import verify
 from tests import bench_rig, tampered

@@ -14,7 +14,7 @@ from pdcd.panels.map import Map
 from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import View
 from pdcd.pictures.written import previews
-from pdcd.pictures.written.captions import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, strip
+from pdcd.pictures.written.picture_files import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, strip
 from pdcd.pictures.written.previews import HATCH, Previews, coded, write_previews
 
 Floats = NDArray[np.float64]

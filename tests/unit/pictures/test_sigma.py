@@ -13,8 +13,7 @@ from pdcd.pictures.bars import barred_by_model
 from pdcd.pictures.combine import scaled_photos
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.picture import Picture, pictures_of
-from pdcd.pictures.sigma import _inverse_trigamma, measured
-from pdcd.pictures.sigma_model import code_error
+from pdcd.pictures.sigma import _inverse_trigamma, code_error, measured
 from pdcd.probing.deviation import row_deviations
 from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import Goal, How

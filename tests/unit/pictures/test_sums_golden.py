@@ -24,8 +24,7 @@ from pdcd.pictures.leaks import Answer, Dark, Means, answers_of
 from pdcd.pictures.photos import corrected_photos
 from pdcd.pictures.picture import Picture, barred
 from pdcd.pictures.row import MatrixRow
-from pdcd.pictures.sigma import measured
-from pdcd.pictures.sigma_model import code_error
+from pdcd.pictures.sigma import code_error, measured
 from pdcd.pictures.smooth import colour_correction
 from pdcd.pictures.software import software_sums, summed_matrices
 from pdcd.pictures.to_cells import average_shots, average_with_bars
@@ -38,7 +37,7 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.assess import Thinned
+from pdcd.verdict.evidence import Thinned
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 

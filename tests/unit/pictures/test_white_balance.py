@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.pictures.written.balance import Balance, by_patch, by_white_photo
+from pdcd.pictures.written.looks import Balance, by_patch, by_white_photo
 
 Singles = NDArray[np.float32]
 ALONE = Balance((1.0, 1.0, 1.0), "camera")

@@ -19,7 +19,8 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.quality import Grade, pair_sum
+from pdcd.verdict.answer import pair_sum
+from pdcd.verdict.findings import Grade
 from tests import bench_rig
 
 GRID = (3, 4)

@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.capture.engine import Engine
 from pdcd.errors import NoSpaceError, PdcdError, disk_errors
-from pdcd.pictures.written.develop import write_png
+from pdcd.pictures.written.picture_files import write_png
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.manifest import DIGEST, MANIFEST
 from tests import bench_rig

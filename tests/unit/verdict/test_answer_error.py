@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from pdcd.verdict.answer_error import error_of, negative_light
-from pdcd.verdict.quality import Grade
+from pdcd.verdict.answer import error_of, negative_light
+from pdcd.verdict.findings import Grade
 
 
 def of_the_rest(error: float) -> float:

@@ -8,7 +8,7 @@ import pytest
 from pdcd.probing.convolved import SameRow
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Match, Near, Part, Uniform, Wanted
-from pdcd.verdict.blocked_left import blocked_weight
+from pdcd.verdict.matrices import blocked_weight
 
 GRID, N = (3, 4), 12
 

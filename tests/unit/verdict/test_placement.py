@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pdcd.panels.placing import Placing, placed
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.assess import PER_CELL, Thinned
+from pdcd.verdict.evidence import PER_CELL, Thinned
 from pdcd.verdict.placement import (
     Sample,
     direct_shares,

@@ -9,10 +9,10 @@ import pytest
 
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
-from pdcd.verdict import quality
-from pdcd.verdict.answer_error import error_of, negative_light
+from pdcd.verdict import answer, quality
+from pdcd.verdict.answer import error_of, negative_light
+from pdcd.verdict.findings import Finding, Grade, verdict
 from pdcd.verdict.placement import Fit
-from pdcd.verdict.quality import Finding, Grade
 
 RNG = np.random.default_rng(0)
 BAD, DOUBTFUL = Grade.BAD, Grade.DOUBTFUL
@@ -38,12 +38,12 @@ def test_the_worst_finding_decides_and_comes_first() -> None:
         Finding(DOUBTFUL, "d"),
         Finding(BAD, "b"),
     ]
-    made = quality.verdict(found)
+    made = verdict(found)
     assert (made.verdict, made.reasons, made.remarks) == ("bad", ("b", "d"), ("r",))
-    assert quality.verdict(found[:2]).verdict == "doubtful"
-    alone = quality.verdict(found[:1])
+    assert verdict(found[:2]).verdict == "doubtful"
+    alone = verdict(found[:1])
     assert (alone.verdict, alone.reasons, alone.remarks) == ("good", (), ("r",))
-    assert quality.verdict([]).verdict == "good"
+    assert verdict([]).verdict == "good"
 
 
 def test_every_pixel_saturated_is_bad() -> None:
@@ -52,7 +52,7 @@ def test_every_pixel_saturated_is_bad() -> None:
     (worst,) = quality.saturation({"white": 1.0, "coded": 0.01})
     assert worst.grade == BAD and "shot white: 100 % of the field" in worst.text
     none = np.full((100, 3), np.inf)
-    assert grades(quality.answer_of(np.ones((100, 3)), none, none)) == [BAD]
+    assert grades(answer.answer_of(np.ones((100, 3)), none, none)) == [BAD]
 
 
 @pytest.mark.parametrize(
@@ -68,15 +68,15 @@ def test_noise_against_light(level: float, grade: list[Grade]) -> None:
 def test_no_pixel_that_sees_the_field_is_bad() -> None:
     none = np.zeros((0, 3))
     assert grades(quality.light_of("coded", none, none)) == [BAD]
-    assert grades(quality.answer_of(none, none, none)) == [BAD]
+    assert grades(answer.answer_of(none, none, none)) == [BAD]
 
 
 def test_an_answer_below_its_noise() -> None:
     image = np.ones((1000, 3))
-    assert grades(quality.answer_of(image, 0.1 * image, 0.1 * image)) == []
-    assert grades(quality.answer_of(image, 0.5 * image, 0.5 * image)) == [DOUBTFUL]
-    assert grades(quality.answer_of(image, 2.0 * image, 0.1 * image)) == [BAD]
-    assert BAD in grades(quality.answer_of(0.0 * image, image, image))
+    assert grades(answer.answer_of(image, 0.1 * image, 0.1 * image)) == []
+    assert grades(answer.answer_of(image, 0.5 * image, 0.5 * image)) == [DOUBTFUL]
+    assert grades(answer.answer_of(image, 2.0 * image, 0.1 * image)) == [BAD]
+    assert BAD in grades(answer.answer_of(0.0 * image, image, image))
 
 
 @pytest.mark.parametrize(
@@ -195,13 +195,13 @@ def test_direct_light_in_a_picture_without_any() -> None:
 )
 def test_light_that_comes_whatever_is_shown_of_a_slice(share: float, told: bool) -> None:
     """A quarter of the light that patterns bring is a fifth of all."""
-    found = list(quality.common_light(share))
-    assert [f.grade for f in found] == [quality.Grade.DOUBTFUL] * told
+    found = list(answer.common_light(share))
+    assert [f.grade for f in found] == [Grade.DOUBTFUL] * told
     if told:
         assert f"{100.0 * share:.3g} % of the light" in found[0].text
         assert "entries of T are without it" in found[0].text
 
 
 def test_a_modelled_sigma_is_a_remark() -> None:
-    assert grades(quality.sigma_of("modelled")) == [Grade.REMARK]
-    assert grades(quality.sigma_of("measured")) == []
+    assert grades(answer.sigma_of("modelled")) == [Grade.REMARK]
+    assert grades(answer.sigma_of("measured")) == []

@@ -11,10 +11,9 @@ import pytest
 
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
-from pdcd.verdict import quality
-from pdcd.verdict.limits import Limits
+from pdcd.verdict import answer, quality
+from pdcd.verdict.findings import Finding, Grade, Limits
 from pdcd.verdict.placement import Fit
-from pdcd.verdict.quality import Finding, Grade
 
 BAD, DOUBTFUL = Grade.BAD, Grade.DOUBTFUL
 
@@ -108,13 +107,13 @@ def test_noise_and_sigma_of_an_answer_at_their_limits() -> None:
     limits = Limits(noise=(0.5, 1.0))
     one, none = np.ones((8, 1)), np.zeros((8, 1))
     for level, found in ((0.499, []), (0.5, [DOUBTFUL]), (0.999, [DOUBTFUL]), (1.0, [BAD])):
-        assert grades(quality.answer_of(one, none, level * one, limits)) == found
-    ((_, text),) = told(quality.answer_of(one, none, 0.5 * one))
+        assert grades(answer.answer_of(one, none, level * one, limits)) == found
+    ((_, text),) = told(answer.answer_of(one, none, 0.5 * one))
     assert text.startswith("the sensor's noise is 50 % of the answer (limit 30 %)")
     sigma = np.array([[1.0]] * 5 + [[1.01]] * 3)  # as large as the answer is not larger
-    assert told(quality.answer_of(one, sigma, none)) == []
+    assert told(answer.answer_of(one, sigma, none)) == []
     sigma[:5] = [[2.0], [0.0], [0.0], [0.0], [0.0]]
-    ((grade, text),) = told(quality.answer_of(one, sigma, none))
+    ((grade, text),) = told(answer.answer_of(one, sigma, none))
     assert grade == DOUBTFUL and text.startswith("in 50 % of the field sigma is larger")
     assert "(limit 50 %)" in text
 
@@ -123,10 +122,10 @@ def test_what_is_unknown_of_an_answer_counts_for_nothing() -> None:
     image, sigma = np.ones((10, 1)), np.zeros((10, 1))
     sigma[:4], image[4], sigma[5:8] = np.inf, np.nan, 3.0
     sensor = np.where(np.isfinite(sigma) & np.isfinite(image), 0.1, 50.0)
-    ((grade, text),) = told(quality.answer_of(image, sigma, sensor))
+    ((grade, text),) = told(answer.answer_of(image, sigma, sensor))
     assert grade == DOUBTFUL and text.startswith("in 60 % of the field")  # 3 of the 5 known
     image[...] = np.nan
-    ((grade, text),) = told(quality.answer_of(image, sigma, sensor))
+    ((grade, text),) = told(answer.answer_of(image, sigma, sensor))
     assert grade == BAD and text.startswith("nothing is known")
 
 
@@ -147,8 +146,8 @@ def test_stray_light_from_its_limits_on(
 
 def test_light_that_was_not_taken_off_counts_from_its_limits_on() -> None:
     for error, grade in ((0.0499, []), (0.05, [DOUBTFUL]), (0.299, [DOUBTFUL]), (0.3, [BAD])):
-        assert grades(quality.leak_left(error)) == grade
-    ((_, text),) = told(quality.leak_left(0.2))
+        assert grades(answer.leak_left(error)) == grade
+    ((_, text),) = told(answer.leak_left(0.2))
     assert "are 20 % of the answer and were not taken off (limit 5 %)" in text
 
 
@@ -283,17 +282,17 @@ def test_a_pair_that_does_not_add_up() -> None:
     one, none = np.ones((8, 1)), np.zeros((8, 1))
     limits = Limits(pair_sum=(0.5, 1.0))
     for apart, grade in ((0.49, []), (0.5, [DOUBTFUL]), (-0.5, [DOUBTFUL]), (1.0, [BAD])):
-        assert grades(quality.pair_sum(one + apart, one, none, limits)) == grade
+        assert grades(answer.pair_sum(one + apart, one, none, limits)) == grade
     # Noise of the sensor explains as much as it is.
-    assert told(quality.pair_sum(1.5 * one, one, 0.25 + none)) == []
-    ((_, text),) = told(quality.pair_sum(1.5 * one, one, 0.09 + none))
+    assert told(answer.pair_sum(1.5 * one, one, 0.25 + none)) == []
+    ((_, text),) = told(answer.pair_sum(1.5 * one, one, 0.09 + none))
     assert "it is 40 % off (limit 2 %)" in text
-    assert told(quality.pair_sum(one, none, none)) == []
+    assert told(answer.pair_sum(one, none, none)) == []
 
 
 def test_a_pair_is_compared_where_both_are_known() -> None:
     sums, lit, variance = np.ones((4, 1)), np.ones((4, 1)), np.zeros((4, 1))
     sums[0], variance[0] = 99.0, np.inf
-    assert told(quality.pair_sum(sums, lit, variance)) == []
+    assert told(answer.pair_sum(sums, lit, variance)) == []
     variance[...] = np.inf
-    assert told(quality.pair_sum(sums, lit, variance)) == []
+    assert told(answer.pair_sum(sums, lit, variance)) == []

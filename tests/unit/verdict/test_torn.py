@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.probing.wanted import Match, Near, Uniform, Wanted, shifted
 from pdcd.recipes.recipe import Photo
-from pdcd.verdict.torn import torn, torn_share
+from pdcd.verdict.matrices import torn, torn_share
 
 GRID = (5, 7)
 N = 35

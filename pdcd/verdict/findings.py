@@ -1,8 +1,12 @@
-"""From which figures on a photo is doubtful, or bad."""
+"""What the verdict is made of: limits, grades and findings."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import IntEnum
+
+from pdcd.protocol.result import Quality
 
 
 @dataclass(frozen=True)
@@ -62,3 +66,40 @@ class Limits:
 
 
 LIMITS = Limits()
+
+
+class Grade(IntEnum):
+    """How heavily a finding weighs; remarks leave a photo good."""
+
+    REMARK = 0
+    DOUBTFUL = 1
+    BAD = 2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One plain sentence with its figure, its limit and what to do."""
+
+    grade: Grade
+    text: str
+
+
+def verdict(findings: Iterable[Finding]) -> Quality:
+    """The worst finding decides; reasons come worst first, remarks apart."""
+    listed = sorted(findings, key=lambda f: -f.grade)
+    worst = max((f.grade for f in listed), default=Grade.REMARK)
+    return Quality(
+        verdict="bad" if worst == Grade.BAD else "doubtful" if worst else "good",
+        reasons=tuple(f.text for f in listed if f.grade),
+        remarks=tuple(f.text for f in listed if not f.grade),
+    )
+
+
+def graded(value: float, limits: tuple[float, float]) -> Grade:
+    """REMARK below the first limit, DOUBTFUL from it on, BAD from the second on."""
+    return Grade(int(value >= limits[0]) + int(value >= limits[1]))
+
+
+def percent(share: float) -> str:
+    """A share of 1 in words."""
+    return f"{100.0 * share:.3g} %"
