@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypedDict
 
 import msgspec
 import numpy as np
@@ -23,6 +23,7 @@ from pdcd.driver import (
     RawFile,
     load_profile,
     responsivity_e,
+    write_dng,
 )
 from pdcd.sensor.dng import dng_bytes
 from pdcd.sensor.profile import IsoRow, SensorProfile, expose
@@ -35,6 +36,23 @@ F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 
 READOUT_S = 0.2
 """Time from the end of the exposure until the file is there."""
+
+
+class Tags(TypedDict):
+    """What a file says of a photo, as `write_dng` takes it."""
+
+    black: int
+    white: int
+    iso: int
+    exposure_s: float
+    f_number: float
+    model: str
+    date: datetime
+    as_shot_neutral: tuple[float, float, float]
+
+
+Photo = tuple[NDArray[np.uint16], Tags]
+"""Samples, and what the file says of them."""
 
 
 class BenchSensor:
@@ -64,16 +82,19 @@ class BenchSensor:
         return cols, rows
 
     def dng(self, iso: int, f_number: float) -> bytes:
-        """The last exposure as a DNG file; ConfigError when the profile lacks the ISO.
+        """The last exposure as the bytes of a DNG file, for a body that sends them.
 
-        Raises ExposureError when no exposure has been completed, or it was taken already.
+        Raises as `photos` does.
         """
-        data = self._plane(iso, f_number)
-        self._bench.photo_taken()
-        return data
+        ((samples, tags),) = self.photos(iso, f_number, 1)
+        return dng_bytes(samples, **tags)
 
-    def dngs(self, iso: int, f_number: float, buckets: int) -> list[bytes]:
-        """The same of each of a sensor's buckets, one or two, of one exposure."""
+    def photos(self, iso: int, f_number: float, buckets: int) -> list[Photo]:
+        """The last exposure, of each of a sensor's buckets, one or two.
+
+        Raises ConfigError when the profile lacks the ISO, ExposureError when no exposure has been
+        completed, or it was taken already.
+        """
         planes = []
         for self._bench.second in (False, True)[:buckets]:
             planes.append(self._plane(iso, f_number))
@@ -81,24 +102,23 @@ class BenchSensor:
         self._bench.photo_taken()
         return planes
 
-    def _plane(self, iso: int, f_number: float) -> bytes:
+    def _plane(self, iso: int, f_number: float) -> Photo:
         bench = self._bench
         light = bench.quads()
         open_ns, close_ns = bench.exposed_ns()
         exposure_s = (close_ns - open_ns) * 1e-9
         electrons = self._mosaic(light * self._true_responsivity_e / f_number**2)
         rng = self._rng if self._config.noise == "full" else None
-        return dng_bytes(
-            expose(electrons, self._true, iso, exposure_s, rng),
-            black=self.profile.black_dn,
-            white=self.profile.white_dn,
-            iso=iso,
-            exposure_s=exposure_s,
-            f_number=f_number,
-            model=f"pdcd mock {self.profile.name}",
-            date=datetime.now(UTC),
-            as_shot_neutral=self._neutral(),
-        )
+        return expose(electrons, self._true, iso, exposure_s, rng), {
+            "black": self.profile.black_dn,
+            "white": self.profile.white_dn,
+            "iso": iso,
+            "exposure_s": exposure_s,
+            "f_number": f_number,
+            "model": f"pdcd mock {self.profile.name}",
+            "date": datetime.now(UTC),
+            "as_shot_neutral": self._neutral(),
+        }
 
     def _mosaic(self, quads: NDArray[np.float64]) -> NDArray[np.float64]:
         """(h, w, 3) of quads -> (H, W) RGGB mosaic."""
@@ -183,19 +203,14 @@ class MockReadout:
         settings = self._settings
         if settings is None or settings.f_number is None:
             raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
-        planes = self._sensor.dngs(settings.iso, settings.f_number, self._config.buckets)
+        planes = self._sensor.photos(settings.iso, settings.f_number, self._config.buckets)
         self._clock.sleep_until_ns(self._clock.now_ns() + round(READOUT_S * 1e9))
         first, *others = (
-            _written(folder / f"{name}{'-second' * number}.dng", data)
-            for number, data in enumerate(planes)
+            write_dng(folder / f"{name}{'-second' * number}.dng", samples, **tags)
+            for number, (samples, tags) in enumerate(planes)
         )
         return replace(first, second=others[0]) if others else first
 
     def disconnect(self) -> None:
         """Forget the settings."""
         self._settings = None
-
-
-def _written(path: Path, data: bytes) -> RawFile:
-    path.write_bytes(data)
-    return RawFile(path, len(data), hashlib.sha256(data).hexdigest())

@@ -9,6 +9,7 @@ import errno
 import hashlib
 import json
 import struct
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.bench.devices import RawFile
+from pdcd.bench.devices import PhotoFrame, RawFile
 from pdcd.errors import ConfigError, DiskError, NoSpaceError
-from pdcd.sensor.dng import MIN_SIDE, dng_bytes, write_dng
+from pdcd.sensor.dng import MIN_SIDE, dng_bytes, write_dng, write_photo
 
 SIZES = {
     1: ("B", 1),
@@ -275,3 +276,18 @@ def test_half_a_file_does_not_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             exposure_s=1.0, model="M",
         )  # fmt: skip
     assert not list(tmp_path.iterdir())
+
+
+def test_a_photo_of_two_buckets_becomes_two_files(tmp_path: Path) -> None:
+    first, second = (
+        PhotoFrame(np.full((24, 24), level, np.uint16), 64, 4095, 100, 0.5, cfa="BGGR")
+        for level in (700, 800)
+    )
+    raw = write_photo(replace(first, second=second), tmp_path / "coded.dng", "M", "7")
+    assert raw.second is not None and raw.second.second is None
+    for file, name, level in ((raw, "coded.dng", 700), (raw.second, "coded-second.dng", 800)):
+        assert file.path == tmp_path / name
+        data = file.path.read_bytes()
+        image, _ = directory(data, 8)
+        assert image[33422] == ("byte", (2, 1, 1, 0)) and image[50735] == ("text", b"7\0")
+        assert (np.frombuffer(data, "<u2", offset=image[273][1]) == level).all()
