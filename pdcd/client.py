@@ -19,14 +19,13 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError, of_kind
+from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError
 from pdcd.files.opening import Sendable, parcels
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
-from pdcd.protocol.events import Attention, Event, read
+from pdcd.protocol.events import Attention, Event
 from pdcd.protocol.messages import (
     MAX_FDS,
     MAX_LINE,
-    PROTOCOL,
     Admitted,
     Described,
     Hello,
@@ -34,6 +33,10 @@ from pdcd.protocol.messages import (
     JobView,
     Shown,
     Status,
+    check_version,
+    error_of_wire,
+    read_event,
+    typed_reply,
 )
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest, Sent
@@ -88,11 +91,11 @@ class Client:
             self._connect()
             first = self._receive(timeout_s)
             if "error" in first:
-                raise _error_from(first["error"])
+                raise error_of_wire(first["error"])
             if first.get("method") != "hello":
                 raise ProtocolError("the server did not say hello", hint="is this pdcd's socket?")
-            _check_version(first["params"])
-            self.hello = _typed(first["params"], Hello)
+            check_version(first["params"])
+            self.hello = typed_reply(first["params"], Hello)
         except BaseException:
             self._sock.close()
             raise
@@ -193,16 +196,16 @@ class Client:
 
     def status(self) -> Status:
         """State of the rig, the running job and those that wait."""
-        return _typed(self.call("rig.status"), Status)
+        return typed_reply(self.call("rig.status"), Status)
 
     def describe(self) -> RigView:
         """The rig: drivers, panels, camera, cells."""
         answer = self.call("rig.describe", timeout_s=ENGINE_TIMEOUT_S)
-        return _typed(answer, Described).rig
+        return typed_reply(answer, Described).rig
 
     def list(self) -> list[JobView]:
         """The jobs that the daemon knows, oldest first."""
-        return _typed(self.call("capture.list"), JobList).jobs
+        return typed_reply(self.call("capture.list"), JobList).jobs
 
     def runs(self, newest: int = 100) -> tuple[RunEntry, ...]:
         """The runs in the daemon's state folder, quick looks among them, newest first, up to 1000
@@ -221,7 +224,9 @@ class Client:
     def find(self, query: RunQuery) -> Page:
         """A page of the runs in the daemon's state folder, newest first."""
         params = {"find": msgspec.to_builtins(query)}
-        found = _typed(self.call("capture.list", params, timeout_s=DISK_TIMEOUT_S), JobList).found
+        found = typed_reply(
+            self.call("capture.list", params, timeout_s=DISK_TIMEOUT_S), JobList
+        ).found
         if found is None:
             raise ProtocolError("the server did not look for runs")
         return found
@@ -234,12 +239,12 @@ class Client:
         params = {**msgspec.to_builtins(request), "queue": queue}
         request_id = self._send_with(arrays, "capture.plan", params)
         limit_s = None if queue else ENGINE_TIMEOUT_S
-        return _typed(self._answer(request_id, limit_s, None), PlanSummary)
+        return typed_reply(self._answer(request_id, limit_s, None), PlanSummary)
 
     def show(self, pattern: str, index: int = 0, *, detach: bool = False) -> Shown:
         """Put a pattern on both panels, where it stays until its job ends: see `cancel`."""
         params = {"pattern": pattern, "index": index, "detach": detach}
-        return _typed(self.call("display.show", params, timeout_s=ENGINE_TIMEOUT_S), Shown)
+        return typed_reply(self.call("display.show", params, timeout_s=ENGINE_TIMEOUT_S), Shown)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -252,7 +257,7 @@ class Client:
             except Unreachable:
                 return
             if message.get("method") == "event":
-                self._events.append(_event(message))
+                self._events.append(read_event(message))
 
     def _connect(self) -> None:
         """Connect; a full backlog is no missing daemon, but one with much to do."""
@@ -300,7 +305,7 @@ class Client:
         ear = None if hear is None else heard
         try:
             # The job's first events may come before the answer that names it.
-            started = _typed(self._answer(request_id, INTAKE_TIMEOUT_S, ear), Admitted)
+            started = typed_reply(self._answer(request_id, INTAKE_TIMEOUT_S, ear), Admitted)
             if detach:
                 return CaptureResult(job=started.job, state=started.state)
             return self._wait(started.job, ear)
@@ -317,7 +322,7 @@ class Client:
     ) -> CaptureResult:
         """Cancel a job that was asked for, and wait for its end; first for its name, if need be."""
         if started is None:
-            started = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
+            started = typed_reply(self._answer(request_id, self._timeout_s, on_event), Admitted)
         return self._result("capture.cancel", started.job, on_event)
 
     def _wait(self, job: str, on_event: OnEvent | None) -> CaptureResult:
@@ -331,7 +336,7 @@ class Client:
                 on_event(event)
 
         request_id = self._send(method, {"job": job})
-        return _typed(self._answer(request_id, None, only_this), CaptureResult)
+        return typed_reply(self._answer(request_id, None, only_this), CaptureResult)
 
     def _send_with(self, arrays: Arrays, method: str, params: Mapping[str, object]) -> int:
         """Send a request with its arrays as open files. Raises RequestError."""
@@ -383,7 +388,7 @@ class Client:
             while True:
                 message = self._receive(0.0)
                 if "error" in message and message.get("id") is None:
-                    return _error_from(message["error"])
+                    return error_of_wire(message["error"])
         except (Unreachable, ProtocolError):
             return None
 
@@ -391,9 +396,9 @@ class Client:
         while True:
             message = self._receive(timeout_s)
             if message.get("method") == "event":
-                (self._events.append if on_event is None else on_event)(_event(message))
+                (self._events.append if on_event is None else on_event)(read_event(message))
             elif "error" in message and message.get("id") in (request_id, None):
-                raise _error_from(message["error"])
+                raise error_of_wire(message["error"])
             elif message.get("id") == request_id:
                 return message["result"]
 
@@ -422,38 +427,5 @@ class Client:
         return message
 
 
-def _check_version(hello: dict[str, Any]) -> None:
-    """Raise ProtocolError when this client is not for that server."""
-    major, minor = hello["protocol"]
-    if major != PROTOCOL[0] or minor < PROTOCOL[1]:
-        raise ProtocolError(
-            f"the server speaks protocol {major}.{minor}, not {PROTOCOL[0]}.{PROTOCOL[1]}",
-            hint="use the client that came with this server",
-        )
-
-
-def _typed(value: Any, kind: type[T]) -> T:
-    """The value as that type. Raises ProtocolError when it is none."""
-    try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError as err:
-        raise ProtocolError(f"the server sent what is no {kind.__name__}: {err}") from err
-
-
 def _unheard(event: Event) -> None:
     """Nobody listens any more."""
-
-
-def _event(message: dict[str, Any]) -> Event:
-    try:
-        return read(message["params"])
-    except msgspec.ValidationError as err:
-        raise ProtocolError(f"the server sent what is no event: {err}") from err
-
-
-def _error_from(wire: dict[str, Any]) -> PdcdError:
-    """The error of our own tree for an error on the wire; an unknown kind becomes the base."""
-    data = wire.get("data") or {}
-    return of_kind(
-        str(data.get("kind")), str(wire.get("message")), data.get("device"), data.get("hint")
-    )

@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
 
 from pdcd.bench.tables import Config
-from pdcd.errors import KINDS, PdcdError
+from pdcd.errors import KINDS, PdcdError, ProtocolError, of_kind
 from pdcd.protocol import events
 from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.plan_summary import PlanSummary
@@ -27,6 +27,8 @@ from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.roles import Role
 from pdcd.protocol.views import OwnerView, Preview, RigView
 from pdcd.words import JobKind, JobState, PatternName
+
+T = TypeVar("T")
 
 PROTOCOL = (1, 0)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
@@ -348,3 +350,37 @@ def schema() -> dict[str, Any]:
         "kinds": list(KINDS),
         "$defs": definitions,
     }
+
+
+def check_version(hello: Mapping[str, Any]) -> None:
+    """Raise ProtocolError when this client is not for that server."""
+    major, minor = hello["protocol"]
+    if major != PROTOCOL[0] or minor < PROTOCOL[1]:
+        raise ProtocolError(
+            f"the server speaks protocol {major}.{minor}, not {PROTOCOL[0]}.{PROTOCOL[1]}",
+            hint="use the client that came with this server",
+        )
+
+
+def typed_reply(value: Any, kind: type[T]) -> T:
+    """The value as that type. Raises ProtocolError when it is none."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as err:
+        raise ProtocolError(f"the server sent what is no {kind.__name__}: {err}") from err
+
+
+def read_event(message: Mapping[str, Any]) -> events.Event:
+    """The event in a notification of the server. Raises ProtocolError when it is none."""
+    try:
+        return events.read(message["params"])
+    except msgspec.ValidationError as err:
+        raise ProtocolError(f"the server sent what is no event: {err}") from err
+
+
+def error_of_wire(wire: Mapping[str, Any]) -> PdcdError:
+    """The error of our own tree for an error on the wire; an unknown kind becomes the base."""
+    data = wire.get("data") or {}
+    return of_kind(
+        str(data.get("kind")), str(wire.get("message")), data.get("device"), data.get("hint")
+    )

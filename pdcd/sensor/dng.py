@@ -95,20 +95,14 @@ def write_dng(
     file that could not be written whole is removed.
     """
     data = dng_bytes(
-        samples,
-        black=black,
-        white=white,
-        iso=iso,
-        exposure_s=exposure_s,
-        f_number=f_number,
-        make=make,
-        model=model,
-        serial=serial,
-        cfa=cfa,
-        date=date or datetime.now(UTC),
-        as_shot_neutral=as_shot_neutral,
-        record=record,
-    )
+        samples, black=black, white=white, iso=iso, exposure_s=exposure_s, f_number=f_number,
+        make=make, model=model, serial=serial, cfa=cfa, date=date or datetime.now(UTC),
+        as_shot_neutral=as_shot_neutral, record=record,
+    )  # fmt: skip
+    return _write_whole(path, data)
+
+
+def _write_whole(path: Path, data: bytes) -> RawFile:
     with disk_errors("camera"):
         try:
             path.write_bytes(data)
