@@ -1,8 +1,8 @@
 """A process beside this one that closes the shutter when this one cannot, and the talk with it.
 
 What it does then is the business of the driver that has it: `drivers.serial_shutter.guardian` and
-`drivers.ptp.guardian`. The talk is words and answers on a socket pair. The kernel closes this end
-however this process ends, and that end is the last word.
+`drivers.ptp.guardian`. The talk is words and answers on a line (`pdcd.child`). The kernel closes
+this end however this process ends, and that end is the last word.
 
 A guardian is born with every signal blocked: whoever ends or kills a whole service, or the watchdog
 that sends SIGABRT to all of it, means the daemon, and then the guardian has its part still to do.
@@ -13,14 +13,12 @@ process, which puts another in the place of one that does not answer.
 from __future__ import annotations
 
 import logging
-import signal
-import socket
-import subprocess
 import threading
 import weakref
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from functools import partial
 
+from pdcd.child import WORDS, Child, LineClosedError, LineSilentError, start
 from pdcd.driver import DeviceLost, PdcdError
 
 logger = logging.getLogger(__name__)
@@ -32,8 +30,6 @@ HEARD_S = 0.3
 this at the latest. One that was only slow is replaced too, which does no harm."""
 _END_S = 5.0
 """Bound of the end of a guardian that has little left to do."""
-_at_work: list[subprocess.Popen[bytes]] = []
-"""Those that nobody waits for."""
 
 
 def _nothing(why: str) -> None:
@@ -43,7 +39,7 @@ def _nothing(why: str) -> None:
 class Guard:
     """One such process, from `start`, the first `insist` or the first `arm` on.
 
-    command : what to run, by the number of its end of the socket pair. It must answer to ``look``.
+    command : what to run; the number of its end of the line is added. It must answer to ``look``.
     inherits : further file descriptors that it gets.
     answer_s : bound of each of its answers, the first with its start.
     unguarded : ends the exposure. Called with the reason, from another thread, when an armed
@@ -54,15 +50,15 @@ class Guard:
 
     def __init__(
         self,
-        command: Callable[[int], Sequence[str]],
+        command: Sequence[str],
         *inherits: int,
         answer_s: float,
         unguarded: Callable[[str], None] = _nothing,
     ) -> None:
-        self._command, self._inherits, self._answer_s = command, inherits, answer_s
+        self._inherits, self._answer_s = inherits, answer_s
+        self._command = command
         self._unguarded = unguarded
-        self._talk: socket.socket | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._child: Child[bytes] | None = None
         self._lock = threading.RLock()
         self._arm_word: Callable[[], str] | None = None
         self._stand_down = threading.Event()
@@ -70,45 +66,36 @@ class Guard:
     @property
     def pid(self) -> int | None:
         """Process id while it runs."""
-        process = self._process
-        return None if process is None else process.pid
+        child = self._child
+        return None if child is None else child.pid
 
     def start(self) -> None:
         """Start the process. Raises DeviceLost when that cannot be done."""
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            try:
-                with _signals_blocked():
-                    self._process = subprocess.Popen(
-                        self._command(theirs.fileno()),
-                        pass_fds=(*self._inherits, theirs.fileno()),
-                        stdin=subprocess.DEVNULL,
-                        stdout=subprocess.DEVNULL,
-                        start_new_session=True,
-                    )
-            except OSError as err:
-                ours.close()
-                raise DeviceLost(
-                    f"cannot start the process that guards the shutter: {err.strerror}",
-                    device="shutter",
-                    hint="see the log; too many processes?",
-                ) from err
-        self._talk = ours
+        self._child = start(
+            self._command,
+            WORDS,
+            what="the process that guards the shutter",
+            inherits=self._inherits,
+            deaf=True,
+            error=partial(DeviceLost, device="shutter"),
+        )
 
     def ask(self, word: str, answer_s: float | None = None) -> bytes:
         """The answer; b"" when there is none, and then that guardian is no more.
 
         `answer_s` is the bound, None that of the class.
         """
+        within_s = self._answer_s if answer_s is None else answer_s
         with self._lock:
-            if self._talk is not None:
-                self._talk.settimeout(self._answer_s if answer_s is None else answer_s)
-                with suppress(OSError):  # it died, or does not answer in time
-                    self._talk.send(word.encode("ascii"))
-                    if answer := self._talk.recv(64):
-                        return answer
-            self._kill()
-            return b""
+            if self._child is None:
+                return b""
+            try:
+                self._child.line.send(word, within_s=within_s)
+                return self._child.line.receive(within_s=within_s)
+            except (LineClosedError, LineSilentError):
+                self._child.kill()  # without its last word
+                self._child = None
+                return b""
 
     def insist(self, word: str) -> None:
         """Say it to one that hears, and replaces one that does not. Raises DeviceLost if none does.
@@ -117,7 +104,7 @@ class Guard:
         perhaps in a later exposure.
         """
         with self._lock:
-            had_one = self._process is not None
+            had_one = self._child is not None
             if self.ask(word):
                 return
             if had_one:
@@ -188,31 +175,12 @@ class Guard:
         with self._lock:
             self._stand_down.set()
             self._arm_word = None
-            self._hang_up()
-            process, self._process = self._process, None
-        if process is None:
+            child, self._child = self._child, None
+        if child is None:
             return
-        if not wait:
-            _at_work.append(process)
-            return
-        try:
-            process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-    def _kill(self) -> None:
-        """End it without its last word."""
-        if self._process is not None:
-            self._process.kill()  # first: it hears the other end close
-            self._process.wait()
-            self._process = None
-        self._hang_up()
-
-    def _hang_up(self) -> None:
-        if self._talk is not None:
-            self._talk.close()
-            self._talk = None
+        child.hang_up(_END_S if wait else 0.0)
+        if wait and child.running:
+            child.kill()
 
 
 def _look_after(guard: weakref.ref[Guard], stand_down: threading.Event) -> None:
@@ -222,16 +190,3 @@ def _look_after(guard: weakref.ref[Guard], stand_down: threading.Event) -> None:
         if looked is None or not looked.look():
             return
         del looked
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Block every signal in this thread: a process that it starts then is born so, and stays so.
-
-    The C library leaves out the two that it keeps for itself, 32 and 33.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

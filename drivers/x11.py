@@ -28,9 +28,8 @@ from pdcd.driver import (
     streams,
 )
 from pdcd.panels.pixels import Recorder
-from pdcd.presenter.client import DisplayProcess, Log, Rows
+from pdcd.presenter.client import DisplayProcess, Log, Rows, opening
 from pdcd.presenter.messages import Column, Open, Ready
-from pdcd.presenter.opening import opening
 from pdcd.presenter.options import VERIFIED
 
 

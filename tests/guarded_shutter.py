@@ -2,7 +2,7 @@
 
 ``python -m tests.guarded_shutter ADDRESS`` opens the shutter of the camera that is lent there (see
 `tests.remote_usb`) when told so on its input, prints the guardian's process id, or sees that one is
-armed; with a socket and options of the camera behind the address it is the guardian.
+armed; with options and an end of a line it is the guardian of the camera behind the address.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tests.remote_usb import RemoteUsb
 def main(address: str, *guarding: str) -> int:
     backend = RemoteUsb(Path(address))
     if guarding:
-        return guardian.main(int(guarding[0]), guarding[1], backend)
+        return guardian.main(guarding[0], int(guarding[1]), backend)
     shutter_module.GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", address)
     config = Config(trigger=TriggerConfig(driver="ptp"))
     shutter = PtpShutter.create(DriverContext(config, RealClock(), Shared(usb_backend=backend)))

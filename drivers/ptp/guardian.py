@@ -20,13 +20,13 @@ begins with a closed shutter (`drivers.ptp.bulb`). This process is born with all
 from __future__ import annotations
 
 import logging
-import socket
 import sys
 import time
 from contextlib import suppress
 
 import msgspec
 
+from pdcd.child import WORDS, Line, LineClosedError
 from pdcd.driver import PdcdError, RealClock
 
 from .eos import EosCamera
@@ -40,7 +40,7 @@ _AGAIN_S = 0.2
 _USER = "guardian"
 
 
-def serve(talk: socket.socket, options: PtpOptions, backend: object = None) -> bool:
+def serve(line: Line[bytes], options: PtpOptions, backend: object = None) -> bool:
     """Answer until the other end is gone; returns whether the shutter is closed then.
 
     `backend` is a pyusb backend; None takes the machine's libusb.
@@ -48,15 +48,13 @@ def serve(talk: socket.socket, options: PtpOptions, backend: object = None) -> b
     armed = False
     while True:
         try:
-            word = talk.recv(64)
-        except OSError:  # the parent died with an answer unread
-            word = b""
-        if not word:
+            word = line.receive()
+        except LineClosedError:
             return not armed or close_shutter(options, backend)
         if word != b"look":
             armed = word == b"arm"
-        with suppress(OSError):
-            talk.send(b"ok")
+        with suppress(LineClosedError):  # the last word is heard all the same
+            line.send("ok")
 
 
 def close_shutter(options: PtpOptions, backend: object) -> bool:
@@ -77,11 +75,12 @@ def close_shutter(options: PtpOptions, backend: object) -> bool:
         return True
 
 
-def main(talk_fd: int, options: str, backend: object = None) -> int:
+def main(options: str, fd: int, backend: object = None) -> int:
     """`serve` with options as JSON; returns an exit status."""
-    talk = socket.socket(fileno=talk_fd)
-    return 0 if serve(talk, msgspec.json.decode(options, type=PtpOptions), backend) else 1
+    with Line.at(fd, WORDS) as line:
+        closed = serve(line, msgspec.json.decode(options, type=PtpOptions), backend)
+    return 0 if closed else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), sys.argv[2]))
+    sys.exit(main(sys.argv[1], int(sys.argv[2])))

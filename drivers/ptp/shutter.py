@@ -107,7 +107,7 @@ class PtpShutter:
         options = msgspec.structs.replace(self._camera.options, serial=serial)
         text = msgspec.json.encode(options).decode()
         self._guard = Guard(
-            lambda fd: [*GUARDIAN, str(fd), text],
+            (*GUARDIAN, text),
             answer_s=_ANSWER_S,
             unguarded=self._camera.cut_short,
         )

@@ -66,7 +66,7 @@ def release(port: int, how: str, value: str) -> bool:
     return False
 
 
-def main(port: int, talk: socket.socket, how: str, value: str) -> None:
+def main(port: int, how: str, value: str, talk: socket.socket) -> None:
     """Serve until the other end is gone."""
     deadline_s: float | None = None
     state = b"ok"
@@ -98,4 +98,4 @@ def main(port: int, talk: socket.socket, how: str, value: str) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), socket.socket(fileno=int(sys.argv[2])), sys.argv[3], sys.argv[4])
+    main(int(sys.argv[1]), sys.argv[2], sys.argv[3], socket.socket(fileno=int(sys.argv[4])))

@@ -48,15 +48,14 @@ class Guardian:
     """A process with the port's file descriptor; see `drivers.serial_shutter.guardian`."""
 
     def __init__(self, port_fd: int, how: str, value: str) -> None:
-        def command(talk_fd: int) -> list[str]:
-            return [*GUARDIAN, str(port_fd), str(talk_fd), how, value]
-
         def unguarded(why: str) -> None:
             self._ended = why
             if not release(port_fd, how, value):
                 raise DeviceLost("the port does not take it", device="shutter")
 
-        self._guard = Guard(command, port_fd, answer_s=_ANSWER_S, unguarded=unguarded)
+        self._guard = Guard(
+            (*GUARDIAN, str(port_fd), how, value), port_fd, answer_s=_ANSWER_S, unguarded=unguarded
+        )
         self._limit_s, self._ended = 0.0, ""
         self._guard.start()
 

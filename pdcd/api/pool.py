@@ -8,8 +8,6 @@ takes its own capture with it and no other (decision 0048).
 from __future__ import annotations
 
 import queue
-import socket
-import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -17,8 +15,14 @@ from contextlib import suppress
 from typing import Any, Protocol
 
 from pdcd.api.task import Record, Task, failed, taken
-from pdcd.capture.worker.birth import Newborn, born
-from pdcd.capture.worker.pipe import PIECE_BYTES, Inbox, packed
+from pdcd.child import (
+    PICKLES,
+    Child,
+    LineClosedError,
+    module_command,
+    single_threaded,
+    start,
+)
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.extras import install_hint
 
@@ -36,7 +40,7 @@ class Cluster(Protocol):
         """Part from the cluster."""
 
 
-COMMAND = (sys.executable, "-P", "-m", "pdcd.api.worker")
+COMMAND = module_command("pdcd.api.worker")
 CONNECT_S = 10.0
 """For how long a cluster may not answer."""
 
@@ -67,8 +71,8 @@ class _Crew:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._idle: queue.SimpleQueue[Newborn] = queue.SimpleQueue()
-        self._all: list[Newborn] = []
+        self._idle: queue.SimpleQueue[Child[Any]] = queue.SimpleQueue()
+        self._all: list[Child[Any]] = []
         self._dismissed = False
 
     def take(self, task: Task) -> Record:
@@ -78,30 +82,29 @@ class _Crew:
         except PdcdError as err:
             return failed(task.request, err)
         try:
-            worker.talk.setblocking(True)
-            worker.talk.sendall(packed(task))
-            answer = _answer(worker.talk)
-        except OSError:
-            answer = None
-        if answer is not None:
-            self._idle.put(worker)
-            return answer
-        worker.end()
-        status = worker.process.returncode
-        return failed(
-            task.request,
-            PdcdError(
-                f"its process ended with {status}", hint="killed, or out of memory? see stderr"
-            ),
-        )
+            worker.line.send(task)
+            answer: Record = worker.line.receive()
+        except LineClosedError:
+            lost = PdcdError(
+                f"its process {worker.how_it_ended()}", hint="killed, or out of memory? see stderr"
+            )
+            worker.kill()
+            return failed(task.request, lost)
+        self._idle.put(worker)
+        return answer
 
-    def _worker(self) -> Newborn:
+    def _worker(self) -> Child[Any]:
         with suppress(queue.Empty):
             return self._idle.get_nowait()
         with self._lock:
             if self._dismissed:
                 raise PdcdError("the sweep has ended")
-            worker = born(COMMAND)
+            worker = start(
+                COMMAND,
+                PICKLES,
+                what="a process that takes photos",
+                environment=single_threaded(),
+            )
             self._all.append(worker)
             return worker
 
@@ -115,17 +118,7 @@ class _Crew:
     def close(self) -> None:
         """Let go of them, once no thread waits any more."""
         for worker in self._all:
-            worker.end()
-
-
-def _answer(talk: socket.socket) -> Record | None:
-    """What the process says, None when it is gone."""
-    inbox = Inbox()
-    while data := talk.recv(PIECE_BYTES):
-        for message in inbox.take(data):
-            found: Record = message
-            return found
-    return None
+            worker.kill()
 
 
 def on_cluster(tasks: Sequence[Task], cluster: str | Cluster) -> Ends:

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import socket
 import sys
+from typing import Any
+
+from pdcd.child import PICKLES, Line, LineClosedError, live_for_parent
 
 
-def serve(talk: socket.socket) -> None:
+def serve(line: Line[Any]) -> None:
     """Take what photos are asked for, until the other end is gone."""
     from pdcd.api.task import taken
-    from pdcd.capture.worker.pipe import PIECE_BYTES, Inbox, packed
 
-    inbox = Inbox()
-    while data := talk.recv(PIECE_BYTES):
-        for task in inbox.take(data):
-            talk.sendall(packed(taken(task)))
+    try:
+        while True:
+            line.send(taken(line.receive()))
+    except LineClosedError:
+        return
 
 
 if __name__ == "__main__":
     # Before the imports that follow, which take long.
-    from pdcd.capture.worker.limits import confine
-
-    confine()
-    with socket.socket(fileno=int(sys.argv[1])) as ours:
-        try:
-            serve(ours)
-        except (BrokenPipeError, ConnectionResetError):
-            sys.exit(0)
+    live_for_parent()
+    with Line.at(int(sys.argv[1]), PICKLES) as ours:
+        serve(ours)

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -20,10 +20,10 @@ from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.worker.answers import Facts
-from pdcd.capture.worker.birth import Newborn
-from pdcd.capture.worker.keeper import Child
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
+from pdcd.capture.worker.spawned import SpawnedWorker
 from pdcd.capture.worker.worker import Worker
+from pdcd.child import Child
 from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
@@ -102,16 +102,16 @@ class Engine:
         return cls(config)
 
     @classmethod
-    def with_child(cls, config: Config, newborn: Newborn | None = None) -> Engine:
+    def with_child(cls, config: Config, child: Child[Any] | None = None) -> Engine:
         """The same with a process of its own to plan and decode in, which may die without harm to
-        this one. To be used in one thread, which lives as long as the engine is wanted. `newborn`
+        this one. To be used in one thread, which lives as long as the engine is wanted. `child`
         is that process, where it was started already."""
-        ready = [] if newborn is None else [newborn]
+        ready = [] if child is None else [child]
 
-        def child(facts: Facts) -> Child:
-            return Child(facts, newborn=ready.pop() if ready else None)
+        def spawned(facts: Facts) -> SpawnedWorker:
+            return SpawnedWorker(facts, child=ready.pop() if ready else None)
 
-        return cls(config, child)
+        return cls(config, spawned)
 
     def start(self) -> None:
         """Open the rig. On return panels are black, the shutter is closed, the camera answers."""

@@ -5,22 +5,24 @@ from __future__ import annotations
 import argparse
 import gc
 from functools import partial
+from typing import Any
 
-from pdcd.capture.worker.birth import Newborn, born
+from pdcd.capture.worker.calls import start_worker
+from pdcd.child import Child
 
 
 def serve(args: argparse.Namespace) -> int:
     """Run the daemon until SIGTERM or SIGINT."""
     # First of all: it imports what it needs, a second's work, while we do. Of the main thread,
     # which lives as long as the daemon.
-    newborn = born()
+    child = start_worker()
     try:
-        return _serve(args, newborn)
+        return _serve(args, child)
     finally:
-        newborn.end()
+        child.kill()
 
 
-def _serve(args: argparse.Namespace, newborn: Newborn) -> int:
+def _serve(args: argparse.Namespace, child: Child[Any]) -> int:
     gc.disable()  # of what is imported nothing is garbage: looking for some takes a tenth longer
 
     import msgspec
@@ -35,5 +37,5 @@ def _serve(args: argparse.Namespace, newborn: Newborn) -> int:
     if args.state_dir is not None:
         server = msgspec.structs.replace(settings.server, state_dir=str(args.state_dir.absolute()))
         settings = msgspec.structs.replace(settings, server=server)
-    engine = partial(Engine.with_child, newborn=newborn)
+    engine = partial(Engine.with_child, child=child)
     return run(settings, socket=args.socket, engine_factory=engine, verbose=args.verbose)

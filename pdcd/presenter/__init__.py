@@ -5,14 +5,16 @@ most of its frames. `client` is what a driver uses; `process` is what runs on th
 
 =============  =====================================================================
 `client`       starts, commands, watches and kills the process
-`messages`     what the two say to each other; arrays go by `memory`
+`messages`     what the two say to each other, and the memory they share
 `process`      opens the panels, answers messages
 `loop`         shows rows one vblank after the other and logs them
 `clocks`       which vblank it was: time sources from best to worst, and their probe
 `phase`        how the vblanks of both outputs lie to each other
 `places`       where the panels lie on the screen, and whether they still do
+`outputs`      the outputs of the graphics card, and who their panels say they are: `edid`
 `windows`      X windows and GL: layouts, one draw for each panel and refresh
-`cells`        which panel pixels a code cell covers
+`viewport`     which panel pixels a code cell covers
+`xgrab`        what the X server holds for both panels
 `realtime`     scheduling class, locked memory, garbage collector
 =============  =====================================================================
 """

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import os
-import select
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import Config
+from pdcd.child import LOOK_S, LineClosedError, LineSilentError, module_command, start
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.pixels import Picture
-from pdcd.presenter.grabs import PICTURES, room
-from pdcd.presenter.memory import share
 from pdcd.presenter.messages import (
     HEAD_SIZE,
     LOG_COLUMNS,
+    REPLIES,
     Black,
-    Channel,
     Failed,
     Head,
     Load,
+    Mode,
     Open,
     Play,
     Quit,
@@ -34,21 +34,40 @@ from pdcd.presenter.messages import (
     Reply,
     Request,
     Show,
-    pair,
+    share,
 )
+from pdcd.presenter.options import options_of
 from pdcd.presenter.xconnection import connect, disconnect
+from pdcd.presenter.xgrab import PICTURES, room
 
 START_S = 30.0
 """How long opening the panels may take: libraries, windows, and 30 frames for each time source."""
 LOAD_S = 20.0
 """Bound of handing over all patterns, which takes 0.1 s for 65536 codes."""
-LOOK_S = 0.05
-"""Time between looks at progress and cancelling while rows are shown."""
 LEAD_IN = 2
 """Black refreshes before the first row: they give it a vblank to be timed against."""
 
 Rows = NDArray[np.int32]
 Log = NDArray[np.int64]
+
+COMMAND = module_command("pdcd.presenter")
+_lost = partial(DeviceLost, device="display")
+
+
+def opening(config: Config) -> Open:
+    """What the display process is asked to open. Raises ConfigError."""
+    options = options_of(config)
+    if config.rig.clock != "real":
+        raise ConfigError(
+            "real panels keep real time", device="display", hint='set rig.clock = "real"'
+        )
+    panels, display = panels_of(config), config.display
+    return Open(
+        options,
+        Mode(panels.projector.map, config.projector.refresh_hz),
+        Mode(panels.mask.map, config.mask.refresh_hz),
+        display.plane_order if display.planes_per_refresh > 1 else None,
+    )
 
 
 class DisplayProcess:
@@ -58,19 +77,9 @@ class DisplayProcess:
     """
 
     def __init__(self, request: Open, alive: Callable[[], object] = lambda: None) -> None:
-        mine, its = pair()
-        # A session of its own: the terminal's Ctrl-C and hang-up are not for it.
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "pdcd.presenter", str(its.fileno())],
-            pass_fds=(its.fileno(),),
-            start_new_session=True,
-            stdin=subprocess.DEVNULL,
-        )
-        its.close()
+        self._child = start(COMMAND, REPLIES, what="the display process", error=_lost)
+        self._line = self._child.line
         self._pulse = alive
-        self._channel: Channel[Reply] = Channel(mine, Reply)
-        self._poller = select.poll()
-        self._poller.register(mine, select.POLLIN | select.POLLHUP)
         self._display = request.options.display
         self._hang_s = request.options.hang_s
         self._grab = request.options.grab_px is not None
@@ -90,12 +99,12 @@ class DisplayProcess:
     @property
     def alive(self) -> bool:
         """Whether the process still runs."""
-        return self._process.poll() is None
+        return self._child.running
 
     @property
     def pid(self) -> int:
         """Process number, for tests that end it."""
-        return self._process.pid
+        return self._child.pid
 
     def load(self, frames: Frames) -> None:
         """Hand all patterns over; returns when the graphics card has them."""
@@ -107,7 +116,7 @@ class DisplayProcess:
             )
         }  # fmt: skip
         fd, slots, _ = share(arrays)
-        self._ask_with(fd, Load(slots, frames.grid, frames.lattice, frames.window), LOAD_S)
+        self._ask(Load(slots, frames.grid, frames.lattice, frames.window), LOAD_S, fd)
 
     def show(self, row: int) -> None:
         """Hold one row of the loaded frames."""
@@ -188,17 +197,14 @@ class DisplayProcess:
         if self.alive:
             try:
                 self._ask(Quit(), self._hang_s)
-                self._process.wait(self._hang_s)
-            except (PdcdError, subprocess.TimeoutExpired):
+                self._child.hang_up(self._hang_s)
+            except PdcdError:
                 self.kill()
         self.kill()
 
     def kill(self) -> None:
         """End the process at once; the server then removes its windows. Idempotent."""
-        if self._process.poll() is None:
-            self._process.kill()
-        self._process.wait()
-        self._channel.sock.close()
+        self._child.kill()
 
     def _watch(
         self,
@@ -209,7 +215,7 @@ class DisplayProcess:
     ) -> None:
         """Wait for the end of a pass; tell how far it is, and see that it goes on."""
         seen, seen_s, asked_to_stop = -1, time.monotonic(), False
-        while not self._poller.poll(LOOK_S * 1000):
+        while not self._line.wait(LOOK_S):
             shown = int(head[Head.SHOWN])
             if shown != seen:
                 seen, seen_s = shown, time.monotonic()
@@ -232,66 +238,43 @@ class DisplayProcess:
         answer for its own."""
         if not self.alive:
             return
-        if not self._answered(self._hang_s):
-            self.kill()
-            return
         with suppress(PdcdError):  # why the pass was told to stop is what counts
-            self._reply()
+            self._reply(self._hang_s)
 
-    def _ask(self, message: Request, timeout_s: float) -> Reply:
-        self._send(message)
-        if not self._answered(timeout_s):
-            self.kill()
-            raise DeviceLost(
-                f"the display process did not answer within {timeout_s:g} s and was killed",
-                device="display",
-                hint="see the X server's log; the next job starts it anew",
-            )
-        return self._reply()
-
-    def _ask_with(self, fd: int, message: Request, timeout_s: float) -> None:
+    def _ask(self, message: Request, within_s: float, fd: int | None = None) -> Reply:
         self._send(message, fd)
-        if not self._answered(timeout_s):
-            self.kill()
-            raise DeviceLost("the display process takes no patterns", device="display")
-        self._reply()
-
-    def _answered(self, within_s: float) -> bool:
-        """Whether there is an answer, or an end, within that time.
-
-        Where a signal breaks the wait off the process is killed: nobody is left for its answer,
-        which a later request would take for its own.
-        """
-        until_s = time.monotonic() + within_s
-        try:
-            while not self._poller.poll(LOOK_S * 1000):
-                self._pulse()
-                if time.monotonic() > until_s:
-                    return False
-        except BaseException:
-            self.kill()
-            raise
-        return True
+        return self._reply(within_s)
 
     def _send(self, message: Request, fd: int | None = None) -> None:
         try:
-            self._channel.send(message, fd)
-        except OSError as err:
-            if not self._poller.poll(0):
-                raise self._gone() from err
+            self._line.send(message, fd)
+        except LineClosedError:
             # What it said before it ended is still there to be read: that is the better error.
             self._reply()
-            raise self._gone() from err
+            raise self._gone() from None
         finally:
             if fd is not None:
                 os.close(fd)
 
-    def _reply(self) -> Reply:
-        """Take one reply; a failure becomes the error it stands for."""
+    def _reply(self, within_s: float | None = None) -> Reply:
+        """Take one reply; a failure becomes the error it stands for.
+
+        Where the wait is broken off, by a signal, say, the process is killed: nobody is left for
+        its answer, which a later request would take for its own.
+        """
         try:
-            reply, _ = self._channel.receive()
-        except (EOFError, OSError) as err:
-            raise self._gone() from err
+            reply = self._line.receive(within_s=within_s, alive=self._pulse)
+        except LineClosedError:
+            raise self._gone() from None
+        except LineSilentError:
+            self.kill()
+            raise _lost(
+                f"the display process did not answer within {within_s:g} s and was killed",
+                hint="see the X server's log; the next job starts it anew",
+            ) from None
+        except BaseException:
+            self.kill()
+            raise
         if isinstance(reply, Failed):
             if not reply.alive:
                 self.kill()
@@ -302,11 +285,9 @@ class DisplayProcess:
         return reply
 
     def _gone(self) -> DeviceLost:
+        how = self._child.how_it_ended()
         self.kill()
-        status = self._process.returncode
-        how = f"by signal {-status}" if status < 0 else f"with status {status}"
-        return DeviceLost(
-            f"the display process ended {how}",
-            device="display",
+        return _lost(
+            f"the display process {how}",
             hint="see the log and the X server's; the next job starts it anew",
         )

@@ -21,8 +21,7 @@ from pdcd.panels.map import Map
 from pdcd.presenter import desktop
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import Mode, Open, Ready
-from pdcd.presenter.opening import options_of
-from pdcd.presenter.options import VERIFIED, Options, SourceName
+from pdcd.presenter.options import VERIFIED, Options, SourceName, options_of
 from pdcd.presenter.outputs import (
     Output,
     Pair,

@@ -1,22 +1,29 @@
-"""What driver and display process say to each other, and the log they share.
+"""What driver and display process say to each other, and the memory they share.
 
-One datagram of a socket pair a message, in MessagePack; arrays go beside it as a descriptor of
-shared memory. The driver asks, the process answers each request once: `Ready`, `Done`, or `Failed`.
-The only thing it says unasked is `Failed`, before it ends.
+Messages go in MessagePack. Arrays go beside one as a descriptor of anonymous memory, which has no
+name, so nothing is left behind however either process ends. The driver asks, the process answers
+each request once: `Ready`, `Done`, or `Failed`. The only thing it says unasked is `Failed`, before
+it ends.
 """
 
 from __future__ import annotations
 
-import array
 import enum
-import socket
-from typing import Any, Generic, TypeVar
+import mmap
+import os
+from collections.abc import Mapping
+from typing import Any
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
+from pdcd.child import Codec
 from pdcd.panels.map import Map
-from pdcd.presenter.memory import Slot
 from pdcd.presenter.options import Options
+
+ALIGN_BYTES = 64
+"""Each array starts on a cache line."""
 
 
 class Mode(msgspec.Struct, frozen=True):
@@ -48,6 +55,15 @@ class Open(msgspec.Struct, frozen=True, tag=True):
     mask: Mode
     plane_order: str | None = None
     """Colours of bit planes, where a refresh shows 24 rows; None where it shows one."""
+
+
+class Slot(msgspec.Struct, frozen=True):
+    """Where one array lies in the memory."""
+
+    name: str
+    dtype: str
+    shape: tuple[int, ...]
+    offset: int
 
 
 class Load(msgspec.Struct, frozen=True, tag=True):
@@ -117,6 +133,12 @@ class Failed(msgspec.Struct, frozen=True, tag=True):
 Request = Open | Load | Play | Show | Black | Quit
 Reply = Ready | Done | Failed
 
+_encode = msgspec.msgpack.Encoder().encode
+REPLIES: Codec[Reply] = Codec(_encode, msgspec.msgpack.Decoder(Reply).decode)
+"""What the driver hears."""
+REQUESTS: Codec[Request] = Codec(_encode, msgspec.msgpack.Decoder(Request).decode)
+"""What the process hears."""
+
 
 class Head(enum.IntEnum):
     """Entries of the shared `head`, int64."""
@@ -155,38 +177,36 @@ class Column(enum.IntEnum):
 
 LOG_COLUMNS = len(Column)
 
-_LARGEST_BYTES = 1 << 20
-_encoder = msgspec.msgpack.Encoder()
+
+def layout(arrays: Mapping[str, NDArray[Any]]) -> tuple[list[Slot], int]:
+    """Places of the arrays, one after the other, and the bytes of them all."""
+    slots, offset = [], 0
+    for name, array in arrays.items():
+        slots.append(Slot(name, array.dtype.str, array.shape, offset))
+        offset += -(-array.nbytes // ALIGN_BYTES) * ALIGN_BYTES
+    return slots, max(offset, ALIGN_BYTES)
 
 
-T = TypeVar("T")
+def share(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, list[Slot], dict[str, NDArray[Any]]]:
+    """Copy arrays into new shared memory; returns its descriptor, their places and the copies.
+
+    The caller closes the descriptor; the copies stay valid.
+    """
+    slots, size = layout(arrays)
+    fd = os.memfd_create("pdcd", os.MFD_CLOEXEC)
+    os.ftruncate(fd, size)
+    views = attach(fd, slots)
+    for name, array in arrays.items():
+        views[name][...] = array
+    return fd, slots, views
 
 
-class Channel(Generic[T]):
-    """One end of the socket pair, where messages T are received: `Request` or `Reply`."""
-
-    def __init__(self, sock: socket.socket, kind: Any) -> None:
-        self.sock = sock
-        self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kind)
-
-    def send(self, message: Request | Reply, fd: int | None = None) -> None:
-        """Send one message, with a descriptor; OSError when the other end is gone."""
-        fds = [] if fd is None else [fd]
-        rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", fds))] if fds else []
-        self.sock.sendmsg([_encoder.encode(message)], rights)
-
-    def receive(self) -> tuple[T, int | None]:
-        """The next message and its descriptor; EOFError when the other end is gone."""
-        try:
-            data, fds, _, _ = socket.recv_fds(self.sock, _LARGEST_BYTES, 1)
-        except ConnectionResetError:
-            # It ended with something unread, which is told first; what it said is still to come.
-            data, fds, _, _ = socket.recv_fds(self.sock, _LARGEST_BYTES, 1)
-        if not data:
-            raise EOFError
-        return self._decoder.decode(data), fds[0] if fds else None
-
-
-def pair() -> tuple[socket.socket, socket.socket]:
-    """Two connected ends that keep messages apart."""
-    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+def attach(fd: int, slots: list[Slot]) -> dict[str, NDArray[Any]]:
+    """Map the arrays behind a descriptor, writable; the descriptor may be closed afterwards."""
+    memory = mmap.mmap(fd, os.fstat(fd).st_size)
+    found = {}
+    for slot in slots:
+        count = int(np.prod(slot.shape, dtype=np.int64))
+        flat = np.frombuffer(memory, dtype=np.dtype(slot.dtype), count=count, offset=slot.offset)
+        found[slot.name] = flat.reshape(slot.shape)
+    return found

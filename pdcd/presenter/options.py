@@ -7,6 +7,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, field
 
+from pdcd.bench.options import read_options
+from pdcd.bench.tables import Config
+from pdcd.errors import ConfigError
+
 SourceName = Literal["auto", "present-complete", "present-msc", "swap", "clock", "free"]
 VERIFIED: tuple[SourceName, ...] = ("present-complete",)
 """Sources that prove presentation, frame by frame, where every frame was a page flip."""
@@ -45,3 +49,22 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Fault injection, for tests: refresh of an exposure -> how long the loop sleeps after it."""
     stall_exposures: Annotated[int, Meta(ge=0)] = 0
     """Fault injection: how many exposures have these stalls, from the first on; 0 is all."""
+
+
+def options_of(config: Config) -> Options:
+    """[display.options] of the driver x11. Raises ConfigError."""
+    if config.display.driver != "x11":
+        raise ConfigError(
+            "panels are looked at with the driver x11; the configuration has "
+            f"{config.display.driver!r}",
+            device="display",
+            hint='name two outputs in a configuration with [display] driver = "x11", and give it '
+            "with --config; docs/display.md shows how",
+        )
+    return read_options(
+        config.display.options,
+        Options,
+        table="display.options",
+        device="display",
+        hint="docs/display.md lists the options of the driver x11",
+    )

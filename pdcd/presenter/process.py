@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import select
-import signal
-import socket
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +12,7 @@ import glfw
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.child import Line, LineClosedError, ignore_signals
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.map import PanelView
@@ -27,12 +26,10 @@ from pdcd.presenter.clocks import (
     Vblanks,
     probe,
 )
-from pdcd.presenter.grabs import Grabs
 from pdcd.presenter.loop import Loop
-from pdcd.presenter.memory import attach
 from pdcd.presenter.messages import (
+    REQUESTS,
     Black,
-    Channel,
     Done,
     Failed,
     Head,
@@ -44,10 +41,12 @@ from pdcd.presenter.messages import (
     Reply,
     Request,
     Show,
+    attach,
 )
 from pdcd.presenter.phase import Phase, measure
 from pdcd.presenter.places import Places
 from pdcd.presenter.windows import Windows
+from pdcd.presenter.xgrab import Grabs
 from pdcd.presenter.xpresent import PresentEvents
 
 logger = logging.getLogger(__name__)
@@ -240,12 +239,10 @@ class Presenter:
         )
 
 
-def serve(channel: Channel[Request]) -> None:
+def serve(line: Line[Request]) -> None:
     """Answer requests until `Quit` or until the other end is gone; black in either case."""
-    poller = select.poll()
-    poller.register(channel.sock, select.POLLIN | select.POLLHUP)
     gone = select.poll()
-    gone.register(channel.sock, select.POLLHUP)
+    gone.register(line, select.POLLHUP)
 
     def hung_up() -> bool:
         return bool(gone.poll(0))
@@ -253,32 +250,31 @@ def serve(channel: Channel[Request]) -> None:
     presenter: Presenter | None = None
     try:
         while True:
-            while not poller.poll(IDLE_S * 1000):
+            while not line.wait(IDLE_S):
                 if presenter is not None:
                     presenter.idle()
-            try:
-                message, fd = channel.receive()
-            except EOFError:
-                return
+            message, fd = line.receive_with_fd()
             try:
                 if isinstance(message, Open):
-                    presenter = Presenter(message, hung_up, channel.sock.fileno())
-                    channel.send(presenter.ready)
+                    presenter = Presenter(message, hung_up, line.fileno())
+                    line.send(presenter.ready)
                     continue
                 if presenter is None:
                     raise DeviceLost("the panels are not open", device="display")
                 _answer(presenter, message, fd)
             except ConfigError as err:
-                channel.send(_failed(err, alive=presenter is not None))
+                line.send(_failed(err, alive=presenter is not None))
                 if presenter is None:
                     return
                 continue
             finally:
                 if fd is not None:
                     os.close(fd)
-            channel.send(Done())
+            line.send(Done())
             if isinstance(message, Quit):
                 return
+    except LineClosedError:
+        return
     finally:
         if presenter is not None:
             presenter.close()
@@ -296,21 +292,16 @@ def _answer(presenter: Presenter, message: Request, fd: int | None) -> None:
 
 
 def main(fd: int) -> int:
-    """Run the process on one end of a socket pair; its exit status."""
-    # The driver decides when this ends: a Ctrl-C in its terminal is not for here, nor is the signal
-    # that systemd sends to all processes of a service.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    channel: Channel[Request] = Channel(socket.socket(fileno=fd), Request)
+    """Run the process on one end of a line; its exit status."""
+    ignore_signals()
+    line = Line.at(fd, REQUESTS)
     try:
-        serve(channel)
-    except BrokenPipeError:
-        return 0
+        serve(line)
     except PdcdError as err:
-        return _report(channel, _failed(err, alive=False))
+        return _report(line, _failed(err, alive=False))
     except Exception as err:
         logger.exception("presenter failed")
-        return _report(channel, Failed("device_lost", f"{type(err).__name__}: {err}", None, False))
+        return _report(line, Failed("device_lost", f"{type(err).__name__}: {err}", None, False))
     return 0
 
 
@@ -319,10 +310,10 @@ def _failed(err: PdcdError, *, alive: bool) -> Failed:
     return Failed(err.kind, where + err.message, err.hint, alive)
 
 
-def _report(channel: Channel[Request], message: Reply) -> int:
+def _report(line: Line[Request], message: Reply) -> int:
     try:
-        channel.send(message)
-    except OSError:
+        line.send(message)
+    except LineClosedError:
         logger.warning("nobody is left to be told: %s", message)
     return 1
 

@@ -13,9 +13,8 @@ from pdcd.errors import ConfigError
 from pdcd.extras import install_hint
 from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.patterns import pack
-from pdcd.presenter.client import DisplayProcess, Log
+from pdcd.presenter.client import DisplayProcess, Log, opening
 from pdcd.presenter.messages import Column, Ready
-from pdcd.presenter.opening import opening
 
 PATTERNS = 64
 """Different codes that are shown in turn."""

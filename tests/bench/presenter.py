@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.panels.placing import Placing
-from pdcd.presenter.client import DisplayProcess
-from pdcd.presenter.opening import opening
+from pdcd.presenter.client import DisplayProcess, opening
 from pdcd.presenter.timing import Timing, measure, random_codes
 from tests import x11_rig
 from tests.bench.measure import REPEATS

@@ -24,9 +24,8 @@ from pdcd.capture.rig import Rig
 from pdcd.capture.show import pattern_frames
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.frames import BLACK
-from pdcd.presenter.client import DisplayProcess
+from pdcd.presenter.client import DisplayProcess, opening
 from pdcd.presenter.messages import Column
-from pdcd.presenter.opening import opening
 from pdcd.presenter.timing import random_codes
 from pdcd.presenter.windows import Windows
 from pdcd.presenter.xgrab import RootGrabber

@@ -1,5 +1,5 @@
 """How a worker is reached: it works in this process, or in a child of it
-(`pdcd.capture.worker.keeper`)."""
+(`pdcd.capture.worker.spawned`)."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ FIRST = frozenset({"plan", "calibrate"})
 
 
 SPENT = 12
-"""Status with which the work process ends when it has no memory left even to say so."""
+"""Status with which a worker ends when it has no memory left even to say so."""
 
 
 def broken(name: str, what: str, hint: str) -> PdcdError:

@@ -1,7 +1,7 @@
 """The worker: it works a job out, its plan, its next photo, its pictures; no device is near.
 
 Everything here takes long, or reads bytes that came from elsewhere. So the daemon has it done in a
-process of its own (`pdcd.capture.worker.keeper`); others call it where they are
+process of its own (`pdcd.capture.worker.spawned`); others call it where they are
 (`pdcd.capture.worker.proxy`). It owns what it needs between two calls, the plan above all
 (`pdcd.capture.worker.course`), and only what the caller must know goes back.
 """

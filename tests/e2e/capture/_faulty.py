@@ -11,12 +11,12 @@ import sys
 import time
 from typing import Any, NoReturn
 
-from pdcd.capture.worker.limits import confine
+from pdcd.child import live_for_parent
 
 
 def main() -> int:
     fault, fd = sys.argv[1], int(sys.argv[2])
-    confine()
+    live_for_parent()
     import rawpy
 
     def imread(*args: Any) -> NoReturn:

@@ -18,8 +18,8 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, LimitsConfig
 from pdcd.capture.engine import Engine
-from pdcd.capture.worker.birth import born
-from pdcd.capture.worker.keeper import Child
+from pdcd.capture.worker.calls import start_worker
+from pdcd.capture.worker.spawned import SpawnedWorker
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, PdcdError, PlanError
 from pdcd.protocol.events import Event, Planning
@@ -38,13 +38,13 @@ FOREVER = (sys.executable, "-S", "-c", "import time; time.sleep(3600)")
 """Stands for a work process where only its life and death matter."""
 
 
-def child_of(engine: Engine) -> Child:
+def child_of(engine: Engine) -> SpawnedWorker:
     worker = engine._worker
-    assert isinstance(worker, Child)
+    assert isinstance(worker, SpawnedWorker)
     return worker
 
 
-def started(folder: Path, worker: Callable[..., Any] = Child, **tables: Any) -> Engine:
+def started(folder: Path, worker: Callable[..., Any] = SpawnedWorker, **tables: Any) -> Engine:
     camera = CameraConfig(noise="none", f_number=8.0)
     config = bench_rig.config(folder, **{"grid": (8, 8), "camera": camera, **tables})
     engine = Engine(config, worker)
@@ -144,10 +144,10 @@ def test_a_process_killed_while_idle_is_replaced_without_a_word_to_the_user(
     engine: Engine, run: Callable[..., CaptureResult]
 ) -> None:
     assert run("before").state == "done"
-    process = child_of(engine)._process
-    assert process is not None
-    process.kill()
-    process.wait(60.0)
+    child = child_of(engine)._child
+    assert child is not None
+    child.process.kill()
+    child.process.wait(60.0)
     assert run("after").state == "done"
 
 
@@ -216,7 +216,7 @@ def test_a_crash_in_the_raw_library_is_a_failure_of_the_job(
     fault: str, words: str, tmp_path: Path
 ) -> None:
     command = (sys.executable, str(FAULTY), fault)
-    engine = started(tmp_path, lambda facts: Child(facts, command))
+    engine = started(tmp_path, lambda facts: SpawnedWorker(facts, command))
     try:
         with Place.at(tmp_path) as parent:
             result = engine.capture(
@@ -231,7 +231,7 @@ def test_a_crash_in_the_raw_library_is_a_failure_of_the_job(
 
 @pytest.mark.timeout(20, method="thread")  # a wait without end could not be broken off otherwise
 def test_whoever_waits_for_a_silent_process_is_asked_all_the_time(engine: Engine) -> None:
-    child = Child(child_of(engine)._facts, FOREVER)
+    child = SpawnedWorker(child_of(engine)._facts, FOREVER)
     signs: list[float] = []
 
     def alive() -> None:
@@ -249,24 +249,24 @@ def test_whoever_waits_for_a_silent_process_is_asked_all_the_time(engine: Engine
 
 def test_a_process_that_was_started_before_is_taken(tmp_path: Path) -> None:
     """And bounded as one that the engine starts itself."""
-    newborn = born()
+    first = start_worker()
     try:
-        engine = started(tmp_path, partial(Child, newborn=newborn))
-        assert child_of(engine).pid == newborn.process.pid
+        engine = started(tmp_path, partial(SpawnedWorker, child=first))
+        assert child_of(engine).pid == first.process.pid
         engine.plan(REQUEST)
-        assert child_of(engine).pid == newborn.process.pid
-        bound = resource.prlimit(newborn.process.pid, resource.RLIMIT_DATA)
+        assert child_of(engine).pid == first.process.pid
+        bound = resource.prlimit(first.process.pid, resource.RLIMIT_DATA)
         assert bound == (LimitsConfig().work_bytes,) * 2
         engine.stop()
-        assert newborn.process.returncode == -signal.SIGKILL
+        assert first.process.returncode == -signal.SIGKILL
     finally:
-        newborn.end()
+        first.kill()
 
 
 @pytest.mark.long
 def test_a_raw_library_that_hangs_is_ended(tmp_path: Path) -> None:
     command = (sys.executable, str(FAULTY), "hang")
-    engine = started(tmp_path, lambda facts: Child(facts, command))
+    engine = started(tmp_path, lambda facts: SpawnedWorker(facts, command))
     try:
         engine.plan(REQUEST)  # warm, so that only the hang takes long
         child = child_of(engine)
@@ -354,7 +354,7 @@ def test_without_a_plan_there_is_no_work(engine: Engine) -> None:
 
 
 def test_ten_deaths_leave_no_descriptor_and_no_process_behind(tmp_path: Path) -> None:
-    engine = started(tmp_path, lambda facts: Child(facts, FOREVER))
+    engine = started(tmp_path, lambda facts: SpawnedWorker(facts, FOREVER))
     child = child_of(engine)
     try:
         fds = len(list(Path("/proc/self/fd").iterdir()))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import socket
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -15,10 +17,10 @@ from pdcd.api import pool, task, worker
 from pdcd.api.pool import in_processes, on_cluster
 from pdcd.api.task import Record, Task
 from pdcd.bench.tables import Config
-from pdcd.capture.worker.birth import Newborn
-from pdcd.capture.worker.pipe import Inbox, packed
-from pdcd.errors import ConfigError, PdcdError
+from pdcd.child import PICKLES, Line, LineClosedError
+from pdcd.errors import ConfigError
 from pdcd.protocol.request import CaptureRequest
+from tests.child_rig import Children, Process, stand_ins
 
 
 def tasks(*notes: str) -> list[Task]:
@@ -28,105 +30,100 @@ def tasks(*notes: str) -> list[Task]:
 class Crew:
     """Processes that are threads; each answers until it meets the note "deadly"."""
 
-    def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        self.commands: list[Any] = []
-        self.ended: list[str] = []
-        patch.setattr(pool, "born", self.born)
+    def __init__(self, children: Children) -> None:
+        self.children = children
+        children.on_start = self.start
 
-    def born(self, command: object) -> Newborn:
-        number = len(self.commands)
-        self.commands.append(command)
-        ours, theirs = socket.socketpair()
-        ours.setblocking(False)  # as it comes
-        threading.Thread(target=self.work, args=(theirs, number), daemon=True).start()
-        process: Any = SimpleNamespace(returncode=-9)
-        process.kill = lambda: self.ended.append(f"kill {number}")
-        process.wait = lambda: self.ended.append(f"wait {number}")
-        return Newborn(process, ours)
+    def start(self, process: Process) -> None:
+        process.status = -9
+        line = process.line(PICKLES)
+        threading.Thread(target=self.work, args=(process, line), daemon=True).start()
 
-    def work(self, theirs: socket.socket, number: int) -> None:
-        inbox = Inbox()
-        with theirs:
-            while data := theirs.recv(1 << 20):
-                for asked in inbox.take(data):
-                    if asked.request.note == "deadly":
-                        return
-                    answer = packed({"state": "done", "job": f"{number} {asked.request.note}"})
-                    theirs.sendall(answer[:3])  # as it may come
-                    theirs.sendall(answer[3:])
+    def work(self, process: Process, line: Line[Any]) -> None:
+        with suppress(LineClosedError):
+            while True:
+                asked = line.receive()
+                if asked.request.note == "deadly":
+                    process.die(-9)
+                    return
+                line.send({"state": "done", "job": f"{process.pid} {asked.request.note}"})
 
 
-def test_one_process_is_used_again_and_one_that_died_is_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    crew = Crew(monkeypatch)
+@pytest.fixture
+def children(monkeypatch: pytest.MonkeyPatch) -> Iterator[Children]:
+    yield from stand_ins(monkeypatch)
+
+
+@pytest.fixture
+def crew(children: Children) -> Crew:
+    return Crew(children)
+
+
+def test_one_process_is_used_again_and_one_that_died_is_not(crew: Crew) -> None:
     rows = dict(in_processes(tasks("a", "b", "deadly", "c"), 1))
-    assert [rows[n]["job"] for n in range(4)] == ["0 a", "0 b", "", "1 c"]
+    assert [rows[n]["job"] for n in range(4)] == ["100 a", "100 b", "", "101 c"]
     assert (rows[2]["state"], rows[2]["goal"]) == ("failed", "white")
-    assert "its process ended with -9" in str(rows[2]["error"])
+    assert "its process was ended by signal 9 (SIGKILL)" in str(rows[2]["error"])
     assert "out of memory" in str(rows[2]["error"])
-    assert crew.commands == [(sys.executable, "-P", "-m", "pdcd.api.worker")] * 2
-    # The dead one at once, the other in the end; neither stays.
-    assert crew.ended[:2] == ["kill 0", "wait 0"]
-    assert crew.ended.count("wait 1") == 1 and crew.ended.index("kill 1") < len(crew.ended) - 1
+    first, second = crew.children.started
+    for process in (first, second):
+        assert process.command[:-1] == [sys.executable, "-P", "-m", "pdcd.api.worker"]
+        assert process.how["env"]["OMP_NUM_THREADS"]
+    # Neither stays.
+    assert first.done[-1] == second.done[-1] == ("wait", 5.0) and "kill" in second.done
 
 
-def test_a_process_that_cannot_be_started_is_a_failed_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    def born(command: object) -> Newborn:
-        raise PdcdError("no more processes")
+def test_no_more_processes_than_workers_and_each_photo_once(crew: Crew) -> None:
+    rows = dict(in_processes(tasks(*"abcde"), 2))
+    assert sorted(rows) == [0, 1, 2, 3, 4] and 1 <= len(crew.children.started) <= 2
+    assert sorted(str(row["job"])[-1] for row in rows.values()) == [*"abcde"]
 
-    monkeypatch.setattr(pool, "born", born)
+
+def test_nobody_is_started_for_a_sweep_that_has_ended(crew: Crew) -> None:
+    ended = pool._Crew()
+    ended.dismiss()
+    assert "the sweep has ended" in str(ended.take(tasks("a")[0])["error"])
+    assert crew.children.started == []
+
+
+def test_a_process_that_cannot_be_started_is_a_failed_row(crew: Crew) -> None:
+    crew.children.refusal = OSError(11, "no more processes")
     rows = dict(in_processes(tasks("a", "b"), 1))
     assert [rows[n]["state"] for n in range(2)] == ["failed"] * 2
-    assert "no more processes" in str(rows[0]["error"])
+    assert "a process that takes photos: no more processes" in str(rows[0]["error"])
 
 
-def test_a_pipe_that_breaks_is_a_process_that_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    closed: list[bool] = []
-
-    class Broken:
-        def setblocking(self, flag: bool) -> None:
-            raise BrokenPipeError
-
-        def close(self) -> None:
-            closed.append(True)
-
-    process: Any = SimpleNamespace(returncode=7, kill=lambda: None, wait=lambda: None)
-    talk: Any = Broken()
-    monkeypatch.setattr(pool, "born", lambda command: Newborn(process, talk))
+def test_a_process_that_ended_before_it_was_asked_is_gone(children: Children) -> None:
+    children.on_start = lambda process: process.die(7)
     rows = dict(in_processes(tasks("a"), 1))
-    assert "its process ended with 7" in str(rows[0]["error"]) and closed
+    assert "its process ended with status 7" in str(rows[0]["error"])
 
 
-def test_a_sweep_that_is_ended_early_ends_its_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    crew = Crew(monkeypatch)
+def test_a_sweep_that_is_ended_early_ends_its_processes(crew: Crew) -> None:
     ends = in_processes(tasks(*"abcdef"), 1)
     number, row = next(ends)
     assert (number, row["state"]) == (0, "done")
     ends.close()
-    assert "kill 0" in crew.ended and crew.ended[-1].startswith("wait")
+    assert "kill" in crew.children.last.done and crew.children.last.done[-1] == ("wait", 5.0)
 
 
 def test_a_worker_answers_until_the_other_end_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    taken: list[str] = []
-
     def take(asked: Task) -> Record:
-        taken.append(asked.request.note)
         return {"state": "done", "job": asked.request.note}
 
     monkeypatch.setattr(task, "taken", take)
-    ours, theirs = socket.socketpair()
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours, theirs = (Line(end, PICKLES) for end in ends)
+    asked = Task(Config(), CaptureRequest(goal="white"), {"kernel": b"x"}, Path("/there"))
+    thread = threading.Thread(target=worker.serve, args=(theirs,))
     with ours, theirs:
-        first, second = (packed(each) for each in tasks("a", "b"))
-        ours.sendall(first + second)
-        ours.shutdown(socket.SHUT_WR)
-        worker.serve(theirs)
-        theirs.shutdown(socket.SHUT_WR)
-        inbox = Inbox()
-        found: list[Any] = []
-        while data := ours.recv(1 << 16):
-            found += inbox.take(data)
-    assert taken == ["a", "b"] and [row["job"] for row in found] == ["a", "b"]
+        thread.start()
+        for each in (*tasks("a", "b"), asked):
+            ours.send(each)
+        assert [ours.receive()["job"] for _ in range(3)] == ["a", "b", ""]
+        ours.close()
+        thread.join(60.0)
+        assert not thread.is_alive()
 
 
 class Cluster:
@@ -203,9 +200,3 @@ def test_a_cluster_that_does_not_answer_is_named(
     module.Client = faulty
     with pytest.raises(ZeroDivisionError):
         next(on_cluster(tasks("a"), "tcp://there:1"))
-
-
-def test_the_other_end_of_a_worker_may_hold_a_path() -> None:
-    asked = Task(Config(), CaptureRequest(goal="white"), {"kernel": b"x"}, Path("/there"))
-    (found,) = Inbox().take(packed(asked))
-    assert found == asked

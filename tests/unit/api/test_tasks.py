@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import socket
-import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,13 +18,11 @@ from pdcd.api.arguments import asked, plain
 from pdcd.api.bench import finished
 from pdcd.api.ledger import NAME, Ledger
 from pdcd.api.local import described, owner
-from pdcd.api.pool import in_processes, on_cluster
+from pdcd.api.pool import on_cluster
 from pdcd.api.run import Run
 from pdcd.api.table import Table
 from pdcd.api.task import ENDING, Record, Task, ended, failed, held, taken
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.capture.worker.birth import Newborn
-from pdcd.capture.worker.pipe import packed
 from pdcd.errors import BusyError, DecodeError, DeviceLost, PdcdError, RequestError
 from pdcd.files.arrays import read_npz
 from pdcd.files.opening import Limits
@@ -320,40 +316,6 @@ def test_a_cluster_that_loses_a_capture_loses_no_other(monkeypatch: pytest.Monke
     monkeypatch.setattr(pool, "_client", lambda address: named)
     assert len(dict(on_cluster(tasks, "tcp://there:1"))) == 3
     assert named.calls == ["cancel 3", "close"]
-
-
-def test_processes_are_used_again_and_end_with_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
-    ends: list[socket.socket] = []
-    processes: list[Any] = []
-
-    def born(command: object) -> Newborn:
-        ours, theirs = socket.socketpair()
-        number = len(processes)
-
-        def work() -> None:
-            with theirs:
-                while theirs.recv(1 << 20):
-                    theirs.sendall(packed({"state": "done", "job": str(number)}))
-
-        threading.Thread(target=work, daemon=True).start()
-        process = SimpleNamespace(returncode=None, ended=[])
-        process.kill = lambda: process.ended.append("kill")
-        process.wait = lambda: process.ended.append("wait")
-        processes.append(process)
-        ends.append(ours)
-        made: Any = process
-        return Newborn(made, ours)
-
-    monkeypatch.setattr(pool, "born", born)
-    tasks = [Task(Config(), WHITE) for _ in range(5)]
-    rows = dict(in_processes(tasks, 2))
-    assert sorted(rows) == [0, 1, 2, 3, 4] and 1 <= len(processes) <= 2
-    assert {row["job"] for row in rows.values()} <= {"0", "1"}
-    assert all(p.ended[0] == "kill" and "wait" in p.ended for p in processes)
-    assert all(end.fileno() == -1 for end in ends)
-    crew = pool._Crew()
-    crew.dismiss()
-    assert "the sweep has ended" in str(crew.take(tasks[0])["error"])
 
 
 def test_a_bench_is_told_by_its_configuration_and_its_files(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
-from pdcd.capture.worker.birth import Newborn
+from pdcd.child import Child
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
@@ -289,11 +289,11 @@ def test_serve_hands_over_configuration_and_socket(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, engine: type[StubEngine]
 ) -> None:
     served: list[Any] = []
-    newborns: list[Newborn] = []
+    children: list[Child[Any]] = []
 
     def run(config: Config, *, socket: Path | None, engine_factory: Any, verbose: bool) -> int:
-        newborns.append(engine_factory.keywords["newborn"])
-        assert newborns[-1].process.poll() is None
+        children.append(engine_factory.keywords["child"])
+        assert children[-1].running
         served.extend([config.server.state_dir, socket, engine_factory.func, verbose])
         return 5
 
@@ -304,8 +304,8 @@ def test_serve_hands_over_configuration_and_socket(
     assert main(["serve", "-v"]) == 5
     assert served[4:] == [None, None, engine.with_child, True]
     # What was started before anything was read is not left behind.
-    assert [newborn.process.returncode for newborn in newborns] == [-9, -9]
-    assert [newborn.talk.fileno() for newborn in newborns] == [-1, -1]
+    assert [child.process.returncode for child in children] == [-9, -9]
+    assert [child.line.fileno() for child in children] == [-1, -1]
 
 
 def test_timing_on_the_mock_bench_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,7 +37,7 @@ STUBBORN = ECHO + "import time\ntime.sleep(600)\n"
 
 
 def guard_of(program: str, answer_s: float = ANSWER_S) -> Guard:
-    return Guard(lambda fd: (sys.executable, "-c", program, str(fd)), answer_s=answer_s)
+    return Guard((sys.executable, "-c", program), answer_s=answer_s)
 
 
 @pytest.fixture
@@ -69,27 +69,6 @@ def test_a_guardian_is_deaf_to_every_signal_from_its_birth_on(guard: Guard) -> N
     blocked = int(next(line for line in status.splitlines() if line[:6] == "SigBlk")[8:], 16)
     heard = {number for number in signal.valid_signals() if not blocked >> (number - 1) & 1}
     assert heard == {signal.SIGKILL, signal.SIGSTOP}
-    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())  # the daemon itself is not
-
-
-def test_a_guardian_shares_neither_terminal_nor_pipes_nor_session_with_the_daemon() -> None:
-    """Whoever reads the daemon's output sees its end; a signal to its session is not for both."""
-    keeps, pipes = [os.dup(0), os.dup(1)], [*os.pipe(), *os.pipe()]
-    try:
-        os.dup2(pipes[0], 0)
-        os.dup2(pipes[3], 1)
-        guard = guard_of(ECHO)
-        guard.insist("ready")
-    finally:
-        for number, keep in enumerate(keeps):
-            os.dup2(keep, number)
-        for end in (*keeps, *pipes):
-            os.close(end)
-    assert guard.pid is not None
-    told = [Path(f"/proc/{guard.pid}/fd/{number}").readlink() for number in (0, 1)]
-    assert told == [Path("/dev/null")] * 2
-    assert os.getsid(guard.pid) == guard.pid
-    guard.stop()
 
 
 def test_only_a_guardian_that_had_another_before_it_is_called_a_replacement(
@@ -171,14 +150,9 @@ def test_one_that_replaces_another_is_armed_for_what_is_left(armed: Guard) -> No
 
 def test_an_exposure_without_any_guardian_is_ended() -> None:
     reasons: list[str] = []
-    commands = [(sys.executable, "-c", ECHO), ("/nonexistent",)]
-
-    def command(fd: int) -> tuple[str, ...]:
-        return (*commands[0], str(fd))
-
-    guard = Guard(command, answer_s=ANSWER_S, unguarded=reasons.append)
+    guard = Guard((sys.executable, "-c", ECHO), answer_s=ANSWER_S, unguarded=reasons.append)
     guard.arm(lambda: "arm")
-    del commands[0]
+    guard._command = ("/nonexistent",)
     assert guard.pid is not None
     os.kill(guard.pid, signal.SIGKILL)
     assert soon(lambda: bool(reasons))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import socket
-import subprocess
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,63 +9,46 @@ import pytest
 
 from drivers import guard as guard_module
 from drivers.guard import Guard
+from pdcd.child import WORDS, LineClosedError, start
 from pdcd.errors import DeviceLost
+from tests.child_rig import Process, stand_ins
 
 
-class Process:
-    """Stands in for `subprocess.Popen`; `heard` tells what its end of the talk has got."""
+class Guardians:
+    """Those that were started; each says in advance what it answers to whatever it is told."""
 
-    started: list[Process]
-    answers: tuple[bytes, ...] = ()
-    """What each one says in advance to whatever it is told."""
+    def __init__(self) -> None:
+        self.answers: tuple[str, ...] = ("ok",) * 3
+        self.started: list[Process] = []
 
-    def __init__(self, command: list[str], *, pass_fds: tuple[int, ...], **how: Any) -> None:
-        self.command, self.inherits = command, pass_fds
-        self.how = how
-        self.talk = socket.socket(fileno=os.dup(pass_fds[-1]))
-        self.talk.setblocking(False)
-        self.pid = 100 + len(self.started)
-        self.done: list[object] = []
-        self.slow = False
+    def start(self, process: Process) -> None:
+        self.started.append(process)
+        line = process.line(WORDS)
         for answer in self.answers:
-            self.talk.send(answer)
-        self.started.append(self)
+            line.send(answer)
 
-    def heard(self) -> list[bytes]:
+    def heard(self, number: int = 0) -> list[bytes]:
         words: list[bytes] = []
-        try:
-            while word := self.talk.recv(64):
-                words.append(word)
-        except BlockingIOError:
-            return words
-        except ConnectionResetError:  # the end, with an answer unread
-            pass
-        return [*words, b"(end)"]
-
-    def wait(self, timeout: float | None = None) -> int:
-        self.done.append(("wait", timeout))
-        if self.slow and timeout is not None:
-            raise subprocess.TimeoutExpired("guardian", timeout)
-        return 0
-
-    def kill(self) -> None:
-        self.done.append(("kill", self.heard()))
+        line = self.started[number].lines[0]
+        while line.wait(0.0):
+            try:
+                words.append(line.receive())
+            except LineClosedError:
+                return [*words, b"(end)"]
+        return words
 
 
 @pytest.fixture
-def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Process]]:
-    """Those that were started; each says three times ok."""
-    monkeypatch.setattr(Process, "started", [], raising=False)
-    monkeypatch.setattr(Process, "answers", (b"ok",) * 3)
-    monkeypatch.setattr(subprocess, "Popen", Process)
+def guardians(monkeypatch: pytest.MonkeyPatch) -> Iterator[Guardians]:
     monkeypatch.setattr(guard_module, "_look_after", lambda *_: None)  # nobody looks by himself
-    yield Process.started
-    for process in Process.started:
-        process.talk.close()
+    made = Guardians()
+    for children in stand_ins(monkeypatch):
+        children.on_start = made.start
+        yield made
 
 
 def made(answer_s: float = 0.01, **how: Any) -> Guard:
-    return Guard(lambda fd: ["guardian", str(fd)], 7, 8, answer_s=answer_s, **how)
+    return Guard(("guardian",), 7, 8, answer_s=answer_s, **how)
 
 
 def test_a_lost_guardian_is_noticed_within_four_tenths_of_a_second() -> None:
@@ -76,125 +56,115 @@ def test_a_lost_guardian_is_noticed_within_four_tenths_of_a_second() -> None:
     assert guard_module.HEARD_S <= 0.3
 
 
-def test_a_guardian_gets_what_it_inherits_and_its_end_of_the_talk(
-    processes: list[Process],
+def test_a_guardian_gets_what_it_inherits_and_is_born_deaf(
+    guardians: Guardians, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    told: list[bool] = []
+
+    def started(*what: Any, **how: Any) -> Any:
+        told.append(how["deaf"])
+        return start(*what, **how)
+
+    monkeypatch.setattr(guard_module, "start", started)
     guard = made()
     assert guard.pid is None
     guard.start()
-    (process,) = processes
-    assert guard.pid == process.pid
-    assert process.inherits[:2] == (7, 8)
-    assert process.command == ["guardian", str(process.inherits[2])]
-    nothing = subprocess.DEVNULL
-    assert process.how == {"stdin": nothing, "stdout": nothing, "start_new_session": True}
+    (process,) = guardians.started
+    assert guard.pid == process.pid and told == [True]
+    assert process.inherits == (7, 8) and process.command[:-1] == ["guardian"]
     guard.stop()
 
 
 def test_the_bound_of_an_answer_is_that_of_the_class_unless_another_is_given(
-    processes: list[Process], monkeypatch: pytest.MonkeyPatch
+    guardians: Guardians,
 ) -> None:
-    bounds: list[float | None] = []
-    real = socket.socket.settimeout
-
-    def settimeout(talk: socket.socket, bound: float | None) -> None:
-        bounds.append(bound)
-        real(talk, bound)
-
-    monkeypatch.setattr(socket.socket, "settimeout", settimeout)
     guard = made(answer_s=3.5)
     guard.start()
+    bounds: list[float] = []
+    line: Any = guard._child.line  # type: ignore[union-attr]
+    real = line.receive
+    line.receive = lambda within_s: bounds.append(within_s) or real(within_s=within_s)  # type: ignore[func-returns-value]
     assert [guard.ask("a"), guard.ask("b", 0.25), guard.ask("c", 0.0)] == [b"ok"] * 3
     assert bounds == [3.5, 0.25, 0.0]
     guard.stop()
 
 
-def test_one_that_does_not_answer_is_killed_before_it_hears_the_end(
-    processes: list[Process], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It would take the end for its cue to close the shutter, perhaps in a later exposure."""
-    monkeypatch.setattr(Process, "answers", ())
+def test_one_that_does_not_answer_is_killed(guardians: Guardians) -> None:
+    guardians.answers = ()
     guard = made()
     guard.start()
     assert guard.ask("look") == b""
-    assert processes[0].done == [("kill", [b"look"]), ("wait", None)]
-    assert processes[0].heard() == [b"(end)"]
+    assert guardians.started[0].done == ["kill", ("wait", 5.0)]
+    assert guardians.heard() == [b"look", b"(end)"]
     assert guard.pid is None
     assert guard.ask("look") == b""
-    assert len(processes[0].done) == 2  # it is no more
+    assert len(guardians.started[0].done) == 2  # it is no more
 
 
-def test_one_whose_end_is_closed_has_no_answer(processes: list[Process]) -> None:
+def test_one_whose_end_is_closed_has_no_answer(guardians: Guardians) -> None:
     guard = made()
     guard.start()
-    processes[0].talk.shutdown(socket.SHUT_RDWR)
-    for _ in range(3):
-        processes[0].heard()
+    guardians.started[0].die(None)
     assert [guard.ask("look") for _ in range(4)][-1] == b""
     assert guard.pid is None
 
 
-def test_one_that_ends_in_time_is_told_to_and_waited_for(processes: list[Process]) -> None:
+def test_one_that_ends_in_time_is_told_to_and_waited_for(guardians: Guardians) -> None:
     guard = made()
     guard.start()
+    guardians.started[0].returncode = 0
     guard.stop()
-    assert processes[0].done == [("wait", 5.0)]
-    assert processes[0].heard() == [b"(end)"]
+    assert guardians.started[0].done == [("wait", 5.0)]
+    assert guardians.heard() == [b"(end)"]
     guard.stop()
-    assert len(processes[0].done) == 1
+    assert len(guardians.started[0].done) == 1
     assert guard.pid is None
 
 
-def test_one_that_does_not_end_is_killed_and_waited_for(processes: list[Process]) -> None:
+def test_one_that_does_not_end_is_killed_and_waited_for(guardians: Guardians) -> None:
     guard = made()
     guard.start()
-    processes[0].slow = True
     guard.stop()
-    assert processes[0].done == [("wait", 5.0), ("kill", [b"(end)"]), ("wait", None)]
+    assert guardians.started[0].done == [("wait", 5.0), "kill", ("wait", 5.0)]
 
 
-def test_one_that_nobody_waits_for_is_told_to_end_and_remembered(
-    processes: list[Process], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    at_work: list[Any] = []
-    monkeypatch.setattr(guard_module, "_at_work", at_work)
+def test_one_that_nobody_waits_for_is_told_to_end_and_buried_later(guardians: Guardians) -> None:
     guard = made()
     guard.start()
     guard.stop(wait=False)
-    assert processes[0].done == []
-    assert processes[0].heard() == [b"(end)"]
-    assert at_work == processes
+    assert guardians.started[0].done == [("wait", 0.0)]
+    assert guardians.heard() == [b"(end)"]
     assert guard.pid is None
 
 
-def test_one_that_hears_is_not_replaced(processes: list[Process]) -> None:
+def test_one_that_hears_is_not_replaced(guardians: Guardians) -> None:
     guard = made()
     guard.start()
     guard.insist("a")
     guard.insist("b")
-    assert len(processes) == 1
-    assert processes[0].heard() == [b"a", b"b"]
+    assert len(guardians.started) == 1
+    assert guardians.heard(0) == [b"a", b"b"]
     guard.stop()
 
 
 def test_one_that_does_not_hear_is_replaced_once_and_told_the_same(
-    processes: list[Process], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    guardians: Guardians, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(Process, "answers", ())
+    guardians.answers = ()
     guard = made()
     with pytest.raises(DeviceLost, match="does not start"):
         guard.insist("a")
-    assert len(processes) == 1 and processes[0].done[0] == ("kill", [b"a"])
+    assert len(guardians.started) == 1 and guardians.started[0].done[0] == "kill"
     assert "replaced" not in caplog.text
     guard.start()
-    monkeypatch.setattr(Process, "answers", (b"ok",))
+    guardians.answers = ("ok",)
     guard.insist("b")
-    assert [len(processes), processes[2].heard()] == [3, [b"b"]]
+    assert [len(guardians.started), guardians.heard(2)] == [3, [b"b"]]
     assert "guardian replaced" in caplog.text
     guard.stop()
 
 
-def test_an_armed_guardian_is_looked_at_until_it_is_disarmed(processes: list[Process]) -> None:
+def test_an_armed_guardian_is_looked_at_until_it_is_disarmed(guardians: Guardians) -> None:
     guard = made()
     guard.start()
     assert guard.look() is False  # nobody is armed, and nobody is asked
@@ -202,45 +172,48 @@ def test_an_armed_guardian_is_looked_at_until_it_is_disarmed(processes: list[Pro
     assert guard.look() is True
     assert guard.disarm() == b"ok"
     assert guard.look() is False
-    assert processes[0].heard() == [b"arm 30", b"look", b"disarm"]
+    assert guardians.heard(0) == [b"arm 30", b"look", b"disarm"]
     guard.stop()
 
 
-def test_a_stopped_guardian_is_armed_no_more(processes: list[Process]) -> None:
+def test_a_stopped_guardian_is_armed_no_more(guardians: Guardians) -> None:
     ended: list[str] = []
     guard = made(unguarded=ended.append)
     guard.start()
     guard.arm(lambda: "arm 30")
     guard.stop()
     assert guard.look() is False
-    assert (len(processes), ended) == (1, [])
+    assert (len(guardians.started), ended) == (1, [])
 
 
 def test_a_lost_one_is_replaced_and_armed_and_a_lost_cause_is_told_once(
-    processes: list[Process], monkeypatch: pytest.MonkeyPatch
+    guardians: Guardians, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guard_module, "HEARD_S", 0.01)
     ended: list[str] = []
     words = iter(["arm 30", "arm 20", "arm 10"])
-    monkeypatch.setattr(Process, "answers", (b"ok",))
+    guardians.answers = ("ok",)
     guard = made(unguarded=ended.append)
     guard.arm(lambda: next(words))
     assert guard.look() is True
-    assert [process.heard() for process in processes] == [[b"(end)"], [b"arm 20"]]
+    assert [guardians.heard(n) for n in range(len(guardians.started))] == [
+        [b"arm 30", b"look", b"(end)"],
+        [b"arm 20"],
+    ]
     assert ended == []
-    monkeypatch.setattr(Process, "answers", ())
+    guardians.answers = ()
     assert guard.look() is False
     assert ended == ["the process that guards the shutter does not start"]
     assert guard.look() is False
-    assert (len(ended), len(processes)) == (1, 3)
+    assert (len(ended), len(guardians.started)) == (1, 3)
 
 
 @pytest.mark.parametrize("later", ["ended", "guarded", "disarmed"])
 def test_an_exposure_that_could_not_be_ended_is_looked_after_still(
-    processes: list[Process], monkeypatch: pytest.MonkeyPatch, later: str
+    guardians: Guardians, monkeypatch: pytest.MonkeyPatch, later: str
 ) -> None:
     monkeypatch.setattr(guard_module, "HEARD_S", 0.01)
-    monkeypatch.setattr(Process, "answers", (b"ok",))
+    guardians.answers = ("ok",)
     failures = [DeviceLost("the camera does not answer")] * 2
     ended: list[str] = []
 
@@ -251,15 +224,15 @@ def test_an_exposure_that_could_not_be_ended_is_looked_after_still(
 
     guard = made(unguarded=unguarded)
     guard.arm(lambda: "arm 30")
-    monkeypatch.setattr(Process, "answers", ())
+    guardians.answers = ()
     assert guard.look() is True and guard.look() is True
     assert len(ended) == 2
     if later == "ended":
         assert guard.look() is False and len(ended) == 3
     elif later == "guarded":
-        monkeypatch.setattr(Process, "answers", (b"ok",) * 3)
+        guardians.answers = ("ok",) * 3
         assert guard.look() is True and guard.look() is True
-        assert processes[-1].heard() == [b"arm 30", b"look"]
+        assert guardians.heard(-1) == [b"arm 30", b"look"]
     else:
         guard.disarm()
     if later != "guarded":

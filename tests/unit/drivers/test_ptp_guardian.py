@@ -118,7 +118,7 @@ def test_a_guardian_lost_in_an_exposure_is_replaced(bench: Bench) -> None:
     assert bench.body.shutter.opened == 1
 
 
-def test_an_exposure_that_nobody_guards_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exposure_that_nobody_guards_is_ended() -> None:
     body = Body(RealClock(), PlainFilm(raw_of), BULB_BODY, Script())
     config = Config(trigger=TriggerConfig(driver="ptp"))
     shared = Shared(usb_backend=VirtualUsb(body))
@@ -126,7 +126,7 @@ def test_an_exposure_that_nobody_guards_is_ended(monkeypatch: pytest.MonkeyPatch
     shutter.connect()
     shutter.open()
     assert shutter._guard is not None and shutter._guard.pid is not None
-    monkeypatch.setattr(shutter_module, "GUARDIAN", ("/nonexistent",))
+    shutter._guard._command = ("/nonexistent",)
     os.kill(shutter._guard.pid, signal.SIGKILL)
     assert soon(lambda: not body.shutter.is_open)
     with pytest.raises(ExposureError, match="spoiled: cannot start the process that guards"):

@@ -6,7 +6,7 @@ import logging
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -21,6 +21,7 @@ from drivers.ptp.options import PtpOptions
 from drivers.ptp.shutter import PtpShutter
 from drivers.ptp.transport import Reply
 from pdcd.bench.clock import VirtualClock
+from pdcd.child import WORDS, Line
 from pdcd.errors import DeviceLost, ExposureError
 from tests.processes import LONG_S
 
@@ -42,16 +43,16 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def talk(words: list[bytes], *, read: bool = True) -> tuple[list[bytes], bool]:
     """What it answers to words, and what it says at the end of the talk."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours, theirs = (Line(end, WORDS) for end in ends)
     said: list[bool] = []
     thread = threading.Thread(target=lambda: said.append(guardian.serve(theirs, OPTIONS, "usb")))
     thread.start()
-    ours.settimeout(LONG_S)
     answers = []
     for word in words:
-        ours.send(word)
+        ours.send(word.decode())
         if read:
-            answers.append(ours.recv(64))
+            answers.append(ours.receive(within_s=LONG_S))
     ours.close()
     thread.join(LONG_S)
     theirs.close()
@@ -89,15 +90,14 @@ def test_its_exit_status_says_whether_the_shutter_is_closed(
 ) -> None:
     given: list[Any] = []
 
-    def serve(talk: socket.socket, *what: Any) -> bool:
+    def serve(line: object, *what: Any) -> bool:
         given.extend(what)
-        talk.close()
         return shut
 
     monkeypatch.setattr(guardian, "serve", serve)
     ours, theirs = socket.socketpair()
     text = msgspec.json.encode(OPTIONS).decode()
-    assert guardian.main(theirs.detach(), text, "usb") == (0 if shut else 1)
+    assert guardian.main(text, theirs.detach(), "usb") == (0 if shut else 1)
     ours.close()
     assert given == [OPTIONS, "usb"]
 
@@ -175,8 +175,8 @@ def test_the_guardian_has_time_to_start_and_to_answer(monkeypatch: pytest.Monkey
     made: list[Any] = []
 
     class Guard:
-        def __init__(self, command: Callable[[int], list[str]], **how: Any) -> None:
-            made.append((command(9), how))
+        def __init__(self, command: tuple[str, ...], **how: Any) -> None:
+            made.append((command, how))
 
         def insist(self, word: str) -> None:
             made.append(word)
@@ -198,7 +198,7 @@ def test_the_guardian_has_time_to_start_and_to_answer(monkeypatch: pytest.Monkey
     shutter = PtpShutter(camera, VirtualClock(), config)
     assert shutter.connect() == {"serial": "0007"}
     (command, how), word = made
-    assert command[:-2] == list(shutter_module.GUARDIAN) and command[-2] == "9"
+    assert command[:-1] == shutter_module.GUARDIAN
     assert msgspec.json.decode(command[-1], type=PtpOptions) == PtpOptions(serial="0007")
     assert how == {"answer_s": 20.0, "unguarded": camera.cut_short} and word == "disarm"
     assert PtpShutter.maturity == "experimental"

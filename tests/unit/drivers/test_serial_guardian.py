@@ -36,7 +36,7 @@ class Served:
         self.talk.settimeout(LONG_S)
         self.theirs = theirs
         self.thread = threading.Thread(
-            target=guardian.main, args=(7, theirs, "dtr", "1"), daemon=True
+            target=guardian.main, args=(7, "dtr", "1", theirs), daemon=True
         )
         self.thread.start()
 
@@ -252,7 +252,7 @@ def test_a_guardian_gets_the_port_and_is_armed_for_what_is_left(
 ) -> None:
     made, guard = guarded
     monkeypatch.setattr(time, "monotonic", lambda: 100.0)
-    assert guard.command(9)[-4:] == ["7", "9", "rts", "0"] and guard.inherits == (7,)
+    assert guard.command[-3:] == ("7", "rts", "0") and guard.inherits == (7,)
     made.arm(30.0)
     left = []
     for now_s in (100.0, 112.5, 130.0, 150.0):

@@ -272,7 +272,7 @@ def test_a_guardian_lost_in_an_exposure_is_replaced_by_one_that_guards_it(
 
 
 def test_an_exposure_that_nobody_guards_is_ended(
-    pty: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+    pty: SimpleNamespace,
 ) -> None:
     box = make(pty.path, **BOX)
     box.connect()
@@ -280,7 +280,7 @@ def test_an_exposure_that_nobody_guards_is_ended(
     assert heard(pty.near, 2) == b"01"
     guard = box._watchdog
     assert isinstance(guard, watchdog.Guardian) and guard.pid is not None
-    monkeypatch.setattr(watchdog, "GUARDIAN", ("/none/python",))
+    guard._guard._command = ("/none/python",)
     os.kill(guard.pid, signal.SIGKILL)
     assert heard(pty.near, 1) == b"0"
     with pytest.raises(ExposureError, match="watchdog ended the exposure: cannot start"):
@@ -327,7 +327,7 @@ def test_the_guardian_puts_the_line_at_rest_once_the_other_end_is_gone(
     with theirs:
         with ours:
             ours.send(b"arm 600")
-        guardian.main(-1, theirs, how, value)
+        guardian.main(-1, how, value, theirs)
     assert calls == [expected, expected]
 
 

@@ -253,7 +253,7 @@ def test_a_guardian_waits_for_the_rest_of_its_time_and_no_longer(
     monkeypatch.setattr(guardian, "release", lambda *how: released.append(how) or True)  # type: ignore[func-returns-value]
     for word in (b"arm 20", b"look", b"look"):
         talk.send(word)
-    guardian.main(7, theirs, "rts", "0")
+    guardian.main(7, "rts", "0", theirs)
     theirs.close()
     assert waits == [None, 20.0, 7.5, 0.0, None]
     assert released == [(7, "rts", "0")]

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdcd.child import Codec, Line, LineClosedError
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import process
-from pdcd.presenter.memory import share
 from pdcd.presenter.messages import (
     HEAD_SIZE,
+    REPLIES,
     Black,
-    Channel,
     Done,
     Failed,
     Head,
@@ -31,10 +31,9 @@ from pdcd.presenter.messages import (
     Play,
     Quit,
     Ready,
-    Reply,
     Request,
     Show,
-    pair,
+    share,
 )
 from pdcd.presenter.options import Options
 from pdcd.presenter.process import SOURCES, Presenter
@@ -99,18 +98,18 @@ def opening(**options: Any) -> Open:
     return Open(Options(projector="A", mask="B", **options), mode, mode)
 
 
-class Line:
-    """Both ends of the talk; the process's own is closed as its end would close it."""
+class Talk:
+    """Both ends of the line; the process's own is closed as its end would close it."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.mine, self.its = pair()
-        self.driver: Channel[Reply] = Channel(self.mine, Reply)
-        monkeypatch.setattr(process, "Channel", self._channel)
-        self.theirs: socket.socket | None = None
+        ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.driver, self.its = Line(ends[0], REPLIES), ends[1]
+        self.theirs: Line[Request] | None = None
+        monkeypatch.setattr(Line, "at", self._line)
 
-    def _channel(self, sock: socket.socket, kind: Any) -> Channel[Request]:
-        self.theirs = sock
-        return Channel(sock, kind)
+    def _line(self, fd: int, codec: Codec[Request]) -> Line[Request]:
+        self.theirs = Line(socket.socket(fileno=fd), codec)
+        return self.theirs
 
     def run(self, *requests: Request, fd: int | None = None) -> int:
         """Send all requests, and run the process here; a descriptor goes with what needs one."""
@@ -120,44 +119,26 @@ class Line:
 
     def said(self) -> list[Any]:
         found: list[Any] = []
-        self.mine.setblocking(False)
-        with suppress(BlockingIOError, EOFError):
-            while True:
-                found.append(self.driver.receive()[0])
+        with suppress(LineClosedError):
+            while self.driver.wait(0.0):
+                found.append(self.driver.receive())
         return found
 
     def close(self) -> None:
-        for end in (self.mine, self.its, self.theirs):
+        for end in (self.driver, self.its, self.theirs):
             if end is not None:
                 end.close()
 
 
 @pytest.fixture
-def line(monkeypatch: pytest.MonkeyPatch, panels: type[Panels]) -> Iterator[Line]:
-    line = Line(monkeypatch)
+def line(monkeypatch: pytest.MonkeyPatch, panels: type[Panels]) -> Iterator[Talk]:
+    line = Talk(monkeypatch)
     yield line
     line.close()
 
 
-@pytest.mark.parametrize("unread", [0, 1])
-def test_what_was_said_before_an_end_is_heard_also_where_something_was_left_unread(
-    unread: int,
-) -> None:
-    """The kernel then says first that the connection was reset."""
-    mine, its = pair()
-    driver: Channel[Reply] = Channel(mine, Reply)
-    for _ in range(unread):
-        driver.send(Black())
-    Channel(its, Request).send(Failed("device_lost", "HDMI-1 is gone", None, False))
-    its.close()
-    assert driver.receive() == (Failed("device_lost", "HDMI-1 is gone", None, False), None)
-    with pytest.raises(EOFError):
-        driver.receive()
-    mine.close()
-
-
 def test_each_request_is_answered_once_and_the_last_one_closes(
-    line: Line, panels: type[Panels]
+    line: Talk, panels: type[Panels]
 ) -> None:
     fd, slots, arrays = share({"head": np.zeros(HEAD_SIZE, dtype=np.int64)})
     load = Load(slots, (1, 1), (1, 1), "whole")
@@ -176,13 +157,13 @@ def test_each_request_is_answered_once_and_the_last_one_closes(
 
 
 def test_a_driver_that_is_gone_leaves_black_panels_and_no_error(
-    line: Line, panels: type[Panels], monkeypatch: pytest.MonkeyPatch
+    line: Talk, panels: type[Panels], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     line.driver.send(opening())
 
     def hang_up(self: Panels) -> None:
         self.calls.append(("gone", self.hung_up()))
-        line.mine.close()
+        line.driver.close()
         self.calls.append(("gone", self.hung_up()))
 
     monkeypatch.setattr(panels, "idle", hang_up)
@@ -190,16 +171,16 @@ def test_a_driver_that_is_gone_leaves_black_panels_and_no_error(
     assert panels.made[0].calls == [("gone", False), ("gone", True), "close"]
 
 
-def test_answers_that_nobody_waits_for_end_it_quietly(line: Line, panels: type[Panels]) -> None:
+def test_answers_that_nobody_waits_for_end_it_quietly(line: Talk, panels: type[Panels]) -> None:
     line.driver.send(opening())
     line.driver.send(Show(1))
-    line.mine.close()
+    line.driver.close()
     assert process.main(line.its.detach()) == 0
     assert panels.made[0].calls == ["close"]
 
 
 def test_signals_of_a_terminal_or_a_service_are_not_for_it(
-    line: Line, panels: type[Panels]
+    line: Talk, panels: type[Panels]
 ) -> None:
     line.run(opening(), Quit())
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -207,7 +188,7 @@ def test_signals_of_a_terminal_or_a_service_are_not_for_it(
 
 
 def test_windows_and_outputs_are_looked_at_while_nothing_is_asked(
-    line: Line, panels: type[Panels]
+    line: Talk, panels: type[Panels]
 ) -> None:
     panels.faults["idle"] = DeviceLost("HDMI-1 is gone", device="display", hint="plug it in")
     status = line.run(opening())
@@ -226,7 +207,7 @@ FAULTS = [
 @pytest.mark.parametrize(("error", "said"), FAULTS)
 @pytest.mark.parametrize("at", ["open", "show"])
 def test_an_error_is_told_after_the_panels_were_closed(
-    line: Line, panels: type[Panels], at: str, error: Exception, said: Failed
+    line: Talk, panels: type[Panels], at: str, error: Exception, said: Failed
 ) -> None:
     panels.faults[at] = error
     status = line.run(opening(), Show(3), Show(4))
@@ -238,7 +219,7 @@ def test_an_error_is_told_after_the_panels_were_closed(
     )
 
 
-def test_patterns_that_are_refused_are_no_end(line: Line, panels: type[Panels]) -> None:
+def test_patterns_that_are_refused_are_no_end(line: Talk, panels: type[Panels]) -> None:
     panels.faults["show"] = ConfigError("no such row", device="display", hint="fewer")
     status = line.run(opening(), Show(3), Black(), Quit())
     said = line.said()
@@ -248,13 +229,13 @@ def test_patterns_that_are_refused_are_no_end(line: Line, panels: type[Panels]) 
     assert panels.made[0].calls == [("show", 3), "black", "black", "close"]
 
 
-def test_panels_that_are_refused_are_the_end(line: Line, panels: type[Panels]) -> None:
+def test_panels_that_are_refused_are_the_end(line: Talk, panels: type[Panels]) -> None:
     panels.faults["open"] = ConfigError("no such output", device="display")
     assert line.run(opening(), Show(3)) == 0
     assert line.said() == [Failed("config", "no such output", None, False)]
 
 
-def test_nothing_is_shown_before_the_panels_are_open(line: Line, panels: type[Panels]) -> None:
+def test_nothing_is_shown_before_the_panels_are_open(line: Talk, panels: type[Panels]) -> None:
     status = line.run(Show(1))
     (said,) = line.said()
     assert (status, said.kind, said.alive) == (1, "device_lost", False)
@@ -262,7 +243,7 @@ def test_nothing_is_shown_before_the_panels_are_open(line: Line, panels: type[Pa
 
 
 def test_a_failure_that_nobody_hears_is_logged(
-    line: Line,
+    line: Talk,
     panels: type[Panels],
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
@@ -270,7 +251,7 @@ def test_a_failure_that_nobody_hears_is_logged(
     line.driver.send(opening())
 
     def lose(self: Panels) -> None:
-        line.mine.close()
+        line.driver.close()
         raise DeviceLost("the mask is gone")
 
     monkeypatch.setattr(panels, "idle", lose)

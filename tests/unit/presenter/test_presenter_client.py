@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import socket
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +13,6 @@ import pytest
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.presenter.client import DisplayProcess
-from pdcd.presenter.memory import attach
 from pdcd.presenter.messages import (
     Black,
     Done,
@@ -26,16 +22,16 @@ from pdcd.presenter.messages import (
     Quit,
     Reply,
     Show,
+    attach,
 )
 from pdcd.presenter.timing import random_codes
-from tests.unit.presenter.client_bench import HANG_S, READY, Bench, Child, child_of, silent
+from tests.child_rig import Process
+from tests.unit.presenter.client_bench import HANG_S, READY, Bench, benches
 
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    bench = Bench(monkeypatch)
-    yield bench
-    bench.close()
+    yield from benches(monkeypatch)
 
 
 @pytest.fixture
@@ -48,22 +44,23 @@ def process(bench: Bench) -> DisplayProcess:
 # The beginning.
 
 
-def test_the_process_has_its_end_of_the_talk_and_nothing_of_the_terminal(bench: Bench) -> None:
-    number = bench.passed.fileno()
+def test_the_process_is_told_what_to_open_and_says_that_it_is_ready(bench: Bench) -> None:
     process = bench.started()
-    child = child_of(bench)
-    assert child.words == [sys.executable, "-P", "-m", "pdcd.presenter", str(number)]
-    assert child.how == {
-        "pass_fds": (number,), "start_new_session": True, "stdin": subprocess.DEVNULL,
-    }  # fmt: skip
+    assert bench.process.command[:-1] == [sys.executable, "-P", "-m", "pdcd.presenter"]
     request, fd = bench.heard()
     assert isinstance(request, Open) and request.options.hang_s == HANG_S and fd is None
-    assert process.ready == READY and process.pid == 4711 and process.alive
+    assert process.ready == READY and process.pid == bench.process.pid and process.alive
     assert process.pictures == []
-    # Only the process has it now: its end is heard of here.
-    assert bench.passed.fileno() == -1
-    child.ended = 0
+    bench.process.returncode = 0
     assert not process.alive
+    process.kill()
+
+
+def test_a_process_that_cannot_be_had_is_a_lost_display(bench: Bench) -> None:
+    bench.children.refusal = OSError(11, "Resource temporarily unavailable")
+    with pytest.raises(DeviceLost, match="cannot start the display process: Resource") as caught:
+        bench.started()
+    assert caught.value.device == "display"
 
 
 @pytest.mark.parametrize(
@@ -80,8 +77,7 @@ def test_a_process_that_does_not_get_ready_is_ended(
 ) -> None:
     with pytest.raises(error) as caught:
         bench.started(reply)
-    child = child_of(bench)
-    assert child.kills == 1 and None in child.waits and bench.mine.fileno() == -1
+    assert bench.process.done[0] == "kill" and ("wait", 5.0) in bench.process.done
     assert caught.value.device == "display"
     if isinstance(reply, Failed):
         assert (caught.value.message, caught.value.hint) == (reply.message, reply.hint)
@@ -89,24 +85,16 @@ def test_a_process_that_does_not_get_ready_is_ended(
         assert "out of step" in caught.value.message
 
 
-def test_signs_of_life_are_given_while_the_panels_open_for_half_a_minute(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looks: list[float] = []
-
-    class Poller:
-        def register(self, sock: socket.socket, events: int) -> None: ...
-
-        def poll(self, wait_ms: float) -> list[Any]:
-            looks.append(wait_ms)
-            bench.now_s += 1.0
-            return []
-
-    monkeypatch.setattr("select.poll", Poller)
+def test_signs_of_life_are_given_while_the_panels_open_for_half_a_minute(bench: Bench) -> None:
+    looks_s = bench.clock.silence(1.0)
     with pytest.raises(DeviceLost, match=r"did not answer within 30 s and was killed \(see"):
         bench.started()
-    assert len(looks) == bench.pulses == 31 and set(looks) == {50.0}
-    assert child_of(bench).kills == 1
+    assert bench.clock.now_s == 130.0 and len(looks_s) == 30 and set(looks_s) == {0.05}
+    assert bench.pulses >= 30 and killed(bench)
+
+
+def killed(bench: Bench) -> bool:
+    return "kill" in bench.process.done
 
 
 # What is asked, and what is answered.
@@ -135,21 +123,21 @@ def test_all_patterns_are_handed_over_in_memory_that_is_let_go(
 def test_patterns_are_waited_for_no_longer_than_twenty_seconds(
     bench: Bench, process: DisplayProcess
 ) -> None:
-    silent(bench, process)
-    with pytest.raises(DeviceLost, match="takes no patterns"):
+    bench.clock.silence(0.5)
+    with pytest.raises(DeviceLost, match=r"did not answer within 20 s and was killed"):
         process.load(random_codes((3, 4)))
-    assert bench.now_s == 100.0 + 20.5 and bench.pulses == 41
-    assert child_of(bench).kills == 1
+    assert bench.clock.now_s == 100.0 + 20.0 and bench.pulses >= 40 and killed(bench)
 
 
 def test_a_row_is_held_once_that_is_answered(bench: Bench, process: DisplayProcess) -> None:
     bench.answer(Done())
     process.show(5)
     assert bench.heard() == (Show(5), None)
-    looks_ms = silent(bench, process, 0.01)
+    looks_s = bench.clock.silence(0.01)
     with pytest.raises(DeviceLost, match=r"did not answer within 3\.05 s"):
         process.show(6)
-    assert bench.now_s == pytest.approx(103.05, abs=0.02) and set(looks_ms) == {50.0}
+    assert bench.clock.now_s == pytest.approx(103.05, abs=0.02)
+    assert max(s for s in looks_s if s is not None) == 0.05
 
 
 @pytest.mark.parametrize(
@@ -164,39 +152,36 @@ def test_a_failure_is_raised_as_what_it_was_and_may_be_no_end(
     with pytest.raises(error, match=r"so it is \(do that\)") as caught:
         process.show(1)
     assert type(caught.value) is error and caught.value.device == "display"
-    assert process.alive is alive and child_of(bench).kills == (not alive)
+    assert process.alive is alive and killed(bench) == (not alive)
 
 
 @pytest.mark.parametrize(
-    ("status", "how"), [(-9, "by signal 9"), (3, "with status 3"), (0, "with status 0")]
-)
+    ("status", "how"),
+    [
+        (-9, r"was ended by signal 9 \(SIGKILL\)"), (3, "ended with status 3"),
+        (0, "ended with status 0"), (None, "closed its end"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("answers", [True, False])
 def test_a_process_that_has_gone_is_lost_with_how_it_ended(
-    bench: Bench, process: DisplayProcess, status: int, how: str
+    bench: Bench, process: DisplayProcess, status: int | None, how: str, answers: bool
 ) -> None:
-    child_of(bench).status = status
-    bench.theirs.close()
-    with pytest.raises(DeviceLost, match=f"the display process ended {how} \\(see the log"):
+    if answers:  # to what it was not asked
+        bench.answer(Done())
+    bench.process.die(status)
+    with pytest.raises(DeviceLost, match=f"the display process {how} \\(see the log"):
         process.show(1)
-    assert not process.alive and bench.mine.fileno() == -1
+    assert not process.alive and process._line.fileno() == -1
 
 
 def test_what_a_process_said_last_is_the_better_error(
     bench: Bench, process: DisplayProcess
 ) -> None:
     bench.answer(Failed("config", "an output has changed", None, False))
-    bench.theirs.close()
+    bench.process.die(None)
     with pytest.raises(ConfigError, match="an output has changed"):
         process.show(1)
-    assert child_of(bench).kills == 1
-
-
-def test_a_process_that_answered_and_went_is_lost_all_the_same(
-    bench: Bench, process: DisplayProcess
-) -> None:
-    bench.answer(Done())
-    bench.theirs.close()
-    with pytest.raises(DeviceLost, match="ended by signal 9"):
-        process.show(1)
+    assert killed(bench)
 
 
 @pytest.mark.parametrize("asked", ["load", "show", "black"])
@@ -205,14 +190,14 @@ def test_a_wait_that_a_signal_breaks_off_ends_the_process(
 ) -> None:
     """Its answer would be taken for that to the next request, perhaps for black."""
 
-    def poll(wait_ms: float) -> list[Any]:
+    def alive() -> None:
         raise KeyboardInterrupt
 
-    process._poller = SimpleNamespace(poll=poll)  # type: ignore[assignment]
+    process._pulse = alive
     how = {"load": (random_codes((3, 4)),), "show": (1,), "black": ()}
     with pytest.raises(KeyboardInterrupt):
         getattr(process, asked)(*how[asked])
-    assert child_of(bench).kills == 1 and not process.alive
+    assert killed(bench) and not process.alive
 
 
 # Black, and the end.
@@ -224,7 +209,7 @@ def test_black_is_asked_for_and_no_server_where_the_process_answers(
     bench.answer(Done())
     process.black()
     assert bench.heard() == (Black(), None)
-    assert bench.connected == [] and child_of(bench).kills == 0
+    assert bench.connected == [] and not killed(bench)
 
 
 @pytest.mark.parametrize("how", ["refuses", "is silent", "has ended"])
@@ -234,48 +219,51 @@ def test_black_is_what_a_process_leaves_that_is_ended_where_there_is_a_screen(
     if how == "refuses":
         bench.answer(Failed("config", "no", None, True))
     elif how == "is silent":
-        silent(bench, process)
+        bench.clock.silence(0.5)
     else:
-        child_of(bench).ended = 1
+        bench.process.returncode = 1
     process.black()
-    assert child_of(bench).kills == (how != "has ended")
+    assert killed(bench) == (how != "has ended")
     assert bench.connected == [":7", (":7", "x")]
-    assert how != "is silent" or bench.now_s == 100.0 + HANG_S + 0.5
+    assert how != "is silent" or bench.clock.now_s == 100.0 + HANG_S
 
 
-def closing(bench: Bench, process: DisplayProcess) -> Child:
+def closing(bench: Bench, process: DisplayProcess) -> Process:
     process.close()
-    child = child_of(bench)
-    assert child.ended is not None and bench.mine.fileno() == -1
-    return child
+    assert bench.process.returncode is not None and process._line.fileno() == -1
+    return bench.process
 
 
 def test_a_process_is_asked_to_quit_and_waited_for(bench: Bench, process: DisplayProcess) -> None:
     bench.answer(Done())
-    child = closing(bench, process)
+    waits = bench.process.wait
+
+    def quits(timeout: float | None = None) -> int:
+        bench.process.returncode = 0
+        return waits(timeout)
+
+    bench.process.wait = quits  # type: ignore[method-assign]
+    made = closing(bench, process)
     assert bench.heard() == (Quit(), None)
-    assert (child.kills, child.waits) == (0, [HANG_S, None])
+    assert made.done[0] == ("wait", HANG_S) and not killed(bench)
     process.close()
     process.kill()
-    assert child.kills == 0
+    assert not killed(bench)
 
 
 @pytest.mark.parametrize("stubborn", [True, False])
 def test_a_process_that_does_not_quit_is_ended(
     bench: Bench, process: DisplayProcess, stubborn: bool
 ) -> None:
-    if stubborn:
-        bench.answer(Done())
-        child_of(bench).stubborn = True
-    else:
-        bench.answer(Failed("config", "no", None, True))
-    assert closing(bench, process).kills == 1
+    bench.answer(Done() if stubborn else Failed("config", "no", None, True))
+    assert closing(bench, process).done.count("kill") == 1
 
 
 def test_a_process_that_has_ended_is_asked_nothing(
     bench: Bench, process: DisplayProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    child_of(bench).ended = 0
-    asked: list[Callable[..., object]] = []
-    monkeypatch.setattr(process, "_ask", lambda *what: asked.append(*what))
-    assert closing(bench, process).kills == 0 and asked == []
+    bench.process.returncode = 0
+    asked: list[Any] = []
+    monkeypatch.setattr(process, "_ask", lambda *what: asked.append(what))
+    closing(bench, process)
+    assert not killed(bench) and asked == []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-import select
+import socket
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import glfw
 import pytest
 
+from pdcd.child import LineClosedError
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import clocks, process, realtime
 from pdcd.presenter.clocks import Completions, Vblanks
@@ -79,47 +80,38 @@ def test_pages_are_locked_that_are_there_and_that_come_once_they_are_touched(
     assert asked == [(None, True), 1 | 2 | 4]
 
 
-def test_the_process_looks_at_its_windows_four_times_a_second(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    known: list[Any] = []
-    waits_ms: list[float] = []
+def test_the_process_looks_at_its_windows_four_times_a_second() -> None:
+    waits_s: list[float] = []
 
-    class Poller:
-        def register(self, sock: Any, events: int) -> None:
-            known.append((sock, events))
-
-        def poll(self, wait_ms: float) -> list[Any]:
-            waits_ms.append(wait_ms)
-            return [1] if len(waits_ms) == 3 else []
+    def wait(within_s: float) -> bool:
+        waits_s.append(within_s)
+        return len(waits_s) == 3
 
     said: list[Any] = []
-    channel: Any = SimpleNamespace(
-        sock="the sock", receive=lambda: (Quit(), None), send=said.append
-    )
-    monkeypatch.setattr(select, "poll", Poller)
-    with pytest.raises(DeviceLost, match="the panels are not open"):
-        process.serve(channel)
-    assert known == [
-        ("the sock", select.POLLIN | select.POLLHUP), ("the sock", select.POLLHUP),
-    ]  # fmt: skip
-    assert waits_ms == [250.0] * 3 and said == []
+    receive = lambda: (Quit(), None)  # noqa: E731
+    with socket.socket() as end:
+        line: Any = SimpleNamespace(
+            fileno=end.fileno, wait=wait, receive_with_fd=receive, send=said.append
+        )
+        with pytest.raises(DeviceLost, match="the panels are not open"):
+            process.serve(line)
+    assert waits_s == [0.25] * 3 and said == []
 
 
 def test_a_fault_while_it_is_told_is_no_loss_of_the_driver() -> None:
     told = Failed("device_lost", "gone", None, False)
-    for fault, quiet in ((BrokenPipeError(), True), (OSError(), True), (ValueError(), False)):
+    for fault, quiet in ((LineClosedError(), True), (ValueError(), False)):
 
         def send(message: Any, fault: Exception = fault) -> None:
             assert message == told
             raise fault
 
-        channel: Any = SimpleNamespace(send=send)
+        line: Any = SimpleNamespace(send=send)
         if quiet:
-            assert process._report(channel, told) == 1
+            assert process._report(line, told) == 1
         else:
             with pytest.raises(ValueError):
-                process._report(channel, told)
+                process._report(line, told)
     sent: list[Any] = []
     assert process._report(SimpleNamespace(send=sent.append), told) == 1  # type: ignore[arg-type]
     assert sent == [told]

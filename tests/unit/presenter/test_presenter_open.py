@@ -14,9 +14,9 @@ from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import process, realtime
+from pdcd.presenter.client import opening
 from pdcd.presenter.messages import Black, Load, Mode, Open, Play, Quit, Rect, Show
-from pdcd.presenter.opening import opening, options_of
-from pdcd.presenter.options import Options
+from pdcd.presenter.options import Options, options_of
 from pdcd.presenter.phase import Phase
 from pdcd.presenter.process import Presenter
 

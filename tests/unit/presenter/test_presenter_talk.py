@@ -17,11 +17,10 @@ from Xlib.ext import randr
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import edid, phase, xconnection
 from pdcd.presenter.edid import parse_edid
-from pdcd.presenter.memory import Slot, attach, layout, share
 from pdcd.presenter.messages import (
     LOG_COLUMNS,
-    Black,
-    Channel,
+    REPLIES,
+    REQUESTS,
     Column,
     Done,
     Failed,
@@ -29,9 +28,10 @@ from pdcd.presenter.messages import (
     Play,
     Ready,
     Rect,
-    Reply,
-    Request,
-    pair,
+    Slot,
+    attach,
+    layout,
+    share,
 )
 from pdcd.presenter.phase import compare, made_up
 from pdcd.presenter.xconnection import ServerLost, answering, connect, disconnect, lost
@@ -82,57 +82,13 @@ def test_both_processes_mean_the_same_entries() -> None:
     assert LOG_COLUMNS == 6
 
 
-def test_a_message_comes_whole_with_its_descriptor_or_without() -> None:
-    first, second = pair()
-    mine: Channel[Reply] = Channel(first, Reply)
-    theirs: Channel[Request] = Channel(second, Request)
-    out, into = os.pipe()
-    mine.send(Black())
-    mine.send(Play([Slot("a" * 70_000, "u1", (1,), 0)], abort=True), out)
-    assert theirs.receive() == (Black(), None)
-    message, fd = theirs.receive()
-    assert isinstance(message, Play) and len(message.slots[0].name) == 70_000
-    assert message.abort and message.stalls and fd not in (None, out)
-    assert fd is not None and os.fstat(fd).st_ino == os.fstat(out).st_ino
-    theirs.send(Failed("sync", "late", None, True))
-    assert mine.receive() == (Failed("sync", "late", None, True), None)
-    with pytest.raises(msgspec.ValidationError):  # what is a reply is no request
-        mine.send(Done())
-        theirs.receive()
-    for end in (out, into, fd):
-        os.close(end)
-    second.close()
-    with pytest.raises(EOFError):
-        mine.receive()
-    with pytest.raises(OSError, match="pipe"):
-        mine.send(Black())
-    first.close()
-
-
-@pytest.mark.parametrize("fault", [ConnectionResetError, ConnectionAbortedError])
-def test_a_reset_is_passed_over_once_and_nothing_else_is(
-    monkeypatch: pytest.MonkeyPatch, fault: type[OSError]
-) -> None:
-    said = msgspec.msgpack.encode(Done())
-    answers: list[Any] = [fault(), (said, [], 0, None)]
-
-    def recv(sock: Any, size: int, descriptors: int) -> Any:
-        assert descriptors == 1 and size >= 1 << 20
-        answer = answers.pop(0)
-        if isinstance(answer, OSError):
-            raise answer
-        return answer
-
-    monkeypatch.setattr(socket, "recv_fds", recv)
-    channel: Channel[Reply] = Channel(None, Reply)  # type: ignore[arg-type]
-    if fault is ConnectionResetError:
-        assert channel.receive() == (Done(), None)
-    else:
-        with pytest.raises(ConnectionAbortedError):
-            channel.receive()
-    answers[:] = [ConnectionResetError(), ConnectionResetError()]
-    with pytest.raises(ConnectionResetError):
-        channel.receive()
+def test_what_is_a_reply_is_no_request() -> None:
+    said = Failed("sync", "late", None, True)
+    assert REPLIES.decode(REQUESTS.encode(said)) == said
+    play = Play([Slot("a", "u1", (1,), 0)], abort=True)
+    assert REQUESTS.decode(REPLIES.encode(play)) == play and play.stalls
+    with pytest.raises(msgspec.ValidationError):
+        REQUESTS.decode(REPLIES.encode(Done()))
 
 
 def test_a_lag_that_was_not_measured_is_none() -> None:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pdcd.child import Line
 from pdcd.errors import Cancelled, DeviceLost, SyncError
 from pdcd.panels.frames import BLACK
 from pdcd.presenter.client import DisplayProcess
-from pdcd.presenter.memory import attach
 from pdcd.presenter.messages import (
     HEAD_SIZE,
     LOG_COLUMNS,
@@ -23,15 +22,14 @@ from pdcd.presenter.messages import (
     Head,
     Play,
     Reply,
+    attach,
 )
-from tests.unit.presenter.client_bench import HANG_S, Bench, child_of
+from tests.unit.presenter.client_bench import HANG_S, Bench, benches
 
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    bench = Bench(monkeypatch)
-    yield bench
-    bench.close()
+    yield from benches(monkeypatch)
 
 
 @pytest.fixture
@@ -53,7 +51,7 @@ class Pass:
     def __init__(self, bench: Bench, process: DisplayProcess, reply: Reply | None = None) -> None:
         self.bench, self.process, self.reply = bench, process, reply or Done()
         self.told: list[tuple[int, int]] = []
-        self.looks_ms: list[float] = []
+        self.looks_s: list[float] = []
         self.steps: list[tuple[int, int, float]] = []
         self.cancel_at = self.fail_at = 99
         self.shown = COUNT
@@ -61,10 +59,10 @@ class Pass:
         self.arrays: dict[str, NDArray[Any]] = {}
         self.silent = False
         self.failure: Exception = ZeroDivisionError()
-        process._poller = SimpleNamespace(poll=self.poll)  # type: ignore[assignment]
+        process._line.wait = self.wait  # type: ignore[method-assign, assignment]
 
-    def poll(self, wait_ms: float) -> list[Any]:
-        self.looks_ms.append(wait_ms)
+    def wait(self, within_s: float) -> bool:
+        self.looks_s.append(within_s)
         if self.message is None:
             self.message, fd = self.bench.heard()
             assert fd is not None
@@ -73,22 +71,23 @@ class Pass:
         head = self.arrays["head"]
         if self.steps:
             head[Head.SHOWN], head[Head.MISSED], later_s = self.steps.pop(0)
-            self.bench.now_s += later_s
-            return []
-        if self.silent:
-            self.bench.now_s += 1.0
-            return []
+            self.bench.clock.now_s += later_s
+            return False
         head[Head.SHOWN] = self.shown
         self.arrays["log"][:, 0] = np.arange(COUNT)
         for name in ("projector_pictures", "mask_pictures"):
             if name in self.arrays:
                 self.arrays[name][:, 0, 0] = np.arange(COUNT)
         self.bench.answer(self.reply)
-        return [1]
+        return True
 
     def progress(self, shown: int, missed: int) -> None:
         self.told.append((shown, missed))
         if len(self.told) == self.fail_at:
+            if self.silent:
+                self.bench.clock.silence(1.0)
+            else:
+                self.bench.answer(self.reply)
             raise self.failure
 
     def cancelled(self) -> bool:
@@ -117,7 +116,7 @@ def test_a_pass_has_black_before_and_after_it_and_a_log_of_its_own_rows(
     assert log[:, 0].tolist() == [2, 3, 4, 5] and log.dtype == np.int64
     arrays["log"][:] = 0
     assert log[3, 0] == 5  # a copy
-    assert process.pictures == [] and set(made.looks_ms) == {50.0}
+    assert process.pictures == [] and set(made.looks_s) == {0.05}
 
 
 @pytest.mark.parametrize(
@@ -158,7 +157,7 @@ def test_who_cancels_is_heard_once_and_told_when_it_is_black(
     with pytest.raises(Cancelled, match="cancelled while the codes were shown"):
         made.play()
     assert len(made.told) == 2 and made.arrays["head"][Head.STOP] == 1
-    assert child_of(bench).kills == 0
+    assert "kill" not in bench.process.done
 
 
 def test_a_pass_that_ended_early_by_itself_is_out_of_step(
@@ -168,7 +167,7 @@ def test_a_pass_that_ended_early_by_itself_is_out_of_step(
     made.shown = COUNT - 1
     with pytest.raises(SyncError, match=r"more than one refresh \(see what keeps"):
         made.play(abort=True)
-    assert child_of(bench).kills == 0
+    assert "kill" not in bench.process.done
 
 
 @pytest.mark.parametrize(("waits_s", "hung"), [(HANG_S, False), (HANG_S + 0.25, True)])
@@ -182,7 +181,7 @@ def test_a_pass_that_shows_nothing_new_for_too_long_is_ended(
             made.play()
     else:
         made.play()
-    assert child_of(bench).kills == hung
+    assert ("kill" in bench.process.done) == hung
 
 
 @pytest.mark.parametrize("failure", [ZeroDivisionError(), Cancelled("enough"), DeviceLost("shut")])
@@ -199,12 +198,11 @@ def test_who_fails_at_progress_leaves_black_panels(
         made.play()
     assert caught.value is failure
     assert made.arrays["head"][Head.STOP] == 1 and len(made.told) == 2
-    if answers:
-        bench.mine.setblocking(False)
-        with pytest.raises(BlockingIOError):
-            bench.mine.recv(1)  # its answer was taken: the next one is that to the next question
+    assert ("kill" in bench.process.done) == (not answers)
+    if answers:  # its answer was taken: the next one is that to the next question
+        assert not Line.wait(process._line, 0.0)
     else:
-        assert bench.now_s == pytest.approx(100.2 + HANG_S + 1.0)
+        assert bench.clock.now_s == pytest.approx(100.2 + HANG_S, abs=1.0)
 
 
 def test_a_failure_in_a_pass_is_raised_and_no_stop_is_asked_for(

@@ -11,9 +11,8 @@ import pytest
 from Xlib import error
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter import grabs, xgrab
-from pdcd.presenter.grabs import MOST_BYTES, Grabs, room
-from pdcd.presenter.xgrab import RootGrabber
+from pdcd.presenter import xgrab
+from pdcd.presenter.xgrab import MOST_BYTES, Grabs, RootGrabber, room
 
 SIZE_PX = (6, 4)
 HEADER = 32
@@ -237,7 +236,7 @@ def test_there_is_room_for_each_refresh_of_both_panels() -> None:
 
 def test_pictures_take_two_gibibytes_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     assert MOST_BYTES == 2**31
-    monkeypatch.setattr(grabs, "MOST_BYTES", 2 * 5 * (6 * 4 + 3 * 2))
+    monkeypatch.setattr(xgrab, "MOST_BYTES", 2 * 5 * (6 * 4 + 3 * 2))
     room(5, ((6, 4), (3, 2)))
     with pytest.raises(ConfigError, match=r"pictures of 6 refreshes would take 0\.0 GiB"):
         room(6, ((6, 4), (3, 2)))
@@ -257,7 +256,7 @@ def test_a_refresh_is_looked_at_once_the_server_has_it(monkeypatch: pytest.Monke
             done.append("grab")
             return screen
 
-    monkeypatch.setattr(grabs, "RootGrabber", Grabber)
+    monkeypatch.setattr(xgrab, "RootGrabber", Grabber)
     made = Grabs(":7", ((0, 0, 2, 3), (3, 1, 3, 2)), lambda: done.append("settle"))
     made.take(0)
     assert done == [":7"]  # nobody asked for pictures of this pass

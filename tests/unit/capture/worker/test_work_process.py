@@ -13,9 +13,10 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import process
 from pdcd.capture.worker.answers import Facts, record_of
-from pdcd.capture.worker.pipe import Call, Done, Failed, Inbox, Sign, Stop, packed
+from pdcd.capture.worker.calls import Call, Done, Failed, Sign, Stop
 from pdcd.capture.worker.process import Talk, main, serve
 from pdcd.capture.worker.proxy import InProcessWorker
+from pdcd.child import PICKLES, Line, LineClosedError
 from pdcd.errors import Cancelled, ConfigError, PdcdError, PlanError
 from pdcd.protocol.plan_summary import How
 from pdcd.watch import Watch
@@ -25,24 +26,25 @@ FACTS = Facts(Config(), NOBODY, (3, 4), None)
 
 
 class Far:
-    """The other end of the talk, and a clock that stands until it is set."""
+    """The other end of the line, and a clock that stands until it is set."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 100.0
-        self.ours, self.theirs = socket.socketpair()
-        self.ours.setblocking(False)
+        ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.ours, self.theirs = (Line(end, PICKLES) for end in ends)
         self.talk = Talk(self.theirs)
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
         monkeypatch.setattr(process, "time", clock)
 
     def say(self, *messages: object) -> None:
-        self.ours.sendall(b"".join(map(packed, messages)))
+        for message in messages:
+            self.ours.send(message)
 
     def heard(self) -> list[Any]:
-        try:
-            return list(Inbox().take(self.ours.recv(1 << 16)))
-        except BlockingIOError:
-            return []
+        found = []
+        while self.ours.wait(0.0):
+            found.append(self.ours.receive())
+        return found
 
     def at(self, now_s: float, watch: Watch) -> list[Any]:
         """What is heard of a sign of life at that time."""
@@ -57,18 +59,6 @@ def far(monkeypatch: pytest.MonkeyPatch) -> Iterator[Far]:
     yield made
     made.ours.close()
     made.theirs.close()
-
-
-def test_messages_come_whole_and_the_end_is_told(far: Far) -> None:
-    far.say(Stop(), Sign(1.0))
-    assert far.talk.messages() == [Stop(), Sign(1.0)]
-    data = packed(Call("plan", (1,), {}))
-    far.ours.sendall(data[:5])
-    far.ours.sendall(data[5:])
-    assert far.talk.messages() == [Call("plan", (1,), {})]
-    far.ours.close()
-    with pytest.raises(EOFError):
-        far.talk.messages()
 
 
 def test_a_sign_of_life_is_given_twice_a_second(far: Far) -> None:
@@ -137,21 +127,18 @@ class Table:
 
 
 class Said:
-    """A talk of messages that are known beforehand."""
+    """A line of messages that are known beforehand."""
 
-    def __init__(self, *rounds: list[object]) -> None:
-        self.rounds, self.sent = list(rounds), list[Any]()
+    def __init__(self, *messages: object) -> None:
+        self.messages, self.sent = list(messages), list[Any]()
 
-    def messages(self) -> list[object]:
-        if not self.rounds:
-            raise EOFError
-        return self.rounds.pop(0)
+    def receive(self) -> object:
+        if not self.messages:
+            raise LineClosedError
+        return self.messages.pop(0)
 
     def send(self, message: object) -> None:
         self.sent.append(message)
-
-    def watch(self) -> Watch:
-        return Watch()
 
 
 def failing(error: Exception) -> Any:
@@ -171,12 +158,12 @@ def limits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return found
 
 
-def served(monkeypatch: pytest.MonkeyPatch, work: dict[str, Any], *rounds: list[object]) -> Any:
+def served(monkeypatch: pytest.MonkeyPatch, work: dict[str, Any], *messages: object) -> Any:
     monkeypatch.setattr(process, "WORK", work)
-    talk: Any = Said(*rounds)
-    with pytest.raises(EOFError):
-        serve(talk)
-    return talk.sent
+    line: Any = Said(*messages)
+    with pytest.raises(LineClosedError):
+        serve(line)
+    return line.sent
 
 
 def test_what_is_asked_is_done_in_turn_once_the_facts_are_known(
@@ -189,7 +176,7 @@ def test_what_is_asked_is_done_in_turn_once_the_facts_are_known(
         return len(seen)
 
     call = Call("plan", (1,), {"a": 2})
-    sent = served(monkeypatch, {"plan": task}, [call], [Stop(), FACTS, call], [call])
+    sent = served(monkeypatch, {"plan": task}, call, Stop(), FACTS, call, call)
     assert sent == [Done(1), Done(2)]
     assert seen == [(FACTS, (1,), {"a": 2})] * 2
     assert limits == [Config().limits.work_bytes]
@@ -204,7 +191,7 @@ def test_whatever_a_task_raises_is_the_answer_and_the_job_is_forgotten(
         "plan": failing(MemoryError()), "look": failing(error), "see": failing(ValueError("x")),
     }  # fmt: skip
     calls = [Call(name, (), {}) for name in ("look", "plan", "see", "none")]
-    own, full, fault, unknown = served(monkeypatch, work, [FACTS, *calls])
+    own, full, fault, unknown = served(monkeypatch, work, FACTS, *calls)
     assert (own.error, own.spent) == (error, False)
     assert isinstance(full.error, PlanError) and full.spent
     assert "ran out of memory" in full.error.message
@@ -214,22 +201,19 @@ def test_whatever_a_task_raises_is_the_answer_and_the_job_is_forgotten(
     assert [desk.forgotten for desk in Table.made] == [4]
 
 
-@pytest.mark.parametrize("gone", [EOFError(), BrokenPipeError()])
 def test_nobody_is_told_where_nobody_is_left(
-    gone: Exception, monkeypatch: pytest.MonkeyPatch, limits: list[int]
+    monkeypatch: pytest.MonkeyPatch, limits: list[int]
 ) -> None:
-    monkeypatch.setattr(process, "WORK", {"plan": failing(gone)})
-    talk: Any = Said([FACTS, Call("plan", (), {})])
-    with pytest.raises(type(gone)):
-        serve(talk)
-    assert talk.sent == [] and limits
+    work = {"plan": failing(LineClosedError()), "look": failing(EOFError("of a file"))}
+    assert served(monkeypatch, work, FACTS, Call("plan", (), {})) == [] and limits
+    (failed,) = served(monkeypatch, work, FACTS, Call("look", (), {}))
+    assert "EOFError: of a file" in failed.error.message
 
 
 @pytest.mark.parametrize(
     ("end", "status"),
     [
-        (EOFError(), 0), (BrokenPipeError(), 0), (ConnectionResetError(), 0), (MemoryError(), 12),
-        (ValueError("a fault"), None),
+        (LineClosedError(), 0), (MemoryError(), 12), (ValueError("a fault"), None),
     ],
     ids=repr,
 )  # fmt: skip

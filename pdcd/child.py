@@ -1,0 +1,363 @@
+"""Child processes: how one is started, talked to, watched, and killed.
+
+Four programs here have children: the display has its presenter, the daemon its worker, a shutter
+its guardian, a sweep its crew. Each child gets one end of a socket pair, the number of that
+descriptor as the last word of its command, and a session of its own. Both sides hold a `Line`,
+which carries whole messages. The parent also holds a `Child`, which knows whether the process lives
+and how it ended.
+
+Either side may die at any time. The kernel then closes its end, and the other one is told.
+"""
+
+from __future__ import annotations
+
+import array
+import ctypes
+import mmap
+import os
+import pickle
+import resource
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pdcd.errors import PdcdError
+
+LOOK_S = 0.05
+"""Longest time between two calls of `alive` while something is waited for."""
+PACKET_BYTES = 1 << 18
+"""Longest message that the socket takes: a little more than the kernel lets it."""
+SHORT_BYTES = 1 << 15
+"""Longest pickle that goes through the socket; longer ones go by memory, which is faster."""
+REAP_S = 5.0
+"""How long the kernel may take to bury a killed process."""
+STATUS_S = 0.1
+"""How long a process may live on after its end of the line was closed."""
+FIRST_VICTIM = "500"
+"""For oom_score_adj: where the machine runs out of memory, this process goes before its parent."""
+PR_SET_PDEATHSIG = 1
+"""Of sys/prctl.h: the signal that comes when the parent's thread that started this process ends."""
+
+
+class LineClosedError(Exception):
+    """The other side of a line is gone."""
+
+
+class LineSilentError(Exception):
+    """The other side of a line was silent for too long."""
+
+
+Heard = TypeVar("Heard")
+Alive = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Codec(Generic[Heard]):
+    """How messages become bytes.
+
+    by_memory : a long one goes as a descriptor of anonymous memory that holds it, and no message
+        brings a descriptor of its own.
+    """
+
+    encode: Callable[[Any], bytes]
+    decode: Callable[[Any], Heard]
+    by_memory: bool = False
+
+
+def _pickled(message: object) -> bytes:
+    return pickle.dumps(message, protocol=5)
+
+
+PICKLES: Codec[Any] = Codec(_pickled, pickle.loads, by_memory=True)
+"""For a child that is the same program of the same user, so what comes is trusted. Nothing that a
+client sent may ever be read as a pickle."""
+WORDS: Codec[bytes] = Codec(str.encode, bytes)
+"""For a child that imports nothing of pdcd."""
+
+
+class Line(Generic[Heard]):
+    """One end of the talk, for one thread at a time: each message comes whole or not at all.
+
+    While it waits, `alive` is called at least every `LOOK_S`; whatever it raises ends the wait.
+    """
+
+    def __init__(self, end: socket.socket, codec: Codec[Heard]) -> None:
+        self._end, self._codec = end, codec
+
+    @classmethod
+    def at(cls, fd: int, codec: Codec[Heard]) -> Line[Heard]:
+        """The child's end, by the number that its command ends with."""
+        return cls(socket.socket(fileno=fd), codec)
+
+    def __enter__(self) -> Line[Heard]:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+    def fileno(self) -> int:
+        """The descriptor, -1 when it is closed."""
+        return self._end.fileno()
+
+    def close(self) -> None:
+        """Hang up. Idempotent."""
+        self._end.close()
+
+    def send(
+        self,
+        message: object,
+        fd: int | None = None,
+        *,
+        within_s: float | None = None,
+        alive: Alive | None = None,
+    ) -> None:
+        """Send a message, and a descriptor with it.
+
+        Raises LineClosedError when the other side is gone, LineSilentError when it takes nothing
+        for `within_s`.
+        """
+        data, held = self._codec.encode(message), None
+        try:
+            if self._codec.by_memory and len(data) > SHORT_BYTES:
+                fd = held = _memory_of(data)
+                data = b"by memory"
+            fds = [] if fd is None else [fd]
+            self._wait_until_ready(select.POLLOUT, within_s, alive)
+            with _failure_as_end():
+                rights = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", fds))
+                self._end.sendmsg([data], [rights] if fds else [])
+        finally:
+            if held is not None:
+                os.close(held)
+
+    def receive(self, *, within_s: float | None = None, alive: Alive | None = None) -> Heard:
+        """The next message.
+
+        Raises LineClosedError when the other side is gone, LineSilentError when it says nothing for
+        `within_s`.
+        """
+        return self.receive_with_fd(within_s=within_s, alive=alive)[0]
+
+    def receive_with_fd(
+        self, *, within_s: float | None = None, alive: Alive | None = None
+    ) -> tuple[Heard, int | None]:
+        """The next message and the descriptor that came with it, which the caller closes."""
+        self._wait_until_ready(select.POLLIN, within_s, alive)
+        with _failure_as_end():
+            try:
+                data, fds, *_ = socket.recv_fds(self._end, PACKET_BYTES, 1)
+            except ConnectionResetError:
+                # It ended with something unread, which is told first; what it said is still there.
+                data, fds, *_ = socket.recv_fds(self._end, PACKET_BYTES, 1)
+        if not data:
+            raise LineClosedError
+        if fds and self._codec.by_memory:
+            try:
+                return self._codec.decode(mmap.mmap(fds[0], 0, prot=mmap.PROT_READ)), None
+            finally:
+                os.close(fds[0])
+        return self._codec.decode(data), fds[0] if fds else None
+
+    def wait(self, within_s: float | None = None, alive: Alive | None = None) -> bool:
+        """Whether there is something to hear within that time: a message, or the end."""
+        try:
+            self._wait_until_ready(select.POLLIN, within_s, alive)
+        except LineSilentError:
+            return False
+        return True
+
+    def _wait_until_ready(self, event: int, within_s: float | None, alive: Alive | None) -> None:
+        poller = select.poll()
+        poller.register(self._end, event)
+        until_s = None if within_s is None else time.monotonic() + within_s
+        while True:
+            if alive is not None:
+                alive()
+            look_s = None if alive is None else LOOK_S
+            if until_s is not None:
+                left_s = max(0.0, until_s - time.monotonic())
+                look_s = left_s if look_s is None else min(look_s, left_s)
+            if poller.poll(None if look_s is None else look_s * 1000):
+                return
+            if until_s is not None and time.monotonic() >= until_s:
+                raise LineSilentError
+
+
+def _memory_of(data: bytes) -> int:
+    """A descriptor of anonymous memory that holds this, which the caller closes."""
+    fd = os.memfd_create("pdcd", os.MFD_CLOEXEC)
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(fd, rest) :]
+    return fd
+
+
+@contextmanager
+def _failure_as_end() -> Iterator[None]:
+    """Whatever else fails on a socket pair, the talk has ended."""
+    try:
+        yield
+    except OSError as err:
+        raise LineClosedError from err
+
+
+class Child(Generic[Heard]):
+    """A process that was started here, and the line to it."""
+
+    def __init__(self, process: subprocess.Popen[bytes], line: Line[Heard]) -> None:
+        self.process, self.line = process, line
+
+    @property
+    def pid(self) -> int:
+        """Process number."""
+        return self.process.pid
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended yet."""
+        return self.process.poll() is None
+
+    def how_it_ended(self) -> str:
+        """In words that follow on "the process"."""
+        with suppress(subprocess.TimeoutExpired):
+            status = self.process.wait(STATUS_S)
+            if status >= 0:
+                return f"ended with status {status}"
+            with suppress(ValueError):
+                return f"was ended by signal {-status} ({signal.Signals(-status).name})"
+            return f"was ended by signal {-status}"
+        return "closed its end"
+
+    def kill(self, reap_s: float = REAP_S) -> None:
+        """End it before it hears that this end is closed; wait so long until it is gone.
+
+        Where it takes the kernel longer, it is buried by a later `start` or `reap`. Idempotent.
+        """
+        self.process.kill()
+        self.hang_up(reap_s)
+
+    def hang_up(self, reap_s: float) -> None:
+        """Close this end, which ends a sound process; wait so long until it is gone."""
+        self.line.close()
+        try:
+            self.process.wait(reap_s)
+        except subprocess.TimeoutExpired:
+            with _lock:
+                if self.process not in _unburied:
+                    _unburied.append(self.process)
+
+
+_unburied: list[subprocess.Popen[bytes]] = []
+"""Processes that have been killed or left, and whose end nobody has seen yet."""
+_lock = threading.Lock()
+
+
+def _bury() -> None:
+    """Let go of those that have ended since."""
+    with _lock:
+        _unburied[:] = [process for process in _unburied if process.poll() is None]
+
+
+def start(
+    command: Sequence[str],
+    codec: Codec[Heard],
+    *,
+    what: str,
+    inherits: Sequence[int] = (),
+    deaf: bool = False,
+    environment: Mapping[str, str] | None = None,
+    error: Callable[..., PdcdError] = PdcdError,
+) -> Child[Heard]:
+    """Start a program; returns at once, before it is warm.
+
+    command : its words, to which the number of its end of the line is added.
+    what : the process in words, for the error.
+    inherits : further descriptors that it gets.
+    deaf : it is born with every signal blocked that can be.
+    environment : its variables, None for those of this process.
+    error : makes the error that is raised where the process cannot be had.
+    """
+    _bury()
+    # Of packets: a message is never received, or sent, in part.
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs:
+        try:
+            with _signals_blocked(deaf):
+                process = subprocess.Popen(
+                    [*command, str(theirs.fileno())],
+                    pass_fds=(*inherits, theirs.fileno()),
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    # A session of its own: the terminal's Ctrl-C and hang-up are not for it.
+                    start_new_session=True,
+                    env=environment,
+                )
+        except OSError as err:
+            ours.close()
+            raise error(
+                f"cannot start {what}: {err.strerror}",
+                hint="see the log; too many processes, or too little memory?",
+            ) from err
+    return Child(process, Line(ours, codec))
+
+
+def module_command(module: str) -> tuple[str, ...]:
+    """The command of a module of ours; no module of the current folder is taken for it."""
+    return sys.executable, "-P", "-m", module
+
+
+def single_threaded() -> Mapping[str, str]:
+    """This process's environment with one thread for linear algebra, unless it says otherwise.
+
+    More gain nothing on arrays of our size, and each takes of the memory that a child may have.
+    """
+    return {"OMP_NUM_THREADS": "1", **os.environ}
+
+
+@contextmanager
+def _signals_blocked(blocked: bool) -> Iterator[None]:
+    """Block every signal in this thread: a process that it starts then is born so, and stays so.
+
+    The C library leaves out the two that it keeps for itself, 32 and 33.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals() if blocked else ())
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# What a child does to itself.
+
+
+def ignore_signals() -> None:
+    """Leave it to the parent when this process ends: a Ctrl-C in its terminal is not for here, nor
+    is the signal that systemd sends to all processes of a service."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def live_for_parent() -> None:
+    """`ignore_signals`, but die with the parent's thread that started this process, whatever this
+    one is at: while it works it does not look at its line."""
+    ignore_signals()
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text(FIRST_VICTIM)
+
+
+def bound_memory(limit_bytes: int) -> None:
+    """Let this process have so much memory, for good."""
+    # Data, not addresses: libraries reserve addresses by the gigabyte that they never touch.
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = limit_bytes if hard == resource.RLIM_INFINITY else min(limit_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
