@@ -28,20 +28,20 @@ class Bench:
         self.body = Body(self.clock, PlainFilm(raw_of), BULB_BODY, Script())
         self.usb = VirtualUsb(self.body)
         self.told: list[Any] = []
-        self.commands: list[list[str]] = []
+        self.commands: list[tuple[str, ...]] = []
         self.refuses = False
         trigger = TriggerConfig(driver="ptp", lag_s=0.1, jitter_s=0.02, options=options)
         context = DriverContext(Config(trigger=trigger), self.clock, Shared(usb_backend=self.usb))
         self.shutter = PtpShutter.create(context)
         self.shutter._camera.alive_period_s = 3600.0
 
-    def guard(self, command: Callable[[int], list[str]], **more: Any) -> Any:
+    def guard(self, command: tuple[str, ...], **more: Any) -> Any:
         bench = self
         self.unguarded = more["unguarded"]
 
         class Guard:
             def insist(self, word: str) -> None:
-                bench.commands.append(list(command(9)))
+                bench.commands.append(command)
                 bench.told.append(word)
 
             def arm(self, word: Callable[[], str]) -> None:
@@ -81,8 +81,8 @@ def test_a_guardian_is_armed_before_the_shutter_opens_and_disarmed_after_it_clos
 
 def test_the_guardian_is_for_the_camera_that_was_found(bench: Bench) -> None:
     """By its serial number: another may be plugged in beside it."""
-    ((*_, fd, options),) = bench.commands
-    assert fd == "9" and msgspec.json.decode(options)["serial"] == BULB_BODY.info.serial
+    ((*_, options),) = bench.commands
+    assert msgspec.json.decode(options)["serial"] == BULB_BODY.info.serial
     bench.shutter.connect()
     assert bench.told == ["disarm", ("stop", True), "disarm"]  # the first one is let go
 
