@@ -78,7 +78,7 @@ def test_few_exposures_and_runs_uncorrected_are_told_nothing(
     def refused(*_: Any, **__: Any) -> None:
         raise AssertionError("shares were looked for")
 
-    monkeypatch.setattr("pdcd.pictures.photos.told_of", refused)
+    monkeypatch.setattr("pdcd.pictures.photos._told_of", refused)
     take(tmp_path, "indirect", parts=1)
     take(tmp_path, "indirect", parts=2)
     take(tmp_path, "indirect", smooth=False)
