@@ -76,16 +76,17 @@ if TYPE_CHECKING:
         Display,
         DisplayInfo,
         DriverContext,
+        Finding,
         PhotoFrame,
         Preview,
         RawFile,
         Readout,
         Shutter,
         TimedShutter,
+        fault,
     )
-    from pdcd.bench.findings import Finding, fault
-    from pdcd.bench.options import read_options
     from pdcd.bench.placed import panels_of
+    from pdcd.bench.reading import read_options
     from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
     from pdcd.errors import (
         Cancelled,
@@ -175,9 +176,10 @@ _ROOMS = {
         "Readout",
         "Shutter",
         "TimedShutter",
+        "Finding",
+        "fault",
     ),
-    "pdcd.bench.findings": ("Finding", "fault"),
-    "pdcd.bench.options": ("read_options",),
+    "pdcd.bench.reading": ("read_options",),
     "pdcd.bench.placed": ("panels_of",),
     "pdcd.bench.tables": ("CameraConfig", "Config", "TriggerConfig"),
     "pdcd.errors": (

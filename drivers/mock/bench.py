@@ -12,9 +12,10 @@ for it, there is no photo, unless it is of pixels and the rig meant the shutter 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from pdcd.bench.devices import Shared
 from pdcd.bench.placed import frame_of
 from pdcd.bench.truth import Truth, truth_of
-from pdcd.driver import Config, DriverContext, ExposureError, FrameLog, Frames
+from pdcd.driver import Config, ConfigError, DriverContext, ExposureError, FrameLog, Frames
 from pdcd.panels.frames import second_bucket
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
@@ -268,3 +269,13 @@ def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:
     stamps = np.zeros(0, dtype=np.int64)
     log = FrameLog(none, none, stamps, stamps, np.array([at_ns, at_ns]), none, "none", True)
     return frames, log
+
+
+def refuse_options(options: Mapping[str, Any], table: str, device: str) -> None:
+    """Raise ConfigError when there are any: they are another driver's, and would be ignored."""
+    if options:
+        raise ConfigError(
+            f"[{table}] {', '.join(options)}: the driver mock has no options",
+            device=device,
+            hint="name the driver that they belong to, or remove them",
+        )

@@ -28,8 +28,7 @@ from pdcd.driver import (
 from pdcd.sensor.dng import dng_bytes
 from pdcd.sensor.profile import IsoRow, SensorProfile, expose
 
-from .bench import Bench
-from .options import refuse_options
+from .bench import Bench, refuse_options
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""

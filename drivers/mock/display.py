@@ -28,8 +28,7 @@ from pdcd.driver import (
 )
 from pdcd.probing.panel import apart_s
 
-from .bench import Bench
-from .options import refuse_options
+from .bench import Bench, refuse_options
 
 REPORT_S = 0.1
 """Time between progress reports and looks at `cancelled`."""

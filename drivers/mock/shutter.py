@@ -6,8 +6,7 @@ import numpy as np
 
 from pdcd.driver import Clock, DriverContext, TriggerConfig
 
-from .bench import Bench
-from .options import refuse_options
+from .bench import Bench, refuse_options
 
 
 class Lag:

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.bench.options import unknown_key
+from pdcd.bench.reading import unknown_key
 from pdcd.errors import RequestError
 from pdcd.files.opening import Sendable
 from pdcd.protocol.fields import Field, FieldError, request_fields

@@ -13,7 +13,7 @@ import numpy as np
 from pdcd.bench.folders import MAX_SOCKET_BYTES
 from pdcd.bench.grey import curve_fault
 from pdcd.bench.placed import place_faults, small_cells
-from pdcd.bench.reading import Fault, number_faults
+from pdcd.bench.reading import TIMES, Fault, number_faults
 from pdcd.bench.tables import (
     Config,
     DisplayConfig,
@@ -21,7 +21,6 @@ from pdcd.bench.tables import (
     RoleConfig,
     ServerConfig,
 )
-from pdcd.bench.toml_text import TIMES
 from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
 from pdcd.panels.placing import through

@@ -18,12 +18,13 @@ from pdcd.bench.devices import (
     CameraSettings,
     Clock,
     DriverContext,
+    Finding,
     PhotoFrame,
     Readout,
     Shutter,
+    fault,
 )
 from pdcd.bench.exposure_time import tell, with_open_time
-from pdcd.bench.findings import Finding, fault
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError

@@ -16,9 +16,8 @@ import msgspec
 from pdcd.bench.checks import cross_faults
 from pdcd.bench.folders import folder_variable
 from pdcd.bench.grey import with_lut
-from pdcd.bench.reading import Fault, faults_error, overlay, toml_table
+from pdcd.bench.reading import NO_NOTES, TIMES, Fault, emit, faults_error, overlay, toml_table
 from pdcd.bench.tables import Config
-from pdcd.bench.toml_text import NO_NOTES, TIMES, emit
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_map

@@ -19,13 +19,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Literal, Protocol, TypeVar, runtime_checkable
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
+from pdcd.errors import PdcdError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.pixels import Shown
 
@@ -372,3 +374,21 @@ class DriverContext:
         if self.shared.usb_backend is None and name != LIBUSB:
             self.shared.usb_backend = load_driver("usb", name).create(self)
         return self.shared.usb_backend
+
+
+State = Literal["good", "warning", "fault", "unknown"]
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing looked at. `state` "unknown" means that it could not be looked at."""
+
+    what: str
+    state: State
+    found: str
+    hint: str | None = None
+
+
+def fault(what: str, err: PdcdError, device: str | None = None) -> Finding:
+    """What an error says, `device` being the one that this doctor is about."""
+    where = f"{err.device}: " if err.device not in (None, device) else ""
+    return Finding(what, "fault", where + err.message, err.hint)

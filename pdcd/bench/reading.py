@@ -1,20 +1,29 @@
-"""A TOML file -> typed values, all its faults at once, each in the words of the file.
+"""Tables as written <-> typed values, all faults at once, each in the words of the file, its key
+first.
 
-The configuration and what belongs to it are read by these rules.
+The configuration and what belongs to it are read by these rules, and so is the `options` table of
+every driver. Plain values go back to TOML text, so that a resolved configuration can be kept as a
+file.
 """
 
 from __future__ import annotations
 
+import datetime
+import difflib
+import json
 import math
+import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
+from msgspec.structs import FieldInfo
 
-from pdcd.bench.options import convert_field, unknown_key
 from pdcd.errors import ConfigError
+from pdcd.printable import one_line
 
 _S = TypeVar("_S", bound=msgspec.Struct)
 
@@ -121,3 +130,133 @@ def number_faults(value: Any, key: str) -> Iterator[Fault]:
         yield Fault((key,), f"{key}: must be a finite number, not {value}")
     elif isinstance(value, int) and abs(value) >= MAX_INTEGER:
         yield Fault((key,), f"{key}: must be below 2**53 in size, not {value}")
+
+
+def read_options(
+    given: Mapping[str, Any], kind: type[_S], *, table: str, device: str, hint: str
+) -> _S:
+    """The options of a driver as its own struct.
+
+    Parameters
+    ----------
+    given : the table as the configuration has it, ``config.trigger.options`` for example.
+    kind : what it must hold; a field without a default must be given.
+    table : name of the table in the file, "trigger.options" for example.
+    device : whose options they are: "display", "shutter" or "camera".
+    hint : where the options are explained.
+
+    Raises ConfigError with all faults, one a line.
+    """
+    fields = {f.encode_name: f for f in msgspec.structs.fields(kind)}
+    values: dict[str, Any] = {}
+    faults = []
+    for key, value in given.items():
+        if key not in fields:
+            faults.append(unknown_key(key, key, fields))
+            continue
+        try:
+            values[fields[key].name] = convert_field(value, fields[key], key)
+        except ValueError as err:
+            faults.append(str(err))
+    faults += [
+        f"{f.name}: must be given"
+        for f in fields.values()
+        if f.required and f.encode_name not in given
+    ]
+    if not faults:
+        try:
+            return kind(**values)
+        except ValueError as err:  # of the struct's own check, which is about several keys
+            raise _wrong([str(err)], table, device, hint) from err
+    raise _wrong(faults, table, device, hint)
+
+
+def _wrong(faults: list[str], table: str, device: str, hint: str) -> ConfigError:
+    lines = "\n  ".join(f"[{table}] {fault}" for fault in faults)
+    return ConfigError(lines, device=device, hint=hint)
+
+
+def unknown_key(name: str, key: str, known: Collection[str]) -> str:
+    """Say that a table has no such key, and which is probably meant. `name` is its dotted name."""
+    close = difflib.get_close_matches(key, known, n=1)
+    advice = f"; is {close[0]} meant?" if close else f"; known are {', '.join(known)}"
+    return f"{name}: no such key{advice}"
+
+
+def convert_field(value: Any, field: FieldInfo, name: str) -> Any:
+    """The value of one key in the type of its field. Raises ValueError that begins with `name`."""
+    try:
+        return msgspec.convert(value, type=field.type, strict=True)
+    except msgspec.ValidationError as err:
+        raise ValueError(_type_fault(name, str(err), field.type)) from err
+
+
+def _type_fault(name: str, message: str, kind: Any) -> str:
+    """Say a conversion error in the words of the file: the key first, no type notation marks."""
+    what, _, place = message.partition(" - at `$")
+    if what.startswith("Invalid enum value"):
+        values = re.findall(r"'([^']*)'", str(kind))
+        number = ["a number"] if "float" in str(kind) else []
+        what = f"{what}; allowed are {', '.join(values + number)}"
+    what = what[0].lower() + what[1:].replace("`", "")
+    return f"{name}{place.rstrip('`').replace('[...]', '')}: {what}"
+
+
+TIMES = (datetime.datetime, datetime.date, datetime.time)
+"""The types that TOML has and JSON lacks."""
+
+
+NO_NOTES: Mapping[tuple[str, ...], str] = MappingProxyType({})
+
+
+def emit(table: Mapping[str, Any], notes: Mapping[tuple[str, ...], str] = NO_NOTES) -> str:
+    """Return `table` as TOML 1.0 text that `tomllib.loads` reads back to the same value.
+
+    notes : comments, each for the key or the table at a path.
+
+    Values are what TOML knows: tables, arrays, strings, integers, floats, booleans, dates and
+    times. A key whose value is None is left out, for TOML has no such value.
+    """
+    return "\n".join(_lines(table, (), notes)).strip() + "\n"
+
+
+def _lines(
+    table: Mapping[str, Any], path: tuple[str, ...], notes: Mapping[tuple[str, ...], str]
+) -> Iterator[str]:
+    """Yield the lines of one table: its own keys first, then its tables under their headers."""
+
+    def noted(line: str, key: str) -> str:
+        note = notes.get((*path, key))
+        return line if note is None else f"{line}  # {one_line(note)}"
+
+    for key, value in table.items():
+        if value is not None and not isinstance(value, Mapping):
+            yield noted(f"{_key(key)} = {_value(value)}", key)
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield ""
+            yield noted(f"[{'.'.join(_key(part) for part in (*path, key))}]", key)
+            yield from _lines(value, (*path, key), notes)
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _string(key)
+
+
+def _value(value: Any) -> str:
+    """One value on one line; tables inside arrays are written inline."""
+    if isinstance(value, str):
+        return _string(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        items = (f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None)
+        return "{" + ", ".join(items) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    return value.isoformat() if isinstance(value, TIMES) else repr(value)
+
+
+def _string(text: str) -> str:
+    """Quote as a basic string: JSON's escapes are TOML's, but for DEL, which JSON leaves raw."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.toml_text import emit
+from pdcd.bench.reading import emit
 from pdcd.calibration.dose import Brightest, Line, line_of
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark, within

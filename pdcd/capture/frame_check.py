@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pdcd.bench.devices import CameraInfo
-from pdcd.bench.findings import Finding, fault
+from pdcd.bench.devices import CameraInfo, Finding, fault
 from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import Config
 from pdcd.capture.job import Journal

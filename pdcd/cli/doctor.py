@@ -7,7 +7,7 @@ import signal
 from collections.abc import Iterable
 
 from pdcd.bench.config import load
-from pdcd.bench.findings import Finding
+from pdcd.bench.devices import Finding
 from pdcd.bench.registry import own_module
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say_json, say_table, say_text

@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from pdcd.bench.reading import TIMES, emit
 from pdcd.bench.tables import (
     BenchConfig,
     CalibrationConfig,
@@ -27,7 +28,6 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.bench.toml_text import TIMES, emit
 from pdcd.bench.truth import TrueCamera, TruePanel, TrueSensor, Truth
 from pdcd.figures.figure import Mode, Take
 from pdcd.panels.map import matrix

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import msgspec
 from Xlib import X, error
 
-from pdcd.bench.findings import Finding, fault
+from pdcd.bench.devices import Finding, fault
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.map import Map

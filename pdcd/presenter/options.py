@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, field
 
-from pdcd.bench.options import read_options
+from pdcd.bench.reading import read_options
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 

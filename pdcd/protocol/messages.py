@@ -24,8 +24,7 @@ from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.roles import Role
-from pdcd.protocol.views import OwnerView, Preview, RigView
+from pdcd.protocol.views import OwnerView, Preview, RigView, Role
 from pdcd.words import JobKind, JobState, PatternName
 
 T = TypeVar("T")

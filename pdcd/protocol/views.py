@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from typing import Annotated
 
 import msgspec
@@ -61,3 +62,14 @@ class Preview(msgspec.Struct, frozen=True, kw_only=True):
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
     shape: tuple[int, int, int]
     """Rows, columns, channels."""
+
+
+class Role(enum.IntEnum):
+    """What a client may do; each role may all that the ones below it may."""
+
+    LOOK = 1
+    """See the rig, its jobs and their events."""
+    SHOOT = 2
+    """Take photos, and cancel jobs of the same user."""
+    ADMINISTER = 3
+    """Cancel everybody's jobs."""

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from pdcd.bench.tables import ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server.aside import aside
 
 logger = logging.getLogger(__name__)

@@ -7,7 +7,7 @@ import logging
 from collections import deque
 
 from pdcd.protocol.messages import Interest
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server.access import Peer
 from pdcd.server.stream import Stream
 

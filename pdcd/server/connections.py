@@ -19,7 +19,7 @@ from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import BusyError, DeniedError, PdcdError, ProtocolError
 from pdcd.protocol.events import THINNED, Event
 from pdcd.protocol.messages import Hello
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server.access import Access, Names, Peer, peer_of
 from pdcd.server.callers import Caller
 from pdcd.server.descriptors import Descriptors

@@ -40,8 +40,7 @@ from pdcd.protocol.messages import (
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.roles import Role
-from pdcd.protocol.views import Preview, RigView
+from pdcd.protocol.views import Preview, RigView, Role
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.goals import KEEPS
 from pdcd.runs.index import search

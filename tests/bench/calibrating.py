@@ -9,7 +9,7 @@ from typing import Any
 
 from pdcd.bench.calibration import Calibration, read_calibration
 from pdcd.bench.config import load
-from pdcd.bench.toml_text import emit
+from pdcd.bench.reading import emit
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CalibrateRequest

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from pdcd.bench.config import load
+from pdcd.bench.reading import emit
 from pdcd.bench.tables import Config
-from pdcd.bench.toml_text import emit
 
 PROJECTOR_PX, MASK_PX = (1024, 768), (1600, 1200)
 SCAN_BANDS = 32

@@ -20,7 +20,7 @@ from pdcd.bench.tables import LimitsConfig, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError, error_fields
 from pdcd.protocol.messages import Admitted
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server.access import Peer
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.methods import Methods

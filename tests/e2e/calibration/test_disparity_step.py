@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.config import load
+from pdcd.bench.reading import emit
 from pdcd.bench.tables import Config
-from pdcd.bench.toml_text import emit
 from pdcd.cli.main import main
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import Displaced

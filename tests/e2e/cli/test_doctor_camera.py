@@ -17,7 +17,7 @@ from drivers.mock import Bench, MockShutter
 from drivers.virtual_camera import Script, VirtualUsb
 from pdcd.bench.click import examine
 from pdcd.bench.clock import VirtualClock
-from pdcd.bench.findings import Finding
+from pdcd.bench.devices import Finding
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.cli.main import main
 from tests.fake_serial import FakeLine, fake_line

@@ -18,7 +18,7 @@ from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import ConfigError
 from pdcd.protocol.messages import PROTOCOL, ClockAnchor, Hello
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server.access import Access
 from pdcd.server.callers import Caller
 from pdcd.server.connections import Server, Service

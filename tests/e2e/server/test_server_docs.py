@@ -20,7 +20,7 @@ from pdcd.bench.tables import LimitsConfig
 from pdcd.protocol import messages
 from pdcd.protocol.events import COMMON, TYPES
 from pdcd.protocol.messages import CODES, METHODS
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server import callers, connections
 from tests.places import ROOT
 from tests.sampled import sampled

@@ -16,7 +16,7 @@ import pytest
 
 from pdcd.bench.tables import Config, RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server import callers
 from pdcd.server import daemon as server_daemon
 from pdcd.server.access import Peer

@@ -12,8 +12,7 @@ import pytest
 
 from pdcd.bench import click
 from pdcd.bench.click import examine
-from pdcd.bench.devices import CameraInfo
-from pdcd.bench.findings import Finding, fault
+from pdcd.bench.devices import CameraInfo, Finding, fault
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 

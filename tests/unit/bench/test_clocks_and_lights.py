@@ -15,6 +15,7 @@ from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.grey import curve_fault, curve_of, curves_of, read_lut, with_lut
 from pdcd.bench.reading import (
     Fault,
+    emit,
     faults_error,
     number_faults,
     overlay,
@@ -23,7 +24,6 @@ from pdcd.bench.reading import (
     toml_table,
 )
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.bench.toml_text import emit
 from pdcd.errors import ConfigError
 
 

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.bench import checks, config, folders, tables
+from pdcd.bench.reading import emit
 from pdcd.bench.tables import Config
-from pdcd.bench.toml_text import emit
 from pdcd.errors import ConfigError
 from tests.places import ROOT
 

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.bench import checks, config, tables
+from pdcd.bench.reading import emit
 from pdcd.bench.tables import Config
-from pdcd.bench.toml_text import emit
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError
 from tests.hostile import files

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from pdcd.bench.options import read_options
+from pdcd.bench.reading import read_options
 from pdcd.errors import ConfigError
 
 

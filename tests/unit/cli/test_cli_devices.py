@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.findings import Finding
+from pdcd.bench.devices import Finding
 from pdcd.bench.tables import Config
 from pdcd.cli import capture as capture_cli
 from pdcd.cli import doctor as doctor_cli

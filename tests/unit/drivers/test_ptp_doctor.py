@@ -9,8 +9,7 @@ from drivers.ptp.codes import ExposureMode
 from drivers.ptp.doctor import examine
 from drivers.virtual_camera import CABLE_BODY, Script
 from pdcd.bench.clock import VirtualClock
-from pdcd.bench.devices import DriverContext
-from pdcd.bench.findings import Finding
+from pdcd.bench.devices import DriverContext, Finding
 from pdcd.bench.tables import CameraConfig, Config
 from pdcd.errors import DriverUnavailable
 from tests.ptp_rig import PtpRig

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.toml_text import TIMES
+from pdcd.bench.reading import TIMES
 from pdcd.figures.bench import bench_of
 from pdcd.figures.catalog import FILES, figure_of
 from pdcd.figures.figure import FULL, QUICK, TINY, Figure, Mode, Photo, Take

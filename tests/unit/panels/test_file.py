@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.toml_text import emit
+from pdcd.bench.reading import emit
 from pdcd.errors import ConfigError, DiskError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import from_table, load_map, load_maps, save_maps, table

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from Xlib import X, error
 
-from pdcd.bench.findings import Finding
+from pdcd.bench.devices import Finding
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import examine as examine_module

@@ -14,7 +14,7 @@ import pytest
 
 from pdcd.bench.tables import RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server import access
 from pdcd.server.access import Access, Names, Peer, peer_of
 from tests.processes import LONG_S

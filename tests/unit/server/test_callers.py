@@ -8,7 +8,7 @@ from typing import cast
 
 import pytest
 
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 from pdcd.server import callers
 from pdcd.server.access import Peer
 from pdcd.server.callers import Caller

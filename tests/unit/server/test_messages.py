@@ -12,7 +12,7 @@ from pdcd.errors import BusyError
 from pdcd.protocol import events, messages
 from pdcd.protocol.entry import MOST_RUNS, RunQuery
 from pdcd.protocol.messages import METHODS, JobParams, ListParams, ShowParams, SubscribeParams
-from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Role
 
 OWN = [
     kind
