@@ -93,7 +93,7 @@ def chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm
     return _lit_film(np.outer(frame, _BRIGHTEST_E_PER_S * steps), seed)
 
 
-def scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm:
+def scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D) -> PlainFilm:
     """A scene preset of the mock bench under steady white light, spread over the whole sensor.
 
     Raises ConfigError when there is no such preset. Brightness as in `chart_film`.
@@ -104,7 +104,7 @@ def scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -
     columns = np.arange(shape[1]) // 2 * scene.grid[1] // (shape[1] // 2)
     colour = np.add.outer(np.arange(shape[0]) % 2, np.arange(shape[1]) % 2)  # RGGB: 0, 1, 1, 2
     light = seen[rows[:, None], columns[None, :], colour]
-    return _lit_film(light * (_BRIGHTEST_E_PER_S / max(float(light.max()), 1e-12)), seed)
+    return _lit_film(light * (_BRIGHTEST_E_PER_S / max(float(light.max()), 1e-12)), 0)
 
 
 def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:

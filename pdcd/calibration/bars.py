@@ -1,4 +1,4 @@
-"""A bar that runs over the card, or over a border of other photos: patterns, and reading them."""
+"""A bar that runs over the card: its patterns, and reading them."""
 
 from __future__ import annotations
 
@@ -8,23 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Bits, Levels, Shown
+from pdcd.calibration.shown import Bits, Shown
 from pdcd.calibration.strips import CLIPPED, COLOURS, FEWEST_QUADS
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import BLACK, WHITE
+from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 
 CELLS = 32
 """Cells of the bar: a cycle of half a second at 60 Hz."""
-BORDER = 0.04
-"""Height of a border over that of the field."""
 CORE = 0.2
 """Left out of a cell on either side."""
-MOST_BYTES = 2**30
-"""Most that the patterns of one photo may take."""
 FAINTEST_SIGMAS = 20.0
 """White over noise of a cell, at least."""
 
@@ -48,55 +44,14 @@ def bar_photo(
     refreshes: int,
     *,
     cells: int = CELLS,
-    border: float = 1.0,
     window: Window = WHOLE,
 ) -> Shown:
-    """The bar alone, over the upper `border` of the field and the width of the `window`; the mask
-    is open throughout."""
-    patterns = _bar(projector, cells, border, window)
+    """The bar over the height of the field and the width of the `window`; the mask is open
+    throughout."""
+    patterns = _bar(projector, cells, window)
     index = (np.arange(refreshes) % cells).astype(np.int32)
     none: Bits = np.zeros((0, 0, 0), dtype=np.bool_)
     return Shown(name, patterns, none, index, np.full(refreshes, WHITE, dtype=np.int32))
-
-
-def with_bar(
-    shown: Shown,
-    projector: Map,
-    mask: Map,
-    *,
-    lead: int,
-    trail: int,
-    cells: int = CELLS,
-    border: float = BORDER,
-) -> Shown:
-    """Another photo with the bar in its upper border, which runs for some refreshes before it and
-    after it, too: while the shutter opens and closes.
-
-    What the photo itself has in the border is left out. Raises ValueError where patterns would
-    take too much memory: a photo of many patterns and a bar of many cells make many pictures.
-    """
-    total = lead + shown.refreshes + trail
-    at = np.arange(total) % cells
-    sides = []
-    for map_, patterns, index, runs in (
-        (projector, shown.projector, shown.projector_index, True),
-        (mask, shown.mask, shown.mask_index, False),
-    ):
-        whole = np.concatenate([np.full(lead, BLACK), index, np.full(trail, BLACK)])
-        pairs = np.stack([whole, at if runs else np.zeros(total, dtype=np.int64)])
-        distinct, place = np.unique(pairs, axis=1, return_inverse=True)
-        width, height = map_.size_px
-        if distinct.shape[1] * width * height > MOST_BYTES:
-            raise ValueError(f"{shown.name}: {distinct.shape[1]} patterns of {width} x {height}")
-        bar = _bar(map_, cells, border) if runs else _border(map_, border)[None]
-        free = ~_border(map_, border)
-        pictures = [
-            (free & _pattern(patterns, int(which), free.shape)) | bar[cell]
-            for which, cell in distinct.T
-        ]
-        sides.append((np.stack(pictures), place.ravel().astype(np.int32)))
-    (first, first_index), (second, second_index) = sides
-    return Shown(shown.name, first, second, first_index, second_index)
 
 
 def read_bar(
@@ -106,7 +61,6 @@ def read_bar(
     *,
     cells: int = CELLS,
     bands: int = 1,
-    border: float = 1.0,
     window: Window = WHOLE,
 ) -> CellLight:
     """How bright the cells are, over a photo in which all of the field was white.
@@ -120,7 +74,7 @@ def read_bar(
     centres = camera.centres()
     with np.errstate(invalid="ignore"):
         x = window.across(centres[..., 0]) * cells
-        top, bottom = max(0.1 * border, window.top), min(0.9 * border, window.bottom)
+        top, bottom = max(0.1, window.top), min(0.9, window.bottom)
         seen = (centres[..., 1] >= top) & (centres[..., 1] < bottom)
         seen &= (x >= 0.0) & (x < cells) & (np.abs(x - np.floor(x) - 0.5) < 0.5 - CORE)
     rows = np.flatnonzero(seen.any(axis=1))
@@ -133,7 +87,7 @@ def read_bar(
     size, used = bands * cells, seen
     quads = np.bincount(cell[used], minlength=size)
     if bands > 1 and (quads < FEWEST_QUADS).any():
-        return read_bar(photo, white, camera, cells=cells, border=border, window=window)
+        return read_bar(photo, white, camera, cells=cells, window=window)
     clipped = max(taken.saturated_share(used) for taken in (photo, white))
     if clipped > CLIPPED:
         raise CalibrationError(
@@ -183,24 +137,11 @@ def _unseen(what: str) -> CalibrationError:
     )
 
 
-def _bar(map_: Map, cells: int, border: float, window: Window = WHOLE) -> Bits:
+def _bar(map_: Map, cells: int, window: Window) -> Bits:
     """(cells, height, width), the pixels of each cell."""
-    x = window.across(map_.centres()[..., 0])
-    with np.errstate(invalid="ignore"):
-        cell = np.where(_border(map_, border), np.floor(np.nan_to_num(x) * cells), -1.0)
-    return np.asarray(np.arange(cells)[:, None, None] == cell)
-
-
-def _border(map_: Map, border: float) -> Bits:
-    """Pixels that lie on the field's upper `border`, (height, width)."""
     centres = map_.centres()
+    x = window.across(centres[..., 0])
     with np.errstate(invalid="ignore"):
-        inside = (centres[..., 0] >= 0.0) & (centres[..., 0] < 1.0)
-        inside &= (centres[..., 1] >= 0.0) & (centres[..., 1] < border)
-    return np.asarray(inside)
-
-
-def _pattern(patterns: Bits | Levels, which: int, shape: tuple[int, ...]) -> Bits:
-    if which < 0:
-        return np.full(shape, which == WHITE)
-    return np.asarray(patterns[which] > 0)  # a bar has no room for grey
+        inside = ((centres >= 0.0) & (centres < 1.0)).all(axis=-1)
+        cell = np.where(inside, np.floor(np.nan_to_num(x) * cells), -1.0)
+    return np.asarray(np.arange(cells)[:, None, None] == cell)

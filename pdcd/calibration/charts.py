@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 Bytes = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-PAPER, INK, FAINT = (255, 255, 255), (30, 30, 30), (190, 190, 190)
+INK, FAINT = (30, 30, 30), (190, 190, 190)
 BLUE, RED, GREEN, GREY = (40, 90, 200), (200, 60, 40), (30, 140, 70), (120, 120, 120)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 CHANNELS = (RED, GREEN, (20, 90, 30), BLUE)

@@ -64,11 +64,10 @@ class Parallax:
         along = sideways / length
         return float(np.sqrt(along @ spread @ along))
 
-    def offset_px(self, near_m: float, far_m: float, from_axis_px: float = 0.0) -> float:
+    def offset_px(self, near_m: float, far_m: float) -> float:
         """By how much registration varies from the nearest to the farthest point of a scene, in
-        projector pixels, so far from the axis."""
-        sideways = self.focal_px * self.sideways_m + from_axis_px * abs(float(self.apart_m[2]))
-        return sideways * (1.0 / near_m - 1.0 / far_m)
+        projector pixels, on the axis."""
+        return self.focal_px * self.sideways_m * (1.0 / near_m - 1.0 / far_m)
 
     def deepest_m(self, near_m: float, budget_px: float) -> float:
         """The farthest point of a scene that begins at ``near_m``, if registration may vary by
@@ -84,20 +83,17 @@ def parallax(
     distances_m: tuple[float, float],
     focal_px: float,
     sigma_px: float,
-    axis_px: tuple[float, float] | None = None,
-    apart: int = 1,
 ) -> Parallax:
-    """The distance of the centres of projection, by maps of two cards.
+    """The distance of the centres of projection, by maps of two cards. The projector's axis meets
+    the middle of its picture: it has no lens shift.
 
     Parameters
     ----------
     cards, projectors : the mask's map and the projector's with the first card, with the second.
     distances_m : of the cards from the projector.
     focal_px : focal length of the projector, in its pixels (its width times the throw ratio).
-    sigma_px : error of the maps, in projector pixels.
-    axis_px : where the projector's axis meets its picture; None: in its middle (no lens shift).
-    apart : how many parts of the field have map errors of their own; 1 counts the error as one for
-        the whole field, the worst there is.
+    sigma_px : error of the maps, in projector pixels, taken to be one for the whole field, which is
+        the worst there is.
 
     Raises CalibrationError for distances that cannot be, cards that do not overlap, and a movement
     that parallax does not explain.
@@ -127,15 +123,14 @@ def parallax(
             device="mask",
             hint="use cards that fill the field, and calibrate the geometry with each",
         )
-    centre = 0.5 * size if axis_px is None else np.array(axis_px)
     return _solved(
-        (first - second)[good], 0.5 * (first + second)[good] - centre,
-        per_m, focal_px, sigma_px * np.sqrt(2.0), apart,
+        (first - second)[good], 0.5 * (first + second)[good] - 0.5 * size,
+        per_m, focal_px, sigma_px * np.sqrt(2.0),
     )  # fmt: skip
 
 
 def _solved(
-    moved: Floats, from_axis: Floats, per_m: float, focal_px: float, sigma_px: float, apart: int
+    moved: Floats, from_axis: Floats, per_m: float, focal_px: float, sigma_px: float
 ) -> Parallax:
     """Least squares of the movement (n, 2) of places (n, 2) from the axis."""
     count = len(moved)
@@ -151,6 +146,6 @@ def _solved(
             f"{left:.2f} px of what the two cards show is no parallax",
             hint="put both cards square to the axis, flat, and touch nothing else between them",
         )
-    # Errors that neighbours share do not average out: as if there were `apart` places only.
-    covariance = inverse * sigma_px**2 * count / apart
+    # Errors that neighbours share do not average out: as if there were one place only.
+    covariance = inverse * sigma_px**2 * count
     return Parallax(np.asarray(apart_m), np.asarray(covariance), focal_px, left)

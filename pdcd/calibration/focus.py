@@ -1,10 +1,4 @@
-"""Focus: how deep fine stripes are in a photo, over the field; the best place out of a few.
-
-Defocus by z - z0 blurs by a width that grows in proportion, so that stripes of period P keep
-
-    ln M = const - 2 pi^2 k^2 (z - z0)^2 / P^2,
-
-a parabola: with a few steps about the best one its top is told to a few hundredths of a step.
+"""Focus: how deep fine stripes are in a photo, over the field.
 
 Which stripes are shown says what is focused: the mask's alone, the camera on the mask (the relay);
 the projector's alone, the projector on the scene, or the scene on a diffuser at the mask; both
@@ -13,7 +7,6 @@ panels' together, what counts in the end (`pdcd.calibration.registration.Series.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +26,6 @@ SURE = 6.0
 """How far above noise and texture the stripes must stand, in standard deviations."""
 LEAST_PERIODS = 6
 """Periods across a part of the field that are looked at together."""
-FEWEST = 3
-"""Photos that a parabola takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,14 +62,14 @@ class Depth:
         )
 
 
-def depth(photo: Photo, axis: int, period_quads: float, *, channel: int = GREEN) -> Depth:
+def depth(photo: Photo, axis: int, period_quads: float) -> Depth:
     """Depth of stripes in one photo, wherever they lie, of a period that is known within 15 %.
 
     axis : 0 for upright stripes in the photo, 1 for lying ones; a tilt by some degrees is allowed.
 
     Raises CalibrationError for a photo without light, saturated, or without stripes.
     """
-    seen, noise = photo.light[..., channel], photo.variance[..., channel]
+    seen, noise = photo.light[..., GREEN], photo.variance[..., GREEN]
     if not np.mean(seen) > 5.0 * np.sqrt(np.mean(noise) / seen.size) or not np.mean(seen) > 0.0:
         raise CalibrationError(
             "there is no light in the photo",
@@ -126,92 +117,6 @@ class Best:
     def share(self) -> float:
         """The number now over the best so far, 0 to 1: how long a bar is."""
         return self.now / self.best if self.best > 0.0 else 0.0
-
-
-@dataclass(frozen=True)
-class Peak:
-    """Where focus is best, in the unit of the steps; `width` is one standard deviation of the
-    depth's bell curve."""
-
-    place: float
-    sigma: float
-    width: float
-
-
-def peak(places: Sequence[float], depths: Sequence[float]) -> Peak:
-    """The best place, by a parabola through ln M with weights M.
-
-    places : (n,) where photos were taken, along any ruler. depths : (n,) of their stripes.
-
-    Raises CalibrationError for less than three places, where depth has no peak, and where the best
-    lies beyond the places.
-    """
-    z, m = np.asarray(places, dtype=np.float64), np.asarray(depths, dtype=np.float64)
-    if z.size != m.size or np.unique(z).size < FEWEST or not (m > 0.0).all():
-        raise CalibrationError(
-            f"focus needs {FEWEST} places or more, each with stripes to be seen",
-            hint="take photos on both sides of the best one",
-        )
-    middle, unit = z.mean(), float(np.ptp(z)) / 2.0
-    at = (z - middle) / unit
-    powers = np.stack([at**2, at, np.ones(at.size)], axis=-1)
-    inverse = np.linalg.pinv((powers * m[:, None] ** 2).T @ powers)
-    (a, b, _) = inverse @ (powers.T @ (m**2 * np.log(m)))
-    top = -b / (2.0 * a) if a < 0.0 else np.inf
-    if not abs(top) <= 1.0:
-        raise CalibrationError(
-            "the stripes are deepest at the end of the range: there is no peak within it",
-            hint="go on turning the same way, then take photos on both sides of the best one",
-        )
-    left = m * (np.log(m) - powers @ (inverse @ (powers.T @ (m**2 * np.log(m)))))
-    spread = float((left**2).sum()) / max(1, z.size - 3)
-    slope = np.array([b / (2.0 * a * a), -1.0 / (2.0 * a), 0.0])
-    sigma = float(np.sqrt(spread * slope @ inverse @ slope))
-    return Peak(float(middle + unit * top), unit * sigma, float(unit / np.sqrt(-2.0 * a)))
-
-
-@dataclass(frozen=True)
-class Tilt:
-    """How the best place runs over the field, in the unit of the steps.
-
-    right, down : from the left edge to the right one, from the top to the bottom. sigma : of both.
-    """
-
-    middle: float
-    right: float
-    down: float
-    sigma: tuple[float, float, float]
-
-
-def tilt(places: Sequence[float], photos: Sequence[Depth]) -> Tilt:
-    """The plane of best focus, out of the depths of a few places, (rows, cols) each.
-
-    Raises CalibrationError as `peak`, and where less than 4 parts of the field have a peak.
-    """
-    stack = np.stack([each.parts for each in photos])
-    rows, cols = stack.shape[1:]
-    x, y = np.meshgrid((np.arange(cols) + 0.5) / cols - 0.5, (np.arange(rows) + 0.5) / rows - 0.5)
-    found = []
-    for row, col in np.ndindex(rows, cols):
-        depths = stack[:, row, col]
-        try:
-            here = peak(places, depths.tolist())
-        except CalibrationError:
-            continue
-        found.append((here.place, x[row, col], y[row, col]))
-    if len(found) < 4:
-        raise CalibrationError(
-            f"{len(found)} parts of the field have a best focus within the range; 4 are needed",
-            hint="take photos over a longer range, with light all over the field",
-        )
-    best, right, down = np.array(found).T
-    plane = np.stack([np.ones(best.size), right, down], axis=-1)
-    inverse = np.linalg.inv(plane.T @ plane)
-    fitted = inverse @ plane.T @ best
-    spread = float(((best - plane @ fitted) ** 2).sum()) / max(1, best.size - 3)
-    first, second, third = np.sqrt(spread * np.diag(inverse)).tolist()
-    middle, to_right, to_bottom = fitted.tolist()
-    return Tilt(middle, to_right, to_bottom, (first, second, third))
 
 
 def _part(row: int, col: int, height: int, width: int) -> tuple[slice, slice]:

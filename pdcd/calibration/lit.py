@@ -37,22 +37,20 @@ MOST_AMBIENT = 1.0
 """Light of the room over light of the panel that is borne."""
 
 
-def lit_by(white: Photo, black: Photo, panel: str, channel: int = GREEN) -> Bools:
+def lit_by(white: Photo, black: Photo, panel: str) -> Bools:
     """Where the light of a panel falls, (h, w) bool: where white is brighter than black.
 
     Raises CalibrationError, which names the cause, where these photos tell nothing of the panel: no
     light at all, a panel that does not switch, too little light, too much, a lit room.
     """
-    values = [photo.light[::STEP, ::STEP, channel] for photo in (white, black)]
+    values = [photo.light[::STEP, ::STEP, GREEN] for photo in (white, black)]
     if not all(np.isfinite(one).all() for one in values) or white.frame != black.frame:
         raise _untrusted(
             "the photos have numbers that are not finite, or differ in size",
             panel,
             "take them again, all with one setting of the camera",
         )
-    noise = np.sqrt(
-        white.variance[::STEP, ::STEP, channel] + black.variance[::STEP, ::STEP, channel]
-    )
+    noise = np.sqrt(white.variance[::STEP, ::STEP, GREEN] + black.variance[::STEP, ::STEP, GREEN])
     light = values[0] - values[1]
     _check_saturated(white, panel)
     _check_light(values[0], light, noise, panel)
@@ -78,7 +76,7 @@ def lit_by(white: Photo, black: Photo, panel: str, channel: int = GREEN) -> Bool
             panel,
             "switch off the room's lights, or shade the bench",
         )
-    whole: Bools = white.light[..., channel] - black.light[..., channel] > LIT * brightest
+    whole: Bools = white.light[..., GREEN] - black.light[..., GREEN] > LIT * brightest
     return whole
 
 

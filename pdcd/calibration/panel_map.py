@@ -22,7 +22,6 @@ from pdcd.panels.map import Map, between
 from pdcd.words import SubjectName
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 DISC = 3, 12
 """Rings and places in a ring at which a dot is looked at."""
@@ -74,19 +73,19 @@ def fit_decoded(
     size_px: tuple[int, int],
     panel: str,
     *,
-    step: int = BLOCK,
     offset_quads: tuple[float, float] = (0.0, 0.0),
     subject: SubjectName = "card",
 ) -> Fitted:
     """The same out of stripes: means over blocks of what a first fit leaves are fitted again.
 
-    step : quads a side of a block. offset_quads : of the colour's samples from the middle of their
-    quad. subject : on a scene light that comes round corners is decoded elsewhere, and left out.
-    Raises CalibrationError where the map cannot be trusted.
+    offset_quads : of the colour's samples from the middle of their quad. subject : on a scene light
+    that comes round corners is decoded elsewhere, and left out. Raises CalibrationError where the
+    map cannot be trusted.
     """
     rows, cols = decoded.valid.shape
-    row, col = np.nonzero(decoded.valid[step // 2 :: step, step // 2 :: step])
-    row, col = row * step + step // 2, col * step + step // 2
+    middle = BLOCK // 2
+    row, col = np.nonzero(decoded.valid[middle::BLOCK, middle::BLOCK])
+    row, col = row * BLOCK + middle, col * BLOCK + middle
     some = Pairs(
         np.stack([col + 0.5, row + 0.5], axis=-1) + offset_quads,
         decoded.panel_px[row, col],
@@ -94,7 +93,7 @@ def fit_decoded(
     )
     size = (cols, rows)
     first = fit_map(some, size, size_px, panel)
-    blocks = _blocks(decoded, first, step, np.array(offset_quads))
+    blocks = _blocks(decoded, first, BLOCK, np.array(offset_quads))
     return accepted(fit_map(blocks, size, size_px, panel), panel, subject)
 
 
@@ -286,13 +285,14 @@ def _times(slopes: NDArray[np.floating[Any]], vectors: Floats) -> Floats:
     return np.asarray(np.einsum("nij,ncj->nci", slopes, vectors))
 
 
-def _figure(name: str, value: float, sigma: float, limit: float, unit: str = "px") -> Figure:
+def _figure(name: str, value: float, sigma: float, limit: float) -> Figure:
     """A figure that must not exceed its limit; inliers must not fall below theirs."""
     if name.endswith(("inliers", "seen")):
         good, bad = value >= limit, 1.0 - value > REFUSED * (1.0 - limit)
         text, unit = f"at least {limit:g}", ""
     else:
-        good, bad, text = value <= limit, value > REFUSED * limit, f"at most {limit:.3g} {unit}"
+        good, bad = value <= limit, value > REFUSED * limit
+        text, unit = f"at most {limit:.3g} px", "px"
     verdict = Verdict.GOOD if good else Verdict.BAD if bad else Verdict.DOUBTFUL
     return Figure(name, value, float(sigma), unit, text, verdict)
 

@@ -231,9 +231,9 @@ def refuse_moving_black(seen: Mapping[str, Seen]) -> None:
         )
 
 
-def steady(values: Iterable[float] | Floats, sigmas: float = 5.0) -> Marks:
-    """Which values are no outliers: within so many robust deviations of the median."""
+def steady(values: Iterable[float] | Floats) -> Marks:
+    """Which values are no outliers: within five robust deviations of the median."""
     values = np.asarray(values, dtype=np.float64)
     away = np.abs(values - np.median(values))
     spread = 1.4826 * float(np.median(away))
-    return np.asarray(away <= sigmas * spread + 1e-12 * (1.0 + np.abs(np.median(values))))
+    return np.asarray(away <= 5.0 * spread + 1e-12 * (1.0 + np.abs(np.median(values))))

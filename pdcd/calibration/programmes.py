@@ -2,7 +2,7 @@
 
 A *programme* lets both panels pulse in a rhythm of a few refreshes, each in its own. The card is
 divided into vertical strips, each with a programme of its own, and some that stay white, black,
-lit or open. On a scene without a card each programme is shown on the whole field, a photo each.
+lit or open.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.shown import Bits, Shown
+from pdcd.calibration.shown import Shown
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
@@ -187,27 +186,3 @@ def strip_photo(
     index = np.tile(np.arange(period), periods).astype(np.int32)
     index = index * (not white)
     return Shown(name, found[0], found[1], index, index.copy())
-
-
-def whole_photos(programmes: Sequence[Programme] = SETS[0], *, every: int = 6) -> list[Shown]:
-    """The programmes on the whole field, a photo each, and white before each `every` and after all.
-
-    White photos are named ``white-0``, ``white-1``, ..., the others ``pulse-K`` by the programme.
-    """
-    none: Bits = np.zeros((0, 0, 0), dtype=np.bool_)
-
-    def photo(name: str, programme: Programme) -> Shown:
-        rows = [
-            np.tile(np.where(side, WHITE, BLACK).astype(np.int32), PERIODS) for side in programme.on
-        ]
-        return Shown(name, none, none, rows[0], rows[1])
-
-    period = programmes[0].of
-    white = pulse(period, period, 0, period)
-    photos, whites = [], 0
-    for number, programme in enumerate(programmes):
-        if number % every == 0:
-            photos.append(photo(f"white-{whites}", white))
-            whites += 1
-        photos.append(photo(f"pulse-{number}", programme))
-    return [*photos, photo(f"white-{whites}", white)]

@@ -13,7 +13,7 @@ scene or the room, comes through all the same and drops out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,7 +98,7 @@ class Gathering:
     ----------
     white : both panels white for as many refreshes as the projector was lit.
     camera, projector : maps as believed.
-    channel : 0 red, 1 green, 2 blue. window : the part of the field to be measured.
+    window : the part of the field to be measured.
 
     Raises CalibrationError for a white photo without light, or saturated.
     """
@@ -110,13 +110,12 @@ class Gathering:
         camera: Map,
         projector: Map,
         *,
-        channel: int = GREEN,
         window: Window = WHOLE,
     ) -> None:
         self._stripes, self._camera, self._projector = stripes, camera, projector
-        self._channel, self._window = channel, window
-        by = white.light[..., channel]
-        self._lit = series_faults.lit(by, white.variance[..., channel])
+        self._window = window
+        by = white.light[..., GREEN]
+        self._lit = series_faults.lit(by, white.variance[..., GREEN])
         series_faults.refuse_saturated(white.saturated, self._lit)
         self._period = stripes.period_px * quads_per_px(stripes.axis, camera, projector)
         block = max(1, int(self._period / PER_PERIOD))
@@ -128,8 +127,8 @@ class Gathering:
         """The next photo, in the order of `pdcd.calibration.stripes.patterns`. Raises
         CalibrationError for a saturated one."""
         series_faults.refuse_saturated(photo.saturated, self._lit)
-        self._stack.append(self._averaging.over_white(photo.light[..., self._channel]))
-        noise = self._averaging.over_white(photo.variance[..., self._channel], power=2)
+        self._stack.append(self._averaging.over_white(photo.light[..., GREEN]))
+        noise = self._averaging.over_white(photo.variance[..., GREEN], power=2)
         self._noise += noise / self._stripes.steps
 
     def series(self, *, placed: bool = False) -> Series:
@@ -160,23 +159,6 @@ class Gathering:
             series_faults.refuse_mirrored(turning, carrier, found.first, averaging, places)
         series_faults.refuse_changed(share, found.first, sigma)
         return found
-
-
-def measure(
-    stripes: Stripes,
-    photos: Iterable[Photo],
-    white: Photo,
-    camera: Map,
-    projector: Map,
-    *,
-    channel: int = GREEN,
-    placed: bool = False,
-) -> Series:
-    """What the S photos of a series say; one at a time is held. See `Gathering`."""
-    gathering = Gathering(stripes, white, camera, projector, channel=channel)
-    for photo in photos:
-        gathering.add(photo)
-    return gathering.series(placed=placed)
 
 
 def offsets(
@@ -215,15 +197,6 @@ def offsets(
         series_faults.refuse_other_stripe(beside, period)
         found = near(points) + beside
     return Offsets(points, found, sigma)
-
-
-def joined(*parts: Offsets) -> Offsets:
-    """What several series say together."""
-    return Offsets(
-        np.concatenate([each.points_px for each in parts]),
-        np.concatenate([each.offset_px for each in parts]),
-        np.concatenate([each.sigma_px for each in parts]),
-    )
 
 
 def nearest(wanted: Floats, places: Floats) -> NDArray[np.intp]:

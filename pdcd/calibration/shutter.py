@@ -24,6 +24,8 @@ from pdcd.panels.frames import FrameLog
 
 Floats = NDArray[np.float64]
 
+REACH_S = 0.3
+"""How far the times of a shutter may be off those that are expected."""
 CHI2 = 3.0
 """Largest reduced chi^2 that is believed."""
 FLAT = 5e-4
@@ -85,7 +87,6 @@ def fit_shutter(
     about_s: tuple[float, float],
     taus_s: tuple[float, float],
     *,
-    reach_s: float = 0.3,
     tau_sigma: float = 0.0,
 ) -> Opened:
     """Times at which the shutter opened and closed.
@@ -95,7 +96,6 @@ def fit_shutter(
     light : of all cells. log : what the projector showed.
     about_s : when it should have opened and closed, on the clock of the log.
     taus_s : rise and fall of the projector. tau_sigma : their relative errors, part of the sigmas.
-    reach_s : how far the times may be off `about_s`; less than half a cycle of the bar.
 
     Raises CalibrationError: the bar is not seen, or did not run while the shutter moved; no times
     explain its light.
@@ -106,7 +106,7 @@ def fit_shutter(
     sigma, chi2 = np.empty_like(opened), np.empty(len(opened))
     for band, (value, noise) in enumerate(zip(light.value, light.sigma, strict=True)):
         errors = np.sqrt(noise**2 + (FLAT * value) ** 2 + (FLAT * 0.2 * value.max()) ** 2)
-        start = _coarse(pulses, value, errors, about_s, taus_s, reach_s)
+        start = _coarse(pulses, value, errors, about_s, taus_s)
         opened[band], sigma[band], chi2[band] = _fine(pulses, value, errors, start, taus_s)
         if tau_sigma:
             slower = (taus_s[0] * (1.0 + TAU_STEP), taus_s[1] * (1.0 + TAU_STEP))
@@ -185,11 +185,10 @@ def _coarse(
     errors: Floats,
     about_s: tuple[float, float],
     taus_s: tuple[float, float],
-    reach_s: float,
 ) -> Floats:
     """The best pair of times on a grid."""
     refresh = float(np.median(pulses.long_s))
-    reach = min(reach_s, 0.5 * (pulses.cells - 1) * refresh)
+    reach = min(REACH_S, 0.5 * (pulses.cells - 1) * refresh)
     steps = np.arange(-reach, reach + 1e-9, refresh / STEPS_A_REFRESH)
     first, last = about_s[0] + steps, about_s[1] + steps
     model = pulses.given(last, taus_s)[None] - pulses.given(first, taus_s)[:, None]

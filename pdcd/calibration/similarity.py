@@ -13,8 +13,6 @@ ROUNDS = 12
 """Reweighted solves."""
 CAUCHY = 2.5
 """Scale of the weights, in standard deviations."""
-TO_SIGMA = 1.4826
-"""From the median of absolute deviations to a standard deviation."""
 PARTS = (3, 4)
 """Rows and columns of parts of the field in which what is left is averaged."""
 FEWEST = 4

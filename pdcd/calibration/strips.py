@@ -102,45 +102,6 @@ def read_strips(
     )
 
 
-def read_whole(
-    photos: Sequence[Photo],
-    whites: Sequence[Photo],
-    camera: Map,
-    programmes: Sequence[Programme],
-    *,
-    bands: int,
-    every: int = 6,
-) -> Readings:
-    """The same of programmes that were shown on the whole field, one after the other.
-
-    photos : of each programme. whites : before each `every` of them and after all; what lies
-        between two is divided by what lies between them in time.
-
-    Raises CalibrationError: no light, clipped, part of the field not covered.
-    """
-    if len(whites) < 2 or len(whites) != -(-len(photos) // every) + 1:
-        raise ValueError("a white photo before each group of programmes, and after all")
-    y = camera.centres()[..., 1]
-    with np.errstate(invalid="ignore"):
-        band = np.where((y >= 0.0) & (y < 1.0), np.nan_to_num(y) * bands, -1).astype(np.int32)
-    _check_clipped((*photos, *whites), band >= 0)
-    quads = np.bincount(band[band >= 0], minlength=bands)
-    full = [_sums(taken, band, bands) for taken in whites]
-    for light, var in full:
-        _check_white(light, var, quads, 1)
-    value, sigma = np.empty((bands, len(photos))), np.empty((bands, len(photos)))
-    for k, taken in enumerate(photos):
-        group, place = divmod(k, every)
-        behind = (place + 1) / (min(every, len(photos) - group * every) + 1)
-        level = (1.0 - behind) * full[group][0] + behind * full[group + 1][0]
-        level_var = (1.0 - behind) ** 2 * full[group][1] + behind**2 * full[group + 1][1]
-        light, var = _sums(taken, band, bands)
-        value[:, k] = light / level
-        sigma[:, k] = np.sqrt(var + value[:, k] ** 2 * level_var) / level
-    middles = (np.arange(bands) + 0.5) / bands
-    return Readings(value, sigma, middles, 1.0 / bands, tuple(programmes), tuple(programmes))
-
-
 def _sums(taken: Photo, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
     """Light of all quads of each cell and its variance, (size,) each; clipped ones count too, for
     there are few."""

@@ -70,7 +70,7 @@ class Pair:
     correlation: float
 
 
-def pair_of(first: Floats, second: Floats, dark: Floats | None = None, side: int = SIDE) -> Pair:
+def pair_of(first: Floats, second: Floats, dark: Floats | None = None) -> Pair:
     """Compare two photos of one plane.
 
     Parameters
@@ -81,6 +81,7 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None, side: int
 
     Raises CalibrationError where the plane has no block.
     """
+    side = SIDE
     a, b = (_whole(np.asarray(plane, np.float64), side) for plane in (first, second))
     means = [block_means(plane, side) for plane in (a, b)]
     if dark is None:

@@ -87,8 +87,8 @@ class XorCode:
 class XorPlanes:
     """The photos of one panel as they come, two a bit, in the order of `XorCode.shown`."""
 
-    def __init__(self, code: XorCode, channel: int = GREEN) -> None:
-        self.code, self.channel = code, channel
+    def __init__(self, code: XorCode) -> None:
+        self.code = code
         self._planes: list[Bools] = []
         self._sure: Bools | None = None
         self._lit: Photo | None = None
@@ -99,8 +99,8 @@ class XorPlanes:
             self._lit = photo
             return
         lit, self._lit = self._lit, None
-        difference = lit.light[..., self.channel] - photo.light[..., self.channel]
-        noise = np.sqrt(lit.variance[..., self.channel] + photo.variance[..., self.channel])
+        difference = lit.light[..., GREEN] - photo.light[..., GREEN]
+        noise = np.sqrt(lit.variance[..., GREEN] + photo.variance[..., GREEN])
         clear = np.asarray(np.abs(difference) > SURE * noise)
         for one in (lit, photo):
             clear &= True if one.saturated is None else ~one.saturated

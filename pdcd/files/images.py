@@ -21,7 +21,7 @@ STRIP_BYTES = 8192
 """A strip has as many rows as fit into that, at least one."""
 _SHORT, _LONG = 3, 4
 _SIZES = {_SHORT: 2, _LONG: 4}
-_TOP_LEFT, _RGB, _FLOAT = 1, 2, 3
+_RGB, _FLOAT = 2, 3
 _UNCOMPRESSED, _INTERLEAVED = 1, 1
 _HEADER_BYTES = 8
 

@@ -20,7 +20,6 @@ is added to its indirect photo.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +39,8 @@ TABLE_PX = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 """Cells of the printed table."""
 STEP_PX = 1.0 / 64.0
 """How finely the smallest cell for a given leak is looked for."""
+LARGEST_PX = 64.0
+"""The largest that is looked at."""
 
 
 @dataclass(frozen=True)
@@ -111,23 +112,17 @@ def largest_window(meeting: Meeting, cell_px: float) -> float:
     return max(0.0, 1.0 - 2.0 * meeting.guard_px / cell_px)
 
 
-def smallest_cell_px(meeting: Meeting, window: float = HALF) -> float:
-    """Side of the smallest cell, in projector pixels, whose window keeps the guard e95 + 2.5 s.
-
-    Infinite for whole cells, which have no guard: blur decides alone what leaks there.
-    """
-    return 2.0 * meeting.guard_px / (1.0 - window) if window < 1.0 else float("inf")
+def smallest_cell_px(meeting: Meeting) -> float:
+    """Side of the smallest cell, in projector pixels, whose half window keeps the guard
+    e95 + 2.5 s."""
+    return 2.0 * meeting.guard_px / (1.0 - HALF)
 
 
-def smallest_cell_for(
-    meeting: Meeting, most_leak: float, window: float = HALF, largest_px: float = 64.0
-) -> float:
-    """Side of the smallest cell that leaks at most ``most_leak``, in projector pixels.
-
-    In steps of 1/64 px; infinite where none up to ``largest_px`` does.
-    """
-    cells = np.arange(STEP_PX, largest_px + STEP_PX, STEP_PX)
-    too_much = np.flatnonzero(leak_of(meeting, cells, window) > most_leak)
+def smallest_cell_for(meeting: Meeting, most_leak: float) -> float:
+    """Side of the smallest cell that leaks at most ``most_leak`` by half windows, in projector
+    pixels, in steps of 1/64 px; infinite where none up to `LARGEST_PX` does."""
+    cells = np.arange(STEP_PX, LARGEST_PX + STEP_PX, STEP_PX)
+    too_much = np.flatnonzero(leak_of(meeting, cells, HALF) > most_leak)
     first = int(too_much[-1]) + 1 if too_much.size else 0
     return float(cells[first]) if first < cells.size else float("inf")
 
@@ -143,23 +138,23 @@ class Row:
     """Whether half windows leave the guard that the bench needs."""
 
 
-def table(meeting: Meeting, cells_px: Sequence[float] = TABLE_PX) -> list[Row]:
+def table(meeting: Meeting) -> list[Row]:
     """What cells of some sizes leak on this bench."""
-    cells = np.asarray(cells_px, dtype=np.float64)
+    cells = np.asarray(TABLE_PX, dtype=np.float64)
     whole, half = (leak_of(meeting, cells, window) for window in (WHOLE, HALF))
     enough = guard_px(1.0, HALF) * cells >= meeting.guard_px
     rows = zip(cells.tolist(), whole.tolist(), half.tolist(), enough.tolist(), strict=True)
     return [Row(*row) for row in rows]
 
 
-def printed(meeting: Meeting, cells_px: Sequence[float] = TABLE_PX) -> list[str]:
+def printed(meeting: Meeting) -> list[str]:
     """The table as lines of text, its smallest cell last."""
     lines = [
         f"offset {meeting.e95_px:.2f} px, blur {meeting.blur_px:.2f} px: a guard of "
         f"{meeting.guard_px:.2f} px is needed",
         f"{'cell':>8} {'whole cells':>12} {'half windows':>13}",
     ]
-    for row in table(meeting, cells_px):
+    for row in table(meeting):
         mark = "" if row.keeps_guard else "  guard too small"
         lines.append(
             f"{row.cell_px:>5g} px {100 * row.whole:>10.2f} % {100 * row.half:>11.2f} %{mark}"

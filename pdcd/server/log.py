@@ -62,7 +62,7 @@ class _Quiet(logging.Filter):
         return record.levelno >= logging.WARNING or getattr(record, "for_people", False)
 
 
-def to_stderr(level: int = logging.INFO, *, verbose: bool = False) -> None:
+def to_stderr(*, verbose: bool = False) -> None:
     """Send the log of this process to stderr, in the form that its reader wants.
 
     A terminal is often that of the commands, too, and of their progress bar: it gets warnings and
@@ -76,7 +76,7 @@ def to_stderr(level: int = logging.INFO, *, verbose: bool = False) -> None:
         handler.setFormatter(_JournalFormatter("%(name)s: %(message)s"))
     else:
         handler.setFormatter(_Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-    logging.basicConfig(level=level, handlers=[handler])
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 
 def _is_journal() -> bool:

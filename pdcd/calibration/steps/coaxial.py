@@ -65,10 +65,6 @@ def coaxial(session: Session) -> Script:
             Figure("coaxial.left_px", found.left_px, 0.0, "px"),
             Figure("coaxial.deepest", deepest, 0.0, "distances of the near card"),
         ),
-        arrays={
-            "coaxial.apart_px": found.apart_m,
-            "coaxial.covariance": found.covariance,
-        },
         advice=advice,
         picture=_picture(near[:2], far[:2]),
     )  # fmt: skip

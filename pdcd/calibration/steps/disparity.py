@@ -36,10 +36,7 @@ def disparity(session: Session) -> Script:
     found = disparities(planes.decoded(), camera, projector, session.config.code_grid())
     return Outcome(
         figures=_figures(found),
-        arrays={
-            "disparity.right": found.as_asked(),
-            "disparity.known": found.known,
-        },
+        arrays={"disparity.right": found.as_asked()},
         advice=_advice(found),
         picture=_picture(found),
     )

@@ -67,21 +67,6 @@ class Marked:
         if self.dots is not None:
             check_seen(self.green, self.dots, other=other, beside=beside, subject=session.subject)
 
-    def arrays(self) -> dict[str, NDArray[np.generic]]:
-        """What is kept of it."""
-        found: dict[str, NDArray[np.generic]] = {
-            f"{self.panel}.fit.covariance": self.green.covariance,
-            f"{self.panel}.fit.residual_px": self.green.residual_px,
-        }
-        if self.dots is not None:
-            found |= {
-                f"{self.panel}.dots.index": self.dots.index,
-                f"{self.panel}.dots.quads": self.dots.camera_px,
-                f"{self.panel}.dots.sigma": self.dots.sigma_px,
-                f"{self.panel}.blur_quads": np.array(self.dots.blur_quads),
-            }
-        return found
-
 
 def geometry(session: Session) -> Script:
     """White, black and dots of each panel on a card: six photos. On a scene dots of the mask, which
@@ -109,7 +94,6 @@ def geometry(session: Session) -> Script:
         picture=_picture(projector, mask),
         words=words,
         maps=maps,
-        arrays={**projector.arrays(), **mask.arrays()},
     )
 
 

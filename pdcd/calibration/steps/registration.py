@@ -78,7 +78,6 @@ def registration(session: Session) -> Script:
     meeting = Meeting(
         _left_px(correction, after, error), spread.both_px, 1.0 / finer(found, projector)
     )
-    known = np.isfinite(after.points_px + after.offset_px + after.sigma_px).all(axis=-1)
     return Outcome(
         figures=(*_figures(session.config, before, error, spread, meeting), *_leaks(meeting)),
         words={
@@ -88,14 +87,6 @@ def registration(session: Session) -> Script:
             "rig.misregistration_px": Measured(meeting.e95_px, error),
         },
         maps={"mask": found},
-        arrays={
-            "registration.points_px": after.points_px[known],
-            "registration.offset_px": after.offset_px[known],
-            "registration.sigma_px": after.sigma_px[known],
-            # 0 where a part of the field was not measured: arrays that are kept are finite.
-            "registration.blur_by_cell_px": np.nan_to_num(spread.by_cell_px),
-            "registration.meeting_px": np.array([meeting.e95_px, meeting.blur_px, meeting.mask_px]),
-        },
         advice=_advice(session.config, before, spread, meeting),
         picture=_picture(before, after, meeting, mask.size_px),
     )

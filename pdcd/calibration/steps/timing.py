@@ -275,15 +275,11 @@ def _arrays(found: Timing) -> dict[str, Floats]:
     """What checks and later steps need."""
     tail = found.tail
     return {
-        "timing.bands": found.bands,
         "timing.lag_s": found.lag_s,
-        "timing.lag_sigma_s": found.lag_sigma_s,
         "timing.across_s": np.array(found.across_s),
-        "timing.line_s": np.array(found.line_s),
         "timing.taus_s": found.taus_s,
         "timing.taus_sigma_s": found.taus_sigma_s,
         "timing.leaks": found.leaks,
-        "timing.covariance": found.covariance,
         "timing.tail": np.array(
             [0.0, 0.0, 1.0] if tail is None else [tail.mask, tail.share, tail.slower]
         ),

@@ -26,7 +26,6 @@ from pdcd.panels.windows import ATOMS, MOVED, PLACED, UPPER, strip_numbers, stri
 from pdcd.probing.spans import band_delays_ns
 
 Floats = NDArray[np.float64]
-Sites = NDArray[np.int32]
 
 TILE = 8
 """Sites a side that are multiplied together: near ones meet the same sites of the other panel."""

@@ -118,7 +118,6 @@ def calibrated(truth: Truth, folder: Path) -> Hands:
     one = truth.hands(folder)
     one.knows_maps()
     one.session.arrays |= {
-        "timing.bands": np.array([0.25, 0.75]),
         "timing.lag_s": np.full(2, SKEW_S),
         # Some per cent wrong, as times that were measured are.
         "timing.taus_s": np.array([3.2e-3, 2.1e-3, 4.4e-3, 7.3e-3]),

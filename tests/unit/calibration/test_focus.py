@@ -9,14 +9,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from pdcd.calibration.focus import Best, Depth, depth, peak, tilt
+from pdcd.calibration.focus import Best, depth
 from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
 
 PERIOD = 5.3
-STEPS = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]
 
 
 def photo(
@@ -39,16 +38,6 @@ def photo(
     return Photo(*(np.repeat(each[..., None], 3, axis=2) for each in (light, variance)))
 
 
-def series(best: Floats | float, seed: int) -> list[Depth]:
-    """Depths while a ring is turned; best : where focus is best, of the photo or of each quad."""
-    growing = [0.6 + 0.45 * np.abs(z - np.asarray(best)) for z in STEPS]
-    # Defocus and the best there is add up as variances do.
-    return [
-        depth(photo(np.sqrt(0.36 + (b - 0.6) ** 2), seed + i), 0, PERIOD * 1.04)
-        for i, b in enumerate(growing)
-    ]
-
-
 def test_depth_is_that_of_blurred_stripes() -> None:
     sharp, soft = depth(photo(0.05), 0, PERIOD), depth(photo(1.2), 0, PERIOD)
     assert sharp.number == pytest.approx(4.0 / np.pi, rel=0.02)
@@ -62,38 +51,6 @@ def test_stripes_may_lie() -> None:
     lying = Photo(upright.light.swapaxes(0, 1), upright.variance.swapaxes(0, 1))
     found = [depth(upright, 0, PERIOD).number, depth(lying, 1, PERIOD).number]
     assert found[0] == pytest.approx(found[1], rel=0.02)
-
-
-def test_the_best_place_is_found_between_the_steps() -> None:
-    wrong, said = [], []
-    for seed in range(3):
-        best = 0.35 * seed - 0.4
-        found = peak(STEPS, [each.number for each in series(best, 100 * seed)])
-        wrong.append(found.place - best)
-        said.append(found.sigma)
-    assert np.abs(wrong).max() < 0.03
-    assert max(said) < 0.05
-
-
-def test_the_error_of_the_best_place_is_as_said() -> None:
-    rng = np.random.default_rng(3)
-    z = np.array(STEPS)
-    ratios = []
-    for _ in range(100):
-        m = np.exp(-0.15 * (z - 0.3) ** 2) + rng.normal(0.0, 0.01, z.size)
-        found = peak(STEPS, m.tolist())
-        ratios.append((found.place - 0.3) / found.sigma)
-        assert found.width == pytest.approx(np.sqrt(1.0 / 0.3), rel=0.2)
-    assert 0.8 < np.sqrt(np.median(np.square(ratios))) / 0.72 < 1.3
-
-
-def test_a_tilted_plane_of_focus_is_told() -> None:
-    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 160), np.linspace(-0.5, 0.5, 120))
-    found = tilt(STEPS, series(0.2 + 1.0 * x - 0.5 * y, 7))
-    assert found.middle == pytest.approx(0.2, abs=0.06)
-    assert found.right == pytest.approx(1.0, abs=0.15)
-    assert found.down == pytest.approx(-0.5, abs=0.15)
-    assert max(found.sigma) < 0.15
 
 
 def test_one_photo_shows_which_side_is_sharper() -> None:
@@ -120,9 +77,3 @@ def test_what_is_wrong_is_named() -> None:
         depth(photo(6.0), 0, PERIOD)
     with pytest.raises(CalibrationError, match="no stripes"):
         depth(plain, 1, PERIOD)  # upright where lying ones are looked for
-    with pytest.raises(CalibrationError, match="end of the range"):
-        peak(STEPS, np.exp(np.array(STEPS) * 0.2).tolist())
-    with pytest.raises(CalibrationError, match="end of the range"):
-        peak(STEPS, np.exp(0.05 * np.square(STEPS)).tolist())
-    with pytest.raises(CalibrationError, match="3 places"):
-        peak([0.0, 1.0], [0.5, 0.6])

@@ -14,7 +14,6 @@ from pdcd.calibration.lamp import iris_of, iris_photos, lamp_of
 from pdcd.calibration.light import Share
 from pdcd.calibration.light_plan import LightPlan
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.polariser import curve_of, polariser_of
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.light_bench import LightBench
 
@@ -181,49 +180,3 @@ def test_glare_needs_its_pattern() -> None:
         glare_of(photo(card()), photo(card()), MASK)
     with pytest.raises(CalibrationError, match="out of focus"):
         glared(0.0, blur=16.0)
-
-
-# --- polariser ------------------------------------------------------------------------------------
-
-ANGLES: Floats = 30.0 * np.arange(6.0)
-
-
-def malus(least_deg: float, high: float, low: float) -> Floats:
-    turn = np.radians(ANGLES - least_deg)
-    return np.asarray(low + (high - low) * np.sin(turn) ** 2)
-
-
-def test_polariser_angle() -> None:
-    rng = np.random.default_rng(8)
-    pulls = []
-    for _ in range(40):
-        clean = np.stack([malus(37.0, 4000.0, 10.0)] * 3, axis=1)
-        black = clean + 4.0 * rng.standard_normal(clean.shape)
-        white = np.stack([malus(127.0, 5000.0, 10.0)] * 3, axis=1)
-        found = polariser_of(ANGLES, black, white, now_deg=30.0)
-        pulls.append((found.angle_deg - 37.0) / found.sigma_deg)
-        assert found.turn_deg == pytest.approx(7.0, abs=0.3)
-    # With three degrees of freedom the deviation itself is uncertain: Student's distribution.
-    assert 0.7 < float(np.std(pulls)) < 2.2
-    assert found.contrast_then > 5.0 * found.contrast_now
-    assert found.channels_deg < 0.5
-
-
-def test_polariser_takes_the_shorter_turn_and_tells_of_colours() -> None:
-    black = np.stack([malus(d, 1000.0, 2.0) for d in (178.0, 178.0, 170.0)], axis=1)
-    found = polariser_of(ANGLES, black, black[::-1], now_deg=2.0)
-    assert found.turn_deg == pytest.approx(-6.6, abs=1.0)
-    assert found.channels_deg == pytest.approx(8.0, abs=0.1)
-    assert found.figures()[1].verdict == Verdict.DOUBTFUL
-
-
-def test_polariser_refuses_what_tells_no_angle() -> None:
-    with pytest.raises(CalibrationError, match="does not change"):
-        curve_of(ANGLES, np.full(6, 100.0) + np.array([0.1, -0.1, 0.1, -0.1, 0.1, -0.1]))
-    with pytest.raises(CalibrationError, match="fewer than 5 angles"):
-        curve_of(np.array([0.0, 180.0, 0.0, 180.0, 90.0, 90.0]), malus(10.0, 100.0, 1.0))
-    with pytest.raises(CalibrationError, match="too close together"):
-        curve_of(2.0 * np.arange(6.0), malus(10.0, 100.0, 1.0))
-    bent = np.stack([malus(37.0, 4000.0, 10.0).clip(max=3300.0)] * 3, axis=1)
-    with pytest.raises(CalibrationError, match="law"):
-        polariser_of(ANGLES, bent, bent, now_deg=0.0)

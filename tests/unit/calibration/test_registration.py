@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.correction import Correction, bent_to, corrected, fitted
 from pdcd.calibration.mask_blur import blur
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration import Offsets, Series, joined, measure, nearest, offsets
+from pdcd.calibration.registration import Gathering, Offsets, Series, nearest, offsets
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns, periods_for
 from pdcd.errors import CalibrationError
@@ -31,6 +31,21 @@ SIZES = {"projector_px": (192, 144), "mask_px": (300, 225), "frame": (230, 172)}
 def shown(kind: Stripes, projector: Map, mask: Map) -> tuple[Shown, ...]:
     """The pictures of one series; most tests believe the same maps."""
     return tuple(patterns(kind, projector, mask))
+
+
+def measure(
+    stripes: Stripes,
+    photos: Iterable[Photo],
+    white: Photo,
+    camera: Map,
+    projector: Map,
+    *,
+    placed: bool = False,
+) -> Series:
+    gathering = Gathering(stripes, white, camera, projector)
+    for photo in photos:
+        gathering.add(photo)
+    return gathering.series(placed=placed)
 
 
 @dataclass
@@ -60,7 +75,8 @@ class Session:
         coarse, fine = self.series(RULER, mask), self.series(FINE, mask)
         first = offsets(*coarse, self.camera, mask)
         more = offsets(*fine, self.camera, mask, fitted(first, mask).at)
-        both = joined(first, more)
+        both = Offsets(*(np.concatenate([getattr(one, name) for one in (first, more)])
+                         for name in ("points_px", "offset_px", "sigma_px")))  # fmt: skip
         return both, fitted(both, mask), coarse, fine
 
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.bars import CellLight, bar_photo, read_bar, with_bar
+from pdcd.calibration.bars import CellLight, bar_photo, read_bar
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.programmes import strip_photo, strips_on
 from pdcd.calibration.shown import Shown, still
 from pdcd.calibration.shutter import Opened, bar_cells, fit_shutter, lag_of
 from pdcd.errors import CalibrationError
@@ -103,8 +102,8 @@ class Camera:
 BAR = bar_photo("bar", PROJECTOR, 90)
 
 
-def fitted(camera: Camera, shown: Shown = BAR, *, bands: int = 1, border: float = 1.0) -> Opened:
-    light = read_bar(camera.photo(shown), camera.white(), CAMERA, bands=bands, border=border)
+def fitted(camera: Camera, shown: Shown = BAR, *, bands: int = 1) -> Opened:
+    light = read_bar(camera.photo(shown), camera.white(), CAMERA, bands=bands)
     return fit_shutter(light, log(shown.refreshes), (5.2, 5.7), TAUS)
 
 
@@ -163,39 +162,6 @@ def test_lag_and_jitter_of_several_exposures() -> None:
     assert lag_of([0.01, 1.01], [0.0, 1.0], [1e-4, 1e-4]).jitter_s == 0.0
     with pytest.raises(ValueError, match="two"):
         lag_of([0.01], [0.0], [1e-4])
-
-
-def test_the_bar_runs_in_the_border_of_another_photo() -> None:
-    """Before and after it, too; the photo itself is as it was below the border."""
-    strips = strips_on(PROJECTOR)
-    photo = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=1)
-    both = with_bar(photo, PROJECTOR, MASK, lead=30, trail=40, border=0.25)
-    assert both.refreshes == 76
-    top = SIZE[1] // 4
-    for j in range(both.refreshes):
-        picture, opened = both.projector[both.projector_index[j]], both.mask[both.mask_index[j]]
-        cell = np.zeros(SIZE[0], bool)
-        cell[8 * (j % 32) : 8 * (j % 32) + 8] = True
-        np.testing.assert_array_equal(picture[:top], np.tile(cell, (top, 1)))
-        assert opened[:60].all()
-        inside = 30 <= j < 36
-        want = photo.projector[photo.projector_index[j - 30]][top:] if inside else False
-        np.testing.assert_array_equal(picture[top:], np.broadcast_to(want, picture[top:].shape))
-        want = photo.mask[photo.mask_index[j - 30]][60:] if inside else False
-        np.testing.assert_array_equal(opened[60:], np.broadcast_to(want, opened[60:].shape))
-    camera = Camera(5.26187, 5.68321)
-    got = fitted(camera, both, border=0.25)
-    assert got.opened_s == pytest.approx(camera.opened_s, abs=0.3e-3)
-    assert got.closed_s == pytest.approx(camera.closed_s, abs=0.3e-3)
-
-
-def test_too_many_pictures_are_refused() -> None:
-    patterns = np.zeros((40, 4, 8), np.bool_)
-    index = np.arange(40, dtype=np.int32)
-    photo = Shown("many", patterns, patterns, index, index)
-    giant = Map.filling((30000, 2000))
-    with pytest.raises(ValueError, match="many: 50 patterns"):
-        with_bar(photo, giant, giant, lead=5, trail=5)
 
 
 def _dark(camera: Camera) -> None:

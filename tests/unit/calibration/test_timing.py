@@ -10,16 +10,14 @@ import pytest
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.programmes import COARSE, SETS, Strips, strip_photo, strips_on, whole_photos
-from pdcd.calibration.shown import Shown
-from pdcd.calibration.strips import Readings, read_strips, read_whole
+from pdcd.calibration.programmes import COARSE, Strips, strip_photo, strips_on
+from pdcd.calibration.strips import Readings, read_strips
 from pdcd.calibration.timing import Timing, coarse_delay, fit_timing, straight
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map, matrix
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import Answer, kept_apart
-from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel, prepare
+from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel
 
 PROJECTOR = Map.filling((256, 192))
 MASK = Map.filling((320, 240))
@@ -170,38 +168,6 @@ def test_two_photos_with_strips_in_another_order_agree() -> None:
     timing = fit_timing(both, ran, REFRESH_S)
     np.testing.assert_allclose(timing.lag_s, on.skew_s, rtol=0, atol=0.1e-3)
     assert timing.scale.shape == (2, 3)
-
-
-def test_programmes_on_the_whole_field() -> None:
-    """On a scene: albedo, and light that has gone from wall to wall; the lamp drifts meanwhile."""
-    on = bench(scan_s=0.001)
-    shown = [_shorter(photo) for photo in whole_photos(SETS[0])]
-    for panel, side in ((on.projector, "projector_index"), (on.mask, "mask_index")):
-        prepare(panel, [tuple((getattr(p, side) == WHITE).astype(float)) for p in shown])
-    albedo = np.random.default_rng(3).uniform(0.1, 0.9, (128, 192, 1))
-    pulses: list[Photo] = []
-    whites: list[Photo] = []
-    for number, photo in enumerate(shown):
-        on.lamp = 1.0 + 0.001 * number
-        taken = on.photo(photo, number)
-        light = albedo * taken.light + 0.2 * taken.light.mean(axis=1, keepdims=True)
-        (whites if photo.name.startswith("white") else pulses).append(
-            Photo(light, taken.variance, taken.saturated)
-        )
-    reading = read_whole(pulses, whites, CAMERA, SETS[0], bands=2)
-    ran = on.log(shown[1])
-    timing = fit_timing([reading], [ran], REFRESH_S)
-    np.testing.assert_allclose(timing.lag_s, 0.004 + 0.001 * timing.bands, rtol=0, atol=0.15e-3)
-    np.testing.assert_allclose(timing.taus_s, (*PROJECTOR_S, *MASK_S), rtol=0.06)
-
-
-def _shorter(photo: Shown) -> Shown:
-    count = 6 * PERIODS
-    return replace(
-        photo,
-        projector_index=photo.projector_index[:count],
-        mask_index=photo.mask_index[:count],
-    )
 
 
 def test_an_answer_of_two_times_is_told_and_its_leak_is_right() -> None:

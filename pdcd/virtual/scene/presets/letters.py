@@ -48,7 +48,6 @@ _SHOULDER = [*_bow(0.36, 0.62, 0.34, 0.38, 150, 0), (0.70, 0.0)]
 _CUP = [(0.0, 1.0), *_bow(0.34, 0.36, 0.34, 0.36, 180, 330)]
 _STEM: list[Point] = [(0.0, 0.0), (0.0, 1.0)]
 _TALL: list[Point] = [(0.0, 0.0), (0.0, 1.6)]
-_RIGHT_STEM: list[Point] = [(0.8, 0.0), (0.8, 1.0)]
 
 STROKES: dict[str, tuple[Stroke, ...]] = {
     "a": (

@@ -1,4 +1,4 @@
-"""Lamps that drift and flicker, irises, and polarisers, by numbers worked out by hand."""
+"""Lamps that drift and flicker, and irises, by numbers worked out by hand."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import pytest
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.lamp import Iris, Lamp, iris_of, iris_photos, lamp_of
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.polariser import Curve, Polariser, curve_of, polariser_of
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 
@@ -137,111 +136,3 @@ def test_an_iris_is_good_within_its_error(change: float, sigma: float, good: boo
     assert (figure.verdict is Verdict.GOOD) is good
     assert (figure.name, figure.value, figure.sigma) == ("light.iris", change, sigma)
     assert figure.limit == "within 0.005"
-
-
-ANGLES = np.arange(0.0, 180.0, 30.0)
-
-
-def light(least_deg: float, mean: float = 10.0, height: float = 9.0) -> np.ndarray:
-    return np.asarray(mean - height * np.cos(2.0 * np.radians(ANGLES - least_deg)))
-
-
-@pytest.mark.parametrize("least", [0.0, 17.0, 90.0, 179.0])
-def test_a_curve_is_found_by_its_mean_its_height_and_its_least(least: float) -> None:
-    found = curve_of(ANGLES, light(least))
-    assert (found.mean, found.height) == pytest.approx((10.0, 9.0))
-    assert (found.least_deg - least + 90.0) % 180.0 == pytest.approx(90.0)
-    assert 0.0 <= found.least_deg < 180.0 + 1e-9
-    assert found.at(least) == pytest.approx(1.0) and found.at(least + 90.0) == pytest.approx(19.0)
-    assert found.misfit == pytest.approx(0.0, abs=1e-9)
-
-
-def test_errors_of_a_curve_are_those_of_what_it_leaves() -> None:
-    """Six even angles: the normal matrix is diagonal, 6, 3 and 3."""
-    off = 0.1 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    found = curve_of(ANGLES, light(20.0) + off)
-    spread = 6 * 0.01 / 3.0
-    assert found.height_sigma == pytest.approx(np.sqrt(spread / 3.0))
-    assert found.least_sigma_deg == pytest.approx(np.degrees(0.5 * np.sqrt(spread / 3.0) / 9.0))
-    assert found.misfit == pytest.approx(0.1 / 9.0)
-
-
-@pytest.mark.parametrize(
-    ("angles", "levels", "words"),
-    [
-        (ANGLES[:4], light(0.0)[:4], "fewer than 5 angles"),
-        (np.array([0, 30, 60, 90, 180.0]), light(0.0)[[0, 1, 2, 3, 0]], "fewer than 5 angles"),
-        (np.arange(6.0), np.ones(6), "too close together"),
-        (ANGLES, np.full(6, 10.0), "does not change"),
-        (ANGLES, light(0.0, height=0.099), "does not change"),
-        (ANGLES, 10.0 + np.array([1.0, -2.0, 2.5, -1.0, 2.0, -2.0]), "does not change"),
-    ],
-)
-def test_what_tells_no_angle_is_refused(angles: np.ndarray, levels: np.ndarray, words: str) -> None:
-    with pytest.raises(CalibrationError, match=words) as caught:
-        curve_of(angles, levels)
-    assert caught.value.device == "mask" and caught.value.hint
-
-
-@pytest.mark.parametrize(
-    ("least", "now", "turn"), [(30.0, 20.0, 10.0), (170.0, 5.0, -15.0), (10.0, 175.0, 15.0)]
-)
-def test_a_polariser_is_turned_the_short_way_to_the_least_light(
-    least: float, now: float, turn: float
-) -> None:
-    black = np.stack([light(least), light(least + 2.0), light(least - 1.0)], axis=1)
-    white = np.tile(light(least + 90.0, 100.0, 80.0)[:, None], (1, 3))
-    found = polariser_of(ANGLES, black, white, now)
-    middle = found.angle_deg - least
-    assert abs((middle + 90.0) % 180.0 - 90.0) < 0.5
-    assert found.turn_deg == pytest.approx(turn + (middle + 90.0) % 180.0 - 90.0)
-    assert found.channels_deg == pytest.approx(3.0)
-    assert found.contrast_then == pytest.approx(180.0 / 1.0, rel=0.05)
-    bright = 100.0 + 80.0 * np.cos(2.0 * np.radians(turn))
-    dark = 10.0 - 9.0 * np.cos(2.0 * np.radians(turn))
-    assert found.contrast_now == pytest.approx(bright / dark, rel=0.05)
-
-
-def test_light_that_follows_no_polariser_is_refused() -> None:
-    off = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    white = np.tile(light(90.0)[:, None], (1, 3))
-    for size, refuse in ((0.44, False), (0.46, True)):
-        black = np.tile((light(0.0) + size * off)[:, None], (1, 3))
-        if refuse:
-            with pytest.raises(CalibrationError, match="off by 5 %") as caught:
-                polariser_of(ANGLES, black, white, 0.0)
-            assert caught.value.device == "mask" and caught.value.hint
-        else:
-            found = polariser_of(ANGLES, black, white, 0.0)
-            assert found.contrast_then == pytest.approx(19.0)
-
-
-def test_no_less_black_is_seen_than_its_error() -> None:
-    """Black of 1e-4 that is known to more than that."""
-    off = 0.1 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    black = np.tile((light(0.0, 9.0001) + off)[:, None], (1, 3))
-    white = np.tile(light(90.0)[:, None], (1, 3))
-    found = polariser_of(ANGLES, black, white, 0.0)
-    assert found.contrast_then == pytest.approx(19.0 / np.sqrt(0.02 / 3.0), rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("turn", "sigma", "colours", "good"),
-    [
-        (0.5, 0.0, 5.0, (True, True)),
-        (-0.51, 0.0, 5.1, (False, False)),
-        (1.9, 1.0, 0.0, (True, True)),
-        (-2.1, 1.0, 0.0, (False, True)),
-    ],
-)
-def test_a_polariser_is_good_within_half_a_degree_or_its_error(
-    turn: float, sigma: float, colours: float, good: tuple[bool, bool]
-) -> None:
-    figures = Polariser(30.0, sigma, turn, 10.0, 20.0, colours).figures()
-    assert tuple(f.verdict is Verdict.GOOD for f in figures) == good
-    assert [(f.value, f.sigma, f.unit) for f in figures] == [
-        (turn, sigma, "deg"),
-        (colours, sigma, "deg"),
-    ]
-    assert [f.limit for f in figures] == ["within 0.5", "5 or less"]
-    assert Curve(1.0, 1.0, 0.0, 0.0, 0.0, 0.0).at(0.0) == 0.0
