@@ -30,9 +30,10 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
+from pdcd.files.opening import Limits, contents
 from pdcd.panels.patterns import Patterns, pack
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.planning.given import from_path, read_given
+from pdcd.planning.given import Source, read_given
 from pdcd.probing.wanted import Match, Uniform, Wanted
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -115,6 +116,16 @@ def bench_of(engine: Engine) -> Bench:
 def bench_of_rig(rig: Rig) -> Bench:
     """The virtual bench of a rig."""
     return Bench.of(rig._context)
+
+
+def from_path(path: Path) -> Source:
+    """The content of a file, as a request brings it."""
+
+    def content(limits: Limits) -> bytes:
+        with path.open("rb") as file:
+            return contents(file.fileno(), limits)
+
+    return Source(content, path.name)
 
 
 def capture(

@@ -17,8 +17,9 @@ from pdcd.virtual.scene.displaced import Displaced
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.presets import PRESETS, STAGED, builder_of
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import cell_means, detailed
+from pdcd.virtual.scene.texture import cell_means
 from tests.places import ROOT
+from tests.textured import detailed
 
 GRID = (48, 64)
 TILE = (180, 240)

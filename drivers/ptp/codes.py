@@ -86,15 +86,6 @@ class Response(IntEnum):
     TRANSACTION_CANCELLED = 0x201F
 
 
-class Event(IntEnum):
-    """Events of the interrupt endpoint. EOS bodies only say there: ask with `EOS_GET_EVENT`."""
-
-    CANCEL_TRANSACTION = 0x4001
-    OBJECT_ADDED = 0x4002
-    DEVICE_PROP_CHANGED = 0x4006
-    EOS_REQUEST_GET_EVENT = 0xC101
-
-
 class EosEvent(IntEnum):
     """Record codes inside the data of `Operation.EOS_GET_EVENT`."""
 

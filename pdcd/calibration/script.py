@@ -29,8 +29,6 @@ from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import RawFrame
 from pdcd.words import MarksName, SubjectName
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Wanted:

@@ -16,7 +16,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, disk_errors
 from pdcd.files.arrays import members, read_npz
@@ -24,8 +23,6 @@ from pdcd.files.opening import Limits, Unsound, contents, open_own
 from pdcd.panels.map import Map, matrix
 from pdcd.panels.map_soundness import MAX_NODES, check
 from pdcd.printable import one_line
-
-Floats = NDArray[np.float64]
 
 NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}")
 """What a device may be called in a file."""

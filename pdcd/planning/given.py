@@ -1,8 +1,8 @@
 """From files that came with a request to its arrays: read, checked, and noted in the request.
 
-Who takes a request says where each file's content comes from: the server has descriptors, text, or
-names below the operator's folder, the command line has paths of its own user. All are read by the
-same rules, before any device or thread of the engine is bothered.
+Who takes a request says where each file's content comes from: descriptors, text, or names below the
+operator's folder. All are read by the same rules, before any device or thread of the engine is
+bothered.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.files.arrays import read_array
-from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath, open_own
+from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath
 from pdcd.planning.prior import GRID
 from pdcd.protocol.fields import ARRAYS
 from pdcd.protocol.request import CaptureRequest, Sent, in_words
@@ -43,11 +43,6 @@ class Source:
 def from_descriptor(descriptor: int, file: str | None = None) -> Source:
     """Of an open file, which the caller closes."""
     return Source(lambda limits: contents(descriptor, limits), file)
-
-
-def from_path(path: Path) -> Source:
-    """Of a file that this process may read."""
-    return Source(lambda limits: _closed_after(open_own(path), limits), path.name)
 
 
 def from_folder(folder: Path, name: str, asker: Asker) -> Source:

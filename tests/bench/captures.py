@@ -18,13 +18,14 @@ import pdcd
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
-from pdcd.planning.given import from_path, read_given
+from pdcd.planning.given import read_given
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.place import Place
 from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
+from tests.bench_rig import from_path
 from tests.places import ROOT
 
 PDCD = Path(sys.executable).with_name("pdcd")

@@ -17,8 +17,6 @@ from pdcd.calibration.steps.geometry import both_by_dots
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, between
 
-Floats = NDArray[np.float64]
-
 FAR = 1.1
 """Distance of the second card over that of the first one, from the projector."""
 DIMMER = 0.70, 0.92

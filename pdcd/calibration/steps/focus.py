@@ -18,8 +18,6 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map, between
 
-Floats = NDArray[np.float64]
-
 PHOTOS = 15
 """Photos of each panel, at most."""
 STILL = 3

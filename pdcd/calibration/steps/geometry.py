@@ -37,8 +37,6 @@ from pdcd.errors import CalibrationError, ConfigError
 from pdcd.panels.map import Map, between
 from pdcd.words import MarksName
 
-Floats = NDArray[np.float64]
-
 LEAST_RADIUS_QUADS = 1.2
 """Radius of a dot in a photo below which its centre is not found."""
 FINER = (

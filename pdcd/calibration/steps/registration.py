@@ -40,8 +40,6 @@ from pdcd.probing.cell_size import (
     table,
 )
 
-Floats = NDArray[np.float64]
-
 GOOD_PX, BAD_PX = 0.15, 1.0
 """Offset that is left of 95 % of the field: good, and such that no small cell is of use."""
 MAP_PX = 0.06

@@ -21,8 +21,6 @@ from pdcd.probing.wanted import Gained, Lit, Match, Near, Outer, Part, Uniform, 
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.words import NormaliseName
 
-Floats = NDArray[np.float64]
-
 MOST_BYTES = 3_000_000
 """Room for the matrices of all photos of a page."""
 MOST_WEIGHTS = 12_000_000

@@ -81,15 +81,6 @@ def between(cells: Array, grid: tuple[int, int], points: Array) -> Array:
     return np.stack(parts, axis=-1)
 
 
-def detailed(cells: Array, grid: tuple[int, int], texture: Array, points: Array) -> Array:
-    """Return what cells (N, 3) send with the detail of a texture (H, W, 3): (..., 3).
-
-    points : (..., 2) of the field
-    """
-    smooth = between(cells / cell_means(texture, grid), grid, points)
-    return sampled(texture, points) * smooth
-
-
 def shares(cells: int, pixels: int) -> scipy.sparse.csr_array:
     """Return how much each pixel of a line takes part in the mean of each cell, (cells, pixels).
 

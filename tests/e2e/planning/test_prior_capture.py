@@ -17,13 +17,14 @@ from pdcd.codes.hadamard import prior_codes
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
-from pdcd.planning.given import from_path, read_given
+from pdcd.planning.given import read_given
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
+from tests.bench_rig import from_path
 from tests.e2e.server.test_daemon_real import connect, daemon
 from tests.places import DATA
 

@@ -16,11 +16,12 @@ from pdcd.cli.main import main
 from pdcd.codes.pilot.codes import MATCHED
 from pdcd.errors import RequestError
 from pdcd.planning.choose import choose, wants_choice
-from pdcd.planning.given import from_path, read_given
+from pdcd.planning.given import read_given
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
+from tests.bench_rig import from_path
 from tests.places import DATA
 
 NOISY = CameraConfig(noise="full")

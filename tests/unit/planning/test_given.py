@@ -19,13 +19,13 @@ from pdcd.planning.given import (
     Source,
     file_fields,
     from_descriptor,
-    from_path,
     from_text,
     long_rows,
     read_given,
 )
 from pdcd.planning.prior import GRID
 from pdcd.protocol.request import CaptureRequest
+from tests.bench_rig import from_path
 
 LIMITS = Limits(100)
 

@@ -12,8 +12,9 @@ from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.presets import PRESETS, book, detail, letters
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import cell_means, detailed
+from pdcd.virtual.scene.texture import cell_means
 from tests.sampled import sampled
+from tests.textured import detailed
 
 GRID = (24, 32)
 CELL_MEANS = {

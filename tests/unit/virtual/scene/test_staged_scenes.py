@@ -19,7 +19,8 @@ from pdcd.virtual.scene.presets.chart import bars
 from pdcd.virtual.scene.presets.mirror_ball import met
 from pdcd.virtual.scene.presets.objects import Tumbler
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import cell_means, detailed
+from pdcd.virtual.scene.texture import cell_means
+from tests.textured import detailed
 
 GRID = (24, 32)
 CELL_MEANS = {

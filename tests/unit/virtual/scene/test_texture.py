@@ -9,7 +9,8 @@ import pytest
 
 from pdcd.virtual.scene.effects import Array, coloured_direct
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import between, cell_means, detailed, sampled
+from pdcd.virtual.scene.texture import between, cell_means, sampled
+from tests.textured import detailed
 
 DRAWN: list[int] = []
 

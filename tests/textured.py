@@ -1,0 +1,19 @@
+"""Light with the detail of a texture, as a camera of any resolution would see it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.virtual.scene.texture import between, cell_means, sampled
+
+Array = NDArray[np.floating[Any]]
+
+
+def detailed(cells: Array, grid: tuple[int, int], texture: Array, points: Array) -> Array:
+    """What cells (N, 3) send with the detail of a texture (H, W, 3), at points (..., 2) of the
+    field: (..., 3)."""
+    smooth = between(cells / cell_means(texture, grid), grid, points)
+    return np.asarray(sampled(texture, points) * smooth)
