@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.virtual.scene.texture import between, cell_means, sampled
 
-Array = NDArray[np.floating[Any]]
+Array = NDArray[np.float64]
 
 
 def detailed(cells: Array, grid: tuple[int, int], texture: Array, points: Array) -> Array:
