@@ -22,7 +22,7 @@ from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.capture.frame_check import check_frame
 from pdcd.errors import PdcdError
 from pdcd.panels.placing import Placing
-from pdcd.planning.guided import plan_for
+from pdcd.planning.make import plan_for
 from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import build_scene

@@ -30,10 +30,9 @@ from pdcd.pages.report.write import written
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.truth import Known, known_answer, write_truth
-from pdcd.planning.choose import choose, wants_choice
+from pdcd.planning.defaults import wants_choice
 from pdcd.planning.grey import grey_warnings
-from pdcd.planning.outlook import Setting
-from pdcd.planning.unasked import plan_unasked
+from pdcd.planning.make import plan_request
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import read_manifest
@@ -77,10 +76,13 @@ class Worker:
         watch.stage = "codes"
         config, grid = facts.config, facts.grid
         if not wants_choice(request):
-            plan = plan_unasked(request, config, grid, camera, mask_lag_s, given, watch)
+            plan = plan_request(request, config, grid, camera, mask_lag_s, given, watch)
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
+            from pdcd.planning.choose import choose  # no plain capture waits for a search
+            from pdcd.planning.outlook import Setting
+
             setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
             known = facts.scene if facts.scene and facts.scene.grid == facts.grid else None
             plan = choose(request, setting, facts.grid, known, given, watch).plan
