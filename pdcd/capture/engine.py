@@ -14,8 +14,7 @@ import msgspec
 from pdcd.bench.folders import state_dir
 from pdcd.bench.measured import FOLDER, calibrated, name_among
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.capture.account import failure_of
-from pdcd.capture.job import Job, planning
+from pdcd.capture.job import Job, failure_of, planning
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.worker.answers import Facts

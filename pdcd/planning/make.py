@@ -27,7 +27,6 @@ from pdcd.planning.bench_fit import (
     wandered_reasons,
     window_of,
 )
-from pdcd.planning.code_counts import as_bright
 from pdcd.planning.defaults import may_average, resolve_defaults
 from pdcd.planning.grey import grey_masks, grey_reasons, mask_reasons, unsaid
 from pdcd.planning.guided import by_prior, guidable
@@ -281,6 +280,8 @@ def _how(
     RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     if request.equal_brightness:
+        from pdcd.planning.code_counts import as_bright  # few requests ask for it
+
         total = as_bright(total, request)
     parts, grey = check_parts(request), _grey_masks(request, config)
     # Parts would err alike; and many plans that are compared would take minutes.
