@@ -23,7 +23,7 @@ from pdcd.capture.worker.answers import (
     Taken,
     developed_of,
 )
-from pdcd.capture.worker.course import Course, Job
+from pdcd.capture.worker.course import Course, PlannedJob
 from pdcd.errors import PdcdError
 from pdcd.pages.report.material import cheap, gathered
 from pdcd.pages.report.write import written
@@ -52,7 +52,7 @@ class Worker:
 
     def __init__(self, facts: Facts) -> None:
         self._facts = facts
-        self._job: Job | None = None
+        self._job: PlannedJob | None = None
         self._course: Course | None = None
         self._study: Study | None = None
         self._finished: tuple[Path, RunRecord, Decoded, Known | None] | None = None
@@ -86,7 +86,7 @@ class Worker:
             setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
             known = facts.scene if facts.scene and facts.scene.grid == facts.grid else None
             plan = choose(request, setting, facts.grid, known, given, watch).plan
-        self._job = Job(request, camera, plan)
+        self._job = PlannedJob(request, camera, plan)
         return Planned(
             summary=plan.summary(config.limits.max_exposure_s),
             iso=plan.iso,
