@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import levels_of
-from pdcd.planning.pairs import pairs_of, settled_family
+from pdcd.planning.pairs import pairs_of, resolve_family
 from pdcd.planning.plan import Pair
 from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import MATRICES, Target, check_target
@@ -40,7 +40,7 @@ def target(
 def matrix_of(wanted: Target, how: How, seed: int = 0) -> tuple[Recipe, Floats]:
     """The recipe, and the matrix (N, N) that its answer realises, whole windows."""
     draft = draft_of(wanted, how)
-    how = msgspec.structs.replace(how, family=settled_family(None, "hadamard", draft, how))
+    how = msgspec.structs.replace(how, family=resolve_family(None, "hadamard", draft, how))
     recipe = finished(draft, how)
     lattice = Lattice(wanted.grid, "whole")
     p = wanted.goal.p

@@ -19,10 +19,10 @@ from pdcd.bench.devices import DriverContext
 from pdcd.bench.placed import dark_places, frame_of
 from pdcd.bench.registry import Role, load_driver
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
-from pdcd.capture.frame_check import check_frame
+from pdcd.capture.bench_check import check_frame
 from pdcd.errors import PdcdError
 from pdcd.panels.placing import Placing
-from pdcd.planning.guided import plan_for
+from pdcd.planning.make import plan_for
 from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import build_scene

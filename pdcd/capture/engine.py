@@ -14,21 +14,15 @@ import msgspec
 from pdcd.bench.folders import state_dir
 from pdcd.bench.measured import FOLDER, calibrated, name_among
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.capture.account import failure_of
-from pdcd.capture.job import Job, planning
-from pdcd.capture.previews import forget_old
+from pdcd.capture.job import Job, failure_of, planning
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.worker.answers import Facts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
-from pdcd.capture.worker.spawned import SpawnedWorker
 from pdcd.capture.worker.worker import Worker
-from pdcd.child import Child
 from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
-from pdcd.planning.choose import wants_choice
-from pdcd.planning.guards import asks_for_lag
-from pdcd.planning.measured import with_grid
-from pdcd.planning.unasked import asks_for_camera
+from pdcd.planning.bench_fit import asks_for_lag, with_grid
+from pdcd.planning.defaults import asks_for_camera, wants_choice
 from pdcd.protocol.events import Emit, Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
@@ -38,10 +32,11 @@ from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.place import Place
 from pdcd.sensor.profile import load_profile
-from pdcd.virtual.optics.needed import optics_of
 from pdcd.virtual.scene.build import CARD
 
 if TYPE_CHECKING:
+    from pdcd.capture.worker.spawned import SpawnedWorker
+    from pdcd.child import Child
     from pdcd.virtual.optics.bench import OpticalBench
 
 logger = logging.getLogger(__name__)
@@ -106,6 +101,8 @@ class Engine:
         """The same with a process of its own to plan and decode in, which may die without harm to
         this one. To be used in one thread, which lives as long as the engine is wanted. `child`
         is that process, where it was started already."""
+        from pdcd.capture.worker.spawned import SpawnedWorker  # nobody else has one
+
         ready = [] if child is None else [child]
 
         def spawned(facts: Facts) -> SpawnedWorker:
@@ -134,6 +131,8 @@ class Engine:
     def optics(self) -> OpticalBench | None:
         """What a mock camera sees, pixel by pixel, once it is open; None for a real one, and where
         the scene's cells say all there is to see."""
+        from pdcd.virtual.optics.needed import optics_of  # nothing waits for its pixels
+
         scene = self._rig.scene
         return None if scene is None else optics_of(self._config, scene)
 
@@ -226,6 +225,8 @@ class Engine:
 
         `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
         """
+        from pdcd.capture.previews import forget_old  # no capture has it
+
         request = CaptureRequest(
             goal="white", codes=4, window="whole", guards=False, black_level="none"
         )

@@ -1,19 +1,49 @@
-"""One job as it was ordered, and who is told how it goes."""
+"""One job: as it was ordered, who is told how it goes, and what is said of it when it has ended."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
 
 from pdcd.bench.devices import Clock
-from pdcd.errors import Cancelled
+from pdcd.bench.tables import Config
+from pdcd.capture.worker.answers import Developed
+from pdcd.errors import Cancelled, PdcdError, error_fields
 from pdcd.protocol.events import Decoded, Emit, Event, Planning, logged
+from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.views import OwnerView
+from pdcd.protocol.result import CaptureResult, Figure
+from pdcd.protocol.views import OwnerView, RigView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.ledger import Ledger
+from pdcd.runs.ledger import Begun, Ledger
+from pdcd.runs.provenance import git_commit, utc_now, versions
+from pdcd.runs.record import (
+    SCHEMA_VERSION,
+    FileRecord,
+    Manifest,
+    MeterRecord,
+)
+from pdcd.sensor.profile import SensorProfile
 from pdcd.watch import Watch
+
+logger = logging.getLogger(__name__)
+
+MAX_NAMED = 8
+"""Most missing shots that are named."""
+
+Summary = dict[str, Figure]
+
+TOLD = 64
+"""Most warnings in a result, which is one line of the socket; the manifest has all of them."""
 
 
 @dataclass(frozen=True)
@@ -79,3 +109,190 @@ class Journal:
         self.warnings.append(text)
         if self.folder.where is not None:  # before that, the manifest alone has it
             self.ledger.warn(text)
+
+
+def warnings_of(
+    developed: Developed, config: Config, profile: SensorProfile, *, mock: bool
+) -> Iterator[str]:
+    """What the user must know of a finished run beside what happened in its shots."""
+    for name, blown in developed.saturated.items():
+        if blown:
+            yield f"shot {name}: {blown} pixels are saturated"
+    yield from developed.warnings
+    if config.camera.responsivity_e is None and not mock:
+        yield (
+            "camera.responsivity_e is not set: the scale of the pictures, and what errors were "
+            "foreseen, are those of a nominal camera"
+        )
+    if profile.estimated:
+        yield f"sensor profile {profile.name} is an estimate"
+
+
+def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
+    """A finished run in figures."""
+    record = developed.record
+    how = record.how
+    parts = max(developed.parts, 1)
+    sigma = developed.rms_sigma
+    # Two buckets of one exposure are two shots.
+    exposures = {(s.open_ns, s.close_ns): s for s in record.shots}.values()
+    told: Summary = {
+        "goal": record.goal.name,
+        "picture": developed.picture,
+        "method": how.method,
+        "family": plan.family,
+        "codes": how.coded * parts // how.parts + how.pilot,
+        "parts": parts,
+        "pilot": how.pilot,
+        "passes": plan.passes,
+        "repeat": how.repeat,
+        "shots": len(record.shots),
+        "refreshes": sum(s.refreshes for s in exposures),
+        "exposure_s": sum((s.close_ns - s.open_ns) * 1e-9 for s in exposures),
+        "missed_refreshes": sum(s.missed for s in exposures),
+        "rms_sigma": sigma if np.isfinite(sigma) else None,
+        "sigma_kind": developed.sigma_kind,
+        "rms_error": developed.rms_error,
+        "sigma_mean": developed.sigma_mean,
+        "predicted_error": None if plan.prediction is None else plan.prediction.error,
+        "quality": developed.quality,
+        **developed.transport,
+    }
+    if developed.decided:
+        told["decided"] = "; ".join(developed.decided)
+    return told
+
+
+def begun_by(
+    job: Job, plan: PlanSummary, *, config: Config, mock: bool, rig: RigView, started_utc: str
+) -> Begun:
+    """What is known of a run before its first exposure; `rig` describes the bench."""
+    return Begun(
+        job=job.name,
+        mock=mock,
+        owner={} if job.owner is None else msgspec.to_builtins(job.owner),
+        started_utc=started_utc,
+        request=msgspec.to_builtins(job.request),
+        plan=msgspec.to_builtins(plan),
+        versions=versions(),
+        git_commit=git_commit(),
+        drivers=msgspec.to_builtins(rig),
+        config=msgspec.to_builtins(config),
+    )
+
+
+def manifest_of(
+    begun: Begun,
+    plan: dict[str, Any],
+    developed: Developed,
+    *,
+    summary: Summary,
+    warnings: Sequence[str],
+    meter: Sequence[MeterRecord],
+    files: dict[str, FileRecord],
+    missing: Sequence[str] = (),
+) -> Manifest:
+    """The manifest of a run that began like that and went by this plan in the end.
+
+    `files` is all that lies in its folder; `missing` are planned shots that do not, which makes the
+    run a partial one.
+    """
+    return Manifest(
+        schema=SCHEMA_VERSION,
+        job=begun.job,
+        state="partial" if missing else "done",
+        mock=begun.mock,
+        owner=begun.owner,
+        started_utc=begun.started_utc,
+        finished_utc=utc_now(),
+        request=begun.request,
+        plan=plan,
+        run=developed.record,
+        realised={name: msgspec.to_builtins(d) for name, d in developed.deviations.items()},
+        summary=summary,
+        warnings=tuple(warnings),
+        versions=versions(),
+        git_commit=git_commit(),
+        exif=developed.exif,
+        drivers=begun.drivers,
+        config=begun.config,
+        meter=tuple(meter),
+        files=files,
+        missing=tuple(missing),
+    )
+
+
+def told(warnings: Sequence[str]) -> tuple[str, ...]:
+    """Warnings as a result has them: what was said of many shots in the same words is said once.
+
+    Of a run of a thousand shots each may have the same to say.
+    """
+    heads: dict[str, list[str]] = {}
+    for text in warnings:
+        shot, _, rest = text.partition(": ")
+        alike = rest if rest and shot.startswith("shot ") else text
+        heads.setdefault(alike, []).append(text)
+    brief = [
+        texts[0] + (f" (and so of {len(texts) - 1} more)" if len(texts) > 1 else "")
+        for texts in heads.values()
+    ]
+    if len(brief) > TOLD:
+        brief[TOLD - 1 :] = [f"and {len(brief) - TOLD + 1} more; capture.json has all of them"]
+    return tuple(brief)
+
+
+def taken_words(taken: int, planned: int, missing: Sequence[str]) -> str:
+    """How far a run came: "3 of 5 shots, missing: black, coded.4"."""
+    words = f"{taken} of {planned} shots"
+    if missing:
+        words += f", missing: {', '.join(missing[:MAX_NAMED])}"
+    if len(missing) > MAX_NAMED:
+        words += f" and {len(missing) - MAX_NAMED} more"
+    return words
+
+
+def _shown(text: str, path: Path, where: Path) -> str:
+    """A text with what people call a folder in the place of its path by our descriptor, which the
+    work process knows by our number."""
+    ours = rf"/proc/(?:self|{os.getpid()})/fd/{path.name}(?!\d)"
+    return re.sub(ours, lambda _: str(where), text)
+
+
+def failure_of(
+    job: str,
+    folder: RunFolder | None,
+    now_ns: int,
+    error: PdcdError,
+    *,
+    safe: bool,
+    taken: str | None = None,
+    warnings: Sequence[str] = (),
+) -> CaptureResult:
+    """The result of a job that did not finish; its folder keeps the name that says so.
+
+    `safe` is whether panels are black and the shutter is closed; log.jsonl keeps it. `taken` says
+    which of its shots are there, where any is. `warnings` are those that it gave until then.
+    """
+    cancelled = isinstance(error, Cancelled)
+    fields = error_fields(error)
+    where = None if folder is None else folder.where
+    if folder is not None and where is not None:
+        # Nobody else could follow the path through our descriptor.
+        for key in ("message", "device"):
+            text = fields[key]
+            fields[key] = None if text is None else _shown(text, folder.path, where)
+        try:
+            event = "cancelled" if cancelled else "failed"
+            shots = {} if taken is None else {"taken": taken}
+            folder.log({"t_mono_ns": now_ns, "event": event, **fields, "safe": safe, **shots})
+        except PdcdError as err:
+            logger.warning("cannot write log.jsonl error=%s", err)
+    return CaptureResult(
+        job=job,
+        state="cancelled" if cancelled else "failed",
+        folder=None if where is None else str(where),
+        error=fields,
+        files=() if folder is None else folder.files(),
+        summary={} if taken is None else {"taken": taken},
+        warnings=told(warnings),
+    )

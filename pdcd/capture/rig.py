@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,12 +30,14 @@ from pdcd.bench.exposure_time import tell, with_open_time, with_times
 from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
-from pdcd.capture.moving import MovingShutter
 from pdcd.errors import Cancelled, ConfigError, SyncError, disk_errors
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.protocol.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.sensor.dng import CFAS, write_photo
 from pdcd.virtual.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from pdcd.capture.moving import MovingShutter
 
 logger = logging.getLogger(__name__)
 
@@ -261,6 +264,8 @@ class Rig:
         shared.exposed_ns = shared.played = None
         shared.moving = moving is not None
         if moving is not None:
+            from pdcd.capture.moving import MovingShutter  # calibrations alone have it
+
             mover = MovingShutter(
                 self.shutter, self.clock, moving, name, notify, progress, cancelled
             )

@@ -9,7 +9,10 @@ import msgspec
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.capture.account import (
+from pdcd.capture.bench_check import FrameCheck, doubts
+from pdcd.capture.job import (
+    Job,
+    Journal,
     begun_by,
     manifest_of,
     summary_of,
@@ -17,10 +20,7 @@ from pdcd.capture.account import (
     told,
     warnings_of,
 )
-from pdcd.capture.frame_check import FrameCheck
-from pdcd.capture.job import Job, Journal
 from pdcd.capture.rig import Rig
-from pdcd.capture.same_bench import doubts
 from pdcd.capture.shots import ShotTaker
 from pdcd.capture.worker.answers import Adopted, Enough, Note, Planned, Taken
 from pdcd.capture.worker.proxy import WorkerProxy

@@ -19,7 +19,7 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.tables import Config
-from pdcd.capture.account import manifest_of, summary_of, taken_words, warnings_of
+from pdcd.capture.job import manifest_of, summary_of, taken_words, warnings_of
 from pdcd.capture.worker.answers import developed_of
 from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
 from pdcd.files.inside import CHUNK_BYTES, fault_of, opened, opened_file, path_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from pdcd.bench.devices import RawFile
 from pdcd.bench.tables import Config
-from pdcd.capture.frame_check import FrameCheck
+from pdcd.capture.bench_check import FrameCheck
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.capture.worker.answers import Photo, Spoilt, Taken, Wanted

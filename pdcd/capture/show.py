@@ -15,7 +15,7 @@ from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, compact, none, pack
 from pdcd.panels.schedule import build_frames
-from pdcd.planning.measured import window_for
+from pdcd.planning.bench_fit import window_for
 
 CELL_PATTERNS = ("white", "checker", "grid", "code")
 """Patterns over the cells of the codes: they lie where the panels are placed."""

@@ -25,7 +25,7 @@ def camera(args: argparse.Namespace) -> int:
     """Look at the camera on the USB, without a photo; fails when anything must be mended."""
     from pdcd.bench.clock import RealClock
     from pdcd.bench.devices import DriverContext
-    from pdcd.capture.frame_check import examine
+    from pdcd.capture.bench_check import examine
 
     # By name, as it loads drivers: pdcd imports none of them.
     doctor = own_module("ptp.doctor")

@@ -20,17 +20,17 @@ from pdcd.codes.pilot.codes import pilot_share
 from pdcd.codes.pilot.matching import MOST_CELLS
 from pdcd.errors import RequestError
 from pdcd.pictures.learn import Learned
-from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
+from pdcd.planning.bench_fit import choose_schedule, lag_rows, tolerant
+from pdcd.planning.code_counts import LADDER, counts_of, family_of, most_repeats, parts_of
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
-from pdcd.planning.look import looking, settled
+from pdcd.planning.look import looking, resolve_black_level
 from pdcd.planning.make import ExposureLimitError, make_plan
 from pdcd.planning.memory import MemoryLimitError
 from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
-from pdcd.planning.rungs import LADDER, counts_of, family_of, most_repeats, parts_of
 from pdcd.protocol.plan_summary import Prediction
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given
@@ -58,9 +58,6 @@ NEGLIGIBLE = 0.1
 PILOTED = ("indirect", "direct", "short-range")
 """Goals that a pilot helps."""
 
-SETTLED = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
-"""Fields that follow from the error or the time and are not to be given beside it."""
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -70,47 +67,6 @@ class Choice:
     estimate: Estimate
     iso: int
     seconds: float
-
-
-def wants_choice(request: CaptureRequest) -> bool:
-    """Whether a request leaves its parameters to this module. Raises RequestError when it
-    contradicts itself."""
-    asked = [name for name in ("error", "seconds") if getattr(request, name) is not None]
-    if not asked:
-        if request.confidence is not None:
-            raise RequestError(
-                "confidence goes with a wanted error only",
-                hint="give an error, or seconds, and leave the number of codes open",
-            )
-        return False
-    if len(asked) == 2:
-        raise RequestError(
-            "an error and a time are both asked for",
-            hint="give one; the plan says what the other comes to",
-        )
-    defaults = CaptureRequest(goal=request.goal)
-    given = [
-        name
-        for name in SETTLED
-        if getattr(request, name) != getattr(defaults, name) and getattr(request, name) != 0
-    ]
-    given += ["parts"] if request.parts == "auto" else []
-    if given:
-        raise RequestError(
-            f"{' and '.join(given)} and {asked[0]} are both asked for",
-            hint=f"{asked[0]} decides on codes, pilot, exposure and repetitions: leave them out",
-        )
-    if request.goal == "transport":
-        raise RequestError(
-            f"{asked[0]} goes by the picture of a goal, and that of transport is not its entries",
-            hint=f"leave out {asked[0]}; repeat takes each photo more than once",
-        )
-    if request.method != "coded" or request.family in ("isolation", "confocal"):
-        raise RequestError(
-            f"{asked[0]} is for coded photos",
-            hint="leave method and family out",
-        )
-    return True
 
 
 def choose(
@@ -154,7 +110,7 @@ def choose(
     )
     plan = replace(best.plan, iso=best.iso, prediction=prediction)
     if plan.how.black_level == "none":
-        plan = looking(plan, settled(request, setting.config).look)
+        plan = looking(plan, resolve_black_level(request, setting.config).look)
     return replace(best, plan=plan)
 
 
@@ -248,7 +204,7 @@ class _Search:
         """Which leaks to measure: what is asked for, or all choices that the panels may call for.
         Before a scene that is not known the leak's error is not known, either."""
         config = self.setting.config
-        blacks = settled(self.request, config)
+        blacks = resolve_black_level(self.request, config)
         if blacks.look is None or isinstance(self.prior, Prior):
             return (blacks.level,)
         ambient = config.projector.contrast is not None or self.prior.ambient is not None

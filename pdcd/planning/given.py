@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from pdcd.errors import RequestError
 from pdcd.files.arrays import read_array
 from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath
-from pdcd.planning.prior import GRID
 from pdcd.protocol.fields import ARRAYS
 from pdcd.protocol.request import CaptureRequest, Sent, in_words
 from pdcd.recipes.arrays import Given, most_elements, of_rows
@@ -112,6 +111,8 @@ def read_given(
         try:
             data = source.content(limits)
             if name == "prior":
+                from pdcd.planning.prior import GRID  # few requests have one
+
                 given[name], own = read_transport(data, limits)
                 given[GRID] = np.array([own], dtype=np.float64)
             else:

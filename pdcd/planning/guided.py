@@ -4,66 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 import scipy
 
 from pdcd.bench.tables import Config
-from pdcd.codes.pilot.codes import MATCHED, SCOUTS
+from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.codes.pilot.links import SHARP
-from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.pictures.learn import Learned
-from pdcd.planning.make import make_plan
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import linked_pairs
 from pdcd.planning.plan import Plan
-from pdcd.planning.prior import GivenPrior, load_prior
-from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded, Program, Signed, within
 from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
 
-
-def plan_for(
-    request: CaptureRequest,
-    config: Config,
-    grid: tuple[int, int],
-    mask_lag_s: float | None = None,
-    given: Given = NOTHING,
-    watch: Watch | None = None,
-) -> Plan:
-    """Resolve a request that names its number of codes, and follow its prior.
-
-    A `watch` is told how far it is, and may end the work.
-
-    Raises
-    ------
-    RequestError
-        As `make_plan`, or the prior is unsound, comes with a pilot, or cannot guide these codes.
-    """
-    if request.pilot == SCOUTS:
-        raise RequestError(
-            f"a pilot of {SCOUTS} codes finds nothing", hint=f"take one of {MATCHED}, or from 32"
-        )
-    plan = make_plan(request, config, grid, mask_lag_s, given, watch)
-    if request.prior is None:
-        return plan
-    if plan.how.pilot:
-        raise RequestError(
-            "a prior and a pilot are both asked for",
-            hint="give one: a pilot learns what a prior tells",
-        )
-    if not guidable(plan):
-        raise RequestError(
-            f"a prior cannot guide the codes of goal {request.goal}, family {plan.family}",
-            hint="it guides hadamard codes of the goals indirect, direct, diagonal, split and "
-            "short-range; leave out the prior",
-        )
-    return by_prior(plan, load_prior(request.prior, grid, given), request.seed)
+if TYPE_CHECKING:
+    from pdcd.planning.prior import GivenPrior
 
 
 def with_links(

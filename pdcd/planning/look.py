@@ -38,23 +38,27 @@ LOOK_S = 0.25
 
 
 @dataclass(frozen=True)
-class Settled:
+class BlackLevels:
     """What is asked of black exposures: those that are taken in any case, and a look or none."""
 
     level: BlackLevel
     look: Look | None
 
 
-def settled(request: CaptureRequest, config: Config) -> Settled:
-    """Black exposures of a request; "auto" begins without any, and looks. Entries of the transport
-    matrix have an unknown of their own for what comes whatever is shown."""
+def resolve_black_level(
+    request: CaptureRequest, config: Config, *, average: bool = False
+) -> BlackLevels:
+    """Black exposures of a request, which may `average` against the noise of ambient light; "auto"
+    begins without any, and looks. Entries of the transport matrix have an unknown of their own for
+    what comes whatever is shown."""
     asked = request.black_level or config.schedule.black_level
     if asked != "auto":
-        return Settled(asked, None)
+        return BlackLevels(asked, None)
     if request.goal == "transport":
-        return Settled("none", None)
+        return BlackLevels("none", None)
     wanted = request.error or request.until_error or LIMIT
-    return Settled("none", Look(wanted, may_add=request.seconds is None))
+    may_add = request.seconds is None
+    return BlackLevels("none", Look(wanted, may_add=may_add, average=average and may_add))
 
 
 @dataclass(frozen=True)
@@ -176,13 +180,6 @@ def looking(plan: Plan, look: Look | None) -> Plan:
     """The same plan with a look to come, and a line about it."""
     bare = replace(plan, look=look)
     return bare if look is None else replace(bare, reasons=_reasons(bare, _foretold(bare, look)))
-
-
-def averaging(plan: Plan) -> Plan:
-    """The same plan, whose look may also have everything shown more often."""
-    if plan.look is None or not plan.look.may_add:
-        return plan
-    return looking(plan, replace(plan.look, average=True))
 
 
 def _foretold(plan: Plan, look: Look) -> str:

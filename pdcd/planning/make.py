@@ -1,37 +1,39 @@
-"""Request + rig -> a plan: what a request leaves open, resolved against the configuration."""
+"""Request + rig -> a plan, in one pass: defaults, decisions, codes.
+
+A plan is made once, and once more only after photos were seen (`pdcd.planning.guided`)."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import msgspec
 
+from pdcd.bench.devices import CameraInfo
 from pdcd.bench.grey import curves_of
 from pdcd.bench.tables import Config
 from pdcd.codes.pilot.codes import MATCHED, SCOUTS
-from pdcd.errors import ConfigError, RequestError
+from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import check_binary
 from pdcd.panels.schedule import slot_rows
-from pdcd.planning.brightness import as_bright
-from pdcd.planning.far import grey_masks, mask_reasons
-from pdcd.planning.grey import grey_reasons, unsaid
-from pdcd.planning.guards import choose_schedule, lag_rows
-from pdcd.planning.look import looking, settled
-from pdcd.planning.measured import (
-    FAR_QUIET,
-    QUIET,
+from pdcd.planning.bench_fit import (
+    RANGES,
+    depth_reasons,
+    on_bench,
     plane_reasons,
-    quietest,
     reasons_for,
-    times_measured,
+    schedule_of,
     wandered_reasons,
-    window_for,
+    window_of,
 )
+from pdcd.planning.defaults import may_average, resolve_defaults
+from pdcd.planning.grey import grey_masks, grey_reasons, mask_reasons, unsaid
+from pdcd.planning.guided import by_prior, guidable
+from pdcd.planning.look import looking, resolve_black_level
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.off_axis import depth_reasons, on_bench
-from pdcd.planning.pairs import pairs_of, settled_family, white_slots
-from pdcd.planning.plan import Plan, shows_codes, windowed
+from pdcd.planning.pairs import pairs_of, resolve_family, white_slots
+from pdcd.planning.plan import Look, Pair, Plan, shows_codes, windowed
 from pdcd.protocol.plan_summary import How
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -43,14 +45,102 @@ from pdcd.recipes.recipe import Recipe
 from pdcd.watch import Watch
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
-RANGES = ("long-range", "short-range")
-"""Goals of light by its range."""
 FAR = ("relit", *RANGES)
 """Goals that may take photos of far light."""
 
 
 class ExposureLimitError(RequestError):
     """An exposure would be longer than the rig allows."""
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """All that is decided of a plan before its codes are made.
+
+    recipe, how : what is photographed, and how. family : also of a recipe without codes.
+    memory_bytes : foreseen peak. smooth : whether smooth light is to be corrected. look : at a dark
+    photo; None where black exposures are settled.
+    """
+
+    request: CaptureRequest
+    recipe: Recipe
+    how: How
+    family: FamilyName
+    lattice: Lattice
+    schedule: ScheduleName
+    passes: int
+    memory_bytes: int
+    smooth: bool
+    look: Look | None
+
+
+def plan_request(
+    request: CaptureRequest,
+    config: Config,
+    grid: tuple[int, int],
+    camera: CameraInfo | None,
+    mask_lag_s: float | None,
+    given: Given = NOTHING,
+    watch: Watch | None = None,
+) -> Plan:
+    """The plan of a request that names no error and no time: what it leaves open is resolved, and
+    all of it is planned in one pass.
+
+    `camera` is None where it was not asked yet. The plan is of a pilot that goes on, where nobody
+    asked for that; `otherwise` is what is done when its scouts see no sharp paths. Raises
+    RequestError as `plan_for`.
+    """
+    found = resolve_defaults(request, config, grid, camera, mask_lag_s)
+    average, unasked = may_average(request, config), found.otherwise is not None
+    plan = plan_for(found.request, config, grid, mask_lag_s, given, watch, average=average)
+    plan = replace(plan, unasked=unasked, reasons=(*plan.reasons, *found.reasons))
+    if found.otherwise is None:
+        return plan
+    other = make_plan(found.otherwise, config, grid, mask_lag_s, given, watch, average=average)
+    other = replace(other, unasked=unasked, reasons=(*other.reasons, *found.reasons))
+    needed = max(plan.memory_bytes, other.memory_bytes)
+    return replace(plan, memory_bytes=needed, otherwise=other)
+
+
+def plan_for(
+    request: CaptureRequest,
+    config: Config,
+    grid: tuple[int, int],
+    mask_lag_s: float | None = None,
+    given: Given = NOTHING,
+    watch: Watch | None = None,
+    *,
+    average: bool = False,
+) -> Plan:
+    """Plan a request that names its number of codes, and follow its prior; `average` and `watch`
+    are those of `make_plan`.
+
+    Raises
+    ------
+    RequestError
+        As `make_plan`, or the prior is unsound, comes with a pilot, or cannot guide these codes.
+    """
+    if request.pilot == SCOUTS:
+        raise RequestError(
+            f"a pilot of {SCOUTS} codes finds nothing", hint=f"take one of {MATCHED}, or from 32"
+        )
+    plan = make_plan(request, config, grid, mask_lag_s, given, watch, average=average)
+    if request.prior is None:
+        return plan
+    if plan.how.pilot:
+        raise RequestError(
+            "a prior and a pilot are both asked for",
+            hint="give one: a pilot learns what a prior tells",
+        )
+    if not guidable(plan):
+        raise RequestError(
+            f"a prior cannot guide the codes of goal {request.goal}, family {plan.family}",
+            hint="it guides hadamard codes of the goals indirect, direct, diagonal, split and "
+            "short-range; leave out the prior",
+        )
+    from pdcd.planning.prior import load_prior  # few requests have one
+
+    return by_prior(plan, load_prior(request.prior, grid, given), request.seed)
 
 
 def make_plan(
@@ -62,22 +152,45 @@ def make_plan(
     watch: Watch | None = None,
     *,
     compared: bool = False,
+    average: bool = False,
 ) -> Plan:
-    """Resolve a request against the configuration.
+    """Plan a request that leaves nothing open but what the configuration says.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
     `given` holds the request's arrays. A `watch` is told how many programs have their codes, and
     may end the work. Of plans that are `compared` with many others codes are made in short time
-    (`How.woven`). Raises RequestError when the request contradicts itself, the rig, or the limits.
+    (`How.woven`). `average` : whether everything may be shown more often against the noise of
+    ambient light. Raises RequestError when the request contradicts itself, the rig, or the limits.
     """
+    decided = decide(request, config, grid, mask_lag_s, given, compared=compared, average=average)
+    plan = _with_codes(decided, config, mask_lag_s, watch or Watch())
+    if plan.how.coded:
+        return plan
+    scouts_first = msgspec.structs.replace(decided.request, pilot=SCOUTS)
+    otherwise = make_plan(scouts_first, config, grid, mask_lag_s, given, watch)
+    return replace(plan, otherwise=otherwise)
+
+
+def decide(
+    request: CaptureRequest,
+    config: Config,
+    grid: tuple[int, int],
+    mask_lag_s: float | None,
+    given: Given,
+    *,
+    compared: bool = False,
+    average: bool = False,
+) -> Decisions:
+    """Resolve a request against the configuration; no codes are made. As `make_plan`, whose errors
+    it raises."""
     request = on_bench(request, config)
-    blacks = settled(request, config)
+    blacks = resolve_black_level(request, config, average=average)
     how = _how(request, config, blacks.level, compared=compared)
     draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)
     lattice = Lattice(grid, window_of(request, config, grid))
     schedule = schedule_of(request, config, mask_lag_s)
-    family = settled_family(request.family, config.schedule.family, draft, how)
+    family = resolve_family(request.family, config.schedule.family, draft, how)
     _check_family(family, how, draft)
     coded = any(program.coded for program in draft.programs.values())
     known = family if coded or family in ISOLATION else None
@@ -88,15 +201,35 @@ def make_plan(
     passes = _passes(request, config, recipe, how, lattice, slot_s)
     needed = memory_bytes(recipe, how, family, lattice, passes, config)
     check_memory(needed, config, grid)
-    curves = curves_of(config)
+    # Far light has no Hadamard codes; balanced ones stand in for them.
+    far = draft.coded is None and family == "balanced" and request.family is None
+    usual = family == "hadamard" or far
+    return Decisions(
+        request=request,
+        recipe=recipe,
+        how=how,
+        family=family,
+        lattice=lattice,
+        schedule=schedule,
+        passes=passes,
+        memory_bytes=needed,
+        smooth=smoothable and (usual if request.smooth is None else request.smooth),
+        look=blacks.look,
+    )
+
+
+def _with_codes(decided: Decisions, config: Config, mask_lag_s: float | None, watch: Watch) -> Plan:
+    """The plan with its codes made. Raises RequestError for exposures that last too long."""
+    request, recipe, how = decided.request, decided.recipe, decided.how
+    lattice, passes, curves = decided.lattice, decided.passes, curves_of(config)
     patterns = pairs_of(
         recipe,
         how,
-        family,
+        decided.family,
         lattice,
         p=request.p,
         seed=request.seed,
-        watch=watch or Watch(),
+        watch=watch,
         curves=curves,
         passes=passes,
     )
@@ -104,42 +237,40 @@ def make_plan(
         for pair in patterns.values():
             check_binary(*pair)
     slots = (part_codes(how.coded, how.parts) or how.codes) * passes
-    # Far light has no Hadamard codes; balanced ones stand in for them.
-    far = draft.coded is None and family == "balanced" and request.family is None
-    usual = family == "hadamard" or far
     plan = Plan(
         recipe=recipe,
         how=how,
         patterns=patterns,
         p=next((p.p for p in recipe.programs.values() if shows_codes(p)), 0.5),
         window=lattice.window,
-        schedule=schedule,
+        schedule=decided.schedule,
         passes=passes,
         white_slots=white_slots(recipe, patterns, lattice, slots, curves),
         row_hz=config.row_hz,
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
-        memory_bytes=needed,
-        reasons=(
-            *_brightness(request, how),
-            *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
-            *plane_reasons(config),
-            *wandered_reasons(recipe, lattice.window),
-            *grey_reasons(patterns.values(), config),
-            *mask_reasons(recipe, how, request, config, lattice),
-            *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
-        ),
+        memory_bytes=decided.memory_bytes,
+        reasons=tuple(_reasons(decided, patterns, config, mask_lag_s)),
         curves=curves,
-        smooth=smoothable and (usual if request.smooth is None else request.smooth),
+        smooth=decided.smooth,
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
-    plan = looking(plan, blacks.look)
-    if how.coded:
-        return plan
-    scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
-    otherwise = make_plan(scouts_first, config, grid, mask_lag_s, given, watch)
-    return replace(plan, otherwise=otherwise)
+    return looking(plan, decided.look)
+
+
+def _reasons(
+    decided: Decisions, patterns: dict[str, Pair], config: Config, mask_lag_s: float | None
+) -> Iterator[str]:
+    """Why cells, window, schedule and codes are what they are, a line each."""
+    request, recipe, how, lattice = decided.request, decided.recipe, decided.how, decided.lattice
+    yield from _brightness(request, how)
+    yield from reasons_for(config, lattice.grid, lattice.window, decided.schedule, mask_lag_s)
+    yield from plane_reasons(config)
+    yield from wandered_reasons(recipe, lattice.window)
+    yield from grey_reasons(patterns.values(), config)
+    yield from mask_reasons(recipe, how, request, config, lattice)
+    yield from depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window)
 
 
 def _how(
@@ -149,6 +280,8 @@ def _how(
     RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     if request.equal_brightness:
+        from pdcd.planning.code_counts import as_bright  # few requests ask for it
+
         total = as_bright(total, request)
     parts, grey = check_parts(request), _grey_masks(request, config)
     # Parts would err alike; and many plans that are compared would take minutes.
@@ -205,28 +338,6 @@ def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
             hint="leave out smooth",
         )
     return found
-
-
-def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
-    """Part of a mask cell that opens. Raises ConfigError for cells that the panels cannot show."""
-    width_px, height_px = config.projector.size_px
-    cell_px = min(height_px / grid[0], width_px / grid[1])
-    if cell_px < 1.0:
-        raise ConfigError(
-            f"a grid of {grid[0]} x {grid[1]} cells is finer than the projector's pixels",
-            device="projector",
-            hint="use a coarser scene grid",
-        )
-    asked = request.window or config.schedule.window
-    return window_for(asked, config, grid)
-
-
-def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
-    """Refreshes of a code, as asked for or as the rig has them."""
-    asked = config.schedule.guards if request.guards is None else request.guards
-    if asked == "auto" and times_measured(config):
-        return quietest(config, mask_lag_s, FAR_QUIET if request.goal in RANGES else QUIET)
-    return choose_schedule(asked, *lag_rows(config, mask_lag_s))
 
 
 def _check_family(family: FamilyName, how: How, draft: Recipe) -> None:

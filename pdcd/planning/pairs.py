@@ -43,7 +43,7 @@ FEWEST_LIT = 16
 """Codes that light a cell from which on Hadamard ones serve cells matched with others."""
 
 
-def settled_family(
+def resolve_family(
     asked: FamilyName | None, default: FamilyName, draft: Recipe, how: How
 ) -> FamilyName:
     """The family asked for. Where codes must be lit in another share than 1/2 that Hadamard codes

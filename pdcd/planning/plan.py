@@ -140,7 +140,7 @@ class Plan:
     dark: DarkPhoto | None = None
     """The photo whose ambient light is taken off the photos of a pilot."""
     unasked: bool = False
-    """Whether the pilot is the program's own choice (`pdcd.planning.unasked`)."""
+    """Whether the pilot is the program's own choice (`pdcd.planning.defaults`)."""
     exact_passes: Mapping[str, int] = field(default_factory=dict)
     """By program, how often exact sequences are shown that were shown before the number of codes
     changed; others fill as many slots as codes do."""

@@ -82,7 +82,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
     This is the one list of what can be asked for: name, type, bounds and default of each field,
     what it is, and which goals take it (`about`). Fields that are None take the value of the rig's
-    configuration, or what `pdcd.planning.unasked` finds best.
+    configuration, or what `pdcd.planning.defaults` finds best.
     """
 
     goal: Annotated[GoalName, about("what to keep of the light", "goal")]

@@ -64,7 +64,7 @@ def in_parts(recipe: Recipe, parts: int) -> Recipe:
 
 
 def check_parts(request: CaptureRequest) -> int:
-    """Number of parts asked for, 1 where that is left open (`pdcd.planning.unasked` settles it
+    """Number of parts asked for, 1 where that is left open (`pdcd.planning.defaults` settles it
     before). Raises RequestError for a target that they cannot measure."""
     parts = request.parts if isinstance(request.parts, int) else 1
     if request.until_error is not None and parts < FEWEST_PARTS:

@@ -59,7 +59,7 @@ Steps = Generator[Order, Taken, None]
 
 
 @dataclass(frozen=True)
-class Job:
+class PlannedJob:
     """What is wanted, and the plan for it. `camera` may be None where nothing will be exposed."""
 
     request: CaptureRequest
@@ -73,7 +73,7 @@ class Course:
     Raises NoSpaceError, or DiskError for any other refusal of the disk.
     """
 
-    def __init__(self, facts: Facts, job: Job, folder: Path) -> None:
+    def __init__(self, facts: Facts, job: PlannedJob, folder: Path) -> None:
         if job.camera is None:
             raise PdcdError("pictures need to know the camera")
         self.plan, self.folder = job.plan, folder

@@ -12,7 +12,6 @@ from pdcd.errors import PdcdError, RequestError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.leaks import answers_of, noise_of
 from pdcd.pictures.learn import Learned
-from pdcd.planning.average import averaged, noise_of_plan
 from pdcd.planning.guided import resumed, with_links
 from pdcd.planning.plan import Plan
 from pdcd.protocol.plan_summary import Leaks
@@ -103,6 +102,8 @@ class AmbientResponse:
         plan, told = self._gone_on(plan, learned)
         decided, enough = "", True
         if variances:
+            from pdcd.planning.average import averaged, noise_of_plan  # dark rooms need none of it
+
             noise = noise_of_plan(plan, variances, taken, names)
             plan, decided, enough = averaged(
                 plan, noise, self.request, self.config, self.camera, watch

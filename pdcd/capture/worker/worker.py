@@ -23,17 +23,16 @@ from pdcd.capture.worker.answers import (
     Taken,
     developed_of,
 )
-from pdcd.capture.worker.course import Course, Job
+from pdcd.capture.worker.course import Course, PlannedJob
 from pdcd.errors import PdcdError
 from pdcd.pages.report.material import cheap, gathered
 from pdcd.pages.report.write import written
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.truth import Known, known_answer, write_truth
-from pdcd.planning.choose import choose, wants_choice
+from pdcd.planning.defaults import wants_choice
 from pdcd.planning.grey import grey_warnings
-from pdcd.planning.outlook import Setting
-from pdcd.planning.unasked import plan_unasked
+from pdcd.planning.make import plan_request
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import read_manifest
@@ -53,7 +52,7 @@ class Worker:
 
     def __init__(self, facts: Facts) -> None:
         self._facts = facts
-        self._job: Job | None = None
+        self._job: PlannedJob | None = None
         self._course: Course | None = None
         self._study: Study | None = None
         self._finished: tuple[Path, RunRecord, Decoded, Known | None] | None = None
@@ -77,14 +76,17 @@ class Worker:
         watch.stage = "codes"
         config, grid = facts.config, facts.grid
         if not wants_choice(request):
-            plan = plan_unasked(request, config, grid, camera, mask_lag_s, given, watch)
+            plan = plan_request(request, config, grid, camera, mask_lag_s, given, watch)
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
+            from pdcd.planning.choose import choose  # no plain capture waits for a search
+            from pdcd.planning.outlook import Setting
+
             setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
             known = facts.scene if facts.scene and facts.scene.grid == facts.grid else None
             plan = choose(request, setting, facts.grid, known, given, watch).plan
-        self._job = Job(request, camera, plan)
+        self._job = PlannedJob(request, camera, plan)
         return Planned(
             summary=plan.summary(config.limits.max_exposure_s),
             iso=plan.iso,

@@ -23,9 +23,9 @@ from pdcd.bench.measured import FOLDER, calibrated, newest
 from pdcd.bench.origins import origins
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.again import again
+from pdcd.capture.bench_check import doubts
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
-from pdcd.capture.same_bench import doubts
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.protocol.events import Event, StepEnded

@@ -19,7 +19,7 @@ from pdcd.errors import PdcdError, RequestError
 from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning import memory
-from pdcd.planning.guided import plan_for
+from pdcd.planning.make import plan_for
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import new_job_id
 from pdcd.sensor import cells

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from pdcd.capture import account
-from pdcd.capture.account import (
+from pdcd.capture import job
+from pdcd.capture.job import (
     MAX_NAMED,
     TOLD,
     begun_by,
@@ -138,9 +138,9 @@ def begun(owner: OwnerView | None) -> Any:
 def test_what_is_known_before_the_first_exposure_is_kept_in_the_manifest(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(account, "versions", lambda: {"pdcd": "1"})
-    monkeypatch.setattr(account, "git_commit", lambda: "1234")
-    monkeypatch.setattr(account, "utc_now", lambda: "2027")
+    monkeypatch.setattr(job, "versions", lambda: {"pdcd": "1"})
+    monkeypatch.setattr(job, "git_commit", lambda: "1234")
+    monkeypatch.setattr(job, "utc_now", lambda: "2027")
     first = begun(OwnerView(uid=1, pid=2, user="ada"))
     assert begun(None).owner == {} and first.owner == {"uid": 1, "pid": 2, "user": "ada"}
     head = {

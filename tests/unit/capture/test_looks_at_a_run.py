@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 
-from pdcd.capture import same_bench
-from pdcd.capture.frame_check import FrameCheck
+from pdcd.capture import bench_check
+from pdcd.capture.bench_check import FrameCheck, doubts, held_otherwise
 from pdcd.capture.job import Job, Journal
-from pdcd.capture.same_bench import doubts, held_otherwise
 from pdcd.errors import Cancelled, ConfigError, ExposureError
 from pdcd.protocol import events
 from pdcd.protocol.request import CaptureRequest
@@ -46,10 +45,10 @@ def rig(**said: Any) -> Any:
 def kept(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The calibration in use, its age, and the newest one."""
     found: dict[str, Any] = {"record": record(), "days": 0.0, "newest": None}
-    monkeypatch.setattr(same_bench, "read_calibration", lambda _: (found["record"], "0"))
-    monkeypatch.setattr(same_bench, "age_days", lambda _: found["days"])
+    monkeypatch.setattr(bench_check, "read_calibration", lambda _: (found["record"], "0"))
+    monkeypatch.setattr(bench_check, "age_days", lambda _: found["days"])
     monkeypatch.setattr(
-        same_bench, "newest",
+        bench_check, "newest",
         lambda folder, _, *, bad=False: found["newest"] if bad and folder == Path("/cals") else 0,
     )  # fmt: skip
     return found
@@ -182,7 +181,7 @@ def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
     assert warned == []
     frame_check(warned, (4, 6)).saw("raw/a", head())
     assert len(warned) == 1 and warned[0].startswith("photos have 6 x 4 quads, not the 4 x 6 that")
-    monkeypatch.setattr("pdcd.capture.frame_check.held_otherwise", lambda _, flip: flip == 0)
+    monkeypatch.setattr("pdcd.capture.bench_check.held_otherwise", lambda _, flip: flip == 0)
     frame_check(warned).saw("raw/a", head())
     assert "held another way" in warned[1]
 

@@ -88,7 +88,7 @@ def test_a_camera_is_looked_at_and_its_photo_behind_it(
         return [GOOD]
 
     monkeypatch.setattr(doctor_cli, "own_module", noting(asked, SimpleNamespace(examine=camera)))
-    monkeypatch.setattr("pdcd.capture.frame_check.examine", noting(asked, [WARNING]))
+    monkeypatch.setattr("pdcd.capture.bench_check.examine", noting(asked, [WARNING]))
     assert main(["doctor", "camera", "--raw", "a.cr2", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [found["what"] for found in told["findings"]] == ["renderer", "real time"]

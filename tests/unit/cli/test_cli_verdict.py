@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from pdcd.capture.account import TOLD, told
+from pdcd.capture.job import TOLD, told
 from pdcd.cli.main import main
 from pdcd.cli.output import say_result
 from pdcd.cli.tables import WIDTH

@@ -12,7 +12,7 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.planning.guards import choose_window
+from pdcd.planning.bench_fit import choose_window
 from pdcd.planning.make import make_plan
 from pdcd.probing.panel import Panel
 from pdcd.protocol.request import CaptureRequest

@@ -10,7 +10,7 @@ from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.planning.guards import choose_window
+from pdcd.planning.bench_fit import choose_window
 from tests import bench_rig
 
 

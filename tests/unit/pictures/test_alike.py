@@ -15,7 +15,7 @@ from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, _beside
 from pdcd.pictures.picture import Picture, barred, pictures_of
 from pdcd.pictures.sigma import USUAL
-from pdcd.planning.guided import plan_for
+from pdcd.planning.make import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect
 from pdcd.protocol.request import CaptureRequest

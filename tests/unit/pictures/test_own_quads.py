@@ -14,7 +14,7 @@ from pdcd.panels.placing import Placing, placed
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.photos import corrected_photos
 from pdcd.pictures.picture import Picture
-from pdcd.planning.guided import plan_for
+from pdcd.planning.make import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect
 from pdcd.protocol.request import CaptureRequest

@@ -12,9 +12,8 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.planning.average import MOST_EXPOSURES, MOST_S, NOISE, averaged, noise_of_plan
 from pdcd.planning.look import with_blacks
-from pdcd.planning.make import make_plan
+from pdcd.planning.make import make_plan, plan_request
 from pdcd.planning.plan import Plan
-from pdcd.planning.unasked import plan_unasked
 from pdcd.protocol.plan_summary import Leaks
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import part_seed
@@ -160,7 +159,7 @@ def test_plain_requests_alone_are_shown_more_often(
 ) -> None:
     rig = config(camera={"noise": noise})
     request = CaptureRequest(**{"goal": "indirect", "window": "whole", **fields})
-    plan = plan_unasked(request, rig, GRID, camera(), 0.0)
+    plan = plan_request(request, rig, GRID, camera(), 0.0)
     plans = [plan] if plan.otherwise is None else [plan, plan.otherwise]
     assert [p.look is not None and p.look.average for p in plans] == [averages] * len(plans)
     said = [any("more light" in reason for reason in p.reasons) for p in plans]

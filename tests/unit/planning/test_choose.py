@@ -15,7 +15,8 @@ from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.codes.pilot.codes import MATCHED
 from pdcd.errors import RequestError
-from pdcd.planning.choose import choose, wants_choice
+from pdcd.planning.choose import choose
+from pdcd.planning.defaults import wants_choice
 from pdcd.planning.given import read_given
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.protocol.plan_summary import PlanSummary

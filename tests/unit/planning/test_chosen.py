@@ -13,13 +13,14 @@ import pytest
 from pdcd.bench.tables import CameraConfig, LimitsConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
-from pdcd.planning.choose import Choice, choose, wants_choice
+from pdcd.planning.choose import Choice, choose
+from pdcd.planning.code_counts import LADDER, MOST_REPEATS
+from pdcd.planning.defaults import wants_choice
 from pdcd.planning.guess import Prior, guess
 from pdcd.planning.make import make_plan
 from pdcd.planning.outlook import Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.rehearse import rehearse
-from pdcd.planning.rungs import LADDER, MOST_REPEATS
 from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.matrix import matrix_effects
 from pdcd.virtual.scene.scene import Scene

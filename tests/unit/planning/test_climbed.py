@@ -13,9 +13,9 @@ from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.errors import RequestError
 from pdcd.planning import choose as module
 from pdcd.planning.choose import Choice, choose
+from pdcd.planning.code_counts import LADDER
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Plan
-from pdcd.planning.rungs import LADDER
 from pdcd.protocol.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 

@@ -19,11 +19,11 @@ from pdcd.panels.patterns import levels_of
 from pdcd.planning.guided import (
     by_prior,
     guidable,
-    plan_for,
     stopped,
     with_links,
 )
-from pdcd.planning.pairs import linked_pairs, pairs_of, settled_family, white_slots
+from pdcd.planning.make import plan_for
+from pdcd.planning.pairs import linked_pairs, pairs_of, resolve_family, white_slots
 from pdcd.planning.plan import Plan, mean_light
 from pdcd.planning.prior import load_prior
 from pdcd.planning.progress import piloted, scouted
@@ -234,7 +234,7 @@ def test_other_codes_stand_in_where_hadamard_ones_cannot_be_made(
 ) -> None:
     whole = How(**{"codes": 64, **how})
     draft = draft_of(Target(msgspec.convert(fields, Goal), GRID), whole)
-    assert settled_family(asked, default, draft, whole) == family
+    assert resolve_family(asked, default, draft, whole) == family
 
 
 @pytest.mark.parametrize(

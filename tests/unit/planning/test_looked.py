@@ -13,9 +13,10 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.pictures.learn import Learned
-from pdcd.planning.guided import after_pilot, plan_for
+from pdcd.planning.defaults import resolve_defaults
+from pdcd.planning.guided import after_pilot
+from pdcd.planning.make import plan_for, plan_request
 from pdcd.planning.plan import Plan
-from pdcd.planning.unasked import plan_unasked, settled
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
@@ -33,7 +34,7 @@ def camera(file_s: float = 0.0) -> CameraInfo:
 
 def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
     request = CaptureRequest(**{"goal": "indirect", "window": "whole", **fields})
-    return plan_unasked(request, rig or Config(), GRID, camera(), 0.0)
+    return plan_request(request, rig or Config(), GRID, camera(), 0.0)
 
 
 def learned(sharpness: float, links: Any = NONE) -> Learned:
@@ -136,7 +137,7 @@ def test_codes_pilot_and_parts_that_are_left_open(
 ) -> None:
     """Each file costs twice 50 ms on black, and the shutter's lag of 60 ms."""
     request = CaptureRequest(**{"goal": "indirect", **fields})
-    found = settled(request, Config(), GRID, camera())
+    found = resolve_defaults(request, Config(), GRID, camera())
     asked = found.request
     assert (asked.codes, asked.pilot, asked.parts) == first
     assert reason in " ".join(found.reasons)
@@ -147,7 +148,7 @@ def test_the_cost_of_files_goes_by_all_that_each_waits_for() -> None:
     request = CaptureRequest(goal="indirect")
 
     def pilot(rig: Config, file_s: float) -> Any:
-        return settled(request, rig, GRID, camera(file_s)).request.pilot
+        return resolve_defaults(request, rig, GRID, camera(file_s)).request.pilot
 
     assert pilot(Config(), 1.43) == 16 and pilot(Config(), 1.45) == 0
     settling = config(rig={"settle_s": 0.15})
@@ -169,7 +170,7 @@ def test_the_cost_of_files_goes_by_all_that_each_waits_for() -> None:
 )
 def test_what_goes_with_nothing_else_is_refused(fields: dict[str, Any], words: str) -> None:
     with pytest.raises(RequestError, match=words) as caught:
-        settled(CaptureRequest(**{"goal": "indirect", **fields}), Config(), GRID, camera())
+        resolve_defaults(CaptureRequest(**{"goal": "indirect", **fields}), Config(), GRID, camera())
     assert "leave them out" in str(caught.value.hint)
 
 
@@ -187,15 +188,15 @@ def test_a_pilot_that_cannot_be_had_is_none_and_it_is_said_why(
     fields: dict[str, Any], why: str
 ) -> None:
     request = CaptureRequest(**{"goal": "indirect", "pilot": "auto", **fields})
-    found = settled(request, Config(), GRID, camera())
+    found = resolve_defaults(request, Config(), GRID, camera())
     assert (found.request.pilot, found.request.parts, found.otherwise) == (0, 1, None)
     assert len(found.reasons) == 1 and found.reasons[0].startswith(f"pilot: none, {why}")
 
 
 def test_a_map_is_made_of_no_more_cells_than_can_be_matched() -> None:
     request = CaptureRequest(goal="indirect")
-    assert settled(request, Config(), (64, 64), camera()).request.pilot == 16
-    assert settled(request, Config(), (64, 65), camera()).request.pilot == 0
+    assert resolve_defaults(request, Config(), (64, 64), camera()).request.pilot == 16
+    assert resolve_defaults(request, Config(), (64, 65), camera()).request.pilot == 0
 
 
 @pytest.mark.parametrize(
@@ -214,13 +215,13 @@ def test_parts_have_sixteen_codes_at_least_and_whole_pairs(
     family: Any, codes: int, parts: int
 ) -> None:
     request = CaptureRequest(goal="indirect", codes=codes, family=family, parts="auto")
-    found = settled(request, Config(), GRID, camera())
+    found = resolve_defaults(request, Config(), GRID, camera())
     assert found.request.parts == parts
     assert replace(found).otherwise is None
 
 
 def test_families_of_their_own_structure_are_not_split() -> None:
     request = CaptureRequest(goal="fraction", p=0.2, codes=84, family="singer", parts="auto")
-    found = settled(request, Config(), GRID, camera())
+    found = resolve_defaults(request, Config(), GRID, camera())
     assert found.request.parts == 1
     assert "84 singer codes cannot be split into four or more" in found.reasons[0]

@@ -12,9 +12,17 @@ from scipy.special import ndtr
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.panels.schedule import SLOTS
-from pdcd.planning.guards import choose_window, lag_by_rows_s, lag_rows
-from pdcd.planning.make import make_plan, schedule_of
-from pdcd.planning.measured import MOST_LEAK, quietest, schedule_leak, with_grid
+from pdcd.planning.bench_fit import (
+    MOST_LEAK,
+    choose_window,
+    lag_by_rows_s,
+    lag_rows,
+    quietest,
+    schedule_leak,
+    schedule_of,
+    with_grid,
+)
+from pdcd.planning.make import make_plan
 from pdcd.protocol.request import CaptureRequest
 
 

@@ -10,11 +10,13 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.panels.placing import Placing
-from pdcd.planning.guards import choose_schedule, lag_by_rows_s, lag_rows
-from pdcd.planning.measured import (
+from pdcd.planning.bench_fit import (
     BY_COST,
     MOST_CELLS,
     QUIET,
+    choose_schedule,
+    lag_by_rows_s,
+    lag_rows,
     larger_window,
     meeting_of,
     plane_reasons,

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from pdcd.bench.tables import Config
-from pdcd.planning.guided import plan_for
+from pdcd.planning.make import plan_for
 from pdcd.planning.progress import completes_part, next_step
 from pdcd.protocol.request import CaptureRequest
 

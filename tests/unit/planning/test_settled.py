@@ -15,19 +15,25 @@ from pdcd.errors import ConfigError, DecodeError, RequestError
 from pdcd.panels.map import Map
 from pdcd.pictures.picture import Barred
 from pdcd.pictures.truth import Known, read_truth, write_truth
-from pdcd.planning.brightness import as_bright
+from pdcd.planning.bench_fit import (
+    asks_for_lag,
+    choose_window,
+    lag_rows,
+    on_bench,
+    shares_of_cell,
+    tolerant,
+)
+from pdcd.planning.code_counts import as_bright
 from pdcd.planning.grey import as_described, grey_panels, grey_reasons
-from pdcd.planning.guards import asks_for_lag, choose_window, lag_rows, shares_of_cell, tolerant
 from pdcd.planning.look import (
     DarkFrames,
     looking,
     needed,
     quiet,
-    settled,
+    resolve_black_level,
 )
 from pdcd.planning.make import make_plan
 from pdcd.planning.metering import at_least, next_aperture
-from pdcd.planning.off_axis import on_bench
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Look, Plan, mean_light
 from pdcd.planning.progress import due
@@ -65,7 +71,7 @@ def shot_of(plan: Plan, name: str) -> Any:
 def test_black_exposures_are_as_asked_or_wait_for_a_look(
     fields: dict[str, Any], level: str, look: Look | None
 ) -> None:
-    found = settled(CaptureRequest(**{"goal": "indirect", **fields}), Config())
+    found = resolve_black_level(CaptureRequest(**{"goal": "indirect", **fields}), Config())
     assert (found.level, found.look) == (level, look)
 
 

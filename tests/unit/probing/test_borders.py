@@ -11,7 +11,7 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.panels.placing import Placing
 from pdcd.panels.windows import windows
-from pdcd.planning.measured import window_for
+from pdcd.planning.bench_fit import window_for
 from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
 
 GRID = (24, 32)

@@ -11,7 +11,7 @@ from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import SLOTS, build_frames
-from pdcd.planning.guards import choose_schedule, tolerant
+from pdcd.planning.bench_fit import choose_schedule, tolerant
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import Factors, collect, factors
 from pdcd.words import ScheduleName

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.errors import RequestError
-from pdcd.planning.choose import wants_choice
+from pdcd.planning.defaults import wants_choice
 from pdcd.planning.make import make_plan
 from pdcd.protocol.request import CaptureRequest
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.planning.brightness import as_bright
+from pdcd.planning.code_counts import as_bright
 from pdcd.protocol.plan_summary import How
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import recipe_of

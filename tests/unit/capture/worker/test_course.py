@@ -15,7 +15,7 @@ from pdcd.bench.devices import CameraSettings
 from pdcd.capture.worker import course as module
 from pdcd.capture.worker import worker as worker_module
 from pdcd.capture.worker.answers import Adopted, Enough, Facts, Photo, Spoilt, Wanted
-from pdcd.capture.worker.course import Course, Job
+from pdcd.capture.worker.course import Course, PlannedJob
 from pdcd.capture.worker.leak_check import AmbientResponse
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import PdcdError, RequestError
@@ -130,7 +130,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
             module, "next_step", lambda plan, taken, *, looked, fresh: left.pop(0) if left else None
         )
         known: Any = plan
-        course: Any = Course(facts, Job(request, CAMERA, known), Path("/run"))
+        course: Any = Course(facts, PlannedJob(request, CAMERA, known), Path("/run"))
         room.told.clear()
         return course
 
@@ -396,7 +396,7 @@ def test_what_was_kept_of_a_job_is_forgotten() -> None:
 def test_a_job_without_a_folder_or_a_camera_has_no_pictures() -> None:
     plan: Any = Plan("asked")
     request: Any = SimpleNamespace(seed=7, until_error=None)
-    one = worker(_job=Job(request, None, plan))
+    one = worker(_job=PlannedJob(request, None, plan))
     with pytest.raises(PdcdError, match="no run folder yet"):
         one.next_exposure(WATCH, None)
     with pytest.raises(PdcdError, match="no run folder yet"):

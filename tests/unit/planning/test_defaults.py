@@ -11,9 +11,14 @@ import pytest
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import CameraConfig, Config, ScheduleConfig
 from pdcd.errors import RequestError
-from pdcd.planning.choose import wants_choice
+from pdcd.planning.defaults import (
+    Defaults,
+    asks_for_camera,
+    readout_s,
+    resolve_defaults,
+    wants_choice,
+)
 from pdcd.planning.make import make_plan
-from pdcd.planning.unasked import Settled, asks_for_camera, readout_s, settled
 from pdcd.protocol.request import CaptureRequest
 
 GRID = (48, 64)
@@ -28,9 +33,9 @@ def camera(seconds: float | None = 0.0) -> CameraInfo:
     return CameraInfo("", "", "modern", np.ones(3), (100,), (), readout_s=seconds)
 
 
-def settled_of(config: Config | None = None, file_s: float | None = 0.0, **fields: Any) -> Settled:
+def settled_of(config: Config | None = None, file_s: float | None = 0.0, **fields: Any) -> Defaults:
     request = CaptureRequest(**{"goal": "indirect", **fields})
-    return settled(request, config or Config(), GRID, camera(file_s))
+    return resolve_defaults(request, config or Config(), GRID, camera(file_s))
 
 
 def parts_of(
@@ -245,7 +250,7 @@ def test_where_a_pilot_cannot_help_there_is_none(
     schedule: ScheduleConfig, grid: tuple[int, int], why: str
 ) -> None:
     request = CaptureRequest(goal="indirect")
-    found = settled(request, Config(schedule=schedule), grid, camera(0.0))
+    found = resolve_defaults(request, Config(schedule=schedule), grid, camera(0.0))
     assert found.request.pilot == 0 and found.otherwise is None
     assert why in found.reasons[0] and found.reasons[1].startswith("parts: ")
 

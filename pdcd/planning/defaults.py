@@ -22,15 +22,10 @@ from pdcd.codes.pilot.matching import MOST_CELLS
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import slot_rows
-from pdcd.planning.guided import plan_for
-from pdcd.planning.look import averaging
-from pdcd.planning.make import RANGES, make_plan, schedule_of, window_of
-from pdcd.planning.plan import Plan
+from pdcd.planning.bench_fit import RANGES, schedule_of, window_of
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.recipes.programs import Far
-from pdcd.watch import Watch
 from pdcd.words import FamilyName
 
 GOALS = ("indirect", "direct")
@@ -45,6 +40,8 @@ NAMED = (
     "prior", "smooth", "exposure_s", "method", "equal_brightness",
 )  # fmt: skip
 """Fields of which any one says how codes are to be spent: such a request gets what it names."""
+CHOSEN = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
+"""Fields that follow from the error or the time and are not to be given beside it."""
 FAR_LEFT = 0.75
 """Weight of far light that codes of four parts must leave, over that of one exposure: cells are lit
 in one code of each part at the least, which for a large radius is too often."""
@@ -66,7 +63,7 @@ READOUT_S = 3.0
 
 
 @dataclass(frozen=True)
-class Settled:
+class Defaults:
     """A request with its pilot and its parts, and why they are so, a line each.
 
     otherwise : what is done instead when the first photos of a pilot that nobody asked for see no
@@ -78,46 +75,65 @@ class Settled:
     otherwise: CaptureRequest | None = None
 
 
+def wants_choice(request: CaptureRequest) -> bool:
+    """Whether a request leaves its parameters to a search (`pdcd.planning.choose`). Raises
+    RequestError when it contradicts itself."""
+    asked = [name for name in ("error", "seconds") if getattr(request, name) is not None]
+    if not asked:
+        if request.confidence is not None:
+            raise RequestError(
+                "confidence goes with a wanted error only",
+                hint="give an error, or seconds, and leave the number of codes open",
+            )
+        return False
+    if len(asked) == 2:
+        raise RequestError(
+            "an error and a time are both asked for",
+            hint="give one; the plan says what the other comes to",
+        )
+    defaults = CaptureRequest(goal=request.goal)
+    given = [
+        name
+        for name in CHOSEN
+        if getattr(request, name) != getattr(defaults, name) and getattr(request, name) != 0
+    ]
+    given += ["parts"] if request.parts == "auto" else []
+    if given:
+        raise RequestError(
+            f"{' and '.join(given)} and {asked[0]} are both asked for",
+            hint=f"{asked[0]} decides on codes, pilot, exposure and repetitions: leave them out",
+        )
+    if request.goal == "transport":
+        raise RequestError(
+            f"{asked[0]} goes by the picture of a goal, and that of transport is not its entries",
+            hint=f"leave out {asked[0]}; repeat takes each photo more than once",
+        )
+    if request.method != "coded" or request.family in ("isolation", "confocal"):
+        raise RequestError(
+            f"{asked[0]} is for coded photos",
+            hint="leave method and family out",
+        )
+    return True
+
+
 def asks_for_camera(request: CaptureRequest) -> bool:
     """Whether the plan of a request depends on what a RAW file costs."""
     return "auto" in (request.parts, request.pilot) or _plain(request)
 
 
-def plan_unasked(
-    request: CaptureRequest,
-    config: Config,
-    grid: tuple[int, int],
-    camera: CameraInfo | None,
-    mask_lag_s: float | None,
-    given: Given = NOTHING,
-    watch: Watch | None = None,
-) -> Plan:
-    """The plan of a request that names no error and no time, with what it leaves open settled.
-
-    Raises RequestError as `plan_for`.
-    """
-    found = settled(request, config, grid, camera, mask_lag_s)
-    plan = plan_for(found.request, config, grid, mask_lag_s, given, watch)
-    averages = _plain(request) and request.goal in GOALS and config.camera.noise != "none"
-    plan = averaging(plan) if averages else plan
-    plan = replace(plan, reasons=(*plan.reasons, *found.reasons))
-    if found.otherwise is None:
-        return plan
-    other = make_plan(found.otherwise, config, grid, mask_lag_s, given, watch)
-    other = averaging(other) if averages else other
-    other = replace(other, unasked=True, reasons=(*other.reasons, *found.reasons))
-    needed = max(plan.memory_bytes, other.memory_bytes)
-    return replace(plan, memory_bytes=needed, unasked=True, otherwise=other)
+def may_average(request: CaptureRequest, config: Config) -> bool:
+    """Whether everything may be shown more often against the noise of ambient light."""
+    return _plain(request) and request.goal in GOALS and config.camera.noise != "none"
 
 
-def settled(
+def resolve_defaults(
     request: CaptureRequest,
     config: Config,
     grid: tuple[int, int],
     camera: CameraInfo | None = None,
     mask_lag_s: float | None = None,
-) -> Settled:
-    """What a request leaves open, settled.
+) -> Defaults:
+    """What a request leaves open, resolved.
 
     `camera` is None where it was not asked yet. Raises RequestError where something is left to the
     program that goes with nothing else that was asked for.
@@ -128,7 +144,7 @@ def settled(
         pilot=request.pilot if isinstance(request.pilot, int) else 0,
     )
     if not asks_for_camera(request):
-        return Settled(bare)
+        return Defaults(bare)
     if request.error is not None or request.seconds is not None or request.method != "coded":
         raise RequestError(
             "parts or a pilot are left to the program beside an error, a time or a method",
@@ -255,16 +271,16 @@ def _far_weight(codes: int, radius: int) -> float:
 
 def _without_pilot(
     request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool
-) -> Settled:
+) -> Defaults:
     """Parts alone, where they are left open."""
     if not parts:
-        return Settled(request)
+        return Defaults(request)
     codes = costs.codes - (request.pilot if isinstance(request.pilot, int) else 0)
     count, reason = _parts(codes, config, costs)
-    return Settled(msgspec.structs.replace(request, parts=count), (f"parts: {reason}",))
+    return Defaults(msgspec.structs.replace(request, parts=count), (f"parts: {reason}",))
 
 
-def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Settled:
+def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Defaults:
     """A short pilot, and what is done instead when its scouts see nothing."""
     named = request.parts if isinstance(request.parts, int) else 1
     share = pilot_share(costs.codes, by_map=True, parts=named)
@@ -288,7 +304,7 @@ def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts
         f"parts: {reason}; {second} of {counts[0] // second} where there are no mirrors",
     )
     replaced = msgspec.structs.replace
-    return Settled(
+    return Defaults(
         replaced(request, codes=costs.codes, pilot=share, parts=first),
         told,
         replaced(request, codes=counts[0] + SCOUTS, pilot=SCOUTS, parts=second),
