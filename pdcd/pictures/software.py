@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import times_s
+from pdcd.pictures.to_quads import MixedCodes, bring_to_quads
 from pdcd.pictures.weights import Matrix, Shown
 from pdcd.probing.realised import Factors
-from pdcd.recipes.alternatives import ALL_DARK, Fitted, Masked, Mixture
+from pdcd.recipes.alternatives import Fitted, Masked
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 
@@ -45,42 +45,11 @@ def software_sums(
     saturated ones.
     """
     taken = [shots[name] for name in recipe.stack]
-    mixture = None if cells.single.all() else _mixture(cells, bits)
+    mixed, equal = MixedCodes.of(bits, cells), _equal(taken, bits)
     return {
-        name: _sum(cells, taken, weights, _Mixed(recipe.sums[name], bits, equal, mixture))
-        for equal in [_equal(taken, bits)]
+        name: _sum(taken, weights, mixed, recipe.sums[name], equal)
         for name, weights in _weights(recipe, taken, bits).items()
     }
-
-
-@dataclass(frozen=True, eq=False)
-class _Mixed:
-    """Weights of quads that see several cells: their light cannot be parted, so that they are not
-    the mean of the cells' weights. `mixture` is None where there are no such quads."""
-
-    weigh: Fitted | Masked
-    bits: Bools
-    equal: Floats
-    mixture: Mixture | None
-
-    def into(self, of_quads: Floats, photo: int, cells: CellMap) -> Floats:
-        """Weights of quads in a photo, (h, w); `of_quads` are right for those that see one cell."""
-        if self.mixture is None:
-            return of_quads
-        lit = cells.spread(self.bits[photo].astype(np.float64))
-        mixed = self.weigh.mixed(lit, self.mixture) * self.equal[photo]
-        return np.where(cells.single, of_quads, mixed)
-
-
-def _mixture(cells: CellMap, bits: Bools) -> Mixture:
-    """What quads that see several cells saw of the codes."""
-    codes, squares, dark = (np.zeros(cells.frame) for _ in range(3))
-    for code in bits:
-        lit = cells.spread(code.astype(np.float64))
-        codes += lit
-        squares += lit * lit
-        dark += lit < ALL_DARK
-    return Mixture(len(bits), codes, squares, dark)
 
 
 def _weights(recipe: Recipe, taken: Sequence[Shown], bits: Bools) -> dict[str, Floats]:
@@ -110,13 +79,19 @@ def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:
     return Matrix(realised, sum(shot.missed for shot in taken))
 
 
-def _sum(cells: CellMap, taken: Sequence[Exposed], weights: Floats, mixed: _Mixed) -> Exposed:
+def _sum(
+    taken: Sequence[Exposed],
+    weights: Floats,
+    mixed: MixedCodes,
+    weigh: Fitted | Masked,
+    equal: Floats,
+) -> Exposed:
     """``sum_k w_k * photo_k``."""
     first = taken[0].variance
     light, variance = np.zeros(first.shape), np.zeros_like(first)
-    saturated = cells.spread(np.logical_not(weights.any(axis=0)))
+    saturated = bring_to_quads(np.logical_not(weights.any(axis=0)), mixed.cells, None)
     for photo, (weight, shot) in enumerate(zip(weights, taken, strict=True)):
-        of_quads = mixed.into(cells.spread(weight), photo, cells)
+        of_quads = mixed.weigh_quads(weight, photo, weigh, equal)
         saturated = saturated | (shot.saturated & (of_quads != 0.0))
         light += of_quads[..., None] * shot.light
         squared = (of_quads**2).astype(variance.dtype)

@@ -55,9 +55,10 @@ def seen_cells(cells: CellMap) -> Bools | None:
     return None if seen.all() else seen
 
 
-def mean_image(image: NDArray[np.floating], cells: CellMap) -> Floats:
-    """Means of an image (h, w, C) over cells, (N, C); 0 of cells that no quad sees."""
-    return cells.mean(image)
+def mean_image(image: NDArray[np.floating], cells: CellMap, known: Bools | None = None) -> Floats:
+    """Means of an image (h, w, C) over cells, (N, C), of `known` quads (h, w), None for all; 0 of
+    cells that are seen by none."""
+    return cells.mean(image, known)
 
 
 def mean_light(shot: Lit, cells: CellMap) -> CellLight:

@@ -7,6 +7,7 @@ known of cells, as weights, corrections and errors of codes, needs no map of the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from pdcd.pictures.picture import Errors, Picture
 from pdcd.pictures.weights import CellWeights
 from pdcd.probing.fine import Fine
 from pdcd.probing.realised import Factors
+from pdcd.recipes.alternatives import ALL_DARK, Fitted, Masked, Mixture
 from pdcd.sensor.bands import OfRows, banded, in_bands, planar
 from pdcd.sensor.cells import CellMap
 
@@ -99,8 +101,8 @@ def _of_windows(light: Floats, fine: Fine, cells: CellMap) -> tuple[Floats, Bool
     return banded(cells.frame, np.float64, ratio), closed
 
 
-def bring_to_quads(values: Floats, cells: CellMap, fine: Fine | None) -> Floats:
-    """What is known of cells, (N, ...) -> of quads, (h, w, ...).
+def bring_to_quads(values: NDArray[Any], cells: CellMap, fine: Fine | None) -> NDArray[Any]:
+    """What is known of cells, (N, ...) -> of quads, (h, w, ...); bool values stay so.
 
     Where every window has a code of its own (`fine`) nothing changes at the edges of cells, so that
     what is only known cell by cell is brought over smoothly; else by the shares of cells.
@@ -194,6 +196,42 @@ def _by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> 
         return np.clip(share, 0.0, BRIGHTEST, out=share)
 
     return some
+
+
+@dataclass(frozen=True, eq=False)
+class MixedCodes:
+    """Codes of single photos, as quads that see several cells saw them: their light cannot be
+    parted, so that they do not weigh what their cells weigh on average. `mixture` is None where
+    there are no such quads."""
+
+    cells: CellMap
+    bits: Bools
+    mixture: Mixture | None
+
+    @classmethod
+    def of(cls, bits: Bools, cells: CellMap) -> MixedCodes:
+        """Those of (K, N) lit cells of each photo."""
+        if cells.single.all():
+            return cls(cells, bits, None)
+        codes, squares, dark = (np.zeros(cells.frame) for _ in range(3))
+        for code in bits:
+            lit = cells.spread(code.astype(np.float64))
+            codes += lit
+            squares += lit * lit
+            dark += lit < ALL_DARK
+        return cls(cells, bits, Mixture(len(bits), codes, squares, dark))
+
+    def weigh_quads(
+        self, of_cells: Floats, photo: int, weigh: Fitted | Masked, equal: Floats
+    ) -> Floats:
+        """Weights of quads in a photo, (h, w), from those of cells, (N,), that `weigh` makes of the
+        codes; `equal` are factors of the photos, (K,)."""
+        of_quads = self.cells.spread(of_cells)
+        if self.mixture is None:
+            return of_quads
+        lit = self.cells.spread(self.bits[photo].astype(np.float64))
+        mixed = weigh.mixed(lit, self.mixture) * equal[photo]
+        return np.where(self.cells.single, of_quads, mixed)
 
 
 def edge_share(share: float, cells: CellMap) -> Floats:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import Config
 from pdcd.errors import DecodeError, disk_errors
 from pdcd.pictures.picture import Barred
+from pdcd.pictures.to_cells import mean_image
+from pdcd.pictures.to_quads import bring_to_quads
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.patterns import stored_arrays
@@ -63,14 +65,14 @@ class Known:
     def on_cells(self, cells: CellMap) -> Floats:
         """Means over the cells, (rows, cols, 3) float64; NaN where a cell cannot be compared."""
         seen = self.seen if self.of_cells else cells.seen(self.seen)
-        image = self.image if self.of_cells else cells.mean(self.image, self.seen)
+        image = self.image if self.of_cells else mean_image(self.image, cells, self.seen)
         return np.where(seen[:, None], image, np.nan).reshape(*cells.grid, 3).astype(np.float64)
 
     def on_quads(self, cells: CellMap) -> tuple[NDArray[np.floating], Bools]:
         """The same on the camera's quads, (h, w, 3) and (h, w)."""
         if not self.of_cells:
             return self.image, self.seen
-        return np.asarray(cells.spread(self.image)), np.asarray(cells.spread(self.seen))
+        return bring_to_quads(self.image, cells, None), bring_to_quads(self.seen, cells, None)
 
 
 def write_truth(folder: Path, known: Known) -> None:
