@@ -35,7 +35,9 @@ PLACES: dict[str, str] = {
         "these files hold numbers of processes, which may have more digits"
     ),
     r"out\.\d+\.size_bytes": "of a whole run, with these files",
-    r"(steps\.)?\d+\.seconds": "how long the computer took over a step of a calibration",
+    r"(steps\.|events\.\d+\.)?\d+\.seconds": (
+        "how long the computer took over a step of a calibration"
+    ),
     r"\d+\.sha256": "of a line of the ledger, which holds times",
 }
 """Path of a field in its file, as a regular expression -> why its value is covered."""
@@ -44,6 +46,10 @@ TEXTS: dict[str, tuple[str, str]] = {
     "<job>": (r"\b\d{8}T\d{6}Z-[0-9a-f]{4}\b", "names of jobs hold the time and chance"),
     "<utc>": (r"\b\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|\+00:00| UTC)?", "time"),
     "<exif>": (r"\b\d{4}:\d\d:\d\d \d\d:\d\d:\d\d\b", "time, in the EXIF of a photo"),
+    "<version>": (
+        r"(?<=\bpdcd )\d+\.\d+\.\d+[\w.+]*|(?<=<td>pdcd</td><td>)[^<]*",
+        "of the program, in pictures and on pages",
+    ),
     "<wall>": (r"(?<=<dt>wall time</dt><dd>)[^<]*", "how long the computer took, on a report"),
     "<size>": (
         r"((?<=ledger\.jsonl</td><td>)|(?<=log\.jsonl</td><td>))\d+ bytes",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import msgspec
 import numpy as np
 
 from tests.goldens.case import Bench, Case
-from tests.goldens.keep import keep_file, keep_run
+from tests.goldens.keep import keep_export, keep_file, keep_run
 
 BOOK = '[scene]\nkind = "open-book"\ngrid = [12, 16]\n'
 PATTERNS = (
@@ -75,9 +76,10 @@ def _take_run(bench: Bench) -> None:
         for upright in ((), ("--upright",)):
             name = "-".join((kind, *upright)).replace("---", "-")
             options = ("--format", kind, "--out", name, *upright)
-            bench.keep_said(f"export/{name}", bench.pdcd("export", str(run), *options, "--json"))
+            said = bench.pdcd("export", str(run), *options, "--json")
             for path in sorted((bench.scratch / name).iterdir()):
-                keep_file(bench, f"export/{name}/{path.name}", path.read_bytes())
+                keep_export(bench, f"export/{name}/{path.name.removeprefix(run.name)}", path)
+            bench.keep_said(f"export/{name}", said)
     for name in ("row.png", "w.png"):
         bench.keep_bytes(name, (bench.scratch / name).read_bytes())
     keep_file(bench, "page.html", (bench.scratch / "page.html").read_bytes(), page=True)
@@ -110,8 +112,9 @@ def _take_compare(bench: Bench) -> None:
     bench.write("bench.toml", BOOK)
     words = "compare indirect --codes 16 --local --json --config bench.toml --out runs"
     bench.keep_said("compare", bench.pdcd(*words.split()))
-    for number, run in enumerate(sorted((bench.scratch / "runs").glob("*Z-*"))):
-        keep_run(bench, run, f"run-{number}")
+    for run in (bench.scratch / "runs").glob("*Z-*"):
+        asked = json.loads((run / "capture.json").read_bytes())["request"]
+        keep_run(bench, run, f"run-{asked['goal']}-{asked['method']}")
 
 
 def _take_transport(bench: Bench) -> None:

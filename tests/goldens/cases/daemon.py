@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -93,6 +94,7 @@ def _talk(bench: Bench, config: str = CONFIG) -> Iterator[tuple[Path, Talk]]:
 
 def _run(talk: Talk, method: str, **params: Any) -> dict[str, Any]:
     """Start a job and wait for its end, by answer and by event."""
+    time.sleep(1.0)  # runs of one second are listed in any order
     job = talk.ask(method, **params)["result"]["job"]
     result: dict[str, Any] = talk.ask("capture.wait", job=job)["result"]
     talk.wait_for(job, *ENDS)
@@ -129,7 +131,10 @@ def _take_refused(bench: Bench) -> None:
     """What a client is refused, and lines that are none."""
     with _talk(bench) as (path, talk):
         for method, params in REFUSED:
-            talk.ask(method, **params)
+            job = talk.ask(method, **params).get("result", {}).get("job")
+            if job is not None:  # admitted first
+                talk.ask("capture.wait", job=job)
+                talk.wait_for(job, *ENDS)
         others = []
         for line in LINES:
             other = Talk(path)

@@ -36,6 +36,8 @@ LINES: dict[str, dict[str, Any]] = {
     },
 }
 ANSWERS = {"FF 01 01": "06", "FF 01 00": "07"}
+PHOTOS = "data/photos/"
+"""What is left of figures that could not be made, by names that hold every line of the program."""
 WINDOWS = ("whole", "quarter", "side-5/8", "side-3/4", "side-7/8")
 
 
@@ -145,6 +147,6 @@ def _take_figure(bench: Bench, number: str) -> None:
     folder = bench.scratch / "figures"
     bench.keep_json("outcome", devices.make_figures(folder, [number]))
     for path in sorted(folder.rglob("*")):
-        if path.is_file():
-            name = path.relative_to(folder).as_posix()
+        name = path.relative_to(folder).as_posix()
+        if path.is_file() and not name.startswith(PHOTOS):
             keep_file(bench, name, path.read_bytes(), page=True)

@@ -81,7 +81,7 @@ PARTS = (
     Capture("pilot/32-parts", "indirect --pilot 32 --codes 96 --parts 4", scene="disco-ball"),
     Capture("pilot/stops", "indirect --pilot 32 --codes 96 --parts 1"),
     Capture("pilot/auto", "indirect --pilot auto --codes 96 --parts 1", scene="mirror-and-vase"),
-    Capture("pilot/all", "indirect --pilot 64 --codes 65", scene="disco-ball"),
+    Capture("pilot/all", "indirect --pilot 32 --codes 48", scene="disco-ball"),
     Capture("pilot/direct", "direct --pilot 8 --codes 64 --parts 1", scene="mirror-and-vase"),
 )  # fmt: skip
 ERRORS = (
