@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.verdict.findings import LIMITS, Finding, Grade, Limits, graded, percent
+from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from pdcd.recipes.recipe import Extremes, Photo
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.verdict import answer, quality
 from pdcd.verdict.evidence import Evidence
-from pdcd.verdict.findings import Finding, verdict
+from pdcd.verdict.limits import Finding, verdict
 from pdcd.verdict.matrices import blocked_parts, blocked_weight, direct_weights, torn_share
 from pdcd.verdict.placement import Sample, direct_shares, fingerprints, stack_fingerprints
 from pdcd.words import NormaliseName

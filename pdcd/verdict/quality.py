@@ -1,7 +1,7 @@
 """What the verdict says of shots, panels and codes; pure functions of numbers.
 
 Each function looks at one thing and yields what it finds: nothing where all is well. All limits
-stand in `pdcd.verdict.findings`. docs/quality.md says the same for users, with what to do.
+stand in `pdcd.verdict.limits`. docs/quality.md says the same for users, with what to do.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
-from pdcd.verdict.findings import LIMITS, Finding, Grade, Limits, graded, percent
+from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
 from pdcd.verdict.placement import Fit
 
 Floats = NDArray[np.float64]

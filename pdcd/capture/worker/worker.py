@@ -3,7 +3,7 @@
 Everything here takes long, or reads bytes that came from elsewhere. So the daemon has it done in a
 process of its own (`pdcd.capture.worker.spawned`); others call it where they are
 (`pdcd.capture.worker.proxy`). It owns what it needs between two calls, the plan above all
-(`pdcd.capture.worker.course`), and only what the caller must know goes back.
+(`pdcd.capture.worker.plan_owner`), and only what the caller must know goes back.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pdcd.capture.worker.answers import (
     Taken,
     developed_of,
 )
-from pdcd.capture.worker.course import Course, PlannedJob
+from pdcd.capture.worker.plan_owner import Course, PlannedJob
 from pdcd.errors import PdcdError
 from pdcd.pages.report.material import cheap, gathered
 from pdcd.pages.report.write import written

@@ -23,10 +23,10 @@ from pdcd.planning.guided import (
     with_links,
 )
 from pdcd.planning.make import plan_for
+from pdcd.planning.next_step import piloted, scouted
 from pdcd.planning.pairs import linked_pairs, pairs_of, resolve_family, white_slots
 from pdcd.planning.plan import Plan, mean_light
 from pdcd.planning.prior import load_prior
-from pdcd.planning.progress import piloted, scouted
 from pdcd.protocol.plan_summary import Goal, How
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target

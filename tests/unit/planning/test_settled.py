@@ -34,9 +34,9 @@ from pdcd.planning.look import (
 )
 from pdcd.planning.make import make_plan
 from pdcd.planning.metering import at_least, next_aperture
+from pdcd.planning.next_step import due
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Look, Plan, mean_light
-from pdcd.planning.progress import due
 from pdcd.protocol.plan_summary import Leaks
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import OFF_AXIS

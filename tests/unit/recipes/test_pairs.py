@@ -20,7 +20,7 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.sensor.cells import CellMap
 from pdcd.verdict.answer import pair_sum
-from pdcd.verdict.findings import Grade
+from pdcd.verdict.limits import Grade
 from tests import bench_rig
 
 GRID = (3, 4)

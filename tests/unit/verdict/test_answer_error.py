@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdcd.verdict.answer import error_of, negative_light
-from pdcd.verdict.findings import Grade
+from pdcd.verdict.limits import Grade
 
 
 def of_the_rest(error: float) -> float:

@@ -11,7 +11,7 @@ from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
 from pdcd.verdict import answer, quality
 from pdcd.verdict.answer import error_of, negative_light
-from pdcd.verdict.findings import Finding, Grade, verdict
+from pdcd.verdict.limits import Finding, Grade, verdict
 from pdcd.verdict.placement import Fit
 
 RNG = np.random.default_rng(0)

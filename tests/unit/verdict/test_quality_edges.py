@@ -12,7 +12,7 @@ import pytest
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
 from pdcd.verdict import answer, quality
-from pdcd.verdict.findings import Finding, Grade, Limits
+from pdcd.verdict.limits import Finding, Grade, Limits
 from pdcd.verdict.placement import Fit
 
 BAD, DOUBTFUL = Grade.BAD, Grade.DOUBTFUL

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from pdcd.bench.devices import CameraSettings
-from pdcd.capture.worker import course as module
+from pdcd.capture.worker import plan_owner as module
 from pdcd.capture.worker import worker as worker_module
 from pdcd.capture.worker.answers import Adopted, Enough, Facts, Photo, Spoilt, Wanted
-from pdcd.capture.worker.course import Course, PlannedJob
 from pdcd.capture.worker.leak_check import AmbientResponse
+from pdcd.capture.worker.plan_owner import Course, PlannedJob
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import PdcdError, RequestError
 from pdcd.planning.guided import Piloted

@@ -7,7 +7,7 @@ from typing import Any
 
 from pdcd.bench.tables import Config
 from pdcd.planning.make import plan_for
-from pdcd.planning.progress import completes_part, next_step
+from pdcd.planning.next_step import completes_part, next_step
 from pdcd.protocol.request import CaptureRequest
 
 

@@ -38,8 +38,8 @@ from pdcd.pictures.written.picture_files import write_png
 from pdcd.pictures.written.previews import Previews
 from pdcd.planning.guided import after_pilot
 from pdcd.planning.look import DarkFrames, quiet, with_blacks
+from pdcd.planning.next_step import completes_part, next_step
 from pdcd.planning.plan import Plan
-from pdcd.planning.progress import completes_part, next_step
 from pdcd.protocol import events
 from pdcd.protocol.plan_summary import Leaks
 from pdcd.protocol.request import CaptureRequest
