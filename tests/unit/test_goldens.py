@@ -214,6 +214,5 @@ def test_times_jobs_and_digests_of_what_holds_them_are_covered(tmp_path: Path) -
         keep_run(bench, run)
         bench.end()
         folders.append(out.parent)
-    before, after = folders
-    assert not found(before, after)
+    assert not found(folders[0], folders[1])
     assert "64" in (folders[0] / "case" / "run" / "capture.json").read_text()
