@@ -178,7 +178,10 @@ class Line(Generic[Heard]):
 
     def _wait_until_ready(self, event: int, within_s: float | None, alive: Alive | None) -> None:
         poller = select.poll()
-        poller.register(self._end, event)
+        try:
+            poller.register(self._end, event)
+        except ValueError:  # it was hung up at this end, by another thread
+            raise LineClosedError from None
         until_s = None if within_s is None else time.monotonic() + within_s
         while True:
             if alive is not None:

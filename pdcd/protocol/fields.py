@@ -72,7 +72,8 @@ class Field:
     def refusal(self, value: Any, called: str = "") -> str:
         """Say that it does not take that value. `called` is what the user called it."""
         shown = "" if self.kind in ("text", "words") else _shown(value)
-        return f"{called or self.name}: it takes {self.takes}" + f", not {shown}" * bool(shown)
+        takes = f"1 or {self.takes}" if called and self.about.one_is_both else self.takes
+        return f"{called or self.name}: it takes {takes}" + f", not {shown}" * bool(shown)
 
     def convert(self, value: Any, called: str = "") -> Any:
         """The value in the field's own type. Raises FieldError with `refusal`."""

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tests.goldens.comparing import compare
+from tests.tools import program
 
 TREE = Path(__file__).resolve().parents[2]
 
@@ -42,7 +43,7 @@ def _worktree(rev: str, place: Path) -> Iterator[Path]:
 
 
 def _git(*words: str) -> None:
-    subprocess.run(["git", *words], cwd=TREE, check=True)
+    subprocess.run([program("git"), *words], cwd=TREE, check=True)
 
 
 def _take(tree: Path, folder: Path, only: Sequence[str]) -> None:

@@ -209,7 +209,7 @@ SHOOT = {"config.get", "capture.plan", "capture.start", "capture.cancel", "displ
 SHOOT |= {"preview.grab", "calibrate.start", "calibrate.proceed"}
 
 SOUND: dict[str, dict[str, Any]] = {
-    "hello": {"protocol": [1, 1]},
+    "hello": {"protocol": [1, 0]},
     "capture.plan": {"goal": "white"},
     "capture.start": {"goal": "white"},
     "display.show": {"pattern": "black"},
