@@ -384,9 +384,8 @@ def test_a_preview_that_cannot_be_read_is_left_out(
     )
     run.pictures = dict.fromkeys(names[:5])
     faults: dict[str, Exception] = {}
-    (tmp_path / "a.png").write_bytes(
-        cv2.imencode(".png", np.zeros((2, 2, 3), np.uint8))[1].tobytes()
-    )
+    black = cv2.imencode(".png", np.zeros((2, 2, 3), np.uint8))[1].tobytes()
+    (tmp_path / "a.png").write_bytes(black)
 
     def checked(self: Run, name: str) -> Path:
         if Path(name).stem in faults:
@@ -402,6 +401,9 @@ def test_a_preview_that_cannot_be_read_is_left_out(
     assert shown() == ["low", "direct", "high", "indirect"]
     faults |= {"direct": DecodeError("damaged"), "low": OSError("gone")}
     assert shown() == ["high", "indirect"]
+    (tmp_path / "a.png").write_bytes(b"no picture")
+    assert shown() == []
+    (tmp_path / "a.png").write_bytes(black)
     faults["high"] = ZeroDivisionError()
     with pytest.raises(ZeroDivisionError):
         shown()
