@@ -161,12 +161,19 @@ class Line(Generic[Heard]):
                 data, fds, *_ = socket.recv_fds(self._end, PACKET_BYTES, 1)
         if not data:
             raise LineClosedError
-        if fds and self._codec.by_memory:
-            try:
-                return self._codec.decode(mmap.mmap(fds[0], 0, prot=mmap.PROT_READ)), None
-            finally:
-                os.close(fds[0])
-        return self._codec.decode(data), fds[0] if fds else None
+        if not (fds and self._codec.by_memory):
+            return self._decoded(data), fds[0] if fds else None
+        try:
+            return self._decoded(mmap.mmap(fds[0], 0, prot=mmap.PROT_READ)), None
+        finally:
+            os.close(fds[0])
+
+    def _decoded(self, data: bytes | mmap.mmap) -> Heard:
+        """The message; one that is none is the end of the talk, as nothing behind it is sure."""
+        try:
+            return self._codec.decode(data)
+        except Exception as err:
+            raise LineClosedError from err
 
     def wait(self, within_s: float | None = None, alive: Alive | None = None) -> bool:
         """Whether there is something to hear within that time: a message, or the end."""
@@ -199,9 +206,13 @@ class Line(Generic[Heard]):
 def _memory_of(data: bytes) -> int:
     """A descriptor of anonymous memory that holds this, which the caller closes."""
     fd = os.memfd_create("pdcd", os.MFD_CLOEXEC)
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(fd, rest) :]
+    try:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(fd, rest) :]
+    except OSError as err:
+        os.close(fd)
+        raise MemoryError(f"a message of {len(data)} bytes: {err.strerror}") from err
     return fd
 
 

@@ -7,6 +7,7 @@ Whoever guards a shutter, or waits for a photo, goes by it: a guardian that wait
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -27,11 +28,11 @@ def with_times(
 ) -> CameraSettings:
     """Settings of an exposure of all these frames, with how long that is planned to be, and may be.
 
-    refresh_hz : of the panels as found; None where they were not asked. The slower of that and what
-    is configured counts.
+    refresh_hz : of the panels as found; None where they were not asked, no positive number where a
+    driver does not know it. The slower of that and what is configured counts.
     """
     row_hz = config.row_hz
-    if refresh_hz is not None:
+    if refresh_hz is not None and math.isfinite(refresh_hz) and refresh_hz > 0.0:
         row_hz = min(row_hz, refresh_hz * config.display.planes_per_refresh)
     rows = len(frames) + abs(config.mask_delay_rows)
     shown_s = rows / row_hz

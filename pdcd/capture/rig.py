@@ -30,7 +30,7 @@ from pdcd.bench.exposure_time import tell, with_open_time, with_times
 from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
-from pdcd.errors import Cancelled, ConfigError, SyncError, disk_errors
+from pdcd.errors import Cancelled, ConfigError, ExposureError, SyncError, disk_errors
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.protocol.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.sensor.dng import CFAS, write_photo
@@ -341,10 +341,17 @@ class Rig:
 
     def stored(self, photo: RawFile | PhotoFrame, folder: Path, name: str) -> RawFile:
         """The file of a photo that the readout fetched: its own, or one written here of samples
-        in memory. Raises NoSpaceError, DiskError, and ConfigError for samples that no file holds.
+        in memory. Raises NoSpaceError, DiskError, ConfigError for samples that no file holds, and
+        ExposureError for what is no photo.
         """
-        if not isinstance(photo, PhotoFrame):
+        if isinstance(photo, RawFile) and photo.path.parent == folder:
             return photo
+        if not isinstance(photo, PhotoFrame):
+            raise ExposureError(
+                f"the camera's driver handed over {photo!r:.80}, which is no photo of this run",
+                device="camera",
+                hint="fetch returns a RawFile in the folder it was given, or a PhotoFrame",
+            )
         camera = self.camera_info
         model, serial = ("unknown", "") if camera is None else (camera.model, camera.serial)
         return write_photo(photo, folder / f"{name}.dng", model, serial)

@@ -136,6 +136,7 @@ def _number(field: Field) -> Callable[[str], int | float | str]:
     def number(text: str) -> int | float | str:
         return text if text in field.words else read(text)
 
+    number.__name__ = field.takes  # what argparse calls it when it takes no such value
     return number
 
 

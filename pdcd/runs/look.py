@@ -17,7 +17,7 @@ from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.labels import MOST_TAGS
 from pdcd.runs.folder import LOG
 from pdcd.runs.ledger import Begun, read_begun
-from pdcd.runs.manifest import MANIFEST
+from pdcd.runs.manifest import MANIFEST, OtherSchemaError, check_schema
 from pdcd.runs.place import UNFINISHED
 from pdcd.runs.walk import REMOVED, Spot
 from pdcd.words import VerdictName
@@ -64,6 +64,7 @@ class _Head(msgspec.Struct):
     """What is read of a manifest."""
 
     job: str
+    schema: int
     state: Literal["done", "partial", "failed", "cancelled"]
     request: _Asked
     owner: _User
@@ -103,8 +104,9 @@ def entry_of(folder: int, spot: Spot, path: str) -> tuple[RunEntry, int]:
         return damaged(bare, err), 0
     try:
         head = msgspec.json.decode(data, type=_Head)
+        check_schema(head.schema)
     # Also of a name of unlucky bytes.
-    except (ValueError, RecursionError) as err:
+    except (ValueError, RecursionError, OtherSchemaError) as err:
         return damaged(bare, err), len(data)
     if head.job != spot.job:
         return damaged(bare, DecodeError("its manifest is of another run")), len(data)

@@ -35,14 +35,19 @@ def written(manifest: Manifest) -> bytes:
     return data
 
 
+class OtherSchemaError(DecodeError):
+    """The manifest of a run that another version of pdcd has written; the run may be sound."""
+
+
 def parsed(data: bytes) -> Manifest:
     """The manifest out of the bytes of capture.json. Raises DecodeError, whatever the bytes are:
-    for a manifest of another schema one that names both."""
+    for a manifest of another schema OtherSchemaError, which names both."""
     try:
         told = msgspec.json.decode(data, type=dict[str, Any])
         # Of two equal keys parsers take one or the other; a manifest has none.
         json.loads(data, object_pairs_hook=_once)
-        _check_schema(told.get("schema"))
+        check_schema(told.get("schema"))
+        _check_goal(told)
         return msgspec.convert(told, Manifest)
     except ConfigError as err:  # of a sensor profile
         raise _damaged(err.message) from err
@@ -50,14 +55,25 @@ def parsed(data: bytes) -> Manifest:
         raise _damaged(str(err)) from err
 
 
-def _check_schema(schema: object) -> None:
-    """Raises DecodeError for another schema than the one that is read here."""
+def check_schema(schema: object) -> None:
+    """Raises OtherSchemaError for another schema than the one that is read here."""
     if type(schema) is not int or schema != SCHEMA_VERSION:
-        raise DecodeError(
-            f"the manifest has schema {schema!r:.60}; pdcd {versions()['pdcd']} reads schema "
-            f"{SCHEMA_VERSION}",
-            hint="read the run with the version of pdcd that its manifest names under versions",
-        )
+        raise _other_schema(f"{schema!r:.60}")
+
+
+def _check_goal(told: dict[str, Any]) -> None:
+    """Schemas were counted anew: the first of all, whose goal is a word, was a 1 as well."""
+    run = told.get("run")
+    if isinstance(run, dict) and isinstance(run.get("goal"), str):
+        raise _other_schema(f"{SCHEMA_VERSION} as pdcd 0.1 had it")
+
+
+def _other_schema(schema: str) -> OtherSchemaError:
+    return OtherSchemaError(
+        f"the manifest has schema {schema}; pdcd {versions()['pdcd']} reads schema "
+        f"{SCHEMA_VERSION}",
+        hint="read the run with the version of pdcd that its manifest names under versions",
+    )
 
 
 def _once(pairs: list[tuple[str, Any]]) -> None:

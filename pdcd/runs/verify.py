@@ -24,7 +24,7 @@ from pdcd.protocol.result import quality_of
 from pdcd.runs.folder import LOG
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.later import made_later
-from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, parsed
+from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, OtherSchemaError, parsed
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.record import FileRecord, Manifest
 
@@ -115,6 +115,8 @@ def _manifest(
 ) -> Manifest:
     check = Check(alive)
     check.look(folder, None, names)
+    if check.other_schema is not None:
+        raise check.other_schema
     found = [finding for finding in check.found if finding.what not in allowed]
     if check.read is None or found:
         first = found[0]
@@ -141,6 +143,7 @@ class Check:
     def __init__(self, alive: Alive = lambda: None) -> None:
         self._alive = alive
         self.read: Manifest | None = None
+        self.other_schema: OtherSchemaError | None = None
         self.sha256: str | None = None
         self.found: list[Finding] = []
         self.sound = 0
@@ -186,6 +189,7 @@ class Check:
             self.read = parsed(data)
         except DecodeError as err:
             self.find(MANIFEST, "manifest", err.message)
+            self.other_schema = err if isinstance(err, OtherSchemaError) else None
             return
         if not vouched:
             self.find(DIGEST, "missing", "nothing vouches for the manifest")

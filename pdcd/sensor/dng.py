@@ -19,6 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from fractions import Fraction
+from numbers import Integral, Real
 from pathlib import Path
 from types import MappingProxyType
 
@@ -40,6 +41,9 @@ _XYZ_TO_CAMERA = (32406, -15372, -4986, -9689, 18758, 415, 557, -2040, 10570)
 _D65 = 21
 
 _MAX_ISO = 65535  # what EXIF's PhotographicSensitivity holds
+_MAX_DN = 65535  # what 16 bits hold
+_MAX_RATIO = 2.0**31  # of a TIFF rational, with room to spare
+_LEAST_F = 1e-6
 
 _Field = tuple[int, int, bytes]  # type, count, value
 
@@ -161,8 +165,9 @@ def dng_bytes(
 
     Source: TIFF 6.0; Adobe DNG specification 1.4, chapters 2 and 4; EXIF 2.3, section 4.6.
     """
-    _check(samples, iso, cfa)
-    levels = _levels(black, cfa)
+    _check(samples, cfa)
+    levels = _levels(black, white, cfa)
+    _check_settings(iso, exposure_s, f_number)
     frame = _framed(samples, levels)
     exif = _exif(iso, exposure_s, f_number, date)
     image = _image(frame, samples.shape, white, date) | _identity(make, model, serial, record)
@@ -182,12 +187,18 @@ def dng_bytes(
     )
 
 
-def _check(samples: NDArray[np.uint16], iso: int, cfa: str | None) -> None:
+def _check(samples: NDArray[np.uint16], cfa: str | None) -> None:
     if cfa is not None and cfa not in CFAS:
         raise ConfigError(
             f"no DNG is written of the mosaic {cfa!r}",
             device="camera",
             hint=f"take one of {', '.join(CFAS)}, or None for a sensor without colours",
+        )
+    if not isinstance(samples, np.ndarray):
+        raise ConfigError(
+            f"a DNG needs an array of samples, not {type(samples).__name__}",
+            device="camera",
+            hint="give a numpy array (rows, columns) uint16",
         )
     shape = samples.shape
     whole = samples.ndim == 2 and 0 not in shape and (cfa is None or not _odd(shape))
@@ -195,25 +206,46 @@ def _check(samples: NDArray[np.uint16], iso: int, cfa: str | None) -> None:
         sides = "an (even, even) uint16 mosaic" if cfa else "a (rows, columns) uint16 plane"
         raise ConfigError(
             f"a DNG needs {sides}, not {shape} {samples.dtype}",
+            device="camera",
             hint="give whole Bayer quads" if cfa else "give one plane of samples",
         )
-    if not 0 <= iso <= _MAX_ISO:
+
+
+def _check_settings(iso: int, exposure_s: float, f_number: float | None) -> None:
+    """Refuse what a photo cannot have been taken with."""
+    if not isinstance(iso, Integral) or not 0 <= iso <= _MAX_ISO:
         raise ConfigError(
-            f"ISO {iso} does not fit the tag",
+            f"ISO {iso!r:.40} does not fit the tag",
             device="camera",
             hint=f"take 1 to {_MAX_ISO}, or 0 for none",
         )
+    for what, value, least in (("exposure_s", exposure_s, 0.0), ("f_number", f_number, _LEAST_F)):
+        if value is None and what == "f_number":
+            continue
+        if not isinstance(value, Real) or not least <= value <= _MAX_RATIO:
+            raise ConfigError(
+                f"{what} {value!r:.40} of a photo does not fit its tag",
+                device="camera",
+                hint=f"give a number from {least:g} to {_MAX_RATIO:g}",
+            )
 
 
-def _levels(black: int | Sequence[int], cfa: str | None) -> tuple[int, ...]:
+def _levels(black: int | Sequence[int], white: int, cfa: str | None) -> tuple[int, ...]:
     """Black of each place of the quad, row by row; of the one place of a grey plane."""
     places = 4 if cfa else 1
-    levels = tuple(black) if isinstance(black, Sequence) else (black,) * places
-    if len(levels) != places or min(levels) < 0:
+    levels = tuple(black) if isinstance(black, Sequence | np.ndarray) else (black,) * places
+    whole = all(isinstance(level, Integral) for level in (*levels, white))
+    if len(levels) != places or not whole or min(levels) < 0:
         raise ConfigError(
             f"black levels {list(levels)} for {places} places of the quad",
             device="camera",
-            hint="give one number that is not negative, or one for each place",
+            hint="give one whole number that is not negative, or one for each place",
+        )
+    if not max(levels) < white <= _MAX_DN:
+        raise ConfigError(
+            f"a white level of {white} DN above a black of {max(levels)} DN",
+            device="camera",
+            hint=f"give black below white, and white of at most {_MAX_DN}",
         )
     return levels
 
@@ -317,8 +349,9 @@ def _odd(shape: Sequence[int]) -> bool:
 
 
 def _ratio(value: float) -> tuple[int, int]:
-    """Closest fraction whose numerator and denominator fit TIFF's 32 bits (values below 4294)."""
-    fraction = Fraction(value).limit_denominator(1_000_000)
+    """Closest fraction whose numerator and denominator fit TIFF's 32 bits."""
+    most = max(min(1_000_000, int((2**32 - 1) / max(float(value), 1.0))), 1)
+    fraction = Fraction(float(value)).limit_denominator(most)
     return fraction.numerator, fraction.denominator
 
 

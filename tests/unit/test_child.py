@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import socket
@@ -356,3 +357,40 @@ def test_a_child_ends_with_its_parent_and_goes_first(
     seen.clear()
     ignore_signals()
     assert seen == ignored
+
+
+@pytest.mark.parametrize("data", [b"no pickle", b"", b"\x80\x05."])
+def test_what_is_no_message_is_the_end_of_the_talk(data: bytes) -> None:
+    ours, theirs = line_pair(PICKLES)
+    with ours, theirs:
+        theirs._end.send(data)
+        with pytest.raises(LineClosedError):
+            ours.receive(within_s=5.0)
+
+
+def test_a_message_for_which_there_is_no_memory_leaves_no_descriptor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ours, theirs = line_pair(PICKLES)
+    with ours, theirs:
+        before = descriptors()
+        monkeypatch.setattr("pdcd.child.os.write", failing_write)
+        with pytest.raises(MemoryError, match="File too large"):
+            ours.send(bytes(2 * SHORT_BYTES))
+        assert descriptors() == before
+
+
+def failing_write(fd: int, data: object) -> int:
+    raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+
+
+def test_a_long_message_comes_whole_where_memory_takes_it_piece_by_piece(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    write = os.write
+    monkeypatch.setattr("pdcd.child.os.write", lambda fd, data: write(fd, data[:1000]))
+    ours, theirs = line_pair(PICKLES)
+    said = np.arange(3 * SHORT_BYTES, dtype=np.int64)
+    with ours, theirs:
+        ours.send(said)
+        assert np.array_equal(theirs.receive(within_s=5.0), said)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -85,7 +86,7 @@ def test_a_capture_from_the_command_line(config: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pdcd", "capture", "white", "--local", "--json",
          "--config", str(config), "--out", str(tmp_path / "runs")],
-        env={"PYTHONPATH": str(PACKAGE), "PATH": "/usr/bin:/bin"},
+        env={**os.environ, "PYTHONPATH": str(PACKAGE)},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

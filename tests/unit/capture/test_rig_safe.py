@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from pdcd.bench.devices import CameraSettings
+from pdcd.bench.devices import CameraSettings, RawFile
 from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.codes.make import make_codes
@@ -300,3 +300,12 @@ def test_what_was_measured_of_a_camera_takes_the_place_of_what_its_driver_says(
     rig.disconnect()
     rig.connect()
     assert rig.camera_info.responsivity_e.tolist() == [3e5, 5e5, 3.5e5]
+
+
+@pytest.mark.parametrize("photo", [None, "photo.dng", RawFile(Path("/elsewhere/a.dng"), 1, "")])
+def test_what_is_no_photo_of_this_run_is_the_cameras_fault(
+    rig: Rig, photo: Any, tmp_path: Path
+) -> None:
+    with pytest.raises(ExposureError, match="no photo of this run") as told:
+        rig.stored(photo, tmp_path, "a")
+    assert told.value.device == "camera" and "PhotoFrame" in str(told.value.hint)

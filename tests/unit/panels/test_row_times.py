@@ -161,3 +161,14 @@ def test_dark_time_counts_in_the_planned_exposure() -> None:
     settle_s = 2.0 * config.rig.settle_s
     assert slower == pytest.approx(2.0 * (bare - settle_s) + settle_s)
     assert bare == pytest.approx(len(frames) / 60.0 + settle_s)
+
+
+@pytest.mark.parametrize("refresh_hz", [0.0, -60.0, float("nan"), float("inf")])
+def test_a_display_that_does_not_know_its_refresh_rate_is_taken_as_configured(
+    refresh_hz: float,
+) -> None:
+    frames, _ = plain()
+    config, settings = Config(), CameraSettings(100, 8.0)
+    assert with_times(settings, config, frames, refresh_hz) == with_times(
+        settings, config, frames, None
+    )

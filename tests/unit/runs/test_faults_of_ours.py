@@ -54,7 +54,7 @@ def of_put(folder: Path) -> None:
     ("broken", "asked"),
     [
         ("pdcd.runs.folder.read_file", lambda folder: read_manifest(folder / job(1))),
-        ("pdcd.runs.manifest._check_schema", lambda _: manifest.parsed(b"{}")),
+        ("pdcd.runs.manifest._check_goal", lambda _: manifest.parsed(b'{"schema": 1}')),
         ("pdcd.runs.index.entry_of", runs),
         ("pdcd.runs.index.entry_of", lambda folder: at(folder / job(1))),
         ("pdcd.runs.look.read_file", runs),
@@ -151,7 +151,7 @@ def test_whatever_a_forged_manifest_raises_is_damage(
     def failing(*_: object) -> None:
         raise err
 
-    monkeypatch.setattr(manifest, "_check_schema", failing)
+    monkeypatch.setattr(manifest, "check_schema", failing)
     with pytest.raises(DecodeError, match=r"capture\.json is damaged: x"):
         manifest.parsed(b"{}")
 

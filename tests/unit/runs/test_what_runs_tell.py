@@ -55,7 +55,7 @@ def test_codes_are_those_taken_else_those_planned_else_those_asked_for(
 def test_what_nobody_can_tell_is_left_out(tmp_path: Path) -> None:
     place = finished(tmp_path, job(1), state="partial")
     bare = {
-        "job": job(1), "state": "partial", "request": {"goal": "direct"}, "owner": {},
+        "job": job(1), "schema": 1, "state": "partial", "request": {"goal": "direct"}, "owner": {},
         "started_utc": "2026",
     }  # fmt: skip
     (place / "capture.json").write_text(json.dumps(bare))
@@ -134,3 +134,9 @@ def test_a_copy_under_another_name_is_known_by_its_manifest(
     monkeypatch.setattr("pdcd.runs.index.read_manifest", lambda _: Told)
     found = at(finished(tmp_path, job(1)).rename(tmp_path / "vase"))
     assert (found.job, found.state, found.folder) == (job(1), "done", str(tmp_path / "vase"))
+
+
+def test_a_run_of_another_schema_is_told_as_that(tmp_path: Path) -> None:
+    found = told(tmp_path, schema=3)
+    assert (found.state, found.verdict) == ("damaged", None)
+    assert "has schema 3;" in str(found.reason) and "reads schema 1" in str(found.reason)

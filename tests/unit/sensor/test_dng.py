@@ -149,3 +149,43 @@ def test_other_than_whole_quads_are_refused(tmp_path: Path, mosaic: NDArray[Any]
 def test_full_disk_is_reported(side: int) -> None:
     with pytest.raises(OSError, match="No space left"):
         write(Path("/dev/full"), random_mosaic(side, side))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"exposure_s": value} for value in (float("nan"), float("inf"), -1.0, None, "1")
+    ] + [{"f_number": value} for value in (float("nan"), -8.0, 0.0, "8")] + [
+        {"iso": value} for value in (100.0, None, -1, 70000)
+    ] + [{"white": value} for value in (-3, 0, 512, 15000.5, 2**33, float("nan"))] + [
+        {"black": value} for value in (2048.5, -1, 16383, 70000, None, (1, 2), np.array([0.5] * 4))
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_what_no_photo_was_taken_with_is_refused_for_the_camera(
+    changes: dict[str, Any], tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError) as told:
+        write(tmp_path / "a.dng", random_mosaic(24, 32), **changes)
+    assert told.value.device == "camera" and told.value.hint
+    assert not (tmp_path / "a.dng").exists()
+
+
+def test_numbers_of_other_kinds_are_numbers(tmp_path: Path) -> None:
+    plain = tmp_path / "plain.dng"
+    write(plain, random_mosaic(24, 32), exposure_s=1.5, iso=100, white=16383, black=(512,) * 4)
+    numpys = tmp_path / "numpys.dng"
+    write(
+        numpys, random_mosaic(24, 32), exposure_s=np.float32(1.5), iso=np.int64(100),
+        white=np.uint16(16383), black=np.array([512] * 4),
+    )  # fmt: skip
+    assert numpys.read_bytes() == plain.read_bytes()
+
+
+@needs("exiftool")
+def test_a_very_long_exposure_is_in_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "long.dng"
+    write(file, random_mosaic(24, 32), exposure_s=5000.1234567)
+    command = [program("exiftool"), "-s3", "-n", "-ExposureTime", str(file)]
+    told = subprocess.run(command, capture_output=True, check=True, text=True).stdout
+    assert float(told) == pytest.approx(5000.1234567, rel=1e-6)
