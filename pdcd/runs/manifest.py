@@ -65,14 +65,14 @@ def _check_goal(told: dict[str, Any]) -> None:
     """Schemas were counted anew: the first of all, whose goal is a word, was a 1 as well."""
     run = told.get("run")
     if isinstance(run, dict) and isinstance(run.get("goal"), str):
-        raise _other_schema(f"{SCHEMA_VERSION} as pdcd 0.1 had it")
+        raise _other_schema(f"{SCHEMA_VERSION} of before schemas were counted anew")
 
 
 def _other_schema(schema: str) -> OtherSchemaError:
     return OtherSchemaError(
         f"the manifest has schema {schema}; pdcd {versions()['pdcd']} reads schema "
         f"{SCHEMA_VERSION}",
-        hint="read the run with the version of pdcd that its manifest names under versions",
+        hint="read the run with the pdcd that wrote it: its manifest has versions and git_commit",
     )
 
 
