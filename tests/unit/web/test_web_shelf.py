@@ -18,7 +18,8 @@ def run(state: Path, job: str, place: str = "captures") -> Path:
     folder = state / place / job
     (folder / "preview").mkdir(parents=True)
     told = {
-        "job": job, "state": "done", "request": {"goal": "indirect"}, "owner": {"user": "anna"},
+        "job": job, "schema": 1, "state": "done", "request": {"goal": "indirect"},
+        "owner": {"user": "anna"},
         "started_utc": "2026-01-01T12:03:01Z",
     }  # fmt: skip
     (folder / "capture.json").write_text(json.dumps(told))
