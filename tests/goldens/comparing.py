@@ -8,13 +8,16 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tests.goldens.case import SUMS
 from tests.goldens.renamed import Renamed, read_renamed
+
+Kept = TypeVar("Kept", bytes, str)
+"""A file as it was kept, or its digest."""
 
 WORDS = frozenset(
     "message hint advice reasons remarks warnings text prior split limit title see unlike what"
@@ -80,16 +83,30 @@ def _files(case: Path) -> dict[str, bytes]:
 def _of_case(
     case: str, before: Mapping[str, bytes], after: Mapping[str, bytes], renamed: Renamed
 ) -> Iterator[Difference]:
+    def unlike(file: str, old: bytes, new: bytes) -> Iterator[Difference]:
+        return _of_file(case, file, old, new, renamed)
+
+    return _of_files(case, before, after, renamed, unlike)
+
+
+def _of_files(
+    case: str,
+    before: Mapping[str, Kept],
+    after: Mapping[str, Kept],
+    renamed: Renamed,
+    unlike: Callable[[str, Kept, Kept], Iterator[Difference]],
+) -> Iterator[Difference]:
+    """What differs between files by their names; `unlike` tells how two of one name do."""
     met = set()
-    for file, data in before.items():
+    for file, kept in before.items():
         name = renamed.file_now(file)
         if name is None:
             continue
         met.add(name)
         if name not in after:
             yield Difference(case, file, "", "is missing")
-        elif after[name] != data:
-            yield from _of_file(case, file, data, after[name], renamed)
+        elif after[name] != kept:
+            yield from unlike(file, kept, after[name])
     for file in after:
         if file not in met and not renamed.is_new(file, ""):
             yield Difference(case, file, "", "is new")
@@ -121,18 +138,11 @@ def _of_sums(
     case: str, before: Mapping[str, str], after: Mapping[str, str], renamed: Renamed
 ) -> Iterator[Difference]:
     """Files of which there are digests only."""
-    met = set()
-    for file, digest in before.items():
-        name = renamed.file_now(file)
-        if name is None:
-            continue
-        met.add(name)
-        if after.get(name) != digest:
-            how = "has another digest" if name in after else "is missing"
-            yield Difference(case, file, "", how, file.endswith(PAGES) and name in after)
-    for file in after:
-        if file not in met and not renamed.is_new(file, ""):
-            yield Difference(case, file, "", "is new")
+
+    def unlike(file: str, old: str, new: str) -> Iterator[Difference]:
+        yield Difference(case, file, "", "has another digest", file.endswith(PAGES))
+
+    return _of_files(case, before, after, renamed, unlike)
 
 
 def _of_fields(
