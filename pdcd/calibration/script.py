@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.measured import with_values
 from pdcd.bench.tables import Config
-from pdcd.calibration.delayed import delayed
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import Photo, Seen, photo_of
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.timing_model import Ran
+from pdcd.calibration.timing.delayed import delayed
+from pdcd.calibration.timing.timing_model import Ran
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map

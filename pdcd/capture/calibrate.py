@@ -16,7 +16,7 @@ from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.measured import chosen
 from pdcd.bench.tables import Config
 from pdcd.calibration.script import Ask
-from pdcd.calibration.steps.all import BY_HAND, METER, ordered
+from pdcd.calibration.steps import BY_HAND, METER, ordered
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.capture.worker.calibrating import Begin, Found, NextAsk, NextPhoto
 from pdcd.capture.worker.proxy import WorkerProxy

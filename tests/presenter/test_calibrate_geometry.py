@@ -11,7 +11,7 @@ from pdcd.bench.calibration import read_calibration
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import BenchConfig, CameraConfig, RigConfig, SceneConfig, TriggerConfig
 from pdcd.bench.truth import truth_of
-from pdcd.calibration import metering
+from pdcd.calibration.light import metering
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
 from pdcd.panels.map import between

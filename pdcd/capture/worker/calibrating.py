@@ -25,7 +25,7 @@ from pdcd.bench.tables import Config
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
-from pdcd.calibration.steps.all import METER, script_of
+from pdcd.calibration.steps import METER, script_of
 from pdcd.errors import CalibrationError, PdcdError, disk_errors
 from pdcd.files.arrays import members, read_npz
 from pdcd.files.opening import Limits, Unsound
@@ -210,7 +210,7 @@ class Study:
                 value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
             )
         if outcome.profile is not None:
-            from pdcd.calibration.body import profile_text  # what a capture never needs
+            from pdcd.calibration.sensor.body import profile_text  # what a capture never needs
 
             self.profile_text = profile_text(outcome.profile)
         if outcome.picture is not None:

@@ -17,9 +17,9 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
+from pdcd.calibration.check.check_step import KEPT, check_bench
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.script import Outcome
-from pdcd.calibration.steps.check import KEPT, check_bench
 from pdcd.capture.worker.calibrating import read_arrays, write_arrays
 from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands

@@ -11,9 +11,9 @@ from pdcd.bench.devices import CameraSettings
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import truth_of
+from pdcd.calibration.check.check_step import check_bench
 from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
-from pdcd.calibration.steps.check import check_bench
 from pdcd.capture.rig import Rig
 from pdcd.panels.placing import Placing
 from pdcd.sensor.profile import load_profile

@@ -15,8 +15,8 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.steps.coaxial import coaxial
-from pdcd.calibration.steps.focus import focus
+from pdcd.calibration.geometry.coaxial_step import coaxial
+from pdcd.calibration.registration.focus_step import focus
 from pdcd.errors import CalibrationError
 from tests.e2e.calibration.hands import Hands
 

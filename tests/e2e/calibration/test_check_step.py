@@ -11,8 +11,8 @@ import pytest
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.truth import truth_of
+from pdcd.calibration.check.check_step import KEPT, NO_LAG
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.steps.check import KEPT, NO_LAG
 from pdcd.capture.worker.calibrating import read_arrays, write_arrays
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import between

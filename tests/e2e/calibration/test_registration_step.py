@@ -19,8 +19,8 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.bench.truth import truth_of
+from pdcd.calibration.registration.registration_step import registration
 from pdcd.calibration.script import Session
-from pdcd.calibration.steps.registration import registration
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, between
 from pdcd.panels.placing import Placing

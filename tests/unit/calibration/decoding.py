@@ -8,9 +8,16 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.phase import Decoded, HalfPeriods, PhaseCode, Sines, joined, refuse_wrapped
+from pdcd.calibration.geometry.phase import (
+    Decoded,
+    HalfPeriods,
+    PhaseCode,
+    Sines,
+    joined,
+    refuse_wrapped,
+)
+from pdcd.calibration.geometry.xor import XorCode, XorPlanes
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.xor import XorCode, XorPlanes
 
 Floats = NDArray[np.float64]
 

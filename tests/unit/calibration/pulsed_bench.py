@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.timing_model import Ran
+from pdcd.calibration.timing.timing_model import Ran
 from pdcd.panels.frames import WHITE, FrameLog
 from pdcd.panels.map import Map
 

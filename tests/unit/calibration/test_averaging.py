@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.averaging import Averaging
+from pdcd.calibration.registration.averaging import Averaging
 
 SHAPE = (64, 80)
 RNG = np.random.default_rng(2)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.body import Body, BodyPlan, measure_body, profile_of, profile_text
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Seen, photo_of, refuse_settings
-from pdcd.calibration.transfer import pair_of, transfer_of
+from pdcd.calibration.sensor.body import Body, BodyPlan, measure_body, profile_of, profile_text
+from pdcd.calibration.sensor.transfer import pair_of, transfer_of
 from pdcd.errors import CalibrationError
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import RawFrame

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.check import Checked, Dots, Look, check, closed_share, parts_of
+from pdcd.calibration.check.changes import Checked, Dots, Look, check, closed_share, parts_of
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.skew_change import skew_change
+from pdcd.calibration.timing.skew_change import skew_change
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, between
 

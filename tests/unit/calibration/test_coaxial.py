@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.coaxial import Parallax, parallax
+from pdcd.calibration.geometry.coaxial import Parallax, parallax
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, matrix
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdcd.calibration.compose import compose, one_field
-from pdcd.calibration.fit import Fitted, Pairs, fit_map
+from pdcd.calibration.geometry.compose import compose, one_field
+from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import between
 from tests.unit.calibration.geometry_bench import Way

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.delayed import delayed, ran_as
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.timing_model import Ran
+from pdcd.calibration.timing.delayed import delayed, ran_as
+from pdcd.calibration.timing.timing_model import Ran
 from pdcd.panels.frames import FrameLog
 
 REFRESH_NS = 16_666_667

@@ -9,8 +9,8 @@ import pytest
 
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.calibration.disparity import disparities, plane_between
-from pdcd.calibration.phase import Decoded, PhaseCode
+from pdcd.calibration.geometry.disparity import disparities, plane_between
+from pdcd.calibration.geometry.phase import Decoded, PhaseCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import frames_of
 from pdcd.errors import CalibrationError

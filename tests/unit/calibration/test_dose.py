@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.dose import Brightest, line_of
+from pdcd.calibration.sensor.dose import Brightest, line_of
 from pdcd.errors import CalibrationError
 
 DOSES = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 48.0, 64.0])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, center_of_mass, label
 
-from pdcd.calibration.dots import DotGrid, PanelName
-from pdcd.calibration.lattice import SYMMETRIES, placed
+from pdcd.calibration.geometry.dots import DotGrid, PanelName
+from pdcd.calibration.geometry.lattice import SYMMETRIES, placed
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 

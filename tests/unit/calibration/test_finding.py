@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.calibration.dots import DotGrid
-from pdcd.calibration.finding import Dots, find_dots
+from pdcd.calibration.geometry.dots import DotGrid
+from pdcd.calibration.geometry.finding import Dots, find_dots
 from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.geometry_bench import Bench, Way, small_way

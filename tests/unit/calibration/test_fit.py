@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.fit import Fitted, Pairs, fit_map, mad_px
+from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map, mad_px
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.geometry_bench import Way
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from pdcd.calibration.focus import Best, depth
 from pdcd.calibration.photo import Photo
+from pdcd.calibration.registration.focus import Best, depth
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]

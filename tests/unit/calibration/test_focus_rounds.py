@@ -11,8 +11,8 @@ import pytest
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
+from pdcd.calibration.registration.focus_step import focus
 from pdcd.calibration.script import Wanted
-from pdcd.calibration.steps.focus import focus
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing

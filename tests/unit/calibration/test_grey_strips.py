@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.response import (
+from pdcd.calibration.response.levels import (
     LEVELS,
     NOWHERE,
     Response,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.lamp import Iris, Lamp, iris_of, iris_photos, lamp_of
+from pdcd.calibration.light.lamp import Iris, Lamp, iris_of, iris_photos, lamp_of
 from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE

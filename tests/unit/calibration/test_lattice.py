@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.lattice import (
+from pdcd.calibration.geometry.lattice import (
     LEAST_LEAD,
     LEAST_SCORE,
     SYMMETRIES,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.light import Light, measure_light, responsivity_of
-from pdcd.calibration.light_plan import COVERED, Edges, LightPlan
+from pdcd.calibration.light.contrasts import Light, measure_light, responsivity_of
+from pdcd.calibration.light.light_plan import COVERED, Edges, LightPlan
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
 from pdcd.errors import CalibrationError

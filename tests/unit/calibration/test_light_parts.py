@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.flat import flat_of
-from pdcd.calibration.glare import CELL_PX, Glare, glare_of, glare_photo
-from pdcd.calibration.lamp import iris_of, iris_photos, lamp_of
-from pdcd.calibration.light import Share
-from pdcd.calibration.light_plan import LightPlan
+from pdcd.calibration.light.contrasts import Share
+from pdcd.calibration.light.flat import flat_of
+from pdcd.calibration.light.glare import CELL_PX, Glare, glare_of, glare_photo
+from pdcd.calibration.light.lamp import iris_of, iris_photos, lamp_of
+from pdcd.calibration.light.light_plan import LightPlan
 from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.light_bench import LightBench

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.light_plan import COVERED
+from pdcd.calibration.light.light_plan import COVERED
+from pdcd.calibration.light.light_step import COVER, LAMP_PHOTOS, UNCOVER, light
 from pdcd.calibration.photo import Photo, Seen
 from pdcd.calibration.script import Wanted
-from pdcd.calibration.steps.light import COVER, LAMP_PHOTOS, UNCOVER, light
-from pdcd.calibration.steps.sensor import BLACK, EDGE, GAIN
+from pdcd.calibration.sensor.sensor_step import BLACK, EDGE, GAIN
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from tests.unit.calibration.scripted import Answered, Run, run, session_of

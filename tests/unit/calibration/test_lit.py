@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.lit import OFFSETS_QUADS, RED, lit_by
+from pdcd.calibration.geometry.lit import OFFSETS_QUADS, RED, lit_by
 from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.mask_blur import MaskBlur, blur
-from pdcd.calibration.registration import Series
-from pdcd.calibration.stripes import Stripes, attenuation
+from pdcd.calibration.registration.mask_blur import MaskBlur, blur
+from pdcd.calibration.registration.offsets import Series
+from pdcd.calibration.registration.stripes import Stripes, attenuation
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 

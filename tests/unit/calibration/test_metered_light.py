@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.metering import FULL, LEAST, MOST, OPEN, WISHED, meter, opened
+from pdcd.calibration.light.metering import FULL, LEAST, MOST, OPEN, WISHED, meter, opened
 from pdcd.calibration.script import Wanted
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.scripted import STOPS, Answered, Run, run, session_of

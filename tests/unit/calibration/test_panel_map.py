@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from pdcd.calibration.dots import DotGrid, PanelName
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.finding import Dots, find_dots
-from pdcd.calibration.fit import Fitted, Pairs, fit_map
-from pdcd.calibration.panel_map import (
+from pdcd.calibration.geometry.dots import DotGrid, PanelName
+from pdcd.calibration.geometry.finding import Dots, find_dots
+from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map
+from pdcd.calibration.geometry.panel_map import (
     accepted,
     believed_map,
     check_believed,

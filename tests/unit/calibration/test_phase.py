@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.panel_map import fit_decoded
-from pdcd.calibration.phase import Decoded, PhaseCode
+from pdcd.calibration.geometry.panel_map import fit_decoded
+from pdcd.calibration.geometry.phase import Decoded, PhaseCode
+from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.xor import XorCode
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from tests.unit.calibration.decoding import decode, decode_by_prior, decode_xor

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.correction import Correction, bent_to, corrected, fitted
-from pdcd.calibration.mask_blur import blur
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration import Gathering, Offsets, Series, nearest, offsets
+from pdcd.calibration.registration.correction import Correction, bent_to, corrected, fitted
+from pdcd.calibration.registration.mask_blur import blur
+from pdcd.calibration.registration.offsets import Gathering, Offsets, Series, nearest, offsets
+from pdcd.calibration.registration.stripes import FINE, RULER, Stripes, patterns, periods_for
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns, periods_for
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 from pdcd.probing.cell_size import Meeting

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.response import (
+from pdcd.calibration.response.levels import (
     LEVELS,
     NOWHERE,
     Response,

@@ -11,8 +11,8 @@ import pytest
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo, Seen
+from pdcd.calibration.response.response_step import HELD, response
 from pdcd.calibration.script import Wanted
-from pdcd.calibration.steps.response import HELD, response
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map

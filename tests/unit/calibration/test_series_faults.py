@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.averaging import Averaging
-from pdcd.calibration.series_faults import (
+from pdcd.calibration.registration.averaging import Averaging
+from pdcd.calibration.registration.series_faults import (
     bilinear,
     lit,
     refuse_ambiguous,

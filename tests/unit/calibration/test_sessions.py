@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.light_plan import COVERED, LightPlan
+from pdcd.calibration.light.light_plan import COVERED, LightPlan
 from pdcd.calibration.script import Measured, Outcome, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.errors import CalibrationError

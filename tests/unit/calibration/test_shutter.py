@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.bars import CellLight, bar_photo, read_bar
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown, still
-from pdcd.calibration.shutter import Opened, bar_cells, fit_shutter, lag_of
+from pdcd.calibration.shutter.bars import CellLight, bar_photo, read_bar
+from pdcd.calibration.shutter.blades import Opened, bar_cells, fit_shutter, lag_of
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE, FrameLog
 from pdcd.panels.map import Map

@@ -14,7 +14,7 @@ from pdcd.calibration.charts import BLUE
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Wanted
-from pdcd.calibration.steps.shutter import shutter
+from pdcd.calibration.shutter.shutter_step import shutter
 from pdcd.errors import CalibrationError
 from pdcd.panels.placing import Placing
 from tests.unit.calibration.scripted import Answered, Run, run, session_of

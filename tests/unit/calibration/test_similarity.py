@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.similarity import Similarity, similarity
+from pdcd.calibration.check.similarity import Similarity, similarity
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from collections.abc import Generator
 import pytest
 
 from pdcd.calibration.script import Wanted
-from pdcd.calibration.steps.all import AT_WISH, METER, STEPS, ordered, script_of
+from pdcd.calibration.steps import AT_WISH, METER, STEPS, ordered, script_of
 from tests.unit.calibration.scripted import session_of
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.programmes import COARSE, Strips, strip_photo, strips_on
-from pdcd.calibration.strips import Readings, read_strips
-from pdcd.calibration.timing import Timing, coarse_delay, fit_timing, straight
+from pdcd.calibration.timing.lag import Timing, coarse_delay, fit_timing, straight
+from pdcd.calibration.timing.programmes import COARSE, Strips, strip_photo, strips_on
+from pdcd.calibration.timing.strips import Readings, read_strips
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, matrix
 from pdcd.panels.schedule import SLOTS

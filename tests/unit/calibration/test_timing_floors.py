@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.programmes import SETS, strip_photo, strips_on
-from pdcd.calibration.strips import Readings
-from pdcd.calibration.timing_fit import FLAT, FLOOR, LEAST_FLOORS, Fit, Fitted
-from pdcd.calibration.timing_model import Model, Times
+from pdcd.calibration.timing.programmes import SETS, strip_photo, strips_on
+from pdcd.calibration.timing.strips import Readings
+from pdcd.calibration.timing.timing_fit import FLAT, FLOOR, LEAST_FLOORS, Fit, Fitted
+from pdcd.calibration.timing.timing_model import Model, Times
 from pdcd.panels.map import Map
 from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.programmes import SETS, asked
-from pdcd.calibration.strips import Readings
-from pdcd.calibration.timing_model import Ran, Times, through_s
+from pdcd.calibration.timing.programmes import SETS, asked
+from pdcd.calibration.timing.strips import Readings
+from pdcd.calibration.timing.timing_model import Ran, Times, through_s
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import Answer, kept_apart, mean_light, mean_product

@@ -1,0 +1,1 @@
+"""Is the bench still as it was calibrated?"""

@@ -1,0 +1,1 @@
+"""Where projector, mask and camera lie: dots, stripes, maps fitted to them."""

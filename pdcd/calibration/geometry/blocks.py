@@ -1,0 +1,85 @@
+"""Random blocks of a panel: by how many whole periods numbered stripes are off.
+
+Stripes look the same a period further on. A picture of black and white blocks, half a period wide,
+does not: at the pixels that quads are said to see it is as bright as predicted, or it is so a few
+periods away. Blocks are as fine as the stripes, so light that comes round corners is grey in both.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.geometry.dots import drawn_bits
+from pdcd.calibration.geometry.phase import Decoded, PhaseCode, of_one_panel
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.shown import Bits, Shown
+from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+
+MOST_PERIODS = 4
+"""Whole periods to either side that are looked for."""
+LEAST_AGREEMENT, SECOND = 0.4, 0.6
+"""Agreement from which the number is sure, and that of the second best, over the best."""
+MOST_QUADS = 200_000
+"""Quads that are looked at."""
+
+
+def picture(code: PhaseCode) -> Bits:
+    """(height, width) bool, blocks of half a period."""
+    side = code.period_px // 2
+    cols, rows = (-(-length // side) for length in code.size_px)
+    bits = drawn_bits(f"blocks of the {code.panel}", rows, cols)
+    whole = np.kron(bits, np.ones((side, side), dtype=np.bool_))
+    return whole[: code.size_px[1], : code.size_px[0]]
+
+
+def shown(code: PhaseCode, refreshes: int) -> Shown:
+    """The photo of the blocks."""
+    index = np.zeros(refreshes, dtype=np.int32)
+    return of_one_panel(f"blocks-{code.panel}", code.panel, picture(code)[None], index)
+
+
+def periods_off(
+    photo: Photo, half: Floats, seen: Decoded, code: PhaseCode, channel: int
+) -> tuple[int, int]:
+    """By how many periods to the right and down the panel lies from where quads were said to see.
+
+    Parameters
+    ----------
+    photo : of the blocks. half : (h, w), half of the light of each quad, in the photo's unit.
+    seen : panel pixels of the quads, right but for whole periods.
+
+    Raises CalibrationError where no number of periods agrees.
+    """
+    row, col = np.nonzero(seen.valid)
+    some = slice(None, None, max(1, len(row) // MOST_QUADS))
+    row, col = row[some], col[some]
+    light = photo.light[row, col, channel] / half[row, col] - 1.0
+    bright = np.clip(light, -1.0, 1.0)
+    at = seen.panel_px[row, col]
+    blocks = np.where(picture(code), 1.0, -1.0)
+    steps = range(-MOST_PERIODS, MOST_PERIODS + 1)
+    agreement = {
+        (right, down): _agreement(bright, blocks, at + code.period_px * np.array([right, down]))
+        for down in steps
+        for right in steps
+    }
+    best, second = sorted(agreement, key=lambda off: agreement[off], reverse=True)[:2]
+    if agreement[best] < LEAST_AGREEMENT or agreement[second] > SECOND * agreement[best]:
+        raise CalibrationError(
+            f"the {code.panel}'s stripes cannot be numbered: a picture of blocks agrees by "
+            f"{agreement[best]:.0%} with the maps in use, at best {best} periods away",
+            device=code.panel,
+            hint="use patterns that need no map: --marks xor on a scene, dots on a card",
+        )
+    return best
+
+
+def _agreement(bright: Floats, blocks: Floats, at: Floats) -> float:
+    """How well light agrees with the blocks at places (n, 2); where there are none, not at all."""
+    col, row = np.floor(at).astype(np.int64).T
+    inside = (col >= 0) & (col < blocks.shape[1]) & (row >= 0) & (row < blocks.shape[0])
+    predicted = np.where(inside, blocks[row * inside, col * inside], 0.0)
+    return float((bright * predicted).sum() / max(np.abs(bright).sum(), 1e-12))

@@ -1,0 +1,124 @@
+"""From what the camera sees of both panels to one field.
+
+At places of the photo, mask pixel and projector pixel are known, so a map leads from the one to the
+other directly; the camera's lens and where its samples lie cancel. The field is the projector's
+picture (docs/field.md): the projector's map fills it, and those of camera and mask lead to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map
+from pdcd.errors import CalibrationError, ConfigError
+from pdcd.panels.map import Map
+from pdcd.panels.map_soundness import check_share
+
+Floats = NDArray[np.float64]
+
+ACROSS = 96
+"""Places along the photo's width at which both panels are looked up."""
+COMPOSED_NODES = (10, 12)
+"""Rows and columns of nodes of the composed residual: two residuals one after the other."""
+LEAST_PLACES = 200
+"""Places that must lie on both panels."""
+SURE_PX = 1e-3
+"""What the composed model itself cannot say better, in projector pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class Composed:
+    """mask : from mask pixels to projector pixels. through : both maps of the camera, whose errors
+    are the composed map's."""
+
+    mask: Fitted
+    projector_of: Fitted
+    mask_of: Fitted
+
+    def sigma_px(self, mask_px: Floats) -> Floats:
+        """Standard deviation of the mask's map at its pixels (n, 2), (n, 2), in projector pixels:
+        that of both of the camera's maps. NaN where the camera does not see the mask."""
+        seen = self.mask_of.map.from_field(mask_px / self.mask_of.target_size_px)
+        known = np.isfinite(seen).all(axis=-1)
+        found = np.full(mask_px.shape, np.nan)
+        found[known] = np.sqrt(
+            np.diagonal(_covariance(self.projector_of, self.mask_of, seen[known]), axis1=1, axis2=2)
+        )
+        return found
+
+
+@dataclass(frozen=True)
+class OneField:
+    """The maps of all three devices to the one field."""
+
+    projector: Map
+    mask: Map
+    camera: Map
+
+
+def compose(projector_of: Fitted, mask_of: Fitted) -> Composed:
+    """The map from mask to projector, out of the camera's maps to both.
+
+    Raises CalibrationError where the camera sees too little that is on both panels.
+    """
+    frame = projector_of.map.size_px
+    if mask_of.map.size_px != frame:
+        raise ValueError("both maps must be of one camera")
+    step = frame[0] / ACROSS
+    x = np.arange(0.5 * step, frame[0], step)
+    y = np.arange(0.5 * step, frame[1], step)
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    on_mask, on_projector = mask_of.to_target(places), projector_of.to_target(places)
+    with np.errstate(invalid="ignore"):
+        both = np.ones(len(places), dtype=np.bool_)
+        for at, size in (
+            (on_mask, mask_of.target_size_px),
+            (on_projector, projector_of.target_size_px),
+        ):
+            both &= ((at >= 0.0) & (at <= size)).all(axis=-1)
+    if both.sum() < LEAST_PLACES:
+        raise CalibrationError(
+            f"only {both.mean():.1%} of the photo shows both the mask and the projector's picture",
+            device="mask",
+            hint="move the projector's picture to where the camera sees through the mask",
+        )
+    # Their own errors are alike over long ways, so they say nothing about how to weigh them.
+    sigma = np.full((int(both.sum()), 2), SURE_PX)
+    pairs = Pairs(on_mask[both], on_projector[both], sigma)
+    fitted = fit_map(
+        pairs, mask_of.target_size_px, projector_of.target_size_px, "mask", nodes=COMPOSED_NODES
+    )
+    return Composed(fitted, projector_of, mask_of)
+
+
+def one_field(composed: Composed) -> OneField:
+    """Three maps to the field that the projector's picture is.
+
+    Raises CalibrationError where mask or camera miss it, or the mask covers too little of it.
+    """
+    found = OneField(
+        projector=Map.filling(composed.projector_of.target_size_px),
+        mask=composed.mask.map,
+        camera=composed.projector_of.map,
+    )
+    try:
+        check_share(found.mask, "mask")
+        check_share(found.camera, "camera", least=0.0)
+    except ConfigError as err:
+        raise CalibrationError(
+            err.message,
+            device=err.device,
+            hint="move or zoom the projector so that mask and projector cover each other",
+        ) from err
+    return found
+
+
+def _covariance(projector_of: Fitted, mask_of: Fitted, places: Floats) -> Floats:
+    """Covariance of the composed map at places of the photo, (n, 2, 2), projector pixels squared:
+    P(M^-1(m)), so an error of M moves the place by its inverse slope."""
+    across = projector_of.slope(places) @ np.linalg.inv(mask_of.slope(places))
+    by_mask = across @ mask_of.covariance_px(places) @ np.swapaxes(across, 1, 2)
+    return np.asarray(projector_of.covariance_px(places) + by_mask)

@@ -1,0 +1,450 @@
+"""Dots of a panel in three photos: found without any belief, to a few hundredths of a quad.
+
+With R = (dots - black) / (white - black), which knows neither texture nor vignetting, dots are
+local maxima of a matched filter, and their places centroids of R in a disc with a soft edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pdcd.calibration.geometry.dots import PER_RADIUS, DotGrid
+from pdcd.calibration.geometry.lattice import Place, counted, placed
+from pdcd.calibration.geometry.lit import BLUE, GREEN, OFFSETS_QUADS, RED, SURE, lit_by
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.registration.series_faults import lit as lit_white
+from pdcd.errors import CalibrationError
+from pdcd.words import SubjectName
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+TELLING_QUADS = 5.0
+"""Dots that lie nearer to each other than this may be too small to be told from their holes."""
+LEAST_DOTS = 60
+"""Dots below which neither their code nor a map is sure."""
+FLAT, EDGE, RING = 1.5, 2.1, 2.6
+"""Radii, in those of a dot: of the disc in which a centroid is taken in full, of its soft edge, and
+of the ring about it that tells the light between dots."""
+ROUNDS = 4
+"""Times that the disc is put where the centroid was."""
+PEAK = 0.35
+"""Share of the usual response of the matched filter from which it is a dot."""
+MOST_BLUR = 0.5
+"""Blur over the radius of dots from which they are out of focus."""
+TEXTURE = 0.25
+"""Deviation of the white light about a dot, over its mean, from which blur may move the dot."""
+MOST_TEXTURED = MappingProxyType({"card": 0.4, "scene": 0.9})
+"""Share of dots that may lie on texture."""
+CHUNK = 2_000_000
+"""Quads about dots that are worked on at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """The dots of one panel in one colour.
+
+    grid : what the panel showed.
+    index : (n, 2) int, (column, row) of each dot in the grid.
+    panel_px : (n, 2), their centres on the panel.
+    camera_px : (n, 2), their centres in the photo in quads, the place of the colour's samples in
+        the quad allowed for.
+    sigma_px : (n, 2), standard deviation of these, in quads, by the noise of the photos.
+    blur_quads : standard deviation of the blur of the dots' edges, the quads' own width included.
+    score : agreement with the panel's code, 1 at best.
+    """
+
+    grid: DotGrid
+    index: Indices
+    panel_px: Floats
+    camera_px: Floats
+    sigma_px: Floats
+    blur_quads: float
+    score: float
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the panel is seen mirrored."""
+        return bool(np.linalg.det(self._slope) < 0.0)
+
+    @property
+    def turn_deg(self) -> float:
+        """Direction in the photo in which the panel's rows run, clockwise, -180 to 180."""
+        right = self._slope[:, 0]
+        return float(np.degrees(np.arctan2(right[1], right[0])))
+
+    @property
+    def _slope(self) -> Floats:
+        from_panel = np.column_stack([self.panel_px, np.ones(len(self.panel_px))])
+        slope = np.linalg.lstsq(from_panel, self.camera_px, rcond=None)[0][:2].T
+        return np.asarray(slope, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ratio:
+    """R of one colour, its variance, and white - black."""
+
+    value: Floats
+    variance: Floats
+    light: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Centroids:
+    """at, sigma : (n, 2), NaN where there is none; blur, radius : (n,), all in quads."""
+
+    at: Floats
+    sigma: Floats
+    blur: Floats
+    radius: Floats
+
+    def dots(
+        self, grid: DotGrid, index: Indices, offset_quads: tuple[float, float], score: float
+    ) -> Dots:
+        """Those that were found, as dots of a grid."""
+        good = np.isfinite(self.sigma).all(axis=-1)
+        return Dots(
+            grid=grid,
+            index=index[good],
+            panel_px=grid.centres(index[good]),
+            camera_px=self.at[good] + offset_quads,
+            sigma_px=self.sigma[good],
+            blur_quads=float(np.median(self.blur[good])),
+            score=score,
+        )
+
+
+def find_dots(
+    white: Photo,
+    black: Photo,
+    dots: Photo,
+    grid: DotGrid,
+    *,
+    other: DotGrid | None = None,
+    pattern: str = "RGGB",
+    subject: SubjectName = "card",
+) -> tuple[Dots, Dots, Dots]:
+    """The dots of a panel in photos of its three pictures, in red, green and blue.
+
+    other : grid of the other panel, to tell swapped outputs.
+    pattern : of the camera's mosaic. subject : a scene has more edges than a card may have.
+
+    Raises CalibrationError, which names the cause, where they cannot be found or told apart.
+    """
+    lit = lit_by(white, black, grid.panel)
+    green = _ratio(white, black, dots, lit, GREEN)
+    _check_shown(green.value, lit, grid)
+    rough, radius = _rough(green.value, lit, grid)
+    points, index, score = _told_apart(rough, radius, green, grid, other)
+    points, index = _trusted(points, index, radius, green, grid, MOST_TEXTURED[subject])
+    found: list[Dots] = []
+    offsets = OFFSETS_QUADS[pattern]
+    for channel in (RED, GREEN, BLUE):
+        ratio = green if channel == GREEN else _ratio(white, black, dots, lit, channel)
+        seen = _measured(ratio, points, radius, grid)
+        found.append(seen.dots(grid, index, offsets[channel], score))
+    return found[0], found[1], found[2]
+
+
+def find_again(
+    white: Photo, dots: Photo, grid: DotGrid, index: Indices, expected: Floats
+) -> tuple[Indices, Floats, Floats]:
+    """Dots whose places are known nearly, in two photos only.
+
+    white : both panels white. dots : of one panel, the other white.
+    index : (n, 2) (column, row) of dots of the grid. expected : (n, 2) where in quads they should
+        be, all of them moved by less than two of their pitches, and turned by a degree or so.
+
+    Returns index (m, 2), places (m, 2) and their standard deviations (m, 2) in quads of those that
+    are there. Raises CalibrationError where there is no light, or dots cannot be found.
+    """
+    by = white.light[..., GREEN]
+    lit = lit_white(by, white.variance[..., GREEN])
+    per = np.where(lit, 1.0 / np.where(lit, by, 1.0), 0.0)
+    value = dots.light[..., GREEN] * per
+    variance = dots.variance[..., GREEN] + value**2 * white.variance[..., GREEN]
+    ratio = _Ratio(value, variance * per**2, by)
+    _check_shown(value, lit, grid)
+    rough, radius = _rough(value, lit, grid)
+    near = expected + _moved_by(rough, expected, PER_RADIUS * radius)
+    away, which = cKDTree(rough).query(near)
+    good = away < 0.4 * PER_RADIUS * radius
+    if good.sum() < LEAST_DOTS:
+        raise _few(int(good.sum()), grid)
+    found = _measured(ratio, rough[which[good]], radius, grid)
+    seen = np.isfinite(found.sigma).all(axis=-1)
+    return index[good][seen], found.at[seen], found.sigma[seen]
+
+
+def _moved_by(rough: Floats, expected: Floats, pitch: float) -> Floats:
+    """By how much all dots have moved, (2,): the least shift that most of them agree on. Dots at
+    the edges tell it from a shift by whole pitches more."""
+    reach, bin_quads = 2, 0.25 * pitch
+    places = cKDTree(rough)
+    near = places.query_ball_point(expected, reach * pitch)
+    apart = np.concatenate(
+        [rough[some] - at for some, at in zip(near, expected, strict=True) if some]
+        or [np.zeros((1, 2))]
+    )
+    count = 4 * reach + 1
+    edges = (np.arange(-count, count + 2) - 0.5) * bin_quads
+    votes = _smooth(np.histogram2d(apart[:, 0], apart[:, 1], bins=(edges, edges))[0], 0.7)
+    highest = (votes == cv2.dilate(votes, np.ones((3, 3), dtype=np.uint8))) & (votes > 0.0)
+    highest &= votes > 0.5 * votes.max()
+    shifts = (np.argwhere(highest) - count) * bin_quads
+    partners = []
+    for shift in shifts:
+        close = np.hypot(*(apart - shift).T) < 2.0 * bin_quads
+        shift[:] = np.median(apart[close], axis=0)
+        partners.append(int((places.query(expected + shift)[0] < bin_quads).sum()))
+    most = np.array(partners) >= 0.99 * max(partners)
+    return np.asarray(shifts[most][np.argmin(np.hypot(*shifts[most].T))])
+
+
+def _ratio(white: Photo, black: Photo, dots: Photo, lit: Bools, channel: int) -> _Ratio:
+    """R where the panel's light falls, else 0."""
+    dark = black.light[..., channel]
+    light = white.light[..., channel] - dark
+    # A colour may have no light where green has.
+    least = np.median(light[lit]) * 0.05
+    per = np.where(lit & (light > least), 1.0 / np.maximum(light, least), 0.0)
+    value = (dots.light[..., channel] - dark) * per
+    variance = (
+        dots.variance[..., channel]
+        + value**2 * white.variance[..., channel]
+        + (1.0 - value) ** 2 * black.variance[..., channel]
+    ) * per**2
+    return _Ratio(value, variance, light)
+
+
+def _check_shown(ratio: Floats, lit: Bools, grid: DotGrid) -> None:
+    """Whether the third photo shows anything that may be dots."""
+    mean = float(ratio[lit].mean())
+    if mean < 0.02:
+        raise _untrusted(
+            "the photo of dots is black",
+            grid,
+            f"see that the {grid.panel} shows pictures, not only white: pdcd show dots",
+        )
+    if mean > 0.6:
+        raise _untrusted(
+            "the photo of dots is white",
+            grid,
+            f"see that the {grid.panel} changes its picture in time: pdcd show dots",
+        )
+
+
+def _rough(ratio: Floats, lit: Bools, grid: DotGrid) -> tuple[Floats, float]:
+    """Places of dots, (n, 2) in quads, to about a quad, and their usual radius in quads."""
+    smooth = _smooth(ratio, 1.0)
+    bright = 0.5 * float(np.percentile(smooth[::2, ::2][lit[::2, ::2]], 98.0))
+    _, _, stats, _ = cv2.connectedComponentsWithStats((smooth > bright).astype(np.uint8))
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    areas = areas[areas >= 5]
+    if areas.size < LEAST_DOTS:
+        raise _few(int(areas.size), grid)
+    # Half of the dots' light lies in dots of at least this size, however many specks there are.
+    ordered = np.sort(areas)
+    usual = ordered[np.searchsorted(np.cumsum(ordered), 0.5 * ordered.sum())]
+    radius = float(np.sqrt(usual / np.pi))
+    narrow, wide = radius / 1.5, radius * 1.5
+    matched = _smooth(ratio, narrow) - _smooth(ratio, wide)
+    side = 2 * max(1, round(radius)) + 1
+    highest = cv2.dilate(matched, np.ones((side, side), dtype=np.uint8))
+    row, col = np.nonzero((matched == highest) & (matched > 0.0) & lit)
+    response = matched[row, col]
+    strongest = np.sort(response)[-min(response.size, grid.shape[0] * grid.shape[1]) :]
+    kept = response > PEAK * float(np.median(strongest))
+    return np.stack([col[kept] + 0.5, row[kept] + 0.5], axis=-1), radius
+
+
+def _told_apart(
+    rough: Floats, radius: float, ratio: _Ratio, grid: DotGrid, other: DotGrid | None
+) -> tuple[Floats, Indices, float]:
+    """Place of each dot in quads, (n, 2), its index, (n, 2), and how well the code agrees.
+
+    Raises where the code does not say which is which."""
+    points = _centroids(ratio, rough, radius).at
+    points = points[np.isfinite(points).all(axis=-1)]
+    count, which = counted(points)
+    if len(which) < LEAST_DOTS:
+        raise _few(len(which), grid)
+    points = points[which]
+    count = count - count.min(axis=0)
+    cells = _cells(ratio.light, points, count, radius)
+    place = placed(cells, grid.holes())
+    if not place.sure:
+        _check_swapped(cells, place, grid, other)
+        apart = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+        hint = "hold a flat matt card there, wholly lit, and see that nothing scales the picture"
+        if apart < TELLING_QUADS:
+            hint = f"they lie {apart:.1f} quads apart: let the field fill the camera's frame"
+        raise _untrusted(
+            f"dots were found, but not which is which: they agree by {place.score:.0%} with the "
+            f"{grid.panel}'s code",
+            grid,
+            hint,
+        )
+    return points, place.index(count), place.score
+
+
+def _check_swapped(cells: Floats, place: Place, grid: DotGrid, other: DotGrid | None) -> None:
+    if other is None:
+        return
+    if placed(cells, other.holes()).sure:
+        raise _untrusted(
+            f"the dots of the {other.panel} are seen where the {grid.panel}'s were asked for",
+            grid,
+            "the outputs are swapped: exchange the cables, or the outputs in the configuration",
+        )
+
+
+def _cells(light: Floats, points: Floats, count: Indices, radius: float) -> Floats:
+    """White light amid each four neighbouring dots, over that on the dots: -1 is none, 1 is as
+    much. (rows, cols), NaN where a dot is missing."""
+    cols, rows = (count.max(axis=0) + 1).tolist()
+    at = np.full((rows, cols, 2), np.nan)
+    at[count[:, 1], count[:, 0]] = points
+    smooth = _smooth(light, max(0.5 * radius, 0.5))
+    corners = np.stack([at[:-1, :-1], at[1:, :-1], at[:-1, 1:], at[1:, 1:]])
+    middle = corners.mean(axis=0)
+    known = np.isfinite(middle).all(axis=-1)
+    found = np.full(known.shape, np.nan)
+    around = np.mean([_sampled(smooth, corner[known]) for corner in corners], axis=0)
+    share = _sampled(smooth, middle[known]) / np.maximum(around, 1e-12)
+    found[known] = np.clip(2.0 * share - 1.0, -1.0, 1.0)
+    # Blur fills holes, and glare: what counts is which places are darker than most.
+    found -= 0.5 * (np.nanpercentile(found, 10.0) + np.nanpercentile(found, 90.0))
+    return np.asarray(np.clip(2.0 * found, -1.0, 1.0))
+
+
+def _smooth(values: Floats, sigma: float) -> Floats:
+    """Blurred by a Gaussian of so many quads."""
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma), dtype=np.float64)
+
+
+def _sampled(values: Floats, points: Floats) -> Floats:
+    rows, cols = values.shape
+    col = np.clip(points[:, 0].astype(np.int64), 0, cols - 1)
+    row = np.clip(points[:, 1].astype(np.int64), 0, rows - 1)
+    return values[row, col]
+
+
+def _trusted(
+    points: Floats, index: Indices, radius: float, ratio: _Ratio, grid: DotGrid, most: float
+) -> tuple[Floats, Indices]:
+    """Dots of the panel that lie on even ground."""
+    rows, cols = grid.shape
+    inside = ((index >= 0) & (index < (cols, rows))).all(axis=-1)
+    points, index = points[inside], index[inside]
+    even = _unevenness(ratio.light, points, radius) < TEXTURE
+    if even.mean() < 1.0 - most:
+        raise _untrusted(
+            f"the texture is too strong: {1.0 - even.mean():.0%} of the dots lie on edges of it",
+            grid,
+            "put a flat matt card there, or calibrate on the scene: --scene",
+        )
+    points, index = points[even], index[even]
+    if len(points) < LEAST_DOTS:
+        raise _few(len(points), grid)
+    return points, index
+
+
+def _unevenness(light: Floats, points: Floats, radius: float) -> Floats:
+    """Spread of the white light about each dot, over its mean, (n,); what noise adds is small."""
+    smooth = _smooth(light, 0.25 * radius)
+    angles = np.arange(8) * (np.pi / 4.0)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * radius
+    values = np.stack([_sampled(smooth, points + step) for step in [*ring, np.zeros(2)]])
+    found: Floats = values.std(axis=0) / np.maximum(values.mean(axis=0), 1e-12)
+    return found
+
+
+def _measured(ratio: _Ratio, points: Floats, radius: float, grid: DotGrid) -> _Centroids:
+    """The dots in one colour, where green has them. Raises where they are blurred away."""
+    found = _centroids(ratio, points, radius)
+    # A centroid that ran away is another's, or noise.
+    with np.errstate(invalid="ignore"):
+        lost = ~(np.hypot(*(found.at - points).T) < radius)
+    found.sigma[lost] = np.nan
+    good = np.isfinite(found.sigma).all(axis=-1)
+    if good.sum() < LEAST_DOTS:
+        raise _few(int(good.sum()), grid)
+    blur = float(np.median(found.blur[good] / found.radius[good]))
+    if blur > MOST_BLUR:
+        raise _untrusted(
+            f"the dots are out of focus: their edges are blurred over {blur:.0%} of their radius",
+            grid,
+            "focus the camera on the mask, then the projector on the card; let them fill its frame",
+        )
+    return found
+
+
+def _centroids(ratio: _Ratio, start: Floats, radius: float) -> _Centroids:
+    """Centroids about places (n, 2); NaN for those too near to the frame's edge."""
+    reach = int(np.ceil(RING * radius)) + 1
+    found = np.full((len(start), 6), np.nan)
+    rows, cols = ratio.value.shape
+    corner = np.floor(start).astype(np.int64) - reach
+    side = 2 * reach + 1
+    whole = np.flatnonzero(((corner >= 0) & (corner + side <= (cols, rows))).all(axis=-1))
+    at_once = max(1, CHUNK // side**2)
+    for first in range(0, len(whole), at_once):
+        some = whole[first : first + at_once]
+        down = corner[some, 1][:, None, None] + np.arange(side)[:, None]
+        right = corner[some, 0][:, None, None] + np.arange(side)
+        patch, variance = ratio.value[down, right], ratio.variance[down, right]
+        local = _centroid(patch, variance, start[some] - corner[some], radius)
+        local[:, :2] += corner[some]
+        found[some] = local
+    return _Centroids(found[:, :2], found[:, 2:4], found[:, 4], found[:, 5])
+
+
+def _centroid(patch: Floats, variance: Floats, start: Floats, radius: float) -> Floats:
+    """Centroid, its standard deviation, blur and radius, (n, 6), of dots in patches (n, k, k)."""
+    middles = np.arange(patch.shape[1]) + 0.5
+    at = start
+    with np.errstate(all="ignore"):  # a patch without light has no centroid
+        for _ in range(ROUNDS):
+            across, down = middles - at[:, :1], middles - at[:, 1:]
+            distance = np.sqrt(across[:, None, :] ** 2 + down[:, :, None] ** 2) / radius
+            weight = np.clip((EDGE - distance) / (EDGE - FLAT), 0.0, 1.0)
+            ring = (distance > EDGE) & (distance < RING)
+            ground = (patch * ring).sum(axis=(1, 2)) / ring.sum(axis=(1, 2))
+            dot = patch - ground[:, None, None]
+            weighted = weight * dot
+            total = weighted.sum(axis=(1, 2))
+            x = (weighted.sum(axis=1) * across).sum(axis=1) / total
+            y = (weighted.sum(axis=2) * down).sum(axis=1) / total
+            at = at + np.stack([x, y], axis=-1)
+        spread = weight**2 * variance
+        sigma_x = np.sqrt((spread.sum(axis=1) * across**2).sum(axis=1)) / total
+        sigma_y = np.sqrt((spread.sum(axis=2) * down**2).sum(axis=1)) / total
+        # Along an edge blurred by s, the integral of R (1 - R) across it is s / sqrt(pi).
+        size = np.sqrt(total / np.pi)
+        within = (weight * (dot * (1.0 - dot) + variance)).sum(axis=(1, 2))
+        blur = within / (2.0 * np.sqrt(np.pi) * size)
+    dim = ~(total > SURE * np.sqrt(spread.sum(axis=(1, 2))))
+    found = np.column_stack([at, sigma_x, sigma_y, np.maximum(blur, 0.0), size])
+    found[dim] = np.nan
+    return found
+
+
+def _few(count: int, grid: DotGrid) -> CalibrationError:
+    rows, cols = grid.shape
+    return _untrusted(
+        f"only {count} of {rows * cols} dots were found; {LEAST_DOTS} are needed",
+        grid,
+        "let the camera see the whole picture, clear its way, and focus",
+    )
+
+
+def _untrusted(what: str, grid: DotGrid, hint: str) -> CalibrationError:
+    return CalibrationError(what, device=grid.panel, hint=hint)

@@ -1,0 +1,270 @@
+"""Sine stripes made of time, and Gray codes: for each quad, the panel pixel that it sees.
+
+Grey is made of black and white: a sine is shown as 16 pictures of one refresh each, sine above a
+threshold, and the shutter adds them up. Each pixel is lit in one run, so that the panel's response
+does not enter, and its rise and fall add the same everywhere. With I_s the photo of the sine
+shifted by s of S steps,
+
+    z = sum of I_s exp(2 pi i s / S),    x = P arg(z) / 2 pi + P n.
+
+The period's number n comes from a Gray code of half periods, whose edges keep a quarter period of
+margin, or from a belief that is less than half a period wrong, for which eight photos suffice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.geometry.dots import PanelName
+from pdcd.calibration.geometry.lit import GREEN, SURE
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.shown import Bits, Shown
+from pdcd.errors import CalibrationError
+from pdcd.panels.frames import WHITE
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Placed = tuple[Floats, Floats, Bools]
+"""Pixels along an axis, (h, w), their standard deviations, and which are valid."""
+
+LEAST_MODULATION = 0.2
+"""Depth of the stripes over their mean, below which a quad is left out."""
+LEAST_VALID = 0.02
+"""Share of the frame that must be decoded."""
+MOST_BEYOND = 0.02
+"""Share of the decoded quads that may lie beyond the panel: noise at its edges."""
+WRAPPED, MOST_WRAPPED = 0.4, 0.05
+"""Difference from a belief, in periods, that is near to the next period, and the share of quads
+that may have it."""
+AROUND, AROUND_SHARE = 7, 0.9
+"""Quads a side about each, and the share of them that must be valid: beside an edge of the picture,
+or of what covers it, blur moves the stripes."""
+AXES = ("x", "y")
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """What each quad of a photo sees.
+
+    panel_px : (h, w, 2), x and y on the panel in pixels.
+    sigma_px : (h, w, 2), standard deviation by the noise of the photos.
+    valid : (h, w) bool; elsewhere the numbers mean nothing.
+    """
+
+    panel_px: Floats
+    sigma_px: Floats
+    valid: Bools
+
+
+@dataclass(frozen=True)
+class PhaseCode:
+    """The patterns of one panel.
+
+    size_px : (width, height). period_px : even, so that half periods are whole pixels.
+    steps : shifts of the sine, 3 or more. levels : refreshes that make one sine.
+    """
+
+    panel: PanelName
+    size_px: tuple[int, int]
+    period_px: int = 16
+    steps: int = 4
+    levels: int = 16
+
+    def __post_init__(self) -> None:
+        if self.period_px < 4 or self.period_px % 2 or self.steps < 3 or self.levels < 2:
+            raise ValueError("a period is even and 4 pixels at least; 3 steps, 2 levels at least")
+
+    def bits(self, axis: int) -> int:
+        """Gray bits that number the half periods along an axis."""
+        return max(1, (-(-2 * self.size_px[axis] // self.period_px) - 1).bit_length())
+
+    def sine(self, axis: int, step: int) -> Bits:
+        """(levels, height, width) bool: a shifted sine above rising thresholds."""
+        x = np.arange(self.size_px[axis]) + 0.5
+        angle = 2.0 * np.pi * (x / self.period_px - step / self.steps)
+        thresholds = (np.arange(self.levels) + 0.5) / self.levels
+        return self._drawn(axis, 0.5 + 0.5 * np.cos(angle) > thresholds[:, None])
+
+    def gray(self, axis: int, bit: int) -> Bits:
+        """(1, height, width) bool: a bit, the highest first, of each half period's number."""
+        number = 2 * np.arange(self.size_px[axis]) // self.period_px
+        plane = (number ^ (number >> 1)) >> (self.bits(axis) - 1 - bit) & 1
+        return self._drawn(axis, plane[None].astype(np.bool_))
+
+    def shown(self, repeats: int = 1, *, numbered: bool = True) -> tuple[Shown, ...]:
+        """The photos in the order in which decoding wants them, each `levels * repeats` refreshes:
+        for either axis the sines, then, if numbered, the Gray code."""
+        return tuple(self._shown(repeats, numbered))
+
+    def _shown(self, repeats: int, numbered: bool) -> Iterator[Shown]:
+        count = self.levels * repeats
+        for axis, name in enumerate(AXES):
+            for step in range(self.steps):
+                index = np.repeat(np.arange(self.levels, dtype=np.int32), repeats)
+                yield self._photo(f"sine-{name}{step}", self.sine(axis, step), index)
+            for bit in range(self.bits(axis) if numbered else 0):
+                index = np.zeros(count, dtype=np.int32)
+                yield self._photo(f"gray-{name}{bit}", self.gray(axis, bit), index)
+
+    def _drawn(self, axis: int, lines: Bools) -> Bits:
+        """Lines (P, side) as whole pictures, without a copy for each row."""
+        lines = lines[:, None, :] if axis == 0 else lines[:, :, None]
+        return np.broadcast_to(lines, (len(lines), self.size_px[1], self.size_px[0]))
+
+    def _photo(self, name: str, patterns: Bits, index: NDArray[np.int32]) -> Shown:
+        return of_one_panel(f"{name}-{self.panel}", self.panel, patterns, index)
+
+
+def of_one_panel(name: str, panel: PanelName, patterns: Bits, index: NDArray[np.int32]) -> Shown:
+    """A photo in which one panel shows patterns while the other lets all light pass."""
+    nothing, all_light = np.zeros((0, 0, 0), np.bool_), np.full_like(index, WHITE)
+    if panel == "projector":
+        return Shown(name, patterns, nothing, index, all_light)
+    return Shown(name, nothing, patterns, all_light, index)
+
+
+def refuse_wrapped(found: Decoded, prior_px: Floats, code: PhaseCode) -> None:
+    """Raise CalibrationError where the belief that numbered the periods was too far off."""
+    away = np.abs(found.panel_px - prior_px)[found.valid].max(axis=-1) / code.period_px
+    far = float(np.mean(away > WRAPPED))
+    if far > MOST_WRAPPED:
+        raise CalibrationError(
+            f"the {code.panel} lies {np.median(away) * code.period_px:.1f} pixels beside its "
+            f"stored map, {far:.0%} of it about half a period of the stripes or more",
+            device=code.panel,
+            hint="use patterns that need no map: --marks xor on a scene, dots on a card",
+        )
+
+
+class Sines:
+    """The shifts of one axis in one colour, photo by photo, in the order of `PhaseCode.shown`."""
+
+    def __init__(self, code: PhaseCode, channel: int = GREEN) -> None:
+        self.code, self.channel = code, channel
+        self._step = 0
+        self._z = np.zeros((0, 0), np.complex128)
+        # Sum of variances, each with the square of its photo's factor in z.
+        self._turned = np.zeros((0, 0), np.complex128)
+        self._variance = np.zeros((0, 0))
+        self._saturated = np.zeros((0, 0), np.bool_)
+        self.mean = np.zeros((0, 0))
+        """(h, w), of all shifts: half of the light."""
+
+    def add(self, photo: Photo) -> None:
+        """The next shift."""
+        if not self._step:
+            self._z, self._turned = (np.zeros(photo.frame, np.complex128) for _ in range(2))
+            self._variance, self.mean = np.zeros(photo.frame), np.zeros(photo.frame)
+            self._saturated = np.zeros(photo.frame, np.bool_)
+        factor = complex(np.exp(2j * np.pi * self._step / self.code.steps))
+        values, spread = photo.light[..., self.channel], photo.variance[..., self.channel]
+        self._z += values * factor
+        self._turned += spread * factor**2
+        self.mean += values / self.code.steps
+        self._variance += spread
+        if photo.saturated is not None:
+            self._saturated |= photo.saturated
+        self._step += 1
+
+    def refuse_flat(self) -> None:
+        """Raise CalibrationError where there is light, and most of it does not follow the
+        stripes."""
+        lit = (self.mean > 0.0) & (self.mean * self.code.steps > SURE * np.sqrt(self._variance))
+        if not lit.any():
+            return
+        depth = np.abs(self._z[lit]) * (2.0 / self.code.steps) / self.mean[lit]
+        if np.median(depth) < LEAST_MODULATION:
+            raise CalibrationError(
+                f"the light hardly follows the {self.code.panel}'s stripes: by "
+                f"{float(np.median(depth)):.0%} of it, at the median of the photo",
+                device=self.code.panel,
+                hint="darken the room, focus camera and projector, and see that the picture "
+                "changes: pdcd show pixels; of fog and milk, calibrate with a card",
+            )
+
+    def beside(self, near_px: Floats) -> tuple[float, float]:
+        """By how much stripes lie beside a belief (h, w), half a period at most either way, as most
+        quads say, and how alike they say it: 1 is all the same."""
+        period = self.code.period_px
+        with np.errstate(invalid="ignore"):
+            known = np.isfinite(near_px) & ~self._saturated
+            turn = self._z * np.exp(-2j * np.pi * np.where(known, near_px, 0.0) / period)
+            turn = np.where(known & (self.mean > 0.0), turn / np.maximum(self.mean, 1e-12), 0.0)
+        together = complex(turn.sum())
+        alike = abs(together) / max(float(np.abs(turn).sum()), 1e-12)
+        return period * float(np.angle(together)) / (2.0 * np.pi), alike
+
+    def place(self, near_px: Floats) -> Placed:
+        """Pixel nearest to the given ones, its standard deviation, and whether it is valid."""
+        period = self.code.period_px
+        size = np.abs(self._z)
+        with np.errstate(all="ignore"):
+            angle = np.angle(self._z)
+            at = period * angle / (2.0 * np.pi)
+            at += period * np.round((near_px - at) / period)
+            along = np.maximum(
+                0.5 * (self._variance - (self._turned * np.exp(-2j * angle)).real), 0.0
+            )
+            sigma = period / (2.0 * np.pi) * np.sqrt(along) / size
+            depth = 2.0 / self.code.steps * size
+            valid = (depth > LEAST_MODULATION * self.mean) & (
+                size > SURE * np.sqrt(0.5 * self._variance)
+            )
+            valid &= np.isfinite(at)
+        return at, sigma, valid & ~self._saturated
+
+
+class HalfPeriods:
+    """The Gray code that follows the sines of an axis: which half period each quad sees."""
+
+    def __init__(self, code: PhaseCode, sines: Sines) -> None:
+        self._period_px, self._sines = code.period_px, sines
+        self._number = np.zeros(sines.mean.shape, np.int64)
+        self._bit = np.zeros(sines.mean.shape, np.bool_)
+
+    def add(self, photo: Photo) -> None:
+        """The next bit; the mean of the shifts is its threshold."""
+        self._bit ^= photo.light[..., self._sines.channel] > self._sines.mean
+        self._number = 2 * self._number + self._bit
+
+    @property
+    def near_px(self) -> Floats:
+        """(h, w), the middle of the half period."""
+        return np.asarray((self._number + 0.5) * (0.5 * self._period_px), dtype=np.float64)
+
+
+def joined(axes: Sequence[Placed], code: PhaseCode) -> Decoded:
+    """Both axes, if they make sense. Raises CalibrationError."""
+    found = both(axes, code)
+    panel_px, valid = found.panel_px, found.valid
+    inside = ((panel_px >= 0.0) & (panel_px <= code.size_px)).all(axis=-1)
+    # Half a period beyond is another one's number; a little is noise.
+    near = ((panel_px > -1.0) & (panel_px < np.array(code.size_px) + 1.0)).all(axis=-1)
+    beyond = float(np.mean(~np.asarray(near)[valid]))
+    if beyond > MOST_BEYOND:
+        raise CalibrationError(
+            f"{beyond:.0%} of the stripes are decoded to places beyond the {code.panel}",
+            device=code.panel,
+            hint="the stored map is off by a period, or the patterns were not shown in order",
+        )
+    return Decoded(panel_px, found.sigma_px, valid & inside)
+
+
+def both(axes: Sequence[Placed], code: PhaseCode) -> Decoded:
+    """Both axes as they are, wherever they lie. Raises CalibrationError where few quads tell."""
+    (x, sigma_x, valid_x), (y, sigma_y, valid_y) = axes
+    valid = valid_x & valid_y
+    share = cv2.blur(valid.astype(np.float32), (AROUND, AROUND), borderType=cv2.BORDER_REPLICATE)
+    valid &= share >= AROUND_SHARE
+    if valid.mean() < LEAST_VALID:
+        raise CalibrationError(
+            f"stripes are seen in {valid.mean():.1%} of the photo only",
+            device=code.panel,
+            hint="expose so that white is well lit and not saturated, focus, take off the lens cap",
+        )
+    return Decoded(np.stack([x, y], axis=-1), np.stack([sigma_x, sigma_y], axis=-1), valid)

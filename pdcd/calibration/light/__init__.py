@@ -1,0 +1,1 @@
+"""Contrasts, light of the room, and how bright one unit is."""

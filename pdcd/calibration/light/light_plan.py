@@ -1,0 +1,72 @@
+"""What the panels show for the measurement of light, and for how long it lasts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.calibration.shown import Shown
+from pdcd.panels.frames import BLACK, WHITE
+
+COVERED = ("C", "C-again")
+"""Photos for which somebody covers the projector's lens."""
+
+
+@dataclass(frozen=True)
+class LightPlan:
+    """What to show.
+
+    refreshes : of white light in WW. longer : how many times as many in all other photos.
+    lead : refreshes for which the mask is open before and after the light.
+    refresh_s : duration of one.
+    """
+
+    refreshes: int = 60
+    longer: int = 8
+    lead: int = 6
+    refresh_s: float = 1.0 / 60.0
+
+    def photos(self) -> tuple[Shown, ...]:
+        """The series, in the order in which to take it; the last two with the projector covered.
+
+        All but BB are taken twice: light that changed, and a shutter that did not open, show there.
+        """
+        white, black, long = WHITE, BLACK, self.longer
+        return (
+            self._shown("WW", white, white, 1),
+            self._shown("BW", black, white, long),
+            self._shown("WB", white, black, long),
+            self._shown("BB", black, black, long),
+            self._shown("WB-again", white, black, long),
+            self._shown("BW-again", black, white, long),
+            self._shown("WW-again", white, white, 1),
+            self._shown("C", black, white, long),
+            self._shown("C-again", black, white, long),
+        )
+
+    def _shown(self, name: str, projector: int, mask: int, times: int) -> Shown:
+        light = np.full(self.refreshes * times + 2 * self.lead, BLACK, np.int32)
+        light[self.lead : -self.lead] = projector
+        none = np.zeros((0, 0, 0), np.bool_)
+        return Shown(name, none, none, light, np.full(light.size, mask, np.int32))
+
+    def lit_s(self, times: int, excess_s: float = 0.0) -> float:
+        """D: for how long a white projector gives its light; excess_s is its fall - rise."""
+        return self.refreshes * times * self.refresh_s + excess_s
+
+    def open_s(self, times: int, excess_s: float = 0.0) -> float:
+        """M: the same of an open mask."""
+        return (self.refreshes * times + 2 * self.lead) * self.refresh_s + excess_s
+
+
+@dataclass(frozen=True)
+class Edges:
+    """What the panels' edges add to any time, fall - rise, in s, and its standard deviation.
+
+    The series of `pdcd.calibration.sensor.body` measures the projector's; a few ms are usual.
+    """
+
+    projector_s: float = 0.0
+    mask_s: float = 0.0
+    sigma_s: float = 0.004

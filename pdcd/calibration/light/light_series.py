@@ -1,0 +1,320 @@
+"""The photos of `light.contrasts` by blocks, their sums, and what is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.light.light_plan import COVERED, Edges, LightPlan
+from pdcd.calibration.photo import (
+    NO_LIGHT_SIGMAS,
+    Blocks,
+    Photo,
+    block_means,
+    blocks_of,
+    refuse_clipped,
+    refuse_dark,
+    steady,
+    within,
+)
+from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+
+LIT = 0.1
+"""Blocks with less of the brightest ones' light are no part of the picture."""
+LEAST_LIT = 0.1
+FIELD_LIT = 0.9
+"""Shares of the photo, and of the field, that are lit."""
+LEAST_INNER = 0.25
+"""Share of the lit blocks that lie within them, so that these can stand for all."""
+LEAST_SEEN = 1.0 / 500.0
+"""A mask of 500:1 must stand three standard deviations out of the error of black levels."""
+ROOM_MOST = 0.2
+"""Light of the room over the projector's white beyond which there is no figure."""
+MOVES = 0.03
+"""By which light may change within the series, of the projector's white and of the room."""
+MOVED_SIGMAS = 6.0
+LEAST_CONTRAST = 3.0
+
+_ROOM = "switch the room lights off"
+_BLOCKS = "see that the mask is not inverted: turn its polariser by 90 degrees"
+HINTS = {
+    "WW": "close the aperture, or show fewer refreshes",
+    "BW": f"{_ROOM}; see that the projector's picture is not inverted",
+    "WB": f"the mask does not block: {_BLOCKS}",
+    "BB": f"{_ROOM}; see that both panels are black",
+    "C": _ROOM,
+}
+"""What to do where a photo is saturated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Means over the lit blocks.
+
+    mean, sigma : (4,) float64 for R, G, B and all of them, and the standard deviation by noise.
+    """
+
+    mean: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """All photos by blocks. `lit` (rows, cols) are the blocks that are looked at."""
+
+    plan: LightPlan
+    edges: Edges
+    blocks: Mapping[str, Blocks]
+    lit: Marks
+    black_sigma: float
+
+    @cached_property
+    def white(self) -> Floats:
+        """WW - BW of equal times, (rows, cols, 3)."""
+        return _white(self.plan, self.edges, self.blocks)
+
+    @property
+    def white_variance(self) -> Floats:
+        """Of the same, by noise."""
+        return 0.5 * (self.blocks["WW"].variance + self.blocks["BW"].variance)
+
+    @property
+    def lit_s(self) -> float:
+        """Time of the projector's light in WW."""
+        return self.plan.lit_s(1, self.edges.projector_s)
+
+    @property
+    def lit_long_s(self) -> float:
+        """The same in WB."""
+        return self.plan.lit_s(self.plan.longer, self.edges.projector_s)
+
+    @property
+    def open_long_s(self) -> float:
+        """Time for which the mask was open in BW."""
+        return self.plan.open_s(self.plan.longer, self.edges.mask_s)
+
+    @property
+    def edge_error(self) -> float:
+        """Relative error of all ratios of times."""
+        return self.edges.sigma_s / self.lit_s
+
+    @cached_property
+    def whole(self) -> Sums:
+        """WW - BW."""
+        return self._sums({"WW": 0.5, "WW-again": 0.5}, self.white)
+
+    @cached_property
+    def through(self) -> Sums:
+        """WB - BB."""
+        return self._sums({"WB": 0.5, "WB-again": 0.5, "BB": -1.0})
+
+    @cached_property
+    def left(self) -> Sums:
+        """BW - C, or BW - BB where nothing was covered."""
+        dark = {"BB": -1.0} if self.covered is None else {"C": -0.5, "C-again": -0.5}
+        return self._sums({"BW": 0.5, "BW-again": 0.5} | dark)
+
+    @cached_property
+    def covered(self) -> Sums | None:
+        """C - BB; None where nothing was covered."""
+        if COVERED[0] not in self.blocks:
+            return None
+        return self._sums({"C": 0.5, "C-again": 0.5, "BB": -1.0})
+
+    @cached_property
+    def lamp(self) -> float:
+        """WW-again over WW, less 1."""
+        return self.total("WW-again") / self.total("WW") - 1.0
+
+    @cached_property
+    def mask_map(self) -> Floats:
+        """(WB - BB) / (WW - BW) of all channels by blocks, NaN where it is dark."""
+        through = self._mix({"WB": 0.5, "WB-again": 0.5, "BB": -1.0}).sum(axis=2)
+        found = np.full(self.lit.shape, np.nan)
+        times = self.lit_s / self.lit_long_s
+        found[self.lit] = times * through[self.lit] / self.white.sum(axis=2)[self.lit]
+        return found
+
+    def total(self, name: str) -> float:
+        """Mean light of one photo."""
+        return float(self.blocks[name].mean[self.lit].mean())
+
+    def middle(self, part: float) -> Marks:
+        """Lit blocks in the middle of the lit ones: of their width and height `part`, at least one
+        block."""
+        rows, cols = np.nonzero(self.lit)
+        height, width = np.ptp(rows) + 1, np.ptp(cols) + 1
+        y, x = np.mgrid[: self.lit.shape[0], : self.lit.shape[1]]
+        down = np.abs(y - 0.5 * (rows.min() + rows.max())) <= max(0.5 * part * height, 0.5)
+        across = np.abs(x - 0.5 * (cols.min() + cols.max())) <= max(0.5 * part * width, 0.5)
+        found = np.asarray(self.lit & down & across)
+        return found if found.any() else self.lit
+
+    def _mix(self, signs: Mapping[str, float]) -> Floats:
+        return np.asarray(sum(sign * self.blocks[name].mean for name, sign in signs.items()))
+
+    def _sums(self, signs: Mapping[str, float], values: Floats | None = None) -> Sums:
+        values = self._mix(signs) if values is None else values
+        variance = sum(sign**2 * self.blocks[name].variance for name, sign in signs.items())
+        mean = values[self.lit].mean(axis=0)
+        noise = np.asarray(variance)[self.lit].mean(axis=0) / self.lit.sum()
+        return Sums(np.append(mean, mean.mean()), np.sqrt(np.append(noise, noise.mean() / 3.0)))
+
+    def refuse_changes(self) -> None:
+        """Raise CalibrationError where photos that are taken twice differ."""
+        for name, what in (("WW", "lamp"), ("BW", "room"), ("WB", "lamp"), ("C", "room")):
+            if name not in self.blocks:
+                continue
+            first, again = self.total(name), self.total(f"{name}-again")
+            noise = MOVED_SIGMAS * np.sqrt(2.0) * self.black_sigma
+            larger = max(first, again)
+            if abs(again - first) <= MOVES * larger + noise:
+                continue
+            if min(first, again) < 0.2 * larger:
+                dark = name if first < again else f"{name}-again"
+                raise CalibrationError(
+                    f"photo {dark} is dark, the other one of the same light is not: the shutter "
+                    "did not open, or a light was switched",
+                    device="shutter",
+                    hint="look at the shutter's lag and its cable, and repeat the step",
+                )
+            change = 100.0 * (again / first - 1.0)
+            if what == "room":
+                raise CalibrationError(
+                    f"light of the room changed by {change:+.3g} % within the series",
+                    device="camera",
+                    hint=_ROOM + ", draw the curtains, and repeat the step",
+                )
+            raise CalibrationError(
+                f"the lamp changed by {change:+.3g} % within the series",
+                device="projector",
+                hint="let it warm up for half an hour; switch eco mode, automatic iris and dynamic "
+                "contrast off",
+            )
+
+    def refuse_leaks(self) -> None:
+        """Raise CalibrationError where a panel hardly blocks, or more than all light is there."""
+        white, times = float(self.whole.mean[3]), self.lit_s / self.lit_long_s
+        if times * float(self.through.mean[3]) > white / LEAST_CONTRAST:
+            raise CalibrationError(
+                "the mask does not block: closed it lets more than a third of the light through",
+                device="mask",
+                hint=_BLOCKS,
+            )
+        noise = MOVED_SIGMAS * np.hypot(self.black_sigma, float(self.left.sigma[3]))
+        if float(self.left.mean[3]) < -noise:
+            raise CalibrationError(
+                "with the projector covered there is more light than with its black",
+                device="camera",
+                hint="the room's light changed, or a hand reflects it: cover the projector's lens "
+                "with its cap, leave, and repeat the step",
+            )
+
+    def refuse_room(self, share: float) -> None:
+        """Raise CalibrationError where much light comes without the projector's white."""
+        if share > ROOM_MOST:
+            raise CalibrationError(
+                f"without the projector's white there is {100.0 * share:.0f} % of its light: the "
+                "room lights are on, or its black is none",
+                device="camera",
+                hint=_ROOM + "; see that the projector's picture is not inverted",
+            )
+
+
+def series_of(
+    photos: Mapping[str, Photo | Blocks],
+    plan: LightPlan,
+    edges: Edges,
+    black_sigma: float,
+    field: Marks | None,
+) -> Series:
+    """Photos by blocks, checked. Raises CalibrationError: see `light.contrasts`."""
+    blocks: dict[str, Blocks] = {}
+    for name in (shown.name for shown in plan.photos()):
+        if name in COVERED and name not in photos:
+            continue
+        photo = photos[name]
+        blocks[name] = found = blocks_of(photo) if isinstance(photo, Photo) else photo
+        refuse_clipped(name, found, HINTS[name.removesuffix("-again")])
+    times = plan.lit_s(1) / plan.lit_s(plan.longer)
+    _refuse_no_light(blocks, black_sigma, times)
+    white = _white(plan, edges, blocks).sum(axis=2)
+    lit = white > LIT * float(np.quantile(white, 0.98))
+    _refuse_unlit(lit, field)
+    series = Series(plan, edges, blocks, _wholly(lit), black_sigma)
+    series.refuse_changes()
+    _refuse_dim(series)
+    series.refuse_leaks()
+    # Blocks with mirrors, dust or a hand in them are left out.
+    steady_ones = series.lit.copy()
+    steady_ones[series.lit] = steady(series.mask_map[series.lit])
+    return Series(plan, edges, blocks, steady_ones, black_sigma)
+
+
+def _wholly(lit: Marks) -> Marks:
+    """Blocks with light all about them: at the edge of the projector's picture the room's light
+    fills a block, and the projector's only a part of it."""
+    inner = within(lit)
+    return inner if inner.sum() >= LEAST_INNER * lit.sum() else lit
+
+
+def _white(plan: LightPlan, edges: Edges, blocks: Mapping[str, Blocks]) -> Floats:
+    """WW - BW of equal times, (rows, cols, 3)."""
+    both, room = (0.5 * (blocks[name].mean + blocks[f"{name}-again"].mean) for name in ("WW", "BW"))
+    share = plan.open_s(1, edges.mask_s) / plan.open_s(plan.longer, edges.mask_s)
+    return np.asarray(both - share * room)
+
+
+def _refuse_no_light(blocks: Mapping[str, Blocks], black_sigma: float, times: float) -> None:
+    """Raise CalibrationError where white photos show nothing."""
+    levels = {n: float(np.quantile(blocks[n].mean, 0.98)) for n in ("WW", "WW-again")}
+    noise = float(np.sqrt(np.median(blocks["BB"].variance)))
+    closed = float(np.quantile(blocks["WB"].mean, 0.98))
+    floor = NO_LIGHT_SIGMAS * float(np.hypot(black_sigma, noise))
+    if times * closed > max(*levels.values(), floor):
+        raise CalibrationError(
+            "there is more light with the mask closed than with the mask open: it is inverted",
+            device="mask",
+            hint=_BLOCKS,
+        )
+    refuse_dark(levels, floor)
+
+
+def _refuse_unlit(lit: Marks, field: Marks | None) -> None:
+    """Raise CalibrationError where the projector's light covers too little."""
+    share = float(lit.mean())
+    if share < LEAST_LIT:
+        raise CalibrationError(
+            f"the projector's light is in {100.0 * share:.2g} % of the photo only",
+            device="camera",
+            hint="see that camera, mask and projector look at the same place",
+        )
+    if field is None:
+        return
+    inside = block_means(field.astype(np.float64)) > 0.99
+    share = float(lit[inside].mean()) if inside.any() else 0.0
+    if share < FIELD_LIT:
+        raise CalibrationError(
+            f"{100.0 * (1.0 - share):.0f} % of the field gets no light",
+            device="camera",
+            hint="something covers it: take it away; see that the card is larger than the field",
+        )
+
+
+def _refuse_dim(series: Series) -> None:
+    """Raise CalibrationError where the black level's error hides what a mask lets through."""
+    white = float(series.whole.mean[3])
+    error = 3.0 * np.sqrt(1.5) * series.black_sigma * series.lit_s / series.lit_long_s / white
+    if error > LEAST_SEEN:
+        raise CalibrationError(
+            f"too dim: white is {white:.3g} above black, which is known to {series.black_sigma:g}",
+            device="camera",
+            hint="open the aperture, or show more refreshes",
+        )

@@ -1,0 +1,1 @@
+"""Where light and mask meet: equal stripes on both panels."""

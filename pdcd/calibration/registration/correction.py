@@ -1,0 +1,212 @@
+"""A smooth correction of a map, out of offsets that were measured here and there.
+
+The correction is the spline of a map's own residual (`pdcd.panels.distortion`): its nodes are
+fitted to the offsets, by reweighted least squares (Cauchy), with a penalty on second differences
+that carries it where nothing was measured. So it goes into the map's residual without loss, and can
+be repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from pdcd.calibration.registration.offsets import Offsets
+from pdcd.errors import CalibrationError
+from pdcd.panels.distortion import Residual
+from pdcd.panels.map import Map, between
+from pdcd.panels.map_soundness import check
+
+Floats = NDArray[np.float64]
+
+NODES = (8, 10)
+"""Rows and columns of a correction, at least."""
+STIFF = 0.1
+"""How far second differences of nodes may go, in pixels: as far as a residual's do."""
+ROUNDS = 4
+"""Reweighted solves."""
+CAUCHY = 2.5
+"""Scale of the weights, in standard deviations."""
+TO_SIGMA = 1.4826
+"""From the median of absolute deviations to a standard deviation."""
+PATCHES, GROUPS = (12, 16), 10
+"""Rows and columns of patches of a device; groups of them, each left out once for the errors."""
+FEWEST = 12
+"""Offsets that a correction takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """A smooth field of displacements over a device.
+
+    nodes, sigma : (rows, cols, 2) in projector pixels (right, down), evenly over the device, edges
+        included; sigma is that of each node. covariance : (2, nodes, nodes), of each axis.
+    left_px : (n, 2), what it leaves of the offsets it was made of.
+    """
+
+    size_px: tuple[int, int]
+    nodes: Floats
+    sigma: Floats
+    covariance: Floats
+    left_px: Floats
+
+    def at(self, points_px: Floats) -> Floats:
+        """Displacement at points (n, 2) of the device, (n, 2) in projector pixels."""
+        return Residual(self.nodes, self.size_px).at(points_px)
+
+    def sigma_at(self, points_px: Floats) -> Floats:
+        """Its standard deviation there, (n, 2)."""
+        basis = _basis(points_px, self.size_px, self.nodes.shape[:2])
+        found = [np.einsum("np,pq,nq->n", basis, each, basis) for each in self.covariance]
+        return np.asarray(np.sqrt(np.stack(found, axis=-1)))
+
+
+def fitted(offsets: Offsets, mask: Map) -> Correction:
+    """The smooth offset of the mask's map.
+
+    Errors of the offsets are taken from `sigma_px`, enlarged to what they really scatter. Raises
+    CalibrationError for fewer than 12 offsets.
+    """
+    points = offsets.points_px
+    good = np.isfinite(points).all(axis=-1) & np.isfinite(offsets.offset_px).all(axis=-1)
+    if good.sum() < FEWEST:
+        raise CalibrationError(
+            f"{good.sum()} offsets are too few for a correction; {FEWEST} are needed",
+            device="mask",
+            hint="clear the field, and put a flat bright card across all of it",
+        )
+    shape = nodes_of(mask)
+    basis = _basis(points[good], mask.size_px, shape)
+    stiff = _second_differences(shape) / STIFF
+    group = _groups(points[good], mask.size_px)
+    solved = [
+        _solved(basis, stiff, offsets.offset_px[good, axis], offsets.sigma_px[good, axis], group)
+        for axis in (0, 1)
+    ]
+    nodes = np.stack([nodes for nodes, _ in solved], axis=-1)
+    left = offsets.offset_px[good] - basis @ nodes
+    covariance = np.stack([each for _, each in solved])
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
+    return Correction(
+        mask.size_px, nodes.reshape(*shape, 2), sigma.reshape(*shape, 2), covariance, left
+    )
+
+
+def corrected(mask: Map, projector: Map, correction: Correction) -> Map:
+    """The mask's map without the offset that was measured with it.
+
+    Raises ConfigError (`pdcd.panels.map_soundness`) where the corrected map cannot be used.
+    """
+
+    def meant(points_px: Floats) -> Floats:
+        believed = between(mask, projector, points_px)
+        return projector.to_field(believed - correction.at(points_px))
+
+    return bent_to(mask, meant, correction.nodes.shape[:2], "mask")
+
+
+def bent_to(
+    map_: Map, meant: Callable[[Floats], Floats], shape: tuple[int, ...], device: str
+) -> Map:
+    """The map with another residual, so that its nodes lie where they are meant to.
+
+    meant : from points (n, 2) of the device to the field, (n, 2). shape : (rows, cols) of nodes.
+    """
+    points = _nodes_px(map_.size_px, shape)
+    back = np.linalg.inv(np.array(map_.homography).reshape(3, 3))
+    wanted = meant(points) @ back[:, :2].T + back[:, 2]
+    straight = wanted[:, :2] / wanted[:, 2:]
+    plain = msgspec.structs.replace(map_, residual=())
+    through_lens = plain.to_field(points) @ back[:, :2].T + back[:, 2]
+    moved = (straight - through_lens[:, :2] / through_lens[:, 2:]).reshape(*shape, 2)
+    nodes = tuple(tuple((right, down) for right, down in row) for row in moved.tolist())
+    return check(msgspec.structs.replace(map_, residual=nodes), device)
+
+
+def _solved(
+    basis: Floats, stiff: Floats, wanted: Floats, sigma: Floats, group: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Nodes (p,) of one axis and their covariance (p, p).
+
+    Neighbours are wrong together, so that formulas for independent errors promise too much. The
+    covariance is that of a jackknife over groups of patches instead, plus what the stiffness leaves
+    open where nothing was measured.
+    """
+    scatter, weight = np.maximum(sigma, 1e-6), np.ones(wanted.size)
+    for _ in range(ROUNDS):
+        rows = basis * (np.sqrt(weight) / scatter)[:, None]
+        meant = wanted * np.sqrt(weight) / scatter
+        normal = rows.T @ rows + stiff.T @ stiff
+        inverse = np.linalg.inv(normal)
+        nodes = inverse @ (rows.T @ meant)
+        left = wanted - basis @ nodes
+        spread = TO_SIGMA * float(np.median(np.abs(left)))
+        # A few nodes are fitted to many offsets: what is left scatters as the offsets do.
+        scatter = np.hypot(sigma, np.sqrt(max(0.0, spread**2 - float(np.median(sigma**2)))))
+        scatter = np.maximum(scatter, 1e-6)
+        weight = 1.0 / (1.0 + (left / (CAUCHY * scatter)) ** 2)
+    covariance = np.asarray(inverse, dtype=np.float64)
+    for number in range(GROUPS):
+        some = group == number
+        without = normal - rows[some].T @ rows[some]
+        change = np.linalg.solve(without, (rows[~some].T @ meant[~some])) - nodes
+        covariance = covariance + (GROUPS - 1) / GROUPS * np.outer(change, change)
+    return nodes, covariance
+
+
+def _groups(points: Floats, size_px: tuple[int, int]) -> NDArray[np.int64]:
+    """Which of the groups each point is left out with: small patches of the device go together."""
+    rows, cols = PATCHES
+    col, row = np.floor(points / np.array(size_px) * (cols, rows)).astype(np.int64).T
+    return np.asarray((3 * row + 4 * col) % GROUPS)
+
+
+def nodes_of(map_: Map) -> tuple[int, int]:
+    """Rows and columns of nodes: the map's own, or so many between them that none is moved."""
+    own = np.shape(map_.residual)[:2] if map_.residual else (2, 2)
+    found = []
+    for have, least in zip(own, NODES, strict=True):
+        between_two = 1
+        while (have - 1) * between_two + 1 < least:
+            between_two += 1
+        found.append((have - 1) * between_two + 1)
+    return found[0], found[1]
+
+
+def _nodes_px(size_px: tuple[int, int], shape: tuple[int, ...]) -> Floats:
+    """Where nodes lie on a device, (rows * cols, 2) in pixels."""
+    x, y = (np.linspace(0.0, size, n) for size, n in zip(size_px, shape[::-1], strict=True))
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _basis(points_px: Floats, size_px: tuple[int, int], shape: tuple[int, ...]) -> Floats:
+    """What each node adds to the displacement at points (n, 2): (n, rows * cols)."""
+    rows, cols = shape
+    at = np.clip(points_px / np.array(size_px), 0.0, 1.0) * (cols - 1, rows - 1)
+    across: Floats = CubicSpline(np.arange(cols), np.eye(cols))(at[:, 0])
+    along: Floats = CubicSpline(np.arange(rows), np.eye(rows))(at[:, 1])
+    return np.asarray((along[:, :, None] * across[:, None, :]).reshape(len(points_px), -1))
+
+
+def _second_differences(shape: tuple[int, ...]) -> Floats:
+    """Second differences of nodes along both axes, and twists: (k, rows * cols)."""
+    rows, cols = shape
+    number = np.arange(rows * cols).reshape(shape)
+    kernels = [
+        ([number[:, :-2], number[:, 1:-1], number[:, 2:]], (1.0, -2.0, 1.0)),
+        ([number[:-2], number[1:-1], number[2:]], (1.0, -2.0, 1.0)),
+        ([number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]],
+         (1.0, -1.0, -1.0, 1.0)),
+    ]  # fmt: skip
+    found = []
+    for nodes, weights in kernels:
+        each = np.zeros((nodes[0].size, rows * cols))
+        for index, weight in zip(nodes, weights, strict=True):
+            each[np.arange(index.size), index.ravel()] = weight
+        found.append(each)
+    return np.vstack(found)

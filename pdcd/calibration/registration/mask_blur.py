@@ -1,0 +1,156 @@
+"""Blur of the projector's light on the mask, out of the depth of stripes of two periods.
+
+Blur by a Gaussian of standard deviation s leaves exp(-2 pi^2 s^2 n^2 / P^2) of the n-th harmonic of
+stripes. What else makes stripes shallow, contrast, ambient and global light, is the same for all
+periods and drops out of their ratio; what the mask's pixels leave is known
+(`registration.stripes.attenuation`). Of a triangle's harmonics, those of n = S - 1, S + 1 and
+so on cannot be told from the first by S photos: they are part of the model, too.
+
+The blur between mask and camera does not count: photos are averaged over whole stripes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.registration.offsets import Series, nearest
+from pdcd.calibration.registration.stripes import Stripes, attenuation, slope_at
+from pdcd.errors import CalibrationError
+from pdcd.panels.map import Map, between
+
+Floats = NDArray[np.float64]
+
+CELLS = (3, 4)
+"""Rows and columns of the field in which blur is told apart."""
+HARMONICS = 31
+"""Highest harmonic of the model."""
+VARIANCES_PX2 = np.concatenate([np.arange(-0.3, 2.0, 0.01), np.geomspace(2.0, 64.0, 120)])
+"""Squared blurs at which the model is worked out; noise may lead a sharp bench below zero."""
+SURE = 5.0
+"""Depth of the fine stripes, over its error, without which blur cannot be told."""
+
+
+@dataclass(frozen=True, eq=False)
+class MaskBlur:
+    """Standard deviation of the blur, in projector pixels.
+
+    blur_px, sigma_px : (2,) to the right and down, over the field.
+    by_cell_px : (rows, cols, 2) the same by parts of the field; NaN where nothing was measured.
+    """
+
+    blur_px: Floats
+    sigma_px: Floats
+    by_cell_px: Floats
+
+    @property
+    def both_px(self) -> float:
+        """The one blur that stands for both axes: the root of their mean square."""
+        return float(np.sqrt(np.mean(self.blur_px**2)))
+
+    @property
+    def both_sigma_px(self) -> float:
+        """Its standard deviation."""
+        both = max(self.both_px, 1e-6)
+        return float(np.hypot(*(self.blur_px * self.sigma_px)) / (2.0 * both))
+
+    @property
+    def worst_px(self) -> float:
+        """The largest over the parts of the field."""
+        return float(np.nanmax(self.by_cell_px))
+
+
+def blur(
+    coarse: Sequence[Series],
+    fine: Sequence[Series],
+    camera: Map,
+    projector: Map,
+    mask: Map,
+) -> MaskBlur:
+    """The blur on the mask.
+
+    coarse, fine : (right, down), series of a long period and of a short one.
+    camera, projector, mask : maps as believed when the stripes were shown; the fine ones may have
+        been shown by a mask's map that was corrected meanwhile.
+
+    Raises CalibrationError where the fine stripes are blurred away.
+    """
+    squares = [
+        _squares(one, other, camera, projector, mask)
+        for one, other in zip(coarse, fine, strict=True)
+    ]
+    values, sigmas, cells = [], [], []
+    for series, square in zip(coarse, squares, strict=True):
+        mean, sigma = _robust_mean(square)
+        value = float(np.sqrt(max(0.0, mean)))
+        values.append(value)
+        # d(s) = d(s^2) / 2 s; a blur that is not told from zero has an error of its own size.
+        sigmas.append(sigma / (2.0 * max(value, np.sqrt(sigma))))
+        cells.append(_by_cell(square, camera.to_field(series.quads)))
+    return MaskBlur(np.array(values), np.array(sigmas), np.stack(cells, axis=-1))
+
+
+def _squares(coarse: Series, fine: Series, camera: Map, projector: Map, mask: Map) -> Floats:
+    """Squared blur at each place, (n,) in projector pixels^2; may be below zero by noise."""
+    if coarse.stripes.axis != fine.stripes.axis:
+        raise ValueError("blur needs two periods of the same stripes")
+    there = nearest(coarse.quads, fine.quads)
+    depth, error = fine.modulation[there], (2.0 * fine.sigma / fine.share.mean(axis=1))[there]
+    if np.median(depth) < SURE * np.median(error):
+        raise CalibrationError(
+            f"stripes of {fine.stripes.period_px} px are blurred away on the mask",
+            device="mask",
+            hint="focus the scene on the mask and the projector on the scene",
+        )
+    axis = coarse.stripes.axis
+    points = between(camera, mask, coarse.quads)
+    slope = slope_at(axis, projector, mask, points)
+    # Both may have been shown by maps of their own: what counts is each series' own phase.
+    own = coarse.offset_px, fine.offset_px[there]
+    models = [_model(each.stripes, slope, at) for each, at in zip((coarse, fine), own, strict=True)]
+    ratio = np.log(models[1] / models[0])
+    seen = np.log(np.maximum(depth, 1e-9) / coarse.modulation)
+    # The more blur, the less is left of the fine stripes: the model falls.
+    return np.array(
+        [np.interp(-one, -row, VARIANCES_PX2) for one, row in zip(seen, ratio, strict=True)]
+    )
+
+
+def _model(stripes: Stripes, slope: Floats, offset_px: Floats) -> Floats:
+    """Depth that stripes would have, but for one factor: (n, squared blurs)."""
+    steps, period = stripes.steps, stripes.period_px
+    phase = 2.0 * np.pi * offset_px[:, None] / period
+    found = np.zeros((len(slope), VARIANCES_PX2.size), dtype=np.complex128)
+    for n in range(1, HARMONICS + 1, 2):
+        side = (n % steps == 1) - float(n % steps == steps - 1)
+        if side == 0.0:
+            continue
+        # Below zero only the first harmonic grows: of others, nothing sensible would be left.
+        square = VARIANCES_PX2 if n == 1 else np.maximum(VARIANCES_PX2, 0.0)
+        left = np.exp(-2.0 * np.pi**2 * square * n**2 / period**2) / n**2
+        found += attenuation(stripes, slope, n)[:, None] * left * np.exp(1j * side * n * phase)
+    return np.abs(found)
+
+
+def _robust_mean(values: Floats) -> tuple[float, float]:
+    """Mean of values (n,) without those far off, and its standard deviation."""
+    middle = float(np.median(values))
+    spread = 1.4826 * float(np.median(np.abs(values - middle)))
+    near = values[np.abs(values - middle) <= 4.0 * spread + 1e-12]
+    return float(near.mean()), float(near.std() / np.sqrt(max(1, near.size - 1)))
+
+
+def _by_cell(squares: Floats, field: Floats) -> Floats:
+    """Blur of each part of the field, (rows, cols)."""
+    rows, cols = CELLS
+    cell = np.clip((field * (cols, rows)).astype(np.int64), 0, (cols - 1, rows - 1))
+    found = np.full(CELLS, np.nan)
+    for row in range(rows):
+        for col in range(cols):
+            inside = squares[(cell[:, 0] == col) & (cell[:, 1] == row)]
+            if inside.size:
+                found[row, col] = np.sqrt(max(0.0, float(np.median(inside))))
+    return found

@@ -1,0 +1,230 @@
+"""Where light and mask really meet: the offset of the mask's map, by stripes on both panels.
+
+Each photo is divided by one with both panels white, and averaged over whole stripes by three box
+filters of one period each. What is left of photo s, at a place of the field, is
+
+    I_s = a_0 + sum over odd n of a_n cos(2 pi n (e / P - s / S)),
+
+e the offset: where the mask's map believes a pixel to be, less where it is, in projector pixels.
+So e = P / (2 pi) arg sum_s I_s exp(2 pi i s / S). The camera's map says only where on the field a
+place is, and an error of pixels there does no harm. Light that is smooth over the stripes, of the
+scene or the room, comes through all the same and drops out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.registration import series_faults
+from pdcd.calibration.registration.averaging import Averaging
+from pdcd.calibration.registration.stripes import Stripes
+from pdcd.calibration.window import WHOLE, Window
+from pdcd.panels.map import Map, between
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+GREEN = 1
+PER_PERIOD = 8
+"""Blocks of quads in a period, at least: photos are averaged over blocks before all else."""
+APART = 1.5
+"""Periods from one measured place to the next: their boxes share little light."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """What one series of stripes says, at n places.
+
+    quads : (n, 2) places in the camera's photo.
+    share : (n, S) light of each step, over white, averaged over stripes.
+    first : (n,) complex, a_1 / 2 exp(2 pi i e / P).
+    sigma : (n,) standard deviation of either part of `first`, by photon and read noise.
+    """
+
+    stripes: Stripes
+    quads: Floats
+    share: Floats
+    first: Complex
+    sigma: Floats
+
+    @property
+    def offset_px(self) -> Floats:
+        """Offset of the mask's map along the stripes' axis, (n,), within half a period."""
+        return np.asarray(self.stripes.period_px / (2.0 * np.pi) * np.angle(self.first))
+
+    @property
+    def sigma_px(self) -> Floats:
+        """Its standard deviation, (n,), by noise alone."""
+        return np.asarray(self.stripes.period_px / (2.0 * np.pi) * self.sigma / np.abs(self.first))
+
+    @property
+    def modulation(self) -> Floats:
+        """Depth of the stripes, (n,): 8 / pi^2 = 0.81 where nothing is blurred and all is dark."""
+        return np.asarray(2.0 * np.abs(self.first) / self.share.mean(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """The offset of the mask's map at n places, in projector pixels.
+
+    points_px : (n, 2) in pixels of the mask, by the maps as they were believed.
+    offset_px, sigma_px : (n, 2) right and down: where the map believes them, less where they are.
+    """
+
+    points_px: Floats
+    offset_px: Floats
+    sigma_px: Floats
+
+    def quantile_px(self, share: float) -> float:
+        """The length that this share of the offsets stays below."""
+        return float(np.quantile(np.hypot(*self.offset_px.T), share))
+
+    @property
+    def e95_px(self) -> float:
+        """What 95 % of the offsets stay below: measured after a correction, the planner's."""
+        return self.quantile_px(0.95)
+
+
+class Gathering:
+    """A series under way: of each photo only its averages are kept.
+
+    Parameters
+    ----------
+    white : both panels white for as many refreshes as the projector was lit.
+    camera, projector : maps as believed.
+    window : the part of the field to be measured.
+
+    Raises CalibrationError for a white photo without light, or saturated.
+    """
+
+    def __init__(
+        self,
+        stripes: Stripes,
+        white: Photo,
+        camera: Map,
+        projector: Map,
+        *,
+        window: Window = WHOLE,
+    ) -> None:
+        self._stripes, self._camera, self._projector = stripes, camera, projector
+        self._window = window
+        by = white.light[..., GREEN]
+        self._lit = series_faults.lit(by, white.variance[..., GREEN])
+        series_faults.refuse_saturated(white.saturated, self._lit)
+        self._period = stripes.period_px * quads_per_px(stripes.axis, camera, projector)
+        block = max(1, int(self._period / PER_PERIOD))
+        self._averaging = Averaging(self._lit, by, self._period, block)
+        self._stack: list[Floats] = []
+        self._noise = np.zeros(self._averaging.count.shape)
+
+    def add(self, photo: Photo) -> None:
+        """The next photo, in the order of `pdcd.calibration.registration.stripes.patterns`. Raises
+        CalibrationError for a saturated one."""
+        series_faults.refuse_saturated(photo.saturated, self._lit)
+        self._stack.append(self._averaging.over_white(photo.light[..., GREEN]))
+        noise = self._averaging.over_white(photo.variance[..., GREEN], power=2)
+        self._noise += noise / self._stripes.steps
+
+    def series(self, *, placed: bool = False) -> Series:
+        """What all S photos say.
+
+        placed : a longer period has already told where the mask's stripes are. Then the camera need
+            not tell these apart; they are averaged anyway.
+
+        Raises CalibrationError for photos without light or modulation, a mirrored mask, a bench
+        that moved or whose light changed, and where less than 60 % of the field could be measured.
+        """
+        stripes, averaging, steps = self._stripes, self._averaging, self._stripes.steps
+        if len(self._stack) != steps:
+            raise ValueError(f"{len(self._stack)} photos of stripes; {steps} belong to the series")
+        places = averaging.places(APART * self._period)
+        series_faults.refuse_partial(places, self._camera, self._period, self._window)
+        stack = [self._stack[place] for place in np.argsort(stripes.order)]
+        turns = np.exp(2j * np.pi * np.arange(steps) / steps) / steps
+        share = np.stack([averaging.at(averaging.smooth(each), places) for each in stack], axis=-1)
+        variance = averaging.at(averaging.smooth(self._noise), places)
+        # Of S photos' noise, half falls on either part of their first harmonic.
+        sigma = np.sqrt(variance / (2.0 * steps)) * averaging.noise
+        found = Series(stripes, places, share, share @ turns, sigma)
+        series_faults.refuse_flat(share, found.first, sigma)
+        if not placed:
+            turning = np.tensordot(turns, np.stack(stack), 1)
+            carrier = _carrier(stripes, self._camera, self._projector, averaging)
+            series_faults.refuse_mirrored(turning, carrier, found.first, averaging, places)
+        series_faults.refuse_changed(share, found.first, sigma)
+        return found
+
+
+def offsets(
+    right: Series,
+    down: Series,
+    camera: Map,
+    mask: Map,
+    near: Callable[[Floats], Floats] | None = None,
+) -> Offsets:
+    """The offset of the mask's map, out of upright and lying stripes of one period.
+
+    camera, mask : maps as believed.
+    near : from points (n, 2) of the mask to the offset there, (n, 2), as it was found with a longer
+        period (`registration.correction.Correction.at`). Then this period says how it goes on,
+        and whether the longer one had taken another stripe for its own.
+
+    Raises CalibrationError where stripes may have been taken for others: for offsets of 0.4 periods
+    and more, or more than 1 px beside those of the longer period.
+    """
+    series = (right, down)
+    if [each.stripes.axis for each in series] != [0, 1]:
+        raise ValueError("the offset needs upright stripes, then lying ones")
+    if right.stripes.period_px != down.stripes.period_px:
+        raise ValueError("the offset needs stripes of one period")
+    period = right.stripes.period_px
+    # Both series look at the same white photo, but a period may have more quads along one axis.
+    other = nearest(right.quads, down.quads)
+    points = between(camera, mask, right.quads)
+    found = np.stack([right.offset_px, down.offset_px[other]], axis=-1)
+    sigma = np.stack([right.sigma_px, down.sigma_px[other]], axis=-1)
+    if near is None:
+        series_faults.refuse_ambiguous(found, period)
+    else:
+        beside = found - near(points)
+        beside -= period * np.round(beside / period)
+        series_faults.refuse_other_stripe(beside, period)
+        found = near(points) + beside
+    return Offsets(points, found, sigma)
+
+
+def nearest(wanted: Floats, places: Floats) -> NDArray[np.intp]:
+    """For each of some places (n, 2) the number of the nearest of others (m, 2), (n,)."""
+    return np.asarray(cKDTree(places).query(wanted)[1])
+
+
+def quads_per_px(axis: int, camera: Map, projector: Map) -> float:
+    """How many quads it is from one line of an axis of the projector's pixels to the next, in the
+    middle of the camera's photo."""
+    middle = 0.5 * np.array(camera.size_px, dtype=np.float64)
+    of_pixels = projector.jacobian(between(camera, projector, middle))
+    px_by_quad = np.linalg.solve(of_pixels, camera.jacobian(middle))
+    return float(1.0 / np.hypot(*px_by_quad[axis]))
+
+
+def _carrier(stripes: Stripes, camera: Map, projector: Map, averaging: Averaging) -> Complex:
+    """The stripes of the mask, as the maps have them, at each block of a photo: exp(2 pi i x/P).
+
+    Worked out at every eighth block: between, places run evenly enough for a phase.
+    """
+    rows, cols = averaging.count.shape
+    every = 8
+    y, x = (np.arange(-every, side + 2 * every, every) for side in (rows, cols))
+    points = (np.stack(np.meshgrid(x, y), axis=-1) + 0.5) * averaging.block
+    coarse = between(camera, projector, points)[..., stripes.axis]
+    down, right = np.meshgrid(
+        (np.arange(rows) - y[0]) / every, (np.arange(cols) - x[0]) / every, indexing="ij"
+    )
+    place = series_faults.bilinear(coarse, down, right)
+    return np.asarray(np.exp(2j * np.pi * place / stripes.period_px))

@@ -1,0 +1,218 @@
+"""What can be wrong with photos of stripes, each by its name."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from pdcd.calibration.registration.averaging import Averaging
+from pdcd.calibration.window import WHOLE, Window
+from pdcd.errors import CalibrationError
+from pdcd.panels.map import Map
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Bools = NDArray[np.bool_]
+
+DIM = 0.1
+"""Quads with less of the brightest white are not looked at."""
+LEAST_LIGHT = 5.0
+"""White, over its standard deviation in one quad, below which there was no light."""
+MOST_SATURATED = 0.001
+"""Share of the lit quads that may be saturated: hot pixels and specks."""
+LEAST_DEPTH = 0.2
+"""Modulation below which stripes tell nothing; 0.81 where all is sharp."""
+LEAST_SHARE = 0.6
+"""Share of the field, as far as the camera sees it, that must have been measured."""
+REACH = 2.5
+"""Periods from a measured place within which the field counts as measured: 1.5 of them are averaged
+over, 1 is half the way to where the next place would be."""
+AMBIGUOUS = 0.4
+"""Offsets beyond so many periods may be those of the next stripe."""
+OTHER_STRIPE_PX = 1.0
+"""By how much two periods may disagree: neighbours of 16 px stripes disagree by 2 px or more."""
+CHANGED = 0.012
+"""Part of the photos that no stripes explain, over the stripes' amplitude."""
+FOLLOWED = 0.3
+"""Depth of the mask's stripes where the maps have them, over the depth of the product: 1.57 with
+sharp photos; below, they run elsewhere."""
+CELLS = (12, 16)
+"""Rows and columns that the field is divided into, to see how much of it was measured."""
+
+
+def lit(white: Floats, variance: Floats) -> Bools:
+    """Which quads a white photo (h, w) lights. Raises CalibrationError where there is no light."""
+    finite = np.isfinite(white)
+    brightest = np.quantile(white[finite], 0.98) if finite.any() else 0.0
+    bright = finite & (white > DIM * brightest)
+    noise = np.sqrt(np.median(variance[bright])) if bright.any() else 0.0
+    if not brightest > LEAST_LIGHT * noise:
+        raise CalibrationError(
+            "there is no light: the photo with both panels white is black",
+            device="camera",
+            hint="take the lens cap off, switch the lamp on, and look whether the shutter opens",
+        )
+    return bright
+
+
+def refuse_saturated(saturated: Bools | None, lit: Bools) -> None:
+    """Raise CalibrationError where too many lit quads (h, w) are saturated."""
+    share = 0.0 if saturated is None else float(np.mean(saturated[lit]))
+    if share > MOST_SATURATED:
+        raise CalibrationError(
+            f"{share:.1%} of the lit part of a photo is saturated",
+            device="camera",
+            hint="expose less: fewer refreshes, a smaller aperture or a lower ISO",
+        )
+
+
+def refuse_partial(
+    places: Floats, camera: Map, period_quads: float, window: Window = WHOLE
+) -> None:
+    """Raise CalibrationError where places (n, 2) in quads leave too much of the field's window
+    out."""
+    rows, cols = CELLS
+    x, y = window.x((np.arange(cols) + 0.5) / cols), window.y((np.arange(rows) + 0.5) / rows)
+    cells = camera.from_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    with np.errstate(invalid="ignore"):
+        in_photo = ((cells >= 0.0) & (cells <= camera.size_px)).all(axis=-1)
+    share = 0.0
+    if len(places) and in_photo.any():
+        away = cKDTree(places).query(cells[in_photo])[0]
+        share = float(np.mean(away <= REACH * period_quads))
+    if share < LEAST_SHARE:
+        raise CalibrationError(
+            f"stripes could be measured on {share:.0%} of the field only; "
+            f"{LEAST_SHARE:.0%} are needed",
+            device="camera",
+            hint="clear the field, and put a flat bright card across all of it",
+        )
+
+
+def refuse_flat(share: Floats, first: Complex, sigma: Floats) -> None:
+    """Raise CalibrationError where photos (n, S) over white have no stripes to speak of."""
+    mean = share.mean(axis=1)
+    level = float(np.median(mean))
+    if level > 0.6:
+        raise CalibrationError(
+            f"stripes gave {level:.1f} times the light of the photo with both panels white",
+            device="display",
+            hint="look at both panels: the white photo was not white, or its exposure another one",
+        )
+    if level < 0.02:
+        raise CalibrationError(
+            "the photos of stripes are black",
+            device="mask",
+            hint="look whether the mask opens, both panels show their picture, and the exposure is "
+            "that of the white photo",
+        )
+    depth = 2.0 * np.abs(first) / np.maximum(mean, 1e-12)
+    seen = (depth > LEAST_DEPTH) & (np.abs(first) > LEAST_LIGHT * sigma)
+    if seen.mean() > 0.9:
+        return
+    if level > 0.4:
+        cause, device = "one of the panels shows no stripes", "display"
+        hint = "`pdcd show` says what each output shows: look at both panels"
+    else:
+        cause = f"the stripes do not modulate ({np.median(depth):.2f}, at least {LEAST_DEPTH})"
+        device = "mask"
+        hint = (
+            "focus the scene on the mask and the projector on the scene; "
+            "if both are sharp, calibrate the geometry anew"
+        )
+    raise CalibrationError(cause, device=device, hint=hint)
+
+
+def refuse_mirrored(
+    turning: Complex, carrier: Complex, first: Complex, averaging: Averaging, places: Floats
+) -> None:
+    """Raise CalibrationError where the mask's stripes run against their map, or not by it at all.
+
+    turning : first harmonic of each block over the photos, whose phase follows the mask's stripes.
+    carrier : the same as the maps have it. first : (n,) averages at the places.
+    """
+    depths = []
+    for way in (np.conj(carrier), carrier):
+        met = turning * way
+        depth = np.hypot(averaging.smooth(met.real), averaging.smooth(met.imag))
+        depths.append(float(np.median(averaging.at(depth, places))))
+    along, against = depths
+    if against > 2.0 * along:
+        raise CalibrationError(
+            "the mask's stripes run the wrong way: it is mirrored or upside down",
+            device="mask",
+            hint="set mask.place.flip or turn_deg, or calibrate the geometry anew",
+        )
+    if along < FOLLOWED * float(np.median(np.abs(first))):
+        raise CalibrationError(
+            "the mask's stripes are not where the maps have them",
+            device="mask",
+            hint="calibrate the geometry first; look whether the camera is focused on the mask",
+        )
+
+
+def refuse_changed(share: Floats, first: Complex, sigma: Floats) -> None:
+    """Raise CalibrationError where the photos (n, S) of a series do not belong together."""
+    noise = 2.0 * share.shape[1] * float(np.mean(sigma**2))
+    left = float(np.median(_unexplained(share, first))) - noise
+    amplitude = 2.0 * float(np.median(np.abs(first)))
+    change = float(np.sqrt(max(0.0, left))) / amplitude
+    if change > CHANGED:
+        raise CalibrationError(
+            f"the bench moved during the series, or its light changed: {change:.1%} of the stripes "
+            "is not explained",
+            device="mask",
+            hint="let the lamp warm up, touch nothing, and repeat the step",
+        )
+
+
+def refuse_ambiguous(offset_px: Floats, period_px: int) -> None:
+    """Raise CalibrationError where offsets (n, 2) come near half a period."""
+    if np.mean(np.abs(offset_px).max(axis=-1) > AMBIGUOUS * period_px) > 0.01:
+        raise CalibrationError(
+            f"mask and projector are {AMBIGUOUS * period_px:.1f} px or more apart: stripes of "
+            f"{period_px} px cannot tell which belong together",
+            device="mask",
+            hint="calibrate the geometry first",
+        )
+
+
+def refuse_other_stripe(beside_px: Floats, period_px: int) -> None:
+    """Raise CalibrationError where offsets (n, 2) are beside those that a longer period gave."""
+    apart = float(np.median(np.abs(beside_px), axis=0).max())
+    if apart > OTHER_STRIPE_PX:
+        raise CalibrationError(
+            f"stripes of {period_px} px have mask and projector {apart:.1f} px further apart than "
+            "longer ones, which took neighbours for each other",
+            device="mask",
+            hint="calibrate the geometry first",
+        )
+
+
+def bilinear(coarse: Floats, down: Floats, right: Floats) -> Floats:
+    """Values of a lattice between its points, by their numbers down and right."""
+    return np.asarray(ndimage.map_coordinates(coarse, [down, right], order=1, mode="nearest"))
+
+
+def _unexplained(share: Floats, first: Complex) -> Floats:
+    """Mean square of what is left of photos (n, S) when stripes of the best sharpness are taken
+    out, (n,).
+
+    Stripes on stripes make a triangle, whose n-th harmonic is 1 / n^2 of the first, times g^(n^2)
+    where a Gaussian has blurred it.
+    """
+    steps = share.shape[1]
+    level = share.mean(axis=1)
+    phase = np.angle(first)[:, None] - 2.0 * np.pi * np.arange(steps) / steps
+    odd = np.arange(1, 16, 2)
+    waves = np.cos(odd[:, None, None] * phase)
+    least = np.full(len(share), np.inf)
+    for g in np.exp(-np.concatenate([[0.0], np.geomspace(5e-4, 0.5, 30)])):
+        shape = np.tensordot(g ** (odd**2 - 1.0) / odd**2, waves, 1)
+        shape -= shape.mean(axis=1, keepdims=True)
+        centred = share - level[:, None]
+        size = (shape * centred).sum(axis=1) / (shape**2).sum(axis=1)
+        least = np.minimum(least, ((centred - size[:, None] * shape) ** 2).mean(axis=1))
+    return least

@@ -1,0 +1,177 @@
+"""Stripes on both panels at once: the two panels as each other's ruler.
+
+The projector shows stripes of a period of P pixels; the mask shows the same stripes where its map
+says that they fall, moved by 0, P/S, 2 P/S ... from photo to photo. How much light comes through
+tells where light and mask really meet (`pdcd.calibration.registration.offsets`).
+
+The mask's pixels are a lattice that beats with the stripes. So each photo lasts several refreshes,
+between which the stripes move over one pixel of the mask: its pixels turn grey at the stripes'
+edges, by time. The projector is lit only while the mask already shows stripes, and the round of
+moves starts and ends in its middle: so slow panels move no edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.shown import Bits, Shown
+from pdcd.errors import CalibrationError
+from pdcd.panels.frames import BLACK
+from pdcd.panels.map import Map, between
+
+Floats = NDArray[np.float64]
+
+MOVES = 8
+"""Places within one pixel of the mask that the stripes take in a photo."""
+GUARD = 2
+"""Refreshes with a dark projector before and after: the mask has settled, and is not yet black."""
+
+
+@dataclass(frozen=True)
+class Stripes:
+    """One series of photos.
+
+    axis : 0, upright stripes, which measure to the right; 1, lying ones, which measure down.
+    period_px : even number of projector pixels, so that half a period is whole pixels.
+    steps : photos, S.
+    """
+
+    axis: int
+    period_px: int
+    steps: int = 8
+
+    def __post_init__(self) -> None:
+        if self.axis not in (0, 1) or self.period_px < 4 or self.period_px % 2 or self.steps < 4:
+            raise ValueError("stripes need axis 0 or 1, an even period from 4 px, 4 steps or more")
+
+    @property
+    def name(self) -> str:
+        """ "right-16" or "down-16"."""
+        return f"{('right', 'down')[self.axis]}-{self.period_px}"
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """Which step each photo shows. Not one after the other: then a bench that moves amid the
+        series leaves something that no stripes explain."""
+        golden = np.arange(self.steps) * 0.5 * (np.sqrt(5.0) - 1.0)
+        return tuple(np.argsort(golden % 1.0).tolist())
+
+
+RULER = (Stripes(0, 16), Stripes(1, 16))
+"""What the offset is measured with."""
+FINE = (Stripes(0, 6, 6), Stripes(1, 6, 6))
+"""What tells blur, together with `RULER`; what measures on to 9 px from the edges of the field; and
+what finds offsets of more than half a period: 16 and 6 px agree again only 48 px on."""
+COARSER = (
+    (1.3, (RULER, FINE)),
+    (2.3, (RULER, (Stripes(0, 10, 6), Stripes(1, 10, 6)))),
+    (np.inf, ((Stripes(0, 32), Stripes(1, 32)), (Stripes(0, 14, 6), Stripes(1, 14, 6)))),
+)
+"""Stripes of both periods for masks whose pixels are up to so many of the projector's wide: finer
+ones such a mask hardly shows. 16 and 10 px agree again 80 px on, 32 and 14 px 224."""
+
+
+def periods_for(mask_px: float) -> tuple[tuple[Stripes, Stripes], tuple[Stripes, Stripes]]:
+    """What to measure with, coarse and fine, for a mask whose pixels are so many of the projector's
+    wide."""
+    return next(pairs for widest, pairs in COARSER if mask_px <= widest)
+
+
+def patterns(
+    stripes: Stripes, projector: Map, mask: Map, refreshes: int = MOVES
+) -> Iterator[Shown]:
+    """The S photos of a series in the order in which to take them, 8 patterns of the mask each.
+
+    projector, mask : maps as they are believed.
+    refreshes : that the projector is lit in each photo, a multiple of 8.
+
+    Raises CalibrationError where the mask's map leads nowhere on the projector.
+    """
+    if refreshes < MOVES or refreshes % MOVES:
+        raise ValueError(f"{refreshes} refreshes are no whole rounds of {MOVES} moves")
+    places, move = _places(stripes.axis, projector, mask)
+    lit = projector_stripes(stripes, projector.size_px)[None]
+    rounds = np.tile(np.arange(MOVES, dtype=np.int32), refreshes // MOVES)
+    around = np.full(GUARD, MOVES - 1, dtype=np.int32)
+    mask_index = np.concatenate([around, rounds, around])
+    projector_index = np.zeros(mask_index.size, dtype=np.int32)
+    projector_index[:GUARD] = projector_index[-GUARD:] = BLACK
+    for step in stripes.order:
+        moved: Floats = places - stripes.period_px * step / stripes.steps
+        opened = np.stack([_lit(moved + at * move, stripes.period_px) for at in moves_px()])
+        yield Shown(f"{stripes.name}-{step}", lit, opened, projector_index, mask_index)
+
+
+def projector_stripes(stripes: Stripes, size_px: tuple[int, int]) -> Bits:
+    """What the projector shows, (height, width) bool: the first half of each period is lit."""
+    width, height = size_px
+    centres = np.arange((width, height)[stripes.axis], dtype=np.float64) + 0.5
+    lit = _lit(centres, stripes.period_px)
+    return np.broadcast_to(lit if stripes.axis == 0 else lit[:, None], (height, width)).copy()
+
+
+def moves_px() -> Floats:
+    """By how many of its pixels the mask's stripes move in the refreshes of a round: forward
+    through one pixel, from its middle to its middle."""
+    spread: Floats = (np.arange(MOVES) + 0.5) / MOVES - 0.5
+    return np.roll(spread, -(MOVES // 2))
+
+
+def attenuation(stripes: Stripes, slope: Floats, harmonic: int = 1) -> Floats:
+    """What the mask's pixels leave of a harmonic of the stripes, (n,), 0 to 1.
+
+    slope : (n, 2), how the place along the stripes' axis, in projector pixels, moves with a pixel
+        of the mask to the right, and down.
+
+    A pixel holds one value over its area (a sinc for each of its sides), and the moves take it to
+    8 places along one side.
+    """
+    cycles = np.abs(slope) * harmonic / stripes.period_px
+    along = _along(slope)
+    each = np.take_along_axis(cycles, np.full((len(cycles), 1), along), axis=1)[:, 0] / MOVES
+    moving = np.sin(np.pi * MOVES * each) / (MOVES * np.sin(np.pi * each))
+    return np.asarray(np.sinc(cycles).prod(axis=1) * moving)
+
+
+def _places(axis: int, projector: Map, mask: Map) -> tuple[Floats, Floats]:
+    """For the centre of each mask pixel, (height, width): its place along the axis of the
+    projector, and by how much that grows over one pixel of the mask."""
+    wanted = projector.from_field(mask.centres())[..., axis]
+    if not np.isfinite(wanted).any():
+        raise CalibrationError(
+            "the mask's map leads nowhere on the projector",
+            device="mask",
+            hint="calibrate the geometry first",
+        )
+    down, right = (np.asarray(way, dtype=np.float64) for way in np.gradient(wanted))
+    slope = np.array([[np.nanmedian(right), np.nanmedian(down)]])
+    return wanted, (right, down)[_along(slope)]
+
+
+def _along(slope: Floats) -> int:
+    """The side of the mask's pixels along which stripes move: the one that crosses them most."""
+    return int(np.argmax(np.abs(slope).mean(axis=0)))
+
+
+def _lit(places: Floats, period_px: int) -> Bits:
+    """Whether places in projector pixels lie on lit stripes; what is no number does not."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.mod(places / period_px, 1.0) < 0.5)
+
+
+def slope_at(axis: int, projector: Map, mask: Map, points_px: Floats) -> Floats:
+    """How the place along an axis of the projector moves with a pixel of the mask to the right and
+    down, (n, 2), at points (n, 2) of the mask."""
+    half = 0.5
+    ways = []
+    for side in (0, 1):
+        step = np.zeros(2)
+        step[side] = half
+        ends = (between(mask, projector, points_px + sign * step) for sign in (1.0, -1.0))
+        first, second = ends
+        ways.append((first - second)[:, axis])
+    return np.stack(ways, axis=-1)

@@ -1,0 +1,109 @@
+"""Grey levels of both panels: gamma, and a table of levels."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.placed import camera_map
+from pdcd.calibration.charts import BLUE, RED, Chart, sheet
+from pdcd.calibration.light.metering import opened
+from pdcd.calibration.photo import Photo, Seen, refuse_settings
+from pdcd.calibration.response.levels import (
+    Response,
+    Steps,
+    response_of,
+    steps_photos,
+    strips_seen,
+)
+from pdcd.calibration.script import Measured, Outcome, Script, Session, Wanted, take
+from pdcd.calibration.shown import Shown, still
+from pdcd.panels.frames import WHITE
+
+HELD = 128
+"""Refreshes for which a picture is held, at least: ways from grey to grey are slow."""
+PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
+LAW = 0.004
+"""Misfit up to which a power law is taken: about half a step of 8 bits near white, at gamma 2.2."""
+BENT, COLOURED = 0.01, 0.1
+"""Misfit of a power law, and difference of the colours' gammas, worth a word."""
+
+
+def response(session: Session) -> Script:
+    """White, and strips of 17 levels in two orders, of each panel: six photos."""
+    f_number, full = opened(session, HELD)
+    seen: dict[str, Seen] = {}
+    found = []
+    for panel, size in zip(PANELS, session.sizes, strict=True):
+        photos: dict[str, Photo] = {}
+        for steps in steps_photos(panel, size, full):
+            taken = yield from take(Wanted(shown_of(steps), f_number=f_number))
+            photos[steps.name] = session.photo(taken)
+            seen[taken.name] = taken.seen
+        refuse_settings(seen, iso=session.iso, f_number=f_number)
+        camera = camera_map(session.config, photos["white"].frame)
+        strips = strips_seen(camera, session.found(panel))
+        found.append(response_of(photos, strips, panel))
+    arrays: dict[str, NDArray[np.generic]] = {}
+    for one in found:
+        arrays[f"{one.panel}.grey.levels"] = one.levels
+        arrays[f"{one.panel}.grey.light"] = np.stack([one.light, one.sigma])
+        arrays[f"{one.panel}.grey.level_for"] = one.level_for()
+    words: dict[str, Measured] = {}
+    for one in found:
+        words |= _words(one)
+    return Outcome(
+        words=words,
+        figures=tuple(figure for one in found for figure in one.figures()),
+        arrays=arrays,
+        advice=tuple(text for one in found for text in _advice(one)),
+        picture=_picture(found),
+    )
+
+
+def shown_of(steps: Steps) -> Shown:
+    """The photo of one picture of levels; the other panel is white."""
+    name = f"{steps.panel}-{steps.name}"
+    if steps.panel == "projector":
+        return still(name, steps.refreshes, steps.levels, WHITE)
+    return still(name, steps.refreshes, WHITE, steps.levels)
+
+
+def _words(found: Response) -> dict[str, Measured]:
+    """What captures go by from now on: gamma where the panel follows it, else the table."""
+    law = found.misfit <= LAW
+    gamma = Measured(found.gamma, found.gamma_sigma) if law else Measured(None)
+    lights = found.light_of()
+    lights[[0, -1]] = 0.0, 1.0
+    lut = None if law else tuple(np.round(lights, 6).tolist())
+    table = Measured(lut, None if law else float(found.sigma.max()))
+    return {f"{found.panel}.gamma": gamma, f"{found.panel}.lut": table}
+
+
+def _advice(found: Response) -> tuple[str, ...]:
+    """What to do about it."""
+    told = []
+    if found.misfit > BENT:
+        told.append(
+            f"grey of the {found.panel} follows no power law: it is sent by the measured table; "
+            "see that picture modes are off"
+        )
+    if max(found.channel_gammas) - min(found.channel_gammas) > COLOURED:
+        told.append(f"grey of the {found.panel} is coloured: take its colour temperature as native")
+    return tuple(told)
+
+
+def _picture(found: list[Response]) -> NDArray[np.uint8]:
+    """Light over level of both panels, beside their power laws."""
+    drawn = sheet()
+    chart = Chart(drawn, (0, 0, 900, 600), (0.0, 255.0), (0.0, 1.0))
+    chart.frame("Light of grey levels", "level", "light")
+    grey = np.arange(256.0)
+    for number, (one, colour) in enumerate(zip(found, (RED, BLUE), strict=True)):
+        chart.line(grey, (grey / 255.0) ** one.gamma, colour)
+        chart.points(one.levels, one.light, colour, radius_px=5)
+        text = f"{one.panel}: gamma {one.gamma:.3f} +- {one.gamma_sigma:.3f}"
+        chart.note(number, f"{text}, off the law by {100.0 * one.misfit:.2g} %", colour)
+    return drawn

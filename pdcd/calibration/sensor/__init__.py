@@ -1,0 +1,1 @@
+"""The sensor: black, gain, read noise, linearity, saturation."""

@@ -1,0 +1,431 @@
+"""The camera's sensor, measured at one ISO: black, gain, read noise, saturation, linearity.
+
+Fourteen photos: two of black panels, one of the open mask alone, and white light of counted
+refreshes from 3 to 130 % of what saturates; two doses are taken twice. All have the shutter open
+for as long. Any still thing may stand before the camera: a card is best, for its light is even.
+
+RAW samples are taken plane by plane, R, G1, G2, B, as the sensor gave them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.reading import emit
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark, within
+from pdcd.calibration.sensor.dose import Brightest, Line, line_of
+from pdcd.calibration.sensor.transfer import SIDE, Pair, Transfer, pair_of, transfer_of
+from pdcd.calibration.shown import Shown
+from pdcd.errors import CalibrationError
+from pdcd.panels.frames import BLACK, WHITE
+from pdcd.sensor.profile import IsoRow, SensorProfile
+
+Floats = NDArray[np.float64]
+Planes = NDArray[np.float32]
+
+NAMES = ("R", "G1", "G2", "B")
+LADDER = (0.03, 0.06, 0.12, 0.2, 0.4, 0.6, 0.75, 0.9, 1.1, 1.3)
+TWICE = (0.2, 0.6)
+"""Shares of the saturating dose; those that photon transfer needs twice."""
+LEAST_REFRESHES = 2
+"""Of a dose: a single refresh ends before the panel has risen."""
+TRANSFER_SHARE = 0.7
+ALIKE = 0.03
+"""Blocks within 3 % of the median light stand for the plane in its series of doses."""
+BRIGHT = 0.98
+LIT = 0.3
+"""Light of a block, over the brightest, from which it is lit."""
+ROUNDING_DN = 0.29
+DARK_LIMIT_DN = 30.0
+"""Of dark photos beside their black level; what the panels leak is a tenth of that."""
+LEAKED_DN = 1.5
+HOT_SIGMAS = 5.0
+ROOM_SHARE = 0.2
+"""Light without a dose, over saturation."""
+FLAT_LIMIT = 0.01
+LAMP_LIMIT = 0.01
+
+
+@dataclass(frozen=True)
+class BodyPlan:
+    """What to show.
+
+    full : white refreshes that just saturate the brightest quads at the f-number that is set. At
+        least 67, so that the smallest dose has two.
+    lead : refreshes for which the mask is open before and after the light.
+    """
+
+    full: int
+    lead: int = 6
+
+    def __post_init__(self) -> None:
+        if round(min(LADDER) * self.full) < LEAST_REFRESHES:
+            raise CalibrationError(
+                f"{self.full} refreshes saturate the camera: too few to be counted",
+                device="camera",
+                hint="close the aperture until it takes 67 refreshes or more",
+            )
+
+    @property
+    def doses(self) -> dict[str, int]:
+        """White refreshes of each photo with light, by its name."""
+        found = {}
+        for share in LADDER:
+            count = round(share * self.full)
+            found[f"dose-{count}"] = count
+            if share in TWICE:
+                found[f"dose-{count}-again"] = count
+        return found
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names of the photos that were taken twice."""
+        names = [f"dose-{round(share * self.full)}" for share in TWICE]
+        return tuple((name, f"{name}-again") for name in names)
+
+    @property
+    def refreshes(self) -> int:
+        """Of every photo."""
+        return max(self.doses.values()) + 2 * self.lead
+
+    def photos(self) -> tuple[Shown, ...]:
+        """The series, in the order in which to take it."""
+        closed, opened = (np.full(self.refreshes, index, np.int32) for index in (BLACK, WHITE))
+        none = np.zeros((0, 0, 0), np.bool_)
+        shown = [Shown(f"dark-{which}", none, none, closed, closed) for which in "ab"]
+        shown.append(Shown("base", none, none, closed, opened))
+        for name, count in self.doses.items():
+            light = closed.copy()
+            light[self.lead : self.lead + count] = WHITE
+            shown.append(Shown(name, none, none, light, opened))
+        return tuple(shown)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What was measured at one ISO, plane by plane (R, G1, G2, B).
+
+    black_dn : (4,) float64, black level of the file; black_sigma : by how far it moves from photo
+        to photo.
+    transfer, lines : gain and noise, linearity and saturation.
+    lamp : largest relative difference of photos that should be equal.
+    """
+
+    iso: int
+    black_dn: Floats
+    black_sigma: float
+    transfer: tuple[Transfer, ...]
+    lines: tuple[Line, ...]
+    lamp: float
+
+    @property
+    def gain(self) -> tuple[float, float]:
+        """e- per DN and its standard deviation, of all planes."""
+        return _mean([(t.gain_e_per_dn, t.gain_sigma) for t in self.transfer])
+
+    @property
+    def read_noise(self) -> tuple[float, float]:
+        """e- and standard deviation, of all planes."""
+        return _mean([(t.read_noise_e, t.read_sigma) for t in self.transfer])
+
+    @property
+    def banding(self) -> tuple[float, float]:
+        """e- of whole rows and standard deviation, of all planes."""
+        return _mean([(t.banding_e, t.banding_sigma) for t in self.transfer])
+
+    @property
+    def saturation_dn(self) -> float | None:
+        """Lowest of the planes that saturated; None where none did."""
+        return min(
+            (s for line in self.lines if (s := line.saturation_dn) is not None), default=None
+        )
+
+    @property
+    def offset_refreshes(self) -> tuple[float, float]:
+        """What the projector's edges add to any dose, (fall - rise) / refresh, and its standard
+        deviation. The planes share the lamp's errors, so that they are no better than one."""
+        values, sigmas = zip(
+            *((n.offset_refreshes, n.offset_sigma) for n in self.lines), strict=True
+        )
+        return float(np.mean(values)), float(np.mean(sigmas))
+
+    def figures(self) -> tuple[Figure, ...]:
+        """What to tell of it."""
+        gain, read = self.gain, self.read_noise
+        apart = max(t.gain_e_per_dn for t in self.transfer) / min(
+            t.gain_e_per_dn for t in self.transfer
+        )
+        error = max(line.error for line in self.lines)
+        rounded = any(t.rounded for t in self.transfer)
+        saturation = self.saturation_dn
+        steady = self.lamp <= LAMP_LIMIT
+        good, doubtful, bad = Verdict.GOOD, Verdict.DOUBTFUL, Verdict.BAD
+        return (
+            Figure("sensor.black_dn", float(self.black_dn.mean()), self.black_sigma, "DN"),
+            Figure(
+                "sensor.gain_e_per_dn",
+                *gain,
+                "e-/DN",
+                "planes within 5 %",
+                good if apart < 1.05 else doubtful,
+            ),
+            Figure(
+                "sensor.read_noise_e",
+                *read,
+                "e-",
+                "not hidden by rounding",
+                doubtful if rounded else good,
+            ),
+            Figure("sensor.banding_e", *self.banding, "e-"),
+            Figure(
+                "sensor.saturation_dn",
+                max(n.highest_dn for n in self.lines) if saturation is None else saturation,
+                ROUNDING_DN,
+                "DN",
+                "at least this: no dose reached it" if saturation is None else "reached",
+                doubtful if saturation is None else good,
+            ),
+            Figure(
+                "sensor.linearity",
+                error,
+                self.lamp,
+                "",
+                f"{FLAT_LIMIT:g}, lamp within {LAMP_LIMIT:g}",
+                good if error <= FLAT_LIMIT else bad if steady else doubtful,
+            ),
+        )
+
+
+def measure_body(
+    photos: Mapping[str, Planes],
+    plan: BodyPlan,
+    *,
+    iso: int,
+    black_dn: Floats,
+    dark_e: float = 0.0,
+    masked: bool = False,
+) -> Body:
+    """Black, gain, read noise, saturation and linearity out of a series.
+
+    Parameters
+    ----------
+    photos : name -> (4, h, w) float32, R, G1, G2, B in DN minus black, by the names of
+        `plan.photos()`. Each is asked for at most three times, so that it may be read from a file.
+    plan : what was shown.
+    iso : at which it was taken.
+    black_dn : (4,) what was taken off: the mean of the masked border, or what the file says.
+    dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise,
+        and that of light that the panels leak.
+    masked : whether `black_dn` is of the masked border. A number of the file may itself be off, so
+        that no more than `LEAKED_DN` above it counts as light.
+
+    Raises CalibrationError: no light, a shutter that did not open, light in dark photos, a black
+    level that moves, saturated or dim flats, something that moved, samples that were filtered.
+    """
+    dark, again, base = (photos[name] for name in ("dark-a", "dark-b", "base"))
+    shift, black_sigma = _refuse_dark_light(dark, again)
+    doses = np.array(list(plan.doses.values()), np.float64)
+    order = np.argsort(doses, kind="stable")
+    signal, brightest = _series(photos, plan, base)
+    _refuse_no_light(plan, signal, dark)
+    lines = tuple(
+        line_of(name, doses[order], signal[plane, order], brightest[plane])
+        for plane, name in enumerate(NAMES)
+    )
+    _refuse_room(base, signal, lines)
+    pairs = [pair_of(dark[plane], again[plane]) for plane in range(4)]
+    lit = _lit_pairs(photos, plan, dark)
+    found = []
+    for plane, line in enumerate(lines):
+        highest = line.saturation_dn or float(signal[plane].max())
+        found.append(
+            transfer_of(
+                NAMES[plane],
+                pairs[plane],
+                lit[plane],
+                highest_dn=TRANSFER_SHARE * highest,
+                dark_e=dark_e,
+                leaked_dn=float(np.clip(shift[plane], 0.0, DARK_LIMIT_DN if masked else LEAKED_DN)),
+            )
+        )
+    names = list(plan.doses)
+    lamp = max(
+        abs(float(signal[1, names.index(b)] / signal[1, names.index(a)]) - 1.0)
+        for a, b in plan.pairs
+    )
+    black = np.asarray(black_dn, np.float64) + shift
+    return Body(iso, black, black_sigma, tuple(found), lines, lamp)
+
+
+def _series(
+    photos: Mapping[str, Planes], plan: BodyPlan, base: Planes
+) -> tuple[Floats, tuple[Brightest, ...]]:
+    """Mean of quads of middling light, (4, doses), and the brightest ones of the largest dose."""
+    floor = _levels(base)
+    light = _levels(photos[plan.pairs[0][0]]) - floor
+    inner = np.stack([_wholly_lit(plane) for plane in light])
+    middle = np.array([np.median(plane[i]) for plane, i in zip(light, inner, strict=True)])
+    middle = np.where(middle > 0.0, middle, 1.0)[:, None, None]
+    chosen = inner & (np.abs(light / middle - 1.0) <= ALIKE)
+    if not chosen.any(axis=(1, 2)).all():
+        chosen[:] = True  # there is no light: what follows says so
+    signal = np.empty((4, len(plan.doses)))
+    for number, name in enumerate(plan.doses):
+        level = _levels(photos[name]) - floor
+        for plane in range(4):
+            signal[plane, number] = level[plane][chosen[plane]].mean()
+    top = photos[max(plan.doses, key=lambda name: plan.doses[name])]
+    level, spread = _levels(top) - floor, _spreads(top)
+    found = []
+    for plane in range(4):
+        bright = light[plane] >= np.quantile(light[plane], BRIGHT)
+        times = np.median(light[plane][bright]) / np.mean(light[plane][chosen[plane]])
+        signal_dn, noise_dn, base_dn = (
+            float(np.median(values[plane][bright])) for values in (level, spread, floor)
+        )
+        found.append(Brightest(signal_dn, noise_dn, base_dn, float(times)))
+    return signal, tuple(found)
+
+
+def _wholly_lit(light: Floats) -> NDArray[np.bool_]:
+    """Blocks with light all about them: one at the edge of the light is half lit, and its lit half
+    saturates first. All of them where there is hardly any light."""
+    lit = light > LIT * float(np.quantile(light, BRIGHT))
+    inner = within(lit)
+    return inner if inner.any() else np.ones(lit.shape, np.bool_)
+
+
+def _levels(planes: Planes) -> Floats:
+    """Means of blocks, (4, rows, cols) float64."""
+    return np.stack([block_means(plane.astype(np.float64), SIDE) for plane in planes])
+
+
+def _spreads(planes: Planes) -> Floats:
+    """Standard deviation within blocks, hot samples left out, (4, rows, cols) float64."""
+    found = []
+    for plane in planes.astype(np.float64):
+        rows, cols = plane.shape[0] // SIDE, plane.shape[1] // SIDE
+        blocks = plane[: rows * SIDE, : cols * SIDE].reshape(rows, SIDE, cols, SIDE)
+        low, high = np.quantile(blocks, (0.16, 0.84), axis=(1, 3))
+        found.append(0.5 * (high - low))
+    return np.stack(found)
+
+
+def _lit_pairs(
+    photos: Mapping[str, Planes], plan: BodyPlan, dark: Planes
+) -> list[tuple[Pair, ...]]:
+    """Pairs with light of each plane."""
+    found: list[list[Pair]] = [[], [], [], []]
+    for one, other in plan.pairs:
+        first, second = photos[one], photos[other]
+        for plane in range(4):
+            found[plane].append(pair_of(first[plane], second[plane], dark[plane]))
+    return [tuple(pairs) for pairs in found]
+
+
+def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
+    """How far the dark photos lie from the black that was taken off, (4,) DN, and by how much the
+    two differ."""
+    levels = [np.array([_middle(plane) for plane in planes]) for planes in (dark, again)]
+    apart = float(np.abs(levels[0] - levels[1]).max())
+    shift = np.asarray(0.5 * (levels[0] + levels[1]), np.float64)
+    if float(np.abs(shift).max()) > DARK_LIMIT_DN:
+        raise CalibrationError(
+            f"dark photos lie {float(np.abs(shift).max()):.3g} DN above black: light comes in",
+            device="mask",
+            hint="darken the room; see that both panels are black and that the mask's polarisers "
+            "are crossed",
+        )
+    if apart > BLACK_MOVES_DN:  # much light would move it, too
+        raise CalibrationError(
+            f"the black level moves: two dark photos differ by {apart:.2g} DN",
+            device="camera",
+            hint="let the camera warm up for ten minutes; switch long-exposure noise reduction "
+            "off; keep the room dark",
+        )
+    return shift, apart / np.sqrt(2.0)
+
+
+def _middle(plane: NDArray[np.float32]) -> float:
+    """Mean of the samples of a dark plane, hot ones left out."""
+    low, middle, high = np.quantile(plane, (0.16, 0.5, 0.84))
+    kept = np.abs(plane - middle) <= HOT_SIGMAS * max(0.5 * float(high - low), 1.0)
+    return float(np.mean(plane[kept], dtype=np.float64))
+
+
+def _refuse_no_light(plan: BodyPlan, signal: Floats, dark: Planes) -> None:
+    """Raise CalibrationError where nothing, or one photo of the pairs, shows light."""
+    spread = float(np.std(dark[1]))
+    floor = max(0.05 * spread, 1.0)
+    refuse_dark({name: float(signal[:, n].max()) for n, name in enumerate(plan.doses)}, floor)
+
+
+def _refuse_room(base: Planes, signal: Floats, lines: tuple[Line, ...]) -> None:
+    """Raise CalibrationError where much light comes without the projector."""
+    for plane, line in enumerate(lines):
+        highest = line.saturation_dn or float(signal[plane].max())
+        share = float(np.median(base[plane])) / highest
+        if share > ROOM_SHARE:
+            raise CalibrationError(
+                f"without the projector plane {NAMES[plane]} is at {100.0 * share:.0f} % of "
+                "saturation",
+                device="camera",
+                hint="switch the room lights off",
+            )
+
+
+def _mean(values: list[tuple[float, float]]) -> tuple[float, float]:
+    """Weighted mean and its standard deviation."""
+    found = np.array(values)
+    weights = 1.0 / np.maximum(found[:, 1], 1e-12) ** 2
+    return float(weights @ found[:, 0] / weights.sum()), float(weights.sum() ** -0.5)
+
+
+def profile_of(
+    body: Body, known: SensorProfile, *, name: str, description: str, source: str, base: str = ""
+) -> SensorProfile:
+    """The profile of this very body: what was measured, at its ISO, in a profile that was known.
+
+    known : gives what was not measured: dark current, bits, size, white level and full well where
+        the series did not reach them. Its rows of other ISOs are kept only where it is itself a
+        measured profile.
+    base : what `known` was read from, where nobody has measured it.
+
+    Raises ConfigError where the numbers make no profile.
+    """
+    gain, read = body.gain[0], body.read_noise[0]
+    black = round(float(body.black_dn.mean()))
+    stop = body.saturation_dn
+    white, full = known.white_dn, known.full_well_e
+    if stop is not None and all(line.clipped for line in body.lines if line.saturation_dn):
+        white, full = round(black + stop), max(full, stop * gain)
+    elif stop is not None:
+        full = stop * gain
+    others = () if known.estimated else tuple(row for row in known.rows if row.iso != body.iso)
+    rows = (*others, IsoRow(body.iso, float(f"{gain:.6g}"), float(f"{read:.6g}")))
+    return SensorProfile(
+        name=name,
+        description=description,
+        source=source,
+        estimated=False,
+        bits=known.bits,
+        black_dn=black,
+        white_dn=white,
+        full_well_e=float(f"{full:.6g}"),
+        dark_e_per_s=known.dark_e_per_s,
+        rows=tuple(sorted(rows, key=lambda row: row.iso)),
+        frame_quads=known.frame_quads,
+        base=known.base or base,
+    )
+
+
+def profile_text(profile: SensorProfile) -> str:
+    """A profile as the TOML file that `pdcd.sensor.profile.load_profile` reads."""
+    table = msgspec.to_builtins(profile)
+    return f"# {profile.description}\n" + emit(table)

@@ -1,0 +1,169 @@
+"""The camera's sensor at one ISO: black, gain, read noise, saturation, linearity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.charts import CHANNELS, GREY, Chart, sheet
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.light.metering import FULL, LEAST, opened
+from pdcd.calibration.photo import Seen, refuse_settings
+from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
+from pdcd.calibration.sensor.body import NAMES, Body, BodyPlan, measure_body, profile_of
+from pdcd.sensor.raw import RawFrame
+
+Floats = NDArray[np.float64]
+Planes = NDArray[np.float32]
+
+SATURATING = 120
+"""White refreshes that shall saturate: the smallest dose is then four, and a photo takes 3 s."""
+PROFILE = "sensor.toml"
+"""File of the profile in the calibration's folder."""
+EDGE = "sensor.edge_s"
+"""Array (2,): what the projector's edges add to any time of white, fall - rise, and its sigma."""
+GAIN = "sensor.gain_e_per_dn"
+"""Array (2,): the gain and its sigma."""
+BLACK = "sensor.black_sigma_dn"
+"""Array (1,): by how far the black level moves from photo to photo."""
+
+
+def sensor(session: Session) -> Script:
+    """Fourteen photos: black, and white light of counted refreshes until the sensor is full.
+
+    The profile that comes out replaces the camera's.
+    """
+    f_number, full = opened(session, round(FULL * SATURATING))
+    plan = BodyPlan(round(full / FULL))
+    film = Film()
+    seen: dict[str, Seen] = {}
+    open_s: dict[str, float] = {}
+    for shown in plan.photos():
+        taken = yield from take(Wanted(shown, f_number=f_number))
+        film.keep(taken)
+        seen[shown.name], open_s[shown.name] = taken.seen, taken.open_s
+    refuse_settings(seen, iso=session.iso, f_number=f_number, open_s=open_s)
+    known, iso = session.profile, session.iso
+    body = measure_body(
+        film,
+        plan,
+        iso=iso,
+        black_dn=film.black_dn,
+        dark_e=known.dark_e_per_s * film.exposure_s,
+        masked=film.masked,
+    )
+    profile = profile_of(
+        body,
+        known,
+        base=session.config.camera.profile,
+        name=known.name,
+        description=f"{session.camera.model} at ISO {iso}, measured on the bench",
+        source="photon transfer by pdcd calibrate",
+    )
+    _keep_below(session, known.saturation_dn(iso), profile.saturation_dn(iso))
+    figures = body.figures()
+    offset, sigma = body.offset_refreshes
+    black = np.array([body.black_sigma])
+    return Outcome(
+        figures=figures,
+        words={"camera.profile": Measured(PROFILE)},
+        arrays={
+            EDGE: np.array([offset, sigma]) * session.refresh_s,
+            GAIN: np.array(body.gain),
+            BLACK: black,
+        },
+        profile=profile,
+        advice=_advice(body),
+        picture=_picture(body, plan, film),
+    )
+
+
+def _keep_below(session: Session, believed_dn: float, found_dn: float) -> None:
+    """Have later photos shorter where the sensor is full sooner than was believed."""
+    if found_dn < believed_dn:
+        session.full = max(LEAST, int(session.full * found_dn / believed_dn))
+
+
+class _Frame(NamedTuple):
+    """samples : (4, h, w) uint16, as the file has them. black : (4,) float32, their black level."""
+
+    samples: NDArray[np.uint16]
+    black: Planes
+
+
+class Film(Mapping[str, Planes]):
+    """Photos by name, as planes in DN minus black; held as the whole numbers of their files."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, _Frame] = {}
+        self._black: list[Floats] = []
+        self.exposure_s, self.masked = 0.0, True
+
+    def keep(self, taken: Taken) -> None:
+        """Hold one photo."""
+        raw: RawFrame = taken.raw
+        black = raw.black.astype(np.float32)
+        self._frames[taken.name] = _Frame(np.asarray(raw.samples, np.uint16), black)
+        self._black.append(raw.black)
+        self.masked = self.masked and raw.masked
+        self.exposure_s = raw.exposure_s or taken.open_s
+
+    @property
+    def black_dn(self) -> Floats:
+        """(4,) what was taken off, on average."""
+        return np.asarray(np.mean(self._black, axis=0), np.float64)
+
+    def __getitem__(self, name: str) -> Planes:
+        samples, black = self._frames[name]
+        return samples.astype(np.float32) - black[:, None, None]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._frames)
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+
+def _advice(body: Body) -> tuple[str, ...]:
+    """What to do about it."""
+    found = []
+    for figure in body.figures():
+        if figure.verdict is Verdict.GOOD:
+            continue
+        if figure.name.endswith("saturation_dn"):
+            found.append("no dose saturated the sensor: its upper end is still a number of a table")
+        elif figure.name.endswith("linearity"):
+            found.append(
+                "light does not go with the number of refreshes: let the lamp warm up, switch eco "
+                "mode and dynamic contrast off, then see that the camera's RAW is not compressed"
+            )
+        elif figure.name.endswith("read_noise_e"):
+            found.append("rounding hides the read noise: take a higher ISO to know it")
+        else:
+            found.append("the colours differ in gain: switch off what the camera does to its RAW")
+    return tuple(found)
+
+
+def _picture(body: Body, plan: BodyPlan, film: Film) -> NDArray[np.uint8]:
+    """How far each dose is off its line, plane by plane."""
+    doses = np.sort(np.array(list(plan.doses.values()), np.float64))
+    gain, read = body.gain, body.read_noise
+    drawn = sheet()
+    chart = Chart(drawn, (0, 0, 900, 600), (0.0, float(doses.max()) * 1.05), (-0.02, 0.02))
+    chart.frame(
+        "Linearity: light over the line through all doses, less 1", "white refreshes", "deviation"
+    )
+    for limit in (-0.01, 0.01):
+        chart.line([0.0, float(doses.max())], [limit, limit], GREY)
+    for line, colour in zip(body.lines, CHANNELS, strict=True):
+        chart.points(doses, line.deviations, colour, radius_px=4)
+        chart.line(doses, line.deviations, colour)
+    chart.note(0, f"gain {gain[0]:.4g} +- {gain[1]:.2g} e-/DN, read noise {read[0]:.3g} e-")
+    for number, (name, colour) in enumerate(zip(NAMES, CHANNELS, strict=True)):
+        stop = body.lines[number].saturation_dn
+        text = "not reached" if stop is None else f"{stop:.0f} DN above black"
+        chart.note(number + 1, f"{name}: upper end {text}", colour)
+    return drawn

@@ -1,0 +1,1 @@
+"""When the shutter really opens and closes."""

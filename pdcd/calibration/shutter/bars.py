@@ -1,0 +1,147 @@
+"""A bar that runs over the card: its patterns, and reading them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.shown import Bits, Shown
+from pdcd.calibration.timing.strips import CLIPPED, COLOURS, FEWEST_QUADS
+from pdcd.calibration.window import WHOLE, Window
+from pdcd.errors import CalibrationError
+from pdcd.panels.frames import WHITE
+from pdcd.panels.map import Map
+
+Floats = NDArray[np.float64]
+
+CELLS = 32
+"""Cells of the bar: a cycle of half a second at 60 Hz."""
+CORE = 0.2
+"""Left out of a cell on either side."""
+FAINTEST_SIGMAS = 20.0
+"""White over noise of a cell, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellLight:
+    """Light of n cells over that of white, in B bands of the camera's rows.
+
+    value, sigma : (B, n). bands : (B,) middle of each, 0 at the frame's top, 1 at its bottom.
+    pulses : about how many pulses of each cell are in it.
+    """
+
+    value: Floats
+    sigma: Floats
+    bands: Floats
+
+
+def bar_photo(
+    name: str,
+    projector: Map,
+    refreshes: int,
+    *,
+    cells: int = CELLS,
+    window: Window = WHOLE,
+) -> Shown:
+    """The bar over the height of the field and the width of the `window`; the mask is open
+    throughout."""
+    patterns = _bar(projector, cells, window)
+    index = (np.arange(refreshes) % cells).astype(np.int32)
+    none: Bits = np.zeros((0, 0, 0), dtype=np.bool_)
+    return Shown(name, patterns, none, index, np.full(refreshes, WHITE, dtype=np.int32))
+
+
+def read_bar(
+    photo: Photo,
+    white: Photo,
+    camera: Map,
+    *,
+    cells: int = CELLS,
+    bands: int = 1,
+    window: Window = WHOLE,
+) -> CellLight:
+    """How bright the cells are, over a photo in which all of the field was white.
+
+    photo, white : of one size, that of the camera's map. bands : of the camera's rows, equally high
+    between the first and the last that see the bar; one where not all cells are seen in each of
+    them, as by a camera that is turned by a quarter.
+
+    Raises CalibrationError: no light, clipped, cells that are not seen.
+    """
+    centres = camera.centres()
+    with np.errstate(invalid="ignore"):
+        x = window.across(centres[..., 0]) * cells
+        top, bottom = max(0.1, window.top), min(0.9, window.bottom)
+        seen = (centres[..., 1] >= top) & (centres[..., 1] < bottom)
+        seen &= (x >= 0.0) & (x < cells) & (np.abs(x - np.floor(x) - 0.5) < 0.5 - CORE)
+    rows = np.flatnonzero(seen.any(axis=1))
+    if not rows.size:
+        raise _unseen("the camera sees nothing of the bar")
+    first, end = int(rows[0]), int(rows[-1]) + 1
+    row = np.arange(len(seen))
+    band = np.clip((row - first) * bands // (end - first), 0, bands - 1)
+    cell = np.where(seen, band[:, None] * cells + np.nan_to_num(x).astype(np.int64), -1)
+    size, used = bands * cells, seen
+    quads = np.bincount(cell[used], minlength=size)
+    if bands > 1 and (quads < FEWEST_QUADS).any():
+        return read_bar(photo, white, camera, cells=cells, window=window)
+    clipped = max(taken.saturated_share(used) for taken in (photo, white))
+    if clipped > CLIPPED:
+        raise CalibrationError(
+            f"{100.0 * clipped:.0f} % of the bar is saturated",
+            device="camera",
+            hint="close the aperture, or use a lower ISO",
+        )
+    if (quads < FEWEST_QUADS).any():
+        raise _unseen(f"{np.count_nonzero(quads < FEWEST_QUADS)} cells of the bar are not seen")
+    value, sigma = _over_white(photo, white, used, cell[used], size)
+    middle = (first + (np.arange(bands) + 0.5) * (end - first) / bands) / len(seen)
+    shape = bands, cells
+    return CellLight(value.reshape(shape), sigma.reshape(shape), middle)
+
+
+def _over_white(
+    photo: Photo,
+    white: Photo,
+    used: NDArray[np.bool_],
+    cell: NDArray[np.int64],
+    cells: int,
+) -> tuple[Floats, Floats]:
+    """Light of each cell (cells,) over that of the white photo, and its standard deviation.
+
+    cell : number of the cell of each quad that is `used`. Raises CalibrationError: too dark.
+    """
+    sums = []
+    for taken in (photo, white):
+        for values, weights in ((taken.light, COLOURS), (taken.variance, COLOURS**2)):
+            sums.append(np.bincount(cell, values[used] @ weights, minlength=cells))
+    light, var, full, full_var = (np.asarray(one, dtype=np.float64) for one in sums)
+    if (full < FAINTEST_SIGMAS * np.sqrt(np.maximum(full_var, 0.0))).any():
+        raise CalibrationError(
+            "the white photo is dark where the bar runs",
+            device="camera",
+            hint="take off the lens cap, switch the projector on, and put the card before it",
+        )
+    value = light / full
+    return value, np.sqrt(var + value**2 * full_var) / full
+
+
+def _unseen(what: str) -> CalibrationError:
+    return CalibrationError(
+        what,
+        device="camera",
+        hint="the camera must see all of the field, the card cover it; use fewer bands or cells",
+    )
+
+
+def _bar(map_: Map, cells: int, window: Window) -> Bits:
+    """(cells, height, width), the pixels of each cell."""
+    centres = map_.centres()
+    x = window.across(centres[..., 0])
+    with np.errstate(invalid="ignore"):
+        inside = ((centres >= 0.0) & (centres < 1.0)).all(axis=-1)
+        cell = np.where(inside, np.floor(np.nan_to_num(x) * cells), -1.0)
+    return np.asarray(np.arange(cells)[:, None, None] == cell)

@@ -1,0 +1,218 @@
+"""How late the shutter is, and how evenly: photos of a running bar in which it opens and closes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.devices import WhileShown
+from pdcd.calibration.charts import BLUE, GREY, RED, Chart, sheet
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
+from pdcd.calibration.shown import still
+from pdcd.calibration.shutter.bars import CellLight, bar_photo, read_bar
+from pdcd.calibration.shutter.blades import Opened, ShutterLag, bar_cells, fit_shutter, lag_of
+from pdcd.calibration.window import shared
+from pdcd.errors import CalibrationError
+from pdcd.panels.frames import WHITE
+
+PHOTOS = 5
+CELLS = (24, 29), (35, 40)
+"""Cells of the bar, in turns: a shutter that is a whole cycle later than was thought looks the same
+in one of them, but not in both."""
+EXPOSED_S = 0.75
+"""Exposure of a photo, about: a cycle and a half of the bar."""
+LEAST_OPEN_S = 0.2
+BEFORE_S, AFTER_S = 0.5, 1.5
+"""The bar runs before the shutter is told to open, and after it should have closed: a camera may
+take long to answer."""
+BANDS = 1, 6
+QUADS_A_BAND = 60
+UNSURE = 0.3
+"""Relative error of rise and fall of the projector where they were not measured."""
+LAG_LIMIT_S = 0.3e-3
+APART = 3.0
+"""Standard errors by which opening and closing differ, or they are one; and by which rows do."""
+
+
+@dataclass
+class _Times:
+    """What was found of all exposures, on the clock of the log, in s: (opened, closed) each.
+
+    told : when the shutter was told to. rows : first and last row of the field, 0 to 1 over the
+        camera's.
+    """
+
+    rows: tuple[float, float]
+    told: list[tuple[float, float]] = field(default_factory=list)
+    found: list[Opened] = field(default_factory=list)
+
+    def lag(self, sides: tuple[int, ...]) -> ShutterLag:
+        """Lag of opening (0), of closing (1), or of both, in the row that has it last."""
+        rows = [
+            (when[side], told[side], sigma[side])
+            for told, one in zip(self.told, self.found, strict=True)
+            for when in [(one.opened_s, one.closed_s)]
+            for sigma in [(one.opened_sigma_s, one.closed_sigma_s)]
+            for side in sides
+        ]
+        found, told, sigmas = zip(*rows, strict=True)
+        lag = lag_of(found, told, sigmas)
+        return replace(lag, lag_s=lag.lag_s + self._last_row_s)
+
+    @property
+    def _last_row_s(self) -> float:
+        """How much longer the lag of the last row is than that of the middle one.
+
+        Of a projector that is set row by row the first row has all of the shutter's lag, for its
+        light comes when the log says; the others' light comes later, so that they seem to have
+        less. Of blades that travel it is the row that they reach last.
+        """
+        travels = np.array([one.travel_s for one in self.found]).ravel()
+        travel_s = float(travels.mean())
+        sigma_s = float(travels.std(ddof=1)) / travels.size**0.5
+        if abs(travel_s) < APART * sigma_s:
+            return 0.0
+        return max(travel_s * (row - 0.5) for row in self.rows)
+
+    def check(self, cells: list[int], refresh_s: float) -> None:
+        """Refuse lags that depend on the bar's cycle: they are off by one. cells : of each."""
+        late = np.array([one.opened_s for one in self.found]) - np.array(self.told)[:, 0]
+        short = np.array(cells) == min(cells)
+        apart_s = abs(float(late[short].mean() - late[~short].mean()))
+        if apart_s > 0.5 * (max(cells) - min(cells)) * refresh_s:
+            raise CalibrationError(
+                "the shutter's lag is more than a quarter of a second off what is configured",
+                device="shutter",
+                hint="set trigger.lag_s to what pdcd doctor trigger --click shows, and repeat this",
+            )
+
+    @property
+    def sigma_s(self) -> float:
+        """Of one time, the worst."""
+        return max(max(one.opened_sigma_s, one.closed_sigma_s) for one in self.found)
+
+
+def shutter(session: Session) -> Script:
+    """White, and five exposures that begin and end while a bar runs: six photos.
+
+    The lag counts from when the driver says that it gave its order, as ``trigger.lag_s`` does, to
+    the row that follows it last.
+    Raises CalibrationError as `read_bar` and `fit_shutter` do, and for a lag that is not at all as
+    configured.
+    """
+    projector, camera = session.found("projector"), session.found("camera")
+    window = shared(session.found("mask"), camera)
+    trigger, refresh_s = session.config.trigger, session.refresh_s
+    sure_s = trigger.sure_ns * 1e-9
+    open_s = max(EXPOSED_S - sure_s, LEAST_OPEN_S)
+    counts = [bar_cells(sure_s + open_s, refresh_s, cells) for cells in CELLS]
+    cells = [counts[number % 2] for number in range(PHOTOS)]
+    before = round(BEFORE_S / refresh_s)
+    count = before + round((2.0 * sure_s + open_s + AFTER_S) / refresh_s)
+    taken = yield from take(Wanted(still("white", session.full, WHITE, WHITE)))
+    white = session.photo(taken)
+    bands = int(np.clip(camera.size_px[1] // QUADS_A_BAND, *BANDS))
+    panel = session.config.projector
+    ends = camera.from_field(np.array([[0.5, 0.0], [0.5, 1.0]]))[:, 1] / camera.size_px[1]
+    times, light = _Times((float(ends[0]), float(ends[1]))), None
+    for number in range(PHOTOS):
+        shown = bar_photo(f"bar-{number + 1}", projector, count, cells=cells[number], window=window)
+        taken = yield from take(Wanted(shown, moving=WhileShown(before, open_s)))
+        light = read_bar(
+            session.photo(taken), white, camera, cells=cells[number], bands=bands, window=window
+        )
+        told = _told_s(taken, sure_s)
+        times.told.append(told)
+        times.found.append(
+            fit_shutter(
+                light,
+                taken.log,
+                (told[0] + trigger.lag_s, told[1] + trigger.lag_s),
+                (panel.rise_s, panel.fall_s),
+                tau_sigma=_tau_sigma(session),
+            )
+        )
+    times.check(cells, refresh_s)
+    return _outcome(session, times, light)
+
+
+def _told_s(taken: Taken, sure_s: float) -> tuple[float, float]:
+    """When the shutter was told to open, and to close."""
+    return taken.open_ns * 1e-9 - sure_s, taken.close_ns * 1e-9 - sure_s
+
+
+def _tau_sigma(session: Session) -> float:
+    """How well rise and fall of the projector are known, relative."""
+    taus, sigmas = (session.arrays.get(f"timing.{name}") for name in ("taus_s", "taus_sigma_s"))
+    if taus is None or sigmas is None:
+        return UNSURE
+    return float((sigmas[:2] / taus[:2]).max())
+
+
+def _outcome(session: Session, times: _Times, light: CellLight | None) -> Outcome:
+    """Both lags as one where they are one; the later one where they are not."""
+    opening, closing, both = times.lag((0,)), times.lag((1,)), times.lag((0, 1))
+    advice = []
+    apart_s = abs(opening.lag_s - closing.lag_s)
+    if apart_s > APART * float(np.hypot(opening.sigma_s, closing.sigma_s)) + LAG_LIMIT_S:
+        both = max(opening, closing, key=lambda one: one.lag_s)
+        advice.append(
+            f"the shutter takes {1e3 * opening.lag_s:.1f} ms to open and "
+            f"{1e3 * closing.lag_s:.1f} ms to close: trigger.lag_s is the longer of both"
+        )
+    if "timing.taus_s" not in session.arrays:
+        advice.append("rise and fall of the projector are not measured: run timing, then shutter")
+    jitter_s = max(both.jitter_s, times.sigma_s)
+    samples = 2 * len(times.found)
+    good = times.sigma_s < LAG_LIMIT_S
+    travel_s = np.mean([one.travel_s for one in times.found], axis=0)
+    figures = (
+        Figure(
+            "trigger.lag_s", both.lag_s, both.sigma_s, "s", "each exposure known to 0.3 ms",
+            Verdict.GOOD if good else Verdict.DOUBTFUL,
+        ),
+        Figure("trigger.jitter_s", jitter_s, jitter_s / (2.0 * samples - 2.0) ** 0.5, "s"),
+        Figure("shutter.opening_s", opening.lag_s, opening.sigma_s, "s"),
+        Figure("shutter.closing_s", closing.lag_s, closing.sigma_s, "s"),
+        Figure("shutter.travel_opening_s", float(travel_s[0]), 0.0, "s"),
+        Figure("shutter.travel_closing_s", float(travel_s[1]), 0.0, "s"),
+        Figure("shutter.chi2", max(one.chi2 for one in times.found), 0.0, "", "below 3"),
+    )  # fmt: skip
+    return Outcome(
+        figures=figures,
+        words={
+            "trigger.lag_s": Measured(max(both.lag_s, 0.0), both.sigma_s),
+            "trigger.jitter_s": Measured(jitter_s, figures[1].sigma),
+        },
+        advice=tuple(advice),
+        picture=_picture(times, light),
+    )
+
+
+def _picture(times: _Times, light: CellLight | None) -> NDArray[np.uint8]:
+    """Left: lag of each exposure, opening and closing. Right: the cells of the last bar."""
+    drawn = sheet(1000, 560)
+    told = np.array(times.told)
+    found = np.array([(one.opened_s, one.closed_s) for one in times.found])
+    lags = 1e3 * (found - told)
+    room = max(0.2 * float(np.ptp(lags)), 0.5)
+    number = np.arange(1.0, len(lags) + 1.0)
+    span = float(lags.min()) - room, float(lags.max()) + room
+    left = Chart(drawn, (0, 0, 500, 560), (0.0, len(lags) + 1.0), span)
+    left.frame("Lag of the shutter, exposure by exposure", "exposure", "ms", ticks=len(lags) + 2)
+    for side, colour in enumerate((BLUE, RED)):
+        left.line(number, lags[:, side], GREY)
+        left.points(number, lags[:, side], colour)
+    left.legend([("opening", BLUE), ("closing", RED)])
+    if light is not None:
+        value = light.value.mean(axis=0)
+        cells = np.arange(value.size) + 0.5
+        top = 1.1 * float(value.max())
+        right = Chart(drawn, (500, 0, 500, 560), (0.0, float(value.size)), (0.0, top))
+        right.frame("The bar in the last photo", "cell", "light over white")
+        right.line(cells, value, GREY)
+        right.points(cells, value, BLUE)
+    return drawn

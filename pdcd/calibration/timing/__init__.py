@@ -1,0 +1,1 @@
+"""When light really comes: strips that pulse, and the times that explain them."""

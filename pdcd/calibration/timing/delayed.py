@@ -1,0 +1,62 @@
+"""Photos in which the mask is sent its pictures some refreshes earlier or later than planned.
+
+The display takes a whole delay out once it is configured; a calibration has to photograph before
+that. So the photo's own rows are moved against each other, and the log is read as if the display
+had done it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.shown import Shown
+from pdcd.calibration.timing.timing_model import Ran
+from pdcd.panels.frames import BLACK
+
+Rows = NDArray[np.int32]
+
+
+def delayed(shown: Shown, rows: int, trail: int = 0) -> Shown:
+    """The photo with the mask `rows` refreshes later (negative: earlier) than it was, and `trail`
+    black refreshes at its end."""
+    first, second = _leads(rows)
+    longest = shown.refreshes + abs(rows) + trail
+
+    def moved(index: Rows, lead: int) -> Rows:
+        out = np.full(longest, BLACK, dtype=np.int32)
+        out[lead : lead + index.size] = index
+        return out
+
+    return replace(
+        shown,
+        projector_index=moved(shown.projector_index, first),
+        mask_index=moved(shown.mask_index, second),
+    )
+
+
+def ran_as(ran: Ran, rows: int, refreshes: int) -> Ran:
+    """What the display did in such a photo, told in the rows of the photo as it was planned:
+    `refreshes` of them."""
+    first, second = _leads(rows)
+    log = ran.log
+
+    def planned(shown: Rows, lead: int) -> Rows:
+        row = shown - lead
+        return np.where((row >= 0) & (row < refreshes), row, BLACK).astype(np.int32)
+
+    log = replace(
+        log,
+        primal_shown=planned(log.primal_shown, first),
+        dual_shown=planned(log.dual_shown, second),
+        primal_asked=None,
+        dual_asked=None,
+    )
+    return Ran(log, ran.open_ns, ran.close_ns)
+
+
+def _leads(rows: int) -> tuple[int, int]:
+    """Black refreshes before the rows of projector and mask."""
+    return max(-rows, 0), max(rows, 0)

@@ -1,0 +1,384 @@
+"""When light really comes: lag of the mask by rows, rise and fall of both panels.
+
+Photos of strips (`timing.programmes`), read band by band (`timing.strips`), are
+fitted by pulses in closed form. Three rounds: the second and third take in what the fit so far
+says of beginning and end of the exposures, of the lag's slope within a band, and of how far strips
+are off beside their noise.
+
+Only differences show: a delay that both panels share moves nothing, and of two panels that are set
+row by row only the mask's time minus the projector's at the same place is found. The weakest
+direction is a later mask against a slower projector, (0.62, 0.55, 0.55) of lag, rise and fall; what
+a schedule lets through hardly depends on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.timing.programmes import COARSE, Programme
+from pdcd.calibration.timing.strips import Readings
+from pdcd.calibration.timing.timing_fit import LONGEST_S, Fit, Fitted
+from pdcd.calibration.timing.timing_model import COMMON, TAUS, Model, Ran, Tail
+from pdcd.errors import CalibrationError
+from pdcd.panels.map import Map
+from pdcd.panels.schedule import SLOTS
+from pdcd.probing.pulses import Answer, Kept, kept_apart
+from pdcd.words import ScheduleName
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 3
+CHI2 = 2.0
+"""Largest reduced chi^2 of a fit that is good."""
+MOST_CHI2 = 20.0
+"""The same of a fit that is believed at all: rows that are set in steps, where a straight line is
+fitted to them, come between. A tail of a tenth gives 90."""
+MENDS = 0.7
+"""Share of chi^2 that a second answer must leave at most, to be one."""
+STRAY = 0.1
+"""Most light beside the panels' own, over white."""
+STEEP_S = 2e-4
+"""Slope of the lag over a band from which on it is looked at within bands, too."""
+MIRRORED = 0.05
+"""A mirrored picture is to blame where it explains all but this part of chi^2."""
+PEAK = 0.02
+"""Least light over white at the best delay of a coarse search."""
+LAG_LIMIT_S = 0.15e-3
+TAU_LIMIT = 0.06
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """What was found. All times in s; sigma is one standard deviation.
+
+    bands : (B,) middle of each band on the field, y from 0 to 1.
+    lag_s, lag_sigma_s : (B,) the mask's light behind the projector's, of what the frame log does
+        not say; positive: the mask comes later. In the middle of the rows.
+    across_s : what is added to it from x = 0 to x = 1.
+    line_s : lag at y = 0, and what is added until y = 1. line_covariance : (2, 2).
+    taus_s, taus_sigma_s : (4,) rise and fall of the projector, then of the mask.
+    leaks : (2,) what falls on the mask beside the projector's white (leak and ambient light), and
+        what the mask's black lets through, over white.
+    tail : a second, slower answer of one panel, where one was needed.
+    chi2 : reduced, of the whole fit. covariance : (7 + B, 7 + B), and 2 more with a tail: of
+        logarithms of `taus_s`, of `leaks`, of `lag_s` and `across_s` in s, of share and log
+        slowness of the tail.
+    scale : (photos, B) of light over that of the white photo: the lamp. stray : (photos, B).
+    apart_s : how much later the mask was sent its rows, as the log has it.
+    """
+
+    bands: Floats
+    lag_s: Floats
+    lag_sigma_s: Floats
+    across_s: float
+    line_s: tuple[float, float]
+    line_covariance: Floats
+    taus_s: Floats
+    taus_sigma_s: Floats
+    leaks: Floats
+    tail: Tail | None
+    chi2: float
+    covariance: Floats
+    scale: Floats
+    stray: Floats
+    apart_s: float
+    refresh_s: float
+    answers: tuple[Answer, Answer]
+
+    @property
+    def beside_s(self) -> float:
+        """How far the lag of a band lies from the line through all, the worst."""
+        line = self.line_s[0] + self.line_s[1] * self.bands
+        return float(np.abs(self.lag_s - line).max())
+
+    @property
+    def delay_refreshes(self) -> int:
+        """What to add to ``display.mask_delay_refreshes`` so that less than half a refresh of lag
+        is left in the middle of the field."""
+        middle = self.line_s[0] + 0.5 * self.line_s[1]
+        return -round((self.apart_s + middle) / self.refresh_s)
+
+    def kept(self, schedule: ScheduleName, late_s: float) -> Kept:
+        """What a schedule lets through at a lag, that of the log included."""
+        return kept_apart(schedule, *self.answers, late_s, self.refresh_s)
+
+    def leak(self, schedule: ScheduleName) -> float:
+        """Leak of the worst band under a schedule, as the panels are sent their frames now."""
+        return max(self.kept(schedule, self.apart_s + float(lag)).leak for lag in self.lag_s)
+
+    def leaks_of_all(self) -> dict[ScheduleName, float]:
+        """`leak` of every schedule there is."""
+        return {name: self.leak(name) for name in SLOTS}
+
+    def panel_words(self, mask: Map) -> tuple[float, float]:
+        """``skew_s`` and ``scan_s`` of [mask] in the configuration's words, all of it put down to
+        the mask: delay of the row that comes first, and time from its first row to its last.
+
+        mask : its map; on a mask that is mounted upside down the lag grows the other way.
+        """
+        width, height = mask.size_px
+        ends = mask.to_field(np.array([[0.5 * width, 0.5], [0.5 * width, height - 0.5]]))[:, 1]
+        first, last = (self.line_s[0] + self.line_s[1] * float(y) for y in ends)
+        return min(first, last), last - first
+
+    def figures(self) -> list[Figure]:
+        """The figures of this step, with limits and verdicts."""
+        found = []
+        for name, value, sigma in zip(TAUS, self.taus_s, self.taus_sigma_s, strict=True):
+            good = sigma < TAU_LIMIT * value
+            verdict = Verdict.GOOD if good else Verdict.DOUBTFUL
+            found.append(Figure(name, float(value), float(sigma), "s", "known to 6 %", verdict))
+        at = np.array([1.0, 0.5])
+        middle, sigma = float(at @ self.line_s), float(np.sqrt(at @ self.line_covariance @ at))
+        good = bool((self.lag_sigma_s < LAG_LIMIT_S).all())
+        whole = abs(self.delay_refreshes) > 0
+        found += [
+            Figure(
+                "mask.skew_s", middle, sigma, "s", "each band known to 0.15 ms, less than half "
+                "a refresh", Verdict.GOOD if good and not whole else Verdict.DOUBTFUL,
+            ),
+            Figure(
+                "mask.scan_s", self.line_s[1], float(np.sqrt(self.line_covariance[1, 1])), "s",
+                "each band within 0.15 ms of a line",
+                Verdict.GOOD if self.beside_s < LAG_LIMIT_S else Verdict.DOUBTFUL,
+            ),
+            Figure(
+                "timing.chi2", self.chi2, 0.0, "", f"below {CHI2:g}, without a second answer",
+                Verdict.DOUBTFUL if self.tail is not None or self.chi2 > CHI2 else Verdict.GOOD,
+            ),
+        ]  # fmt: skip
+        return found
+
+
+def fit_timing(readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float) -> Timing:
+    """Times of both panels, out of one photo or more.
+
+    Parameters
+    ----------
+    readings : of each photo, of the same bands. ran : what the display did in each.
+    refresh_s : of both panels.
+
+    Raises CalibrationError: room light, mirrored panels, panels that do not answer as first-order
+    panels do, or nothing that pulses.
+    """
+    _check_references(readings)
+    model, found = _fitted(readings, ran, refresh_s)
+    if found.chi2 > CHI2:
+        _check_mirrored(readings, ran, refresh_s, found.chi2)
+        _check_slow(found)
+        model, found = _with_tail(model, found)
+    _check_slow(found)
+    if found.chi2 > MOST_CHI2:
+        raise CalibrationError(
+            f"no rise, fall and lag explain the strips (reduced chi^2 {found.chi2:.0f}, at most "
+            f"{MOST_CHI2:g})",
+            device="display",
+            hint="switch off overdrive, dynamic contrast, an auto iris and frame interpolation; "
+            "check that the maps fit, and that nothing moved between the photos",
+        )
+    if float(np.abs(found.stray).max()) > STRAY:
+        raise _room_light(float(np.abs(found.stray).max()))
+    return _timing(model, found)
+
+
+def coarse_delay(reading: Readings) -> int:
+    """What to add to ``display.mask_delay_refreshes``, from a photo of the programmes `COARSE`:
+    whole refreshes, for a mask that is up to 12 of them early or late.
+
+    Raises CalibrationError where light gets through at no delay, or at all.
+    """
+    if set(reading.mask) != set(COARSE):
+        raise ValueError("not the coarse programmes")
+    delays = np.array([COARSE[p] for p in reading.mask])
+    level = np.median(reading.value, axis=0)
+    floor = float(np.median(level))
+    net = np.maximum(level - floor, 0.0)
+    best = int(np.argmax(net))
+    if net[best] < PEAK:
+        raise CalibrationError(
+            f"at no delay of the mask more than {100.0 * net[best]:.1f} % of light gets through",
+            device="display",
+            hint="both panels must be 1:1, and show what they are sent at every refresh",
+        )
+    # The pulse that gets through best, and its neighbours: the triangle's centre.
+    angle = 2.0j * np.pi * (delays - delays[best]) / delays.size
+    near = np.abs((delays - delays[best] + 12) % 24 - 12) <= 2
+    shift = np.angle(np.sum(net[near] * np.exp(angle[near]))) * delays.size / (2.0 * np.pi)
+    delay = round(float(delays[best] + shift))
+    return (delay + 12) % 24 - 12
+
+
+def _fitted(
+    readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float
+) -> tuple[Model, Fitted]:
+    model = Model(readings, ran, refresh_s)
+    fit = Fit(model)
+    found = min((fit.solve(start) for start in fit.starts()), key=lambda f: f.chi2)
+    for _ in range(ROUNDS - 1):
+        found = _again(model, found)
+    return model, found
+
+
+def _roughly(readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float) -> float:
+    """Reduced chi^2 of the first round alone."""
+    fit = Fit(Model(readings, ran, refresh_s))
+    return min(fit.solve(start).chi2 for start in fit.starts()[:1])
+
+
+def _again(model: Model, found: Fitted) -> Fitted:
+    """Another round, that knows the last one's times."""
+    _, slope = _line(model, found)[0]
+    model.slope_s = slope if abs(slope) * model.height > STEEP_S else 0.0
+    model.correct(found.times)
+    return Fit(model, found.floors).solve(found.times)
+
+
+def _with_tail(model: Model, found: Fitted) -> tuple[Model, Fitted]:
+    """The better of both panels having a second answer; `found` where that does not mend it."""
+    best = found
+    for mask in (True, False):
+        fitted = Fit(model, found.floors).solve(found.times, tail=mask)
+        if fitted.chi2 < min(MENDS * found.chi2, best.chi2):
+            best = fitted
+    if best is found:
+        return model, found
+    model.correct(best.times)
+    again = Fit(model, best.floors).solve(best.times)
+    return model, again
+
+
+def _check_slow(found: Fitted) -> None:
+    slow = found.times.taus_s > 0.9 * LONGEST_S
+    if slow.any():
+        raise CalibrationError(
+            f"{TAUS[int(np.argmax(slow))]} is {1e3 * LONGEST_S:.0f} ms or more",
+            device="display",
+            hint="that panel does not follow its refreshes; switch off what smooths motion",
+        )
+
+
+def _check_mirrored(
+    readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float, chi2: float
+) -> None:
+    """Refuse photos that times explain once a panel is taken as mirrored."""
+    for what, projector, mask in (
+        ("the mask's picture is mirrored left to right", False, True),
+        ("the projector's picture is mirrored left to right", True, False),
+        ("both panels' pictures are mirrored left to right", True, True),
+    ):
+        turned = [r.mirrored(projector=projector, mask=mask) for r in readings]
+        if _roughly(turned, ran, refresh_s) < MIRRORED * chi2:
+            raise CalibrationError(
+                f"{what}: the strips show each other's pulses",
+                device="display",
+                hint="run the geometry step again, or mend the output's orientation",
+            )
+
+
+def _check_references(readings: Sequence[Readings]) -> None:
+    """Refuse strips that should be black or white and are not."""
+    for reading in readings:
+        black = ["1" not in p.lit + m.opened for p, m in _pairs(reading)]
+        white = ["0" not in p.lit + m.opened for p, m in _pairs(reading)]
+        if not any(black) or not any(white):
+            raise ValueError("programmes without a black and a white one")
+        dark = float(np.median(reading.value[:, black]))
+        full = float(np.median(reading.value[:, white]))
+        pulsing = [p == m and not p.still for p, m in _pairs(reading)]
+        if dark > STRAY * max(full, 1e-12) and full - dark > 0.3:
+            raise _room_light(dark / full)
+        if not _delays_matter(reading, np.array(pulsing), PEAK * full):
+            raise CalibrationError(
+                "no strip pulses with its light",
+                device="display",
+                hint="the panels must show every refresh 1:1; where the mask is many refreshes "
+                "late, run the coarse search first",
+            )
+
+
+def _delays_matter(reading: Readings, pulsing: NDArray[np.bool_], least: float) -> bool:
+    """Whether strips that differ by nothing but the mask's delay differ in their light."""
+    level = np.median(reading.value, axis=0)
+    kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.projector])
+    spreads = [
+        float(np.ptp(level[pulsing & (kinds == kind)])) for kind in np.unique(kinds[pulsing])
+    ]
+    return max(spreads) > least
+
+
+def _rhythm(opened: str) -> str:
+    """The same of programmes that differ by nothing but a delay."""
+    return min(opened[k:] + opened[:k] for k in range(len(opened)))
+
+
+def _pairs(reading: Readings) -> list[tuple[Programme, Programme]]:
+    return list(zip(reading.projector, reading.mask, strict=True))
+
+
+def _room_light(share: float) -> CalibrationError:
+    return CalibrationError(
+        f"black strips have {100.0 * share:.0f} % of the light of white ones",
+        device="camera",
+        hint="switch the room lights off, and cover what glares",
+    )
+
+
+def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats]:
+    """`straight`, of a fit."""
+    bands = model.readings[0].bands
+    part = slice(COMMON, COMMON + bands.size)
+    covariance = found.covariance[part, part] * model.refresh_s**2
+    return straight(bands, found.times.lags_s, covariance)
+
+
+def straight(
+    bands: Floats, lags_s: Floats, covariance: Floats
+) -> tuple[tuple[float, float], Floats]:
+    """Lag over y as a straight line: value at 0 and slope, and their covariance.
+
+    bands, lags_s : (B,). covariance : (B, B), of the lags.
+    """
+    if bands.size == 1:
+        return (float(lags_s[0]), 0.0), np.diag([float(covariance[0, 0]), 0.0])
+    # All bands count alike. Weights by the covariance would put the line outside of all lags where
+    # these share most of their error (times that trade with the lag) and lie on no straight line.
+    design = np.stack([np.ones(bands.size), bands], axis=1)
+    solve = np.linalg.pinv(design)
+    line, spread = solve @ lags_s, solve @ covariance @ solve.T
+    return (float(line[0]), float(line[1])), spread
+
+
+def _timing(model: Model, found: Fitted) -> Timing:
+    line, spread = _line(model, found)
+    bands = model.readings[0].bands
+    covariance = found.covariance.copy()
+    part = slice(COMMON, COMMON + bands.size)
+    in_refreshes = slice(COMMON, COMMON + bands.size + 1)
+    covariance[in_refreshes] *= model.refresh_s
+    covariance[:, in_refreshes] *= model.refresh_s
+    sigma = np.sqrt(np.diag(covariance))
+    times = found.times
+    return Timing(
+        bands=bands,
+        lag_s=times.lags_s,
+        lag_sigma_s=sigma[part],
+        across_s=times.across_s,
+        line_s=line,
+        line_covariance=spread,
+        taus_s=times.taus_s,
+        taus_sigma_s=times.taus_s * sigma[:4],
+        leaks=times.leaks,
+        tail=times.tail,
+        chi2=found.chi2,
+        covariance=covariance,
+        scale=found.scale,
+        stray=found.stray,
+        apart_s=model.apart_s,
+        refresh_s=model.refresh_s,
+        answers=times.answers,
+    )

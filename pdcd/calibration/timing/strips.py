@@ -1,0 +1,176 @@
+"""How bright each strip of a photo is, band by band of the field, over a photo with all white."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.timing.programmes import Programme, Strips
+from pdcd.errors import CalibrationError
+from pdcd.panels.map import Map
+
+Floats = NDArray[np.float64]
+
+COLOURS = np.array([0.25, 0.5, 0.25])
+"""Shares of R, G and B in the light of a quad: of its four samples."""
+USED = 0.25
+"""Left out of a strip on either side: blur and maps that are not exact reach less far."""
+FEWEST_QUADS = 16
+"""Quads of a strip in a band, at least."""
+DARK = 0.1
+"""A strip whose white is darker than this, over the median of all, is not on the card."""
+GAP = 0.5
+"""Gaps between strips that are brighter than this, over the strips, are none."""
+CLIPPED = 0.01
+"""Share of clipped quads that is too large."""
+FAINTEST_SIGMAS = 20.0
+"""White over its noise, in a strip of a band: with less, no time is known to 0.15 ms."""
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Light of K programmes in B bands over that of white.
+
+    value, sigma : (B, K); sigma is that of the noise alone.
+    bands : (B,) middle of each band on the field, y from 0 to 1. height : of a band.
+    projector, mask : (K,) the programmes of both panels; on a sound bench they are the same.
+    x : (K,) middle of each strip, less that of the field, x from 0 to 1; 0 of the whole field.
+    """
+
+    value: Floats
+    sigma: Floats
+    bands: Floats
+    height: float
+    projector: tuple[Programme, ...]
+    mask: tuple[Programme, ...]
+    x: Floats = field(default_factory=lambda: np.zeros(1))
+
+    def mirrored(self, *, projector: bool, mask: bool) -> Readings:
+        """The same readings, were panels' pictures mirrored left to right."""
+        first, second = self.projector, self.mask
+        return replace(
+            self,
+            projector=first[::-1] if projector else first,
+            mask=second[::-1] if mask else second,
+        )
+
+
+def read_strips(
+    photo: Photo, white: Photo, camera: Map, strips: Strips, *, bands: int, gaps: bool = True
+) -> Readings:
+    """How bright the strips are in a photo, over one in which all of them were white.
+
+    Parameters
+    ----------
+    photo, white : of equal exposure and size, that of the camera's map.
+    bands : of rows of the field, equally high.
+    gaps : whether the white photo has dark gaps between its strips, which are then looked at.
+
+    Raises CalibrationError: no light, clipped, part of the field not covered, strips not where the
+    maps say, or out of focus.
+    """
+    centres = camera.centres()
+    x, y = centres[..., 0], strips.window.down(centres[..., 1])
+    with np.errstate(invalid="ignore"):
+        inside = (y >= 0.0) & (y < 1.0)
+    band = np.where(inside, np.nan_to_num(y) * bands, -1).astype(np.int32)
+    strip = np.where(inside, strips.number(x, USED), -1)
+    cell = np.where(strip >= 0, band * strips.count + strip, -1)
+    size = bands * strips.count
+    _check_clipped((photo, white), cell >= 0)
+    sums = [_sums(taken, cell, size) for taken in (photo, white)]
+    quads = np.bincount(cell[cell >= 0], minlength=size)
+    (light, var), (full, full_var) = sums
+    _check_white(full, full_var, quads, strips.count)
+    if gaps:
+        _check_gaps(white, x, band, inside, strips)
+    value = light / full
+    sigma = np.sqrt(var + value**2 * full_var) / full
+    shape = bands, strips.count
+    return Readings(
+        value.reshape(shape),
+        sigma.reshape(shape),
+        strips.window.y((np.arange(bands) + 0.5) / bands),
+        (strips.window.bottom - strips.window.top) / bands,
+        strips.programmes,
+        strips.programmes,
+        strips.window.x((np.arange(strips.count) + 0.5) / strips.count) - 0.5,
+    )
+
+
+def _sums(taken: Photo, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
+    """Light of all quads of each cell and its variance, (size,) each; clipped ones count too, for
+    there are few."""
+    used = cell >= 0
+    light = taken.light[used] @ COLOURS
+    var = taken.variance[used] @ COLOURS**2
+    where = cell[used]
+    sums = (np.bincount(where, weights, minlength=size) for weights in (light, var))
+    first, second = (np.asarray(found, dtype=np.float64) for found in sums)
+    return first, second
+
+
+def _check_clipped(photos: Sequence[Photo], used: NDArray[np.bool_]) -> None:
+    worst = max(taken.saturated_share(used) for taken in photos)
+    if worst > CLIPPED:
+        raise CalibrationError(
+            f"{100.0 * worst:.0f} % of the photo is saturated",
+            device="camera",
+            hint="close the aperture, or use a lower ISO",
+        )
+
+
+def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: int) -> None:
+    """Refuse a white photo without light, or one that does not show all of the field."""
+    seen = quads >= FEWEST_QUADS
+    if not seen.any():
+        raise CalibrationError(
+            "the camera sees nothing of the field",
+            device="camera",
+            hint="run the geometry step first; with it done, use fewer bands",
+        )
+    mean = full / np.maximum(quads, 1)
+    bright = seen & (full > FAINTEST_SIGMAS * np.sqrt(np.maximum(var, 0.0)))
+    if not bright.any():
+        raise CalibrationError(
+            "the white photo is dark",
+            device="camera",
+            hint="take off the lens cap, switch the projector on, and put the card before it",
+        )
+    lit = bright & (mean > DARK * np.median(mean[bright]))
+    if not lit.all():
+        columns = np.count_nonzero(~lit.reshape(-1, across).any(axis=0)) if across > 1 else 0
+        raise CalibrationError(
+            f"{np.count_nonzero(~lit)} of {lit.size} parts of the field have no light in the white "
+            f"photo ({columns} of {across} strips in none of their rows)",
+            device="camera",
+            hint="the card must cover the whole field, and the camera see all of it",
+        )
+
+
+def _check_gaps(
+    white: Photo,
+    x: Floats,
+    band: NDArray[np.int32],
+    inside: NDArray[np.bool_],
+    strips: Strips,
+) -> None:
+    """Refuse a white photo whose strips do not end where those of the mask do."""
+    width, field_x, x = strips.count, x, strips.window.across(x)
+    with np.errstate(invalid="ignore"):
+        away = np.abs(x * width - np.rint(x * width)) / strips.inset  # from the nearest edge
+        border = (np.rint(x * width) > 0) & (np.rint(x * width) < width)
+    gap = inside & border & (away < 0.4)
+    core = inside & (strips.number(field_x, USED) >= 0)
+    levels = [float(np.mean(white.light[part] @ COLOURS)) for part in (gap, core) if part.any()]
+    if len(levels) == 2 and levels[0] > GAP * levels[1]:
+        raise CalibrationError(
+            f"gaps between the strips have {100.0 * levels[0] / levels[1]:.0f} % of their light",
+            device="mask",
+            hint="focus the relay and the camera, or run the geometry step again: the strips are "
+            "not where its maps say",
+        )

@@ -1,0 +1,227 @@
+"""What strips of pulses should look like, as a function of the times of both panels.
+
+A strip of a band sends ``scale * [mean of (x_p + a)(x_m + b)] / [(1 + a)(1 + b)] + stray``: x_p
+and x_m the answers of the panels, a what falls on the mask beside the projector's white (its leak,
+and ambient light), b the mask's leak, stray what comes past the mask. Scale and stray light are of
+each band of each photo; times and leaks are of the whole bench, the lag of each band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.timing.programmes import asked, pulse
+from pdcd.calibration.timing.strips import Readings
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.probing.panel import Panel
+from pdcd.probing.pulses import Answer, mean_light, mean_product
+from pdcd.probing.realised import Factors, collect, factors
+
+Floats = NDArray[np.float64]
+
+NODES = np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
+"""Places in a band at which its lag is looked at, in bands from the middle (Gauss, 3 points)."""
+NODE_SHARES = np.array([5.0, 8.0, 5.0]) / 18.0
+STEP = 1e-5
+"""Step of the numeric derivatives: of the logarithm of a time constant, or in refreshes."""
+
+TAUS = ("projector.rise_s", "projector.fall_s", "mask.rise_s", "mask.fall_s")
+COMMON = 6
+"""Parameters before the lags: four logarithms of time constants, two leaks."""
+
+
+@dataclass(frozen=True)
+class Tail:
+    """Which panel has a second, slower answer: its share and by how much it is slower."""
+
+    mask: bool
+    share: float
+    slower: float
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """What is to be found.
+
+    taus_s : (4,) as `TAUS`. leaks : (2,) a and b of the module. lags_s : (B,) of the mask's light
+        behind the projector's, as the frame log does not explain it, in the middle of its rows.
+    across_s : what is added to it from x = 0 to x = 1, of panels that are turned against the field
+        and set row by row.
+    """
+
+    taus_s: Floats
+    leaks: Floats
+    lags_s: Floats
+    tail: Tail | None = None
+    across_s: float = 0.0
+
+    @property
+    def answers(self) -> tuple[Answer, Answer]:
+        """Of projector and mask."""
+        more = [(0.0, 1.0), (0.0, 1.0)]
+        if self.tail is not None:
+            more[int(self.tail.mask)] = (self.tail.share, self.tail.slower)
+        rise_p, fall_p, rise_m, fall_m = (float(tau) for tau in self.taus_s)
+        return Answer(rise_p, fall_p, *more[0]), Answer(rise_m, fall_m, *more[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Ran:
+    """What the display and the shutter did in one photo; times on the clock of the log."""
+
+    log: FrameLog
+    open_ns: int
+    close_ns: int
+
+    @property
+    def apart_s(self) -> float:
+        """How much later than the projector the mask was sent the same row, on average."""
+        stamps = [
+            dict(zip(shown.tolist(), at.tolist(), strict=True))
+            for shown, at in (
+                (self.log.primal_shown, self.log.primal_ns),
+                (self.log.dual_shown, self.log.dual_ns),
+            )
+        ]
+        both = sorted((stamps[0].keys() & stamps[1].keys()) - {-1})
+        return float(np.mean([stamps[1][row] - stamps[0][row] for row in both])) * 1e-9
+
+
+class Model:
+    """The readings of all photos of one set of bands.
+
+    readings : each (B, K), of equal bands. ran : of each, what was shown. refresh_s : of both.
+    """
+
+    def __init__(self, readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float) -> None:
+        self.readings, self.ran, self.refresh_s = readings, ran, refresh_s
+        self.slope_s = 0.0
+        self.correction = np.zeros((len(readings), 1, 1))
+        self._asked = [(asked(r.projector)[0], asked(r.mask)[1]) for r in readings]
+        self._apart_s = [r.apart_s for r in ran]
+
+    @property
+    def height(self) -> float:
+        """Height of a band on the field."""
+        return self.readings[0].height
+
+    @property
+    def apart_s(self) -> float:
+        """See `Ran.apart_s`, of all photos."""
+        return float(np.mean(self._apart_s))
+
+    def shape(self, times: Times) -> Floats:
+        """Light over that of white of every reading, (photos, B, K), pulses without end, and what
+        `correct` found."""
+        return np.asarray(self.shapes([times])[0])
+
+    def shapes(self, variants: Sequence[Times]) -> Floats:
+        """The same of several, (variants, photos, B, K), all with or all without a tail."""
+        nodes = NODES * self.slope_s * self.height if self.slope_s else np.zeros(1)
+        shares = NODE_SHARES if self.slope_s else np.ones(1)
+        lags = np.stack([times.lags_s for times in variants])  # (V, B)
+        late = lags[..., None, None] + nodes[:, None]  # (V, B, nodes, 1)
+        across = np.array([times.across_s for times in variants])[:, None, None, None]
+        answers, leaks = _stacked(variants)
+        parts = []
+        for reading, pair, apart in zip(self.readings, self._asked, self._apart_s, strict=True):
+            late_s = late + across * reading.x + apart
+            found = _over_white(answers, leaks, pair, late_s, self.refresh_s)
+            parts.append(np.tensordot(found, shares, (2, 0)))
+        return np.stack(parts, axis=1) + self.correction
+
+    def correct(self, times: Times) -> None:
+        """Take into `correction` what beginning and end of the exposures, and refreshes that were
+        not quite regular, make of these times: the realised matrix minus pulses without end."""
+        shape = len(self.readings), *self.readings[0].value.shape
+        self.correction = np.zeros(shape)
+        plain = self.shape(times)
+        if self.slope_s or times.across_s:
+            # What is corrected hardly changes within a band: its middle will do.
+            slope, self.slope_s = self.slope_s, 0.0
+            plain, self.slope_s = self.shape(replace(times, across_s=0.0)), slope
+        for n, (reading, ran) in enumerate(zip(self.readings, self.ran, strict=True)):
+            for b, lag in enumerate(times.lags_s):
+                self.correction[n, b] = exact(reading, ran, times, float(lag)) - plain[n, b]
+
+
+def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Floats, Floats]]:
+    """Answers and leaks of both panels, arrays (V, 1, 1, 1)."""
+    answers = [times.answers for times in variants]
+
+    def column(values: list[float | Floats]) -> Floats:
+        return np.array(values, dtype=np.float64)[:, None, None, None]
+
+    projector, mask = (
+        Answer(
+            column([pair[side].rise_s for pair in answers]),
+            column([pair[side].fall_s for pair in answers]),
+            column([pair[side].tail for pair in answers]),
+            column([pair[side].slower for pair in answers]),
+        )
+        for side in (0, 1)
+    )
+    a, b = (column([times.leaks[side] for times in variants]) for side in (0, 1))
+    return (projector, mask), (a, b)
+
+
+def _over_white(
+    answers: tuple[Answer, Answer],
+    leaks: tuple[Floats, Floats],
+    pair: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    late_s: Floats,
+    refresh_s: float,
+) -> Floats:
+    """Light of strips over that of white, leaks included."""
+    (projector, mask), (a, b), (lit, opened) = answers, leaks, pair
+    product = mean_product(projector, mask, lit, opened, late_s, refresh_s)
+    alone = a * mean_light(mask, opened, refresh_s) + b * mean_light(projector, lit, refresh_s)
+    alone = alone + a * b
+    return np.asarray((product + alone) / ((1.0 + a) * (1.0 + b)))
+
+
+def exact(reading: Readings, ran: Ran, times: Times, lag_s: float) -> Floats:
+    """The same (K,) by the realised matrix of what the log says, at one lag."""
+    found = through_s(reading, ran, times, lag_s)
+    return np.asarray(found[:-1] / found[-1])
+
+
+def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float) -> Floats:
+    """Seconds for which light got through the strips, (K + 1,): a cell a strip, and one more that
+    is always white."""
+    count = len(reading.projector)
+    programmes = [
+        (*side, pulse(side[0].of, side[0].of, 0, side[0].of))
+        for side in (reading.projector, reading.mask)
+    ]
+    period, rows = programmes[0][0].of, int(ran.log.primal_shown.max(initial=-1)) + 1
+    patterns = [
+        np.packbits(np.stack([p.on[side] for p in own], axis=1), axis=1)
+        for side, own in enumerate(programmes)
+    ]
+    index = (np.arange(rows) % period).astype(np.int32)
+    frames = Frames(
+        patterns[0], patterns[1], index, index, np.zeros(rows, np.uint8), index,
+        np.zeros(rows, np.bool_), (1, count + 1), (1, count + 1), "whole",
+    )  # fmt: skip
+    total = np.zeros(count + 1)
+    projector, mask = times.answers
+    a, b = (float(leak / (1.0 + leak)) for leak in times.leaks)
+    for p_share, p_rise, p_fall in projector.parts:
+        for m_share, m_rise, m_fall in mask.parts:
+            found: Factors = collect(
+                factors(
+                    frames,
+                    ran.log,
+                    Panel(float(p_rise), float(p_fall), a),
+                    Panel(float(m_rise), float(m_fall), b, round(lag_s * 1e9)),
+                    open_ns=ran.open_ns,
+                    close_ns=ran.close_ns,
+                )
+            )
+            total += p_share * m_share * found.coaxial
+    return total

@@ -1,0 +1,286 @@
+"""When light really comes: whole refreshes of delay first, then lag by row, rise and fall."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.script import (
+    Ask,
+    Measured,
+    Outcome,
+    Script,
+    Session,
+    Taken,
+    Wanted,
+    take,
+)
+from pdcd.calibration.timing.delayed import delayed, ran_as
+from pdcd.calibration.timing.lag import LAG_LIMIT_S, Timing, coarse_delay, fit_timing
+from pdcd.calibration.timing.programmes import COARSE, Strips, strip_photo, strips_on
+from pdcd.calibration.timing.strips import Readings, read_strips
+from pdcd.calibration.timing.timing_model import TAUS, Ran
+from pdcd.calibration.timing.timing_picture import picture
+from pdcd.calibration.window import Window, shared
+from pdcd.errors import CalibrationError
+from pdcd.panels.map import Map
+
+Floats = NDArray[np.float64]
+
+PERIOD = 24
+"""Refreshes of the longest programme: all photos hold whole ones."""
+FULLER = 1.1
+"""Refreshes of a photo, at most, over `Session.full`."""
+TRAIL = 13
+"""Black refreshes at the end: a mask that is many refreshes late still shows what it was sent."""
+BANDS = 3, 12
+QUADS_A_BAND = 40
+"""Rows of quads that a band has, at least."""
+PERMUTATIONS = 4
+NEAR = 1
+"""Refreshes by which a second coarse search may still be off."""
+FLAT_S = 1e-4
+"""A lag that differs by less from top to bottom, and by less than three sigmas, does not."""
+NO_SCAN_S = 1e-5
+"""A lag that grows by less from top to bottom counts as the same everywhere: strips are not read
+that well."""
+STEP_S = 2.5e-4
+"""Lag from one band of rows to the next, in the words of the configuration."""
+MOST_BANDS = 128
+AGAINST = 0.3
+"""Lag from top to bottom, in refreshes, from which it matters how the panels hang."""
+ONE_PANEL = 1.05
+"""The same from which both panels are set row by row, and against each other: one alone takes a
+refresh at most."""
+SETTLED = 5.0
+"""Time constants after which a panel is black."""
+LEAKS = 0.12, 1.0
+"""Light of a code in others under the best schedule: more is doubtful, and more is no use."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rig:
+    """What photos of strips are made and read with."""
+
+    projector: Map
+    mask: Map
+    camera: Map
+    refreshes: int
+    bands: int
+    window: Window
+
+    @classmethod
+    def of(cls, session: Session) -> _Rig:
+        projector, mask, camera = (session.found(n) for n in ("projector", "mask", "camera"))
+        periods = max(2, int(FULLER * session.full) // PERIOD)
+        bands = int(np.clip(camera.size_px[1] // QUADS_A_BAND, *BANDS))
+        return cls(projector, mask, camera, periods * PERIOD, bands, shared(mask, camera))
+
+    def wanted(self, name: str, strips: Strips, delay: int, *, white: bool = False) -> Wanted:
+        """A photo of strips, the mask sent its pictures `delay` refreshes later."""
+        periods = self.refreshes // strips.programmes[0].of
+        shown = strip_photo(name, strips, self.projector, self.mask, white=white, periods=periods)
+        return Wanted(delayed(shown, delay, TRAIL))
+
+    def read(self, photo: Photo, white: Photo, strips: Strips) -> Readings:
+        return read_strips(photo, white, self.camera, strips, bands=self.bands)
+
+
+def timing(session: Session) -> Script:
+    """White, coarse strips, fine strips four times: six photos; eight where the mask is whole
+    refreshes late, or early.
+
+    Raises CalibrationError as `coarse_delay`, `read_strips` and `fit_timing` do.
+    """
+    rig = _Rig.of(session)
+    delay, white = yield from _coarse(session, rig)
+    readings: list[Readings] = []
+    ran: list[Ran] = []
+    rows_delay = 0
+    for number in range(PERMUTATIONS):
+        strips = strips_on(rig.projector, number, window=rig.window)
+        taken = yield from take(rig.wanted(f"rhythms-{number + 1}", strips, delay))
+        readings.append(rig.read(session.photo(taken), white, strips))
+        ran.append(ran_as(taken.ran, delay, rig.refreshes))
+        rows_delay = taken.log.mask_delay
+    found = fit_timing(readings, ran, session.refresh_s)
+    return _outcome(session, rig, found, readings, ran, rows_delay + delay)
+
+
+def _coarse(
+    session: Session, rig: _Rig
+) -> Generator[Wanted | Ask, Taken | None, tuple[int, Photo]]:
+    """By how many more refreshes the mask should be sent its pictures later, and the white photo
+    of strips under that delay."""
+    strips, delay = strips_on(rig.projector, 0, tuple(COARSE), rig.window), 0
+    for number in ("", "-again"):
+        taken = yield from take(rig.wanted(f"white{number}", strips, delay, white=True))
+        white = session.photo(taken)
+        taken = yield from take(rig.wanted(f"coarse{number}", strips, delay))
+        more = coarse_delay(rig.read(session.photo(taken), white, strips))
+        if abs(more) <= NEAR * bool(number):
+            return delay, white
+        if number:
+            raise CalibrationError(
+                f"the mask was {-delay} refreshes late, and is {-more} more with these taken out",
+                device="display",
+                hint="the delay between the panels changes from photo to photo: switch off frame "
+                "interpolation and variable refresh rates, and start both outputs together",
+            )
+        delay = more
+    raise AssertionError("two rounds end the search")
+
+
+def _outcome(
+    session: Session,
+    rig: _Rig,
+    found: Timing,
+    readings: list[Readings],
+    ran: list[Ran],
+    rows_delay: int,
+) -> Outcome:
+    """Figures, words and advice. rows_delay : by how many rows the mask was sent its pictures
+    later, by the display and by the photos together."""
+    config = session.config
+    planes = config.display.planes_per_refresh
+    rows = rows_delay + found.delay_refreshes
+    refreshes = round(rows / planes)
+    late_s = found.lag_s + found.apart_s
+    late_s = late_s + (refreshes * planes - rows_delay) * session.refresh_s
+    words = {
+        name: Measured(float(value), float(sigma))
+        for name, value, sigma in zip(TAUS, found.taus_s, found.taus_sigma_s, strict=True)
+    }
+    by_row = _row_words(found, rig.mask)
+    skew_s, scan_s = by_row["mask.skew_s"].value, by_row["mask.scan_s"].value
+    words |= by_row
+    words |= {
+        "projector.skew_s": Measured(0.0),
+        "projector.scan_s": Measured(0.0),
+        "display.mask_delay_refreshes": Measured(refreshes),
+    }
+    needed_s = float(np.abs(late_s).max() + SETTLED * found.taus_s.max())
+    if scan_s:
+        needed_s = max(needed_s, abs(scan_s) + abs(skew_s))
+    advice = _advice(found, session.refresh_s)
+    if needed_s > config.rig.settle_s:
+        settle_s = ceil(1e3 * needed_s) / 1e3
+        words["rig.settle_s"] = Measured(settle_s)
+        advice.append(
+            f"the panels need {1e3 * settle_s:.0f} ms to go black: rig.settle_s, which was "
+            f"{1e3 * config.rig.settle_s:.0f} ms, is set to that"
+        )
+    if refreshes != config.display.mask_delay_refreshes:
+        advice.append(
+            f"the mask's pictures have to be sent {abs(refreshes)} refreshes "
+            f"{'later' if refreshes > 0 else 'earlier'}: display.mask_delay_refreshes is set to "
+            f"{refreshes}, and holds from the next start on"
+        )
+    delay = Figure("display.mask_delay_refreshes", float(refreshes), 0.0, "", "-60 to 60")
+    return Outcome(
+        figures=(*_figures(found), delay, *_leaks(found, late_s)),
+        words=words,
+        arrays=_arrays(found),
+        advice=tuple(advice),
+        picture=picture(found, readings, ran),
+    )
+
+
+def _row_words(found: Timing, mask: Map) -> dict[str, Measured]:
+    """The lag by row in words of [mask]; no scan where none is seen.
+
+    The rows of a band have one delay in the configuration. It is that of the band's middle, so that
+    the first and the last one lie closer together than the first and the last row.
+    """
+    scan_sigma_s = float(np.sqrt(found.line_covariance[1, 1]))
+    at = np.array([1.0, 0.5])
+    sigma_s = float(np.sqrt(at @ found.line_covariance @ at))
+    slope_s = abs(found.line_s[1])
+    if slope_s < max(min(3.0 * scan_sigma_s, FLAT_S), NO_SCAN_S):
+        skew_s, scan_s, bands = float(at @ found.line_s), 0.0, 1
+    else:
+        sigma_s = float(np.hypot(sigma_s, 0.5 * scan_sigma_s))
+        skew_s, scan_s = found.panel_words(mask)
+        bands = 1 + ceil(min(abs(scan_s) / STEP_S, MOST_BANDS - 1))
+        skew_s += 0.5 * abs(scan_s) / bands
+        scan_s *= (bands - 1) / bands
+    return {
+        "mask.skew_s": Measured(skew_s, sigma_s),
+        "mask.scan_s": Measured(scan_s, scan_sigma_s),
+        "mask.scan_bands": Measured(bands),
+    }
+
+
+def _figures(found: Timing) -> list[Figure]:
+    """Those of the fit; a lag of more than half a refresh is no fault, for it is taken out."""
+    known = bool((found.lag_sigma_s < LAG_LIMIT_S).all())
+    lag = Verdict.GOOD if known else Verdict.DOUBTFUL
+    return [
+        replace(figure, verdict=lag, limit="each band known to 0.15 ms")
+        if figure.name == "mask.skew_s"
+        else figure
+        for figure in found.figures()
+    ]
+
+
+def _leaks(found: Timing, late_s: Floats) -> list[Figure]:
+    """What each schedule will leak, in the worst band, once the delay is taken out; the best of
+    them is judged."""
+    leaks = {
+        name: max(found.kept(name, float(late)).leak for late in late_s)
+        for name in found.leaks_of_all()
+    }
+    best = min(leaks, key=lambda name: leaks[name])
+    figures = []
+    for name, leak in leaks.items():
+        verdict = Verdict.GOOD
+        if name == best:
+            verdict = Verdict(int(leak > LEAKS[0]) + int(leak > LEAKS[1]))
+        limit = f"best schedule, below {LEAKS[0]:g}" if name == best else ""
+        figures.append(Figure(f"leak.{name}", min(leak, 1e3), 0.0, "", limit, verdict))
+    return figures
+
+
+def _advice(found: Timing, refresh_s: float) -> list[str]:
+    advice = []
+    slope_s = found.line_s[1]
+    if abs(slope_s) > AGAINST * refresh_s:
+        sure = abs(slope_s) > ONE_PANEL * refresh_s
+        advice.append(
+            f"the mask's rows come {1e3 * abs(slope_s):.1f} ms apart from the projector's between "
+            "top and bottom: "
+            + ("" if sure else "only one of the panels is set row by row, or ")
+            + "the panels are set in opposite directions. "
+            + ("Mount" if sure else "Where both are, mount")
+            + " one of them turned by 180 degrees (turning its picture by software changes "
+            "nothing), then calibrate again from the geometry on"
+        )
+    if found.tail is not None:
+        panel = "mask" if found.tail.mask else "projector"
+        advice.append(
+            f"{100.0 * found.tail.share:.0f} % of the {panel}'s light answers "
+            f"{found.tail.slower:.1f} times as slowly, which the configuration has no word for: "
+            "switch off overdrive and dynamic modes"
+        )
+    return advice
+
+
+def _arrays(found: Timing) -> dict[str, Floats]:
+    """What checks and later steps need."""
+    tail = found.tail
+    return {
+        "timing.lag_s": found.lag_s,
+        "timing.across_s": np.array(found.across_s),
+        "timing.taus_s": found.taus_s,
+        "timing.taus_sigma_s": found.taus_sigma_s,
+        "timing.leaks": found.leaks,
+        "timing.tail": np.array(
+            [0.0, 0.0, 1.0] if tail is None else [tail.mask, tail.share, tail.slower]
+        ),
+    }
