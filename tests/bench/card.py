@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 import time
 from itertools import product
+from typing import Literal
 
 import moderngl
 import numpy as np
@@ -21,7 +22,9 @@ from pdcd.panels.placing import Placing, placed
 from pdcd.presenter.viewport import Viewport
 from tests.panel_pixels import random_frames
 
-SIZES = {"projector": (1024, 768), "mask": (1600, 1200)}
+Role = Literal["projector", "mask"]
+
+SIZES: dict[Role, tuple[int, int]] = {"projector": (1024, 768), "mask": (1600, 1200)}
 BENT = {
     "projector": Placing(flip="horizontal", turn_deg=-5.0, scale=1.2, radial=(0.06, -0.02)),
     "mask": Placing(turn_deg=184.0, scale=1.3, tangential=(0.004, -0.003)),
@@ -32,7 +35,8 @@ TIMED = 200
 
 def main() -> int:
     """Print how many values were compared, how many were wrong, and milliseconds a refresh."""
-    context = moderngl.create_context(standalone=True, backend="egl", require=330)
+    # The stubs take each of the backend's settings for a table of them.
+    context = moderngl.create_context(standalone=True, backend="egl", require=330)  # type: ignore[arg-type]
     info = context.info
     compared = wrong = 0
     grids, windows = ((48, 64), (90, 160)), ("whole", "quarter")
@@ -47,10 +51,9 @@ def main() -> int:
     return int(wrong > 0)
 
 
-def _view(role: str, bent: bool) -> PanelView:
+def _view(role: Role, bent: bool) -> PanelView:
     place = BENT[role] if bent else Placing()
-    panel = "mask" if role == "mask" else "projector"
-    return PanelView(panel, placed(place, SIZES[role], SIZES["projector"], role))
+    return PanelView(role, placed(place, SIZES[role], SIZES["projector"], role))
 
 
 def _compare(
