@@ -62,7 +62,8 @@ class BenchSensor:
     """
 
     def __init__(self, bench: Bench, config: CameraConfig) -> None:
-        bench.optics  # noqa: B018 - a bench that cannot be is refused before any device moves
+        # Asked for at once: a bench that cannot be is refused before any device moves.
+        bench.shared.cells_meet = bench.optics is None
         self._bench = bench
         self._config = config
         # Whatever was measured, the body is what it was: its own noise must not move with that.
