@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import Shared
 from pdcd.bench.placed import frame_of
-from pdcd.bench.truth import Truth, truth_of
+from pdcd.bench.truth import Truth, as_typed, truth_of
 from pdcd.driver import Config, ConfigError, DriverContext, ExposureError, FrameLog, Frames
 from pdcd.panels.frames import second_bucket
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
-from pdcd.virtual.optics.needed import optics_of, windows_cut
+from pdcd.virtual.optics.needed import bench_of_pixels, optics_of
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.scene import Scene
 
@@ -152,6 +152,11 @@ class Bench:
         """The configuration that describes the bench as it is. Raises ConfigError."""
         return self.truth.of(self.config)
 
+    @cached_property
+    def typed(self) -> Config:
+        """The configuration with the devices as they were before anything was measured."""
+        return as_typed(self.config)
+
     def quads(self) -> NDArray[np.float64]:
         """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
         times seconds. Raises ExposureError as `photo` does."""
@@ -186,24 +191,18 @@ class Bench:
 
     def _finer_optics(self, frames: Frames) -> OpticalBench | None:
         """The bench pixel by pixel where it is needed for these frames alone: for windows that cut
-        cells, and for pictures of the panels' own pixels."""
-        if frames.of_pixels:
-            return self._optics_of_pixels
-        if self.config.camera.quads_per_cell == 1:
-            return None
+        cells or pixels, and for pictures of the panels' own pixels."""
         coded = len(frames.primal_patterns) or len(frames.dual_patterns)
-        cut = windows_cut(self.config, frames.grid, frames.window if coded else "whole")
-        return self._optics_if_cut if cut else None
+        if frames.of_pixels or (coded and self._needs_pixels(frames.window)):
+            return self._optics_of_pixels
+        return None
+
+    def _needs_pixels(self, window: str) -> bool:
+        return optics_of(self.config, self.scene, (window,)) is not None
 
     @cached_property
     def _optics_of_pixels(self) -> OpticalBench:
-        from pdcd.virtual.optics.bench import OpticalBench
-
-        return OpticalBench(self.config, self.scene, self.frame)
-
-    @cached_property
-    def _optics_if_cut(self) -> OpticalBench | None:
-        return optics_of(self.config, self.scene, cut=True)
+        return bench_of_pixels(self.config, self.scene)
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure on cells, (N, 3) float64 in scene units times seconds; for a
@@ -214,7 +213,7 @@ class Bench:
         """
         self._check_photo()
         open_ns, close_ns = self.exposed_ns()
-        config = self.config
+        projector, mask = self.true.projector, self.true.mask
         light = np.zeros((self.scene.cells, 3))
         frames, log = self._played(open_ns)
         shown = self.shared.pixels
@@ -222,8 +221,8 @@ class Bench:
             parts = bench_factors(
                 frames,
                 log,
-                config.projector,
-                config.mask,
+                projector,
+                mask,
                 open_ns=open_ns,
                 close_ns=close_ns,
                 displacement=self.scene.displacement,
@@ -232,8 +231,8 @@ class Bench:
             parts = pixel_factors(
                 shown,
                 log,
-                config.projector,
-                config.mask,
+                projector,
+                mask,
                 grid=self.scene.grid,
                 open_ns=open_ns,
                 close_ns=close_ns,

@@ -62,16 +62,15 @@ class BenchSensor:
     """
 
     def __init__(self, bench: Bench, config: CameraConfig) -> None:
-        bench.optics  # noqa: B018 - a bench that cannot be is refused before any device moves
+        # Asked for at once: a bench that cannot be is refused before any device moves.
+        bench.shared.cells_meet = bench.optics is None
         self._bench = bench
         self._config = config
-        # Whatever was measured, the body is what it was: its own noise must not move with that.
-        believed = load_profile(config.profile)
-        self.profile = load_profile(believed.base) if believed.base else believed
+        # The body as typed, whatever was measured since; and as it is.
+        self.profile = load_profile(bench.true.camera.profile)
         self._true = true_profile(self.profile, bench.truth.sensor)
-        self.responsivity_e = responsivity_e(config)
-        true = bench.truth.sensor.responsivity_e
-        self._true_responsivity_e = self.responsivity_e if true is None else np.array(true)
+        self.responsivity_e = responsivity_e(bench.typed.camera)
+        self._true_responsivity_e = responsivity_e(bench.true.camera)
         self._rng = np.random.default_rng([config.seed, 1])
 
     @property

@@ -324,6 +324,10 @@ class Shared:
     covered: bool = False
     """Whether a virtual projector's lens is covered: none of its light, leaked or not, comes out.
     """
+    cells_meet: bool = False
+    """Whether cells are all there is to the panels, so that nothing can be misplaced: said by the
+    camera of a mock bench without pixels. Real drivers leave it False, and whether their panels
+    lie where they are believed to has to be looked at."""
     usb_backend: object | None = None
     """The pyusb backend to use instead of libusb, which is None; see `DriverContext.usb_backend`.
     """

@@ -16,6 +16,7 @@ import msgspec
 from pdcd.bench.calibration import MAPS, RECORD, Calibration, Entry, read_calibration
 from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import CalibrationConfig, Config
+from pdcd.bench.truth import TYPED
 from pdcd.errors import ConfigError, disk_errors
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_maps
@@ -153,8 +154,11 @@ def with_values(
     *,
     folder: Path | None = None,
 ) -> Config:
-    """The configuration with other values, by key, and the places of `maps`, by device."""
-    tables: dict[str, dict[str, Any]] = {}
+    """The configuration with other values, by key, and the places of `maps`, by device.
+
+    Of devices `calibration.typed` keeps what was typed there before anything was measured.
+    """
+    asked, tables = config, dict[str, dict[str, Any]]()
     for key, value in values.items():
         table, _, name = key.partition(".")
         if name == "place.map":
@@ -178,7 +182,22 @@ def with_values(
             old = getattr(config, device)
             new_table = msgspec.structs.replace(old, place=Placing(map=map_))
             config = msgspec.structs.replace(config, **{device: new_table})
-    return config
+    return _with_typed(config, asked)
+
+
+def _with_typed(config: Config, asked: Config) -> Config:
+    """The configuration with what `asked` has in the place of its measured values of devices."""
+    typed = dict(asked.calibration.typed)
+    for table in TYPED:
+        before, now = getattr(asked, table), getattr(config, table)
+        for name in now.__struct_fields__:
+            value = getattr(before, name)
+            if value != getattr(now, name) and f"{table}.{name}" not in typed:
+                typed[f"{table}.{name}"] = msgspec.json.encode(value).decode()
+    if typed == asked.calibration.typed:
+        return config
+    table = msgspec.structs.replace(config.calibration, typed=typed)
+    return msgspec.structs.replace(config, calibration=table)
 
 
 def age_days(record: Calibration, now: datetime | None = None) -> float:

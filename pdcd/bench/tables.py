@@ -247,6 +247,9 @@ class CalibrationConfig(_Table, frozen=True):
     """Keys that stay as typed whatever was measured: "mask.skew_s"."""
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None = None
     """Digest that the calibration must have; None: any."""
+    typed: dict[str, str] = field(default_factory=dict)
+    """Written by the program: values of devices, by key and as JSON, in whose place are measured
+    ones. A mock bench goes on being what was typed (`pdcd.bench.truth`)."""
     check: Literal["daily", "always", "never"] = "daily"
     """When a capture says that the bench should be checked first."""
     max_age_days: Positive = 30.0

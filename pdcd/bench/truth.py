@@ -1,8 +1,8 @@
 """What a mock bench really is: the file that `[bench] truth` names.
 
 The configuration is what its user believes. The truth says where the bench differs, in the words of
-the configuration where there are any; what it leaves out is as believed. What the words mean:
-docs/mock-bench.md.
+the configuration where there are any; what it leaves out is as typed, whatever a calibration has
+measured since: a bench does not move when it is measured. What the words mean: docs/mock-bench.md.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from pdcd.panels.placing import Placing, placed
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Line = Annotated[int, Meta(ge=0)]
 
+TYPED = ("projector", "mask", "camera", "trigger")
+"""Tables of devices, which are what was typed. In others are settings, as rig.settle_s: what a
+calibration chose there is what the program does from then on."""
 LARGEST_BLUR = 64.0
 """Projector pixels, or quads: beyond that there is no picture."""
 
@@ -32,7 +35,7 @@ class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class TruePanel(_Table, frozen=True):
-    """[projector] or [mask]; None is as believed."""
+    """[projector] or [mask]; None is as typed."""
 
     phase_s: float | None = None
     skew_s: float | None = None
@@ -44,7 +47,7 @@ class TruePanel(_Table, frozen=True):
     place: Placing | None = None
     gamma: Gamma | None = None
     lut: Lut | None = None
-    """In the place of `gamma`. Where neither is said and nothing is believed, panels are linear."""
+    """In the place of `gamma`. Where neither is said and nothing was typed, panels are linear."""
     scan_s: float | None = None
     """Time from the first row of pixels until the last one is set; negative: from the last row."""
     scan_bands: Annotated[int, Meta(ge=1, le=16384)] | None = None
@@ -96,7 +99,7 @@ class TrueSensor(_Table, frozen=True):
     dark: Positive = 1.0
     full_well: Positive = 1.0
     responsivity_e: tuple[Positive, Positive, Positive] | None = None
-    """As `camera.responsivity_e`; None: what is believed, also when that was measured anew."""
+    """As `camera.responsivity_e`; None: as typed."""
     prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
     """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
 
@@ -113,8 +116,10 @@ class Truth(_Table, frozen=True):
 
     def of(self, config: Config) -> Config:
         """The configuration that would describe the bench as it is, in its own words."""
-        replace = msgspec.structs.replace
+        replace, config = msgspec.structs.replace, as_typed(config)
         camera, scene = config.camera, config.scene
+        if self.sensor.responsivity_e is not None:
+            camera = replace(camera, responsivity_e=self.sensor.responsivity_e)
         if self.camera.place is not None:
             camera = replace(camera, place=self.camera.place)
         if self.camera.blur_quads is not None:
@@ -135,6 +140,28 @@ class Truth(_Table, frozen=True):
         )
 
 
+def as_typed(config: Config) -> Config:
+    """The configuration with what was typed of its devices in the place of what was measured.
+
+    Raises ConfigError for values that cannot be read."""
+    replace, typed = msgspec.structs.replace, config.calibration.typed
+    for table in TYPED if typed else ():
+        used = getattr(config, table)
+        kinds = {f"{table}.{f.name}": f for f in msgspec.structs.fields(used)}
+        try:
+            back = {
+                kinds[key].name: msgspec.json.decode(text, type=kinds[key].type)
+                for key, text in typed.items()
+                if key in kinds
+            }
+        except msgspec.MsgspecError as err:
+            raise ConfigError(
+                f"calibration.typed: {err}", hint="take it out of the file: the program writes it"
+            ) from err
+        config = replace(config, **{table: replace(used, **back)})
+    return config
+
+
 def _panel(believed: PanelConfig, true: TruePanel) -> PanelConfig:
     names = {f.name for f in msgspec.structs.fields(believed)}
     said: dict[str, Any] = {
@@ -148,7 +175,7 @@ def _panel(believed: PanelConfig, true: TruePanel) -> PanelConfig:
 
 
 def truth_of(config: Config) -> Truth:
-    """The truth of a configuration's mock bench; without a file, all of it as believed.
+    """The truth of a configuration's mock bench; without a file, all of it as typed.
 
     Raises ConfigError naming all faults of the file, one a line.
     """

@@ -19,7 +19,7 @@ from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.patterns import stored_arrays
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import shrunk
-from pdcd.virtual.optics.needed import optics_of, windows_cut
+from pdcd.virtual.optics.needed import optics_of
 from pdcd.virtual.scene.scene import Scene
 
 TRUTH = "truth.npz"
@@ -109,8 +109,7 @@ def known_answer(
     """
     if scene is None or cells is None:
         return None
-    grid = recipe.target.grid
-    optics = optics_of(config, scene, cut=any(windows_cut(config, grid, w) for w in windows))
+    optics = optics_of(config, scene, ("whole", *windows))
     if optics is None:
         return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
     if optics.frame != cells.frame or not _told(recipe, scene):

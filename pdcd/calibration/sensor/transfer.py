@@ -209,12 +209,14 @@ def transfer_of(
     dark, lit : pairs without and with light.
     highest_dn : blocks above it are left out: 70 % of saturation.
     dark_e : electrons of dark current in a dark photo, whose noise is no read noise.
-    leaked_dn : light in a dark photo, whose noise is none either.
+    leaked_dn : light in a dark photo on average, whose noise is none either.
 
     Raises CalibrationError: no noise, saturated, too dim, moved between two photos, or filtered
     samples.
     """
-    mean = np.concatenate([dark.mean * 0.0, *(pair.mean for pair in lit)])
+    # Light that the panels leak is uneven too, and has its noise in every photo.
+    leak = np.maximum(dark.mean - dark.mean.mean() + leaked_dn, 0.0)
+    mean = np.concatenate([leak, *(pair.mean + leak for pair in lit)])
     variance = np.concatenate([dark.variance, *(pair.variance for pair in lit)])
     samples = np.concatenate([dark.samples, *(pair.samples for pair in lit)])
     of_dark = np.arange(mean.size) < dark.mean.size
@@ -237,7 +239,7 @@ def transfer_of(
             hint="open the aperture, or show more refreshes",
         )
     gain = float(1.0 / fit[1])
-    read_dn2 = fit[0] - ROUNDING_DN2 - dark_e / gain**2 - leaked_dn / gain
+    read_dn2 = fit[0] - ROUNDING_DN2 - dark_e / gain**2
     return _transfer(fit, covariance, chi2, read_dn2, dark)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from fractions import Fraction
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
+from pdcd.bench.truth import as_typed
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.placing import Placing
 from pdcd.probing.fine import cut_by_windows
@@ -20,34 +23,60 @@ _made: WeakValueDictionary[tuple[int, int], OpticalBench] = WeakValueDictionary(
 """Benches in use, by the identities of their configuration and scene, which they hold on to."""
 
 
-def windows_cut(config: Config, grid: tuple[int, int], window: str) -> bool:
-    """Whether edges of the mask's windows fall within cells, as quarter windows and an offset mask
-    make them do; `window` is that of the codes."""
-    offset = offset_cells(config.projector, config.mask, grid)
-    return cut_by_windows(Lattice(grid, window, offset))
-
-
-def optics_of(config: Config, scene: Scene, *, cut: bool = False) -> OpticalBench | None:
+def optics_of(
+    config: Config, scene: Scene, windows: Iterable[str] = ("whole",)
+) -> OpticalBench | None:
     """The bench pixel by pixel; None where the scene's cells say all there is to see.
 
     They do where nothing has a truth or a place of its own, codes and scene have the same cells,
-    and the camera either sees a cell as one quad or there is nothing finer to see in it: no detail
-    of the scene, and no edge of a window (`cut`). Raises ConfigError for a truth or a map that
-    cannot be used.
+    edges of cells and windows are edges of pixels on both panels, and the camera either sees a cell
+    as one quad or there is nothing finer to see in it: no detail of the scene, and no edge of a
+    window. `windows` are those of the codes. Raises ConfigError for a truth or a map that cannot be
+    used.
+    """
+    camera, grid = config.camera, config.code_grid(scene.grid)
+    typed = as_typed(config)
+    devices = (c for each in (config, typed) for c in (each.projector, each.mask, each.camera))
+    lattices = [Lattice(grid, w, offset_cells(typed.projector, typed.mask, grid)) for w in windows]
+    cut = any(cut_by_windows(lattice) for lattice in lattices)
+    if (
+        config.bench.truth is None
+        and camera.frame_quads is None
+        and grid == scene.grid
+        and not (camera.quads_per_cell > 1 and (cut or scene.textures is not None))
+        and all(_end_with_pixels(typed, lattice) for lattice in lattices)
+        and all(device.place == Placing() for device in devices)
+    ):
+        return None
+    return bench_of_pixels(config, scene)
+
+
+def bench_of_pixels(config: Config, scene: Scene) -> OpticalBench:
+    """The bench pixel by pixel, whether it is needed or not. Raises ConfigError as `optics_of`.
 
     As long as somebody holds a bench, who asks for one of the very same configuration and scene
     gets that: where the camera looks is found once for its photos and for their truth.
     """
-    camera, grid = config.camera, config.code_grid(scene.grid)
-    placed = any(p.place != Placing() for p in (config.projector, config.mask, camera))
-    fine = camera.quads_per_cell > 1 and (cut or scene.textures is not None)
-    apart = camera.frame_quads is not None or grid != scene.grid
-    if config.bench.truth is None and not (placed or fine or apart):
-        return None
     from pdcd.virtual.optics.bench import OpticalBench  # most captures need none
 
     key = id(config), id(scene)
     bench = _made.get(key)
     if bench is None:
-        bench = _made[key] = OpticalBench(config, scene, frame_of(config, grid))
+        frame = frame_of(config, config.code_grid(scene.grid))
+        bench = _made[key] = OpticalBench(config, scene, frame)
     return bench
+
+
+def _end_with_pixels(config: Config, lattice: Lattice) -> bool:
+    """Whether all edges of cells and windows are edges of pixels, on panels that fill the field: a
+    pixel shows the cell that its centre falls in, so that others are drawn beside their places."""
+    opening = lattice.opening
+    halves, ends = {0.0}, {0.0}
+    if opening.shifted:
+        halves = {0.0, 0.5}
+        ends = {opening.guard, 1.0 - opening.guard, 0.5 * opening.side, 1.0 - 0.5 * opening.side}
+    for panel, edges in ((config.projector, halves), (config.mask, ends)):
+        for size, cells in zip(panel.size_px[::-1], lattice.grid, strict=True):
+            if any((size * Fraction(edge)) % cells for edge in edges) or size % cells:
+                return False
+    return True

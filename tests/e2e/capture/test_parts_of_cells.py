@@ -87,4 +87,4 @@ def test_cells_are_enough_for_one_quad_a_cell_and_for_windows_as_large(tmp_path:
         assert bench_rig.capture(engine, request).error is None
         bench = bench_rig.bench_of(engine)
         engine.stop()
-        assert bench.optics is None and "_optics_if_cut" not in vars(bench)
+        assert bench.optics is None and "_optics_of_pixels" not in vars(bench)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import math
+import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from pdcd.bench import measured
 from pdcd.bench.calibration import RECORD
+from pdcd.bench.config import from_table, show
 from pdcd.bench.measured import (
     age_days,
     calibrated,
@@ -23,9 +26,18 @@ from pdcd.bench.measured import (
     with_entries,
     with_values,
 )
-from pdcd.bench.tables import CalibrationConfig, Config, PanelConfig, RigConfig, ServerConfig
+from pdcd.bench.tables import (
+    CalibrationConfig,
+    CameraConfig,
+    Config,
+    PanelConfig,
+    RigConfig,
+    ServerConfig,
+)
+from pdcd.bench.truth import as_typed
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
 from tests.unit.bench._calibrations import entry, of_rig, record, written
 
 
@@ -137,8 +149,28 @@ def test_values_replace_those_of_their_keys_and_no_others() -> None:
     typed = Config(
         mask=PanelConfig(size_px=(1600, 1200), skew_s=0.25, offset_px=(1.0, 2.5)),
         camera=found.camera,
+        calibration=found.calibration,
     )
     assert found == typed and with_values(Config(), {}, {}) == Config()
+
+
+def test_what_was_typed_of_devices_is_kept_beside_what_was_measured(tmp_path: Path) -> None:
+    """Settings are not: what a calibration chose there is what the program does from then on."""
+    placed = PanelConfig(size_px=(1600, 1200), place=Placing(turn_deg=3.0), contrast=None)
+    typed = Config(mask=placed, camera=CameraConfig(responsivity_e=(1.0, 2.0, 3.0)))
+    maps = {"mask": Map.filling((1600, 1200))}
+    measured_ = {"camera.responsivity_e": (4.0, 5.0, 6.0), "mask.contrast": 300.0}
+    settings = {"rig.settle_s": 0.2, "display.mask_delay_refreshes": -2}
+    once = with_values(typed, measured_ | settings, maps)
+    again = with_values(once, {"mask.contrast": 400.0, "trigger.lag_s": 0.1}, maps)
+    back = msgspec.convert(msgspec.json.decode(msgspec.json.encode(again)), Config)
+    assert back == again and from_table(tomllib.loads(show(again)), "again") == again
+    found = as_typed(back)
+    assert (found.mask, found.camera, found.trigger) == (placed, typed.camera, typed.trigger)
+    assert (found.rig.settle_s, found.display.mask_delay_refreshes) == (0.2, -2)
+    wrong = msgspec.structs.replace(typed.calibration, typed={"mask.contrast": "bright"})
+    with pytest.raises(ConfigError, match=r"calibration\.typed"):
+        as_typed(msgspec.structs.replace(typed, calibration=wrong))
 
 
 @pytest.mark.parametrize(

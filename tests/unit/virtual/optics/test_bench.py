@@ -79,10 +79,10 @@ def coded(rng: np.random.Generator) -> Frames:
 
 def test_a_bench_is_made_once_for_whoever_asks_while_it_is_held() -> None:
     config, scene = config_of(camera=CameraConfig(quads_per_cell=3)), scene_of()
-    bench = optics_of(config, scene, cut=True)
+    bench = optics_of(config, scene, ("quarter",))
     assert bench is not None
-    assert optics_of(config, scene, cut=True) is bench
-    assert optics_of(config, scene_of(), cut=True) is not bench
+    assert optics_of(config, scene, ("quarter",)) is bench
+    assert optics_of(config, scene_of(), ("quarter",)) is not bench
 
 
 @pytest.mark.parametrize(

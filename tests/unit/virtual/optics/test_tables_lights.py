@@ -19,7 +19,7 @@ from pdcd.virtual.optics import products, render
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.lit import Lit
 from pdcd.virtual.optics.lookup import every
-from pdcd.virtual.optics.needed import optics_of, windows_cut
+from pdcd.virtual.optics.needed import optics_of
 from pdcd.virtual.optics.products import Exposure, Pairs, distinct
 from pdcd.virtual.optics.setting import Setting, falloff
 from pdcd.virtual.optics.sites import Kind, PanelSites
@@ -180,14 +180,6 @@ def test_sites_light_what_their_pixels_light(uneven: bool) -> None:
     assert wanted.sum() < 6.0 - 0.1  # beside the panel it is dark
 
 
-def test_edges_of_windows_fall_within_cells_or_do_not() -> None:
-    config = config_of()
-    assert not windows_cut(config, (3, 4), "whole") and windows_cut(config, (3, 4), "quarter")
-    moved = msgspec.structs.replace(config.mask, offset_px=(5.0, 0.0))
-    offset = msgspec.structs.replace(config, mask=moved)
-    assert windows_cut(offset, (3, 4), "whole")
-
-
 @pytest.mark.parametrize(
     ("quads", "cut", "textured", "needed"),
     [
@@ -200,7 +192,7 @@ def test_finer_quads_are_needed_where_there_is_something_finer(
 ) -> None:
     texture = RNG.random((6, 8, 3)) + 0.1 if textured else None
     config = config_of(camera=CameraConfig(quads_per_cell=quads))
-    bench = optics_of(config, scene_of(texture), cut=cut)
+    bench = optics_of(config, scene_of(texture), ("quarter" if cut else "whole",))
     assert (bench is not None) is needed
     if bench is not None:
         assert bench.frame == (6, 8)
