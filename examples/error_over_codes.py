@@ -10,4 +10,4 @@ requests = [
 table = pdcd.sweep({"scene": {"grid": [24, 32]}}, requests, folder="sweep")
 table.to_csv("error-over-codes.csv")
 for row in table:
-    print(f"{row['family']:10} {row['codes']:4} codes: {row['rms_error']:.2%}")
+    print(f"{row['family']:10} {row['codes']:4} codes: {row['rms_error_quads']:.2%}")

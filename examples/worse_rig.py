@@ -7,4 +7,4 @@ for guards in ("full", "none"):
     with pdcd.local(RIG, folder="runs") as bench:
         run = bench.capture("indirect", codes=32, guards=guards, window="whole")
     kept = run.row(12, 16).realised[12, 16]
-    print(f"guards {guards}: error {run.rms_error:.1%}, direct light kept {kept:.3f}")
+    print(f"guards {guards}: error {run.rms_error_quads:.1%}, direct light kept {kept:.3f}")

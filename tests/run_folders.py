@@ -21,7 +21,7 @@ HEAD: dict[str, Any] = {
     "finished_utc": "2026-01-01T00:00:09Z",
     "plan": {"codes": 8},
     "summary": {
-        "method": "coded", "codes": 8, "exposure_s": 0.5, "rms_error": 0.0321,
+        "method": "coded", "codes": 8, "exposure_s": 0.5, "rms_error_quads": 0.0321,
         "rms_sigma": 0.02, "quality": {"verdict": "good"},
     },
 }  # fmt: skip

@@ -47,6 +47,8 @@ class Bench:
     close_ns: int | None = None
     black_since_ns: int | None = -(2**62)
     """When the panels last went black, at first long ago; None while they show something."""
+    exposures: int = 0
+    """How many times the shutter was opened."""
     whole: bool = False
     """Whether all codes of this exposure were shown: what was given up is no photo in any case."""
     unsettled: str = ""
@@ -89,6 +91,7 @@ class Bench:
     def open_shutter(self, open_ns: int) -> None:
         """Light falls on the sensor from then on; what was shown before does not count."""
         self.unsettled, self.whole = "", False
+        self.exposures += 1
         self._check_settled("opened", open_ns)
         self.open_ns, self.close_ns = open_ns, None
         self.frames = self.log = None
@@ -178,7 +181,14 @@ class Bench:
             )
         from pdcd.virtual.optics.products import Exposure
 
-        exposure = Exposure(frames, log, open_ns, close_ns, covered=self.shared.covered)
+        exposure = Exposure(
+            frames,
+            log,
+            open_ns,
+            close_ns,
+            covered=self.shared.covered,
+            lights_off=self.exposures < self.truth.scene.ambient_from,
+        )
         if not self.shared.moving:
             return optics.photo(exposure)
         # The panels were not black at the opening: all since they were, less what came before.

@@ -111,7 +111,7 @@ class BenchSensor:
             "black": self.profile.black_dn,
             "white": self.profile.white_dn,
             "iso": iso,
-            "exposure_s": exposure_s,
+            "exposure_s": bench.truth.camera.tagged_s or exposure_s,
             "f_number": f_number,
             "model": f"pdcd mock {self.profile.name}",
             "date": datetime.now(UTC),

@@ -60,9 +60,14 @@ class MockShutter:
     def close(self) -> int:
         """The same for closing; returns now when it was closed."""
         asked_ns = self._clock.now_ns()
-        if not self._bench.shutter_open:
+        bench, fault = self._bench, self._bench.truth.trigger
+        if not bench.shutter_open:
             return asked_ns
-        self._bench.close_shutter(asked_ns + self._lag.draw_ns())
+        if bench.exposures == fault.stretched and bench.open_ns is not None:
+            long_ns = round(fault.stretch * (asked_ns - bench.open_ns))
+            self._clock.sleep_until_ns(bench.open_ns + long_ns)
+            asked_ns = self._clock.now_ns()
+        bench.close_shutter(asked_ns + self._lag.draw_ns())
         sure_ns = asked_ns + self._sure_ns
         self._clock.sleep_until_ns(sure_ns)
         return sure_ns

@@ -27,7 +27,8 @@ FIGURES = (
 )
 SHARES = (
     ("rms_sigma", "RMS sigma"),
-    ("rms_error", "RMS error"),
+    ("rms_error_quads", "RMS error of quads"),
+    ("rms_error_cells", "RMS error of cells"),
 )
 
 

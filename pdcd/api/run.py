@@ -93,8 +93,8 @@ class Run:
 
     @property
     def summary(self) -> Mapping[str, Figure]:
-        """The run in figures: "codes", "exposure_s", "rms_sigma", "rms_error" ..., None where a
-        figure is not known."""
+        """The run in figures: "codes", "exposure_s", "rms_sigma", "rms_error_quads" ..., None where
+        a figure is not known."""
         return self.manifest.summary
 
     @property
@@ -113,9 +113,15 @@ class Run:
         return self._number("rms_sigma")
 
     @property
-    def rms_error(self) -> float | None:
-        """RMS error over that of the truth; None where nobody knows the scene."""
-        return self._number("rms_error")
+    def rms_error_quads(self) -> float | None:
+        """RMS error of the picture's quads, with their noise and the detail within cells, over the
+        RMS of the truth; None where nobody knows the scene."""
+        return self._number("rms_error_quads")
+
+    @property
+    def rms_error_cells(self) -> float | None:
+        """The same of `image`, means over the cells."""
+        return self._number("rms_error_cells")
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -136,7 +142,7 @@ class Run:
     @cached_property
     def truth(self) -> Floats | None:
         """What `image` is in truth, the same shape; None where nobody knows the scene, NaN where a
-        cell cannot be compared. `rms_error` is by quads where the camera has more than cells."""
+        cell cannot be compared."""
         from pdcd.pictures.truth import TRUTH, read_truth
 
         cells = self.manifest.run.cells

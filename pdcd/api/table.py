@@ -16,7 +16,10 @@ from pdcd.errors import RequestError, disk_errors
 
 MOST_SHOWN = 40
 """Rows that a notebook shows."""
-SHOWN = ("number", "goal", "state", "verdict", "codes", "exposure_s", "rms_sigma", "rms_error")
+SHOWN = (
+    "number", "goal", "state", "verdict", "codes", "exposure_s", "rms_sigma", "rms_error_quads",
+    "rms_error_cells",
+)  # fmt: skip
 
 
 class Table:

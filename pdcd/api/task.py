@@ -30,7 +30,8 @@ Record = dict[str, Value]
 
 FIGURES = (
     "codes", "parts", "pilot", "family", "passes", "shots", "refreshes", "exposure_s",
-    "missed_refreshes", "rms_sigma", "sigma_kind", "rms_error", "wall_s",
+    "missed_refreshes", "rms_sigma", "sigma_kind", "rms_error_quads", "rms_error_cells",
+    "wall_s",
 )  # fmt: skip
 """What is taken of a run's summary; as it was taken, whatever was asked."""
 

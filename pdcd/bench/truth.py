@@ -22,6 +22,8 @@ from pdcd.panels.placing import Placing, placed
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Line = Annotated[int, Meta(ge=0)]
+Number = Annotated[int, Meta(ge=1)]
+"""Of an exposure, test exposures included: 1 is the first since the bench was opened."""
 
 TYPED = ("projector", "mask", "camera", "trigger")
 """Tables of devices, which are what was typed. In others are settings, as rig.settle_s: what a
@@ -70,12 +72,16 @@ class TrueCamera(_Table, frozen=True):
     samples: Annotated[int, Meta(ge=1, le=64)] | None = None
     """Points along either axis of a quad at which the light is looked at; None: as many as a quad
     has pixels of the mask, at least 2 and at most 32."""
+    tagged_s: Positive | None = None
+    """Exposure time that files tell of every photo; None: the true one."""
 
 
 class TrueScene(_Table, frozen=True):
     """[scene]"""
 
     ambient: NonNegative | None = None
+    ambient_from: Number = 1
+    """First exposure with that `ambient`: before it, the room is as the configuration says."""
     blur_px: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] | None = None
     """Blur from the scene to the mask: standard deviation of a Gaussian in projector pixels. The
     configuration has it as `mask.blur_px`."""
@@ -88,6 +94,10 @@ class TrueTrigger(_Table, frozen=True):
 
     lag_s: NonNegative | None = None
     jitter_s: NonNegative | None = None
+    stretched: Number | None = None
+    """Exposure in which the shutter is told late to close, as by a program that was stopped."""
+    stretch: Annotated[float, Meta(ge=1.0, le=100.0)] = 1.0
+    """How many times as long as it was meant to be that exposure is."""
 
 
 class TrueSensor(_Table, frozen=True):
@@ -126,7 +136,12 @@ class Truth(_Table, frozen=True):
             camera = replace(camera, blur_quads=self.camera.blur_quads)
         if self.scene.ambient is not None:
             scene = replace(scene, ambient=self.scene.ambient)
-        said = {k: v for k, v in msgspec.structs.asdict(self.trigger).items() if v is not None}
+        lag_s, jitter_s = self.trigger.lag_s, self.trigger.jitter_s
+        trigger = replace(
+            config.trigger,
+            lag_s=config.trigger.lag_s if lag_s is None else lag_s,
+            jitter_s=config.trigger.jitter_s if jitter_s is None else jitter_s,
+        )
         mask = _panel(config.mask, self.mask)
         if self.scene.blur_px is not None:
             mask = replace(mask, blur_px=self.scene.blur_px)
@@ -136,7 +151,7 @@ class Truth(_Table, frozen=True):
             mask=mask,
             camera=camera,
             scene=scene,
-            trigger=replace(config.trigger, **said),
+            trigger=trigger,
         )
 
 

@@ -277,7 +277,7 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
         darkroom = Darkroom(made.path, sound.run)
         decoded = darkroom.decoded(watch, partly=bool(sound.missing))
         told = write_pictures(made.path, decoded)
-        developed = developed_of(darkroom.record, decoded, None, told, watch)
+        developed = developed_of(darkroom.record, decoded, (None, None), told, watch)
         plan = kept.planned.plan if kept.planned else {}
         summary = summary_of(msgspec.convert(plan, PlanSummary), developed)
         config = msgspec.convert(kept.begun.config, Config, strict=False)

@@ -22,7 +22,8 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
     """One method in figures.
 
     `codes` is None where a method has none of its own choosing. `raw_files` is without test
-    exposures; `rms_error` is relative to the scene's known truth, None where there is none.
+    exposures; `rms_error_quads` and `rms_error_cells` are relative to the scene's known truth, None
+    where there is none.
     `sigma_mean` is in scene units.
     """
 
@@ -32,7 +33,8 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
     codes: float | int | str | None
     raw_files: float | int | str | None
     exposure_s: float | int | str | None
-    rms_error: float | int | str | None
+    rms_error_quads: float | int | str | None
+    rms_error_cells: float | int | str | None
     sigma_mean: float | int | str | None
     wall_s: float | int | str | None
     quality: Quality | None
@@ -79,7 +81,8 @@ def _compared(method: MethodName, result: CaptureResult) -> Compared:
         codes=figure_of(summary, "codes") if summary.get("family") != "none" else None,
         raw_files=figure_of(summary, "shots"),
         exposure_s=figure_of(summary, "exposure_s"),
-        rms_error=figure_of(summary, "rms_error"),
+        rms_error_quads=figure_of(summary, "rms_error_quads"),
+        rms_error_cells=figure_of(summary, "rms_error_cells"),
         sigma_mean=figure_of(summary, "sigma_mean"),
         wall_s=figure_of(summary, "wall_s"),
         quality=quality_of(summary),
@@ -89,7 +92,7 @@ def _compared(method: MethodName, result: CaptureResult) -> Compared:
 def _say(rows: list[Compared]) -> None:
     table = [["method", "codes", "RAW files", "exposure", "RMS error", "mean sigma", "wall time"]]
     for row in rows:
-        error = None if row.rms_error is None else 100.0 * float(row.rms_error)
+        error = None if row.rms_error_quads is None else 100.0 * float(row.rms_error_quads)
         table.append(
             [
                 row.method,

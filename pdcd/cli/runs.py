@@ -210,8 +210,8 @@ def say_runs(found: list[RunEntry]) -> None:
 
 def error_words(run: RunEntry) -> str:
     """The error against the truth where that is known, else what the run expects of itself."""
-    if run.rms_error is not None:
-        return percent(run.rms_error)
+    if run.rms_error_quads is not None:
+        return percent(run.rms_error_quads)
     return "" if run.rms_sigma is None else f"+-{percent(run.rms_sigma)}"
 
 
@@ -257,7 +257,15 @@ def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
         ],
         [
             "RMS error",
-            None if run.rms_error is None else f"{percent(run.rms_error)} against the known truth",
+            None
+            if run.rms_error_quads is None
+            else f"{percent(run.rms_error_quads)} of quads, against the known truth",
+        ],
+        [
+            "",
+            None
+            if run.rms_error_cells is None
+            else f"{percent(run.rms_error_cells)} of means over cells",
         ],
         ["bench", None if run.mock is None else ("virtual" if run.mock else "real")],
         ["user", run.user],

@@ -44,16 +44,16 @@ class Known:
     seen: Bools
     of_cells: bool
 
-    def rms_error(self, picture: Barred, means: Floats) -> float | None:
-        """RMS error of the answer over the RMS of the truth, where the answer is known; None where
-        the truth is dark. means : (rows, cols, 3), the picture's means over the cells."""
-        if self.of_cells:
-            seen, found = self.seen, means.reshape(-1, 3)
-        else:
-            seen, found = self.seen & np.isfinite(picture.sigma).all(axis=-1), picture.image
-        truth, found = self.image[seen], found[seen]
-        scale = float(np.sum(truth**2))
-        return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
+    def rms_errors(
+        self, picture: Barred, means: Barred, cells: CellMap
+    ) -> tuple[float | None, float | None]:
+        """RMS error of the answer over the RMS of the truth: of its quads, and of its means over
+        the cells, where they are known. None where the truth is dark, or nothing is known."""
+        truth = self.on_cells(cells)
+        by_cells = _rms_error(means, truth, np.isfinite(truth).all(axis=-1))
+        if self.of_cells and cells.frame == cells.grid:
+            return by_cells, by_cells  # a quad is a cell
+        return _rms_error(picture, *self.on_quads(cells)), by_cells
 
     def binned(self, side: int) -> Known:
         """The same on squares of `side` x `side` quads."""
@@ -73,6 +73,14 @@ class Known:
         if not self.of_cells:
             return self.image, self.seen
         return bring_to_quads(self.image, cells, None), bring_to_quads(self.seen, cells, None)
+
+
+def _rms_error(found: Barred, truth: NDArray[np.floating], seen: Bools) -> float | None:
+    """`truth` as the picture's image, and where it can be compared."""
+    known = seen & np.isfinite(found.sigma).all(axis=-1)
+    image, truth = found.image[known], truth[known]
+    scale = float(np.sum(truth**2))
+    return float(np.sqrt(np.sum((image - truth) ** 2) / scale)) if scale else None
 
 
 def write_truth(folder: Path, known: Known) -> None:

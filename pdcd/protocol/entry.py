@@ -40,8 +40,10 @@ class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
     codes: int | None = None
     """Pairs of patterns; of a run without a manifest, as planned."""
     exposure_s: float | None = None
-    rms_error: float | None = None
+    rms_error_quads: float | None = None
     """Against a known truth, relative to the RMS of the picture."""
+    rms_error_cells: float | None = None
+    """The same of means over the cells."""
     rms_sigma: float | None = None
     """What the run itself expects its error to be, relative likewise."""
     verdict: VerdictName | None = None

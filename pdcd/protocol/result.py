@@ -49,8 +49,8 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     files: tuple[str, ...] = ()
     """Paths kept, relative to `folder` (of the unfinished folder when the job did not finish)."""
     summary: dict[str, Figure] = {}
-    """codes, refreshes, exposure_s, missed_refreshes, rms_error, wall_s ... for the table; and
-    `quality`, the verdict."""
+    """codes, refreshes, exposure_s, missed_refreshes, rms_error_quads, rms_error_cells ... for the
+    table; and `quality`, the verdict."""
     warnings: tuple[str, ...] = ()
     """What the user must know of the run, one line each; the manifest has all of them."""
     passed: bool | UnsetType = UNSET

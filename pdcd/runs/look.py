@@ -54,7 +54,8 @@ class _Summary(msgspec.Struct):
     method: str | None = None
     codes: int | None = None
     exposure_s: float | None = None
-    rms_error: float | None = None
+    rms_error_quads: float | None = None
+    rms_error_cells: float | None = None
     rms_sigma: float | None = None
     taken: str | None = None
     quality: _Verdict | None = None
@@ -151,7 +152,8 @@ def _finished(bare: RunEntry, head: _Head) -> RunEntry:
         method=summary.method,
         codes=asked.codes if codes is None else codes,
         exposure_s=summary.exposure_s,
-        rms_error=summary.rms_error,
+        rms_error_quads=summary.rms_error_quads,
+        rms_error_cells=summary.rms_error_cells,
         rms_sigma=summary.rms_sigma,
         verdict=None if summary.quality is None else summary.quality.verdict,
         mock=head.mock,

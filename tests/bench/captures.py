@@ -57,7 +57,7 @@ def noisy_errors(cases: Sequence[tuple[str, int, str, int]]) -> list[float]:
         table = pdcd.sweep(Config(), requests, folder=folder)
     if len(table.failed):
         raise RuntimeError(f"captures failed: {[*table.failed['error']]}")
-    return [float(error) for error in table["rms_error"]]
+    return [float(error) for error in table["rms_error_quads"]]
 
 
 def measure_engine(grid: tuple[int, int], count: int, window: str) -> dict[str, float]:

@@ -113,7 +113,7 @@ def _point(engine: Engine, request: CaptureRequest) -> tuple[Point, float]:
     with tempfile.TemporaryDirectory() as folder:
         result = capture_with(engine, request, Path(folder), "job")
         manifest = json.loads((Path(str(result.folder)) / "capture.json").read_text())
-    figures = (result.summary[key] for key in ("rms_error", "exposure_s", "shots"))
+    figures = (result.summary[key] for key in ("rms_error_quads", "exposure_s", "shots"))
     numbers = [msgspec.convert(figure, float) for figure in figures]
     f_number = float(manifest["run"]["shots"][0]["f_number"])
     return Point(numbers[0], numbers[1], round(numbers[2])), f_number

@@ -84,7 +84,7 @@ def _error(scene: str, request: CaptureRequest, seed: int) -> float:
         files["prior"] = Path(request.prior)
     with opened(config) as engine, tempfile.TemporaryDirectory() as folder:
         result = capture_with(engine, request, Path(folder), f"pilot-{seed}", files)
-    return float(str(result.summary["rms_error"]))
+    return float(str(result.summary["rms_error_quads"]))
 
 
 def _table(errors: Errors, counts: tuple[int, ...]) -> Table:

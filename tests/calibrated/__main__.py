@@ -125,7 +125,7 @@ def _captures(calibrated: Config, true: Config) -> dict[str, float | None]:
             result = engine.capture(
                 request, job=new_job_id(), emit=lambda event: None, cancelled=lambda: False
             )
-            found[f"error {name}"] = result.summary.get("rms_error")  # type: ignore[assignment]
+            found[f"error {name}"] = result.summary.get("rms_error_quads")  # type: ignore[assignment]
             found[f"folder {name}"] = result.folder  # type: ignore[assignment]
         finally:
             engine.stop()

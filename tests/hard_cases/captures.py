@@ -84,7 +84,7 @@ def all_black() -> Outcome:
     for goal in ("white", "indirect", "direct", "diagonal"):
         got = Captured(np.zeros((12, 12)), GRID, _ideal(), goal=goal, codes=8)
         assert np.isfinite(got.sigma).all() and got.saturated == 0
-        assert got.manifest.summary["rms_error"] is None
+        assert got.manifest.summary["rms_error_quads"] is None
         worst = max(worst, float(np.abs(got.image).max()))
     return Outcome(worst)
 

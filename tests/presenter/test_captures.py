@@ -40,6 +40,6 @@ def test_a_photo_of_real_windows_is_that_of_their_frame_log(
     assert manifest["drivers"]["drivers"]["display"]["name"] == "x11"
     assert {s["source"] for s in manifest["run"]["shots"]} == {"present-msc"}
     assert not any(s["verified"] for s in manifest["run"]["shots"])
-    error = result.summary["rms_error"]
+    error = result.summary["rms_error_quads"]
     assert isinstance(error, float) and error < 0.1
     assert bench.frames is None  # the mock display had no part in it

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from pdcd.bench.reading import emit
 from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark, within
+from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark
 from pdcd.calibration.sensor.dose import Brightest, Line, line_of
-from pdcd.calibration.sensor.transfer import SIDE, Pair, Transfer, pair_of, transfer_of
+from pdcd.calibration.sensor.transfer import PARTS, SIDE, Pair, Transfer, pair_of, transfer_of
 from pdcd.calibration.shown import Shown
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
@@ -40,7 +40,10 @@ ALIKE = 0.03
 """Blocks within 3 % of the median light stand for the plane in its series of doses."""
 BRIGHT = 0.98
 LIT = 0.3
-"""Light of a block, over the brightest, from which it is lit."""
+"""Light of the darkest part of a block, over the brightest there is, from which it is lit."""
+EVEN = 0.1
+"""Difference of light in a block, over the most, that lenses and lamps make; where a scene has no
+such blocks the most even quarter is taken."""
 ROUNDING_DN = 0.29
 DARK_LIMIT_DN = 30.0
 """Of dark photos beside their black level; what the panels leak is a tenth of that."""
@@ -268,8 +271,9 @@ def _series(
 ) -> tuple[Floats, tuple[Brightest, ...]]:
     """Mean of quads of middling light, (4, doses), and the brightest ones of the largest dose."""
     floor = _levels(base)
-    light = _levels(photos[plan.pairs[0][0]]) - floor
-    inner = np.stack([_wholly_lit(plane) for plane in light])
+    dim = photos[plan.pairs[0][0]]
+    light = _levels(dim) - floor
+    inner = np.stack([_evenly_lit(plane) for plane in dim - base])
     middle = np.array([np.median(plane[i]) for plane, i in zip(light, inner, strict=True)])
     middle = np.where(middle > 0.0, middle, 1.0)[:, None, None]
     chosen = inner & (np.abs(light / middle - 1.0) <= ALIKE)
@@ -293,12 +297,18 @@ def _series(
     return signal, tuple(found)
 
 
-def _wholly_lit(light: Floats) -> NDArray[np.bool_]:
-    """Blocks with light all about them: one at the edge of the light is half lit, and its lit half
-    saturates first. All of them where there is hardly any light."""
-    lit = light > LIT * float(np.quantile(light, BRIGHT))
-    inner = within(lit)
-    return inner if inner.any() else np.ones(lit.shape, np.bool_)
+def _evenly_lit(light: Planes) -> NDArray[np.bool_]:
+    """Blocks of one light: of others, as at the edge of the light, the brighter part saturates
+    first. All of them where there is hardly any light."""
+    rows, cols = (length // SIDE for length in light.shape)
+    fine = block_means(light[: rows * SIDE, : cols * SIDE].astype(np.float64), SIDE // PARTS)
+    parts = fine.reshape(rows, PARTS, cols, PARTS)
+    least, most = parts.min(axis=(1, 3)), parts.max(axis=(1, 3))
+    lit = least > LIT * float(np.quantile(most, BRIGHT))
+    if not lit.any():
+        return np.ones(lit.shape, np.bool_)
+    apart = 1.0 - least / np.where(lit, most, 1.0)
+    return np.asarray(lit & (apart <= max(EVEN, float(np.quantile(apart[lit], 0.25)))))
 
 
 def _levels(planes: Planes) -> Floats:

@@ -137,7 +137,8 @@ class Developed:
     saturated : saturated pixels of each shot; exif : what its RAW file says of itself.
     parts : that the pictures were made of.
     rms_sigma, sigma_kind, sigma_mean : of the answer; infinite and None where it is not known.
-    rms_error : against the scene's known truth, over the RMS of that; None where nobody knows it.
+    rms_errors : against the scene's known truth, over the RMS of that, of quads and of means over
+        cells; None where nobody knows it.
     deviations : of each photo's realised probing matrix from the wanted one.
     quality : the verdict on it.
     picture : name of the answer. warnings : of the previews.
@@ -152,7 +153,7 @@ class Developed:
     rms_sigma: float
     sigma_kind: str
     sigma_mean: float | None
-    rms_error: float | None
+    rms_errors: tuple[float | None, float | None]
     deviations: dict[str, Deviation]
     quality: Quality
     picture: str
@@ -195,13 +196,13 @@ def record_of(
 def developed_of(
     record: RunRecord,
     decoded: Decoded,
-    error: float | None,
+    errors: tuple[float | None, float | None],
     warnings: tuple[str, ...],
     alive: Callable[[], None],
     scene: Scene | None = None,
 ) -> Developed:
-    """What is told of a decoded run; `error` is that of its answer against a known truth, `scene`,
-    `warnings` are those of its pictures."""
+    """What is told of a decoded run; `errors` are those of its answer against a known truth,
+    `scene`, `warnings` those of its pictures."""
     picture = decoded.answer
     known = picture.sigma[np.isfinite(picture.sigma)]
     deviations = decoded.deviations(alive)
@@ -213,7 +214,7 @@ def developed_of(
         rms_sigma=rms_sigma(picture),
         sigma_kind=picture.kind,
         sigma_mean=float(known.mean(dtype=np.float64)) if known.size else None,
-        rms_error=error,
+        rms_errors=errors,
         deviations=deviations,
         quality=assess(record, decoded, deviations),
         picture=decoded.recipe.answer_name,

@@ -129,11 +129,11 @@ class Worker:
         record = darkroom.record
         windows = [plan.window_of(shot) for shot in plan.recipe.shots]
         known = known_answer(facts.config, facts.scene, plan.recipe, windows, record.cells, watch)
-        error = None
+        errors: tuple[float | None, float | None] = (None, None)
         if known is not None:
-            error = known.rms_error(decoded.answer, decoded.cell_means.image)
+            errors = known.rms_errors(decoded.answer, decoded.cell_means, decoded.cells)
             write_truth(folder, known)
-        done = developed_of(record, decoded, error, warnings, watch, facts.scene)
+        done = developed_of(record, decoded, errors, warnings, watch, facts.scene)
         self.forget(watch)
         if report and cheap(record, decoded):
             self._finished = folder, record, decoded, known

@@ -44,7 +44,8 @@ def figures(manifest: Manifest, material: Material) -> Rows:
     """The first lines: what the picture is worth, and what it cost."""
     summary = manifest.summary
     rows = [
-        ("error against the known truth", _known(summary.get("rms_error"), percent)),
+        ("error of quads against the known truth", _known(summary.get("rms_error_quads"), percent)),
+        ("error of means over cells", _known(summary.get("rms_error_cells"), percent)),
         ("error expected (RMS sigma)", _known(summary.get("rms_sigma"), percent)),
         ("error bars", SIGMA_KINDS.get(material.kind, material.kind)),
         ("error foreseen by the plan", _known(summary.get("predicted_error"), percent)),

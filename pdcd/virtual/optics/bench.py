@@ -110,13 +110,15 @@ class OpticalBench:
         if frames.of_pixels and self._scene.textures is None:
             whole = self._whole(exposure, lit, opened)
             if whole is not None:
-                ambience = () if self._ambient is None else (self._ambient,)
-                grid, scene = self._scene.grid, (self._direct, *ambience)
+                room = self._room(exposure)
+                grid, ambience = self._scene.grid, () if room is None else (room,)
+                scene = (self._direct, *ambience)
                 light = rendered(self._setting, self._scattered, grid, whole, scene)
                 return self._lens.through(light)
         driven = self._driven(lit, opened)
         tables = self._tables(driven, exposure)
-        ambient = None if self._ambient is None else (tables.open_s, self._ambient)
+        room = self._room(exposure)
+        ambient = None if room is None else (tables.open_s, room)
         return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
 
     def _whole(self, exposure: Exposure, lit: Kind, opened: Kind) -> Whole | None:
@@ -241,11 +243,10 @@ class OpticalBench:
                 found += effect.diagonal()[:, None] * effect.tint
         return found
 
-    @property
-    def _ambient(self) -> Array | None:
-        """Ambient light of the cells, (N, 3), where there is any."""
+    def _room(self, exposure: Exposure) -> Array | None:
+        """Ambient light of the cells in an exposure, (N, 3), where there is any."""
         said = self.truth.scene.ambient
-        if said is None:
+        if said is None or exposure.lights_off:
             return self._scene.ambient
         return np.full((self._scene.cells, 3), said) if said else None
 
@@ -314,7 +315,7 @@ class OpticalBench:
                 self._cells,
                 sights,
                 Detail(self._scene.textures, self._uneven),
-                ambient=self._ambient is not None,
+                ambient=self._scene.ambient is not None or bool(self.truth.scene.ambient),
             )
             self._kept[key] = _Driven(projector, mask, spread, renderer)
             while len(self._kept) > KEPT:

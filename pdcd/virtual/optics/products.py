@@ -40,7 +40,8 @@ LINEAR = 1.0
 class Exposure:
     """What two panels showed, and when the shutter was open; times on the clock of the log.
 
-    covered : whether the projector's lens was covered.
+    covered : whether the projector's lens was covered. lights_off : whether the room was still as
+        the configuration says, and not yet as the truth does (`ambient_from`).
     """
 
     frames: Frames
@@ -48,6 +49,7 @@ class Exposure:
     open_ns: int
     close_ns: int
     covered: bool = False
+    lights_off: bool = False
 
 
 @dataclass(frozen=True)

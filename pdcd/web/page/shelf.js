@@ -43,7 +43,7 @@ export class PictureCard {
 }
 
 /** How far off its picture is: measured against a known truth, or as the run itself expects. */
-function error({ rms_error: known, rms_sigma: expected }) {
+function error({ rms_error_quads: known, rms_sigma: expected }) {
   if (typeof known === "number") return `${short(100 * known)} %`;
   return typeof expected === "number" ? `about ${short(100 * expected)} %` : "";
 }

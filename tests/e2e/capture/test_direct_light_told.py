@@ -30,7 +30,7 @@ def taken(folder: Path, goal: GoalName, lag_s: float, **options: Any) -> tuple[f
     )
     run = bench.capture(goal, codes=128, **options)
     summary = run.manifest.summary
-    quality, error = quality_of(summary), summary["rms_error"]
+    quality, error = quality_of(summary), summary["rms_error_quads"]
     assert quality is not None and isinstance(error, float)
     return error, quality.verdict, quality.reasons[0] if quality.reasons else ""
 
@@ -78,7 +78,7 @@ def test_direct_light_beside_a_fraction_of_light_matched_elsewhere(
         {"scene": {"kind": "open-book", "grid": list(GRID)}, "server": {"state_dir": str(tmp_path)}}
     ) as bench:
         run = bench.capture("fraction", p=p, codes=codes, shift=(2, 3))
-        quality, error = run.quality, run.rms_error
+        quality, error = run.quality, run.rms_error_quads
         assert quality is not None and error is not None
         assert error < most and (error < 0.3) == (quality.verdict == "good")
         assert quality.verdict in verdicts

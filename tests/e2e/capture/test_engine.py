@@ -76,7 +76,7 @@ def test_every_goal_in_scene_units(
     truth = diagonal * direct + off * (t.sum(axis=1) - direct)
     want = truth.reshape(*bench_rig.GRID, 1).repeat(3, axis=2)
     error = rms(image - want) / rms(want)
-    assert error == pytest.approx(summary["rms_error"], rel=1e-9)
+    assert error == pytest.approx(summary["rms_error_quads"], rel=1e-9)
     exact = goal == "white" or (window == "whole" and p in (None, 0.5))
     assert error < (5e-4 if exact else 0.25)
 
@@ -190,7 +190,7 @@ def test_indirect_errors_on_the_path_traced_corner(tmp_path: Path) -> None:
     for family in ("hadamard", "bernoulli"):
         config = bench_rig.config(tmp_path, scene=CORNER)
         folder, summary = run(config, codes=128, family=family, out=str(tmp_path / family))
-        errors[family] = summary["rms_error"]
+        errors[family] = summary["rms_error_quads"]
         image = image_of(folder)
         assert image.shape == (24, 32, 3)
         data = np.load(DATA / "corner_32x24.npz")
@@ -230,8 +230,12 @@ def test_black_level_shots_remove_leak_and_ambient_light(tmp_path: Path) -> None
         projector=PanelConfig(size_px=(1024, 768), contrast=300.0),
         mask=PanelConfig(size_px=(1600, 1200), contrast=100.0),
     )
-    plain = run(config, codes=64, black_level="none", out=str(tmp_path / "plain"))[1]["rms_error"]
-    four = run(config, codes=64, black_level="both", out=str(tmp_path / "four"))[1]["rms_error"]
+    plain = run(config, codes=64, black_level="none", out=str(tmp_path / "plain"))[1][
+        "rms_error_quads"
+    ]
+    four = run(config, codes=64, black_level="both", out=str(tmp_path / "four"))[1][
+        "rms_error_quads"
+    ]
     assert isinstance(plain, float) and isinstance(four, float)
     assert plain > 0.1
     assert four < 2e-3
@@ -262,9 +266,9 @@ def test_odd_grids(tmp_path: Path, grid: tuple[int, int], window: str) -> None:
     folder, summary = run(bench_rig.config(tmp_path, grid=grid), codes=128, window=window)
     assert image_of(folder).shape == (*grid, 3)
     if grid == (1, 1):
-        assert np.abs(image_of(folder)).max() < 1e-12 and summary["rms_error"] is None
+        assert np.abs(image_of(folder)).max() < 1e-12 and summary["rms_error_quads"] is None
     elif window == "whole":
-        assert float(str(summary["rms_error"])) < 1e-3
+        assert float(str(summary["rms_error_quads"])) < 1e-3
 
 
 def test_real_clock_takes_real_time(tmp_path: Path) -> None:

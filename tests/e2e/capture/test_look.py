@@ -52,7 +52,7 @@ def raws(result: CaptureResult) -> list[str]:
 
 
 def error(result: CaptureResult) -> float:
-    found = result.summary["rms_error"]
+    found = result.summary["rms_error_quads"]
     assert isinstance(found, float)
     return found
 
@@ -120,7 +120,7 @@ def test_exact_photos_taken_before_a_pilot_ended_have_black_exposures(tmp_path: 
     result, manifest = take(bench(tmp_path, ambient=0.05), **asked)
     assert manifest.run.how.pilot == 4
     assert manifest.run.how.black_level == "ambient" and manifest.run.leak == 0.0
-    assert float(str(result.summary["rms_error"])) < 0.02
+    assert float(str(result.summary["rms_error_quads"])) < 0.02
 
 
 def test_parts_get_their_black_exposures_as_they_go(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_multi_image_is_exact_with_more_codes_than_cells(goal: str, tmp_path: Pa
     engine = engine_on(tmp_path, t)
     image, result = take(engine, goal=goal, method="multi-image", codes=32, **p)
     assert relative(image, truth) < 1e-3
-    assert result.summary["rms_error"] == pytest.approx(relative(image, truth), rel=1e-6)
+    assert result.summary["rms_error_quads"] == pytest.approx(relative(image, truth), rel=1e-6)
     assert result.summary["shots"] == 32 and result.folder is not None
     assert decode_folder(Path(result.folder)).identical
     for name, deviation in read_manifest(Path(result.folder)).realised.items():
@@ -153,7 +153,7 @@ def test_nayar_loses_all_of_the_light_of_a_mirror(tmp_path: Path) -> None:
         # Windows that cut cells would lose light that goes from cell to cell.
         image, result = take(engine, goal="indirect", method=method, codes=32, window="whole")
         errors[method] = relative(image, truth)
-        assert result.summary["rms_error"] == pytest.approx(errors[method], rel=1e-6)
+        assert result.summary["rms_error_quads"] == pytest.approx(errors[method], rel=1e-6)
     assert errors["nayar"] == pytest.approx(1.0, abs=0.01)
     assert max(errors["coded"], errors["multi-image"]) < 2e-3
 

@@ -55,7 +55,7 @@ def test_a_real_camera_is_not_compared_with_a_scene_that_it_does_not_see(tmp_pat
     options = {"folder": str(tmp_path / "tether"), "poll_s": 0.01, "looks": 2}
     result, engine = take(tmp_path, driver="folder", options=options)
     assert result.error is None and result.folder is not None
-    assert result.summary["rms_error"] is None
+    assert result.summary["rms_error_quads"] is None
     manifest = read_manifest(Path(result.folder))
     assert not manifest.mock and manifest.drivers["mock"] is False
     assert manifest.drivers["scene"] is None
@@ -71,6 +71,6 @@ def test_a_camera_of_the_mock_scene_is_compared_with_it(
     """Also a virtual body, before mock panels and behind its own shutter."""
     result, _ = take(tmp_path, **camera)
     assert result.folder is not None
-    assert isinstance(result.summary["rms_error"], float)
+    assert isinstance(result.summary["rms_error_quads"], float)
     manifest = read_manifest(Path(result.folder))
     assert manifest.mock and not any("virtual (driver mock)" in w for w in manifest.warnings)

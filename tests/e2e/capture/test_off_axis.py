@@ -80,7 +80,7 @@ def test_fig11_a_box_at_the_keyed_depth_is_gone_and_the_wall_stays(
     goal = read_manifest(folder).run.goal
     assert goal.name == "keyed" and goal.disparity == (disparity, disparity)
     # Quarter windows keep a quarter cell dark where the floor passes through the depth.
-    assert summary["rms_error"] < (0.02 if window == "whole" else 0.08)
+    assert summary["rms_error_quads"] < (0.02 if window == "whole" else 0.08)
 
 
 def test_k5_the_rigs_plane_keys_a_wall_that_is_elsewhere(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_stereo_and_epipolar_through_the_chain(tmp_path: Path) -> None:
     image, folder, summary = run(engine, goal="stereo", disparity=[1, 2], codes=128)
     error = float(np.sqrt(np.mean((image - truth) ** 2)))
     assert error < 0.01 * np.sqrt(np.mean(dense.sum(axis=2) ** 2))
-    own = summary["rms_error"] * np.sqrt(np.mean(truth**2))
+    own = summary["rms_error_quads"] * np.sqrt(np.mean(truth**2))
     assert own == pytest.approx(error, rel=1e-6)
     assert decode_folder(folder).identical
 
@@ -139,7 +139,7 @@ def test_error_bars_of_parts_cover_off_axis_goals(tmp_path: Path) -> None:
     for number, fields in enumerate(goals):
         _, _, summary = run(engine, f"job{number}", codes=96, parts=4, **fields)
         assert summary["sigma_kind"] == "measured"
-        assert 0.7 < summary["rms_sigma"] / summary["rms_error"] < 1.5
+        assert 0.7 < summary["rms_sigma"] / summary["rms_error_quads"] < 1.5
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_errors_of_off_axis_goals_are_foreseen(fields: dict[str, Any], tmp_path:
     _, folder, summary = run(engine, **{"error": 0.02, **fields})
     prediction = read_manifest(folder).plan["prediction"]
     assert isinstance(prediction, dict)
-    assert 0.8 < summary["rms_error"] / prediction["error"] < 1.2
+    assert 0.8 < summary["rms_error_quads"] / prediction["error"] < 1.2
 
 
 @pytest.mark.long
@@ -191,7 +191,7 @@ def test_light_that_slow_panels_do_not_block_is_told(tmp_path: Path) -> None:
     engine = engine_of(tmp_path, "off-axis-box", {}, projector=slow, mask=slow)
     request = CaptureRequest(goal="epipolar", keep="out", codes=32)
     result = bench_rig.capture(engine, request, "job")
-    error = result.summary["rms_error"]
+    error = result.summary["rms_error_quads"]
     assert isinstance(error, float) and error > 1.0
     quality = result.summary["quality"]
     assert isinstance(quality, Quality) and quality.verdict == "bad"

@@ -53,7 +53,7 @@ def take(config: Config, **asked: Any) -> tuple[dict[str, Floats], float]:
     assert result.error is None and result.folder is not None, result.error
     folder = Path(result.folder)
     assert any(shot.missed for shot in read_manifest(folder).run.shots)  # what is to be tested
-    error = result.summary["rms_error"]
+    error = result.summary["rms_error_quads"]
     assert isinstance(error, float)
     return {f.stem: read_tiff(f) for f in (folder / "linear").glob("*.tif")}, error
 

@@ -61,7 +61,7 @@ def error(folder: Path, faults: str, *, ambient: float = 0.0, **fields: Any) -> 
     assert result.error is None and result.folder is not None, result.error
     shots = read_manifest(Path(result.folder)).run.shots
     assert all(shot.missed == (0 if faults == "none" else 16) for shot in shots)
-    found = result.summary["rms_error"]
+    found = result.summary["rms_error_quads"]
     assert isinstance(found, float)
     return found
 

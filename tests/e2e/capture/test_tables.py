@@ -163,7 +163,7 @@ def test_row_is_exact_with_more_codes_than_cells(row: str, tmp_path: Path) -> No
     error = float(np.sqrt(np.mean((image - truth) ** 2)) / scale)
     assert error < 2e-3
     # The program's own idea of the truth agrees with the loops above.
-    own = summary["rms_error"] * np.sqrt(np.mean(truth**2))
+    own = summary["rms_error_quads"] * np.sqrt(np.mean(truth**2))
     assert own == pytest.approx(np.sqrt(np.mean((image - truth) ** 2)), rel=1e-6)
     assert decode_folder(folder).identical
     for deviation in read_manifest(folder).realised.values():

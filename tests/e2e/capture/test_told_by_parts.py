@@ -42,7 +42,7 @@ def take(folder: Path, goal: str, **fields: Any) -> tuple[Path, float, float]:
         sigma = made["sigma_code"]
     with np.load(found / "truth.npz") as known:
         light = float(np.sqrt(np.mean(known["image"] ** 2)))
-    error = result.summary["rms_error"]
+    error = result.summary["rms_error_quads"]
     assert isinstance(error, float)
     return found, error, float(np.sqrt(np.mean(sigma**2))) / (error * light)
 

@@ -35,7 +35,7 @@ def config_of(folder: Path, truth: str, mask: Placing) -> Config:
     )
 
 
-def rms_error(config: Config) -> float:
+def rms_error_quads(config: Config) -> float:
     """What a capture says that its photo is off the truth."""
     engine = Engine.from_config(config)
     engine.start()
@@ -43,7 +43,7 @@ def rms_error(config: Config) -> float:
     result = bench_rig.capture(engine, request)
     engine.stop()
     assert result.error is None, result.error
-    error = result.summary["rms_error"]
+    error = result.summary["rms_error_quads"]
     assert isinstance(error, float)
     return error
 
@@ -52,7 +52,7 @@ def test_the_error_against_the_truth_tells_a_wrong_belief_from_a_right_one(tmp_p
     """A mask that lies half a cell aside, and is believed to do so, or not."""
     there = Placing(scale=1.2, offset_px=(7.0, 0.0))
     right, wrong = (
-        rms_error(config_of(tmp_path / name, f"[mask]\n{PLACE}\n", believed))
+        rms_error_quads(config_of(tmp_path / name, f"[mask]\n{PLACE}\n", believed))
         for name, believed in (("right", there), ("wrong", Placing(scale=1.2)))
     )
     assert right < 0.1

@@ -74,7 +74,7 @@ def test_no_direct_light_gets_in_up_to_the_guard(window: str, leaks: bool, tmp_p
     folder = next(path.parent for path in tmp_path.glob("*/*/capture.json"))
     assert (bench_rig.cells_error(folder, taken_out=False) < 0.01) is not leaks
     # What is known to have got in is taken out.
-    error = summary["rms_error"]
+    error = summary["rms_error_quads"]
     assert isinstance(error, float) and error < 0.01
 
 

@@ -58,7 +58,7 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path) -> None:
         request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False)
         result = run(folder, request)
         assert result.state == "done", result.error
-        errors.append(float(str(result.summary["rms_error"])))
+        errors.append(float(str(result.summary["rms_error_quads"])))
     assert errors[1] < errors[0] / 2.0
     assert result.folder is not None
     done = Path(result.folder)
@@ -78,7 +78,7 @@ def test_quads_that_see_two_cells_are_no_sharp_paths(
     result = run(tmp_path, request, camera, scene)
     assert result.state == "done" and result.folder is not None, result.error
     assert result.summary["pilot"] == SCOUTS
-    assert float(str(result.summary["rms_error"])) < 0.035
+    assert float(str(result.summary["rms_error_quads"])) < 0.035
 
 
 @pytest.mark.long
@@ -95,7 +95,7 @@ def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str)
         camera = CameraConfig(noise=noise)  # type: ignore[arg-type]
         result = run(tmp_path / str(pilot), request, camera, scene)
         assert result.state == "done", result.error
-        errors.append(float(str(result.summary["rms_error"])))
+        errors.append(float(str(result.summary["rms_error_quads"])))
     # Without the codes that come back the book errs 1.6 times as much.
     assert errors[1] < 1.15 * errors[0]
     assert (result.summary["codes"], result.summary["pilot"], result.summary["shots"]) == (
@@ -117,7 +117,7 @@ def test_48_codes_with_a_pilot_show_a_mirror_ball(tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", codes=48, pilot=32, white=False)
     result = run(tmp_path, request, scene=DISCO)
     assert result.summary["pilot"] == 32
-    assert float(str(result.summary["rms_error"])) < 0.02
+    assert float(str(result.summary["rms_error_quads"])) < 0.02
 
 
 def test_what_ends_early_is_what_the_plan_foresaw(tmp_path: Path) -> None:
@@ -160,7 +160,7 @@ def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
             )
             result = run(tmp_path / f"{pilot}-{seed}", request)
             assert result.state == "done", result.error
-            errors.append(float(str(result.summary["rms_error"])))
+            errors.append(float(str(result.summary["rms_error_quads"])))
     assert sum(errors[3:]) < 1.2 * sum(errors[:3])
 
 
@@ -172,7 +172,7 @@ def error_of(folder: Path, *, scene: SceneConfig = VASE, **fields: Any) -> float
     result = run(folder, CaptureRequest(**fields), scene=scene)
     assert result.state == "done" and result.folder is not None, result.error
     assert decode_folder(Path(result.folder)).identical
-    return float(str(result.summary["rms_error"]))
+    return float(str(result.summary["rms_error_quads"]))
 
 
 @pytest.mark.parametrize("parts", [1, 4])
@@ -212,7 +212,7 @@ def test_a_long_pilot_of_few_cells_finds_nothing_to_keep_apart(
         SceneConfig(kind="matrix", path=str(path)),
     )
     assert result.state == "done" and result.summary["pilot"] == pilot
-    assert float(str(result.summary["rms_error"])) < 0.02
+    assert float(str(result.summary["rms_error_quads"])) < 0.02
 
 
 def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.mkdir()
     plain = run(other, CaptureRequest(goal="indirect", codes=128, white=False), camera=noisy)
-    error, base = (float(str(r.summary["rms_error"])) for r in (with_pilot, plain))
+    error, base = (float(str(r.summary["rms_error_quads"])) for r in (with_pilot, plain))
     assert error < base * 1.1
 
 
@@ -275,7 +275,7 @@ def test_8_codes_show_mirrors_as_well_as_128_coins(
     request = CaptureRequest(goal="indirect", codes=8, pilot=8, white=False)
     result = run(tmp_path, request, scene=scene)
     assert result.state == "done", result.error
-    assert float(str(result.summary["rms_error"])) < coins
+    assert float(str(result.summary["rms_error_quads"])) < coins
     shown = [result.summary[name] for name in ("codes", "pilot", "shots", "family")]
     assert shown == [8, 8, 8, "hadamard"]
     assert result.folder is not None
@@ -288,7 +288,7 @@ def test_a_short_pilot_and_16_codes_show_mirrors_well(tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", codes=32, pilot=16, white=False)
     result = run(tmp_path, request, scene=DISCO)
     assert result.state == "done", result.error
-    assert float(str(result.summary["rms_error"])) < 0.025
+    assert float(str(result.summary["rms_error_quads"])) < 0.025
     assert result.folder is not None
     assert decode_folder(Path(result.folder)).identical
     assert read_manifest(Path(result.folder)).plan["raw_files"] == 17
@@ -307,7 +307,7 @@ def test_a_pilot_of_all_codes_leaves_them_where_it_sees_nothing(
     assert (manifest.run.how.coded, manifest.run.how.pilot) == (left, SCOUTS)
     assert cost.stopped_raw_files == len(manifest.run.shots) == SCOUTS + 2
     assert cost.stopped_seconds == pytest.approx(manifest.plan["seconds"])
-    assert float(str(result.summary["rms_error"])) < 0.05
+    assert float(str(result.summary["rms_error_quads"])) < 0.05
     assert decode_folder(Path(result.folder)).identical
 
 
@@ -318,7 +318,7 @@ def test_a_pilot_of_all_codes_gives_direct_light_too(tmp_path: Path) -> None:
     request = CaptureRequest(goal="direct", codes=16, pilot=16)
     result = run(tmp_path, request, camera, VASE, **SMALL_PANELS)
     assert result.folder is not None, result.error
-    assert float(str(result.summary["rms_error"])) < 0.012  # in detail finer than cells, too
+    assert float(str(result.summary["rms_error_quads"])) < 0.012  # in detail finer than cells, too
     shown = {path.stem for path in (Path(result.folder) / "preview").iterdir()}
     assert shown == {"direct", "white", "indirect"}
     shot = read_shots(result)[-1]

@@ -243,7 +243,7 @@ def test_every_quad_shows_its_cell(
     )
     assert manifest.run.cells is not None and manifest.run.cells.frame == case.size[::-1]
     if case.driver != "ptp":  # nobody says that these photograph the mock scene
-        assert result.summary["rms_error"] is None
+        assert result.summary["rms_error_quads"] is None
 
 
 def test_a_wrong_place_is_seen_in_the_picture(
@@ -273,7 +273,7 @@ def test_quarter_windows_are_as_right_as_with_the_mock_camera(
     for name in ("white", "direct", "indirect"):
         seen, expected = picture(found, name), picture(mock, name)
         assert np.abs(seen - expected).max() < 1e-3 * picture(mock, "white").max(), name
-    error, expected_error = (result.summary["rms_error"] for result in (found, mock))
+    error, expected_error = (result.summary["rms_error_quads"] for result in (found, mock))
     assert isinstance(error, float)
     assert error == pytest.approx(expected_error, rel=1e-2)
     assert 0.0 < error < 0.018  # 0.0195 where decoding takes all windows for alike

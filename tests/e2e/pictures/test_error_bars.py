@@ -131,7 +131,7 @@ def test_modelled_sigma_errs_to_the_safe_side(
     engine, result, _ = capture(tmp_path, name, codes=codes, family=family)
     assert result.summary["sigma_kind"] == "modelled"
     assert coverage(engine, result) > 0.94
-    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error_quads"]
     assert isinstance(sigma, float) and isinstance(error, float)
     # The model knows nothing of smooth light and of its correction: far too careful on wax.
     assert sigma < (20.0 if name == "wax-disk" else 10.0) * error
@@ -149,7 +149,7 @@ def test_a_plain_capture_looks_and_measures_its_error(
 ) -> None:
     """No option but the seed. In one exposure the first errs by 1 %, the second by 8 %."""
     engine, result, _ = capture(tmp_path, name, white=True, schedule=ScheduleConfig())
-    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error_quads"]
     assert isinstance(sigma, float) and isinstance(error, float)
     assert result.summary["sigma_kind"] == "measured" and result.summary["parts"] == parts
     assert error < 0.007 and 0.7 * error < sigma < 1.5 * error
@@ -170,7 +170,7 @@ def test_one_exposure_after_a_look_has_a_sigma_that_fits(name: str, tmp_path: Pa
     """A file of 1 s is too much for parts, not for four photos that tell how sharp light is."""
     schedule = ScheduleConfig()
     engine, result, _ = capture(tmp_path, name, schedule=schedule, readout_s=1.0)
-    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error_quads"]
     assert isinstance(sigma, float) and isinstance(error, float)
     assert result.summary["sigma_kind"] == "modelled" and result.summary["parts"] == 1
     assert 0.7 * error < sigma < 1.5 * error
@@ -198,7 +198,7 @@ def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
     assert str(found["sigma_kind"]) == "measured"
     np.testing.assert_allclose(found["sigma"], np.hypot(found["sigma_sensor"], found["sigma_code"]))
     assert result.summary["parts"] == 4 and result.summary["codes"] == 64
-    error = result.summary["rms_error"]
+    error = result.summary["rms_error_quads"]
     assert isinstance(error, float) and error < 0.01
     meters = read_manifest(folder).meter
     apertures = [m.raw for m in meters if "look" not in m.raw]
@@ -221,7 +221,7 @@ def test_other_goals_and_ways_take_parts(fields: dict[str, Any], tmp_path: Path)
     given = {"codes": 64, "parts": 4, "white": True, **fields}
     _, result, _ = capture(tmp_path, "corner", **given)
     assert decode_folder(Path(str(result.folder))).identical
-    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error_quads"]
     assert isinstance(sigma, float) and isinstance(error, float)
     assert 0.7 * error < sigma < 1.6 * error
 

@@ -53,7 +53,7 @@ def test_achieved_error_is_the_foreseen_one(name: str, target: float, tmp_path: 
     result = run(tmp_path, request, scene=scene(name), camera=CameraConfig(noise="full"))
     foreseen = number(result, "predicted_error")
     assert foreseen <= target
-    assert number(result, "rms_error") == pytest.approx(foreseen, rel=AGREE)
+    assert number(result, "rms_error_quads") == pytest.approx(foreseen, rel=AGREE)
 
 
 @pytest.mark.long
@@ -69,7 +69,7 @@ def test_other_goals_are_foreseen_too(goal: str, tmp_path: Path) -> None:
     request = CaptureRequest(goal=goal, seconds=4.0, **extra)  # type: ignore[arg-type]
     tables: dict[str, Any] = {"scene": scene("open-book"), "camera": CameraConfig(noise="full")}
     result = run(tmp_path, request, **tables)
-    assert number(result, "rms_error") == pytest.approx(
+    assert number(result, "rms_error_quads") == pytest.approx(
         number(result, "predicted_error"), rel=AGREE
     )
 
@@ -88,7 +88,7 @@ def test_bad_panels_are_foreseen(tmp_path: Path) -> None:
     }  # fmt: skip
     request = CaptureRequest(goal="indirect", seconds=3.0, white=False, black_level="none")
     result = run(tmp_path, request, **tables)
-    achieved, foreseen = number(result, "rms_error"), number(result, "predicted_error")
+    achieved, foreseen = number(result, "rms_error_quads"), number(result, "predicted_error")
     assert foreseen > 0.05  # the panels are that bad
     assert achieved == pytest.approx(foreseen, rel=0.01)
 
@@ -105,7 +105,7 @@ def test_dark_frames_are_foreseen_too(
         "camera": CameraConfig(noise="full"),
     }
     result = run(tmp_path, CaptureRequest(goal="indirect", error=0.03, white=False), **tables)
-    achieved = number(result, "rms_error")
+    achieved = number(result, "rms_error_quads")
     assert achieved == pytest.approx(number(result, "predicted_error"), rel=AGREE)
     assert achieved < 0.03
     assert result.folder is not None
@@ -121,7 +121,7 @@ def test_time_is_kept(tmp_path: Path) -> None:
         # Closing the shutter takes its time, and the panels wait for a refresh, at every shot.
         waits_s = 0.1 * float(str(result.summary["shots"]))
         assert number(result, "exposure_s") <= seconds + waits_s
-        errors.append(number(result, "rms_error"))
+        errors.append(number(result, "rms_error_quads"))
     assert errors[1] < errors[0] / 2.0
 
 
@@ -165,7 +165,7 @@ def test_schedules_of_two_refreshes_are_foreseen(panel: str, goal: str, tmp_path
     assert schedule_of(result) in ("both", "lag", "lead", "none")
     foreseen = number(result, "predicted_error")
     assert foreseen <= target
-    assert number(result, "rms_error") == pytest.approx(foreseen, rel=AGREE)
+    assert number(result, "rms_error_quads") == pytest.approx(foreseen, rel=AGREE)
     guarded = CaptureRequest(goal=goal, error=target, white=False, guards=True)  # type: ignore[arg-type]
     full = run(tmp_path / "full", guarded, camera=CameraConfig(noise="full"), **tables)
     assert schedule_of(full) == "full"

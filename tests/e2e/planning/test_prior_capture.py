@@ -74,7 +74,7 @@ def run(folder: Path, scene: str, **fields: Any) -> CaptureResult:
 
 def error(result: CaptureResult) -> float:
     assert result.state == "done", result.error
-    return float(str(result.summary["rms_error"]))
+    return float(str(result.summary["rms_error_quads"]))
 
 
 @pytest.mark.long
@@ -227,6 +227,6 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     out = ["--out", str(tmp_path), "--json"]
     assert main(["capture", *options, *out, "--prior", "scene:disco-ball"]) == 0
     done = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert done["summary"]["rms_error"] < 0.01
+    assert done["summary"]["rms_error_quads"] < 0.01
     assert main(["plan", *options, "--prior", "nothing.npz"]) == 2
     assert "prior (nothing.npz): it cannot be opened" in capsys.readouterr().err

@@ -122,7 +122,7 @@ def test_a_capture_over_the_socket_and_the_folder_it_names(tmp_path: Path) -> No
         assert read_manifest(Path(result.folder)).job == result.job
         assert (found.job, found.folder, found.state) == (result.job, result.folder, "done")
         assert (found.name, found.tags, found.note) == ("a book", ("v",), "n")
-        for figure in ("codes", "exposure_s", "rms_error", "rms_sigma", "method"):
+        for figure in ("codes", "exposure_s", "rms_error_quads", "rms_sigma", "method"):
             assert getattr(found, figure) == result.summary[figure] is not None
         quality = result.summary["quality"]
         assert isinstance(quality, Quality) and found.verdict == quality.verdict

@@ -150,7 +150,7 @@ def test_a_cell_of_a_notebook_is_short() -> None:
     heads = "".join(
         f"<th>{name}</th>"
         for name in ("number", "asked.x", "goal", "state", "verdict", "codes", "exposure_s",
-                     "rms_sigma", "rms_error")
+                     "rms_sigma", "rms_error_quads", "rms_error_cells")
     )  # fmt: skip
     assert shown.startswith(f"<table><thead><tr>{heads}</tr></thead><tbody><tr>")
     assert shown.endswith("</tr></tbody></table>")

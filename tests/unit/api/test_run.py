@@ -169,7 +169,7 @@ def test_a_notebook_shows_it_and_runs_nothing_of_it(folder: Path) -> None:
     for data, _ in sources:
         picture = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None and picture.shape[1] == 320
-    assert "<td>RMS error</td>" in shown and str(folder) in shown
+    assert "<td>RMS error of quads</td>" in shown and str(folder) in shown
 
 
 def _shares(run: pdcd.Run, truth: NDArray[np.float64]) -> float:
@@ -180,7 +180,7 @@ def test_its_truth_is_that_of_the_scene(folder: Path) -> None:
     run, matrix = pdcd.open(folder), transport()
     truth = np.repeat((matrix.sum(axis=1) - np.diag(matrix)).reshape(*GRID, 1), 3, axis=2)
     assert run.truth is not None and np.allclose(run.truth, truth, rtol=1e-6)
-    assert run.rms_error == pytest.approx(_shares(run, truth), rel=1e-4)
+    assert run.rms_error_quads == pytest.approx(_shares(run, truth), rel=1e-4)
     unknown = pdcd.open(folder)
     del unknown.manifest.files["truth.npz"]  # as where nobody knows the scene
     assert unknown.truth is None

@@ -159,7 +159,13 @@ def test_the_answer_of_a_run_is_shown_in_so_many_pictures(
 
 def test_what_is_to_be_known_of_a_run_is_listed_in_order() -> None:
     quality = Quality(verdict="doubtful", reasons=("r",), remarks=("<m>",))
-    summary: Any = {"quality": quality, "codes": 8, "parts": 2, "rms_sigma": 0.5, "rms_error": 1}
+    summary: Any = {
+        "quality": quality,
+        "codes": 8,
+        "parts": 2,
+        "rms_sigma": 0.5,
+        "rms_error_quads": 1,
+    }
     shown = run_of(summary=summary, folder=Path("/elsewhere/j"))._repr_html_()
     assert "<ul><li>r</li><li>&lt;m&gt;</li><li>&lt;w&gt;</li></ul></div>" in shown
     rows = (("codes", "8"), ("parts", "2"), ("RMS sigma", "50 %"), ("folder", "/elsewhere/j"))

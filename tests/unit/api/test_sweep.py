@@ -49,7 +49,7 @@ def test_every_request_has_its_row(rig: Config, tmp_path: Path) -> None:
     assert np.array_equal(table["codes"][:2], [8.0, np.nan], equal_nan=True)
     for row in table.where(state="done"):
         run = pdcd.open(str(row["folder"]))
-        assert run.goal == row["goal"] and run.summary["rms_error"] == row["rms_error"]
+        assert run.goal == row["goal"] and run.summary["rms_error_quads"] == row["rms_error_quads"]
         assert run.folder.is_relative_to(tmp_path / "s" / "runs")
     scenes = [pdcd.open(str(table[n]["folder"])).manifest.config["scene"] for n in (2, 3)]
     assert [scene["ambient"] for scene in scenes] == [0.1, 0.0]
@@ -57,7 +57,7 @@ def test_every_request_has_its_row(rig: Config, tmp_path: Path) -> None:
     with (tmp_path / "t.csv").open(newline="") as file:
         lines = [*csv.DictReader(file)]
     assert [line["asked.config.scene.ambient"] for line in lines] == ["", "", "0.1", "", ""]
-    assert float(lines[0]["rms_error"]) == table[0]["rms_error"]
+    assert float(lines[0]["rms_error_quads"]) == table[0]["rms_error_quads"]
     assert "long-range" in table._repr_html_() and "1 failed" in repr(table)
     with pytest.raises(KeyError, match="columns are number"):
         table["speed"]
@@ -203,7 +203,7 @@ def test_a_process_that_dies_takes_only_its_own_capture_with_it(
 def test_in_processes_as_in_this_one(rig: Config, tmp_path: Path) -> None:
     here = pdcd.sweep(rig, REQUESTS, workers=0, progress=False)
     there = pdcd.sweep(rig, REQUESTS, workers=2, folder=tmp_path / "s", progress=False)
-    for name in ("state", "codes", "rms_error", "rms_sigma", "error"):
+    for name in ("state", "codes", "rms_error_quads", "rms_sigma", "error"):
         assert [str(value) for value in here[name]] == [str(value) for value in there[name]]
 
 
@@ -219,9 +219,9 @@ def test_on_a_cluster_as_in_this_process(rig: Config) -> None:
         there = pdcd.sweep(rig, REQUESTS, cluster=cluster.scheduler_address, progress=False)
         with distributed.Client(cluster) as client:  # type: ignore[no-untyped-call]
             again = pdcd.sweep(rig, REQUESTS[:1], cluster=client, progress=False)
-    for name in ("state", "codes", "rms_error", "rms_sigma", "error"):
+    for name in ("state", "codes", "rms_error_quads", "rms_sigma", "error"):
         assert [str(value) for value in here[name]] == [str(value) for value in there[name]]
-    assert again[0]["rms_error"] == here[0]["rms_error"]
+    assert again[0]["rms_error_quads"] == here[0]["rms_error_quads"]
 
 
 def test_no_cluster_where_there_is_none(rig: Config, monkeypatch: pytest.MonkeyPatch) -> None:

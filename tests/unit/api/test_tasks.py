@@ -355,8 +355,10 @@ def run_of(**fields: Any) -> Run:
 
 
 def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
-    known = run_of(summary={"rms_sigma": 1, "rms_error": "x", "quality": Quality(verdict="bad")})
-    assert (known.rms_sigma, known.rms_error, known.verdict) == (1.0, None, "bad")
+    known = run_of(
+        summary={"rms_sigma": 1, "rms_error_quads": "x", "quality": Quality(verdict="bad")}
+    )
+    assert (known.rms_sigma, known.rms_error_quads, known.verdict) == (1.0, None, "bad")
     assert repr(known) == "<Run j: white, bad>" and known.sigma_kind == "modelled"
     good = Quality(verdict="good")
     bare = run_of(summary={"codes": 8, "sigma_kind": "measured", "quality": good})
@@ -365,9 +367,14 @@ def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
 
 
 def test_a_run_in_a_notebook_has_a_line_for_each_figure() -> None:
-    summary = {"codes": 8.0, "exposure_s": 1.23456, "missed_refreshes": 0, "rms_error": 0.012345}
+    summary = {
+        "codes": 8.0,
+        "exposure_s": 1.23456,
+        "missed_refreshes": 0,
+        "rms_error_quads": 0.012345,
+    }
     shown = run_of(summary=summary, folder=Path.cwd() / "runs" / "j")._repr_html_()
-    for cells in (("codes", "8"), ("exposure", "1.23 s"), ("RMS error", "1.23 %"),
+    for cells in (("codes", "8"), ("exposure", "1.23 s"), ("RMS error of quads", "1.23 %"),
                   ("folder", "runs/j")):  # fmt: skip
         assert "<td>{}</td><td>{}</td>".format(*cells) in shown
     assert "missed" not in shown and "RMS sigma" not in shown and "<img" not in shown

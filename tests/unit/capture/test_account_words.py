@@ -101,7 +101,7 @@ def developed(**said: Any) -> Any:
     record = SimpleNamespace(how=how, shots=shots, goal=SimpleNamespace(name="indirect"))
     fields = {
         "record": record, "parts": 3, "rms_sigma": 0.02, "sigma_kind": "measured",
-        "sigma_mean": 0.5, "rms_error": 0.03, "quality": "q", "picture": "indirect",
+        "sigma_mean": 0.5, "rms_errors": (0.03, 0.01), "quality": "q", "picture": "indirect",
         "transport": {"transport_photos": 7}, "exif": {"a": {"iso": 1}}, "deviations": {"a": {}},
         "decided": (),
     }  # fmt: skip
@@ -116,7 +116,8 @@ def test_a_finished_run_in_figures() -> None:
         "goal": "indirect", "picture": "indirect", "method": "coded", "family": "hadamard",
         "codes": 16 * 3 // 4 + 5, "parts": 3, "pilot": 5, "passes": 6, "repeat": 2, "shots": 3,
         "refreshes": 150, "exposure_s": 2.5, "missed_refreshes": 3, "rms_sigma": 0.02,
-        "sigma_kind": "measured", "rms_error": 0.03, "sigma_mean": 0.5, "predicted_error": 0.04,
+        "sigma_kind": "measured", "rms_error_quads": 0.03, "rms_error_cells": 0.01,
+        "sigma_mean": 0.5, "predicted_error": 0.04,
         "quality": "q", "transport_photos": 7,
     }  # fmt: skip
     plan.prediction = None

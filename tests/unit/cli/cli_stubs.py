@@ -28,7 +28,7 @@ SUMMARY: dict[str, Figure] = {
     "refreshes": 480,
     "exposure_s": 8.2,
     "missed_refreshes": 2,
-    "rms_error": 0.01234,
+    "rms_error_quads": 0.01234,
     "wall_s": 0.5,
 }
 DONE = CaptureResult(job=JOB, state="done", folder="/runs/x", summary=SUMMARY)

@@ -60,7 +60,7 @@ def test_json_has_an_object_for_each_method(
     told = last_object(capsys.readouterr().out)
     assert told["goal"] == "direct"
     assert [row["method"] for row in told["methods"]] == ["coded", "multi-image", "nayar"]
-    assert told["methods"][0]["rms_error"] == 0.01234
+    assert told["methods"][0]["rms_error_quads"] == 0.01234
     assert told["methods"][0]["sigma_mean"] is None
     assert told["methods"][0]["folder"] == "/runs/x"
 

@@ -80,7 +80,7 @@ def test_a_list_has_a_row_for_each_run_and_lines_for_what_was_said_of_it(
 ) -> None:
     runs = [
         entry(3, goal=None, state="failed", reason="no light", taken="1 of 2 shots"),
-        entry(2, verdict="good", codes=8, exposure_s=12.3456, rms_error=0.0125, name="Chart",
+        entry(2, verdict="good", codes=8, exposure_s=12.3456, rms_error_quads=0.0125, name="Chart",
               tags=("wax", "glass"), note="two  words\nhere", rms_sigma=0.5),
         entry(1, rms_sigma=0.02, reason="cut after 1 of 2", taken="1 of 2"),
     ]  # fmt: skip
@@ -166,7 +166,7 @@ def test_all_that_is_known_of_a_run_is_shown(
     monkeypatch.setattr("pdcd.cli.output.width", lambda: 300)
     run = entry(
         1, state="partial", verdict="good", name="Chart", tags=("wax", "glass"), note="one\ntwo",
-        method="coded", codes=8, exposure_s=1.5, rms_sigma=0.02, rms_error=0.01, mock=False,
+        method="coded", codes=8, exposure_s=1.5, rms_sigma=0.02, rms_error_quads=0.01, mock=False,
         user="ada", started_utc="2026-01-02T03:04:05Z", finished_utc="soon", taken="1 of 2",
         reason="cut", folder=str(tmp_path),
     )  # fmt: skip
@@ -188,7 +188,8 @@ def test_all_that_is_known_of_a_run_is_shown(
         ["job", run.job], ["state", "partial"], ["verdict", "good"], ["name", "Chart"],
         ["tags", "wax glass"], ["note", "one"], ["two"], ["goal", "white"],
         ["asked", "for  codes 8"], ["method", "coded"], ["codes", "8"], ["exposure", "1.500 s"],
-        ["RMS", "sigma  2 % of the picture"], ["RMS", "error  1 % against the known truth"],
+        ["RMS", "sigma  2 % of the picture"],
+        ["RMS", "error  1 % of quads, against the known truth"],
         ["bench", "real"], ["user", "ada"], ["finished", "soon"], ["taken", "1 of 2"],
         ["why", "cut"], ["folder", str(tmp_path)], ["files", "2, 3.0 MiB"],
         ["report", f"{tmp_path}/report.html"], ["doubtful:", "dark"], ["warning:", "dust"],

@@ -46,7 +46,7 @@ def state(tmp_path: Path) -> Path:
     labels = {"goal": "off-diagonal", "name": "Chart in milk", "tags": ["glass", "wax"],
               "note": "a long note " * 40}  # fmt: skip
     finished(captures, job(1), request=labels)
-    finished(captures, job(2), summary={"rms_error": None, "exposure_s": 1234.5})
+    finished(captures, job(2), summary={"rms_error_quads": None, "exposure_s": 1234.5})
     cut(captures, job(3), FAILED)
     finished(folder / "preview", job(4), request={"goal": "white"})
     return folder

@@ -151,7 +151,7 @@ def test_all_that_is_known_of_a_photo_is_in_its_table(
 ) -> None:
     summary: dict[str, Any] = {
         "taken": "3 of 4", "decided": "pilot", "codes": 8, "refreshes": 480, "exposure_s": 8.25,
-        "missed_refreshes": 2, "rms_sigma": 0.015, "sigma_kind": "?", "rms_error": 0.01234,
+        "missed_refreshes": 2, "rms_sigma": 0.015, "sigma_kind": "?", "rms_error_quads": 0.01234,
         "transport_sigma": 0.25, "transport_error": 0.125, "predicted_error": 0.03, "wall_s": 0.125,
         "picture": "high", "quality": Quality(verdict="good"),
     }  # fmt: skip
@@ -165,7 +165,7 @@ def test_all_that_is_known_of_a_photo_is_in_its_table(
         ["job", JOB], ["state", "done"], ["verdict", "good"], ["taken", "3 of 4"],
         ["decided", "pilot"], ["codes", "8"], ["refreshes", "480"], ["exposure", "8.250 s"],
         ["missed refreshes", "2"], ["RMS sigma", "1.5 % of the picture"], ["error bars", "?"],
-        ["RMS error", "1.23 % against the scene's known truth"],
+        ["RMS error", "1.23 % of quads, against the known truth"],
         ["sigma of T", "25 % of its entries' RMS"],
         ["error of T", "12.5 % against the scene's known truth"], ["predicted", "3 %"],
         ["wall time", "0.12 s"], ["folder", "/r"], ["to look at", "/r/preview/high.png"],

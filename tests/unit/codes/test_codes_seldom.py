@@ -190,5 +190,5 @@ def test_a_capture_of_a_fraction(tmp_path: Path, family: str, codes: int, p: flo
     request = CaptureRequest(goal="fraction", p=p, codes=codes, family=family)  # type: ignore[arg-type]
     result = bench_rig.capture(engine, request)
     assert result.error is None, result.error
-    error = float(str(result.summary["rms_error"]))
+    error = float(str(result.summary["rms_error_quads"]))
     assert error < (0.2 if family == "rademacher" else 1e-3)

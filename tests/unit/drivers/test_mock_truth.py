@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.mock.bench import Bench
 from drivers.mock.camera import BenchSensor, true_profile
 from drivers.mock.display import MockDisplay
+from drivers.mock.shutter import MockShutter
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import (
@@ -140,3 +141,43 @@ def test_before_a_real_camera_nobody_makes_the_mock_cameras_bench(
             Rig(config)
     else:
         assert "optics" not in vars(Bench.of(Rig(config)._context))
+
+
+def test_room_light_that_is_switched_on_half_way(tmp_path: Path) -> None:
+    """The room is as the configuration says in two exposures, and as the truth says from then on."""
+    truth = "[mask]\ncontrast = 2.0\n[scene]\nambient = 2.0\nambient_from = 3\n"
+    config = config_of(tmp_path, truth, frame_quads=(16, 12))
+    bench = Bench.of(DriverContext(config=config, clock=VirtualClock()))
+    found = []
+    for start in range(4):
+        bench.open_shutter(start * 10_000_000_000)
+        bench.close_shutter(start * 10_000_000_000 + 2_000_000_000)
+        found.append(bench.quads())
+    for light, room in zip(found, (0.5, 0.5, 2.0, 2.0), strict=True):
+        np.testing.assert_allclose(light, 2.0 * room / 2.0, rtol=1e-9)
+
+
+def test_files_that_tell_another_time(tmp_path: Path) -> None:
+    """1/200 s, as a body tells that was left on it; the light is that of ten seconds."""
+    truth = "[mask]\ncontrast = 2.0\n"
+    bare = dark_photo(tmp_path, config_of(tmp_path, truth), "a")
+    told = dark_photo(tmp_path, config_of(tmp_path, truth + "[camera]\ntagged_s = 0.005\n"), "b")
+    np.testing.assert_array_equal(told, bare)
+    times = [read_raw(tmp_path / f"{n}.dng", saturation_dn=1e9).exposure_s for n in "ab"]
+    assert times == [pytest.approx(10.0), pytest.approx(0.005)]
+
+
+def test_a_shutter_that_is_told_late_to_close(tmp_path: Path) -> None:
+    truth = "[trigger]\nlag_s = 0.0\njitter_s = 0.0\nstretched = 2\nstretch = 3.5\n"
+    context = DriverContext(config=config_of(tmp_path, truth), clock=VirtualClock())
+    shutter, bench, clock = MockShutter.create(context), Bench.of(context), context.clock
+    found = []
+    for _ in range(3):
+        open_ns = clock.now_ns()
+        shutter.open()
+        clock.sleep_until_ns(open_ns + 2_000_000_000)
+        told_ns = shutter.close()
+        assert bench.close_ns is not None and bench.open_ns == open_ns
+        assert told_ns == bench.close_ns + context.config.trigger.sure_ns
+        found.append((bench.close_ns - open_ns) * 1e-9)
+    assert found == [pytest.approx(2.0), pytest.approx(7.0), pytest.approx(2.0)]

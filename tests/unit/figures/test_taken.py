@@ -15,7 +15,7 @@ pytestmark = pytest.mark.long
 
 def agree(photo: Photo) -> None:
     """The error was found over the same quads by the capture itself, from its own truth."""
-    assert photo.error == pytest.approx(photo.summary["rms_error"], rel=1e-4)
+    assert photo.error == pytest.approx(photo.summary["rms_error_quads"], rel=1e-4)
 
 
 def test_figure_1() -> None:

@@ -161,10 +161,13 @@ def test_quads_without_an_error_bar_are_not_compared() -> None:
     image = truth * 1.2
     image[1, 2] = 99.0
     sigma[1, 2, 0] = np.inf
-    means = np.zeros((2, 3, 3))
-    assert known.rms_error(picture(image, sigma), means) == pytest.approx(0.2)
+    cells = CellMap(grid=(2, 3), frame=(4, 6), map=Map.filling((6, 4)))
+    by_cell = truth.reshape(2, 2, 3, 2, 3).mean(axis=(1, 3))
+    means = picture(0.9 * by_cell, np.zeros((2, 3, 3)))
+    wanted = pytest.approx((0.2, 0.1))
+    assert known.rms_errors(picture(image, sigma), means, cells) == wanted
     sigma[1, 2, 0] = 0.0
-    found = known.rms_error(picture(image, sigma), means)
+    found, _ = known.rms_errors(picture(image, sigma), means, cells)
     assert found == pytest.approx(np.sqrt(np.sum((image - truth) ** 2) / np.sum(truth**2)))
 
 

@@ -204,11 +204,11 @@ def test_priors_in_words_are_no_files() -> None:
 
 def test_figures_of_a_summary() -> None:
     verdict = Quality(verdict="good")
-    summary: dict[str, Any] = {"quality": verdict, "codes": 128, "rms_error": None}
+    summary: dict[str, Any] = {"quality": verdict, "codes": 128, "rms_error_quads": None}
     assert quality_of(summary) == verdict
     assert quality_of({"quality": "good"}) is quality_of({}) is None
     assert figure_of(summary, "codes") == 128
-    assert figure_of(summary, "quality") is figure_of(summary, "rms_error") is None
+    assert figure_of(summary, "quality") is figure_of(summary, "rms_error_quads") is None
     assert (verdict.reasons, verdict.remarks) == ((), ())
     ended = CaptureResult(job="a", state="done")
     assert (ended.folder, ended.manifest_sha256, ended.error) == (None, None, None)

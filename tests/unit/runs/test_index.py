@@ -48,7 +48,11 @@ def test_every_run_says_how_it_came_out(tmp_path: Path) -> None:
         job(2),
         "-partial",
         state="partial",
-        summary={"taken": "3 of 5 shots", "rms_error": None, "quality": {"verdict": "doubtful"}},
+        summary={
+            "taken": "3 of 5 shots",
+            "rms_error_quads": None,
+            "quality": {"verdict": "doubtful"},
+        },
     )
     cut(captures, job(3), {"event": "armed"}, FAILED, name="lost")
     cut(captures, job(4), {**FAILED, "event": "cancelled"})
@@ -72,7 +76,12 @@ def test_every_run_says_how_it_came_out(tmp_path: Path) -> None:
     done, part, lost = found[-1], found[-2], found[-3]
     assert (done.name, done.tags, done.note) == ("Chart, first", ("glass", "wax"), "in\nmilk")
     assert (done.goal, done.codes, done.exposure_s, done.verdict) == ("indirect", 8, 0.5, "good")
-    assert (done.rms_error, done.rms_sigma, done.user, done.mock) == (0.0321, 0.02, "ada", True)
+    assert (done.rms_error_quads, done.rms_sigma, done.user, done.mock) == (
+        0.0321,
+        0.02,
+        "ada",
+        True,
+    )
     assert done.folder == str(captures / job(1)) and done.reason is None
     assert part.verdict == "doubtful" and part.reason == "made of 3 of 5 shots"
     assert (lost.goal, lost.codes, lost.name, lost.user) == ("indirect", 8, "lost", "ada")

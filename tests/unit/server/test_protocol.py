@@ -364,9 +364,9 @@ def test_an_answer_longer_than_a_line_is_refused() -> None:
 
 
 def test_no_nan_ever_leaves() -> None:
-    text = encode_notification("event", {"rms_error": float("nan"), "p": float("inf")})
+    text = encode_notification("event", {"rms_error_quads": float("nan"), "p": float("inf")})
     assert json.loads(text, parse_constant=lambda _: pytest.fail("not JSON"))["params"] == {
-        "rms_error": None,
+        "rms_error_quads": None,
         "p": None,
     }
 

@@ -55,11 +55,11 @@ def test_shares_are_percentages(share: object, words: str) -> None:
 
 def test_figures_that_are_not_known_have_no_line() -> None:
     summary = {
-        "rms_error": 0.0123, "rms_sigma": float("inf"), "predicted_error": None, "codes": 64,
+        "rms_error_quads": 0.0123, "rms_sigma": float("inf"), "predicted_error": None, "codes": 64,
         "exposure_s": 2.0, "refreshes": 120, "missed_refreshes": 0, "shots": 4, "wall_s": 3.14159,
     }  # fmt: skip
     assert figures(manifest(summary=summary), material(kind="new")) == [
-        ("error against the known truth", "1.23 %"),
+        ("error of quads against the known truth", "1.23 %"),
         ("error bars", "new"),
         ("codes", "64"),
         ("exposure", "2.000 s"),
