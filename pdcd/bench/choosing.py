@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from pdcd.bench.devices import CameraInfo, DisplayInfo
 from pdcd.bench.folders import state_dir
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError, disk_errors
+from pdcd.errors import BusyError, ConfigError, disk_errors
 from pdcd.files.opening import Unsound
 from pdcd.printable import one_line
 
@@ -130,11 +131,10 @@ def other_bench(record: Calibration, config: Config) -> str:
 
 def _other_mock(record: Calibration, config: Config) -> str:
     """The same of a mock bench, which is whatever its configuration and its truth say."""
-    now = bench_of(config)
-    for table, values in record.bench.items():
-        for key, then in values.items():
-            if key in now.get(table, {}) and now[table][key] != then:
-                return f"{table}.{key} was {_short(then)} and is {_short(now[table][key])}"
+    now = _flat(bench_of(config))
+    for key, then in _flat(record.bench).items():
+        if key in now and now[key] != then:
+            return f"{key} was {_short(then)} and is {_short(now[key])}"
     if record.bench and record.identity.truth != truth_of_bench(config):
         return "the truth of the mock bench (bench.truth) was another one"
     seen = record.identity.frame_quads
@@ -230,6 +230,54 @@ def place_of(config: Config, name: str) -> Path:
     )
 
 
+def forget(config: Config, at: Path) -> None:
+    """Remove a calibration for good, or the link to it, and what was written down of its use.
+
+    Raises BusyError where a daemon or a capture goes by it, or makes it; and DiskError."""
+    name = _name(at)
+    with disk_errors(str(at)):
+        descriptor = held(at, fcntl.LOCK_EX) if at.is_dir() else None
+        if descriptor is None and at.is_dir():
+            raise BusyError(
+                f"calibration {name} is in use, or being made",
+                hint="end the daemon or the capture that goes by it, or use another one",
+            )
+        try:
+            if at.is_symlink():
+                at.unlink()
+            else:
+                gone = at.with_name(f".{name}.forgotten")
+                at.rename(gone)
+                shutil.rmtree(gone)
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+    if _pins(config).get(config.rig.name) == name:
+        pin(config, None)
+
+
+def held(folder: Path, how: int = fcntl.LOCK_SH) -> int | None:
+    """A descriptor that keeps a calibration from being forgotten as long as it is open; None where
+    another one keeps this from being had. Raises OSError where there is no folder."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        return None
+    except OSError:  # a disk without locks
+        return descriptor
+    return descriptor
+
+
+def held_in_use(folder: Path) -> int | None:
+    """The same for who goes by the record in a folder; None where it cannot be had."""
+    try:
+        return held(folder.parent if folder.name.startswith(KEPT) else folder)
+    except OSError:
+        return None
+
+
 def _pins(config: Config) -> dict[str, str]:
     path = state_dir(config) / FOLDER / PINNED
     try:
@@ -259,16 +307,20 @@ def _last_kept(folder: Path) -> Path | None:
 
 def _locked(folder: Path) -> bool:
     """Whether somebody is making a calibration in this folder."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
+    descriptor = held(folder)
+    if descriptor is None:
         return True
-    except OSError:  # a disk without locks
-        return False
-    finally:
-        os.close(descriptor)
+    os.close(descriptor)
     return False
+
+
+def _flat(table: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """The values of nested tables by their dotted keys."""
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        below = _flat(value, f"{before}{name}.") if isinstance(value, dict) and value else {}
+        found |= below or {f"{before}{name}": value}
+    return found
 
 
 def _short(value: object) -> str:

@@ -52,9 +52,9 @@ class Choice:
         """What was passed over and why, for people, in one line; "" for nothing."""
         if not self.passed:
             return ""
-        more = f"; and {len(self.passed) - 1} more" if len(self.passed) > 1 else ""
+        more = f", and {len(self.passed) - 1} more" if len(self.passed) > 1 else ""
         used = "none is used" if self.folder is None else f"{name_of(self.folder)} is used"
-        return f"calibration {self.passed[0]}{more}: passed over, {used} (pdcd calibrate list)"
+        return f"{used}; calibration {self.passed[0]}{more}: passed over (see pdcd calibrate list)"
 
 
 def calibrated(config: Config) -> Config:
@@ -82,7 +82,7 @@ def choice(
         found = candidate(place_of(config, name), config)
         folder = place_of(config, name) if found is None else found.folder
         return _named(config, folder, "run pdcd calibrate use latest, or name another one")
-    passed = []
+    passed: list[str] = []
     for found in candidates(config):
         if not found.ours or found.running:
             continue

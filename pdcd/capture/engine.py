@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from pdcd.bench.calibration import read_calibration
-from pdcd.bench.choosing import FOLDER, other_devices
+from pdcd.bench.choosing import FOLDER, held_in_use, other_devices
 from pdcd.bench.folders import state_dir
 from pdcd.bench.measured import Choice, choice, name_among
 from pdcd.bench.tables import Config, SceneConfig
@@ -94,6 +95,7 @@ class Engine:
     ) -> None:
         self._asked, self._make_worker = config, worker
         self._note = ""
+        self._held: int | None = None
         self._set_up(choice(config))
 
     def _set_up(self, chosen: Choice) -> None:
@@ -145,11 +147,17 @@ class Engine:
             self._open()
 
     def _open(self) -> None:
+        used = self._config.calibration
+        if used.sha256 is not None and self._held is None:
+            self._held = held_in_use(Path(used.use))
         self._worker.start()  # which takes a while to get warm, as devices do
         self._rig.connect()
 
     def stop(self) -> None:
         """Make safe and release the rig. Idempotent."""
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
         try:
             self._rig.disconnect()
         finally:
