@@ -83,6 +83,11 @@ class LocalBench(Bench):
         return self._engine.grid
 
     @property
+    def note(self) -> str:
+        """Which calibrations were passed over, and why, in a line; "" for none."""
+        return self._engine.note
+
+    @property
     def optics(self) -> OpticalBench | None:
         """The virtual bench that photos are made of (`Engine.optics`)."""
         return self._engine.optics

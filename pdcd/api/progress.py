@@ -222,7 +222,8 @@ def _plain_words(event: Event) -> str:
         error = "unknown" if event.rms_sigma is None else f"{100.0 * event.rms_sigma:.2g} %"
         return f"part {event.part}: error {error}, wanted {100.0 * event.target:g} %"
     if isinstance(event, StepBegun):
-        return f"step {event.number} of {event.steps}: {event.step}"
+        note = f"{event.note}; " if event.note else ""
+        return f"{note}step {event.number} of {event.steps}: {event.step}"
     if isinstance(event, StepEnded):
         return f"{event.step}: {event.verdict}"
     if isinstance(event, Attention):

@@ -12,7 +12,9 @@
     <name>/preview/                  a picture for each step, to look at
 
 A calibration is whole: values that its steps did not measure are those of the calibration before
-it, each with the name of the folder in which its photos lie.
+it, each with the name of the folder in which its photos lie. One that is under way is kept step by
+step: `<name>.partial/kept-NN/` has the record, maps and arrays as step NN ended, and is complete
+from the moment on that it has its name.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -30,10 +32,12 @@ from msgspec import Meta
 from pdcd.bench.devices import CameraInfo
 from pdcd.errors import ConfigError
 from pdcd.files.opening import Unsound, open_own
-from pdcd.words import MarksName, SubjectName, VerdictName
+from pdcd.words import MarksName, StepName, SubjectName, VerdictName
 
 RECORD, DIGEST = "calibration.json", "calibration.json.sha256"
 MAPS, ARRAYS, PROFILE = "maps.npz", "arrays.npz", "sensor.toml"
+KEPT = "kept-"
+"""How folders begin that hold what was found so far."""
 SCHEMA = 1
 """Of `calibration.json`."""
 MAX_RECORD_BYTES = 2**24
@@ -118,6 +122,8 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     mask_hz: float
     iso: int
     f_number: float | None
+    truth: str = ""
+    """SHA-256 of the file that says what a mock bench really is; "" where there is none."""
 
 
 class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -165,6 +171,15 @@ class FileRecord(msgspec.Struct, frozen=True):
     size_bytes: Count
 
 
+class Stopped(msgspec.Struct, frozen=True, kw_only=True):
+    """What a calibration ended by that did not come to its end."""
+
+    step: str
+    kind: str
+    message: str
+    hint: str | None = None
+
+
 class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     """`calibration.json`."""
 
@@ -192,6 +207,34 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     """On what it was made, and what was asked of the geometry."""
     files: dict[str, FileRecord]
     """Every other file of the folder, but the digest."""
+    state: Literal["running", "done", "failed", "cancelled"] | None = None
+    """"running": as it was when its last step ended. None: of a version that kept no steps; all of
+    it is as good as its verdict."""
+    stopped: Stopped | None = None
+    left_out: dict[str, str] = {}
+    """Steps whose values are not among those measured, and why not."""
+    asked: tuple[StepName, ...] = ()
+    """Steps that were asked for by name; none: all that a bench needs."""
+    taken_over: dict[str, str] = {}
+    """Steps that were found by the calibration before, which had stopped, and when."""
+    bench: dict[str, Any] = {}
+    """Of a mock bench the tables that make it, as they were typed; the calibration is good for no
+    other."""
+
+    @property
+    def found(self) -> dict[str, str]:
+        """Steps whose values it has, and when they were measured."""
+        return {**self.taken_over, **self._own}
+
+    @property
+    def usable(self) -> bool:
+        """Whether any of it may be used: what is bad of it is left out, if it is not all bad."""
+        return self.verdict != "bad" or (self.state is not None and bool(self._own))
+
+    @property
+    def _own(self) -> dict[str, str]:
+        names = set(get_args(StepName)) - self.left_out.keys()
+        return {step.name: step.made_utc for step in self.steps if step.name in names}
 
 
 def tables_of(measured: Mapping[str, Entry]) -> dict[str, Any]:
@@ -223,14 +266,11 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
     Whether the other files are as they were is for `pdcd verify` to say.
     """
     try:
-        descriptor = open_own(folder / RECORD)
-        with os.fdopen(descriptor, "rb") as file:
-            data = file.read(MAX_RECORD_BYTES + 1)
-        if len(data) > MAX_RECORD_BYTES:
-            raise ConfigError(f"{RECORD} is longer than {MAX_RECORD_BYTES} bytes")
-        said = (folder / DIGEST).read_bytes()[:200]
+        data, said = (
+            read_small(folder / n, m) for n, m in ((RECORD, MAX_RECORD_BYTES), (DIGEST, 200))
+        )
         record = msgspec.json.decode(data, type=Calibration)
-    except (OSError, Unsound, ConfigError, msgspec.MsgspecError, ValueError) as err:
+    except (OSError, Unsound, ConfigError, msgspec.MsgspecError, ValueError, RecursionError) as err:
         why = getattr(err, "message", None) or str(err)
         raise ConfigError(
             f"the calibration in {folder} cannot be used: {why}",
@@ -242,3 +282,13 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
             hint="restore it from a copy, or calibrate again",
         )
     return record, hashlib.sha256(data).hexdigest()
+
+
+def read_small(path: Path, most: int) -> bytes:
+    """A regular file of at most so many bytes; nothing is waited for. Raises Unsound, ConfigError
+    and OSError."""
+    with os.fdopen(open_own(path), "rb") as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ConfigError(f"{path.name} is longer than {most} bytes")
+    return data

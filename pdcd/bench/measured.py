@@ -1,46 +1,114 @@
 """The configuration with what a calibration measured in the place of what was typed.
 
-`[calibration] use` says which one: the newest of the state folder, a folder by its path, or none.
+`[calibration] use` says which one: the newest of the state folder that fits, unless one was named
+by `pdcd calibrate use`, a folder by its path, or none.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from pdcd.bench.calibration import MAPS, RECORD, Calibration, Entry, read_calibration
-from pdcd.bench.folders import state_dir
+from pdcd.bench.calibration import KEPT, MAPS, Calibration, Entry, read_calibration
+from pdcd.bench.choosing import (
+    UNFINISHED,
+    candidate,
+    candidates,
+    other_bench,
+    other_devices,
+    pinned,
+    place_of,
+)
+from pdcd.bench.devices import CameraInfo, DisplayInfo
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.bench.truth import TYPED
 from pdcd.errors import ConfigError, disk_errors
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_maps
 from pdcd.panels.placing import Placing
+from pdcd.printable import one_line
 
-FOLDER = "calibrations"
-"""Below the state folder."""
-UNFINISHED = ".partial"
-"""How the name of a folder ends whose calibration did not come to its end, whatever lies in it."""
 DEVICES = ("projector", "mask", "camera")
 TIMES = ("mask.skew_s", *(f"{p}.{t}" for p in ("projector", "mask") for t in ("rise_s", "fall_s")))
 """Values by which a schedule of fewer refreshes can be trusted."""
 
 
-def calibrated(config: Config) -> Config:
-    """The configuration with the values of the calibration that it asks for.
+@dataclass(frozen=True)
+class Choice:
+    """Which calibration is used. config : with its values. folder : None for none. passed : those
+    that were passed over as newer ones that do not fit, a line each."""
 
-    `calibration.use` and `calibration.sha256` then name the one that was taken, so that doing this
-    again changes nothing. Where none is kept, "latest" is as good as "none". Raises ConfigError for
-    one that was named and cannot be used.
+    config: Config
+    folder: Path | None = None
+    passed: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """What was passed over and why, for people, in one line; "" for nothing."""
+        if not self.passed:
+            return ""
+        more = f", and {len(self.passed) - 1} more" if len(self.passed) > 1 else ""
+        used = "none is used" if self.folder is None else f"{name_of(self.folder)} is used"
+        return f"{used}; calibration {self.passed[0]}{more}: passed over (see pdcd calibrate list)"
+
+
+def calibrated(config: Config) -> Config:
+    """The configuration with the values of the calibration that it asks for (`choice`)."""
+    return choice(config).config
+
+
+def choice(
+    config: Config, camera: CameraInfo | None = None, display: DisplayInfo | None = None
+) -> Choice:
+    """The calibration that a configuration asks for, and the configuration with its values.
+
+    `calibration.use` and `calibration.sha256` of that name the one that was taken, so that doing
+    this again changes nothing. "latest" passes over what does not fit, or cannot be read, or is of
+    other devices than are open, where that is known; where none is left, it is as good as "none".
+    Raises ConfigError for one that was named and cannot be used.
     """
-    folder = chosen(config)
-    if folder is None:
-        return config
+    use = config.calibration.use
+    name = pinned(config) if use == "latest" else None
+    if "none" in (use, name):
+        return Choice(config)
+    if use != "latest":
+        return _named(config, Path(use), 'run pdcd calibrate, or set [calibration] use = "none"')
+    if name is not None:
+        found = candidate(place_of(config, name), config)
+        folder = place_of(config, name) if found is None else found.folder
+        return _named(config, folder, "run pdcd calibrate use latest, or name another one")
+    passed: list[str] = []
+    for found in candidates(config):
+        if not found.ours or found.running:
+            continue
+        why, record = found.why, found.record
+        if record is not None and (other := other_devices(record, camera, display)) is not None:
+            why = why or other[1]
+        if not why:
+            try:
+                return Choice(taken(config, found.folder), found.folder, tuple(passed))
+            except ConfigError as err:
+                if config.calibration.sha256 is not None:
+                    raise
+                why = one_line(err.message)
+        passed.append(f"{found.name}: {why}")
+    return Choice(config, None, tuple(passed))
+
+
+def chosen(config: Config) -> Path | None:
+    """Folder of the calibration that is asked for; None for none."""
+    use = config.calibration.use
+    return Path(use) if use not in ("none", "latest") else choice(config).folder
+
+
+def taken(config: Config, folder: Path) -> Config:
+    """The configuration with the values of the calibration in a folder. Raises ConfigError."""
     record, digest = read_calibration(folder)
     wanted = config.calibration.sha256
     if wanted is not None and wanted != digest:
@@ -48,42 +116,18 @@ def calibrated(config: Config) -> Config:
             f"the calibration in {folder} is not the one with the digest that is asked for",
             hint="remove [calibration] sha256, or name the folder that has it",
         )
-    refuse_other_bench(record, config)
-    taken = with_entries(config, kept(record, config.calibration), folder)
-    taken = with_guards(taken, record.measured)
-    return msgspec.structs.replace(
-        taken,
-        calibration=msgspec.structs.replace(config.calibration, use=str(folder), sha256=digest),
-    )
+    used = with_entries(config, kept(record, config.calibration), folder)
+    used = with_guards(used, record.measured)
+    # What with_values says of the table stays.
+    table = msgspec.structs.replace(used.calibration, use=str(folder), sha256=digest)
+    return msgspec.structs.replace(used, calibration=table)
 
 
-def chosen(config: Config) -> Path | None:
-    """Folder of the calibration that is asked for; None for none."""
-    use = config.calibration.use
-    if use == "none":
-        return None
-    if use != "latest":
-        return Path(use)
-    return newest(state_dir(config) / FOLDER, config)
-
-
-def newest(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
-    """The newest whole calibration of this rig in a folder, of those that are not bad or, if said,
-    of all; None where there is none."""
-    try:
-        finished = (p for p in folder.iterdir() if not p.name.endswith(UNFINISHED))
-        names = sorted((p for p in finished if (p / RECORD).is_file()), reverse=True)
-    except OSError:
-        return None
-    for candidate in names:
-        try:
-            record, _ = read_calibration(candidate)
-        except ConfigError:
-            continue
-        same = record.identity.rig == config.rig.name and not other_bench(record, config)
-        if same and (bad or record.verdict != "bad"):
-            return candidate.resolve() if candidate.is_symlink() else candidate
-    return None
+def _named(config: Config, folder: Path, hint: str) -> Choice:
+    """One that somebody named. Raises ConfigError where it does not fit, and says what to do."""
+    record, _ = read_calibration(folder)
+    refuse_other_bench(record, config, hint)
+    return Choice(taken(config, folder), folder)
 
 
 def name_among(folder: Path, calibrations: Path) -> None:
@@ -96,27 +140,20 @@ def name_among(folder: Path, calibrations: Path) -> None:
             (calibrations / folder.name).symlink_to(folder.resolve())
 
 
-def other_bench(record: Calibration, config: Config) -> str:
-    """What of the configuration is of another bench than was calibrated, in words; "" for none."""
-    belief = record.belief
-    for name in ("projector", "mask"):
-        size = belief.get(name, {}).get("size_px")
-        if size is not None and tuple(size) != getattr(config, name).size_px:
-            return f"{name}.size_px was {tuple(size)} and is {getattr(config, name).size_px}"
-    for table in ("display", "camera", "trigger"):
-        driver = belief.get(table, {}).get("driver")
-        if driver is not None and driver != getattr(config, table).driver:
-            return f"{table}.driver was {driver!r} and is {getattr(config, table).driver!r}"
-    return ""
-
-
-def refuse_other_bench(record: Calibration, config: Config) -> None:
+def refuse_other_bench(
+    record: Calibration,
+    config: Config,
+    hint: str = 'run pdcd calibrate, or set [calibration] use = "none"',
+) -> None:
     """Raise ConfigError where a calibration is of other panels or drivers."""
     if what := other_bench(record, config):
-        raise ConfigError(
-            f"calibration {record.name} is of another bench: {what}",
-            hint='run pdcd calibrate, or set [calibration] use = "none"',
-        )
+        raise ConfigError(f"calibration {record.name} is of another bench: {what}", hint=hint)
+
+
+def name_of(folder: Path) -> str:
+    """The name of the calibration whose record lies in a folder."""
+    at = folder.parent if folder.name.startswith(KEPT) else folder
+    return at.name.removesuffix(UNFINISHED)
 
 
 def kept(record: Calibration, table: CalibrationConfig) -> dict[str, Entry]:

@@ -6,7 +6,7 @@ calibration computes with.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -39,6 +39,27 @@ BY_HAND = frozenset({"coaxial"})
 """Steps that tell nothing unless somebody does what they ask."""
 METER = "meter"
 """What comes before all others."""
+GOES_BY: Mapping[str, frozenset[str]] = MappingProxyType(
+    {
+        "light": frozenset({"sensor"}),
+        "timing": frozenset({"geometry"}),
+        "shutter": frozenset({"geometry", "timing"}),
+        "registration": frozenset({"geometry", "timing"}),
+        "response": frozenset({"geometry"}),
+        "disparity": frozenset({"geometry"}),
+        "check": frozenset({"geometry", "timing"}),
+    }
+)
+"""Steps that each one sees the bench through: where what they found is bad, its own is not used."""
+STALE: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "geometry": ("rig.misregistration_px",),
+        "sensor": ("camera.responsivity_e",),
+    }
+)
+"""Values of other steps that a new outcome of a step makes untrue: what is left between the maps
+once they were corrected, and light in electrons of a gain that was measured anew. What a panel, a
+shutter or a lens does by itself stays true wherever it was seen."""
 
 
 def script_of(name: str, session: Session) -> Script:
@@ -48,6 +69,14 @@ def script_of(name: str, session: Session) -> Script:
     ).partition(":")
     run: Callable[[Session], Script] = getattr(import_module(module), function)
     return run(session)
+
+
+def spoilt_by(step: str, left_out: Collection[str]) -> str:
+    """Why the values of a good step are not used, when those of others are not; "" where they are.
+
+    left_out : steps of the same calibration."""
+    through = [name for name in STEPS if name in GOES_BY.get(step, ()) and name in left_out]
+    return f"it goes by {' and '.join(through)}" if through else ""
 
 
 def ordered(names: tuple[str, ...], subject: SubjectName = "card") -> tuple[str, ...]:

@@ -14,8 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pdcd.bench.calibration import RECORD, Calibration, read_calibration
+from pdcd.bench.choosing import newest, other_devices
 from pdcd.bench.devices import CameraInfo, Finding, fault
-from pdcd.bench.measured import age_days, newest
+from pdcd.bench.measured import age_days, name_of
 from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.job import Journal
@@ -28,8 +29,6 @@ from pdcd.sensor.raw import RawHead, read_head
 DAY = 1.0
 SESSION_DAYS = 1.0 / 24.0
 """A check that is so old is none of this session's, with `check = "always"`."""
-SAME_RATE = 1e-3
-"""Share by which a refresh rate may differ and be of the same mode."""
 
 
 @dataclass
@@ -161,13 +160,35 @@ def doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]:
     fixed = config.camera.f_number
     if fixed != "auto" and seen.f_number is not None and abs(fixed / seen.f_number - 1.0) > 0.06:
         yield f"calibration {record.name} was taken at f/{seen.f_number:g}, not at f/{fixed:g}"
+    yield from _left_out(record, folder)
+    yield from _bad_later(record, folder, config)
+    yield from _old(record, table)
+
+
+def _left_out(record: Calibration, folder: Path) -> Iterator[str]:
+    """What the calibration in use tried and could not find out."""
+    if record.left_out:
+        steps = "; ".join(f"{step}: {why}" for step, why in record.left_out.items())
+        yield f"not all of calibration {record.name} is used ({steps}): see {folder / RECORD}"
+    if record.stopped is not None:
+        yield (
+            f"calibration {record.name} stopped at {record.stopped.step}: "
+            f"{record.stopped.message}; pdcd calibrate goes on from there"
+        )
+
+
+def _bad_later(record: Calibration, folder: Path, config: Config) -> Iterator[str]:
+    """Whether a calibration or check of the same bench after this one found what is bad."""
     last = newest(folder.parent, config, bad=True)
-    if last is not None and last.name > folder.name:
+    if last is None or name_of(last) <= name_of(folder):
+        return
+    later, _ = read_calibration(last)
+    same = (later.bench, later.identity.truth) == (record.bench, record.identity.truth)
+    if same and later.verdict == "bad":
         yield (
             f"{last.name}, a calibration or check after {record.name}, found what is bad: see "
             f"{last / RECORD}, and calibrate again"
         )
-    yield from _old(record, table)
 
 
 def held_otherwise(config: Config, flip: int) -> bool:
@@ -183,36 +204,11 @@ def held_otherwise(config: Config, flip: int) -> bool:
 
 def _refuse_others(record: Calibration, rig: Rig) -> None:
     """Raise ConfigError for a calibration of other devices."""
-    seen, hint = record.identity, 'run pdcd calibrate, or set [calibration] use = "none"'
-    camera, display = rig.camera_info, rig.display_info
-    if camera is not None and (camera.model, camera.serial) != (
-        seen.camera_model,
-        seen.camera_serial,
-    ):
-        raise ConfigError(
-            f"calibration {record.name} is of {seen.camera_model} {seen.camera_serial}, and this "
-            f"is {camera.model} {camera.serial}",
-            device="camera",
-            hint=hint,
-        )
-    if display is None:
-        return
-    for name, then in (("projector", seen.projector), ("mask", seen.mask)):
-        now = display.identity.get(name, "")
-        if then and now and then != now:
-            raise ConfigError(
-                f"calibration {record.name} is of the {name} {then!r}, and this is {now!r}",
-                device=name,
-                hint=hint,
-            )
-    rate_hz = min(seen.projector_hz, seen.mask_hz)
-    if abs(display.refresh_hz / rate_hz - 1.0) > SAME_RATE:
-        raise ConfigError(
-            f"calibration {record.name} was made at {rate_hz:g} Hz, and the panels run at "
-            f"{display.refresh_hz:g} Hz",
-            device="display",
-            hint=hint,
-        )
+    other = other_devices(record, rig.camera_info, rig.display_info)
+    if other is not None:
+        device, text = other
+        hint = 'run pdcd calibrate, or set [calibration] use = "none"'
+        raise ConfigError(text, device=device, hint=hint)
 
 
 def _old(record: Calibration, table: CalibrationConfig) -> Iterator[str]:

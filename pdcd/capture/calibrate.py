@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from types import MappingProxyType
 
-import msgspec
-
-from pdcd.bench import calibration as kept
-from pdcd.bench.calibration import Calibration, CameraRecord, Entry, Identity, PhotoRecord
+from pdcd.bench.calibration import Entry, PhotoRecord
 from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.measured import chosen
 from pdcd.bench.tables import Config
 from pdcd.calibration.script import Ask
 from pdcd.calibration.steps import BY_HAND, METER, ordered
+from pdcd.capture.keeping import Before, Keeper, read_before, taken_over, taken_words
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.capture.worker.calibrating import Begin, Found, NextAsk, NextPhoto
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import CalibrationError, Cancelled, ConfigError, DeviceLost, SyncError, disk_errors
+from pdcd.errors import CalibrationError, Cancelled, DeviceLost, SyncError
 from pdcd.protocol import events
 from pdcd.protocol.events import Emit, Event, logged
 from pdcd.protocol.request import CalibrateRequest
@@ -29,11 +25,8 @@ from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import utc_now
 from pdcd.sensor.profile import SensorProfile
-from pdcd.version import __version__
 from pdcd.watch import Watch
-from pdcd.words import SubjectName, VerdictName
-
-logger = logging.getLogger(__name__)
+from pdcd.words import SubjectName
 
 FOLDERS = ("raw", "preview")
 """Below a calibration folder."""
@@ -45,7 +38,6 @@ SUBJECTS: Mapping[SubjectName, str] = MappingProxyType(
     }
 )
 """What somebody has to do before it begins."""
-ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
 
 
 @dataclass
@@ -66,33 +58,61 @@ class CalibrationRun:
     emit: Emit
     cancelled: Callable[[], bool]
     proceed: Callable[[str], None]
-    steps: list[kept.StepRecord] = field(default_factory=list)
-    flip: int | None = None
+    typed: Config | None = None
+    keeper: Keeper | None = None
+    ended_whole: bool = False
 
     def execute(self) -> CaptureResult:
-        """Take all photos, work them out, archive. Raises PdcdError."""
-        camera = self._camera()
-        started = utc_now()
-        before, digest = self._before()
+        """Take all photos, work them out, archive. Raises PdcdError; what its steps found until
+        then is kept all the same, in a whole folder (`ended_whole`)."""
+        camera, before = self._camera(), read_before(chosen(self.config))
         names, left_out = self._steps()
+        over = taken_over(before, self.request, names)
+        names = tuple(name for name in names if name not in over)
+        note = "" if before is None or not over else taken_words(before, over)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
+        self.keeper = self._keeper(camera, before, over)
+        step = METER
+        try:
+            self._begin(camera, before)
+            for number, step in enumerate((METER, *names)):
+                self._step(step, number, len(names), note if not number else "")
+            self._notify(events.Archived(job=self.job))
+        except Exception as err:
+            self.ended_whole = self.keeper.end_early(step, err)
+            raise
+        sha256 = self.keeper.finish("done")
+        self.ended_whole = True
+        return self._result(self.keeper, sha256, left_out, note)
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Steps whose values are kept, those taken over left out."""
+        return () if self.keeper is None else self.keeper.names
+
+    def _keeper(self, camera: CameraInfo, before: Before | None, over: dict[str, str]) -> Keeper:
+        def write(below: str) -> dict[str, Entry]:
+            return self.worker.do(self._watch(), Worker.measured, below)
+
+        return Keeper(
+            self.config, self.typed or self.config, self.rig, self.profile, camera, self.folder,
+            self.job, self.request, before, over, write,
+        )  # fmt: skip
+
+    def _begin(self, camera: CameraInfo, before: Before | None) -> None:
+        """Tell the worker what is known, and have somebody put up what is to be seen."""
         helped = self.request.attended or self.rig.mock
         subject, marks = self.request.subject, self.request.marks
-        begin = Begin(self.config, self.profile, camera, before, helped, subject, marks)
+        folder = None if before is None else before.folder
+        begin = Begin(self.config, self.profile, camera, folder, helped, subject, marks)
         self.worker.do(self._watch(), Worker.calibrate, begin, self.folder.path)
         if self.request.attended:
             self._ask(Ask(SUBJECTS[subject]))
-        for number, name in enumerate((METER, *names)):
-            self._step(name, number, len(names))
-        measured = self.worker.do(self._watch(), Worker.measured)
-        if before is not None:
-            self._carry_over(before, measured)
-        record = self._record(started, measured, camera, digest)
-        self._notify(events.Archived(job=self.job))
-        record = msgspec.structs.replace(record, files=self._files())
-        data = kept.encoded(record)
-        line = kept.digest_line(data)
-        sha256 = self.folder.finish_with(data, kept.RECORD, line, kept.DIGEST, self.rig.pulse)
+
+    def _result(
+        self, keeper: Keeper, sha256: str, left_out: tuple[str, ...], note: str
+    ) -> CaptureResult:
+        steps = keeper.steps
         return CaptureResult(
             job=self.job,
             state="done",
@@ -100,16 +120,19 @@ class CalibrationRun:
             folder=str(self.folder.where),
             files=(*self.folder.files(),),
             summary={
-                "verdict": record.verdict,
-                "steps": len(self.steps),
-                "photos": sum(len(step.photos) for step in self.steps),
-                "computing_s": sum(step.seconds for step in self.steps),
+                "verdict": keeper.verdict,
+                "steps": len(steps),
+                "photos": sum(len(step.photos) for step in steps),
+                "computing_s": sum(step.seconds for step in steps),
             },
             warnings=(
+                *([note] if note else []),
                 *(f"{name}: left out, for nobody is asked to lend a hand" for name in left_out),
-                *(f"{step.name}: {text}" for step in self.steps for text in step.advice),
+                *(f"{step.name}: {text}" for step in steps for text in step.advice),
+                *(f"{name}: not used: {why}" for name, why in keeper.left_out.items()),
+                *keeper.stale.values(),
             ),
-            passed=record.verdict != "bad",
+            passed=keeper.verdict != "bad",
         )
 
     def _steps(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -131,20 +154,11 @@ class CalibrationRun:
             raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
         return self.rig.camera_info
 
-    def _before(self) -> tuple[Path | None, str | None]:
-        """Folder and digest of the calibration that is in use, where there is one."""
-        folder = chosen(self.config)
-        if folder is None:
-            return None, None
-        try:
-            return folder, kept.read_calibration(folder)[1]
-        except ConfigError as err:
-            logger.warning("calibration before cannot be used: %s", err)
-            return None, None
-
-    def _step(self, name: str, number: int, count: int) -> None:
-        """Run one step to its end; the metering before all of them is told of as step 1."""
-        self._notify(events.StepBegun(step=name, number=max(number, 1), steps=count))
+    def _step(self, name: str, number: int, count: int, note: str) -> None:
+        """Run one step to its end, and keep what it found; the metering before all of them is told
+        of as step 1."""
+        begun = events.StepBegun(step=name, number=max(number, 1), steps=count, note=note)
+        self._notify(begun)
         wanted = self.worker.do(self._watch(), Worker.step, name, utc_now())
         while not isinstance(wanted, Found):
             if isinstance(wanted, NextAsk):
@@ -154,7 +168,8 @@ class CalibrationRun:
                 photo = self._photo(wanted)
                 wanted = self.worker.do(self._watch(), Worker.photo, photo)
         step = wanted.step
-        self.steps.append(step)
+        if self.keeper is not None:
+            self.keeper.keep(wanted)
         self._notify(
             events.StepEnded(
                 step=step.name,
@@ -216,8 +231,8 @@ class CalibrationRun:
     def _taken(self, wanted: NextPhoto, done: Exposure) -> PhotoRecord:
         """What is kept of a photo; its first one tells how the camera is held."""
         file = str(done.raw.path.relative_to(self.folder.path))
-        if self.flip is None:
-            self.flip = self.worker.do(self._watch(), Worker.flip, self.folder.path, file)
+        if self.keeper is not None and self.keeper.flip is None:
+            self.keeper.flip = self.worker.do(self._watch(), Worker.flip, self.folder.path, file)
         log = done.log
         return PhotoRecord(
             name=wanted.name,
@@ -242,65 +257,6 @@ class CalibrationRun:
         self._notify(events.Attention(text=ask.text, now=ask.now, best=ask.best))
         self.proceed(ask.text)
         self._look_for_cancel()
-
-    def _carry_over(self, before: Path, measured: dict[str, Entry]) -> None:
-        """Take over what this calibration did not measure from the one before. Raises NoSpaceError
-        and DiskError."""
-        record, _ = kept.read_calibration(before)
-        for key, entry in record.measured.items():
-            if key in measured:
-                continue
-            source = entry.folder or str(before)
-            measured[key] = msgspec.structs.replace(entry, folder=source)
-        own, old = self.folder.path / kept.PROFILE, before / kept.PROFILE
-        if "camera.profile" in measured and not own.exists() and old.exists():
-            with disk_errors(str(self.folder.where)):
-                own.write_bytes(old.read_bytes())
-
-    def _record(
-        self, started: str, measured: dict[str, Entry], camera: CameraInfo, before: str | None
-    ) -> Calibration:
-        config, display = self.config, self.rig.display_info
-        settings = self.steps[-1].settings if self.steps else {}
-        worst = max((ORDER.index(step.verdict) for step in self.steps), default=0)
-        named = {} if display is None else display.identity
-        return Calibration(
-            schema=kept.SCHEMA,
-            name=self.job,
-            version=__version__,
-            started_utc=started,
-            finished_utc=utc_now(),
-            verdict=ORDER[worst],
-            identity=Identity(
-                rig=config.rig.name,
-                camera_model=camera.model,
-                camera_serial=camera.serial,
-                frame_quads=camera.frame_quads,
-                flip=self.flip,
-                projector=named.get("projector", ""),
-                mask=named.get("mask", ""),
-                projector_hz=config.projector.refresh_hz,
-                mask_hz=config.mask.refresh_hz,
-                iso=int(settings.get("iso", 0)),
-                f_number=settings.get("f_number"),
-            ),
-            belief=msgspec.to_builtins(config),
-            camera=CameraRecord.of(camera),
-            profile=msgspec.to_builtins(self.profile),
-            measured=measured,
-            config=kept.tables_of(measured),
-            steps=tuple(self.steps),
-            before=before,
-            subject=self.request.subject,
-            marks=self.request.marks,
-            files={},
-        )
-
-    def _files(self) -> dict[str, kept.FileRecord]:
-        return {
-            name: kept.FileRecord(found.sha256, found.size_bytes)
-            for name, found in self.folder.hashes(self._look_for_cancel).items()
-        }
 
     def _watch(self) -> Watch:
         def step(done: float, total: float) -> None:

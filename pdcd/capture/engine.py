@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from pdcd.bench.calibration import read_calibration
+from pdcd.bench.choosing import FOLDER, held_in_use, other_devices
 from pdcd.bench.folders import state_dir
-from pdcd.bench.measured import FOLDER, calibrated, name_among
+from pdcd.bench.measured import Choice, choice, name_among
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.job import Job, failure_of, planning
 from pdcd.capture.rig import Rig
@@ -72,6 +75,18 @@ def _unsafe(result: CaptureResult) -> CaptureResult:
     return msgspec.structs.replace(result, warnings=(*result.warnings, text))
 
 
+def _kept_in(result: CaptureResult, steps: tuple[str, ...]) -> CaptureResult:
+    """The result of a calibration that stopped, with what it found until then."""
+    text = f"kept: {', '.join(steps)}; pdcd calibrate goes on from there"
+    return msgspec.structs.replace(result, warnings=(*result.warnings, text))
+
+
+def _used(result: CaptureResult, config: Config) -> CaptureResult:
+    """The result of a calibration, with whether it is the one in use from now on."""
+    used = Path(config.calibration.use).resolve() == Path(str(result.folder)).resolve()
+    return msgspec.structs.replace(result, summary={**result.summary, "used": int(used)})
+
+
 class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
@@ -79,11 +94,16 @@ class Engine:
         self, config: Config, worker: Callable[[Facts], WorkerProxy] = InProcessWorker
     ) -> None:
         self._asked, self._make_worker = config, worker
-        self._set_up(calibrated(config))
+        self._note = ""
+        self._held: int | None = None
+        self._set_up(choice(config))
 
-    def _set_up(self, config: Config) -> None:
-        """Make the rig of a configuration, closed, and who works for it."""
-        config = with_grid(config)
+    def _set_up(self, chosen: Choice) -> None:
+        """Make the rig of a configuration with its calibration, closed, and who works for it."""
+        if chosen.words and chosen.words != self._note:
+            logger.info("%s", chosen.words, extra={"for_people": True})
+        self._note = chosen.words
+        config = with_grid(chosen.config)
         rig, profile = Rig(config), load_profile(config.camera.profile)
         self._worker = self._make_worker(Facts(config, profile, rig.grid, rig.scene))
         self._config, self._rig, self._profile = config, rig, profile
@@ -112,11 +132,32 @@ class Engine:
 
     def start(self) -> None:
         """Open the rig. On return panels are black, the shutter is closed, the camera answers."""
+        self._open()
+        used, rig = self._config.calibration, self._rig
+        if self._asked.calibration.use != "latest" or used.sha256 is None:
+            return
+        record, _ = read_calibration(Path(used.use))
+        if other_devices(record, rig.camera_info, rig.display_info) is None:
+            return
+        # Nobody named it: another one that fits the devices is used, or none.
+        found = choice(self._asked, rig.camera_info, rig.display_info)
+        if found.config.calibration.sha256 != used.sha256:
+            self.stop()
+            self._set_up(found)
+            self._open()
+
+    def _open(self) -> None:
+        used = self._config.calibration
+        if used.sha256 is not None and self._held is None:
+            self._held = held_in_use(Path(used.use))
         self._worker.start()  # which takes a while to get warm, as devices do
         self._rig.connect()
 
     def stop(self) -> None:
         """Make safe and release the rig. Idempotent."""
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
         try:
             self._rig.disconnect()
         finally:
@@ -126,6 +167,11 @@ class Engine:
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
         return self._rig.grid
+
+    @property
+    def note(self) -> str:
+        """Which calibrations were passed over, and why, in a line; "" for none."""
+        return self._note
 
     @property
     def optics(self) -> OpticalBench | None:
@@ -276,7 +322,10 @@ class Engine:
             try:
                 place = parent or held.enter_context(Place.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
-                run = Run(self._config, self._rig, self._profile, self._worker, folder, ordered)
+                notes = (self._note,) if self._note else ()
+                run = Run(
+                    self._config, self._rig, self._profile, self._worker, folder, ordered, notes
+                )
                 result = run.execute(self.describe())
             except Exception as err:
                 failure = _failure(err, "capture", job)
@@ -303,29 +352,31 @@ class Engine:
     ) -> CaptureResult:
         """Have the bench measure itself; never raises for what goes wrong in it.
 
-        When it returns, panels are black and the shutter is closed, and a calibration that is not
-        bad is in use from then on. `proceed(text)` returns once somebody has done what the text
-        asks; `emit` and `cancelled` are those of `capture`. A mock bench puts up its own card, if
-        it shall be one. `out` : where its folder is made; None: in the state folder, where others
-        get a link, by which it is found.
+        When it returns, panels are black and the shutter is closed, and what is not bad of the
+        calibration is in use from then on, also where it stopped. `proceed(text)` returns once
+        somebody has done what the text asks; `emit` and `cancelled` are those of `capture`. A mock
+        bench puts up its own card, if it shall be one. `out` : where its folder is made; None: in
+        the state folder, where others get a link, by which it is found.
         Raises ConfigError where the rig cannot be as it was measured, which goes on as it was.
         """
         from pdcd.capture.calibrate import FOLDERS, CalibrationRun  # no start waits for the steps
 
         rig = self._rig if request.subject == "scene" else self._with_card()
         rig.pulse.heard_by = cancelled
-        safe, folder, failure = False, None, None
+        safe, folder, failure, run = False, None, None, None
         with ExitStack() as held:
             try:
                 place = held.enter_context(Place.at(out or self._calibrations))
                 folder = held.enter_context(RunFolder(place, job, below=FOLDERS))
                 run = CalibrationRun(
                     self._config, rig, self._profile, self._worker, folder, job, request, emit,
-                    cancelled, proceed,
+                    cancelled, proceed, self._asked,
                 )  # fmt: skip
-                result = run.execute()
-                if out is not None and result.folder is not None:
-                    name_among(Path(result.folder), self._calibrations)
+                try:
+                    result = run.execute()
+                finally:
+                    if out is not None and run.ended_whole and folder.where is not None:
+                        name_among(folder.where, self._calibrations)
             except Exception as err:
                 failure = _failure(err, "calibration", job)
             finally:
@@ -333,13 +384,18 @@ class Engine:
                 if rig is not self._rig:
                     rig.disconnect()
                     self._rig.connect()
+            whole = failure is None or (run is not None and run.ended_whole)
             if failure is not None:
-                result = failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+                now_ns = self._rig.clock.now_ns()
+                result = failure_of(job, folder, now_ns, failure, safe=safe, log=not whole)
                 result = msgspec.structs.replace(result, passed=False)
+                if whole and run is not None:
+                    result = _kept_in(result, run.kept)
         result = result if safe else _unsafe(result)
         # Only now: it is another rig that goes on.
-        if result.passed is True:
+        if whole and not isinstance(failure, DeviceLost):
             self._adopt()
+            result = _used(result, self._config)
         return result
 
     @property
@@ -368,7 +424,7 @@ class Engine:
         was_open = self._rig.camera_info is not None
         self.stop()
         try:
-            self._set_up(calibrated(self._asked))
+            self._set_up(choice(self._asked))
         finally:  # where what was measured cannot be, by the configuration as it was
             if was_open:
                 self.start()

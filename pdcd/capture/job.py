@@ -268,9 +268,11 @@ def failure_of(
     safe: bool,
     taken: str | None = None,
     warnings: Sequence[str] = (),
+    log: bool = True,
 ) -> CaptureResult:
     """The result of a job that did not finish; its folder keeps the name that says so.
 
+    `log` : whether it is written into the folder, which is not whole yet.
     `safe` is whether panels are black and the shutter is closed; log.jsonl keeps it. `taken` says
     which of its shots are there, where any is. `warnings` are those that it gave until then.
     """
@@ -282,10 +284,12 @@ def failure_of(
         for key in ("message", "device"):
             text = fields[key]
             fields[key] = None if text is None else _shown(text, folder.path, where)
+        event = "cancelled" if cancelled else "failed"
+        shots = {} if taken is None else {"taken": taken}
+        line = {"t_mono_ns": now_ns, "event": event, **fields, "safe": safe, **shots}
         try:
-            event = "cancelled" if cancelled else "failed"
-            shots = {} if taken is None else {"taken": taken}
-            folder.log({"t_mono_ns": now_ns, "event": event, **fields, "safe": safe, **shots})
+            if log:
+                folder.log(line)
         except PdcdError as err:
             logger.warning("cannot write log.jsonl error=%s", err)
     return CaptureResult(

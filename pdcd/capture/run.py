@@ -54,11 +54,14 @@ class Run:
         worker: WorkerProxy,
         folder: RunFolder,
         job: Job,
+        notes: tuple[str, ...] = (),
     ) -> None:
+        """notes : what else the user is to know of the bench."""
         if rig.camera_info is None:
             raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
         self._config, self._rig, self._profile = config, rig, profile
         self._camera: CameraInfo = rig.camera_info
+        self._notes = notes
         self._worker, self._folder, self._job = worker, folder, job
         self._adopted: Adopted | None = None
         self._taken: list[str] = []
@@ -93,7 +96,7 @@ class Run:
         )
         self._ledger.begin(begun)
         self._adopt(adopted)
-        for text in (*doubtful, *planned.warnings):
+        for text in (*self._notes, *doubtful, *planned.warnings):
             self._journal.warn(text)
         if self._rig.mixed is not None:
             self._journal.warn(self._rig.mixed)

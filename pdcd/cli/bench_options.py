@@ -74,12 +74,18 @@ def _calibrate(parser: argparse.ArgumentParser) -> None:
     from pdcd.protocol.fields import fields_of
     from pdcd.protocol.request import CalibrateRequest
 
-    parser.usage = "%(prog)s [OPTIONS] [STEP ...]"
+    parser.usage = (
+        "%(prog)s [OPTIONS] [STEP ...]\n"
+        "       %(prog)s list | use NAME|none|latest | forget NAME [--yes]  "
+        "[--config FILE] [--json]"
+    )
     parser.add_argument(
         "step",
         nargs="*",
         metavar="STEP",
-        help=f"default: all that a bench needs; or of {', '.join(get_args(StepName))}",
+        help=f"default: all that a bench needs; or of {', '.join(get_args(StepName))}. In its "
+        "place list: the calibrations that are kept; use: go by one, by name, or by the latest; "
+        "forget: remove one",
     )
     parser.add_argument(
         "--scene",
@@ -88,13 +94,20 @@ def _calibrate(parser: argparse.ArgumentParser) -> None:
     )
     add_field(parser, fields_of(CalibrateRequest)["marks"])
     parser.add_argument(
+        "--anew",
+        action="store_true",
+        help="measure all steps, also those found by a calibration that stopped not long ago",
+    )
+    parser.add_argument(
         "--again", type=Path, metavar="FOLDER", help="compute a calibration again from its photos"
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="make the folder in DIR; goes with --local"
     )
     parser.add_argument(
-        "--yes", action="store_true", help="wait for nobody: the card is where it has to be"
+        "--yes",
+        action="store_true",
+        help="wait for nobody: the card is where it has to be; forget without asking",
     )
     queue_option(parser)
     parser.add_argument(

@@ -13,6 +13,7 @@ from pdcd.api.progress import bar, tell
 from pdcd.api.signals import held_back, signals_to
 from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
+from pdcd.cli.calibrations import ACTIONS, manage
 from pdcd.cli.capture import daemon_socket, refuse_with_local
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table, say_text
@@ -29,6 +30,8 @@ LOOK_S = 0.1
 
 def calibrate(args: argparse.Namespace) -> int:
     """Measure, and print every figure with its limit and verdict; fails when one is bad."""
+    if args.step and args.step[0] in ACTIONS:
+        return manage(args, args.step)
     if args.again is not None:
         return _again(args)
     unknown = [name for name in args.step if name not in get_args(StepName)]
@@ -49,6 +52,7 @@ def calibrate(args: argparse.Namespace) -> int:
         attended=attended,
         subject="scene" if args.scene else "card",
         marks=args.marks,
+        anew=args.anew,
     )
     ended: list[StepEnded] = []
     with bar() as show:
@@ -131,7 +135,9 @@ def _say_end(result: CaptureResult) -> int:
     if result.state != "done":
         return say_result(result, as_json=False)
     verdict = str(result.summary.get("verdict"))
-    used = "not used: mend what is bad, and calibrate again" if verdict == "bad" else "in use"
+    used = "in use" if result.summary.get("used") else "not used: pdcd calibrate list says why"
+    if verdict == "bad":
+        used = f"{used}, but for what is bad: mend that, and calibrate it again"
     say_table(
         [
             ["verdict", f"{verdict}, {used}"],
@@ -148,7 +154,7 @@ def _again(args: argparse.Namespace) -> int:
     """Compute a calibration again; fails when a value differs from the one kept."""
     from pdcd.capture.again import again
 
-    if args.step or args.local or args.socket or args.scene or args.marks != "auto":
+    if args.step or args.anew or args.local or args.socket or args.scene or args.marks != "auto":
         raise ConfigError("--again goes alone: it needs no rig and takes all steps of the folder")
     report = again(args.again)
     items = ((item.name, item.identical) for item in report.items)

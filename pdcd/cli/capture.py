@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pdcd.api.local import local
-from pdcd.api.progress import bar
+from pdcd.api.progress import bar, tell
 from pdcd.api.signals import held_back, signals_to
 from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
@@ -169,6 +169,8 @@ def _plan(
             with client:
                 return client.plan(request, arrays=files, queue=args.queue)
     with local(args.config) as bench:
+        if bench.note:
+            tell(f"warning: {bench.note}")
         return bench.foresee(request, files)
 
 

@@ -7,12 +7,12 @@ import json
 
 from pdcd.api.progress import bar
 from pdcd.bench.config import find, load, read, schema, show
-from pdcd.bench.measured import calibrated
+from pdcd.bench.measured import calibrated, choice
 from pdcd.bench.origins import age_words, origins
 from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import say, say_compared, say_json, say_table
+from pdcd.cli.output import say, say_compared, say_json, say_table, say_text
 from pdcd.errors import ConfigError
 from pdcd.protocol.events import Decoded
 from pdcd.version import __version__
@@ -52,7 +52,18 @@ def config(args: argparse.Namespace) -> int:
     if lines:
         raise faults_error(source, lines)
     say(f"sound: {source}" if source else "sound: no file, the mock bench")
+    _say_calibration(settings)
     return DONE
+
+
+def _say_calibration(settings: Config) -> None:
+    """Print which calibration would be used, and all that are passed over. Raises ConfigError for
+    one that was named and cannot be used."""
+    found = choice(settings)
+    used = age_words(settings) if found.folder is not None else "none"
+    say(f"calibration: {used}")
+    for text in found.passed:
+        say_text(f"passed over: {text}")
 
 
 def _show(args: argparse.Namespace) -> int:

@@ -141,6 +141,7 @@ class StepBegun(Event, frozen=True, kw_only=True, tag_field="type", tag="step_be
     step: Annotated[str, Meta(description="name of the step")]
     number: Annotated[int, Meta(ge=1, description="its number among the steps of the job")]
     steps: Annotated[int, Meta(ge=1, description="how many steps the job has")]
+    note: Annotated[str, Meta(description="what to know before it, where there is anything")] = ""
 
 
 class StepEnded(Event, frozen=True, kw_only=True, tag_field="type", tag="step_ended"):

@@ -420,3 +420,10 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             "calibration",
         ),
     ] = "auto"
+    anew: Annotated[
+        bool,
+        about(
+            "measure all steps, also those that a calibration found which stopped not long ago",
+            "calibration",
+        ),
+    ] = False

@@ -197,16 +197,16 @@ class RunFolder:
             for name in self.files():
                 if name.startswith("raw/"):
                     (self.path / name).chmod(0o440)
-                _sync(self.path / name)
+                sync(self.path / name)
                 alive()
             temporary = self.path / f"{record}.new"
             temporary.write_bytes(data)
-            _sync(temporary)
+            sync(temporary)
             temporary.rename(self.path / record)
             try:
                 for folder in (*self.path.iterdir(), self.path):
                     if folder.is_dir():
-                        _sync(folder)
+                        sync(folder)
                 self._name()
             except BaseException:
                 # A folder that did not get its name must not look finished from inside either.
@@ -250,13 +250,17 @@ class RunFolder:
     def _shown(self) -> str:
         return str(self.where or self._job)
 
-    def hashes(self, alive: Callable[[], object] = lambda: None) -> dict[str, FileRecord]:
-        """SHA-256 and size of every file so far.
+    def hashes(
+        self, alive: Callable[[], object] = lambda: None, *, skip: tuple[str, ...] = ()
+    ) -> dict[str, FileRecord]:
+        """SHA-256 and size of every file so far, but of those whose paths begin with one of `skip`.
 
         `alive` is called now and then, and may raise to end the work.
         """
         found: dict[str, FileRecord] = {}
         for name in self.files():
+            if name.startswith(skip):
+                continue
             with opened_file(self.fd, name) as descriptor:
                 found[name] = FileRecord(*hashed(descriptor, alive))
         return found
@@ -315,7 +319,8 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Have a file or a folder written through to the disk. Raises OSError."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

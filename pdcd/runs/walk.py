@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from pdcd.bench.measured import FOLDER as CALIBRATIONS
+from pdcd.bench.choosing import FOLDER as CALIBRATIONS
 from pdcd.errors import DiskError, RequestError
 from pdcd.files.inside import WAY
 

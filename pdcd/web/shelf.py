@@ -16,7 +16,7 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd.bench.measured import FOLDER as CALIBRATIONS
+from pdcd.bench.choosing import FOLDER as CALIBRATIONS
 from pdcd.errors import DecodeError, RequestError
 from pdcd.files.inside import read_file
 from pdcd.protocol.entry import RunEntry

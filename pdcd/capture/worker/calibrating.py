@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,15 @@ from pdcd.bench.calibration import (
     FigureRecord,
     PhotoRecord,
     StepRecord,
+    read_small,
 )
 from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
-from pdcd.calibration.steps import METER, script_of
-from pdcd.errors import CalibrationError, PdcdError, disk_errors
+from pdcd.calibration.steps import METER, script_of, spoilt_by
+from pdcd.errors import CalibrationError, ConfigError, PdcdError, disk_errors
 from pdcd.files.arrays import members, read_npz
 from pdcd.files.opening import Limits, Unsound
 from pdcd.panels.frames import Frames
@@ -42,6 +43,8 @@ HELPED = "helped"
 """Of the settings of a step: 1 where what it asked of a person was done."""
 MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
+MAX_ARRAYS_BYTES = 2**30
+"""Most bytes of the file that holds them all."""
 FILES = {"disparity.right": "disparities.npy"}
 """Arrays that a request takes, by the step that finds them: files of their own, too."""
 VERDICTS: Mapping[Verdict, VerdictName] = {
@@ -73,9 +76,10 @@ class NextAsk:
 
 @dataclass(frozen=True)
 class Found:
-    """The step is done."""
+    """The step is done. left_out : why its values are not used; "" where they are."""
 
     step: StepRecord
+    left_out: str = ""
 
 
 Next = NextPhoto | NextAsk | Found
@@ -114,6 +118,11 @@ class Study:
     settings: dict[str, float] = field(default_factory=dict)
     entries: dict[str, Entry] = field(default_factory=dict)
     profile_text: str | None = None
+    left_out: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # What is kept: steps that are bad are learned from no further than this calibration goes.
+        self.kept = replace(self.session, arrays=dict(self.session.arrays), done=[])
 
     @classmethod
     def begun(cls, begin: Begin, folder: Path) -> Study:
@@ -183,7 +192,8 @@ class Study:
         except StopIteration as end:
             self.script = None
             self.seconds += time.process_time() - began_s
-            return Found(self._learn(end.value))
+            step = self._learn(end.value)
+            return Found(step, self.left_out.get(step.name, ""))
         self.seconds += time.process_time() - began_s
         if isinstance(wanted, Ask):
             return NextAsk(wanted)
@@ -202,17 +212,14 @@ class Study:
         )
 
     def _learn(self, outcome: Outcome) -> StepRecord:
-        """Keep what a step found."""
+        """Go on by what a step found, and keep it unless it is bad or goes by what is."""
         step = self.step
         self.session.learn(step, outcome)
-        for key, found in outcome.words.items():
-            self.entries[key] = Entry(
-                value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
-            )
-        if outcome.profile is not None:
-            from pdcd.calibration.sensor.body import profile_text  # what a capture never needs
-
-            self.profile_text = profile_text(outcome.profile)
+        why = "bad" if outcome.verdict is Verdict.BAD else spoilt_by(step, self.left_out)
+        if why:
+            self.left_out[step] = why
+        else:
+            self._keep(step, outcome)
         if outcome.picture is not None:
             with disk_errors(str(self.folder)):
                 write_png(self.folder / "preview" / f"{step}.png", outcome.picture)
@@ -227,24 +234,39 @@ class Study:
             settings=self.settings,
         )
 
-    def write(self) -> dict[str, Entry]:
-        """Write maps, arrays and profile; returns what was measured. Raises DiskError."""
+    def _keep(self, step: str, outcome: Outcome) -> None:
+        self.kept.learn(step, outcome)
+        for key, found in outcome.words.items():
+            self.entries[key] = Entry(
+                value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
+            )
+        if outcome.profile is not None:
+            from pdcd.calibration.sensor.body import profile_text  # what a capture never needs
+
+            self.profile_text = profile_text(outcome.profile)
+
+    def write(self, below: str = "") -> dict[str, Entry]:
+        """Write maps, arrays and profile of what is kept so far, into a folder of that name below;
+        returns what was measured. Raises DiskError."""
+        folder, kept = self.folder / below, self.kept
         with disk_errors(str(self.folder)):
+            if below:
+                folder.mkdir()
             if maps := self._all_maps():
-                save_maps(self.folder / MAPS, maps)
-            if self.session.arrays:  # the focus keeps none
-                write_arrays(self.folder / ARRAYS, self.session.arrays)
+                save_maps(folder / MAPS, maps)
+            if kept.arrays:  # the focus keeps none
+                write_arrays(folder / ARRAYS, kept.arrays)
             for name, file in FILES.items():
-                if name.partition(".")[0] in self.session.done:
-                    np.save(self.folder / file, self.session.arrays[name], allow_pickle=False)
+                if name.partition(".")[0] in kept.done:
+                    np.save(folder / file, kept.arrays[name], allow_pickle=False)
             if self.profile_text is not None:
-                (self.folder / PROFILE).write_text(self.profile_text)
+                (folder / PROFILE).write_text(self.profile_text)
         return self.entries
 
     def _all_maps(self) -> dict[str, Map]:
         """The maps of all devices, those of this calibration and those that it did not measure."""
         places = {
-            name: getattr(self.session.config, name).place.map
+            name: getattr(self.kept.config, name).place.map
             for name in ("projector", "mask", "camera")
         }
         return {name: map_ for name, map_ in places.items() if isinstance(map_, Map)}
@@ -263,13 +285,13 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of a calibration; none where it kept none. Raises CalibrationError."""
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return {}
-    except OSError as err:
-        raise CalibrationError(f"{path} cannot be read: {err.strerror}") from err
-    try:
+        if not path.exists():
+            return {}
+        data = read_small(path, MAX_ARRAYS_BYTES)
         return dict(read_npz(data, dict.fromkeys(members(data), Limits(MAX_ARRAY_VALUES))))
+    except (OSError, ConfigError) as err:
+        why = getattr(err, "strerror", None) or str(err)
+        raise CalibrationError(f"{path} cannot be used: {why}") from err
     except Unsound as err:
         raise CalibrationError(
             f"{path} cannot be used: {err.message}",

@@ -174,9 +174,10 @@ class Worker:
         """Go on: somebody did what was asked."""
         return self._of_study().answered()
 
-    def measured(self, watch: Watch) -> dict[str, Entry]:
-        """Write what all steps found into the folder, and return the values. Raises DiskError."""
-        return self._of_study().write()
+    def measured(self, watch: Watch, below: str = "") -> dict[str, Entry]:
+        """Write what all steps found so far into a folder below that of the calibration, and
+        return the values. Raises DiskError."""
+        return self._of_study().write(below)
 
     def flip(self, watch: Watch, folder: Path, raw: str) -> int:
         """How the camera was held: `RawHead.flip` of a photo in a folder. Raises DecodeError."""

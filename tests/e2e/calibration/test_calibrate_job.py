@@ -18,8 +18,9 @@ import pytest
 
 from pdcd.bench import calibration as kept
 from pdcd.bench.calibration import read_calibration
+from pdcd.bench.choosing import FOLDER, newest
 from pdcd.bench.config import load
-from pdcd.bench.measured import FOLDER, calibrated, newest
+from pdcd.bench.measured import calibrated
 from pdcd.bench.origins import origins
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.again import again
@@ -284,7 +285,9 @@ def test_damaged_and_bad_ones_are_not_the_latest(
     def keep(name: str, verdict: str, line: bytes | None = None) -> Path:
         made = tmp_path / name
         made.mkdir()
-        data = kept.encoded(msgspec.structs.replace(record, name=name, verdict=verdict))
+        left_out = {"geometry": "bad"} if verdict == "bad" else {}
+        told = msgspec.structs.replace(record, name=name, verdict=verdict, left_out=left_out)
+        data = kept.encoded(told)
         (made / kept.RECORD).write_bytes(data)
         (made / kept.DIGEST).write_bytes(line or kept.digest_line(data))
         return made

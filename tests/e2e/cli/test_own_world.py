@@ -17,9 +17,10 @@ from pathlib import Path
 
 import pytest
 
+from pdcd.bench.choosing import FOLDER
 from pdcd.bench.config import find
 from pdcd.bench.folders import socket_path, state_dir
-from pdcd.bench.measured import FOLDER, calibrated
+from pdcd.bench.measured import calibrated
 from pdcd.bench.tables import Config
 from pdcd.client import Client, Unreachable
 from tests import world

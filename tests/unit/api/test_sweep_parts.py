@@ -20,7 +20,7 @@ from pdcd.api.ledger import Ledger
 from pdcd.api.local import LocalBench, described
 from pdcd.api.sweep import sweep
 from pdcd.api.task import Record, Task, key_of
-from pdcd.bench.measured import FOLDER as CALIBRATIONS
+from pdcd.bench.choosing import FOLDER as CALIBRATIONS
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
 from pdcd.protocol.request import CaptureRequest

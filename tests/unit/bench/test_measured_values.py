@@ -14,14 +14,13 @@ import pytest
 
 from pdcd.bench import measured
 from pdcd.bench.calibration import RECORD
+from pdcd.bench.choosing import newest, other_bench
 from pdcd.bench.config import from_table, show
 from pdcd.bench.measured import (
     age_days,
     calibrated,
     chosen,
     kept,
-    newest,
-    other_bench,
     refuse_other_bench,
     with_entries,
     with_values,

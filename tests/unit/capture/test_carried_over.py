@@ -12,7 +12,7 @@ import pytest
 
 from pdcd.bench import calibration as kept
 from pdcd.bench.calibration import Entry
-from pdcd.capture.calibrate import CalibrationRun
+from pdcd.capture.keeping import Before, Keeper
 from pdcd.errors import NoSpaceError
 
 
@@ -25,13 +25,12 @@ def test_a_profile_is_taken_over_or_the_disk_is_named(
     before.mkdir()
     (before / kept.PROFILE).write_text("full_well_e = 1.0\n")
     entry = Entry(value="sensor.toml", step="body", made_utc="2026-01-01T00:00:00+00:00")
-    record = SimpleNamespace(measured={"camera.profile": entry})
-    monkeypatch.setattr(kept, "read_calibration", lambda folder: (record, "0" * 64))
+    record: Any = SimpleNamespace(measured={"camera.profile": entry})
     given: Any = dict.fromkeys(
-        ("config", "rig", "profile", "worker", "job", "request", "emit", "cancelled", "proceed")
+        ("config", "typed", "rig", "profile", "camera", "job", "request", "taken_over", "write")
     )
     folder: Any = SimpleNamespace(path=own, where=own)
-    run = CalibrationRun(folder=folder, **given)
+    keeper = Keeper(folder=folder, before=Before(before, record, "0" * 64), **given)
     measured: dict[str, Entry] = {}
     if full:
 
@@ -40,9 +39,9 @@ def test_a_profile_is_taken_over_or_the_disk_is_named(
 
         monkeypatch.setattr(Path, "write_bytes", refuse)
         with pytest.raises(NoSpaceError) as told:
-            run._carry_over(before, measured)
+            keeper._carry_over(measured, own)
         assert told.value.device == str(own)
         return
-    run._carry_over(before, measured)
+    keeper._carry_over(measured, own)
     assert measured["camera.profile"].folder == str(before)
     assert (own / kept.PROFILE).read_bytes() == (before / kept.PROFILE).read_bytes()

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from pdcd.bench.measured import Choice
 from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
 from pdcd.capture.calibrate import CalibrationRun
 from pdcd.capture.engine import Engine
@@ -155,7 +156,7 @@ def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
     result = engine.calibrate(
         CalibrateRequest(), job="job", emit=lambda event: None, cancelled=lambda: False
     )
-    assert result is found and engine._rig is not before
+    assert (result.job, result.passed) == ("job", True) and engine._rig is not before
     made = [name for name, old in calls if not old]
     assert made == ["connect"] and calls[-1] == ("connect", False)
     assert engine._rig.camera_info is not None
@@ -165,10 +166,10 @@ def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
 def test_a_rig_that_cannot_be_as_it_was_measured_goes_on_as_it_was(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(config: Config) -> Config:
+    def refuse(config: Config) -> Choice:
         raise ConfigError("mask.rise_s cannot be so long")
 
-    monkeypatch.setattr("pdcd.capture.engine.calibrated", refuse)
+    monkeypatch.setattr("pdcd.capture.engine.choice", refuse)
     before = engine._rig
     monkeypatch.setattr(engine, "_asked", Config(calibration=CalibrationConfig(use="latest")))
     connects: list[Rig] = []

@@ -27,16 +27,23 @@ def record(**said: Any) -> Any:
     seen = {
         "iso": 100, "f_number": 8.0, "camera_model": "EOS", "camera_serial": "1",
         "projector": "P", "mask": "", "projector_hz": 60.0, "mask_hz": 50.0, "flip": 5,
+        "frame_quads": (600, 400), "truth": "",
     }  # fmt: skip
     return SimpleNamespace(
-        name="b", measured=said.pop("measured", {}), identity=SimpleNamespace(**{**seen, **said})
-    )
+        name="b", measured=said.pop("measured", {}), bench=said.pop("bench", {}),
+        verdict=said.pop("verdict", "bad"), left_out=said.pop("left_out", {}),
+        stopped=said.pop("stopped", None), identity=SimpleNamespace(**{**seen, **said}),
+    )  # fmt: skip
 
 
 def rig(**said: Any) -> Any:
-    told = {"model": "EOS", "serial": "1", "hz": 50.0, "identity": {"projector": "P"}, **said}
+    told = {
+        "model": "EOS", "serial": "1", "hz": 50.0, "identity": {"projector": "P"},
+        "frame_quads": None, **said,
+    }  # fmt: skip
+    camera = {name: told[name] for name in ("model", "serial", "frame_quads")}
     return SimpleNamespace(
-        camera_info=SimpleNamespace(model=told["model"], serial=told["serial"]),
+        camera_info=SimpleNamespace(**camera),
         display_info=SimpleNamespace(refresh_hz=told["hz"], identity=told["identity"]),
     )
 
@@ -90,6 +97,15 @@ def test_a_later_calibration_that_is_bad_is_told_of(
     assert len(found) == doubted and all("c, a calibration or check after b" in t for t in found)
 
 
+def test_what_a_calibration_could_not_find_is_told_of(kept: dict[str, Any]) -> None:
+    kept["record"] = record(left_out={"timing": "bad", "shutter": "it goes by timing"})
+    (said,) = doubts(config(), rig(), 100)
+    assert "timing: bad; shutter: it goes by timing" in said and "calibration b" in said
+    kept["record"] = record(stopped=SimpleNamespace(step="timing", message="too bright"))
+    (said,) = doubts(config(), rig(), 100)
+    assert "stopped at timing: too bright" in said and "goes on from there" in said
+
+
 @pytest.mark.parametrize(
     ("days", "check", "count"),
     [
@@ -113,6 +129,7 @@ def test_an_old_calibration_is_to_be_checked_or_made_again(
     ("said", "device"),
     [
         ({"model": "other"}, "camera"), ({"serial": "2"}, "camera"),
+        ({"frame_quads": (300, 200)}, "camera"), ({"frame_quads": (600, 400)}, None),
         ({"identity": {"projector": "Q"}}, "projector"), ({"hz": 50.06}, "display"),
         ({"hz": 49.94}, "display"), ({"hz": 60.0}, "display"), ({"hz": 50.04}, None),
         ({"identity": {}}, None), ({"identity": {"projector": "P", "mask": "M"}}, None),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -257,8 +258,11 @@ def test_arrays_that_are_none_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x.npz").write_bytes(b"PK nothing")
     with pytest.raises(CalibrationError, match="cannot be used"):
         read_arrays(tmp_path / "x.npz")
-    with pytest.raises(CalibrationError, match="cannot be read"):
+    with pytest.raises(CalibrationError, match="cannot be used: it is a folder"):
         read_arrays(tmp_path)
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(CalibrationError, match="cannot be used: it is a FIFO"):
+        read_arrays(tmp_path / "pipe.npz")  # nobody writes into it: it would be waited for for ever
 
 
 def study(folder: Path, monkeypatch: pytest.MonkeyPatch, script: Script, **begin: Any) -> Study:
@@ -280,7 +284,7 @@ def test_a_step_asks_and_ends_with_what_it_found(
     (tmp_path / "preview").mkdir()
     figures = (
         Figure("a", 1.5, np.inf, "s", "below 2", Verdict.GOOD),
-        Figure("b", np.nan, 0.25, "px", "", Verdict.BAD),
+        Figure("b", np.nan, 0.25, "px", "", Verdict.DOUBTFUL),
         Figure("c", 1.0, 0.0, "", "", Verdict.DOUBTFUL),
     )
     words = {"mask.skew_s": Measured(0.001, 1e-4), "mask.rise_s": Measured(0.002)}
@@ -308,9 +312,9 @@ def test_a_step_asks_and_ends_with_what_it_found(
     found = one.answered()
     assert isinstance(found, Found)
     step = found.step
-    assert (step.name, step.made_utc, step.verdict) == ("geometry", UTC, "bad")
+    assert (step.name, step.made_utc, step.verdict) == ("geometry", UTC, "doubtful")
     assert [(f.value, f.sigma, f.verdict) for f in step.figures] == [
-        (1.5, None, "good"), (None, 0.25, "bad"), (1.0, 0.0, "doubtful"),
+        (1.5, None, "good"), (None, 0.25, "doubtful"), (1.0, 0.0, "doubtful"),
     ]  # fmt: skip
     assert (step.figures[0].name, step.figures[0].unit, step.figures[0].limit) == (
         "a", "s", "below 2",
@@ -328,6 +332,40 @@ def test_a_step_asks_and_ends_with_what_it_found(
     assert [*read_arrays(tmp_path / ARRAYS)] == ["kept"]
     assert load_map(tmp_path / MAPS, "mask").size_px == (40, 30)
     assert not (tmp_path / PROFILE).exists()
+
+
+def test_what_is_bad_is_kept_out_with_what_goes_by_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def script(key: str, verdict: Verdict) -> Script:
+        yield Ask("wait")
+        figure = Figure("a", 1.0, 0.0, "", "", verdict)
+        maps = {"mask": Map.filling((40, 30))} if key == "rig.misregistration_px" else {}
+        return Outcome((figure,), {key: Measured(0.5)}, maps, {key: np.ones(2)})
+
+    one = study(tmp_path, monkeypatch, script("", Verdict.GOOD))
+    left_out = {}
+    for step, key, verdict in (
+        ("light", "mask.contrast", Verdict.DOUBTFUL),
+        ("timing", "mask.skew_s", Verdict.BAD),
+        ("shutter", "trigger.lag_s", Verdict.GOOD),
+        ("registration", "rig.misregistration_px", Verdict.GOOD),
+        ("response", "mask.gamma", Verdict.GOOD),
+    ):
+        monkeypatch.setattr(calibrating, "script_of", lambda *_, k=key, v=verdict: script(k, v))
+        one.begin(step, UTC)
+        found = one.answered()
+        assert isinstance(found, Found)
+        left_out[step] = found.left_out
+    assert left_out == {
+        "light": "", "timing": "bad", "shutter": "it goes by timing",
+        "registration": "it goes by timing", "response": "",
+    }  # fmt: skip
+    assert one.write("kept").keys() == {"mask.contrast", "mask.gamma"}
+    assert read_arrays(tmp_path / "kept" / ARRAYS).keys() == {"mask.contrast", "mask.gamma"}
+    assert not (tmp_path / "kept" / MAPS).exists()
+    # The rest of this calibration goes by what was seen, for what is told of it.
+    assert one.session.config.mask.skew_s == 0.5
 
 
 def test_a_calibration_begins_with_the_arrays_of_the_one_before(

@@ -1,0 +1,328 @@
+"""The calibrations of a bench, the newest first, and what speaks against each of them.
+
+"latest" passes over what does not fit the bench. `pdcd calibrate use` writes down one by its name,
+for each rig, and "latest" then is that one.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pdcd.bench.calibration import KEPT, RECORD, Calibration, read_calibration, read_small
+from pdcd.bench.devices import CameraInfo, DisplayInfo
+from pdcd.bench.folders import state_dir
+from pdcd.bench.placed import frame_of
+from pdcd.bench.tables import Config
+from pdcd.errors import BusyError, ConfigError, disk_errors
+from pdcd.files.opening import Unsound
+from pdcd.printable import one_line
+
+FOLDER = "calibrations"
+"""Below the state folder."""
+UNFINISHED = ".partial"
+"""How the name of a folder ends whose calibration did not come to its end."""
+PINNED = "in-use.json"
+"""In that folder: the calibration that each rig is to use, by its name."""
+MAX_BYTES = 2**20
+"""Most bytes of that file, and of a mock bench's truth that is still read."""
+TABLES = ("projector", "mask", "camera", "display", "trigger")
+"""Tables of a configuration that make a mock bench; scene and schedule may change."""
+SAME_RATE = 1e-3
+"""Share by which a refresh rate may differ and be of the same mode."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One calibration that is kept. name : for people. at : its place among the calibrations.
+    folder : of its record. why : it cannot be used by this bench; "" where it can. ours : whether
+    it may be of this rig at all. running : whether it is being made now."""
+
+    name: str
+    at: Path
+    folder: Path
+    record: Calibration | None
+    why: str
+    ours: bool = True
+    running: bool = False
+
+
+def candidates(config: Config) -> Iterator[Candidate]:
+    """All calibrations of the state folder, the newest first; those under way, too. Read one by
+    one: who has found what he wants need not look at the rest."""
+    yield from candidates_in(state_dir(config) / FOLDER, config)
+
+
+def candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
+    """The same of any folder."""
+    try:
+        entries = sorted(folder.iterdir(), key=lambda p: _name(p), reverse=True)
+    except OSError:
+        return
+    for at in entries:
+        found = candidate(at, config)
+        if found is not None:
+            yield found
+
+
+def candidate(at: Path, config: Config) -> Candidate | None:
+    """One of them; None for what is none: a file, a folder without a record."""
+    name, running = _name(at), False
+    try:
+        folder = at.resolve(strict=True) if at.is_symlink() else at
+        if at.name.endswith(UNFINISHED):
+            running, newest = _locked(folder), _last_kept(folder)
+            if newest is None:
+                return None
+            folder = newest
+        elif not (folder / RECORD).exists():
+            return None if folder.is_file() or not at.is_symlink() else _unread(name, at, "gone")
+        record, _ = read_calibration(folder)
+    except ConfigError as err:
+        return _unread(name, at, err.message)
+    except (OSError, RuntimeError) as err:  # links that lead in circles
+        return _unread(name, at, getattr(err, "strerror", None) or str(err))
+    ours = record.identity.rig == config.rig.name
+    why = f"it is of the rig {record.identity.rig!r}" if not ours else other_bench(record, config)
+    if not why and not record.usable:
+        why = "its verdict is bad"
+    why = "it is being made" if running else one_line(why)
+    return Candidate(name, at, folder, record, why, ours, running)
+
+
+def newest(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
+    """The newest calibration of this rig in a folder, of those that fit it and are not all bad or,
+    if said, of all that fit; None where there is none."""
+    for found in candidates_in(folder, config):
+        record = found.record
+        if record is None or found.running or not found.ours or other_bench(record, config):
+            continue
+        if record.usable or bad:
+            return found.folder
+    return None
+
+
+def other_bench(record: Calibration, config: Config) -> str:
+    """What of the configuration is of another bench than was calibrated, in words; "" for none.
+
+    config : as it was typed. Where measured values stand in it (`calibration.sha256`), it fitted.
+    """
+    belief = record.belief
+    for name in ("projector", "mask"):
+        size = belief.get(name, {}).get("size_px")
+        if size is not None and tuple(size) != getattr(config, name).size_px:
+            return f"{name}.size_px was {tuple(size)} and is {getattr(config, name).size_px}"
+    for table in ("display", "camera", "trigger"):
+        driver = belief.get(table, {}).get("driver")
+        if driver is not None and driver != getattr(config, table).driver:
+            return f"{table}.driver was {driver!r} and is {getattr(config, table).driver!r}"
+    if config.camera.driver != "mock" or config.calibration.sha256 is not None:
+        return ""
+    return _other_mock(record, config)
+
+
+def _other_mock(record: Calibration, config: Config) -> str:
+    """The same of a mock bench, which is whatever its configuration and its truth say."""
+    now = _flat(bench_of(config))
+    for key, then in _flat(record.bench).items():
+        if key in now and now[key] != then:
+            return f"{key} was {_short(then)} and is {_short(now[key])}"
+    if record.bench and record.identity.truth != truth_of_bench(config):
+        return "the truth of the mock bench (bench.truth) was another one"
+    seen = record.identity.frame_quads
+    if seen is not None and config.scene.kind != "matrix":
+        rows, cols = frame_of(config, config.code_grid())
+        if (cols, rows) != tuple(seen):
+            return f"its camera has {seen[0]} x {seen[1]} quads, and this one {cols} x {rows}"
+    return ""
+
+
+def bench_of(config: Config) -> dict[str, Any]:
+    """The tables that make a mock bench, in plain values; none for a real camera."""
+    if config.camera.driver != "mock":
+        return {}
+    tables = {name: getattr(config, name) for name in TABLES}
+    return dict(msgspec.json.decode(msgspec.json.encode(tables)))
+
+
+def truth_of_bench(config: Config) -> str:
+    """SHA-256 of the file that says what a mock bench really is; "" where there is none."""
+    path = config.bench.truth
+    if path is None or config.camera.driver != "mock":
+        return ""
+    try:
+        return hashlib.sha256(read_small(Path(path), MAX_BYTES)).hexdigest()
+    except (OSError, Unsound, ConfigError):
+        return ""
+
+
+def other_devices(
+    record: Calibration, camera: CameraInfo | None, display: DisplayInfo | None
+) -> tuple[str, str] | None:
+    """The device that is another one than was calibrated, and what of it, in words; None where
+    none is, as far as the open devices tell."""
+    seen, name = record.identity, record.name
+    if camera is not None:
+        then, now = (seen.camera_model, seen.camera_serial), (camera.model, camera.serial)
+        if then != now:
+            words = (" ".join(each).strip() for each in (then, now))
+            return "camera", "calibration {} is of {}, and this is {}".format(name, *words)
+        frames = seen.frame_quads, camera.frame_quads
+        if None not in frames and frames[0] != frames[1]:
+            sizes = (f"{f[0]} x {f[1]}" for f in frames if f is not None)
+            return "camera", "calibration {} is of photos of {} quads, not {}".format(name, *sizes)
+    if display is None:
+        return None
+    for panel, before in (("projector", seen.projector), ("mask", seen.mask)):
+        there = display.identity.get(panel, "")
+        if before and there and before != there:
+            said = f"calibration {name} is of the {panel} {before!r}, and this is {there!r}"
+            return panel, said
+    rate_hz = min(seen.projector_hz, seen.mask_hz)
+    if abs(display.refresh_hz / rate_hz - 1.0) > SAME_RATE:
+        text = f"calibration {name} was made at {rate_hz:g} Hz, and the panels run at"
+        return "display", f"{text} {display.refresh_hz:g} Hz"
+    return None
+
+
+def pinned(config: Config) -> str | None:
+    """The calibration that `pdcd calibrate use` wrote down for this rig: its name, or "none"; None
+    where it wrote none. Raises ConfigError for a file that is none of its own."""
+    return _pins(config).get(config.rig.name)
+
+
+def pin(config: Config, name: str | None) -> None:
+    """Write down which calibration this rig is to use; None: the latest again. Raises DiskError."""
+    try:
+        pins = _pins(config)
+    except ConfigError:
+        pins = {}  # whoever names one anew mends it
+    pins.pop(config.rig.name, None)
+    if name is not None:
+        pins[config.rig.name] = name
+    path = state_dir(config) / FOLDER / PINNED
+    with disk_errors(str(path)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = path.with_name(f"{PINNED}.new")
+        new.write_bytes(msgspec.json.encode(pins) + b"\n")
+        new.replace(path)
+
+
+def place_of(config: Config, name: str) -> Path:
+    """Where the calibration of that name is kept. Raises ConfigError where there is none."""
+    folder = state_dir(config) / FOLDER
+    plain = name.removesuffix(UNFINISHED)
+    if plain and "/" not in plain and not plain.startswith("."):
+        for at in (folder / plain, folder / f"{plain}{UNFINISHED}"):
+            if at.is_symlink() or at.is_dir():
+                return at
+    raise ConfigError(
+        f"no calibration is called {one_line(name)!r} in {folder}",
+        hint="pdcd calibrate list has their names; pdcd calibrate use latest takes the newest",
+    )
+
+
+def forget(config: Config, at: Path) -> None:
+    """Remove a calibration for good, or the link to it, and what was written down of its use.
+
+    Raises BusyError where a daemon or a capture goes by it, or makes it; and DiskError."""
+    name = _name(at)
+    with disk_errors(str(at)):
+        descriptor = held(at, fcntl.LOCK_EX) if at.is_dir() else None
+        if descriptor is None and at.is_dir():
+            raise BusyError(
+                f"calibration {name} is in use, or being made",
+                hint="end the daemon or the capture that goes by it, or use another one",
+            )
+        try:
+            if at.is_symlink():
+                at.unlink()
+            else:
+                gone = at.with_name(f".{name}.forgotten")
+                at.rename(gone)
+                shutil.rmtree(gone)
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+    if _pins(config).get(config.rig.name) == name:
+        pin(config, None)
+
+
+def held(folder: Path, how: int = fcntl.LOCK_SH) -> int | None:
+    """A descriptor that keeps a calibration from being forgotten as long as it is open; None where
+    another one keeps this from being had. Raises OSError where there is no folder."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        return None
+    except OSError:  # a disk without locks
+        return descriptor
+    return descriptor
+
+
+def held_in_use(folder: Path) -> int | None:
+    """The same for who goes by the record in a folder; None where it cannot be had."""
+    try:
+        return held(folder.parent if folder.name.startswith(KEPT) else folder)
+    except OSError:
+        return None
+
+
+def _pins(config: Config) -> dict[str, str]:
+    path = state_dir(config) / FOLDER / PINNED
+    try:
+        return msgspec.json.decode(read_small(path, MAX_BYTES), type=dict[str, str])
+    except (OSError, Unsound, ConfigError, ValueError, RecursionError) as err:
+        if not path.exists() and not path.is_symlink():
+            return {}
+        raise ConfigError(
+            f"{path}, which says what calibration to use, cannot be read",
+            hint="run pdcd calibrate use latest, or name one",
+        ) from err
+
+
+def _name(at: Path) -> str:
+    return at.name.removesuffix(UNFINISHED)
+
+
+def _unread(name: str, at: Path, why: str) -> Candidate:
+    return Candidate(name, at, at, None, one_line(why))
+
+
+def _last_kept(folder: Path) -> Path | None:
+    """What an unfinished calibration had found when its last step ended."""
+    kept = (p for p in folder.iterdir() if p.name.startswith(KEPT) and p.suffix == "")
+    return max(kept, key=lambda p: p.name, default=None)
+
+
+def _locked(folder: Path) -> bool:
+    """Whether somebody is making a calibration in this folder."""
+    descriptor = held(folder)
+    if descriptor is None:
+        return True
+    os.close(descriptor)
+    return False
+
+
+def _flat(table: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """The values of nested tables by their dotted keys."""
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        below = _flat(value, f"{before}{name}.") if isinstance(value, dict) and value else {}
+        found |= below or {f"{before}{name}": value}
+    return found
+
+
+def _short(value: object) -> str:
+    text = "unset" if value is None else msgspec.json.encode(value).decode()
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -1,0 +1,310 @@
+"""What a calibration found is kept as each step ends; where one stopped, the next goes on."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from pdcd.bench import calibration as kept
+from pdcd.bench.calibration import (
+    KEPT,
+    Calibration,
+    CameraRecord,
+    Entry,
+    FileRecord,
+    Identity,
+    StepRecord,
+    Stopped,
+    read_calibration,
+)
+from pdcd.bench.choosing import bench_of, truth_of_bench
+from pdcd.bench.devices import CameraInfo
+from pdcd.bench.tables import Config
+from pdcd.calibration.steps import GOES_BY, STALE
+from pdcd.capture.rig import Rig
+from pdcd.capture.worker.calibrating import Found
+from pdcd.errors import Cancelled, PdcdError, disk_errors
+from pdcd.protocol.request import CalibrateRequest
+from pdcd.runs.folder import LOG, RunFolder, sync
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.provenance import utc_now
+from pdcd.sensor.profile import SensorProfile
+from pdcd.version import __version__
+from pdcd.words import VerdictName
+
+logger = logging.getLogger(__name__)
+
+GOES_ON_H = 12.0
+"""Hours after which what a stopped calibration found is measured again: lamp and room of another
+day are others."""
+ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
+State = Literal["running", "done", "failed", "cancelled"]
+
+
+@dataclass(frozen=True)
+class Before:
+    """The calibration that is in use when another one begins."""
+
+    folder: Path
+    record: Calibration
+    digest: str
+
+
+@dataclass
+class Keeper:
+    """The folder of one calibration, which is a sound calibration after every step.
+
+    config : what is believed. typed : the same without measured values. before : the calibration
+    in use; `names` of its steps are taken over. write : writes what is kept so far into a folder of
+    that name below, and returns the values.
+    """
+
+    config: Config
+    typed: Config
+    rig: Rig
+    profile: SensorProfile
+    camera: CameraInfo
+    folder: RunFolder
+    job: str
+    request: CalibrateRequest
+    before: Before | None
+    taken_over: Mapping[str, str]
+    write: Callable[[str], dict[str, Entry]]
+    started_utc: str = field(default_factory=utc_now)
+    steps: list[StepRecord] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+    stale: dict[str, str] = field(default_factory=dict)
+    flip: int | None = None
+    _measured: dict[str, Entry] = field(default_factory=dict)
+    _kept: Path | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Steps whose values are used, those taken over left out."""
+        return tuple(step.name for step in self._kept_steps)
+
+    @property
+    def verdict(self) -> VerdictName:
+        """The worst of all steps so far."""
+        return ORDER[max((ORDER.index(step.verdict) for step in self.steps), default=0)]
+
+    def keep(self, found: Found) -> None:
+        """Keep what a step found, durably. Raises NoSpaceError and DiskError."""
+        self.steps.append(found.step)
+        if found.left_out:
+            self.left_out[found.step.name] = found.left_out
+        if len(self.steps) == 1:
+            return  # the metering before all steps tells nothing that is kept
+        name = f"{KEPT}{len(self.steps) - 1:02d}"
+        new, root = self.folder.path / f"{name}.new", self.folder.path
+        measured = self.write(new.name)
+        self._carry_over(measured, new)
+        with disk_errors(str(self.folder.where)):
+            for file in (FRAMES, *(photo.raw for photo in found.step.photos)):
+                if (root / file).exists():
+                    sync(root / file)
+            data = kept.encoded(self._record("running", measured, self._files(new)))
+            (new / kept.RECORD).write_bytes(data)
+            (new / kept.DIGEST).write_bytes(kept.digest_line(data))
+            for path in (*new.iterdir(), new, root / "raw"):
+                sync(path)
+            new.rename(root / name)
+            sync(root)
+            if self._kept is not None:
+                shutil.rmtree(self._kept)
+        self._kept, self._measured = root / name, measured
+
+    def finish(self, state: State, stopped: Stopped | None = None) -> str:
+        """Make the folder whole with what is kept, and give it its name; returns its digest.
+
+        Raises NoSpaceError and DiskError; what is kept stays then."""
+        root = self.folder.path
+        if self._kept is not None:
+            with disk_errors(str(self.folder.where)):
+                for path in self._kept.iterdir():
+                    if path.name not in (kept.RECORD, kept.DIGEST):
+                        shutil.copyfile(path, root / path.name)
+        files = {
+            name: FileRecord(found.sha256, found.size_bytes)
+            for name, found in self.folder.hashes(self.rig.pulse).items()
+            if not name.startswith(KEPT)
+        }
+        data = kept.encoded(self._record(state, self._measured, files, stopped))
+        line = kept.digest_line(data)
+        sha256 = self.folder.finish_with(data, kept.RECORD, line, kept.DIGEST, self.rig.pulse)
+        for path in self.folder.path.glob(f"{KEPT}*"):
+            shutil.rmtree(path, ignore_errors=True)
+        return sha256
+
+    def end_early(self, step: str, err: Exception) -> bool:
+        """Finish a calibration that ends by an error with what its steps found until then; whether
+        there is anything. Raises nothing."""
+        if not self.names:
+            return False
+        state: State = "cancelled" if isinstance(err, Cancelled) else "failed"
+        where = str(self.folder.where)
+        said = err.message if isinstance(err, PdcdError) else f"internal error: {err}"
+        stopped = Stopped(
+            step=step,
+            kind=getattr(err, "kind", "internal"),
+            message=said.replace(str(self.folder.path), where),
+            hint=getattr(err, "hint", None),
+        )
+        try:
+            line = {"t_mono_ns": self.rig.clock.now_ns(), "event": state}
+            self.folder.log({**line, **msgspec.structs.asdict(stopped)})
+            self.finish(state, stopped)
+        except (PdcdError, OSError) as fault:  # what the steps left below the folder is still there
+            logger.warning("a stopped calibration could not be finished: %s", fault)
+            return False
+        return True
+
+    @property
+    def _kept_steps(self) -> list[StepRecord]:
+        return [step for step in self.steps[1:] if step.name not in self.left_out]
+
+    def _files(self, new: Path) -> dict[str, FileRecord]:
+        """The files that belong to what is kept: those of steps before are as they were."""
+        photos = [photo for step in self.steps for photo in step.photos]
+        files = {photo.raw: FileRecord(photo.sha256, photo.size_bytes) for photo in photos}
+        for name, found in self.folder.hashes(self.rig.pulse, skip=("raw/", LOG, KEPT)).items():
+            files[name] = FileRecord(found.sha256, found.size_bytes)
+        return files
+
+    def _carry_over(self, measured: dict[str, Entry], into: Path) -> None:
+        """Take over what this calibration did not measure from the one before, but for what it made
+        untrue. Raises NoSpaceError and DiskError."""
+        if self.before is None:
+            return
+        folder, names = self.before.folder, {step.name for step in self._kept_steps}
+        stale = {key: step for step in names for key in STALE.get(step, ())}
+        self.stale = {}
+        for key, entry in self.before.record.measured.items():
+            if key in measured:
+                continue
+            if key in stale:
+                self.stale[key] = (
+                    f"{key} is no longer used: {stale[key]} was measured anew since {entry.step} "
+                    f"found it; run pdcd calibrate {entry.step}"
+                )
+                continue
+            measured[key] = msgspec.structs.replace(entry, folder=entry.folder or str(folder))
+        own, old = into / kept.PROFILE, folder / kept.PROFILE
+        if "camera.profile" in measured and not own.exists() and old.exists():
+            with disk_errors(str(self.folder.where)):
+                own.write_bytes(old.read_bytes())
+
+    def _record(
+        self,
+        state: State,
+        measured: dict[str, Entry],
+        files: dict[str, FileRecord],
+        stopped: Stopped | None = None,
+    ) -> Calibration:
+        before = self.before
+        return Calibration(
+            schema=kept.SCHEMA,
+            name=self.job,
+            version=__version__,
+            started_utc=self.started_utc,
+            finished_utc=utc_now(),
+            verdict=self.verdict,
+            identity=self._identity(),
+            belief=msgspec.to_builtins(self.config),
+            camera=CameraRecord.of(self.camera),
+            profile=msgspec.to_builtins(self.profile),
+            measured=measured,
+            config=kept.tables_of(measured),
+            steps=tuple(self.steps),
+            before=None if before is None else before.digest,
+            subject=self.request.subject,
+            marks=self.request.marks,
+            files=files,
+            state=state,
+            stopped=stopped,
+            left_out=self.left_out,
+            asked=self.request.steps,
+            taken_over=dict(self.taken_over),
+            bench=bench_of(self.typed),
+        )
+
+    def _identity(self) -> Identity:
+        config, display, camera = self.config, self.rig.display_info, self.camera
+        settings = self.steps[-1].settings if self.steps else {}
+        named = {} if display is None else display.identity
+        return Identity(
+            rig=config.rig.name,
+            camera_model=camera.model,
+            camera_serial=camera.serial,
+            frame_quads=camera.frame_quads,
+            flip=self.flip,
+            projector=named.get("projector", ""),
+            mask=named.get("mask", ""),
+            projector_hz=config.projector.refresh_hz,
+            mask_hz=config.mask.refresh_hz,
+            iso=int(settings.get("iso", 0)),
+            f_number=settings.get("f_number"),
+            truth=truth_of_bench(self.typed),
+        )
+
+
+def read_before(folder: Path | None) -> Before | None:
+    """The calibration in use, where there is one that can be read."""
+    if folder is None:
+        return None
+    try:
+        return Before(folder, *read_calibration(folder))
+    except PdcdError as err:
+        logger.warning("calibration before cannot be used: %s", err)
+        return None
+
+
+def taken_over(
+    before: Before | None,
+    request: CalibrateRequest,
+    names: tuple[str, ...],
+    now: datetime | None = None,
+) -> dict[str, str]:
+    """Steps of `names` that need not be taken again, and when they were: those that a calibration
+    found which was to be the same, but stopped not long ago. None where steps were named."""
+    if before is None or request.anew or request.steps:
+        return {}
+    record = before.record
+    same = (record.subject, record.marks, record.asked) == (request.subject, request.marks, ())
+    if record.state in (None, "done") or not same:
+        return {}
+    over: dict[str, str] = {}
+    again: set[str] = set()
+    for name in names:
+        made = record.found.get(name)
+        if made is None or age_h(made, now) > GOES_ON_H or again & GOES_BY.get(name, frozenset()):
+            again.add(name)
+        else:
+            over[name] = made
+    return over if again else {}
+
+
+def taken_words(before: Before, over: Mapping[str, str]) -> str:
+    """Which steps are taken over, and how old they are, in a line."""
+    oldest = max(map(age_h, over.values()))
+    return (
+        f"goes on where {before.record.name} stopped: {', '.join(over)} taken over, at most "
+        f"{oldest:.1f} h old (--anew measures all again)"
+    )
+
+
+def age_h(made_utc: str, now: datetime | None = None) -> float:
+    """Hours since then; infinite where nobody can tell, or where it is yet to come."""
+    try:
+        made = datetime.fromisoformat(made_utc.replace("Z", "+00:00"))
+        hours = ((now or datetime.now(UTC)) - made).total_seconds() / 3600.0
+    except (ValueError, TypeError):
+        return float("inf")
+    return hours if hours > -0.1 else float("inf")

@@ -1,0 +1,274 @@
+"""Which of the calibrations that are kept is used, and what is said of those that are not."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.bench.calibration import (
+    DIGEST,
+    KEPT,
+    MAX_RECORD_BYTES,
+    RECORD,
+    StepRecord,
+    Stopped,
+    digest_line,
+)
+from pdcd.bench.choosing import (
+    FOLDER,
+    PINNED,
+    bench_of,
+    candidates,
+    forget,
+    held,
+    other_bench,
+    other_devices,
+    pin,
+    pinned,
+    place_of,
+    truth_of_bench,
+)
+from pdcd.bench.measured import calibrated, choice
+from pdcd.bench.tables import (
+    BenchConfig,
+    CalibrationConfig,
+    CameraConfig,
+    Config,
+    RigConfig,
+    SceneConfig,
+    ScheduleConfig,
+    ServerConfig,
+)
+from pdcd.errors import BusyError, ConfigError
+from tests.unit.bench._calibrations import entry, of_rig, record, written
+
+
+def bench(state: Path, **tables: Any) -> Config:
+    return Config(server=ServerConfig(state_dir=str(state)), **tables)
+
+
+def kept_in(at: Path, name: str, **changed: Any) -> Path:
+    seen = {"identity": msgspec.structs.replace(record().identity, frame_quads=None)}
+    return written(at / FOLDER / name, record(**{"name": name.split("/")[0], **seen, **changed}))
+
+
+def step(name: str, verdict: Any = "good") -> StepRecord:
+    return StepRecord(
+        name=name, made_utc="2026-01-01T11:00:00Z", seconds=1.0, verdict=verdict, figures=(),
+        advice=(), photos=(), settings={},
+    )  # fmt: skip
+
+
+def test_latest_passes_over_what_cannot_be_used_and_says_why(tmp_path: Path) -> None:
+    good = kept_in(tmp_path, "a1", measured={"mask.skew_s": entry(0.002)})
+    kept_in(tmp_path, "a2", identity=of_rig("another"))  # of no concern to this one
+    kept_in(tmp_path, "a3", belief={"mask": {"size_px": [8, 6]}})
+    kept_in(tmp_path, "a4", verdict="bad")
+    (kept_in(tmp_path, "a5") / RECORD).write_text("{}")
+    kept_in(tmp_path, "a6", measured={"mask.place.map": entry("maps.npz")})  # which is not there
+    kept_in(tmp_path, "a7", measured={"mask.warp": entry(1.0)})
+    found = choice(bench(tmp_path))
+    assert found.folder == good and found.config.mask.skew_s == 0.002
+    names = [text.partition(":")[0] for text in found.passed]
+    assert names == ["a7", "a6", "a5", "a4", "a3"]
+    assert found.words.startswith("a1 is used; calibration a7: ") and "and 4 more" in found.words
+    assert "\n" not in found.words and "mask.size_px was (8, 6)" in found.passed[-1]
+    other = choice(bench(tmp_path, rig=RigConfig(name="another")))
+    assert [text.partition(":")[0] for text in other.passed] == ["a5"]  # which may be anybody's
+
+
+def test_one_that_was_named_and_does_not_fit_is_an_error(tmp_path: Path) -> None:
+    kept_in(tmp_path, "a1", belief={"camera": {"driver": "ptp"}})
+    config = bench(tmp_path)
+    assert choice(config).folder is None
+    pin(config, "a1")
+    with pytest.raises(ConfigError, match=r"another bench: camera\.driver") as told:
+        calibrated(config)
+    assert "pdcd calibrate use latest" in str(told.value.hint)
+    pin(config, "a0")
+    with pytest.raises(ConfigError, match="no calibration is called 'a0'"):
+        calibrated(config)
+    pin(config, None)
+    assert calibrated(config) == config
+
+
+def test_what_was_named_is_used_in_the_place_of_the_latest(tmp_path: Path) -> None:
+    for name, value in (("a1", 0.001), ("a2", 0.002)):
+        kept_in(tmp_path, name, measured={"mask.skew_s": entry(value)})
+    config = bench(tmp_path)
+    assert calibrated(config).mask.skew_s == 0.002
+    pin(config, "a1")
+    assert pinned(config) == "a1" and calibrated(config).mask.skew_s == 0.001
+    # What the configuration itself says goes first; other rigs have their own.
+    typed = msgspec.structs.replace(config, calibration=CalibrationConfig(use="none"))
+    assert calibrated(typed) is typed
+    assert pinned(bench(tmp_path, rig=RigConfig(name="another"))) is None
+    pin(config, "none")
+    assert calibrated(config) is config
+    pin(config, None)
+    assert calibrated(config).mask.skew_s == 0.002
+
+
+def test_a_file_of_names_that_is_none_is_refused_and_mended(tmp_path: Path) -> None:
+    kept_in(tmp_path, "a1")
+    path, config = tmp_path / FOLDER / PINNED, bench(tmp_path)
+    for wrong in (b"[1]", b"{", b"[" * 10**5, b" " * 2**21):
+        path.write_bytes(wrong)
+        with pytest.raises(ConfigError, match="cannot be read"):
+            calibrated(config)
+        pin(config, None)
+        assert choice(config).folder is not None
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        calibrated(config)
+
+
+def test_of_a_mock_bench_only_its_scene_and_its_schedule_may_change(tmp_path: Path) -> None:
+    truth = tmp_path / "truth.toml"
+    truth.write_text("[mask]\nskew_s = 0.001\n")
+    config = bench(tmp_path, bench=BenchConfig(truth=str(truth)))
+    seen = msgspec.structs.replace(
+        record().identity, frame_quads=None, truth=truth_of_bench(config)
+    )
+    told = record(identity=seen, bench=bench_of(config))
+    assert other_bench(told, config) == ""
+    free = msgspec.structs.replace(
+        config, scene=SceneConfig(kind="wax-disk"), schedule=ScheduleConfig(window="whole")
+    )
+    assert other_bench(told, free) == ""
+    changed = msgspec.structs.replace(config, camera=CameraConfig(noise="none", iso=200))
+    assert other_bench(told, changed) == "camera.iso was unset and is 200"
+    truth.write_text("[mask]\nskew_s = 0.002\n")
+    assert "truth" in other_bench(told, config)
+    # Once it was taken, measured values stand in the configuration.
+    table = CalibrationConfig(use="x", sha256="0" * 64)
+    assert other_bench(told, msgspec.structs.replace(changed, calibration=table)) == ""
+
+
+def test_a_mock_bench_of_another_frame_is_another_one() -> None:
+    """The map of its camera would fit no photo."""
+    seen = msgspec.structs.replace(record().identity, frame_quads=(400, 267))
+    assert other_bench(record(identity=seen), Config()) == (
+        "its camera has 400 x 267 quads, and this one 64 x 48"
+    )
+    fits = Config(camera=CameraConfig(frame_quads=(400, 267)))
+    assert other_bench(record(identity=seen), fits) == ""
+
+
+def test_devices_that_are_open_may_be_others(tmp_path: Path) -> None:
+    """A real camera tells its name only then: nobody named the calibration, so that it is passed
+    over for one that fits."""
+    old = kept_in(tmp_path, "a1")
+    kept_in(tmp_path, "a2", identity=msgspec.structs.replace(record().identity, camera_serial="t"))
+    camera: Any = SimpleNamespace(model="m", serial="s", frame_quads=None)
+    found = choice(bench(tmp_path), camera)
+    assert found.folder == old and found.passed == (
+        "a2: calibration a2 is of m t, and this is m s",
+    )
+    camera.frame_quads = (300, 200)
+    seen = msgspec.structs.replace(record().identity, frame_quads=(600, 400))
+    other = other_devices(record(identity=seen), camera, None)
+    assert other == ("camera", "calibration cal is of photos of 600 x 400 quads, not 300 x 200")
+
+
+def test_hostile_folders_are_passed_over_and_nothing_is_waited_for(tmp_path: Path) -> None:
+    good = kept_in(tmp_path, "a0", measured={"mask.skew_s": entry(0.002)})
+    folder = tmp_path / FOLDER
+    (folder / "b1").symlink_to(folder / "b1")
+    (folder / "b2").symlink_to(folder / "gone")
+    os.mkfifo(folder / "b3")
+    (folder / "b4").write_text("a file")
+    os.mkfifo(kept_in(tmp_path, "b5") / "x")  # which nobody reads
+    for name, file in (("b6", RECORD), ("b7", DIGEST)):
+        path = kept_in(tmp_path, name) / file
+        path.unlink()
+        os.mkfifo(path)
+    (kept_in(tmp_path, "b8") / RECORD).write_bytes(b" " * (MAX_RECORD_BYTES + 1))
+    deep = kept_in(tmp_path, "b9")
+    data = b'{"measured":' + b"[" * 10**5
+    (deep / RECORD).write_bytes(data)
+    (deep / DIGEST).write_bytes(digest_line(data))
+    os.mkfifo(kept_in(tmp_path, "c1", measured={"mask.place.map": entry("maps.npz")}) / "maps.npz")
+    half = kept_in(tmp_path, "c2") / RECORD
+    half.write_bytes(half.read_bytes()[:-100])
+    (kept_in(tmp_path, "c3") / DIGEST).unlink()
+    found = choice(bench(tmp_path))
+    assert found.folder == tmp_path / FOLDER / "b5"
+    assert [text.partition(":")[0] for text in found.passed] == [
+        "c3",
+        "c2",
+        "c1",
+        "b9",
+        "b8",
+        "b7",
+        "b6",
+    ]
+    forget(bench(tmp_path), tmp_path / FOLDER / "b5")
+    found = choice(bench(tmp_path))
+    assert found.folder == good and {"b1", "b2"} <= {t.partition(":")[0] for t in found.passed}
+
+
+def test_what_is_bad_of_a_calibration_does_not_spoil_the_rest(tmp_path: Path) -> None:
+    one = kept_in(
+        tmp_path, "a1", verdict="bad", state="done", left_out={"timing": "bad"},
+        steps=(step("meter"), step("geometry"), step("timing", "bad")),
+    )  # fmt: skip
+    kept_in(
+        tmp_path, "a2", verdict="bad", state="done", left_out={"check": "bad"},
+        steps=(step("meter"), step("check", "bad")),
+    )  # fmt: skip
+    found = choice(bench(tmp_path))
+    assert found.folder == one and found.passed == ("a2: its verdict is bad",)
+
+
+def test_what_a_killed_one_had_kept_is_used_but_not_while_it_is_made(tmp_path: Path) -> None:
+    steps = (step("meter"), step("geometry"))
+    stopped = Stopped(step="timing", kind="calibration", message="too bright")
+    kept_in(tmp_path, "a0", state="failed", steps=steps, stopped=stopped)
+    for number in (1, 2):
+        kept_in(tmp_path, f"a1.partial/{KEPT}0{number}", state="running", steps=steps)
+    (tmp_path / FOLDER / f"a1.partial/{KEPT}03.new").mkdir()  # cut short in the middle of this
+    (tmp_path / FOLDER / "a2.partial" / "raw").mkdir(parents=True)
+    config, at = bench(tmp_path), tmp_path / FOLDER / "a1.partial"
+    assert choice(config).folder == at / f"{KEPT}02"
+    assert [one.name for one in candidates(config)] == ["a1", "a0"]
+    assert place_of(config, "a1") == at
+    maker = os.open(at, os.O_RDONLY)
+    fcntl.flock(maker, fcntl.LOCK_EX)
+    try:
+        assert choice(config).folder == tmp_path / FOLDER / "a0"
+        with pytest.raises(BusyError):
+            forget(config, at)
+    finally:
+        os.close(maker)
+    forget(config, at)
+    assert not at.exists() and choice(config).folder == tmp_path / FOLDER / "a0"
+
+
+def test_one_is_forgotten_unless_it_is_in_use_and_never_what_a_link_leads_to(
+    tmp_path: Path,
+) -> None:
+    config = bench(tmp_path)
+    one, elsewhere = kept_in(tmp_path, "a1"), written(tmp_path / "out" / "a2", record())
+    (one / "outside").symlink_to(elsewhere)
+    (tmp_path / FOLDER / "a2").symlink_to(elsewhere)
+    pin(config, "a1")
+    used = held(one)
+    with pytest.raises(BusyError, match="in use"):
+        forget(config, one)
+    assert used is not None
+    os.close(used)
+    forget(config, one)
+    assert not one.exists() and pinned(config) is None and (elsewhere / RECORD).exists()
+    forget(config, place_of(config, "a2"))
+    assert (elsewhere / RECORD).exists() and not (tmp_path / FOLDER / "a2").is_symlink()
+    for wrong in ("..", "a/b", "", ".a1.forgotten", PINNED):
+        with pytest.raises(ConfigError, match="no calibration is called"):
+            place_of(config, wrong)
