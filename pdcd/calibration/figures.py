@@ -5,6 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+ROOM_GOOD, ROOM_MOST = 0.075, 0.2
+"""Light of the room over the projector's white that every step takes out, and that none is tried
+with."""
+
+
+def darken(share: float) -> str:
+    """What to say of light of the room that is such a share of the projector's white."""
+    return f"room light is {100.0 * share:.2g} % of white: darken the room"
+
 
 class Verdict(IntEnum):
     """What a figure means for the bench."""

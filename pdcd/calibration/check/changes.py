@@ -1,8 +1,9 @@
-"""Is the bench still as it was calibrated? Four photos before a session say so.
+"""Is the bench still as it was calibrated? Five photos before a session say so.
 
-White, dots of the projector, dots of the mask, timing strips: each figure is compared with that of
-the same photo taken right after the calibration. What is found is good, or small enough to be taken
-into account (`Verdict.DOUBTFUL`: refit and go on), or calls for a new calibration (`Verdict.BAD`).
+White, the same with a black projector, dots of either panel, timing strips: each figure is compared
+with that of the same photo taken right after the calibration. What is found is good, or small
+enough to be taken into account (`Verdict.DOUBTFUL`: refit and go on), or calls for a new
+calibration (`Verdict.BAD`).
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Dots:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What the four photos of a check say.
+    """What the five photos of a check say.
 
     projector, mask : dots of either panel.
     white : (rows, cols) mean light of parts of the white photo, per second of exposure.

@@ -1,4 +1,4 @@
-"""Is the bench as it was calibrated? Four photos, held against those taken right after it.
+"""Is the bench as it was calibrated? Five photos, held against those taken right after it.
 
 Without such photos, or where maps, times or contrasts were measured anew since, the look that is
 taken becomes the reference itself.
@@ -77,7 +77,7 @@ class _Before:
 
 
 def check_bench(session: Session) -> Script:
-    """White, dots of both panels, and strips where the timing was measured.
+    """White, the room, dots of both panels, and strips where the timing was measured.
 
     What has changed a little is taken into account: maps and lag are refitted. What has changed
     more is said. Raises CalibrationError where photos say nothing at all.

@@ -33,7 +33,7 @@ from pdcd.calibration.timing.programmes import (
 from pdcd.calibration.timing.strips import read_strips
 from pdcd.calibration.timing.timing_model import Model, Tail, Times
 from pdcd.calibration.window import shared
-from pdcd.panels.frames import WHITE
+from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
@@ -93,7 +93,7 @@ class Lagged:
 
 
 def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> Photos:
-    """Three photos, and one of strips where the timing was measured.
+    """Four photos, and one of strips where the timing was measured.
 
     expected : dots of either panel where they should be.
     """
@@ -102,6 +102,8 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
     shown = session.in_step(still("white", refreshes, WHITE, WHITE))
     taken = yield from _photo(exposure, shown)
     white, said = session.photo(taken), taken.seen
+    shown = session.in_step(still("room", refreshes, BLACK, WHITE))
+    room = session.photo((yield from _photo(exposure, shown)))
     found: dict[str, Dots] = {}
     closed = (0.0, 0.0)
     for panel, grid in grids(session).items():
@@ -120,7 +122,7 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
             )  # fmt: skip
     settings = _settings(session, exposure, said.iso, said.f_number)
     open_s = refreshes * session.refresh_s
-    light = parts_of(white.light[..., GREEN]) / open_s
+    light = parts_of(white.light[..., GREEN] - room.light[..., GREEN]) / open_s
     found_look = Look(
         found["projector"], found["mask"], light, closed, (0.0, 0.0), settings,
         white.saturated_share(white.light[..., GREEN] > 0.25 * float(np.max(light)) * open_s),
@@ -128,7 +130,7 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
     if "timing.lag_s" not in session.arrays:
         return Seen(found_look)
     camera = as_it_lies(camera, similarity(*common(expected["projector"], found["projector"])))
-    strips = yield from _strips(session, exposure, white, camera)
+    strips = yield from _strips(session, exposure, (white, room), camera)
     return Seen(found_look, *strips)
 
 
@@ -261,7 +263,7 @@ def _again(
 
 
 def _strips(
-    session: Session, exposure: Exposure, white: Photo, camera: Map
+    session: Session, exposure: Exposure, white_and_room: tuple[Photo, Photo], camera: Map
 ) -> Generator[Wanted | Ask, Taken | None, tuple[Floats, Floats, Lagged]]:
     """What strips say, their sigma, and the model of it."""
     projector, mask = session.found("projector"), session.found("mask")
@@ -272,7 +274,8 @@ def _strips(
     shown = strip_photo("strips", strips, projector, mask, white=False, periods=periods)
     taken = yield from _photo(exposure, session.in_step(shown))
     ran = ran_as(taken.ran, session.behind_rows, shown.refreshes)
-    read = read_strips(session.photo(taken), white, camera, strips, bands=lags.size, gaps=False)
+    (white, room), photo = white_and_room, session.photo(taken)
+    read = read_strips(photo, white, camera, strips, bands=lags.size, gaps=False, room=room)
     share = exposure.refreshes / (periods * period)
     value, sigma = share * read.value, np.hypot(share * read.sigma, STRIPS_FLOOR)
     on_mask, tail_share, slower = session.arrays.get("timing.tail", np.array([0.0, 0.0, 1.0]))

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.figures import ROOM_GOOD, Figure, Verdict
 from pdcd.calibration.light.light_plan import Edges, LightPlan
 from pdcd.calibration.light.light_series import Series, Sums, series_of
 from pdcd.calibration.photo import Blocks, Photo
@@ -30,8 +30,6 @@ from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
 
-ROOM_GOOD = 0.01
-"""Light of the room over the projector's white."""
 LAMP_GOOD = 0.01
 CONTRAST_LIMITS = {"projector": (500.0, 100.0), "mask": (200.0, 50.0)}
 """White over black from which a panel is good, and below which it is bad."""

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.calibration.figures import ROOM_MOST
 from pdcd.calibration.light.light_plan import COVERED, Edges, LightPlan
 from pdcd.calibration.photo import (
     NO_LIGHT_SIGMAS,
@@ -35,8 +36,6 @@ LEAST_INNER = 0.25
 """Share of the lit blocks that lie within them, so that these can stand for all."""
 LEAST_SEEN = 1.0 / 500.0
 """A mask of 500:1 must stand three standard deviations out of the error of black levels."""
-ROOM_MOST = 0.2
-"""Light of the room over the projector's white beyond which there is no figure."""
 MOVES = 0.03
 """By which light may change within the series, of the projector's white and of the room."""
 MOVED_SIGMAS = 6.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map
-from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.figures import Figure, Verdict, darken
 from pdcd.calibration.light.contrasts import Light, measure_light, responsivity_of
 from pdcd.calibration.light.flat import SIDE, Flat, flat_of
 from pdcd.calibration.light.glare import glare_of, glare_photo
@@ -56,7 +56,6 @@ ADVICE = {
     "projector.contrast": "black of the projector is bright: see that its picture mode is not "
     "dynamic, and darken the room",
     "mask.contrast": "the mask leaks: turn its polariser a little and calibrate light again",
-    "scene.ambient": "the room is bright: switch its lights off, draw the curtains",
     "light.lamp_change": "the lamp drifts: let it warm up for half an hour",
     "light.lamp_drift": "the lamp drifts: let it warm up for half an hour",
     "light.lamp_flicker": "the lamp flickers: switch eco mode off; show codes for longer",
@@ -165,7 +164,13 @@ def _outcome(
         words[f"{name}.contrast"] = Measured(contrast, error or None)
     fixed = session.config.camera.f_number
     number = f_number if f_number is not None or fixed == "auto" else fixed
-    advice = [ADVICE[f.name] for f in figures if f.verdict is not Verdict.GOOD]
+    advice = [
+        darken(found.room.value)
+        if f.name == "scene.ambient" and found.room is not None
+        else ADVICE[f.name]
+        for f in figures
+        if f.verdict is not Verdict.GOOD
+    ]
     if number is None:
         advice.append("the lens does not tell its f-number: set camera.f_number to what it says")
     else:

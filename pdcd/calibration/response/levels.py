@@ -1,8 +1,10 @@
 """How much light a grey level gives: gamma, and a table of levels.
 
-The panel shows 17 strips of 17 levels, in two orders; a white photo takes out what is uneven. Where
-a strip lies in the photo is told by the panels' maps. Two orders that agree prove the maps, and
-their differences tell the error. Codes need none of this: they are black and white.
+The panel shows 17 strips of 17 levels, in two orders; a white photo takes out what is uneven, and a
+black one what comes beside the panel's light: over a white that falls off to the corners, light of
+the room is not the same for all strips. Where a strip lies in the photo is told by the panels'
+maps. Two orders that agree prove the maps, and their differences tell the error. Codes need none of
+this: they are black and white.
 
 Panels that make grey by dithering show a level only on average over some refreshes, so that photos
 last for whole cycles of it. A level that is shown for one refresh is another matter: a panel's way
@@ -45,6 +47,8 @@ LEAST_WHITE = 0.1
 AGREE = 0.05
 """By which the two orders may differ, of full light."""
 DRIFT = 0.03
+MOST_BLACK = 0.9
+"""Black over white of a strip that is believed; a panel that shows no levels has 1."""
 DARK = 0.2
 """Black over white beyond which something else than the panel gives light."""
 SMOOTH = 0.01
@@ -86,7 +90,7 @@ def steps_photos(
     refreshes: int,
     cycle: int = DITHER_CYCLE,
 ) -> tuple[Steps, ...]:
-    """White, and two photos of strips.
+    """White, black, and two photos of strips.
 
     size_px : (width, height) of the panel. refreshes : at least so many, made up to whole cycles of
         the panel's dithering.
@@ -95,7 +99,10 @@ def steps_photos(
     width, height = size_px
     strip = strips_of(np.arange(width) + 0.5, width)
     levels = np.array(LEVELS, np.uint8)
-    photos = [Steps("white", panel, np.full((height, width), 255, np.uint8), held)]
+    photos = [
+        Steps(name, panel, np.full((height, width), level, np.uint8), held)
+        for name, level in (("white", 255), ("black", 0))
+    ]
     for name, order in zip(NAMES, orders(), strict=True):
         row = levels[order][strip]
         photos.append(Steps(name, panel, np.tile(row, (height, 1)), held))
@@ -186,8 +193,7 @@ def response_of(photos: Mapping[str, Photo], strips: Strips, panel: str = "proje
 
     Parameters
     ----------
-    photos : "white", "steps-a" and "steps-b" of `steps_photos`, of one exposure. Light of the room
-        is the same in all and goes out with the black strips.
+    photos : "white", "black", "steps-a" and "steps-b" of `steps_photos`, of one exposure.
     strips : (h, w) of `strips_seen`.
     panel : its name in the configuration.
 
@@ -228,11 +234,10 @@ def response_of(photos: Mapping[str, Photo], strips: Strips, panel: str = "proje
     )
 
 
-def _ratios(photos: Mapping[str, Photo], strips: Strips) -> tuple[list[Floats], list[Floats]]:
-    """Light over white of each strip, and its standard deviation by noise: (17, 3) an order."""
+def _ratios(photos: Mapping[str, Photo], strips: Strips) -> tuple[Floats, Floats]:
+    """Light over white of each strip, and its standard deviation by noise: (orders, 17, 3)."""
     white = photos["white"]
-    ratio = [np.full((len(LEVELS), 3), np.nan) for _ in NAMES]
-    noise = [np.full((len(LEVELS), 3), np.nan) for _ in NAMES]
+    ratio, noise, black, of_black = np.full((4, ORDERS, len(LEVELS), 3), np.nan)
     inside = strips != NOWHERE
     level = float(white.light[inside].mean())
     refuse_dark(
@@ -261,12 +266,32 @@ def _ratios(photos: Mapping[str, Photo], strips: Strips) -> tuple[list[Floats], 
         for n, name in enumerate(NAMES):
             part = photos[name].light[here]
             kept = steady(part.sum(axis=1) / np.maximum(whole.sum(axis=1), 1e-9))
-            sums = whole[kept].sum(axis=0)
-            ratio[n][strip] = part[kept].sum(axis=0) / sums
-            variance = photos[name].variance[here][kept].sum(axis=0)
-            variance = variance + ratio[n][strip] ** 2 * white.variance[here][kept].sum(axis=0)
-            noise[n][strip] = np.sqrt(variance) / sums
-    return ratio, noise
+            ratio[n][strip], noise[n][strip] = _over_white(photos[name], white, here, kept)
+            black[n][strip], of_black[n][strip] = _over_white(photos["black"], white, here, kept)
+    return _as_if_even(ratio, noise, black, of_black)
+
+
+def _over_white(
+    photo: Photo, white: Photo, here: NDArray[np.bool_], kept: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Light over white of the kept quads of a strip, and its standard deviation by noise: (3,)."""
+    sums = white.light[here][kept].sum(axis=0)
+    ratio = photo.light[here][kept].sum(axis=0) / sums
+    variance = photo.variance[here][kept].sum(axis=0)
+    variance = variance + ratio**2 * white.variance[here][kept].sum(axis=0)
+    return ratio, np.sqrt(variance) / sums
+
+
+def _as_if_even(
+    ratio: Floats, noise: Floats, black: Floats, of_black: Floats
+) -> tuple[Floats, Floats]:
+    """What strips would show were black over white the same everywhere: (orders, 17, 3) each.
+
+    A level that gives the share l of the panel's light shows l + (1 - l) b, b the black there.
+    """
+    left = (1.0 - ratio) / (1.0 - np.minimum(black, MOST_BLACK))  # 1 - l
+    even = 1.0 - np.minimum(black, MOST_BLACK).mean(axis=(0, 1))
+    return 1.0 - left * even, np.hypot(noise, left * of_black)
 
 
 def _uneven(each: Floats, noise: Floats) -> float:

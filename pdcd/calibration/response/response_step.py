@@ -32,7 +32,7 @@ BENT, COLOURED = 0.01, 0.1
 
 
 def response(session: Session) -> Script:
-    """White, and strips of 17 levels in two orders, of each panel: six photos."""
+    """White, black, and strips of 17 levels in two orders, of each panel: eight photos."""
     f_number, full = opened(session, HELD)
     seen: dict[str, Seen] = {}
     found = []

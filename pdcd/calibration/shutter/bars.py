@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +28,18 @@ FAINTEST_SIGMAS = 20.0
 
 @dataclass(frozen=True, eq=False)
 class CellLight:
-    """Light of n cells over that of white, in B bands of the camera's rows.
+    """Light of n cells over that of the projector's white, in B bands of the camera's rows.
 
     value, sigma : (B, n). bands : (B,) middle of each, 0 at the frame's top, 1 at its bottom.
-    pulses : about how many pulses of each cell are in it.
+    room : (B, n) what comes beside the projector's white for as long as the shutter is open, over
+        that white: it is not the same everywhere, for that white falls off to the corners. (1, 1)
+        of 0 where nobody looked.
     """
 
     value: Floats
     sigma: Floats
     bands: Floats
+    room: Floats = field(default_factory=lambda: np.zeros((1, 1)))
 
 
 def bar_photo(
@@ -62,10 +66,12 @@ def read_bar(
     cells: int = CELLS,
     bands: int = 1,
     window: Window = WHOLE,
+    room: Photo | None = None,
 ) -> CellLight:
     """How bright the cells are, over a photo in which all of the field was white.
 
-    photo, white : of one size, that of the camera's map. bands : of the camera's rows, equally high
+    photo, white : of one size, that of the camera's map. room : as white, but with a black
+    projector. bands : of the camera's rows, equally high
     between the first and the last that see the bar; one where not all cells are seen in each of
     them, as by a camera that is turned by a quarter.
 
@@ -87,7 +93,7 @@ def read_bar(
     size, used = bands * cells, seen
     quads = np.bincount(cell[used], minlength=size)
     if bands > 1 and (quads < FEWEST_QUADS).any():
-        return read_bar(photo, white, camera, cells=cells, window=window)
+        return read_bar(photo, white, camera, cells=cells, window=window, room=room)
     clipped = max(taken.saturated_share(used) for taken in (photo, white))
     if clipped > CLIPPED:
         raise CalibrationError(
@@ -97,28 +103,32 @@ def read_bar(
         )
     if (quads < FEWEST_QUADS).any():
         raise _unseen(f"{np.count_nonzero(quads < FEWEST_QUADS)} cells of the bar are not seen")
-    value, sigma = _over_white(photo, white, used, cell[used], size)
+    photos = (photo, white) if room is None else (photo, white, room)
+    value, sigma, beside = _over_white(photos, used, cell[used], size)
     middle = (first + (np.arange(bands) + 0.5) * (end - first) / bands) / len(seen)
     shape = bands, cells
-    return CellLight(value.reshape(shape), sigma.reshape(shape), middle)
+    return CellLight(value.reshape(shape), sigma.reshape(shape), middle, beside.reshape(shape))
 
 
 def _over_white(
-    photo: Photo,
-    white: Photo,
+    photos: Sequence[Photo],
     used: NDArray[np.bool_],
     cell: NDArray[np.int64],
     cells: int,
-) -> tuple[Floats, Floats]:
-    """Light of each cell (cells,) over that of the white photo, and its standard deviation.
+) -> tuple[Floats, Floats, Floats]:
+    """Light of each cell (cells,) over that of the projector's white, its standard deviation, and
+    the room's light over the same.
 
-    cell : number of the cell of each quad that is `used`. Raises CalibrationError: too dark.
+    photos : the bar, white, and the room's light where it was looked at. cell : number of the cell
+        of each quad that is `used`. Raises CalibrationError: too dark.
     """
     sums = []
-    for taken in (photo, white):
+    for taken in photos:
         for values, weights in ((taken.light, COLOURS), (taken.variance, COLOURS**2)):
             sums.append(np.bincount(cell, values[used] @ weights, minlength=cells))
-    light, var, full, full_var = (np.asarray(one, dtype=np.float64) for one in sums)
+    light, var, full, full_var, *room = (np.asarray(one, dtype=np.float64) for one in sums)
+    beside, beside_var = room or (np.zeros(cells), np.zeros(cells))
+    full, full_var = full - beside, full_var + beside_var
     if (full < FAINTEST_SIGMAS * np.sqrt(np.maximum(full_var, 0.0))).any():
         raise CalibrationError(
             "the white photo is dark where the bar runs",
@@ -126,7 +136,7 @@ def _over_white(
             hint="take off the lens cap, switch the projector on, and put the card before it",
         )
     value = light / full
-    return value, np.sqrt(var + value**2 * full_var) / full
+    return value, np.sqrt(var + value**2 * full_var) / full, beside / full
 
 
 def _unseen(what: str) -> CalibrationError:

@@ -3,10 +3,12 @@
 Cell c is lit at refreshes c, c + n, c + 2n, ...; the mask is open. A cell that was lit while the
 shutter moved has a part of a pulse. With ``G(t)`` what a pulse has given until t,
 
-    light of a cell = scale * sum over its pulses of [G(closed - start) - G(opened - start)] + stray
+    light of a cell = scale * {sum over its pulses of [G(closed - start) - G(opened - start)]
+                               + room * (closed - opened)} + stray
 
-and both times follow from the two cells, or few, in which they fall. They are on the clock of the
-frame log; a delay that all light of the projector has is part of them.
+with ``room`` the light beside the projector's there, over its white. Both times follow from the two
+cells, or few, in which they fall. They are on the clock of the frame log; a delay that all light of
+the projector has is part of them.
 """
 
 from __future__ import annotations
@@ -106,11 +108,12 @@ def fit_shutter(
     sigma, chi2 = np.empty_like(opened), np.empty(len(opened))
     for band, (value, noise) in enumerate(zip(light.value, light.sigma, strict=True)):
         errors = np.sqrt(noise**2 + (FLAT * value) ** 2 + (FLAT * 0.2 * value.max()) ** 2)
-        start = _coarse(pulses, value, errors, about_s, taus_s)
-        opened[band], sigma[band], chi2[band] = _fine(pulses, value, errors, start, taus_s)
+        room = light.room[min(band, len(light.room) - 1)]
+        start = _coarse(pulses, value, errors, about_s, taus_s, room)
+        opened[band], sigma[band], chi2[band] = _fine(pulses, value, errors, start, taus_s, room)
         if tau_sigma:
             slower = (taus_s[0] * (1.0 + TAU_STEP), taus_s[1] * (1.0 + TAU_STEP))
-            moved = _fine(pulses, value, errors, opened[band], slower)[0]
+            moved = _fine(pulses, value, errors, opened[band], slower, room)[0]
             sigma[band] = np.hypot(sigma[band], (moved - opened[band]) / TAU_STEP * tau_sigma)
     _check_inside(opened, pulses)
     _check_apart(opened, pulses)
@@ -185,6 +188,7 @@ def _coarse(
     errors: Floats,
     about_s: tuple[float, float],
     taus_s: tuple[float, float],
+    room: Floats,
 ) -> Floats:
     """The best pair of times on a grid."""
     refresh = float(np.median(pulses.long_s))
@@ -192,6 +196,7 @@ def _coarse(
     steps = np.arange(-reach, reach + 1e-9, refresh / STEPS_A_REFRESH)
     first, last = about_s[0] + steps, about_s[1] + steps
     model = pulses.given(last, taus_s)[None] - pulses.given(first, taus_s)[:, None]
+    model += room * (last[None, :, None] - first[:, None, None])
     weight = 1.0 / errors**2
     x = model - (model @ weight)[..., None] / weight.sum()
     y = value - value @ weight / weight.sum()
@@ -203,15 +208,22 @@ def _coarse(
 
 
 def _fine(
-    pulses: _Pulses, value: Floats, errors: Floats, start: Floats, taus_s: tuple[float, float]
+    pulses: _Pulses,
+    value: Floats,
+    errors: Floats,
+    start: Floats,
+    taus_s: tuple[float, float],
+    room: Floats,
 ) -> tuple[Floats, Floats, float]:
     """Both times by least squares, their sigmas, and reduced chi^2."""
     refresh = float(np.median(pulses.long_s))
     level = float(value.max())
 
     def residuals(v: Floats) -> Floats:
-        given = pulses.given(start + v[:2] * refresh, taus_s)
-        found = v[2] * level * (given[1] - given[0]) / typical + v[3] * level
+        at = start + v[:2] * refresh
+        given = pulses.given(at, taus_s)
+        got = given[1] - given[0] + room * (at[1] - at[0])
+        found = v[2] * level * got / typical + v[3] * level
         return np.asarray((found - value) / errors)
 
     first = pulses.given(start, taus_s)

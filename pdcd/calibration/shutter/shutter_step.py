@@ -16,7 +16,7 @@ from pdcd.calibration.shutter.bars import CellLight, bar_photo, read_bar
 from pdcd.calibration.shutter.blades import Opened, ShutterLag, bar_cells, fit_shutter, lag_of
 from pdcd.calibration.window import shared
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import WHITE
+from pdcd.panels.frames import BLACK, WHITE
 
 PHOTOS = 5
 CELLS = (24, 29), (35, 40)
@@ -96,7 +96,8 @@ class _Times:
 
 
 def shutter(session: Session) -> Script:
-    """White, and five exposures that begin and end while a bar runs: six photos.
+    """White, the same with a black projector, and five exposures that begin and end while a bar
+    runs: seven photos.
 
     The lag counts from when the driver says that it gave its order, as ``trigger.lag_s`` does, to
     the row that follows it last.
@@ -114,6 +115,8 @@ def shutter(session: Session) -> Script:
     count = before + round((2.0 * sure_s + open_s + AFTER_S) / refresh_s)
     taken = yield from take(Wanted(still("white", session.full, WHITE, WHITE)))
     white = session.photo(taken)
+    taken = yield from take(Wanted(still("room", session.full, BLACK, WHITE)))
+    room = session.photo(taken)
     bands = int(np.clip(camera.size_px[1] // QUADS_A_BAND, *BANDS))
     panel = session.config.projector
     ends = camera.from_field(np.array([[0.5, 0.0], [0.5, 1.0]]))[:, 1] / camera.size_px[1]
@@ -122,8 +125,9 @@ def shutter(session: Session) -> Script:
         shown = bar_photo(f"bar-{number + 1}", projector, count, cells=cells[number], window=window)
         taken = yield from take(Wanted(shown, moving=WhileShown(before, open_s)))
         light = read_bar(
-            session.photo(taken), white, camera, cells=cells[number], bands=bands, window=window
-        )
+            session.photo(taken), white, camera,
+            cells=cells[number], bands=bands, window=window, room=room,
+        )  # fmt: skip
         told = _told_s(taken, sure_s)
         times.told.append(told)
         times.found.append(

@@ -19,10 +19,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.timing.programmes import COARSE, Programme
+from pdcd.calibration.figures import ROOM_GOOD, Figure, Verdict
+from pdcd.calibration.timing.programmes import COARSE
 from pdcd.calibration.timing.strips import Readings
-from pdcd.calibration.timing.timing_fit import LONGEST_S, Fit, Fitted
+from pdcd.calibration.timing.timing_faults import (
+    PEAK,
+    STRAY,
+    causes_of,
+    refuse_references,
+    refuse_slow,
+    refuse_unexplained,
+    room_light,
+    room_of,
+)
+from pdcd.calibration.timing.timing_fit import Fit, Fitted
 from pdcd.calibration.timing.timing_model import COMMON, TAUS, Model, Ran, Tail
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
@@ -35,19 +45,12 @@ Floats = NDArray[np.float64]
 ROUNDS = 3
 CHI2 = 2.0
 """Largest reduced chi^2 of a fit that is good."""
-MOST_CHI2 = 20.0
-"""The same of a fit that is believed at all: rows that are set in steps, where a straight line is
-fitted to them, come between. A tail of a tenth gives 90."""
 MENDS = 0.7
 """Share of chi^2 that a second answer must leave at most, to be one."""
-STRAY = 0.1
-"""Most light beside the panels' own, over white."""
 STEEP_S = 2e-4
 """Slope of the lag over a band from which on it is looked at within bands, too."""
 MIRRORED = 0.05
 """A mirrored picture is to blame where it explains all but this part of chi^2."""
-PEAK = 0.02
-"""Least light over white at the best delay of a coarse search."""
 LAG_LIMIT_S = 0.15e-3
 TAU_LIMIT = 0.06
 
@@ -62,12 +65,13 @@ class Timing:
     across_s : what is added to it from x = 0 to x = 1.
     line_s : lag at y = 0, and what is added until y = 1. line_covariance : (2, 2).
     taus_s, taus_sigma_s : (4,) rise and fall of the projector, then of the mask.
-    leaks : (2,) what falls on the mask beside the projector's white (leak and ambient light), and
-        what the mask's black lets through, over white.
+    leaks : (2,) what falls on the mask beside the projector's white (leak and ambient light) and
+        beside what a photo of it said of each place, and what the mask's black lets through, over
+        white. room : of each place what that photo said, the median.
     tail : a second, slower answer of one panel, where one was needed.
-    chi2 : reduced, of the whole fit. covariance : (7 + B, 7 + B), and 2 more with a tail: of
-        logarithms of `taus_s`, of `leaks`, of `lag_s` and `across_s` in s, of share and log
-        slowness of the tail.
+    chi2 : reduced, of the whole fit. causes : what may be why, where it is too large.
+    covariance : (7 + B, 7 + B), and 2 more with a tail: of logarithms of `taus_s`, of `leaks`, of
+        `lag_s` and `across_s` in s, of share and log slowness of the tail.
     scale : (photos, B) of light over that of the white photo: the lamp. stray : (photos, B).
     apart_s : how much later the mask was sent its rows, as the log has it.
     """
@@ -81,8 +85,10 @@ class Timing:
     taus_s: Floats
     taus_sigma_s: Floats
     leaks: Floats
+    room: float
     tail: Tail | None
     chi2: float
+    causes: tuple[str, ...]
     covariance: Floats
     scale: Floats
     stray: Floats
@@ -151,6 +157,10 @@ class Timing:
                 "timing.chi2", self.chi2, 0.0, "", f"below {CHI2:g}, without a second answer",
                 Verdict.DOUBTFUL if self.tail is not None or self.chi2 > CHI2 else Verdict.GOOD,
             ),
+            Figure(
+                "timing.room", self.room, 0.0, "of white", f"at most {ROOM_GOOD:g}",
+                Verdict.GOOD if self.room <= ROOM_GOOD else Verdict.DOUBTFUL,
+            ),
         ]  # fmt: skip
         return found
 
@@ -166,23 +176,16 @@ def fit_timing(readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: floa
     Raises CalibrationError: room light, mirrored panels, panels that do not answer as first-order
     panels do, or nothing that pulses.
     """
-    _check_references(readings)
+    refuse_references(readings)
     model, found = _fitted(readings, ran, refresh_s)
     if found.chi2 > CHI2:
         _check_mirrored(readings, ran, refresh_s, found.chi2)
-        _check_slow(found)
+        refuse_slow(found)
         model, found = _with_tail(model, found)
-    _check_slow(found)
-    if found.chi2 > MOST_CHI2:
-        raise CalibrationError(
-            f"no rise, fall and lag explain the strips (reduced chi^2 {found.chi2:.0f}, at most "
-            f"{MOST_CHI2:g})",
-            device="display",
-            hint="switch off overdrive, dynamic contrast, an auto iris and frame interpolation; "
-            "check that the maps fit, and that nothing moved between the photos",
-        )
+    refuse_slow(found)
+    refuse_unexplained(readings, found)
     if float(np.abs(found.stray).max()) > STRAY:
-        raise _room_light(float(np.abs(found.stray).max()))
+        raise room_light(float(np.abs(found.stray).max()))
     return _timing(model, found)
 
 
@@ -252,16 +255,6 @@ def _with_tail(model: Model, found: Fitted) -> tuple[Model, Fitted]:
     return model, again
 
 
-def _check_slow(found: Fitted) -> None:
-    slow = found.times.taus_s > 0.9 * LONGEST_S
-    if slow.any():
-        raise CalibrationError(
-            f"{TAUS[int(np.argmax(slow))]} is {1e3 * LONGEST_S:.0f} ms or more",
-            device="display",
-            hint="that panel does not follow its refreshes; switch off what smooths motion",
-        )
-
-
 def _check_mirrored(
     readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float, chi2: float
 ) -> None:
@@ -278,54 +271,6 @@ def _check_mirrored(
                 device="display",
                 hint="run the geometry step again, or mend the output's orientation",
             )
-
-
-def _check_references(readings: Sequence[Readings]) -> None:
-    """Refuse strips that should be black or white and are not."""
-    for reading in readings:
-        black = ["1" not in p.lit + m.opened for p, m in _pairs(reading)]
-        white = ["0" not in p.lit + m.opened for p, m in _pairs(reading)]
-        if not any(black) or not any(white):
-            raise ValueError("programmes without a black and a white one")
-        dark = float(np.median(reading.value[:, black]))
-        full = float(np.median(reading.value[:, white]))
-        pulsing = [p == m and not p.still for p, m in _pairs(reading)]
-        if dark > STRAY * max(full, 1e-12) and full - dark > 0.3:
-            raise _room_light(dark / full)
-        if not _delays_matter(reading, np.array(pulsing), PEAK * full):
-            raise CalibrationError(
-                "no strip pulses with its light",
-                device="display",
-                hint="the panels must show every refresh 1:1; where the mask is many refreshes "
-                "late, run the coarse search first",
-            )
-
-
-def _delays_matter(reading: Readings, pulsing: NDArray[np.bool_], least: float) -> bool:
-    """Whether strips that differ by nothing but the mask's delay differ in their light."""
-    level = np.median(reading.value, axis=0)
-    kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.projector])
-    spreads = [
-        float(np.ptp(level[pulsing & (kinds == kind)])) for kind in np.unique(kinds[pulsing])
-    ]
-    return max(spreads) > least
-
-
-def _rhythm(opened: str) -> str:
-    """The same of programmes that differ by nothing but a delay."""
-    return min(opened[k:] + opened[:k] for k in range(len(opened)))
-
-
-def _pairs(reading: Readings) -> list[tuple[Programme, Programme]]:
-    return list(zip(reading.projector, reading.mask, strict=True))
-
-
-def _room_light(share: float) -> CalibrationError:
-    return CalibrationError(
-        f"black strips have {100.0 * share:.0f} % of the light of white ones",
-        device="camera",
-        hint="switch the room lights off, and cover what glares",
-    )
 
 
 def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats]:
@@ -373,8 +318,10 @@ def _timing(model: Model, found: Fitted) -> Timing:
         taus_s=times.taus_s,
         taus_sigma_s=times.taus_s * sigma[:4],
         leaks=times.leaks,
+        room=room_of(model.readings[0]),
         tail=times.tail,
         chi2=found.chi2,
+        causes=causes_of(model.readings, found) if found.chi2 > CHI2 else (),
         covariance=covariance,
         scale=found.scale,
         stray=found.stray,

@@ -8,7 +8,7 @@ lit or open.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
+from pdcd.panels.frames import BLACK
 from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
@@ -186,3 +187,8 @@ def strip_photo(
     index = np.tile(np.arange(period), periods).astype(np.int32)
     index = index * (not white)
     return Shown(name, found[0], found[1], index, index.copy())
+
+
+def room_photo(white: Shown) -> Shown:
+    """The same with a black projector: what falls on the mask beside its white."""
+    return replace(white, name="room", projector_index=np.full_like(white.projector_index, BLACK))

@@ -27,6 +27,10 @@ GAP = 0.5
 """Gaps between strips that are brighter than this, over the strips, are none."""
 CLIPPED = 0.01
 """Share of clipped quads that is too large."""
+MOST_BESIDE = 0.5
+"""Light without the projector's white, over all light, that is believed of a strip."""
+UNSEEN = 10.0
+"""Light of the room, over its noise in a strip of a band, that is taken to be the same all over."""
 FAINTEST_SIGMAS = 20.0
 """White over its noise, in a strip of a band: with less, no time is known to 0.15 ms."""
 
@@ -39,6 +43,11 @@ class Readings:
     bands : (B,) middle of each band on the field, y from 0 to 1. height : of a band.
     projector, mask : (K,) the programmes of both panels; on a sound bench they are the same.
     x : (K,) middle of each strip, less that of the field, x from 0 to 1; 0 of the whole field.
+    room : (B, K) what falls on the mask there beside the projector's white, over that white: the
+        room's light and what a black projector lets out. The projector's white falls off to the
+        corners, and the room's light does not. (1, 1) of 0 where nobody looked.
+    past : (B, K) how light that comes past the mask goes over the field, over the same white: as
+        the room's does. Its mean is 1. (1, 1) where nobody looked.
     """
 
     value: Floats
@@ -48,6 +57,8 @@ class Readings:
     projector: tuple[Programme, ...]
     mask: tuple[Programme, ...]
     x: Floats = field(default_factory=lambda: np.zeros(1))
+    room: Floats = field(default_factory=lambda: np.zeros((1, 1)))
+    past: Floats = field(default_factory=lambda: np.ones((1, 1)))
 
     def mirrored(self, *, projector: bool, mask: bool) -> Readings:
         """The same readings, were panels' pictures mirrored left to right."""
@@ -60,7 +71,14 @@ class Readings:
 
 
 def read_strips(
-    photo: Photo, white: Photo, camera: Map, strips: Strips, *, bands: int, gaps: bool = True
+    photo: Photo,
+    white: Photo,
+    camera: Map,
+    strips: Strips,
+    *,
+    bands: int,
+    gaps: bool = True,
+    room: Photo | None = None,
 ) -> Readings:
     """How bright the strips are in a photo, over one in which all of them were white.
 
@@ -69,6 +87,7 @@ def read_strips(
     photo, white : of equal exposure and size, that of the camera's map.
     bands : of rows of the field, equally high.
     gaps : whether the white photo has dark gaps between its strips, which are then looked at.
+    room : the white photo again with a black projector (`room_photo`).
 
     Raises CalibrationError: no light, clipped, part of the field not covered, strips not where the
     maps say, or out of focus.
@@ -83,6 +102,7 @@ def read_strips(
     size = bands * strips.count
     _check_clipped((photo, white), cell >= 0)
     sums = [_sums(taken, cell, size) for taken in (photo, white)]
+    beside = _sums(room, cell, size) if room is not None else None
     quads = np.bincount(cell[cell >= 0], minlength=size)
     (light, var), (full, full_var) = sums
     _check_white(full, full_var, quads, strips.count)
@@ -91,6 +111,17 @@ def read_strips(
     value = light / full
     sigma = np.sqrt(var + value**2 * full_var) / full
     shape = bands, strips.count
+    on_mask, past = np.zeros((1, 1)), np.ones((1, 1))
+    if beside is not None:
+        noise = np.sqrt(beside[1]) / full
+        share = np.minimum(beside[0] / full, MOST_BESIDE)
+        on_mask = (share / (1.0 - share)).reshape(shape)
+        # Where there is hardly any, nobody sees how it goes.
+        seen = np.maximum(share, 0.0) + UNSEEN * noise
+        past = (seen / seen.mean()).reshape(shape)
+        # Of the room's photo a strip has what its mask is open for, less what it is divided by.
+        opened = np.tile([np.mean(p.on[1]) for p in strips.programmes], bands)
+        sigma = np.hypot(sigma, np.abs(opened - value) * noise)
     return Readings(
         value.reshape(shape),
         sigma.reshape(shape),
@@ -99,6 +130,8 @@ def read_strips(
         strips.programmes,
         strips.programmes,
         strips.window.x((np.arange(strips.count) + 0.5) / strips.count) - 0.5,
+        on_mask,
+        past,
     )
 
 

@@ -40,7 +40,8 @@ class Fitted:
     what the lag grows across, then share and slowness of a tail where there is one.
 
     chi2 : reduced, by `FLAT` and `FLOOR` as they stand. scale, stray : (photos, B). dof : degrees
-    of freedom. floors : the share of `FLAT` and `FLOOR` that what is left of the strips speaks for.
+    of freedom. left : (photos, B, K) what the times do not explain of the strips, in standard
+    deviations. floors : the share of `FLAT` and `FLOOR` that what is left of the strips speaks for.
     """
 
     times: Times
@@ -49,6 +50,7 @@ class Fitted:
     dof: int
     scale: Floats
     stray: Floats
+    left: Floats
     floors: float
 
 
@@ -66,6 +68,7 @@ class Fit:
         most = (FLAT * self._value) ** 2 + FLOOR**2
         self._stated = np.sqrt(noise**2 + most)
         self._sigma = np.sqrt(noise**2 + floors**2 * most)
+        self._past = np.stack([r.past for r in model.readings])
         self._bands = self._value.shape[1]
 
     def starts(self) -> list[Times]:
@@ -79,7 +82,7 @@ class Fit:
             for m_tau in STARTS_S:
                 taus = np.array([p_tau, p_tau, m_tau, m_tau])
                 times = Times(taus, np.full(2, 2e-3), lags)
-                shape = model.shape(times)  # (photos, lags, K): correction is none yet
+                shape = model.anywhere(times)  # (photos, lags, K): correction is none yet
                 chi2 = self._coarse(shape)
                 best = chi2.argmin(axis=0)
                 found.append((float(chi2.min(axis=0).sum()), replace(times, lags_s=lags[best])))
@@ -125,12 +128,14 @@ class Fit:
         times, scale, stray = self._unpacked(best, start.tail)
         dof = max(self._value.size - best.size, 1)
         left = np.asarray(solved.fun, dtype=np.float64)
-        chi2 = float(np.sum((left * (self._sigma / self._stated).ravel()) ** 2)) / dof
+        of_stated = left.reshape(self._value.shape) * self._sigma / self._stated
+        chi2 = float(np.sum(of_stated**2)) / dof
         floors = self._floors * float(np.sqrt(left @ left / dof))
         floors = min(max(floors, LEAST_FLOORS), 1.0)
         covariance = self._covariance(np.asarray(solved.jac, dtype=np.float64), left)
         count = free.size
-        return Fitted(times, covariance[:count, :count], chi2, dof, scale, stray, floors)
+        known = covariance[:count, :count]
+        return Fitted(times, known, chi2, dof, scale, stray, of_stated, floors)
 
     def _covariance(self, jac: Floats, residuals: Floats) -> Floats:
         """Covariance of all parameters, by the scatter of the residuals. What all bands of a strip
@@ -166,6 +171,7 @@ class Fit:
         upper = np.full(free + linear, np.inf)
         lower[:4], upper[:4] = np.log(SHORTEST_S), np.log(LONGEST_S)
         lower[4:COMMON], upper[4:COMMON] = LEAKS
+        lower[4] -= min(float((r.room / r.past).min()) for r in self._model.readings)
         if start.tail is not None:
             (lower[free - 2], lower[free - 1]), (upper[free - 2], upper[free - 1]) = (
                 (TAIL_BOUNDS[0][0], 0.4),
@@ -187,7 +193,7 @@ class Fit:
 
     def _residuals(self, v: Floats, tail: Tail | None) -> Floats:
         times, scale, stray = self._unpacked(v, tail)
-        found = scale[..., None] * self._model.shape(times) + stray[..., None]
+        found = scale[..., None] * self._model.shape(times) + stray[..., None] * self._past
         return np.asarray(((found - self._value) / self._sigma).ravel())
 
     def _slopes(self, v: Floats, tail: Tail | None) -> Floats:
@@ -212,5 +218,5 @@ class Fit:
         for n in range(photos):
             at = first + n * bands + band
             out[n, band, :, at] = here[n]
-            out[n, band, :, at + photos * bands] = 1.0
+            out[n, band, :, at + photos * bands] = self._past[n]
         return np.asarray((out / self._sigma[..., None]).reshape(-1, v.size))

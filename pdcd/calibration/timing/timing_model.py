@@ -3,7 +3,10 @@
 A strip of a band sends ``scale * [mean of (x_p + a)(x_m + b)] / [(1 + a)(1 + b)] + stray``: x_p
 and x_m the answers of the panels, a what falls on the mask beside the projector's white (its leak,
 and ambient light), b the mask's leak, stray what comes past the mask. Scale and stray light are of
-each band of each photo; times and leaks are of the whole bench, the lag of each band.
+each band of each photo; times and leaks are of the whole bench, the lag of each band. Over a
+projector that is darker in its corners the room's light is not: what a photo of it says of each
+place (`Readings.room`) is part of a. What came past the mask in that photo is not, and stray light
+goes over the field as the room's does (`Readings.past`): one number for all.
 """
 
 from __future__ import annotations
@@ -47,8 +50,9 @@ class Tail:
 class Times:
     """What is to be found.
 
-    taus_s : (4,) as `TAUS`. leaks : (2,) a and b of the module. lags_s : (B,) of the mask's light
-        behind the projector's, as the frame log does not explain it, in the middle of its rows.
+    taus_s : (4,) as `TAUS`. leaks : (2,) a on average, less `Readings.room`, and b.
+    lags_s : (B,) of the mask's light behind the projector's, as the frame log does not explain it,
+        in the middle of its rows.
     across_s : what is added to it from x = 0 to x = 1, of panels that are turned against the field
         and set row by row.
     """
@@ -121,6 +125,15 @@ class Model:
 
     def shapes(self, variants: Sequence[Times]) -> Floats:
         """The same of several, (variants, photos, B, K), all with or all without a tail."""
+        return self._shapes(variants, [(r.room, r.past) for r in self.readings])
+
+    def anywhere(self, times: Times) -> Floats:
+        """What strips of no particular band would have at each of many lags, (photos, lags, K)."""
+        both = [(r.room, r.past) for r in self.readings]
+        mean = [tuple(of_bands.mean(axis=0, keepdims=True) for of_bands in pair) for pair in both]
+        return np.asarray(self._shapes([times], mean)[0])
+
+    def _shapes(self, variants: Sequence[Times], rooms: Sequence[tuple[Floats, ...]]) -> Floats:
         nodes = NODES * self.slope_s * self.height if self.slope_s else np.zeros(1)
         shares = NODE_SHARES if self.slope_s else np.ones(1)
         lags = np.stack([times.lags_s for times in variants])  # (V, B)
@@ -128,9 +141,13 @@ class Model:
         across = np.array([times.across_s for times in variants])[:, None, None, None]
         answers, leaks = _stacked(variants)
         parts = []
-        for reading, pair, apart in zip(self.readings, self._asked, self._apart_s, strict=True):
+        for reading, pair, apart, room in zip(
+            self.readings, self._asked, self._apart_s, rooms, strict=True
+        ):
             late_s = late + across * reading.x + apart
-            found = _over_white(answers, leaks, pair, late_s, self.refresh_s)
+            on_mask, past = (of_bands[:, None] for of_bands in room)
+            beside = leaks[0] * past + on_mask, leaks[1]
+            found = _over_white(answers, beside, pair, late_s, self.refresh_s)
             parts.append(np.tensordot(found, shares, (2, 0)))
         return np.stack(parts, axis=1) + self.correction
 
@@ -146,7 +163,7 @@ class Model:
             plain, self.slope_s = self.shape(replace(times, across_s=0.0)), slope
         for n, (reading, ran) in enumerate(zip(self.readings, self.ran, strict=True)):
             for b, lag in enumerate(times.lags_s):
-                self.correction[n, b] = exact(reading, ran, times, float(lag)) - plain[n, b]
+                self.correction[n, b] = exact(reading, ran, times, float(lag), b) - plain[n, b]
 
 
 def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Floats, Floats]]:
@@ -184,15 +201,19 @@ def _over_white(
     return np.asarray((product + alone) / ((1.0 + a) * (1.0 + b)))
 
 
-def exact(reading: Readings, ran: Ran, times: Times, lag_s: float) -> Floats:
-    """The same (K,) by the realised matrix of what the log says, at one lag."""
-    found = through_s(reading, ran, times, lag_s)
-    return np.asarray(found[:-1] / found[-1])
+def exact(reading: Readings, ran: Ran, times: Times, lag_s: float, band: int = 0) -> Floats:
+    """The same (K,) of a band by the realised matrix of what the log says, at one lag."""
+    at = min(band, len(reading.room) - 1)
+    beside = times.leaks[0] * reading.past[at] + reading.room[at]
+    lit, alone = (through_s(reading, ran, times, lag_s, leak) for leak in (0.0, 1.0))
+    # Light beside the projector's white is there throughout, as of a projector that never is black.
+    strips, white = (lit[part] + beside * alone[part] for part in (slice(-1), slice(-1, None)))
+    return np.asarray(strips / white)
 
 
-def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float) -> Floats:
+def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float, leak: float) -> Floats:
     """Seconds for which light got through the strips, (K + 1,): a cell a strip, and one more that
-    is always white."""
+    is always white. leak : of the projector."""
     count = len(reading.projector)
     programmes = [
         (*side, pulse(side[0].of, side[0].of, 0, side[0].of))
@@ -210,14 +231,14 @@ def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float) -> Floats
     )  # fmt: skip
     total = np.zeros(count + 1)
     projector, mask = times.answers
-    a, b = (float(leak / (1.0 + leak)) for leak in times.leaks)
+    b = float(times.leaks[1] / (1.0 + times.leaks[1]))
     for p_share, p_rise, p_fall in projector.parts:
         for m_share, m_rise, m_fall in mask.parts:
             found: Factors = collect(
                 factors(
                     frames,
                     ran.log,
-                    Panel(float(p_rise), float(p_fall), a),
+                    Panel(float(p_rise), float(p_fall), leak),
                     Panel(float(m_rise), float(m_fall), b, round(lag_s * 1e9)),
                     open_ns=ran.open_ns,
                     close_ns=ran.close_ns,

@@ -27,7 +27,8 @@ def picture(found: Timing, readings: Sequence[Readings], ran: Sequence[Ran]) -> 
     model = Model(readings, ran, found.refresh_s)
     times = Times(found.taus_s, found.leaks, found.lag_s, found.tail, found.across_s)
     model.correct(times)
-    shape = found.scale[..., None] * model.shape(times) + found.stray[..., None]
+    past = np.stack([reading.past for reading in readings])
+    shape = found.scale[..., None] * model.shape(times) + found.stray[..., None] * past
     middle = found.bands.size // 2
     strips = [
         (programme, float(reading.value[middle, k]), float(fitted[middle, k]))

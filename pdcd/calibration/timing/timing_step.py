@@ -9,7 +9,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.figures import ROOM_GOOD, Figure, Verdict, darken
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import (
     Ask,
@@ -23,8 +23,9 @@ from pdcd.calibration.script import (
 )
 from pdcd.calibration.timing.delayed import delayed, ran_as
 from pdcd.calibration.timing.lag import LAG_LIMIT_S, Timing, coarse_delay, fit_timing
-from pdcd.calibration.timing.programmes import COARSE, Strips, strip_photo, strips_on
+from pdcd.calibration.timing.programmes import COARSE, Strips, room_photo, strip_photo, strips_on
 from pdcd.calibration.timing.strips import Readings, read_strips
+from pdcd.calibration.timing.timing_faults import room_of
 from pdcd.calibration.timing.timing_model import TAUS, Ran
 from pdcd.calibration.timing.timing_picture import picture
 from pdcd.calibration.window import Window, shared
@@ -88,13 +89,20 @@ class _Rig:
         shown = strip_photo(name, strips, self.projector, self.mask, white=white, periods=periods)
         return Wanted(delayed(shown, delay, TRAIL))
 
-    def read(self, photo: Photo, white: Photo, strips: Strips) -> Readings:
-        return read_strips(photo, white, self.camera, strips, bands=self.bands)
+    def room(self, strips: Strips, delay: int) -> Wanted:
+        """The white photo of strips again, with a black projector."""
+        white = self.wanted("white", strips, delay, white=True)
+        return replace(white, shown=room_photo(white.shown))
+
+    def read(
+        self, photo: Photo, white: Photo, strips: Strips, room: Photo | None = None
+    ) -> Readings:
+        return read_strips(photo, white, self.camera, strips, bands=self.bands, room=room)
 
 
 def timing(session: Session) -> Script:
-    """White, coarse strips, fine strips four times: six photos; eight where the mask is whole
-    refreshes late, or early.
+    """White, coarse strips, white without the projector, fine strips four times: seven photos; nine
+    where the mask is whole refreshes late, or early.
 
     Raises CalibrationError as `coarse_delay`, `read_strips` and `fit_timing` do.
     """
@@ -103,10 +111,13 @@ def timing(session: Session) -> Script:
     readings: list[Readings] = []
     ran: list[Ran] = []
     rows_delay = 0
+    taken = yield from take(rig.room(strips_on(rig.projector, window=rig.window), delay))
+    room = session.photo(taken)
     for number in range(PERMUTATIONS):
         strips = strips_on(rig.projector, number, window=rig.window)
         taken = yield from take(rig.wanted(f"rhythms-{number + 1}", strips, delay))
-        readings.append(rig.read(session.photo(taken), white, strips))
+        readings.append(rig.read(session.photo(taken), white, strips, room))
+        room_of(readings[-1])
         ran.append(ran_as(taken.ran, delay, rig.refreshes))
         rows_delay = taken.log.mask_delay
     found = fit_timing(readings, ran, session.refresh_s)
@@ -248,7 +259,8 @@ def _leaks(found: Timing, late_s: Floats) -> list[Figure]:
 
 
 def _advice(found: Timing, refresh_s: float) -> list[str]:
-    advice = []
+    advice = [darken(found.room)] if found.room > ROOM_GOOD else []
+    advice += [text for text in found.causes if text not in advice]
     slope_s = found.line_s[1]
     if abs(slope_s) > AGAINST * refresh_s:
         sure = abs(slope_s) > ONE_PANEL * refresh_s

@@ -80,7 +80,8 @@ def test_lag_rise_and_fall_and_whole_refreshes(tmp_path: Path) -> None:
     assert found.mask.scan_s == 0.0
     assert (found.projector.skew_s, found.projector.scan_s) == (0.0, 0.0)
     assert [photo.name for photo in record.steps[-1].photos] == [
-        f"timing-{name}" for name in ("white", "coarse", "white-again", "coarse-again", *STRIPS)
+        f"timing-{name}"
+        for name in ("white", "coarse", "white-again", "coarse-again", "room", *STRIPS)
     ]
     assert record.steps[-1].verdict == "good"
     assert any("7 refreshes earlier" in text for text in record.steps[-1].advice)
@@ -127,7 +128,7 @@ def test_times_are_found_again_once_the_delay_is_taken_out(tmp_path: Path) -> No
     display = msgspec.structs.replace(believed.display, mask_delay_refreshes=2)
     believed = msgspec.structs.replace(believed, display=display)
     result, found = calibrated(believed, "timing")
-    assert len(record_of(result).steps[-1].photos) == 2 + len(STRIPS)
+    assert len(record_of(result).steps[-1].photos) == 3 + len(STRIPS)
     check_found(believed, found)
     assert found.display.mask_delay_refreshes == 2
     assert found.mask.skew_s == pytest.approx(-0.0287, abs=0.15e-3)
@@ -158,8 +159,9 @@ def test_lag_and_jitter_of_the_shutter(tmp_path: Path) -> None:
     believed = bench(tmp_path, truth, rise_s=0.0031, fall_s=0.0022)
     result, found = calibrated(believed, "shutter")
     record = record_of(result)
-    # The bench draws two times a photo, for it opens and closes; one was metered, one was white.
-    drawn = np.random.default_rng([believed.camera.seed, 2]).standard_normal(14)[4:]
+    # The bench draws two times a photo, for it opens and closes; one was metered, one was white,
+    # and one was of the room.
+    drawn = np.random.default_rng([believed.camera.seed, 2]).standard_normal(16)[6:]
     late_s = 0.1163 + 0.0012 * drawn
     assert found.trigger.lag_s == pytest.approx(late_s.mean(), abs=0.3e-3)
     assert found.trigger.jitter_s == pytest.approx(late_s.std(ddof=1), abs=0.2e-3)

@@ -68,6 +68,7 @@ class Bench:
     """skew_s : of the mask over the projector at y = 0, scan_s : what is added until y = 1.
     across_s : what is added from x = 0 to x = 1, none of it in the middle.
 
+    falls : the projector's white is less by this at the left and right ends of the field.
     electrons : of a quad for white. flat : relative error of each patch of a photo. ambient : light
     on the mask beside the projector's; stray : light that comes past the mask. blur : in quads.
     """
@@ -83,6 +84,7 @@ class Bench:
     electrons: float = 20000.0
     flat: float = 5e-4
     ambient: float = 0.0
+    falls: float = 0.0
     stray: float = 0.0
     blur: float = 0.7
     lamp: float = 1.0
@@ -120,7 +122,9 @@ class Bench:
         m = self._under(open_kind, self.mask_map, centres)
         x, y = (np.clip(centres[..., axis], 0.0, 1.0) for axis in (0, 1))
         late_s = self.scan_s * y + self.across_s * (x - 0.5)
-        light = self._light(lit, opened, p, m, late_s)
+        light, glowing = (self._light(lit, opened, p, m, late_s, beside) for beside in (0.0, 1.0))
+        shade = 1.0 - self.falls * (2.0 * x - 1.0) ** 2
+        light = shade * light + self.ambient * (glowing - light)
         light = np.where(centres[..., 0] < self.covered, light, 0.02 * light)
         light = gaussian_filter(light, self.blur) if self.blur else light
         patches = 1.0 + self.flat * rng.standard_normal((1, 1 + width // self.patch))
@@ -157,6 +161,7 @@ class Bench:
         p: NDArray[np.int64],
         m: NDArray[np.int64],
         late_s: Floats,
+        ambient: float,
     ) -> Floats:
         """Mean of the product over the refreshes, of each quad that is `late_s` beside the skew; by
         17 lags between which it is interpolated."""
@@ -167,7 +172,7 @@ class Bench:
         table = products(
             self.projector, self.mask, tuple(map(tuple, lit.T)), tuple(map(tuple, opened.T)),
             tuple(pairs.tolist()), tuple((self.skew_s + lags).tolist()),
-            self.ambient, self.apart_s, self.slip_s,
+            ambient, self.apart_s, self.slip_s,
         )  # fmt: skip
         which = which.reshape(p.shape)
         if len(lags) == 1:

@@ -46,7 +46,7 @@ def photos(
         return Photo(seen, np.full(seen.shape, (sigma * WHITE) ** 2))
 
     both = light if isinstance(light, tuple) else (light, light)
-    found = {"white": photo(full)}
+    found = {"white": photo(full), "black": photo(both[0][0] * full)}
     for name, order, levels in zip(("steps-a", "steps-b"), orders(), both, strict=True):
         found[name] = photo(levels[order] * full)
         found[name].light[...] *= np.array(colours)
@@ -76,13 +76,16 @@ def test_light_is_told_from_black_to_white(gamma: float, black: float) -> None:
 
 
 def test_errors_are_those_of_a_strip_and_of_both_that_it_is_scaled_by() -> None:
-    """Each ratio has the noise of 40 quads of the strip and of the white photo, in three colours;
-    two orders halve the variance."""
+    """Each ratio has the noise of 40 quads of the strip, of the white photo and of the black one,
+    in three colours; two orders halve the variance."""
     light = gamma_of(1.0)
     found = response_of(photos(light, sigma=0.01), STRIPS)
     sums = np.array([0.7, 1.0, 0.8])
     noise2 = np.array(
-        [np.mean(0.01**2 * (1.0 + ratio**2) / sums**2) / 3.0 / QUADS for ratio in light]
+        [
+            np.mean(0.01**2 * (1.0 + ratio**2 + (1.0 - ratio) ** 2) / sums**2) / 3.0 / QUADS
+            for ratio in light
+        ]
     )
     wanted = np.sqrt((noise2 + light**2 * noise2[-1] + (1.0 - light) ** 2 * noise2[0]) / 2.0)
     np.testing.assert_allclose(found.sigma[1:-1], wanted[1:-1], rtol=1e-6)
@@ -93,13 +96,25 @@ def test_an_error_of_the_flat_field_counts_as_it_is_seen() -> None:
     ripple = 1.0 + 0.005 * np.where(np.arange(17) % 2, 1.0, -1.0)
     ripple[[0, -1]] = 1.0
     light = gamma_of(1.0)
-    found = response_of(photos((light * ripple, light / ripple)), STRIPS)
+    found = response_of(photos((light * ripple, light / ripple), sigma=3e-4), STRIPS)
     bright = (light > 0.2) & (np.arange(17) < 16)
     apart = (light * ripple - light / ripple)[bright] / light[bright]
     flat = float(np.sqrt(np.var(apart, ddof=1) / 2.0))
     own2 = (flat * light) ** 2
     wanted = np.sqrt((own2 + light**2 * own2[-1]) / 2.0)
     np.testing.assert_allclose(found.sigma[1:-1], wanted[1:-1], rtol=0.03)
+
+
+@pytest.mark.parametrize("room", [0.02, 0.05])
+def test_room_light_beside_a_projector_that_falls_off_to_its_corners(room: float) -> None:
+    """The same light everywhere on a white that is a third less at the ends: gamma was 2 % off."""
+    white = 1.0 - 0.35 * np.linspace(-1.0, 1.0, 17) ** 2
+    given = photos(gamma_of(1.0), white=white)
+    for photo in given.values():
+        photo.light[...] += room * WHITE * np.array([0.7, 1.0, 0.8])
+    found = response_of(given, STRIPS)
+    np.testing.assert_allclose(found.light, GREY, atol=1e-12)
+    assert found.gamma == pytest.approx(1.0, abs=1e-5)
 
 
 def refused(given: dict[str, Photo], strips: Any = STRIPS) -> tuple[str, str, str]:
@@ -208,7 +223,7 @@ def test_strips_that_are_known_to_two_hundredths_are_too_dim() -> None:
     """By noise of a median colour: sigma / (0.8 sqrt(40)) of the strip, and as much of white."""
     words, device, hint = refused(photos(gamma_of(2.2), sigma=0.12))
     assert "too dim: a strip is known to" in words and device == "camera" and "aperture" in hint
-    response_of(photos(gamma_of(2.2), sigma=0.08), STRIPS)
+    response_of(photos(gamma_of(2.2), sigma=0.075), STRIPS)
 
 
 def made(light: Floats, **more: Any) -> Response:
@@ -249,8 +264,9 @@ def test_strips_are_of_one_width_from_edge_to_edge() -> None:
     assert strips_of([-5.0, 0.0, 9.99, 10.0, 169.9, 170.0, 999.0], 170).tolist() == [
         0, 0, 0, 1, 16, 16, 16,
     ]  # fmt: skip
-    white, first, second = steps_photos("projector", (170, 4), 100, cycle=30)
-    assert (white.name, first.name, second.name) == ("white", "steps-a", "steps-b")
+    white, black, first, second = steps_photos("projector", (170, 4), 100, cycle=30)
+    names = (white.name, black.name, first.name, second.name)
+    assert names == ("white", "black", "steps-a", "steps-b") and not black.levels.any()
     assert {white.refreshes, first.refreshes, second.refreshes} == {120}
     assert (white.levels == 255).all() and white.levels.shape == (4, 170)
     for steps, order in zip((first, second), orders(), strict=True):

@@ -1,4 +1,4 @@
-"""The step of grey levels: six photos, what is kept of them, and what is advised."""
+"""The step of grey levels: eight photos, what is kept of them, and what is advised."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def stepped(
 
 def test_each_panel_shows_its_levels_before_a_white_other_one() -> None:
     _, found = stepped()
-    names = ["white", "steps-a", "steps-b"]
+    names = ["white", "black", "steps-a", "steps-b"]
     shown = [wanted.shown for wanted in found.wanted]
     assert [one.name for one in shown] == [f"{p}-{n}" for p in ("projector", "mask") for n in names]
     for one in shown:

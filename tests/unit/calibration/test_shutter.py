@@ -37,6 +37,8 @@ class Camera:
     """A card under a bar, the light summed up in small steps between two times of each row.
 
     travel_s : by how much later the last row of the frame opens, and closes.
+    glow : light of the room while it is open, over white in the middle of the field; the white of
+        the projector is less by `falls` at its left and right ends.
     """
 
     opened_s: float
@@ -46,6 +48,8 @@ class Camera:
     stray: float = 0.0
     flat: float = 5e-4
     seed: int = 1
+    glow: float = 0.0
+    falls: float = 0.0
 
     def photo(self, shown: Shown) -> Photo:
         """Camera pixels are two by two of the projector: no maps are needed."""
@@ -77,15 +81,21 @@ class Camera:
             both = np.array([np.interp(edges, at, g) for g in given])
             rows = slice(y, y + 1) if parts.size > 1 else slice(None)
             out[rows] = (both[:, 1] - both[:, 0])[pixel[rows]]
-        return self.taken(out)
+        return self.taken(out, self.closed_s - self.opened_s)
 
     def white(self, seconds: float = 0.4) -> Photo:
-        return replace(self, seed=self.seed + 1000).taken(np.full(CAMERA.size_px[::-1], seconds))
+        lit = np.full(CAMERA.size_px[::-1], seconds)
+        return replace(self, seed=self.seed + 1000).taken(lit, seconds)
 
-    def taken(self, seconds: NDArray[np.float64]) -> Photo:
+    def room(self, seconds: float = 0.4) -> Photo:
+        return replace(self, seed=self.seed + 2000).taken(np.zeros(CAMERA.size_px[::-1]), seconds)
+
+    def taken(self, seconds: NDArray[np.float64], open_s: float) -> Photo:
         rng = np.random.default_rng(self.seed)
         patches = 1.0 + self.flat * rng.standard_normal((1, 32)).repeat(4, axis=1)
-        light = self.electrons * (seconds * patches + self.stray)[..., None] * np.ones(3)
+        shade = 1.0 - self.falls * np.linspace(-1.0, 1.0, seconds.shape[1]) ** 2
+        there = seconds * shade * patches + self.glow * open_s + self.stray
+        light = self.electrons * there[..., None] * np.ones(3)
         variance = (light + 17.0**2) / np.array([1.0, 2.0, 1.0])
         noisy = light + np.sqrt(variance) * rng.standard_normal(light.shape)
         return Photo(noisy, variance, (noisy > 16000.0).any(axis=-1))
@@ -114,6 +124,20 @@ def test_opening_and_closing_are_found() -> None:
     assert got.closed_s == pytest.approx(camera.closed_s, abs=0.15e-3)
     assert got.opened_sigma_s < 0.15e-3
     assert got.exposure_s == pytest.approx(0.42134, abs=0.3e-3)
+
+
+@pytest.mark.parametrize("glow", [0.02, 0.05, 0.1])
+def test_light_of_the_room_moves_neither(glow: float) -> None:
+    """Even light over a projector that is a third darker at its ends."""
+    camera = Camera(5.26187, 5.68321, glow=glow, falls=0.35)
+    light = read_bar(camera.photo(BAR), camera.white(), CAMERA, room=camera.room())
+    got = fit_shutter(light, log(BAR.refreshes), (5.2, 5.7), TAUS)
+    assert got.opened_s == pytest.approx(camera.opened_s, abs=0.15e-3)
+    assert got.closed_s == pytest.approx(camera.closed_s, abs=0.15e-3)
+    assert got.chi2 < 2.0
+    blind = read_bar(camera.photo(BAR), camera.white(), CAMERA)
+    with pytest.raises(CalibrationError, match="no opening and closing explain the bar"):
+        fit_shutter(blind, log(BAR.refreshes), (5.2, 5.7), TAUS)
 
 
 @pytest.mark.long

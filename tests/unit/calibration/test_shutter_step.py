@@ -45,7 +45,8 @@ class Bench:
     def taken(self, wanted: Wanted) -> Any:
         name = wanted.shown.name
         if wanted.moving is None:
-            self.photos[name] = Camera(0.0, 0.0).white()
+            camera = Camera(0.0, 0.0)
+            self.photos[name] = camera.room() if name == "room" else camera.white()
             return SimpleNamespace(name=name)
         number = int(name.removeprefix("bar-")) - 1
         opening_s, closing_s = (late[number % len(late)] for late in self._late)
@@ -113,15 +114,15 @@ def test_one_lag_is_told_where_opening_and_closing_are_alike() -> None:
         assert (half == BLUE).all(axis=2).any()  # the lags, and the cells of the last bar
 
 
-def test_a_photo_of_white_and_five_of_a_bar_in_two_lengths() -> None:
+def test_photos_of_white_and_of_the_room_and_five_of_a_bar_in_two_lengths() -> None:
     found = stepped(LATE)
     names = [wanted.shown.name for wanted in found.wanted]
-    assert names == ["white", *(f"bar-{n}" for n in range(1, 6))]
+    assert names == ["white", "room", *(f"bar-{n}" for n in range(1, 6))]
     assert found.wanted[0].shown.refreshes == 24
-    cells = [len(wanted.shown.projector) for wanted in found.wanted[1:]]
+    cells = [len(wanted.shown.projector) for wanted in found.wanted[2:]]
     assert cells[0] == cells[2] == cells[4] != cells[1] == cells[3]
     open_s = max(0.75 - SURE_S, 0.2)
-    for wanted in found.wanted[1:]:
+    for wanted in found.wanted[2:]:
         moving = wanted.moving
         assert moving is not None and moving.after == 30  # half a second
         assert moving.open_s == pytest.approx(open_s)

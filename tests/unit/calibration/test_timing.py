@@ -11,7 +11,7 @@ import pytest
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.timing.lag import Timing, coarse_delay, fit_timing, straight
-from pdcd.calibration.timing.programmes import COARSE, Strips, strip_photo, strips_on
+from pdcd.calibration.timing.programmes import COARSE, Strips, room_photo, strip_photo, strips_on
 from pdcd.calibration.timing.strips import Readings, read_strips
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, matrix
@@ -106,6 +106,45 @@ def test_lag_rise_and_fall_are_found() -> None:
             near = 2e-3 if want[name] < 0.5 else 1e-2
             assert kept.leak == pytest.approx(want[name], abs=near)
     assert {figure.verdict for figure in timing.figures()} == {Verdict.GOOD}
+
+
+def found_beside_room_light(on: Bench, *, looked: bool = True) -> Timing:
+    """Of four photos, with a look at the room's light or without one."""
+    readings, ran = [], []
+    for number in range(4):
+        strips = strips_on(PROJECTOR, number)
+        photo, white = photos(on, strips, seed=number)
+        shown = strip_photo("strips", strips, PROJECTOR, MASK, white=True, periods=PERIODS)
+        room = on.photo(room_photo(shown), 99) if looked else None
+        readings.append(read_strips(photo, white, CAMERA, strips, bands=3, room=room))
+        ran.append(on.log(shown))
+    return fit_timing(readings, ran, REFRESH_S)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.05, 0.1])
+def test_light_of_the_room_over_a_projector_that_falls_off(share: float) -> None:
+    """Its share is not one number: it is half as much again at the ends of the field."""
+    on = bench(ambient=share, falls=0.35, stray=0.003, flat=1e-4)  # some of it past the mask
+    timing = found_beside_room_light(on)
+    np.testing.assert_allclose(timing.lag_s, on.skew_s, rtol=0, atol=0.05e-3)
+    np.testing.assert_allclose(timing.taus_s, (*PROJECTOR_S, *MASK_S), rtol=0.02)
+    assert timing.chi2 < 2.0
+    middle = share / (1.0 - 0.35 * 0.25)  # half-way to the ends: the median of all places
+    assert timing.room == pytest.approx(middle + 0.0005 + 0.003, rel=0.05)
+    figures = {figure.name: figure for figure in timing.figures()}
+    assert figures["timing.room"].verdict is (Verdict.DOUBTFUL if share > 0.07 else Verdict.GOOD)
+
+
+def test_light_of_the_room_that_nobody_looked_at_is_told_by_what_it_leaves() -> None:
+    """It goes with the place on the card, not with what strips were asked for."""
+    with pytest.raises(CalibrationError, match="no rise, fall and lag explain") as caught:
+        found_beside_room_light(bench(ambient=0.05, falls=0.35, flat=1e-4), looked=False)
+    assert str(caught.value.hint).startswith("nothing may move between the photos")
+
+
+def test_too_much_light_of_the_room_has_its_name_and_number() -> None:
+    with pytest.raises(CalibrationError, match=r"room light is 25 % of white: darken the room"):
+        found_beside_room_light(bench(ambient=0.24, falls=0.1))
 
 
 def test_a_lag_that_no_line_follows_is_doubtful() -> None:

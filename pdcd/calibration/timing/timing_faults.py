@@ -1,0 +1,144 @@
+"""What can be wrong with photos of strips, each by its name, the likeliest first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.figures import ROOM_GOOD, ROOM_MOST, darken
+from pdcd.calibration.timing.programmes import Programme
+from pdcd.calibration.timing.strips import Readings
+from pdcd.calibration.timing.timing_fit import LONGEST_S, Fitted
+from pdcd.calibration.timing.timing_model import TAUS
+from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+
+MOST_CHI2 = 20.0
+"""Largest reduced chi^2 of a fit that is believed at all: rows that are set in steps, where a
+straight line is fitted to them, come between. A tail of a tenth gives 90."""
+STRAY = 0.1
+"""Most light beside the panels' own, over white."""
+PEAK = 0.02
+"""Least light over white at the best delay of the mask, and by which strips that pulse differ."""
+SURELY = 0.1
+"""Weight of a cause from which on it is told."""
+CLEARLY = 0.5
+"""Share of what is left that goes with places, or with pulses, where these are the cause: light
+that is uneven changes pulses more or less, and leaves 0.3."""
+
+
+def room_of(reading: Readings) -> float:
+    """Light beside the projector's white, over that white: the median of all places. Raises
+    CalibrationError where it is too much to measure by."""
+    share = float(np.median(reading.room))
+    if share > ROOM_MOST:
+        raise CalibrationError(darken(share), device="camera", hint="switch the room lights off")
+    return share
+
+
+def causes_of(readings: Sequence[Readings], found: Fitted) -> tuple[str, ...]:
+    """What may be why times do not explain the strips, and what to do, the likeliest first: what is
+    left goes with the place of a strip, with what it was asked for, or with neither."""
+    left = found.left.mean(axis=1)  # (photos, K)
+    kinds = np.array([[f"{p.lit}|{p.opened}" for p in r.projector] for r in readings])
+    places = np.broadcast_to(np.arange(left.shape[1]), left.shape)
+    by_place, by_kind = _explained(left, places), _explained(left, kinds)
+    room = room_of(readings[0])
+    causes = [
+        (max(0.0, room / ROOM_GOOD - 0.5), darken(room)),
+        (
+            max(0.0, CLEARLY - by_place - by_kind),
+            "the lamp's light must not flicker: switch eco mode, dynamic contrast and an auto iris "
+            "off",
+        ),
+        (by_place, "nothing may move between the photos, and the maps must fit: run geometry"),
+        (by_kind, "switch off overdrive and frame interpolation: a panel answers in another way"),
+    ]
+    causes.sort(key=lambda cause: -cause[0])
+    return tuple(text for weight, text in causes if weight > SURELY)
+
+
+def refuse_unexplained(readings: Sequence[Readings], found: Fitted) -> None:
+    """Refuse strips that no times explain, with its causes."""
+    if found.chi2 > MOST_CHI2:
+        raise CalibrationError(
+            f"no rise, fall and lag explain the strips (reduced chi^2 {found.chi2:.0f}, at most "
+            f"{MOST_CHI2:g})",
+            device="display",
+            hint="; ".join(causes_of(readings, found)),
+        )
+
+
+def _explained(left: Floats, groups: NDArray[np.generic]) -> float:
+    """Share of the variance of `left` that is of the groups' means, beyond what chance gives as
+    many groups; 0 where each is alone."""
+    _, number, count = np.unique(groups, return_inverse=True, return_counts=True)
+    if count.max() == 1 or count.size == 1:
+        return 0.0
+    mean = np.bincount(number.ravel(), left.ravel()) / count
+    share = float(np.sum(count * mean**2) / max(float(np.sum(left**2)), 1e-300))
+    by_chance = count.size / left.size
+    return max(0.0, (share - by_chance) / (1.0 - by_chance))
+
+
+def refuse_slow(found: Fitted) -> None:
+    """Refuse a panel that takes longer than any is fitted with."""
+    slow = found.times.taus_s > 0.9 * LONGEST_S
+    if slow.any():
+        raise CalibrationError(
+            f"{TAUS[int(np.argmax(slow))]} is {1e3 * LONGEST_S:.0f} ms or more",
+            device="display",
+            hint="that panel does not follow its refreshes; switch off what smooths motion",
+        )
+
+
+def refuse_references(readings: Sequence[Readings]) -> None:
+    """Refuse strips that should be black or white and are not."""
+    for reading in readings:
+        black = ["1" not in p.lit + m.opened for p, m in _pairs(reading)]
+        white = ["0" not in p.lit + m.opened for p, m in _pairs(reading)]
+        if not any(black) or not any(white):
+            raise ValueError("programmes without a black and a white one")
+        dark = float(np.median(reading.value[:, black]))
+        full = float(np.median(reading.value[:, white]))
+        pulsing = [p == m and not p.still for p, m in _pairs(reading)]
+        if dark > STRAY * max(full, 1e-12) and full - dark > 0.3:
+            raise room_light(dark / full)
+        if not _delays_matter(reading, np.array(pulsing), PEAK * full):
+            raise CalibrationError(
+                "no strip pulses with its light",
+                device="display",
+                hint="the panels must show every refresh 1:1; where the mask is many refreshes "
+                "late, run the coarse search first",
+            )
+
+
+def _delays_matter(reading: Readings, pulsing: NDArray[np.bool_], least: float) -> bool:
+    """Whether strips that differ by nothing but the mask's delay differ in their light."""
+    level = np.median(reading.value, axis=0)
+    kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.projector])
+    spreads = [
+        float(np.ptp(level[pulsing & (kinds == kind)])) for kind in np.unique(kinds[pulsing])
+    ]
+    return max(spreads) > least
+
+
+def _rhythm(opened: str) -> str:
+    """The same of programmes that differ by nothing but a delay."""
+    return min(opened[k:] + opened[:k] for k in range(len(opened)))
+
+
+def _pairs(reading: Readings) -> list[tuple[Programme, Programme]]:
+    return list(zip(reading.projector, reading.mask, strict=True))
+
+
+def room_light(share: float) -> CalibrationError:
+    """Of light that comes past the mask."""
+    return CalibrationError(
+        f"black strips have {100.0 * share:.0f} % of the light of white ones",
+        device="camera",
+        hint="switch the room lights off, and cover what glares",
+    )
