@@ -144,7 +144,7 @@ def test_before_a_real_camera_nobody_makes_the_mock_cameras_bench(
 
 
 def test_room_light_that_is_switched_on_half_way(tmp_path: Path) -> None:
-    """The room is as the configuration says in two exposures, and as the truth says from then on."""
+    """The room is as the configuration says in two exposures, and then as the truth says."""
     truth = "[mask]\ncontrast = 2.0\n[scene]\nambient = 2.0\nambient_from = 3\n"
     config = config_of(tmp_path, truth, frame_quads=(16, 12))
     bench = Bench.of(DriverContext(config=config, clock=VirtualClock()))
