@@ -113,6 +113,7 @@ def known_answer(
     if optics is None:
         return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
     meant = recipe.wanted if recipe.meant is None else recipe.meant
+    grid = recipe.target.grid
     # Only what is linear in a scene's effects can be told on a bench of pixels.
     linear = not isinstance(recipe.answer, Extremes)
     if optics.frame != cells.frame or not linear or not optics.tells(meant, grid):
