@@ -183,6 +183,7 @@ def _panel_faults(config: Config) -> Iterator[Fault]:
             ("projector.offset_px",),
             "projector.offset_px: the mask is offset against the projector: set mask.offset_px",
         )
+    yield from _field_faults(config)
     if config.projector.blur_px:
         yield Fault(
             ("projector.blur_px",),
@@ -203,6 +204,24 @@ def _panel_faults(config: Config) -> Iterator[Fault]:
                 (f"{name}.contrast",),
                 f"{name}.contrast: white over black exceeds 1; leave it out for a perfect black",
             )
+
+
+def _field_faults(config: Config) -> Iterator[Fault]:
+    """Yield what is wrong with the part of the projector's picture that is the field."""
+    if config.mask.field_px is not None:
+        yield Fault(
+            ("mask.field_px",),
+            "mask.field_px: the field lies in the projector's picture: set projector.field_px",
+        )
+    if config.projector.field_px is None:
+        return
+    (left, top, wide, high), (width, height) = config.projector.field_px, config.projector.size_px
+    if min(left, top) < 0 or min(wide, high) < 1 or left + wide > width or top + high > height:
+        yield Fault(
+            ("projector.field_px", "projector.size_px"),
+            f"projector.field_px: {wide} x {high} pixels at ({left}, {top}) are no part of the "
+            f"projector's {width} x {height}",
+        )
 
 
 def _place_faults(config: Config) -> Iterator[Fault]:
@@ -242,7 +261,7 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
             f"scene.grid: {rows} x {cols} cells leave {small_px:.3g} pixels a cell on the {name}; "
             f"{needed_px:g} are needed{needed}",
         )
-    width, height = config.projector.size_px
+    width, height = config.projector.field_size_px
     cell_px, offset_px = min(width / cols, height / rows), config.rig.misregistration_px
     if guard * cell_px < offset_px and guard:
         yield Fault(

@@ -1,4 +1,8 @@
-"""The maps of a configuration: where projector, mask and camera lie on the field."""
+"""The maps of a configuration: where projector, mask and camera lie on the field.
+
+Places say where a device lies on the projector's picture. The field is that picture, or the part of
+it that all three share (`PanelConfig.field_px`): this is where the one becomes the other.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import check_cells
-from pdcd.panels.map import Map, PanelView
+from pdcd.panels.atoms import cells_shown
+from pdcd.panels.map import Map, Matrix, PanelView, matrix
 from pdcd.panels.map_file import load_map
 from pdcd.panels.map_soundness import check_share, covers, fewest_pixels, share
 from pdcd.panels.placing import placed
@@ -34,8 +40,31 @@ def panels_of(config: Config) -> Panels:
 
 def panels_from(projector: PanelConfig, mask: PanelConfig) -> Panels:
     """The same of the tables of both."""
-    size_px = projector.size_px
-    return Panels(_view(projector, "projector", size_px), _view(mask, "mask", size_px))
+    return Panels(_view(projector, "projector", projector), _view(mask, "mask", projector))
+
+
+def on_field(map_: Map, projector: PanelConfig) -> Map:
+    """The map to the field of a device whose map leads to the projector's picture."""
+    if projector.field_px is None:
+        return map_
+    (left, top, wide, high), (width, height) = projector.field_px, projector.size_px
+    return map_.then(
+        [[width / wide, 0.0, -left / wide], [0.0, height / high, -top / high], [0, 0, 1]]
+    )
+
+
+def plane_on_field(plane: Matrix, projector: PanelConfig) -> Matrix:
+    """A homography from the projector's picture to itself as one from the field to the field."""
+    if projector.field_px is None:
+        return plane
+    own = on_field(Map(size_px=(1, 1), homography=matrix(np.eye(3))), projector)
+    to_field = np.array(own.homography).reshape(3, 3)
+    return matrix(to_field @ np.array(plane).reshape(3, 3) @ np.linalg.inv(to_field))
+
+
+def placed_panel(panel: PanelConfig, role: Role, projector: PanelConfig) -> Map:
+    """The map of one panel to the field. Raises ConfigError for a place that cannot be used."""
+    return on_field(placed(panel.place, panel.size_px, projector.size_px, role), projector)
 
 
 def camera_map(config: Config, frame: tuple[int, int]) -> Map:
@@ -46,7 +75,7 @@ def camera_map(config: Config, frame: tuple[int, int]) -> Map:
     """
     rows, cols = frame
     map_ = placed(config.camera.place, (cols, rows), config.projector.size_px, "camera")
-    return check_share(map_, "camera", least=0.0)
+    return check_share(on_field(map_, config.projector), "camera", least=0.0)
 
 
 def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
@@ -96,12 +125,11 @@ def dark_places(config: Config, grid: tuple[int, int]) -> Iterator[tuple[str, st
     """Each panel that leaves part of the field without a pixel, and what of it: such places stay
     dark. Of a panel whose place cannot be used nothing is said."""
     for panel in _usable(config):
-        try:
-            check_cells(panel, grid)
-        except ConfigError as err:
-            yield panel.role, err.message
-            continue
-        if not covers(panel.map):
+        blind = int(np.count_nonzero(~cells_shown(panel, grid)))
+        if blind:
+            rows, cols = grid
+            yield panel.role, f"{blind} of {rows} x {cols} cells have no pixel on the {panel.role}"
+        elif not covers(panel.map):
             dark = 1.0 - share(panel.map, FINELY)
             much = f"about {dark:.0%}" if dark >= 0.01 else "less than 1%"
             yield panel.role, f"{much} of the field has no pixel of the {panel.role}"
@@ -124,10 +152,8 @@ PANELS: tuple[Role, ...] = ("projector", "mask")
 
 def _panel(config: Config, role: Role) -> PanelView:
     panel = config.projector if role == "projector" else config.mask
-    return _view(panel, role, config.projector.size_px)
+    return _view(panel, role, config.projector)
 
 
-def _view(panel: PanelConfig, role: Role, projector_px: tuple[int, int]) -> PanelView:
-    return PanelView(
-        role, check_share(placed(panel.place, panel.size_px, projector_px, role), role)
-    )
+def _view(panel: PanelConfig, role: Role, projector: PanelConfig) -> PanelView:
+    return PanelView(role, check_share(placed_panel(panel, role, projector), role))

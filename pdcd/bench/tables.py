@@ -93,7 +93,20 @@ class PanelConfig(_Table, frozen=True):
     """Mask only: blur of the scene's light on it, standard deviation of a Gaussian in projector
     pixels."""
     place: Placing = field(default_factory=Placing)
-    """Where the panel's pixels lie on the field, for drawing."""
+    """Where the panel's pixels lie on the projector's picture, for drawing."""
+    field_px: tuple[int, int, int, int] | None = None
+    """Projector only: the field, as left, top, width and height in its pixels; a calibration
+    measures which part of its picture mask and camera share. None: all of the picture."""
+
+    @property
+    def field_box_px(self) -> tuple[int, int, int, int]:
+        """Of the projector: `field_px`, that of all of its picture included."""
+        return (0, 0, *self.size_px) if self.field_px is None else self.field_px
+
+    @property
+    def field_size_px(self) -> tuple[int, int]:
+        """Of the projector: width and height of the field in its pixels."""
+        return self.field_box_px[2:]
 
 
 class FaultsConfig(_Table, frozen=True):

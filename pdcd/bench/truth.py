@@ -147,7 +147,8 @@ class Truth(_Table, frozen=True):
             mask = replace(mask, blur_px=self.scene.blur_px)
         return replace(
             config,
-            projector=_panel(config.projector, self.projector),
+            # The scene lies on the projector's whole picture, whatever part of it codes fill.
+            projector=replace(_panel(config.projector, self.projector), field_px=None),
             mask=mask,
             camera=camera,
             scene=scene,

@@ -29,6 +29,9 @@ from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import RawFrame
 from pdcd.words import MarksName, SubjectName
 
+FIELD = "projector.field_px"
+"""Where the field lies, in the words of the configuration."""
+
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
@@ -128,7 +131,8 @@ Script = Generator[Wanted | Ask, Taken | None, Outcome]
 class Session:
     """What is known of the bench so far; steps read it, and `learn` adds to it.
 
-    config : the belief, with what was measured in the place of what was typed.
+    config : the belief, with what was measured in the place of what was typed; places and maps are
+        those on the projector's whole picture, wherever in it the field lies (`field_px`).
     iso, f_number : of the photos; f_number None where the lens is not set from here.
     full : refreshes of white light after which the brightest part of a photo is at `FULL` of
         saturation; 0 before it was metered.
@@ -137,6 +141,7 @@ class Session:
     subject : what is before the camera. marks : what the geometry is to show.
     behind_rows : rows by which the mask is to be sent its pictures later than the display does: it
         takes what was measured from its next start on.
+    field_px : the field in the projector's picture; None: all of it.
     """
 
     config: Config
@@ -151,6 +156,17 @@ class Session:
     subject: SubjectName = "card"
     marks: MarksName = "auto"
     behind_rows: int = 0
+    field_px: tuple[int, int, int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if self.config.projector.field_px is not None:
+            self.field_px = self.config.projector.field_px
+            self.config = with_values(self.config, {FIELD: None}, {})
+
+    @property
+    def on_field(self) -> Config:
+        """The belief of captures: with the field where it lies."""
+        return with_values(self.config, {FIELD: self.field_px}, {})
 
     @property
     def refresh_s(self) -> float:
@@ -189,6 +205,7 @@ class Session:
         """Go on by what a step found."""
         values = {key: found.value for key, found in outcome.words.items()}
         values.pop("camera.profile", None)
+        self.field_px = values.pop(FIELD, self.field_px)
         before_rows = self.config.mask_delay_rows
         self.config = with_values(self.config, values, outcome.maps)
         self.behind_rows += self.config.mask_delay_rows - before_rows

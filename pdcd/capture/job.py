@@ -119,6 +119,11 @@ def warnings_of(
         if blown:
             yield f"shot {name}: {blown} pixels are saturated"
     yield from developed.warnings
+    if developed.blind > 0.0:
+        yield (
+            f"{100.0 * developed.blind:.2g} % of the cells are blind, without a pixel of a panel "
+            "or a quad of the camera: nothing is known there (infinite sigma)"
+        )
     if config.camera.responsivity_e is None and not mock:
         yield (
             "camera.responsivity_e is not set: the scale of the pictures, and what errors were "
@@ -159,6 +164,8 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
         "quality": developed.quality,
         **developed.transport,
     }
+    if developed.blind > 0.0:
+        told["blind_share"] = developed.blind
     if developed.decided:
         told["decided"] = "; ".join(developed.decided)
     return told

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map, PanelView
+from pdcd.panels.map_soundness import covers, fewest_pixels
 
 Atoms = NDArray[np.int32]
 
@@ -27,6 +28,9 @@ NEAR = 1e-9
 """A centre so few atoms before an edge lies on it: only rounding has kept it away."""
 BLOCK_PX = 1 << 17
 """Pixels whose places are worked out at a time, to bound the memory."""
+SURE_PX = 2.0
+"""Pixels along a cell's side from which on one has its centre in it, however the cell is turned:
+the circle in a square of sqrt(2) holds one; the rest is for what a lens bends within a cell."""
 KEPT = 6
 """Geometries that are remembered: two panels, each with two grids, and the mask in fine atoms."""
 
@@ -70,26 +74,41 @@ def atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = PER_CELL) -> 
 
 
 @lru_cache(maxsize=2 * KEPT)
-def check_cells(panel: PanelView, grid: tuple[int, int]) -> None:
-    """Refuse a grid with a cell that no pixel of the panel shows. Raises ConfigError.
+def cells_shown(panel: PanelView, grid: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which cells of a grid any pixel of the panel shows, (rows, cols), read-only: neither those
+    beyond the panel's edge, nor those that are smaller than its pixels and lie between them.
 
-    That is a cell smaller than the pixels, or one beyond the panel's edge. Where panel and grid
-    are upright this takes no time; else `atoms` are made.
+    It takes no time where panel and grid are upright, or where cells are so large that none can
+    miss all pixels of a panel that covers the field; else `atoms` are made.
     """
-    rows, cols = grid
     axes = _axes(panel.map, grid)
     if axes is not None:
         shown = np.outer(*(_seen(a, n) for a, n in zip(axes[::-1], grid, strict=True)))
+    elif covers(panel.map) and (fewest_pixels(panel.map, grid) or 0.0) >= SURE_PX:
+        shown = np.ones(grid, dtype=np.bool_)
     else:
         cell = atoms(panel, grid) // PER_CELL
         inside = cell[cell[..., 0] >= 0]
         shown = np.zeros(grid, dtype=np.bool_)
         shown[inside[:, 1], inside[:, 0]] = True
-    if shown.all():
+    shown.flags.writeable = False
+    return shown
+
+
+def check_cells(panel: PanelView, grid: tuple[int, int]) -> None:
+    """Refuse a grid that is finer than the panel's pixels, or none of whose cells it shows. Raises
+    ConfigError.
+
+    Cells beyond the panel's edge may have no pixel, for no panel covers the field exactly: these
+    stay dark, and nothing is known there.
+    """
+    shown = cells_shown(panel, grid)
+    finer = (fewest_pixels(panel.map, grid) or 0.0) < 1.0 - NEAR
+    if shown.all() or (shown.any() and not finer):
         return
+    (rows, cols), (width, height) = grid, panel.size_px
     missing = int(shown.size - np.count_nonzero(shown))
     row, col = np.argwhere(~shown)[0].tolist()
-    width, height = panel.size_px
     raise ConfigError(
         f"{missing} of {rows} x {cols} cells have no pixel on the {panel.role}'s "
         f"{height} x {width} px, the first in row {row}, column {col}",

@@ -33,8 +33,8 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
     row : row of the frames, 0 <= row < F, or `BLACK`.
 
     Full light is 255. Levels are not corrected for the panel's response. Raises ConfigError for a
-    row that there is not, where a cell of the grid has no pixel, and for patterns of pixels that
-    are not the panel's.
+    row that there is not, for cells finer than pixels or all beside the panel, and for patterns of
+    pixels that are not the panel's. A cell beyond the panel's edge is not shown.
     """
     check_fit(frames, panel)
     if row != BLACK and not 0 <= row < len(frames):
@@ -69,8 +69,8 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
 
 
 def check_fit(frames: Frames, panel: PanelView) -> None:
-    """Refuse frames that a panel cannot show: with a cell that has no pixel on it, or with patterns
-    of pixels that are not its own. Raises ConfigError."""
+    """Refuse frames that a panel cannot show: with cells finer than its pixels, or all beside it,
+    or with patterns of pixels that are not its own. Raises ConfigError."""
     if not frames.of_pixels:
         check_cells(panel, frames.grid)
         return

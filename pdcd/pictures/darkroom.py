@@ -12,8 +12,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import panels_from
+from pdcd.bench.placed import on_field, panels_from
 from pdcd.errors import DecodeError
+from pdcd.panels.map_soundness import covers
 from pdcd.panels.patterns import Patterns, none
 from pdcd.panels.placing import placed
 from pdcd.pictures.bars import barred_pictures
@@ -363,12 +364,15 @@ class Darkroom:
     def _placed(self, frame: tuple[int, int]) -> CellMap:
         """Where the quads of the run's frames lie."""
         record = self._record
-        size_px = record.projector.size_px
+        map_ = placed(record.camera_place, frame[::-1], record.projector.size_px, "camera")
+        panels = panels_from(record.projector, record.mask)
+        views = (panels.projector, panels.mask)
         return CellMap(
             grid=record.grid,
             frame=frame,
-            map=placed(record.camera_place, (frame[1], frame[0]), size_px, "camera"),
+            map=on_field(map_, record.projector),
             blur_quads=record.blur_quads,
+            panels=tuple(view.map for view in views if not covers(view.map)),
         )
 
     def _cells(self) -> CellMap:

@@ -120,20 +120,14 @@ def known_answer(
     optics = optics_of(config, scene, ("whole", *windows))
     if optics is None:
         return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
-    if optics.frame != cells.frame or not _told(recipe, scene):
-        return None
     meant = recipe.wanted if recipe.meant is None else recipe.meant
-    image = optics.wanted(lambda part: answer(part, recipe, alive), meant, alive)
-    return Known(image, optics.inside, of_cells=False)
-
-
-def _told(recipe: Recipe, scene: Scene) -> bool:
-    """Whether a scene can tell what an answer is on a bench of pixels: one that is linear in its
-    effects, and means the scene's own cells or none in particular."""
-    if isinstance(recipe.answer, Extremes):
-        return False
-    wanted = recipe.wanted if recipe.meant is None else recipe.meant
-    return recipe.target.grid == scene.grid or wanted.uniform is not None
+    grid = recipe.target.grid
+    # Only what is linear in a scene's effects can be told on a bench of pixels.
+    linear = not isinstance(recipe.answer, Extremes)
+    if optics.frame != cells.frame or not linear or not optics.tells(meant, grid):
+        return None
+    image = optics.wanted(lambda part: answer(part, recipe, alive), meant, alive, grid=grid)
+    return Known(image, optics.inside_of(grid), of_cells=False)
 
 
 def answer(

@@ -46,7 +46,7 @@ class View:
     @classmethod
     def of(cls, record: RunRecord, cells: CellMap) -> View:
         """The view of a run by the map of its photos."""
-        width, height = record.projector.size_px
+        width, height = record.projector.field_size_px
         return cls(cells.filled, width / height, record.white_patch)
 
     def size_px(self, least_px: int, most_px: int) -> tuple[int, int]:

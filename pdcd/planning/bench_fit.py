@@ -10,11 +10,12 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
-from pdcd.bench.placed import panels_from, panels_of
+from pdcd.bench.placed import panels_from, panels_of, plane_on_field
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError, RequestError
 from pdcd.panels.map_soundness import fewest_pixels
 from pdcd.panels.windows import ATOMS, GUARDS, whole_pixels, windows
+from pdcd.planning.field_fit import blind_reasons, field_reasons, refuse_blind
 from pdcd.planning.plan import windowed
 from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
 from pdcd.probing.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
@@ -175,7 +176,7 @@ def meeting_of(config: Config) -> Meeting | None:
     e95_px, blur_px = config.rig.misregistration_px, config.mask.blur_px
     if e95_px == 0.0 and blur_px == 0.0:
         return None
-    across = fewest_pixels(panels_of(config).mask.map, config.projector.size_px[::-1])
+    across = fewest_pixels(panels_of(config).mask.map, config.projector.field_size_px[::-1])
     return Meeting(e95_px, blur_px, 1.0 / across if across else 0.0)
 
 
@@ -187,7 +188,7 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
     whose pixels end where they end: one more or less is light that nobody counts, and where in a
     cell a quad was open how often, nobody knows better than the camera's map. Raises ConfigError.
     """
-    width_px, height_px = config.projector.size_px
+    width_px, height_px = config.projector.field_size_px
     cell_px = min(width_px / grid[1], height_px / grid[0])
     misregistration, blur = shares_of_cell(config, cell_px)
     panels = panels_of(config)
@@ -209,7 +210,7 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
 def _apart_px(projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]) -> float:
     """`drawn_apart_px` of the panels of a bench; a search for a plan asks for it at every step."""
     panels = panels_from(projector, mask)
-    return drawn_apart_px(panels.projector, panels.mask, grid, projector.size_px)
+    return drawn_apart_px(panels.projector, panels.mask, grid, projector.field_size_px)
 
 
 def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
@@ -218,7 +219,7 @@ def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
     meeting = meeting_of(config)
     if meeting is None:
         return None
-    width_px, height_px = config.projector.size_px
+    width_px, height_px = config.projector.field_size_px
     cell_px, mask = min(width_px / grid[1], height_px / grid[0]), panels_of(config).mask
     fitting = (
         name
@@ -267,10 +268,10 @@ def reasons_for(
     mask_lag_s: float | None,
 ) -> tuple[str, ...]:
     """Why cells, window and schedule are what they are; nothing on a bench that nobody measured."""
-    told = []
+    told = [*field_reasons(config, grid), *blind_reasons(config, grid)]
     meeting = meeting_of(config)
     if meeting is not None:
-        width, height = config.projector.size_px
+        width, height = config.projector.field_size_px
         cell_px = min(width / grid[1], height / grid[0])
         leak = float(leak_of(meeting, cell_px, windows(window).side))
         told.append(
@@ -334,7 +335,7 @@ def _auto_grid(config: Config) -> tuple[int, int] | None:
     meeting = meeting_of(config)
     if meeting is None:
         return None
-    width, height = config.projector.size_px
+    width, height = config.projector.field_size_px
     # A cell of the projector's own pixels; the mask may have fewer of them.
     across = fewest_pixels(panels_of(config).mask.map, (height, width)) or 1.0
     least_px = max(
@@ -350,7 +351,7 @@ def _auto_grid(config: Config) -> tuple[int, int] | None:
 
 def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
     """Part of a mask cell that opens. Raises ConfigError for cells that the panels cannot show."""
-    width_px, height_px = config.projector.size_px
+    width_px, height_px = config.projector.field_size_px
     cell_px = min(height_px / grid[0], width_px / grid[1])
     if cell_px < 1.0:
         raise ConfigError(
@@ -358,6 +359,7 @@ def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             device="projector",
             hint="use a coarser scene grid",
         )
+    refuse_blind(config, grid)
     asked = request.window or config.schedule.window
     return window_for(asked, config, grid)
 
@@ -386,7 +388,7 @@ def on_bench(request: CaptureRequest, config: Config) -> CaptureRequest:
     own = request.plane is None and request.disparities is None and request.warp is None
     if request.goal == "epipolar" or not own or rig.plane is None:
         return request
-    return msgspec.structs.replace(request, plane=rig.plane)
+    return msgspec.structs.replace(request, plane=plane_on_field(rig.plane, config.projector))
 
 
 def depth_reasons(recipe: Recipe, codes: int, window: str) -> Iterator[str]:

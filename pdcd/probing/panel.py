@@ -67,7 +67,7 @@ def offset_cells(
 ) -> tuple[float, float]:
     """Misregistration of the mask in cells (rows, cols), from its offset in projector pixels."""
     right_px, down_px = mask.offset_px
-    width_px, height_px = projector.size_px
+    width_px, height_px = projector.field_size_px
     return down_px * grid[0] / height_px, right_px * grid[1] / width_px
 
 
@@ -75,7 +75,7 @@ def blur_cells(
     projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
 ) -> tuple[float, float]:
     """Blur of the light on the mask in cells (rows, cols), from projector pixels."""
-    width_px, height_px = projector.size_px
+    width_px, height_px = projector.field_size_px
     return mask.blur_px * grid[0] / height_px, mask.blur_px * grid[1] / width_px
 
 

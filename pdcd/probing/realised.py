@@ -255,8 +255,8 @@ def bench_factors(
         offset_cells=offset_cells(projector, mask, frames.grid),
         fine=fine,
         bands=(
-            bands_of(projector, projector.size_px, Lattice(frames.grid, frames.window), mask=False),
-            bands_of(mask, projector.size_px, Lattice(frames.grid, frames.window), mask=True),
+            bands_of(projector, projector, Lattice(frames.grid, frames.window), mask=False),
+            bands_of(mask, projector, Lattice(frames.grid, frames.window), mask=True),
         ),
         blur_cells=blur_cells(projector, mask, frames.grid),
         displacement=displacement,

@@ -17,12 +17,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.bench.placed import placed_panel
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.curve import Curve, light_of
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.map import Map
-from pdcd.panels.placing import placed
 from pdcd.panels.windows import LOWER, MOVED, PLACED, UPPER
 from pdcd.probing.panel import Kept, Panel, Trajectory, decay_integral
 
@@ -191,7 +191,7 @@ def band_delays_ns(scan_s: float, bands: int) -> Times:
 
 
 def bands_of(
-    panel: PanelConfig, projector_px: tuple[int, int], lattice: Lattice, *, mask: bool
+    panel: PanelConfig, projector: PanelConfig, lattice: Lattice, *, mask: bool
 ) -> tuple[Band, ...]:
     """The fields of a panel (`pdcd.panels.lattice`), in bands that come equally late.
 
@@ -201,7 +201,7 @@ def bands_of(
     count = min(panel.scan_bands, height)
     if panel.scan_s == 0.0 or count == 1:
         return ALL_AT_ONCE
-    map_ = placed(panel.place, panel.size_px, projector_px, "mask" if mask else "projector")
+    map_ = placed_panel(panel, "mask" if mask else "projector", projector)
     rows = _rows(map_, _mask_centres(lattice) if mask else _lit_centres(lattice))
     band = rows * count // height
     if mask:  # the rest of the panel stays black: no matter when

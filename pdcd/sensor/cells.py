@@ -44,6 +44,8 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         mean of what it covers of its cells, however finely codes divide these: so were runs
         decoded before there were maps, and so are forecasts.
     blur_quads : standard deviation of the blur between field and sensor, in quads.
+    panels : maps of panels that do not reach all of the field. What lies beside their pixels is not
+        known, although the camera sees it.
 
     Kept with every run, so that it is decoded with the map that it was taken with.
     """
@@ -52,6 +54,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     frame: tuple[int, int]
     map: Map | None = None
     blur_quads: float = 0.0
+    panels: tuple[Map, ...] = ()
 
     @classmethod
     def block(cls, grid: tuple[int, int], frame: tuple[int, int]) -> CellMap:
@@ -84,8 +87,8 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def known(self) -> Bools:
-        """(h, w), quads that lie wholly within the field."""
-        return _footprint(self, UNCUT).known
+        """(h, w), quads that lie wholly within the field, and on the pixels of both panels."""
+        return _known(self)
 
     @property
     def single(self) -> Bools:
@@ -174,7 +177,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
     def seen(self, known: Bools | None = None) -> Bools:
         """(N,), cells of which enough is seen and, of that, known."""
-        whole = _footprint(self, UNCUT).area.ravel()
+        whole = self._area.ravel()
         enough = whole * self.quad_cells >= LEAST_SEEN
         if known is None:
             return enough
@@ -192,7 +195,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         """Means over cells, or the root of the sum of weighted squares."""
         shares = _footprint(self, UNCUT)
         good = self.known if known is None else known & self.known
-        area = (shares.area if known is None else shares.collect(good)).reshape(-1, 1)
+        area = (self._area if known is None else shares.collect(good)).reshape(-1, 1)
         out, whole = np.empty((area.size, image.shape[2])), bool(good.all())
 
         def channel_of(channel: int) -> None:
@@ -203,6 +206,12 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         if squares:
             np.sqrt(out, out=out)
         return np.divide(out, area, out=np.zeros_like(out), where=area > 0.0)
+
+    @property
+    def _area(self) -> Floats:
+        """Known quads that see each cell, (rows, cols), by their shares."""
+        shares = _footprint(self, UNCUT)
+        return shares.collect(self.known) if self.panels else shares.area
 
     @property
     def filled(self) -> Map:
@@ -223,6 +232,16 @@ def _footprint(cells: CellMap, cuts: Cuts) -> Footprint:
     from pdcd.sensor.footprint import footprint
 
     return footprint(cells.filled, cells.frame, cells.grid, cuts, cells.blur_quads)
+
+
+@lru_cache(maxsize=4)
+def _known(cells: CellMap) -> Bools:
+    within = _footprint(cells, UNCUT).known
+    if not cells.panels:
+        return within
+    from pdcd.sensor.beside import reached  # few benches need it
+
+    return within & reached(cells.filled, cells.panels, cells.blur_quads)
 
 
 @lru_cache(maxsize=2)

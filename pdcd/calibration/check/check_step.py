@@ -95,7 +95,7 @@ def check_bench(session: Session) -> Script:
     now, said = _with_lag(seen, then, before.strips, session.refresh_s)
     found = check(
         now, then, session.found("camera"), session.found("projector"),
-        guard_px(cell_px(session.config), HALF), session.refresh_s,
+        guard_px(cell_px(session.on_field), HALF), session.refresh_s,
     )  # fmt: skip
     return _compared(session, seen, now, before, found, said)
 

@@ -1,8 +1,9 @@
 """From what the camera sees of both panels to one field.
 
 At places of the photo, mask pixel and projector pixel are known, so a map leads from the one to the
-other directly; the camera's lens and where its samples lie cancel. The field is the projector's
-picture (docs/field.md): the projector's map fills it, and those of camera and mask lead to it.
+other directly; the camera's lens and where its samples lie cancel. All three maps lead to the
+projector's picture, which that of the projector fills; the field lies in it
+(`pdcd.calibration.geometry.shared_field`).
 """
 
 from __future__ import annotations
@@ -13,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map
-from pdcd.errors import CalibrationError, ConfigError
+from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
-from pdcd.panels.map_soundness import check_share
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Composed:
 
 @dataclass(frozen=True)
 class OneField:
-    """The maps of all three devices to the one field."""
+    """The maps of all three devices to the projector's picture."""
 
     projector: Map
     mask: Map
@@ -95,25 +95,12 @@ def compose(projector_of: Fitted, mask_of: Fitted) -> Composed:
 
 
 def one_field(composed: Composed) -> OneField:
-    """Three maps to the field that the projector's picture is.
-
-    Raises CalibrationError where mask or camera miss it, or the mask covers too little of it.
-    """
-    found = OneField(
+    """Three maps to the projector's picture."""
+    return OneField(
         projector=Map.filling(composed.projector_of.target_size_px),
         mask=composed.mask.map,
         camera=composed.projector_of.map,
     )
-    try:
-        check_share(found.mask, "mask")
-        check_share(found.camera, "camera", least=0.0)
-    except ConfigError as err:
-        raise CalibrationError(
-            err.message,
-            device=err.device,
-            hint="move or zoom the projector so that mask and projector cover each other",
-        ) from err
-    return found
 
 
 def _covariance(projector_of: Fitted, mask_of: Fitted, places: Floats) -> Floats:

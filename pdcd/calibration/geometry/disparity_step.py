@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.placed import on_field
 from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.geometry.disparity import Disparities, disparities
@@ -33,7 +34,9 @@ def disparity(session: Session) -> Script:
     size = session.config.projector.size_px
     code = XorCode("projector", size, base_px(1.0 / finer(projector, camera)))
     planes = yield from planes_of(session, code)
-    found = disparities(planes.decoded(), camera, projector, session.config.code_grid())
+    # Of the cells of captures: they divide the field, wherever that lies.
+    maps = (on_field(map_, session.on_field.projector) for map_ in (camera, projector))
+    found = disparities(planes.decoded(), *maps, session.config.code_grid())
     return Outcome(
         figures=_figures(found),
         arrays={"disparity.right": found.as_asked()},

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.tables import Config
 from pdcd.calibration.arrows import arrows
 from pdcd.calibration.charts import sheet
-from pdcd.calibration.figures import Verdict
-from pdcd.calibration.geometry.compose import Composed, compose, one_field
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.geometry.compose import Composed, OneField, compose, one_field
 from pdcd.calibration.geometry.dots import DotGrid, PanelName
 from pdcd.calibration.geometry.finding import Dots, find_dots
 from pdcd.calibration.geometry.fit import Fitted
@@ -28,13 +29,25 @@ from pdcd.calibration.geometry.panel_map import (
     turned_against,
 )
 from pdcd.calibration.geometry.phase import PhaseCode
+from pdcd.calibration.geometry.shared_field import ENOUGH, SharedField, edge_px, shared_field
 from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.registration.striped import base_px, by_gray, by_maps, by_xor
 from pdcd.calibration.registration.stripes import slope_at
-from pdcd.calibration.script import Ask, Measured, Outcome, Script, Session, Taken, Wanted, take
+from pdcd.calibration.script import (
+    FIELD,
+    Ask,
+    Measured,
+    Outcome,
+    Script,
+    Session,
+    Taken,
+    Wanted,
+    take,
+)
 from pdcd.errors import CalibrationError, ConfigError
 from pdcd.panels.map import Map, between
+from pdcd.panels.map_soundness import LEAST_SHARE
 from pdcd.words import MarksName
 
 LEAST_RADIUS_QUADS = 1.2
@@ -43,6 +56,8 @@ FINER = (
     "the maps are not sure where there are no dots, as at the edge of a photo that sees a part of "
     "a panel: let the camera see all of it, or take stripes, which go up to the edge: --marks gray"
 )
+PLACES = 32
+"""Places of the mask along either axis at which its map's error is asked for."""
 ALIKE_DEG = 20.0
 """Turns of both panels that differ by less are one turn of the camera."""
 
@@ -70,17 +85,21 @@ def geometry(session: Session) -> Script:
     """White, black and dots of each panel on a card: six photos. On a scene dots of the mask, which
     hangs before it, and stripes of the projector: eight by the maps in use, XOR codes without any.
 
-    The maps that come out replace the places of all three devices.
+    The maps that come out replace the places of all three devices, and codes fill from then on what
+    of the projector's picture these share.
     """
     projector, mask = yield from _marked(session)
     composed = compose(projector.green, mask.green)
     _refuse_unlike(session, composed)
     field = one_field(composed)
     maps = {"projector": field.projector, "mask": field.mask, "camera": field.camera}
+    scale = finer(field.mask, field.projector)
+    common = _shared(session, composed, field, scale)
     words = {f"{name}.place.map": Measured("maps.npz") for name in maps}
     words["mask.offset_px"] = Measured((0.0, 0.0))
-    scale = finer(field.mask, field.projector)
+    words[FIELD] = Measured(common.box)
     told = [
+        _field_figure(common),
         *figures(projector.green, "projector", 1.0, session.subject, mask.green),
         *figures(mask.green, "mask", scale, session.subject, projector.green),
         *convergence(projector.fitted, "projector", mask.fitted)[1],
@@ -88,11 +107,43 @@ def geometry(session: Session) -> Script:
     unsure = [f.name for f in told if f.name.endswith("map_px") and f.verdict is not Verdict.GOOD]
     return Outcome(
         figures=tuple(told),
-        advice=(FINER,) if unsure and session.subject == "card" else (),
+        advice=(*common.advice, *([FINER] if unsure and session.subject == "card" else [])),
         picture=_picture(projector, mask),
         words=words,
         maps=maps,
     )
+
+
+def _shared(session: Session, composed: Composed, field: OneField, finer_px: float) -> SharedField:
+    """The part of the projector's picture that mask and camera share."""
+    mask, camera = field.mask, field.camera
+    inside = np.stack(np.meshgrid(*((np.arange(PLACES) + 0.5) / PLACES,) * 2), axis=-1)
+    sigma = composed.sigma_px(inside.reshape(-1, 2) * mask.size_px)
+    sigma_px = float(np.nanquantile(sigma, 0.95))
+    quads = quads_per_px(composed.projector_of)
+    return shared_field(
+        field.projector.size_px,
+        {"mask": mask, "camera": camera},
+        {"mask": edge_px(sigma_px, finer_px), "camera": edge_px(sigma_px, quads)},
+        _cells(session.config),
+    )
+
+
+def _cells(config: Config) -> tuple[int, int] | None:
+    """Rows and columns of code cells; None where they follow from the field, or from a file."""
+    of_file = config.schedule.grid is None and config.scene.grid is None
+    if config.schedule.grid == "auto" or (of_file and config.scene.kind == "matrix"):
+        return None
+    return config.code_grid()
+
+
+def _field_figure(common: SharedField) -> Figure:
+    """How much of the projector's picture all three share."""
+    verdict = (
+        Verdict.GOOD if common.share >= ENOUGH
+        else Verdict.DOUBTFUL if common.share >= LEAST_SHARE else Verdict.BAD
+    )  # fmt: skip
+    return Figure("geometry.field", common.share, 0.0, "", f"{ENOUGH:g} or more", verdict)
 
 
 def _marked(session: Session) -> Generator[Wanted | Ask, Taken | None, tuple[Marked, Marked]]:

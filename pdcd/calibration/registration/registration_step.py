@@ -77,7 +77,7 @@ def registration(session: Session) -> Script:
         _left_px(correction, after, error), spread.both_px, 1.0 / finer(found, projector)
     )
     return Outcome(
-        figures=(*_figures(session.config, before, error, spread, meeting), *_leaks(meeting)),
+        figures=(*_figures(session.on_field, before, error, spread, meeting), *_leaks(meeting)),
         words={
             "mask.place.map": Measured("maps.npz"),
             "mask.offset_px": Measured((0.0, 0.0)),
@@ -85,7 +85,7 @@ def registration(session: Session) -> Script:
             "rig.misregistration_px": Measured(meeting.e95_px, error),
         },
         maps={"mask": found},
-        advice=_advice(session.config, before, spread, meeting),
+        advice=_advice(session.on_field, before, spread, meeting),
         picture=_picture(before, after, meeting, mask.size_px),
     )
 
@@ -93,7 +93,7 @@ def registration(session: Session) -> Script:
 def cell_px(config: Config) -> float:
     """Side of the code's cells in projector pixels, along the side that has the smaller ones."""
     rows, cols = config.code_grid()
-    width, height = config.projector.size_px
+    width, height = config.projector.field_size_px
     return min(width / cols, height / rows)
 
 

@@ -144,6 +144,7 @@ class Developed:
     picture : name of the answer. warnings : of the previews.
     decided : what was decided on the way where nobody had asked for it, in words.
     transport : figures of entries of T that were photographed, by name; none else.
+    blind : share of the cells of which nothing is known: without a pixel of a panel, or a quad.
     """
 
     record: RunRecord
@@ -160,6 +161,7 @@ class Developed:
     warnings: tuple[str, ...] = ()
     transport: dict[str, float | int | None] = field(default_factory=dict)
     decided: tuple[str, ...] = ()
+    blind: float = 0.0
 
 
 def record_of(
@@ -221,10 +223,12 @@ def developed_of(
         warnings=warnings,
         transport=transport_figures(
             decoded.transport,
-            scene,
+            # Entries are of cells of codes, a scene's of its own: those of the whole picture.
+            scene if record.projector.field_px is None else None,
             record.grid,
             pixels=decoded.cells.frame != record.grid,
         ),
+        blind=1.0 - float(decoded.cells.seen().mean()),
     )
 
 

@@ -53,7 +53,10 @@ class _Photos:
         if name == recipe.answer_name and recipe.meant is not None:
             meant = recipe.meant
             return self._optics.wanted(
-                lambda part: probe(part, meant, self._alive), meant, self._alive
+                lambda part: probe(part, meant, self._alive),
+                meant,
+                self._alive,
+                grid=recipe.target.grid,
             )
         if isinstance(rule, Extremes):
             stack = np.stack([self._photo(photo) for photo in rule.photos])
@@ -67,5 +70,6 @@ class _Photos:
             def seen(part: Scene) -> Floats:
                 return probe(part, wanted, self._alive)
 
-            self._known[name] = self._optics.wanted(seen, wanted, self._alive)
+            grid = self._recipe.target.grid
+            self._known[name] = self._optics.wanted(seen, wanted, self._alive, grid=grid)
         return self._known[name]

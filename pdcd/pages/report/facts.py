@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pdcd.bench.tables import PanelConfig
 from pdcd.pages.report.material import Material
 from pdcd.pages.report.timeline import MOST_SHOTS
 from pdcd.runs.record import Manifest
@@ -49,6 +50,8 @@ def figures(manifest: Manifest, material: Material) -> Rows:
         ("error expected (RMS sigma)", _known(summary.get("rms_sigma"), percent)),
         ("error bars", SIGMA_KINDS.get(material.kind, material.kind)),
         ("error foreseen by the plan", _known(summary.get("predicted_error"), percent)),
+        ("cells of which nothing is known", _known(summary.get("blind_share"), percent)),
+        ("field in the projector's picture", _field(manifest.run.projector)),
         ("codes", _known(summary.get("codes"))),
         ("exposure", _known(summary.get("exposure_s"), lambda s: f"{s:.3f} s")),
         ("refreshes", _known(summary.get("refreshes"))),
@@ -57,6 +60,14 @@ def figures(manifest: Manifest, material: Material) -> Rows:
         ("wall time", _known(summary.get("wall_s"), lambda s: f"{s:.2f} s")),
     ]
     return [(name, value) for name, value in rows if value]
+
+
+def _field(projector: PanelConfig) -> str:
+    """Where the field lies, if that was measured."""
+    if projector.field_px is None:
+        return ""
+    left, top, wide, high = projector.field_px
+    return f"{wide} x {high} pixels from ({left}, {top}) on"
 
 
 def tables(manifest: Manifest, material: Material) -> Iterator[Table]:

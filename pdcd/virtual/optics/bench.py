@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import msgspec
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -28,7 +29,8 @@ from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.lens import Lens
 from pdcd.virtual.optics.lit import Lit
 from pdcd.virtual.optics.lookup import MOST_PAIRS, Whole, every, rendered
-from pdcd.virtual.optics.products import Exposure, Products, Tables, distinct
+from pdcd.virtual.optics.own_cells import CLOSED, EDGE, OwnCells, own_cells
+from pdcd.virtual.optics.products import Exposure, Pairs, Products, Tables, distinct
 from pdcd.virtual.optics.render import Detail, Picture, Renderer
 from pdcd.virtual.optics.sent import sent_to
 from pdcd.virtual.optics.setting import Setting, falloff
@@ -44,8 +46,6 @@ Floats = NDArray[np.float64]
 
 KEPT = 3
 """Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
-EDGE = 1e-9
-"""Corners so little beyond the field lie on its edge."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +179,8 @@ class OpticalBench:
         answer: Callable[[Scene], Array],
         meant: Wanted | None = None,
         alive: Callable[[], None] = lambda: None,
+        *,
+        grid: tuple[int, int] | None = None,
     ) -> Floats:
         """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
 
@@ -189,27 +191,76 @@ class OpticalBench:
         meant : the wanted matrix of the picture. A place between the centres of cells gets the
             light of both, but it lies in one of them, and what is wanted there is that cell's row.
             Without it, and off the axis, the light of either counts as seen from there.
+        grid : rows and columns of the cells of codes, which `meant` is of; None: the scene's.
         alive : called now and then, may raise to end the work.
         """
-        scene = self._scene
-        between = meant is not None and scene.textures is not None and scene.displacement is None
-        whole = Kind(scene.grid, "whole", False)
-        driven = self._driven(whole, CellGrid(scene.grid, smooth=False) if between else None)
+        own = None if meant is None else self._own(grid)
+        if meant is not None and (own is not None or self._between):
+            return self._wanted_of_places(meant, own, alive)
+        scene, kind = self._scene, Kind(self._scene.grid, "whole", False)
+        driven = self._driven(kind, None)
         lit = np.asarray(driven.spread[1:].sum(axis=0)).ravel()
-        direct = tuple(effect for effect in scene.effects if _at_once(effect))
-        wandered = Scene(scene.name, scene.grid, tuple(Lit(e, lit) for e in self._indirect))
-        at_once = Scene(scene.name, scene.grid, direct)
+        wandered = tuple(Lit(effect, lit) for effect in self._indirect)
         met = driven.renderer.met
         full = (met.direct.other > 0).astype(np.float64)
-        if between and meant is not None:
-            sent = sent_to(wandered, met.indirect, meant, alive)
-            reflected = at_once.split()[0]
-            full *= meant.uniform[0] if meant.uniform else meant.diagonal()[met.direct.mask]
+        sent = answer(Scene(scene.name, scene.grid, wandered))[met.indirect.other]
+        reflected = answer(Scene(scene.name, scene.grid, self._straight))
+        return self._unshared(self._image(driven, full, reflected, sent, None), None)
+
+    def _wanted_of_places(
+        self, meant: Wanted, own: OwnCells | None, alive: Callable[[], None]
+    ) -> Floats:
+        """What is wanted of each place by the cell that it lies in, one of the codes' `own` or, for
+        None, of the scene's."""
+        scene = self._scene
+        grid = scene.grid if own is None else own.grid
+        kind = Kind(grid, "whole", False)
+        driven = self._driven(kind, CellGrid(grid, smooth=False) if own is None else own)
+        met, first = driven.renderer.met, 0 if own is None else CLOSED + 1
+        if own is None:
+            light = scipy.sparse.diags_array(driven.spread[1:].sum(axis=0)).tocsr()
         else:
-            sent = answer(wandered)[met.indirect.other]
-            reflected = answer(at_once)
-        image = self._image(driven, full, reflected, sent, None)
-        share = self.share
+            light = self._cells_lit(grid)
+        wandered = Scene(scene.name, scene.grid, self._indirect)
+        pairs = Pairs(np.maximum(met.indirect.mask - first, 0), met.indirect.other)
+        sent = sent_to(wandered, pairs, meant, light, alive)
+        sent[met.indirect.mask < first] = 0.0
+        weight = meant.uniform[0] if meant.uniform else None
+        cell = np.maximum(met.direct.mask - first, 0)
+        full = np.where((met.direct.other > 0) & (met.direct.mask >= first), 1.0, 0.0)
+        full *= meant.diagonal()[cell] if weight is None else weight
+        reflected = Scene(scene.name, scene.grid, self._straight).split()[0]
+        return self._unshared(self._image(driven, full, reflected, sent, None), own)
+
+    def tells(self, meant: Wanted, grid: tuple[int, int]) -> bool:
+        """Whether `wanted` knows what codes of such a grid mean: off the axis only cells of the
+        scene, or none in particular, and of all of the projector's picture."""
+        if self._scene.displacement is None:
+            return True
+        whole = self._setting.believed.projector.field_px is None
+        return whole and (grid == self._scene.grid or meant.uniform is not None)
+
+    def _own(self, grid: tuple[int, int] | None) -> OwnCells | None:
+        """Cells of codes that are not the scene's; None where they are, or off the axis."""
+        if grid is None or self._scene.displacement is not None:
+            return None
+        return own_cells(self._setting, self._scene.grid, grid)
+
+    def _cells_lit(self, grid: tuple[int, int]) -> scipy.sparse.csr_array:
+        """Share of each scene cell that each cell of codes lights, (cells, N)."""
+        drawn, true = self._setting.drawn.projector, self.true.projector
+        at_once = msgspec.structs.replace(true, scan_s=0.0)
+        sites = PanelSites(drawn, Kind(grid, "whole", True), self.truth.projector, at_once)
+        return self._spread(sites)[1:]
+
+    @property
+    def _between(self) -> bool:
+        """Whether places between the centres of cells have the light of both."""
+        return self._scene.textures is not None and self._scene.displacement is None
+
+    def _unshared(self, image: Floats, own: OwnCells | None) -> Floats:
+        """A picture as quads have it that see nothing but the field."""
+        share = self.share if own is None else self._lens.share_of(own.inside)
         return image if share is None else image / np.where(share > 0.0, share, 1.0)[..., None]
 
     @property
@@ -220,13 +271,22 @@ class OpticalBench:
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
         """Which quads lie wholly inside the field, (rows, cols)."""
+        return self.inside_of(None)
+
+    def inside_of(self, grid: tuple[int, int] | None) -> NDArray[np.bool_]:
+        """Which quads lie wholly inside the field of codes of such a grid, (rows, cols); None: of
+        the scene's."""
         rows, cols = self.frame
         corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
-        places = self._setting.camera.to_field(corners)
+        places, own = self._setting.camera.to_field(corners), self._own(grid)
         with np.errstate(invalid="ignore"):
-            within = (places >= -EDGE) & (places <= 1.0 + EDGE)
-        good = np.asarray(within.all(axis=-1))
+            good = ((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1)
+        good = np.asarray(good if own is None else good & own.inside(places))
         return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])
+
+    @property
+    def _straight(self) -> tuple[Effect, ...]:
+        return tuple(effect for effect in self._scene.effects if _at_once(effect))
 
     @property
     def _indirect(self) -> tuple[Effect, ...]:

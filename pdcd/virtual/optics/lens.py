@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -41,15 +42,24 @@ class Lens:
     def share(self) -> Floats | None:
         """Share of each quad's light, (rows, cols), that comes from the field, 0 to 1; None without
         a blur, where quads that lie in the field see nothing else."""
+        return self.share_of(in_unit)
+
+    def share_of(self, inside_of: Callable[[Floats], NDArray[np.bool_]]) -> Floats | None:
+        """The same of a part of the field: `inside_of` says which points (..., 2) of the field lie
+        in it."""
         if not self._setting.true.camera.blur_quads:
             return None
+
+        def lies(x: Floats, y: Floats) -> NDArray[np.bool_]:
+            return inside_of(self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1)))
+
         rows, cols = self._setting.frame
-        at = self._in_field(np.arange(cols + 1.0), np.arange(rows + 1.0))
+        at = lies(np.arange(cols + 1.0), np.arange(rows + 1.0))
         corners = at[1:, 1:].astype(np.int8) + at[:-1, 1:] + at[1:, :-1] + at[:-1, :-1]
         inside = (corners == 4).astype(np.float64)
         middles = (np.arange(POINTS) + 0.5) / POINTS
         for row, col in np.argwhere((corners > 0) & (corners < 4)):
-            inside[row, col] = self._in_field(col + middles, row + middles).mean()
+            inside[row, col] = lies(col + middles, row + middles).mean()
         return self._blurred(inside[..., None])[..., 0]
 
     def _blurred(self, image: Floats) -> Floats:
@@ -69,6 +79,10 @@ class Lens:
 
     def _in_field(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """Whether places of the frame lie in the field, (y, x)."""
-        places = self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1))
-        with np.errstate(invalid="ignore"):
-            return np.asarray(((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1))
+        return in_unit(self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1)))
+
+
+def in_unit(places: Floats) -> NDArray[np.bool_]:
+    """Which points (..., 2) lie in the field."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1))

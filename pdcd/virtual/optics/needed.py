@@ -46,6 +46,7 @@ def optics_of(
         and not (camera.quads_per_cell > 1 and (cut or scene.textures is not None))
         and all(_end_with_pixels(typed, lattice) for lattice in lattices)
         and all(device.place == Placing() for device in devices)
+        and config.projector.field_px is None
     ):
         return None
     return bench_of_pixels(config, scene)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy import sparse
 
 from pdcd.probing.wanted import Wanted
 from pdcd.virtual.optics.products import Pairs
@@ -17,33 +18,51 @@ ROWS = 64
 """Rows of the wanted matrix that are shown to the scene together, for the same reason."""
 
 
-def sent_to(scene: Scene, pairs: Pairs, meant: Wanted, alive: Callable[[], None]) -> Array:
-    """``sum over m of W_nm T_km``, (pairs, 3): of pairs of the cell n that places lie in, whose row
-    of the wanted matrix W counts there, and of one, k, whose light they have a part of.
+def sent_to(
+    scene: Scene,
+    pairs: Pairs,
+    meant: Wanted,
+    light: sparse.csr_array,
+    alive: Callable[[], None],
+) -> Array:
+    """``sum over m of W_nm (T l_m)_k``, (pairs, 3): of pairs of the cell n of the codes that places
+    lie in, whose row of the wanted matrix W counts there, and of one of the scene's, k, whose light
+    they have a part of.
 
-    scene : of the light that wandered, of the cells of W unless that wants all others alike.
-    `alive` is called now and then, and may raise to end the work.
+    scene : of the light that wandered. light : (cells of W, cells of the scene), l_m is the share
+    of each of the scene's that m lights. `alive` is called now and then, and may raise to end the
+    work.
     """
     cell, part = pairs.mask, pairs.other
     if meant.uniform is not None:
         own, others = meant.uniform
-        sent = others * scene.white()[part]
+        sent = others * scene.apply(np.asarray(light.sum(axis=0)).reshape(1, -1))[0, part]
         for start in range(0, len(sent), PAIRS):
+            alive()
             some = slice(start, start + PAIRS)
-            sent[some] += (own - others) * scene.entries(part[some], cell[some])
-        return sent
+            sent[some] += (own - others) * _of_cells(scene, part[some], light[cell[some]])
+        return np.asarray(sent)
     sent = np.zeros((cell.size, 3))
     for camera, projector in zip(*meant.products(), strict=True):
-        sent += camera[cell, None] * scene.apply(projector[None])[0, part]
+        sent += camera[cell, None] * scene.apply((projector @ light)[None])[0, part]
     banded = meant.banded()
     if not banded.parts:
         return sent
     order = np.argsort(cell, kind="stable")
-    for start in range(0, scene.cells, ROWS):
+    for start in range(0, light.shape[0], ROWS):
         alive()
-        stop = min(start + ROWS, scene.cells)
+        stop = min(start + ROWS, light.shape[0])
         these = order[slice(*np.searchsorted(cell[order], (start, stop)))]
         if these.size:
-            seen = scene.apply(banded.rows(start, stop))
+            seen = scene.apply(banded.rows(start, stop) @ light)
             sent[these] += seen[cell[these] - start, part[these]]
     return sent
+
+
+def _of_cells(scene: Scene, seen: np.ndarray, light: sparse.csr_array) -> Array:
+    """What each of some places (P,) gets by its own row of `light` (P, N), (P, 3)."""
+    found, counts = np.zeros((seen.size, 3)), np.diff(light.indptr)
+    which = np.repeat(np.arange(seen.size), counts)
+    sent = scene.entries(seen[which], light.indices.astype(np.int64)) * light.data[:, None]
+    np.add.at(found, which, sent)
+    return found

@@ -81,6 +81,11 @@ class CellGrid:
             found[~inside] = NOWHERE
         return found
 
+    def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
+        """The cell, in the place of a mask's site, of points `lit` (n, 2) whose light is `seen` at
+        others, (n, 2)."""
+        return np.maximum(self.at(*lit.T), 0)
+
     def shares(self, x: Floats, y: Floats) -> Floats:
         """How much each corner of the place of points (n,) counts there, (n, 4)."""
         rows, cols = self.grid
@@ -256,7 +261,7 @@ def look(
             there = x + tap.offset[0], y + tap.offset[1]
             at = cells.at(*there)
             if isinstance(mask, CellGrid):
-                before = np.maximum(mask.at(*there), 0)
+                before = mask.before(np.stack((x, y), axis=-1), np.stack(there, axis=-1))
             starts = changes(before, behind, at)
             key = before[starts] * np.int64(sites) + behind[starts] + 1
             key = key * places + at[starts] + 1

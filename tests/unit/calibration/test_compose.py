@@ -71,12 +71,6 @@ def test_panels_that_do_not_meet_are_refused() -> None:
         compose(left, right)
 
 
-def test_a_mask_that_covers_little_of_the_field_is_refused() -> None:
-    small = seen(replace(MASK, scale=0.45), 0.01, 2)
-    with pytest.raises(CalibrationError, match="covers"):
-        one_field(compose(seen(PROJECTOR, 0.01, 1), small))
-
-
 def test_both_maps_are_of_one_camera() -> None:
     other = replace(PROJECTOR, frame=(1000, 1500))
     with pytest.raises(ValueError, match="one camera"):

@@ -72,7 +72,7 @@ def test_a_result_has_so_many_warnings_and_the_last_says_how_many_more(count: in
 def test_what_the_user_must_know_of_a_finished_run(
     mock: bool, known: bool, estimated: bool
 ) -> None:
-    developed: Any = SimpleNamespace(saturated={"a": 0, "b": 3}, warnings=("dim",))
+    developed: Any = SimpleNamespace(saturated={"a": 0, "b": 3}, warnings=("dim",), blind=0.0)
     config: Any = SimpleNamespace(camera=SimpleNamespace(responsivity_e=(1.0,) if known else None))
     profile: Any = SimpleNamespace(estimated=estimated, name="eos")
     found = list(warnings_of(developed, config, profile, mock=mock))
@@ -103,7 +103,7 @@ def developed(**said: Any) -> Any:
         "record": record, "parts": 3, "rms_sigma": 0.02, "sigma_kind": "measured",
         "sigma_mean": 0.5, "rms_errors": (0.03, 0.01), "quality": "q", "picture": "indirect",
         "transport": {"transport_photos": 7}, "exif": {"a": {"iso": 1}}, "deviations": {"a": {}},
-        "decided": (),
+        "decided": (), "blind": 0.0,
     }  # fmt: skip
     return SimpleNamespace(**{**fields, **said})
 
@@ -125,6 +125,7 @@ def test_a_finished_run_in_figures() -> None:
     assert (bare["codes"], bare["parts"]) == (16 // 4 + 5, 1)
     assert bare["rms_sigma"] is None and bare["predicted_error"] is None
     assert summary_of(plan, developed(decided=("a", "b")))["decided"] == "a; b"
+    assert summary_of(plan, developed(blind=0.125))["blind_share"] == 0.125
 
 
 def begun(owner: OwnerView | None) -> Any:

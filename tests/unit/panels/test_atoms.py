@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import OUTSIDE, atoms, check_cells
+from pdcd.panels.atoms import OUTSIDE, PER_CELL, atoms, cells_shown, check_cells
 from pdcd.panels.map import Map, PanelView
 from pdcd.panels.placing import Placing, placed
 
@@ -97,6 +97,22 @@ def test_every_cell_has_a_pixel(grid: tuple[int, int], fits: bool, turn_deg: flo
 
 
 @pytest.mark.parametrize("radial", [(0.0, 0.0), (0.001, 0.0)])
-def test_cells_beyond_the_panel_are_refused(radial: tuple[float, float]) -> None:
-    with pytest.raises(ConfigError, match=r"6 of 6 x 8 cells .*row 0, column 0"):
-        check_cells(view(offset_px=(8.0, 0.0), radial=radial), (6, 8))
+def test_cells_beyond_the_panel_are_not_shown(radial: tuple[float, float]) -> None:
+    """No panel covers the field exactly; one that shows no cell at all is refused."""
+    panel = view(offset_px=(8.0, 0.0), radial=radial)
+    check_cells(panel, (6, 8))
+    shown = cells_shown(panel, (6, 8))
+    assert not shown[:, 0].any() and shown[:, 1:].all()
+    with pytest.raises(ConfigError, match=r"48 of 6 x 8 cells .*row 0, column 0"):
+        check_cells(view(offset_px=(64.0, 0.0), radial=radial), (6, 8))
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 17.0, 45.0])
+def test_cells_of_two_pixels_need_no_look(turn_deg: float) -> None:
+    """A square of that side holds the centre of a pixel, however it is turned."""
+    panel = view((96, 96), turn_deg=turn_deg, scale=1.5)
+    cells = atoms(panel, (30, 30)) // PER_CELL
+    inside = cells[cells[..., 0] >= 0]
+    found = np.zeros((30, 30), dtype=np.bool_)
+    found[inside[:, 1], inside[:, 0]] = True
+    assert found.all() and cells_shown(panel, (30, 30)).all()

@@ -143,11 +143,17 @@ def test_the_truth_of_a_bench_of_pixels_is_seen_through_its_optics() -> None:
     # Extremes over photos are not linear in what is seen.
     extremes = recipe_of(goal="direct", method="nayar")
     assert known_answer(rig, SCENE, extremes, ("whole",), cells) is None
-    # Cells of a scene are those of the codes, or nobody can tell which is meant.
+    # What is meant is a matter of the cells of the codes, whatever cells a scene has.
     finer = Scene("finer", (6, 8), matrix_effects(np.eye(48) + 0.01))
     indirect = known_answer(rig, finer, recipe_of(goal="indirect"), ("whole",), cells)
     assert indirect is not None
-    assert known_answer(rig, finer, recipe_of(goal="short-range", radius=1), (), cells) is None
+    near = known_answer(rig, finer, recipe_of(goal="short-range", radius=1), (), cells)
+    assert near is not None
+    # Each lights four of the scene's 48, and a neighbour gets 0.01 of each.
+    light = indirect.on_cells(cells)[..., 0]
+    np.testing.assert_allclose(light[np.isfinite(light)], 44 * 0.01, rtol=1e-6)
+    neighbours = [[3, 5, 5, 3], [5, 8, 8, 5], [3, 5, 5, 3]]
+    np.testing.assert_allclose(near.on_cells(cells)[..., 0], 0.04 * np.array(neighbours))
 
 
 def picture(image: np.ndarray, sigma: np.ndarray) -> Barred:

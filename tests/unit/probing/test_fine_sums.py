@@ -177,7 +177,7 @@ def panel(**more: object) -> PanelConfig:
 def test_panels_without_rows_to_wait_for_come_at_once() -> None:
     lattice = Lattice((4, 3))
     for config in (panel(scan_bands=4), panel(scan_s=0.009, scan_bands=1)):
-        assert bands_of(config, (6, 4), lattice, mask=False) == ALL_AT_ONCE
+        assert bands_of(config, config, lattice, mask=False) == ALL_AT_ONCE
     assert ALL_AT_ONCE[0].count(7) == 7
     assert Band(3, np.array([4, 6])).count(7) == 2
 
@@ -187,7 +187,7 @@ def test_cells_come_with_the_row_under_their_centre(turn_deg: float, rows: list[
     """Four rows of cells on four rows of pixels; more bands than rows are as many as rows."""
     config = panel(scan_s=0.003, scan_bands=99, place=Placing(turn_deg=turn_deg))
     for mask in (False, True):
-        bands = bands_of(config, (6, 4), Lattice((4, 3)), mask=mask)
+        bands = bands_of(config, config, Lattice((4, 3)), mask=mask)
         assert [band.delay_ns for band in bands] == [0, 1_000_000, 2_000_000, 3_000_000]
         for band, row in zip(bands, rows, strict=True):
             assert isinstance(band.pixels, np.ndarray)
@@ -201,7 +201,7 @@ def test_cells_come_with_the_row_under_their_centre(turn_deg: float, rows: list[
 def test_whole_cells_come_with_the_row_under_their_middle(mask: bool) -> None:
     """Eight rows of pixels on two rows of cells: the third and the seventh."""
     config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
-    first, second = bands_of(config, (6, 8), Lattice((2, 3)), mask=mask)
+    first, second = bands_of(config, config, Lattice((2, 3)), mask=mask)
     assert (first.delay_ns, second.delay_ns) == (2_000_000, 6_000_000)
     assert np.asarray(first.pixels).tolist() == [0, 1, 2]
     assert np.asarray(second.pixels).tolist() == [3, 4, 5, 6] if mask else [3, 4, 5]
@@ -214,7 +214,7 @@ def test_halves_and_windows_come_with_their_own_row(mask: bool) -> None:
     config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
     lattice = Lattice((2, 3), "quarter")
     late = {}
-    for band in bands_of(config, (6, 8), lattice, mask=mask):
+    for band in bands_of(config, config, lattice, mask=mask):
         assert isinstance(band.pixels, np.ndarray)
         late.update(dict.fromkeys(band.pixels.tolist(), band.delay_ns // 1_000_000))
     if not mask:

@@ -185,7 +185,7 @@ def test_misregistered_rows() -> None:
 
 def test_a_panel_on_its_side_is_late_by_columns() -> None:
     mask = told(MASK, scan_s=0.01, place=Placing(turn_deg=90.0))
-    bands = bands_of(mask, PROJECTOR.size_px, Lattice(GRID, "whole"), mask=True)
+    bands = bands_of(mask, PROJECTOR, Lattice(GRID, "whole"), mask=True)
     delays = np.empty(7, np.int64)
     for band in bands:
         delays[band.pixels] = band.delay_ns
@@ -197,7 +197,7 @@ def test_a_panel_on_its_side_is_late_by_columns() -> None:
 def test_panels_that_are_set_at_once_have_one_band() -> None:
     """Then nothing is done that was not done before."""
     for panel in (PROJECTOR, told(MASK, scan_s=0.01, scan_bands=1)):
-        assert bands_of(panel, PROJECTOR.size_px, Lattice(GRID), mask=False) is ALL_AT_ONCE
+        assert bands_of(panel, PROJECTOR, Lattice(GRID), mask=False) is ALL_AT_ONCE
     np.testing.assert_array_equal(band_delays_ns(0.01, 3), [0, 5_000_000, 10_000_000])
     np.testing.assert_array_equal(band_delays_ns(-0.01, 3), [10_000_000, 5_000_000, 0])
 

@@ -25,7 +25,9 @@ def manifest(**fields: Any) -> Any:
         "job": "job", "state": "done", "mock": False, "started_utc": "2026-01-01T12:03:01.2Z",
         "request": {}, "plan": {}, "realised": {}, "summary": {}, "warnings": (), "versions": {},
         "git_commit": None, "exif": {}, "drivers": {}, "config": {}, "files": {}, "missing": (),
-        "run": SimpleNamespace(goal=SimpleNamespace(name="indirect")),
+        "run": SimpleNamespace(
+            goal=SimpleNamespace(name="indirect"), projector=SimpleNamespace(field_px=None)
+        ),
         "quality": Quality(verdict="good"),
     }  # fmt: skip
     return SimpleNamespace(**(told | fields))

@@ -1,0 +1,65 @@
+"""The cells of a program on the field of the scene: where the projector shows them.
+
+A scene fills the projector's whole picture, and codes the part of it that all devices share, as it
+is believed to lie. What a picture is in truth is a matter of the cells of its codes: what is direct
+light is told by them, and not by the cells that a scene is described in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.virtual.optics.setting import Setting
+from pdcd.virtual.optics.sights import NOWHERE, CellGrid
+
+Floats = NDArray[np.float64]
+
+CLOSED = 0
+"""What a place counts as from which no light gets to the camera; cell n of the codes is n + 1."""
+EDGE = 1e-9
+"""Places so little beyond the field lie on its edge."""
+
+
+@dataclass(frozen=True)
+class OwnCells(CellGrid):
+    """The cells of codes, in the place of a mask that lets nothing pass beside their field."""
+
+    setting: Setting | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def of(cls, setting: Setting, grid: tuple[int, int]) -> OwnCells:
+        """Of a program of so many rows and columns of cells."""
+        return cls(grid, smooth=False, setting=setting)
+
+    def on_field(self, points: Floats) -> Floats:
+        """Points (..., 2) of the scene's field -> of the field that the codes fill."""
+        if self.setting is None:  # the cells are the scene's own
+            return points
+        return self.setting.drawn.projector.map.to_field(self.setting.on_projector(points))
+
+    def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
+        """Cell of points, (n, 2), from which light comes that is `seen` at others, (n, 2), as
+        numbers from 1 on; `CLOSED` where these lie beside the field. What a blur brings from
+        beside it counts to the nearest cell."""
+        passed = self.at(*self.on_field(seen).T) != NOWHERE
+        with np.errstate(invalid="ignore"):
+            nearest = np.clip(np.nan_to_num(self.on_field(lit)), 0.0, np.nextafter(1.0, 0.0))
+        return np.where(passed, self.at(*nearest.T) + 1, CLOSED).astype(np.int32)
+
+    def inside(self, points: Floats) -> NDArray[np.bool_]:
+        """Which points (..., 2) of the scene's field lie in that of the codes."""
+        own = self.on_field(points)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(((own >= -EDGE) & (own <= 1.0 + EDGE)).all(axis=-1))
+
+
+def own_cells(
+    setting: Setting, of_scene: tuple[int, int], grid: tuple[int, int]
+) -> OwnCells | None:
+    """The cells of a program; None where they are the scene's own, `of_scene`."""
+    if grid == of_scene and setting.drawn.projector.map == setting.panels.projector.map:
+        return None
+    return OwnCells.of(setting, grid)
