@@ -91,6 +91,8 @@ class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True):
     mask_delay: int
     source: str
     verified: bool
+    planned_s: float | None = None
+    """How long the shutter was to be open; None where nobody planned it."""
 
 
 class StepRecord(msgspec.Struct, frozen=True, kw_only=True):

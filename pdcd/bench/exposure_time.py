@@ -1,4 +1,5 @@
-"""How long an exposure is planned to be, and may be at most: what devices are told beforehand.
+"""How long an exposure is planned to be, and may be at most: what devices are told beforehand; and
+whether it was as long as that.
 
 The rig tells the camera with its settings, and a shutter that wants to know it (`TimedShutter`).
 Whoever guards a shutter, or waits for a photo, goes by it: a guardian that waited for
@@ -14,13 +15,20 @@ import numpy as np
 
 from pdcd.bench.devices import CameraSettings, Shutter, TimedShutter
 from pdcd.bench.tables import Config
-from pdcd.panels.frames import Frames
+from pdcd.panels.frames import FrameLog, Frames
 
 MARGIN_S = 30.0
 """What an exposure may take beyond the time that panels need for their frames: for devices that
 answer late, and panels that stall."""
 STRETCH = 2.0
 """How much longer than planned the panels may take for their frames, refreshes being late."""
+
+OFF_S, OFF_SHARE = 1.1, 0.25
+"""Two times of one exposure disagree where they differ by more than the larger of so many seconds
+and that share: cameras write the time of a bulb exposure in whole seconds, or in thirds of a
+stop."""
+MOST_TOLD_S = 86400.0
+"""A longer time is no time: what a camera writes that keeps none."""
 
 
 def with_times(
@@ -57,6 +65,34 @@ def tell(shutter: Shutter, settings: CameraSettings) -> None:
         shutter.expect_exposure(
             settings.exposure_s, settings.exposure_s if longest_s is None else longest_s
         )
+
+
+def planned_s(settings: CameraSettings, config: Config, frames: Frames, log: FrameLog) -> float:
+    """How long an exposure was to be that `with_times` or `with_open_time` announced, s, with the
+    passes that were shown on purpose to make up for missed refreshes."""
+    more = max(0, len(log) - len(frames) - abs(log.mask_delay))
+    return (settings.exposure_s or 0.0) + more / config.row_hz
+
+
+def time_doubts(planned_s: float, logged_s: float, told_s: float) -> str:
+    """Which of three times of one exposure disagree, in words with their figures; "" if none do.
+
+    Whoever takes a photo asks, to take it again, and who judges it.
+
+    planned_s : what was planned (`planned_s`). logged_s : from the shutter being open to its being
+        closed, by the rig's clock. told_s : what the camera's file says; a file without that tag,
+        0 or what is no time is no fault.
+    """
+    told = math.isfinite(told_s) and 0.0 < told_s <= MOST_TOLD_S
+    if _disagree(planned_s, logged_s):
+        return f"the shutter was open for {logged_s:.3g} s, and was to be for {planned_s:.3g} s"
+    if told and (_disagree(logged_s, told_s) or _disagree(planned_s, told_s)):
+        return f"the camera says {told_s:.3g} s of an exposure of {logged_s:.3g} s"
+    return ""
+
+
+def _disagree(expected_s: float, found_s: float) -> bool:
+    return abs(found_s - expected_s) > max(OFF_S, OFF_SHARE * expected_s)
 
 
 def _timed(

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from pdcd.bench.calibration import Entry, PhotoRecord
 from pdcd.bench.devices import CameraInfo, CameraSettings
+from pdcd.bench.exposure_time import planned_s, time_doubts
 from pdcd.bench.measured import chosen
 from pdcd.bench.tables import Config
 from pdcd.calibration.script import Ask
@@ -190,18 +191,26 @@ class CalibrationRun:
             self.rig.cover(False)
 
     def _exposed(self, wanted: NextPhoto) -> PhotoRecord:
-        """Expose, again where refreshes were missed. Raises SyncError when that went on."""
+        """Expose, again where refreshes were missed, and once where the times of the exposure
+        disagree. Raises SyncError when refreshes went on being missed."""
         settings = CameraSettings(wanted.iso, wanted.f_number if self._settable else None)
-        for number in range(1, self.config.rig.retries + 2):
+        number, spoilt, doubted = 0, 0, False
+        while spoilt <= self.config.rig.retries:
+            number += 1
             try:
                 done = self._expose(wanted, settings)
             except SyncError as err:  # the display gave up
-                cause = err.message
+                cause, spoilt = err.message, spoilt + 1
             else:
-                if not done.log.missed.any():
-                    self.folder.write_frames(wanted.name, wanted.frames, done.log)
-                    return self._taken(wanted, done)
-                cause = f"{int(done.log.missed.sum())} refreshes were missed"
+                if done.log.missed.any():
+                    cause = f"{int(done.log.missed.sum())} refreshes were missed"
+                    spoilt += 1
+                else:
+                    cause = self._doubt(wanted, done)
+                    if not cause or doubted:  # the step says it, where it went on
+                        self.folder.write_frames(wanted.name, wanted.frames, done.log)
+                        return self._taken(wanted, done)
+                    doubted = True
             name = self.folder.set_aside(wanted.name, number)
             self._notify(events.Discarded(shot=wanted.name, name=name, cause=cause))
         raise SyncError(
@@ -209,6 +218,18 @@ class CalibrationRun:
             device="display",
             hint="see that nothing else runs on this machine: pdcd timing",
         )
+
+    def _doubt(self, wanted: NextPhoto, done: Exposure) -> str:
+        """Which times of an exposure disagree, in words. Its first photo tells how the camera is
+        held."""
+        head = self.worker.do(self._watch(), Worker.head, self.folder.path, self._file(done))
+        if self.keeper is not None and self.keeper.flip is None:
+            self.keeper.flip = head.flip
+        due_s = planned_s(done.settings, self.config, wanted.frames, done.log)
+        return time_doubts(due_s, done.open_s, head.exposure_s)
+
+    def _file(self, done: Exposure) -> str:
+        return str(done.raw.path.relative_to(self.folder.path))
 
     def _expose(self, wanted: NextPhoto, settings: CameraSettings) -> Exposure:
         return self.rig.expose(
@@ -229,14 +250,11 @@ class CalibrationRun:
         return bool(self._camera().f_numbers)
 
     def _taken(self, wanted: NextPhoto, done: Exposure) -> PhotoRecord:
-        """What is kept of a photo; its first one tells how the camera is held."""
-        file = str(done.raw.path.relative_to(self.folder.path))
-        if self.keeper is not None and self.keeper.flip is None:
-            self.keeper.flip = self.worker.do(self._watch(), Worker.flip, self.folder.path, file)
+        """What is kept of a photo."""
         log = done.log
         return PhotoRecord(
             name=wanted.name,
-            raw=file,
+            raw=self._file(done),
             sha256=done.raw.sha256,
             size_bytes=done.raw.size_bytes,
             iso=wanted.iso,
@@ -249,6 +267,7 @@ class CalibrationRun:
             mask_delay=log.mask_delay,
             source=log.source,
             verified=log.verified,
+            planned_s=planned_s(done.settings, self.config, wanted.frames, log),
         )
 
     def _ask(self, ask: Ask) -> None:

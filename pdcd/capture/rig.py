@@ -59,6 +59,11 @@ class Exposure:
     raw: RawFile
     settings: CameraSettings
 
+    @property
+    def open_s(self) -> float:
+        """How long the shutter was surely open, by the rig's clock."""
+        return (self.close_ns - self.open_ns) * 1e-9
+
 
 class Pulse:
     """Passes the drivers' signs of life on to whoever runs the job."""

@@ -1,4 +1,5 @@
-"""Photos of a job: each exposed, and taken again where codes got unequal light."""
+"""Photos of a job: each exposed, and taken again where codes got unequal light, or where its times
+disagree."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ import msgspec
 import numpy as np
 
 from pdcd.bench.devices import RawFile
+from pdcd.bench.exposure_time import planned_s, time_doubts
 from pdcd.bench.tables import Config
 from pdcd.capture.bench_check import FrameCheck
 from pdcd.capture.job import Journal
@@ -47,8 +49,7 @@ class ShotTaker:
             raise
         second = done.raw.second
         planes = [done.raw] if second is None else [done.raw, second]
-        seconds = (done.close_ns - done.open_ns) * 1e-9
-        return Photo(tuple((self._file(plane), plane.sha256) for plane in planes), seconds)
+        return Photo(tuple((self._file(plane), plane.sha256) for plane in planes), done.open_s)
 
     def _shot(self, wanted: Wanted) -> tuple[ShotRecord, ...]:
         """Expose, write the frame log, check for missed refreshes. With two buckets the shot of
@@ -72,6 +73,7 @@ class ShotTaker:
             missed=int(log.missed.sum()),
             source=log.source,
             verified=log.verified,
+            planned_s=self._planned_s(wanted, done),
             level=level,
         )
         self.journal.ledger.take(record)
@@ -110,26 +112,36 @@ class ShotTaker:
             self.journal.warn(f"shot {name}: presentation times are not verified")
 
     def _sound(self, wanted: Wanted) -> tuple[Exposure, float | None, str]:
-        """Expose, and once more where codes got unequal light, as often as the rig allows.
+        """Expose, and once more where codes got unequal light, as often as the rig allows; once
+        where the times of the exposure disagree.
 
         Returns the exposure, its level (see `ShotRecord`), and what harm was done. Raises
         SyncError.
         """
         rig, folder, shot = self.config.rig, self.journal.folder, wanted.name
-        for number in range(1, rig.retries + 2):
+        number, spoilt, doubted = 0, 0, False
+        while spoilt <= rig.retries:
+            number += 1
             try:
-                done = self._expose(wanted)
+                done, doubt = self._expose(wanted)
             except SyncError as err:
                 if rig.on_miss == "flag":
                     raise
                 cause = err.message
                 name = folder.set_aside(shot, number)
+                spoilt += 1
             else:
                 level, harm = self._level(wanted.frames, done.log)
                 sound = level == 1.0 if wanted.even else level is not None
                 if sound or rig.on_miss == "flag":
-                    return done, level, harm
-                cause = f"{int(done.log.missed.sum())} refreshes were missed; {harm}"
+                    if not doubt or doubted:
+                        if doubt:
+                            self.journal.warn(f"shot {shot}: {doubt}")
+                        return done, level, harm
+                    cause, doubted = doubt, True
+                else:
+                    cause = f"{int(done.log.missed.sum())} refreshes were missed; {harm}"
+                    spoilt += 1
                 name = folder.set_aside(shot, number)
                 folder.write_frames(name, wanted.frames, done.log)
             self.journal.notify(events.Discarded(shot=shot, name=name, cause=cause))
@@ -153,20 +165,33 @@ class ShotTaker:
 
     def _tested(self, wanted: Wanted) -> Exposure:
         """Take a test exposure or a dark photo, again where the display gave up, as often as the
-        rig allows. Raises SyncError."""
+        rig allows; once where the times of the exposure disagree. Raises SyncError."""
         rig, shot = self.config.rig, wanted.name
-        for number in range(1, rig.retries + 1):
+        number, spoilt, doubted = 0, 0, False
+        while True:
+            number += 1
             try:
-                return self._expose(wanted)
+                done, cause = self._expose(wanted)
             except SyncError as err:
-                if rig.on_miss == "flag":
+                spoilt += 1
+                if rig.on_miss == "flag" or spoilt > rig.retries:
                     raise
                 cause = err.message
+            else:
+                if not cause or doubted:
+                    if cause:
+                        self.journal.warn(f"photo {shot}: {cause}")
+                    return done
+                doubted = True
             aside = self.journal.folder.set_aside(shot, number)
             self.journal.notify(events.Discarded(shot=shot, name=aside, cause=cause))
-        return self._expose(wanted)
 
-    def _expose(self, wanted: Wanted) -> Exposure:
+    def _planned_s(self, wanted: Wanted, done: Exposure) -> float:
+        return planned_s(done.settings, self.config, wanted.frames, done.log)
+
+    def _expose(self, wanted: Wanted) -> tuple[Exposure, str]:
+        """One exposure, and which of its times disagree, in words."""
+
         def progress(frame: int, of: int, missed: int) -> None:
             told = events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
             self.journal.job.emit(told)
@@ -182,8 +207,10 @@ class ShotTaker:
         )
         # At once: every further exposure would be for nothing.
         file, watch = self._file(done.raw), self.journal.job.watch()
-        self.check.saw(file, self.worker.do(watch, Worker.look, file, done.raw.sha256))
-        return done
+        head = self.worker.do(watch, Worker.look, file, done.raw.sha256)
+        self.check.saw(file, head)
+        doubt = time_doubts(self._planned_s(wanted, done), done.open_s, head.exposure_s)
+        return done, doubt
 
     def _file(self, raw: RawFile) -> str:
         """Path of a RAW file in the run folder."""

@@ -104,7 +104,8 @@ class ShutterClosed(Event, frozen=True, kw_only=True, tag_field="type", tag="shu
 
 
 class Discarded(Event, frozen=True, kw_only=True, tag_field="type", tag="discarded"):
-    """Codes got unequal light: the exposure is kept under another name and taken again."""
+    """Codes got unequal light, or the times of the exposure disagree: it is kept under another name
+    and taken again."""
 
     shot: ShotName
     name: Annotated[str, Meta(description="new name of the exposure")]

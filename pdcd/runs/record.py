@@ -53,6 +53,8 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     missed: Count
     source: str
     verified: bool
+    planned_s: Positive | None = None
+    """How long the shutter was to be open; None where nobody planned it."""
     level: Positive | None = None
     """How often each code was shown over how often it was to be; None where codes differ. The shot
     is divided by it, so that photos of several shots take the same share of each."""

@@ -179,12 +179,14 @@ class RawHead:
     frame, flip, model : as of `RawFrame`.
     masked : (rows, columns) of samples of the sensor that lie beyond the picture, masked borders
         among them.
+    exposure_s : as of `RawFrame`; of a file that is not built on TIFF its samples are unpacked.
     """
 
     frame: tuple[int, int]
     flip: int
     model: str
     masked: tuple[int, int]
+    exposure_s: float = 0.0
 
     @property
     def turned(self) -> str:
@@ -204,11 +206,15 @@ def read_head(path: Path, *, sha256: str | None = None) -> RawHead:
         raw.open_buffer(io.BytesIO(data))
         sizes = raw.sizes
         height, width = _shown(sizes, (sizes.height, sizes.width))
+        if tags is None:
+            raw.unpack()  # LibRaw tells its time no earlier
+        exposure_s = tags.exposure_s if tags else _single(raw.other.shutter_speed)
     return RawHead(
         frame=(height // 2, width // 2),
         flip=sizes.flip,
         model=tags.text(MODEL) if tags else "",
         masked=(sizes.raw_height - sizes.height, sizes.raw_width - sizes.width),
+        exposure_s=exposure_s,
     )
 
 

@@ -11,14 +11,14 @@ import struct
 from dataclasses import dataclass
 
 MODEL, EXIF, SUB = 272, 34665, 330
-DATE_TAKEN, MASKED_AREAS = 36867, 50830
+DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME = 36867, 50830, 33434
 _DATA = ((273, 279), (324, 325), (513, 514))  # offsets and lengths of strips, tiles, a preview
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
-_NUMBERS = {1: "B", 3: "H", 4: "I", 13: "I"}
+_NUMBERS = {1: "B", 3: "H", 4: "I", 5: "II", 13: "I"}
 _ASCII = 2
 _MAX_DIRECTORIES = 64
 """Real files have fewer than ten; a damaged one may chain them without end."""
-_KEPT = {MODEL, EXIF, SUB, DATE_TAKEN, MASKED_AREAS}.union(*_DATA)
+_KEPT = {MODEL, EXIF, SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME}.union(*_DATA)
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,12 @@ class Tags:
     def numbers(self, tag: int) -> tuple[int, ...]:
         """The first numbers under a tag, empty when there are none."""
         return next((v for d in self.directories if isinstance(v := d.get(tag), tuple)), ())
+
+    @property
+    def exposure_s(self) -> float:
+        """How long the camera says that it exposed; 0 where it says nothing."""
+        said = self.numbers(EXPOSURE_TIME)
+        return said[0] / said[1] if len(said) == 2 and said[1] else 0.0
 
 
 def read_tags(data: bytes) -> Tags | None:
@@ -91,7 +97,9 @@ def _directory(
         if kind == _ASCII:
             directory[tag] = data[at : at + size].split(b"\0")[0].decode("ascii", "replace").strip()
         elif kind in _NUMBERS:
-            directory[tag] = struct.unpack_from(f"{order}{count}{_NUMBERS[kind]}", data, at)
+            each = _NUMBERS[kind]
+            form = f"{order}{count * len(each)}{each[0]}"
+            directory[tag] = struct.unpack_from(form, data, at)
     for offsets, lengths in _DATA:
         for place, size in zip(
             directory.get(offsets, ()), directory.get(lengths, ()), strict=False

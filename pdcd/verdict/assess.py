@@ -55,6 +55,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.torn_windows(torn_share(seen.photos, shots)),
             _placement(seen, record.grid),
             quality.refreshes(shots),
+            quality.exposure_times(shots, _told_s(decoded)),
             quality.deviations({photo.name: deviations[photo.name] for photo in seen.photos}),
             quality.direct_weights(weights),
             _direct_left(seen, record.normalise),
@@ -64,6 +65,12 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _pair_sum(seen),
         )
     )
+
+
+def _told_s(decoded: Decoded) -> dict[str, float]:
+    """Exposure of each shot as its file says, s."""
+    said = {name: shot.exif.get("exposure_s") for name, shot in decoded.shots.items()}
+    return {name: told for name, told in said.items() if isinstance(told, float)}
 
 
 def _saturated_share(seen: Evidence, name: str) -> float:

@@ -6,11 +6,12 @@ stand in `pdcd.verdict.limits`. docs/quality.md says the same for users, with wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.exposure_time import OFF_S, OFF_SHARE, time_doubts
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
 from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
@@ -179,6 +180,24 @@ def refreshes(shots: Sequence[ShotRecord]) -> Iterator[Finding]:
             f"presentation times are not verified in {_shots(unverified)} (time source "
             f"{unverified[0].source}): nobody knows whether refreshes were lost; use a display "
             "with a verified time source",
+        )
+
+
+def exposure_times(shots: Sequence[ShotRecord], told_s: Mapping[str, float]) -> Iterator[Finding]:
+    """Whether planned, logged and the camera's own exposure agree; `told_s` is the camera's, by
+    shot, 0 where its file says nothing."""
+    found = []
+    for shot in shots:
+        open_s = (shot.close_ns - shot.open_ns) * 1e-9
+        doubt = time_doubts(shot.planned_s or open_s, open_s, told_s.get(shot.name, 0.0))
+        if doubt:
+            found.append((shot, doubt))
+    if found:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"{_shots([shot for shot, _ in found])}: {found[0][1]} (limit the larger of {OFF_S:g} "
+            f"s and {percent(OFF_SHARE)}); see that nothing stops this program, that the camera "
+            "stands at bulb, and look at the shutter's cable",
         )
 
 

@@ -22,6 +22,7 @@ from pdcd.bench.calibration import (
     read_small,
 )
 from pdcd.bench.devices import CameraInfo, WhileShown
+from pdcd.bench.exposure_time import time_doubts
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
@@ -114,6 +115,7 @@ class Study:
     script: Script | None = None
     step: str = ""
     photos: list[PhotoRecord] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
     seconds: float = 0.0
     settings: dict[str, float] = field(default_factory=dict)
     entries: dict[str, Entry] = field(default_factory=dict)
@@ -146,6 +148,7 @@ class Study:
         """Start the script of a step. Raises CalibrationError."""
         session = self.session
         self.step, self.now_utc, self.photos, self.seconds = step, now_utc, [], 0.0
+        self.doubts = []
         self.settings = {
             "iso": float(session.iso),
             "full_refreshes": float(session.full),
@@ -174,6 +177,9 @@ class Study:
             mask_delay=record.mask_delay,
         )
         self.photos.append(record)
+        open_s = (record.close_ns - record.open_ns) * 1e-9
+        if doubt := time_doubts(record.planned_s or open_s, open_s, raw.exposure_s):
+            self.doubts.append(f"photo {record.name}: {doubt}; look at the shutter, and repeat")
         name = record.name.removeprefix(f"{self.step}-")
         taken = Taken(name, raw, log, record.open_ns, record.close_ns, record.iso)
         self.seconds += time.process_time() - began_s
@@ -227,9 +233,9 @@ class Study:
             name=step,
             made_utc=self.now_utc,
             seconds=self.seconds,
-            verdict=VERDICTS[outcome.verdict],
+            verdict=VERDICTS[max(outcome.verdict, Verdict(bool(self.doubts)))],
             figures=tuple(map(_record, outcome.figures)),
-            advice=outcome.advice,
+            advice=(*outcome.advice, *self.doubts),
             photos=tuple(self.photos),
             settings=self.settings,
         )

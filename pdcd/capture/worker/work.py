@@ -25,7 +25,7 @@ WORK: Mapping[str, Task] = MappingProxyType(
         "photo": Worker.photo,
         "answered": Worker.answered,
         "measured": Worker.measured,
-        "flip": Worker.flip,
+        "head": Worker.head,
     }
 )
 """All that a child process can be asked."""

@@ -179,9 +179,9 @@ class Worker:
         return the values. Raises DiskError."""
         return self._of_study().write(below)
 
-    def flip(self, watch: Watch, folder: Path, raw: str) -> int:
-        """How the camera was held: `RawHead.flip` of a photo in a folder. Raises DecodeError."""
-        return read_head(folder / raw).flip
+    def head(self, watch: Watch, folder: Path, raw: str) -> RawHead:
+        """What a photo in a folder says of itself. Raises DecodeError."""
+        return read_head(folder / raw)
 
     def _of_course(self) -> Course:
         if self._course is None:

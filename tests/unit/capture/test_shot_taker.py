@@ -18,7 +18,8 @@ from pdcd.errors import ExposureError, SyncError
 
 FOLDER = Path("/run")
 SHA, SECOND = "a" * 64, "b" * 64
-SETTINGS = CameraSettings(100, 5.6)
+SETTINGS = CameraSettings(100, 5.6, exposure_s=2.0)
+HEAD = SimpleNamespace(exposure_s=2.0)
 
 
 class Log:
@@ -27,6 +28,8 @@ class Log:
     def __init__(self, *missed: int, verified: bool = True) -> None:
         self.missed, self.verified, self.source = np.array(missed), verified, "flips"
         self.end_ns = np.array([70, 80])
+
+    mask_delay = 0
 
     def __len__(self) -> int:
         return len(self.missed)
@@ -50,6 +53,8 @@ class Bench:
     def __init__(self, *exposed: Any, two: bool = False) -> None:
         self.exposed, self.two = list(exposed), two
         self.steps: list[Any] = []
+        self.heads: list[Any] = []
+        self.open_s: list[float] = []
         self.warned: list[str] = []
         self.kept: list[Any] = []
         self.path = FOLDER
@@ -64,14 +69,15 @@ class Bench:
         if isinstance(found, Exception):
             raise found
         log: Any = found
-        return Exposure(10, 2_000_000_010, log, raw(name, two=self.two), settings)
+        open_s = self.open_s.pop(0) if self.open_s else 2.0
+        return Exposure(10, 10 + round(open_s * 1e9), log, raw(name, two=self.two), settings)
 
     def do(self, watch: str, task: Any, *args: Any) -> Any:
         assert watch == "watch"
         self.steps.append((task.__name__, *args))
-        return "head"
+        return self.heads.pop(0) if self.heads else HEAD
 
-    def saw(self, file: str, head: str) -> None:
+    def saw(self, file: str, head: Any) -> None:
         self.steps.append(("saw", file, head))
 
     def write_frames(self, name: str, frames: str, log: Log) -> None:
@@ -127,12 +133,12 @@ def test_what_is_kept_of_a_shot() -> None:
         "name": "coded", "window": "window of coded", "raw": "raw/coded.dng", "sha256": SHA,
         "size_bytes": 3, "iso": 100, "f_number": 5.6, "open_ns": 10, "close_ns": 2_000_000_010,
         "end_ns": (70, 80), "refreshes": 3, "missed": 0, "source": "flips", "verified": True,
-        "level": 1.0,
+        "planned_s": 2.0, "level": 1.0,
     }  # fmt: skip
     assert bench.steps == [
         ("expose", "frames of coded", SETTINGS, "coded"),
         ("look", "raw/coded.dng", SHA),
-        ("saw", "raw/coded.dng", "head"),
+        ("saw", "raw/coded.dng", HEAD),
         ("frames", "coded", "frames of coded", 3),
     ]
 
@@ -254,3 +260,31 @@ def test_a_test_exposure_is_not_taken_again_where_misses_are_only_flagged() -> N
     with pytest.raises(SyncError, match="gave up"):
         taker(bench, on_miss="flag").take(shot("a", "test"))
     assert bench.heard("aside") == []
+
+
+LONG = "the shutter was open for 8.2 s, and was to be for 2 s"
+SHORT = "the camera says 0.005 s of an exposure of 2 s"
+
+
+@pytest.mark.parametrize("kind", ["shot", "test", "dark"])
+@pytest.mark.parametrize(
+    ("open_s", "told_s", "cause"), [([8.2, 2.0], [], LONG), ([], [0.005, 2.0], SHORT)]
+)
+def test_a_photo_whose_times_disagree_is_taken_once_more(
+    kind: str, open_s: list[float], told_s: list[float], cause: str
+) -> None:
+    bench = Bench()
+    bench.open_s, bench.heads = list(open_s), [SimpleNamespace(exposure_s=told) for told in told_s]
+    taker(bench, retries=0).take(shot("a", kind))
+    assert bench.heard("discarded") == [("discarded", "a-discarded-1", cause)]
+    assert len(bench.heard("expose")) == 2
+
+
+@pytest.mark.parametrize("kind", ["shot", "test", "dark"])
+def test_times_that_disagree_again_are_kept_and_told(kind: str) -> None:
+    bench = Bench()
+    bench.open_s = [8.2, 8.2]
+    found = taker(bench).take(shot("a", kind))
+    assert len(bench.heard("expose")) == 2 and LONG in bench.warned[-1]
+    if kind == "shot":
+        assert (found[0].planned_s, found[0].close_ns) == (2.0, 8_200_000_010)

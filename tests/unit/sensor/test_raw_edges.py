@@ -93,7 +93,9 @@ def test_a_head_tells_the_size_of_the_picture(
     dng(path, shape, active=active, orientation=8)
     head = read_head(path)
     rows, cols = active[2] - active[0], active[3] - active[1]
-    assert head == RawHead((rows // 2, cols // 2), flip=5, model="test camera", masked=masked)
+    assert head == RawHead(
+        (rows // 2, cols // 2), flip=5, model="test camera", masked=masked, exposure_s=0.6
+    )
     assert read_raw(path).frame == head.frame
 
 

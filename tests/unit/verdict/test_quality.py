@@ -205,3 +205,14 @@ def test_light_that_comes_whatever_is_shown_of_a_slice(share: float, told: bool)
 def test_a_modelled_sigma_is_a_remark() -> None:
     assert grades(answer.sigma_of("modelled")) == [Grade.REMARK]
     assert grades(answer.sigma_of("measured")) == []
+
+
+def test_times_of_an_exposure_that_disagree_are_doubtful() -> None:
+    shots = [shot(), shot(name="late", close_ns=82 * 10**8, planned_s=2.2), shot(planned_s=2.0)]
+    ((grade, text),) = [(f.grade, f.text) for f in quality.exposure_times(shots, {"coded": 2.0})]
+    assert grade == DOUBTFUL and "8.2 s" in text and "2.2 s" in text and "shot late" in text
+    ((grade, text),) = [
+        (f.grade, f.text) for f in quality.exposure_times([shot()], {"coded": 0.005})
+    ]
+    assert grade == DOUBTFUL and "0.005 s" in text
+    assert not list(quality.exposure_times([shot(planned_s=2.0)], {}))

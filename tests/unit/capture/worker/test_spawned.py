@@ -73,7 +73,7 @@ def worker(other: Other) -> Iterator[SpawnedWorker]:
     made.stop()
 
 
-FLIP: Any = Worker.flip
+FLIP: Any = Worker.head
 PLAN: Any = Worker.plan
 ANSWERED: Any = Worker.answered
 """Tasks with and without a job before; what they do in truth is of no matter here."""
@@ -107,7 +107,7 @@ def test_facts_are_told_once_and_each_call_is_answered(worker: SpawnedWorker, ot
         assert worker.do(watch, FLIP, "folder", raw="a") == number
         kinds = [type(one) for one in heard_by(watch)]
         assert kinds == ([Facts, Call] if number == 1 else [Call])
-        assert heard_by(watch)[-1] == Call("flip", ("folder",), {"raw": "a"})
+        assert heard_by(watch)[-1] == Call("head", ("folder",), {"raw": "a"})
     assert worker.pid == 100 and len(other.processes) == 1
 
 
