@@ -91,6 +91,22 @@ def test_lag_rise_and_fall_and_whole_refreshes(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+def test_twice_in_a_row_gives_the_same(tmp_path: Path) -> None:
+    """The truth says nothing of bands: they are as typed, not as the first time found them."""
+    believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = 0.002\nscan_s = 0.0158"))
+    (result, found), (again, _) = (calibrated(believed, "timing") for _ in range(2))
+    first, second = record_of(result).measured, record_of(again).measured
+    assert found.mask.scan_bands != believed.mask.scan_bands
+    assert truth_of(found).of(found).mask == truth_of(believed).of(believed).mask
+    for key, entry in first.items():
+        if isinstance(entry.sigma, float):
+            sigma = np.hypot(entry.sigma, float(second[key].sigma))  # type: ignore[arg-type]
+            assert abs(second[key].value - entry.value) < 4.0 * sigma + 1e-9, key
+        else:
+            assert second[key].value == entry.value, key
+
+
+@pytest.mark.long
 def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
     scan = "skew_s = 0.002\nscan_s = -0.0316\nscan_bands = 24"
     believed = bench(tmp_path, TAUS.format(projector="skew_s = 0.001", mask=scan))

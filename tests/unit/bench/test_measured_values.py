@@ -86,7 +86,7 @@ def test_what_was_taken_is_named_so_that_taking_it_again_changes_nothing(tmp_pat
     assert (found.mask.skew_s, found.trigger.lag_s) == (0.002, Config().trigger.lag_s)
     assert (found.calibration.use, found.calibration.sha256) == (str(folder), digest)
     assert found.calibration.keep == ("trigger.lag_s",)
-    assert calibrated(found) == found
+    assert calibrated(found) == found and as_typed(found).mask == asked.mask
     with pytest.raises(ConfigError, match="not the one with the digest"):
         calibrated(config(use=str(folder), sha256="0" * 64))
 
