@@ -3,7 +3,7 @@
 # make web: the page for the bench, in a browser. make notebook: the tutorial, in Jupyter.
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo web notebook test test-long test-slow test-systemd lint bench soak mutants goldens clean
+.PHONY: demo web notebook test test-long test-slow test-systemd lint bench soak mutants goldens strangers clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -85,6 +85,15 @@ goldens:
 	@.ci/setup dev
 	nice .venv/bin/python -m tests.goldens base $(BASE) --only $(ONLY) $(if $(filter no,$(WORDS)),--no-words) \
 	    $(if $(KEEP),--keep $(KEEP))
+
+# Benches of another package, with physics of its own: are photos true, or said not to be? What is
+# done is kept in OUT, and not done again.
+strangers: COUNT = 20
+strangers: SEED = 0
+strangers: OUT = strangers
+strangers:
+	@.ci/setup dev
+	OMP_NUM_THREADS=1 nice .venv/bin/python -m tests.strangers --count $(COUNT) --seed $(SEED) --out $(OUT)
 
 clean:
 	rm -rf .venv demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

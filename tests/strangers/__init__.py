@@ -1,0 +1,1 @@
+"""A stranger's bench, and the judge of what pdcd makes of it (`make strangers`)."""
