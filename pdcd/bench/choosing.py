@@ -22,6 +22,7 @@ from pdcd.bench.devices import CameraInfo, DisplayInfo
 from pdcd.bench.folders import state_dir
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
+from pdcd.bench.truth import as_typed
 from pdcd.errors import BusyError, ConfigError, disk_errors
 from pdcd.files.opening import Unsound
 from pdcd.printable import one_line
@@ -149,7 +150,8 @@ def bench_of(config: Config) -> dict[str, Any]:
     """The tables that make a mock bench, in plain values; none for a real camera."""
     if config.camera.driver != "mock":
         return {}
-    tables = {name: getattr(config, name) for name in TABLES}
+    typed = as_typed(config)
+    tables = {name: getattr(typed, name) for name in TABLES}
     return dict(msgspec.json.decode(msgspec.json.encode(tables)))
 
 
