@@ -65,7 +65,9 @@ def candidates(config: Config) -> Iterator[Candidate]:
 def candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
     """The same of any folder."""
     try:
-        entries = sorted(folder.iterdir(), key=lambda p: _name(p), reverse=True)
+        # Hidden ones have no name yet, or are being removed.
+        there = (p for p in folder.iterdir() if not p.name.startswith("."))
+        entries = sorted(there, key=_name, reverse=True)
     except OSError:
         return
     for at in entries:

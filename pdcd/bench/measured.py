@@ -233,8 +233,8 @@ def _with_typed(config: Config, asked: Config) -> Config:
                 typed[f"{table}.{name}"] = msgspec.json.encode(value).decode()
     if typed == asked.calibration.typed:
         return config
-    table = msgspec.structs.replace(config.calibration, typed=typed)
-    return msgspec.structs.replace(config, calibration=table)
+    said = msgspec.structs.replace(config.calibration, typed=typed)
+    return msgspec.structs.replace(config, calibration=said)
 
 
 def age_days(record: Calibration, now: datetime | None = None) -> float:
