@@ -22,6 +22,7 @@ from pdcd.bench.devices import CameraInfo, DisplayInfo
 from pdcd.bench.folders import state_dir
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
+from pdcd.bench.truth import as_typed
 from pdcd.errors import BusyError, ConfigError, disk_errors
 from pdcd.files.opening import Unsound
 from pdcd.printable import one_line
@@ -64,7 +65,9 @@ def candidates(config: Config) -> Iterator[Candidate]:
 def candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
     """The same of any folder."""
     try:
-        entries = sorted(folder.iterdir(), key=lambda p: _name(p), reverse=True)
+        # Hidden ones have no name yet, or are being removed.
+        there = (p for p in folder.iterdir() if not p.name.startswith("."))
+        entries = sorted(there, key=_name, reverse=True)
     except OSError:
         return
     for at in entries:
@@ -149,7 +152,8 @@ def bench_of(config: Config) -> dict[str, Any]:
     """The tables that make a mock bench, in plain values; none for a real camera."""
     if config.camera.driver != "mock":
         return {}
-    tables = {name: getattr(config, name) for name in TABLES}
+    typed = as_typed(config)
+    tables = {name: getattr(typed, name) for name in TABLES}
     return dict(msgspec.json.decode(msgspec.json.encode(tables)))
 
 

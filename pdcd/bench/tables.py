@@ -254,8 +254,8 @@ class CalibrationConfig(_Table, frozen=True):
     """[calibration] which measured values replace typed ones."""
 
     use: str = "latest"
-    """"latest": the newest of this rig in the state folder, where there is one; "none"; or the
-    path of a folder that `pdcd calibrate` made."""
+    """"latest": the newest of this rig in the state folder that fits, unless `pdcd calibrate use`
+    named one; "none"; or the path of a folder that `pdcd calibrate` made."""
     keep: tuple[str, ...] = ()
     """Keys that stay as typed whatever was measured: "mask.skew_s"."""
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None = None

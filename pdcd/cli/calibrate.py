@@ -137,7 +137,7 @@ def _say_end(result: CaptureResult) -> int:
     verdict = str(result.summary.get("verdict"))
     used = "in use" if result.summary.get("used") else "not used: pdcd calibrate list says why"
     if verdict == "bad":
-        used = f"{used}, but for what is bad: mend that, and calibrate it again"
+        used += "; what is bad is left out: mend it, and calibrate again"
     say_table(
         [
             ["verdict", f"{verdict}, {used}"],

@@ -60,8 +60,8 @@ def _say_calibration(settings: Config) -> None:
     """Print which calibration would be used, and all that are passed over. Raises ConfigError for
     one that was named and cannot be used."""
     found = choice(settings)
-    used = age_words(settings) if found.folder is not None else "none"
-    say(f"calibration: {used}")
+    if found.folder is not None or found.passed:
+        say(f"calibration: {age_words(settings) or 'none'}")
     for text in found.passed:
         say_text(f"passed over: {text}")
 

@@ -182,6 +182,7 @@ def test_hostile_folders_are_passed_over_and_nothing_is_waited_for(tmp_path: Pat
     good = kept_in(tmp_path, "a0", measured={"mask.skew_s": entry(0.002)})
     folder = tmp_path / FOLDER
     (folder / "b1").symlink_to(folder / "b1")
+    kept_in(tmp_path, "c9").rename(folder / ".c9.forgotten")  # whose removal was cut short
     (folder / "b2").symlink_to(folder / "gone")
     os.mkfifo(folder / "b3")
     (folder / "b4").write_text("a file")

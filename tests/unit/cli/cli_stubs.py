@@ -166,6 +166,7 @@ class StubEngine:
     start_error: PdcdError | None = None
     calls: list[Any]
     grid = (2, 3)
+    note = ""
 
     @classmethod
     def from_config(cls, config: Config) -> StubEngine:

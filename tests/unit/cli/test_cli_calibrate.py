@@ -50,7 +50,7 @@ def calibrator(monkeypatch: pytest.MonkeyPatch) -> type[Calibrator]:
     class Fresh(Calibrator):
         asked: list[Any] = []  # noqa: RUF012
         result = CaptureResult(
-            job=JOB, state="done", folder="/c", summary={"verdict": "good", "photos": 7}
+            job=JOB, state="done", folder="/c", summary={"verdict": "good", "photos": 7, "used": 1}
         )
 
     monkeypatch.setattr(calibrate_cli, "Client", Fresh)
@@ -82,12 +82,12 @@ def test_every_figure_of_a_calibration_is_printed_with_its_limit(
 @pytest.mark.parametrize(
     ("state", "verdict", "code", "words"),
     [
-        ("done", "bad", 5, "bad, not used: mend what is bad, and calibrate again"),
+        ("done", "bad", 5, "bad, in use; what is bad is left out: mend it, and calibrate again"),
         ("done", "doubtful", 0, "doubtful, in use"), ("failed", "bad", 5, None),
         ("cancelled", "good", 130, None),
     ],
 )  # fmt: skip
-def test_a_bad_calibration_is_not_used_and_fails(
+def test_a_bad_calibration_fails_and_what_is_bad_is_not_used(
     calibrator: type[Calibrator],
     capsys: pytest.CaptureFixture[str],
     state: Any,
@@ -97,7 +97,10 @@ def test_a_bad_calibration_is_not_used_and_fails(
 ) -> None:
     calibrator.result = CaptureResult(
         job=JOB, state=state, folder="/c", warnings=("dust",),
-        summary={"verdict": verdict, "quality": Quality(verdict="doubtful", reasons=("dark",))},
+        summary={
+            "verdict": verdict, "used": 1,
+            "quality": Quality(verdict="doubtful", reasons=("dark",)),
+        },
     )  # fmt: skip
     assert main(["calibrate"]) == code
     out = capsys.readouterr().out
@@ -121,6 +124,23 @@ def test_somebody_is_asked_where_somebody_is_there(
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: terminal))
     assert main(["calibrate", *words]) == 0
     assert calibrator.asked[1] == (CalibrateRequest(steps=(), attended=attended), False)
+
+
+def test_all_may_be_measured_anew(calibrator: type[Calibrator]) -> None:
+    assert main(["calibrate", "--anew", "--yes"]) == 0
+    assert calibrator.asked[1] == (CalibrateRequest(anew=True), False)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["list --scene", "list x", "use", "use a b", "forget", "list --socket s", "use none --anew",
+     "use none --marks gray", "forget gone --yes", "use ../x", "use gone"],
+)  # fmt: skip
+def test_what_is_kept_is_managed_by_its_own_words_alone(
+    calibrator: type[Calibrator], line: str
+) -> None:
+    assert main(["calibrate", *line.split()]) == 2
+    assert calibrator.asked == []
 
 
 def test_a_scene_may_stand_in_the_place_of_the_card(calibrator: type[Calibrator]) -> None:
@@ -174,7 +194,9 @@ def test_a_rig_of_this_process_is_stopped_whatever_comes_of_it(
         self.calls.append((request, sorted(how), how["cancelled"](), len(how["job"])))
         if fails:
             raise Cancelled("ended")
-        return CaptureResult(job=JOB, state="done", folder="/c", summary={"verdict": "good"})
+        return CaptureResult(
+            job=JOB, state="done", folder="/c", summary={"verdict": "good", "used": 1}
+        )
 
     monkeypatch.setattr(engine, "calibrate", calibrate, raising=False)
     assert main(["calibrate", "timing", "--local"]) == (130 if fails else 0)

@@ -61,7 +61,7 @@ SYNOPSIS = {
     "doctor camera": f"{DOCTOR}, --raw FILE",
     "doctor trigger": f"{DOCTOR}, --click, --seconds S",
     "calibrate": (
-        f"[STEP ...] | --scene, --marks MARKS, --again FOLDER, --out DIR, "
+        f"[STEP ...] | --scene, --marks MARKS, --anew, --again FOLDER, --out DIR, "
         f"--yes, --queue, --local, {CLIENT}"
     ),
     "show": f"[PATTERN] | --index N, --loop, --out PNG, --seconds S, --detach, {CLIENT}",
@@ -149,7 +149,9 @@ def test_every_value_has_a_name_in_capitals_or_is_one_of_some_words() -> None:
 
 USAGES = {
     "capture": "[OPTIONS] GOAL", "compare": "[OPTIONS] GOAL", "plan": "[OPTIONS] GOAL",
-    "transport": "[OPTIONS] [--rows R [R2]]", "calibrate": "[OPTIONS] [STEP ...]",
+    "transport": "[OPTIONS] [--rows R [R2]]",
+    "calibrate": "[OPTIONS] [STEP ...] pdcd calibrate list | use NAME|none|latest | "
+    "forget NAME [--yes] [--config FILE] [--json]",
     "runs": "[OPTIONS] [show|export|verify|prune]",
 }  # fmt: skip
 
@@ -239,8 +241,8 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "calibrate": (
         "calibrate:calibrate",
-        {**ANY_RIG, "step": [], "scene": False, "marks": "auto", "again": None, "out": None,
-         "yes": False, "queue": False, "local": False},
+        {**ANY_RIG, "step": [], "scene": False, "marks": "auto", "anew": False, "again": None,
+         "out": None, "yes": False, "queue": False, "local": False},
     ),
     "show": (
         "panels:show",
@@ -355,9 +357,9 @@ TYPED: dict[str, dict[str, Any]] = {
     },
     "doctor camera --raw r": {"raw": Path("r")},
     "doctor trigger --click --seconds 2": {"click": True, "seconds": 2.0},
-    "calibrate lag --scene --marks xor --again f --out d --yes --queue --local": {
-        "step": ["lag"], "scene": True, "marks": "xor", "again": Path("f"), "out": Path("d"),
-        "yes": True, "queue": True, "local": True,
+    "calibrate lag --scene --marks xor --anew --again f --out d --yes --queue --local": {
+        "step": ["lag"], "scene": True, "marks": "xor", "anew": True, "again": Path("f"),
+        "out": Path("d"), "yes": True, "queue": True, "local": True,
     },
     "show code --index 3 --loop --out p --seconds 2 --detach": {
         "pattern": "code", "index": 3, "loop": True, "out": Path("p"), "seconds": 2.0,

@@ -108,6 +108,8 @@ def test_a_plan_that_nobody_answers_is_made_here_with_the_same_request(
     asked: list[Any] = []
 
     class Bench:
+        note = ""
+
         def foresee(self, request: CaptureRequest, files: Any) -> PlanSummary:
             asked.append((request, files))
             return PLAN
