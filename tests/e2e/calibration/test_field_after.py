@@ -76,7 +76,7 @@ def typed(config: Config, field_px: tuple[int, int, int, int]) -> Config:
 def compare(made: SmallBench, goal: str, field_px: tuple[int, int, int, int]) -> None:
     found, known = capture(made.config, goal), capture(typed(made.config, field_px), goal)
     assert found.state == known.state == "done", (found.error, known.error)
-    errors = [float(one.summary["rms_error"]) for one in (found, known)]  # type: ignore[arg-type]
+    errors = [float(one.summary["rms_error_quads"]) for one in (found, known)]  # type: ignore[arg-type]
     assert errors[0] <= max(1.3 * errors[1], errors[1] + 0.003), errors
     assert found.summary["quality"].verdict == "good"  # type: ignore[union-attr]
     assert "blind_share" not in found.summary

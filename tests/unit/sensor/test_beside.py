@@ -22,8 +22,8 @@ def cells_of(blur_quads: float = 0.0, **place: object) -> CellMap:
 
 @pytest.mark.parametrize("blur_quads", [0.0, 0.4, 1.0])
 def test_what_a_shifted_mask_leaves_out_is_not_known(blur_quads: float) -> None:
-    """Shifted by 10.1 px to the right, 20.2 quads: two columns of cells have none, a third half of its
-    quads. A blur reaches two deviations further."""
+    """Shifted by 10.1 px to the right, 20.2 quads: two columns of cells have none, a third half of
+    its quads. A blur reaches two deviations further."""
     cells = cells_of(blur_quads, offset_px=(10.1, 0.0))
     more = int(np.ceil(2.0 * blur_quads))
     # Half of the mask's pixel, a quad, may lie beside.
