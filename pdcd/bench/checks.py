@@ -216,7 +216,7 @@ def _field_faults(config: Config) -> Iterator[Fault]:
     if config.projector.field_px is None:
         return
     (left, top, wide, high), (width, height) = config.projector.field_px, config.projector.size_px
-    if min(left, top) < 0 or min(wide, high) < 1 or left + wide > width or top + high > height:
+    if left + wide > width or top + high > height:
         yield Fault(
             ("projector.field_px", "projector.size_px"),
             f"projector.field_px: {wide} x {high} pixels at ({left}, {top}) are no part of the "

@@ -26,6 +26,14 @@ Quads = Annotated[int, Meta(ge=1, le=16384)]
 Gamma = Annotated[float, Meta(ge=0.1, le=10.0)]
 Lut = str | Annotated[tuple[Annotated[float, Meta(ge=0.0, le=1.0)], ...], Meta(max_length=256)]
 
+Box = tuple[
+    Annotated[int, Meta(ge=0)],
+    Annotated[int, Meta(ge=0)],
+    Annotated[int, Meta(ge=1)],
+    Annotated[int, Meta(ge=1)],
+]
+"""Left, top, width and height in pixels."""
+
 DEFAULT_GRID = (48, 64)
 """Rows and columns of cells when neither the file nor a matrix says otherwise."""
 
@@ -94,7 +102,7 @@ class PanelConfig(_Table, frozen=True):
     pixels."""
     place: Placing = field(default_factory=Placing)
     """Where the panel's pixels lie on the projector's picture, for drawing."""
-    field_px: tuple[int, int, int, int] | None = None
+    field_px: Box | None = None
     """Projector only: the field, as left, top, width and height in its pixels; a calibration
     measures which part of its picture mask and camera share. None: all of the picture."""
 

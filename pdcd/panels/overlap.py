@@ -11,8 +11,9 @@ from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 
-NODE_PX = 8.0
-"""Pixels between places at which maps are asked; between them a lens bends by a hundredth."""
+NODE_PX, LEAST_NODES = 8.0, 48
+"""Pixels between places at which maps are asked, and how many these are along a side at least: a
+lens bends by less than a hundredth of a pixel between them."""
 
 
 def lies_on(device: Map, other: Map, edge_px: float = 0.0) -> NDArray[np.bool_]:
@@ -22,7 +23,9 @@ def lies_on(device: Map, other: Map, edge_px: float = 0.0) -> NDArray[np.bool_]:
     device, other : maps to one field.
     """
     width, height = device.size_px
-    x, y = (np.linspace(0.0, n, math.ceil(n / NODE_PX) + 1) for n in (width, height))
+    x, y = (
+        np.linspace(0.0, n, 1 + max(math.ceil(n / NODE_PX), LEAST_NODES)) for n in (width, height)
+    )
     nodes = between(device, other, np.stack(np.meshgrid(x, y), axis=-1))
     at = _between(_between(nodes, height).swapaxes(0, 1), width).swapaxes(0, 1)
     with np.errstate(invalid="ignore"):  # no number where the other one has no such place

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from pdcd.bench import checks, config
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import camera_map, panels_of, plane_on_field
 from pdcd.bench.tables import Config
 from pdcd.capture.rig import Rig
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError
+from pdcd.panels.atoms import PER_CELL, atoms
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
-from pdcd.panels.placing import Placing
+from pdcd.panels.placing import Placing, through
 
 MASK = Map.filling((1600, 1200)).then([[0.9, 0.02, 0.03], [0.01, -0.95, 0.98], [0.0, 0.01, 1.0]])
 
@@ -188,3 +189,77 @@ def test_no_rig_is_made_with_a_place_that_cannot_be() -> None:
         Rig(wrong)
     with pytest.raises(ConfigError, match="finite"):
         Rig(with_mask(Placing(turn_deg=math.nan)))
+
+
+FIELD = (100, 60, 800, 600)
+
+
+def on_a_part(**tables: Placing) -> Config:
+    """The field a part of the projector's picture of 1024 x 768, devices where they are said."""
+    found = Config()
+    for name, place in tables.items():
+        table = msgspec.structs.replace(getattr(found, name), place=place)
+        found = msgspec.structs.replace(found, **{name: table})
+    projector = msgspec.structs.replace(found.projector, field_px=FIELD)
+    return msgspec.structs.replace(found, projector=projector)
+
+
+def test_all_maps_lead_to_the_part_of_the_picture_that_is_the_field() -> None:
+    left, top, wide, high = FIELD
+    made = on_a_part(mask=Placing(map=MASK), camera=Placing(turn_deg=3.0))
+    whole = msgspec.structs.replace(
+        made, projector=msgspec.structs.replace(made.projector, field_px=None)
+    )
+    points = np.random.default_rng(1).random((40, 2))
+    picture = points * (wide, high) + (left, top)  # the same places in projector pixels
+    parts, wholes = panels_of(made), panels_of(whole)
+    assert parts.projector.map.from_field(points) == pytest.approx(picture)
+    for one, other in (
+        (parts.mask.map, wholes.mask.map),
+        (camera_map(made, (20, 32)), camera_map(whole, (20, 32))),
+    ):
+        assert one.from_field(points) == pytest.approx(other.from_field(picture / (1024, 768)))
+    assert made.projector.field_size_px == (800, 600)
+    assert whole.projector.field_box_px == (0, 0, 1024, 768)
+
+
+def test_edges_of_the_projectors_pixels_stay_whole() -> None:
+    """A field of 800 x 600 pixels in 30 x 40 cells has 20 pixels to a cell, from its left and upper
+    edge on, and is black around."""
+    found = atoms(panels_of(on_a_part()).projector, (30, 40)) // PER_CELL
+    left, top, wide, high = FIELD
+    x, y = np.arange(1024), np.arange(768)
+    inside = ((x >= left) & (x < left + wide)) & ((y >= top) & (y < top + high))[:, None]
+    assert ((found[..., 0] >= 0) == inside).all()
+    wanted = np.broadcast_to((x - left) // 20, (768, 1024))
+    assert (found[..., 0][inside] == wanted[inside]).all()
+    assert (found[..., 1][inside] == ((y - top) // 20)[:, None].repeat(1024, 1)[inside]).all()
+
+
+def test_a_plane_is_that_of_the_field() -> None:
+    """Points of the field go where the picture's plane sends them."""
+    projector = on_a_part().projector
+    plane = (1.02, 0.01, 0.03, -0.02, 0.98, 0.01, 0.05, -0.02, 1.0)
+    assert plane_on_field(plane, Config().projector) == plane
+    points = np.random.default_rng(2).random((20, 2))
+    size, (left, top, wide, high) = np.array([1024, 768]), FIELD
+    picture = (points * (wide, high) + (left, top)) / size
+    wanted = (through(plane, picture) * size - (left, top)) / (wide, high)
+    assert through(plane_on_field(plane, projector), points) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("table", "field_px", "words"),
+    [
+        ("projector", (0, 0, 1025, 768), "no part of the projector's 1024 x 768"),
+        ("projector", (0, 400, 900, 400), "900 x 400 pixels at (0, 400) are no part of"),
+        ("mask", (0, 0, 10, 10), "set projector.field_px"),
+    ],
+)
+def test_a_field_lies_in_the_projectors_picture(
+    table: str, field_px: tuple[int, int, int, int], words: str
+) -> None:
+    plain = Config()
+    changed = msgspec.structs.replace(getattr(plain, table), field_px=field_px)
+    (found,) = checks.check(msgspec.structs.replace(plain, **{table: changed}))
+    assert found.startswith(f"{table}.field_px: ") and words in found

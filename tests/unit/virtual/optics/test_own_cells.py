@@ -116,6 +116,67 @@ def test_what_is_wanted_at_a_place_is_the_row_of_the_cell_it_lies_in(name: str) 
     assert float(np.abs(before - wanted).max()) > 0.03 * float(wanted.max())
 
 
+FIELD = (6, 3, 36, 30)
+"""The part of the projector's picture, in its pixels, that codes fill."""
+
+
+def codes_lit(grid: tuple[int, int]) -> Floats:
+    """Share of each of the scene's cells that each cell of codes lights, (cells, N), by pixels."""
+    rows, cols = grid
+    left, top, width, height = FIELD
+    found = np.zeros((rows * cols, N))
+    for y, x in np.ndindex(height, width):
+        own = int((y + 0.5) * rows / height) * cols + int((x + 0.5) * cols / width)
+        there = (top + y) * GRID[0] // PX[1] * GRID[1] + (left + x) * GRID[1] // PX[0]
+        found[own, there] += N / (PX[0] * PX[1])
+    return found
+
+
+@pytest.mark.parametrize("textured", [True, False])
+@pytest.mark.parametrize("grid", [GRID, (5, 6)])
+@pytest.mark.parametrize("name", ["indirect", "direct", "indirect, lit"])
+def test_codes_on_a_part_of_the_picture_mean_their_own_cells(
+    name: str, grid: tuple[int, int], textured: bool
+) -> None:
+    """Whose borders lie anywhere in those of the scene."""
+    scene, transport = scene_of(np.random.default_rng(3))
+    if not textured:
+        scene = Scene("s", GRID, scene.effects)
+    config = bench_of(scene)._setting.believed
+    projector = msgspec.structs.replace(config.projector, field_px=FIELD)
+    bench = OpticalBench(msgspec.structs.replace(config, projector=projector), scene, FRAME)
+    cells, (rows, cols), (left, top, width, height) = grid[0] * grid[1], grid, FIELD
+    light = np.random.default_rng(9).random(cells)
+    weights = {
+        "indirect": 1.0 - np.eye(cells), "direct": np.eye(cells),
+        "indirect, lit": (1.0 - np.eye(cells)) * light,
+    }[name]  # fmt: skip
+    arrays = {"illumination": light} if "lit" in name else {}
+    recipe = recipe_of(Target(Goal(name=name.split(",")[0]), grid, arrays), How())  # type: ignore[arg-type]
+    found = bench.wanted(lambda part: answer(part, recipe), recipe.wanted, grid=grid)
+    direct = np.stack([e.diagonal()[:, None] * e.tint for e in scene.effects[:3]]).sum(axis=0)
+    lit, samples = codes_lit(grid), bench._setting.samples
+    wanted = np.zeros((*FRAME, 3))
+    for row, col in np.ndindex(*FRAME):
+        for a, b in np.ndindex(samples, samples):
+            y = np.array(
+                [(col + (b + 0.5) / samples) / FRAME[1], (row + (a + 0.5) / samples) / FRAME[0]]
+            )
+            u = (y * PX - (left, top)) / (width, height)
+            if not ((u >= 0.0) & (u < 1.0)).all():
+                continue  # the mask is closed there
+            own = int(u[1] * rows) * cols + int(u[0] * cols)
+            sent = weights[own, own] * direct + (transport @ (weights[own] @ lit))[:, None]
+            if scene.texture is None:
+                seen = sent[int(y[1] * GRID[0]) * GRID[1] + int(y[0] * GRID[1])]
+            else:
+                seen = reflected(y, sent, scene.texture)
+            wanted[row, col] += seen / samples**2
+    np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-8)
+    inside = bench.inside_of(grid)
+    assert 0 < inside.sum() < bench.inside.sum()
+
+
 @pytest.mark.parametrize("place", [Placing(), Placing(scale=1.4, turn_deg=10.0)])
 def test_a_flat_scene_stays_flat_where_the_blur_reaches_beyond_the_field(place: Placing) -> None:
     """Beyond it is dark, whether the frame ends there or not."""
