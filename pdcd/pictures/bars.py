@@ -126,7 +126,9 @@ def with_stop_errors(
         for name, picture in pictures.items():
             rule = recipe.pictures[name]
             if isinstance(rule, Extremes):
-                of_stop = [(1.0, picture)] if set(rule.photos) & set(stops) else []
+                of_stop: list[tuple[float, Picture]] = (
+                    [(1.0, picture)] if set(rule.photos) & set(stops) else []
+                )
             else:
                 here = f_number, sigma
                 of_stop = [(c, photos[one]) for c, one in rule if stops.get(one) == here]

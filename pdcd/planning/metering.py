@@ -18,6 +18,10 @@ from pdcd.sensor.raw import RawFrame
 
 Floats = NDArray[np.float64]
 
+MOST_TIMES = 4
+"""How often at most: such a photo takes a few seconds."""
+PATCHES = 4
+"""Parts of a frame along each side in which the light of two stops is compared."""
 MASKED_DN = 0.05
 """Standard deviation of a black level that a masked border of 100 000 samples shows."""
 
@@ -104,7 +108,7 @@ def white_slots_at(per_slot: float, planned: int) -> int:
     """Slots of a white shot at the stop of the codes, each of which brings the brightest sample up
     to `per_slot` of saturation: as many as are planned, or fit. A slot is on and off as a code's,
     so that what panels' edges add or take is the same share of either."""
-    return max(1, min(planned, int(TARGET / max(per_slot, 1e-9))))
+    return max(1, min(planned, int(TARGET / max(per_slot, 1e-9) + 1e-6)))
 
 
 def shares_stop(shot: Shot, expected: float, slots: int) -> bool:
@@ -166,28 +170,45 @@ def at_least(apertures: tuple[float, ...], f_number: float) -> float:
     return min((a for a in apertures if a >= f_number), default=max(apertures))
 
 
+def times_shown(wider: float, narrower: float) -> int:
+    """How often the narrower of two stops is shown what the wider one is shown once, to compare
+    them: light goes with the number, and a dim photo is as unsure as its black level."""
+    return min(MOST_TIMES, max(1, round((narrower / wider) ** 2)))
+
+
 def compare_stops(
     one: RawFrame, other: RawFrame, profile: SensorProfile, iso: int, exposure_s: float
 ) -> tuple[float, float]:
-    """Light of `one` stop over that of the `other`, and its relative standard deviation, from two
-    photos of the same frames.
+    """Light of a photo at one stop over that of another one, and its relative standard deviation;
+    both show the same codes, each as often as it may be.
 
     All that is not saturated in either counts. Beside the noise of the samples each photo's black
     level is unsure: of a masked border by `MASKED_DN`, else by what is lost in cutting it to whole
-    numbers. Raises DecodeError for photos without light.
+    numbers. And a wide stop darkens corners that a narrow one does not: how far parts of the frame
+    differ counts, too. Raises DecodeError for photos without light.
     """
     good = ~(one.saturated | other.saturated)
-    sums, squares = [], 0.0
+    light, squares = [], 0.0
     for raw in (one, other):
-        planes = raw.planes[:, good].astype(np.float64)
-        light = float(planes.sum())
-        noise = float(variance_dn2(planes, profile, iso, exposure_s).sum())
-        black_dn = MASKED_DN if raw.masked else 12.0**-0.5
-        if not light > 0.0:
+        planes = np.where(good, raw.planes.astype(np.float64), 0.0)
+        total = float(planes.sum())
+        if not total > 0.0:
             raise DecodeError(
                 "two stops cannot be compared: a test exposure has no light",
                 hint="set camera.f_number, or give the scene more light",
             )
-        sums.append(light)
-        squares += (noise + (black_dn * planes.size) ** 2) / light**2
-    return sums[0] / sums[1], float(np.sqrt(squares))
+        noise = float(variance_dn2(planes, profile, iso, exposure_s).sum())
+        black_dn = MASKED_DN if raw.masked else 12.0**-0.5
+        squares += (noise + (black_dn * 4.0 * float(good.sum())) ** 2) / total**2
+        light.append(_of_patches(planes.sum(axis=0)))
+    ratio = float(light[0].sum() / light[1].sum())
+    lit = light[1] > 0.0
+    away = light[0][lit] / light[1][lit] / ratio - 1.0
+    spread = float(np.average(away**2, weights=light[1][lit]))
+    return ratio, float(np.sqrt(squares + spread))
+
+
+def _of_patches(light: Floats) -> Floats:
+    """Sums over `PATCHES` x `PATCHES` parts of a frame."""
+    parts = (np.array_split(row, PATCHES, axis=1) for row in np.array_split(light, PATCHES))
+    return np.array([part.sum() for row in parts for part in row])

@@ -27,6 +27,7 @@ from pdcd.planning.metering import (
     next_aperture,
     peak_share,
     shares_stop,
+    times_shown,
     white_slots_at,
 )
 from pdcd.planning.plan import Plan, ShotSequence
@@ -155,9 +156,7 @@ class Exposer:
         frames, apertures = sequence.frames(pairs), self.camera.f_numbers
         for test in range(1, MAX_TESTS + 1):
             photo = yield from self._test(f"meter-{shot.name}-{test}", frames, f_number)
-            read = [read_raw(self.folder / raw, sha256=sha, saturation_dn=saturation_dn)
-                    for raw, sha in photo.planes]  # fmt: skip
-            shares = [self._shares(frame, ratio, saturation_dn) for frame in read]
+            shares = [self._shares(*plane, ratio, saturation_dn) for plane in photo.planes]
             peak, expected = (max(values) for values in zip(*shares, strict=True))
             self.orders.note(MeterRecord(raw=photo.raw, f_number=f_number, peak=peak))
             if join and test == 1 and peak < USABLE[1]:
@@ -183,25 +182,30 @@ class Exposer:
             return
         dim = leading_shot(plan) if f_number > own.f_number else shot
         sequence = plan.sequence(dim)
-        frames = sequence.frames(metered_pairs(sequence)[0])
-        raws = []
+        pairs = metered_pairs(sequence)[0]
+        wide = min(own.f_number, f_number)
+        raws, shown, saturation_dn = [], [], self.facts.profile.saturation_dn(self.iso)
         for number, each in enumerate((own.f_number, f_number), 1):
+            shown.append(times_shown(wide, each))
+            frames = sequence.frames(pairs, shown[-1])
             photo = yield from self._test(f"stop-{shot.name}-{number}", frames, each)
             self.orders.note(MeterRecord(raw=photo.raw, f_number=each, peak=None))
-            saturation_dn = self.facts.profile.saturation_dn(self.iso)
-            raw, sha = photo.planes[0]
-            raws.append(read_raw(self.folder / raw, sha256=sha, saturation_dn=saturation_dn))
-        ratio, sigma = compare_stops(*raws, self.facts.profile, self.iso, photo.seconds)
-        true = own.true * float(np.sqrt(ratio))
+            raws.append(self._read(*photo.planes[0], saturation_dn))
+        one, other = raws
+        ratio, sigma = compare_stops(one, other, self.facts.profile, self.iso, photo.seconds)
+        true = own.true * float(np.sqrt(ratio * shown[1] / shown[0]))
         self.stops = (*self.stops, Stop(f_number, true, sigma))
         self.orders.note(
             f"shot {shot.name} takes f/{f_number:g} and not f/{own.f_number:g}: their light was "
             f"compared on the scene, to {100.0 * sigma:.2g} %"
         )
 
-    def _shares(self, frame: RawFrame, ratio: Floats, saturation_dn: float) -> tuple[float, float]:
+    def _shares(
+        self, raw: str, sha256: str, ratio: Floats, saturation_dn: float
+    ) -> tuple[float, float]:
         """A test exposure: its brightest sample, and that of the real exposure at the same
-        aperture, as shares of saturation."""
+        aperture, as shares of saturation. Raises DecodeError."""
+        frame = self._read(raw, sha256, saturation_dn)
         config = self.facts.config
         cells = CellMap(
             grid=self.facts.grid,
@@ -213,3 +217,6 @@ class Exposer:
             peak_share(frame.planes, frame.saturated, saturation_dn),
             expected_share(frame.planes, ratio, saturation_dn, cells),
         )
+
+    def _read(self, raw: str, sha256: str, saturation_dn: float) -> RawFrame:
+        return read_raw(self.folder / raw, sha256=sha256, saturation_dn=saturation_dn)
