@@ -33,6 +33,9 @@ from .bench import Bench, refuse_options
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""
 
+STOP_NEAR = 0.03
+"""A number so close to a third stop is the engraving of that one."""
+
 READOUT_S = 0.2
 """Time from the end of the exposure until the file is there."""
 
@@ -105,7 +108,7 @@ class BenchSensor:
         light = bench.quads()
         open_ns, close_ns = bench.exposed_ns()
         exposure_s = (close_ns - open_ns) * 1e-9
-        electrons = self._mosaic(light * self._true_responsivity_e / f_number**2)
+        electrons = self._mosaic(light * self._true_responsivity_e / self._true_stop(f_number) ** 2)
         rng = self._rng if self._config.noise == "full" else None
         return expose(electrons, self._true, iso, exposure_s, rng), {
             "black": self.profile.black_dn,
@@ -117,6 +120,15 @@ class BenchSensor:
             "date": datetime.now(UTC),
             "as_shot_neutral": self._neutral(),
         }
+
+    def _true_stop(self, f_number: float) -> float:
+        """What lets the light of an engraved stop through: as the truth says, else a sixth power of
+        two beside it, as lenses are made."""
+        for stop in self._bench.true.camera.stops:
+            if stop.f_number == f_number:
+                return stop.true
+        third = 2.0 ** (round(6.0 * np.log2(f_number)) / 6.0)
+        return float(third) if abs(third / f_number - 1.0) <= STOP_NEAR else f_number
 
     def _mosaic(self, quads: NDArray[np.float64]) -> NDArray[np.float64]:
         """(h, w, 3) of quads -> (H, W) RGGB mosaic."""

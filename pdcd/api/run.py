@@ -113,6 +113,12 @@ class Run:
         return self._number("rms_sigma")
 
     @property
+    def scale_sigma(self) -> float | None:
+        """Standard deviation of the scale that all pixels share, relative; None where nobody knows.
+        `summary["scale"]` says what it goes by, and `sigma` is without it."""
+        return self._number("scale_sigma")
+
+    @property
     def rms_error_quads(self) -> float | None:
         """RMS error of the picture's quads, with their noise and the detail within cells, over the
         RMS of the truth; None where nobody knows the scene."""

@@ -26,6 +26,7 @@ from pdcd.bench.choosing import (
     place_of,
 )
 from pdcd.bench.devices import CameraInfo, DisplayInfo
+from pdcd.bench.stops import STOP_SIGMA, Scale, stop_of
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.bench.truth import TYPED
 from pdcd.errors import ConfigError, disk_errors
@@ -154,6 +155,36 @@ def name_of(folder: Path) -> str:
     """The name of the calibration whose record lies in a folder."""
     at = folder.parent if folder.name.startswith(KEPT) else folder
     return at.name.removesuffix(UNFINISHED)
+
+
+def scale_of(config: Config, f_number: float | None) -> Scale:
+    """What the absolute scale of photos at that stop goes by, and how sure it is.
+
+    A responsivity holds at the stop that it was measured at. Of another one the light is known as
+    well as it was compared with that (`CameraConfig.stops`), or as stops are true to 2^(k/6).
+    """
+    camera, table = config.camera, config.calibration
+    if camera.responsivity_e is None:
+        return Scale("of a nominal camera")
+    if table.sha256 is None:
+        return Scale("as typed")
+    try:
+        record, _ = read_calibration(Path(table.use))
+    except ConfigError:
+        return Scale("as of a calibration that is gone")
+    entry = kept(record, table).get("camera.responsivity_e")
+    if entry is None:
+        return Scale("as typed")
+    source = f"as of the calibration of {entry.made_utc[:10]}"
+    sigmas = entry.sigma if isinstance(entry.sigma, tuple | list) else ()
+    if len(sigmas) != len(camera.responsivity_e):
+        return Scale(source)
+    own = max(s / light for s, light in zip(sigmas, camera.responsivity_e, strict=True))
+    if f_number is None or camera.f_number != "auto":
+        return Scale(source, own)
+    stop = stop_of(f_number, camera.stops)
+    beside = stop.sigma if stop in camera.stops else math.hypot(STOP_SIGMA, stop.sigma)
+    return Scale(source, math.hypot(own, beside))
 
 
 def kept(record: Calibration, table: CalibrationConfig) -> dict[str, Entry]:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, field
 
+from pdcd.bench.stops import Stop
 from pdcd.panels.placing import Placing
 from pdcd.words import (
     ArrangementName,
@@ -189,6 +190,8 @@ class CameraConfig(_Table, frozen=True):
     `quads_per_cell`."""
     responsivity_e: tuple[Positive, Positive, Positive] | None = None
     """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
+    stops: Annotated[tuple[Stop, ...], Meta(max_length=128)] = ()
+    """Stops of the lens whose light a calibration compared; others are taken for 2^(k/6)."""
     place: Placing = field(default_factory=Placing)
     """Where the camera's Bayer quads lie on the field."""
     blur_quads: Annotated[float, Meta(ge=0.0, le=64.0)] = 0.0

@@ -16,6 +16,7 @@ from msgspec import Meta, field
 
 from pdcd.bench.grey import curve_fault, with_lut
 from pdcd.bench.reading import Fault, faults_error, number_faults, overlay, toml_table
+from pdcd.bench.stops import Stop
 from pdcd.bench.tables import Config, Gamma, Lut, NonNegative, PanelConfig, Positive
 from pdcd.errors import ConfigError
 from pdcd.panels.placing import Placing, placed
@@ -110,6 +111,8 @@ class TrueSensor(_Table, frozen=True):
     full_well: Positive = 1.0
     responsivity_e: tuple[Positive, Positive, Positive] | None = None
     """As `camera.responsivity_e`; None: as typed."""
+    stops: tuple[Stop, ...] = ()
+    """What stops let through, where that is not 2^(k/6); as `camera.stops`, without sigma."""
     prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
     """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
 
@@ -130,6 +133,8 @@ class Truth(_Table, frozen=True):
         camera, scene = config.camera, config.scene
         if self.sensor.responsivity_e is not None:
             camera = replace(camera, responsivity_e=self.sensor.responsivity_e)
+        if self.sensor.stops:
+            camera = replace(camera, stops=self.sensor.stops)
         if self.camera.place is not None:
             camera = replace(camera, place=self.camera.place)
         if self.camera.blur_quads is not None:

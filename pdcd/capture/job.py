@@ -160,6 +160,8 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
         "rms_error_quads": developed.rms_errors[0],
         "rms_error_cells": developed.rms_errors[1],
         "sigma_mean": developed.sigma_mean,
+        "scale": None if record.scale is None else record.scale.source,
+        "scale_sigma": None if record.scale is None else record.scale.sigma,
         "predicted_error": None if plan.prediction is None else plan.prediction.error,
         "quality": developed.quality,
         **developed.transport,

@@ -34,6 +34,8 @@ SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("missed_refreshes", "missed refreshes", str),
     ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
     ("sigma_kind", "error bars", lambda kind: SIGMA_KINDS.get(str(kind), str(kind))),
+    ("scale", "scale", str),
+    ("scale_sigma", "scale, sigma", percent),
     ("rms_error_quads", "RMS error", lambda e: f"{percent(e)} of quads, against the known truth"),
     ("rms_error_cells", "", lambda e: f"{percent(e)} of means over cells"),
     ("transport_sigma", "sigma of T", lambda e: f"{percent(e)} of its entries' RMS"),

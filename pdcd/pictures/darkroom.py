@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import on_field, panels_from
+from pdcd.bench.stops import Stop, stop_of
 from pdcd.errors import DecodeError
 from pdcd.panels.map_soundness import covers
 from pdcd.panels.patterns import Patterns, none
@@ -149,6 +150,10 @@ class Darkroom:
         anything is decoded, and such as `CellMap.can_bin` allows."""
         self._side = side
 
+    def set_stops(self, stops: tuple[Stop, ...]) -> None:
+        """These are known of the stops of the photos to come."""
+        self._record = msgspec.structs.replace(self._record, stops=stops)
+
     def add(self, shot: ShotRecord) -> None:
         """One more shot was taken."""
         self._record = msgspec.structs.replace(self._record, shots=(*self._record.shots, shot))
@@ -244,7 +249,8 @@ class Darkroom:
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""
         gain = self._record.profile.row(iso).gain_e_per_dn
-        return np.asarray(gain * f_number**2 / np.array(self._record.responsivity_e))
+        true = stop_of(f_number, self._record.stops).true
+        return np.asarray(gain * true**2 / np.array(self._record.responsivity_e))
 
     def _apart(self) -> dict[str, float]:
         """What `Decoded.apart` says."""

@@ -1,18 +1,29 @@
-"""From a test exposure to the aperture of the real one."""
+"""From test exposures to the one aperture of a run, and the light of two stops compared."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.errors import DecodeError
 from pdcd.panels.curve import light_of
 from pdcd.panels.patterns import none
 from pdcd.planning.memory import exact_pairs
-from pdcd.planning.plan import ShotSequence, beyond
+from pdcd.planning.plan import Plan, ShotSequence, beyond
 from pdcd.recipes.programs import Blocks, SignedBlocks
+from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
+from pdcd.sensor.profile import SensorProfile, variance_dn2
+from pdcd.sensor.raw import RawFrame
 
 Floats = NDArray[np.float64]
+
+MOST_TIMES = 4
+"""How often at most: such a photo takes a few seconds."""
+PATCHES = 4
+"""Parts of a frame along each side in which the light of two stops is compared."""
+MASKED_DN = 0.05
+"""Standard deviation of a black level that a masked border of 100 000 samples shows."""
 
 TARGET = 0.6
 """Where the brightest sample shall lie, as a share of saturation."""
@@ -33,6 +44,14 @@ SEEN = 0.5
 multiplied by more: sharp paths would be taken for more than they are."""
 
 MAX_TESTS = 6
+
+BRIGHTEST = 0.85
+"""Where the brightest sample may lie of a photo that shares the stop of others. Its own test showed
+the same light, so that it may come closer to saturation than what is foreseen by few codes."""
+
+DIMMEST, DIMMEST_SINGLE = 0.2, 0.05
+"""Share of saturation that the brightest sample of a photo of codes must reach to share the stop
+of the others, and one of a single code: below, read noise would count."""
 
 
 def metered_pairs(shot: ShotSequence) -> tuple[int, Floats]:
@@ -74,6 +93,30 @@ def _open(shot: ShotSequence, pairs: int) -> Floats:
     # Each quarter of a cell has a code cell of its own: this one, or its next down and right.
     rows = (table[:-1] + table[1:]) / 2.0
     return (rows[:, :-1] + rows[:, 1:]) / 2.0
+
+
+def leading_shot(plan: Plan) -> Shot:
+    """The shot whose light sets the aperture of a run: the first of codes, whose time is fixed by
+    their number; else the first of a single one, else the first."""
+    shots = [shot for shot in plan.recipe.shots if not (shot.primal_black or shot.dual_black)]
+    lit = [shot for shot in shots if not shot.white]
+    codes = [shot for shot in lit if shot.only is None]
+    return (codes or lit or shots or list(plan.recipe.shots))[0]
+
+
+def white_slots_at(per_slot: float, planned: int) -> int:
+    """Slots of a white shot at the stop of the codes, each of which brings the brightest sample up
+    to `per_slot` of saturation: as many as are planned, or fit. A slot is on and off as a code's,
+    so that what panels' edges add or take is the same share of either."""
+    return max(1, min(planned, int(TARGET / max(per_slot, 1e-9) + 1e-6)))
+
+
+def shares_stop(shot: Shot, expected: float, slots: int) -> bool:
+    """Whether a shot can be taken at the stop of the others, where its brightest sample is expected
+    at that share of saturation; white shots of one of their `slots`."""
+    if shot.white:
+        return expected / slots <= BRIGHTEST
+    return (DIMMEST if shot.only is None else DIMMEST_SINGLE) <= expected <= BRIGHTEST
 
 
 def next_aperture(
@@ -125,3 +168,47 @@ def expected_share(
 def at_least(apertures: tuple[float, ...], f_number: float) -> float:
     """The widest aperture that is no wider than wanted; the narrowest there is otherwise."""
     return min((a for a in apertures if a >= f_number), default=max(apertures))
+
+
+def times_shown(wider: float, narrower: float) -> int:
+    """How often the narrower of two stops is shown what the wider one is shown once, to compare
+    them: light goes with the number, and a dim photo is as unsure as its black level."""
+    return min(MOST_TIMES, max(1, round((narrower / wider) ** 2)))
+
+
+def compare_stops(
+    one: RawFrame, other: RawFrame, profile: SensorProfile, iso: int, exposure_s: float
+) -> tuple[float, float]:
+    """Light of a photo at one stop over that of another one, and its relative standard deviation;
+    both show the same codes, each as often as it may be.
+
+    All that is not saturated in either counts. Beside the noise of the samples each photo's black
+    level is unsure: of a masked border by `MASKED_DN`, else by what is lost in cutting it to whole
+    numbers. And a wide stop darkens corners that a narrow one does not: how far parts of the frame
+    differ counts, too. Raises DecodeError for photos without light.
+    """
+    good = ~(one.saturated | other.saturated)
+    light, squares = [], 0.0
+    for raw in (one, other):
+        planes = np.where(good, raw.planes.astype(np.float64), 0.0)
+        total = float(planes.sum())
+        if not total > 0.0:
+            raise DecodeError(
+                "two stops cannot be compared: a test exposure has no light",
+                hint="set camera.f_number, or give the scene more light",
+            )
+        noise = float(variance_dn2(planes, profile, iso, exposure_s).sum())
+        black_dn = MASKED_DN if raw.masked else 12.0**-0.5
+        squares += (noise + (black_dn * 4.0 * float(good.sum())) ** 2) / total**2
+        light.append(_of_patches(planes.sum(axis=0)))
+    ratio = float(light[0].sum() / light[1].sum())
+    lit = light[1] > 0.0
+    away = light[0][lit] / light[1][lit] / ratio - 1.0
+    spread = float(np.average(away**2, weights=light[1][lit]))
+    return ratio, float(np.sqrt(squares + spread))
+
+
+def _of_patches(light: Floats) -> Floats:
+    """Sums over `PATCHES` x `PATCHES` parts of a frame."""
+    parts = (np.array_split(row, PATCHES, axis=1) for row in np.array_split(light, PATCHES))
+    return np.array([part.sum() for row in parts for part in row])

@@ -72,8 +72,9 @@ class ShotSequence:
         """Where the code cells lie."""
         return Lattice(self.grid, self.window)
 
-    def frames(self, pairs: int | None = None) -> Frames:
-        """Refreshes of the shot; `pairs` limits it to that many pairs, once (test exposures)."""
+    def frames(self, pairs: int | None = None, times: int = 1) -> Frames:
+        """Refreshes of the shot; `pairs` limits it to that many pairs, shown so many `times` (test
+        exposures)."""
         shown = self.pair
         if shown is not None and pairs:
             shown = shown[0][:pairs], shown[1][:pairs]
@@ -82,7 +83,7 @@ class ShotSequence:
             self.grid,
             window=self.window,
             schedule=self.schedule,
-            passes=self.passes if pairs is None else 1,
+            passes=self.passes if pairs is None else times,
             primal_black=self.primal_black,
             dual_black=self.dual_black,
         )

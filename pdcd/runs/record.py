@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from pdcd.bench.stops import Scale, Stop
 from pdcd.bench.tables import NonNegative, PanelConfig
 from pdcd.errors import DecodeError
 from pdcd.panels.placing import Placing
@@ -103,6 +104,11 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     responsivity_e: tuple[Positive, Positive, Positive]
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
+    stops: tuple[Stop, ...] = ()
+    """Stops of its photos: the run's own one, and those whose light was compared with that on the
+    scene; sigma is of that. Of none the engraved number stands for 2^(k/6)."""
+    scale: Scale | None = None
+    """What the scale of its pictures goes by."""
     white_patch: Place | None = None
     """Of the previews; see `CaptureRequest`."""
     dark: DarkPhoto | None = None

@@ -237,7 +237,7 @@ def responsivity_of(
     ----------
     light : of photos in DN.
     gain_e_per_dn : and its standard deviation.
-    f_number : that was set. Marked stops are off by several per cent: it holds for this one.
+    f_number : of the stop that was set, by its light (`pdcd.bench.stops.Stop.true`).
     albedo, albedo_sigma : of the card, one or (3,): 0.99 for Spectralon, 0.85 to 0.9 for paper.
 
     Raises CalibrationError for an albedo that no card has.

@@ -1,4 +1,4 @@
-"""Contrasts, room light, brightness, and whether lamp, lens and card are fit to be measured by."""
+"""Contrasts, room light, brightness, the stops of the lens, and whether the lamp is steady."""
 
 from __future__ import annotations
 
@@ -6,18 +6,27 @@ from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map
+from pdcd.bench.stops import stop_of
 from pdcd.calibration.figures import Figure, Verdict, darken
 from pdcd.calibration.light.contrasts import Light, measure_light, responsivity_of
-from pdcd.calibration.light.flat import SIDE, Flat, flat_of
-from pdcd.calibration.light.glare import glare_of, glare_photo
-from pdcd.calibration.light.lamp import iris_of, iris_photos, lamp_of
+from pdcd.calibration.light.lamp import lamp_of
 from pdcd.calibration.light.light_plan import COVERED, Edges, LightPlan
 from pdcd.calibration.light.metering import opened
-from pdcd.calibration.photo import BLOCK_QUADS, Blocks, Photo, Seen, blocks_of, refuse_settings
+from pdcd.calibration.light.stop_series import Stops, measure_stops
+from pdcd.calibration.photo import (
+    BLOCK_QUADS,
+    Blocks,
+    Photo,
+    Seen,
+    block_means,
+    blocks_of,
+    refuse_settings,
+)
 from pdcd.calibration.script import (
     Ask,
     Measured,
@@ -59,12 +68,6 @@ ADVICE = {
     "light.lamp_change": "the lamp drifts: let it warm up for half an hour",
     "light.lamp_drift": "the lamp drifts: let it warm up for half an hour",
     "light.lamp_flicker": "the lamp flickers: switch eco mode off; show codes for longer",
-    "light.iris": "white depends on the picture: switch automatic iris and dynamic contrast off",
-    "light.glare": "the lens spreads light: clean it, take filters off, shade it",
-    "light.flat_least": "the corners are dark: close the lens by a stop, see that all of the "
-    "projector's light meets the mask",
-    "light.dust_share": "spots or stripes on the card or the mask: clean them; where they are the "
-    "mask's pixels, defocus the camera a little",
     "light.field_lit": "part of the field gets no light where it lay at the last calibration: take "
     "away what covers it, then calibrate the geometry",
 }
@@ -99,7 +102,7 @@ class _Taking:
 
 
 def light(session: Session) -> Script:
-    """Both panels white and black in all four ways, and what spoils such photos: up to fifteen."""
+    """Both panels white and black in all four ways, and white at every stop that may be used."""
     f_number, full = opened(session, LIT)
     longer = int(np.clip(LONG // full, 2, 8))
     plan = LightPlan(refreshes=full, longer=longer, refresh_s=session.refresh_s)
@@ -119,25 +122,19 @@ def light(session: Session) -> Script:
         black_sigma=_black_sigma(session),
         field=_field(session, white.frame) if "geometry" in session.done else None,
     )
-    flat = flat_of(white)
-    chequered = yield from taking.photo(glare_photo(session.sizes[1], plan))
-    glare = glare_of(white, chequered, found.mask, _black_sigma(session))
     lit = _field_lit(session, white)
-    del white, chequered
-    iris = []
-    for shown in iris_photos(session.sizes[0], full):
-        iris.append((yield from taking.photo(shown)))
     refuse_settings(taking.seen, iso=session.iso, f_number=f_number, open_s=taking.open_s)
+    stops = Stops()
+    if f_number is not None:
+        stops = yield from measure_stops(session, f_number, full, _black_sigma(session))
     times, levels, noise = np.array(taking.white).T
     figures = (
         *found.figures(CARD_ALBEDO),
         *lamp_of(times - times[0], levels, float(noise.max())).figures(),
-        *iris_of(*iris).figures(),
-        *glare.figures(),
-        *flat.figures(),
+        *stops.figures(),
         *lit,
     )
-    return _outcome(session, found, flat, figures, f_number)
+    return _outcome(session, found, white, stops, figures, f_number)
 
 
 def _covered(plan: LightPlan, taking: _Taking) -> Generator[Wanted | Ask, Taken | None, None]:
@@ -153,7 +150,8 @@ def _covered(plan: LightPlan, taking: _Taking) -> Generator[Wanted | Ask, Taken 
 def _outcome(
     session: Session,
     found: Light,
-    flat: Flat,
+    white: Photo,
+    stops: Stops,
     figures: tuple[Figure, ...],
     f_number: float | None,
 ) -> Outcome:
@@ -177,11 +175,12 @@ def _outcome(
         value, sigma = responsivity_of(
             found,
             gain_e_per_dn=_gain(session),
-            f_number=number,
+            f_number=stop_of(number, stops.found).true,
             albedo=CARD_ALBEDO,
             albedo_sigma=CARD_SIGMA,
         )
         red, green, blue = value.tolist()
+        words["camera.stops"] = Measured(msgspec.to_builtins(stops.found))
         words["camera.responsivity_e"] = Measured((red, green, blue), tuple(sigma.tolist()))
         figures = (
             *figures,
@@ -197,13 +196,12 @@ def _outcome(
         arrays["light.ambient"] = np.array(ambient)
     arrays["light.rate_dn"] = found.rate
     arrays["light.mask_leak"] = np.nan_to_num(found.mask_map)
-    arrays["light.flat"] = flat.coefficients
     return Outcome(
         figures=figures,
         words=words,
         arrays=arrays,
         advice=tuple(dict.fromkeys(advice)),
-        picture=_picture(found, flat),
+        picture=_picture(found, white),
     )
 
 
@@ -258,16 +256,15 @@ def _field_lit(session: Session, white: Photo) -> tuple[Figure, ...]:
     return (Figure("light.field_lit", share, 0.0, "", f"{FIELD_LIT:g} or more", verdict),)
 
 
-def _picture(found: Light, flat: Flat) -> NDArray[np.uint8]:
-    """Light over the field, what is left of it beside a smooth surface, and the mask's contrast."""
-    height, width = flat.shape
-    surface = np.concatenate([flat.rows(row, row + 1)[:, ::SIDE] for row in range(0, height, SIDE)])
+def _picture(found: Light, white: Photo) -> NDArray[np.uint8]:
+    """Light over the field, and the mask's contrast."""
+    height, width = white.frame
+    bright = block_means(white.light.mean(axis=2))
     with np.errstate(divide="ignore", invalid="ignore"):
         contrast = 1.0 / found.mask_map
     value = found.mask.contrast[0]
     panels = (
-        ("light of a white card, 0 .. 1", surface.mean(axis=2), (0.0, 1.0)),
-        ("beside a smooth surface, -1 % .. 1 %", flat.residual, (-0.01, 0.01)),
+        ("light of a white card, 0 .. 1", bright / np.quantile(bright, 0.98), (0.0, 1.0)),
         (f"contrast of the mask, 0 .. {2 * value:.0f}", contrast, (0.0, 2.0 * value)),
     )
     side = 300, max(1, round(300 * height / width))

@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 
 from pdcd.bench.devices import CameraInfo, CameraSettings
+from pdcd.bench.measured import scale_of
+from pdcd.bench.stops import Stop
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import Frames
 from pdcd.pictures.darkroom import Decoded
@@ -172,6 +174,7 @@ def record_of(
     profile: SensorProfile,
     shots: Sequence[ShotRecord] = (),
     cells: CellMap | None = None,
+    stops: Sequence[Stop] = (),
 ) -> RunRecord:
     """What a run by this plan has to remember of itself, with the shots taken so far."""
     red, green, blue = (float(r) for r in camera.responsivity_e)
@@ -187,6 +190,8 @@ def record_of(
         responsivity_e=(red, green, blue),
         profile=profile,
         shots=tuple(shots),
+        stops=tuple(stops),
+        scale=scale_of(config, stops[0].f_number if stops else None),
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,

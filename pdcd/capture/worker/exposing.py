@@ -7,22 +7,34 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
+import msgspec
+import numpy as np
+
 from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.placed import camera_map
+from pdcd.bench.stops import Stop, stop_of
 from pdcd.capture.worker.answers import Facts, Note, Order, Photo, Taken, Wanted
 from pdcd.errors import ConfigError
+from pdcd.panels.frames import Frames
 from pdcd.planning.metering import (
     MAX_TESTS,
+    USABLE,
     Floats,
+    compare_stops,
     expected_share,
+    leading_shot,
     metered_pairs,
     next_aperture,
     peak_share,
+    shares_stop,
+    times_shown,
+    white_slots_at,
 )
-from pdcd.planning.plan import ShotSequence
+from pdcd.planning.plan import Plan, ShotSequence
+from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import MeterRecord
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import read_raw
+from pdcd.sensor.raw import RawFrame, read_raw
 
 FIRST_F_NUMBER = 8.0
 """Aperture of the first test exposure."""
@@ -62,8 +74,13 @@ class Orders:
 class Exposer:
     """Settings of the camera for one job, whose photos lie in `folder`.
 
-    iso : as planned; None for the lowest. apertures : metered f-number of each program, one for all
-    its parts; white shots have none, so theirs is under ''.
+    All photos share one ISO, and one aperture wherever their light allows that: two stops are never
+    as far apart as they are engraved.
+
+    iso : as planned; None for the lowest. stops : of the run, its own first; the light of others is
+    compared with that on the scene. apertures : f-number of each kind of shot, one for all its
+    parts; white shots have none, so theirs is under ''. per_slot : share of saturation that each
+    slot of a white shot brings at the run's own stop.
     """
 
     facts: Facts
@@ -72,6 +89,8 @@ class Exposer:
     folder: Path
     orders: Orders
     apertures: dict[str, float] = field(default_factory=dict)
+    stops: tuple[Stop, ...] = ()
+    per_slot: float = 0.0
 
     @property
     def iso(self) -> int:
@@ -91,11 +110,16 @@ class Exposer:
         """What the camera is set to; a lens that cannot be set is left as it is."""
         return CameraSettings(self.iso, f_number if self.camera.f_numbers else None)
 
-    def aperture(self, program: str, shot: str, sequence: ShotSequence) -> Exposing:
-        """The f-number of a shot of a program: as configured, or by test exposures, once for each
-        program. Raises ConfigError for a lens that has to be set by hand."""
+    def white_slots(self, planned: int) -> int:
+        """Slots of a white shot, of which so many are planned."""
+        return white_slots_at(self.per_slot, planned) if self.per_slot else planned
+
+    def aperture(self, plan: Plan, shot: Shot) -> Exposing:
+        """The f-number of a shot of a plan: as configured, or by test exposures, once for each
+        kind. Raises ConfigError for a lens that has to be set by hand."""
         asked = self.facts.config.camera.f_number
         if asked != "auto":
+            self._begin(asked)
             return asked
         if not self.camera.f_numbers:
             raise ConfigError(
@@ -103,35 +127,85 @@ class Exposer:
                 device="camera",
                 hint="set camera.f_number to what its ring says",
             )
-        if program not in self.apertures:
-            self.apertures[program] = yield from self._metered(shot, sequence)
-        return self.apertures[program]
+        if not self.stops:
+            lead = leading_shot(plan)
+            first = min(self.camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
+            self.apertures[lead.kind] = yield from self._metered(lead, plan.sequence(lead), first)
+            self._begin(self.apertures[lead.kind])
+        if shot.kind not in self.apertures:
+            own, sequence = self.stops[0].f_number, plan.sequence(shot)
+            found = yield from self._metered(shot, sequence, own, join=True)
+            if found != own:
+                yield from self._compare(plan, shot, found)
+            self.apertures[shot.kind] = found
+        return self.apertures[shot.kind]
 
-    def _metered(self, shot: str, sequence: ShotSequence) -> Exposing:
-        """The f-number that test exposures lead to."""
+    def _begin(self, f_number: float) -> None:
+        """The run has this stop for its own."""
+        if not self.stops:
+            known = stop_of(f_number, self.facts.config.camera.stops)
+            self.stops = (msgspec.structs.replace(known, sigma=0.0),)
+
+    def _metered(
+        self, shot: Shot, sequence: ShotSequence, f_number: float, *, join: bool = False
+    ) -> Exposing:
+        """The f-number that test exposures lead to, of which the first is at `f_number`; with
+        `join` that one, if the shot can be taken at it."""
         saturation_dn = self.facts.profile.saturation_dn(self.iso)
         pairs, ratio = metered_pairs(sequence)
-        apertures = self.camera.f_numbers
-        f_number = min(apertures, key=lambda f: abs(f - FIRST_F_NUMBER))
+        frames, apertures = sequence.frames(pairs), self.camera.f_numbers
         for test in range(1, MAX_TESTS + 1):
-            frames, settings = sequence.frames(pairs), self.settings(f_number)
-            wanted = Wanted("test", f"meter-{shot}-{test}", frames, settings, f_number)
-            photo = cast(Photo, (yield from self.orders.expose(wanted)))
+            photo = yield from self._test(f"meter-{shot.name}-{test}", frames, f_number)
             shares = [self._shares(*plane, ratio, saturation_dn) for plane in photo.planes]
             peak, expected = (max(values) for values in zip(*shares, strict=True))
             self.orders.note(MeterRecord(raw=photo.raw, f_number=f_number, peak=peak))
+            if join and test == 1 and peak < USABLE[1]:
+                if shares_stop(shot, expected, sequence.passes):
+                    self.per_slot = expected / sequence.passes if shot.white else self.per_slot
+                    return f_number
             f_number, settled = next_aperture(apertures, f_number, peak, expected)
             if settled:
                 return f_number
-        self.orders.note(f"metering of {shot} did not settle; took f/{f_number:g}")
+        self.orders.note(f"metering of {shot.name} did not settle; took f/{f_number:g}")
         return f_number
+
+    def _test(self, name: str, frames: Frames, f_number: float) -> Generator[Order, Taken, Photo]:
+        """One test exposure."""
+        wanted = Wanted("test", name, frames, self.settings(f_number), f_number)
+        return cast(Photo, (yield from self.orders.expose(wanted)))
+
+    def _compare(self, plan: Plan, shot: Shot, f_number: float) -> Generator[Order, Taken, None]:
+        """Compare the light of another stop with that of the run's own, by two photos of what is
+        not too bright for the wider one of them."""
+        own, known = self.stops[0], {stop.f_number for stop in self.stops}
+        if f_number in known:
+            return
+        dim = leading_shot(plan) if f_number > own.f_number else shot
+        sequence = plan.sequence(dim)
+        pairs = metered_pairs(sequence)[0]
+        wide = min(own.f_number, f_number)
+        raws, shown, saturation_dn = [], [], self.facts.profile.saturation_dn(self.iso)
+        for number, each in enumerate((own.f_number, f_number), 1):
+            shown.append(times_shown(wide, each))
+            frames = sequence.frames(pairs, shown[-1])
+            photo = yield from self._test(f"stop-{shot.name}-{number}", frames, each)
+            self.orders.note(MeterRecord(raw=photo.raw, f_number=each, peak=None))
+            raws.append(self._read(*photo.planes[0], saturation_dn))
+        one, other = raws
+        ratio, sigma = compare_stops(one, other, self.facts.profile, self.iso, photo.seconds)
+        true = own.true * float(np.sqrt(ratio * shown[1] / shown[0]))
+        self.stops = (*self.stops, Stop(f_number, true, sigma))
+        self.orders.note(
+            f"shot {shot.name} takes f/{f_number:g} and not f/{own.f_number:g}: their light was "
+            f"compared on the scene, to {100.0 * sigma:.2g} %"
+        )
 
     def _shares(
         self, raw: str, sha256: str, ratio: Floats, saturation_dn: float
     ) -> tuple[float, float]:
         """A test exposure: its brightest sample, and that of the real exposure at the same
         aperture, as shares of saturation. Raises DecodeError."""
-        frame = read_raw(self.folder / raw, sha256=sha256, saturation_dn=saturation_dn)
+        frame = self._read(raw, sha256, saturation_dn)
         config = self.facts.config
         cells = CellMap(
             grid=self.facts.grid,
@@ -143,3 +217,6 @@ class Exposer:
             peak_share(frame.planes, frame.saturated, saturation_dn),
             expected_share(frame.planes, ratio, saturation_dn, cells),
         )
+
+    def _read(self, raw: str, sha256: str, saturation_dn: float) -> RawFrame:
+        return read_raw(self.folder / raw, sha256=sha256, saturation_dn=saturation_dn)

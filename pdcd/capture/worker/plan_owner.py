@@ -9,7 +9,7 @@ what it is told to keep.
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -124,9 +124,9 @@ class Course:
 
     def _take(self, shot: Shot) -> Steps:
         """Meter if need be, and expose. With two buckets the shot of the second comes with it."""
+        f_number = yield from self._aperture(shot)
         plan, shots = self.plan, self.plan.recipe.shots
         sequence = plan.sequence(shot)
-        f_number = yield from self._exposer.aperture(shot.kind, shot.name, sequence)
         wanted = Wanted(
             kind="shot",
             name=shot.name,
@@ -142,6 +142,20 @@ class Course:
         taken = yield from self._orders.expose(wanted)
         for record in cast(tuple[ShotRecord, ...], taken):
             self.darkroom.add(record)
+
+    def _aperture(self, shot: Shot) -> Generator[Order, Taken, float]:
+        """The f-number of a shot; test exposures may change how long white is shown, and show how
+        much light a stop lets through."""
+        exposer, known = self._exposer, len(self._exposer.stops)
+        f_number = yield from exposer.aperture(self.plan, shot)
+        slots = self.plan.white_slots
+        if shot.white and not (shot.primal_black or shot.dual_black):
+            slots = exposer.white_slots(slots)
+        if slots != self.plan.white_slots or len(exposer.stops) != known:
+            self.plan = replace(self.plan, white_slots=slots)
+            self.darkroom.set_stops(exposer.stops)
+            self._orders.note(self.adopted())
+        return f_number
 
     def _learn(self, *, scouts: bool) -> Steps:
         """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
@@ -202,8 +216,7 @@ class Course:
         self, name: str, due: DarkFrames, *, lit: bool
     ) -> Generator[Order, Taken, DarkPhoto | None]:
         """Take a dark photo at the aperture of the answer's light; None where it was spoilt."""
-        sequence = self.plan.sequence(due.shot)
-        f_number = yield from self._exposer.aperture(due.shot.kind, due.shot.name, sequence)
+        f_number = yield from self._aperture(due.shot)
         settings = self._exposer.settings(f_number)
         wanted = Wanted("dark", name, due.frames(lit=lit), settings, f_number)
         taken = yield from self._orders.expose(wanted)
@@ -301,8 +314,9 @@ class Course:
     def _record(self, shots: Sequence[ShotRecord], cells: CellMap | None = None) -> RunRecord:
         facts = self._facts
         return record_of(
-            self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells
-        )
+            self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells,
+            self._exposer.stops,
+        )  # fmt: skip
 
     def _write_patterns(self) -> None:
         target = self.plan.recipe.target

@@ -49,6 +49,8 @@ def figures(manifest: Manifest, material: Material) -> Rows:
         ("error of means over cells", _known(summary.get("rms_error_cells"), percent)),
         ("error expected (RMS sigma)", _known(summary.get("rms_sigma"), percent)),
         ("error bars", SIGMA_KINDS.get(material.kind, material.kind)),
+        ("absolute scale", _known(summary.get("scale"))),
+        ("error of the scale, common to all", _known(summary.get("scale_sigma"), percent)),
         ("error foreseen by the plan", _known(summary.get("predicted_error"), percent)),
         ("cells of which nothing is known", _known(summary.get("blind_share"), percent)),
         ("field in the projector's picture", _field(manifest.run.projector)),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from drivers.mock.camera import MockReadout
+from drivers.mock.camera import F_NUMBERS, MockReadout
 from pdcd.bench.calibration import ARRAYS, PROFILE
 from pdcd.bench.measured import calibrated
 from pdcd.capture.again import again
@@ -41,6 +43,14 @@ read_noise = 0.9
 full_well = 0.7
 responsivity_e = [5.3e6, 9.1e6, 5.1e6]
 """
+TRUE_STOPS = {
+    f: 2.0 ** (round(6.0 * math.log2(f)) / 6.0) * (1.0 + 0.02 * math.sin(7.0 * f))
+    for f in F_NUMBERS
+}
+"""A lens that is true to 2^(k/6) within 2 %."""
+TRUTH += "".join(
+    f"[[sensor.stops]]\nf_number = {f}\ntrue = {true}\n" for f, true in TRUE_STOPS.items()
+)
 GAIN, READ_E = 2.96 / 1.07, 16.8 * 0.9
 """Of the profile "450d" at ISO 100, with the truth's factors."""
 SMALL = (160, 120)
@@ -90,9 +100,16 @@ def test_contrasts_room_and_brightness_are_found(done: Calibrated) -> None:
         assert isinstance(entry.sigma, float)
     assert done.value("scene.ambient") == pytest.approx(0.002, rel=0.02)
     assert "scene.ambient" not in measured  # of the room while it was measured, not of a capture
-    found = measured["camera.responsivity_e"].value
-    assert found == pytest.approx((5.3e6, 9.1e6, 5.1e6), rel=0.01)
-    assert done.value("light.flat_least") == pytest.approx(0.8 * 0.7, abs=0.03)
+    # Stops beside each other, and the brightness at any of them.
+    first, *others = measured["camera.stops"].value
+    assert first["sigma"] == 0.0 and len(others) > 10
+    for stop in others:
+        ratio = TRUE_STOPS[stop["f_number"]] / TRUE_STOPS[first["f_number"]]
+        wrong = (stop["true"] / first["true"] / ratio) ** 2 - 1.0
+        assert abs(wrong) < max(4.0 * stop["sigma"], 1e-4) and stop["sigma"] < 0.004
+    found = np.array(measured["camera.responsivity_e"].value) / first["true"] ** 2
+    true = np.array([5.3e6, 9.1e6, 5.1e6]) / TRUE_STOPS[first["f_number"]] ** 2
+    assert found == pytest.approx(true, rel=0.01)
     assert done.step("light").verdict == "good"
     for name in ("sensor", "light"):
         assert (done.folder / "preview" / f"{name}.png").stat().st_size > 1000

@@ -10,31 +10,40 @@ import numpy as np
 import pytest
 
 from pdcd.bench.devices import CameraSettings
+from pdcd.bench.stops import Stop
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import exposing
 from pdcd.capture.worker.answers import Enough, Facts, Order, Photo, Wanted
 from pdcd.capture.worker.exposing import Exposer, Orders
 from pdcd.errors import ConfigError
 from pdcd.planning.metering import MAX_TESTS
+from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import MeterRecord
 
 SHA, SECOND = "a" * 64, "b" * 64
-SEQUENCE: Any = SimpleNamespace(frames=lambda pairs: f"frames of {pairs} pairs")
+SEQUENCE: Any = SimpleNamespace(
+    frames=lambda pairs, times=1: f"frames of {pairs} pairs" + f" {times} times" * (times > 1),
+    passes=4,
+)
+CODED, WHITE, PILOT = (
+    Shot("coded", "coded"), Shot("white", "", white=True), Shot("pilot", "pilot", only=1)
+)  # fmt: skip
+PLAN: Any = SimpleNamespace(
+    sequence=lambda shot: SEQUENCE, recipe=SimpleNamespace(shots=(WHITE, PILOT, CODED))
+)
 PROFILE: Any = SimpleNamespace(saturation_dn=lambda iso: 10.0 * iso)
 
 
 def exposer(f_number: Any = "auto", f_numbers: Any = (4.0, 8.0), iso: int | None = None) -> Exposer:
-    config: Any = SimpleNamespace(camera=SimpleNamespace(f_number=f_number))
+    config: Any = SimpleNamespace(camera=SimpleNamespace(f_number=f_number, stops=()))
     camera: Any = SimpleNamespace(isos=(200, 100, 400), f_numbers=f_numbers)
     return Exposer(Facts(config, PROFILE, (3, 4), None), camera, iso, Path("/run"), Orders())
 
 
-def metered(
-    made: Exposer, program: str, shot: str, *, planes: int = 1
-) -> tuple[float, list[Order]]:
+def metered(made: Exposer, shot: Shot = CODED, *, planes: int = 1) -> tuple[float, list[Order]]:
     """The aperture, and what was ordered for it; photos come as they are wanted."""
     orders: list[Order] = []
-    asking = made.aperture(program, shot, SEQUENCE)
+    asking = made.aperture(PLAN, shot)
     taken = None
     while True:
         try:
@@ -59,7 +68,8 @@ def shares(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     def step(apertures: Any, f_number: float, peak: float, expected: float) -> Any:
         told["steps"].append((apertures, f_number, peak, expected))
-        return 4.0, told.get("settles", True) and len(told["steps"]) > 1
+        stop = told.get("stop", 4.0) if len(told["steps"]) > 2 else 4.0
+        return stop, told.get("settles", True) and len(told["steps"]) > 1
 
     monkeypatch.setattr(Exposer, "_shares", seen)
     monkeypatch.setattr(exposing, "metered_pairs", lambda sequence: (3, "ratio"))
@@ -67,13 +77,13 @@ def shares(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return told
 
 
-def test_an_aperture_is_metered_once_for_each_program(shares: dict[str, Any]) -> None:
+def test_an_aperture_is_metered_once(shares: dict[str, Any]) -> None:
     shares["seen"] = {
-        "raw/meter-a-1.dng": (0.1, 0.4), "raw/meter-a-1-b.dng": (0.2, 0.3),
-        "raw/meter-a-2.dng": (0.5, 0.5), "raw/meter-a-2-b.dng": (0.5, 0.6),
+        "raw/meter-coded-1.dng": (0.1, 0.4), "raw/meter-coded-1-b.dng": (0.2, 0.3),
+        "raw/meter-coded-2.dng": (0.5, 0.5), "raw/meter-coded-2-b.dng": (0.5, 0.6),
     }  # fmt: skip
     made = exposer(f_numbers=(4.0, 7.5, 16.0), iso=200)
-    f_number, orders = metered(made, "coded", "a", planes=2)
+    f_number, orders = metered(made, planes=2)
     assert f_number == 4.0 and made.apertures == {"coded": 4.0}
     assert shares["steps"] == [
         ((4.0, 7.5, 16.0), 7.5, 0.2, 0.4), ((4.0, 7.5, 16.0), 4.0, 0.5, 0.6)
@@ -81,37 +91,87 @@ def test_an_aperture_is_metered_once_for_each_program(shares: dict[str, Any]) ->
     frames: Any = "frames of 3 pairs"
     settings = [CameraSettings(200, f) for f in (7.5, 4.0)]
     assert [vars(order.photo) for order in orders] == [
-        vars(Wanted("test", "meter-a-1", frames, settings[0], 7.5)),
-        vars(Wanted("test", "meter-a-2", frames, settings[1], 4.0)),
+        vars(Wanted("test", "meter-coded-1", frames, settings[0], 7.5)),
+        vars(Wanted("test", "meter-coded-2", frames, settings[1], 4.0)),
     ]
-    first = MeterRecord(raw="raw/meter-a-1.dng", f_number=7.5, peak=0.2)
-    second = MeterRecord(raw="raw/meter-a-2.dng", f_number=4.0, peak=0.5)
+    first = MeterRecord(raw="raw/meter-coded-1.dng", f_number=7.5, peak=0.2)
+    second = MeterRecord(raw="raw/meter-coded-2.dng", f_number=4.0, peak=0.5)
     # A photo is told of before anything else is done with the devices.
     assert [order.notes for order in orders] == [(), (first,)]
     assert made.orders.end() == Order((second,), done=True)
     assert shares["asked"][:2] == [
-        ("raw/meter-a-1.dng", SHA, "ratio", 2000.0),
-        ("raw/meter-a-1-b.dng", SECOND, "ratio", 2000.0),
+        ("raw/meter-coded-1.dng", SHA, "ratio", 2000.0),
+        ("raw/meter-coded-1-b.dng", SECOND, "ratio", 2000.0),
     ]
-    assert metered(made, "coded", "b") == (4.0, [])  # of the same program
+    assert metered(made) == (4.0, [])
+    assert made.stops == (Stop(4.0, 4.0, 0.0),)
 
 
 def test_metering_that_does_not_settle_is_told_of(shares: dict[str, Any]) -> None:
     shares["settles"] = False
     made = exposer()
-    f_number, orders = metered(made, "", "white")
+    f_number, orders = metered(made)
     assert f_number == 4.0 and len(orders) == MAX_TESTS
-    assert made.orders.end().notes[-1] == "metering of white did not settle; took f/4"
+    assert made.orders.end().notes[-1] == "metering of coded did not settle; took f/4"
+
+
+@pytest.mark.parametrize(
+    ("shot", "peak", "expected", "slots"),
+    [
+        (WHITE, 0.2, 0.8, 3),  # of four slots as many as stay at 60 %
+        (WHITE, 0.05, 0.2, 4),
+        (WHITE, 0.8, 3.2, 1),
+        (PILOT, 0.06, 0.06, None),
+        (PILOT, 0.8, 0.8, None),
+    ],
+)
+def test_others_take_the_stop_of_the_codes(
+    shares: dict[str, Any], shot: Shot, peak: float, expected: float, slots: int | None
+) -> None:
+    shares["seen"] = {f"raw/meter-{shot.name}-1.dng": (peak, expected)}
+    made = exposer()
+    f_number, orders = metered(made, shot)
+    names = [order.photo.name for order in orders if order.photo is not None]
+    assert names == ["meter-coded-1", "meter-coded-2", f"meter-{shot.name}-1"]
+    assert f_number == 4.0 and made.stops == (Stop(4.0, 4.0, 0.0),)
+    assert slots is None or made.white_slots(4) == slots
+
+
+@pytest.mark.parametrize(
+    ("shot", "seen", "dim"), [(WHITE, (0.9, 3.6), CODED), (PILOT, (0.01, 0.01), PILOT)]
+)
+def test_a_second_stop_is_compared_with_the_first(
+    shares: dict[str, Any], monkeypatch: pytest.MonkeyPatch, shot: Shot, seen: Any, dim: Shot
+) -> None:
+    """By what is not too bright for the wider one of both."""
+    shares["seen"] = {f"raw/meter-{shot.name}-1.dng": seen}
+    stop = shares["stop"] = 8.0 if shot is WHITE else 2.0
+    asked: list[Shot] = []
+    monkeypatch.setattr(PLAN, "sequence", lambda one: asked.append(one) or SEQUENCE)
+    monkeypatch.setattr(exposing, "read_raw", lambda path, **said: path.name)
+    monkeypatch.setattr(exposing, "compare_stops", lambda *raws: (3.9, 0.002))
+    made = exposer()
+    f_number, orders = metered(made, shot)
+    compared = [order.photo for order in orders if order.photo and "stop-" in order.photo.name]
+    assert [photo.f_number for photo in compared] == [4.0, stop] and asked[-1] is dim
+    assert {str(photo.frames) for photo in compared if photo.f_number == max(4.0, stop)} == {
+        "frames of 3 pairs 4 times"
+    }
+    assert f_number == stop
+    true = 4.0 * (3.9 * (4.0 if stop > 4.0 else 0.25)) ** 0.5
+    assert made.stops == (Stop(4.0, 4.0, 0.0), Stop(stop, pytest.approx(true), 0.002))
 
 
 def test_a_lens_that_cannot_be_set_is_not_set() -> None:
     fixed = exposer(5.6, (), 400)
-    assert metered(fixed, "coded", "a") == (5.6, [])
+    assert metered(fixed) == (5.6, [])
+    (stop,) = fixed.stops  # engraved for 2^(5/2)
+    assert stop.true == pytest.approx(2.0**2.5) and stop.sigma == 0.0
     assert fixed.settings(5.6) == CameraSettings(400, None)
     assert exposer(5.6).settings(5.6) == CameraSettings(100, 5.6)
     with pytest.raises(ConfigError, match="cannot be set"):
-        metered(exposer("auto", ()), "coded", "a")
-    for call in (lambda one: one.settings(8.0), lambda one: metered(one, "coded", "a")):
+        metered(exposer("auto", ()))
+    for call in (lambda one: one.settings(8.0), metered):
         with pytest.raises(ConfigError, match="ISO 50 is not offered") as told:
             call(exposer(iso=50))
         assert told.value.hint == "take one of 200, 100, 400"

@@ -1,0 +1,138 @@
+"""How much light the stops of a lens let through, beside the one that the light was measured at.
+
+White in the rhythm of codes: both panels are white and black together, and all light goes with the
+number of pulses, whatever edges the panels have and whatever the room adds. A wide stop takes few
+pulses and a narrow one many, so that all photos are about as bright.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.bench.stops import Stop, stop_of
+from pdcd.calibration.figures import Figure
+from pdcd.calibration.light.metering import FULL
+from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
+from pdcd.calibration.shown import Shown
+from pdcd.panels.frames import BLACK, WHITE
+from pdcd.sensor.profile import variance_dn2
+from pdcd.sensor.raw import RawFrame
+
+PULSE, PAUSE = 4, 6
+"""Refreshes of a pulse, and after it: a mask that is late by less than either meets its own."""
+LEVEL = 0.4
+"""Share of saturation that a photo is to reach."""
+DIMMEST, BRIGHTEST = 0.06, 0.6
+"""Least and most share of saturation: some three stops either way."""
+MOST_PULSES = 12
+"""Of two seconds."""
+AGAIN = "again"
+"""The photo of the first stop once more, in the end: what the lamp did meanwhile."""
+
+
+@dataclass(frozen=True)
+class StopPhoto:
+    """One photo: of a stop, with so many pulses."""
+
+    f_number: float
+    pulses: int
+    name: str
+
+
+def stop_photos(f_numbers: tuple[float, ...], own: float, full: int) -> tuple[StopPhoto, ...]:
+    """The photos that compare the stops of a lens with its `own` one, at which white light of so
+    many refreshes is `full` (`FULL` of saturation). The first and the last are of that one."""
+    per_pulse = FULL * PULSE / full
+    photos = []
+    for f_number in sorted(f_numbers):
+        each = per_pulse * (own / f_number) ** 2
+        pulses = min(max(1, round(LEVEL / each)), MOST_PULSES)
+        if f_number != own and DIMMEST <= pulses * each <= BRIGHTEST:
+            photos.append(StopPhoto(f_number, pulses, f"stop-{f_number:g}"))
+    if not photos:
+        return ()
+    pulses = min(max(1, round(LEVEL / per_pulse)), MOST_PULSES)
+    first = StopPhoto(own, pulses, f"stop-{own:g}")
+    return (first, *photos, StopPhoto(own, pulses, f"{first.name}-{AGAIN}"))
+
+
+def shown_of(photo: StopPhoto) -> Shown:
+    """What the panels show in it."""
+    index = np.full(photo.pulses * (PULSE + PAUSE), BLACK, np.int32)
+    for pulse in range(photo.pulses):
+        index[pulse * (PULSE + PAUSE) :][:PULSE] = WHITE
+    nothing = np.zeros((0, 0, 0), np.bool_)
+    return Shown(photo.name, nothing, nothing, index, index.copy())
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Stops that were compared, the one they were compared with first, whose sigma is 0."""
+
+    found: tuple[Stop, ...] = ()
+
+    def figures(self) -> tuple[Figure, ...]:
+        """What to tell of them."""
+        if not self.found:
+            return ()
+        away = [2.0 * (stop.true / stop_of(stop.f_number).true - 1.0) for stop in self.found]
+        worst = max(range(len(away)), key=lambda n: abs(away[n]))
+        sigma = self.found[worst].sigma
+        return (
+            Figure("light.stops", float(len(self.found)), 0.0, ""),
+            Figure("light.stops_worst", away[worst], sigma, "", "of light, beside 2^(k/6)"),
+        )
+
+
+def measure_stops(
+    session: Session, own: float, full: int, black_sigma: float
+) -> Generator[Wanted | Ask, Taken | None, Stops]:
+    """Take the photos and compare; nothing where the lens is not set from here, or is to stay as it
+    is. black_sigma : standard deviation of a photo's black level, in DN."""
+    photos = stop_photos(session.camera.f_numbers, own, full)
+    if session.config.camera.f_number != "auto" or not photos:
+        return Stops()
+    taken: dict[str, tuple[float, float, float]] = {}
+    for photo in photos:
+        came = yield from take(Wanted(session.in_step(shown_of(photo)), f_number=photo.f_number))
+        taken[photo.name] = _light(session, came.raw, came.iso, photo.pulses, black_sigma)
+    return stops_of(photos, taken)
+
+
+def stops_of(
+    photos: tuple[StopPhoto, ...], taken: Mapping[str, tuple[float, float, float]]
+) -> Stops:
+    """Stops out of the light of a pulse in each photo: light, its relative standard deviation, and
+    the share of the photo that is not saturated."""
+    first, *others, last = photos
+    begun, ended = taken[first.name][0], taken[last.name][0]
+    reference = 0.5 * (begun + ended)
+    drift = 0.5 * abs(ended - begun) / reference
+    own = stop_of(first.f_number)
+    found = [Stop(own.f_number, own.true, 0.0)]
+    for photo in others:
+        light, sigma, good = taken[photo.name]
+        if good < LEAST_GOOD or not light > 0.0:
+            continue
+        true = own.true * float(np.sqrt(reference / light))
+        error = float(np.sqrt(sigma**2 + taken[first.name][1] ** 2 / 2.0 + drift**2))
+        found.append(Stop(photo.f_number, true, error))
+    return Stops(tuple(found))
+
+
+LEAST_GOOD = 0.999
+"""Share of a photo without saturation from which it counts."""
+
+
+def _light(
+    session: Session, raw: RawFrame, iso: int, pulses: int, black_sigma: float
+) -> tuple[float, float, float]:
+    """Light of one pulse in DN, its relative standard deviation, share that is not saturated."""
+    planes = raw.planes
+    total = float(planes.sum(dtype=np.float64))
+    noise = float(variance_dn2(planes, session.profile, iso, raw.exposure_s).sum())
+    error = np.hypot(np.sqrt(noise), black_sigma * planes.size) / max(total, 1e-9)
+    return total / pulses, float(error), 1.0 - float(raw.saturated.mean())
