@@ -62,6 +62,9 @@ class RigConfig(_Table, frozen=True):
     plane: Homography | None = None
     """Off-axis: homography from the camera's field to the projector's of the plane that disparities
     count from; None: the field itself, as calibrated with a card in that plane."""
+    look_at_panels: bool = True
+    """Whether coded captures take two short photos of random blocks, which show whether both
+    panels lie where they are believed to."""
     misregistration_px: NonNegative = 0.0
     """Largest remaining offset between projector and mask, in projector pixels."""
     clock: Literal["virtual", "real"] = "virtual"

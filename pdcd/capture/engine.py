@@ -105,7 +105,9 @@ class Engine:
         self._note = chosen.words
         config = with_grid(chosen.config)
         rig, profile = Rig(config), load_profile(config.camera.profile)
-        self._worker = self._make_worker(Facts(config, profile, rig.grid, rig.scene))
+        self._worker = self._make_worker(
+            Facts(config, profile, rig.grid, rig.scene, rig.cells_meet)
+        )
         self._config, self._rig, self._profile = config, rig, profile
 
     @classmethod

@@ -132,6 +132,11 @@ class Rig:
         return self.config.code_grid(None if scene is None else scene.grid)
 
     @property
+    def cells_meet(self) -> bool:
+        """Whether no panel can lie elsewhere: on a mock bench of cells."""
+        return self._context.shared.cells_meet
+
+    @property
     def mock(self) -> bool:
         """Whether the photos come from a virtual scene."""
         return self.scene is not None

@@ -51,6 +51,10 @@ Photos = Callable[[Recipe, Mapping[str, Exposed], CellMap], dict[str, Picture]]
 LEAST_APART = 1e-4
 """Share of the field in which panels draw different cells below which nobody could see it."""
 
+LEAST_KEPT = 0.5
+"""Share of direct light that must go through its own cells for the photos to tell how much there
+is."""
+
 
 def barred_pictures(
     record: RunRecord,
@@ -92,7 +96,8 @@ def barred_pictures(
         sharp = None if learned is None else learned.sharp
         bars = barred_by_model(recipe, shots, scaled, whole, cells, alive, sharp, near=near)
     bars = with_edge_light(bars, recipe, scaled, apart, cells)
-    return with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
+    bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
+    return bars if record.panels is None else with_misplaced_light(bars, recipe, scaled, record)
 
 
 def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, float]]:
@@ -315,6 +320,44 @@ def with_edge_light(
             part = sum((abs(weight) for weight, one in rule if one == photo.name), 0.0)
             if part:
                 code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
+                plain = Picture(picture.image, picture.sensor)
+                found[name] = barred(plain, code, picture.kind)
+    return found
+
+
+def with_misplaced_light(
+    pictures: Mapping[str, Barred],
+    recipe: Recipe,
+    photos: Mapping[str, Picture],
+    record: RunRecord,
+) -> dict[str, Barred]:
+    """Pictures whose code error knows of direct light that goes through wrong cells because the
+    mask lies elsewhere (`pdcd.pictures.misplaced`), where they are made of a photo of indirect
+    light, and a white one tells how much light there is.
+
+    photos : scaled ones.
+    """
+    from pdcd.pictures.misplaced import direct_lost  # few runs have looked
+
+    white, found, look = white_of(recipe), dict(pictures), record.panels
+    windows = {shot.name: shot.window for shot in record.shots}
+    for photo in recipe.photos:
+        if photo.wanted.uniform != (0.0, 1.0) or not white or look is None:
+            continue
+        lost = direct_lost(record, windows.get(photo.shots[0][1], "whole"))
+        if lost.rms < LEAST_APART:
+            continue
+        all_light = photos[white[-1]].image
+        direct = np.abs(all_light - photos[photo.name].image) / max(1.0 - lost.mean, LEAST_KEPT)
+        if lost.mean > 1.0 - LEAST_KEPT:
+            direct = look.direct * np.abs(all_light)  # the photos do not tell it any more
+        for name, picture in found.items():
+            rule = recipe.pictures[name]
+            if isinstance(rule, Extremes):
+                continue
+            part = sum((abs(weight) for weight, one in rule if one == photo.name), 0.0)
+            if part:
+                code = np.hypot(picture.code, part * lost.rms * direct).astype(picture.code.dtype)
                 plain = Picture(picture.image, picture.sensor)
                 found[name] = barred(plain, code, picture.kind)
     return found

@@ -41,6 +41,8 @@ STEP_PX = 1.0 / 64.0
 """How finely the smallest cell for a given leak is looked for."""
 LARGEST_PX = 64.0
 """The largest that is looked at."""
+PLACES = 48
+"""Places along a window at which `leak_rms` looks."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,32 @@ def leak_of(meeting: Meeting, cell_px: ArrayLike, window: ArrayLike) -> Floats:
     """`leak` of a bench, its offset along the diagonal: the worst that 95 % of the field have."""
     along = meeting.e95_px / np.sqrt(2.0)
     return leak(cell_px, window, (along, along), meeting.spread_px)
+
+
+def leak_rms(
+    cell_px: float,
+    window: float,
+    offset_px: tuple[Floats, Floats],
+    blur_px: float,
+    quad_px: float = 0.0,
+) -> Floats:
+    """Root of the mean square over the camera's quads of what `leak` is the mean of: leaks lie
+    along the edges of cells, where fine quads see them in full. offset_px : (n,) either way;
+    returns (n,). quad_px : side of a quad; one that sees two windows has its share of both.
+    """
+    at = cell_px * (0.5 + window * ((np.arange(PLACES) + 0.5) / PLACES - 0.5))
+    spread = max(blur_px, 1e-6 * cell_px)
+
+    def own(off: Floats) -> Floats:
+        begin = (at - off[:, None]) / spread
+        ends = (at - cell_px - off[:, None]) / spread
+        share = scipy.special.ndtr(begin) - scipy.special.ndtr(ends)
+        return np.asarray(scipy.ndimage.uniform_filter1d(share, of_quad, axis=1, mode="wrap"))
+
+    of_quad = int(np.clip(round(quad_px / (cell_px * window) * PLACES), 1, PLACES))
+    across, down = (own(np.asarray(off, dtype=np.float64)) for off in offset_px)
+    lost = 1.0 - across[:, :, None] * down[:, None, :]
+    return np.asarray(np.sqrt(np.mean(lost**2, axis=(1, 2))))
 
 
 def guard_px(cell_px: float, window: float) -> float:

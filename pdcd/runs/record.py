@@ -84,6 +84,29 @@ class DarkPhoto(msgspec.Struct, frozen=True, kw_only=True):
     """For how long it shows each of its two states."""
 
 
+Six = tuple[float, float, float, float, float, float]
+"""An affine map of points (x, y): x' = a x + b y + c, y' = d x + e y + f."""
+
+
+class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
+    """Where photos of random blocks showed both panels (`pdcd.pictures.misplaced`), in projector
+    pixels of the field; None where they do not tell."""
+
+    mask: Six | None
+    """From where the mask is drawn to where it lies, as the projector's picture has it; what
+    `offset_px` of the mask says is taken off."""
+    camera: Six | None
+    """From where the camera is believed to look to where it does, as the projector's picture has
+    it."""
+    rest_px: NonNegative
+    """Standard deviation of what places of the mask differ from that, beyond noise."""
+    direct: Annotated[float, Meta(ge=0.0, le=1.0)]
+    """Share of direct light in the scene's light, roughly; 0 where the projector's blocks are not
+    seen."""
+    mask_seen: bool
+    """Whether the mask's blocks were seen at all."""
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Everything beside the RAW files, codes and frame log that the answer depends on."""
 
@@ -114,6 +137,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     dark: DarkPhoto | None = None
     """The photo whose ambient light is taken off the photos of a pilot, which have no black
     exposures. None on a dark bench."""
+    panels: PanelLook | None = None
+    """Where the panels were seen to lie; None where nobody looked."""
     leak: NonNegative = 0.0
     """RMS error of the answer, relative to its RMS, by ambient light and leaks that a dark photo
     showed and that were not taken off."""

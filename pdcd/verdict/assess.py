@@ -54,6 +54,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             answer.leak_left(record.leak),
             quality.torn_windows(torn_share(seen.photos, shots)),
             _placement(seen, record.grid),
+            _elsewhere(seen, record),
             quality.refreshes(shots),
             quality.exposure_times(shots, _told_s(decoded)),
             quality.deviations({photo.name: deviations[photo.name] for photo in seen.photos}),
@@ -162,6 +163,35 @@ def _placement(seen: Evidence, grid: tuple[int, int]) -> Iterator[Finding]:
         [f for s in prints[:1] for f in fingerprints(_against(s, white, prints), grid)],
         list(stack_fingerprints([seen.sample([(1.0, n)]) for n in stack], grid)),
     )
+
+
+def _elsewhere(seen: Evidence, record: RunRecord) -> Iterator[Finding]:
+    """What photos of blocks say of where panels and camera are."""
+    look = record.panels
+    if look is None:
+        return
+    from pdcd.pictures.misplaced import direct_lost  # few runs have looked
+    from pdcd.verdict import misplaced
+
+    (width, height), (rows, cols) = record.projector.size_px, record.grid
+    windows = {shot.name: shot.window for shot in record.shots}
+    shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]
+    lost = direct_lost(record, next(iter(shown), "whole"))
+    image = seen.inside(seen.answer.image)
+    known = np.isfinite(image)
+    answer_rms = float(np.sqrt(np.mean(image[known] ** 2))) if known.any() else 0.0
+    direct = look.direct
+    share = misplaced.share_of(direct, lost.rms)
+    white = seen.pictures.get("white")
+    if white is not None and answer_rms > 0.0 and record.goal.name != "fraction":
+        light = direct * seen.inside(white.image)
+        if lost.mean < misplaced.HOPELESS and "direct" in seen.pictures:
+            light = seen.inside(seen.pictures["direct"].image) / (1.0 - lost.mean)
+        share = lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer_rms
+    yield from misplaced.unseen(look)
+    yield from misplaced.mask_elsewhere(look, record.mask, (width, height), lost, share)
+    cell_px = float(np.sqrt(width * height / (rows * cols)))
+    yield from misplaced.camera_elsewhere(look, record.camera_place, (width, height), cell_px)
 
 
 def _samples(photo: Photo, seen: Evidence) -> list[Sample]:

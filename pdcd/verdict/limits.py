@@ -37,6 +37,9 @@ class Limits:
     left: tuple[float, float] = (0.05, 0.3)
     """RMS error by ambient light and leaks that are known and were not taken off, over the RMS of
     the answer."""
+    misplaced: tuple[float, float] = (0.06, 0.4)
+    """RMS of the direct light that goes through wrong cells because the mask lies elsewhere, over
+    the RMS of the answer: as predicted from where blocks were seen."""
     outside: float = 0.25
     """Median light outside the field over that inside: panels are black there."""
     torn: tuple[float, float] = (0.1, 0.5)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.geometry.dots import drawn_bits
 from pdcd.calibration.geometry.phase import Decoded, PhaseCode, of_one_panel
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.errors import CalibrationError
+from pdcd.panels.blocks import drawn_bits
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ holes lie where the picture of dots is black, so they cost the dots nothing.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.shown import Bits, Shown, still
 from pdcd.errors import CalibrationError
+from pdcd.panels.blocks import drawn_bits
 from pdcd.panels.frames import BLACK, WHITE
 
 Floats = NDArray[np.float64]
@@ -30,15 +30,6 @@ LEAST_ROWS, LEAST_PITCH_PX = 4, 8
 """Rows of dots on any panel, and pixels from one dot to the next."""
 PER_RADIUS = 5
 """Pitch over radius: neighbours' blurred edges stay apart, and holes fit between."""
-
-
-def drawn_bits(name: str, rows: int, cols: int) -> Bits:
-    """(rows, cols) bool that look random, and are the same for a name everywhere and for ever,
-    unlike those of a generator of random numbers."""
-    count = rows * cols
-    drawn = hashlib.shake_256(name.encode()).digest(-(-count // 8))
-    bits = np.unpackbits(np.frombuffer(drawn, dtype=np.uint8))[:count]
-    return bits.reshape(rows, cols).astype(np.bool_)
 
 
 @dataclass(frozen=True)

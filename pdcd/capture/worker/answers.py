@@ -24,7 +24,7 @@ from pdcd.protocol.plan_summary import How, Leaks, PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
 from pdcd.recipes.parts import part_numbers
-from pdcd.runs.record import MeterRecord, RunRecord, ShotRecord
+from pdcd.runs.record import MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.verdict.assess import assess
@@ -39,6 +39,8 @@ class Facts:
     profile: SensorProfile
     grid: tuple[int, int]
     scene: Scene | None
+    cells_meet: bool = False
+    """Whether no panel can lie elsewhere (`pdcd.bench.devices.Shared`)."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,7 @@ def record_of(
     shots: Sequence[ShotRecord] = (),
     cells: CellMap | None = None,
     stops: Sequence[Stop] = (),
+    panels: PanelLook | None = None,
 ) -> RunRecord:
     """What a run by this plan has to remember of itself, with the shots taken so far."""
     red, green, blue = (float(r) for r in camera.responsivity_e)
@@ -196,6 +199,7 @@ def record_of(
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
         dark=plan.dark,
+        panels=panels,
         leak=_left(plan.leaks, plan.how),
     )
 

@@ -46,7 +46,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.folder import write_patterns
-from pdcd.runs.record import DarkPhoto, MeterRecord, RunRecord, ShotRecord
+from pdcd.runs.record import DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.watch import Watch
 
@@ -81,6 +81,8 @@ class Course:
         self._before: Plan | None = None
         """The plan before the scouts of a pilot ended that."""
         self._looked = False
+        self._panels: PanelLook | None = None
+        self._panels_due = not facts.cells_meet
         self._of_pilot = self._of_noise = ""
         self._orders = Orders()
         self._exposer = Exposer(facts, job.camera, job.plan.iso, folder, self._orders)
@@ -108,6 +110,8 @@ class Course:
         until, fresh = self._request.until_error, True
         while True:
             taken = self._names()
+            if self._panels_due and (yield from self._look_at_panels(taken)):
+                continue
             step = next_step(self.plan, taken, looked=self._looked, fresh=fresh)
             fresh = False
             if step is None:
@@ -193,6 +197,26 @@ class Course:
             )
         elif found.outcome == "no use":
             self._orders.note("the pilot found nothing that better codes could avoid")
+
+    def _look_at_panels(self, taken: frozenset[str]) -> Generator[Order, Taken, bool]:
+        """Look whether both panels lie where they are believed to, once the white shot is there.
+        Returns whether anything was photographed."""
+        from pdcd.capture.worker.panel_check import PanelCheck  # no bench of cells needs it
+        from pdcd.planning.panel_look import due, wanted
+        from pdcd.verdict.misplaced import told
+
+        config = self._facts.config
+        self._panels_due = wanted(self.plan, config)
+        if not self._panels_due or not due(self.plan, taken):
+            return False
+        self._panels_due = False
+        check = PanelCheck(self._facts, self.folder, self._exposer, self._orders)
+        shots = self.darkroom.record.shots
+        self._panels = yield from check.run(self.plan, shots)
+        if self._panels is not None:
+            self._adopt(self.plan)
+            self._orders.note(self.adopted(), *told(self.darkroom.record, self.plan.window))
+        return True
 
     def _look(self) -> Steps:
         """Take a dark photo, and black exposures where it calls for them."""
@@ -315,7 +339,7 @@ class Course:
         facts = self._facts
         return record_of(
             self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells,
-            self._exposer.stops,
+            stops=self._exposer.stops, panels=self._panels,
         )  # fmt: skip
 
     def _write_patterns(self) -> None:

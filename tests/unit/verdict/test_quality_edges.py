@@ -44,7 +44,7 @@ def test_the_limits_are_those_of_the_manual() -> None:
         "stray": (0.25, 1.0), "left": (0.05, 0.3), "torn": (0.1, 0.5), "outside": 0.25,
         "direct": 0.15, "inverted": -0.2,
         "fingerprint": (0.3, 6.0), "diagonal": (0.1, 0.5), "direct_left": (0.15, 0.5),
-        "pair_sum": (0.02, 0.1), "off_rms": (1.0, 3.0), "followed": 1.5,
+        "misplaced": (0.06, 0.4), "pair_sum": (0.02, 0.1), "off_rms": (1.0, 3.0), "followed": 1.5,
     }  # fmt: skip
 
 

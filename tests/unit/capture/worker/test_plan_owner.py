@@ -115,13 +115,15 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
     """A job by a plan that goes through these steps; what is stored is noted in its darkroom."""
 
     def make(plan: Plan, *steps: Any, until: float | None = None) -> Any:
-        facts: Any = Facts(CONFIG, None, (3, 4), None)  # type: ignore[arg-type]
+        facts: Any = Facts(CONFIG, None, (3, 4), None, cells_meet=True)  # type: ignore[arg-type]
         request: Any = SimpleNamespace(seed=7, until_error=until)
         room, left = Room(), list(steps)
         monkeypatch.setattr(module, "Darkroom", lambda folder, record: room)
         monkeypatch.setattr(
             module, "record_of",
-            lambda plan, request, config, camera, profile, shots, cells: (plan.name, shots, cells),
+            lambda plan, request, config, camera, profile, shots, cells, panels: (
+                plan.name, shots, cells,
+            ),
         )  # fmt: skip
         monkeypatch.setattr(
             Course, "_write_patterns", lambda self: room.told.append(f"codes of {self.plan.name}")
@@ -378,7 +380,7 @@ def test_only_a_spread_that_is_small_enough_ends_a_run(
 
 
 def worker(**known: Any) -> Any:
-    facts: Any = Facts(CONFIG, None, (3, 4), None)  # type: ignore[arg-type]
+    facts: Any = Facts(CONFIG, None, (3, 4), None, cells_meet=True)  # type: ignore[arg-type]
     one: Any = Worker(facts)
     for name, value in known.items():
         setattr(one, name, value)

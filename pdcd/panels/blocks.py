@@ -1,0 +1,103 @@
+"""Random blocks that both panels draw alike, by which a camera can tell whether they lie alike.
+
+The blocks divide the field as cells do, but are finer: a few quads of the camera. Coarser ones of
+twice, four and eight times the side are mixed in, so that the pattern is found again from far off,
+through blur, and by light that is spread; and no part of it looks like another one, nor like its
+mirror image.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from math import gcd
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.panels.map import Map
+
+Floats = NDArray[np.float64]
+Bits = NDArray[np.bool_]
+
+OCTAVES = (1.0, 1.23, 1.11, 0.97)
+"""Weight of blocks of 1, 2, 4 and 8 times the side; no sum of them with signs is 0."""
+QUADS = 3.0
+"""Quads of the camera to a block's side, at least: a camera sees such blocks sharply."""
+PIXELS = 5.0
+"""Pixels of the projector to it, at least."""
+MOST = 160
+"""Blocks along the longer side of the field: finer ones tell nothing more."""
+FEWEST = 16
+"""Blocks along the shorter side without which a pattern has too little in it to be found again."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A pattern of (rows, cols) blocks over the field."""
+
+    rows: int
+    cols: int
+
+    @classmethod
+    def of(cls, sizes_px: tuple[tuple[int, int], ...], quad_px: float) -> Blocks | None:
+        """Blocks that panels of so many pixels (width, height) can draw, the projector first, and
+        that quads of `quad_px` projector pixels can show; None where they would be too few."""
+        (width, height), *_ = sizes_px
+        side = max(QUADS * quad_px, PIXELS, max(width, height) / MOST)
+        side = max(side, *(PIXELS / 2.0 * width / size[0] for size in sizes_px))
+        cols, rows = (
+            _apart(int(length / side), [size[axis] for size in sizes_px])
+            for axis, length in enumerate((width, height))
+        )
+        return cls(rows, cols) if min(rows, cols) >= FEWEST else None
+
+    @cached_property
+    def bits(self) -> Bits:
+        """(rows, cols), which are lit; the same everywhere and for ever."""
+        total = np.zeros((self.rows, self.cols))
+        for octave, weight in enumerate(OCTAVES):
+            side = 2**octave
+            rows, cols = -(-self.rows // side) + 1, -(-self.cols // side) + 1
+            signs = 2.0 * drawn_bits(f"look for panels {octave}", rows, cols) - 1.0
+            large = signs.repeat(side, axis=0).repeat(side, axis=1)
+            begin = side // 3  # edges of different octaves are not to meet
+            total += weight * large[begin : begin + self.rows, begin : begin + self.cols]
+        return np.asarray(total > 0.0)
+
+    def at(self, points: Floats) -> Bits:
+        """Whether points of the field (..., 2), x and y from 0 to 1, are lit; none beside it."""
+        with np.errstate(invalid="ignore"):
+            inside = np.all((points >= 0.0) & (points < 1.0), axis=-1)
+        cell = np.where(inside[..., None], points * (self.cols, self.rows), 0.0).astype(np.int64)
+        lit: Bits = self.bits[cell[..., 1], cell[..., 0]] & inside
+        return lit
+
+    def drawn(self, panel: Map) -> Bits:
+        """What a panel of such a map shows of them, (height, width)."""
+        return self.at(panel.centres())
+
+
+def field_on(panel: Map) -> Bits:
+    """The pixels of a panel that lie on the field, (height, width)."""
+    points = panel.centres()
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.all((points >= 0.0) & (points < 1.0), axis=-1))
+
+
+def drawn_bits(name: str, rows: int, cols: int) -> Bits:
+    """(rows, cols) bool that look random, and are the same for a name everywhere and for ever,
+    unlike those of a generator of random numbers."""
+    count = rows * cols
+    drawn = hashlib.shake_256(name.encode()).digest(-(-count // 8))
+    bits = np.unpackbits(np.frombuffer(drawn, dtype=np.uint8))[:count]
+    return bits.reshape(rows, cols).astype(np.bool_)
+
+
+def _apart(count: int, lengths: list[int]) -> int:
+    """So many blocks or a few less, whose edges meet the pixels of no panel in step: what rounding
+    to whole pixels does to edges then comes to nothing on average."""
+    while count > FEWEST and any(gcd(count, length) > 1 for length in lengths):
+        count -= 1
+    return count

@@ -1,0 +1,436 @@
+"""Where a panel's blocks are seen in a photo: from the photo's pixels to those of the pattern.
+
+A photo over one of all light is sampled where the camera is believed to see the field, on a raster
+of whole projector pixels. There the pattern is looked for window by window, first close to where it
+is believed to be. Where that does not fit, all of it is looked for anywhere, also mirrored, turned,
+smaller and larger. What comes is an affine map, and what the windows differ from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import gcd
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.panels.blocks import Blocks
+from pdcd.panels.map import Map
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+MARGIN = 0.12
+"""Share of the field's sides by which the raster reaches beyond them: a camera that looks beside
+where it is believed to still sees the field there."""
+MOST = 520
+"""Points of the raster along the longer side."""
+REACHES_PX = (50.0, 16.0, 6.0, 4.0)
+"""How far windows look for the pattern, round by round, in projector pixels."""
+BLOCKS = 10
+"""Side of a window in blocks."""
+WINDOWS = (9, 12)
+"""Windows down and across the raster."""
+LEVEL = 4.0
+"""Standard deviation in blocks of the mean that is taken off: light that is spread, and shade."""
+SEEN = 0.75
+"""Share of a window's points that must be known."""
+ALIKE = 0.35
+"""Correlation from which a window has found its place."""
+FEWEST = 12
+"""Windows that must agree on where a pattern is."""
+AGREE = 0.4
+"""Share of the windows that find anything which must agree."""
+SCALES = tuple(1.07**step for step in range(-8, 5))
+TURNS_DEG = (-6.0, -3.0, 0.0, 3.0, 6.0)
+COARSE = 96
+"""Points of the raster in the search for a pattern that lies anywhere, along the longer side."""
+SURE = 9.0
+"""Its highest correlation over the standard deviation of all of them from which it is found."""
+
+FINER = 3
+"""Points to a step of the pattern, along either axis."""
+NODES = 49
+"""Nodes along either axis between which a bent map is followed by splines."""
+
+FLIPS: dict[str, tuple[float, float]] = {
+    "none": (1.0, 1.0),
+    "horizontal": (-1.0, 1.0),
+    "vertical": (1.0, -1.0),
+    "both": (-1.0, -1.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Affine:
+    """``x @ linear.T + shift``, from points of the raster to points of the pattern, both in
+    projector pixels of the field."""
+
+    linear: Floats
+    shift: Floats
+
+    def __call__(self, points: Floats) -> Floats:
+        """Points (..., 2)."""
+        return np.asarray(points @ self.linear.T + self.shift)
+
+    def inverse(self) -> Affine:
+        """From the pattern to the raster."""
+        back = np.linalg.inv(self.linear)
+        return Affine(np.asarray(back, np.float64), np.asarray(-back @ self.shift, np.float64))
+
+    def after(self, first: Affine) -> Affine:
+        """This one of what `first` makes of a point."""
+        return Affine(self.linear @ first.linear, self.linear @ first.shift + self.shift)
+
+
+HERE = Affine(np.eye(2), np.zeros(2))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A pattern that was found.
+
+    map : where it is. centres : (n, 2), of the windows that agree. left : (n, 2), what each of
+    them adds to the map. contrast : (n,), of the pattern in each of them: 1 where all the light of
+    the photo comes and goes with it. number : (n,), which windows of the raster they are.
+    """
+
+    map: Affine
+    centres: Floats
+    left: Floats
+    contrast: Floats
+    number: NDArray[np.int64]
+
+    @property
+    def places(self) -> Floats:
+        """Where on the pattern the centres of the windows are, (n, 2)."""
+        return np.asarray(self.map(self.centres) + self.left)
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Points of the field at which photos are looked at; pitch and places in projector pixels."""
+
+    size_px: tuple[int, int]
+    pitch: float
+    shape: tuple[int, int]
+    begin: Floats
+
+    @classmethod
+    def of(cls, size_px: tuple[int, int], quad_px: float) -> Raster:
+        """For a projector of (width, height) and quads of that side."""
+        pitch = max(quad_px, max(size_px) / MOST)
+        reach = np.ceil(MARGIN * np.array(size_px) / pitch)
+        cols, rows = (np.round(np.array(size_px) / pitch) + 2 * reach).astype(int)
+        return cls(size_px, pitch, (int(rows), int(cols)), -reach * pitch)
+
+    def points(self) -> Floats:
+        """(rows, cols, 2)."""
+        rows, cols = self.shape
+        at = np.stack(np.meshgrid(np.arange(cols) + 0.5, np.arange(rows) + 0.5), axis=-1)
+        return np.asarray(at * self.pitch + self.begin)
+
+    def sample(self, image: Floats, known: Bools, camera: Map) -> tuple[Floats, Bools]:
+        """What a photo (h, w) shows at the points, and where that is known."""
+        height, width = image.shape
+        filled = np.where(known, image, np.median(image[known]) if known.any() else 0.0)
+        places = camera.from_field(self.points() / self.size_px)
+        side = max(1, round(self.pitch * width / self._quads_px(camera)))
+        at = np.moveaxis(places[..., ::-1], -1, 0) - 0.5
+        with np.errstate(invalid="ignore"):
+            inside = np.all((places > 0.5) & (places < (width - 0.5, height - 0.5)), axis=-1)
+        at = np.where(inside, at, 0.0)
+        smooth = scipy.ndimage.uniform_filter(filled, side, mode="nearest") if side > 1 else filled
+        if side % 2 == 0:
+            at = at + 0.5  # an even filter is centred half a quad before its middle
+        seen = scipy.ndimage.map_coordinates(smooth, at, order=3 if side < 3 else 1, mode="nearest")
+        sure = scipy.ndimage.map_coordinates(known.astype(np.float64), at, order=1, mode="nearest")
+        return seen, inside & (sure > 0.99)
+
+    def _quads_px(self, camera: Map) -> float:
+        """Projector pixels that the photo's width spans, about."""
+        middle = 0.5 * np.array(camera.size_px, dtype=np.float64)
+        slope = camera.jacobian(middle) * np.array(self.size_px)[:, None]
+        return float(np.sqrt(abs(np.linalg.det(slope)))) * camera.size_px[0]
+
+
+class Finder:
+    """Looks on a raster for blocks as a panel draws them whose map this is."""
+
+    def __init__(self, blocks: Blocks, raster: Raster, panel: Map) -> None:
+        self._blocks, self._raster, self._panel = blocks, raster, panel
+        width, height = raster.size_px
+        self._block_px = float(np.sqrt(width * height / (blocks.cols * blocks.rows)))
+        self._level_px = LEVEL * self._block_px
+        self._step = min(raster.pitch / 2.0, self._block_px / 6.0)
+        self._steps = [
+            _beside(round(raster.size_px[axis] / self._step), panel.size_px[axis])
+            for axis in (0, 1)
+        ]
+
+    @cached_property
+    def _image(self) -> Floats:
+        """The pattern at steps of `_step` as the panel's pixels show it, as sharp as the raster: -1
+        and 1, 0 beside."""
+        x, y = (
+            (np.arange(FINER * self._steps[axis]) + 0.5) / (FINER * self._steps[axis])
+            for axis in (0, 1)
+        )
+        picture = 2.0 * self._blocks.drawn(self._panel) - 1.0
+        pixel = np.floor(_pixels(self._panel, x, y)).astype(np.int64)
+        on = np.all((pixel >= 0) & (pixel < self._panel.size_px), axis=-1)
+        pixel = np.where(on[..., None], pixel, 0)
+        fine = np.where(on, picture[pixel[..., 1], pixel[..., 0]], 0.0)
+        image = _blocks_of(fine, FINER)
+        blurred: Floats = scipy.ndimage.gaussian_filter(
+            image, 0.5 * self._raster.pitch / self._step, mode="constant"
+        )
+        return blurred
+
+    def shown(self, places: Floats) -> Floats:
+        """The pattern at places in projector pixels (..., 2)."""
+        image = self._image
+        width, height = self._raster.size_px
+        rows, cols = image.shape
+        at = places * (cols / width, rows / height) - 0.5
+        found: Floats = scipy.ndimage.map_coordinates(
+            image, np.moveaxis(at[..., ::-1], -1, 0), order=1, mode="constant"
+        )
+        return found
+
+    def find(self, seen: Floats, known: Bools, believed: Affine = HERE) -> Found | None:
+        """Where the pattern is in a picture on the raster; None where it is nowhere to be found."""
+        flat = _flat(seen, known, self._level_px / self._raster.pitch)
+        found = self._refined(flat, seen, known, believed)
+        if found is None:
+            for start in self._anywhere(flat, known):
+                found = self._refined(flat, seen, known, start, REACHES_PX[0] * 0.7)
+                if found is not None:
+                    break
+        return found
+
+    def _refined(
+        self, flat: Floats, seen: Floats, known: Bools, start: Affine, reach_px: float = 0.0
+    ) -> Found | None:
+        """Windows look closer and closer around where they have it; None where they disagree."""
+        now, found = start, None
+        for reach in (reach_px or REACHES_PX[0], *REACHES_PX[1:]):
+            windows = list(self._windows(flat, known, now, reach))
+            if len(windows) < FEWEST:
+                return None
+            number, centre, off, alike = (np.array(part) for part in zip(*windows, strict=True))
+            good = alike > ALIKE
+            better, agree = _agreed(centre[good], now(centre[good]) + off[good], reach)
+            if better is None or agree.sum() < max(FEWEST, AGREE * good.sum()):
+                return None
+            kept = np.flatnonzero(good)[agree]
+            left = now(centre[kept]) + off[kept] - better(centre[kept])
+            contrast = self._contrast(seen, known, better, number[kept])
+            found = Found(better, centre[kept], left, contrast, number[kept])
+            now = better
+        return found
+
+    @cached_property
+    def _corners(self) -> tuple[NDArray[np.int64], int]:
+        """Upper left corners of the windows, (n, 2) rows and columns, and their side, in points."""
+        rows, cols = self._raster.shape
+        side = min(round(BLOCKS * self._block_px / self._raster.pitch), min(rows, cols) // 3)
+        down, across = (
+            np.linspace(0, length - side, count).round().astype(np.int64)
+            for length, count in zip((rows, cols), WINDOWS, strict=True)
+        )
+        return np.stack(np.meshgrid(down, across, indexing="ij"), axis=-1).reshape(-1, 2), side
+
+    def _cut(self, number: int) -> tuple[slice, slice]:
+        corners, side = self._corners
+        down, across = corners[number]
+        return slice(down, down + side), slice(across, across + side)
+
+    def _windows(
+        self, flat: Floats, known: Bools, now: Affine, reach_px: float
+    ) -> Iterator[tuple[int, Floats, Floats, float]]:
+        """Number and centre of each window that shows something, by how much the pattern is further
+        on than `now` says, in projector pixels of the pattern, and the correlation there."""
+        raster = self._raster
+        corners, side = self._corners
+        reach = int(np.ceil(reach_px / raster.pitch))
+        for number, (down, across) in enumerate(corners.tolist()):
+            cut = self._cut(number)
+            if known[cut].mean() < SEEN or not flat[cut].any():
+                continue
+            span = np.arange(-reach, side + reach) + 0.5
+            at = np.stack(np.meshgrid(across + span, down + span), axis=-1)
+            pattern = self.shown(now(at * raster.pitch + raster.begin))
+            off, alike = _best(flat[cut], known[cut], pattern, reach)
+            centre = (np.array([across, down]) + 0.5 * side) * raster.pitch + raster.begin
+            yield number, centre, now.linear @ (off * raster.pitch), alike
+
+    def _contrast(
+        self, seen: Floats, known: Bools, now: Affine, numbers: NDArray[np.int64]
+    ) -> Floats:
+        """Of the pattern in windows of a picture that was not flattened, (n,)."""
+        points, found = self._raster.points(), []
+        for number in numbers.tolist():
+            cut = self._cut(number)
+            good = known[cut]
+            pattern = self.shown(now(points[cut]))[good]
+            light = seen[cut][good]
+            base = np.stack([np.ones(light.size), pattern], axis=1)
+            level, depth = np.linalg.lstsq(base, light, rcond=None)[0]
+            found.append(depth / level if level > 0.0 else 0.0)
+        return np.array(found)
+
+    def _coarse(self, pitch: float) -> _Coarse:
+        blurred = scipy.ndimage.gaussian_filter(
+            self._image, 0.4 * pitch / self._step, mode="constant"
+        )
+        every = max(1, int(0.3 * pitch / self._step))
+        step = self._raster.size_px[0] / self._steps[0]
+        return _Coarse(blurred[::every, ::every], every * step, 0.5 * step)
+
+    def _anywhere(self, flat: Floats, known: Bools) -> list[Affine]:
+        """Where all of a pattern may be, the likeliest first."""
+        raster = self._raster
+        step = max(1, max(raster.shape) // COARSE)
+        rows, cols = (length // step for length in raster.shape)
+        coarse = _blocks_of(np.where(known, flat, 0.0), step)
+        points = _blocks_of(raster.points(), step)
+        size = scipy.fft.next_fast_len(2 * max(rows, cols), real=True)
+        spectrum = scipy.fft.rfft2(coarse, (size, size))
+        middle = 0.5 * np.array(raster.size_px)
+        found: list[tuple[float, Affine]] = []
+        smooth = self._coarse(step * raster.pitch)
+        for flip in FLIPS.values():
+            for turn in np.radians(TURNS_DEG):
+                turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+                for scale in SCALES:
+                    linear = np.diag(flip) @ turned / scale
+                    start = Affine(linear, middle - linear @ middle)
+                    pattern = smooth.shown(start(points))
+                    product = spectrum * np.conj(scipy.fft.rfft2(pattern, (size, size)))
+                    fit = scipy.fft.irfft2(product, (size, size))
+                    at = np.unravel_index(int(fit.argmax()), fit.shape)
+                    sure = float(fit[at] / fit.std())
+                    down, across = (k - size if k > size // 2 else k for k in map(int, at))
+                    moved = np.array([across, down], dtype=np.float64) * step * raster.pitch
+                    found.append((sure, Affine(linear, start.shift - linear @ moved)))
+        found.sort(key=lambda one: -one[0])
+        return [start for sure, start in found[:3] if sure > SURE]
+
+
+@dataclass(frozen=True, eq=False)
+class _Coarse:
+    """A pattern at the steps of a coarse raster: `step` projector pixels from value to value, the
+    first at `begin`."""
+
+    image: Floats
+    step: float
+    begin: float
+
+    def shown(self, places: Floats) -> Floats:
+        """The pattern at places in projector pixels (..., 2)."""
+        at = (np.moveaxis(places[..., ::-1], -1, 0) - self.begin) / self.step
+        found: Floats = scipy.ndimage.map_coordinates(self.image, at, order=1, mode="constant")
+        return found
+
+
+def _beside(count: int, pixels: int) -> int:
+    """So many steps or a few more, which do not keep step with the pixels: else all edges would be
+    found to the same side."""
+    while gcd(FINER * count, pixels) > FINER:
+        count += 1
+    return count
+
+
+def _pixels(panel: Map, x: Floats, y: Floats) -> Floats:
+    """Places in pixels of a panel at the field's points (x, y), (y, x, 2), by splines from nodes:
+    what a lens bends is smooth."""
+    if not (panel.residual or any(panel.radial) or any(panel.tangential)):
+        return panel.from_field(np.stack(np.meshgrid(x, y), axis=-1))
+    nodes = [np.linspace(0.0, 1.0, NODES)] * 2
+    at = panel.from_field(np.stack(np.meshgrid(*nodes), axis=-1))
+    at = np.where(np.isfinite(at), at, -1e6)
+    return np.stack(
+        [scipy.interpolate.RectBivariateSpline(*nodes, at[..., axis])(y, x) for axis in (0, 1)],
+        axis=-1,
+    )
+
+
+def _blocks_of(values: Floats, side: int) -> Floats:
+    """Means over squares of points."""
+    rows, cols = values.shape[0] // side, values.shape[1] // side
+    cut = values[: rows * side, : cols * side]
+    return np.asarray(cut.reshape(rows, side, cols, side, *values.shape[2:]).mean(axis=(1, 3)))
+
+
+def _flat(seen: Floats, known: Bools, sigma: float) -> Floats:
+    """A picture with the same level and contrast everywhere, 0 where nothing is known."""
+
+    def low(values: Floats) -> Floats:
+        return np.asarray(scipy.ndimage.gaussian_filter(values, sigma, mode="constant"))
+
+    weight = np.maximum(low(known.astype(np.float64)), 1e-3)
+    light = np.where(known, seen, 0.0)
+    flat = np.where(known, light - low(light) / weight, 0.0)
+    spread = np.sqrt(low(flat**2) / weight)
+    floor = 1e-3 * float(np.abs(light).max(initial=0.0)) + 1e-12
+    return np.asarray(np.clip(flat / np.maximum(spread, floor), -3.0, 3.0))
+
+
+def _best(part: Floats, known: Bools, pattern: Floats, reach: int) -> tuple[Floats, float]:
+    """By how much (right, down) a window (s, s) lies further on in a piece of the pattern with
+    `reach` points more on each side; and the correlation there."""
+    light = np.where(known, part - part[known].mean(), 0.0)
+    size = scipy.fft.next_fast_len(pattern.shape[0], real=True)
+    shape, steps = (size, size), 2 * reach + 1
+    window = np.conj(scipy.fft.rfft2(light, shape))
+    inside = np.conj(scipy.fft.rfft2(known.astype(np.float64), shape))
+
+    def over(values: Floats, kernel: NDArray[np.complex128]) -> Floats:
+        spectrum = scipy.fft.rfft2(values, shape)
+        return np.asarray(scipy.fft.irfft2(spectrum * kernel, shape)[:steps, :steps])
+
+    count = float(known.sum())
+    inner, mean, square = over(pattern, window), over(pattern, inside), over(pattern**2, inside)
+    power = np.maximum(square - mean**2 / count, 0.05 * count)
+    fit = inner / np.sqrt(power * max(float((light**2).sum()), 1e-12))
+    down, across = (int(k) for k in np.unravel_index(int(fit.argmax()), fit.shape))
+    off = np.array([across + _top(fit[down], across), down + _top(fit[:, across], down)])
+    return off - reach, float(fit[down, across])
+
+
+def _top(line: Floats, at: int) -> float:
+    """Where a parabola through three values has its top, beside the middle one."""
+    if not 0 < at < line.size - 1:
+        return 0.0
+    before, here, after = line[at - 1 : at + 2]
+    bend = before - 2.0 * here + after
+    return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0
+
+
+def _agreed(centres: Floats, places: Floats, reach_px: float) -> tuple[Affine | None, Bools]:
+    """The affine map that most windows agree on, and which do."""
+    count = len(centres)
+    if count < FEWEST:
+        return None, np.zeros(count, np.bool_)
+    random = np.random.default_rng(0)
+    tolerance = max(0.15 * reach_px, 1.5)
+    ones = np.concatenate([centres, np.ones((count, 1))], axis=1)
+    best = np.zeros(count, np.bool_)
+    for _ in range(150):
+        some = random.choice(count, 3, replace=False)
+        if abs(np.linalg.det(ones[some])) < 1.0:
+            continue
+        made = np.linalg.solve(ones[some], places[some])
+        agree = np.hypot(*(ones @ made - places).T) < tolerance
+        if agree.sum() > best.sum():
+            best = agree
+    for _ in range(4):
+        if best.sum() < FEWEST:
+            return None, best
+        made = np.linalg.lstsq(ones[best], places[best], rcond=None)[0]
+        best = np.hypot(*(ones @ made - places).T) < tolerance
+    return Affine(made[:2].T.copy(), made[2].copy()), best

@@ -1,0 +1,221 @@
+"""Whether both panels lie where they are believed to: out of photos of the same random blocks.
+
+One photo shows blocks on the projector behind an open mask, one the same blocks on the mask before
+a lit projector, each over a photo of all light. Through the mask the camera sees its blocks as they
+are; of the projector's it sees those that direct light brings back. Where each quad sees which
+place of the pattern follows from each (`pdcd.pictures.found_blocks`). What they differ by is how
+far the mask lies from where it is believed to, whatever is believed of the camera; and what the
+projector's differ from where the camera is believed to look is how far that is off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import PanelConfig
+from pdcd.panels.blocks import Blocks
+from pdcd.panels.map import Map
+from pdcd.panels.windows import windows
+from pdcd.pictures.found_blocks import FEWEST, Affine, Finder, Found, Raster
+from pdcd.probing.cell_size import leak, leak_rms
+from pdcd.runs.record import PanelLook, RunRecord, Six
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+LIT = 0.03
+"""Share of the bright quads' light in the photo of all light below which a quad tells nothing."""
+NOISE_PX = 0.5
+"""Standard deviation of a window's place by which nothing is said of the mask."""
+SURE_PX = 0.1
+"""Error with which blocks are found, in projector pixels, or in quads where these are larger."""
+POINTS = 9
+"""Places along either axis of the field at which the panels are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPhotos:
+    """Photos of the blocks: light of quads (h, w) in any unit of its own; `white` has all light.
+
+    known : (h, w), where nothing is saturated.
+    """
+
+    white: Floats
+    projector: Floats
+    mask: Floats
+    known: Bools
+
+
+def panel_look(
+    photos: BlockPhotos, blocks: Blocks, camera: Map, panels: tuple[Map, Map]
+) -> PanelLook:
+    """Where the panels lie by these photos.
+
+    camera, panels : maps of quads, and of the pixels of projector and mask, as they are believed.
+    """
+    size_px = panels[0].size_px
+    lit = photos.known & (photos.white > LIT * np.percentile(photos.white, 95.0))
+    lit &= photos.white > 0.0
+    raster = Raster.of(size_px, quad_px(camera, size_px))
+    safe = np.where(lit, photos.white, 1.0)
+
+    def found_in(light: Floats, panel: Map) -> Found | None:
+        return Finder(blocks, raster, panel).find(
+            *raster.sample(np.where(lit, light / safe, 0.0), lit, camera)
+        )
+
+    mask, projector = found_in(photos.mask, panels[1]), found_in(photos.projector, panels[0])
+    nothing = PanelLook(mask=None, camera=None, rest_px=0.0, direct=0.0, mask_seen=mask is not None)
+    if mask is None or projector is None:
+        return nothing
+    _, one, other = np.intersect1d(projector.number, mask.number, return_indices=True)
+    if one.size < FEWEST:
+        return nothing
+    here, drawn = projector.places[one], mask.places[other]
+    base = np.concatenate([drawn, np.ones((one.size, 1))], axis=1)
+    fit, rest = _fitted(base, here)
+    contrast = np.median(projector.contrast[one] / np.maximum(mask.contrast[other], 1e-3))
+    return PanelLook(
+        mask=_six(Affine(fit[:2].T, fit[2])),
+        camera=_six(projector.map),
+        rest_px=float(np.sqrt(max(rest**2 - NOISE_PX**2, 0.0))),
+        direct=float(np.clip(contrast, 0.0, 1.0)),
+        mask_seen=True,
+    )
+
+
+def quad_px(camera: Map, size_px: tuple[int, int]) -> float:
+    """Side in projector pixels of a quad in the middle of a frame."""
+    slope = camera.jacobian(0.5 * np.array(camera.size_px, dtype=np.float64))
+    return float(np.sqrt(abs(np.linalg.det(slope)) * size_px[0] * size_px[1]))
+
+
+@dataclass(frozen=True)
+class Lie:
+    """How a picture lies against where it is believed to, in words' terms.
+
+    flip : "none", "horizontal", "vertical" or "both", which is half a turn. turn_deg : clockwise.
+    offset_px : of the field's middle (right, down). median_px, most_px : length of the way over
+    half of the field, and over 95 % of it.
+    """
+
+    flip: str
+    turn_deg: float
+    scale: float
+    offset_px: tuple[float, float]
+    median_px: float
+    most_px: float
+
+
+def lie_of(six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)) -> Lie:
+    """How a picture lies by its affine map; `known_px` of its shift is no news."""
+    map_ = affine(six)
+    off = off_px(six, size_px, known_px)
+    lengths = np.hypot(off[:, 0], off[:, 1])
+    flips = {
+        "none": np.eye(2), "horizontal": np.diag([-1.0, 1.0]), "vertical": np.diag([1.0, -1.0]),
+        "both": -np.eye(2),
+    }  # fmt: skip
+    turns = {}
+    for flip, mirrored in flips.items():
+        kept = map_.linear @ mirrored  # mirrored first, then turned and enlarged
+        if np.linalg.det(kept) > 0.0:
+            turns[flip] = np.degrees(np.arctan2(kept[1, 0] - kept[0, 1], kept[0, 0] + kept[1, 1]))
+    flip = min(turns, key=lambda one: abs(turns[one]))
+    middle = 0.5 * np.array(size_px)
+    right, down = (map_(middle) - middle - known_px).tolist()
+    return Lie(
+        flip=flip,
+        turn_deg=float(turns[flip]),
+        scale=float(np.sqrt(abs(np.linalg.det(map_.linear)))),
+        offset_px=(right, down),
+        median_px=float(np.median(lengths)),
+        most_px=float(np.percentile(lengths, 95.0)),
+    )
+
+
+def off_px(
+    six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
+) -> Floats:
+    """By how much places all over the field lie further right and down, (n, 2)."""
+    along = (np.arange(POINTS) + 0.5) / POINTS
+    places = np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
+    return np.asarray(affine(six)(places) - places - known_px)
+
+
+def _sure(off: Floats, least_px: float) -> Floats:
+    """Of offsets (n, 2) what is beyond the error of finding them."""
+    length = np.hypot(off[:, 0], off[:, 1])
+    share = np.maximum(length - least_px, 0.0) / np.maximum(length, 1e-9)
+    return np.asarray(off * share[:, None])
+
+
+def known_px(mask: PanelConfig) -> tuple[float, float]:
+    """By how much further right and down the mask's picture is known to lie: a point of the field
+    is seen through the mask at that point plus `offset_px`."""
+    right, down = mask.offset_px
+    return -right, -down
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Direct light that goes through wrong cells, over all of it: the mean over the field, and the
+    root of the mean square over the camera's quads. Photos of indirect light have it in units of
+    the weight of indirect light."""
+
+    mean: float = 0.0
+    rms: float = 0.0
+
+
+def direct_lost(record: RunRecord, window: str) -> Lost:
+    """What is lost through such windows because the mask lies elsewhere; none where nobody looked,
+    or the look tells nothing."""
+    look = record.panels
+    if look is None or look.mask is None:
+        return Lost()
+    width, height = size_px = record.projector.size_px
+    if lie_of(look.mask, size_px).flip != "none":
+        return Lost(1.0, 1.0)
+    side, blur = windows(window).side, record.mask.blur_px
+    cell = float(np.sqrt(width * height / (record.grid[0] * record.grid[1])))
+    quad = 0.0 if record.cells is None else quad_px(record.cells.filled, size_px)
+    least_px = SURE_PX * max(quad, 1.0)
+    right, down = _sure(off_px(look.mask, size_px, known_px(record.mask)), least_px).T
+    spread, none = float(np.hypot(blur, look.rest_px)), np.zeros(1)
+    mean = leak(cell, side, (right, down), spread) - leak(cell, side, (none, none), blur)
+    found, usual = (
+        leak_rms(cell, side, off, blurred, quad)
+        for off, blurred in (((right, down), spread), ((none, none), blur))
+    )
+    square = np.mean(np.maximum(found**2 - usual**2, 0.0))
+    return Lost(float(np.clip(mean.mean(), 0.0, 1.0)), float(np.sqrt(square)))
+
+
+def affine(six: Six) -> Affine:
+    """The map that six numbers stand for."""
+    table = np.array(six, dtype=np.float64).reshape(2, 3)
+    return Affine(table[:, :2], table[:, 2])
+
+
+def _six(map_: Affine) -> Six:
+    (a, b), (d, e) = map_.linear.tolist()
+    c, f = map_.shift.tolist()
+    return a, b, c, d, e, f
+
+
+def _fitted(base: Floats, places: Floats) -> tuple[Floats, float]:
+    """An affine map (3, 2) by least squares, without those that lie far off; and the standard
+    deviation that is left."""
+    kept = np.ones(len(base), np.bool_)
+    for _ in range(5):
+        fit = np.linalg.lstsq(base[kept], places[kept], rcond=None)[0]
+        off = np.hypot(*(base @ fit - places).T)
+        spread = 1.4826 * float(np.median(off[kept]))
+        kept = off <= max(3.0 * spread, 0.1)
+        if kept.sum() < FEWEST:
+            kept[:] = True
+            break
+    return np.asarray(fit, np.float64), float(np.sqrt(np.mean(off[kept] ** 2)))

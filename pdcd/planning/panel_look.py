@@ -1,0 +1,85 @@
+"""A look at where both panels lie: two photos of random blocks before the codes.
+
+Codes on a mask that lies elsewhere give a photo that looks like any other one, with error bars that
+know nothing of it. The blocks are drawn on both panels as codes are, by the maps that are believed
+in; `pdcd.pictures.misplaced` says what follows from the photos.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import Config
+from pdcd.panels.blocks import Blocks, field_on
+from pdcd.panels.frames import PIXELS, Frames
+from pdcd.panels.patterns import pack
+from pdcd.planning.plan import Plan, shows_codes
+from pdcd.recipes.recipe import Shot
+
+LOOK_S = 0.5
+"""Time for which a photo of blocks is shown, at most: that of the white shot if that is shorter."""
+WHITE, PROJECTOR, MASK = LOOKS = ("look-white", "look-projector", "look-mask")
+"""The photos, as their RAW files are called; the first only where a run has no white shot."""
+
+
+def wanted(plan: Plan, config: Config) -> bool:
+    """Whether it matters to the photos of a plan that both panels lie alike, and a look can tell:
+    off the axis direct light comes from elsewhere."""
+    if not config.rig.look_at_panels or config.rig.arrangement == "off-axis":
+        return False
+    return any(shows_codes(program) for program in plan.recipe.programs.values())
+
+
+def white_shot(plan: Plan) -> Shot | None:
+    """The shot of a plan with all light, over which the photos of blocks are held."""
+    return next((s for s in plan.recipe.shots if _all_light(s)), None)
+
+
+def due(plan: Plan, taken: Collection[str]) -> bool:
+    """Whether the look comes next: after the white shot, where there is one."""
+    white = white_shot(plan)
+    return white is None or white.name in taken
+
+
+def rows_of(plan: Plan) -> int:
+    """Refreshes of each photo."""
+    white = white_shot(plan)
+    most = max(2, round(LOOK_S * plan.row_hz))
+    return min(most, plan.refreshes(white or plan.last_exposed))
+
+
+@dataclass(frozen=True)
+class BlockFrames:
+    """What the photos show: `blocks` for so many `rows`."""
+
+    config: Config
+    blocks: Blocks
+    rows: int
+
+    def frames(self, name: str) -> Frames:
+        """Refreshes of one of `LOOKS`. Panels show nothing beside the field, as in white shots."""
+        panels, patterns = panels_of(self.config), []
+        for panel, blocks_on in ((panels.projector, PROJECTOR), (panels.mask, MASK)):
+            shown = self.blocks.drawn(panel.map) if name == blocks_on else field_on(panel.map)
+            patterns.append(pack(shown.reshape(1, -1)))
+        index = np.zeros(self.rows, dtype=np.int32)
+        return Frames(
+            primal_patterns=patterns[0],
+            dual_patterns=patterns[1],
+            primal_index=index,
+            dual_index=index.copy(),
+            shift=np.zeros(self.rows, dtype=np.uint8),
+            code=np.arange(self.rows, dtype=np.int32),
+            guard=np.zeros(self.rows, dtype=np.bool_),
+            grid=(1, 1),
+            lattice=(1, 1),
+            window=PIXELS,
+        )
+
+
+def _all_light(shot: Shot) -> bool:
+    return shot.white and not (shot.primal_black or shot.dual_black or shot.beside)

@@ -1,0 +1,153 @@
+"""What the verdict says of panels and a camera that lie elsewhere, as blocks showed them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pdcd.bench.tables import PanelConfig
+from pdcd.panels.placing import Placing
+from pdcd.pictures.misplaced import Lie, Lost, direct_lost, known_px, lie_of
+from pdcd.runs.record import PanelLook, RunRecord
+from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
+
+CALIBRATE = "run pdcd calibrate geometry"
+FLIPS = {
+    "horizontal": "mirrored left to right",
+    "vertical": "mirrored top to bottom",
+    "both": "turned by 180 degrees",
+}
+LEAST_DEG, LEAST_SCALE = 0.05, 0.002
+"""Turn and change of size from which they are told."""
+HOPELESS = 0.5
+"""Direct light that goes through wrong cells from which photos do not tell how much there is."""
+HARDLY = 0.05
+"""Share of direct light in a scene that is hardly any."""
+
+
+def unseen(look: PanelLook) -> Iterator[Finding]:
+    """Panels of which the photos do not tell where they lie."""
+    if look.mask is not None:
+        return
+    if look.mask_seen:
+        text = (
+            "nobody knows whether both panels lie alike: blocks on the projector are not seen in "
+            "the scene, which has hardly any direct light, or the projector is out of focus or "
+            f"lies elsewhere; look at a plain card, or {CALIBRATE}"
+        )
+    else:
+        text = (
+            "nobody knows where the mask lies: blocks on it are not seen by the camera; look at "
+            f"its picture, its polarisers and the camera's focus, and {CALIBRATE}"
+        )
+    yield Finding(Grade.DOUBTFUL, text)
+
+
+def mask_elsewhere(
+    look: PanelLook,
+    mask: PanelConfig,
+    size_px: tuple[int, int],
+    lost: Lost,
+    share: float,
+    limits: Limits = LIMITS,
+) -> Iterator[Finding]:
+    """The mask's picture against the projector's.
+
+    size_px : (width, height) of the projector. share : RMS of that over the RMS of the answer.
+    """
+    if look.mask is None:
+        return
+    lie = lie_of(look.mask, size_px, known_px(mask))
+    grade = graded(share, limits.misplaced)
+    if lie.flip != "none" or (lost.mean >= HOPELESS and look.direct > HARDLY):
+        grade = Grade.BAD
+    if not grade:
+        return
+    what = "all" if lie.flip != "none" else percent(lost.mean)
+    yield Finding(
+        grade,
+        f"the mask's picture {_lies(lie)} [mask.place] says: {what} of the direct light goes "
+        f"through wrong cells, {percent(share)} of the answer (limit "
+        f"{percent(limits.misplaced[0])}); {_mend('mask', mask.place, lie)}",
+    )
+
+
+def camera_elsewhere(
+    look: PanelLook, place: Placing, size_px: tuple[int, int], cell_px: float
+) -> Iterator[Finding]:
+    """What the camera sees against where it is believed to look; cells have sides of `cell_px`."""
+    if look.camera is None:
+        return
+    lie = lie_of(look.camera, size_px)
+    if lie.flip == "none" and lie.median_px < 0.5 * cell_px:
+        return
+    yield Finding(
+        Grade.DOUBTFUL,
+        f"what the camera sees {_lies(lie)} [camera.place] says, and half a cell is "
+        f"{0.5 * cell_px:.3g} px: quads count as seeing other cells than they do; "
+        f"{_mend('camera', place, lie)}",
+    )
+
+
+def _lies(lie: Lie) -> str:
+    """Words that end in "where"."""
+    right, down = lie.offset_px
+    parts = [FLIPS[lie.flip]] if lie.flip != "none" else []
+    if abs(lie.turn_deg) >= LEAST_DEG:
+        way = "clockwise" if lie.turn_deg > 0.0 else "anticlockwise"
+        parts.append(f"turned {way} by {abs(lie.turn_deg):.2g} degrees")
+    if abs(lie.scale - 1.0) >= LEAST_SCALE:
+        parts.append(f"{lie.scale:.3f} times as large")
+    across = f"{abs(right):.1f} px {'right' if right >= 0.0 else 'left'}"
+    along = f"{abs(down):.1f} px {'down' if down >= 0.0 else 'up'}"
+    shape = f"is {', '.join(parts)}, and " if parts else ""
+    return (
+        f"{shape}lies {across} and {along} (projector pixels, at the field's middle; up to "
+        f"{lie.most_px:.3g} px over it) of where"
+    )
+
+
+def _mend(device: str, place: Placing, lie: Lie) -> str:
+    """One thing to do, and what else does where places are given by hand."""
+    if place.map is not None or place.homography is not None:
+        return CALIBRATE
+    right, down = lie.offset_px
+    keys = []
+    if lie.flip == "none":
+        before = place.offset_px
+        keys.append(f"offset_px = [{before[0] + right:.1f}, {before[1] + down:.1f}]")
+        if abs(lie.turn_deg) >= LEAST_DEG:
+            keys.append(f"turn_deg = {place.turn_deg + lie.turn_deg:.2f}")
+        if abs(lie.scale - 1.0) >= LEAST_SCALE:
+            keys.append(f"scale = {place.scale * lie.scale:.3f}")
+    elif place.flip == "none":
+        if lie.flip == "both":
+            keys.append(f"turn_deg = {place.turn_deg + 180.0:g}")
+        else:
+            keys.append(f'flip = "{lie.flip}"')
+    else:
+        keys.append("flip")
+    return f"{CALIBRATE}, or set {', '.join(keys)} in [{device}.place]"
+
+
+def told(record: RunRecord, window: str) -> list[str]:
+    """What a user is to hear at once, before the other photos are taken; a share of the answer is
+    not known yet, and is that of a scene with as much light of either kind as the blocks show."""
+    look, found = record.panels, list[Finding]()
+    if look is None:
+        return []
+    (width, height), (rows, cols) = record.projector.size_px, record.grid
+    lost = direct_lost(record, window)
+    share = share_of(look.direct, lost.rms)
+    found += unseen(look)
+    found += mask_elsewhere(look, record.mask, (width, height), lost, share)
+    cell_px = float(np.sqrt(width * height / (rows * cols)))
+    found += camera_elsewhere(look, record.camera_place, (width, height), cell_px)
+    return [finding.text for finding in found]
+
+
+def share_of(direct: float, lost: float) -> float:
+    """Error of indirect light by direct light that was lost to it, in a scene with such a share of
+    direct light."""
+    return lost * direct / max(1.0 - direct + lost * direct, HARDLY)

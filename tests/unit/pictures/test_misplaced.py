@@ -1,0 +1,184 @@
+"""Panels that lie elsewhere, found in pictures that are sampled here, point by point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import PanelConfig
+from pdcd.panels.blocks import Blocks
+from pdcd.panels.map import Map
+from pdcd.pictures.misplaced import BlockPhotos, affine, direct_lost, lie_of, off_px, panel_look
+from pdcd.runs.record import PanelLook
+
+Floats = NDArray[np.float64]
+
+WIDTH, HEIGHT = 512, 384
+PROJECTOR, MASK, QUADS = (WIDTH, HEIGHT), (800, 600), (200, 150)
+SIZE: Any = np.array(PROJECTOR)
+MIDDLE = SIZE / 2.0
+POINTS = 6
+"""Along either axis of a quad."""
+
+
+class Lies:
+    """A picture that is mirrored, then turned about the middle, enlarged, shifted."""
+
+    def __init__(
+        self,
+        offset: tuple[float, float] = (0.0, 0.0),
+        turn: float = 0.0,
+        scale: float = 1.0,
+        flip: tuple[float, float] = (1.0, 1.0),
+    ) -> None:
+        angle = np.radians(turn)
+        turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        self.linear = scale * turned * np.array(flip)
+        self.shift = MIDDLE + offset - self.linear @ MIDDLE
+
+    def lies(self, drawn: Floats) -> Floats:
+        return np.asarray(drawn @ self.linear.T + self.shift)
+
+    def drawn(self, lies: Floats) -> Floats:
+        return np.asarray((lies - self.shift) @ np.linalg.inv(self.linear).T)
+
+
+def seen(blocks: Blocks, panel: tuple[int, int], lies: Lies, camera: Lies) -> Floats:
+    """What quads see of the blocks on a panel, (h, w): its pixels are drawn one by one."""
+    width, height = QUADS
+    x, y = ((np.arange(n * POINTS) + 0.5) / (n * POINTS) for n in (width, height))
+    at = camera.lies(np.stack(np.meshgrid(x, y), axis=-1) * SIZE)
+    share = lies.drawn(at) / SIZE
+    pixel = np.floor(share * panel)
+    on = np.all((pixel >= 0) & (pixel < panel), axis=-1)
+    centre = (pixel + 0.5) / panel
+    block = np.clip(np.floor(centre * (blocks.cols, blocks.rows)), 0, None).astype(int)
+    block = np.minimum(block, (blocks.cols - 1, blocks.rows - 1))
+    lit = blocks.bits[block[..., 1], block[..., 0]] & on
+    return np.asarray(lit.reshape(height, POINTS, width, POINTS).mean(axis=(1, 3)))
+
+
+def looked(
+    mask: Lies, camera: Lies | None = None, direct: float = 0.6, electrons: float = 5000.0
+) -> PanelLook:
+    """A look at a textured scene with that share of direct light, through all its noise."""
+    random = np.random.default_rng(3)
+    blocks = Blocks.of((PROJECTOR, MASK), WIDTH / QUADS[0])
+    assert blocks is not None
+    camera = camera or Lies()
+    texture = electrons * np.exp(0.6 * random.normal(size=QUADS[::-1]))
+    first = direct * seen(blocks, PROJECTOR, Lies(), camera) + (1.0 - direct) * 0.5
+    second = seen(blocks, MASK, mask, camera)
+    white, one, other = (
+        random.poisson(texture * share).astype(np.float64) for share in (1.0, first, second)
+    )
+    photos = BlockPhotos(white=white, projector=one, mask=other, known=white < 8.0 * electrons)
+    maps = Map.filling(PROJECTOR), Map.filling(MASK)
+    return panel_look(photos, blocks, Map.filling(QUADS), maps)
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [
+        Lies(),
+        Lies((2.0, 0.0)),
+        Lies((-5.0, 3.5)),
+        Lies((24.0, 3.0)),
+        Lies((-31.0, 32.0)),
+        Lies(turn=1.0),
+        Lies((8.0, -3.0), turn=-3.0),
+        Lies(flip=(-1.0, 1.0)),
+        Lies(flip=(-1.0, -1.0), scale=1.04),
+        Lies((30.0, 0.0), turn=3.0, scale=0.8, flip=(-1.0, 1.0)),
+    ],
+)
+def test_a_mask_is_found_to_a_tenth_of_a_quad(mask: Lies) -> None:
+    found = looked(mask)
+    assert found.mask is not None and found.mask_seen
+    where = affine(found.mask)
+    right, down = where(MIDDLE) - mask.lies(MIDDLE)
+    assert np.hypot(right, down) < 0.1 * WIDTH / QUADS[0]
+    corners = np.array([(0.0, 0.0), (WIDTH, 0.0), (0.0, HEIGHT), (WIDTH, HEIGHT)])
+    inner = MIDDLE + 0.8 * (corners - MIDDLE)
+    assert np.hypot(*(where(inner) - mask.lies(inner)).T).max() < 0.5 * WIDTH / QUADS[0]
+    assert abs(found.direct - 0.6) < 0.08
+
+
+@pytest.mark.parametrize(
+    "camera", [Lies((12.0, -5.0)), Lies(turn=-2.0, scale=1.1), Lies(flip=(-1.0, 1.0))]
+)
+def test_the_camera_cancels_and_is_found_by_itself(camera: Lies) -> None:
+    found = looked(Lies((5.0, 0.0)), camera)
+    assert found.mask is not None and found.camera is not None
+    assert np.hypot(*(affine(found.mask)(MIDDLE) - MIDDLE - (5.0, 0.0))) < 0.3
+    assert np.hypot(*(affine(found.camera)(MIDDLE) - camera.lies(MIDDLE))) < 0.5
+    lie = lie_of(found.camera, PROJECTOR)
+    assert lie.flip == ("horizontal" if camera.linear[0, 0] < 0.0 else "none")
+
+
+def test_little_direct_light_is_enough_and_none_is_said() -> None:
+    faint = looked(Lies((10.0, 0.0)), direct=0.1)
+    assert faint.mask is not None
+    assert abs(affine(faint.mask)(MIDDLE)[0] - MIDDLE[0] - 10.0) < 0.5
+    none = looked(Lies((10.0, 0.0)), direct=0.0)
+    assert none.mask is None and none.mask_seen and none.direct == 0.0
+
+
+def test_how_a_picture_lies_in_words_terms() -> None:
+    lies = Lies((30.0, -4.0), turn=3.0, scale=0.8, flip=(1.0, -1.0))
+    (a, b), (d, e) = lies.linear.tolist()
+    lie = lie_of((a, b, float(lies.shift[0]), d, e, float(lies.shift[1])), PROJECTOR)
+    assert lie.flip == "vertical"
+    assert (lie.turn_deg, lie.scale, *lie.offset_px) == pytest.approx((3.0, 0.8, 30.0, -4.0))
+    shifted = lie_of((1.0, 0.0, 3.0, 0.0, 1.0, 4.0), PROJECTOR)
+    assert (shifted.flip, shifted.median_px, shifted.most_px) == ("none", 5.0, 5.0)
+    assert off_px((1.0, 0.0, 3.0, 0.0, 1.0, 4.0), PROJECTOR, (3.0, 4.0)).max() == 0.0
+
+
+def run(look: PanelLook | None, **mask: Any) -> Any:
+    """What a run remembers, of cells of 16 px and a camera with quads of a pixel."""
+
+    class Cells:
+        filled = Map.filling(PROJECTOR)
+
+    class Run:
+        panels, grid, cells = look, (24, 32), Cells
+        projector = PanelConfig(size_px=PROJECTOR)
+
+    made: Any = Run
+    made.mask = PanelConfig(size_px=MASK, **mask)
+    return made
+
+
+def moved(right: float, down: float) -> PanelLook:
+    return PanelLook(
+        mask=(1.0, 0.0, right, 0.0, 1.0, down), camera=None, rest_px=0.0, direct=0.5, mask_seen=True
+    )
+
+
+def test_direct_light_lost_through_whole_cells_is_that_of_the_strip_beside_them() -> None:
+    """Of a cell of 16 px that is 4.1 px off, 4.1 less a tenth that counts as none, a quarter sees
+    its neighbour; through quads of a pixel its root mean square is nearly the root of that."""
+    lost = direct_lost(run(moved(4.1, 0.0)), "whole")
+    assert lost.mean == pytest.approx(0.25, abs=1e-9)
+    assert lost.rms == pytest.approx(0.5, rel=0.05)
+    inside = direct_lost(run(moved(3.9, 0.0)), "quarter")
+    assert inside.mean == pytest.approx(0.0, abs=1e-9) and inside.rms < 1e-3
+    assert direct_lost(run(moved(40.0, 0.0)), "quarter").mean == pytest.approx(1.0)
+
+
+def test_what_is_known_or_not_found_loses_nothing() -> None:
+    for one in (run(None), run(moved(0.05, 0.05)), run(moved(-3.0, 1.0), offset_px=(3.0, -1.0))):
+        lost = direct_lost(one, "whole")
+        assert (lost.mean, lost.rms) == (0.0, 0.0)
+
+
+def test_a_mirrored_mask_loses_all() -> None:
+    look = PanelLook(
+        mask=(-1.0, 0.0, float(WIDTH), 0.0, 1.0, 0.0), camera=None, rest_px=0.0, direct=0.5,
+        mask_seen=True,
+    )  # fmt: skip
+    assert direct_lost(run(look), "quarter").mean == 1.0
