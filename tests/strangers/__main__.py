@@ -1,4 +1,4 @@
-"""Entry point: ``python -m tests.strangers --count 20 --out FOLDER`` from the root (make strangers).
+"""Entry point: ``python -m tests.strangers --count 20 --out FOLDER`` (make strangers).
 
 Prints a line for each bench as it is done, then which rules were broken. What is done is kept in
 FOLDER/found.jsonl and not done again.

@@ -29,6 +29,8 @@ GRIDS = ((18, 24), (15, 20), (13, 17), (16, 22))
 CODES = 64
 STEP_PX = 8
 """In which the field that all three share is looked for."""
+SCAN_BANDS = 16
+"""As a calibration has them: what is realised is worked out for each band."""
 NODES = 24
 """Nodes of the smooth part of a map that is typed, along each axis."""
 
@@ -166,7 +168,7 @@ def _lag_s(facts: Facts) -> float:
 
 def _panel(panel: PanelFacts) -> dict[str, Any]:
     return {
-        "skew_s": panel.late_s, "scan_s": panel.scan_s, "scan_bands": panel.size_px[1],
+        "skew_s": panel.late_s, "scan_s": panel.scan_s, "scan_bands": SCAN_BANDS,
         "rise_s": panel.rise_s, "fall_s": panel.fall_s, "contrast": panel.contrast,
         "gamma": panel.gamma,
     }  # fmt: skip

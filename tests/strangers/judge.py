@@ -1,4 +1,4 @@
-"""One bench judged: calibrated, photographed, photographed again with the truth typed in, spoilt."""
+"""One bench judged: calibrated, photographed, the same with the truth typed in, then spoilt."""
 
 from __future__ import annotations
 

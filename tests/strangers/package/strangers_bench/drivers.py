@@ -158,8 +158,8 @@ class Panels:
     def connect(self) -> DisplayInfo:
         """Both are black."""
         facts = self._bench.facts
-        return DisplayInfo(facts.projector.size_px, facts.mask.size_px, REFRESH_HZ,
-                           {"projector": f"foreign {facts.seed}", "mask": f"foreign {facts.seed}"})  # fmt: skip
+        names = {"projector": f"foreign {facts.seed}", "mask": f"foreign {facts.seed}"}
+        return DisplayInfo(facts.projector.size_px, facts.mask.size_px, REFRESH_HZ, names)
 
     def load(self, frames: Frames) -> None:
         """Take frames over. Raises ConfigError where they do not fit."""

@@ -20,6 +20,7 @@ FIRST_STOP = 3
 CAMERAS = {
     # width and height in quads, bits, black DN, white DN, gain e-/DN, read noise e-, full well e-
     "coarse": ((300, 225), 14, 1024, 15800, 2.9, 16.0, 41000.0),
+    "tiny": ((96, 72), 14, 1024, 15800, 2.9, 16.0, 41000.0),
     "fine": ((360, 270), 12, 64, 4095, 7.4, 6.0, 29500.0),
 }
 SCENES = ("fold", "marble", "mirror", "relief")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +109,7 @@ def time_steps(
     """
     edges = np.unique(np.clip(np.concatenate([[begin_s], starts_s, [end_s]]), begin_s, end_s))
     times, weights = [], []
-    for one, other in zip(edges[:-1], edges[1:], strict=True):
+    for one, other in pairwise(edges):
         sent = starts_s[starts_s <= one + 1e-12]
         moving = float(np.clip(sent[-1] + fine_s - one, 0.0, other - one)) if sent.size else 0.0
         if moving > 0.0:
