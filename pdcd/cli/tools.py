@@ -73,6 +73,7 @@ def _show(args: argparse.Namespace) -> int:
     age = age_words(settings)
     if age is not None:
         notes[("calibration",)] = age
+        notes["calibration", "typed"] = "in whose place stand measured values"
     _say_all(show(calibrated(settings), notes).rstrip())
     return DONE
 

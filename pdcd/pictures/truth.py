@@ -120,11 +120,10 @@ def known_answer(
     optics = optics_of(config, scene, ("whole", *windows))
     if optics is None:
         return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
-    meant = recipe.wanted if recipe.meant is None else recipe.meant
-    grid = recipe.target.grid
-    # Only what is linear in a scene's effects can be told on a bench of pixels.
-    linear = not isinstance(recipe.answer, Extremes)
-    if optics.frame != cells.frame or not linear or not optics.tells(meant, grid):
+    if optics.frame != cells.frame or isinstance(recipe.answer, Extremes):
+        return None  # only what is linear in a scene's effects can be told on a bench of pixels
+    meant, grid = recipe.wanted if recipe.meant is None else recipe.meant, recipe.target.grid
+    if not optics.tells(meant, grid):
         return None
     image = optics.wanted(lambda part: answer(part, recipe, alive), meant, alive, grid=grid)
     return Known(image, optics.inside_of(grid), of_cells=False)
