@@ -48,9 +48,9 @@ def on_field(map_: Map, projector: PanelConfig) -> Map:
     if projector.field_px is None:
         return map_
     (left, top, wide, high), (width, height) = projector.field_px, projector.size_px
-    return map_.then(
-        [[width / wide, 0.0, -left / wide], [0.0, height / high, -top / high], [0, 0, 1]]
-    )
+    to_field = np.diag([width / wide, height / high, 1.0])
+    to_field[:2, 2] = -left / wide, -top / high
+    return map_.then(to_field)
 
 
 def plane_on_field(plane: Matrix, projector: PanelConfig) -> Matrix:

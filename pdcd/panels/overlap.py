@@ -29,7 +29,8 @@ def lies_on(device: Map, other: Map, edge_px: float = 0.0) -> NDArray[np.bool_]:
     nodes = between(device, other, np.stack(np.meshgrid(x, y), axis=-1))
     at = _between(_between(nodes, height).swapaxes(0, 1), width).swapaxes(0, 1)
     with np.errstate(invalid="ignore"):  # no number where the other one has no such place
-        inside = ((at >= edge_px) & (at <= np.array(other.size_px) - edge_px)).all(axis=-1)
+        on = np.asarray((at >= edge_px) & (at <= np.array(other.size_px) - edge_px))
+    inside = np.asarray(on.all(axis=-1))
     return np.asarray(inside[1:, 1:] & inside[1:, :-1] & inside[:-1, 1:] & inside[:-1, :-1])
 
 

@@ -442,7 +442,7 @@ def _few(count: int, grid: DotGrid) -> CalibrationError:
     return _untrusted(
         f"only {count} of {rows * cols} dots were found; {LEAST_DOTS} are needed",
         grid,
-        "let the camera see the whole picture, clear its way, and focus",
+        "let mask and picture cover each other, and the camera see both; clear its way, and focus",
     )
 
 

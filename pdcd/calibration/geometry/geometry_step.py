@@ -47,7 +47,7 @@ from pdcd.calibration.script import (
 )
 from pdcd.errors import CalibrationError, ConfigError
 from pdcd.panels.map import Map, between
-from pdcd.panels.map_soundness import LEAST_SHARE
+from pdcd.panels.map_soundness import LEAST_SHARE, on_device
 from pdcd.words import MarksName
 
 LEAST_RADIUS_QUADS = 1.2
@@ -117,9 +117,12 @@ def geometry(session: Session) -> Script:
 def _shared(session: Session, composed: Composed, field: OneField, finer_px: float) -> SharedField:
     """The part of the projector's picture that mask and camera share."""
     mask, camera = field.mask, field.camera
-    inside = np.stack(np.meshgrid(*((np.arange(PLACES) + 0.5) / PLACES,) * 2), axis=-1)
-    sigma = composed.sigma_px(inside.reshape(-1, 2) * mask.size_px)
-    sigma_px = float(np.nanquantile(sigma, 0.95))
+    at = np.stack(np.meshgrid(*((np.arange(PLACES) + 0.5) / PLACES,) * 2), axis=-1)
+    on_mask = at.reshape(-1, 2) * mask.size_px
+    # Where nobody has seen the mask its map only goes on, and no field lies there.
+    seen = on_device(field.projector, between(mask, field.projector, on_mask))
+    seen &= on_device(camera, between(mask, camera, on_mask))
+    sigma_px = float(np.nanquantile(composed.sigma_px(on_mask[seen]), 0.95)) if seen.any() else 0.0
     quads = quads_per_px(composed.projector_of)
     return shared_field(
         field.projector.size_px,

@@ -112,7 +112,9 @@ def largest(good: Bools) -> Box:
         return _largest(good)
     high, wide = (side // block for side in good.shape)
     blocks = good[: high * block, : wide * block].reshape(high, block, wide, block)
-    left, top, width, height = (block * side for side in _largest(blocks.all(axis=(1, 3))))
+    left, top, width, height = (
+        block * side for side in _largest(np.asarray(blocks.all(axis=(1, 3))))
+    )
     return _grown(good, (left, top, width, height)) if width * height else (0, 0, 0, 0)
 
 

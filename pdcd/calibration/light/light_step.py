@@ -231,16 +231,16 @@ def _gain(session: Session) -> tuple[float, float]:
 
 
 def _field(session: Session, frame: tuple[int, int]) -> Marks | None:
-    """Quads that see the projector's picture, (h, w); None where nobody has measured it."""
+    """Quads that see the field, (h, w); None where nobody has measured it."""
     panel = session.config.projector.place.map
     if not isinstance(panel, Map) or session.config.camera.place.map is None:
         return None
     camera = camera_map(session.config, frame)
-    rows, cols = frame
+    (rows, cols), (left, top, wide, high) = frame, session.on_field.projector.field_box_px
     x, y = (np.arange(0, n, BLOCK_QUADS) + 0.5 * BLOCK_QUADS for n in (cols, rows))
     places = between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     with np.errstate(invalid="ignore"):
-        inside = ((places >= 0.0) & (places <= panel.size_px)).all(axis=-1)
+        inside = ((places >= (left, top)) & (places <= (left + wide, top + high))).all(axis=-1)
     blocks = inside.reshape(y.size, x.size)
     return np.asarray(blocks.repeat(BLOCK_QUADS, 0).repeat(BLOCK_QUADS, 1)[:rows, :cols])
 
