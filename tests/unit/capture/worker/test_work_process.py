@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from pdcd.bench.stops import Scale
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import process
-from pdcd.bench.stops import Scale
 from pdcd.capture.worker.answers import Facts, record_of
 from pdcd.capture.worker.calls import Call, Done, Failed, Sign, Stop
 from pdcd.capture.worker.process import Talk, main, serve
