@@ -81,7 +81,7 @@ def _explained(left: Floats, groups: NDArray[np.generic]) -> float:
     mean = np.bincount(number.ravel(), left.ravel()) / count
     share = float(np.sum(count * mean**2) / max(float(np.sum(left**2)), 1e-300))
     by_chance = count.size / left.size
-    return max(0.0, (share - by_chance) / (1.0 - by_chance))
+    return float(max(0.0, (share - by_chance) / (1.0 - by_chance)))
 
 
 def refuse_slow(found: Fitted) -> None:

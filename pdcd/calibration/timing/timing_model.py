@@ -211,7 +211,7 @@ def exact(reading: Readings, ran: Ran, times: Times, lag_s: float, band: int = 0
     return np.asarray(strips / white)
 
 
-def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float, leak: float) -> Floats:
+def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float, leak: float = 0.0) -> Floats:
     """Seconds for which light got through the strips, (K + 1,): a cell a strip, and one more that
     is always white. leak : of the projector."""
     count = len(reading.projector)
