@@ -46,10 +46,11 @@ def due(plan: Plan, taken: Collection[str]) -> bool:
 
 
 def rows_of(plan: Plan) -> int:
-    """Refreshes of each photo."""
-    white = white_shot(plan)
+    """Refreshes of each photo: at the aperture of the shot it is held against it gets no more light
+    than that, which was metered."""
+    shot = white_shot(plan) or plan.last_exposed
     most = max(2, round(LOOK_S * plan.row_hz))
-    return min(most, plan.refreshes(white or plan.last_exposed))
+    return max(1, min(most, int(plan.refreshes(shot) * plan.light_share(shot))))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,51 @@
+"""What a user reads of panels that lie elsewhere."""
+
+from __future__ import annotations
+
+import pytest
+
+from pdcd.bench.tables import PanelConfig
+from pdcd.panels.placing import Placing
+from pdcd.pictures.misplaced import Lost
+from pdcd.runs.record import PanelLook, Six
+from pdcd.verdict.limits import Grade
+from pdcd.verdict.misplaced import camera_elsewhere, mask_elsewhere, unseen
+
+SIZE = (1024, 768)
+
+
+def look(mask: Six | None = None, camera: Six | None = None, *, seen: bool = True) -> PanelLook:
+    return PanelLook(mask=mask, camera=camera, rest_px=0.0, direct=0.8, mask_seen=seen)
+
+
+@pytest.mark.parametrize(
+    ("share", "grade"),
+    [(0.059, None), (0.06, Grade.DOUBTFUL), (0.39, Grade.DOUBTFUL), (0.4, Grade.BAD)],
+)
+def test_a_mask_counts_by_what_it_does_to_the_answer(share: float, grade: Grade | None) -> None:
+    moved = look((1.0, 0.0, 24.0, 0.0, 1.0, -3.0))
+    mask = PanelConfig(size_px=(1600, 1200), place=Placing(offset_px=(1.0, 1.0)))
+    found = list(mask_elsewhere(moved, mask, SIZE, Lost(0.1, 0.2), share))
+    assert [one.grade for one in found] == ([] if grade is None else [grade])
+    for one in found:
+        assert "24.0 px right and 3.0 px up" in one.text
+        assert "set offset_px = [25.0, -2.0] in [mask.place]" in one.text
+
+
+def test_a_mirrored_mask_and_one_a_cell_off_are_bad_whatever_the_answer_is() -> None:
+    mask = PanelConfig(size_px=(1600, 1200))
+    mirrored = look((-1.0, 0.0, 1024.0, 0.0, 1.0, 0.0))
+    (one,) = mask_elsewhere(mirrored, mask, SIZE, Lost(1.0, 1.0), 0.0)
+    assert one.grade == Grade.BAD and 'set flip = "horizontal"' in one.text
+    far = look((1.0, 0.0, 40.0, 0.0, 1.0, 0.0))
+    assert [f.grade for f in mask_elsewhere(far, mask, SIZE, Lost(1.0, 1.0), 0.0)] == [Grade.BAD]
+
+
+def test_blocks_that_are_not_seen_and_a_camera_that_looks_elsewhere_are_doubtful() -> None:
+    for one, word in ((look(), "projector"), (look(seen=False), "polarisers")):
+        (finding,) = unseen(one)
+        assert finding.grade == Grade.DOUBTFUL and word in finding.text
+    assert list(unseen(look((1.0, 0.0, 0.0, 0.0, 1.0, 0.0)))) == []
+    for right, grades in ((7.9, []), (8.1, [Grade.DOUBTFUL])):
+        aside = look(camera=(1.0, 0.0, right, 0.0, 1.0, 0.0))
+        assert [f.grade for f in camera_elsewhere(aside, Placing(), SIZE, 16.0)] == grades
