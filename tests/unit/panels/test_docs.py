@@ -33,7 +33,7 @@ def test_an_example_is_read(tmp_path: Path, example: str) -> None:
 
 
 def test_the_page_has_its_examples() -> None:
-    assert len(EXAMPLES) == 6
+    assert len(EXAMPLES) == 7
 
 
 def test_the_keystone_is_the_one_that_is_told(tmp_path: Path) -> None:
