@@ -15,11 +15,10 @@ import numpy as np
 from pdcd.bench.stops import Stop, stop_of
 from pdcd.calibration.figures import Figure
 from pdcd.calibration.light.metering import FULL
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
 from pdcd.calibration.shown import Shown
 from pdcd.panels.frames import BLACK, WHITE
-from pdcd.sensor.profile import variance_dn2
-from pdcd.sensor.raw import RawFrame
 
 PULSE, PAUSE = 4, 6
 """Refreshes of a pulse, and after it: a mask that is late by less than either meets its own."""
@@ -29,6 +28,8 @@ DIMMEST, BRIGHTEST = 0.06, 0.6
 """Least and most share of saturation: some three stops either way."""
 MOST_PULSES = 12
 """Of two seconds."""
+LEAST_GOOD = 0.999
+"""Share of a photo without saturation from which it counts: hot pixels stay below."""
 AGAIN = "again"
 """The photo of the first stop once more, in the end: what the lamp did meanwhile."""
 
@@ -98,7 +99,7 @@ def measure_stops(
     taken: dict[str, tuple[float, float, float]] = {}
     for photo in photos:
         came = yield from take(Wanted(session.in_step(shown_of(photo)), f_number=photo.f_number))
-        taken[photo.name] = _light(session, came.raw, came.iso, photo.pulses, black_sigma)
+        taken[photo.name] = _light(session.photo(came), photo.pulses, black_sigma)
     return stops_of(photos, taken)
 
 
@@ -123,16 +124,10 @@ def stops_of(
     return Stops(tuple(found))
 
 
-LEAST_GOOD = 0.999
-"""Share of a photo without saturation from which it counts."""
-
-
-def _light(
-    session: Session, raw: RawFrame, iso: int, pulses: int, black_sigma: float
-) -> tuple[float, float, float]:
-    """Light of one pulse in DN, its relative standard deviation, share that is not saturated."""
-    planes = raw.planes
-    total = float(planes.sum(dtype=np.float64))
-    noise = float(variance_dn2(planes, session.profile, iso, raw.exposure_s).sum())
-    error = np.hypot(np.sqrt(noise), black_sigma * planes.size) / max(total, 1e-9)
-    return total / pulses, float(error), 1.0 - float(raw.saturated.mean())
+def _light(photo: Photo, pulses: int, black_sigma: float) -> tuple[float, float, float]:
+    """Light of one pulse, its relative standard deviation, share that is not saturated."""
+    total = float(photo.light.sum())
+    noise = float(photo.variance.sum())
+    error = np.hypot(np.sqrt(noise), black_sigma * photo.light.size) / max(total, 1e-9)
+    blown = 0.0 if photo.saturated is None else float(photo.saturated.mean())
+    return total / pulses, float(error), 1.0 - blown

@@ -92,6 +92,11 @@ class Exposer:
     stops: tuple[Stop, ...] = ()
     per_slot: float = 0.0
 
+    def __post_init__(self) -> None:
+        asked = self.facts.config.camera.f_number
+        if asked != "auto":
+            self._begin(asked)
+
     @property
     def iso(self) -> int:
         """The ISO of all exposures. Raises ConfigError for one that the camera does not offer."""
@@ -119,7 +124,6 @@ class Exposer:
         kind. Raises ConfigError for a lens that has to be set by hand."""
         asked = self.facts.config.camera.f_number
         if asked != "auto":
-            self._begin(asked)
             return asked
         if not self.camera.f_numbers:
             raise ConfigError(
@@ -142,9 +146,8 @@ class Exposer:
 
     def _begin(self, f_number: float) -> None:
         """The run has this stop for its own."""
-        if not self.stops:
-            known = stop_of(f_number, self.facts.config.camera.stops)
-            self.stops = (msgspec.structs.replace(known, sigma=0.0),)
+        known = stop_of(f_number, self.facts.config.camera.stops)
+        self.stops = (msgspec.structs.replace(known, sigma=0.0),)
 
     def _metered(
         self, shot: Shot, sequence: ShotSequence, f_number: float, *, join: bool = False

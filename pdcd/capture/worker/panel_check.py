@@ -75,8 +75,7 @@ class PanelCheck:
     ) -> Generator[Order, Taken, tuple[str, str] | None]:
         """Take one photo at the aperture of the white shot; None where it was spoilt."""
         shot = white_shot(plan) or plan.last_exposed
-        sequence = plan.sequence(shot)
-        f_number = yield from self._exposer.aperture(shot.kind, shot.name, sequence)
+        f_number = yield from self._exposer.aperture(plan, shot)
         settings = self._exposer.settings(f_number)
         taken = yield from self._orders.expose(
             Wanted("dark", name, due.frames(name), settings, f_number)

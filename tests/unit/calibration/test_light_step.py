@@ -13,6 +13,7 @@ import pytest
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.light_plan import COVERED
 from pdcd.calibration.light.light_step import COVER, LAMP_PHOTOS, UNCOVER, light
+from pdcd.calibration.light.stop_series import stop_photos
 from pdcd.calibration.photo import Photo, Seen
 from pdcd.calibration.script import Wanted
 from pdcd.calibration.sensor.sensor_step import BLACK, EDGE, GAIN
@@ -110,8 +111,8 @@ def test_both_contrasts_are_found_and_the_room_apart_from_black() -> None:
     assert ambient == pytest.approx(0.0018, rel=0.01) and 0.0 < sigma < 1e-4
     leak = np.asarray(out.arrays["light.mask_leak"])
     assert leak.shape == (9, 12) and float(leak.mean()) == pytest.approx(1 / 500.0, rel=0.02)
-    assert {"light.rate_dn", "light.flat"} <= set(out.arrays)
-    assert out.picture is not None and out.picture.shape[1] == 900
+    assert "light.rate_dn" in out.arrays
+    assert out.picture is not None and out.picture.shape[1] == 600
 
 
 def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> None:
@@ -121,11 +122,11 @@ def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> N
     assert names[:10] == [
         "WW", *lamps, "BW", "WB", "BB", "WB-again", "BW-again", "WW-again",
     ]  # fmt: skip
-    assert names[10:12] == list(COVERED) and names[12] == "glare" and len(names) > 13
+    assert names[10:12] == list(COVERED) and names[12].startswith("stop-")
     assert [wanted.covered for wanted in found.wanted] == [n in COVERED for n in names]
     assert [ask.text for ask in found.asked] == [COVER, UNCOVER]
     # The widest lens at which a second of light is not too much.
-    f_numbers = {wanted.f_number for wanted in found.wanted}
+    f_numbers = {w.f_number for w in found.wanted if not w.shown.name.startswith("stop-")}
     assert len(f_numbers) == 1
     (f_number,) = f_numbers
     assert f_number is not None
@@ -183,8 +184,8 @@ def test_of_a_sound_bench_there_is_nothing_to_advise() -> None:
     assert out.verdict is Verdict.GOOD and not out.advice
     assert [figure.name for figure in out.figures] == [
         "projector.contrast", "mask.contrast", "light.lamp_change", "scene.ambient",
-        "light.lamp_drift", "light.lamp_flicker", "light.iris", "light.glare",
-        "light.glare_worst", "light.flat_least", "light.dust_share", "camera.responsivity_e",
+        "light.lamp_drift", "light.lamp_flicker", "light.stops", "light.stops_worst",
+        "camera.responsivity_e",
     ]  # fmt: skip
 
 
@@ -209,3 +210,25 @@ def test_what_spoils_the_series_is_named(fields: dict[str, Any], words: str, dev
     with pytest.raises(CalibrationError, match=words) as caught:
         stepped(**fields)
     assert caught.value.device == device and caught.value.hint
+
+
+def test_stops_are_compared_by_pulses_whose_number_fits_their_light() -> None:
+    """The bench's lens is as engraved, which is not 2^(k/6)."""
+    _, found = stepped(room=0.02)
+    out = found.outcome
+    assert out is not None
+    own, *others = out.words["camera.stops"].value
+    assert own["sigma"] == 0.0 and len(others) > 5
+    for stop in others:
+        light = (own["true"] / stop["true"]) ** 2
+        engraved = (own["f_number"] / stop["f_number"]) ** 2
+        assert light == pytest.approx(engraved, rel=max(5.0 * stop["sigma"], 2e-3))
+        assert stop["sigma"] < 0.01
+    shown = [w.shown for w in found.wanted if w.shown.name.startswith("stop-")]
+    assert all((one.projector_index == one.mask_index).all() for one in shown)
+
+
+def test_stops_of_a_lens_that_is_left_alone_are_not_compared() -> None:
+    assert stop_photos((8.0,), 8.0, 60) == ()
+    names = [photo.name for photo in stop_photos((4.0, 8.0), 8.0, 60)]
+    assert names == ["stop-8", "stop-4", "stop-8-again"]

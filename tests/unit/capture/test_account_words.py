@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from pdcd.bench.stops import Scale
 from pdcd.capture import job
 from pdcd.capture.job import (
     MAX_NAMED,
@@ -98,7 +99,9 @@ def developed(**said: Any) -> Any:
         shot(3_000_000_000, 3_500_000_000, 30, 2),
     )
     how = SimpleNamespace(method="coded", coded=16, parts=4, pilot=5, repeat=2)
-    record = SimpleNamespace(how=how, shots=shots, goal=SimpleNamespace(name="indirect"))
+    scale = Scale("as of the calibration of 2026-01-01", 0.03)
+    goal = SimpleNamespace(name="indirect")
+    record = SimpleNamespace(how=how, shots=shots, goal=goal, scale=scale)
     fields = {
         "record": record, "parts": 3, "rms_sigma": 0.02, "sigma_kind": "measured",
         "sigma_mean": 0.5, "rms_errors": (0.03, 0.01), "quality": "q", "picture": "indirect",
@@ -117,7 +120,8 @@ def test_a_finished_run_in_figures() -> None:
         "codes": 16 * 3 // 4 + 5, "parts": 3, "pilot": 5, "passes": 6, "repeat": 2, "shots": 3,
         "refreshes": 150, "exposure_s": 2.5, "missed_refreshes": 3, "rms_sigma": 0.02,
         "sigma_kind": "measured", "rms_error_quads": 0.03, "rms_error_cells": 0.01,
-        "sigma_mean": 0.5, "predicted_error": 0.04,
+        "sigma_mean": 0.5, "predicted_error": 0.04, "scale_sigma": 0.03,
+        "scale": "as of the calibration of 2026-01-01",
         "quality": "q", "transport_photos": 7,
     }  # fmt: skip
     plan.prediction = None

@@ -31,7 +31,14 @@ Made = Callable[..., Any]
 
 def shot(name: str) -> Any:
     return SimpleNamespace(
-        name=name, kind="coded", beside="", primal_black=False, dual_black=False, part=0
+        name=name,
+        kind="coded",
+        beside="",
+        primal_black=False,
+        dual_black=False,
+        part=0,
+        white=False,
+        only=None,
     )
 
 
@@ -57,6 +64,7 @@ class Plan:
     look: Any = None
     unasked: bool = False
     iso: Any = None
+    white_slots: int = 1
 
     @property
     def how(self) -> Any:
@@ -105,7 +113,7 @@ class Room:
 
 
 CONFIG: Any = SimpleNamespace(
-    limits=SimpleNamespace(max_exposure_s=60.0), camera=SimpleNamespace(f_number=8.0)
+    limits=SimpleNamespace(max_exposure_s=60.0), camera=SimpleNamespace(f_number=8.0, stops=())
 )
 CAMERA: Any = SimpleNamespace(isos=(100,), f_numbers=(8.0,))
 
@@ -121,7 +129,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
         monkeypatch.setattr(module, "Darkroom", lambda folder, record: room)
         monkeypatch.setattr(
             module, "record_of",
-            lambda plan, request, config, camera, profile, shots, cells, panels: (
+            lambda plan, request, config, camera, profile, shots, cells, panels, stops: (
                 plan.name, shots, cells,
             ),
         )  # fmt: skip

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from pdcd.bench.stops import Scale
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import process
 from pdcd.capture.worker.answers import Facts, record_of
@@ -256,7 +257,8 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
     )  # fmt: skip
     config: Any = SimpleNamespace(
         schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
-        camera=SimpleNamespace(place="place", blur_quads=0.5),
+        camera=SimpleNamespace(place="place", blur_quads=0.5, responsivity_e=None),
+        calibration=SimpleNamespace(sha256=None),
     )  # fmt: skip
     camera: Any = SimpleNamespace(responsivity_e=np.array([1, 2, 3]))
     profile: Any = "profile"
@@ -272,7 +274,8 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
             "cells": "cells", "projector": "projector", "mask": "mask",
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch",
-            "dark": "dark", "leak": 0.0, "panels": None,
+            "dark": "dark", "leak": 0.0, "panels": None, "stops": (),
+            "scale": Scale("of a nominal camera"),
         }  # fmt: skip
     cases: list[Any] = [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
     for level, limit, left in cases:

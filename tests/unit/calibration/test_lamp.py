@@ -1,0 +1,89 @@
+"""Lamps that drift and flicker, by numbers worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.light.lamp import Lamp, lamp_of
+from pdcd.errors import CalibrationError
+
+TIMES = np.array([0.0, 10.0, 20.0, 30.0, 40.0])
+ZIGZAG = np.array([1.0, -2.0, 2.0, -2.0, 1.0])
+"""Neither a mean nor a slope."""
+
+
+def test_drift_is_the_slope_and_flicker_what_is_left() -> None:
+    levels = 500.0 * (1.0 + 1e-4 * (TIMES - 20.0) + 1e-3 * ZIGZAG)
+    found = lamp_of(TIMES + 7.0, levels, noise=5e-4)
+    middle = float(np.median(levels)) / 500.0
+    assert found.drift_per_h == pytest.approx(0.36 / middle)
+    spread = 14e-6 / 3.0 / middle**2
+    assert found.flicker == pytest.approx(np.sqrt(spread - 25e-8))
+    assert found.flicker_sigma == pytest.approx(np.sqrt(spread / 6.0))
+    assert found.drift_sigma == pytest.approx(3600.0 * np.sqrt(spread / 1000.0))
+    assert found.seconds == 40.0
+    quiet = lamp_of(TIMES, levels, noise=0.01)
+    assert quiet.flicker == 0.0
+    assert quiet.drift_sigma == pytest.approx(3600.0 * 0.01 / np.sqrt(1000.0))
+
+
+@pytest.mark.parametrize(
+    ("times", "levels", "words", "device"),
+    [
+        (TIMES[:4], np.ones(4), "4 photos do not tell", "projector"),
+        (np.full(5, 3.0), np.ones(5), "5 photos do not tell", "projector"),
+        (TIMES, np.array([1.0, 1.0, 1.0, 1.0, 0.29]), "photo 5 of the series is dark", "shutter"),
+        (TIMES, 1.0 + 0.0141 * ZIGZAG, "flickers by 3", "projector"),
+        (TIMES, 1.0 + 0.16 / 40.0 * (TIMES - 20.0), r"changed by \+16 % in 40 s", "projector"),
+        (TIMES, 1.0 - 0.16 / 40.0 * (TIMES - 20.0), "changed by -16 % in 40 s", "projector"),
+    ],
+)
+def test_a_lamp_that_is_no_constant_light_is_refused(
+    times: np.ndarray, levels: np.ndarray, words: str, device: str
+) -> None:
+    with pytest.raises(CalibrationError, match=words) as caught:
+        lamp_of(times, levels)
+    assert caught.value.device == device and caught.value.hint
+
+
+def test_a_lamp_may_flicker_and_drift_a_little() -> None:
+    assert lamp_of(TIMES, 1.0 + 0.0137 * ZIGZAG).flicker == pytest.approx(0.03, abs=1e-3)
+    lamp_of(TIMES, 1.0 + 0.14 / 40.0 * (TIMES - 20.0))
+
+
+@pytest.mark.parametrize(
+    ("drift", "sigma", "flicker", "good"),
+    [
+        (0.03, 0.0, 0.005, (True, True)),
+        (-0.031, 0.0, 0.0051, (False, False)),
+        (0.05, 0.011, 0.0, (True, True)),
+        (0.05, 0.009, 0.0, (False, True)),
+    ],
+)
+def test_a_drift_is_doubtful_where_it_is_sure(
+    drift: float, sigma: float, flicker: float, good: tuple[bool, bool]
+) -> None:
+    figures = Lamp(drift, sigma, flicker, 1e-4, 40.0).figures()
+    assert [f.name for f in figures] == ["light.lamp_drift", "light.lamp_flicker"]
+    assert tuple(f.verdict is Verdict.GOOD for f in figures) == good
+    assert [(f.value, f.sigma, f.unit) for f in figures] == [
+        (drift, sigma, "1/h"),
+        (flicker, 1e-4, ""),
+    ]
+    assert [f.limit for f in figures] == ["within 0.03", "0.005 or less"]
+
+
+def test_lamp_drift_and_flicker() -> None:
+    rng = np.random.default_rng(5)
+    times = 10.0 * np.arange(20.0)
+    pulls, flickers = [], []
+    for _ in range(30):
+        levels = 5000.0 * (1.0 - 0.1 * times / 3600.0) * (1.0 + 0.002 * rng.standard_normal(20))
+        lamp = lamp_of(times, levels)
+        pulls.append((lamp.drift_per_h + 0.1) / lamp.drift_sigma)
+        flickers.append(lamp.flicker)
+    assert 0.7 < float(np.std(pulls)) < 1.4
+    assert float(np.mean(flickers)) == pytest.approx(0.002, rel=0.1)
+    assert lamp.figures()[1].verdict == Verdict.GOOD
