@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,7 @@ from pdcd.errors import DecodeError
 from pdcd.panels.curve import light_of
 from pdcd.panels.patterns import none
 from pdcd.planning.memory import exact_pairs
-from pdcd.planning.plan import Plan, ShotSequence, beyond
+from pdcd.planning.plan import ShotSequence, beyond
 from pdcd.recipes.programs import Blocks, SignedBlocks
 from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
@@ -95,13 +97,13 @@ def _open(shot: ShotSequence, pairs: int) -> Floats:
     return (rows[:, :-1] + rows[:, 1:]) / 2.0
 
 
-def leading_shot(plan: Plan) -> Shot:
+def leading_shot(planned: Sequence[Shot]) -> Shot:
     """The shot whose light sets the aperture of a run: the first of codes, whose time is fixed by
     their number; else the first of a single one, else the first."""
-    shots = [shot for shot in plan.recipe.shots if not (shot.primal_black or shot.dual_black)]
+    shots = [shot for shot in planned if not (shot.primal_black or shot.dual_black)]
     lit = [shot for shot in shots if not shot.white]
     codes = [shot for shot in lit if shot.only is None]
-    return (codes or lit or shots or list(plan.recipe.shots))[0]
+    return (codes or lit or shots or planned)[0]
 
 
 def white_slots_at(per_slot: float, planned: int) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -30,7 +30,7 @@ from pdcd.planning.metering import (
     times_shown,
     white_slots_at,
 )
-from pdcd.planning.plan import Plan, ShotSequence
+from pdcd.planning.plan import ShotSequence
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import MeterRecord
 from pdcd.sensor.cells import CellMap
@@ -40,6 +40,8 @@ FIRST_F_NUMBER = 8.0
 """Aperture of the first test exposure."""
 
 Exposing = Generator[Order, Taken, float]
+Shows = Callable[[Shot], ShotSequence]
+"""What the panels show in a shot of a plan."""
 
 
 class Orders:
@@ -119,9 +121,10 @@ class Exposer:
         """Slots of a white shot, of which so many are planned."""
         return white_slots_at(self.per_slot, planned) if self.per_slot else planned
 
-    def aperture(self, plan: Plan, shot: Shot) -> Exposing:
-        """The f-number of a shot of a plan: as configured, or by test exposures, once for each
-        kind. Raises ConfigError for a lens that has to be set by hand."""
+    def aperture(self, shot: Shot, planned: Sequence[Shot], shown: Shows) -> Exposing:
+        """The f-number of a shot of those that are `planned`: as configured, or by test exposures,
+        once for each kind. shown : what the panels show in a shot. Raises ConfigError for a lens
+        that has to be set by hand."""
         asked = self.facts.config.camera.f_number
         if asked != "auto":
             return asked
@@ -132,15 +135,16 @@ class Exposer:
                 hint="set camera.f_number to what its ring says",
             )
         if not self.stops:
-            lead = leading_shot(plan)
+            lead = leading_shot(planned)
             first = min(self.camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
-            self.apertures[lead.kind] = yield from self._metered(lead, plan.sequence(lead), first)
+            self.apertures[lead.kind] = yield from self._metered(lead, shown(lead), first)
             self._begin(self.apertures[lead.kind])
         if shot.kind not in self.apertures:
-            own, sequence = self.stops[0].f_number, plan.sequence(shot)
+            own, sequence = self.stops[0].f_number, shown(shot)
             found = yield from self._metered(shot, sequence, own, join=True)
             if found != own:
-                yield from self._compare(plan, shot, found)
+                dim = leading_shot(planned) if found > own else shot
+                yield from self._compare(shot.name, shown(dim), found)
             self.apertures[shot.kind] = found
         return self.apertures[shot.kind]
 
@@ -177,21 +181,21 @@ class Exposer:
         wanted = Wanted("test", name, frames, self.settings(f_number), f_number)
         return cast(Photo, (yield from self.orders.expose(wanted)))
 
-    def _compare(self, plan: Plan, shot: Shot, f_number: float) -> Generator[Order, Taken, None]:
-        """Compare the light of another stop with that of the run's own, by two photos of what is
-        not too bright for the wider one of them."""
+    def _compare(
+        self, name: str, sequence: ShotSequence, f_number: float
+    ) -> Generator[Order, Taken, None]:
+        """Compare the light of another stop, which a shot of that name wants, with that of the
+        run's own, by two photos of a sequence that is not too bright for the wider one of them."""
         own, known = self.stops[0], {stop.f_number for stop in self.stops}
         if f_number in known:
             return
-        dim = leading_shot(plan) if f_number > own.f_number else shot
-        sequence = plan.sequence(dim)
         pairs = metered_pairs(sequence)[0]
         wide = min(own.f_number, f_number)
         raws, shown, saturation_dn = [], [], self.facts.profile.saturation_dn(self.iso)
         for number, each in enumerate((own.f_number, f_number), 1):
             shown.append(times_shown(wide, each))
             frames = sequence.frames(pairs, shown[-1])
-            photo = yield from self._test(f"stop-{shot.name}-{number}", frames, each)
+            photo = yield from self._test(f"stop-{name}-{number}", frames, each)
             self.orders.note(MeterRecord(raw=photo.raw, f_number=each, peak=None))
             raws.append(self._read(*photo.planes[0], saturation_dn))
         one, other = raws
@@ -199,7 +203,7 @@ class Exposer:
         true = own.true * float(np.sqrt(ratio * shown[1] / shown[0]))
         self.stops = (*self.stops, Stop(f_number, true, sigma))
         self.orders.note(
-            f"shot {shot.name} takes f/{f_number:g} and not f/{own.f_number:g}: their light was "
+            f"shot {name} takes f/{f_number:g} and not f/{own.f_number:g}: their light was "
             f"compared on the scene, to {100.0 * sigma:.2g} %"
         )
 

@@ -75,7 +75,7 @@ class PanelCheck:
     ) -> Generator[Order, Taken, tuple[str, str] | None]:
         """Take one photo at the aperture of the white shot; None where it was spoilt."""
         shot = white_shot(plan) or plan.last_exposed
-        f_number = yield from self._exposer.aperture(plan, shot)
+        f_number = yield from self._exposer.aperture(shot, plan.recipe.shots, plan.sequence)
         settings = self._exposer.settings(f_number)
         taken = yield from self._orders.expose(
             Wanted("dark", name, due.frames(name), settings, f_number)

@@ -151,7 +151,7 @@ class Course:
         """The f-number of a shot; test exposures may change how long white is shown, and show how
         much light a stop lets through."""
         exposer, known = self._exposer, len(self._exposer.stops)
-        f_number = yield from exposer.aperture(self.plan, shot)
+        f_number = yield from exposer.aperture(shot, self.plan.recipe.shots, self.plan.sequence)
         slots = self.plan.white_slots
         if shot.white and not (shot.primal_black or shot.dual_black):
             slots = exposer.white_slots(slots)

@@ -16,7 +16,7 @@ NOMINAL = {f: 2.0 ** (round(6.0 * math.log2(f)) / 6.0) for f in F_NUMBERS}
 TRUE = {f: nominal * (1.0 + 0.02 * math.sin(7.0 * f)) for f, nominal in NOMINAL.items()}
 
 
-def shot(folder: Path, goal: str, *, true: bool = True, **options: Any) -> pdcd.Run:
+def shot(folder: Path, goal: Any, *, true: bool = True, **options: Any) -> pdcd.Run:
     truth = folder / "truth.toml"
     truth.write_text(
         "".join(f"[[sensor.stops]]\nf_number = {f}\ntrue = {TRUE[f]}\n" for f in F_NUMBERS)
