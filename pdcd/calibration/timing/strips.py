@@ -102,7 +102,6 @@ def read_strips(
     size = bands * strips.count
     _check_clipped((photo, white), cell >= 0)
     sums = [_sums(taken, cell, size) for taken in (photo, white)]
-    beside = _sums(room, cell, size) if room is not None else None
     quads = np.bincount(cell[cell >= 0], minlength=size)
     (light, var), (full, full_var) = sums
     _check_white(full, full_var, quads, strips.count)
@@ -112,13 +111,9 @@ def read_strips(
     sigma = np.sqrt(var + value**2 * full_var) / full
     shape = bands, strips.count
     on_mask, past = np.zeros((1, 1)), np.ones((1, 1))
-    if beside is not None:
-        noise = np.sqrt(beside[1]) / full
-        share = np.minimum(beside[0] / full, MOST_BESIDE)
-        on_mask = (share / (1.0 - share)).reshape(shape)
-        # Where there is hardly any, nobody sees how it goes.
-        seen = np.maximum(share, 0.0) + UNSEEN * noise
-        past = (seen / seen.mean()).reshape(shape)
+    if room is not None:
+        share, noise, seen = _beside(_sums(room, cell, size), full)
+        on_mask, past = (share / (1.0 - share)).reshape(shape), (seen / seen.mean()).reshape(shape)
         # Of the room's photo a strip has what its mask is open for, less what it is divided by.
         opened = np.tile([np.mean(p.on[1]) for p in strips.programmes], bands)
         sigma = np.hypot(sigma, np.abs(opened - value) * noise)
@@ -133,6 +128,14 @@ def read_strips(
         on_mask,
         past,
     )
+
+
+def _beside(room: tuple[Floats, Floats], full: Floats) -> tuple[Floats, Floats, Floats]:
+    """Light beside the projector's white over all light, its noise, and how it goes over the field,
+    (size,) each: where there is hardly any, nobody sees how it goes."""
+    noise = np.sqrt(room[1]) / full
+    share = np.minimum(room[0] / full, MOST_BESIDE)
+    return share, noise, np.maximum(share, 0.0) + UNSEEN * noise
 
 
 def _sums(taken: Photo, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
