@@ -50,7 +50,7 @@ class Known:
         """RMS error of the answer over the RMS of the truth: of its quads, and of its means over
         the cells, where they are known. None where the truth is dark, or nothing is known."""
         truth = self.on_cells(cells)
-        by_cells = _rms_error(means, truth, np.isfinite(truth).all(axis=-1))
+        by_cells = _rms_error(means, truth, np.asarray(np.isfinite(truth).all(axis=-1)))
         if self.of_cells and cells.frame == cells.grid:
             return by_cells, by_cells  # a quad is a cell
         return _rms_error(picture, *self.on_quads(cells)), by_cells

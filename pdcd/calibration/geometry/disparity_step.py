@@ -35,8 +35,13 @@ def disparity(session: Session) -> Script:
     code = XorCode("projector", size, base_px(1.0 / finer(projector, camera)))
     planes = yield from planes_of(session, code)
     # Of the cells of captures: they divide the field, wherever that lies.
-    maps = (on_field(map_, session.on_field.projector) for map_ in (camera, projector))
-    found = disparities(planes.decoded(), *maps, session.config.code_grid())
+    there = session.on_field.projector
+    found = disparities(
+        planes.decoded(),
+        on_field(camera, there),
+        on_field(projector, there),
+        session.config.code_grid(),
+    )
     return Outcome(
         figures=_figures(found),
         arrays={"disparity.right": found.as_asked()},

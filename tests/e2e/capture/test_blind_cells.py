@@ -38,7 +38,8 @@ def bench(folder: Path, **mask: Any) -> Config:
 
 
 def capture(config: Config) -> tuple[CaptureResult, list[object]]:
-    engine, events = Engine.from_config(config), []
+    engine = Engine.from_config(config)
+    events: list[object] = []
     engine.start()
     try:
         result = engine.capture(

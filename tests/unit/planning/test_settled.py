@@ -409,7 +409,7 @@ def test_the_truth_is_kept_and_compared_where_it_can_be(of_cells: bool, tmp_path
     found: Any = truth * 1.1
     found[~seen] = 99.0
     sigma = np.zeros((4, 6, 3), np.float32)
-    quads = found if not of_cells else np.zeros((4, 6, 3))
+    quads: Any = found if not of_cells else np.zeros((4, 6, 3))
     picture = Barred(quads, sigma, sigma, sigma, "modelled")
     none = np.zeros((2, 3, 3), np.float32)
     by_cell = found.reshape(2, 3, 3) if of_cells else none
