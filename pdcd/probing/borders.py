@@ -146,15 +146,14 @@ class Strips:
         """
         rows, cols = grid
         mask, light = (side.reshape(-1, rows, cols) for side in (left, right))
-        near, far = np.s_[..., :-1], np.s_[..., 1:]
-        if self.axis == 1:
-            near, far = np.s_[:, :-1, :], np.s_[:, 1:, :]
+        along = (rows - 1, cols) if self.axis else (rows, cols - 1)
+        near, far = np.s_[:, : along[0], : along[1]], np.s_[:, rows - along[0] :, cols - along[1] :]
         behind = np.einsum("rij,rij->ij", mask[far], light[near]).ravel()
         before = np.einsum("rij,rij->ij", mask[near], light[far]).ravel()
         shape = rows * (len(self.cuts[0]) - 1), cols * (len(self.cuts[1]) - 1)
         time_s = np.where(self.ahead, before[self.border], behind[self.border]) * self.share
         found = np.bincount(self.piece, time_s, minlength=shape[0] * shape[1])
-        return np.asarray(found).reshape(shape)
+        return np.asarray(found, dtype=np.float64).reshape(shape)
 
 
 def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) -> tuple[Strips, ...]:
@@ -271,7 +270,7 @@ def _turns(
         behind = map_.to_field(pixel + 0.5)[:, axis] * across >= border
         low, high = np.where(behind, low, middle), np.where(behind, middle, high)
         low[~on] = np.nan
-    return 0.5 * (low + high)
+    return np.asarray(0.5 * (low + high))
 
 
 def _pieces(count: int) -> Iterator[slice]:

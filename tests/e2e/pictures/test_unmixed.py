@@ -8,6 +8,7 @@ from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, S
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.truth import read_truth
 from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import Quality
 from pdcd.runs.verify import whole_manifest
 from tests.bench.captures import capture_with, opened
 from tests.bench_rig import cells_error
@@ -54,4 +55,5 @@ def test_cells_that_do_not_end_with_the_panels_pixels_are_photographed_as_well(
     truth, seen = read_truth(folder, decoded.cells).on_quads(decoded.cells)
     error, true = ((image[seen] ** 2).mean() for image in (decoded.answer.image - truth, truth))
     assert error < 0.02**2 * true
-    assert result.summary["quality"].verdict == "good"
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality) and quality.verdict == "good"

@@ -35,7 +35,7 @@ BENCHES: list[dict[str, Any]] = [
 CAMERAS = [(12, 16), (10, 13)]
 
 
-def setting_of(mask: dict[str, Any], frame: tuple[int, int]) -> tuple[Any, CellMap, Floats, Floats]:
+def setting_of(mask: dict[str, Any], frame: tuple[int, int]) -> tuple[Any, CellMap, Any, Any]:
     """Panels, camera, and at all points of each quad the cell that is lit and that which is open:
     (quads, points), -1 where a panel has no pixel."""
     panels = panels_from(PanelConfig(size_px=PROJECTOR_PX), PanelConfig(**mask))

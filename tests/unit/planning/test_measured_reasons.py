@@ -171,7 +171,8 @@ def test_cells_that_do_not_end_with_pixels_name_those_that_do() -> None:
     assert "it is taken out" in whole[0]
     assert reasons_for(Config(), (36, 48), "quarter", "full", None) == whole[-1:]
     for goal, window in (("indirect", "whole"), ("direct", "whole"), ("fraction", "quarter")):
-        request = CaptureRequest(goal=goal, p=0.25 if goal == "fraction" else None)
+        asked: dict[str, Any] = {"goal": goal, "p": 0.25 if goal == "fraction" else None}
+        request = CaptureRequest(**asked)
         assert window_of(request, Config(), (36, 48)) == window
     assert window_of(CaptureRequest(goal="indirect", white=False), Config(), (36, 48)) == "quarter"
 
