@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.stops import stop_of
-from pdcd.pictures.combine import white_of
+from pdcd.pictures.combine import border_light, white_of
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
@@ -37,7 +37,8 @@ from pdcd.pictures.to_cells import (
     mean_image,
     seen_cells,
 )
-from pdcd.pictures.to_quads import edge_share, share_out
+from pdcd.pictures.to_quads import share_out
+from pdcd.pictures.weights import Shown
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import RunRecord
@@ -62,14 +63,12 @@ def barred_pictures(
     shots: Mapping[str, Exposed],
     learned: Learned | None,
     cells: CellMap,
-    apart: Mapping[str, float],
     alive: Callable[[], None],
 ) -> dict[str, Barred]:
     """All pictures of a recipe with sensor and code error: of what the parts show, if there are
     enough; and with what all parts get wrong alike, as far as it is known.
 
-    shots : of the run, and sums of them. learned : of its pilot, if any. apart : of shots of whole
-    cells, the share of the field in which both panels draw different cells.
+    shots : of the run, and sums of them. learned : of its pilot, if any.
     """
     averaged, told = None, NOTHING_TOLD
     if len(part_numbers(recipe)) >= FEWEST_PARTS:
@@ -95,7 +94,8 @@ def barred_pictures(
     else:
         sharp = None if learned is None else learned.sharp
         bars = barred_by_model(recipe, shots, scaled, whole, cells, alive, sharp, near=near)
-    bars = with_edge_light(bars, recipe, scaled, apart, cells)
+    normalise = record.normalise
+    bars = with_border_light(bars, recipe, shots, scaled, cells, normalise=normalise)
     bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
     return bars if record.panels is None else with_misplaced_light(bars, recipe, scaled, record)
 
@@ -287,32 +287,27 @@ def beside_of_pictures(
     }
 
 
-def with_edge_light(
+def with_border_light(
     pictures: Mapping[str, Barred],
     recipe: Recipe,
+    shots: Mapping[str, Shown],
     photos: Mapping[str, Picture],
-    apart: Mapping[str, float],
     cells: CellMap,
+    *,
+    normalise: NormaliseName = "auto",
 ) -> dict[str, Barred]:
-    """Pictures whose code error knows of direct light that gets through along the borders of whole
-    cells, where they are made of a photo of indirect light, and a white one tells how much direct
-    light there is.
+    """Pictures whose code error knows of direct light along the borders of whole cells that both
+    panels draw in two places: what of it was taken out of a photo of indirect light may be wrong
+    (`pdcd.pictures.border_light.BorderLight.error`), in all parts alike.
 
-    Where the pixels of both panels do not meet they draw the border of a cell in two places, and
-    between these the light of one cell goes through the mask of the other (`pdcd.probing.borders`).
-    How much of the field that is, is known; which quads see it would take the camera's map to a
-    tenth of a quad. So it is an error of all quads that see two cells.
-
-    photos : scaled ones. apart : of shots of whole cells, the share of the field in which both
-    panels draw different cells.
+    photos : scaled ones.
     """
     white, found = white_of(recipe), dict(pictures)
     for photo in recipe.photos:
-        share = min(apart.get(name, 0.0) for _, name in photo.shots)
-        if photo.wanted.uniform != (0.0, 1.0) or not white or share < LEAST_APART:
+        light = border_light(photo, recipe, shots, cells, normalise=normalise)
+        if light is None:
             continue
-        direct = np.abs(photos[white[-1]].image - photos[photo.name].image)
-        error = edge_share(share, cells)[..., None] * direct
+        error = light.error(photos[photo.name], photos[white[-1]])
         for name, picture in found.items():
             rule = recipe.pictures[name]
             if isinstance(rule, Extremes):
@@ -321,8 +316,18 @@ def with_edge_light(
             if part:
                 code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
                 plain = Picture(picture.image, picture.sensor)
-                found[name] = barred(plain, code, picture.kind)
+                found[name] = replace(
+                    barred(plain, code, picture.kind), of_cells=_with_means(picture, error, cells)
+                )
     return found
+
+
+def _with_means(picture: Barred, error: Floats, cells: CellMap) -> Floats | None:
+    """The code error of a picture's means over cells, with that of the quads at their borders."""
+    if picture.of_cells is None:
+        return None
+    more = cells.error_of_mean(error**2).reshape(picture.of_cells.shape)
+    return np.asarray(np.hypot(picture.of_cells, more))
 
 
 def with_misplaced_light(

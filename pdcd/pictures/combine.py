@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,14 @@ from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.picture import Picture, pictures_of, summed
 from pdcd.pictures.to_quads import Weights, direct_share, quads_outside, weigh_quads
 from pdcd.pictures.weights import CellWeights, Shown, weigh_cells
+from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.bands import in_bands, planar
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
+
+if TYPE_CHECKING:
+    from pdcd.pictures.border_light import BorderLight
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -72,6 +77,7 @@ def scale_photos(
     """The same of photos whose cells are weighed already."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
+    borders: dict[str, BorderLight] = {}
     white = white_of(recipe)
     outside = quads_outside(cells)
     for photo in recipe.photos:
@@ -82,8 +88,13 @@ def scale_photos(
             share = direct_share(weights[photo.name].realised, of_quads, cells)
             if share is not None:
                 direct[photo.name] = share
+            border = _border_of(weights[photo.name].realised, of_quads, cells)
+            if border is not None:
+                borders[photo.name] = border
     for name, share in direct.items():
         scaled[name] = take_out_direct(scaled[name], scaled[white[-1]], share)
+    for name, border in borders.items():
+        scaled[name] = border.take_out(scaled[name], scaled[white[-1]])
     return scaled
 
 
@@ -100,7 +111,36 @@ def share_taken_out(
     if not _unmixes(photo, white_of(recipe)):
         return None
     weights = weigh_cells(photo, shots, normalise)
-    return direct_share(weights.realised, weigh_quads(weights, cells), cells)
+    of_quads = weigh_quads(weights, cells)
+    share = direct_share(weights.realised, of_quads, cells)
+    border = _border_of(weights.realised, of_quads, cells)
+    if border is None:
+        return share
+    return border.share() + (0.0 if share is None else share)
+
+
+def border_light(
+    photo: Photo,
+    recipe: Recipe,
+    shots: Mapping[str, Shown],
+    cells: CellMap,
+    *,
+    normalise: NormaliseName = "auto",
+) -> BorderLight | None:
+    """The light along the borders of cells that `scaled_photos` takes out of a photo; None where
+    there is none, or none is taken out."""
+    if not _unmixes(photo, white_of(recipe)):
+        return None
+    weights = weigh_cells(photo, shots, normalise)
+    return _border_of(weights.realised, weigh_quads(weights, cells), cells)
+
+
+def _border_of(realised: Factors, of_quads: Weights, cells: CellMap) -> BorderLight | None:
+    if not realised.apart:
+        return None
+    from pdcd.pictures.border_light import BorderLight  # most benches have no such borders
+
+    return BorderLight.of(realised, of_quads, cells)
 
 
 def _unmixes(photo: Photo, white: list[str]) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from pdcd.pictures.to_cells import average_with_bars, light_apart, mean_light
 from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
 from pdcd.pictures.weights import Matrix, Shown, realised_photo
-from pdcd.probing.borders import drawn_apart_share
+from pdcd.probing.borders import Strips, drawn_apart_share, find_strips
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
@@ -49,6 +50,8 @@ Alive = Callable[[], None]
 
 REFRESH_BYTES = 2048
 """Of a RAW file, read in the time that the matrix of one refresh takes; roughly."""
+MOST_STRETCHES = 8
+"""Stretches of a cell's border of which it is told, at most, how far panels draw it apart."""
 MAKING = 2.0
 """Work of making pictures, over that of the matrices of all their refreshes; roughly."""
 
@@ -208,7 +211,7 @@ class Darkroom:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
             pictures = barred_pictures(
-                self._record, recipe, {**shots, **sums}, learned, cells, self._apart(), alive
+                self._record, recipe, {**shots, **sums}, learned, cells, alive
             )
         view = View.of(self._record, cells)
         return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
@@ -263,6 +266,14 @@ class Darkroom:
         record = self._record
         panels = panels_from(record.projector, record.mask)
         return drawn_apart_share(panels.projector, panels.mask, record.grid)
+
+    @cached_property
+    def _strips(self) -> tuple[Strips, ...]:
+        """Where whole cells of both panels do not meet, as finely as the camera sees them."""
+        record = self._record
+        panels = panels_from(record.projector, record.mask)
+        fine = min(max(1, math.ceil(self._cells().quad_cells ** -0.5 - 1e-6)), MOST_STRETCHES)
+        return find_strips(panels.projector, panels.mask, record.grid, fine)
 
     def _sums_up(self, shots: Mapping[str, Shown]) -> bool:
         """Whether all photos are there that the recipe's sums want."""
@@ -345,7 +356,10 @@ class Darkroom:
         raw = raw if self._side == 1 else raw.binned(self._side)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
         factors = self._to_units(shot.iso, shot.f_number) / _level(shot)
-        return Negative(raw, profile, shot.iso, exposure_s, factors, shown.realised, shown.missed)
+        realised = shown.realised
+        if shot.window == "whole":
+            realised = replace(realised, apart=self._strips)
+        return Negative(raw, profile, shot.iso, exposure_s, factors, realised, shown.missed)
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
         """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""

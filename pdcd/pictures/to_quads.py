@@ -31,9 +31,6 @@ LEAST_DIRECT = 1e-4
 """Share of the direct light below which none is taken out: nobody could see it."""
 MOST_DIRECT = 0.5
 """Share from which the photo tells too little of indirect light to be mended so."""
-UNEVEN_EDGES = 1.7
-"""Root of the mean square of direct light that gets through along borders over its mean, among
-quads that see a border: in places both panels draw it alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,14 +229,3 @@ class MixedCodes:
         lit = self.cells.spread(self.bits[photo].astype(np.float64))
         mixed = weigh.mixed(lit, self.mixture) * equal[photo]
         return np.where(self.cells.single, of_quads, mixed)
-
-
-def edge_share(share: float, cells: CellMap) -> Floats:
-    """What of the direct light gets into each quad along the borders of cells, (h, w), where the
-    panels draw a `share` of the field apart: the root of the mean square of quads that see a
-    border; where none does, as quads end with cells, the mean of all."""
-    edges = cells.known & ~cells.single
-    lines = float(np.count_nonzero(edges)) / max(int(np.count_nonzero(cells.known)), 1)
-    if lines == 0.0:
-        return np.full(cells.frame, share)
-    return np.where(edges, min(UNEVEN_EDGES * share / lines, 1.0), 0.0)

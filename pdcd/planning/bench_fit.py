@@ -10,14 +10,20 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
-from pdcd.bench.placed import panels_from, panels_of, plane_on_field
+from pdcd.bench.placed import Panels, panels_from, panels_of, plane_on_field
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError, RequestError
 from pdcd.panels.map_soundness import fewest_pixels
 from pdcd.panels.windows import ATOMS, GUARDS, whole_pixels, windows
 from pdcd.planning.field_fit import blind_reasons, field_reasons, refuse_blind
 from pdcd.planning.plan import windowed
-from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
+from pdcd.probing.borders import (
+    NEAR_LOST,
+    border_error,
+    drawn_apart_px,
+    drawn_apart_share,
+    nearest_grid,
+)
 from pdcd.probing.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
 from pdcd.probing.pulses import Answer, kept_apart
 from pdcd.protocol.request import CaptureRequest
@@ -180,9 +186,13 @@ def meeting_of(config: Config) -> Meeting | None:
     return Meeting(e95_px, blur_px, 1.0 / across if across else 0.0)
 
 
-def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
+def window_for(
+    asked: str, config: Config, grid: tuple[int, int], *, taken_out: bool = False
+) -> str:
     """Window of cells of a grid: as asked for; or whole cells where nothing gets from one to the
-    next, else the quarter.
+    next, else the quarter. `taken_out`: what gets through along borders that the panels' pixels
+    draw in two places is taken out of the photo; whole cells then may have such borders, as long
+    as they err less than quarter windows usually do.
 
     Larger windows are for who asks for them (`larger_window` tells which fits). They need a mask
     whose pixels end where they end: one more or less is light that nobody counts, and where in a
@@ -194,7 +204,8 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
     panels = panels_of(config)
     if asked == "auto":
         apart_px = _apart_px(config.projector, config.mask, grid)
-        misregistration = max(misregistration, apart_px / cell_px)
+        if apart_px and not (taken_out and _whole_errs_less(panels, grid)):
+            misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):
         raise ConfigError(
             f"the edges of {asked} windows do not lie on those of the mask's pixels in {grid[0]} x "
@@ -204,6 +215,13 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
             f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
         )
     return choose_window(asked, misregistration, blur)
+
+
+def _whole_errs_less(panels: Panels, grid: tuple[int, int]) -> bool:
+    """Whether what is left of light along borders is foreseen to be an error below that of light
+    which quarter windows lose between neighbours."""
+    share = drawn_apart_share(panels.projector, panels.mask, grid)
+    return border_error(share) < NEAR_LOST
 
 
 @lru_cache(maxsize=8)
@@ -288,15 +306,7 @@ def reasons_for(
             told.append(
                 f"--window {larger} has {gain:.3g} times the light, and fits how the panels meet"
             )
-    if window == "whole":
-        panels = panels_of(config)
-        apart = drawn_apart_share(panels.projector, panels.mask, grid)
-        if apart > WHOLE_CELL_LIMIT:
-            told.append(
-                f"window whole: the panels draw different cells in {100.0 * apart:.2g} % of the "
-                "field, and as much of the direct light gets into an indirect photo; --window "
-                "quarter keeps it out"
-            )
+    told += border_reasons(config, grid, window)
     if times_measured(config) and mask_lag_s is not None and schedule != "none":
         leak = schedule_leak(config, schedule, mask_lag_s)
         low_s, high_s = lag_by_rows_s(config)
@@ -306,6 +316,27 @@ def reasons_for(
             "gets into its neighbours"
         )
     return tuple(told)
+
+
+def border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterator[str]:
+    """What follows from cells that do not end with the pixels of both panels."""
+    panels = panels_of(config)
+    apart = drawn_apart_share(panels.projector, panels.mask, grid)
+    if apart <= WHOLE_CELL_LIMIT:
+        return
+    if window == "whole":
+        yield (
+            f"window whole: the panels draw different cells in {100.0 * apart:.2g} % of the field, "
+            "and as much of the direct light gets into an indirect photo; beside a white photo it "
+            f"is taken out, which usually leaves {100.0 * border_error(apart):.2g} % of error "
+            f"(quarter windows {100.0 * NEAR_LOST:.2g} %, of light between neighbouring cells)"
+        )
+    better = nearest_grid(panels.projector, panels.mask, grid)
+    if better is not None and better != grid:
+        yield (
+            f"cells of {grid[0]} x {grid[1]} do not end on the pixels of both panels; "
+            f"{better[0]} x {better[1]} do"
+        )
 
 
 def wandered_reasons(recipe: Recipe, window: str) -> Iterator[str]:
@@ -361,7 +392,14 @@ def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         )
     refuse_blind(config, grid)
     asked = request.window or config.schedule.window
-    return window_for(asked, config, grid)
+    return window_for(asked, config, grid, taken_out=_takes_out(request))
+
+
+def _takes_out(request: CaptureRequest) -> bool:
+    """Whether the direct light along borders is taken out of the photo that is asked for: of all
+    indirect light, beside a white one."""
+    own = request.shift is None and request.warp is None
+    return request.goal in ("indirect", "direct") and request.white is not False and own
 
 
 def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.panels.lattice import Lattice, Overlap
+from pdcd.probing.borders import Strips
 from pdcd.probing.fine import Beams, Blur, Fine, FineSums, cut_by_windows, summed
 from pdcd.probing.panel import Panel, Trajectory, blur_cells, offset_cells
 from pdcd.probing.spans import (
@@ -61,6 +62,7 @@ class Factors:
         nobody asked.
     displaced : (N,) float64
         As `coaxial`, of points whose light comes from another place; None where nobody asked.
+    apart : strips along borders in which the panels show different cells; () where nobody asked.
     """
 
     left: Floats
@@ -69,6 +71,7 @@ class Factors:
     open_s: Floats
     fine: Fine | None = None
     displaced: Floats | None = None
+    apart: tuple[Strips, ...] = ()
 
     @cached_property
     def total_s(self) -> float:
@@ -321,6 +324,7 @@ def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
         sum_of(sign * f.coaxial for sign, f in pairs),
         sum_of(sign * f.open_s for sign, f in pairs),
         summed((sign, f.fine) for sign, f in pairs),
+        apart=pairs[0][1].apart if all(f.apart for _, f in pairs) else (),
     )
 
 

@@ -226,8 +226,8 @@ def _direct_left(seen: Evidence, normalise: NormaliseName) -> Iterator[Finding]:
     # What is left of it in this picture is missing in that of direct light.
     whole = there / max(1.0 - weight, LEAST_SHOWN)
     found = list(quality.direct_left(max(weight, drawn), whole, left, taken_out=False))
-    if found and drawn == 0.0 and seen.takes_out(photo, normalise):
-        found = list(quality.direct_left(weight, there, left, taken_out=True))
+    if found and seen.takes_out(photo, normalise):
+        found = list(quality.direct_left(max(weight, drawn), there, left, taken_out=True))
     yield from found
 
 

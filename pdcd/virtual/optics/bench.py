@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import msgspec
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
 from pdcd.panels.frames import PIXELS, Frames, check_row_times
+from pdcd.probing.borders import drawn_apart_px
 from pdcd.probing.wanted import Wanted
 from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.lens import Lens
@@ -34,7 +35,7 @@ from pdcd.virtual.optics.products import Exposure, Pairs, Products, Tables, dist
 from pdcd.virtual.optics.render import Detail, Picture, Renderer
 from pdcd.virtual.optics.sent import sent_to
 from pdcd.virtual.optics.setting import Setting, falloff
-from pdcd.virtual.optics.sights import Away, CellGrid, Looks, Scattered, look
+from pdcd.virtual.optics.sights import Away, CellGrid, Looks, Scattered, Slanted, look
 from pdcd.virtual.optics.sites import Kind, PanelSites
 from pdcd.virtual.optics.spread import CellLight
 from pdcd.virtual.scene.displaced import Displaced
@@ -73,8 +74,11 @@ class OpticalBench:
     """
 
     def __init__(self, config: Config, scene: Scene, frame: tuple[int, int]) -> None:
-        self._setting = Setting(config, truth_of(config), frame)
-        self._setting.check()
+        setting = Setting(config, truth_of(config), frame)
+        setting.check()
+        drawn, size_px = setting.drawn, config.projector.size_px
+        apart = drawn_apart_px(drawn.projector, drawn.mask, config.code_grid(scene.grid), size_px)
+        self._setting = replace(setting, apart=apart > 0.0)
         self._scene = scene
         self._kept: OrderedDict[tuple[Kind, Kind | CellGrid | None], _Driven] = OrderedDict()
         self._lit_kept: OrderedDict[Kind, tuple[PanelSites, scipy.sparse.csr_array]] = OrderedDict()
@@ -326,7 +330,7 @@ class OpticalBench:
 
     @cached_property
     def _looks(self) -> Looks:
-        return Looks(self._setting, self._away)
+        return (Slanted if self._setting.slanted else Looks)(self._setting, self._away)
 
     @cached_property
     def _scattered(self) -> Looks:

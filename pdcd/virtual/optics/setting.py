@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 
 FEW_SAMPLES = (2, 32)
 """Least and most points along an axis of a quad, where nobody says how many."""
+SLANTED_SAMPLES = 24
+"""Least of them where both panels draw the borders of cells in two places: slanted ones see what
+lies between these to a 576th of a quad."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +32,13 @@ class Tap:
 
 @dataclass(frozen=True)
 class Setting:
-    """One bench. `frame` is rows and columns of the camera's quads."""
+    """One bench. `frame` is rows and columns of the camera's quads. `apart`: whether the panels
+    draw the borders of cells in two places."""
 
     believed: Config
     truth: Truth
     frame: tuple[int, int]
+    apart: bool = False
 
     @cached_property
     def true(self) -> Config:
@@ -75,7 +80,16 @@ class Setting:
         ahead = centre + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         on_mask = self.on_mask(self.camera.to_field(ahead))
         far = float(np.nan_to_num(np.abs(on_mask[1:] - on_mask[0])).sum(axis=-1).max())
-        return int(np.clip(np.ceil(far - 1e-6), *FEW_SAMPLES))
+        least, most = FEW_SAMPLES
+        least = SLANTED_SAMPLES if self.slanted else least
+        return int(np.clip(np.ceil(far - 1e-6), least, most))
+
+    @property
+    def slanted(self) -> bool:
+        """Whether no two samples of a quad lie in one row or column, so that they see strips that
+        are much narrower than a sample is wide: where there are such, and nobody says how many
+        samples there are."""
+        return self.apart and self.truth.camera.samples is None
 
     def on_projector(self, points: Floats) -> Floats:
         """Points of the field (..., 2) -> pixels of the projector."""

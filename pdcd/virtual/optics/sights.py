@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
+from math import gcd
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.borders import PLASTIC
+from pdcd.probing.borders import GOLDEN, PLASTIC
 from pdcd.virtual.optics.raster import Raster
 from pdcd.virtual.optics.setting import Setting
 from pdcd.virtual.optics.sites import PanelSites
@@ -230,6 +231,21 @@ class Scattered(Looks):
         one, other = SCATTER
         right, down = row * one + column * other, row * other + column * one
         return _fraction(right) - 0.5, _fraction(down) - 0.5
+
+
+class Slanted(Scattered):
+    """The same samples, each row of a quad moved to the right by a part of a step, and each column
+    down: along either axis no two of them see the same place, together they see it evenly, and a
+    narrow strip is seen all along."""
+
+    def _aside(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        per_quad, cols = self._setting.samples, self._setting.frame[1]
+        # Neighbouring rows are moved by as different parts as can be.
+        turn = next(n for n in range(round(GOLDEN * per_quad), 0, -1) if gcd(n, per_quad) == 1)
+        steps = (np.arange(per_quad) * turn % per_quad + 0.5) / per_quad - 0.5
+        shape = (chunk[1] - chunk[0]) * per_quad, cols * per_quad
+        right = np.tile(steps, chunk[1] - chunk[0])[:, None]
+        return np.broadcast_to(right, shape), np.broadcast_to(np.tile(steps, cols), shape)
 
 
 def _behind(setting: Setting, offset: tuple[float, float], points: Floats) -> Floats:

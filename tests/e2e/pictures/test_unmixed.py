@@ -5,7 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.truth import read_truth
 from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import Quality
+from pdcd.runs.verify import whole_manifest
 from tests.bench.captures import capture_with, opened
 from tests.bench_rig import cells_error
 
@@ -26,3 +30,30 @@ def test_direct_light_that_slow_panels_let_through_is_taken_out(tmp_path: Path) 
     folder = Path(result.folder)
     assert cells_error(folder, taken_out=False) > 0.3
     assert cells_error(folder) < 0.02
+
+
+def test_cells_that_do_not_end_with_the_panels_pixels_are_photographed_as_well(
+    tmp_path: Path,
+) -> None:
+    """Cells of 21.3 pixels of the projector and 33.3 of the mask: whole ones by themselves, and
+    what gets through along their borders is taken out of the picture."""
+    config = Config(
+        projector=PanelConfig(size_px=(256, 192)),
+        mask=PanelConfig(size_px=(400, 300)),
+        scene=SceneConfig(kind="glass-and-balls", grid=(9, 12)),
+        camera=CameraConfig(quads_per_cell=4, noise="none"),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+    request = CaptureRequest(goal="indirect", codes=128)
+    with opened(config) as engine:
+        result = capture_with(engine, request, tmp_path, "job")
+    assert result.folder is not None
+    folder = Path(result.folder)
+    run = whole_manifest(folder).run
+    assert {shot.window for shot in run.shots} == {"whole"}
+    decoded = Darkroom(folder, run).decoded()
+    truth, seen = read_truth(folder, decoded.cells).on_quads(decoded.cells)
+    error, true = ((image[seen] ** 2).mean() for image in (decoded.answer.image - truth, truth))
+    assert error < 0.02**2 * true
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality) and quality.verdict == "good"

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 import scipy
 
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.pictures.bars import beside_errors, beside_of_pictures, with_edge_light
+from pdcd.pictures.bars import beside_errors, beside_of_pictures
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, _beside
-from pdcd.pictures.picture import Picture, barred, pictures_of
+from pdcd.pictures.picture import Picture
 from pdcd.pictures.sigma import USUAL
 from pdcd.planning.make import plan_for
 from pdcd.planning.plan import Plan
@@ -101,32 +100,3 @@ def test_known_paths_from_beside_count_as_light_from_there() -> None:
     wanted = np.zeros((N, 3))
     wanted[here] = 0.1, 0.0, 0.1
     np.testing.assert_allclose(found, wanted)
-
-
-@pytest.mark.parametrize("frame", [(30, 40), (33, 43)])
-def test_borders_that_panels_draw_apart_are_an_error_of_quads_that_see_them(
-    frame: tuple[int, int],
-) -> None:
-    plan = plan_of(goal="indirect", window="whole")
-    map_ = None if frame == (30, 40) else CellMap(grid=GRID, frame=frame).filled
-    cells = CellMap(grid=GRID, frame=frame, map=map_)
-    image = np.ones((*frame, 3))
-    photos = {"white": Picture(5.0 * image, image), "coded": Picture(image, image)}
-    bars = {
-        name: barred(one, 0.03 * image, "measured")
-        for name, one in pictures_of(plan.recipe, photos).items()
-    }
-    none = with_edge_light(bars, plan.recipe, photos, {}, cells)
-    assert all(none[name] is one for name, one in bars.items())
-    found = with_edge_light(bars, plan.recipe, photos, {"coded": 0.01, "white": 0.01}, cells)
-    assert found["white"] is bars["white"]
-    one = found["indirect"]
-    np.testing.assert_allclose(one.sigma, np.hypot(one.sensor, one.code))
-    more = np.sqrt(one.code**2 - 0.03**2)[..., 0]
-    if map_ is None:
-        np.testing.assert_allclose(more, 0.01 * 4.0)
-        return
-    edges = ~cells.single
-    assert 0.2 < edges.mean() < 0.6
-    np.testing.assert_allclose(more[edges], 1.7 * 0.01 * 4.0 / edges.mean())
-    np.testing.assert_array_equal(one.code[~edges], 0.03)

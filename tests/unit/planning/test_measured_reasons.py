@@ -25,9 +25,11 @@ from pdcd.planning.bench_fit import (
     schedule_leak,
     times_measured,
     window_for,
+    window_of,
     with_grid,
 )
 from pdcd.probing.cell_size import Meeting, largest_window, leak_of
+from pdcd.protocol.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 
 TIMES = {"rise_s": 2e-4, "fall_s": 3e-4}
@@ -161,6 +163,18 @@ def test_whole_windows_of_panels_that_were_placed_say_what_gets_through() -> Non
     assert reasons_for(Config(), (12, 16), "whole", "full", None) == ()
     assert window_for("auto", Config(), (12, 16)) == "whole"
     assert window_for("whole", placed, (12, 16)) == "whole"
+
+
+def test_cells_that_do_not_end_with_pixels_name_those_that_do() -> None:
+    whole = reasons_for(Config(), (36, 48), "whole", "full", None)
+    assert whole[-1] == "cells of 36 x 48 do not end on the pixels of both panels; 48 x 64 do"
+    assert "it is taken out" in whole[0]
+    assert reasons_for(Config(), (36, 48), "quarter", "full", None) == whole[-1:]
+    for goal, window in (("indirect", "whole"), ("direct", "whole"), ("fraction", "quarter")):
+        asked: dict[str, Any] = {"goal": goal, "p": 0.25 if goal == "fraction" else None}
+        request = CaptureRequest(**asked)
+        assert window_of(request, Config(), (36, 48)) == window
+    assert window_of(CaptureRequest(goal="indirect", white=False), Config(), (36, 48)) == "quarter"
 
 
 def test_windows_that_end_within_pixels_of_the_mask_are_refused() -> None:

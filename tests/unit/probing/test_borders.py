@@ -12,7 +12,7 @@ from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.panels.placing import Placing
 from pdcd.panels.windows import windows
 from pdcd.planning.bench_fit import window_for
-from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
+from pdcd.probing.borders import drawn_apart_px, drawn_apart_share, nearest_grid
 
 GRID = (24, 32)
 
@@ -82,3 +82,47 @@ def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -
     assert apart_share(rig) == pytest.approx(differ.mean(), rel=0.1)
     within = np.abs(opened % 1.0 - 0.5).max(axis=1) <= 0.5 - found.guard  # the window of its cell
     assert not (differ & within).any()
+
+
+@pytest.mark.parametrize(
+    ("rig", "window"),
+    [
+        (config((512, 384), (1024, 768)), "whole"),  # borders are drawn alike
+        (config((512, 384), (801, 600)), "whole"),
+        (config((64, 48), (100, 75)), "quarter"),  # two pixels a cell
+        (config((512, 384), (400, 300), turn_deg=31.0, scale=1.4), "quarter"),
+    ],
+)
+def test_whole_cells_are_taken_where_little_is_left_of_what_is_taken_out(
+    rig: Config, window: str
+) -> None:
+    assert window_for("auto", rig, GRID, taken_out=True) == window
+
+
+@pytest.mark.parametrize(
+    ("projector", "mask", "grid", "wanted"),
+    [
+        ((1024, 768), (1600, 1200), (36, 48), (48, 64)),  # 64 and 48 divide both
+        ((1024, 768), (1600, 1200), (20, 30), (24, 32)),
+        ((1024, 768), (1600, 1200), (24, 32), (24, 32)),
+        ((1024, 768), (1600, 1200), (48, 130), None),  # at most 64 columns, half of these
+        ((1021, 769), (1600, 1200), (24, 32), None),  # nothing divides both but 1
+    ],
+)
+def test_the_nearest_cells_that_end_on_the_pixels_of_both_panels(
+    projector: tuple[int, int],
+    mask: tuple[int, int],
+    grid: tuple[int, int],
+    wanted: tuple[int, int] | None,
+) -> None:
+    panels = panels_of(config(projector, mask))
+    assert nearest_grid(panels.projector, panels.mask, grid) == wanted
+    if wanted is not None:
+        assert all(size[1] % wanted[0] == 0 == size[0] % wanted[1] for size in (projector, mask))
+
+
+def test_no_cells_end_on_the_pixels_of_a_mask_that_is_turned() -> None:
+    turned = panels_of(config((1024, 768), (1600, 1200), turn_deg=2.0, scale=1.1))
+    assert nearest_grid(turned.projector, turned.mask, (36, 48)) is None
+    half = panels_of(config((1024, 768), (1600, 1200), turn_deg=180.0))
+    assert nearest_grid(half.projector, half.mask, (36, 48)) == (48, 64)
