@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.arrows import arrows
-from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.check.changes import (
     DARKEST,
     GOOD_CLOSED,
@@ -37,6 +35,7 @@ from pdcd.calibration.check.look import (
     reference,
 )
 from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.preview import draw_arrows, write_lines
 from pdcd.calibration.registration.correction import bent_to, nodes_of
 from pdcd.calibration.registration.registration_step import cell_px
 from pdcd.calibration.script import Measured, Outcome, Script, Session
@@ -167,7 +166,7 @@ def _compared(
         refit,
         figures=figures,
         advice=tuple(advice),
-        picture=_picture(session, now, before.then, found, advice),
+        picture=lambda figure: _draw(figure, session, now, before.then, found, advice),
     )
 
 
@@ -231,20 +230,15 @@ def _moved(session: Session, found: Checked) -> dict[str, Map]:
     }
 
 
-def _picture(
-    session: Session, now: Look, then: Look, found: Checked, advice: list[str]
-) -> NDArray[np.uint8]:
+def _draw(
+    figure: Any, session: Session, now: Look, then: Look, found: Checked, advice: list[str]
+) -> None:
     """How the dots of both panels moved in the photo, and what to do."""
-    picture = sheet()
-    width, height = session.found("camera").size_px
-    box_height = min(round(420 * height / width), 340)
-    for number, panel in enumerate(PANELS):
-        after, before = getattr(now, panel), getattr(then, panel)
-        was, found_again, _ = common(before, after)
-        box = (20 + 440 * number, 40, 420, box_height)
+    size = np.array(session.found("camera").size_px, dtype=np.float64)
+    for axes, panel in zip(figure.subplots(1, 2), PANELS, strict=True):
+        was, is_now, _ = common(getattr(then, panel), getattr(now, panel))
         title = f"how the {panel}'s dots moved in the photo"
-        arrows(picture, box, was / (width, height), found_again - was, title, unit="quads")
+        draw_arrows(axes, was / size, is_now - was, title, unit="quads")
     verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
     lines = [f"the bench is {verdict[found.verdict]}; lamp {found.lamp:.1%}"]
-    write(picture, [*lines, *(text[:118] for text in advice)], (20, box_height + 75))
-    return picture
+    write_lines(figure, [*lines, *(text[:118] for text in advice)])

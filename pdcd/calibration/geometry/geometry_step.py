@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import Config
-from pdcd.calibration.arrows import arrows
-from pdcd.calibration.charts import sheet
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.geometry.compose import Composed, OneField, compose, one_field
 from pdcd.calibration.geometry.dots import DotGrid, PanelName
@@ -32,6 +31,7 @@ from pdcd.calibration.geometry.phase import PhaseCode
 from pdcd.calibration.geometry.shared_field import ENOUGH, SharedField, edge_px, shared_field
 from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import Photo
+from pdcd.calibration.preview import draw_arrows
 from pdcd.calibration.registration.striped import base_px, by_maps, by_xor
 from pdcd.calibration.registration.stripes import slope_at
 from pdcd.calibration.script import (
@@ -110,7 +110,7 @@ def geometry(session: Session) -> Script:
     return Outcome(
         figures=tuple(told),
         advice=(*common.advice, *([FINER] if unsure and session.subject == "card" else [])),
-        picture=_picture(projector, mask),
+        picture=lambda figure: _draw(figure, projector, mask),
         words=words,
         maps=maps,
     )
@@ -294,15 +294,11 @@ def _refuse_unlike(session: Session, composed: Composed) -> None:
         check_believed(found[number], believed[number], panel, believed[1 - number])
 
 
-def _picture(*panels: Marked) -> NDArray[np.uint8]:
+def _draw(figure: Any, *panels: Marked) -> None:
     """What the maps of projector and mask leave of each mark."""
-    picture = sheet(900, 420)
-    for number, marked in enumerate(panels):
+    for axes, marked in zip(figure.subplots(1, 2), panels, strict=True):
         fitted = marked.green
         size = np.array(fitted.target_size_px, dtype=np.float64)
-        height = round(420 * size[1] / size[0])
-        box = (20 + 440 * number, 60, 420, min(height, 480))
         what = "blocks of stripes" if marked.dots is None else "dots"
         title = f"{marked.panel}: what the map leaves of {len(fitted.target_px)} {what}"
-        arrows(picture, box, fitted.target_px / size, fitted.residual_px, title)
-    return picture
+        draw_arrows(axes, fitted.target_px / size, fitted.residual_px, title)

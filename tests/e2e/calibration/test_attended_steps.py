@@ -53,4 +53,3 @@ def test_focus_tells_a_number_until_nobody_turns(tmp_path: Path) -> None:
         assert now is not None and best is not None
         assert now == pytest.approx(told, abs=6e-4) and best >= now
     assert {figure.name for figure in outcome.figures} == {"focus.mask", "focus.projector"}
-    assert outcome.picture is not None
