@@ -10,8 +10,8 @@ from pdcd.bench.placed import on_field
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.geometry.disparity import Disparities, disparities
 from pdcd.calibration.geometry.geometry_step import finer
+from pdcd.calibration.geometry.striped import base_px, planes_of
 from pdcd.calibration.geometry.xor import XorCode
-from pdcd.calibration.registration.striped import base_px, planes_of
 from pdcd.calibration.script import Outcome, Script, Session
 from pdcd.errors import CalibrationError
 

@@ -29,10 +29,10 @@ from pdcd.calibration.geometry.panel_map import (
 )
 from pdcd.calibration.geometry.phase import PhaseCode
 from pdcd.calibration.geometry.shared_field import ENOUGH, SharedField, edge_px, shared_field
+from pdcd.calibration.geometry.striped import base_px, by_maps, by_xor
 from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.preview import draw_arrows
-from pdcd.calibration.registration.striped import base_px, by_maps, by_xor
 from pdcd.calibration.registration.stripes import slope_at
 from pdcd.calibration.script import (
     FIELD,

@@ -36,8 +36,8 @@ TWICE = (0.2, 0.6)
 LEAST_REFRESHES = 2
 """Of a dose: a single refresh ends before the panel has risen."""
 TRANSFER_SHARE = 0.7
-BRIGHT, ALIKE = 0.98, 0.05
-"""Blocks within 5 % of the light that 98 % have at most stand for their plane in the doses."""
+BRIGHT, ALIKE = 0.98, 0.03
+"""Blocks within 3 % of the light that 98 % have at most stand for their plane in the doses."""
 LIT = 0.3
 """Light of the darkest part of a block, over the brightest there is, from which it is lit."""
 EVEN = 0.1
@@ -246,14 +246,15 @@ def _lines(
     _refuse_no_light(plan, signal, dark)
     doses = np.array(list(plan.doses.values()), np.float64)
     order = np.argsort(doses, kind="stable")
-    noise = _spreads(photos[max(plan.doses, key=lambda name: plan.doses[name])])
+    most = photos[max(plan.doses, key=lambda name: plan.doses[name])]
+    full, noise = _levels(most), _spreads(most)
     lines = tuple(
         line_of(
             name,
             doses[order],
             signal[plane, order],
-            noise_dn=float(np.median(noise[plane][chosen[plane]])),
-            base_dn=float(floor[plane][chosen[plane]].mean()),
+            # Where the sensor is full a few blocks may not be: by the middle one.
+            *(float(np.median(of[plane][chosen[plane]])) for of in (full, floor, noise)),
         )
         for plane, name in enumerate(NAMES)
     )

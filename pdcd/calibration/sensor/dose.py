@@ -52,7 +52,7 @@ class Line:
 
 
 def line_of(
-    plane: str, doses: Floats, signal: Floats, *, noise_dn: float, base_dn: float = 0.0
+    plane: str, doses: Floats, signal: Floats, full_dn: float, base_dn: float, noise_dn: float
 ) -> Line:
     """Fit the line of one plane.
 
@@ -61,7 +61,8 @@ def line_of(
     plane : its name, for what is raised.
     doses : (n,) white refreshes, ascending; equal ones may repeat.
     signal : (n,) DN above black and above the light of no dose, of the brightest quads.
-    noise_dn : standard deviation of their samples in the largest dose. base_dn : of no dose, DN.
+    full_dn, base_dn : DN above black of their middle in the largest dose, and without a dose.
+    noise_dn : standard deviation of their samples in the largest dose.
 
     Raises CalibrationError: fewer than four doses in range, a photo without its light, a signal
     that does not rise.
@@ -72,7 +73,7 @@ def line_of(
         raise _few(plane, int(low.sum()))
     slope = float(np.ptp(signal[low]) / np.ptp(doses[low]))
     _refuse_missing(plane, doses, signal, slope)
-    last, due = float(signal[-1]), slope * float(doses[-1])
+    last, due = full_dn - base_dn, slope * float(doses[-1])
     stopped = last < STOPPED * due
     highest = last if last < UNBENT * due else top / LINEAR_SHARES[1]
     used = (signal >= LINEAR_SHARES[0] * highest) & (signal <= LINEAR_SHARES[1] * highest)
@@ -89,8 +90,8 @@ def line_of(
         offset_sigma=float(np.sqrt(covariance[1, 1]) / fit[0]),
         error=float(np.abs(deviations[used]).max()),
         deviations=deviations,
-        saturation_dn=last + base_dn if stopped else None,
-        highest_dn=last + base_dn,
+        saturation_dn=full_dn if stopped else None,
+        highest_dn=full_dn,
         clipped=stopped and noise_dn < 1.0,
     )
 

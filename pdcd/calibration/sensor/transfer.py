@@ -11,8 +11,8 @@ With two photos a and b of a block, r = mean(a) / mean(b), lamp flicker included
     var = var(d) / (1 + r^2)          m = mean(a) (1 + r) / (1 + r^2)
 
 so that `var` and `m` lie on the line exactly, whatever the flicker. The line is fitted over the
-blocks of all pairs with the weights of a sample variance, ``(n - 1) / (2 var^2)``. What a row of a
-block has in common, as banding, is taken out of d.
+blocks of all pairs with the weights of a sample variance, ``(n - 1) / (2 var^2)``. What whole rows
+have in common (banding) is taken out of d in the dark, where it counts.
 
 After EMVA 1288 "Linear", section on the photon transfer method.
 """
@@ -89,14 +89,16 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None) -> Pair:
         ratio = np.clip(light[0] / light[1], 0.2, 5.0)
     d = _blocks(a) - ratio[:, None, :, None] * _blocks(b)
     d -= np.median(d, axis=(1, 3), keepdims=True)
-    # Hot pixels and cosmic rays are left out; each row of a block lies about its own mean.
+    # Hot pixels and cosmic rays are left out.
     spread = 1.4826 * np.median(np.abs(d), axis=(1, 3), keepdims=True)
     kept = np.abs(d) <= CLIP_SIGMAS * np.maximum(spread, 1.0)
-    in_row = np.maximum(kept.sum(axis=3, keepdims=True), 1)
-    d = np.where(kept, d - np.where(kept, d, 0.0).sum(axis=3, keepdims=True) / in_row, 0.0)
-    count = np.maximum(kept.sum(axis=(1, 3)) - SIDE, 1).astype(np.float64)
+    count = kept.sum(axis=(1, 3)).astype(np.float64)
+    if dark is None:
+        d = _centred(d, kept, (2, 3))
+        count *= 1.0 - 1.0 / (SIDE * d.shape[2])
+    d = _centred(d, kept, (1, 3))
     both = 1.0 + ratio**2
-    variance = (d**2).sum(axis=(1, 3)) / count / both
+    variance = (d**2).sum(axis=(1, 3)) / np.maximum(count - 1.0, 1.0) / both
     square = float((d**2).sum()) / SIDE
     beside = float((d[..., 1:] * d[..., :-1]).sum()) / (SIDE - 1)
     if dark is not None:
@@ -108,9 +110,15 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None) -> Pair:
         variance=variance.ravel(),
         samples=count.ravel(),
         peak=np.maximum(*means).ravel(),
-        # Without their mean, samples of one row are that much unlike.
-        correlation=beside / square + 1.0 / (SIDE - 1) if square else 0.0,
+        correlation=beside / square if square else 0.0,
     )
+
+
+def _centred(d: Floats, kept: NDArray[np.bool_], axis: tuple[int, int]) -> Floats:
+    """The kept samples of blocks less their mean along some axes; others are 0."""
+    some = np.where(kept, d, 0.0)
+    mean = some.sum(axis=axis, keepdims=True) / np.maximum(kept.sum(axis=axis, keepdims=True), 1)
+    return np.where(kept, d - mean, 0.0)
 
 
 def _blocks(plane: Floats) -> Floats:

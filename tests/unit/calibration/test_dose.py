@@ -19,7 +19,7 @@ STRAIGHT = SLOPE * (DOSES + OFFSET)
 def line(
     plane: str, doses: Floats, signal: Floats, noise_dn: float = 9.0, base_dn: float = 0.0
 ) -> Line:
-    return line_of(plane, doses, signal, noise_dn=noise_dn, base_dn=base_dn)
+    return line_of(plane, doses, signal, float(signal[-1]) + base_dn, base_dn, noise_dn)
 
 
 def test_a_straight_line_is_found_as_it_is() -> None:

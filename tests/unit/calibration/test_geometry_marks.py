@@ -17,7 +17,7 @@ from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.geometry.fit import Pairs, fit_map
 from pdcd.calibration.geometry.geometry_step import geometry, marks_of
-from pdcd.calibration.registration.striped import base_px
+from pdcd.calibration.geometry.striped import base_px
 from pdcd.calibration.script import Outcome, Wanted
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, between
