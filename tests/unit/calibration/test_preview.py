@@ -24,6 +24,7 @@ def test_a_preview_is_a_picture_with_arrows_that_point_down(tmp_path: Path) -> N
     """Of vectors that are as long as 95 % are, each is 6 % of the box, downwards from its place."""
     write_preview(tmp_path / "a.png", draw)
     seen = cv2.imread(str(tmp_path / "a.png"))
+    assert seen is not None
     blue = (seen[..., 0] > 150) & (seen[..., 2] < 90)
     rows, cols = np.nonzero(blue)
     half = seen.shape[1] // 2
