@@ -66,7 +66,7 @@ def draw_arrows(
         x, y, right, -down, color=BLUE, width=0.003,
         scale=max(usual, 1e-6) / LONGEST, scale_units="width",
     )  # fmt: skip
-    axes.set(xlim=(0.0, 1.0), ylim=(1.0, 0.0), xticks=[], yticks=[])
+    axes.set(xlim=(0.0, 1.0), ylim=(1.0, 0.0), xticks=[], yticks=[], box_aspect=0.75)
     label(axes, f"{title}\n95 % below {usual:.3f} {unit}")
 
 

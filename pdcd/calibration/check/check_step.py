@@ -21,6 +21,7 @@ from pdcd.calibration.check.changes import (
     Checked,
     Look,
     check,
+    matched,
 )
 from pdcd.calibration.check.look import (
     PANELS,
@@ -28,7 +29,6 @@ from pdcd.calibration.check.look import (
     Seen,
     as_it_lies,
     by_maps,
-    common,
     fingerprint,
     kept,
     look,
@@ -126,17 +126,13 @@ def _first(seen: Seen, exposure: Exposure, calibrated: Floats) -> Outcome:
 def _with_lag(seen: Seen, then: Look, strips: Floats, refresh_s: float) -> tuple[Look, str]:
     """The look with the change of its lag, and what to say where it cannot be told."""
     now = seen.look
-    if seen.strips is None or seen.model is None or seen.sigma is None:
+    if seen.strips is None or strips.shape[1] != seen.strips.value.size:
         return now, NO_LAG
-    if strips.shape[1] != seen.strips.size:
-        return now, NO_LAG
-    left, sigma_then = strips
+    value, sigma = seen.strips.value, np.hypot(seen.strips.sigma, strips[1])
     # A mask that leaks more lights the strips, too, and is told by its own figure.
-    model = seen.model.leaking(now.closed[0] - then.closed[0])
+    model = seen.strips.model.leaking(now.closed[0] - then.closed[0])
     try:
-        change = skew_change(
-            seen.strips, model(0.0) + left, np.hypot(seen.sigma, sigma_then), model, 0.0, refresh_s
-        )
+        change = skew_change(value, model(0.0) + strips[0], sigma, model, 0.0, refresh_s)
     except CalibrationError as err:
         change, said = (np.nan, np.nan), f"{err.message}: {err.hint}"
     else:
@@ -236,7 +232,7 @@ def _draw(
     """How the dots of both panels moved in the photo, and what to do."""
     size = np.array(session.found("camera").size_px, dtype=np.float64)
     for axes, panel in zip(figure.subplots(1, 2), PANELS, strict=True):
-        was, is_now, _ = common(getattr(then, panel), getattr(now, panel))
+        was, is_now, _ = matched(getattr(now, panel), getattr(then, panel))
         title = f"how the {panel}'s dots moved in the photo"
         draw_arrows(axes, was / size, is_now - was, title, unit="quads")
     verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
