@@ -44,14 +44,13 @@ BlackLevelName = Literal["auto", "none", "mask", "ambient", "both"]
 NormaliseName = Literal["auto", "scalar", "row"]
 StepName = Literal[
     "sensor", "light", "geometry", "timing", "shutter", "registration", "response",
-    "coaxial", "focus", "disparity", "check",
+    "focus", "disparity", "check",
 ]  # fmt: skip
 """Steps of `pdcd calibrate` (docs/calibration.md)."""
 SubjectName = Literal["card", "scene"]
 """What a bench is calibrated on."""
-MarksName = Literal["auto", "dots", "gray", "phase", "xor"]
-"""By what the geometry finds the panels: dots; stripes numbered by a Gray code, by maps in use, or
-by XOR codes."""
+MarksName = Literal["auto", "dots", "phase", "xor"]
+"""By what the geometry finds the panels: dots; stripes numbered by maps in use, or by XOR codes."""
 JobKind = Literal["capture", "plan", "show", "preview", "calibrate"]
 """What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look."""
 VerdictName = Literal["good", "doubtful", "bad"]

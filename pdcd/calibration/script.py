@@ -11,7 +11,6 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo, WhileShown
@@ -19,6 +18,7 @@ from pdcd.bench.measured import with_values
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import Photo, Seen, photo_of
+from pdcd.calibration.preview import Draw
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.timing.delayed import delayed
 from pdcd.calibration.timing.timing_model import Ran
@@ -106,7 +106,7 @@ class Outcome:
     figures : each with limit and verdict. words : by key of the configuration.
     maps : by device; they become the places of these devices. arrays : for steps and checks to
         come, by name. profile : text of a sensor profile. advice : what to do, a sentence each.
-    picture : (h, w, 3) uint8, to look at.
+    picture : draws what is to be looked at (`pdcd.calibration.preview`).
     """
 
     figures: tuple[Figure, ...] = ()
@@ -115,7 +115,7 @@ class Outcome:
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     profile: SensorProfile | None = None
     advice: tuple[str, ...] = ()
-    picture: NDArray[np.uint8] | None = None
+    picture: Draw | None = None
 
     @property
     def verdict(self) -> Verdict:

@@ -26,17 +26,14 @@ STEPS: Mapping[str, str] = MappingProxyType(
         "shutter": "shutter.shutter_step:shutter",
         "registration": "registration.registration_step:registration",
         "response": "response.response_step:response",
-        "coaxial": "geometry.coaxial_step:coaxial",
         "focus": "registration.focus_step:focus",
         "disparity": "geometry.disparity_step:disparity",
         "check": "check.check_step:check_bench",
     }
 )
 """Each step's script, "module:function" below this package; docs/calibration.md tells of them."""
-AT_WISH = frozenset({"response", "coaxial", "focus", "disparity"})
+AT_WISH = frozenset({"response", "focus", "disparity"})
 """Steps that are no part of a whole calibration."""
-BY_HAND = frozenset({"coaxial"})
-"""Steps that tell nothing unless somebody does what they ask."""
 METER = "meter"
 """What comes before all others."""
 GOES_BY: Mapping[str, frozenset[str]] = MappingProxyType(

@@ -12,13 +12,13 @@ from pdcd.bench.exposure_time import planned_s, time_doubts
 from pdcd.bench.measured import chosen
 from pdcd.bench.tables import Config
 from pdcd.calibration.script import Ask
-from pdcd.calibration.steps import BY_HAND, METER, ordered
+from pdcd.calibration.steps import METER, ordered
 from pdcd.capture.keeping import Before, Keeper, read_before, taken_over, taken_words
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.capture.worker.calibrating import Begin, Found, NextAsk, NextPhoto
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import CalibrationError, Cancelled, DeviceLost, SyncError
+from pdcd.errors import Cancelled, DeviceLost, SyncError
 from pdcd.protocol import events
 from pdcd.protocol.events import Emit, Event, logged
 from pdcd.protocol.request import CalibrateRequest
@@ -67,7 +67,7 @@ class CalibrationRun:
         """Take all photos, work them out, archive. Raises PdcdError; what its steps found until
         then is kept all the same, in a whole folder (`ended_whole`)."""
         camera, before = self._camera(), read_before(chosen(self.config))
-        names, left_out = self._steps()
+        names = ordered(self.request.steps, self.request.subject)
         over = taken_over(before, self.request, names)
         names = tuple(name for name in names if name not in over)
         note = "" if before is None or not over else taken_words(before, over)
@@ -84,7 +84,7 @@ class CalibrationRun:
             raise
         sha256 = self.keeper.finish("done")
         self.ended_whole = True
-        return self._result(self.keeper, sha256, left_out, note)
+        return self._result(self.keeper, sha256, note)
 
     @property
     def kept(self) -> tuple[str, ...]:
@@ -110,9 +110,7 @@ class CalibrationRun:
         if self.request.attended:
             self._ask(Ask(SUBJECTS[subject]))
 
-    def _result(
-        self, keeper: Keeper, sha256: str, left_out: tuple[str, ...], note: str
-    ) -> CaptureResult:
+    def _result(self, keeper: Keeper, sha256: str, note: str) -> CaptureResult:
         steps = keeper.steps
         return CaptureResult(
             job=self.job,
@@ -128,27 +126,12 @@ class CalibrationRun:
             },
             warnings=(
                 *([note] if note else []),
-                *(f"{name}: left out, for nobody is asked to lend a hand" for name in left_out),
                 *(f"{step.name}: {text}" for step in steps for text in step.advice),
                 *(f"{name}: not used: {why}" for name, why in keeper.left_out.items()),
                 *keeper.stale.values(),
             ),
             passed=keeper.verdict != "bad",
         )
-
-    def _steps(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The steps to take, in their order, and those that nobody is there for. Raises
-        CalibrationError where there is nothing else to do."""
-        names = ordered(self.request.steps, self.request.subject)
-        if self.request.attended:
-            return names, ()
-        alone = tuple(name for name in names if name not in BY_HAND)
-        if not alone:
-            raise CalibrationError(
-                f"{names[0]} needs somebody who does what it asks for",
-                hint="run it at a terminal, without --yes and --json",
-            )
-        return alone, tuple(name for name in names if name in BY_HAND)
 
     def _camera(self) -> CameraInfo:
         if self.rig.camera_info is None:

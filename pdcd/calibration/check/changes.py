@@ -110,8 +110,9 @@ def check(
     Raises CalibrationError where the photos say nothing: no light, saturated, too few dots.
     """
     lamp, uneven, lamp_sigma = _lamp(now, then)
-    of_projector = _matched(now.projector, then.projector, "projector")
-    of_mask = _matched(now.mask, then.mask, "mask")
+    of_projector, of_mask = matched(now.projector, then.projector), matched(now.mask, then.mask)
+    _refuse_few(len(of_projector[0]), then.projector, "projector")
+    _refuse_few(len(of_mask[0]), then.mask, "mask")
     moved = similarity(*of_projector)
     quads_then, quads_now, sigma = of_mask
     on_projector = [
@@ -182,23 +183,25 @@ def closed_share(
     return float(dots[away].sum()) / light, float(np.sqrt(variance[away].sum())) / light
 
 
-def _matched(now: Dots, then: Dots, device: str) -> tuple[Floats, Floats, Floats]:
-    """Places then and now of the dots that both looks have, and the sigma of their difference."""
-    number = [
-        {(int(row), int(col)): place for place, (row, col) in enumerate(dots.index.tolist())}
-        for dots in (now, then)
-    ]
-    common = sorted(number[0].keys() & number[1].keys())
-    if len(common) < max(FEWEST_DOTS, LEAST_DOTS * len(number[1])):
+def matched(now: Dots, then: Dots) -> tuple[Floats, Floats, Floats]:
+    """Places then and now, (n, 2), of the dots that both looks have, and the sigma of their
+    difference, (n,)."""
+    number = [{tuple(at): n for n, at in enumerate(dots.index.tolist())} for dots in (now, then)]
+    both = sorted(number[0].keys() & number[1].keys())
+    first, second = (np.array([each[key] for key in both], dtype=np.int64) for each in number)
+    sigma = np.hypot(now.sigma[first], then.sigma[second])
+    return then.quads[second], now.quads[first], sigma
+
+
+def _refuse_few(found: int, then: Dots, device: str) -> None:
+    """Raise CalibrationError where too few of the reference's dots are there."""
+    if found < max(FEWEST_DOTS, LEAST_DOTS * len(then.index)):
         raise CalibrationError(
-            f"only {len(common)} of {len(number[1])} dots of the {device} are found again",
+            f"only {found} of {len(then.index)} dots of the {device} are found again",
             device=device,
             hint="clear the field, look whether the panel shows its dots and all is in focus; "
             "else calibrate the geometry anew",
         )
-    first, second = (np.array([each[key] for key in common]) for each in number)
-    sigma = np.hypot(now.sigma[first], then.sigma[second])
-    return then.quads[second], now.quads[first], sigma
 
 
 def _lamp(now: Look, then: Look) -> tuple[float, float, float]:

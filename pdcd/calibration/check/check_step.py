@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.arrows import arrows
-from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.check.changes import (
     DARKEST,
     GOOD_CLOSED,
@@ -23,6 +21,7 @@ from pdcd.calibration.check.changes import (
     Checked,
     Look,
     check,
+    matched,
 )
 from pdcd.calibration.check.look import (
     PANELS,
@@ -30,13 +29,13 @@ from pdcd.calibration.check.look import (
     Seen,
     as_it_lies,
     by_maps,
-    common,
     fingerprint,
     kept,
     look,
     reference,
 )
 from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.preview import draw_arrows, write_lines
 from pdcd.calibration.registration.correction import bent_to, nodes_of
 from pdcd.calibration.registration.registration_step import cell_px
 from pdcd.calibration.script import Measured, Outcome, Script, Session
@@ -127,17 +126,13 @@ def _first(seen: Seen, exposure: Exposure, calibrated: Floats) -> Outcome:
 def _with_lag(seen: Seen, then: Look, strips: Floats, refresh_s: float) -> tuple[Look, str]:
     """The look with the change of its lag, and what to say where it cannot be told."""
     now = seen.look
-    if seen.strips is None or seen.model is None or seen.sigma is None:
+    if seen.strips is None or strips.shape[1] != seen.strips.value.size:
         return now, NO_LAG
-    if strips.shape[1] != seen.strips.size:
-        return now, NO_LAG
-    left, sigma_then = strips
+    value, sigma = seen.strips.value, np.hypot(seen.strips.sigma, strips[1])
     # A mask that leaks more lights the strips, too, and is told by its own figure.
-    model = seen.model.leaking(now.closed[0] - then.closed[0])
+    model = seen.strips.model.leaking(now.closed[0] - then.closed[0])
     try:
-        change = skew_change(
-            seen.strips, model(0.0) + left, np.hypot(seen.sigma, sigma_then), model, 0.0, refresh_s
-        )
+        change = skew_change(value, model(0.0) + strips[0], sigma, model, 0.0, refresh_s)
     except CalibrationError as err:
         change, said = (np.nan, np.nan), f"{err.message}: {err.hint}"
     else:
@@ -167,7 +162,7 @@ def _compared(
         refit,
         figures=figures,
         advice=tuple(advice),
-        picture=_picture(session, now, before.then, found, advice),
+        picture=lambda figure: _draw(figure, session, now, before.then, found, advice),
     )
 
 
@@ -231,20 +226,15 @@ def _moved(session: Session, found: Checked) -> dict[str, Map]:
     }
 
 
-def _picture(
-    session: Session, now: Look, then: Look, found: Checked, advice: list[str]
-) -> NDArray[np.uint8]:
+def _draw(
+    figure: Any, session: Session, now: Look, then: Look, found: Checked, advice: list[str]
+) -> None:
     """How the dots of both panels moved in the photo, and what to do."""
-    picture = sheet()
-    width, height = session.found("camera").size_px
-    box_height = min(round(420 * height / width), 340)
-    for number, panel in enumerate(PANELS):
-        after, before = getattr(now, panel), getattr(then, panel)
-        was, found_again, _ = common(before, after)
-        box = (20 + 440 * number, 40, 420, box_height)
+    size = np.array(session.found("camera").size_px, dtype=np.float64)
+    for axes, panel in zip(figure.subplots(1, 2), PANELS, strict=True):
+        was, is_now, _ = matched(getattr(now, panel), getattr(then, panel))
         title = f"how the {panel}'s dots moved in the photo"
-        arrows(picture, box, was / (width, height), found_again - was, title, unit="quads")
+        draw_arrows(axes, was / size, is_now - was, title, unit="quads")
     verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
     lines = [f"the bench is {verdict[found.verdict]}; lamp {found.lamp:.1%}"]
-    write(picture, [*lines, *(text[:118] for text in advice)], (20, box_height + 75))
-    return picture
+    write_lines(figure, [*lines, *(text[:118] for text in advice)])

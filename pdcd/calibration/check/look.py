@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.check.changes import Dots, Look, closed_share, parts_of
+from pdcd.calibration.check.changes import Dots, Look, closed_share, matched, parts_of
 from pdcd.calibration.check.similarity import Similarity, similarity
 from pdcd.calibration.geometry.dots import DotGrid
 from pdcd.calibration.geometry.finding import find_again
+from pdcd.calibration.geometry.geometry_step import grids
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.registration.correction import bent_to, nodes_of
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
@@ -61,17 +62,20 @@ class Exposure:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A look, with what its strips say.
-
-    strips, sigma : (B * K,) light of the strips over white, of every band; None without a measured
-        timing. model : from a change of the lag in s to the same, (B * K,), by the timing that was
-        measured.
-    """
+    """A look, with what its strips say; None without a measured timing."""
 
     look: Look
-    strips: Floats | None = None
-    sigma: Floats | None = None
-    model: Lagged | None = None
+    strips: Strips | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """value, sigma : (B * K,) light of the strips over white, of every band. model : from a change
+    of the lag in s to the same, by the timing that was measured."""
+
+    value: Floats
+    sigma: Floats
+    model: Lagged
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +110,7 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
     room = session.photo((yield from _photo(exposure, shown)))
     found: dict[str, Dots] = {}
     closed = (0.0, 0.0)
-    for panel, grid in grids(session).items():
+    for panel, grid in zip(PANELS, grids(session), strict=True):
         picture = grid.dots()
         sides = (picture, WHITE) if panel == "projector" else (WHITE, picture)
         shown = session.in_step(still(f"dots-{panel}", refreshes, *sides))
@@ -129,25 +133,16 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
     )  # fmt: skip
     if "timing.lag_s" not in session.arrays:
         return Seen(found_look)
-    camera = as_it_lies(camera, similarity(*common(expected["projector"], found["projector"])))
+    camera = as_it_lies(camera, similarity(*matched(found["projector"], expected["projector"])))
     strips = yield from _strips(session, exposure, (white, room), camera)
-    return Seen(found_look, *strips)
-
-
-def grids(session: Session) -> dict[str, DotGrid]:
-    """The dots of either panel."""
-    projector, mask = session.sizes
-    return {
-        "projector": DotGrid.usual("projector", projector),
-        "mask": DotGrid.usual("mask", mask),
-    }
+    return Seen(found_look, strips)
 
 
 def by_maps(session: Session) -> dict[str, Dots]:
     """Where dots should be, by the maps."""
     camera = session.found("camera")
     found = {}
-    for panel, grid in grids(session).items():
+    for panel, grid in zip(PANELS, grids(session), strict=True):
         rows, cols = grid.shape
         index = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
         quads = between(session.found(panel), camera, grid.centres(index))
@@ -155,12 +150,6 @@ def by_maps(session: Session) -> dict[str, Dots]:
             inside = ((quads > 0.0) & (quads < camera.size_px)).all(axis=-1)
         found[panel] = Dots(index[inside], quads[inside], np.zeros(int(inside.sum())))
     return found
-
-
-def common(before: Dots, now: Dots) -> tuple[Floats, Floats, Floats]:
-    """Places (n, 2) of dots as they were and as they are, and the sigma of the latter, (n,)."""
-    number = {tuple(at): n for n, at in enumerate(before.index.tolist())}
-    return before.quads[[number[tuple(at)] for at in now.index.tolist()]], now.quads, now.sigma
 
 
 def as_it_lies(camera: Map, moved: Similarity) -> Map:
@@ -171,10 +160,10 @@ def as_it_lies(camera: Map, moved: Similarity) -> Map:
 def _all_places(session: Session, before: Dots, now: Dots) -> Floats:
     """Where all dots of the mask are in the photo, (n, 2), those that were not found, too: their
     light is not what comes through black."""
-    grid, mask = grids(session)["mask"], session.found("mask")
+    (_, grid), mask = grids(session), session.found("mask")
     rows, cols = grid.shape
     index = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
-    moved = similarity(*common(before, now))
+    moved = similarity(*matched(now, before))
     places = moved(between(mask, session.found("camera"), grid.centres(index)))
     return np.asarray(places[np.isfinite(places).all(axis=-1)])
 
@@ -206,9 +195,9 @@ def kept(
             f"check.{panel}.quads": dots.quads,
             f"check.{panel}.sigma": dots.sigma,
         }
-    if seen.strips is not None and seen.model is not None and seen.sigma is not None:
+    if (strips := seen.strips) is not None:
         # What the model says depends on the delay that the display takes out: kept is the rest.
-        arrays["check.strips"] = np.stack([seen.strips - seen.model(later_s), seen.sigma])
+        arrays["check.strips"] = np.stack([strips.value - strips.model(later_s), strips.sigma])
     return arrays
 
 
@@ -264,8 +253,8 @@ def _again(
 
 def _strips(
     session: Session, exposure: Exposure, white_and_room: tuple[Photo, Photo], camera: Map
-) -> Generator[Wanted | Ask, Taken | None, tuple[Floats, Floats, Lagged]]:
-    """What strips say, their sigma, and the model of it."""
+) -> Generator[Wanted | Ask, Taken | None, Strips]:
+    """What strips say, and the model of it."""
     projector, mask = session.found("projector"), session.found("mask")
     lags = session.arrays["timing.lag_s"]
     strips = strips_on(projector, 0, PROGRAMMES, shared(mask, camera))
@@ -285,7 +274,7 @@ def _strips(
     times = Times(taus_s, leaks, lags, tail, across_s)
     model = Model([read], [ran], session.refresh_s)
     model.slope_s = float(np.polyfit(read.bands, lags, 1)[0]) if lags.size > 1 else 0.0
-    return value.ravel(), sigma.ravel(), Lagged(model, times)
+    return Strips(value.ravel(), sigma.ravel(), Lagged(model, times))
 
 
 def _settings(

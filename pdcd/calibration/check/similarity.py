@@ -45,13 +45,6 @@ class Similarity:
         z = points[..., 0] + 1j * points[..., 1]
         return _pairs(self.centre + (z - self.centre - self.shift) / (1.0 + self.growth))
 
-    @property
-    def matrix(self) -> Floats:
-        """The same as a homography, (3, 3)."""
-        real, turn = 1.0 + self.growth.real, self.growth.imag
-        moved = self.shift - self.growth * self.centre
-        return np.array([[real, -turn, moved.real], [turn, real, moved.imag], [0.0, 0.0, 1.0]])
-
     def worst(self, corners: Floats) -> tuple[float, float]:
         """How far the corner (n, 2) that moved most has moved, and its standard deviation."""
         moved = np.hypot(*(self(corners) - corners).T)

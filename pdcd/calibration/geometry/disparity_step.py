@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import cv2
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.placed import on_field
-from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.geometry.disparity import Disparities, disparities
 from pdcd.calibration.geometry.geometry_step import finer
+from pdcd.calibration.geometry.striped import base_px, planes_of
 from pdcd.calibration.geometry.xor import XorCode
-from pdcd.calibration.registration.striped import base_px, planes_of
 from pdcd.calibration.script import Outcome, Script, Session
 from pdcd.errors import CalibrationError
 
@@ -46,7 +45,7 @@ def disparity(session: Session) -> Script:
         figures=_figures(found),
         arrays={"disparity.right": found.as_asked()},
         advice=_advice(found),
-        picture=_picture(found),
+        picture=lambda figure: _draw(figure, found),
     )
 
 
@@ -77,18 +76,10 @@ def _advice(found: Disparities) -> tuple[str, ...]:
     )
 
 
-def _picture(found: Disparities) -> NDArray[np.uint8]:
-    """Disparities by cell, from far to near; black is unknown."""
+def _draw(figure: Any, found: Disparities) -> None:
+    """Disparities by cell, from far to near; white is unknown."""
     low, high = np.percentile(found.right[found.known], [1.0, 99.0])
-    share = (np.nan_to_num(found.right) - low) / max(float(high - low), 1e-9)
-    coloured = cv2.applyColorMap(
-        (255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8), cv2.COLORMAP_VIRIDIS
-    )[..., ::-1]
-    coloured = np.where(found.known[..., None], coloured, 0)
-    rows, cols = found.known.shape
-    scale = max(1, min(860 // cols, 520 // rows))
-    whole = np.kron(coloured, np.ones((scale, scale, 1), dtype=np.uint8))
-    picture = sheet(40 + cols * scale, 80 + rows * scale)
-    picture[60 : 60 + rows * scale, 20 : 20 + cols * scale] = whole
-    write(picture, [f"cells to the right: {low:.1f} blue, to {high:.1f} yellow"], (20, 30))
-    return picture
+    axes = figure.subplots()
+    shown = np.where(found.known, found.right, np.nan)
+    figure.colorbar(axes.imshow(shown, vmin=low, vmax=high, interpolation="nearest"))
+    axes.set_title("cells to the right", fontsize=10)

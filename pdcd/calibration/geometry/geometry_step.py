@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import Config
-from pdcd.calibration.arrows import arrows
-from pdcd.calibration.charts import sheet
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.geometry.compose import Composed, OneField, compose, one_field
 from pdcd.calibration.geometry.dots import DotGrid, PanelName
@@ -30,9 +29,10 @@ from pdcd.calibration.geometry.panel_map import (
 )
 from pdcd.calibration.geometry.phase import PhaseCode
 from pdcd.calibration.geometry.shared_field import ENOUGH, SharedField, edge_px, shared_field
+from pdcd.calibration.geometry.striped import base_px, by_maps, by_xor
 from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.striped import base_px, by_gray, by_maps, by_xor
+from pdcd.calibration.preview import draw_arrows
 from pdcd.calibration.registration.stripes import slope_at
 from pdcd.calibration.script import (
     FIELD,
@@ -50,11 +50,13 @@ from pdcd.panels.map import Map, between
 from pdcd.panels.map_soundness import LEAST_SHARE, on_device
 from pdcd.words import MarksName
 
+Floats = NDArray[np.float64]
+
 LEAST_RADIUS_QUADS = 1.2
 """Radius of a dot in a photo below which its centre is not found."""
 FINER = (
     "the maps are not sure where there are no dots, as at the edge of a photo that sees a part of "
-    "a panel: let the camera see all of it, or take stripes, which go up to the edge: --marks gray"
+    "a panel: let the camera see all of it, or take stripes, which go up to the edge: --marks xor"
 )
 PLACES = 32
 """Places of the mask along either axis at which its map's error is asked for."""
@@ -108,7 +110,7 @@ def geometry(session: Session) -> Script:
     return Outcome(
         figures=tuple(told),
         advice=(*common.advice, *([FINER] if unsure and session.subject == "card" else [])),
-        picture=_picture(projector, mask),
+        picture=lambda figure: _draw(figure, projector, mask),
         words=words,
         maps=maps,
     )
@@ -152,15 +154,19 @@ def _field_figure(common: SharedField) -> Figure:
 def _marked(session: Session) -> Generator[Wanted | Ask, Taken | None, tuple[Marked, Marked]]:
     """Both panels by what the session's marks are."""
     marks, (of_projector, of_mask) = marks_of(session), grids(session)
-    if marks == "gray":
-        projector = yield from _by_gray(session, of_projector)
-        mask = yield from _by_gray(session, of_mask)
-    elif marks == "dots":
-        projector, mask, _ = yield from both_by_dots(session)
+    if marks == "dots":
+        projector = yield from _by_dots(session, of_projector, of_mask)
+        mask = yield from _by_dots(session, of_mask, of_projector)
+        projector.check(session, of_mask, mask.green)
+        mask.check(session, of_projector, projector.green)
     else:  # the mask first: it is sharp whatever the scene is, and says where the projector may be
-        mask, _ = yield from panel_dots(session, of_mask, of_projector)
+        mask = yield from _by_dots(session, of_mask, of_projector)
         mask.check(session, of_projector)
-        projector = yield from _by_stripes(session, of_projector, mask.green, marks)
+        near = yield from _beliefs(session, of_projector, mask.green, marks)
+        projector = yield from _by_stripes(session, of_projector, near)
+        if session.subject == "card":  # stripes go up to the photo's edge; dots do not
+            near = [mask.green.to_target(_quads(mask.green))]
+            mask = yield from _by_stripes(session, of_mask, near)
     return projector, mask
 
 
@@ -180,48 +186,42 @@ def marks_of(session: Session) -> MarksName:
         return "xor"
 
 
-def both_by_dots(
-    session: Session, prefix: str = ""
-) -> Generator[Wanted | Ask, Taken | None, tuple[Marked, Marked, float]]:
-    """Projector and mask by dots, each seen where the other one lets light pass, and how bright the
-    projector's white photo was in DN. prefix : of the photos' names."""
-    of_projector, of_mask = grids(session)
-    projector, bright = yield from panel_dots(session, of_projector, of_mask, prefix)
-    mask, _ = yield from panel_dots(session, of_mask, of_projector, prefix)
-    projector.check(session, of_mask, mask.green)
-    mask.check(session, of_projector, projector.green)
-    return projector, mask, bright
-
-
-def _by_gray(session: Session, grid: DotGrid) -> Generator[Wanted | Ask, Taken | None, Marked]:
+def _by_stripes(
+    session: Session, grid: DotGrid, near_px: Sequence[Floats]
+) -> Generator[Wanted | Ask, Taken | None, Marked]:
+    """A panel by stripes. near_px : beliefs that number their periods, (h, w, 2) pixels each."""
     code = _code(grid)
-    striped = yield from by_gray(session, code)
+    striped = yield from by_maps(session, code, near_px)
     return Marked(grid.panel, striped.fitted(session, code))
 
 
-def _by_stripes(
+def _beliefs(
     session: Session, grid: DotGrid, mask_of: Fitted, marks: MarksName
-) -> Generator[Wanted | Ask, Taken | None, Marked]:
-    """The projector by stripes, whose periods are numbered by the maps in use or by XOR codes.
+) -> Generator[Wanted | Ask, Taken | None, list[Floats]]:
+    """Pixels of the projector that quads may see, (h, w, 2) each: by XOR codes, or by the maps in
+    use.
 
     mask_of : from quads to the mask, as it was found just now.
     """
-    code, (width, height) = _code(grid), mask_of.map.size_px
-    quads = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
+    quads = _quads(mask_of)
     if marks == "xor":
         believed = panels_of(session.config)
         fine = finer(believed.mask.map, believed.projector.map)
         base = base_px(quads_per_px(mask_of) * fine)
         rough = yield from by_xor(session, XorCode(grid.panel, grid.size_px, base))
-        near = [rough.to_target(quads)]
-    else:
-        camera, projector, mask = (session.found(d) for d in ("camera", "projector", "mask"))
-        # Where the camera was bumped, mask and projector still lie as they did to each other.
-        near = [between(mask, projector, mask_of.to_target(quads))]
-        if camera.size_px == mask_of.map.size_px:
-            near.append(between(camera, projector, quads))
-    striped = yield from by_maps(session, code, near)
-    return Marked(grid.panel, striped.fitted(session, code))
+        return [rough.to_target(quads)]
+    camera, projector, mask = (session.found(d) for d in ("camera", "projector", "mask"))
+    # Where the camera was bumped, mask and projector still lie as they did to each other.
+    near = [between(mask, projector, mask_of.to_target(quads))]
+    if camera.size_px == mask_of.map.size_px:
+        near.append(between(camera, projector, quads))
+    return near
+
+
+def _quads(found: Fitted) -> Floats:
+    """Centres of all quads of a photo, (h, w, 2)."""
+    width, height = found.map.size_px
+    return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
 
 
 def _code(grid: DotGrid) -> PhaseCode:
@@ -242,26 +242,25 @@ def grids(session: Session) -> tuple[DotGrid, DotGrid]:
     return DotGrid.usual("projector", projector), DotGrid.usual("mask", mask)
 
 
-def panel_dots(
-    session: Session, grid: DotGrid, other: DotGrid, prefix: str = ""
-) -> Generator[Wanted | Ask, Taken | None, tuple[Marked, float]]:
-    """A panel by the photos of its three pictures, and how bright the white one was in DN.
+def _by_dots(
+    session: Session, grid: DotGrid, other: DotGrid
+) -> Generator[Wanted | Ask, Taken | None, Marked]:
+    """A panel by the photos of its three pictures, seen where the other one lets light pass.
 
-    other : dots of the other panel, to tell swapped outputs. prefix : of the photos' names.
+    other : dots of the other panel, to tell swapped outputs.
     """
     photos: list[Photo] = []
     pattern, subject = "RGGB", session.subject
     for shown in grid.shown(session.full):
-        taken = yield from take(Wanted(replace(shown, name=prefix + shown.name)))
+        taken = yield from take(Wanted(shown))
         photos.append(session.photo(taken))
         _refuse_coarse(photos[0].frame, grid)
         pattern = taken.raw.pattern
     dots = find_dots(
         photos[0], photos[1], photos[2], grid, other=other, pattern=pattern, subject=subject
     )
-    bright, frame = float(np.percentile(photos[0].light[..., GREEN], 90.0)), photos[0].frame
-    fitted = [fit_dots(one, frame, subject) for one in dots]
-    return Marked(grid.panel, fitted, dots[GREEN]), bright
+    fitted = [fit_dots(one, photos[0].frame, subject) for one in dots]
+    return Marked(grid.panel, fitted, dots[GREEN])
 
 
 def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
@@ -295,15 +294,11 @@ def _refuse_unlike(session: Session, composed: Composed) -> None:
         check_believed(found[number], believed[number], panel, believed[1 - number])
 
 
-def _picture(*panels: Marked) -> NDArray[np.uint8]:
+def _draw(figure: Any, *panels: Marked) -> None:
     """What the maps of projector and mask leave of each mark."""
-    picture = sheet(900, 420)
-    for number, marked in enumerate(panels):
+    for axes, marked in zip(figure.subplots(1, 2), panels, strict=True):
         fitted = marked.green
         size = np.array(fitted.target_size_px, dtype=np.float64)
-        height = round(420 * size[1] / size[0])
-        box = (20 + 440 * number, 60, 420, min(height, 480))
         what = "blocks of stripes" if marked.dots is None else "dots"
         title = f"{marked.panel}: what the map leaves of {len(fitted.target_px)} {what}"
-        arrows(picture, box, fitted.target_px / size, fitted.residual_px, title)
-    return picture
+        draw_arrows(axes, fitted.target_px / size, fitted.residual_px, title)

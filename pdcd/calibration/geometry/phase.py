@@ -1,4 +1,4 @@
-"""Sine stripes made of time, and Gray codes: for each quad, the panel pixel that it sees.
+"""Sine stripes made of time: for each quad, the panel pixel that it sees.
 
 Grey is made of black and white: a sine is shown as 16 pictures of one refresh each, sine above a
 threshold, and the shutter adds them up. Each pixel is lit in one run, so that the panel's response
@@ -7,13 +7,13 @@ shifted by s of S steps,
 
     z = sum of I_s exp(2 pi i s / S),    x = P arg(z) / 2 pi + P n.
 
-The period's number n comes from a Gray code of half periods, whose edges keep a quarter period of
-margin, or from a belief that is less than half a period wrong, for which eight photos suffice.
+The period's number n comes from a belief that is less than half a period wrong: the maps in use, or
+whole pixels out of XOR codes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -79,10 +79,6 @@ class PhaseCode:
         if self.period_px < 4 or self.period_px % 2 or self.steps < 3 or self.levels < 2:
             raise ValueError("a period is even and 4 pixels at least; 3 steps, 2 levels at least")
 
-    def bits(self, axis: int) -> int:
-        """Gray bits that number the half periods along an axis."""
-        return max(1, (-(-2 * self.size_px[axis] // self.period_px) - 1).bit_length())
-
     def sine(self, axis: int, step: int) -> Bits:
         """(levels, height, width) bool: a shifted sine above rising thresholds."""
         x = np.arange(self.size_px[axis]) + 0.5
@@ -90,34 +86,19 @@ class PhaseCode:
         thresholds = (np.arange(self.levels) + 0.5) / self.levels
         return self._drawn(axis, 0.5 + 0.5 * np.cos(angle) > thresholds[:, None])
 
-    def gray(self, axis: int, bit: int) -> Bits:
-        """(1, height, width) bool: a bit, the highest first, of each half period's number."""
-        number = 2 * np.arange(self.size_px[axis]) // self.period_px
-        plane = (number ^ (number >> 1)) >> (self.bits(axis) - 1 - bit) & 1
-        return self._drawn(axis, plane[None].astype(np.bool_))
-
-    def shown(self, repeats: int = 1, *, numbered: bool = True) -> tuple[Shown, ...]:
-        """The photos in the order in which decoding wants them, each `levels * repeats` refreshes:
-        for either axis the sines, then, if numbered, the Gray code."""
-        return tuple(self._shown(repeats, numbered))
-
-    def _shown(self, repeats: int, numbered: bool) -> Iterator[Shown]:
-        count = self.levels * repeats
-        for axis, name in enumerate(AXES):
-            for step in range(self.steps):
-                index = np.repeat(np.arange(self.levels, dtype=np.int32), repeats)
-                yield self._photo(f"sine-{name}{step}", self.sine(axis, step), index)
-            for bit in range(self.bits(axis) if numbered else 0):
-                index = np.zeros(count, dtype=np.int32)
-                yield self._photo(f"gray-{name}{bit}", self.gray(axis, bit), index)
+    def shown(self, axis: int, repeats: int = 1) -> tuple[Shown, ...]:
+        """The photos along an axis, each `levels * repeats` refreshes."""
+        index = np.repeat(np.arange(self.levels, dtype=np.int32), repeats)
+        name = f"sine-{AXES[axis]}"
+        return tuple(
+            of_one_panel(f"{name}{step}-{self.panel}", self.panel, self.sine(axis, step), index)
+            for step in range(self.steps)
+        )
 
     def _drawn(self, axis: int, lines: Bools) -> Bits:
         """Lines (P, side) as whole pictures, without a copy for each row."""
         lines = lines[:, None, :] if axis == 0 else lines[:, :, None]
         return np.broadcast_to(lines, (len(lines), self.size_px[1], self.size_px[0]))
-
-    def _photo(self, name: str, patterns: Bits, index: NDArray[np.int32]) -> Shown:
-        return of_one_panel(f"{name}-{self.panel}", self.panel, patterns, index)
 
 
 def of_one_panel(name: str, panel: PanelName, patterns: Bits, index: NDArray[np.int32]) -> Shown:
@@ -217,25 +198,6 @@ class Sines:
             )
             valid &= np.isfinite(at)
         return at, sigma, valid & ~self._saturated
-
-
-class HalfPeriods:
-    """The Gray code that follows the sines of an axis: which half period each quad sees."""
-
-    def __init__(self, code: PhaseCode, sines: Sines) -> None:
-        self._period_px, self._sines = code.period_px, sines
-        self._number = np.zeros(sines.mean.shape, np.int64)
-        self._bit = np.zeros(sines.mean.shape, np.bool_)
-
-    def add(self, photo: Photo) -> None:
-        """The next bit; the mean of the shifts is its threshold."""
-        self._bit ^= photo.light[..., self._sines.channel] > self._sines.mean
-        self._number = 2 * self._number + self._bit
-
-    @property
-    def near_px(self) -> Floats:
-        """(h, w), the middle of the half period."""
-        return np.asarray((self._number + 0.5) * (0.5 * self._period_px), dtype=np.float64)
 
 
 def joined(axes: Sequence[Placed], code: PhaseCode) -> Decoded:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +201,7 @@ def _outcome(
         words=words,
         arrays=arrays,
         advice=tuple(dict.fromkeys(advice)),
-        picture=_picture(found, white),
+        picture=lambda figure: _draw(figure, found, white),
     )
 
 
@@ -256,31 +256,15 @@ def _field_lit(session: Session, white: Photo) -> tuple[Figure, ...]:
     return (Figure("light.field_lit", share, 0.0, "", f"{FIELD_LIT:g} or more", verdict),)
 
 
-def _picture(found: Light, white: Photo) -> NDArray[np.uint8]:
+def _draw(figure: Any, found: Light, white: Photo) -> None:
     """Light over the field, and the mask's contrast."""
-    height, width = white.frame
     bright = block_means(white.light.mean(axis=2))
     with np.errstate(divide="ignore", invalid="ignore"):
         contrast = 1.0 / found.mask_map
-    value = found.mask.contrast[0]
-    panels = (
-        ("light of a white card, 0 .. 1", bright / np.quantile(bright, 0.98), (0.0, 1.0)),
-        (f"contrast of the mask, 0 .. {2 * value:.0f}", contrast, (0.0, 2.0 * value)),
-    )
-    side = 300, max(1, round(300 * height / width))
-    drawn = [_coloured(title, values, ends, side) for title, values, ends in panels]
-    return np.asarray(np.concatenate(drawn, axis=1), np.uint8)
-
-
-def _coloured(
-    title: str, values: Floats, ends: tuple[float, float], side: tuple[int, int]
-) -> NDArray[np.uint8]:
-    """Numbers as colours, a title above; what is no number is black."""
-    known, (low, high) = np.isfinite(values), ends
-    share = np.clip((np.where(known, values, low) - low) / (high - low), 0.0, 1.0)
-    drawn = cv2.applyColorMap(np.rint(255.0 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
-    drawn = np.where(known[..., None], drawn[..., ::-1], 0).astype(np.uint8)
-    drawn = cv2.resize(drawn, side, interpolation=cv2.INTER_NEAREST)
-    head = np.full((30, side[0], 3), 250, np.uint8)
-    cv2.putText(head, title, (6, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (40, 40, 40), 1, cv2.LINE_AA)
-    return np.concatenate([head, np.asarray(drawn, np.uint8)])
+    for axes, title, values, most in zip(
+        figure.subplots(1, 2), ("light of a white card", "contrast of the mask"),
+        (bright / np.quantile(bright, 0.98), contrast), (1.0, 2.0 * found.mask.contrast[0]),
+        strict=True,
+    ):  # fmt: skip
+        figure.colorbar(axes.imshow(values, vmin=0.0, vmax=most), orientation="horizontal")
+        axes.set_title(title, fontsize=10)

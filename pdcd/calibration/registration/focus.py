@@ -102,23 +102,6 @@ def depth(photo: Photo, axis: int, period_quads: float) -> Depth:
     return found
 
 
-@dataclass(frozen=True)
-class Best:
-    """What a user who turns a ring wants to see: the number now, and the best so far."""
-
-    now: float = 0.0
-    best: float = 0.0
-
-    def then(self, number: float) -> Best:
-        """After one more photo."""
-        return Best(number, max(self.best, number))
-
-    @property
-    def share(self) -> float:
-        """The number now over the best so far, 0 to 1: how long a bar is."""
-        return self.now / self.best if self.best > 0.0 else 0.0
-
-
 def _part(row: int, col: int, height: int, width: int) -> tuple[slice, slice]:
     return slice(row * height, (row + 1) * height), slice(col * width, (col + 1) * width)
 

@@ -8,10 +8,9 @@ from collections.abc import Generator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.charts import BLUE, GREY, Chart, sheet
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.focus import LEAST_PERIODS, PARTS, Best, Depth, depth
+from pdcd.calibration.registration.focus import LEAST_PERIODS, PARTS, Depth, depth
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.errors import CalibrationError
@@ -66,28 +65,28 @@ def focus(session: Session) -> Script:
                 f"left to right and {down:+.1f} from top to bottom (logarithms): something is "
                 "tilted"
             )
-    return Outcome(figures=tuple(figures), advice=tuple(advice), picture=_picture(depths))
+    return Outcome(figures=tuple(figures), advice=tuple(advice))
 
 
 def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | None, list[Depth]]:
     """Depths of one panel's stripes, until it is enough."""
     period_px, period_quads, axis = _period(session, panel)
     bits = _stripes(session, panel, period_px)
-    best, seen = Best(), []
+    seen: list[Depth] = []
     for number in range(1, PHOTOS + 1):
         sides = (bits, WHITE) if panel == "projector" else (WHITE, bits)
         taken = yield from take(Wanted(still(f"{panel}-{number}", session.full, *sides)))
         found, period_quads, axis = _measured(session.photo(taken), period_quads, axis)
         seen.append(found)
-        best = best.then(found.number)
         recent = [each.number for each in seen[-STILL:]]
-        if len(seen) >= STILL and max(recent) - min(recent) < ALIKE * best.best:
+        best = max(each.number for each in seen)
+        if len(seen) >= STILL and max(recent) - min(recent) < ALIKE * best:
             break
         yield Ask(
-            f"focus {RINGS[panel]}: now {best.now:.3f}, best so far {best.best:.3f} "
-            f"({best.share:.0%}); leave the ring where it is best to go on",
-            best.now,
-            best.best,
+            f"focus {RINGS[panel]}: now {found.number:.3f}, best so far {best:.3f} "
+            f"({found.number / best:.0%}); leave the ring where it is best to go on",
+            found.number,
+            best,
         )
     return seen
 
@@ -141,16 +140,3 @@ def _stripes(session: Session, panel: str, period_px: int) -> NDArray[np.bool_]:
     width, height = getattr(session.config, panel).size_px
     lit = np.arange(width) % period_px < period_px // 2
     return np.broadcast_to(lit, (height, width)).copy()
-
-
-def _picture(depths: dict[str, list[Depth]]) -> NDArray[np.uint8]:
-    """Depth over the photos, of both panels."""
-    drawn = sheet()
-    for number, (panel, seen) in enumerate(depths.items()):
-        photo = np.arange(1.0, len(seen) + 1.0)
-        values = np.array([each.number for each in seen])
-        chart = Chart(drawn, (0, 300 * number, 900, 290), (0.5, len(seen) + 0.5), (0.0, 1.3))
-        chart.frame(f"Depth of the {panel}'s stripes, photo by photo", "photo", "depth")
-        chart.line(photo, values, GREY)
-        chart.points(photo, values, BLUE)
-    return drawn

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
-from pdcd.calibration.arrows import arrows
-from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.geometry.geometry_step import finer
 from pdcd.calibration.photo import Photo
+from pdcd.calibration.preview import draw_arrows, write_lines
 from pdcd.calibration.registration.correction import Correction, corrected, fitted
 from pdcd.calibration.registration.mask_blur import MaskBlur, blur
 from pdcd.calibration.registration.offsets import Gathering, Offsets, Series, offsets
@@ -86,7 +85,7 @@ def registration(session: Session) -> Script:
         },
         maps={"mask": found},
         advice=_advice(session.on_field, before, spread, meeting),
-        picture=_picture(before, after, meeting, mask.size_px),
+        picture=lambda figure: _draw(figure, before, after, meeting, mask.size_px),
     )
 
 
@@ -198,16 +197,14 @@ def _advice(config: Config, before: Offsets, spread: MaskBlur, meeting: Meeting)
     return tuple(said)
 
 
-def _picture(
-    before: Offsets, after: Offsets, meeting: Meeting, size_px: tuple[int, int]
-) -> NDArray[np.uint8]:
+def _draw(
+    figure: Any, before: Offsets, after: Offsets, meeting: Meeting, size_px: tuple[int, int]
+) -> None:
     """Offsets before and after the correction, and what cells leak."""
-    picture = sheet()
     size = np.array(size_px, dtype=np.float64)
-    height = min(round(420 * size[1] / size[0]), 330)
-    for number, (title, found) in enumerate((("by geometry", before), ("corrected", after))):
-        box = (20 + 440 * number, 30, 420, height)
+    for axes, (title, found) in zip(
+        figure.subplots(1, 2), (("by geometry", before), ("corrected", after)), strict=True
+    ):
         title = f"offset of the mask's map, {title}"
-        arrows(picture, box, found.points_px / size, found.offset_px, title)
-    write(picture, printed(meeting), (20, height + 65))
-    return picture
+        draw_arrows(axes, found.points_px / size, found.offset_px, title)
+    write_lines(figure, printed(meeting))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map
-from pdcd.calibration.charts import BLUE, RED, Chart, sheet
 from pdcd.calibration.light.metering import opened
 from pdcd.calibration.photo import Photo, Seen, refuse_settings
+from pdcd.calibration.preview import BLUE, RED, label
 from pdcd.calibration.response.levels import (
     Response,
     Steps,
@@ -59,7 +59,7 @@ def response(session: Session) -> Script:
         figures=tuple(figure for one in found for figure in one.figures()),
         arrays=arrays,
         advice=tuple(text for one in found for text in _advice(one)),
-        picture=_picture(found),
+        picture=lambda figure: _draw(figure, found),
     )
 
 
@@ -95,15 +95,15 @@ def _advice(found: Response) -> tuple[str, ...]:
     return tuple(told)
 
 
-def _picture(found: list[Response]) -> NDArray[np.uint8]:
+def _draw(figure: Any, found: list[Response]) -> None:
     """Light over level of both panels, beside their power laws."""
-    drawn = sheet()
-    chart = Chart(drawn, (0, 0, 900, 600), (0.0, 255.0), (0.0, 1.0))
-    chart.frame("Light of grey levels", "level", "light")
-    grey = np.arange(256.0)
-    for number, (one, colour) in enumerate(zip(found, (RED, BLUE), strict=True)):
-        chart.line(grey, (grey / 255.0) ** one.gamma, colour)
-        chart.points(one.levels, one.light, colour, radius_px=5)
+    axes, grey = figure.subplots(), np.arange(256.0)
+    for one, colour in zip(found, (RED, BLUE), strict=True):
         text = f"{one.panel}: gamma {one.gamma:.3f} +- {one.gamma_sigma:.3f}"
-        chart.note(number, f"{text}, off the law by {100.0 * one.misfit:.2g} %", colour)
-    return drawn
+        axes.plot(grey, (grey / 255.0) ** one.gamma, color=colour)
+        axes.plot(
+            one.levels, one.light, "o", color=colour,
+            label=f"{text}, off the law by {100.0 * one.misfit:.2g} %",
+        )  # fmt: skip
+    axes.legend(fontsize=8)
+    label(axes, "Light of grey levels", "level", "light")

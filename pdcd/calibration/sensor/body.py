@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from pdcd.bench.reading import emit
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark
-from pdcd.calibration.sensor.dose import Brightest, Line, line_of
-from pdcd.calibration.sensor.transfer import PARTS, SIDE, Pair, Transfer, pair_of, transfer_of
+from pdcd.calibration.sensor.dose import Line, line_of
+from pdcd.calibration.sensor.transfer import PARTS, SIDE, Transfer, pair_of, transfer_of
 from pdcd.calibration.shown import Shown
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
@@ -36,9 +36,8 @@ TWICE = (0.2, 0.6)
 LEAST_REFRESHES = 2
 """Of a dose: a single refresh ends before the panel has risen."""
 TRANSFER_SHARE = 0.7
-ALIKE = 0.03
-"""Blocks within 3 % of the median light stand for the plane in its series of doses."""
-BRIGHT = 0.98
+BRIGHT, ALIKE = 0.98, 0.03
+"""Blocks within 3 % of the light that 98 % have at most stand for their plane in the doses."""
 LIT = 0.3
 """Light of the darkest part of a block, over the brightest there is, from which it is lit."""
 EVEN = 0.1
@@ -138,11 +137,6 @@ class Body:
         return _mean([(t.read_noise_e, t.read_sigma) for t in self.transfer])
 
     @property
-    def banding(self) -> tuple[float, float]:
-        """e- of whole rows and standard deviation, of all planes."""
-        return _mean([(t.banding_e, t.banding_sigma) for t in self.transfer])
-
-    @property
     def saturation_dn(self) -> float | None:
         """Lowest of the planes that saturated; None where none did."""
         return min(
@@ -160,49 +154,27 @@ class Body:
 
     def figures(self) -> tuple[Figure, ...]:
         """What to tell of it."""
-        gain, read = self.gain, self.read_noise
-        apart = max(t.gain_e_per_dn for t in self.transfer) / min(
-            t.gain_e_per_dn for t in self.transfer
-        )
-        error = max(line.error for line in self.lines)
-        rounded = any(t.rounded for t in self.transfer)
-        saturation = self.saturation_dn
-        steady = self.lamp <= LAMP_LIMIT
         good, doubtful, bad = Verdict.GOOD, Verdict.DOUBTFUL, Verdict.BAD
+        gains = [t.gain_e_per_dn for t in self.transfer]
+        alike = good if max(gains) < 1.05 * min(gains) else doubtful
+        told = doubtful if any(t.rounded for t in self.transfer) else good
+        full, limit, reached = self.saturation_dn, "reached", good
+        if full is None:
+            full, reached = max(n.highest_dn for n in self.lines), doubtful
+            limit = "at least this: no dose reached it"
+        error = max(line.error for line in self.lines)
+        bent = bad if self.lamp <= LAMP_LIMIT else doubtful
+        flat = f"{FLAT_LIMIT:g}, lamp within {LAMP_LIMIT:g}"
         return (
             Figure("sensor.black_dn", float(self.black_dn.mean()), self.black_sigma, "DN"),
+            Figure("sensor.gain_e_per_dn", *self.gain, "e-/DN", "planes within 5 %", alike),
+            Figure("sensor.read_noise_e", *self.read_noise, "e-", "not hidden by rounding", told),
+            Figure("sensor.saturation_dn", full, ROUNDING_DN, "DN", limit, reached),
             Figure(
-                "sensor.gain_e_per_dn",
-                *gain,
-                "e-/DN",
-                "planes within 5 %",
-                good if apart < 1.05 else doubtful,
+                "sensor.linearity", error, self.lamp, "", flat,
+                good if error <= FLAT_LIMIT else bent,
             ),
-            Figure(
-                "sensor.read_noise_e",
-                *read,
-                "e-",
-                "not hidden by rounding",
-                doubtful if rounded else good,
-            ),
-            Figure("sensor.banding_e", *self.banding, "e-"),
-            Figure(
-                "sensor.saturation_dn",
-                max(n.highest_dn for n in self.lines) if saturation is None else saturation,
-                ROUNDING_DN,
-                "DN",
-                "at least this: no dose reached it" if saturation is None else "reached",
-                doubtful if saturation is None else good,
-            ),
-            Figure(
-                "sensor.linearity",
-                error,
-                self.lamp,
-                "",
-                f"{FLAT_LIMIT:g}, lamp within {LAMP_LIMIT:g}",
-                good if error <= FLAT_LIMIT else bad if steady else doubtful,
-            ),
-        )
+        )  # fmt: skip
 
 
 def measure_body(
@@ -233,28 +205,19 @@ def measure_body(
     """
     dark, again, base = (photos[name] for name in ("dark-a", "dark-b", "base"))
     shift, black_sigma = _refuse_dark_light(dark, again)
-    doses = np.array(list(plan.doses.values()), np.float64)
-    order = np.argsort(doses, kind="stable")
-    signal, brightest = _series(photos, plan, base)
-    _refuse_no_light(plan, signal, dark)
-    lines = tuple(
-        line_of(name, doses[order], signal[plane, order], brightest[plane])
-        for plane, name in enumerate(NAMES)
-    )
-    _refuse_room(base, signal, lines)
-    pairs = [pair_of(dark[plane], again[plane]) for plane in range(4)]
-    lit = _lit_pairs(photos, plan, dark)
+    lines, signal = _lines(photos, plan, base, dark)
+    leaked = np.clip(shift, 0.0, DARK_LIMIT_DN if masked else LEAKED_DN)
+    lit = [(photos[one], photos[other]) for one, other in plan.pairs]
     found = []
     for plane, line in enumerate(lines):
-        highest = line.saturation_dn or float(signal[plane].max())
         found.append(
             transfer_of(
                 NAMES[plane],
-                pairs[plane],
-                lit[plane],
-                highest_dn=TRANSFER_SHARE * highest,
+                pair_of(dark[plane], again[plane]),
+                tuple(pair_of(one[plane], other[plane], dark[plane]) for one, other in lit),
+                highest_dn=TRANSFER_SHARE * line.highest_dn,
                 dark_e=dark_e,
-                leaked_dn=float(np.clip(shift[plane], 0.0, DARK_LIMIT_DN if masked else LEAKED_DN)),
+                leaked_dn=float(leaked[plane]),
             )
         )
     names = list(plan.doses)
@@ -266,35 +229,43 @@ def measure_body(
     return Body(iso, black, black_sigma, tuple(found), lines, lamp)
 
 
-def _series(
-    photos: Mapping[str, Planes], plan: BodyPlan, base: Planes
-) -> tuple[Floats, tuple[Brightest, ...]]:
-    """Mean of quads of middling light, (4, doses), and the brightest ones of the largest dose."""
+def _lines(
+    photos: Mapping[str, Planes], plan: BodyPlan, base: Planes, dark: Planes
+) -> tuple[tuple[Line, ...], Floats]:
+    """The line of each plane, of its brightest evenly lit blocks, and their light, (4, doses)."""
     floor = _levels(base)
-    dim = photos[plan.pairs[0][0]]
-    light = _levels(dim) - floor
-    inner = np.stack([_evenly_lit(plane) for plane in dim - base])
-    middle = np.array([np.median(plane[i]) for plane, i in zip(light, inner, strict=True)])
-    middle = np.where(middle > 0.0, middle, 1.0)[:, None, None]
-    chosen = inner & (np.abs(light / middle - 1.0) <= ALIKE)
-    if not chosen.any(axis=(1, 2)).all():
-        chosen[:] = True  # there is no light: what follows says so
+    first = photos[plan.pairs[0][0]]
+    light = _levels(first) - floor
+    chosen = np.stack(
+        [_brightest(light[plane], _evenly_lit(first[plane] - base[plane])) for plane in range(4)]
+    )
     signal = np.empty((4, len(plan.doses)))
     for number, name in enumerate(plan.doses):
         level = _levels(photos[name]) - floor
-        for plane in range(4):
-            signal[plane, number] = level[plane][chosen[plane]].mean()
-    top = photos[max(plan.doses, key=lambda name: plan.doses[name])]
-    level, spread = _levels(top) - floor, _spreads(top)
-    found = []
-    for plane in range(4):
-        bright = light[plane] >= np.quantile(light[plane], BRIGHT)
-        times = np.median(light[plane][bright]) / np.mean(light[plane][chosen[plane]])
-        signal_dn, noise_dn, base_dn = (
-            float(np.median(values[plane][bright])) for values in (level, spread, floor)
+        signal[:, number] = [level[plane][chosen[plane]].mean() for plane in range(4)]
+    _refuse_no_light(plan, signal, dark)
+    doses = np.array(list(plan.doses.values()), np.float64)
+    order = np.argsort(doses, kind="stable")
+    most = photos[max(plan.doses, key=lambda name: plan.doses[name])]
+    full, noise = _levels(most), _spreads(most)
+    lines = tuple(
+        line_of(
+            name,
+            doses[order],
+            signal[plane, order],
+            # Where the sensor is full a few blocks may not be: by the middle one.
+            *(float(np.median(of[plane][chosen[plane]])) for of in (full, floor, noise)),
         )
-        found.append(Brightest(signal_dn, noise_dn, base_dn, float(times)))
-    return signal, tuple(found)
+        for plane, name in enumerate(NAMES)
+    )
+    _refuse_room(base, lines)
+    return lines, signal
+
+
+def _brightest(light: Floats, even: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The brightest of the evenly lit blocks; all where there is no light."""
+    found = even & (light >= (1.0 - ALIKE) * np.quantile(light[even], BRIGHT))
+    return found if found.any() else np.ones_like(even)
 
 
 def _evenly_lit(light: Planes) -> NDArray[np.bool_]:
@@ -325,18 +296,6 @@ def _spreads(planes: Planes) -> Floats:
         low, high = np.quantile(blocks, (0.16, 0.84), axis=(1, 3))
         found.append(0.5 * (high - low))
     return np.stack(found)
-
-
-def _lit_pairs(
-    photos: Mapping[str, Planes], plan: BodyPlan, dark: Planes
-) -> list[tuple[Pair, ...]]:
-    """Pairs with light of each plane."""
-    found: list[list[Pair]] = [[], [], [], []]
-    for one, other in plan.pairs:
-        first, second = photos[one], photos[other]
-        for plane in range(4):
-            found[plane].append(pair_of(first[plane], second[plane], dark[plane]))
-    return [tuple(pairs) for pairs in found]
 
 
 def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
@@ -376,11 +335,10 @@ def _refuse_no_light(plan: BodyPlan, signal: Floats, dark: Planes) -> None:
     refuse_dark({name: float(signal[:, n].max()) for n, name in enumerate(plan.doses)}, floor)
 
 
-def _refuse_room(base: Planes, signal: Floats, lines: tuple[Line, ...]) -> None:
+def _refuse_room(base: Planes, lines: tuple[Line, ...]) -> None:
     """Raise CalibrationError where much light comes without the projector."""
     for plane, line in enumerate(lines):
-        highest = line.saturation_dn or float(signal[plane].max())
-        share = float(np.median(base[plane])) / highest
+        share = float(np.median(base[plane])) / line.highest_dn
         if share > ROOM_SHARE:
             raise CalibrationError(
                 f"without the projector plane {NAMES[plane]} is at {100.0 * share:.0f} % of "

@@ -33,7 +33,6 @@ FALLEN = 0.9
 class Line:
     """How the signal of one plane goes with the dose.
 
-    slope_dn : DN for each refresh.
     offset_refreshes, offset_sigma : what the panel's edges add.
     error : largest deviation from the line, over the line; `deviations` all of them, (doses,), NaN
         beyond 5 to 95 %.
@@ -43,7 +42,6 @@ class Line:
         full well does.
     """
 
-    slope_dn: float
     offset_refreshes: float
     offset_sigma: float
     error: float
@@ -53,30 +51,18 @@ class Line:
     clipped: bool
 
 
-@dataclass(frozen=True)
-class Brightest:
-    """The brightest part of the photo of the largest dose.
-
-    signal_dn, noise_dn : mean and standard deviation of its samples, as those of the series.
-    base_dn : its light without a dose.
-    times : how much more light it gets than the part that the series is of.
-    """
-
-    signal_dn: float
-    noise_dn: float
-    base_dn: float
-    times: float
-
-
-def line_of(plane: str, doses: Floats, signal: Floats, brightest: Brightest) -> Line:
+def line_of(
+    plane: str, doses: Floats, signal: Floats, full_dn: float, base_dn: float, noise_dn: float
+) -> Line:
     """Fit the line of one plane.
 
     Parameters
     ----------
     plane : its name, for what is raised.
     doses : (n,) white refreshes, ascending; equal ones may repeat.
-    signal : (n,) DN above black and above the light of no dose, of quads that are equally bright.
-    brightest : tells where the signal stops.
+    signal : (n,) DN above black and above the light of no dose, of the brightest quads.
+    full_dn, base_dn : DN above black of their middle in the largest dose, and without a dose.
+    noise_dn : standard deviation of their samples in the largest dose.
 
     Raises CalibrationError: fewer than four doses in range, a photo without its light, a signal
     that does not rise.
@@ -87,11 +73,9 @@ def line_of(plane: str, doses: Floats, signal: Floats, brightest: Brightest) -> 
         raise _few(plane, int(low.sum()))
     slope = float(np.ptp(signal[low]) / np.ptp(doses[low]))
     _refuse_missing(plane, doses, signal, slope)
-    due = slope * float(doses.max()) * brightest.times
-    stopped = brightest.signal_dn < STOPPED * due
-    saturation = brightest.signal_dn + brightest.base_dn if stopped else None
-    bends = brightest.signal_dn < UNBENT * due
-    highest = brightest.signal_dn if bends else top / LINEAR_SHARES[1]
+    last, due = full_dn - base_dn, slope * float(doses[-1])
+    stopped = last < STOPPED * due
+    highest = last if last < UNBENT * due else top / LINEAR_SHARES[1]
     used = (signal >= LINEAR_SHARES[0] * highest) & (signal <= LINEAR_SHARES[1] * highest)
     if used.sum() < LEAST_DOSES:
         raise _few(plane, int(used.sum()))
@@ -102,14 +86,13 @@ def line_of(plane: str, doses: Floats, signal: Floats, brightest: Brightest) -> 
     scatter = float(np.sum(deviations[used] ** 2)) / max(int(used.sum()) - 2, 1)
     covariance = scatter * np.linalg.inv(columns.T @ columns)
     return Line(
-        slope_dn=float(fit[0]),
         offset_refreshes=float(fit[1] / fit[0]),
         offset_sigma=float(np.sqrt(covariance[1, 1]) / fit[0]),
         error=float(np.abs(deviations[used]).max()),
         deviations=deviations,
-        saturation_dn=saturation,
-        highest_dn=brightest.signal_dn + brightest.base_dn,
-        clipped=stopped and brightest.noise_dn < 1.0,
+        saturation_dn=full_dn if stopped else None,
+        highest_dn=full_dn,
+        clipped=stopped and noise_dn < 1.0,
     )
 
 

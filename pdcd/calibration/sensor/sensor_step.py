@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.charts import CHANNELS, GREY, Chart, sheet
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.metering import FULL, LEAST, opened
 from pdcd.calibration.photo import Seen, refuse_settings
+from pdcd.calibration.preview import CHANNELS, GREY, label
 from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.sensor.body import NAMES, Body, BodyPlan, measure_body, profile_of
 from pdcd.sensor.raw import RawFrame
@@ -77,7 +77,7 @@ def sensor(session: Session) -> Script:
         },
         profile=profile,
         advice=_advice(body),
-        picture=_picture(body, plan, film),
+        picture=lambda figure: _draw(figure, body, plan),
     )
 
 
@@ -147,23 +147,21 @@ def _advice(body: Body) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _picture(body: Body, plan: BodyPlan, film: Film) -> NDArray[np.uint8]:
+def _draw(figure: Any, body: Body, plan: BodyPlan) -> None:
     """How far each dose is off its line, plane by plane."""
     doses = np.sort(np.array(list(plan.doses.values()), np.float64))
-    gain, read = body.gain, body.read_noise
-    drawn = sheet()
-    chart = Chart(drawn, (0, 0, 900, 600), (0.0, float(doses.max()) * 1.05), (-0.02, 0.02))
-    chart.frame(
-        "Linearity: light over the line through all doses, less 1", "white refreshes", "deviation"
-    )
+    axes = figure.subplots()
     for limit in (-0.01, 0.01):
-        chart.line([0.0, float(doses.max())], [limit, limit], GREY)
-    for line, colour in zip(body.lines, CHANNELS, strict=True):
-        chart.points(doses, line.deviations, colour, radius_px=4)
-        chart.line(doses, line.deviations, colour)
-    chart.note(0, f"gain {gain[0]:.4g} +- {gain[1]:.2g} e-/DN, read noise {read[0]:.3g} e-")
-    for number, (name, colour) in enumerate(zip(NAMES, CHANNELS, strict=True)):
-        stop = body.lines[number].saturation_dn
-        text = "not reached" if stop is None else f"{stop:.0f} DN above black"
-        chart.note(number + 1, f"{name}: upper end {text}", colour)
-    return drawn
+        axes.axhline(limit, color=GREY)
+    for name, line, colour in zip(NAMES, body.lines, CHANNELS, strict=True):
+        full = line.saturation_dn
+        said = "not reached" if full is None else f"{full:.0f} DN above black"
+        axes.plot(doses, line.deviations, "o-", color=colour, label=f"{name}: upper end {said}")
+    axes.legend(fontsize=8)
+    (gain, sigma), (read, _) = body.gain, body.read_noise
+    label(
+        axes,
+        "Linearity: light over the line through all doses, less 1\n"
+        f"gain {gain:.4g} +- {sigma:.2g} e-/DN, read noise {read:.3g} e-",
+        "white refreshes", "deviation",
+    )  # fmt: skip

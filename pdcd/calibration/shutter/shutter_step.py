@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.devices import WhileShown
-from pdcd.calibration.charts import BLUE, GREY, RED, Chart, sheet
 from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.preview import BLUE, RED, label
 from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.calibration.shutter.bars import CellLight, bar_photo, read_bar
@@ -192,31 +192,21 @@ def _outcome(session: Session, times: _Times, light: CellLight | None) -> Outcom
             "trigger.jitter_s": Measured(jitter_s, figures[1].sigma),
         },
         advice=tuple(advice),
-        picture=_picture(times, light),
+        picture=lambda figure: _draw(figure, times, light),
     )
 
 
-def _picture(times: _Times, light: CellLight | None) -> NDArray[np.uint8]:
+def _draw(figure: Any, times: _Times, light: CellLight | None) -> None:
     """Left: lag of each exposure, opening and closing. Right: the cells of the last bar."""
-    drawn = sheet(1000, 560)
-    told = np.array(times.told)
+    left, right = figure.subplots(1, 2)
     found = np.array([(one.opened_s, one.closed_s) for one in times.found])
-    lags = 1e3 * (found - told)
-    room = max(0.2 * float(np.ptp(lags)), 0.5)
-    number = np.arange(1.0, len(lags) + 1.0)
-    span = float(lags.min()) - room, float(lags.max()) + room
-    left = Chart(drawn, (0, 0, 500, 560), (0.0, len(lags) + 1.0), span)
-    left.frame("Lag of the shutter, exposure by exposure", "exposure", "ms", ticks=len(lags) + 2)
-    for side, colour in enumerate((BLUE, RED)):
-        left.line(number, lags[:, side], GREY)
-        left.points(number, lags[:, side], colour)
-    left.legend([("opening", BLUE), ("closing", RED)])
+    lags = 1e3 * (found - np.array(times.told))
+    number = np.arange(1, len(lags) + 1)
+    left.plot(number, lags[:, 0], "o-", color=BLUE, label="opening")
+    left.plot(number, lags[:, 1], "o-", color=RED, label="closing")
+    left.legend(fontsize=8)
+    label(left, "Lag of the shutter, exposure by exposure", "exposure", "ms")
     if light is not None:
         value = light.value.mean(axis=0)
-        cells = np.arange(value.size) + 0.5
-        top = 1.1 * float(value.max())
-        right = Chart(drawn, (500, 0, 500, 560), (0.0, float(value.size)), (0.0, top))
-        right.frame("The bar in the last photo", "cell", "light over white")
-        right.line(cells, value, GREY)
-        right.points(cells, value, BLUE)
-    return drawn
+        right.plot(np.arange(value.size) + 0.5, value, "o-", color=BLUE)
+        label(right, "The bar in the last photo", "cell", "light over white")

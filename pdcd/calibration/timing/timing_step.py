@@ -27,7 +27,7 @@ from pdcd.calibration.timing.programmes import COARSE, Strips, room_photo, strip
 from pdcd.calibration.timing.strips import Readings, read_strips
 from pdcd.calibration.timing.timing_faults import room_of
 from pdcd.calibration.timing.timing_model import TAUS, Ran
-from pdcd.calibration.timing.timing_picture import picture
+from pdcd.calibration.timing.timing_picture import draw_timing
 from pdcd.calibration.window import Window, shared
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
@@ -199,7 +199,7 @@ def _outcome(
         words=words,
         arrays=_arrays(found),
         advice=tuple(advice),
-        picture=picture(found, readings, ran),
+        picture=lambda figure: draw_timing(figure, found, readings, ran),
     )
 
 

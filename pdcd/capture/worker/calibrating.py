@@ -25,6 +25,7 @@ from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.exposure_time import time_doubts
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.preview import write_preview
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
 from pdcd.calibration.steps import METER, script_of, spoilt_by
@@ -34,7 +35,6 @@ from pdcd.files.opening import Limits, Unsound
 from pdcd.panels.frames import Frames
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
-from pdcd.pictures.written.picture_files import write_png
 from pdcd.runs.frame_table import FrameTable
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import read_raw
@@ -228,7 +228,7 @@ class Study:
             self._keep(step, outcome)
         if outcome.picture is not None:
             with disk_errors(str(self.folder)):
-                write_png(self.folder / "preview" / f"{step}.png", outcome.picture)
+                write_preview(self.folder / "preview" / f"{step}.png", outcome.picture)
         return StepRecord(
             name=step,
             made_utc=self.now_utc,

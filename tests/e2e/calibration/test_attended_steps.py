@@ -1,4 +1,4 @@
-"""Steps in which a person has a part: two cards, and a ring to turn."""
+"""A step in which a person has a part: a ring to turn."""
 
 from __future__ import annotations
 
@@ -14,10 +14,7 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.calibration.figures import Verdict
-from pdcd.calibration.geometry.coaxial_step import coaxial
 from pdcd.calibration.registration.focus_step import focus
-from pdcd.errors import CalibrationError
 from tests.e2e.calibration.hands import Hands
 
 
@@ -45,27 +42,6 @@ def bench(
     )
 
 
-@pytest.mark.long
-def test_parallax_of_two_cards_is_told(tmp_path: Path) -> None:
-    near = bench(tmp_path, "near")
-    one = Hands(near, tmp_path, full=80, f_number=22.0)
-    one.benches = [near, bench(tmp_path, "far", right_px=0.8, albedo=0.744)]
-    outcome = one.run("coaxial", coaxial(one.session))
-    told = {figure.name: figure for figure in outcome.figures}
-    assert told["coaxial.offset_px"].value == pytest.approx(0.8, abs=0.1)
-    assert told["coaxial.offset_px"].verdict is Verdict.DOUBTFUL
-    assert 1.0 < told["coaxial.deepest"].value < 1.1
-    assert "(left)" in outcome.advice[0]
-    assert [("move the card" in text) for text in one.asked] == [False, True]
-
-
-@pytest.mark.long
-def test_a_card_that_nobody_moved_is_named(tmp_path: Path) -> None:
-    one = Hands(bench(tmp_path, "near"), tmp_path, full=80, f_number=22.0)
-    with pytest.raises(CalibrationError, match="100% as bright"):
-        one.run("coaxial", coaxial(one.session))
-
-
 def test_focus_tells_a_number_until_nobody_turns(tmp_path: Path) -> None:
     one = Hands(bench(tmp_path, "soft", blur_quads=2.0), tmp_path, full=80, f_number=22.0)
     one.benches = [bench(tmp_path, f"turn{n}", blur_quads=2.0 - 0.5 * n) for n in (1, 2, 3)]
@@ -77,4 +53,3 @@ def test_focus_tells_a_number_until_nobody_turns(tmp_path: Path) -> None:
         assert now is not None and best is not None
         assert now == pytest.approx(told, abs=6e-4) and best >= now
     assert {figure.name for figure in outcome.figures} == {"focus.mask", "focus.projector"}
-    assert outcome.picture is not None

@@ -211,18 +211,6 @@ def test_a_script_reads_what_it_needs_from_the_last_line_and_the_record(
     assert calibrated(load(path)).mask.place.map is None
 
 
-def test_a_step_that_needs_a_hand_is_left_out_where_nobody_is_asked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["--local", "--json", "--config", str(bench(tmp_path))]
-    assert main(["calibrate", "geometry", "coaxial", *words]) == 0
-    last = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert last["passed"] and "coaxial: left out" in last["warnings"][0]
-    assert main(["calibrate", "coaxial", *words]) == 5
-    last = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert "needs somebody" in last["error"]["message"] and not last["passed"]
-
-
 def test_one_that_failed_did_not_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = bench(tmp_path, options="options = {albedo = 1e-12}")
     assert main(["calibrate", "geometry", "--local", "--json", "--config", str(path)]) == 5

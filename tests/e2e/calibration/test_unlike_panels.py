@@ -112,9 +112,9 @@ def test_a_camera_that_sees_a_part_is_told_of_stripes(tmp_path: Path) -> None:
     engine = made.engine()
     try:
         dots = calibrate(engine, "geometry")
-        stripes = calibrate(engine, "geometry", marks="gray")
+        stripes = calibrate(engine, "geometry", marks="xor")
     finally:
         engine.stop()
-    assert dots.record.verdict != "good" and "--marks gray" in dots.step("geometry").advice[0]
+    assert dots.record.verdict != "good" and "--marks xor" in dots.step("geometry").advice[0]
     assert stripes.record.verdict == "good"
     assert off_px(stripes, made) < 0.03

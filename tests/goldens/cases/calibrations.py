@@ -77,7 +77,7 @@ def cases() -> list[Case]:
         Case("calibrations/whole", _take_whole, 70.0),
         *(
             Case(f"calibrations/geometry-{marks}", _geometry(marks), 8.0)
-            for marks in ("dots", "gray", "xor")
+            for marks in ("dots", "xor")
         ),
         Case("calibrations/scene", _take_scene, 15.0),
         Case("calibrations/disparity", _take_disparity, 12.0),
@@ -117,7 +117,6 @@ def _take_whole(bench: Bench) -> None:
     whole = _calibrate(bench, "all")
     _calibrate(bench, "response", "response")
     _calibrate(bench, "focus", "focus")
-    _calibrate(bench, "coaxial", "coaxial")
     _calibrate(bench, "check", "check")
     bench.keep_said("config", bench.pdcd("config", "show", "--config", config))
     if whole.folder is not None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.geometry.phase import (
     Decoded,
-    HalfPeriods,
     PhaseCode,
     Sines,
     joined,
@@ -22,21 +21,8 @@ from pdcd.calibration.photo import Photo
 Floats = NDArray[np.float64]
 
 
-def decode(photos: Iterable[Photo], code: PhaseCode) -> Decoded:
-    """Panel pixels out of the photos of `code.shown()`, in its order."""
-    taken = iter(photos)
-    axes = []
-    for axis in (0, 1):
-        sines = _sines(taken, code)
-        halves = HalfPeriods(code, sines)
-        for photo in islice(taken, code.bits(axis)):
-            halves.add(photo)
-        axes.append(sines.place(halves.near_px))
-    return joined(axes, code)
-
-
 def decode_by_prior(photos: Iterable[Photo], code: PhaseCode, prior_px: Floats) -> Decoded:
-    """The same out of the photos of `code.shown(numbered=False)`, by a belief (h, w, 2)."""
+    """Panel pixels out of the photos of `code.shown` for either axis, by a belief (h, w, 2)."""
     taken = iter(photos)
     axes = [_sines(taken, code).place(prior_px[..., axis]) for axis in (0, 1)]
     found = joined(axes, code)

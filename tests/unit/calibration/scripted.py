@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import numpy as np
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.calibration.photo import Photo
+from pdcd.calibration.preview import write_preview
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Wanted
 from pdcd.sensor.profile import load_profile
 
@@ -63,3 +66,12 @@ def run(script: Script, taken: Callable[[Wanted], Any] = lambda wanted: wanted) 
     except StopIteration as end:
         found.outcome = end.value
     return found
+
+
+def preview_of(outcome: Outcome) -> bytes:
+    """The PNG file that a step's preview makes."""
+    assert outcome.picture is not None
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "preview.png"
+        write_preview(path, outcome.picture)
+        return path.read_bytes()

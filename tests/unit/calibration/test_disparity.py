@@ -1,4 +1,4 @@
-"""Correspondences by stripes on a scene with depth, and planes by two cards."""
+"""Correspondences by codes on a scene with depth, and planes by two cards."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.calibration.geometry.disparity import disparities, plane_between
-from pdcd.calibration.geometry.phase import Decoded, PhaseCode
+from pdcd.calibration.geometry.phase import Decoded
+from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import frames_of
 from pdcd.errors import CalibrationError
@@ -22,15 +23,15 @@ from pdcd.recipes.partners import matches, places_of
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.products import Exposure
 from pdcd.virtual.scene.build import build_scene
-from tests.unit.calibration.decoding import decode
+from tests.unit.calibration.decoding import decode_xor
 
 GRID = (12, 16)
 SIZE = (128, 96)
-FRAME = (72, 96)
+FRAME = (144, 192)
 
 
-def photos(bench: OpticalBench, code: PhaseCode) -> Iterator[Photo]:
-    for shown in code.shown():
+def photos(bench: OpticalBench, code: XorCode) -> Iterator[Photo]:
+    for shown in code.shown(1):
         frames = frames_of(shown)
         count = len(frames)
         rows = np.arange(count, dtype=np.int32)
@@ -43,7 +44,7 @@ def photos(bench: OpticalBench, code: PhaseCode) -> Iterator[Photo]:
         yield Photo(light, np.full(light.shape, 1.0), np.zeros(light.shape[:2], np.bool_))
 
 
-def test_k5_stripes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
+def test_k5_codes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
     camera = CameraConfig(frame_quads=FRAME[::-1], place=Placing(turn_deg=1.0, scale=1.05))
     config = Config(
         projector=PanelConfig(size_px=SIZE),
@@ -53,7 +54,8 @@ def test_k5_stripes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
     )
     scene = build_scene(config.scene)
     bench = OpticalBench(config, scene, FRAME)
-    decoded = decode(photos(bench, PhaseCode("projector", SIZE)), PhaseCode("projector", SIZE))
+    code = XorCode("projector", SIZE, base_px=4)
+    decoded = decode_xor(photos(bench, code), code)
     maps = camera_map(config, FRAME), panels_of(config).projector.map
     found = disparities(decoded, *maps, GRID)
     true = scene.displacement

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from pdcd.calibration.sensor.dose import Brightest, line_of
+from pdcd.calibration.sensor.dose import Line, line_of
 from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
 
 DOSES = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 48.0, 64.0])
 SLOPE, OFFSET = 100.0, 0.2
 STRAIGHT = SLOPE * (DOSES + OFFSET)
 
 
-def brightest(
-    signal: float, noise: float = 9.0, base: float = 0.0, times: float = 1.0
-) -> Brightest:
-    return Brightest(signal_dn=signal, noise_dn=noise, base_dn=base, times=times)
+def line(
+    plane: str, doses: Floats, signal: Floats, noise_dn: float = 9.0, base_dn: float = 0.0
+) -> Line:
+    return line_of(plane, doses, signal, float(signal[-1]) + base_dn, base_dn, noise_dn)
 
 
 def test_a_straight_line_is_found_as_it_is() -> None:
-    found = line_of("red", DOSES, STRAIGHT, brightest(SLOPE * 64.2, base=3.0))
-    assert found.slope_dn == pytest.approx(SLOPE)
+    found = line("red", DOSES, STRAIGHT, base_dn=3.0)
     assert found.offset_refreshes == pytest.approx(OFFSET)
     assert found.error == pytest.approx(0.0, abs=1e-12)
     assert found.offset_sigma == pytest.approx(0.0, abs=1e-9)
@@ -34,12 +36,11 @@ def test_a_straight_line_is_found_as_it_is() -> None:
 
 def test_deviations_are_those_of_a_line_by_relative_weights() -> None:
     bent = STRAIGHT * (1.0 + 0.01 * np.sin(np.arange(8)))
-    found = line_of("red", DOSES, bent, brightest(float(bent[-1])))
+    found = line("red", DOSES, bent)
     used = ~np.isnan(found.deviations)
     columns = np.stack([DOSES[used], np.ones(used.sum())], axis=1) / bent[used, None]
     normal = columns.T @ columns
     slope, base = np.linalg.solve(normal, columns.sum(axis=0))
-    assert found.slope_dn == pytest.approx(slope)
     assert found.offset_refreshes == pytest.approx(base / slope)
     away = bent[used] / (slope * DOSES[used] + base) - 1.0
     np.testing.assert_allclose(found.deviations[used], away, atol=1e-12)
@@ -58,40 +59,38 @@ def test_deviations_are_those_of_a_line_by_relative_weights() -> None:
 def test_a_signal_that_stops_is_saturated(
     share: float, noise: float, saturates: bool, clipped: bool
 ) -> None:
-    """Of the light that is due where three times as much falls: 64 refreshes of 300 DN."""
-    slope = float(np.ptp(STRAIGHT[1:6]) / np.ptp(DOSES[1:6]))
-    level = share * 3.0 * slope * 64.0
-    found = line_of("red", DOSES, STRAIGHT, brightest(level, noise, base=11.0, times=3.0))
+    """Of the light that is due of 64 refreshes."""
+    level = share * SLOPE * 64.0
+    found = line("red", DOSES, np.append(SLOPE * DOSES[:-1], level), noise, 11.0)
     assert found.saturation_dn == (pytest.approx(level + 11.0) if saturates else None)
     assert found.clipped is clipped
     assert found.highest_dn == pytest.approx(level + 11.0)
 
 
 def test_doses_near_the_end_of_the_sensor_are_left_out() -> None:
-    """Where some quads have stopped, 95 % of that is the end of the line; else of all there is."""
+    """Where the signal bends, 95 % of its end is the end of the line; else all there is."""
     stopped = np.minimum(STRAIGHT, 5000.0)
-    found = line_of("red", DOSES, stopped, brightest(5000.0))
+    found = line("red", DOSES, stopped)
     told = ~np.isnan(found.deviations)
     assert told.tolist() == [(0.05 * 5000.0 <= s <= 0.95 * 5000.0) for s in stopped]
-    assert found.slope_dn == pytest.approx(SLOPE) and found.saturation_dn == 5000.0
-    whole = line_of("red", DOSES, STRAIGHT, brightest(SLOPE * 64.2))
-    assert not np.isnan(whole.deviations[-1])
+    assert found.offset_refreshes == pytest.approx(OFFSET) and found.saturation_dn == 5000.0
+    assert not np.isnan(line("red", DOSES, STRAIGHT).deviations[-1])
     # 2 % less than what is due bends the line's end, but is no saturation.
-    bent = line_of("red", DOSES, STRAIGHT, brightest(0.98 * SLOPE * 64.0))
+    bent = line("red", DOSES, np.append(SLOPE * DOSES[:-1], 0.98 * SLOPE * 64.0))
     assert bent.saturation_dn is None and np.isnan(bent.deviations[-1])
 
 
 def test_too_few_doses_in_range_are_refused() -> None:
     with pytest.raises(CalibrationError, match=r"plane blue: only \d doses lie where") as caught:
-        line_of("blue", DOSES[-3:], STRAIGHT[-3:], brightest(SLOPE * 64.2))
+        line("blue", DOSES[-3:], STRAIGHT[-3:])
     assert caught.value.device == "camera" and "half of saturation" in str(caught.value.hint)
     four = np.array([8.0, 16.0, 24.0, 64.0])
-    assert line_of("red", four, SLOPE * four, brightest(6400.0)).slope_dn == pytest.approx(SLOPE)
+    assert line("red", four, SLOPE * four).error == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(CalibrationError, match="only 3 doses"):
-        line_of("red", four[1:], SLOPE * four[1:], brightest(6400.0))
+        line("red", four[1:], SLOPE * four[1:])
     same = np.array([8.0, 8.0, 40.0, 48.0, 64.0])
     with pytest.raises(CalibrationError, match="only 2 doses"):
-        line_of("red", same, SLOPE * same, brightest(6400.0))
+        line("red", same, SLOPE * same)
 
 
 @pytest.mark.parametrize("at", range(8))
@@ -101,12 +100,12 @@ def test_a_photo_without_its_light_is_the_shutter_s(share: float, at: int) -> No
     signal = STRAIGHT.copy()
     signal[at] *= share
     if at == 0 and share > 0.15:
-        line_of("red", DOSES, signal, brightest(SLOPE * 64.2))  # below 5 % of the sensor's range
+        line("red", DOSES, signal)  # below 5 % of the sensor's range
         return
     with pytest.raises(
         CalibrationError, match=rf"red: the photo of {DOSES[at]:.0f} refreshes lacks light"
     ) as found:
-        line_of("red", DOSES, signal, brightest(SLOPE * 64.2))
+        line("red", DOSES, signal)
     assert found.value.device == "shutter" and "cable" in str(found.value.hint)
 
 
@@ -116,14 +115,14 @@ def test_more_refreshes_give_no_less_light(share: float) -> None:
     signal[2] = share * signal[1]
     if share < 0.9:
         with pytest.raises(CalibrationError, match=r"the photo of 4 refreshes lacks light"):
-            line_of("red", DOSES, signal, brightest(SLOPE * 64.2))
+            line("red", DOSES, signal)
     else:
-        line_of("red", DOSES, signal, brightest(SLOPE * 64.2))
+        line("red", DOSES, signal)
 
 
 def test_a_dose_beyond_saturation_is_not_missed() -> None:
     """The signal that is due is no more than the highest that was seen."""
     stopped = np.minimum(STRAIGHT, 1000.0)
     doses = np.append(DOSES, 2000.0)
-    found = line_of("red", doses, np.append(stopped, 1000.0), brightest(1000.0))
+    found = line("red", doses, np.append(stopped, 1000.0))
     assert found.saturation_dn == 1000.0

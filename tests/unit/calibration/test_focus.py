@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.focus import Best, depth
+from pdcd.calibration.registration.focus import depth
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -58,13 +58,6 @@ def test_one_photo_shows_which_side_is_sharper() -> None:
     right, down = depth(photo(blur), 0, PERIOD).slope
     assert right > 0.5
     assert abs(down) < 0.1
-
-
-def test_a_bar_shows_the_best_so_far() -> None:
-    bar = Best().then(0.4).then(0.8).then(0.6)
-    assert (bar.now, bar.best) == (0.6, 0.8)
-    assert bar.share == pytest.approx(0.75)
-    assert Best().share == 0.0
 
 
 def test_what_is_wrong_is_named() -> None:

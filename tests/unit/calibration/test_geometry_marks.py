@@ -1,4 +1,4 @@
-"""The geometry by dots, Gray codes, stripes and XOR codes: on a card and on textured scenes whose
+"""The geometry by dots, stripes and XOR codes: on a card and on textured scenes whose
 light comes again mirrored, before a bench that knows none of the program's maps."""
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.geometry.fit import Pairs, fit_map
 from pdcd.calibration.geometry.geometry_step import geometry, marks_of
-from pdcd.calibration.registration.striped import base_px
+from pdcd.calibration.geometry.striped import base_px
 from pdcd.calibration.script import Outcome, Wanted
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, between
@@ -133,10 +133,10 @@ def test_a_scene_without_maps_is_found_by_xor_codes() -> None:
 
 
 @pytest.mark.long
-def test_a_gray_code_needs_neither_maps_nor_dots() -> None:
+def test_stripes_of_both_panels_on_a_card_are_surer_than_dots() -> None:
     bench = scene(texture=None)
-    found, count = seen_by(bench, marks="gray")
-    assert count == 2 * (8 + 6 + 6)
+    found, count = seen_by(bench, marks="xor")
+    assert count == 3 + 32 + 9 + 9
     assert found.verdict is Verdict.GOOD
     for panel in ("projector", "mask"):
         assert off_px(found, bench, panel) < 0.02

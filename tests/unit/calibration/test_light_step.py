@@ -19,7 +19,7 @@ from pdcd.calibration.script import Wanted
 from pdcd.calibration.sensor.sensor_step import BLACK, EDGE, GAIN
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
-from tests.unit.calibration.scripted import Answered, Run, run, session_of
+from tests.unit.calibration.scripted import Answered, Run, preview_of, run, session_of
 from tests.unit.planning.test_measured import config
 
 SHAPE = (144, 192)
@@ -112,7 +112,7 @@ def test_both_contrasts_are_found_and_the_room_apart_from_black() -> None:
     leak = np.asarray(out.arrays["light.mask_leak"])
     assert leak.shape == (9, 12) and float(leak.mean()) == pytest.approx(1 / 500.0, rel=0.02)
     assert "light.rate_dn" in out.arrays
-    assert out.picture is not None and out.picture.shape[1] == 600
+    assert preview_of(out)[:4] == b"\x89PNG"
 
 
 def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> None:

@@ -17,7 +17,7 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
-from tests.unit.calibration.scripted import Answered, Run, run, session_of
+from tests.unit.calibration.scripted import Answered, Run, preview_of, run, session_of
 from tests.unit.calibration.test_response import CAMERA, PANEL, Law, power, s_curve, series
 from tests.unit.planning.test_measured import config
 
@@ -70,7 +70,7 @@ def test_a_panel_that_follows_its_law_is_sent_by_gamma() -> None:
     _, found = stepped()
     out = found.outcome
     assert out is not None and out.verdict is Verdict.GOOD and not out.advice
-    assert len(out.figures) == 6 and out.picture is not None
+    assert len(out.figures) == 6 and preview_of(out)[:4] == b"\x89PNG"
     for panel in ("projector", "mask"):
         gamma, table = out.words[f"{panel}.gamma"], out.words[f"{panel}.lut"]
         assert gamma.value == pytest.approx(2.2, abs=0.02) and gamma.sigma is not None

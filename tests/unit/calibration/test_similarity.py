@@ -43,9 +43,6 @@ def test_points_that_all_moved_alike_tell_how(
     assert found.left == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(found(POINTS), now, atol=1e-9)
     np.testing.assert_allclose(found.back(now), POINTS, atol=1e-9)
-    homogeneous = np.concatenate([POINTS, np.ones((COUNT, 1))], axis=1) @ found.matrix.T
-    np.testing.assert_allclose(homogeneous[:, :2], now, atol=1e-9)
-    np.testing.assert_allclose(homogeneous[:, 2], 1.0)
 
 
 def test_a_few_points_that_moved_by_themselves_change_nothing() -> None:

@@ -14,7 +14,7 @@ from tests.unit.calibration.scripted import session_of
 def test_all_steps_but_those_at_wish_are_run_in_their_order() -> None:
     whole = ("sensor", "light", "geometry", "timing", "shutter", "registration", "check")
     assert ordered(()) == whole
-    assert set(STEPS) - set(whole) == AT_WISH == {"response", "coaxial", "focus", "disparity"}
+    assert set(STEPS) - set(whole) == AT_WISH == {"response", "focus", "disparity"}
     assert ordered((), "scene") == ("geometry",)
     assert ordered(("shutter", "sensor"), "scene") == ("sensor", "shutter")
     assert ordered(("check", "focus", "sensor")) == ("sensor", "focus", "check")

@@ -36,7 +36,7 @@ def test_a_calibration_goes_on_where_the_same_one_stopped() -> None:
     before = stopped("sensor", "light", "geometry")
     assert over(before) == ["sensor", "light", "geometry"]
     assert over(before, anew=True) == over(before, steps=("timing",)) == []
-    assert over(before, subject="scene") == over(before, marks="gray") == over(None) == []
+    assert over(before, subject="scene") == over(before, marks="xor") == over(None) == []
     for changed in ({"asked": ("geometry",)}, {"state": "done"}, {"state": None}):
         told = msgspec.structs.replace(before.record, **changed)
         assert over(Before(before.folder, told, "")) == []

@@ -134,7 +134,7 @@ def test_all_may_be_measured_anew(calibrator: type[Calibrator]) -> None:
 @pytest.mark.parametrize(
     "line",
     ["list --scene", "list x", "use", "use a b", "forget", "list --socket s", "use none --anew",
-     "use none --marks gray", "forget gone --yes", "use ../x", "use gone"],
+     "use none --marks xor", "forget gone --yes", "use ../x", "use gone"],
 )  # fmt: skip
 def test_what_is_kept_is_managed_by_its_own_words_alone(
     calibrator: type[Calibrator], line: str
@@ -147,7 +147,7 @@ def test_a_scene_may_stand_in_the_place_of_the_card(calibrator: type[Calibrator]
     assert main(["calibrate", "geometry", "--scene", "--marks", "phase", "--yes"]) == 0
     asked = CalibrateRequest(steps=("geometry",), subject="scene", marks="phase")
     assert calibrator.asked[1] == (asked, False)
-    assert main(["calibrate", "timing", "--marks", "gray"]) == 2
+    assert main(["calibrate", "timing", "--marks", "xor"]) == 2
 
 
 def test_a_step_that_is_unknown_or_another_rig_is_refused(

@@ -289,14 +289,18 @@ def test_a_step_asks_and_ends_with_what_it_found(
     )
     words = {"mask.skew_s": Measured(0.001, 1e-4), "mask.rise_s": Measured(0.002)}
     maps = {"mask": Map.filling((40, 30))}
-    picture = np.zeros((2, 3, 3), np.uint8)
 
     def script() -> Script:
         assert (yield Wanted(shown("dots"))) is None
         assert (yield Ask("cover the lens")) is None
         yield Wanted(shown("dark"), iso=400, f_number=5.6, covered=True)
         return Outcome(
-            figures, words, maps, {"kept": np.ones(2)}, advice=("clean it",), picture=picture
+            figures,
+            words,
+            maps,
+            {"kept": np.ones(2)},
+            advice=("clean it",),
+            picture=lambda figure: figure.suptitle("dots"),
         )
 
     one = study(tmp_path, monkeypatch, script(), helped=True)

@@ -1,7 +1,7 @@
 """One panel's map by stripes: what each quad sees, in photos of sines that time adds up.
 
-Which period it is, a Gray code tells (on a card), or a map that is nearly right, or XOR codes: on a
-scene, where light comes round corners, only these two are of use.
+Which period it is, a map that is nearly right tells, or XOR codes; a Gray code would not, where
+light comes round corners.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from pdcd.calibration.geometry.lit import BLUE, GREEN, OFFSETS_QUADS, RED
 from pdcd.calibration.geometry.panel_map import fit_decoded
 from pdcd.calibration.geometry.phase import (
     Decoded,
-    HalfPeriods,
     PhaseCode,
     Placed,
     Sines,
@@ -28,7 +27,6 @@ from pdcd.calibration.geometry.phase import (
 )
 from pdcd.calibration.geometry.xor import XorCode, XorPlanes
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
-from pdcd.calibration.shown import Shown
 
 Floats = NDArray[np.float64]
 
@@ -60,19 +58,6 @@ class Striped:
         ]
 
 
-def by_gray(session: Session, code: PhaseCode) -> Generator[Wanted | Ask, Taken | None, Striped]:
-    """Sines and a Gray code of half periods for either axis. Raises CalibrationError."""
-    axes = []
-    for shown in _by_axis(session, code, numbered=True):
-        sines, pattern = yield from _sines(session, code, shown[: code.steps])
-        halves = HalfPeriods(code, sines[GREEN])
-        for one in shown[code.steps :]:
-            taken = yield from take(Wanted(one))
-            halves.add(session.photo(taken))
-        axes.append(_placed(sines, halves.near_px))
-    return Striped(_joined(axes, code), pattern)
-
-
 def by_maps(
     session: Session, code: PhaseCode, near_px: Sequence[Floats]
 ) -> Generator[Wanted | Ask, Taken | None, Striped]:
@@ -80,8 +65,8 @@ def by_maps(
     pixels of the panel: those that most quads agree on, wherever all of them have moved to. Raises
     CalibrationError where none is near enough."""
     axes, beliefs, half = [], [], np.zeros((0, 0))
-    for axis, shown in enumerate(_by_axis(session, code, numbered=False)):
-        sines, pattern = yield from _sines(session, code, shown)
+    for axis in (0, 1):
+        sines, pattern = yield from _sines(session, code, axis)
         tried = [(near[..., axis], *sines[GREEN].beside(near[..., axis])) for near in near_px]
         best, moved_px, _ = max(tried, key=lambda one: one[2])
         beliefs.append(best + moved_px)
@@ -122,22 +107,13 @@ def _repeats(session: Session, code: PhaseCode) -> int:
     return max(1, session.full // code.levels)
 
 
-def _by_axis(
-    session: Session, code: PhaseCode, *, numbered: bool
-) -> tuple[tuple[Shown, ...], tuple[Shown, ...]]:
-    """The photos of either axis."""
-    shown = code.shown(_repeats(session, code), numbered=numbered)
-    first = code.steps + (code.bits(0) if numbered else 0)
-    return shown[:first], shown[first:]
-
-
 def _sines(
-    session: Session, code: PhaseCode, shown: Sequence[Shown]
+    session: Session, code: PhaseCode, axis: int
 ) -> Generator[Wanted | Ask, Taken | None, tuple[list[Sines], str]]:
     """The sums of an axis in the three colours, and the camera's mosaic."""
     sums, pattern = [Sines(code, channel) for channel in COLOURS], ""
-    for one in shown:
-        taken = yield from take(Wanted(one))
+    for shown in code.shown(axis, _repeats(session, code)):
+        taken = yield from take(Wanted(shown))
         photo, pattern = session.photo(taken), taken.raw.pattern
         for of_colour in sums:
             of_colour.add(photo)

@@ -1,0 +1,40 @@
+"""Previews of steps: a PNG file where matplotlib is installed, and nothing where it is not."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pdcd.calibration.preview import draw_arrows, write_preview
+
+
+def draw(figure: Any) -> None:
+    places = np.array([[0.2, 0.5], [0.8, 0.5], [0.5, 0.2]])
+    axes = figure.subplots()
+    draw_arrows(axes, places, np.array([[0.0, 1.0], [0.0, 1.0], [np.nan, 0.0]]), "moved")
+    axes.set_title("")
+
+
+def test_a_preview_is_a_picture_with_arrows_that_point_down(tmp_path: Path) -> None:
+    """Of vectors that are as long as 95 % are, each is 6 % of the box, downwards from its place."""
+    write_preview(tmp_path / "a.png", draw)
+    seen = cv2.imread(str(tmp_path / "a.png"))
+    assert seen is not None
+    blue = (seen[..., 0] > 150) & (seen[..., 2] < 90)
+    rows, cols = np.nonzero(blue)
+    half = seen.shape[1] // 2
+    assert (cols < half).any() and (cols > half).any()  # and none of what is no number
+    assert np.abs(cols - half).min() > 0.2 * half
+    assert rows.min() > 0.4 * seen.shape[0]
+    assert np.ptp(rows) == pytest.approx(0.06 * np.ptp(cols) / 0.6, rel=0.2)
+
+
+def test_without_matplotlib_there_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    write_preview(tmp_path / "a.png", draw)
+    assert not list(tmp_path.iterdir())
