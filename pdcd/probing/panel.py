@@ -168,6 +168,46 @@ class Trajectory:
             self._state = level + left @ fields[1:]
 
 
+class Recent:
+    """The latest spans of a trajectory, to be taken more than once until they are forgotten."""
+
+    def __init__(self, track: Trajectory) -> None:
+        self._track = track
+        self._fields = np.empty((0, track.fields, track.pixels))
+        self._first = 0
+
+    @property
+    def fields(self) -> int:
+        """Fields of one span."""
+        return self._track.fields
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of the panel, P."""
+        return self._track.pixels
+
+    @property
+    def reached(self) -> int:
+        """The first span that no call has taken yet."""
+        return self._first + len(self._fields)
+
+    def take(self, start: int, stop: int) -> Floats:
+        """Fields of spans start..stop-1, (stop - start, fields, P) float64: a view.
+
+        start : not beyond `reached`, and not forgotten.
+        """
+        if stop > self.reached:
+            more = self._track.take(self.reached, stop)
+            self._fields = np.concatenate([self._fields, more]) if len(self._fields) else more
+        return self._fields[start - self._first : stop - self._first]
+
+    def forget(self, before: int) -> None:
+        """Let go of the spans before this one."""
+        gone = min(before, self.reached) - self._first
+        if gone > 0:
+            self._fields, self._first = self._fields[gone:].copy(), self._first + gone
+
+
 class Kept:
     """All spans of a trajectory, to be taken in any order and more than once."""
 

@@ -14,12 +14,11 @@ N x N. Direct light comes back at the point it fell on and sees the panels' sub-
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
@@ -27,7 +26,7 @@ from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.panels.lattice import Lattice, Overlap
 from pdcd.probing.borders import Strips
 from pdcd.probing.fine import Beams, Blur, Fine, FineSums, cut_by_windows, summed
-from pdcd.probing.panel import Panel, Trajectory, blur_cells, offset_cells
+from pdcd.probing.panel import Panel, Recent, Trajectory, blur_cells, offset_cells
 from pdcd.probing.spans import (
     ALL_AT_ONCE,
     Band,
@@ -130,8 +129,8 @@ def factors(
     open_ns, close_ns : the exposure, on the clock of the log.
     offset_cells : misregistration of the mask, in cells (rows, cols).
     fine : look at parts of cells, too.
-    bands : fields of projector and mask whose light comes later than that of others. Time and
-        memory grow with the number of the projector's bands, hardly with the mask's.
+    bands : fields of projector and mask whose light comes later than that of others. Time grows
+        with the number of the projector's bands, and less with the mask's.
     blur_cells : blur of the light on the mask, of direct light only, in cells (rows, cols).
     displacement : (N, 2) of an off-axis scene, in cells down and right, for `Factors.displaced`;
         this light is not blurred.
@@ -144,31 +143,34 @@ def factors(
     blur = Blur(lattice, blur_cells) if any(blur_cells) else None
     finely = fine and cut_by_windows(lattice)
     beams = None if displacement is None else Beams(lattice, displacement)
-    for number, band in enumerate(bands[0]):
-        p_rows, p_start_ns, p_track = exposed.track(band, primal_side=True)
-        gates = [exposed.gate(dual_band, band, p_start_ns) for dual_band in bands[1]]
-        widest = lattice.dual_fields * (lattice.lattice_cells + 1) * 8
-        step = max(1, CHUNK_BYTES // (widest * p_track.fields))
-        for start in range(0, len(p_rows), step):
-            stop = min(start + step, len(p_rows))
-            right = p_track.take(start, stop).reshape((stop - start) * p_track.fields, -1)
-            if not isinstance(band.pixels, slice):  # the others have their turn
+    sides = [exposed.side(band, primal_side=True) for band in bands[0]]
+    gates = [exposed.side(band, primal_side=False) for band in bands[1]]
+    fields = sides[0].track.fields
+    widest = lattice.dual_fields * (lattice.lattice_cells + 1) * 8
+    step = max(1, CHUNK_BYTES // (widest * fields))
+    # All bands of a chunk are looked at before the next one, so that the mask is followed once.
+    for start in range(0, len(sides[0].starts), step):
+        stop = min(start + step, len(sides[0].starts))
+        for number, side in enumerate(sides):
+            right = side.track.take(start, stop).reshape((stop - start) * fields, -1)
+            if not isinstance(side.band.pixels, slice):  # the others have their turn
                 whole = np.zeros((len(right), lattice.fields * lattice.cells))
-                whole[:, band.pixels] = right
+                whole[:, side.band.pixels] = right
                 right = whole
-            met_here = _through(right, gates, start, stop, p_track.fields)
+            met_here = exposed.through(right, side, gates, start, stop)
             yield _chunk(lattice, right, met_here, finely, blur, beams, first=number == 0)
+        for gate in gates:
+            gate.track.forget(exposed.first_met(gate, sides, stop))
 
 
 @dataclass(frozen=True)
-class _Gate:
-    """One band of the mask: its pixels among all, its spans, and how they overlap the
-    projector's."""
+class _Side:
+    """One band of a panel: its pixels among all, when its spans start, and what they show."""
 
     band: Band
-    track: Trajectory
-    weights: scipy.sparse.csr_array
-    opens: scipy.sparse.csr_array
+    panel: Panel
+    starts: Times
+    track: Recent
 
 
 @dataclass(frozen=True)
@@ -183,8 +185,8 @@ class _Exposed:
     open_ns: int
     close_ns: int
 
-    def track(self, band: Band, *, primal_side: bool) -> tuple[list[int], Times, Trajectory]:
-        """Rows, starts and levels of the spans of one band of a panel."""
+    def side(self, band: Band, *, primal_side: bool) -> _Side:
+        """Starts and levels of the spans of one band of a panel."""
         log, lattice = self.log, self.lattice
         shown, at = (
             (log.primal_shown, log.primal_ns) if primal_side else (log.dual_shown, log.dual_ns)
@@ -195,44 +197,53 @@ class _Exposed:
         pixels = lattice.fields * lattice.cells
         if not primal_side:
             pixels = lattice.dual_fields * (lattice.lattice_cells + 1)
-        return rows, starts, Trajectory(
-            panel,
-            starts,
-            band.count(pixels),
-            lambda s: target(
-                self.frames, lattice, rows[s], panel.curve, primal_side=primal_side
-            )[band.pixels],
-        )  # fmt: skip
+        asked = self._asked[0 if primal_side else 1]
+        track = Trajectory(panel, starts, band.count(pixels), lambda s: asked(rows[s])[band.pixels])
+        return _Side(band, panel, starts, Recent(track))
 
-    def gate(self, band: Band, primal_band: Band, p_start_ns: Times) -> _Gate:
-        """One band of the mask before one of the projector."""
-        _, starts, track = self.track(band, primal_side=False)
+    @cached_property
+    def _asked(self) -> tuple[Callable[[int], Floats], Callable[[int], Floats]]:
+        """Light that a row asks of all pixels of either panel; bands ask for the same ones."""
+
+        def of(panel: Panel, primal_side: bool) -> Callable[[int], Floats]:
+            wide = self.lattice.dual_fields * (self.lattice.lattice_cells + 1) * 8
+            return lru_cache(CHUNK_BYTES // wide + 8)(
+                lambda row: target(
+                    self.frames, self.lattice, row, panel.curve, primal_side=primal_side
+                )
+            )
+
+        return of(self.primal, True), of(self.dual, False)
+
+    def first_met(self, gate: _Side, sides: list[_Side], number: int) -> int:
+        """The mask's first span that spans `number` of the projector, and those after, may meet."""
+        soonest = min((int(s.starts[number]) for s in sides if number < len(s.starts)), default=0)
+        return max(int(np.searchsorted(gate.starts, soonest, side="right")) - 1, 0)
+
+    def through(
+        self, right: Floats, side: _Side, gates: list[_Side], start: int, stop: int
+    ) -> tuple[Floats, NDArray[np.bool_], Floats]:
+        """`met` of all bands of the mask: left (R, D), alive, open_s (D,)."""
         exposure_ns = self.close_ns - self.open_ns
-        primal = self.primal.later(primal_band.delay_ns)
-        weights, opens = span_weights(
-            primal, self.dual, p_start_ns, starts, exposure_ns=exposure_ns
-        )
-        return _Gate(band, track, weights, opens)
-
-
-def _through(
-    right: Floats, gates: list[_Gate], start: int, stop: int, fields: int
-) -> tuple[Floats, NDArray[np.bool_], Floats]:
-    """`met` of all bands of the mask: left (R, D), alive, open_s (D,)."""
-    if len(gates) == 1 and isinstance(gates[0].band.pixels, slice):
-        rows = gates[0].weights[start * fields : stop * fields]
-        return met(right, gates[0].track, rows, gates[0].opens[start:stop].sum(axis=0))
-    count = sum(gate.track.pixels for gate in gates)
-    left, open_s = np.zeros((len(right), count)), np.zeros(count)
-    always = np.ones((len(right), 1))
-    for gate in gates:
-        rows = gate.weights[start * fields : stop * fields]
-        part, alive, opened = met(always, gate.track, rows, gate.opens[start:stop].sum(axis=0))
-        index = np.arange(count)[gate.band.pixels]
-        left[np.ix_(np.flatnonzero(alive), index)] = part
-        open_s[gate.band.pixels] = opened
-    both = np.asarray(left.any(axis=1) & right.any(axis=1))
-    return left[both], both, open_s
+        part = [
+            span_weights(
+                side.panel, gate.panel, side.starts, gate.starts, exposure_ns=exposure_ns,
+                spans=(start, stop),
+            )
+            for gate in gates
+        ]  # fmt: skip
+        if len(gates) == 1 and isinstance(gates[0].band.pixels, slice):
+            return met(right, gates[0].track, part[0][0], part[0][1].sum(axis=0))
+        count = sum(gate.track.pixels for gate in gates)
+        left, open_s = np.zeros((len(right), count)), np.zeros(count)
+        always = np.ones((len(right), 1))
+        for gate, (weights, opens) in zip(gates, part, strict=True):
+            some, alive, opened = met(always, gate.track, weights, opens.sum(axis=0))
+            index = np.arange(count)[gate.band.pixels]
+            left[np.ix_(np.flatnonzero(alive), index)] = some
+            open_s[gate.band.pixels] = opened
+        both = np.asarray(left.any(axis=1) & right.any(axis=1))
+        return left[both], both, open_s
 
 
 def bench_factors(

@@ -24,14 +24,14 @@ from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.map import Map
 from pdcd.panels.windows import LOWER, MOVED, PLACED, UPPER
-from pdcd.probing.panel import Kept, Panel, Trajectory, decay_integral
+from pdcd.probing.panel import Kept, Panel, Recent, Trajectory, decay_integral
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 
 def met(
-    right: Floats, d_track: Trajectory | Kept, rows: scipy.sparse.csr_array, opens: Floats
+    right: Floats, d_track: Trajectory | Recent | Kept, rows: scipy.sparse.csr_array, opens: Floats
 ) -> tuple[Floats, NDArray[np.bool_], Floats]:
     """What some spans of the projector meet on the mask, pixel by pixel of either.
 
@@ -121,18 +121,28 @@ def target(
 
 
 def span_weights(
-    primal: Panel, dual: Panel, p_start_ns: Times, d_start_ns: Times, *, exposure_ns: int
+    primal: Panel,
+    dual: Panel,
+    p_start_ns: Times,
+    d_start_ns: Times,
+    *,
+    exposure_ns: int,
+    spans: tuple[int, int] | None = None,
 ) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
     """Integrals of products of fields over the overlaps of spans.
 
     Returns ``(primal spans * fields, dual spans * fields)`` and, for the open time of the mask
-    alone, ``(primal spans, dual spans * fields)``.
+    alone, ``(primal spans, dual spans * fields)``; of primal spans from the first of `spans` to
+    before the second, where these are given.
 
     Times are subtracted as whole numbers: an hour after the opening, those in s have lost the
     picoseconds of a short overlap.
     """
-    edges = np.unique(np.concatenate([p_start_ns, d_start_ns, [0, exposure_ns]]))
-    edges = edges[edges <= exposure_ns]
+    first, end = spans or (0, p_start_ns.size)
+    begin_ns = min(int(p_start_ns[first]) if first else 0, exposure_ns)
+    end_ns = min(int(p_start_ns[end]) if end < p_start_ns.size else exposure_ns, exposure_ns)
+    edges = np.unique(np.concatenate([p_start_ns, d_start_ns, [begin_ns, end_ns]]))
+    edges = edges[(begin_ns <= edges) & (edges <= end_ns)]
     lo, length_s = edges[:-1], np.diff(edges) * 1e-9
     p = np.searchsorted(p_start_ns, lo, side="right") - 1
     d = np.searchsorted(d_start_ns, lo, side="right") - 1
@@ -141,15 +151,15 @@ def span_weights(
     entries, opens = [], []
     for b, d_rate in enumerate(d_rates):
         before_d = np.exp(-d_rate * d_age_s)
-        opens.append((p, d * d_rates.size + b, before_d * decay_integral(d_rate, length_s)))
+        opens.append((p - first, d * d_rates.size + b, before_d * decay_integral(d_rate, length_s)))
         for a, p_rate in enumerate(p_rates):
             before = before_d * np.exp(-p_rate * p_age_s)
             value = before * decay_integral(np.asarray(p_rate + d_rate), length_s)
-            entries.append((p * p_rates.size + a, d * d_rates.size + b, value))
+            entries.append(((p - first) * p_rates.size + a, d * d_rates.size + b, value))
     columns = d_start_ns.size * d_rates.size
     return (
-        _sparse(entries, (p_start_ns.size * p_rates.size, columns)),
-        _sparse(opens, (p_start_ns.size, columns)),
+        _sparse(entries, ((end - first) * p_rates.size, columns)),
+        _sparse(opens, (end - first, columns)),
     )
 
 

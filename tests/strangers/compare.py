@@ -9,6 +9,7 @@ finite: what the run says it does not know is only counted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,15 +66,17 @@ def true_answers(world: World, run: pdcd.Run) -> dict[str, Floats]:
             "near": light["near"]}  # fmt: skip
 
 
-def compare(run: pdcd.Run, world: World, name: str | None = None) -> Compared:
-    """The answer of a run, or another picture of it, against the truth."""
-    name = name or run.goal
-    true = true_answers(world, run)
-    decoded = run.decode(progress=False).pictures[name]
-    return compare_arrays(
-        np.asarray(decoded.image, np.float64), np.asarray(decoded.sigma, np.float64),
-        true[name], true["near"], world.mask_seen(),
-    )  # fmt: skip
+def compare(run: pdcd.Run, world: World, names: Sequence[str]) -> dict[str, Compared]:
+    """Pictures of a run against the truth, by name."""
+    true, seen = true_answers(world, run), world.mask_seen()
+    decoded = run.decode(progress=False).pictures
+    found = {}
+    for name in names:
+        image, sigma = (
+            np.asarray(a, np.float64) for a in (decoded[name].image, decoded[name].sigma)
+        )
+        found[name] = compare_arrays(image, sigma, true[name], true["near"], seen)
+    return found
 
 
 def compare_arrays(

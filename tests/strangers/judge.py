@@ -105,13 +105,9 @@ def photograph(file: Path, folder: Path, facts: Facts, stands: Stands, goal: str
     taken: Entry = {"state": "done", "verdict": run.verdict, "reasons": list(run.quality.reasons)}
     world = World(facts, stands)
     names = [name for name in ("white", *GOALS) if name in run.pictures]
-    scales = {}
-    for name in names:
-        found = compare(run, world, name)
-        scales[name] = found.scale
-        if name == goal:
-            taken |= dataclasses.asdict(found)
-    taken["scales"] = scales
+    found = compare(run, world, names)
+    taken |= dataclasses.asdict(found[goal])
+    taken["scales"] = {name: one.scale for name, one in found.items()}
     taken["cpu_s"] = round(time.process_time() - begun_s, 1)
     return taken
 

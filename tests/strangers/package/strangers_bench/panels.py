@@ -22,6 +22,8 @@ Picture = NDArray[np.uint8]
 
 _FEW = 12
 """Pictures of black and white up to which the kinds of pixels are counted out."""
+GROWS = 1.25
+"""How much longer each step of time is than the one before, where light only settles."""
 _MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
@@ -54,23 +56,30 @@ class Course:
     at_s : (E,) when each picture was sent.
     target : (kinds, E) light that each kind is told to give from then on, 0..1.
     state : (kinds, E) light that it gives when its row is set.
+    total : (kinds, E) light that it gave from the first row until then, times s.
     """
 
     facts: PanelFacts
     at_s: Floats
     target: Floats
     state: Floats
+    total: Floats
 
-    def light(self, kind: Ints, late_s: float, t_s: Floats) -> Floats:
-        """Light of kinds (n,), set so much after each picture was sent, at times (J,): (n, J)."""
-        before = t_s - late_s
+    def steps(self, kind: Ints, late_s: float, edges_s: Floats) -> tuple[Floats, Floats]:
+        """Light of kinds (n,), set so much after each picture was sent, in steps of time between
+        edges (J + 1,): its sum over each step, and by how much it grew, (n, J) both."""
+        before = edges_s - late_s
         number = np.maximum(np.searchsorted(self.at_s, before, side="right") - 1, 0)
-        since = np.maximum(before - self.at_s[number], 0.0)
-        up = np.exp(-since / self.facts.rise_s).astype(np.float32)
-        down = np.exp(-since / self.facts.fall_s).astype(np.float32)
+        since = before - self.at_s[number]
+        early, since = np.minimum(since, 0.0), np.maximum(since, 0.0)
+        up, down = (np.exp(-since / tau) for tau in (self.facts.rise_s, self.facts.fall_s))
         target, state = self.target[kind][:, number], self.state[kind][:, number]
         left = state - target
-        return np.asarray(target + left * np.where(left < 0.0, up, down))
+        darker = left < 0.0
+        moved = np.where(darker, self.facts.rise_s * (1.0 - up), self.facts.fall_s * (1.0 - down))
+        total = self.total[kind][:, number] + target * since + left * moved + state * early
+        light = target + left * np.where(darker, up, down)
+        return np.diff(total, axis=1), np.diff(light, axis=1)
 
 
 def follow(facts: PanelFacts, at_s: Floats, shown: Ints, levels: NDArray[np.uint8]) -> Course:
@@ -82,14 +91,16 @@ def follow(facts: PanelFacts, at_s: Floats, shown: Ints, levels: NDArray[np.uint
     light = black + (1.0 - black) * (levels / 255.0) ** facts.gamma
     light = np.concatenate([light, np.full((len(light), 1), black)], axis=1)
     target = light[:, shown]
-    state = np.empty_like(target)
-    now = np.full(len(light), black)
+    state, total = np.empty_like(target), np.empty_like(target)
+    now, given = np.full(len(light), black), np.zeros(len(light))
     for number, lasts_s in enumerate(np.append(np.diff(at_s), 1.0)):
-        state[:, number] = now
+        state[:, number], total[:, number] = now, given
         goal = target[:, number]
-        up, down = np.exp(-lasts_s / facts.rise_s), np.exp(-lasts_s / facts.fall_s)
-        now = goal + (now - goal) * np.where(now < goal, up, down)
-    return Course(facts, at_s, target.astype(np.float32), state.astype(np.float32))
+        tau = np.where(now < goal, facts.rise_s, facts.fall_s)
+        left = np.exp(-lasts_s / tau)
+        given = given + goal * lasts_s + (now - goal) * tau * (1.0 - left)
+        now = goal + (now - goal) * left
+    return Course(facts, at_s, target, state, total)
 
 
 def delays_s(facts: PanelFacts, bands: int) -> Floats:
@@ -100,23 +111,24 @@ def delays_s(facts: PanelFacts, bands: int) -> Floats:
 
 
 def time_steps(
-    starts_s: Floats, begin_s: float, end_s: float, step_s: float, fine_s: float
-) -> tuple[Floats, Floats]:
-    """Times to look at the panels and what each stands for, (J,) both, within an exposure.
+    starts_s: Floats, begin_s: float, end_s: float, step_s: float, fine_s: float, settles_s: float
+) -> Floats:
+    """Edges of the steps of time in which the panels are looked at, within an exposure.
 
-    Steps are short for `fine_s` after each picture was sent; then nothing moves any more, and one
-    look is enough until the next.
+    Steps are short for `fine_s` after each picture was sent, and then ever longer until it has
+    settled; then nothing moves any more, and one step leads to the next.
     """
+    grown = [fine_s]
+    while grown[-1] < settles_s:
+        grown.append(grown[-1] + step_s * GROWS ** len(grown))
     edges = np.unique(np.clip(np.concatenate([[begin_s], starts_s, [end_s]]), begin_s, end_s))
-    times, weights = [], []
+    found = []
     for one, other in pairwise(edges):
         sent = starts_s[starts_s <= one + 1e-12]
-        moving = float(np.clip(sent[-1] + fine_s - one, 0.0, other - one)) if sent.size else 0.0
-        if moving > 0.0:
-            count = max(1, round(moving / step_s))
-            times.append(one + (np.arange(count) + 0.5) * moving / count)
-            weights.append(np.full(count, moving / count))
-        if other - one > moving:
-            times.append(np.array([other - 1e-9]))
-            weights.append(np.array([other - one - moving]))
-    return np.concatenate(times), np.concatenate(weights)
+        found.append(np.array([one]))
+        if sent.size:
+            moving = float(np.clip(sent[-1] + fine_s - one, 0.0, other - one))
+            found.append(one + np.linspace(0.0, moving, max(1, round(moving / step_s)) + 1)[1:])
+            found.append(sent[-1] + np.array(grown))
+            found[-1] = found[-1][(found[-1] > one) & (found[-1] < other)]
+    return np.unique(np.concatenate([*found, edges[-1:]]))

@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 SUB = 4
-STEPS_FEW, STEPS_MANY = 40, 16
-"""Looks at the panels in a refresh, where pixels are of few kinds, and where they are of many."""
+STEPS_FEW, STEPS_MANY = 12, 8
+"""Steps of time in a refresh, where pixels are of few kinds, and where they are of many."""
 BANDS_MOST, BANDS_LEAST, LABELS = 240, 20, 2400
 """Bands of rows of a panel: as many as make so many labels, within limits."""
 MANY = 60
@@ -132,7 +132,7 @@ class World:
         many = max(projector.course.target.shape[0], mask.course.target.shape[0]) > MANY
         step_s = 1.0 / 60.0 / (STEPS_MANY if many else STEPS_FEW)
         starts = np.union1d(shown.projector_s, shown.mask_s)
-        times = time_steps(starts, begin_s, end_s, step_s, self._settles_s())
+        times = time_steps(starts, begin_s, end_s, step_s, *self._settles_s())
         lit, through = projector_px[points.source_px], mask_px[points.mask_px]
         pairs, number = _pairs(lit, through, mask.size)
         strands = self._strands
@@ -262,10 +262,12 @@ class World:
         blurred = gaussian_filter(seen, (self.facts.blur_quads, self.facts.blur_quads, 0.0))
         return np.asarray(blurred * self._vignette)
 
-    def _settles_s(self) -> float:
+    def _settles_s(self) -> tuple[float, float]:
+        """How long after a picture was sent the last rows have begun to follow, and settled."""
         panels = self.facts.projector, self.facts.mask
         slowest = max(max(p.rise_s, p.fall_s) for p in panels)
-        return max(p.late_s + abs(p.scan_s) for p in panels) + 9.0 * slowest
+        late = max(p.late_s + abs(p.scan_s) for p in panels)
+        return late + slowest, late + 9.0 * slowest
 
     def _course(self, shown: Shown, side: int) -> tuple[Ints, _Labelled]:
         """Which label each pixel of a panel has, and what pixels of a label show in time."""
@@ -350,12 +352,20 @@ class _Labelled:
     def size(self) -> int:
         return len(self.kind)
 
-    def light(self, t_s: Floats) -> Singles:
-        """Light of all labels at times (J,): (labels, J)."""
-        found = np.empty((self.size, t_s.size), dtype=np.float32)
+    def light(self, edges_s: Floats) -> Singles:
+        """Light of all labels in steps of time between edges (J + 1,), (labels, 2 J).
+
+        The light of two in one step is, to the slope, the product of their means times the step
+        and a twelfth of that of their growths: that of the numbers that stand here, summed.
+        """
+        steps_s = np.diff(edges_s)
+        one, other = 1.0 / np.sqrt(steps_s), np.sqrt(steps_s / 12.0)
+        found = np.empty((self.size, 2 * steps_s.size), dtype=np.float32)
         for band in np.unique(self.band):
             mine = np.flatnonzero(self.band == band)
-            found[mine] = self.course.light(self.kind[mine], float(self.delays[band]), t_s)
+            total, grew = self.course.steps(self.kind[mine], float(self.delays[band]), edges_s)
+            found[mine, : steps_s.size] = total * one
+            found[mine, steps_s.size :] = grew * other
         return found
 
 
@@ -389,8 +399,7 @@ def _apart(one: Ints, other: Ints, grid: tuple[int, int]) -> Ints:
 
 
 def _summed(
-    projector: _Labelled, mask: _Labelled, pairs: Ints, tents: Singles | None,
-    times: tuple[Floats, Floats],
+    projector: _Labelled, mask: _Labelled, pairs: Ints, tents: Singles | None, edges_s: Floats
 ) -> tuple[Singles, Singles, Singles | None]:  # fmt: skip
     """Sums over time: of both panels' light for pairs (P,), of the mask's alone (labels,), and of
     the mask's with the tents' light (tents, labels)."""
@@ -401,14 +410,14 @@ def _summed(
     both = np.zeros(len(pairs))
     open_s = np.zeros(mask.size)
     tents_s = None if tents is None else np.zeros((len(tents), mask.size))
-    for start in range(0, times[0].size, CHUNK):
-        t_s, weight = (a[start : start + CHUNK] for a in times)
-        shone = projector.light(t_s) * weight.astype(np.float32)
-        let = mask.light(t_s)
+    for start in range(0, edges_s.size - 1, CHUNK):
+        edges = edges_s[start : start + CHUNK + 1]
+        shone, let = projector.light(edges), mask.light(edges)
         for label in np.flatnonzero(np.diff(bounds)):
             mine = slice(bounds[label], bounds[label + 1])
             both[mine] += let[through[mine]] @ shone[label]
-        open_s += let @ weight
+        steps_s = np.diff(edges)
+        open_s += let[:, : steps_s.size] @ np.sqrt(steps_s)
         if tents is not None and tents_s is not None:
             tents_s += (tents @ shone) @ let.T
     unsorted = np.empty_like(both)
