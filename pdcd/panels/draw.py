@@ -8,6 +8,7 @@ the same by the same whole numbers (`pdcd.panels.atoms`) on a graphics card.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from pdcd.panels.windows import ATOMS, GUARDS, windows
 
 FULL = 255
 """A pixel at full light."""
+KEPT = 8
+"""Geometries that are remembered: both panels under four sub-shifts."""
 
 
 def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
@@ -49,23 +52,31 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
         if index == WHITE:
             return np.full((height, width), FULL, dtype=np.uint8)
         return bytes_of(patterns, index, width * height).reshape(height, width)
-    atom = atoms(panel, frames.grid)
-    lit = atom[..., 0] >= 0
-    if index == WHITE:
-        return np.where(lit, np.uint8(FULL), np.uint8(0))
     opening = windows(frames.window)
+    if index == WHITE:
+        return np.where(_cells(panel, frames.grid, "whole", 0) >= 0, np.uint8(FULL), np.uint8(0))
     shift = int(frames.shift[row]) if opening.shifted else 0
+    rows, cols = frames.lattice
+    levels = np.append(bytes_of(patterns, index, rows * cols), np.uint8(0))
+    return np.asarray(levels[_cells(panel, frames.grid, frames.window, shift)])
+
+
+@lru_cache(maxsize=KEPT)
+def _cells(panel: PanelView, grid: tuple[int, int], window: str, shift: int) -> NDArray[np.int32]:
+    """Code cell that each pixel shows under a sub-shift, (height, width); -1: black."""
+    atom = atoms(panel, grid)
+    lit = atom[..., 0] >= 0
+    opening = windows(window)
     moved = np.array([shift & 1, shift >> 1], dtype=np.int32)  # across, down
     if panel.mask and opening.shifted:
-        at = atoms(panel, frames.grid, ATOMS) + ATOMS // 2 * moved
-        guard = GUARDS[frames.window]
+        at = atoms(panel, grid, ATOMS) + ATOMS // 2 * moved
+        guard = GUARDS[window]
         lit &= ((at % ATOMS >= guard) & (at % ATOMS < ATOMS - guard)).all(axis=-1)
         cell = at // ATOMS
     else:
         cell = (atom + 2 * moved) >> 2
-    rows, cols = frames.lattice
-    levels = bytes_of(patterns, index, rows * cols).reshape(rows, cols)
-    return np.where(lit, levels[cell[..., 1], cell[..., 0]], np.uint8(0))
+    cols = grid[1] + opening.shifted
+    return np.where(lit, cell[..., 1] * cols + cell[..., 0], -1).astype(np.int32)
 
 
 def check_fit(frames: Frames, panel: PanelView) -> None:

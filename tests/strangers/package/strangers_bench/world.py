@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 SUB = 4
-STEPS_FEW, STEPS_MANY = 12, 8
+STEPS_FEW, STEPS_MANY = 12, 6
 """Steps of time in a refresh, where pixels are of few kinds, and where they are of many."""
 BANDS_MOST, BANDS_LEAST, LABELS = 240, 20, 2400
 """Bands of rows of a panel: as many as make so many labels, within limits."""
