@@ -277,6 +277,9 @@ class CalibrationConfig(_Table, frozen=True):
     typed: dict[str, str] = field(default_factory=dict)
     """Written by the program: values of devices, by key and as JSON, in whose place are measured
     ones. A mock bench goes on being what was typed (`pdcd.bench.truth`)."""
+    card_albedo: Annotated[float, Meta(gt=0.05, le=1.0)] | None = None
+    """What the white card reflects of the light on it, as its maker says: the absolute scale of all
+    photos goes by it. None: 0.9, to 5 %."""
     check: Literal["daily", "always", "never"] = "daily"
     """When a capture says that the bench should be checked first."""
     max_age_days: Positive = 30.0

@@ -50,8 +50,11 @@ LONG = 600
 """Refreshes that the photos of closed panels take, or twice those of open ones."""
 LAMP_PHOTOS = 3
 """More photos of white, for the lamp."""
-CARD_ALBEDO, CARD_SIGMA = 0.9, 0.03
-"""Of white paper; of most cards nobody says."""
+UNKNOWN_CARD = 0.9, 0.05
+"""Albedo of a white card of which nobody says anything, and its standard deviation: from paper to
+pressed PTFE."""
+SAID_SIGMA = 0.01
+"""The same where somebody said it."""
 BLACK_SIGMA_DN = 0.3
 """Of a black level that was never measured; and below 0.1 nobody should believe."""
 LEAST_BLACK_DN = 0.1
@@ -129,12 +132,18 @@ def light(session: Session) -> Script:
         stops = yield from measure_stops(session, f_number, full, _black_sigma(session))
     times, levels, noise = np.array(taking.white).T
     figures = (
-        *found.figures(CARD_ALBEDO),
+        *found.figures(_card(session)[0]),
         *lamp_of(times - times[0], levels, float(noise.max())).figures(),
         *stops.figures(),
         *lit,
     )
     return _outcome(session, found, white, stops, figures, f_number)
+
+
+def _card(session: Session) -> tuple[float, float]:
+    """The card's albedo, and its standard deviation."""
+    said = session.config.calibration.card_albedo
+    return UNKNOWN_CARD if said is None else (said, SAID_SIGMA)
 
 
 def _covered(plan: LightPlan, taking: _Taking) -> Generator[Wanted | Ask, Taken | None, None]:
@@ -157,6 +166,7 @@ def _outcome(
 ) -> Outcome:
     """All figures and words."""
     words, arrays = {}, {}
+    albedo, albedo_sigma = _card(session)
     for name, share in (("projector", found.projector), ("mask", found.mask)):
         contrast, error = share.contrast
         words[f"{name}.contrast"] = Measured(contrast, error or None)
@@ -176,8 +186,8 @@ def _outcome(
             found,
             gain_e_per_dn=_gain(session),
             f_number=stop_of(number, stops.found).true,
-            albedo=CARD_ALBEDO,
-            albedo_sigma=CARD_SIGMA,
+            albedo=albedo,
+            albedo_sigma=albedo_sigma,
         )
         red, green, blue = value.tolist()
         words["camera.stops"] = Measured(msgspec.to_builtins(stops.found))
@@ -191,7 +201,7 @@ def _outcome(
             "black of the projector and light of the room were not told apart: calibrate with "
             "somebody there to cover the projector's lens"
         )
-    ambient = found.ambient(CARD_ALBEDO)
+    ambient = found.ambient(albedo)
     if ambient is not None:
         arrays["light.ambient"] = np.array(ambient)
     arrays["light.rate_dn"] = found.rate

@@ -83,10 +83,12 @@ def stepped(
     lamp: tuple[tuple[str, float], ...] = (),
     gain: tuple[float, float] | None = None,
     estimated: bool = True,
+    card: float | None = None,
 ) -> tuple[Answered, Run]:
     still = {"size_px": PANEL, "rise_s": 0.0, "fall_s": 0.0}
     bench = Bench(2000.0, mask, room, dict(lamp))
-    session = session_of(config(projector=still, mask=still))
+    said = {"card_albedo": card}
+    session = session_of(config(projector=still, mask=still, calibration=said))
     session.answer = lambda taken: bench.photo(session, taken)
     session.helped, session.full, session.f_number = helped, FULL, 8.0
     session.arrays[EDGE] = np.array([0.0, 1e-4])
@@ -174,7 +176,20 @@ def test_brightness_is_told_in_electrons_at_an_open_lens(
     assert figure.value == value[1]
     sigmas = out.words["camera.responsivity_e"].sigma
     assert isinstance(sigmas, tuple) and sigmas[1] == figure.sigma
-    assert figure.sigma / figure.value == pytest.approx(np.hypot(0.03 / 0.9, error), rel=0.02)
+    assert figure.sigma / figure.value == pytest.approx(np.hypot(0.05 / 0.9, error), rel=0.02)
+
+
+def test_the_scale_goes_by_what_the_cards_maker_says() -> None:
+    """All of it: of a card that reflects 0.99 a unit of light is 0.9 / 0.99 of what it was taken
+    for, to a hundredth."""
+    values = []
+    for card in (None, 0.99):
+        out = stepped(gain=(2.5, 0.0), estimated=False, card=card)[1].outcome
+        assert out is not None
+        values.append(out.words["camera.responsivity_e"])
+    unsaid, said = (np.array(found.value) for found in values)
+    assert said == pytest.approx(unsaid * 0.9 / 0.99, rel=1e-6)
+    assert np.array(values[1].sigma) / said == pytest.approx(0.01 / 0.99, rel=0.05)
 
 
 def test_of_a_sound_bench_there_is_nothing_to_advise() -> None:
