@@ -30,7 +30,15 @@ from pdcd.bench.exposure_time import tell, with_open_time, with_times
 from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
-from pdcd.errors import Cancelled, ConfigError, ExposureError, SyncError, disk_errors
+from pdcd.errors import (
+    Cancelled,
+    ConfigError,
+    DeviceLost,
+    ExposureError,
+    PdcdError,
+    SyncError,
+    disk_errors,
+)
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.protocol.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.sensor.dng import CFAS, write_photo
@@ -237,6 +245,18 @@ class Rig:
                     level = logging.WARNING if left else logging.CRITICAL
                     logger.log(level, "not safe device=%s error=%s tries_left=%d", name, err, left)
         return safe
+
+    def refusal(self, frames: Frames) -> str | None:
+        """Why the display takes no such frames, in words; None where it does. Asked of frames of
+        pixels, which a driver that draws cells need not know; a device that is lost is raised."""
+        try:
+            self.display.load(frames)
+        except (DeviceLost, Cancelled):
+            raise
+        except Exception as err:
+            said = err.message if isinstance(err, PdcdError) else f"{type(err).__name__}: {err}"
+            return f"the display takes no frames of pixels ({said})"
+        return None
 
     def expose(
         self,

@@ -35,16 +35,20 @@ class ShotTaker:
     check: FrameCheck
 
     def take(self, wanted: Wanted) -> Taken:
-        """Take a photo that is wanted. A dark photo that cannot be had is `Spoilt`.
+        """Take a photo that is wanted. One that the run can do without is `Spoilt` where it cannot
+        be had.
 
         Raises SyncError when another one was spoilt too often, and what its devices raise.
         """
         if wanted.kind == "shot":
             return self._shot(wanted)
+        refused = self.rig.refusal(wanted.frames) if wanted.kind == "look" else None
+        if refused is not None:
+            return Spoilt(refused)
         try:
             done = self._tested(wanted)
         except SyncError as err:
-            if wanted.kind == "dark":
+            if wanted.kind in ("dark", "look"):
                 return Spoilt(err.message)
             raise
         second = done.raw.second

@@ -31,6 +31,10 @@ MOST = 160
 """Blocks along the longer side of the field: finer ones tell nothing more."""
 FEWEST = 16
 """Blocks along the shorter side without which a pattern has too little in it to be found again."""
+TOO_FEW = (
+    f"the camera has quads for fewer than {FEWEST} blocks along a side of the field, "
+    f"{QUADS:g} quads each"
+)
 
 
 @dataclass(frozen=True)

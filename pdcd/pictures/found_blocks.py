@@ -51,6 +51,9 @@ COARSE = 96
 SURE = 9.0
 """Its highest correlation over the standard deviation of all of them from which it is found."""
 
+OVERLAP = 2.0
+"""Windows that tell as much as one by itself: they lie over each other."""
+
 FINER = 3
 """Points to a step of the pattern, along either axis."""
 NODES = 49
@@ -282,6 +285,31 @@ class Finder:
             level, depth = np.linalg.lstsq(base, light, rcond=None)[0]
             found.append(depth / level if level > 0.0 else 0.0)
         return np.array(found)
+
+    def left_at(
+        self, seen: Floats, known: Bools, found: Found, there: Affine
+    ) -> tuple[float, float]:
+        """Contrast of the pattern at another place than where it was found, beside what is there by
+        the found one: the mean of windows, and its standard deviation.
+
+        The pattern of a panel that lies elsewhere leaves nothing where it was believed to be; that
+        of a panel in place, which a mirror shows once more, does.
+        """
+        points, parts = self._raster.points(), []
+        for number in range(len(self._corners[0])):
+            cut = self._cut(number)
+            good = known[cut]
+            if good.mean() < SEEN:
+                continue
+            at = points[cut][good]
+            light = seen[cut][good]
+            base = np.stack([np.ones(len(at)), self.shown(found.map(at)), self.shown(there(at))], 1)
+            level, _, part = np.linalg.lstsq(base, light, rcond=None)[0]
+            if level > 0.0:
+                parts.append(part / level)
+        if len(parts) < FEWEST:
+            return 0.0, np.inf
+        return float(np.mean(parts)), float(np.std(parts) / np.sqrt(len(parts) / OVERLAP))
 
     def _coarse(self, pitch: float) -> _Coarse:
         blurred = scipy.ndimage.gaussian_filter(

@@ -19,7 +19,7 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
 from pdcd.panels.windows import windows
-from pdcd.pictures.found_blocks import FEWEST, Affine, Finder, Found, Raster
+from pdcd.pictures.found_blocks import FEWEST, HERE, Affine, Finder, Found, Raster
 from pdcd.probing.cell_size import leak, leak_rms
 from pdcd.runs.record import PanelLook, RunRecord, Six
 
@@ -32,6 +32,8 @@ NOISE_PX = 0.5
 """Standard deviation of a window's place by which nothing is said of the mask."""
 SURE_PX = 0.1
 """Error with which blocks are found, in projector pixels, or in quads where these are larger."""
+IN_PLACE = 4.0
+"""Standard deviations from which a pattern's light comes from a place."""
 POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
 
@@ -62,12 +64,18 @@ def panel_look(
     raster = Raster.of(size_px, quad_px(camera, size_px))
     safe = np.where(lit, photos.white, 1.0)
 
-    def found_in(light: Floats, panel: Map) -> Found | None:
-        return Finder(blocks, raster, panel).find(
-            *raster.sample(np.where(lit, light / safe, 0.0), lit, camera)
-        )
+    def sampled(light: Floats) -> tuple[Floats, Bools]:
+        return raster.sample(np.where(lit, light / safe, 0.0), lit, camera)
 
-    mask, projector = found_in(photos.mask, panels[1]), found_in(photos.projector, panels[0])
+    mask = Finder(blocks, raster, panels[1]).find(*sampled(photos.mask))
+    finder, seen = Finder(blocks, raster, panels[0]), sampled(photos.projector)
+    projector = finder.find(*seen, HERE if mask is None else mask.map)
+    if (
+        mask is not None
+        and projector is not None
+        and _is_of_the_scene(finder, seen, projector, mask)
+    ):
+        projector = None
     nothing = PanelLook(mask=None, camera=None, rest_px=0.0, direct=0.0, mask_seen=mask is not None)
     if mask is None or projector is None:
         return nothing
@@ -85,6 +93,18 @@ def panel_look(
         direct=float(np.clip(contrast, 0.0, 1.0)),
         mask_seen=True,
     )
+
+
+def _is_of_the_scene(
+    finder: Finder, seen: tuple[Floats, Bools], projector: Found, mask: Found
+) -> bool:
+    """Whether the projector's pattern is found mirrored or turned, and yet some of its light comes
+    from where the mask's is: a mirror in the scene makes such light, a panel does not."""
+    between = projector.map.linear @ np.linalg.inv(mask.map.linear)
+    if between[0, 0] > 0.0 and between[1, 1] > 0.0:
+        return False
+    left, spread = finder.left_at(*seen, projector, mask.map)
+    return left > IN_PLACE * spread
 
 
 def quad_px(camera: Map, size_px: tuple[int, int]) -> float:

@@ -105,6 +105,15 @@ class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     seen."""
     mask_seen: bool
     """Whether the mask's blocks were seen at all."""
+    why: str = ""
+    """Why nobody could look, in words; empty where photos were taken."""
+
+    @property
+    def upright(self) -> bool:
+        """Whether both panels were seen neither mirrored nor turned over."""
+        return self.mask is not None and all(
+            six is not None and six[0] > 0.0 and six[4] > 0.0 for six in (self.mask, self.camera)
+        )
 
 
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -53,7 +53,9 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _stray(seen),
             answer.leak_left(record.leak),
             quality.torn_windows(torn_share(seen.photos, shots)),
-            _placement(seen, record.grid),
+            _placement(
+                seen, record.grid, upright=record.panels is not None and record.panels.upright
+            ),
             _elsewhere(seen, record),
             quality.refreshes(shots),
             quality.exposure_times(shots, _told_s(decoded)),
@@ -142,8 +144,8 @@ def _stray(seen: Evidence) -> Iterator[Finding]:
         yield from quality.stray_light(*max(found)[1:])
 
 
-def _placement(seen: Evidence, grid: tuple[int, int]) -> Iterator[Finding]:
-    """What the photos say of where the panels are."""
+def _placement(seen: Evidence, grid: tuple[int, int], *, upright: bool) -> Iterator[Finding]:
+    """What the photos say of where the panels are. upright : as blocks showed them."""
     told: list[Sample] = []
     prints: list[Sample] = []
     white = None
@@ -162,6 +164,7 @@ def _placement(seen: Evidence, grid: tuple[int, int]) -> Iterator[Finding]:
         direct_shares(told, grid),
         [f for s in prints[:1] for f in fingerprints(_against(s, white, prints), grid)],
         list(stack_fingerprints([seen.sample([(1.0, n)]) for n in stack], grid)),
+        upright=upright,
     )
 
 
@@ -188,7 +191,7 @@ def _elsewhere(seen: Evidence, record: RunRecord) -> Iterator[Finding]:
         if lost.mean < misplaced.HOPELESS and "direct" in seen.pictures:
             light = seen.inside(seen.pictures["direct"].image) / (1.0 - lost.mean)
         share = lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer_rms
-    yield from misplaced.unseen(look)
+    yield from misplaced.unseen(look, measured=misplaced.is_measured(record))
     yield from misplaced.mask_elsewhere(look, record.mask, (width, height), lost, share)
     cell_px = float(np.sqrt(width * height / (rows * cols)))
     yield from misplaced.camera_elsewhere(look, record.camera_place, (width, height), cell_px)

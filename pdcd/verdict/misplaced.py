@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pdcd.bench.tables import PanelConfig
+from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
 from pdcd.pictures.misplaced import Lie, Lost, direct_lost, known_px, lie_of
 from pdcd.runs.record import PanelLook, RunRecord
@@ -26,11 +27,22 @@ HARDLY = 0.05
 """Share of direct light in a scene that is hardly any."""
 
 
-def unseen(look: PanelLook) -> Iterator[Finding]:
-    """Panels of which the photos do not tell where they lie."""
+def unseen(look: PanelLook, *, measured: bool) -> Iterator[Finding]:
+    """Panels of which no photos tell where they lie. measured : whether a calibration does: where
+    nobody could look, its word is taken. Too few quads are a remark: only toys have so few."""
     if look.mask is not None:
         return
-    if look.mask_seen:
+    if look.why:
+        if measured:
+            return
+        text = (
+            f"nobody looked whether panels and camera lie where they are believed to: {look.why}; "
+            f"{CALIBRATE}"
+        )
+        if look.why == TOO_FEW:
+            yield Finding(Grade.REMARK, text)
+            return
+    elif look.mask_seen:
         text = (
             "nobody knows whether both panels lie alike: blocks on the projector are not seen in "
             "the scene, which has hardly any direct light, or the projector is out of focus or "
@@ -131,6 +143,11 @@ def _mend(device: str, place: Placing, lie: Lie) -> str:
     return f"{CALIBRATE}, or set {', '.join(keys)} in [{device}.place]"
 
 
+def is_measured(record: RunRecord) -> bool:
+    """Whether a calibration has measured where mask and camera lie."""
+    return record.mask.place.map is not None and record.camera_place.map is not None
+
+
 def told(record: RunRecord, window: str) -> list[str]:
     """What a user is to hear at once, before the other photos are taken; a share of the answer is
     not known yet, and is that of a scene with as much light of either kind as the blocks show."""
@@ -140,7 +157,7 @@ def told(record: RunRecord, window: str) -> list[str]:
     (width, height), (rows, cols) = record.projector.size_px, record.grid
     lost = direct_lost(record, window)
     share = share_of(look.direct, lost.rms)
-    found += unseen(look)
+    found += unseen(look, measured=is_measured(record))
     found += mask_elsewhere(look, record.mask, (width, height), lost, share)
     cell_px = float(np.sqrt(width * height / (rows * cols)))
     found += camera_elsewhere(look, record.camera_place, (width, height), cell_px)

@@ -105,13 +105,19 @@ def outside_field(
 
 
 def placed(
-    shares: Floats, fits: Iterable[Fit], stack: Iterable[Fit], limits: Limits = LIMITS
+    shares: Floats,
+    fits: Iterable[Fit],
+    stack: Iterable[Fit],
+    limits: Limits = LIMITS,
+    *,
+    upright: bool = False,
 ) -> Iterator[Finding]:
     """Whether panels are where they are believed to be (`pdcd.verdict.placement`).
 
     Two pages of a book send each other light from mirrored places. So a photo whose direct light
     comes from where it should, and more of it than by the codes of a panel that lies in another
-    way, speaks of the scene.
+    way, speaks of the scene. So does any photo of panels that blocks showed `upright`: they say
+    where panels lie by themselves, and of fingerprints only one by inverse codes of the own place.
     """
     todo = "look at [projector.place], [mask.place] and [camera.place]"
     least, chance = limits.fingerprint
@@ -123,7 +129,7 @@ def placed(
         if abs(f.share) <= limits.followed
         and min(abs(f.share) / least, abs(f.over_chance) / chance) > 1
     ]
-    wrong = [f for f in sure if f.name != "as believed" or f.share < 0.0]
+    wrong = [f for f in sure if (f.share < 0.0 if f.name == "as believed" else not upright)]
     if wrong:
         worst = max(wrong, key=lambda f: abs(f.over_chance))
         how = [] if worst.name == "as believed" else [worst.name]

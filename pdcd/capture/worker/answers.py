@@ -82,12 +82,13 @@ class Wanted:
 
     kind : a "shot" is kept with its frames, and taken again where codes got unequal light; a "test"
         exposure is taken again where the display gave up; so is a "dark" photo, without which the
-        run goes on. f_number : as recorded, also of a lens that is not set from here. window : of a
-        shot, as recorded. even : whether each of its codes must be shown exactly as often as
-        planned. beside : names and frames of the shots that the other buckets of the sensor take.
+        run goes on, and a "look" of pixels, which a display need not know. f_number : as recorded,
+        also of a lens that is not set from here. window : of a shot, as recorded. even : whether
+        each of its codes must be shown exactly as often as planned. beside : names and frames of
+        the shots that the other buckets of the sensor take.
     """
 
-    kind: Literal["shot", "test", "dark"]
+    kind: Literal["shot", "test", "dark", "look"]
     name: str
     frames: Frames
     settings: CameraSettings
@@ -113,7 +114,7 @@ class Photo:
 
 @dataclass(frozen=True)
 class Spoilt:
-    """A dark photo could not be had."""
+    """A photo that the run can do without could not be had."""
 
     message: str
 

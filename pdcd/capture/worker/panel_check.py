@@ -12,7 +12,7 @@ from pdcd.bench.placed import camera_map, panels_of
 from pdcd.capture.worker.answers import Facts, Order, Photo, Spoilt, Taken, Wanted
 from pdcd.capture.worker.exposing import Exposer, Orders
 from pdcd.errors import PdcdError
-from pdcd.panels.blocks import Blocks
+from pdcd.panels.blocks import TOO_FEW, Blocks
 from pdcd.pictures.misplaced import BlockPhotos, panel_look, quad_px
 from pdcd.planning.panel_look import LOOKS, MASK, PROJECTOR, WHITE, BlockFrames, rows_of, white_shot
 from pdcd.planning.plan import Plan
@@ -29,10 +29,8 @@ class PanelCheck:
         self._facts, self._folder = facts, folder
         self._exposer, self._orders = exposer, orders
 
-    def run(
-        self, plan: Plan, shots: tuple[ShotRecord, ...]
-    ) -> Generator[Order, Taken, PanelLook | None]:
-        """Look at the panels; None where a photo was spoilt, or blocks would be too few.
+    def run(self, plan: Plan, shots: tuple[ShotRecord, ...]) -> Generator[Order, Taken, PanelLook]:
+        """Look at the panels; where a photo was spoilt, or blocks would be too few, says so.
 
         shots : that were taken, the white one among them if the plan has any.
         """
@@ -47,17 +45,17 @@ class PanelCheck:
         for name in names:
             if blocks is None:
                 if WHITE in files:
-                    return None  # said by nobody: such a bench is a toy
+                    return _nobody_looked(TOO_FEW)
                 blocks = Blocks(1, 1)  # white shows none
             due = BlockFrames(config, blocks, rows_of(plan))
             taken = yield from self._take(plan, name, due)
-            if taken is None:
-                return None
+            if isinstance(taken, PanelLook):
+                return taken
             files[name] = taken
             if name == WHITE:
                 blocks = self._blocks(files, sizes)
         if blocks is None:
-            return None
+            return _nobody_looked(TOO_FEW)
         return self._said(files, blocks)
 
     def _blocks(
@@ -72,17 +70,16 @@ class PanelCheck:
 
     def _take(
         self, plan: Plan, name: str, due: BlockFrames
-    ) -> Generator[Order, Taken, tuple[str, str] | None]:
-        """Take one photo at the aperture of the white shot; None where it was spoilt."""
+    ) -> Generator[Order, Taken, tuple[str, str] | PanelLook]:
+        """Take one photo at the aperture of the white shot; where it was spoilt, says so."""
         shot = white_shot(plan) or plan.last_exposed
         f_number = yield from self._exposer.aperture(shot, plan.recipe.shots, plan.sequence)
         settings = self._exposer.settings(f_number)
         taken = yield from self._orders.expose(
-            Wanted("dark", name, due.frames(name), settings, f_number)
+            Wanted("look", name, due.frames(name), settings, f_number)
         )
         if isinstance(taken, Spoilt):
-            self._orders.note(f"no look at where the panels lie: {taken.message}")
-            return None
+            return _nobody_looked(taken.message)
         if not isinstance(taken, Photo):
             raise PdcdError("a photo of blocks came as none")
         yield self._orders.tell(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
@@ -106,6 +103,10 @@ class PanelCheck:
         profile, iso = self._facts.profile, self._exposer.iso
         saturation = profile.saturation_dn(iso)
         return read_raw(self._folder / raw, sha256=sha256, saturation_dn=saturation)
+
+
+def _nobody_looked(why: str) -> PanelLook:
+    return PanelLook(mask=None, camera=None, rest_px=0.0, direct=0.0, mask_seen=False, why=why)
 
 
 def _light(frame: RawFrame) -> Floats:

@@ -213,9 +213,8 @@ class Course:
         check = PanelCheck(self._facts, self.folder, self._exposer, self._orders)
         shots = self.darkroom.record.shots
         self._panels = yield from check.run(self.plan, shots)
-        if self._panels is not None:
-            self._adopt(self.plan)
-            self._orders.note(self.adopted(), *told(self.darkroom.record, self.plan.window))
+        self._adopt(self.plan)
+        self._orders.note(self.adopted(), *told(self.darkroom.record, self.plan.window))
         return True
 
     def _look(self) -> Steps:

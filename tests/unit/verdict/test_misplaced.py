@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from msgspec import structs
 
 from pdcd.bench.tables import PanelConfig
+from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
 from pdcd.pictures.misplaced import Lost
 from pdcd.runs.record import PanelLook, Six
@@ -43,9 +45,26 @@ def test_a_mirrored_mask_and_one_a_cell_off_are_bad_whatever_the_answer_is() -> 
 
 def test_blocks_that_are_not_seen_and_a_camera_that_looks_elsewhere_are_doubtful() -> None:
     for one, word in ((look(), "projector"), (look(seen=False), "polarisers")):
-        (finding,) = unseen(one)
+        (finding,) = unseen(one, measured=True)
         assert finding.grade == Grade.DOUBTFUL and word in finding.text
-    assert list(unseen(look((1.0, 0.0, 0.0, 0.0, 1.0, 0.0)))) == []
+    assert list(unseen(look((1.0, 0.0, 0.0, 0.0, 1.0, 0.0)), measured=False)) == []
     for right, grades in ((7.9, []), (8.1, [Grade.DOUBTFUL])):
         aside = look(camera=(1.0, 0.0, right, 0.0, 1.0, 0.0))
         assert [f.grade for f in camera_elsewhere(aside, Placing(), SIZE, 16.0)] == grades
+
+
+def test_where_nobody_could_look_the_word_of_a_calibration_is_taken() -> None:
+    nobody = structs.replace(look(seen=False), why="the display takes none")
+    (finding,) = unseen(nobody, measured=False)
+    assert finding.grade == Grade.DOUBTFUL
+    assert "nobody looked" in finding.text and "the display takes none" in finding.text
+    assert list(unseen(nobody, measured=True)) == []
+    (remark,) = unseen(structs.replace(nobody, why=TOO_FEW), measured=False)
+    assert remark.grade == Grade.REMARK and "16 blocks" in remark.text
+
+
+def test_panels_are_upright_where_blocks_showed_both_so() -> None:
+    here, turned = (1.0, 0.0, 3.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 1024.0, 0.0, -1.0, 768.0)
+    assert look(here, here).upright
+    for mask, camera in ((turned, here), (here, turned), (None, None)):
+        assert not look(mask, camera).upright

@@ -142,6 +142,9 @@ def test_misplaced_panels_are_named() -> None:
     elsewhere = 0.02 * good
     (found,) = quality.placed(elsewhere, [Fit("turned by 180 degrees", -0.9, -40.0)], [])
     assert found.grade == BAD and "turned by 180 degrees and inverted: 90 %" in found.text
+    assert grades(quality.placed(good[:0], [of_a_book], [], upright=True)) == []
+    (found,) = quality.placed(good, [], [Fit("as believed", -0.9, -90.0)], upright=True)
+    assert found.grade == BAD and "a panel is inverted" in found.text
     (found,) = quality.placed(good, [], [Fit("as believed", -0.9, -90.0)])
     assert found.grade == BAD and "a panel is inverted" in found.text
     assert grades(quality.placed(-good, [], [])) == [BAD]

@@ -1,0 +1,196 @@
+"""The look at both panels on whole captures: sound benches, and such that lie elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.mock.display import MockDisplay
+from pdcd.bench.tables import (
+    BenchConfig,
+    CameraConfig,
+    Config,
+    LimitsConfig,
+    PanelConfig,
+    SceneConfig,
+)
+from pdcd.errors import ConfigError
+from pdcd.panels.frames import Frames
+from pdcd.pictures.misplaced import lie_of
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.result import CaptureResult, Quality
+from pdcd.runs.folder import read_manifest
+from tests.bench.captures import capture_with, opened
+
+SIZE_PX = (256, 192)
+QUADS = (96, 72)
+"""Of 2.7 px of the projector."""
+
+
+def captured(folder: Path, truth: str, kind: str = "milk", **asked: Any) -> CaptureResult:
+    """Of a bench that really is as `truth` says, and is believed to fill the field. Cells have
+    16 px."""
+    (folder / "truth.toml").write_text(truth)
+    config = Config(
+        projector=PanelConfig(size_px=SIZE_PX),
+        mask=PanelConfig(size_px=(320, 240)),
+        scene=scene_of(folder) if kind == "milk" else SceneConfig(kind=kind, grid=(12, 16)),
+        camera=CameraConfig(frame_quads=QUADS),
+        bench=BenchConfig(truth=str(folder / "truth.toml")),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+    request = CaptureRequest(goal="indirect", codes=16, window="quarter", **asked)
+    with opened(config) as engine:
+        return capture_with(engine, request, folder, "job")
+
+
+def scene_of(folder: Path) -> SceneConfig:
+    """As much indirect light as direct one, all over the field."""
+    rng = np.random.default_rng(5)
+    count = 12 * 16
+    transport = np.full((count, count, 3), 1.0 / count) * rng.uniform(0.5, 1.5, (count, 1, 3))
+    transport[np.arange(count), np.arange(count)] += rng.uniform(0.5, 1.5, (count, 3))
+    np.savez(folder / "scene.npz", transport=transport, grid=np.array((12, 16)))
+    return SceneConfig(kind="matrix", path=str(folder / "scene.npz"))
+
+
+def place(device: str, **keys: str) -> str:
+    return f"[{device}.place]\n" + "".join(f"{key} = {value}\n" for key, value in keys.items())
+
+
+MIRRORED = {"flip": '"horizontal"'}
+CASES = [
+    # What really is, grades, what is said of it; device, flip, turn, right and down as found.
+    # Quarter windows leave 4 px on each side.
+    ("", ["good"], "", ("mask", "none", 0.0, (0.0, 0.0))),
+    (place("mask", offset_px="[2.0, 0.0]"), ["good"], "", ("mask", "none", 0.0, (2.0, 0.0))),
+    (
+        place("mask", offset_px="[-6.0, 5.0]"),
+        ["doubtful", "bad"],
+        "the mask's picture lies",
+        ("mask", "none", 0.0, (-6.0, 5.0)),
+    ),
+    (
+        place("mask", offset_px="[24.0, 0.0]"),
+        ["bad"],
+        "the mask's picture",
+        ("mask", "none", 0.0, (24.0, 0.0)),
+    ),
+    (
+        place("mask", offset_px="[-28.0, 28.0]"),
+        ["bad"],
+        "the mask's picture",
+        ("mask", "none", 0.0, (-28.0, 28.0)),
+    ),
+    (place("mask", turn_deg="2.0"), ["good"], "", ("mask", "none", 2.0, (0.0, 0.0))),
+    (
+        place("mask", turn_deg="5.0"),
+        ["doubtful", "bad"],
+        "the mask's picture is turned clockwise by",
+        ("mask", "none", 5.0, (0.0, 0.0)),
+    ),
+    (
+        place("mask", **MIRRORED),
+        ["bad"],
+        "the mask's picture is mirrored left to right",
+        ("mask", "horizontal", 0.0, (0.0, 0.0)),
+    ),
+    (
+        place("mask", turn_deg="180.0"),
+        ["bad"],
+        "the mask's picture is turned by 180 degrees",
+        ("mask", "both", 0.0, (0.0, 0.0)),
+    ),
+    (
+        place("camera", offset_px="[20.0, 0.0]"),
+        ["doubtful"],
+        "what the camera sees lies",
+        ("camera", "none", 0.0, (20.0, 0.0)),
+    ),
+    (
+        place("camera", **MIRRORED),
+        ["doubtful", "bad"],
+        "what the camera sees is mirrored left to right",
+        ("camera", "horizontal", 0.0, (0.0, 0.0)),
+    ),
+]
+
+
+@pytest.mark.parametrize(("truth", "grades", "words", "lies"), CASES)
+def test_what_lies_elsewhere_is_said_with_its_figures_and_nothing_else(
+    tmp_path: Path,
+    truth: str,
+    grades: list[str],
+    words: str,
+    lies: tuple[str, str, float, tuple[float, float]],
+) -> None:
+    """A photo that is called good is right, by the truth of the bench; what was found is kept."""
+    result = captured(tmp_path, truth)
+    quality, error = result.summary["quality"], result.summary["rms_error_quads"]
+    assert isinstance(quality, Quality) and isinstance(error, float)
+    assert quality.verdict in grades, (quality, error)
+    assert error < 0.1 or quality.verdict != "good"
+    if words:
+        assert any(words in reason for reason in quality.reasons), quality.reasons
+        assert any(words in warning for warning in result.warnings), result.warnings
+    else:
+        assert quality.reasons == ()
+    assert result.folder is not None
+    record = read_manifest(Path(result.folder)).run
+    assert record.panels is not None
+    device, flip, turn_deg, offset_px = lies
+    six = getattr(record.panels, device)
+    assert six is not None
+    lie = lie_of(six, SIZE_PX)
+    assert lie.flip == flip
+    assert abs(lie.turn_deg - turn_deg) < 0.2
+    assert np.hypot(*np.subtract(lie.offset_px, offset_px)) < 0.3
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "milky-bottle",
+        "wax-disk",
+        *(
+            pytest.param(one, marks=pytest.mark.long)
+            for one in (
+                "chart-in-milk",
+                "disco-ball",
+                "glass-and-balls",
+                "mirror-and-vase",
+                "open-book",
+            )
+        ),
+    ],
+)
+def test_no_sound_scene_is_said_to_lie_elsewhere(tmp_path: Path, kind: str) -> None:
+    result = captured(tmp_path, "", kind)
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality)
+    said = (*quality.reasons, *result.warnings)
+    for words in ("the mask's picture", "what the camera sees", "a panel is", "nobody"):
+        assert not any(words in text for text in said), said
+
+
+def test_a_display_that_takes_no_pixels_is_photographed_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load = MockDisplay.load
+
+    def cells_alone(display: MockDisplay, frames: Frames) -> None:
+        if frames.grid == (1, 1):
+            raise ConfigError("this display draws cells alone", device="display")
+        load(display, frames)
+
+    monkeypatch.setattr(MockDisplay, "load", cells_alone)
+    result = captured(tmp_path, "")
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality) and quality.verdict == "doubtful"
+    (reason,) = quality.reasons
+    assert "nobody looked whether panels and camera lie" in reason
+    assert "this display draws cells alone" in reason
+    assert reason in result.warnings
