@@ -36,8 +36,8 @@ IN_PLACE = 4.0
 """Standard deviations from which a pattern's light comes from a place."""
 LEAST_IN_PLACE = 0.01
 """Share of all light that is enough of it."""
-AWAY = 2.0
-"""Blocks between two places from which patterns are told apart."""
+AWAY = 8.0
+"""Blocks between two places from which patterns have nothing in common, the largest blocks included."""
 POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
 
