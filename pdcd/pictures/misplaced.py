@@ -37,7 +37,7 @@ IN_PLACE = 4.0
 LEAST_IN_PLACE = 0.01
 """Share of all light that is enough of it."""
 AWAY = 8.0
-"""Blocks between two places from which patterns have nothing in common, the largest blocks included."""
+"""Blocks between two places from which patterns have nothing in common, large blocks included."""
 POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
 
