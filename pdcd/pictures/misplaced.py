@@ -34,6 +34,10 @@ SURE_PX = 0.1
 """Error with which blocks are found, in projector pixels, or in quads where these are larger."""
 IN_PLACE = 4.0
 """Standard deviations from which a pattern's light comes from a place."""
+LEAST_IN_PLACE = 0.01
+"""Share of all light that is enough of it."""
+AWAY = 8.0
+"""Blocks between two places from which patterns have nothing in common, large blocks included."""
 POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
 
@@ -70,12 +74,10 @@ def panel_look(
     mask = Finder(blocks, raster, panels[1]).find(*sampled(photos.mask))
     finder, seen = Finder(blocks, raster, panels[0]), sampled(photos.projector)
     projector = finder.find(*seen, HERE if mask is None else mask.map)
-    if (
-        mask is not None
-        and projector is not None
-        and _is_of_the_scene(finder, seen, projector, mask)
-    ):
-        projector = None
+    if mask is not None and projector is not None:
+        block_px = size_px[0] / blocks.cols
+        if _is_of_the_scene(finder, seen, projector, mask, block_px):
+            projector = None
     nothing = PanelLook(mask=None, camera=None, rest_px=0.0, direct=0.0, mask_seen=mask is not None)
     if mask is None or projector is None:
         return nothing
@@ -96,15 +98,18 @@ def panel_look(
 
 
 def _is_of_the_scene(
-    finder: Finder, seen: tuple[Floats, Bools], projector: Found, mask: Found
+    finder: Finder, seen: tuple[Floats, Bools], projector: Found, mask: Found, block_px: float
 ) -> bool:
-    """Whether the projector's pattern is found mirrored or turned, and yet some of its light comes
-    from where the mask's is: a mirror in the scene makes such light, a panel does not."""
-    between = projector.map.linear @ np.linalg.inv(mask.map.linear)
-    if between[0, 0] > 0.0 and between[1, 1] > 0.0:
+    """Whether the projector's pattern is found mirrored, turned or blocks away, and yet some of its
+    light comes from where the mask's is: a mirror in the scene makes such light, a panel does not.
+    """
+    between = projector.map.after(mask.map.inverse()).linear
+    apart = projector.map(mask.centres) - mask.map(mask.centres)
+    turned_over = between[0, 0] <= 0.0 or between[1, 1] <= 0.0
+    if not turned_over and np.median(np.hypot(*apart.T)) < AWAY * block_px:
         return False
     left, spread = finder.left_at(*seen, projector, mask.map)
-    return left > IN_PLACE * spread
+    return left > max(IN_PLACE * spread, LEAST_IN_PLACE)
 
 
 def quad_px(camera: Map, size_px: tuple[int, int]) -> float:

@@ -82,8 +82,9 @@ def stray_light(
         yield Finding(
             grade,
             f"ambient or stray light: shot {name} has {percent(share)} of the light of the lit "
-            f"shot beyond what the panels let through (limit {percent(limits.stray[0])}); darken "
-            "the room, or cover the way of the light",
+            f"shot beyond what the panels let through (limit {percent(limits.stray[0])}): it is "
+            "taken off, but if it changes a little from photo to photo, what is left changes much; "
+            "darken the room, or cover the way of the light",
         )
 
 

@@ -62,15 +62,21 @@ def seen(blocks: Blocks, panel: tuple[int, int], lies: Lies, camera: Lies) -> Fl
 
 
 def looked(
-    mask: Lies, camera: Lies | None = None, direct: float = 0.6, electrons: float = 5000.0
+    mask: Lies,
+    camera: Lies | None = None,
+    direct: float = 0.6,
+    electrons: float = 5000.0,
+    mirror: bool = False,
 ) -> PanelLook:
-    """A look at a textured scene with that share of direct light, through all its noise."""
+    """A look at a textured scene with that share of direct light, through all its noise. mirror :
+    other light is that of the mirrored place, and not of all places."""
     random = np.random.default_rng(3)
     blocks = Blocks.of((PROJECTOR, MASK), WIDTH / QUADS[0])
     assert blocks is not None
     camera = camera or Lies()
     texture = electrons * np.exp(0.6 * random.normal(size=QUADS[::-1]))
-    first = direct * seen(blocks, PROJECTOR, Lies(), camera) + (1.0 - direct) * 0.5
+    here = seen(blocks, PROJECTOR, Lies(), camera)
+    first = direct * here + (1.0 - direct) * (here[:, ::-1] if mirror else 0.5)
     second = seen(blocks, MASK, mask, camera)
     white, one, other = (
         random.poisson(texture * share).astype(np.float64) for share in (1.0, first, second)
@@ -125,6 +131,17 @@ def test_little_direct_light_is_enough_and_none_is_said() -> None:
     assert abs(affine(faint.mask)(MIDDLE)[0] - MIDDLE[0] - 10.0) < 0.5
     none = looked(Lies((10.0, 0.0)), direct=0.0)
     assert none.mask is None and none.mask_seen and none.direct == 0.0
+
+
+def test_a_mirror_in_the_scene_is_not_taken_for_a_mirrored_panel() -> None:
+    """Nine tenths of the projector's light come from the mirrored place: as much as hides the rest.
+    With half of it the panel is found where it is."""
+    nine_tenths = looked(Lies(), direct=0.1, mirror=True)
+    assert nine_tenths.mask is None and nine_tenths.mask_seen
+    half = looked(Lies(), direct=0.5, mirror=True)
+    assert half.upright
+    turned = looked(Lies(flip=(-1.0, 1.0)))
+    assert turned.mask is not None and not turned.upright
 
 
 def test_how_a_picture_lies_in_words_terms() -> None:
