@@ -33,7 +33,7 @@ class Compared:
     error : RMS difference as it stands; error_scaled: after one common factor.
     scale : that factor: what the run's pictures must be multiplied by.
     near : RMS of light from neighbouring cells, which smaller windows may lose.
-    sigma : RMS of the sigma that the run states.
+    sigma : RMS of the sigma that the run states, times that factor.
     covered : share of values whose truth lies within 1.96 sigma, after the common factor.
     unknown : share of the quads that could be seen which the run gives no sigma for.
     """
@@ -93,7 +93,7 @@ def compare_arrays(
         error_scaled=_rms(scaled[known]) / level,
         scale=scale,
         near=_rms(near[known]) / level,
-        sigma=_rms(sigma[known]) / level,
+        sigma=scale * _rms(sigma[known]) / level,
         covered=float(np.mean(abs(scaled[known]) <= COVERED * scale * sigma[known])),
         unknown=float(1.0 - np.mean(np.isfinite(sigma[seen]))),
     )

@@ -14,7 +14,7 @@ the projector has is part of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,10 @@ EVENNESS = 0.03
 APART = 4.0
 """Cells, at least, between that in which the shutter opened and that in which it closed."""
 SHORTEST_S = 1e-7
+PLACES = (np.arange(8) + 0.5) / 8 - 0.5
+"""Rows of a band that are looked at, in bands from its middle."""
+ROUNDS = 2
+"""In which rows of a band are taken apart, by what the round before found of all bands."""
 TAU_STEP = 0.01
 
 
@@ -106,15 +110,24 @@ def fit_shutter(
     _check_runs(light)
     opened = np.empty((len(light.value), 2))
     sigma, chi2 = np.empty_like(opened), np.empty(len(opened))
-    for band, (value, noise) in enumerate(zip(light.value, light.sigma, strict=True)):
-        errors = np.sqrt(noise**2 + (FLAT * value) ** 2 + (FLAT * 0.2 * value.max()) ** 2)
-        room = light.room[min(band, len(light.room) - 1)]
-        start = _coarse(pulses, value, errors, about_s, taus_s, room)
-        opened[band], sigma[band], chi2[band] = _fine(pulses, value, errors, start, taus_s, room)
-        if tau_sigma:
-            slower = (taus_s[0] * (1.0 + TAU_STEP), taus_s[1] * (1.0 + TAU_STEP))
-            moved = _fine(pulses, value, errors, opened[band], slower, room)[0]
-            sigma[band] = np.hypot(sigma[band], (moved - opened[band]) / TAU_STEP * tau_sigma)
+    bands = [_Band.of(light, number) for number in range(len(opened))]
+    for number, band in enumerate(bands):
+        start = _coarse(pulses, band, about_s, taus_s)
+        opened[number], sigma[number], chi2[number] = _fine(pulses, band, start, taus_s)
+    for _ in range(ROUNDS if len(bands) > 1 else 0):
+        # A projector that is set row by row, and blades, reach the rows of a band one by one.
+        rows_s = np.outer(PLACES, np.polyfit(np.arange(len(bands)), opened, 1)[0])
+        for number, band in enumerate(bands):
+            bands[number] = replace(band, rows_s=rows_s)
+            opened[number], sigma[number], chi2[number] = _fine(
+                pulses, bands[number], opened[number], taus_s
+            )
+    if tau_sigma:
+        slower = (taus_s[0] * (1.0 + TAU_STEP), taus_s[1] * (1.0 + TAU_STEP))
+        for number, band in enumerate(bands):
+            moved = _fine(pulses, band, opened[number], slower)[0]
+            own = (moved - opened[number]) / TAU_STEP * tau_sigma
+            sigma[number] = np.hypot(sigma[number], own)
     _check_inside(opened, pulses)
     _check_apart(opened, pulses)
     worst = float(chi2.max())
@@ -152,6 +165,26 @@ def lag_of(
 
 
 @dataclass(frozen=True, eq=False)
+class _Band:
+    """One band of the camera's rows.
+
+    value, errors, room : (n,) of its cells. rows_s : (rows, 2) by how much later its rows see the
+    shutter open, and close, than the middle one.
+    """
+
+    value: Floats
+    errors: Floats
+    room: Floats
+    rows_s: Floats
+
+    @classmethod
+    def of(cls, light: CellLight, number: int) -> _Band:
+        value, noise = light.value[number], light.sigma[number]
+        errors = np.sqrt(noise**2 + (FLAT * value) ** 2 + (FLAT * 0.2 * value.max()) ** 2)
+        return cls(value, errors, light.room[min(number, len(light.room) - 1)], np.zeros((1, 2)))
+
+
+@dataclass(frozen=True, eq=False)
 class _Pulses:
     """When each cell was asked for light: (n,) starts and lengths of pulses, in s, and the cell."""
 
@@ -183,14 +216,10 @@ class _Pulses:
 
 
 def _coarse(
-    pulses: _Pulses,
-    value: Floats,
-    errors: Floats,
-    about_s: tuple[float, float],
-    taus_s: tuple[float, float],
-    room: Floats,
+    pulses: _Pulses, band: _Band, about_s: tuple[float, float], taus_s: tuple[float, float]
 ) -> Floats:
     """The best pair of times on a grid."""
+    value, errors, room = band.value, band.errors, band.room
     refresh = float(np.median(pulses.long_s))
     reach = min(REACH_S, 0.5 * (pulses.cells - 1) * refresh)
     steps = np.arange(-reach, reach + 1e-9, refresh / STEPS_A_REFRESH)
@@ -208,21 +237,17 @@ def _coarse(
 
 
 def _fine(
-    pulses: _Pulses,
-    value: Floats,
-    errors: Floats,
-    start: Floats,
-    taus_s: tuple[float, float],
-    room: Floats,
+    pulses: _Pulses, band: _Band, start: Floats, taus_s: tuple[float, float]
 ) -> tuple[Floats, Floats, float]:
     """Both times by least squares, their sigmas, and reduced chi^2."""
+    value, errors, rows = band.value, band.errors, len(band.rows_s)
     refresh = float(np.median(pulses.long_s))
     level = float(value.max())
 
     def residuals(v: Floats) -> Floats:
         at = start + v[:2] * refresh
-        given = pulses.given(at, taus_s)
-        got = given[1] - given[0] + room * (at[1] - at[0])
+        given = pulses.given((at + band.rows_s).T.ravel(), taus_s)
+        got = (given[rows:] - given[:rows]).mean(axis=0) + band.room * (at[1] - at[0])
         found = v[2] * level * got / typical + v[3] * level
         return np.asarray((found - value) / errors)
 

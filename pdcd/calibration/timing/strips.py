@@ -59,6 +59,7 @@ class Readings:
     x: Floats = field(default_factory=lambda: np.zeros(1))
     room: Floats = field(default_factory=lambda: np.zeros((1, 1)))
     past: Floats = field(default_factory=lambda: np.ones((1, 1)))
+    off: Floats = field(default_factory=lambda: np.zeros((1, 1)))
 
     def mirrored(self, *, projector: bool, mask: bool) -> Readings:
         """The same readings, were panels' pictures mirrored left to right."""
@@ -117,16 +118,21 @@ def read_strips(
         # Of the room's photo a strip has what its mask is open for, less what it is divided by.
         opened = np.tile([np.mean(p.on[1]) for p in strips.programmes], bands)
         sigma = np.hypot(sigma, np.abs(opened - value) * noise)
+    height = (strips.window.bottom - strips.window.top) / bands
+    used = cell >= 0
+    within = white.light[used] @ COLOURS * (y[used] * bands - band[used] - 0.5)
+    off = height * np.bincount(cell[used], within, size) / full
     return Readings(
         value.reshape(shape),
         sigma.reshape(shape),
         strips.window.y((np.arange(bands) + 0.5) / bands),
-        (strips.window.bottom - strips.window.top) / bands,
+        height,
         strips.programmes,
         strips.programmes,
         strips.window.x((np.arange(strips.count) + 0.5) / strips.count) - 0.5,
         on_mask,
         past,
+        off.reshape(shape),
     )
 
 

@@ -145,6 +145,8 @@ class Model:
             self.readings, self._asked, self._apart_s, rooms, strict=True
         ):
             late_s = late + across * reading.x + apart
+            if self.slope_s:
+                late_s = late_s + self.slope_s * reading.off[:, None]
             on_mask, past = (of_bands[:, None] for of_bands in room)
             beside = leaks[0] * past + on_mask, leaks[1]
             found = _over_white(answers, beside, pair, late_s, self.refresh_s)

@@ -175,6 +175,18 @@ def test_blades_that_take_their_time() -> None:
     assert fitted(camera).travel_s == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("bands", [2, 3, 4])
+@pytest.mark.parametrize("opened_s", [5.2601, 5.2645, 5.2689, 5.2730])
+def test_few_bands_over_a_projector_that_is_set_row_by_row(bands: int, opened_s: float) -> None:
+    """Its last row is a refresh late: the rows of a band see the shutter move at other times."""
+    camera = Camera(opened_s, 5.6903, travel_s=(-0.0155, -0.0155))
+    got = fitted(camera, bands=bands)
+    assert got.chi2 < 2.5
+    assert got.opened_s == pytest.approx(camera.opened_s - 0.00775, abs=0.15e-3)
+    assert got.closed_s == pytest.approx(camera.closed_s - 0.00775, abs=0.15e-3)
+    assert got.travel_s == pytest.approx(camera.travel_s, abs=0.5e-3)
+
+
 def test_lag_and_jitter_of_several_exposures() -> None:
     rng = np.random.default_rng(4)
     late = rng.normal(0.0117, 0.0008, 200)

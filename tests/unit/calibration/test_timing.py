@@ -88,6 +88,19 @@ def test_a_line_goes_through_its_bands_whatever_they_have_in_common() -> None:
     assert np.sqrt(spread[0, 0]) == pytest.approx(1.8e-3, rel=0.01)
 
 
+def test_a_lag_that_grows_down_the_field_is_that_of_the_rows_that_a_band_has() -> None:
+    """Of a camera that is turned a band has half a row of quads more in some strips than in others:
+    where panels are set in opposite directions that is some 0.1 ms."""
+    camera = turned((192, 128), 2.0, 0.02)
+    on = bench(scan_s=-0.03, skew_s=0.02, camera=camera)
+    strips = strips_on(PROJECTOR)
+    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+    reading = read_strips(*photos(on, strips), camera, strips, bands=5)
+    timing = fit_timing([reading], [on.log(shown)], REFRESH_S)
+    assert timing.chi2 < 2.0
+    assert timing.line_s == pytest.approx((on.skew_s, on.scan_s), abs=1e-4)
+
+
 def test_lag_rise_and_fall_are_found() -> None:
     on = bench(scan_s=0.0011, apart_s=0.0013, slip_s=0.0002, ambient=0.003, stray=0.004)
     timing = found(on)

@@ -47,6 +47,8 @@ REFRESH_HZ = 60.0
 STANDS = "stands.json"
 DARK = -1
 """Number of the picture that is black."""
+SETTLES_NS = 300_000_000
+"""After which no panel tells what it showed before."""
 
 
 class Options(msgspec.Struct, frozen=True):
@@ -112,11 +114,21 @@ class Bench:
         if (sent[-1][1] if sent else DARK) != number:
             sent.append((at_ns, number))
 
-    def forget(self) -> None:
-        """An exposure begins: what was shown before is over, and long so."""
+    def forget(self, now_ns: int) -> None:
+        """An exposure begins: what panels show now, and what they have not settled from, counts;
+        what was shown before is over."""
         for side in (0, 1):
-            self._sent[side].clear()
-            self._pictures[side].clear()
+            sent, pictures = self._sent[side], self._pictures[side]
+            late = [at > now_ns - SETTLES_NS for at, _ in sent]
+            del sent[: max(late.index(True) if any(late) else len(sent), 1) - 1]
+            used = {number for _, number in sent} - {DARK}
+            again = {number: place for place, number in enumerate(sorted(used))}
+            self._pictures[side] = {
+                key: (again[number], frames, row)
+                for key, (number, frames, row) in pictures.items()
+                if number in used
+            }
+            sent[:] = [(at, again.get(number, DARK)) for at, number in sent]
 
     def shown(self) -> Shown:
         """What the panels were sent since, pictures included."""
@@ -242,7 +254,7 @@ class Blades:
     def open(self) -> int:
         """It opens within what the configuration allows for."""
         asked_ns = self._clock.now_ns()
-        self._bench.forget()
+        self._bench.forget(asked_ns)
         self._bench.open_ns, self._bench.closed_ns = asked_ns + self._late_ns(), None
         return self._surely(asked_ns)
 
