@@ -117,7 +117,7 @@ class OpticalBench:
                 room = self._room(exposure)
                 grid, ambience = self._scene.grid, () if room is None else (room,)
                 scene = (self._direct, *ambience)
-                light = rendered(self._setting, self._scattered, grid, whole, scene)
+                light = rendered(self._of_pixels, self._scattered, grid, whole, scene)
                 return self._lens.through(light)
         driven = self._driven(lit, opened)
         tables = self._tables(driven, exposure)
@@ -333,8 +333,13 @@ class OpticalBench:
         return (Slanted if self._setting.slanted else Looks)(self._setting, self._away)
 
     @cached_property
+    def _of_pixels(self) -> Setting:
+        """For pictures of the panels' own pixels, which have no borders of cells."""
+        return replace(self._setting, apart=False)
+
+    @cached_property
     def _scattered(self) -> Looks:
-        return Scattered(self._setting, self._away)
+        return Scattered(self._of_pixels, self._away)
 
     @property
     def _away(self) -> Away | None:

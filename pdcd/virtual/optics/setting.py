@@ -18,8 +18,10 @@ Floats = NDArray[np.float64]
 FEW_SAMPLES = (2, 32)
 """Least and most points along an axis of a quad, where nobody says how many."""
 SLANTED_SAMPLES = 24
-"""Least of them where both panels draw the borders of cells in two places: slanted ones see what
-lies between these to a 576th of a quad."""
+"""The same where both panels draw the borders of cells in two places: slanted ones see what lies
+between these to a 576th of a quad."""
+MOST_SLANTED = 2**23
+"""Samples of a photo up to which there are so many; of larger photos a quad gets fewer."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,9 @@ class Setting:
         on_mask = self.on_mask(self.camera.to_field(ahead))
         far = float(np.nan_to_num(np.abs(on_mask[1:] - on_mask[0])).sum(axis=-1).max())
         least, most = FEW_SAMPLES
-        least = SLANTED_SAMPLES if self.slanted else least
+        if self.slanted:
+            fitting = int((MOST_SLANTED / (self.frame[0] * self.frame[1])) ** 0.5)
+            least = min(max(fitting, least), SLANTED_SAMPLES)
         return int(np.clip(np.ceil(far - 1e-6), least, most))
 
     @property
