@@ -17,7 +17,7 @@ from pdcd.bench.calibration import read_calibration
 from pdcd.bench.tables import CalibrationConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError
-from pdcd.protocol.request import CalibrateRequest
+from pdcd.protocol.request import CalibrateRequest, StepName
 from pdcd.protocol.result import new_job_id
 from tests.strangers import benches
 from tests.strangers.compare import compare
@@ -64,15 +64,18 @@ def judge(seed: int, folder: Path, *, small: bool = False, spoilt: int = 2) -> E
     return entry
 
 
-def calibrate(file: Path, folder: Path, stands: Stands) -> Entry:
-    """All steps of a calibration by data sheets; what it ended with."""
+def calibrate(file: Path, folder: Path, stands: Stands, *steps: StepName) -> Entry:
+    """Steps of a calibration by data sheets, or all of them; what it ended with."""
     stands.save(folder / STANDS)
     begun_s = time.process_time()
     engine = Engine.from_config(benches.read_config(file))
     try:
         engine.start()
         result = engine.calibrate(
-            CalibrateRequest(), job=new_job_id(), emit=lambda event: None, cancelled=lambda: False
+            CalibrateRequest(steps=steps),
+            job=new_job_id(),
+            emit=lambda event: None,
+            cancelled=lambda: False,
         )
     except PdcdError as err:
         return {"state": "refused", "cause": err.message, "values": {}}

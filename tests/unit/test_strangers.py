@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.strangers import benches
 from tests.strangers.benches import true_maps
 from tests.strangers.compare import compare_arrays
+from tests.strangers.judge import calibrate, photograph
 from tests.strangers.package.strangers_bench.facts import Facts, PanelFacts, draw_facts
 from tests.strangers.package.strangers_bench.places import Place
 from tests.strangers.package.strangers_bench.world import Shown, Stands, World
@@ -17,6 +21,10 @@ from tests.strangers.package.strangers_bench.world import Shown, Stands, World
 Floats = NDArray[np.float64]
 REFRESH_S = 1.0 / 60.0
 STEP_S = 4e-6
+CODES = 8
+
+
+Found = tuple[Facts, Path, dict[str, Path]]
 
 
 def bench(**changes: object) -> Facts:
@@ -122,3 +130,40 @@ def test_an_error_is_what_was_put_in() -> None:
     assert found.covered == pytest.approx(0.95, abs=0.01)
     assert found.near == pytest.approx(0.1, rel=0.01)
     assert found.unknown == pytest.approx(0.1)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Found]:
+    """A small bench that pdcd knew from data sheets, and found the places and times of."""
+    folder = tmp_path_factory.mktemp("stranger")
+    facts = draw_facts(1, small=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(benches.PACKAGE))
+        files = benches.write_bench(facts, folder)
+        done = calibrate(files["sheet"], folder, Stands(stands="card"), "geometry", "timing")
+        assert done["state"] == "done", done["cause"]
+        assert done["passed"]
+        yield facts, folder, files
+
+
+def test_a_stranger_is_photographed_as_if_it_were_known(
+    found: Found,
+) -> None:
+    """One common factor apart: the steps that find it are left out."""
+    facts, folder, files = found
+    scene = Stands(stands="scene")
+    known = dataclasses.replace(scene, true_stops=True)
+    taken = photograph(files["sheet"], folder, facts, scene, "indirect", codes=CODES)
+    true = photograph(files["truth"], folder, facts, known, "indirect", codes=CODES)
+    assert taken["state"] == "done"
+    assert taken["verdict"] == "good"
+    assert taken["error_scaled"] <= max(1.3 * true["error_scaled"], 0.003)
+
+
+def test_a_stranger_whose_mask_was_moved_is_not_called_good(
+    found: Found,
+) -> None:
+    facts, folder, files = found
+    moved = Stands(stands="scene", mask_shift_px=(16.0, -12.0))
+    taken = photograph(files["sheet"], folder, facts, moved, "indirect", codes=CODES)
+    assert taken["state"] != "done" or taken["verdict"] != "good"
