@@ -17,8 +17,9 @@ from pdcd.bench.calibration import read_calibration
 from pdcd.bench.tables import CalibrationConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError
-from pdcd.protocol.request import CalibrateRequest, StepName
+from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import new_job_id
+from pdcd.words import GoalName, StepName
 from tests.strangers import benches
 from tests.strangers.compare import compare
 from tests.strangers.package.strangers_bench.drivers import STANDS
@@ -27,7 +28,7 @@ from tests.strangers.package.strangers_bench.world import Stands, World
 
 Entry = dict[str, Any]
 
-GOALS = ("indirect", "direct")
+GOALS: tuple[GoalName, ...] = ("indirect", "direct")
 SPOILT = ("uncalibrated", "moved", "turned", "mirrored", "stretched", "says", "room", "whole")
 SEED_OF_SPOILING = 13
 AGAIN_EVERY = 7
@@ -92,7 +93,7 @@ def calibrate(file: Path, folder: Path, stands: Stands, *steps: StepName) -> Ent
     }
 
 
-def photograph(file: Path, folder: Path, facts: Facts, stands: Stands, goal: str,
+def photograph(file: Path, folder: Path, facts: Facts, stands: Stands, goal: GoalName,
                **options: Any) -> Entry:  # fmt: skip
     """One plain capture, compared with the truth of what stands there before it is spoilt."""
     stands.save(folder / STANDS)

@@ -59,6 +59,7 @@ def test_a_patch_is_as_bright_as_by_hand(level: int) -> None:
     world = World(facts)
     at_s = 0.05 + REFRESH_S * np.array([0.0, 1.0, 3.0, 4.0])
     shows, lets = np.array([0, -1, 0, -1]), np.array([-1, 0, 0, -1])
+    lit_at, open_at = (np.asarray(which + 1, dtype=np.float64) for which in (shows, lets))
     shown = Shown(
         at_s, shows, at_s, lets,
         [patch(facts.projector.size_px, level)], [patch(facts.mask.size_px)],
@@ -70,8 +71,8 @@ def test_a_patch_is_as_bright_as_by_hand(level: int) -> None:
     for quad in ((width // 2, height // 2), (width // 2 + 30, height // 2 - 25)):
         at = world.camera_place.to_scene(np.array(quad) + 0.5)
         on_mask = world.mask_place.from_scene(at)
-        lit = followed(facts.projector, at[1], at_s, (shows + 1) * level / 255.0, t_s)
-        through = followed(facts.mask, on_mask[1], at_s, (lets + 1) * 1.0, t_s)
+        lit = followed(facts.projector, at[1], at_s, level / 255.0 * lit_at, t_s)
+        through = followed(facts.mask, on_mask[1], at_s, open_at, t_s)
         size = np.array(facts.projector.size_px)
         apart = np.sum(((at - size / 2) / (size / 2)) ** 2) / 2.0
         room = facts.room * (1.0 + facts.room_tilt * (at[0] / size[0] - 0.5))
@@ -102,7 +103,7 @@ def test_all_true_light_adds_up_to_a_white_photo() -> None:
         shown = Shown(far, np.array([0]), far, np.array([0]), [pictures[0]], [pictures[1]])
         photo = world.expose(shown, 0.0, 1.0, 0.0)
         seen = world.mask_seen()
-        assert np.allclose(sum(light.values())[seen], photo[seen], rtol=1e-3)
+        assert np.allclose(np.sum(list(light.values()), axis=0)[seen], photo[seen], rtol=1e-3)
 
 
 def test_places_lead_back_and_typed_maps_say_the_same() -> None:

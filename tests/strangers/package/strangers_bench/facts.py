@@ -6,6 +6,7 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -97,14 +98,17 @@ class Facts:
     @classmethod
     def load(cls, path: Path) -> Facts:
         """Read what `save` wrote."""
-        found = json.loads(path.read_text())
-        for key, kind in (
+        found: dict[str, Any] = json.loads(path.read_text())
+        kinds: tuple[tuple[str, Any], ...] = (
             ("projector", PanelFacts), ("mask", PanelFacts),
             ("mask_place", PlaceFacts), ("camera_place", PlaceFacts),
-        ):  # fmt: skip
+        )  # fmt: skip
+        for key, kind in kinds:
             part = {k: tuple(v) if isinstance(v, list) else v for k, v in found[key].items()}
             found[key] = kind(**part)
-        plain = {k: tuple(v) if isinstance(v, list) else v for k, v in found.items()}
+        plain: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in found.items()
+        }
         return cls(**plain)
 
 
