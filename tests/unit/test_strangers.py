@@ -67,7 +67,7 @@ def test_a_patch_is_as_bright_as_by_hand(level: int) -> None:
     end_s = 0.21
     photo = world.expose(shown, 0.0, end_s, facts.room)
     width, height = world.frame
-    t_s = (np.arange(round(end_s / STEP_S)) + 0.5) * STEP_S
+    t_s = np.asarray((np.arange(round(end_s / STEP_S)) + 0.5) * STEP_S, dtype=np.float64)
     for quad in ((width // 2, height // 2), (width // 2 + 30, height // 2 - 25)):
         at = world.camera_place.to_scene(np.array(quad) + 0.5)
         on_mask = world.mask_place.from_scene(at)
