@@ -27,6 +27,8 @@ PACKAGE = Path(__file__).resolve().parent / "package"
 GRIDS = ((18, 24), (15, 20), (13, 17), (16, 22))
 """Rows and columns of cells, by seed: those that divide the panels, and others."""
 CODES = 64
+CARD_ALBEDO = 1.0
+"""Of the white card of the bench (`scene.Scene.albedo`), as its maker says."""
 STEP_PX = 8
 """In which the field that all three share is looked for."""
 SCAN_BANDS = 16
@@ -113,7 +115,7 @@ def _nine(matrix: Floats) -> Matrix:
 
 
 def _sheet(facts: Facts, folder: Path) -> dict[str, Any]:
-    """What the data sheets say: sizes, round times and contrasts; nothing of places."""
+    """What the data sheets say: sizes, round times, contrasts, the card; nothing of places."""
     options = {"facts": str(folder / "facts.json")}
     frame, bits, black, white, gain, read_e, full_e = CAMERAS[facts.camera]
     (folder / "sensor.toml").write_text(
@@ -130,6 +132,7 @@ def _sheet(facts: Facts, folder: Path) -> dict[str, Any]:
         "camera": {"driver": "foreign", "options": options, "f_number": "auto",
                    "profile": str(folder / "sensor.toml")},
         "schedule": {"grid": grid_of(facts), "codes": CODES},
+        "calibration": {"card_albedo": CARD_ALBEDO},
         "limits": {"min_free_bytes": 0},
     }  # fmt: skip
 
@@ -156,7 +159,7 @@ def _typed(facts: Facts, folder: Path) -> dict[str, Any]:
     found["mask"] |= {"blur_px": facts.blur_px}
     found["scene"] = {"ambient": facts.room}
     found["trigger"] |= {"lag_s": facts.lag_s, "jitter_s": facts.jitter_s}
-    found["calibration"] = {"use": "none"}
+    found["calibration"] |= {"use": "none"}
     return found
 
 

@@ -19,6 +19,7 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import new_job_id
+from pdcd.words import GoalName, StepName
 from tests.strangers import benches
 from tests.strangers.compare import compare
 from tests.strangers.package.strangers_bench.drivers import STANDS
@@ -27,7 +28,7 @@ from tests.strangers.package.strangers_bench.world import Stands, World
 
 Entry = dict[str, Any]
 
-GOALS = ("indirect", "direct")
+GOALS: tuple[GoalName, ...] = ("indirect", "direct")
 SPOILT = ("uncalibrated", "moved", "turned", "mirrored", "stretched", "says", "room", "whole")
 SEED_OF_SPOILING = 13
 AGAIN_EVERY = 7
@@ -64,15 +65,18 @@ def judge(seed: int, folder: Path, *, small: bool = False, spoilt: int = 2) -> E
     return entry
 
 
-def calibrate(file: Path, folder: Path, stands: Stands) -> Entry:
-    """All steps of a calibration by data sheets; what it ended with."""
+def calibrate(file: Path, folder: Path, stands: Stands, *steps: StepName) -> Entry:
+    """Steps of a calibration by data sheets, or all of them; what it ended with."""
     stands.save(folder / STANDS)
     begun_s = time.process_time()
     engine = Engine.from_config(benches.read_config(file))
     try:
         engine.start()
         result = engine.calibrate(
-            CalibrateRequest(), job=new_job_id(), emit=lambda event: None, cancelled=lambda: False
+            CalibrateRequest(steps=steps),
+            job=new_job_id(),
+            emit=lambda event: None,
+            cancelled=lambda: False,
         )
     except PdcdError as err:
         return {"state": "refused", "cause": err.message, "values": {}}
@@ -89,7 +93,7 @@ def calibrate(file: Path, folder: Path, stands: Stands) -> Entry:
     }
 
 
-def photograph(file: Path, folder: Path, facts: Facts, stands: Stands, goal: str,
+def photograph(file: Path, folder: Path, facts: Facts, stands: Stands, goal: GoalName,
                **options: Any) -> Entry:  # fmt: skip
     """One plain capture, compared with the truth of what stands there before it is spoilt."""
     stands.save(folder / STANDS)

@@ -14,6 +14,9 @@ OVER_TRUTH = 1.3
 SMALL = 0.003
 """or this share of the picture."""
 ONE_SCALE = 0.005
+"""By how much the factors of a run's pictures may differ, or by `OVER_TRUTH` times as much as with
+the truth typed in: what windows lose of indirect light, and add to direct, is no scale, but it is
+part of these factors."""
 NEVER_GOOD, NEVER_BAD = 0.10, 0.03
 """Error, one common factor apart, above which no photo is good, and below which none is bad."""
 COVERAGE = 0.95
@@ -49,8 +52,8 @@ def _broken(entry: Entry) -> Iterator[str]:
             yield f"{name} with the truth: {true['cause'][:110]}"
         elif not taken["error"] <= max(OVER_TRUTH * true["error"], SMALL):
             yield f"{name}: error {taken['error']:.2%}, with the truth typed in {true['error']:.2%}"
-        spread = _spread(taken["scales"])
-        if not spread <= ONE_SCALE:
+        spread, known = _spread(taken["scales"]), _spread(true.get("scales", {}))
+        if not spread <= max(ONE_SCALE, OVER_TRUTH * known if math.isfinite(known) else 0.0):
             yield f"{name}: scales of the run's pictures differ by {spread:.2%}"
     for name, taken in _photos(entry):
         if taken["state"] == "done":

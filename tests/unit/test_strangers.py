@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.strangers import benches
 from tests.strangers.benches import true_maps
 from tests.strangers.compare import compare_arrays
+from tests.strangers.judge import calibrate, photograph
 from tests.strangers.package.strangers_bench.facts import Facts, PanelFacts, draw_facts
 from tests.strangers.package.strangers_bench.places import Place
 from tests.strangers.package.strangers_bench.world import Shown, Stands, World
@@ -17,6 +21,10 @@ from tests.strangers.package.strangers_bench.world import Shown, Stands, World
 Floats = NDArray[np.float64]
 REFRESH_S = 1.0 / 60.0
 STEP_S = 4e-6
+CODES = 8
+
+
+Found = tuple[Facts, Path, dict[str, Path]]
 
 
 def bench(**changes: object) -> Facts:
@@ -51,6 +59,7 @@ def test_a_patch_is_as_bright_as_by_hand(level: int) -> None:
     world = World(facts)
     at_s = 0.05 + REFRESH_S * np.array([0.0, 1.0, 3.0, 4.0])
     shows, lets = np.array([0, -1, 0, -1]), np.array([-1, 0, 0, -1])
+    lit_at, open_at = (np.asarray(which + 1, dtype=np.float64) for which in (shows, lets))
     shown = Shown(
         at_s, shows, at_s, lets,
         [patch(facts.projector.size_px, level)], [patch(facts.mask.size_px)],
@@ -58,12 +67,12 @@ def test_a_patch_is_as_bright_as_by_hand(level: int) -> None:
     end_s = 0.21
     photo = world.expose(shown, 0.0, end_s, facts.room)
     width, height = world.frame
-    t_s = (np.arange(round(end_s / STEP_S)) + 0.5) * STEP_S
+    t_s = np.asarray((np.arange(round(end_s / STEP_S)) + 0.5) * STEP_S, dtype=np.float64)
     for quad in ((width // 2, height // 2), (width // 2 + 30, height // 2 - 25)):
         at = world.camera_place.to_scene(np.array(quad) + 0.5)
         on_mask = world.mask_place.from_scene(at)
-        lit = followed(facts.projector, at[1], at_s, (shows + 1) * level / 255.0, t_s)
-        through = followed(facts.mask, on_mask[1], at_s, (lets + 1) * 1.0, t_s)
+        lit = followed(facts.projector, at[1], at_s, level / 255.0 * lit_at, t_s)
+        through = followed(facts.mask, on_mask[1], at_s, open_at, t_s)
         size = np.array(facts.projector.size_px)
         apart = np.sum(((at - size / 2) / (size / 2)) ** 2) / 2.0
         room = facts.room * (1.0 + facts.room_tilt * (at[0] / size[0] - 0.5))
@@ -94,7 +103,7 @@ def test_all_true_light_adds_up_to_a_white_photo() -> None:
         shown = Shown(far, np.array([0]), far, np.array([0]), [pictures[0]], [pictures[1]])
         photo = world.expose(shown, 0.0, 1.0, 0.0)
         seen = world.mask_seen()
-        assert np.allclose(sum(light.values())[seen], photo[seen], rtol=1e-3)
+        assert np.allclose(np.sum(list(light.values()), axis=0)[seen], photo[seen], rtol=1e-3)
 
 
 def test_places_lead_back_and_typed_maps_say_the_same() -> None:
@@ -122,3 +131,40 @@ def test_an_error_is_what_was_put_in() -> None:
     assert found.covered == pytest.approx(0.95, abs=0.01)
     assert found.near == pytest.approx(0.1, rel=0.01)
     assert found.unknown == pytest.approx(0.1)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Found]:
+    """A small bench that pdcd knew from data sheets, and found the places and times of."""
+    folder = tmp_path_factory.mktemp("stranger")
+    facts = draw_facts(1, small=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(benches.PACKAGE))
+        files = benches.write_bench(facts, folder)
+        done = calibrate(files["sheet"], folder, Stands(stands="card"), "geometry", "timing")
+        assert done["state"] == "done", done["cause"]
+        assert done["passed"]
+        yield facts, folder, files
+
+
+def test_a_stranger_is_photographed_as_if_it_were_known(
+    found: Found,
+) -> None:
+    """One common factor apart: the steps that find it are left out."""
+    facts, folder, files = found
+    scene = Stands(stands="scene")
+    known = dataclasses.replace(scene, true_stops=True)
+    taken = photograph(files["sheet"], folder, facts, scene, "indirect", codes=CODES)
+    true = photograph(files["truth"], folder, facts, known, "indirect", codes=CODES)
+    assert taken["state"] == "done"
+    assert taken["verdict"] == "good"
+    assert taken["error_scaled"] <= max(1.3 * true["error_scaled"], 0.003)
+
+
+def test_a_stranger_whose_mask_was_moved_is_not_called_good(
+    found: Found,
+) -> None:
+    facts, folder, files = found
+    moved = Stands(stands="scene", mask_shift_px=(16.0, -12.0))
+    taken = photograph(files["sheet"], folder, facts, moved, "indirect", codes=CODES)
+    assert taken["state"] != "done" or taken["verdict"] != "good"

@@ -6,6 +6,7 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ FIRST_STOP = 3
 CAMERAS = {
     # width and height in quads, bits, black DN, white DN, gain e-/DN, read noise e-, full well e-
     "coarse": ((300, 225), 14, 1024, 15800, 2.9, 16.0, 41000.0),
+    "small": ((200, 150), 14, 1024, 15800, 2.9, 16.0, 41000.0),
     "tiny": ((96, 72), 14, 1024, 15800, 2.9, 16.0, 41000.0),
     "fine": ((360, 270), 12, 64, 4095, 7.4, 6.0, 29500.0),
 }
@@ -96,14 +98,17 @@ class Facts:
     @classmethod
     def load(cls, path: Path) -> Facts:
         """Read what `save` wrote."""
-        found = json.loads(path.read_text())
-        for key, kind in (
+        found: dict[str, Any] = json.loads(path.read_text())
+        kinds: tuple[tuple[str, Any], ...] = (
             ("projector", PanelFacts), ("mask", PanelFacts),
             ("mask_place", PlaceFacts), ("camera_place", PlaceFacts),
-        ):  # fmt: skip
+        )  # fmt: skip
+        for key, kind in kinds:
             part = {k: tuple(v) if isinstance(v, list) else v for k, v in found[key].items()}
             found[key] = kind(**part)
-        plain = {k: tuple(v) if isinstance(v, list) else v for k, v in found.items()}
+        plain: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in found.items()
+        }
         return cls(**plain)
 
 
@@ -120,11 +125,11 @@ def draw_facts(seed: int, *, small: bool = False) -> Facts:
     def pair(most: float) -> tuple[float, float]:
         return between(-most, most), between(-most, most)
 
-    projector_px = (480, 360) if small else ((640, 480) if seed % 4 != 2 else (800, 600))
-    mask_px = (600, 450) if small else ((640, 480) if seed % 2 else (800, 600))
+    projector_px = (360, 270) if small else ((640, 480) if seed % 4 != 2 else (800, 600))
+    mask_px = (400, 300) if small else ((640, 480) if seed % 2 else (800, 600))
     width = float(projector_px[0])
     cover = between(0.70, 1.10)
-    camera = "coarse" if small or seed % 2 else "fine"
+    camera = "small" if small else "coarse" if seed % 2 else "fine"
     scan_s = 0.0155
     mask_up = bool(rng.integers(2))
     bright = times(0.6, 1.6)

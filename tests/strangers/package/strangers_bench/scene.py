@@ -94,8 +94,8 @@ class Scene:
 def _facing(rows: int, cols: int) -> Floats:
     """What parts of a sheet folded along its middle see of each other, by solid angle, with the
     light that goes to and fro three times."""
-    x, y = np.meshgrid(np.linspace(-1.0, 1.0, cols), np.linspace(-0.75, 0.75, rows))
-    x, y = x.ravel(), y.ravel()
+    x = np.tile(np.linspace(-1.0, 1.0, cols), rows)
+    y = np.repeat(np.linspace(-0.75, 0.75, rows), cols)
     slope = np.deg2rad(38.0)
     place = np.stack([x, y, abs(x) * np.tan(slope)], axis=1)
     normal = np.stack(

@@ -395,7 +395,7 @@ def _apart(one: Ints, other: Ints, grid: tuple[int, int]) -> Ints:
     """0: the same cell; 1: neighbours; 2: neither."""
     rows = abs(one // grid[1] - other // grid[1])
     cols = abs(one % grid[1] - other % grid[1])
-    return np.minimum(np.maximum(rows, cols), 2)
+    return np.asarray(np.minimum(np.maximum(rows, cols), 2))
 
 
 def _summed(
