@@ -65,7 +65,8 @@ def registration(session: Session) -> Script:
     ruler, finest = periods_for(1.0 / finer(mask, projector))
     coarse = yield from _both(session, ruler, white, camera, projector, mask, lit)
     before = offsets(*coarse, camera, mask)
-    near = corrected(mask, projector, fitted(before, mask))
+    first = fitted(before, mask)
+    near = corrected(mask, projector, first)
     fine = yield from _both(session, finest, white, camera, projector, near, lit, placed=True)
     after = offsets(*fine, camera, near, np.zeros_like)
     correction = fitted(after, near)
@@ -85,7 +86,9 @@ def registration(session: Session) -> Script:
         },
         maps={"mask": found},
         advice=_advice(session.on_field, before, spread, meeting),
-        picture=lambda figure: _draw(figure, before, after, meeting, mask.size_px),
+        picture=lambda figure: _draw(
+            figure, (before, first), (after, correction), meeting, mask.size_px
+        ),
     )
 
 
@@ -198,13 +201,21 @@ def _advice(config: Config, before: Offsets, spread: MaskBlur, meeting: Meeting)
 
 
 def _draw(
-    figure: Any, before: Offsets, after: Offsets, meeting: Meeting, size_px: tuple[int, int]
+    figure: Any,
+    before: tuple[Offsets, Correction],
+    after: tuple[Offsets, Correction],
+    meeting: Meeting,
+    size_px: tuple[int, int],
 ) -> None:
-    """Offsets before and after the correction, and what cells leak."""
+    """Offsets of geometry's map and of the map once corrected, and what cells leak.
+
+    Drawn is the smooth offset that each series found: single ones of short stripes, of which a
+    camera has two quads a period, scatter by ten times what is wrong with the map.
+    """
     size = np.array(size_px, dtype=np.float64)
-    for axes, (title, found) in zip(
-        figure.subplots(1, 2), (("by geometry", before), ("corrected", after)), strict=True
+    for axes, (title, (found, smooth)) in zip(
+        figure.subplots(1, 2), (("by geometry", before), ("corrected once", after)), strict=True
     ):
         title = f"offset of the mask's map, {title}"
-        draw_arrows(axes, found.points_px / size, found.offset_px, title)
+        draw_arrows(axes, found.points_px / size, smooth.at(found.points_px), title)
     write_lines(figure, printed(meeting))

@@ -49,13 +49,22 @@ ambient = 0.002
 """
 
 
-def hands(folder: Path, more: str = AMBIENT, *, albedo: float = 0.9) -> Hands:
+QUADS, COARSE_QUADS = (230, 172), (64, 48)
+
+
+def hands(
+    folder: Path,
+    more: str = AMBIENT,
+    *,
+    albedo: float = 0.9,
+    quads: tuple[int, int] = QUADS,
+) -> Hands:
     """A small bench whose maps are known, as after geometry."""
     (folder / "truth.toml").write_text(TRUTH + more)
     config = Config(
         projector=PanelConfig(size_px=(192, 144)),
         mask=PanelConfig(size_px=(288, 216)),
-        camera=CameraConfig(profile="450d", frame_quads=(230, 172), seed=5),
+        camera=CameraConfig(profile="450d", frame_quads=quads, seed=5),
         scene=SceneConfig(kind="card", grid=(12, 18), options={"albedo": albedo}),
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         server=ServerConfig(state_dir=str(folder / "state")),
@@ -132,6 +141,25 @@ def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
     assert told["leak_2px"].value > told["leak_4px"].value > told["leak_8px"].value
     assert all(np.isfinite(array).all() for array in outcome.arrays.values())
     assert preview_of(outcome)[:4] == b"\x89PNG"
+
+
+def test_a_coarse_camera_makes_the_map_better_and_its_picture_says_so(tmp_path: Path) -> None:
+    """Of 6 px stripes it has two quads a period: single offsets scatter, the map does not."""
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    one = hands(tmp_path, quads=COARSE_QUADS)
+    misplace(one.session, 0.3)
+    believed = float(np.quantile(apart_px(one, one.session.found("mask")), 0.95))
+    outcome = one.run("registration", registration(one.session))
+    left = float(np.quantile(apart_px(one, outcome.maps["mask"]), 0.95))
+    assert left < 0.2 * believed
+    figure = Figure()
+    assert outcome.picture is not None
+    outcome.picture(figure)
+    drawn = [float(axes.get_title().split("below ")[1].split()[0]) for axes in figure.axes[:2]]
+    assert drawn[0] == pytest.approx(believed, rel=0.25)
+    assert drawn[1] < 2.0 * left
 
 
 def test_a_mirrored_mask_is_named(tmp_path: Path) -> None:
