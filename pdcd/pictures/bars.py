@@ -380,7 +380,7 @@ def without_blind(
     if beside is None or not beside.any():
         return dict(pictures)
 
-    def blind(sigma: Errors) -> Errors:
+    def blind(sigma: NDArray[np.floating]) -> NDArray[np.floating]:
         return np.where(beside[..., None], np.inf, sigma).astype(sigma.dtype)
 
     return {
