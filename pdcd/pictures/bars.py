@@ -97,7 +97,9 @@ def barred_pictures(
     normalise = record.normalise
     bars = with_border_light(bars, recipe, shots, scaled, cells, normalise=normalise)
     bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
-    return bars if record.panels is None else with_misplaced_light(bars, recipe, scaled, record)
+    if record.panels is None:
+        return bars
+    return without_blind(with_misplaced_light(bars, recipe, scaled, record), record, cells)
 
 
 def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, float]]:
@@ -366,3 +368,22 @@ def with_misplaced_light(
                 plain = Picture(picture.image, picture.sensor)
                 found[name] = barred(plain, code, picture.kind)
     return found
+
+
+def without_blind(
+    pictures: Mapping[str, Barred], record: RunRecord, cells: CellMap
+) -> dict[str, Barred]:
+    """Pictures of which nothing is known where quads see a place beside the mask's picture."""
+    from pdcd.pictures.misplaced import beside_mask  # few runs have looked
+
+    beside = beside_mask(record, cells)
+    if beside is None or not beside.any():
+        return dict(pictures)
+
+    def blind(sigma: NDArray[np.floating]) -> NDArray[np.floating]:
+        return np.where(beside[..., None], np.inf, sigma).astype(sigma.dtype)
+
+    return {
+        name: replace(picture, sigma=blind(picture.sigma), sensor=blind(picture.sensor))
+        for name, picture in pictures.items()
+    }

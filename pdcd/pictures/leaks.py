@@ -63,6 +63,11 @@ class Answer:
         answer without it; 0 where it does not stand above the noise."""
         return self._error([(self.open, dark)])
 
+    def changed(self, before: Dark, after: Dark) -> float:
+        """The same of what such light changed, had all of the answer got it as it was before, and
+        only what was taken off it as it was after, or none."""
+        return max(self.ambient(before.less(after)), self.ambient(after.less(before)))
+
     def mask(self, dark: Dark) -> float:
         """The same of a closed mask before a lit projector."""
         return self._error([(self.closed, dark)])

@@ -15,13 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.placed import panels_from
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
+from pdcd.panels.overlap import lies_on
 from pdcd.panels.windows import windows
 from pdcd.pictures.found_blocks import FEWEST, HERE, Affine, Finder, Found, Raster
 from pdcd.probing.cell_size import leak, leak_rms
 from pdcd.runs.record import PanelLook, RunRecord, Six
+from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -38,6 +41,9 @@ LEAST_IN_PLACE = 0.01
 """Share of all light that is enough of it."""
 AWAY = 8.0
 """Blocks between two places from which patterns have nothing in common, large blocks included."""
+EDGE_PX, EDGE_QUADS = 0.5, 0.25
+"""How far a quad may reach beyond the mask's edge, in projector pixels or of its side: an edge is
+found to a third of either, and the quad has most of its light."""
 POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
 
@@ -217,6 +223,26 @@ def direct_lost(record: RunRecord, window: str) -> Lost:
     )
     square = np.mean(np.maximum(found**2 - usual**2, 0.0))
     return Lost(float(np.clip(mean.mean(), 0.0, 1.0)), float(np.sqrt(square)))
+
+
+def beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
+    """Quads (h, w) that see a place beside the mask's picture, as blocks showed it: no light comes
+    from there, whatever the scene has. None where nobody looked, or the look tells nothing.
+
+    Callers: error bars, which know nothing there, and the verdict. cells : the map of the frame.
+    """
+    look = record.panels
+    if look is None or look.mask is None or look.camera is None or not look.upright:
+        return None
+    mask, size_px = panels_from(record.projector, record.mask).mask.map, record.projector.size_px
+    drawn = affine(look.mask).inverse().after(affine(look.camera))
+    to_drawn = np.eye(3)
+    to_drawn[:2, :2], to_drawn[:2, 2] = drawn.linear, drawn.shift
+    scale = np.diag([*size_px, 1.0])
+    seen = cells.filled.then(np.linalg.inv(scale) @ to_drawn @ scale)
+    edge_px = max(EDGE_QUADS * quad_px(cells.filled, size_px), EDGE_PX)
+    beside = ~lies_on(seen, mask, -edge_px / quad_px(mask, size_px))
+    return np.asarray(beside & cells.known)
 
 
 def affine(six: Six) -> Affine:

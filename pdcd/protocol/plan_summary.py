@@ -126,6 +126,9 @@ class Leaks(msgspec.Struct, frozen=True, kw_only=True):
     exposures; None where nobody looked."""
     times: int = 1
     """How often everything is shown because of that noise; `noise` is what is left then."""
+    changed: float = 0.0
+    """The same as `ambient` of what that light changed since a dark photo before all shots; 0 where
+    that was not taken."""
 
 
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):

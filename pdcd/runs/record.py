@@ -151,6 +151,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     leak: NonNegative = 0.0
     """RMS error of the answer, relative to its RMS, by ambient light and leaks that a dark photo
     showed and that were not taken off."""
+    room_changed: NonNegative = 0.0
+    """The same by what the room's light changed between dark photos before and after the shots."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -33,6 +33,8 @@ NO_WEIGHT = 1e-9
 """Weight that is none."""
 LEAST_SHOWN = 0.05
 """Least share of the direct light that a picture of it is taken to show."""
+BRIGHT = 95.0
+"""Percentile of the field's light that is that of bright places."""
 STACK = 24
 """Photos of single codes that are looked at."""
 
@@ -52,6 +54,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _errors(seen),
             _stray(seen),
             answer.leak_left(record.leak),
+            quality.room_changed(record.room_changed),
             quality.torn_windows(torn_share(seen.photos, shots)),
             _placement(
                 seen, record.grid, upright=record.panels is not None and record.panels.upright
@@ -127,8 +130,9 @@ def _errors(seen: Evidence) -> Iterator[Finding]:
 
 
 def _stray(seen: Evidence) -> Iterator[Finding]:
-    """The worst of the shots with a black projector, against that which it belongs to."""
-    found = []
+    """The worst of the shots with a black projector, against bright places of the white photo;
+    where there is none, against the shot which it belongs to."""
+    found, white = [], _white_rate(seen)
     for name in seen.names:
         base, shot = name.partition("-black-")[0], seen.planned[name]
         if not shot.primal_black or shot.dual_black or base not in seen.shots:
@@ -139,9 +143,32 @@ def _stray(seen: Evidence) -> Iterator[Finding]:
         )
         through = lit.realised.total_s
         leak = black.realised.total_s / through if through > 0.0 else 0.0
-        found.append((dark / bright - leak if bright > 0.0 else 0.0, name, dark, bright, leak))
-    if found:
+        stray = dark - leak * bright
+        if white is not None:
+            open_s = float(black.realised.open_s.mean())
+            rate = stray / open_s if open_s > 0.0 else 0.0
+            # The white photo holds the room's light, too.
+            found.append((rate / max(white - rate, NO_WEIGHT), name, dark, bright, leak))
+        else:
+            found.append((stray / bright if bright > 0.0 else 0.0, name, dark, bright, leak))
+    if found and white is not None:
+        yield from quality.room_light(*max(found)[:2])
+    elif found:
         yield from quality.stray_light(*max(found)[1:])
+
+
+def _white_rate(seen: Evidence) -> float | None:
+    """Light within a second in bright places of a photo of all light, None where there is none."""
+    for name, shot in seen.planned.items():
+        if not shot.white or shot.primal_black or shot.dual_black or name not in seen.shots:
+            continue
+        white = seen.shots[name]
+        light = seen.thin.inside(seen.thin.light(white).mean(axis=1))
+        open_s = float(white.realised.open_s.mean())
+        rate = float(np.percentile(light, BRIGHT)) / open_s if light.size and open_s > 0.0 else 0.0
+        if rate > 0.0:
+            return rate
+    return None
 
 
 def _placement(seen: Evidence, grid: tuple[int, int], *, upright: bool) -> Iterator[Finding]:
@@ -173,7 +200,7 @@ def _elsewhere(seen: Evidence, record: RunRecord) -> Iterator[Finding]:
     look = record.panels
     if look is None:
         return
-    from pdcd.pictures.misplaced import direct_lost  # few runs have looked
+    from pdcd.pictures.misplaced import beside_mask, direct_lost  # few runs have looked
     from pdcd.verdict import misplaced
 
     (width, height), (rows, cols) = record.projector.size_px, record.grid
@@ -193,6 +220,9 @@ def _elsewhere(seen: Evidence, record: RunRecord) -> Iterator[Finding]:
         share = lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer_rms
     yield from misplaced.unseen(look, measured=misplaced.is_measured(record))
     yield from misplaced.mask_elsewhere(look, record.mask, (width, height), lost, share)
+    beside = None if record.cells is None else beside_mask(record, record.cells)
+    if beside is not None and beside.any():
+        yield from misplaced.beside(beside, seen.field, seen.answer.image, seen.thin.step)
     cell_px = float(np.sqrt(width * height / (rows * cols)))
     yield from misplaced.camera_elsewhere(look, record.camera_place, (width, height), cell_px)
 

@@ -33,7 +33,17 @@ class Limits:
     """Share of the field where sigma is larger than the RMS of the answer."""
     stray: tuple[float, float] = (0.25, 1.0)
     """Light of a black shot beyond what the panels let through, over the light of the shot that it
-    belongs to. It is subtracted; its noise and what it drifts stay."""
+    belongs to, where no photo of all light stands beside it. It is subtracted; its noise and what
+    it drifts stay."""
+    room: tuple[float, float] = (0.1, 1.0)
+    """The same within a second, over what bright places of the white photo get of the projector:
+    of a white card some 5 %, as bright places of scenes reflect half as much and more."""
+    changed: float = 0.05
+    """RMS error of the answer by what the light of the room changed while it was taken, over its
+    RMS. Nobody knows which photos saw the change, so that the answer may be right."""
+    beyond: float = 0.06
+    """RMS over the answer's of the light that it lacks where the field lies beside the mask, were
+    it as much there as next to it."""
     left: tuple[float, float] = (0.05, 0.3)
     """RMS error by ambient light and leaks that are known and were not taken off, over the RMS of
     the answer."""

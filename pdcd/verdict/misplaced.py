@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
@@ -12,6 +13,9 @@ from pdcd.panels.placing import Placing
 from pdcd.pictures.misplaced import Lie, Lost, direct_lost, known_px, lie_of
 from pdcd.runs.record import PanelLook, RunRecord
 from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 CALIBRATE = "run pdcd calibrate geometry"
 FLIPS = {
@@ -82,6 +86,37 @@ def mask_elsewhere(
         f"the mask's picture {_lies(lie)} [mask.place] says: {what} of the direct light goes "
         f"through wrong cells, {percent(share)} of the answer (limit "
         f"{percent(limits.misplaced[0])}); {_mend('mask', mask.place, lie)}",
+    )
+
+
+def beside(
+    beside_mask: Bools, field: Bools, image: Floats, step: int, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """A part of the field that lies beside the mask's picture, from where no light comes.
+
+    beside_mask, field : (h, w). image : the answer, (h, w, C). step : every so many quads are
+    looked at. Its error bars say that nothing is known there, so that what is left may be right;
+    whoever looks at the whole picture sees a dark edge, which is doubtful where light next to it
+    would be much of the answer.
+    """
+    import scipy  # few photos have such a part
+
+    lost, seen = beside_mask[::step, ::step], (field & ~beside_mask)[::step, ::step]
+    square = np.mean(image[::step, ::step] ** 2, axis=-1)
+    share = 1.0
+    if seen.any():
+        near = scipy.ndimage.distance_transform_edt(
+            ~seen, return_distances=False, return_indices=True
+        )
+        whole = float(np.nansum(square[seen]))
+        if whole > 0.0:
+            share = float(np.sqrt(np.nansum(square[tuple(near)][lost]) / whole))
+    part = float(np.count_nonzero(beside_mask & field)) / max(int(np.count_nonzero(field)), 1)
+    yield Finding(
+        Grade.DOUBTFUL if share >= limits.beyond else Grade.REMARK,
+        f"{percent(part)} of the field lies beside the mask's picture, and nothing is known there: "
+        f"were it as bright as next to it, {percent(share)} of the answer would be missing (limit "
+        f"{percent(limits.beyond)}); {CALIBRATE}, or move the mask",
     )
 
 

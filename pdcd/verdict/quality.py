@@ -88,6 +88,32 @@ def stray_light(
         )
 
 
+def room_light(share: float, name: str, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Light of a black shot within a second, over that of the white photo's bright places; `name`
+    is the shot's. Where there is a white photo it tells more than `stray_light`: a shot of codes
+    may have little light because its scene has little of what is asked for."""
+    grade = graded(share, limits.room)
+    if grade:
+        yield Finding(
+            grade,
+            f"ambient or stray light: the room's light is {percent(share)} of white in shot {name} "
+            f"(limit {percent(limits.room[0])}): it is taken off, but if it changes a little from "
+            "photo to photo, what is left changes much; darken the room",
+        )
+
+
+def room_changed(error: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """RMS error over the RMS of the answer, had the room's light changed for all of it as it did
+    between a dark photo before all shots and one after them."""
+    if error >= limits.changed:
+        yield Finding(
+            Grade.DOUBTFUL,
+            "the room's light was not the same before and after the photos: the difference makes "
+            f"up to {percent(error)} of the answer (limit {percent(limits.changed)}); see that no "
+            "light is switched, and capture again",
+        )
+
+
 def outside_field(
     name: str, inside: Floats, outside: Floats, limits: Limits = LIMITS
 ) -> Iterator[Finding]:

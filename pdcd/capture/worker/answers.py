@@ -202,6 +202,7 @@ def record_of(
         dark=plan.dark,
         panels=panels,
         leak=_left(plan.leaks, plan.how),
+        room_changed=0.0 if plan.leaks is None else plan.leaks.changed,
     )
 
 

@@ -20,11 +20,18 @@ from pdcd.runs.record import DarkPhoto
 from pdcd.watch import Watch
 
 
-def leaks_in(plan: Plan, darkroom: Darkroom, darks: Sequence[DarkPhoto], watch: Watch) -> Leaks:
+def leaks_in(
+    plan: Plan,
+    darkroom: Darkroom,
+    darks: Sequence[DarkPhoto],
+    watch: Watch,
+    before: DarkPhoto | None = None,
+) -> Leaks:
     """RMS errors that leaks make of the answer so far.
 
     darks : a dark photo; and where it may matter whose the leak is, one without the lit projector,
-    too. Of one alone only an upper bound is told. Raises DecodeError.
+    too. Of one alone only an upper bound is told. before : one without the lit projector that was
+    taken before all shots. Raises DecodeError.
     """
     look = plan.look
     if look is None:
@@ -41,7 +48,12 @@ def leaks_in(plan: Plan, darkroom: Darkroom, darks: Sequence[DarkPhoto], watch: 
         ambient = max(answer.ambient(found[1]) for answer in answers)
         mask = max(answer.mask(other) for answer in answers)
         both = max(answer.both(found[1], other) for answer in answers)
+    changed = 0.0
+    if before is not None:
+        room = darkroom.dark_means(before)
+        changed = max(answer.changed(room, found[-1]) for answer in answers)
     return Leaks(
+        changed=changed,
         ambient=ambient,
         mask=mask,
         both=both,

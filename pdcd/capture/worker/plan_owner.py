@@ -53,6 +53,8 @@ from pdcd.watch import Watch
 RUNNING = "preview/running.png"
 """What is known of the answer while a run with `until_error` goes on."""
 DARK_NAMES = ("look-dark", "look-ambient")
+ROOM_NAME = "look-room"
+"""A dark photo before all shots."""
 """Dark photos, as their RAW files are called."""
 
 Steps = Generator[Order, Taken, None]
@@ -81,6 +83,7 @@ class Course:
         self._before: Plan | None = None
         """The plan before the scouts of a pilot ended that."""
         self._looked = False
+        self._room: DarkPhoto | None = None
         self._panels: PanelLook | None = None
         self._panels_due = not facts.cells_meet
         self._of_pilot = self._of_noise = ""
@@ -108,6 +111,8 @@ class Course:
     def _run(self) -> Steps:
         """Shot after shot, as far as need be."""
         until, fresh = self._request.until_error, True
+        if self._panels_due and self.plan.look is not None:
+            self._room = yield from self._dark(ROOM_NAME, DarkFrames.of(self.plan), lit=False)
         while True:
             taken = self._names()
             if self._panels_due and (yield from self._look_at_panels(taken)):
@@ -227,9 +232,9 @@ class Course:
             if dark is None:
                 return
             darks.append(dark)
-            leaks = leaks_in(plan, self.darkroom, darks, self._watch)
+            leaks = leaks_in(plan, self.darkroom, darks, self._watch, self._room)
             if leaks.both <= leaks.limit:
-                self.plan = quiet(plan, leaks)
+                self._adopt(quiet(plan, leaks))  # the verdict knows of it
                 break
         else:
             self._stop_leaks(leaks, darks[-1])

@@ -113,7 +113,7 @@ def test_an_open_book_in_ambient_light_is_averaged(tmp_path: Path) -> None:
     quality = result.summary["quality"]
     assert isinstance(quality, Quality)
     (stray,) = (text for text in quality.reasons if "stray light" in text)
-    assert "-black-primal has 9" in stray
+    assert "room's light is 41" in stray
     assert result.folder is not None and decode_folder(Path(result.folder)).identical
 
 

@@ -41,7 +41,8 @@ def test_the_limits_are_those_of_the_manual() -> None:
     assert dataclasses.asdict(Limits()) == {
         "saturated": (0.002, 0.05), "noise": (0.3, 1.0), "noisy_shot": (0.3, 1.0), "dark": 5.0,
         "error": (0.3, 1.0), "modelled": 0.5, "below": (0.15, 1.0), "unsure": (0.5, 0.9),
-        "stray": (0.25, 1.0), "left": (0.05, 0.3), "torn": (0.1, 0.5), "outside": 0.25,
+        "stray": (0.25, 1.0), "room": (0.1, 1.0), "changed": 0.05, "beyond": 0.06,
+        "left": (0.05, 0.3), "torn": (0.1, 0.5), "outside": 0.25,
         "direct": 0.15, "inverted": -0.2,
         "fingerprint": (0.3, 6.0), "diagonal": (0.1, 0.5), "direct_left": (0.15, 0.5),
         "misplaced": (0.06, 0.4), "pair_sum": (0.02, 0.1), "off_rms": (1.0, 3.0), "followed": 1.5,
@@ -142,6 +143,17 @@ def test_stray_light_from_its_limits_on(
     found = told(quality.stray_light("a", black, lit, leak))
     assert [g for g, _ in found] == grade
     assert all(f"shot a has {100 * (black / lit - leak):.3g} % of" in text for _, text in found)
+
+
+def test_the_rooms_light_counts_from_a_tenth_of_white_on() -> None:
+    for share, grade in ((0.099, []), (0.1, [DOUBTFUL]), (0.99, [DOUBTFUL]), (1.0, [BAD])):
+        assert grades(quality.room_light(share, "a")) == grade
+
+
+def test_a_room_that_changed_is_doubtful_and_never_bad() -> None:
+    """Nobody knows whether the photos of the answer saw the change."""
+    for error, grade in ((0.049, []), (0.05, [DOUBTFUL]), (20.0, [DOUBTFUL])):
+        assert grades(quality.room_changed(error)) == grade
 
 
 def test_light_that_was_not_taken_off_counts_from_its_limits_on() -> None:
