@@ -111,14 +111,9 @@ class OpticalBench:
             _kind(frames, bool(len(patterns)))
             for patterns in (frames.primal_patterns, frames.dual_patterns)
         )
-        if frames.of_pixels and self._scene.textures is None:
-            whole = self._whole(exposure, lit, opened)
-            if whole is not None:
-                room = self._room(exposure)
-                grid, ambience = self._scene.grid, () if room is None else (room,)
-                scene = (self._direct, *ambience)
-                light = rendered(self._of_pixels, self._scattered, grid, whole, scene)
-                return self._lens.through(light)
+        whole = self._whole(exposure, lit, opened) if frames.of_pixels else None
+        if whole is not None:
+            return self._lens.through(self._looked_up(whole, self._room(exposure)))
         driven = self._driven(lit, opened)
         tables = self._tables(driven, exposure)
         room = self._room(exposure)
@@ -149,6 +144,17 @@ class OpticalBench:
             open_s=tables.open_s,
             uneven=self._uneven,
         )
+
+    def _looked_up(self, whole: Whole, room: Floats | None) -> Floats:
+        """The picture of panels whose pixels have few histories; room : ambient light, (N, 3)."""
+        direct, means = self._direct, self._means
+        if means is not None:
+            direct = direct / means[0]
+            if whole.sent is not None:
+                whole = replace(whole, sent=whole.sent / means[1])
+        scene = (direct,) if room is None else (direct, room)
+        textures, looks = self._scene.textures, self._scattered
+        return rendered(self._of_pixels, looks, self._cells, whole, scene, textures)
 
     def _tables(self, driven: _Driven, exposure: Exposure) -> Tables:
         """For how long sites were lit and open, and what light that sent about."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pdcd.virtual.optics.products import Pairs
 from pdcd.virtual.optics.setting import Setting
 from pdcd.virtual.optics.sights import CellGrid, Looks, pixels
+from pdcd.virtual.scene.texture import sampled
 
 Floats = NDArray[np.float64]
 
@@ -50,14 +51,21 @@ def every(first: int, second: int) -> Pairs:
 
 
 def rendered(
-    setting: Setting, looks: Looks, grid: tuple[int, int], whole: Whole, scene: tuple[Floats, ...]
+    setting: Setting,
+    looks: Looks,
+    cells: CellGrid,
+    whole: Whole,
+    scene: tuple[Floats, ...],
+    textures: tuple[Floats, Floats] | None = None,
 ) -> Floats:
     """Mean light of each quad, (rows, cols, 3).
 
     scene : direct reflection of the cells (N, 3); then their ambient light (N, 3), if there is any.
+    textures : of direct and of indirect light, (H, W, 3) each, by which the cells' light is
+        multiplied from place to place; reflection and `Whole.sent` are then over their means.
     """
     (rows, cols), per_quad = setting.frame, setting.samples
-    cells, nothing = CellGrid(grid, smooth=False), np.zeros((1, 3))
+    plain, nothing = CellGrid(cells.grid, smooth=False), np.zeros((1, 3))
     reflected, *ambient = (_grey(np.append(part, nothing, axis=0)) for part in scene)
     # One more history of the projector: what lies beside it is never lit.
     seconds = np.append(whole.seconds, np.zeros((len(whole.seconds), 1)), axis=1)
@@ -65,27 +73,59 @@ def rendered(
     sent = None
     if whole.sent is not None:
         sent = np.append(whole.sent, np.zeros((len(whole.sent), 1, 3)), axis=1)
+    colours = 3 if sent is not None or textures is not None else reflected.shape[1]
     image = np.empty((rows, cols, 3))
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
         before = pixels(whole.mask, *looks.on_mask(chunk), missing=whole.beside)
-        light = np.zeros((x.size, 3 if sent is not None else reflected.shape[1]))
+        light = np.zeros((x.size, colours))
         for number, tap in enumerate(setting.taps):
             at = looks.on_projector(chunk, number)
             behind = pixels(whole.projector, *at, missing=unlit)
             lit = seconds[before, behind] * tap.share
             if whole.uneven is not None:
                 lit *= pixels(whole.uneven, *at, missing=0.0)
-            place = cells.at(x + tap.offset[0], y + tap.offset[1])
-            light += lit[:, None] * reflected[place]
+            places = np.stack([x + tap.offset[0], y + tap.offset[1]], axis=-1)
+            here = _Here.of(cells, places)
+            direct = lit[:, None] * here.mean(reflected)
+            light += direct if textures is None else direct * sampled(textures[0], places)
             if sent is not None:
-                light += tap.share * sent[before, place]
+                wandered = tap.share * here.mean(sent, before)
+                light += wandered if textures is None else wandered * sampled(textures[1], places)
         if ambient:
-            there = whole.open_s[before][:, None] * ambient[0][cells.at(x, y)]
+            there = whole.open_s[before][:, None] * ambient[0][plain.at(x, y)]
             light = light + there
         quads = light.reshape(chunk[1] - chunk[0], per_quad, cols, per_quad, -1)
         image[chunk[0] : chunk[1]] = quads.mean(axis=(1, 3))
     return image
+
+
+@dataclass(frozen=True)
+class _Here:
+    """Which cells count at points, (n, corners), and how much each of them, (n, corners); None: one
+    cell each."""
+
+    cells: NDArray[np.integer]
+    shares: Floats | None
+
+    @classmethod
+    def of(cls, grid: CellGrid, points: Floats) -> _Here:
+        """At points (n, 2) of the field; beside it counts the entry after the last cell."""
+        x, y = points[:, 0], points[:, 1]
+        place = grid.at(x, y)
+        if not grid.smooth:
+            return cls(place, None)
+        beside = grid.grid[0] * grid.grid[1]
+        corners = np.append(grid.corners, np.full((1, 4), beside), axis=0)
+        return cls(corners[place], grid.shares(x, y))
+
+    def mean(self, values: Floats, first: NDArray[np.integer] | None = None) -> Floats:
+        """Values of cells (N + 1, C), or (M, N + 1, C) of which each point has its `first` index:
+        (n, C) of the points."""
+        if self.shares is None:
+            return values[self.cells] if first is None else values[first, self.cells]
+        found = values[self.cells] if first is None else values[first[:, None], self.cells]
+        return np.asarray(np.einsum("nk,nkc->nc", self.shares, found))
 
 
 def _grey(light: Floats) -> Floats:

@@ -192,7 +192,7 @@ def test_everything_on_is_the_dense_bench_at_every_quad(
     close_ns = int(log.end_ns.max()) + 50_000_000
     found = OpticalBench(config, scene, FRAME).photo(Exposure(frames, log, 0, close_ns))
     dense = dense_of(config, scene, transport)
-    dense = replace(dense, scattered=window == PIXELS and not textured)
+    dense = replace(dense, scattered=window == PIXELS)
     wanted = dense.photo(frames, log, 0, close_ns)
     assert wanted.max() > 10.0 * wanted.min() >= 0.0
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * wanted.max())
