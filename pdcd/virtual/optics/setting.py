@@ -20,7 +20,7 @@ FEW_SAMPLES = (2, 32)
 SLANTED_SAMPLES = 24
 """The same where both panels draw the borders of cells in two places: slanted ones see what lies
 between these to a 576th of a quad."""
-MOST_SLANTED = 2**23
+MOST_SLANTED = 2**21
 """Samples of a photo up to which there are so many; of larger photos a quad gets fewer."""
 
 
