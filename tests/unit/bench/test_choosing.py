@@ -147,6 +147,8 @@ def test_of_a_mock_bench_only_its_scene_and_its_schedule_may_change(tmp_path: Pa
     assert other_bench(told, changed) == "camera.iso was unset and is 200"
     truth.write_text("[mask]\nskew_s = 0.002\n")
     assert "truth" in other_bench(told, config)
+    # A bench that was bumped, to whoever names its calibration.
+    assert other_bench(told, config, named=True) == other_bench(told, changed, named=True) == ""
     # Once it was taken, measured values stand in the configuration.
     table = CalibrationConfig(use="x", sha256="0" * 64)
     assert other_bench(told, msgspec.structs.replace(changed, calibration=table)) == ""
@@ -158,6 +160,7 @@ def test_a_mock_bench_of_another_frame_is_another_one() -> None:
     assert other_bench(record(identity=seen), Config()) == (
         "its camera has 400 x 267 quads, and this one 64 x 48"
     )
+    assert "400 x 267" in other_bench(record(identity=seen), Config(), named=True)
     fits = Config(camera=CameraConfig(frame_quads=(400, 267)))
     assert other_bench(record(identity=seen), fits) == ""
 
