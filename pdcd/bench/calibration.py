@@ -220,8 +220,8 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     taken_over: dict[str, str] = {}
     """Steps that were found by the calibration before, which had stopped, and when."""
     bench: dict[str, Any] = {}
-    """Of a mock bench the tables that make it, as they were typed; the calibration is good for no
-    other."""
+    """Of a mock bench the tables that make it, as they were typed; of another one the calibration
+    is never the latest."""
 
     @property
     def found(self) -> dict[str, str]:

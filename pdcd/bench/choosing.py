@@ -76,8 +76,9 @@ def candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
             yield found
 
 
-def candidate(at: Path, config: Config) -> Candidate | None:
-    """One of them; None for what is none: a file, a folder without a record."""
+def candidate(at: Path, config: Config, *, named: bool = False) -> Candidate | None:
+    """One of them; None for what is none: a file, a folder without a record. named : as in
+    `other_bench`."""
     name, running = _name(at), False
     try:
         folder = at.resolve(strict=True) if at.is_symlink() else at
@@ -94,7 +95,9 @@ def candidate(at: Path, config: Config) -> Candidate | None:
     except (OSError, RuntimeError) as err:  # links that lead in circles
         return _unread(name, at, getattr(err, "strerror", None) or str(err))
     ours = record.identity.rig == config.rig.name
-    why = f"it is of the rig {record.identity.rig!r}" if not ours else other_bench(record, config)
+    why = f"it is of the rig {record.identity.rig!r}"
+    if ours:
+        why = other_bench(record, config, named=named)
     if not why and not record.usable:
         why = "its verdict is bad"
     why = "it is being made" if running else one_line(why)
@@ -113,10 +116,12 @@ def newest(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
     return None
 
 
-def other_bench(record: Calibration, config: Config) -> str:
+def other_bench(record: Calibration, config: Config, *, named: bool = False) -> str:
     """What of the configuration is of another bench than was calibrated, in words; "" for none.
 
     config : as it was typed. Where measured values stand in it (`calibration.sha256`), it fitted.
+    named : whether somebody asked for this calibration. Then a mock bench may have changed since,
+    as a real one that was bumped.
     """
     belief = record.belief
     for name in ("projector", "mask"):
@@ -129,10 +134,10 @@ def other_bench(record: Calibration, config: Config) -> str:
             return f"{table}.driver was {driver!r} and is {getattr(config, table).driver!r}"
     if config.camera.driver != "mock" or config.calibration.sha256 is not None:
         return ""
-    return _other_mock(record, config)
+    return ("" if named else _changed_mock(record, config)) or _other_frame(record, config)
 
 
-def _other_mock(record: Calibration, config: Config) -> str:
+def _changed_mock(record: Calibration, config: Config) -> str:
     """The same of a mock bench, which is whatever its configuration and its truth say."""
     now = _flat(bench_of(config))
     for key, then in _flat(record.bench).items():
@@ -140,6 +145,11 @@ def _other_mock(record: Calibration, config: Config) -> str:
             return f"{key} was {_short(then)} and is {_short(now[key])}"
     if record.bench and record.identity.truth != truth_of_bench(config):
         return "the truth of the mock bench (bench.truth) was another one"
+    return ""
+
+
+def _other_frame(record: Calibration, config: Config) -> str:
+    """The same of the size of a mock camera's photos: its map would fit none of them."""
     seen = record.identity.frame_quads
     if seen is not None and config.scene.kind != "matrix":
         rows, cols = frame_of(config, config.code_grid())

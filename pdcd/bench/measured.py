@@ -146,8 +146,8 @@ def refuse_other_bench(
     config: Config,
     hint: str = 'run pdcd calibrate, or set [calibration] use = "none"',
 ) -> None:
-    """Raise ConfigError where a calibration is of other panels or drivers."""
-    if what := other_bench(record, config):
+    """Raise ConfigError where a calibration that was named is of other panels or drivers."""
+    if what := other_bench(record, config, named=True):
         raise ConfigError(f"calibration {record.name} is of another bench: {what}", hint=hint)
 
 

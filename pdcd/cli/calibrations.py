@@ -76,7 +76,7 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
         pin(config, None if name == "latest" else name)
     else:
         at = place_of(config, name)
-        found = candidate(at, config)
+        found = candidate(at, config, named=True)
         why = "it holds nothing that is whole" if found is None else found.why
         if found is None or why:
             raise ConfigError(

@@ -21,7 +21,8 @@ from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
 from pdcd.panels.overlap import lies_on
 from pdcd.panels.windows import windows
-from pdcd.pictures.found_blocks import FEWEST, HERE, Affine, Finder, Found, Raster
+from pdcd.pictures.found_blocks import FEWEST, Finder, Found
+from pdcd.pictures.raster import HERE, Affine, Raster
 from pdcd.probing.cell_size import leak, leak_rms
 from pdcd.runs.record import PanelLook, RunRecord, Six
 from pdcd.sensor.cells import CellMap

@@ -93,11 +93,8 @@ def read_strips(
     Raises CalibrationError: no light, clipped, part of the field not covered, strips not where the
     maps say, or out of focus.
     """
-    centres = camera.centres()
-    x, y = centres[..., 0], strips.window.down(centres[..., 1])
-    with np.errstate(invalid="ignore"):
-        inside = (y >= 0.0) & (y < 1.0)
-    band = np.where(inside, np.nan_to_num(y) * bands, -1).astype(np.int32)
+    x, y, band = _banded(camera, strips, bands)
+    inside = band >= 0
     strip = np.where(inside, strips.number(x, USED), -1)
     cell = np.where(strip >= 0, band * strips.count + strip, -1)
     size = bands * strips.count
@@ -134,6 +131,17 @@ def read_strips(
         past,
         off.reshape(shape),
     )
+
+
+def _banded(camera: Map, strips: Strips, bands: int) -> tuple[Floats, Floats, NDArray[np.int32]]:
+    """Of each quad x on the field, y from top to bottom of the strips, and the band that it lies
+    in, -1 beside them; (rows, cols) each."""
+    centres = camera.centres()
+    y = strips.window.down(centres[..., 1])
+    with np.errstate(invalid="ignore"):
+        inside = (y >= 0.0) & (y < 1.0)
+    band = np.where(inside, np.nan_to_num(y) * bands, -1).astype(np.int32)
+    return centres[..., 0], y, band
 
 
 def _beside(room: tuple[Floats, Floats], full: Floats) -> tuple[Floats, Floats, Floats]:

@@ -123,7 +123,7 @@ class _Here:
         """Values of cells (N + 1, C), or (M, N + 1, C) of which each point has its `first` index:
         (n, C) of the points."""
         if self.shares is None:
-            return values[self.cells] if first is None else values[first, self.cells]
+            return np.asarray(values[self.cells] if first is None else values[first, self.cells])
         found = values[self.cells] if first is None else values[first[:, None], self.cells]
         return np.asarray(np.einsum("nk,nkc->nc", self.shares, found))
 

@@ -9,6 +9,7 @@ from typing import Any
 from pdcd.bench.calibration import Calibration, FigureRecord, StepRecord, read_calibration
 from pdcd.bench.tables import (
     BenchConfig,
+    CalibrationConfig,
     CameraConfig,
     Config,
     PanelConfig,
@@ -30,7 +31,8 @@ PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
 class SmallBench:
     """truth : text of the truth's file. scene, card : kind and options of the scene. placed :
     whether belief has maps of all devices, as if the geometry had been measured; the truth then
-    agrees. quads : width and height of the photos."""
+    agrees. quads : width and height of the photos. use : the calibration that is gone by; the
+    latest is none of a bench whose truth is another one by now."""
 
     folder: Path
     truth: str = ""
@@ -38,6 +40,7 @@ class SmallBench:
     card: dict[str, Any] = field(default_factory=dict)
     placed: bool = False
     quads: tuple[int, int] = QUADS
+    use: str = "latest"
 
     @property
     def config(self) -> Config:
@@ -56,6 +59,7 @@ class SmallBench:
             ),
             scene=SceneConfig(kind=self.scene, options=self.card),
             bench=BenchConfig(truth=str(truth)),
+            calibration=CalibrationConfig(use=self.use),
             server=ServerConfig(state_dir=str(self.folder / "state")),
         )
 

@@ -28,10 +28,12 @@ scale = 1.06
 """
 
 
-def ran(folder: Path, *steps: Any, seed: int, right_px: float = 1.3) -> Calibrated:
-    """The same bench another time."""
-    truth = TRUTH.format(right_px=right_px)
-    config = SmallBench(folder, truth, quads=(300, 216)).config
+def ran(
+    folder: Path, *steps: Any, seed: int, right_px: float = 1.3, after: Calibrated | None = None
+) -> Calibrated:
+    """The same bench another time, by the calibration before, or a mask that was bumped."""
+    use = "latest" if after is None else str(after.folder)
+    config = SmallBench(folder, TRUTH.format(right_px=right_px), quads=(300, 216), use=use).config
     camera = msgspec.structs.replace(config.camera, seed=seed)
     engine = Engine.from_config(msgspec.structs.replace(config, camera=camera))
     engine.start()
@@ -49,8 +51,9 @@ def differing(folder: Path) -> list[str]:
 def twice(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Calibrated]:
     """A bench that was calibrated twice, each time with a first look for checks."""
     folder = tmp_path_factory.mktemp("twice") / "bench"
-    assert differing(ran(folder, "geometry", "check", seed=5).folder) == []
-    return folder, ran(folder, "geometry", "check", seed=6)
+    first = ran(folder, "geometry", "check", seed=5)
+    assert differing(first.folder) == []
+    return folder, ran(folder, "geometry", "check", seed=6, after=first)
 
 
 def test_a_first_look_after_another_calibration(twice: tuple[Path, Calibrated]) -> None:
@@ -67,7 +70,7 @@ def test_the_same_without_the_calibration_before(
 
 
 def test_a_check_that_took_a_change_into_account(twice: tuple[Path, Calibrated]) -> None:
-    changed = ran(twice[0], "check", seed=7, right_px=1.5)
+    changed = ran(twice[0], "check", seed=7, right_px=1.5, after=twice[1])
     assert "mask.place.map" in changed.record.measured and changed.record.verdict == "doubtful"
     assert changed.record.measured["mask.place.map"].step == "check"
     assert differing(changed.folder) == []

@@ -123,6 +123,7 @@ def test_the_record_says_what_was_measured_and_how(done: tuple[Path, CaptureResu
     assert [step.name for step in record.steps] == ["meter", "geometry"]
     assert set(record.measured) == {
         "projector.place.map", "mask.place.map", "camera.place.map", "mask.offset_px",
+        "projector.field_px",
     }  # fmt: skip
     photos = [photo for step in record.steps for photo in step.photos]
     assert len(photos) >= 7 and all(photo.iso == 100 and photo.f_number for photo in photos)

@@ -27,8 +27,9 @@ turn_deg = {turn}
 QUADS = (480, 320)
 
 
-def bench(folder: Path, turn_deg: float = 0.0) -> SmallBench:
-    return SmallBench(folder, TRUTH.format(turn=turn_deg), scene="open-book", quads=QUADS)
+def bench(folder: Path, turn_deg: float = 0.0, use: str = "latest") -> SmallBench:
+    truth = TRUTH.format(turn=turn_deg)
+    return SmallBench(folder, truth, scene="open-book", quads=QUADS, use=use)
 
 
 def off_px(found: Calibrated, made: SmallBench) -> float:
@@ -52,7 +53,7 @@ def test_a_bumped_camera_is_found_on_the_scene_and_computed_again(tmp_path: Path
         assert engine._rig.scene is not None and engine._rig.scene.name == "open-book"
     finally:
         engine.stop()
-    bumped = bench(tmp_path, turn_deg=1.5)
+    bumped = bench(tmp_path, turn_deg=1.5, use=str(before.folder))
     found = bumped.calibrate("geometry", subject="scene")
     record = found.record
     names = [photo.name for photo in found.step("geometry").photos]

@@ -132,7 +132,7 @@ def test_no_calibration_is_too_long_to_be_told_of(tmp_path: Path) -> None:
         async with daemon(tmp_path) as running, running.wire() as wire:
             refused = await wire.error("calibrate.start", steps=["registration"] * 60_000)
             assert refused["data"]["kind"] == "request"
-            assert "steps: it takes up to 11 words" in refused["message"]
+            assert "steps: it takes up to 10 words" in refused["message"]
             every = list(get_args(StepName))
             await wire.result("calibrate.start", steps=every, detach=True)
             told = (await wire.result("capture.list"))["jobs"]

@@ -45,6 +45,7 @@ from pdcd.bench.tables import (
     ScheduleConfig,
     ServerConfig,
 )
+from pdcd.cli.main import main
 from pdcd.errors import BusyError, ConfigError
 from tests.unit.bench._calibrations import entry, of_rig, record, written
 
@@ -115,6 +116,25 @@ def test_what_was_named_is_used_in_the_place_of_the_latest(tmp_path: Path) -> No
     assert calibrated(config).mask.skew_s == 0.002
 
 
+def test_a_mock_bench_that_was_moved_goes_by_one_that_was_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = bench(tmp_path)
+    folder = kept_in(tmp_path, "a1", bench=bench_of(config), measured={"mask.skew_s": entry(0.002)})
+    truth = tmp_path / "truth.toml"
+    truth.write_text("[mask.place]\nturn_deg = 0.1\n")
+    moved = bench(tmp_path, bench=BenchConfig(truth=str(truth)))
+    assert choice(config).folder == folder
+    assert choice(moved).folder is None and "truth" in choice(moved).passed[0]
+    by_path = msgspec.structs.replace(moved, calibration=CalibrationConfig(use=str(folder)))
+    assert calibrated(by_path).mask.skew_s == 0.002
+    config_file = tmp_path / "bench.toml"
+    config_file.write_text(f'[bench]\ntruth = "{truth}"\n[server]\nstate_dir = "{tmp_path}"\n')
+    assert main(["calibrate", "use", "a1", "--config", str(config_file)]) == 0
+    assert "in use:" in capsys.readouterr().out
+    assert choice(moved).folder == folder
+
+
 def test_a_file_of_names_that_is_none_is_refused_and_mended(tmp_path: Path) -> None:
     kept_in(tmp_path, "a1")
     path, config = tmp_path / FOLDER / PINNED, bench(tmp_path)
@@ -147,6 +167,8 @@ def test_of_a_mock_bench_only_its_scene_and_its_schedule_may_change(tmp_path: Pa
     assert other_bench(told, changed) == "camera.iso was unset and is 200"
     truth.write_text("[mask]\nskew_s = 0.002\n")
     assert "truth" in other_bench(told, config)
+    # A bench that was bumped, to whoever names its calibration.
+    assert other_bench(told, config, named=True) == other_bench(told, changed, named=True) == ""
     # Once it was taken, measured values stand in the configuration.
     table = CalibrationConfig(use="x", sha256="0" * 64)
     assert other_bench(told, msgspec.structs.replace(changed, calibration=table)) == ""
@@ -158,6 +180,7 @@ def test_a_mock_bench_of_another_frame_is_another_one() -> None:
     assert other_bench(record(identity=seen), Config()) == (
         "its camera has 400 x 267 quads, and this one 64 x 48"
     )
+    assert "400 x 267" in other_bench(record(identity=seen), Config(), named=True)
     fits = Config(camera=CameraConfig(frame_quads=(400, 267)))
     assert other_bench(record(identity=seen), fits) == ""
 

@@ -333,4 +333,5 @@ def test_each_value_of_a_configuration_says_where_it_comes_from(
     notes: dict[tuple[str, ...], str] = {("rig", "name"): "typed"}
     if age:
         notes["calibration",] = age
+        notes["calibration", "typed"] = "in whose place stand measured values"
     assert shown == [("calibrated", notes)]
