@@ -46,8 +46,6 @@ LEAST_LIT = 0.01
 """Of the mean light: a quad that is darker tells no share of it."""
 LEAST_VARIANCE = 1e-12
 """Of the square of a share: what rounding leaves where quads tell the same."""
-FEW = 3.0
-"""Quads beside of which it cannot be told how far the next one may be from them."""
 MOST_MOVED = 2.0
 """Standard deviations of what was taken out by which quads beside may change a quad at most."""
 
@@ -180,12 +178,11 @@ def _told(image: NDArray[np.floating], white: NDArray[np.floating], free: Bools)
     share, square = (
         np.divide(each, there, out=np.zeros_like(there), where=sure) for each in (indirect, squares)
     )
-    # By as much as they differ among themselves, be it by an edge that runs between them. That is
-    # known of many only: the next value after n of them has Student's distribution, which is of
-    # no variance unless there are more than `FEW`.
+    # By as much as they differ among themselves, be it by an edge that runs between them: of n of
+    # them, the next one differs from their mean by (n + 1) / (n - 1) of their own variance.
     twice = scipy.ndimage.convolve((counts * lit) ** 2, AROUND**2, mode="constant")
     many = np.divide(there * there, twice, out=np.zeros_like(there), where=sure)
-    sure = sure & ~free & (many > FEW)
-    wide = np.divide(many + 1.0, many - FEW, out=np.zeros_like(there), where=sure)
+    sure = sure & ~free & (many > 1.0 + 1e-9)
+    wide = np.divide(many + 1.0, many - 1.0, out=np.zeros_like(there), where=sure)
     spread = np.maximum(square - share * share, LEAST_VARIANCE * square)
     return _Told(share * lit, np.where(sure, wide * spread * lit * lit, np.inf))
