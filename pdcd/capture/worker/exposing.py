@@ -203,9 +203,9 @@ class Exposer:
         compared = compare_stops(one, other, self.facts.profile, self.iso, photo.seconds)
         takes = f"shot {name} takes f/{f_number:g} and not f/{own.f_number:g}"
         if compared is None:
-            known = self.facts.config.camera.stops
-            stop = stop_of(f_number, known)
-            sigma = light_sigma(stop_of(own.f_number, known), stop)
+            measured = self.facts.config.camera.stops
+            stop = stop_of(f_number, measured)
+            sigma = light_sigma(stop_of(own.f_number, measured), stop)
             self.stops = (*self.stops, msgspec.structs.replace(stop, sigma=sigma))
             self.orders.note(
                 f"{takes}: it has too little light to compare the two; pictures go by what is "
