@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 from unittest import mock
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -100,6 +101,16 @@ def config(folder: Path, *, grid: tuple[int, int] = GRID, **tables: Any) -> Conf
         **tables,
     }
     return Config(**given)
+
+
+def fitting(grid: tuple[int, int]) -> dict[str, PanelConfig]:
+    """Panels whose pixels end where such cells end, so that both draw all borders alike."""
+    rows, cols = grid
+    replace, bare = msgspec.structs.replace, Config()
+    return {
+        "projector": replace(bare.projector, size_px=(96 * cols, 96 * rows)),
+        "mask": replace(bare.mask, size_px=(144 * cols, 144 * rows)),
+    }
 
 
 def with_defects(folder: Path, **tables: Any) -> Config:

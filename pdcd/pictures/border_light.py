@@ -178,6 +178,11 @@ def _told(image: NDArray[np.floating], white: NDArray[np.floating], free: Bools)
     share, square = (
         np.divide(each, there, out=np.zeros_like(there), where=sure) for each in (indirect, squares)
     )
-    # By as much as they differ among themselves, be it by an edge that runs between them.
-    variance = np.maximum(square - share * share, LEAST_VARIANCE * square) * lit * lit
-    return _Told(share * lit, np.where(sure & ~free, variance, np.inf))
+    # By as much as they differ among themselves, be it by an edge that runs between them: of n of
+    # them, the next one differs from their mean by (n + 1) / (n - 1) of their own variance.
+    twice = scipy.ndimage.convolve((counts * lit) ** 2, AROUND**2, mode="constant")
+    many = np.divide(there * there, twice, out=np.zeros_like(there), where=sure)
+    sure = sure & ~free & (many > 1.0 + 1e-9)
+    wide = np.divide(many + 1.0, many - 1.0, out=np.zeros_like(there), where=sure)
+    spread = np.maximum(square - share * share, LEAST_VARIANCE * square)
+    return _Told(share * lit, np.where(sure, wide * spread * lit * lit, np.inf))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import DecodeError
+from pdcd.bench.stops import STOP_SIGMA
 from pdcd.panels.curve import light_of
 from pdcd.panels.patterns import none
 from pdcd.planning.memory import exact_pairs
@@ -180,28 +180,27 @@ def times_shown(wider: float, narrower: float) -> int:
 
 def compare_stops(
     one: RawFrame, other: RawFrame, profile: SensorProfile, iso: int, exposure_s: float
-) -> tuple[float, float]:
+) -> tuple[float, float] | None:
     """Light of a photo at one stop over that of another one, and its relative standard deviation;
-    both show the same codes, each as often as it may be.
+    both show the same codes, each as often as it may be. None where they have too little light to
+    tell more than what is engraved.
 
     All that is not saturated in either counts. Beside the noise of the samples each photo's black
     level is unsure: of a masked border by `MASKED_DN`, else by what is lost in cutting it to whole
     numbers. And a wide stop darkens corners that a narrow one does not: how far parts of the frame
-    differ counts, too. Raises DecodeError for photos without light.
+    differ counts, too.
     """
     good = ~(one.saturated | other.saturated)
     light, squares = [], 0.0
     for raw in (one, other):
         planes = np.where(good, raw.planes.astype(np.float64), 0.0)
         total = float(planes.sum())
-        if not total > 0.0:
-            raise DecodeError(
-                "two stops cannot be compared: a test exposure has no light",
-                hint="set camera.f_number, or give the scene more light",
-            )
         noise = float(variance_dn2(planes, profile, iso, exposure_s).sum())
         black_dn = MASKED_DN if raw.masked else 12.0**-0.5
-        squares += (noise + (black_dn * 4.0 * float(good.sum())) ** 2) / total**2
+        square = noise + (black_dn * 4.0 * float(good.sum())) ** 2
+        if not total > 0.0 or square > (STOP_SIGMA * total) ** 2:
+            return None
+        squares += square / total**2
         light.append(_of_patches(planes.sum(axis=0)))
     ratio = float(light[0].sum() / light[1].sum())
     lit = light[1] > 0.0

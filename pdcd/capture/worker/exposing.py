@@ -12,7 +12,7 @@ import numpy as np
 
 from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.placed import camera_map
-from pdcd.bench.stops import Stop, stop_of
+from pdcd.bench.stops import Stop, light_sigma, stop_of
 from pdcd.capture.worker.answers import Facts, Note, Order, Photo, Taken, Wanted
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import Frames
@@ -185,7 +185,8 @@ class Exposer:
         self, name: str, sequence: ShotSequence, f_number: float
     ) -> Generator[Order, Taken, None]:
         """Compare the light of another stop, which a shot of that name wants, with that of the
-        run's own, by two photos of a sequence that is not too bright for the wider one of them."""
+        run's own, by two photos of a sequence that is not too bright for the wider one of them.
+        Where these are too dark to tell, the stop counts as it is known without them."""
         own, known = self.stops[0], {stop.f_number for stop in self.stops}
         if f_number in known:
             return
@@ -199,12 +200,23 @@ class Exposer:
             self.orders.note(MeterRecord(raw=photo.raw, f_number=each, peak=None))
             raws.append(self._read(*photo.planes[0], saturation_dn))
         one, other = raws
-        ratio, sigma = compare_stops(one, other, self.facts.profile, self.iso, photo.seconds)
+        compared = compare_stops(one, other, self.facts.profile, self.iso, photo.seconds)
+        takes = f"shot {name} takes f/{f_number:g} and not f/{own.f_number:g}"
+        if compared is None:
+            measured = self.facts.config.camera.stops
+            stop = stop_of(f_number, measured)
+            sigma = light_sigma(stop_of(own.f_number, measured), stop)
+            self.stops = (*self.stops, msgspec.structs.replace(stop, sigma=sigma))
+            self.orders.note(
+                f"{takes}: it has too little light to compare the two; pictures go by what is "
+                f"known of them, to {100.0 * sigma:.2g} %"
+            )
+            return
+        ratio, sigma = compared
         true = own.true * float(np.sqrt(ratio * shown[1] / shown[0]))
         self.stops = (*self.stops, Stop(f_number, true, sigma))
         self.orders.note(
-            f"shot {name} takes f/{f_number:g} and not f/{own.f_number:g}: their light was "
-            f"compared on the scene, to {100.0 * sigma:.2g} %"
+            f"{takes}: their light was compared on the scene, to {100.0 * sigma:.2g} %"
         )
 
     def _shares(

@@ -11,7 +11,7 @@ from typing import IO, Any
 import msgspec
 import pytest
 
-from pdcd.bench.tables import RigConfig
+from pdcd.bench.tables import CameraConfig, RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, ExposureError
 from pdcd.protocol.events import Event
@@ -250,6 +250,7 @@ def test_missed_refreshes(policy: str, tmp_path: Path) -> None:
         tmp_path,
         display=bench_rig.DEFECTS["display"],
         rig=RigConfig(on_miss=policy),  # type: ignore[arg-type]
+        camera=CameraConfig(noise="none", f_number=16.0),  # white is shown as often as planned
     )
     engine = Engine.from_config(config)
     engine.start()

@@ -33,6 +33,8 @@ def scene(folder: Path, transport: Floats) -> SceneConfig:
 
 
 def engine_on(folder: Path, transport: Floats, **tables: Any) -> Engine:
+    """Pixels of both panels end where cells end, so that no quad sees parts of others."""
+    tables = {**bench_rig.fitting(GRID), **tables}
     engine = Engine.from_config(bench_rig.config(folder, scene=scene(folder, transport), **tables))
     engine.start()
     return engine

@@ -97,6 +97,7 @@ def test_values_are_those_of_the_linear_pictures_and_of_the_error_bars(
 
 
 def test_the_pointer_reads_values_and_the_slider_divides(page: Any) -> None:
+    page.locator("#stage").scroll_into_view_if_needed()
     stage = page.locator("#stage").bounding_box()
     page.mouse.move(stage["x"] + 0.9 * stage["width"], stage["y"] + 0.1 * stage["height"])
     words = page.locator("#readout").inner_text()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import itertools
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -355,6 +356,8 @@ def test_a_shutter_that_is_forgotten_is_closed(
     line: FakeLine, caplog: pytest.LogCaptureFixture, unplugged: bool
 ) -> None:
     """No guardian holds such a port: the line would stay as it is."""
+    with warnings.catch_warnings(action="ignore", category=ResourceWarning):
+        gc.collect()  # what other tests left behind is not told of here
     box = make(line.clock)
     box.connect()
     box.open()

@@ -169,6 +169,21 @@ def test_a_second_stop_is_compared_with_the_first(
     assert made.stops[1].true == pytest.approx(true)
 
 
+def test_a_second_stop_that_has_no_light_is_what_is_engraved(
+    shares: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A capture does not end for it: f/2.8 stands for 2^(3/2), f/4 for 4, each sure to 4 %."""
+    shares["seen"], shares["stop"] = {"raw/meter-pilot-1.dng": (0.0, 0.0)}, 2.8
+    monkeypatch.setattr(exposing, "read_raw", lambda path, **said: path.name)
+    monkeypatch.setattr(exposing, "compare_stops", lambda *raws: None)
+    made = exposer()
+    f_number, _ = metered(made, PILOT)
+    assert f_number == 2.8
+    assert made.stops[1].true == pytest.approx(2.0**1.5)
+    assert made.stops[1].sigma == pytest.approx(0.04 * 2.0**0.5)
+    assert "too little light to compare" in str(made.orders.end().notes[-1])
+
+
 def test_a_lens_that_cannot_be_set_is_not_set() -> None:
     fixed = exposer(5.6, (), 400)
     assert metered(fixed) == (5.6, [])
