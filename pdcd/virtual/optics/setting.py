@@ -20,8 +20,10 @@ FEW_SAMPLES = (2, 32)
 SLANTED_SAMPLES = 24
 """The same where both panels draw the borders of cells in two places: slanted ones see what lies
 between these to a 576th of a quad."""
-MOST_SLANTED = 2**21
-"""Samples of a photo up to which there are so many; of larger photos a quad gets fewer."""
+MOST_SLANTED, FEWEST_SLANTED = 2**23, 12
+"""Samples of a photo up to which there are so many; of larger photos a quad gets fewer, and where
+that is too few an axis, those of an upright raster, of which many are alike: what makes photos of
+codes quick."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +86,7 @@ class Setting:
         far = float(np.nan_to_num(np.abs(on_mask[1:] - on_mask[0])).sum(axis=-1).max())
         least, most = FEW_SAMPLES
         if self.slanted:
-            fitting = int((MOST_SLANTED / (self.frame[0] * self.frame[1])) ** 0.5)
-            least = min(max(fitting, least), SLANTED_SAMPLES)
+            least = min(self._fitting, SLANTED_SAMPLES)
         return int(np.clip(np.ceil(far - 1e-6), least, most))
 
     @property
@@ -93,7 +94,13 @@ class Setting:
         """Whether no two samples of a quad lie in one row or column, so that they see strips that
         are much narrower than a sample is wide: where there are such, and nobody says how many
         samples there are."""
-        return self.apart and self.truth.camera.samples is None
+        said = self.truth.camera.samples
+        return self.apart and said is None and self._fitting >= FEWEST_SLANTED
+
+    @property
+    def _fitting(self) -> int:
+        """Slanted samples along an axis of a quad that a photo has at most."""
+        return int((MOST_SLANTED / (self.frame[0] * self.frame[1])) ** 0.5)
 
     def on_projector(self, points: Floats) -> Floats:
         """Points of the field (..., 2) -> pixels of the projector."""
