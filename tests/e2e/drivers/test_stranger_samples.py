@@ -78,7 +78,7 @@ def test_camera_and_shutter_are_told_how_long_each_exposure_will_be(engine: Engi
     assert [(s.exposure_s, s.longest_s) for s in armed] == list(told) and told
     (shot,) = json.loads((Path(str(result.folder)) / MANIFEST).read_text())["run"]["shots"]
     lasted_s = (shot["close_ns"] - shot["open_ns"]) * 1e-9
-    exposure_s, longest_s = told[0]  # the others are looks at what leaks
+    exposure_s, longest_s = max(told)  # the others are looks at the room, and at what leaks
     assert exposure_s == pytest.approx(lasted_s, abs=0.02)
     assert 2.0 * exposure_s < longest_s < 2.0 * exposure_s + 31.0
 

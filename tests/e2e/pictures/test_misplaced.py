@@ -96,7 +96,7 @@ CASES = [
     (
         place("camera", offset_px="[20.0, 0.0]"),
         ["doubtful"],
-        "what the camera sees is",
+        "what the camera sees lies",
         ("camera", "none", 0.0, (20.0, 0.0)),
     ),
     (
