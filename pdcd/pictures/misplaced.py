@@ -63,13 +63,17 @@ class BlockPhotos:
 
 
 def panel_look(
-    photos: BlockPhotos, blocks: Blocks, camera: Map, panels: tuple[Map, Map]
+    photos: BlockPhotos,
+    blocks: Blocks,
+    camera: Map,
+    panels: tuple[Map, Map],
+    size_px: tuple[int, int],
 ) -> PanelLook:
     """Where the panels lie by these photos.
 
     camera, panels : maps of quads, and of the pixels of projector and mask, as they are believed.
+    size_px : (width, height) of the field in projector pixels.
     """
-    size_px = panels[0].size_px
     lit = photos.known & (photos.white > LIT * np.percentile(photos.white, 95.0))
     lit &= photos.white > 0.0
     raster = Raster.of(size_px, quad_px(camera, size_px))
@@ -123,6 +127,12 @@ def quad_px(camera: Map, size_px: tuple[int, int]) -> float:
     """Side in projector pixels of a quad in the middle of a frame."""
     slope = camera.jacobian(0.5 * np.array(camera.size_px, dtype=np.float64))
     return float(np.sqrt(abs(np.linalg.det(slope)) * size_px[0] * size_px[1]))
+
+
+def cell_px(record: RunRecord) -> float:
+    """Side of a cell of codes in projector pixels, of one that is not square the mean."""
+    width, height = record.projector.field_size_px
+    return float(np.sqrt(width * height / (record.grid[0] * record.grid[1])))
 
 
 @dataclass(frozen=True)
@@ -208,11 +218,11 @@ def direct_lost(record: RunRecord, window: str) -> Lost:
     look = record.panels
     if look is None or look.mask is None:
         return Lost()
-    width, height = size_px = record.projector.size_px
+    size_px = record.projector.field_size_px
     if lie_of(look.mask, size_px).flip != "none":
         return Lost(1.0, 1.0)
     side, blur = windows(window).side, record.mask.blur_px
-    cell = float(np.sqrt(width * height / (record.grid[0] * record.grid[1])))
+    cell = cell_px(record)
     quad = 0.0 if record.cells is None else quad_px(record.cells.filled, size_px)
     least_px = SURE_PX * max(quad, 1.0)
     right, down = _sure(off_px(look.mask, size_px, known_px(record.mask)), least_px).T
@@ -235,7 +245,8 @@ def beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
     look = record.panels
     if look is None or look.mask is None or look.camera is None or not look.upright:
         return None
-    mask, size_px = panels_from(record.projector, record.mask).mask.map, record.projector.size_px
+    mask = panels_from(record.projector, record.mask).mask.map
+    size_px = record.projector.field_size_px
     drawn = affine(look.mask).inverse().after(affine(look.camera))
     to_drawn = np.eye(3)
     to_drawn[:2, :2], to_drawn[:2, 2] = drawn.linear, drawn.shift

@@ -200,10 +200,10 @@ def _elsewhere(seen: Evidence, record: RunRecord) -> Iterator[Finding]:
     look = record.panels
     if look is None:
         return
-    from pdcd.pictures.misplaced import beside_mask, direct_lost  # few runs have looked
+    from pdcd.pictures.misplaced import beside_mask, cell_px, direct_lost  # few runs have looked
     from pdcd.verdict import misplaced
 
-    (width, height), (rows, cols) = record.projector.size_px, record.grid
+    size_px = record.projector.field_size_px
     windows = {shot.name: shot.window for shot in record.shots}
     shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]
     lost = direct_lost(record, next(iter(shown), "whole"))
@@ -219,12 +219,11 @@ def _elsewhere(seen: Evidence, record: RunRecord) -> Iterator[Finding]:
             light = seen.inside(seen.pictures["direct"].image) / (1.0 - lost.mean)
         share = lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer_rms
     yield from misplaced.unseen(look, measured=misplaced.is_measured(record))
-    yield from misplaced.mask_elsewhere(look, record.mask, (width, height), lost, share)
+    yield from misplaced.mask_elsewhere(look, record.mask, size_px, lost, share)
     beside = None if record.cells is None else beside_mask(record, record.cells)
     if beside is not None and beside.any():
         yield from misplaced.beside(beside, seen.field, seen.answer.image, seen.thin.step)
-    cell_px = float(np.sqrt(width * height / (rows * cols)))
-    yield from misplaced.camera_elsewhere(look, record.camera_place, (width, height), cell_px)
+    yield from misplaced.camera_elsewhere(look, record.camera_place, size_px, cell_px(record))
 
 
 def _samples(photo: Photo, seen: Evidence) -> list[Sample]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
-from pdcd.pictures.misplaced import Lie, Lost, direct_lost, known_px, lie_of
+from pdcd.pictures.misplaced import Lie, Lost, cell_px, direct_lost, known_px, lie_of
 from pdcd.runs.record import PanelLook, RunRecord
 from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
 
@@ -70,7 +70,8 @@ def mask_elsewhere(
 ) -> Iterator[Finding]:
     """The mask's picture against the projector's.
 
-    size_px : (width, height) of the projector. share : RMS of that over the RMS of the answer.
+    size_px : (width, height) of the field in projector pixels. share : RMS of that over the RMS of
+        the answer.
     """
     if look.mask is None:
         return
@@ -121,18 +122,18 @@ def beside(
 
 
 def camera_elsewhere(
-    look: PanelLook, place: Placing, size_px: tuple[int, int], cell_px: float
+    look: PanelLook, place: Placing, size_px: tuple[int, int], side_px: float
 ) -> Iterator[Finding]:
-    """What the camera sees against where it is believed to look; cells have sides of `cell_px`."""
+    """What the camera sees against where it is believed to look; cells have sides of `side_px`."""
     if look.camera is None:
         return
     lie = lie_of(look.camera, size_px)
-    if lie.flip == "none" and lie.median_px < 0.5 * cell_px:
+    if lie.flip == "none" and lie.median_px < 0.5 * side_px:
         return
     yield Finding(
         Grade.DOUBTFUL,
         f"what the camera sees {_lies(lie)} [camera.place] says, and half a cell is "
-        f"{0.5 * cell_px:.3g} px: quads count as seeing other cells than they do; "
+        f"{0.5 * side_px:.3g} px: quads count as seeing other cells than they do; "
         f"{_mend('camera', place, lie)}",
     )
 
@@ -189,13 +190,11 @@ def told(record: RunRecord, window: str) -> list[str]:
     look, found = record.panels, list[Finding]()
     if look is None:
         return []
-    (width, height), (rows, cols) = record.projector.size_px, record.grid
-    lost = direct_lost(record, window)
+    size_px, lost = record.projector.field_size_px, direct_lost(record, window)
     share = share_of(look.direct, lost.rms)
     found += unseen(look, measured=is_measured(record))
-    found += mask_elsewhere(look, record.mask, (width, height), lost, share)
-    cell_px = float(np.sqrt(width * height / (rows * cols)))
-    found += camera_elsewhere(look, record.camera_place, (width, height), cell_px)
+    found += mask_elsewhere(look, record.mask, size_px, lost, share)
+    found += camera_elsewhere(look, record.camera_place, size_px, cell_px(record))
     return [finding.text for finding in found]
 
 

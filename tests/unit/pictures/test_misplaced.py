@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pdcd.bench.placed import on_field
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
@@ -67,9 +68,11 @@ def looked(
     direct: float = 0.6,
     electrons: float = 5000.0,
     mirror: bool = False,
+    projector: PanelConfig | None = None,
 ) -> PanelLook:
     """A look at a textured scene with that share of direct light, through all its noise. mirror :
-    other light is that of the mirrored place, and not of all places."""
+    other light is that of the mirrored place, and not of all places. projector : whose field this
+    is; None: it has its whole picture."""
     random = np.random.default_rng(3)
     blocks = Blocks.of((PROJECTOR, MASK), WIDTH / QUADS[0])
     assert blocks is not None
@@ -82,8 +85,17 @@ def looked(
         random.poisson(texture * share).astype(np.float64) for share in (1.0, first, second)
     )
     photos = BlockPhotos(white=white, projector=one, mask=other, known=white < 8.0 * electrons)
-    maps = Map.filling(PROJECTOR), Map.filling(MASK)
-    return panel_look(photos, blocks, Map.filling(QUADS), maps)
+    projector = projector or PanelConfig(size_px=PROJECTOR)
+    maps = on_field(Map.filling(projector.size_px), projector), Map.filling(MASK)
+    return panel_look(photos, blocks, Map.filling(QUADS), maps, projector.field_size_px)
+
+
+def test_places_are_in_pixels_of_a_projector_of_whose_picture_the_field_is_a_part() -> None:
+    """Of 1024 x 768 pixels the field has the middle 512 x 384."""
+    larger = PanelConfig(size_px=(2 * WIDTH, 2 * HEIGHT), field_px=(256, 192, WIDTH, HEIGHT))
+    found = looked(Lies((24.0, 3.0)), projector=larger)
+    assert found.mask is not None
+    assert np.hypot(*(affine(found.mask)(MIDDLE) - MIDDLE - (24.0, 3.0))) < 0.1 * WIDTH / QUADS[0]
 
 
 @pytest.mark.parametrize(
