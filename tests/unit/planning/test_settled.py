@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -11,10 +10,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import BenchConfig, Config
-from pdcd.errors import ConfigError, DecodeError, RequestError
-from pdcd.panels.map import Map
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.truth import Known, read_truth, write_truth
+from pdcd.errors import ConfigError, RequestError
 from pdcd.planning.bench_fit import (
     asks_for_lag,
     choose_window,
@@ -41,7 +37,6 @@ from pdcd.protocol.plan_summary import Leaks
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import OFF_AXIS
 from pdcd.recipes.recipe import Shot
-from pdcd.sensor.cells import CellMap
 from tests.unit.planning.test_measured import config
 
 GRID = (12, 16)
@@ -384,59 +379,6 @@ def test_light_of_codes_is_the_mean_of_products() -> None:
     primal = np.packbits(np.array([[1, 1, 1, 1], [1, 0, 0, 0]], np.bool_), axis=1)
     dual = np.packbits(np.array([[1, 1, 0, 0], [1, 1, 1, 1]], np.bool_), axis=1)
     assert mean_light((primal, dual), 4) == pytest.approx((1.0 * 0.5 + 0.25 * 1.0) / 2)
-
-
-CELLS = CellMap(grid=(2, 3), frame=(4, 6), map=Map.filling((6, 4)))
-
-
-@pytest.mark.parametrize("of_cells", [True, False])
-def test_the_truth_is_kept_and_compared_where_it_can_be(of_cells: bool, tmp_path: Path) -> None:
-    shape = (6,) if of_cells else (4, 6)
-    rng = np.random.default_rng(0)
-    truth = rng.random((*shape, 3)).astype(np.float32)
-    seen = np.ones(shape, np.bool_)
-    seen[-1] = False
-    known = Known(truth, seen, of_cells=of_cells)
-    write_truth(tmp_path, known)
-    back = read_truth(tmp_path, CELLS)
-    assert np.array_equal(back.image, truth) and np.array_equal(back.seen, seen)
-    assert back.of_cells is of_cells
-    other = CellMap(grid=(3, 2), frame=(6, 4), map=Map.filling((4, 6)))
-    fewer = CellMap(grid=(2, 2), frame=(4, 4), map=Map.filling((4, 4)))
-    with pytest.raises(DecodeError, match="does not fit"):
-        read_truth(tmp_path, fewer if of_cells else other)
-    # Off by a tenth where it is seen, by anything where it is not.
-    found: Any = truth * 1.1
-    found[~seen] = 99.0
-    sigma = np.zeros((4, 6, 3), np.float32)
-    quads: Any = found if not of_cells else np.zeros((4, 6, 3))
-    picture = Barred(quads, sigma, sigma, sigma, "modelled")
-    none = np.zeros((2, 3, 3), np.float32)
-    by_cell: Any = found.reshape(2, 3, 3) if of_cells else none
-    means = Barred(by_cell, none, none, none, "modelled")
-    assert known.rms_errors(picture, means, CELLS)[of_cells] == pytest.approx(0.1, rel=1e-5)
-    dark = Known(0.0 * truth, seen, of_cells=of_cells)
-    assert dark.rms_errors(picture, means, CELLS) == (None, None)
-    on_quads, there = known.on_quads(CELLS)
-    assert on_quads.shape == (4, 6, 3) and there.shape == (4, 6)
-    on_cells = known.on_cells(CELLS)
-    assert on_cells.shape == (2, 3, 3) and np.isfinite(on_cells[0]).all()
-    assert np.isnan(on_cells).any()
-
-
-def test_squares_of_quads_are_known_where_all_of_them_are() -> None:
-    image = np.arange(5 * 7 * 3, dtype=np.float64).reshape(5, 7, 3)
-    seen = np.ones((5, 7), np.bool_)
-    seen[1, 2] = False
-    known = Known(image[:4, :6], seen[:4, :6], of_cells=False)
-    found = known.binned(2)
-    assert found.seen.tolist() == [[True, False, True], [True, True, True]]
-    assert not found.of_cells and found.image.shape == (2, 3, 3)
-    assert found.image[0, 0] == pytest.approx(image[:2, :2].mean(axis=(0, 1)))
-    assert known.binned(1) is known
-    cells = Known(image.reshape(-1, 3), seen.ravel(), of_cells=True)
-    assert cells.binned(2) is cells
-    assert Known(image, seen, of_cells=False).binned(2).seen.shape == (2, 3)
 
 
 @pytest.mark.parametrize(("codes", "shared"), [(32, False), (8, True)])
