@@ -100,7 +100,7 @@ def _open(shot: ShotSequence, pairs: int) -> Floats:
 def leading_shot(planned: Sequence[Shot]) -> Shot:
     """The shot whose light sets the aperture of a run: the first of codes, whose time is fixed by
     their number; else the first of a single one, else the first."""
-    shots = [shot for shot in planned if not (shot.primal_black or shot.dual_black)]
+    shots = [shot for shot in planned if not shot.of_leaks]
     lit = [shot for shot in shots if not shot.white]
     codes = [shot for shot in lit if shot.only is None]
     return (codes or lit or shots or planned)[0]

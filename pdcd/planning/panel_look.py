@@ -22,7 +22,7 @@ from pdcd.recipes.recipe import Shot
 
 LOOK_S = 0.5
 """Time for which a photo of blocks is shown, at most: that of the white shot if that is shorter."""
-WHITE, PROJECTOR, MASK = LOOKS = ("look-white", "look-projector", "look-mask")
+WHITE, PROJECTOR, MASK = ("look-white", "look-projector", "look-mask")
 """The photos, as their RAW files are called; the first only where a run has no white shot."""
 
 
@@ -36,7 +36,7 @@ def wanted(plan: Plan, config: Config) -> bool:
 
 def white_shot(plan: Plan) -> Shot | None:
     """The shot of a plan with all light, over which the photos of blocks are held."""
-    return next((s for s in plan.recipe.shots if _all_light(s)), None)
+    return next((s for s in plan.recipe.shots if s.all_light and not s.beside), None)
 
 
 def due(plan: Plan, taken: Collection[str]) -> bool:
@@ -62,7 +62,7 @@ class BlockFrames:
     rows: int
 
     def frames(self, name: str) -> Frames:
-        """Refreshes of one of `LOOKS`. Panels show nothing beside the field, as in white shots."""
+        """Refreshes of a photo. Panels show nothing beside the field, as in white shots."""
         panels, patterns = panels_of(self.config), []
         for panel, blocks_on in ((panels.projector, PROJECTOR), (panels.mask, MASK)):
             shown = self.blocks.drawn(panel.map) if name == blocks_on else field_on(panel.map)
@@ -80,7 +80,3 @@ class BlockFrames:
             lattice=(1, 1),
             window=PIXELS,
         )
-
-
-def _all_light(shot: Shot) -> bool:
-    return shot.white and not (shot.primal_black or shot.dual_black or shot.beside)

@@ -63,6 +63,16 @@ class Shot:
         """Program without the number of its part: what gathers the same light."""
         return self.program.removesuffix(f"-{self.part}")
 
+    @property
+    def of_leaks(self) -> bool:
+        """Whether a panel stays black: what is seen all the same leaks through it."""
+        return self.primal_black or self.dual_black
+
+    @property
+    def all_light(self) -> bool:
+        """Whether it shows full light through a fully open mask, and no panel stays black."""
+        return self.white and not self.of_leaks
+
 
 @dataclass(frozen=True)
 class Photo:

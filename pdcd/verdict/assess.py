@@ -88,7 +88,7 @@ def _saturated_share(seen: Evidence, name: str) -> float:
 def _light(seen: Evidence) -> Iterator[Finding]:
     """Whether shots that were lit have light, and none outside the field."""
     planned, thin = seen.planned, seen.thin
-    lit = [n for n in seen.names if not (planned[n].primal_black or planned[n].dual_black)]
+    lit = [n for n in seen.names if not planned[n].of_leaks]
     for name in _some(lit):
         shot = seen.shots[name]
         if not shot.realised.total_s > 0.0:  # meant to be dark, as one pattern of a few cells is
@@ -160,7 +160,7 @@ def _stray(seen: Evidence) -> Iterator[Finding]:
 def _white_rate(seen: Evidence) -> float | None:
     """Light within a second in bright places of a photo of all light, None where there is none."""
     for name, shot in seen.planned.items():
-        if not shot.white or shot.primal_black or shot.dual_black or name not in seen.shots:
+        if not shot.all_light or name not in seen.shots:
             continue
         white = seen.shots[name]
         light = seen.thin.inside(seen.thin.light(white).mean(axis=1))

@@ -145,7 +145,7 @@ class Course:
             window=sequence.window,
             # What leaks through black goes by the time an exposure took, not by its codes: photos
             # that are to be subtracted from each other must have shown them equally often.
-            even=any(s.primal_black or s.dual_black for s in shots),
+            even=any(s.of_leaks for s in shots),
             beside=tuple((s.name, plan.frames(s)) for s in shots if s.beside == shot.name),
         )
         taken = yield from self._orders.expose(wanted)
@@ -158,7 +158,7 @@ class Course:
         exposer, known = self._exposer, len(self._exposer.stops)
         f_number = yield from exposer.aperture(shot, self.plan.recipe.shots, self.plan.sequence)
         slots = self.plan.white_slots
-        if shot.white and not (shot.primal_black or shot.dual_black):
+        if shot.all_light:
             slots = exposer.white_slots(slots)
         if slots != self.plan.white_slots or len(exposer.stops) != known:
             self.plan = replace(self.plan, white_slots=slots)

@@ -21,6 +21,7 @@ from pdcd.capture.worker.worker import Worker
 from pdcd.errors import PdcdError, RequestError
 from pdcd.planning.guided import Piloted
 from pdcd.protocol import events
+from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import DarkPhoto, MeterRecord
 from pdcd.watch import Watch
 
@@ -29,17 +30,8 @@ SHA = "a" * 64
 Made = Callable[..., Any]
 
 
-def shot(name: str) -> Any:
-    return SimpleNamespace(
-        name=name,
-        kind="coded",
-        beside="",
-        primal_black=False,
-        dual_black=False,
-        part=0,
-        white=False,
-        only=None,
-    )
+def shot(name: str) -> Shot:
+    return Shot(name, program="coded")
 
 
 class Sequence:
