@@ -270,8 +270,13 @@ def _with_typed(config: Config, asked: Config) -> Config:
 
 def age_days(record: Calibration, now: datetime | None = None) -> float:
     """Days since it ended; NaN where its date cannot be read."""
+    return hours_since(record.finished_utc, now) / 24.0
+
+
+def hours_since(made_utc: str, now: datetime | None = None) -> float:
+    """Hours since a date as records hold it; NaN where it cannot be read."""
     try:
-        made = datetime.fromisoformat(record.finished_utc.replace("Z", "+00:00"))
-    except ValueError:
+        made = datetime.fromisoformat(made_utc.replace("Z", "+00:00"))
+        return ((now or datetime.now(UTC)) - made).total_seconds() / 3600.0
+    except (ValueError, TypeError):  # one without a time zone
         return math.nan
-    return ((now or datetime.now(UTC)) - made).total_seconds() / 86400.0

@@ -6,7 +6,7 @@ import logging
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
@@ -26,6 +26,7 @@ from pdcd.bench.calibration import (
 )
 from pdcd.bench.choosing import bench_of, truth_of_bench
 from pdcd.bench.devices import CameraInfo
+from pdcd.bench.measured import hours_since
 from pdcd.bench.tables import Config
 from pdcd.calibration.steps import GOES_BY, STALE
 from pdcd.capture.rig import Rig
@@ -302,9 +303,5 @@ def taken_words(before: Before, over: Mapping[str, str]) -> str:
 
 def age_h(made_utc: str, now: datetime | None = None) -> float:
     """Hours since then; infinite where nobody can tell, or where it is yet to come."""
-    try:
-        made = datetime.fromisoformat(made_utc.replace("Z", "+00:00"))
-        hours = ((now or datetime.now(UTC)) - made).total_seconds() / 3600.0
-    except (ValueError, TypeError):
-        return float("inf")
+    hours = hours_since(made_utc, now)
     return hours if hours > -0.1 else float("inf")

@@ -310,17 +310,25 @@ def with_border_light(
         if light is None:
             continue
         error = light.error(photos[photo.name], photos[white[-1]])
-        for name, picture in found.items():
-            rule = recipe.pictures[name]
-            if isinstance(rule, Extremes):
-                continue
-            part = sum((abs(weight) for weight, one in rule if one == photo.name), 0.0)
-            if part:
-                code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
-                plain = Picture(picture.image, picture.sensor)
-                found[name] = replace(
-                    barred(plain, code, picture.kind), of_cells=_with_means(picture, error, cells)
-                )
+        for name, made in _with_photo_error(found, recipe, photo.name, error).items():
+            found[name] = replace(made, of_cells=_with_means(found[name], error, cells))
+    return found
+
+
+def _with_photo_error(
+    pictures: Mapping[str, Barred], recipe: Recipe, photo: str, error: Floats
+) -> dict[str, Barred]:
+    """Of the pictures those that a photo is a part of, with its error (h, w, 3) in their code
+    error; what they know of means over cells is left out."""
+    found = {}
+    for name, picture in pictures.items():
+        rule = recipe.pictures[name]
+        if isinstance(rule, Extremes):
+            continue
+        part = sum((abs(weight) for weight, one in rule if one == photo), 0.0)
+        if part:
+            code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
+            found[name] = barred(Picture(picture.image, picture.sensor), code, picture.kind)
     return found
 
 
@@ -358,15 +366,7 @@ def with_misplaced_light(
         direct = np.abs(all_light - photos[photo.name].image) / max(1.0 - lost.mean, LEAST_KEPT)
         if lost.mean > 1.0 - LEAST_KEPT:
             direct = look.direct * np.abs(all_light)  # the photos do not tell it any more
-        for name, picture in found.items():
-            rule = recipe.pictures[name]
-            if isinstance(rule, Extremes):
-                continue
-            part = sum((abs(weight) for weight, one in rule if one == photo.name), 0.0)
-            if part:
-                code = np.hypot(picture.code, part * lost.rms * direct).astype(picture.code.dtype)
-                plain = Picture(picture.image, picture.sensor)
-                found[name] = barred(plain, code, picture.kind)
+        found |= _with_photo_error(found, recipe, photo.name, lost.rms * direct)
     return found
 
 

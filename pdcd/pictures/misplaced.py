@@ -21,7 +21,7 @@ from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
 from pdcd.panels.overlap import lies_on
 from pdcd.panels.windows import windows
-from pdcd.pictures.found_blocks import FEWEST, Finder, Found
+from pdcd.pictures.found_blocks import FEWEST, FLIPS, Finder, Found
 from pdcd.pictures.raster import HERE, Affine, Raster
 from pdcd.probing.cell_size import leak, leak_rms
 from pdcd.runs.record import PanelLook, RunRecord, Six
@@ -157,13 +157,9 @@ def lie_of(six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (
     map_ = affine(six)
     off = off_px(six, size_px, known_px)
     lengths = np.hypot(off[:, 0], off[:, 1])
-    flips = {
-        "none": np.eye(2), "horizontal": np.diag([-1.0, 1.0]), "vertical": np.diag([1.0, -1.0]),
-        "both": -np.eye(2),
-    }  # fmt: skip
     turns = {}
-    for flip, mirrored in flips.items():
-        kept = map_.linear @ mirrored  # mirrored first, then turned and enlarged
+    for flip, signs in FLIPS.items():
+        kept = map_.linear @ np.diag(signs)  # mirrored first, then turned and enlarged
         if np.linalg.det(kept) > 0.0:
             turns[flip] = np.degrees(np.arctan2(kept[1, 0] - kept[0, 1], kept[0, 0] + kept[1, 1]))
     flip = min(turns, key=lambda one: abs(turns[one]))
