@@ -53,7 +53,8 @@ def label(axes: Any, title: str, x: str = "", y: str = "") -> None:
 def draw_arrows(
     axes: Any, places: Floats, vectors_px: Floats, title: str, unit: str = "px"
 ) -> None:
-    """Vectors at places of a field, so much enlarged that they can be seen; of many some, evenly.
+    """Vectors at places of a field, so much enlarged that they can be seen, with a measure; of many
+    vectors some, evenly.
 
     places : (n, 2), 0..1 right and down. vectors_px : (n, 2), in `unit`.
     """
@@ -62,12 +63,14 @@ def draw_arrows(
     usual = float(np.quantile(np.hypot(*vectors_px.T), 0.95)) if len(places) else 0.0
     some = slice(None, None, max(1, len(places) // MOST_ARROWS))
     (x, y), (right, down) = places[some].T, vectors_px[some].T
-    axes.quiver(
+    drawn = axes.quiver(
         x, y, right, -down, color=BLUE, width=0.003,
         scale=max(usual, 1e-6) / LONGEST, scale_units="width",
     )  # fmt: skip
+    measure = f"{usual:.3f} {unit}"
+    axes.quiverkey(drawn, 0.1, -0.04, usual, measure, labelpos="E", fontproperties={"size": 9})
     axes.set(xlim=(0.0, 1.0), ylim=(1.0, 0.0), xticks=[], yticks=[], box_aspect=0.75)
-    label(axes, f"{title}\n95 % below {usual:.3f} {unit}")
+    label(axes, f"{title}\n95 % below {measure}")
 
 
 def write_lines(figure: Any, lines: Sequence[str]) -> None:
