@@ -24,8 +24,9 @@ from pdcd.capture.worker.answers import Facts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
-from pdcd.planning.bench_fit import asks_for_lag, with_grid
+from pdcd.planning.bench_fit import with_grid
 from pdcd.planning.defaults import asks_for_camera, wants_choice
+from pdcd.planning.schedule_fit import asks_for_lag
 from pdcd.protocol.events import Emit, Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest

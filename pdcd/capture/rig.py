@@ -40,6 +40,7 @@ from pdcd.errors import (
     disk_errors,
 )
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
+from pdcd.panels.schedule import build_frames
 from pdcd.protocol.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.sensor.dng import CFAS, write_photo
 from pdcd.virtual.scene.scene import Scene
@@ -53,6 +54,11 @@ SAFE_TRIES = 3
 """How often a device that fails is asked to go black or to close before it is given up."""
 LAST_PHOTOS = 9
 """Photos by whose median it is known what a photo costs."""
+
+BLACK_REFRESHES = 30
+"""By which the lag of a mask is looked at whose display does not tell it: half a second."""
+STEADY = 0.02
+"""Share of a refresh by which that may change meanwhile: panels on clocks of their own drift."""
 
 Progress = Callable[[int, int, int], None]
 
@@ -200,14 +206,42 @@ class Rig:
         self._context.shared.covered = covered
 
     def mask_lag_s(self) -> float | None:
-        """Lag of the mask as the display measures it; one that is not open is opened for the
-        question only."""
+        """Lag of the mask as the display tells it; where it does not, and the mask was measured to
+        be late, as it logs some black refreshes. None where nobody knows, or the lag drifts.
+
+        A display that is not open is opened for the question only.
+        """
         if self.display_info is not None:
-            return self.display_info.mask_lag_s
+            return self._lag_of(self.display_info)
         try:
-            return self.display.connect().mask_lag_s
+            return self._lag_of(self.display.connect())
         finally:
             self.display.disconnect()
+
+    def _lag_of(self, info: DisplayInfo) -> float | None:
+        skew_s = self.config.mask.skew_s - self.config.projector.skew_s
+        if info.mask_lag_s is not None or not skew_s:
+            return info.mask_lag_s
+        count = BLACK_REFRESHES * self.config.display.planes_per_refresh
+        black = build_frames(
+            None,
+            self.grid,
+            window="whole",
+            schedule="none",
+            passes=count,
+            primal_black=True,
+            dual_black=True,
+        )
+        try:
+            self.display.load(black)
+            log = self.display.play(lambda *_: None, lambda: False)
+        except (SyncError, ConfigError) as err:
+            logger.warning("the lag of the mask is not known error=%s", err)
+            return None
+        apart_s = 1e-9 * (log.dual_ns - log.primal_ns)[log.missed == 0]
+        if not apart_s.size or np.ptp(apart_s) > STEADY / self.config.row_hz:
+            return None
+        return float(np.median(apart_s)) + log.mask_delay / self.config.row_hz + skew_s
 
     def connect(self) -> None:
         """Open all devices: panels black first, then the shutter closed, then the camera."""

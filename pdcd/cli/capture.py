@@ -32,6 +32,7 @@ GUARDS = {
     "lead": "mask black before each code",
     "tail": "mask black after each code, then both",
     "full": "with guards",
+    "wide": "with longer guards",
 }
 """Schedules of a code, for people."""
 

@@ -13,15 +13,17 @@ lag     ``[P P] / [M 0]``       0 <= s <= 1       1 of 2
 lead    ``[P P] / [0 M]``      -1 <= s <= 0       1 of 2
 tail    ``[P P 0] / [M 0 0]``  -1 <= s <= 2       1 of 3 for 0 <= s <= 1, less beyond
 full    ``[P P P] / [0 M 0]``  -1 <= s <= 1       1 of 3
+wide    full and ``[P] / [0]`` -1 <= s <= 2       1 of 4
 ======  =====================  =================  ==========================================
 
 "No light of other codes" is exact, for panels that switch at once and have a perfect black: the
 mask of a code is then open under its own pattern or under black only, so that a photo of indirect
 light keeps no direct light. Beyond it the next code's light gets in for the rest of s. Slow panels
 let the tail of a closing mask meet what comes after it: in "both" that is a black projector first,
-in "lag" and "full" the code's own pattern for one refresh, in "tail" both, in "lead" and "none" the
-next code. The projector's tail meets a black mask but for "none". A mask's leak collects over all
-refreshes in which the projector is lit: 1, 1, 2, 2, 2 and 3 times its share of one refresh.
+in "lag" and "full" the code's own pattern for one refresh, in "wide" for two, in "tail" that and a
+black projector, in "lead" and "none" the next code. The projector's tail meets a black mask but for
+"none". A mask's leak collects over all refreshes in which the projector is lit: 1, 1, 2, 2, 2, 3
+and 4 times its share of one refresh.
 
 In quarter-window mode every code is shown four times, under four sub-shifts, each with the mask
 open in the centre of its cells only (the paper's twelve-refresh sequence, as reconstructed).
@@ -45,6 +47,7 @@ SLOTS: dict[ScheduleName, tuple[tuple[bool, ...], tuple[bool, ...]]] = {
     "lead": ((True, True), (False, True)),
     "tail": ((True, True, False), (True, False, False)),
     "full": ((True, True, True), (False, True, False)),
+    "wide": ((True, True, True, True), (False, True, False, False)),
 }
 """Refreshes of one code in which projector and mask show it; they are black in the others."""
 

@@ -1,5 +1,5 @@
-"""What a plan makes of its bench: which window and schedule its codes need, how small cells may be,
-which plane depths are told from, and why, in a line each."""
+"""What a plan makes of its bench: which window its codes need, how small cells may be, which of
+them have no pixels, which plane depths are told from, and why, in a line each."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from functools import lru_cache
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from pdcd.bench.placed import Panels, panels_from, panels_of, plane_on_field
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError, RequestError
+from pdcd.panels.atoms import cells_shown, check_cells
 from pdcd.panels.map_soundness import fewest_pixels
 from pdcd.panels.windows import ATOMS, GUARDS, whole_pixels, windows
-from pdcd.planning.field_fit import blind_reasons, field_reasons, refuse_blind
 from pdcd.planning.plan import windowed
+from pdcd.planning.schedule_fit import lag_by_rows_s, schedule_leak, times_measured
 from pdcd.probing.borders import (
     NEAR_LOST,
     border_error,
@@ -25,60 +27,13 @@ from pdcd.probing.borders import (
     nearest_grid,
 )
 from pdcd.probing.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
-from pdcd.probing.pulses import Answer, kept_apart
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import OFF_AXIS
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.recipe import Recipe
-from pdcd.words import GuardsName, ScheduleName
+from pdcd.words import ScheduleName
 
-RANGES = ("long-range", "short-range")
-"""Goals of light by its range."""
-FIELD_POINTS = 9
-"""Points a side of the field at which the panels' rows are compared."""
-JITTERS = 4.0
-"""Standard deviations of jitter that a lag must stay away from the ends of what is tolerated."""
-
-
-def choose_schedule(
-    asked: bool | GuardsName, mask_lag_rows: float | None, jitter_rows: float = 0.0
-) -> ScheduleName:
-    """The schedule's name; "auto" is the one of two refreshes that the measured lag allows.
-
-    Parameters
-    ----------
-    asked : True is "full" and False "none", as names of `SLOTS`, or "auto".
-    mask_lag_rows : lag of the mask in rows, negative where it leads; None where it is not known,
-        and "auto" then trusts in nothing but "full".
-    jitter_rows : its standard deviation from refresh to refresh.
-    """
-    if asked is True:
-        return "full"
-    if asked is False:
-        return "none"
-    if asked == "auto":
-        found = tolerant(mask_lag_rows, jitter_rows)
-        return "lag" if "lag" in found else "lead" if "lead" in found else "full"
-    return asked
-
-
-def tolerant(mask_lag_rows: float | None, jitter_rows: float = 0.0) -> tuple[ScheduleName, ...]:
-    """Schedules that keep codes apart at that lag, those of the fewest refreshes first."""
-    if mask_lag_rows is None:
-        return ("full",)
-    margin = JITTERS * jitter_rows
-    low, high = mask_lag_rows - margin, mask_lag_rows + margin
-    found: list[ScheduleName] = []
-    if low == high == 0.0:
-        found.append("none")
-    if -1.0 < low and high < 1.0:
-        found.append("both")
-    if 0.0 <= low and high <= 1.0:
-        found.append("lag")
-    elif -1.0 <= low and high <= 0.0:
-        found.append("lead")
-    return (*found, "full")
-
+Floats = NDArray[np.float64]
 
 WHOLE_CELL_LIMIT = 0.001
 """Misregistration in cells up to which whole cells are worth more than quarter windows: they let
@@ -117,55 +72,12 @@ def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 
     return window
 
 
-def asks_for_lag(request: CaptureRequest, config: Config) -> bool:
-    """Whether the plan of a request depends on the lag of the mask."""
-    asked = config.schedule.guards if request.guards is None else request.guards
-    return asked == "auto"
-
-
-def lag_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, float]:
-    """Lag of the mask and its jitter in rows of frames, as `tolerant` takes them: that of the
-    middle of all rows of pixels; how far the others are from it counts as jitter."""
-    jitter_s = math.hypot(config.projector.jitter_s, config.mask.jitter_s)
-    first_s, last_s = lag_by_rows_s(config)
-    jitter_s += 0.5 * (last_s - first_s) / JITTERS
-    if mask_lag_s is None:
-        return None, jitter_s * config.row_hz
-    return (mask_lag_s + 0.5 * (first_s + last_s)) * config.row_hz, jitter_s * config.row_hz
-
-
-def lag_by_rows_s(config: Config) -> tuple[float, float]:
-    """Least and largest lag of the mask over the field that scan-out adds to `skew_s`, in seconds.
-
-    Rows of a panel are set one after the other; where it lies decides which of them meet.
-    """
-    if not config.projector.scan_s and not config.mask.scan_s:
-        return 0.0, 0.0
-    panels = panels_of(config)
-    at = (np.arange(FIELD_POINTS) + 0.5) / FIELD_POINTS
-    points = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
-    delays = []
-    for view, panel in ((panels.projector, config.projector), (panels.mask, config.mask)):
-        down = np.clip(view.map.from_field(points)[:, 1] / panel.size_px[1], 0.0, 1.0)
-        share = down if panel.scan_s >= 0.0 else 1.0 - down
-        delays.append(share * abs(panel.scan_s))
-    lag_s = delays[1] - delays[0]
-    return float(np.nanmin(lag_s)), float(np.nanmax(lag_s))
-
-
 MOST_LEAK = 0.005
 """Share of the direct light that cells of "auto" let into an indirect photo at most."""
 LEAST_CELL_PX, LEAST_MASK_PX = 2.0, 4.0
 """Pixels of projector and mask that a cell has at least."""
 MOST_CELLS = 256 * 192
 """Cells of "auto" at most: more take long to plan and decode, and few scenes have such detail."""
-QUIET = 0.005
-"""Share of a code's light in its neighbours at which a schedule is as good as any."""
-FAR_QUIET = 0.0005
-"""The same for far light: each of its paths shines through the mask in so few codes that what is
-left of one code in the next counts a hundred times as much."""
-BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "both", "tail", "full")
-"""Schedules of two and three refreshes."""
 
 
 def with_grid(config: Config) -> Config:
@@ -248,34 +160,6 @@ def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
         and whole_pixels(name, mask, grid)
     )
     return next(fitting, None)
-
-
-def times_measured(config: Config) -> bool:
-    """Whether rise and fall of both panels are known."""
-    return all(p.rise_s > 0.0 and p.fall_s > 0.0 for p in (config.projector, config.mask))
-
-
-def quietest(config: Config, mask_lag_s: float | None, quiet: float = QUIET) -> ScheduleName:
-    """The schedule of the fewest refreshes that lets no more than `quiet` of a code's light into
-    its neighbours; where none does, the best.
-
-    Where the lag is not known, as `choose_schedule` has it.
-    """
-    if mask_lag_s is None:
-        return choose_schedule("auto", *lag_rows(config, mask_lag_s))
-    leaks = {name: schedule_leak(config, name, mask_lag_s) for name in BY_COST}
-    fitting = [name for name in BY_COST if leaks[name] <= quiet]
-    return fitting[0] if fitting else min(BY_COST, key=lambda name: leaks[name])
-
-
-def schedule_leak(config: Config, schedule: ScheduleName, mask_lag_s: float) -> float:
-    """Light of a code in its neighbours under a schedule, over its own, at the worst row."""
-    projector, mask = (Answer(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
-    worst = 0.0
-    for row_s in lag_by_rows_s(config):
-        kept = kept_apart(schedule, projector, mask, mask_lag_s + row_s, 1.0 / config.row_hz)
-        worst = max(worst, kept.leak)
-    return worst
 
 
 def reasons_for(
@@ -402,14 +286,6 @@ def _takes_out(request: CaptureRequest) -> bool:
     return request.goal in ("indirect", "direct") and request.white is not False and own
 
 
-def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
-    """Refreshes of a code, as asked for or as the rig has them."""
-    asked = config.schedule.guards if request.guards is None else request.guards
-    if asked == "auto" and times_measured(config):
-        return quietest(config, mask_lag_s, FAR_QUIET if request.goal in RANGES else QUIET)
-    return choose_schedule(asked, *lag_rows(config, mask_lag_s))
-
-
 def on_bench(request: CaptureRequest, config: Config) -> CaptureRequest:
     """The request with the bench's own plane, where it asks for depths and names none.
 
@@ -447,3 +323,47 @@ def depth_reasons(recipe: Recipe, codes: int, window: str) -> Iterator[str]:
         exact = "exact" if codes >= rows else f"{codes} codes for {rows} rows are not exact"
         beside = "" if window == "whole" else "; windows see half of the next rows with each row"
         yield f"codes: one for each row, {exact}{beside}"
+
+
+OBLONG = 1.1
+"""Sides of a cell, one over the other, from which on it is said to be oblong."""
+
+
+def field_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
+    """Where the field lies in the projector's picture; nothing where nobody measured it."""
+    if config.projector.field_px is None:
+        return
+    (left, top, wide, high), (width, height) = config.projector.field_px, config.projector.size_px
+    across, down = wide / grid[1], high / grid[0]
+    oblong = ", oblong" if max(across, down) > OBLONG * min(across, down) else ""
+    yield (
+        f"field of {wide} x {high} of the projector's {width} x {height} pixels, from ({left}, "
+        f"{top}) on, which projector, mask and camera share; cells of {across:.4g} x {down:.4g} "
+        f"pixels{oblong}"
+    )
+
+
+def blind_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
+    """Cells that have no pixel on a panel, of each panel with such cells."""
+    panels = panels_of(config)
+    for view in (panels.projector, panels.mask):
+        blind = 1.0 - float(cells_shown(view, grid).mean())
+        if blind > 0.0:
+            yield (
+                f"{100.0 * blind:.2g} % of the cells have no pixel on the {view.role}: nothing is "
+                "known there (infinite sigma)"
+            )
+
+
+def refuse_blind(config: Config, grid: tuple[int, int]) -> None:
+    """Raise ConfigError for cells that the panels cannot show, or none of which has pixels on both:
+    before any light, and not when a display is to show them."""
+    panels = panels_of(config)
+    for view in (panels.projector, panels.mask):
+        check_cells(view, grid)
+    if not (cells_shown(panels.projector, grid) & cells_shown(panels.mask, grid)).any():
+        raise ConfigError(
+            f"none of {grid[0]} x {grid[1]} cells has pixels on both panels",
+            device="mask",
+            hint="mend [projector.place] and [mask.place], or calibrate the geometry",
+        )

@@ -20,7 +20,6 @@ from pdcd.codes.pilot.codes import pilot_share
 from pdcd.codes.pilot.matching import MOST_CELLS
 from pdcd.errors import RequestError
 from pdcd.pictures.learn import Learned
-from pdcd.planning.bench_fit import choose_schedule, lag_rows, tolerant
 from pdcd.planning.code_counts import LADDER, counts_of, family_of, most_repeats, parts_of
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
@@ -31,6 +30,7 @@ from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
+from pdcd.planning.schedule_fit import choose_schedule, lag_rows, tolerant
 from pdcd.protocol.plan_summary import Prediction
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given

@@ -22,7 +22,8 @@ from pdcd.codes.pilot.matching import MOST_CELLS
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import slot_rows
-from pdcd.planning.bench_fit import RANGES, schedule_of, window_of
+from pdcd.planning.bench_fit import window_of
+from pdcd.planning.schedule_fit import RANGES, schedule_of
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.recipes.programs import Far

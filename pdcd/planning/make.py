@@ -18,12 +18,10 @@ from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import check_binary
 from pdcd.panels.schedule import slot_rows
 from pdcd.planning.bench_fit import (
-    RANGES,
     depth_reasons,
     on_bench,
     plane_reasons,
     reasons_for,
-    schedule_of,
     wandered_reasons,
     window_of,
 )
@@ -34,6 +32,7 @@ from pdcd.planning.look import looking, resolve_black_level
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of, resolve_family, white_slots
 from pdcd.planning.plan import Look, Pair, Plan, shows_codes, windowed
+from pdcd.planning.schedule_fit import RANGES, schedule_of
 from pdcd.protocol.plan_summary import How
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given, target_of

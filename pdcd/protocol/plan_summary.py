@@ -143,7 +143,7 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     guards: bool
     """Whether there are black refreshes between codes; `schedule` says which."""
     schedule: str = "full"
-    """"none", "both", "lag", "lead", "tail" or "full": 1, 2, 2, 2, 3 or 3 refreshes a code."""
+    """A name of `pdcd.panels.schedule.SLOTS`, which has the refreshes of a code."""
     passes: int
     parts: int = 1
     """Exposures of each coded photo; with `until_error`, at most."""

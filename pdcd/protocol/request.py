@@ -334,8 +334,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         bool | GuardsName | None,
         about(
             "refreshes that keep a code apart from the next: 1 (none), 2 (both panels black; the "
-            "mask black, before or after its code) or 3 (tail, for slow masks; full); auto: by the "
-            "measured lag of the mask",
+            "mask black, before or after its code), 3 (tail, for slow masks; full) or 4 (wide, for "
+            "panels set from opposite ends); auto: by the measured lag of the mask",
             "photo",
             option="schedule",
             switched=(

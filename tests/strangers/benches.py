@@ -43,15 +43,19 @@ def install() -> None:
         sys.path.insert(0, str(PACKAGE))
 
 
-def write_bench(facts: Facts, folder: Path) -> dict[str, Path]:
+def write_bench(facts: Facts, folder: Path, *, mirrored: bool = False) -> dict[str, Path]:
     """Write the configurations "sheet" and "truth" of a bench below a folder; returns their files.
 
     Each has a state folder of its own, so that what one calibrates the other does not use.
+    mirrored : the sheet says that the mask is.
     """
     folder.mkdir(parents=True, exist_ok=True)
     facts.save(folder / "facts.json")
     files = {}
-    for name, table in (("sheet", _sheet(facts, folder)), ("truth", _typed(facts, folder))):
+    sheet = _sheet(facts, folder)
+    if mirrored:
+        sheet["mask"]["place"] = {"flip": "horizontal"}
+    for name, table in (("sheet", sheet), ("truth", _typed(facts, folder))):
         table["server"] = {"state_dir": str(folder / f"state-{name}")}
         files[name] = folder / f"{name}.toml"
         files[name].write_text(emit(table))
@@ -160,6 +164,7 @@ def _typed(facts: Facts, folder: Path) -> dict[str, Any]:
     found["scene"] = {"ambient": facts.room}
     found["trigger"] |= {"lag_s": facts.lag_s, "jitter_s": facts.jitter_s}
     found["calibration"] |= {"use": "none"}
+    found["schedule"] |= {"guards": "auto"}
     return found
 
 

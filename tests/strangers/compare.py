@@ -31,7 +31,8 @@ class Compared:
     """One picture against the truth. Shares are of the true picture's RMS.
 
     error : RMS difference as it stands; error_scaled: after one common factor.
-    scale : that factor: what the run's pictures must be multiplied by.
+    scale : that factor, all light over all light: what the run's pictures must be multiplied by.
+        One of least squares would be less by the square of the error.
     near : RMS of light from neighbouring cells, which smaller windows may lose.
     sigma : RMS of the sigma that the run states, times that factor.
     covered : share of values whose truth lies within 1.96 sigma, after the common factor.
@@ -86,7 +87,7 @@ def compare_arrays(
     known = seen[..., None] & np.isfinite(sigma)
     level = float(np.sqrt(np.mean(true[known] ** 2))) if known.any() else np.nan
     off = image - true
-    scale = float(np.sum(true[known] * image[known]) / np.sum(image[known] ** 2))
+    scale = float(np.sum(true[known]) / np.sum(image[known]))
     scaled = scale * image - true
     return Compared(
         error=_rms(off[known]) / level,

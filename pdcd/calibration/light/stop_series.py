@@ -79,8 +79,8 @@ class Stops:
         """What to tell of them."""
         if not self.found:
             return ()
-        away = [2.0 * (stop.true / stop_of(stop.f_number).true - 1.0) for stop in self.found]
-        worst = max(range(len(away)), key=lambda n: abs(away[n]))
+        away = [abs(2.0 * (s.true / stop_of(s.f_number).true - 1.0)) for s in self.found]
+        worst = max(range(len(away)), key=away.__getitem__)
         sigma = self.found[worst].sigma
         return (
             Figure("light.stops", float(len(self.found)), 0.0, ""),

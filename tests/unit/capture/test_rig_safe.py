@@ -15,7 +15,7 @@ import pytest
 from msgspec import structs
 
 from pdcd.bench.devices import CameraSettings, RawFile
-from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig
+from pdcd.bench.tables import CameraConfig, DisplayConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.codes.make import make_codes
 from pdcd.errors import DeviceLost, ExposureError, SyncError
@@ -309,3 +309,27 @@ def test_what_is_no_photo_of_this_run_is_the_cameras_fault(
     with pytest.raises(ExposureError, match="no photo of this run") as told:
         rig.stored(photo, tmp_path, "a")
     assert told.value.device == "camera" and "PhotoFrame" in str(told.value.hint)
+
+
+@pytest.mark.parametrize("delay", [0, -1, 2])
+def test_the_lag_of_a_mask_is_seen_in_black_frames_where_the_display_does_not_tell_it(
+    tmp_path: Path, delay: int
+) -> None:
+    """As the mock knows it: its vblanks, what was measured of its light, and the delay."""
+    config = bench_rig.config(
+        tmp_path,
+        display=DisplayConfig(mask_delay_refreshes=delay),
+        mask=PanelConfig(size_px=(1600, 1200), phase_s=0.004, skew_s=0.0031),
+    )
+    rig = Rig(config)
+    told = rig.display.connect()
+    silent = replace(told, mask_lag_s=None)
+    rig.display.connect = lambda: silent  # type: ignore[method-assign]
+    assert rig.mask_lag_s() == pytest.approx(told.mask_lag_s, abs=1e-6)
+    structs.force_setattr(config.mask, "skew_s", 0.0)
+    assert rig.mask_lag_s() is None, "nobody measured when the mask's light comes"
+    drifting = bench_rig.config(
+        tmp_path,
+        mask=PanelConfig(size_px=(1600, 1200), refresh_hz=59.0, skew_s=0.0031),
+    )
+    assert Rig(drifting).mask_lag_s() is None

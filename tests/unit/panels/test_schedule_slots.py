@@ -21,6 +21,7 @@ TABLE: dict[ScheduleName, tuple[list[int], list[int]]] = {
     "lead": ([0, 0, 1, 1], [B, 0, B, 1]),
     "tail": ([0, 0, B, 1, 1, B], [0, B, B, 1, B, B]),
     "full": ([0, 0, 0, 1, 1, 1], [B, 0, B, B, 1, B]),
+    "wide": ([0, 0, 0, 0, 1, 1, 1, 1], [B, 0, B, B, B, 1, B, B]),
 }
 
 

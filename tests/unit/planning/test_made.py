@@ -12,9 +12,10 @@ from pdcd.bench.tables import Config
 from pdcd.errors import Cancelled, ConfigError, RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import levels_of
-from pdcd.planning.bench_fit import quietest, schedule_of, window_of
+from pdcd.planning.bench_fit import window_of
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan, mean_light
+from pdcd.planning.schedule_fit import quietest, schedule_of
 from pdcd.protocol.request import CaptureRequest
 from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config

@@ -12,17 +12,9 @@ from scipy.special import ndtr
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.panels.schedule import SLOTS
-from pdcd.planning.bench_fit import (
-    MOST_LEAK,
-    choose_window,
-    lag_by_rows_s,
-    lag_rows,
-    quietest,
-    schedule_leak,
-    schedule_of,
-    with_grid,
-)
+from pdcd.planning.bench_fit import MOST_LEAK, choose_window, with_grid
 from pdcd.planning.make import make_plan
+from pdcd.planning.schedule_fit import lag_by_rows_s, lag_rows, quietest, schedule_leak, schedule_of
 from pdcd.protocol.request import CaptureRequest
 
 
@@ -115,8 +107,32 @@ def test_the_quietest_schedule_goes_by_rise_fall_and_lag() -> None:
     swift = config(projector=quick, mask=quick)
     assert quietest(swift, 0.004) == "lag" and quietest(swift, -0.004) == "lead"
     slow = config(projector=quick, mask={"rise_s": 0.004, "fall_s": 0.009})
-    leaks = {name: schedule_leak(slow, name, 0.004) for name in SLOTS}
+    leaks = {name: schedule_leak(slow, name, 0.004) for name in SLOTS if name != "wide"}
     assert quietest(slow, 0.004) == min(leaks, key=lambda name: leaks[name]) == "tail"
+    assert schedule_leak(slow, "wide", 0.004) > 0.75 * leaks["tail"]  # for a third more time
+
+
+def test_panels_set_from_opposite_ends_take_longer_guards() -> None:
+    """The mask's light follows by up to a refresh at one edge of the field, and leads by half a one
+    at the other: no schedule of three refreshes keeps codes apart at both."""
+    quick = {"rise_s": 1e-3, "fall_s": 1e-3, "scan_s": 0.015}
+    against = config(
+        projector=quick, mask=quick | {"rise_s": 3e-3, "fall_s": 3e-3, "scan_s": -0.015}
+    )
+    assert schedule_leak(against, "full", 0.005) > 0.1
+    assert quietest(against, 0.005) == "wide"
+    assert schedule_leak(against, "wide", 0.005) < 0.005
+
+
+def test_light_of_rows_that_are_set_at_other_times_counts_in_full() -> None:
+    """A black projector between codes would meet a mask that is open for light of other rows."""
+    quick = {"rise_s": 1e-3, "fall_s": 1e-3}
+    at_once = config(projector=quick, mask=quick | {"fall_s": 3e-3})
+    assert quietest(at_once, 0.0) == "both"
+    by_rows = config(
+        projector=quick | {"scan_s": 0.015}, mask=quick | {"fall_s": 3e-3, "scan_s": 0.015}
+    )
+    assert quietest(by_rows, 0.0) == "full"
 
 
 @pytest.mark.parametrize(

@@ -11,22 +11,24 @@ from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.panels.placing import Placing
 from pdcd.planning.bench_fit import (
-    BY_COST,
     MOST_CELLS,
+    larger_window,
+    meeting_of,
+    plane_reasons,
+    reasons_for,
+    window_for,
+    window_of,
+    with_grid,
+)
+from pdcd.planning.schedule_fit import (
+    BY_COST,
     QUIET,
     choose_schedule,
     lag_by_rows_s,
     lag_rows,
-    larger_window,
-    meeting_of,
-    plane_reasons,
     quietest,
-    reasons_for,
     schedule_leak,
     times_measured,
-    window_for,
-    window_of,
-    with_grid,
 )
 from pdcd.probing.cell_size import Meeting, largest_window, leak_of
 from pdcd.protocol.request import CaptureRequest

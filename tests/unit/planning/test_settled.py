@@ -11,14 +11,7 @@ import pytest
 
 from pdcd.bench.tables import BenchConfig, Config
 from pdcd.errors import ConfigError, RequestError
-from pdcd.planning.bench_fit import (
-    asks_for_lag,
-    choose_window,
-    lag_rows,
-    on_bench,
-    shares_of_cell,
-    tolerant,
-)
+from pdcd.planning.bench_fit import choose_window, on_bench, shares_of_cell
 from pdcd.planning.code_counts import as_bright
 from pdcd.planning.grey import as_described, grey_panels, grey_reasons
 from pdcd.planning.look import (
@@ -33,6 +26,7 @@ from pdcd.planning.metering import at_least, next_aperture
 from pdcd.planning.next_step import due
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Look, Plan, mean_light
+from pdcd.planning.schedule_fit import asks_for_lag, lag_rows, tolerant
 from pdcd.protocol.plan_summary import Leaks
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import OFF_AXIS

@@ -11,7 +11,7 @@ from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import SLOTS, build_frames
-from pdcd.planning.bench_fit import choose_schedule, tolerant
+from pdcd.planning.schedule_fit import choose_schedule, tolerant
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import Factors, collect, factors
 from pdcd.words import ScheduleName
@@ -28,6 +28,7 @@ PROMISED = {
     "lead": (-1.0, 0.0),
     "tail": (-1.0, 2.0),
     "full": (-1.0, 1.0),
+    "wide": (-1.0, 2.0),
 }
 SKEWS = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0, 1.4, 2.0)
 
@@ -93,7 +94,7 @@ def test_direct_light_is_exactly_zero_where_promised_and_only_there(
 
 
 @pytest.mark.parametrize("skew", SKEWS)
-@pytest.mark.parametrize("schedule", ["both", "lag", "lead", "tail", "full"])
+@pytest.mark.parametrize("schedule", ["both", "lag", "lead", "tail", "full", "wide"])
 def test_light_of_the_code_is_the_share_that_is_told(schedule: ScheduleName, skew: float) -> None:
     """Off-diagonal sum: the time a code shines through its own mask, times lit times open cells."""
     low, high = PROMISED[schedule]
@@ -118,6 +119,7 @@ def test_light_of_the_code_is_the_share_that_is_told(schedule: ScheduleName, ske
         ("lead", (0, 2)),
         ("tail", (2, 4)),
         ("full", (1, 4)),
+        ("wide", (2, 6)),
     ],
 )
 def test_the_tail_of_a_slow_mask_meets_what_the_schedule_says(
@@ -136,7 +138,8 @@ def test_the_tail_of_a_slow_mask_meets_what_the_schedule_says(
 
 
 @pytest.mark.parametrize(
-    ("schedule", "times"), [("none", 1), ("both", 1), ("lag", 2), ("tail", 2), ("full", 3)]
+    ("schedule", "times"),
+    [("none", 1), ("both", 1), ("lag", 2), ("tail", 2), ("full", 3), ("wide", 4)],
 )
 def test_a_leaking_mask_leaks_for_as_long_as_the_projector_is_lit(
     schedule: ScheduleName, times: int

@@ -1,0 +1,164 @@
+"""Which refreshes keep the codes of a bench apart: by the mask's lag, and the panels' times."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import Config
+from pdcd.panels.schedule import SLOTS, slot_rows
+from pdcd.probing.pulses import Answer, Kept, kept_apart
+from pdcd.protocol.request import CaptureRequest
+from pdcd.words import GuardsName, ScheduleName
+
+Floats = NDArray[np.float64]
+
+RANGES = ("long-range", "short-range")
+"""Goals of light by its range."""
+FIELD_POINTS = 9
+"""Points a side of the field at which the panels' rows are compared."""
+JITTERS = 4.0
+"""Standard deviations of jitter that a lag must stay away from the ends of what is tolerated."""
+QUIET = 0.005
+"""Share of a code's light in its neighbours at which a schedule is as good as any."""
+FAR_QUIET = 0.0005
+"""The same for far light: each of its paths shines through the mask in so few codes that what is
+left of one code in the next counts a hundred times as much."""
+BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "both", "tail", "full", "wide")
+"""Schedules of two refreshes, of three and of four."""
+EVEN = 0.01
+"""By which share light from some rows may be less than that from others."""
+
+
+def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+    """Refreshes of a code, as asked for or as the rig has them."""
+    asked = config.schedule.guards if request.guards is None else request.guards
+    if asked == "auto" and times_measured(config):
+        return quietest(config, mask_lag_s, FAR_QUIET if request.goal in RANGES else QUIET)
+    return choose_schedule(asked, *lag_rows(config, mask_lag_s))
+
+
+def asks_for_lag(request: CaptureRequest, config: Config) -> bool:
+    """Whether the plan of a request depends on the lag of the mask."""
+    asked = config.schedule.guards if request.guards is None else request.guards
+    return asked == "auto"
+
+
+def choose_schedule(
+    asked: bool | GuardsName, mask_lag_rows: float | None, jitter_rows: float = 0.0
+) -> ScheduleName:
+    """The schedule's name; "auto" is the one of two refreshes that the measured lag allows.
+
+    Parameters
+    ----------
+    asked : True is "full" and False "none", as names of `SLOTS`, or "auto".
+    mask_lag_rows : lag of the mask in rows, negative where it leads; None where it is not known,
+        and "auto" then trusts in nothing but "full".
+    jitter_rows : its standard deviation from refresh to refresh.
+    """
+    if asked is True:
+        return "full"
+    if asked is False:
+        return "none"
+    if asked == "auto":
+        found = tolerant(mask_lag_rows, jitter_rows)
+        return "lag" if "lag" in found else "lead" if "lead" in found else "full"
+    return asked
+
+
+def tolerant(mask_lag_rows: float | None, jitter_rows: float = 0.0) -> tuple[ScheduleName, ...]:
+    """Schedules that keep codes apart at that lag, those of the fewest refreshes first."""
+    if mask_lag_rows is None:
+        return ("full",)
+    margin = JITTERS * jitter_rows
+    low, high = mask_lag_rows - margin, mask_lag_rows + margin
+    found: list[ScheduleName] = []
+    if low == high == 0.0:
+        found.append("none")
+    if -1.0 < low and high < 1.0:
+        found.append("both")
+    if 0.0 <= low and high <= 1.0:
+        found.append("lag")
+    elif -1.0 <= low and high <= 0.0:
+        found.append("lead")
+    return (*found, "full")
+
+
+def lag_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, float]:
+    """Lag of the mask and its jitter in rows of frames, as `tolerant` takes them: that of the
+    middle of all rows of pixels; how far the others are from it counts as jitter."""
+    jitter_s = math.hypot(config.projector.jitter_s, config.mask.jitter_s)
+    first_s, last_s = lag_by_rows_s(config)
+    jitter_s += 0.5 * (last_s - first_s) / JITTERS
+    if mask_lag_s is None:
+        return None, jitter_s * config.row_hz
+    return (mask_lag_s + 0.5 * (first_s + last_s)) * config.row_hz, jitter_s * config.row_hz
+
+
+def lag_by_rows_s(config: Config) -> tuple[float, float]:
+    """Least and largest lag of the mask over the field that scan-out adds to `skew_s`, in seconds.
+
+    Rows of a panel are set one after the other; where it lies decides which of them meet.
+    """
+    if not config.projector.scan_s and not config.mask.scan_s:
+        return 0.0, 0.0
+    panels = panels_of(config)
+    at = (np.arange(FIELD_POINTS) + 0.5) / FIELD_POINTS
+    points = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+    delays = []
+    for view, panel in ((panels.projector, config.projector), (panels.mask, config.mask)):
+        down = np.clip(view.map.from_field(points)[:, 1] / panel.size_px[1], 0.0, 1.0)
+        share = down if panel.scan_s >= 0.0 else 1.0 - down
+        delays.append(share * abs(panel.scan_s))
+    lag_s = delays[1] - delays[0]
+    return float(np.nanmin(lag_s)), float(np.nanmax(lag_s))
+
+
+def times_measured(config: Config) -> bool:
+    """Whether rise and fall of both panels are known."""
+    return all(p.rise_s > 0.0 and p.fall_s > 0.0 for p in (config.projector, config.mask))
+
+
+def quietest(config: Config, mask_lag_s: float | None, quiet: float = QUIET) -> ScheduleName:
+    """The schedule of the fewest refreshes that lets no more than `quiet` of a code's light into
+    its neighbours; where none does, the best for its time.
+
+    All light counts alike under it, whichever rows it comes from.
+
+    Where the lag is not known, as `choose_schedule` has it.
+    """
+    if mask_lag_s is None:
+        return choose_schedule("auto", *lag_rows(config, mask_lag_s))
+    even = [name for name in BY_COST if _is_even(config, name, mask_lag_s)]
+    leaks = {name: schedule_leak(config, name, mask_lag_s) for name in even}
+    fitting = [name for name in even if leaks[name] <= quiet]
+    return fitting[0] if fitting else min(even, key=lambda name: leaks[name] * slot_rows(name))
+
+
+def schedule_leak(config: Config, schedule: ScheduleName, mask_lag_s: float) -> float:
+    """Light of a code in its neighbours under a schedule, over its own, at the worst row."""
+    lags_s = mask_lag_s + np.array(lag_by_rows_s(config))
+    return max(kept.leak for kept in _keep_apart(config, schedule, lags_s))
+
+
+def _is_even(config: Config, schedule: ScheduleName, mask_lag_s: float) -> bool:
+    """Whether light from all rows of the projector gets through all rows of the mask alike, that
+    of other codes included. Under a projector that is always lit it does."""
+    if all(SLOTS[schedule][0]):
+        return True
+    ends_s = [sorted((0.0, abs(p.scan_s))) for p in (config.projector, config.mask)]
+    low_s, high_s = ends_s[1][0] - ends_s[0][1], ends_s[1][1] - ends_s[0][0]
+    if low_s == high_s:
+        return True
+    lags_s = mask_lag_s + np.linspace(low_s, high_s, FIELD_POINTS)
+    light = [kept.light * (1.0 + kept.leak) for kept in _keep_apart(config, schedule, lags_s)]
+    return min(light) > (1.0 - EVEN) * max(light)
+
+
+def _keep_apart(config: Config, schedule: ScheduleName, lags_s: Floats) -> list[Kept]:
+    """How a schedule keeps codes apart where the mask follows by each of some times."""
+    projector, mask = (Answer(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
+    return [kept_apart(schedule, projector, mask, lag, 1.0 / config.row_hz) for lag in lags_s]
