@@ -54,7 +54,7 @@ class CommandParser(argparse.ArgumentParser):
         stood by itself: of `--out=--` an empty list would be left, whatever the option's type."""
         if action.option_strings and "--" in arg_strings:
             raise argparse.ArgumentError(action, "expected a value, not --")
-        return super()._get_values(action, arg_strings)  # type: ignore[misc]
+        return super()._get_values(action, arg_strings)
 
 
 def commands_below(parser: argparse.ArgumentParser, **how: Any) -> Add:
