@@ -6,7 +6,8 @@ as a file by a bare interpreter (``-I -S``), so it imports nothing of pdcd. It s
 ======== ==================== =====================================================
 in       out                  meaning
 ======== ==================== =====================================================
-arm S    ok                   release the shutter unless told otherwise within S seconds
+arm S    ok                   release the shutter unless told otherwise within S seconds, and
+                              every `AGAIN_S` from then on
 disarm   ok, fired, lost      the shutter is closed; whether it was this process that did it,
                               or tried to, since the last arm or disarm
 look     the same             nothing changes: whether this process is there
@@ -32,7 +33,8 @@ import time
 
 LINES = {"rts": termios.TIOCM_RTS, "dtr": termios.TIOCM_DTR}
 AGAIN_S = 1.0
-"""When a port that did not take it is told again, while nobody says that the shutter is closed."""
+"""How often the shutter is released once the time is up, while nobody says that it is closed: a
+port may not have taken it, and a daemon that was stopped may send its command to open only then."""
 _TRIES = 3
 _ROOM_MS = 500
 
@@ -73,10 +75,8 @@ def main(port: int, how: str, value: str, talk: socket.socket) -> None:
     while True:
         wait_s = None if deadline_s is None else max(0.0, deadline_s - time.monotonic())
         if not select.select([talk], [], [], wait_s)[0]:
-            taken = release(port, how, value)
-            state, deadline_s = b"fired", None
-            if not taken:  # it may be open still
-                state, deadline_s = b"lost", time.monotonic() + AGAIN_S
+            state = b"fired" if release(port, how, value) else b"lost"
+            deadline_s = time.monotonic() + AGAIN_S
             continue
         try:
             word = talk.recv(64)

@@ -115,8 +115,9 @@ class SerialShutter:
     def open(self) -> int:
         """Start the exposure; the watchdog is armed first.
 
-        Raises DeviceLost, and ExposureError when the box or the feedback does not confirm; the line
-        is then released again.
+        Raises DeviceLost, and ExposureError when the box or the feedback does not confirm, or when
+        the watchdog's time was over before the command was sent: the daemon had been stopped. The
+        line is then released again.
         """
         port, watchdog = self._port, self._watchdog
         if port is None or watchdog is None:
@@ -125,7 +126,9 @@ class SerialShutter:
         watchdog.arm(longest_s)
         self._open = True  # from here on it may be
         try:
+            _see_guarded(watchdog)
             port.drive(opened=True)
+            _see_guarded(watchdog)
             if self._options.feedback != "none":
                 return self._wait_for(port, opened=True)
             return self._settled_ns()
@@ -221,6 +224,16 @@ class SerialShutter:
                 )
             self._clock.sleep_until_ns(now_ns + _POLL_NS)
         return self._clock.now_ns()
+
+
+def _see_guarded(watchdog: Watchdog) -> None:
+    """Raise ExposureError where the watchdog's time is over."""
+    if ended := watchdog.ended():
+        raise ExposureError(
+            f"the shutter was not opened in the time that the watchdog has for it: {ended}",
+            device="shutter",
+            hint="was the daemon stopped, or the machine suspended? take the photo again",
+        )
 
 
 def _close_forgotten(port: Port, alarm: Alarm) -> None:

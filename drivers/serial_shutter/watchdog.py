@@ -35,6 +35,10 @@ class Watchdog(Protocol):
         """Release the shutter in `limit_s` seconds. Raises DeviceLost if nobody will."""
         ...
 
+    def ended(self) -> str:
+        """Why the watchdog has ended the exposure that it is armed for, "" if it has not."""
+        ...
+
     def disarm(self) -> str:
         """Stand down; returns, once, why the watchdog ended the exposure, "" if it did not."""
         ...
@@ -70,19 +74,29 @@ class Guardian:
         deadline_s = time.monotonic() + limit_s
         self._guard.arm(lambda: f"arm {max(0.0, deadline_s - time.monotonic())}")
 
+    def ended(self) -> str:
+        """As the Protocol says; a guardian that does not answer is replaced."""
+        state = self._guard.ask("look")
+        if not state:
+            self._guard.look()
+        return self._out_of_time() if state in (b"fired", b"lost") else self._ended
+
     def disarm(self) -> str:
         """As the Protocol says; a guardian that died has done nothing."""
         fired = self._guard.disarm() in (b"fired", b"lost")
         ended, self._ended = self._ended, ""
-        return f"it lasted {self._limit_s:g} s" if fired else ended
+        return self._out_of_time() if fired else ended
 
     def stop(self) -> None:
         """End the process; it closes the shutter first if that is open."""
         self._guard.stop()
 
+    def _out_of_time(self) -> str:
+        return f"it lasted {self._limit_s:g} s"
+
 
 class Alarm:
-    """A thread that calls `release` when the time is up, and again until that succeeds."""
+    """A thread that calls `release` when the time is up, until it is told to stand down."""
 
     def __init__(self, release: Callable[[], None]) -> None:
         self._release = release
@@ -99,6 +113,10 @@ class Alarm:
         self._timer.daemon = True
         self._timer.start()
 
+    def ended(self) -> str:
+        """As the Protocol says."""
+        return f"it lasted {self._limit_s:g} s" if self._fired else ""
+
     def disarm(self) -> str:
         """As the Protocol says."""
         if self._timer is not None:
@@ -106,8 +124,8 @@ class Alarm:
             self._stand_down.set()
             self._timer.join()
             self._timer = None
-        fired, self._fired = self._fired, False
-        return f"it lasted {self._limit_s:g} s" if fired else ""
+        ended, self._fired = self.ended(), False
+        return ended
 
     def stop(self) -> None:
         """End the thread."""
@@ -120,6 +138,4 @@ class Alarm:
                 self._release()
             except PdcdError as err:
                 logger.critical("watchdog cannot release device=shutter error=%s", err)
-                self._stand_down.wait(AGAIN_S)
-            else:
-                return
+            self._stand_down.wait(AGAIN_S)

@@ -49,6 +49,13 @@ class CommandParser(argparse.ArgumentParser):
         self.filled()
         return super().parse_known_args(args, namespace)
 
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        """Values of an option, as their type has them. argparse takes "--" out of them as if it
+        stood by itself: of `--out=--` an empty list would be left, whatever the option's type."""
+        if action.option_strings and "--" in arg_strings:
+            raise argparse.ArgumentError(action, "expected a value, not --")
+        return super()._get_values(action, arg_strings)
+
 
 def commands_below(parser: argparse.ArgumentParser, **how: Any) -> Add:
     """What adds commands below a parser; `how` is what argparse's `add_subparsers` takes."""

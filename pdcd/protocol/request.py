@@ -234,9 +234,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None,
         about(
             "of the codes, how many to photograph one by one first, to learn which far cells are "
-            "linked: 8, 12 or 16 in front of mirrors, else a power of two from 32, or all; auto: "
-            "a few, where the first photos show that they are worth their files; default: auto "
-            "where nothing else says how codes are spent",
+            "linked: 8, 12 or 16 in front of mirrors, which may be all of them, else a power of "
+            "two from 32, with codes left; auto: a few, where the first photos show that they are "
+            "worth their files; default: auto where nothing else says how codes are spent",
             "codes",
             "K0",
         ),

@@ -83,6 +83,27 @@ def test_fig11_a_box_at_the_keyed_depth_is_gone_and_the_wall_stays(
     assert summary["rms_error_quads"] < (0.02 if window == "whole" else 0.08)
 
 
+def test_light_that_leaking_panels_leave_of_the_blocked_is_told(tmp_path: Path) -> None:
+    sizes = {"projector": (1024, 768), "mask": (1600, 1200)}
+    panels = {name: PanelConfig(size_px=size, contrast=30.0) for name, size in sizes.items()}
+    engine = engine_of(
+        tmp_path,
+        "off-axis-box",
+        {"disparity": 1},
+        schedule=ScheduleConfig(window="whole"),
+        **panels,
+    )
+    image, _, summary = run(
+        engine, goal="keyed", codes=128, disparity=[1, 1], black_level="none", seed=1
+    )
+    direct, indirect, moved = parts(bench_rig.bench_of(engine).scene)
+    wanted = indirect + direct * ~np.isclose(moved, 1.0)[..., None]
+    left = np.sqrt(np.sum((image - wanted)[np.isclose(moved, 1.0)] ** 2) / np.sum(image**2))
+    assert left > 0.1
+    assert summary["quality"].verdict != "good"
+    assert any("light that was to be blocked" in text for text in summary["quality"].reasons)
+
+
 def test_k5_the_rigs_plane_keys_a_wall_that_is_elsewhere(tmp_path: Path) -> None:
     """The wall has a disparity of -2 cells here: the homography of its plane moves by as much."""
     plane = (1.0, 0.0, -2.0 / 16.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)

@@ -1,9 +1,11 @@
-"""The Python examples of the README run as they stand; a daemon that starts anew knows its runs."""
+"""The README's examples run as they stand, in a shell and in Python, in a home that is empty; a
+daemon that starts anew knows its runs."""
 
 from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -19,6 +21,40 @@ from tests.places import ROOT
 
 PATIENCE_S = 60.0
 EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+
+
+COMMANDS = re.findall(
+    r"^    ((?:\.venv/bin/pdcd|printf|kill|make) .*)$",
+    (ROOT / "README.md").read_text(),
+    re.MULTILINE,
+)
+LEFT_OUT = {
+    "make demo": "sets up .venv; what it then runs is tried by tests/e2e/cli/test_wheel.py",
+    "make test": "is what runs this",
+    "pdcd figures": "minutes; tests/unit/figures and test_figures_golden take them smaller",
+    "pdcd doctor display": "needs a server with two outputs",
+    "pdcd show grid": "the same",
+    "pdcd show --loop": "the same",
+    "pdcd timing": "the same",
+    "pdcd doctor camera": "ends with 5 where there is none",
+    "pdcd virtual-camera": "serves until it is interrupted",
+}
+"""Lines that are not run, by how they begin."""
+SMALL = """
+[projector]
+size_px = [256, 192]
+[mask]
+size_px = [400, 300]
+[scene]
+grid = [26, 34]
+"""
+"""The bench of who has a small one; the README names cell 24, 32."""
+AFTER = (
+    ".venv/bin/pdcd plan indirect --window quarter",
+    ".venv/bin/pdcd capture indirect --local --out runs/again",
+)
+"""The first lines again, in a home that has a calibration of another bench by then."""
+FULL = ".venv/bin/pdcd calibrate --local --config turned.toml"
 
 
 @pytest.fixture
@@ -98,6 +134,57 @@ def test_the_examples_and_a_daemon_that_starts_anew(environ: dict[str, str]) -> 
         assert (cut.job, cut.state, cut.goal) == ("20200101T000000Z-0001", "unfinished", None)
         assert (here.state, here.goal, here.folder) == ("done", "indirect", folder)
         assert len(client.runs(1)) == 1 and client.runs(0) == ()
+
+
+def shell_of(lines: list[str]) -> str:
+    """These lines as a script that ends at the first that fails, and says which it was."""
+    told = ["set -em", "trap 'kill $(jobs -p) 2>/dev/null || true' EXIT"]
+    for line in lines:
+        told += [f"echo {shlex.quote('$ ' + line)} >&2", line]
+        if line.endswith("&"):  # who types waits for what it says
+            told.append("until .venv/bin/pdcd status >/dev/null 2>&1; do sleep 0.1; done")
+    return "\n".join(told)
+
+
+def type_lines(environ: dict[str, str], folder: Path, lines: list[str]) -> None:
+    """Type lines in a folder that looks like a checkout; each must end well."""
+    (folder / ".venv" / "bin").mkdir(parents=True)
+    pdcd = folder / ".venv" / "bin" / "pdcd"
+    pdcd.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m pdcd "$@"\n')
+    pdcd.chmod(0o755)
+    (folder / "config").symlink_to(ROOT / "config")
+    done = subprocess.run(
+        ["bash", "-c", shell_of(lines)],
+        cwd=folder, env=environ, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "Traceback" not in done.stderr, done.stderr[-3000:]
+
+
+def typed_lines() -> list[str]:
+    """What the README has one type, but for what is left out."""
+    gone = {head: [line for line in COMMANDS if head in line] for head in LEFT_OUT}
+    assert all(gone.values()), gone
+    return [line for line in COMMANDS if not any(line in lines for lines in gone.values())]
+
+
+@pytest.mark.timeout(1200)
+def test_the_lines_in_order_on_a_small_bench(environ: dict[str, str], tmp_path: Path) -> None:
+    config = tmp_path / ".config" / "pdcd" / "pdcd.toml"
+    config.parent.mkdir(parents=True)
+    config.write_text(SMALL)
+    type_lines(environ, tmp_path / "first", [*typed_lines(), *AFTER])
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_the_lines_in_order_and_again_after_a_calibration(
+    environ: dict[str, str], tmp_path: Path
+) -> None:
+    lines = typed_lines()
+    type_lines(environ, tmp_path / "first", [*lines, FULL])
+    type_lines(environ, tmp_path / "second", lines)
 
 
 def test_every_word_that_the_readme_explains_elsewhere_is_there() -> None:

@@ -16,9 +16,11 @@ from pdcd import __version__
 from pdcd.bench.tables import Config
 from pdcd.child import Child
 from pdcd.cli.main import main
+from pdcd.cli.request import option_of
 from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
 from pdcd.pictures.decode import Compared, Comparison
+from pdcd.protocol.fields import request_fields
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests.unit.cli.cli_stubs import (
@@ -348,6 +350,23 @@ def test_a_mistake_is_not_hidden_behind_all_options(capsys: pytest.CaptureFixtur
             main([command, "indirect", "--codes", "many"])
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == 2 and "--codes" in lines[1]
+
+
+HOSTILE = ("--", "", "nan", "9" * 5000, "\udcff")
+
+
+@pytest.mark.parametrize("value", HOSTILE, ids=lambda text: repr(text[:4]))
+def test_whatever_is_typed_for_a_field_is_taken_or_refused(
+    daemon: type[StubClient], value: str
+) -> None:
+    for field in request_fields().values():
+        option, count = option_of(field), field.count or 1
+        told = [option, *[value] * count] if count > 1 else [f"{option}={value}"]
+        try:
+            code = main(["capture", "indirect", "--detach", *told])
+        except SystemExit as end:  # by argparse
+            code = int(str(end.code))
+        assert code in (0, 2), (option, code)
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

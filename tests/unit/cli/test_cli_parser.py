@@ -183,6 +183,19 @@ def test_what_is_cut_short_missing_or_unknown_is_refused(line: str) -> None:
     assert end.value.code == 2
 
 
+def test_two_dashes_are_the_value_of_no_option(capsys: pytest.CaptureFixture[str]) -> None:
+    for name, command in EVERY.items():
+        for action in (a for _, actions in groups(command.parser) for a in actions):
+            if action.option_strings and action.nargs != 0:
+                option = action.option_strings[-1]
+                with pytest.raises(SystemExit) as end:
+                    PARSER.parse_args([*name.split(), f"{option}=--"])
+                said = " ".join(capsys.readouterr().err.split())
+                assert end.value.code == 2, (name, option)
+                # Of several values it is too few.
+                assert f"{'/'.join(action.option_strings)}: expected " in said, said
+
+
 NOTHING: dict[str, Any] = dict.fromkeys(
     """config socket codes pilot smooth grey_masks parts until_error error confidence seconds prior
     shift radius mix period disparity plane keep rows illumination warp warp_b region_a region_b

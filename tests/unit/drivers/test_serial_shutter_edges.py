@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import select
 import socket
 import time
@@ -13,12 +14,14 @@ import pytest
 import serial
 
 from drivers.serial_shutter import guardian, watchdog
+from drivers.serial_shutter.port import Port
 from drivers.serial_shutter.shutter import SerialShutter
-from pdcd.bench.clock import VirtualClock
+from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import DriverContext
-from pdcd.bench.tables import Config, TriggerConfig
+from pdcd.bench.tables import Config, RigConfig, TriggerConfig
 from pdcd.errors import DeviceLost, ExposureError
 from tests.fake_serial import FakeLine, fake_line
+from tests.processes import LONG_S
 
 MS = 1_000_000
 SURE_NS = 100 * MS
@@ -255,5 +258,51 @@ def test_a_guardian_waits_for_the_rest_of_its_time_and_no_longer(
         talk.send(word)
     guardian.main(7, "rts", "0", theirs)
     theirs.close()
-    assert waits == [None, 20.0, 7.5, 0.0, None]
-    assert released == [(7, "rts", "0")]
+    assert waits == [None, 20.0, 7.5, 0.0, guardian.AGAIN_S]
+    # Nobody said that it is closed before the daemon was gone.
+    assert released == [(7, "rts", "0")] * 2
+
+
+@pytest.mark.parametrize("stopped", ["before the last look", "after it"])
+def test_a_daemon_stopped_beyond_the_guardians_time_opens_nothing_unguarded(
+    monkeypatch: pytest.MonkeyPatch, stopped: str
+) -> None:
+    near, far = os.openpty()
+
+    def sleep_through() -> None:
+        """As long as the guardian takes to send its command, which closes the shutter."""
+        assert select.select([near], [], [], LONG_S)[0]
+        box_heard.append(os.read(near, 1))
+
+    box_heard: list[bytes] = []
+    arm, drive = watchdog.Guardian.arm, Port.drive
+    with monkeypatch.context() as patch:
+        options = {"release": "command", "open_hex": "31", "close_hex": "30", "limit_s": 0.2}
+        trigger = TriggerConfig(options={"port": os.ttyname(far), **options})
+        config = Config(trigger=trigger, rig=RigConfig(clock="real"))
+        box = SerialShutter.create(DriverContext(config=config, clock=RealClock()))
+        box.connect()
+        sleep_through()  # it is closed first of all
+
+        def late_arm(guard: watchdog.Guardian, limit_s: float) -> None:
+            arm(guard, limit_s)
+            sleep_through()
+
+        def late_drive(port: Port, *, opened: bool) -> None:
+            if opened:
+                sleep_through()
+            drive(port, opened=opened)
+
+        if stopped == "after it":
+            patch.setattr(Port, "drive", late_drive)
+        else:
+            patch.setattr(watchdog.Guardian, "arm", late_arm)
+        with pytest.raises(ExposureError, match=r"not opened in the time .* it lasted 0\.2 s"):
+            box.open()
+    box.disconnect()
+    while select.select([near], [], [], 0.0)[0]:
+        box_heard.append(os.read(near, 1))
+    for end in (near, far):
+        os.close(end)
+    assert b"".join(box_heard[:2]) == b"00" and box_heard[-1] == b"0"
+    assert box_heard.count(b"1") == (stopped == "after it")

@@ -1,0 +1,105 @@
+"""All steps on the bench of `config/truth.toml`, in small; the photo after them, and all again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.bench.calibration import Calibration, read_calibration
+from pdcd.bench.reading import emit
+from pdcd.calibration import steps
+from pdcd.cli.main import main
+from pdcd.runs.folder import read_manifest
+from tests.places import ROOT
+
+TRUTH = ROOT / "config" / "truth.toml"
+BENCH = {
+    "rig": {"name": "small"},
+    "projector": {"size_px": (160, 120)},
+    "mask": {"size_px": (250, 188), "place": {"flip": "horizontal", "turn_deg": 180.0}},
+    "camera": {"frame_quads": (200, 150), "f_number": 36.0},
+    "scene": {"grid": (12, 16)},
+    "bench": {"truth": str(TRUTH)},
+    "server": {"state_dir": "state"},
+}
+"""As few pixels as all steps can do with, and one stop, which the light of that truth calls for."""
+TRUE = {
+    "projector.contrast": 1500.0, "projector.rise_s": 0.0015, "projector.fall_s": 0.0022,
+    "mask.contrast": 420.0, "mask.rise_s": 0.0041, "mask.fall_s": 0.0093,
+    "mask.blur_px": 0.5, "scene.ambient": 0.01, "trigger.lag_s": 0.116,
+}  # fmt: skip
+"""As the file has them."""
+CLOSE = 0.02
+"""What a share of a true value a figure may be off beyond three of its sigmas: models have errors
+that their sigmas leave out."""
+FEW = 4.0
+"""Sigmas by which two measurements may differ, of dozens."""
+
+
+def calibrate(
+    path: Path, capsys: pytest.CaptureFixture[str], *more: str
+) -> tuple[dict[str, object], Calibration]:
+    """All steps, by the command line: its last line, and the record."""
+    code = main(["calibrate", "--local", "--json", "--config", str(path), *more])
+    last = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert code == 0, last
+    return last, read_calibration(Path(str(last["folder"])))[0]
+
+
+def values(record: Calibration) -> dict[str, tuple[float, float]]:
+    """Figures that have a sigma, each with it."""
+    return {
+        figure.name: (figure.value, figure.sigma)
+        for step in record.steps
+        for figure in step.figures
+        if figure.value is not None and figure.sigma
+    }
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "bench.toml"
+    path.write_text(emit(BENCH))
+    return path
+
+
+@pytest.mark.timeout(1800)
+def test_all_steps_and_a_plain_photo_after_them(
+    bench: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    last, record = calibrate(bench, capsys)
+    assert last["passed"] is True and record.verdict != "bad" and not record.left_out
+    names = [name for name in steps.STEPS if name not in steps.AT_WISH]
+    assert [step.name for step in record.steps] == ["meter", *names]
+    # A map is not sure at the edge of so small a photo; all else is good.
+    doubted = {step.name for step in record.steps if step.verdict != "good"}
+    assert doubted <= {"geometry"}, doubted
+    found = values(record)
+    for name, true in TRUE.items():
+        value, sigma = found[name]
+        assert abs(value - true) <= 3.0 * sigma + CLOSE * true, (name, value, sigma)
+
+    words = ["--local", "--json", "--config", str(bench), "--out", str(bench.parent / "runs")]
+    assert main(["capture", "indirect", *words]) == 0
+    taken = json.loads(capsys.readouterr().out.splitlines()[-1])
+    manifest = read_manifest(Path(taken["folder"]))
+    assert manifest.config["calibration"]["use"] == last["folder"]
+    assert manifest.config["mask"]["place"]["map"]["residual"]
+    summary = taken["summary"]
+    assert taken["state"] == "done" and summary["quality"]["verdict"] != "bad", summary
+    assert summary["rms_error_cells"] < 0.05, summary["rms_error_cells"]
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_twice_in_a_row_gives_the_same(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = (values(calibrate(bench, capsys, "--anew")[1]) for _ in range(2))
+    assert set(TRUE) <= set(first) & set(second)
+    apart = {
+        name: abs(first[name][0] - second[name][0]) / np.hypot(first[name][1], second[name][1])
+        for name in TRUE
+    }
+    assert max(apart.values()) < FEW, apart
