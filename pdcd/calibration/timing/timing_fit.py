@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from pdcd.calibration.timing.timing_model import COMMON, STEP, Model, Tail, Times
+from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
 
@@ -19,6 +20,11 @@ STARTS_S = (0.0008, 0.004)
 """Time constants from which the fit starts, in all four combinations of both panels."""
 LAGS_A_REFRESH = 6
 KEPT_STARTS = 2
+REACH = 2.5
+"""Refreshes by which a lag may have changed since it was measured."""
+MODEL, EXPLAINED = 4e-3, 5.0
+"""What times that are known to 5 % get wrong of strips, over white, at another lag; what a lag may
+leave of strips, over that and their errors."""
 TAIL_START = 0.05, 4.0
 TAIL_BOUNDS = ((0.0, 1.5), (0.4, 12.0))
 """Share and slowness of a second answer."""
@@ -83,76 +89,105 @@ class Fit:
                 taus = np.array([p_tau, p_tau, m_tau, m_tau])
                 times = Times(taus, np.full(2, 2e-3), lags)
                 shape = model.anywhere(times)  # (photos, lags, K): correction is none yet
-                chi2 = self._coarse(shape)
+                chi2 = self._chi2(shape.swapaxes(0, 1)[:, :, None]).sum(axis=1)  # (lags, B)
                 best = chi2.argmin(axis=0)
                 found.append((float(chi2.min(axis=0).sum()), replace(times, lags_s=lags[best])))
         found.sort(key=lambda pair: pair[0])
         return [times for _, times in found[:KEPT_STARTS]]
-
-    def _coarse(self, shape: Floats) -> Floats:
-        """chi^2 of every lag at every band, (lags, B), scale and stray light free."""
-        total = np.zeros((shape.shape[1], self._bands))
-        for n in range(len(shape)):
-            for b in range(self._bands):
-                weight = 1.0 / self._sigma[n, b] ** 2
-                x, y = shape[n], self._value[n, b]
-                x = x - (x @ weight)[:, None] / weight.sum()
-                y = y - (y @ weight) / weight.sum()
-                scale = (x * y) @ weight / np.maximum((x * x) @ weight, 1e-300)
-                left = y - np.maximum(scale, 0.0)[:, None] * x
-                total[:, b] += (left * left) @ weight
-        return total
 
     def solve(self, start: Times, *, tail: bool | None = None) -> Fitted:
         """Least squares from one start. tail : give the mask (True) or the projector (False) a
         second answer."""
         if tail is not None:
             start = replace(start, tail=Tail(tail, *TAIL_START))
-        photos, bands = self._value.shape[:2]
-        linear = np.concatenate([np.ones(photos * bands), np.zeros(photos * bands)])
         free = self._packed(start)
         lower, upper = self._bounds(start, free.size)
-        at = np.clip(np.concatenate([free, linear]), lower + 1e-9, upper - 1e-9)
         solved = least_squares(
-            lambda v: self._residuals(v, start.tail),
-            at,
-            jac=lambda v: self._slopes(v, start.tail),
+            lambda v: self._beside(self._model.shape(self._unpacked(v, start)))[0].ravel(),
+            np.clip(free, lower + 1e-9, upper - 1e-9),
+            jac=lambda v: self._slopes(v, start),
             bounds=(lower, upper),
+            method="dogbox",  # it takes whole steps where a parameter does not matter at all
             x_scale="jac",
             ftol=1e-10,
             xtol=1e-9,
             gtol=1e-9,
             max_nfev=TRIES,
         )
-        best = np.asarray(solved.x, dtype=np.float64)
-        times, scale, stray = self._unpacked(best, start.tail)
-        dof = max(self._value.size - best.size, 1)
-        left = np.asarray(solved.fun, dtype=np.float64)
-        of_stated = left.reshape(self._value.shape) * self._sigma / self._stated
+        times = self._unpacked(np.asarray(solved.x, dtype=np.float64), start)
+        left, numbers, _ = self._beside(self._model.shape(times))
+        dof = max(left.size - free.size - numbers.size, 1)
+        of_stated = left * self._sigma / self._stated
         chi2 = float(np.sum(of_stated**2)) / dof
-        floors = self._floors * float(np.sqrt(left @ left / dof))
+        floors = self._floors * float(np.sqrt(np.sum(left**2) / dof))
         floors = min(max(floors, LEAST_FLOORS), 1.0)
         covariance = self._covariance(np.asarray(solved.jac, dtype=np.float64), left)
-        count = free.size
-        known = covariance[:count, :count]
-        return Fitted(times, known, chi2, dof, scale, stray, of_stated, floors)
+        scale, stray = np.moveaxis(numbers, -1, 0)
+        return Fitted(times, covariance, chi2, dof, scale, stray, of_stated, floors)
 
-    def _covariance(self, jac: Floats, residuals: Floats) -> Floats:
-        """Covariance of all parameters, by the scatter of the residuals. What all bands of a strip
-        share (an uneven field, a panel that is not quite exponential) does not average out; how
-        much that is, the residuals tell."""
-        norm = np.linalg.norm(jac, axis=0)
+    def later(self, times: Times) -> tuple[float, float]:
+        """By how much later than at known times the mask is, in s, and its standard deviation; what
+        its black lets through may be another, too.
+
+        Raises CalibrationError for strips that no lag explains.
+        """
+        refresh = self._model.refresh_s
+
+        def moved(v: Floats) -> Times:
+            leaks = times.leaks + np.array([0.0, v[1]])
+            return replace(times, lags_s=times.lags_s + v[0] * refresh, leaks=leaks)
+
+        tried = np.arange(-REACH, REACH, 0.5 / LAGS_A_REFRESH)
+        shapes = self._model.shapes([moved(np.array([by, 0.0])) for by in tried])
+        best = float(tried[int(self._chi2(shapes).sum(axis=(1, 2)).argmin())])
+        solved = least_squares(
+            lambda v: self._beside(self._model.shape(moved(v)))[0].ravel(), (best, 0.0), x_scale="jac"
+        )
+        left = solved.fun.reshape(self._sigma.shape)
+        chi = float(np.sqrt(np.mean(left**2 / (1.0 + (MODEL / self._sigma) ** 2))))
+        if chi > EXPLAINED:
+            raise CalibrationError(
+                f"no lag explains the timing strips ({chi:.0f} times their noise)",
+                device="display",
+                hint="calibrate the timing anew",
+            )
+        spread = max(1.0, float(np.sqrt(np.mean(left**2))))
+        sigma = spread * float(np.sqrt(np.linalg.inv(solved.jac.T @ solved.jac)[0, 0]))
+        return float(solved.x[0]) * refresh, sigma * refresh
+
+    def _beside(self, shape: Floats) -> tuple[Floats, Floats, Floats]:
+        """What light of such a shape (..., photos, B, K) leaves of the readings, in standard
+        deviations, once each band of each photo has the scale and the stray light that suit it
+        best; these two (..., photos, B, 2); and what they can explain, (..., photos, B, K, 2)."""
+        shape, past = np.broadcast_arrays(shape, self._past)
+        both, size = np.linalg.qr(np.stack([shape, past], axis=-1) / self._sigma[..., None])
+        wanted = self._value / self._sigma
+        along = np.einsum("...kn,...k->...n", both, wanted)
+        numbers = (np.linalg.pinv(size) @ along[..., None])[..., 0]
+        return np.einsum("...kn,...n->...k", both, along) - wanted, numbers, both
+
+    def _chi2(self, shape: Floats) -> Floats:
+        """chi^2 of shapes (..., photos, B, K) in each band of each photo; no light is negative."""
+        left, numbers, _ = self._beside(shape)
+        dark = ((self._value / self._sigma) ** 2).sum(axis=-1)
+        return np.asarray(np.where(numbers[..., 0] > 0.0, (left**2).sum(axis=-1), dark))
+
+    def _covariance(self, slopes: Floats, left: Floats) -> Floats:
+        """Covariance of all parameters, by the scatter of the residuals (photos, B, K). What all
+        bands of a strip share (an uneven field, a panel that is not quite exponential) does not
+        average out; how much that is, the residuals tell."""
+        norm = np.linalg.norm(slopes, axis=0)
         idle = norm < NO_SLOPE  # nothing depends on it: nothing is known of it
         norm = np.where(idle, 1.0, norm)
-        slopes = jac / norm
+        slopes = slopes / norm
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12)
-        photos, bands, count = self._value.shape
-        left = residuals.reshape(photos, bands, count)
+        photos, bands, count = left.shape
         whole = float(np.mean(left**2))
         of_strips = float(np.mean(left.mean(axis=1) ** 2))
         shared = (bands * of_strips - whole) / (bands - 1) if bands > 1 else whole
         shared = min(max(shared, 0.0), whole)
-        own = (whole - shared) * left.size / max(left.size - jac.shape[1], 1)
+        numbers = norm.size + 2 * photos * bands
+        own = (whole - shared) * left.size / max(left.size - numbers, 1)
         shared *= photos * count / max(photos * count - COMMON - 3, 1)
         by_strip = slopes.reshape(photos, bands, count, -1).sum(axis=1).reshape(-1, norm.size)
         middle = own * slopes.T @ slopes + shared * by_strip.T @ by_strip
@@ -166,57 +201,36 @@ class Fit:
         return np.concatenate([np.log(times.taus_s), times.leaks, lags, more])
 
     def _bounds(self, start: Times, free: int) -> tuple[Floats, Floats]:
-        linear = 2 * self._value.shape[0] * self._bands
-        lower = np.full(free + linear, -np.inf)
-        upper = np.full(free + linear, np.inf)
+        lower, upper = np.full(free, -np.inf), np.full(free, np.inf)
         lower[:4], upper[:4] = np.log(SHORTEST_S), np.log(LONGEST_S)
         lower[4:COMMON], upper[4:COMMON] = LEAKS
         lower[4] -= min(float((r.room / r.past).min()) for r in self._model.readings)
         if start.tail is not None:
-            (lower[free - 2], lower[free - 1]), (upper[free - 2], upper[free - 1]) = (
-                (TAIL_BOUNDS[0][0], 0.4),
-                (0.4, np.log(TAIL_BOUNDS[1][1])),
-            )
+            lower[-2:], upper[-2:] = (TAIL_BOUNDS[0][0], 0.4), (0.4, np.log(TAIL_BOUNDS[1][1]))
         return lower, upper
 
-    def _unpacked(self, v: Floats, tail: Tail | None) -> tuple[Times, Floats, Floats]:
-        bands, refresh = self._bands, self._model.refresh_s
-        lags = v[COMMON : COMMON + bands] * refresh
-        across_s = float(v[COMMON + bands]) * refresh
-        at = COMMON + bands + 1
-        if tail is not None:
-            tail = Tail(tail.mask, float(v[at]), float(np.exp(v[at + 1])))
-            at += 2
-        shape = self._value.shape[:2]
-        scale, stray = v[at:].reshape(2, *shape)
-        return Times(np.exp(v[:4]), v[4:COMMON], lags, tail, across_s), scale, stray
+    def _unpacked(self, v: Floats, start: Times) -> Times:
+        lags = v[COMMON : COMMON + self._bands + 1] * self._model.refresh_s
+        tail = start.tail and Tail(start.tail.mask, float(v[-2]), float(np.exp(v[-1])))
+        return Times(np.exp(v[:4]), v[4:COMMON], lags[:-1], tail, float(lags[-1]))
 
-    def _residuals(self, v: Floats, tail: Tail | None) -> Floats:
-        times, scale, stray = self._unpacked(v, tail)
-        found = scale[..., None] * self._model.shape(times) + stray[..., None] * self._past
-        return np.asarray(((found - self._value) / self._sigma).ravel())
-
-    def _slopes(self, v: Floats, tail: Tail | None) -> Floats:
-        """Derivatives of the residuals, (readings, parameters)."""
-        photos, bands, count = self._value.shape
-        times, scale, _ = self._unpacked(v, tail)
-        lags = slice(COMMON, COMMON + bands)
-        common = [*range(COMMON), *range(COMMON + bands, v.size - 2 * photos * bands)]
-        variants = [times]
+    def _slopes(self, v: Floats, start: Times) -> Floats:
+        """Derivatives of the residuals, (readings, parameters), but for what scale and stray light
+        take of them, which is at right angles to all that is left."""
+        lags = slice(COMMON, COMMON + self._bands)
+        common = [*range(COMMON), *range(COMMON + self._bands, v.size)]
+        variants = [self._unpacked(v, start)]
         for moved in (lags, *common):  # the lag of a band moves that band alone: all at once
             there = v.copy()
             there[moved] += STEP
-            variants.append(self._unpacked(there, tail)[0])
+            variants.append(self._unpacked(there, start))
         here, *others = self._model.shapes(variants)
-        by_lag, *by_common = (scale[..., None] * (other - here) / STEP for other in others)
-        out = np.zeros((photos, bands, count, v.size))
-        for number, slope in zip(common, by_common, strict=True):
-            out[..., number] = slope
-        band = np.arange(bands)
+        _, numbers, both = self._beside(here)
+        by_lag, *by_common = (numbers[..., :1] * (other - here) / STEP for other in others)
+        out = np.zeros((*here.shape, v.size))
+        out[..., common] = np.stack(by_common, axis=-1)
+        band = np.arange(self._bands)
         out[:, band, :, COMMON + band] = by_lag.transpose(1, 0, 2)
-        first = v.size - 2 * photos * bands
-        for n in range(photos):
-            at = first + n * bands + band
-            out[n, band, :, at] = here[n]
-            out[n, band, :, at + photos * bands] = self._past[n]
-        return np.asarray((out / self._sigma[..., None]).reshape(-1, v.size))
+        out = out / self._sigma[..., None]
+        out -= both @ (both.swapaxes(-1, -2) @ out)
+        return out.reshape(-1, v.size)
