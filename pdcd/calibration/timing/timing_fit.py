@@ -141,7 +141,9 @@ class Fit:
         shapes = self._model.shapes([moved(np.array([by, 0.0])) for by in tried])
         best = float(tried[int(self._chi2(shapes).sum(axis=(1, 2)).argmin())])
         solved = least_squares(
-            lambda v: self._beside(self._model.shape(moved(v)))[0].ravel(), (best, 0.0), x_scale="jac"
+            lambda v: self._beside(self._model.shape(moved(v)))[0].ravel(),
+            (best, 0.0),
+            x_scale="jac",
         )
         left = solved.fun.reshape(self._sigma.shape)
         chi = float(np.sqrt(np.mean(left**2 / (1.0 + (MODEL / self._sigma) ** 2))))

@@ -12,23 +12,23 @@ goes over the field as the room's does (`Readings.past`): one number for all.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.timing.programmes import asked, pulse
+from pdcd.calibration.timing.programmes import asked
 from pdcd.calibration.timing.strips import Readings
-from pdcd.panels.frames import FrameLog, Frames
-from pdcd.probing.panel import Panel
+from pdcd.panels.frames import BLACK, FrameLog
 from pdcd.probing.pulses import Answer, mean_light, mean_product
-from pdcd.probing.realised import Factors, collect, factors
 
 Floats = NDArray[np.float64]
 
 NODES = np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
 """Places in a band at which its lag is looked at, in bands from the middle (Gauss, 3 points)."""
 NODE_SHARES = np.array([5.0, 8.0, 5.0]) / 18.0
+AFTER = 24
+"""Black refreshes after an exposure: a mask that is late, or slow, is black then."""
 STEP = 1e-5
 """Step of the numeric derivatives: of the logarithm of a time constant, or in refreshes."""
 
@@ -94,6 +94,28 @@ class Ran:
         both = sorted((stamps[0].keys() & stamps[1].keys()) - {-1})
         return float(np.mean([stamps[1][row] - stamps[0][row] for row in both])) * 1e-9
 
+    @property
+    def slots_apart_s(self) -> float:
+        """How much later than the projector's refreshes those of the mask began that the log has
+        beside them, on average."""
+        return float(np.mean(self.log.dual_ns - self.log.primal_ns)) * 1e-9
+
+    def shown(self, refresh_s: float) -> NDArray[np.int32]:
+        """The row that projector and mask carried in each refresh, (2, n), `BLACK` ones at the end:
+        a row that was held for several is there as often."""
+        log, both = self.log, []
+        for rows, at, end in (
+            (log.primal_shown, log.primal_ns, log.end_ns[0]),
+            (log.dual_shown, log.dual_ns, log.end_ns[1]),
+        ):
+            number = np.rint((np.append(at, end) - at[0]) * 1e-9 / refresh_s).astype(np.int64)
+            both.append(np.repeat(rows, np.diff(number)))
+        longest = max(rows.size for rows in both) + AFTER
+        ends = [(0, longest - rows.size) for rows in both]
+        return np.stack(
+            [np.pad(r, end, constant_values=BLACK) for r, end in zip(both, ends, strict=True)]
+        )
+
 
 class Model:
     """The readings of all photos of one set of bands.
@@ -125,15 +147,45 @@ class Model:
 
     def shapes(self, variants: Sequence[Times]) -> Floats:
         """The same of several, (variants, photos, B, K), all with or all without a tail."""
-        return self._shapes(variants, [(r.room, r.past) for r in self.readings])
+        both = [(r.room, r.past) for r in self.readings]
+        return self._shapes(variants, both, self._asked, self._apart_s) + self.correction
 
     def anywhere(self, times: Times) -> Floats:
         """What strips of no particular band would have at each of many lags, (photos, lags, K)."""
         both = [(r.room, r.past) for r in self.readings]
         mean = [tuple(of_bands.mean(axis=0, keepdims=True) for of_bands in pair) for pair in both]
-        return np.asarray(self._shapes([times], mean)[0])
+        return np.asarray(self._shapes([times], mean, self._asked, self._apart_s)[0])
 
-    def _shapes(self, variants: Sequence[Times], rooms: Sequence[tuple[Floats, ...]]) -> Floats:
+    def correct(self, times: Times) -> None:
+        """Take into `correction` what beginning and end of the exposures make of these times: all
+        refreshes of the log with black ones after them, over white that is as long, minus pulses
+        without end."""
+        both = [(r.room, r.past) for r in self.readings]
+        shown = [ran.shown(self.refresh_s) for ran in self.ran]
+        apart = [ran.slots_apart_s for ran in self.ran]
+        strips, white = [], []
+        for (lit, opened), rows in zip(self._asked, shown, strict=True):
+            on = rows != BLACK
+            strips.append(
+                tuple(
+                    side[:, row % side.shape[1]] & at
+                    for side, row, at in zip((lit, opened), rows, on, strict=True)
+                )
+            )
+            white.append((on[:1], on[1:]))
+        # What is corrected hardly changes within a band: its middle will do.
+        slope, self.slope_s = self.slope_s, 0.0
+        plain = self._shapes([times], both, self._asked, self._apart_s)
+        whole, full = (self._shapes([times], both, pairs, apart) for pairs in (strips, white))
+        self.slope_s, self.correction = slope, (whole / full - plain)[0]
+
+    def _shapes(
+        self,
+        variants: Sequence[Times],
+        rooms: Sequence[tuple[Floats, ...]],
+        pairs: Sequence[tuple[NDArray[np.bool_], ...]],
+        apart_s: Sequence[float],
+    ) -> Floats:
         nodes = NODES * self.slope_s * self.height if self.slope_s else np.zeros(1)
         shares = NODE_SHARES if self.slope_s else np.ones(1)
         lags = np.stack([times.lags_s for times in variants])  # (V, B)
@@ -141,9 +193,7 @@ class Model:
         across = np.array([times.across_s for times in variants])[:, None, None, None]
         answers, leaks = _stacked(variants)
         parts = []
-        for reading, pair, apart, room in zip(
-            self.readings, self._asked, self._apart_s, rooms, strict=True
-        ):
+        for reading, pair, apart, room in zip(self.readings, pairs, apart_s, rooms, strict=True):
             late_s = late + across * reading.x + apart
             if self.slope_s:
                 late_s = late_s + self.slope_s * reading.off[:, None]
@@ -151,21 +201,7 @@ class Model:
             beside = leaks[0] * past + on_mask, leaks[1]
             found = _over_white(answers, beside, pair, late_s, self.refresh_s)
             parts.append(np.tensordot(found, shares, (2, 0)))
-        return np.stack(parts, axis=1) + self.correction
-
-    def correct(self, times: Times) -> None:
-        """Take into `correction` what beginning and end of the exposures, and refreshes that were
-        not quite regular, make of these times: the realised matrix minus pulses without end."""
-        shape = len(self.readings), *self.readings[0].value.shape
-        self.correction = np.zeros(shape)
-        plain = self.shape(times)
-        if self.slope_s or times.across_s:
-            # What is corrected hardly changes within a band: its middle will do.
-            slope, self.slope_s = self.slope_s, 0.0
-            plain, self.slope_s = self.shape(replace(times, across_s=0.0)), slope
-        for n, (reading, ran) in enumerate(zip(self.readings, self.ran, strict=True)):
-            for b, lag in enumerate(times.lags_s):
-                self.correction[n, b] = exact(reading, ran, times, float(lag), b) - plain[n, b]
+        return np.stack(parts, axis=1)
 
 
 def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Floats, Floats]]:
@@ -191,7 +227,7 @@ def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Fl
 def _over_white(
     answers: tuple[Answer, Answer],
     leaks: tuple[Floats, Floats],
-    pair: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    pair: tuple[NDArray[np.bool_], ...],
     late_s: Floats,
     refresh_s: float,
 ) -> Floats:
@@ -201,50 +237,3 @@ def _over_white(
     alone = a * mean_light(mask, opened, refresh_s) + b * mean_light(projector, lit, refresh_s)
     alone = alone + a * b
     return np.asarray((product + alone) / ((1.0 + a) * (1.0 + b)))
-
-
-def exact(reading: Readings, ran: Ran, times: Times, lag_s: float, band: int = 0) -> Floats:
-    """The same (K,) of a band by the realised matrix of what the log says, at one lag."""
-    at = min(band, len(reading.room) - 1)
-    beside = times.leaks[0] * reading.past[at] + reading.room[at]
-    lit, alone = (through_s(reading, ran, times, lag_s, leak) for leak in (0.0, 1.0))
-    # Light beside the projector's white is there throughout, as of a projector that never is black.
-    strips, white = (lit[part] + beside * alone[part] for part in (slice(-1), slice(-1, None)))
-    return np.asarray(strips / white)
-
-
-def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float, leak: float = 0.0) -> Floats:
-    """Seconds for which light got through the strips, (K + 1,): a cell a strip, and one more that
-    is always white. leak : of the projector."""
-    count = len(reading.projector)
-    programmes = [
-        (*side, pulse(side[0].of, side[0].of, 0, side[0].of))
-        for side in (reading.projector, reading.mask)
-    ]
-    period, rows = programmes[0][0].of, int(ran.log.primal_shown.max(initial=-1)) + 1
-    patterns = [
-        np.packbits(np.stack([p.on[side] for p in own], axis=1), axis=1)
-        for side, own in enumerate(programmes)
-    ]
-    index = (np.arange(rows) % period).astype(np.int32)
-    frames = Frames(
-        patterns[0], patterns[1], index, index, np.zeros(rows, np.uint8), index,
-        np.zeros(rows, np.bool_), (1, count + 1), (1, count + 1), "whole",
-    )  # fmt: skip
-    total = np.zeros(count + 1)
-    projector, mask = times.answers
-    b = float(times.leaks[1] / (1.0 + times.leaks[1]))
-    for p_share, p_rise, p_fall in projector.parts:
-        for m_share, m_rise, m_fall in mask.parts:
-            found: Factors = collect(
-                factors(
-                    frames,
-                    ran.log,
-                    Panel(float(p_rise), float(p_fall), leak),
-                    Panel(float(m_rise), float(m_fall), b, round(lag_s * 1e9)),
-                    open_ns=ran.open_ns,
-                    close_ns=ran.close_ns,
-                )
-            )
-            total += p_share * m_share * found.coaxial
-    return total

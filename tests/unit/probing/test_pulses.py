@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from pdcd.calibration.timing.programmes import SETS, asked
+from pdcd.calibration.timing.programmes import SETS, WHITES, Programme, asked
 from pdcd.calibration.timing.strips import Readings
-from pdcd.calibration.timing.timing_model import Ran, Times, through_s
-from pdcd.panels.frames import FrameLog
+from pdcd.calibration.timing.timing_model import Model, Ran, Times
+from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import SLOTS
+from pdcd.probing.panel import Panel
 from pdcd.probing.pulses import Answer, kept_apart, mean_light, mean_product
+from pdcd.probing.realised import collect, factors
 from pdcd.words import ScheduleName
 
 T = 1.0 / 60.0
@@ -26,6 +29,45 @@ def ran(count: int) -> Ran:
     return Ran(log, 0, int(at[-1]) + 500_000_000)
 
 
+def through_s(
+    programmes: tuple[Programme, ...], ran: Ran, times: Times, lag_s: float
+) -> NDArray[np.float64]:
+    """Seconds for which light got through the strips, (K,), by the realised matrix: a cell each."""
+    count, rows = len(programmes), int(ran.log.primal_shown.max(initial=-1)) + 1
+    patterns = [np.packbits(side.T, axis=1) for side in asked(programmes)]
+    index = (np.arange(rows) % programmes[0].of).astype(np.int32)
+    frames = Frames(
+        patterns[0], patterns[1], index, index, np.zeros(rows, np.uint8), index,
+        np.zeros(rows, np.bool_), (1, count), (1, count), "whole",
+    )  # fmt: skip
+    projector, mask = times.answers
+    found = factors(
+        frames,
+        ran.log,
+        Panel(float(projector.rise_s), float(projector.fall_s), 0.0),
+        Panel(float(mask.rise_s), float(mask.fall_s), 0.0, round(lag_s * 1e9)),
+        open_ns=ran.open_ns,
+        close_ns=ran.close_ns,
+    )
+    return np.asarray(collect(found).coaxial)
+
+
+def reading_of(programmes: tuple[Programme, ...]) -> Readings:
+    none = np.zeros((1, len(programmes)))
+    return Readings(none, none, np.array([0.5]), 1.0, programmes, programmes)
+
+
+def test_beginning_and_end_of_an_exposure_are_as_the_realised_matrix_has_them() -> None:
+    times = Times(np.array([0.002, 0.003, 0.004, 0.008]), np.zeros(2), np.array([0.0052]))
+    programmes = (*SETS[0], WHITES)
+    model = Model([reading_of(programmes)], [ran(60)], round(T * 1e9) * 1e-9)
+    without_end = model.shape(times)[0, 0]
+    model.correct(times)
+    light = through_s(programmes, ran(60), times, 0.0052)
+    np.testing.assert_allclose(model.shape(times)[0, 0], light / light[-1], rtol=0, atol=1e-5)
+    assert np.abs(without_end - light / light[-1]).max() > 1e-3
+
+
 @pytest.mark.parametrize("lag_s", [0.0, 0.004, -0.011, 0.02])
 @pytest.mark.parametrize(
     "taus_s",
@@ -35,9 +77,7 @@ def test_the_closed_form_is_the_realised_matrix(lag_s: float, taus_s: tuple[floa
     """Two exposures, one ten periods longer: the difference has no beginning and no end."""
     times = Times(np.array(taus_s), np.zeros(2), np.array([lag_s]))
     programmes = (*SETS[0], *SETS[1])
-    none = np.zeros((1, len(programmes)))
-    reading = Readings(none, none, np.array([0.5]), 1.0, programmes, programmes)
-    short, long = (through_s(reading, ran(count), times, lag_s)[:-1] for count in (60, 120))
+    short, long = (through_s(programmes, ran(count), times, lag_s) for count in (60, 120))
     refresh = round(T * 1e9) * 1e-9
     want = mean_product(*times.answers, *asked(programmes), lag_s, refresh) * 60 * refresh
     np.testing.assert_allclose(long - short, want, rtol=0, atol=1e-8)
