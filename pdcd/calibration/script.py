@@ -31,6 +31,8 @@ from pdcd.words import MarksName, SubjectName
 
 FIELD = "projector.field_px"
 """Where the field lies, in the words of the configuration."""
+CHECK = "check"
+"""The step that looks whether all is as it was; arrays that it keeps begin with its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,13 +204,16 @@ class Session:
         return delayed(shown, self.behind_rows) if self.behind_rows else shown
 
     def learn(self, step: str, outcome: Outcome) -> None:
-        """Go on by what a step found."""
+        """Go on by what a step found: another value asks for another reference of checks."""
         values = {key: found.value for key, found in outcome.words.items()}
         values.pop("camera.profile", None)
         self.field_px = values.pop(FIELD, self.field_px)
         before_rows = self.config.mask_delay_rows
         self.config = with_values(self.config, values, outcome.maps)
         self.behind_rows += self.config.mask_delay_rows - before_rows
+        if step != CHECK and (outcome.words or outcome.maps):
+            for name in [name for name in self.arrays if name.startswith(f"{CHECK}.")]:
+                del self.arrays[name]
         self.arrays.update(outcome.arrays)
         if outcome.profile is not None:
             self.profile = outcome.profile

@@ -1,9 +1,9 @@
 """Is the bench still as it was calibrated? Five photos before a session say so.
 
-White, the same with a black projector, dots of either panel, timing strips: each figure is compared
-with that of the same photo taken right after the calibration. What is found is good, or small
-enough to be taken into account (`Verdict.DOUBTFUL`: refit and go on), or calls for a new
-calibration (`Verdict.BAD`).
+White, the same with a black projector, dots of either panel, timing strips: maps and lag are fitted
+anew, and each figure is compared with that of the same photo taken right after the calibration.
+What is found is good, or small enough to be taken into account (`Verdict.DOUBTFUL`: refit and go
+on), or calls for a new calibration (`Verdict.BAD`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.check.similarity import Similarity, similarity
+from pdcd.calibration.check.moved import Moved
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 
@@ -41,58 +40,48 @@ UNEVEN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Dots:
-    """Dots that were found: index (n, 2) whole numbers of each in its panel's pattern, quads
-    (n, 2) where it lies in the photo, sigma (n,) of that in quads."""
-
-    index: NDArray[np.int64]
-    quads: Floats
-    sigma: Floats
-
-
-@dataclass(frozen=True, eq=False)
 class Look:
     """What the five photos of a check say.
 
-    projector, mask : dots of either panel.
+    camera : how the projector's dots lie from where the camera's map has them. mask : how those of
+        the mask lie from where its map has them, both in projector pixels.
     white : (rows, cols) mean light of parts of the white photo, per second of exposure.
     closed : light through the closed mask over that through the open one, and its sigma.
-    skew_s : lag of the mask, and its sigma (`pdcd.calibration.timing.skew_change`).
+    lag_s : of the mask beside what was calibrated, and its sigma; None where no strips were shown.
     settings : what must not change: camera, lens, ISO, f-number, EDIDs, modes; by name.
     saturated : share of the white photo's lit quads that are saturated.
     """
 
-    projector: Dots
-    mask: Dots
+    camera: Moved
+    mask: Moved
     white: Floats
     closed: tuple[float, float]
-    skew_s: tuple[float, float]
+    lag_s: tuple[float, float] | None
     settings: Mapping[str, str]
     saturated: float = 0.0
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A figure with its verdict, and what it means for the user."""
+    """A figure with its verdict, and what it means for the user. sure : whether it is known well
+    enough to be taken into account."""
 
     figure: Figure
     advice: str
+    sure: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
     """The verdict on a bench, and what a refit takes.
 
-    camera : how the projector's dots moved in the photo, in quads.
-    mask : how the mask moved against the projector, in projector pixels.
-    lamp : white now over then. skew_s : lag now less then.
+    camera, mask : how they moved. lamp : white now over then.
     """
 
     findings: tuple[Finding, ...]
-    camera: Similarity
-    mask: Similarity
+    camera: Moved
+    mask: Moved
     lamp: float
-    skew_s: float
 
     @property
     def verdict(self) -> Verdict:
@@ -100,52 +89,38 @@ class Checked:
         return max(finding.figure.verdict for finding in self.findings)
 
 
-def check(
-    now: Look, then: Look, camera: Map, projector: Map, guard_px: float, refresh_s: float
-) -> Checked:
+def check(now: Look, then: Look, guard_px: float, refresh_s: float) -> Checked:
     """Compare a look at the bench with that of its calibration.
 
-    camera, projector : the calibrated maps. guard_px : of the cells that are to be used.
+    guard_px : of the cells that are to be used.
 
     Raises CalibrationError where the photos say nothing: no light, saturated, too few dots.
     """
     lamp, uneven, lamp_sigma = _lamp(now, then)
-    of_projector, of_mask = matched(now.projector, then.projector), matched(now.mask, then.mask)
-    _refuse_few(len(of_projector[0]), then.projector, "projector")
-    _refuse_few(len(of_mask[0]), then.mask, "mask")
-    moved = similarity(*of_projector)
-    quads_then, quads_now, sigma = of_mask
-    on_projector = [
-        between(camera, projector, quads) for quads in (quads_then, moved.back(quads_now))
-    ]
-    corners = _corners(projector.size_px)
-    seen = between(projector, camera, corners)
-    # One number for the photo: a similarity has one size, too.
-    px_by_quad = float(np.hypot(*np.ptp(corners, axis=0)) / np.hypot(*np.ptp(seen, axis=0)))
-    mask = similarity(on_projector[0], on_projector[1], sigma * px_by_quad)
-    bumped, bumped_sigma = (px_by_quad * each for each in moved.worst(seen))
-    apart, apart_sigma = mask.worst(corners)
+    _refuse_few(now.camera.count, then.camera.count, "projector")
+    _refuse_few(now.mask.count, then.mask.count, "mask")
+    camera, mask = now.camera.since(then.camera), now.mask.since(then.mask)
+    bumped, apart = camera.worst_px, mask.worst_px
+    culprit = _culprit(bumped[0], apart[0], mask.since(camera).worst_px[0])
     # What the projector's dots are off by, the mask's are corrected by.
-    apart_sigma = float(np.hypot(apart_sigma, bumped_sigma))
-    culprit = _culprit(bumped, apart, px_by_quad * similarity(*of_mask).worst(seen)[0])
-    skew, skew_sigma = (
-        now.skew_s[0] - then.skew_s[0],
-        float(np.hypot(now.skew_s[1], then.skew_s[1])),
-    )
-    closed, closed_sigma = _closed(now, then)
-    findings = (
-        _place("mask.place", apart, apart_sigma, guard_px / 3.0, mask.left, culprit),
-        _place("camera.place", bumped, bumped_sigma, CAMERA_PX, moved.left * px_by_quad, culprit),
-        _lag(skew, skew_sigma, refresh_s, moved=apart >= GOOD_PX),
+    apart = apart[0], float(np.hypot(apart[1], bumped[1]))
+    closed = _closed(now, then)
+    findings = [
+        _place("mask.place", apart, guard_px / 3.0, mask.unlike_px, culprit),
+        _place("camera.place", bumped, CAMERA_PX, camera.unlike_px, culprit),
         _lamp_finding(lamp, lamp_sigma, uneven),
         _graded(
-            "mask.contrast", closed, closed_sigma, "", (GOOD_CLOSED, REFIT_CLOSED),
+            "mask.contrast", closed, "", (GOOD_CLOSED, REFIT_CLOSED),
             "the closed mask lets another share of the light through: look at the polarisers' "
             "angles, and calibrate the light",
         ),
         _settings(now.settings, then.settings),
-    )  # fmt: skip
-    return Checked(findings, moved, mask, lamp, skew)
+    ]  # fmt: skip
+    if now.lag_s is not None:
+        was = then.lag_s or (0.0, 0.0)
+        lag = now.lag_s[0] - was[0], float(np.hypot(now.lag_s[1], was[1]))
+        findings.insert(2, _lag(lag, refresh_s, moved=apart[0] >= GOOD_PX))
+    return Checked(tuple(findings), camera, mask, lamp)
 
 
 def parts_of(light: Floats, shape: tuple[int, int] = (12, 16)) -> Floats:
@@ -183,21 +158,11 @@ def closed_share(
     return float(dots[away].sum()) / light, float(np.sqrt(variance[away].sum())) / light
 
 
-def matched(now: Dots, then: Dots) -> tuple[Floats, Floats, Floats]:
-    """Places then and now, (n, 2), of the dots that both looks have, and the sigma of their
-    difference, (n,)."""
-    number = [{tuple(at): n for n, at in enumerate(dots.index.tolist())} for dots in (now, then)]
-    both = sorted(number[0].keys() & number[1].keys())
-    first, second = (np.array([each[key] for key in both], dtype=np.int64) for each in number)
-    sigma = np.hypot(now.sigma[first], then.sigma[second])
-    return then.quads[second], now.quads[first], sigma
-
-
-def _refuse_few(found: int, then: Dots, device: str) -> None:
+def _refuse_few(found: int, then: int, device: str) -> None:
     """Raise CalibrationError where too few of the reference's dots are there."""
-    if found < max(FEWEST_DOTS, LEAST_DOTS * len(then.index)):
+    if found < max(FEWEST_DOTS, LEAST_DOTS * then):
         raise CalibrationError(
-            f"only {found} of {len(then.index)} dots of the {device} are found again",
+            f"only {found} of {then} dots of the {device} are found again",
             device=device,
             hint="clear the field, look whether the panel shows its dots and all is in focus; "
             "else calibrate the geometry anew",
@@ -243,30 +208,36 @@ def _culprit(bumped: float, apart: float, mask_in_photo: float) -> str:
 
 
 def _place(
-    name: str, moved: float, sigma: float, refit: float, left: float, culprit: str
+    name: str, moved: tuple[float, float], refit: float, unlike: float, culprit: str
 ) -> Finding:
     """The verdict on a movement, in projector pixels at the worst corner."""
     finding = _graded(
-        name, moved, sigma, "px", (GOOD_PX, max(refit, GOOD_PX)), f"{culprit}: look at its mount"
+        name, moved, "px", (GOOD_PX, max(refit, GOOD_PX)), f"{culprit}: look at its mount"
     )
-    if left <= UNLIKE_PX:
+    if unlike <= UNLIKE_PX:
         return finding
     figure = Figure(
-        name, left, sigma, "px", f"at most {UNLIKE_PX:g} px beside a shift and a turn", Verdict.BAD
+        name,
+        unlike,
+        moved[1],
+        "px",
+        f"at most {UNLIKE_PX:g} px beside a shift and a turn",
+        Verdict.BAD,
     )
     return Finding(
         figure, f"calibrate the geometry anew: {culprit}, by more than a shift and a turn, or bent"
     )
 
 
-def _lag(skew_s: float, sigma_s: float, refresh_s: float, *, moved: bool) -> Finding:
+def _lag(lag: tuple[float, float], refresh_s: float, *, moved: bool) -> Finding:
     """The verdict on the lag. Strips of a mask that moved may say nothing of it."""
-    known = bool(np.isfinite(skew_s))
+    known = bool(np.isfinite(lag[0]))
     if moved and not known:
-        figure = Figure("mask.skew_s", skew_s, sigma_s, "s", "known", Verdict.DOUBTFUL)
-        return Finding(figure, "it cannot be told while the mask lies elsewhere: check again then")
-    advice = _late(skew_s, refresh_s) if known else ""
-    return _graded("mask.skew_s", skew_s, sigma_s, "s", (GOOD_S, REFIT_S), advice)
+        figure = Figure("mask.skew_s", *lag, "s", "known", Verdict.DOUBTFUL)
+        said = "it cannot be told while the mask lies elsewhere: check again then"
+        return Finding(figure, said, sure=False)
+    advice = _late(lag[0], refresh_s) if known else ""
+    return _graded("mask.skew_s", lag, "s", (GOOD_S, REFIT_S), advice)
 
 
 def _late(skew_s: float, refresh_s: float) -> str:
@@ -284,12 +255,10 @@ def _lamp_finding(lamp: float, sigma: float, uneven: float) -> Finding:
     """The verdict on the lamp."""
     if uneven > UNEVEN:
         figure = Figure("lamp", lamp, sigma, "", f"even within {UNEVEN:.0%}", Verdict.DOUBTFUL)
-        return Finding(figure, "this is not the scene of the reference: the lamp cannot be told")
-    found = _graded(
-        "lamp", lamp - 1.0, sigma, "", (GOOD_LAMP, REFIT_LAMP),
-        "look at the iris and the lamp's mode, then calibrate the light",
-    )  # fmt: skip
-    return found
+        said = "this is not the scene of the reference: the lamp cannot be told"
+        return Finding(figure, said, sure=False)
+    advice = "look at the iris and the lamp's mode, then calibrate the light"
+    return _graded("lamp", (lamp - 1.0, sigma), "", (GOOD_LAMP, REFIT_LAMP), advice)
 
 
 def _settings(now: Mapping[str, str], then: Mapping[str, str]) -> Finding:
@@ -305,23 +274,16 @@ def _settings(now: Mapping[str, str], then: Mapping[str, str]) -> Finding:
 
 
 def _graded(
-    name: str, value: float, sigma: float, unit: str, limits: tuple[float, float], advice: str
+    name: str, change: tuple[float, float], unit: str, limits: tuple[float, float], advice: str
 ) -> Finding:
-    """The verdict on a change: good below the first limit, refitted below the second."""
-    good, refit = limits
+    """The verdict on a change and its sigma: good below the first limit, refitted below the
+    second."""
+    (value, sigma), (good, refit) = change, limits
     size = abs(value)
     verdict = Verdict.GOOD if size < good else Verdict.DOUBTFUL if size < refit else Verdict.BAD
     if not np.isfinite([value, sigma]).all():
         verdict, advice = Verdict.BAD, "it could not be measured: take the photos again"
     elif sigma > good and size < max(good, TOLD_SIGMAS * sigma):
         verdict, advice = Verdict.DOUBTFUL, "too noisy to be told: expose longer"
-    said = "" if verdict is Verdict.GOOD else advice
-    if verdict is Verdict.DOUBTFUL:
-        said = f"taken into account; {advice}"
-    limit = f"below {good:g} {unit}".rstrip()
-    return Finding(Figure(name, value, sigma, unit, limit, verdict), said)
-
-
-def _corners(size_px: tuple[int, int]) -> Floats:
-    width, height = size_px
-    return np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])
+    figure = Figure(name, value, sigma, unit, f"below {good:g} {unit}".rstrip(), verdict)
+    return Finding(figure, "" if verdict is Verdict.GOOD else advice, sure=sigma < good)

@@ -7,48 +7,38 @@ from __future__ import annotations
 
 import json
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.check.changes import Dots, Look, closed_share, matched, parts_of
-from pdcd.calibration.check.similarity import Similarity, similarity
+from pdcd.calibration.check.changes import Look, closed_share, parts_of
+from pdcd.calibration.check.moved import Moved, moved
 from pdcd.calibration.geometry.dots import DotGrid
 from pdcd.calibration.geometry.finding import find_again
 from pdcd.calibration.geometry.geometry_step import grids
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.correction import bent_to, nodes_of
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
-from pdcd.calibration.shown import still
+from pdcd.calibration.shown import Shown, still
 from pdcd.calibration.timing.delayed import ran_as
-from pdcd.calibration.timing.programmes import (
-    BLACKS,
-    PULSES,
-    WHITES,
-    Programme,
-    strip_photo,
-    strips_on,
-)
+from pdcd.calibration.timing.programmes import BLACKS, PULSES, WHITES, strip_photo, strips_on
 from pdcd.calibration.timing.strips import read_strips
+from pdcd.calibration.timing.timing_fit import Fit
 from pdcd.calibration.timing.timing_model import Model, Tail, Times
 from pdcd.calibration.window import shared
+from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
-Photos = Generator[Wanted | Ask, Taken | None, "Seen"]
 
 GREEN = 1
-PROGRAMMES: tuple[Programme, ...] = (*PULSES, WHITES, BLACKS)
-"""Of the strips."""
-STRIPS_FLOOR = 1e-4
-"""Error of a strip over white, besides noise: edges, and light from beside."""
+LEAST_LIGHT = 1e-3
+"""Largest strip over white, below which no strip was lit."""
 DOTS_END = 1.75
 """Radii from the middle of a dot at which its light has ended; dots are five radii apart."""
-PANELS = ("projector", "mask")
 
 
 @dataclass(frozen=True)
@@ -59,222 +49,145 @@ class Exposure:
     f_number: float | None
     refreshes: int
 
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """A look, with what its strips say; None without a measured timing."""
-
-    look: Look
-    strips: Strips | None = None
+    def photo(self, shown: Shown) -> Generator[Wanted | Ask, Taken | None, Taken]:
+        """One photo so taken."""
+        return (yield from take(Wanted(shown, self.iso, self.f_number)))
 
 
-@dataclass(frozen=True, eq=False)
-class Strips:
-    """value, sigma : (B * K,) light of the strips over white, of every band. model : from a change
-    of the lag in s to the same, by the timing that was measured."""
-
-    value: Floats
-    sigma: Floats
-    model: Lagged
-
-
-@dataclass(frozen=True, eq=False)
-class Lagged:
-    """What strips should look like, by how much later the mask is than it was measured."""
-
-    model: Model
-    times: Times
-
-    def __call__(self, later_s: float) -> Floats:
-        """(B * K,), light over white."""
-        late = replace(self.times, lags_s=self.times.lags_s + later_s)
-        return np.asarray(self.model.shape(late)[0].ravel())
-
-    def leaking(self, more: float) -> Lagged:
-        """The same with more light through the mask's black, over white."""
-        a, b = self.times.leaks.tolist()
-        return replace(self, times=replace(self.times, leaks=np.array([a, max(b + more, 0.0)])))
-
-
-def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> Photos:
-    """Four photos, and one of strips where the timing was measured.
-
-    expected : dots of either panel where they should be.
-    """
-    camera = session.found("camera")
+def look(
+    session: Session, exposure: Exposure
+) -> Generator[Wanted | Ask, Taken | None, tuple[Look, str]]:
+    """Four photos, and one of strips where the timing was measured; what they say, and why the lag
+    is not known, where it is not."""
+    projector, mask, camera = (session.found(name) for name in ("projector", "mask", "camera"))
     refreshes = exposure.refreshes
-    shown = session.in_step(still("white", refreshes, WHITE, WHITE))
-    taken = yield from _photo(exposure, shown)
+    taken = yield from exposure.photo(session.in_step(still("white", refreshes, WHITE, WHITE)))
     white, said = session.photo(taken), taken.seen
-    shown = session.in_step(still("room", refreshes, BLACK, WHITE))
-    room = session.photo((yield from _photo(exposure, shown)))
-    found: dict[str, Dots] = {}
-    closed = (0.0, 0.0)
-    for panel, grid in zip(PANELS, grids(session), strict=True):
-        picture = grid.dots()
-        sides = (picture, WHITE) if panel == "projector" else (WHITE, picture)
-        shown = session.in_step(still(f"dots-{panel}", refreshes, *sides))
-        taken = yield from _photo(exposure, shown)
-        photo = session.photo(taken)
-        before = expected[panel]
-        found[panel] = Dots(*_again(white, photo, grid, before))
-        if panel == "mask":
-            radius = DOTS_END * grid.radius_px * _quads_per_px(session.found("mask"), camera)
-            closed = closed_share(
-                photo.light[..., GREEN], photo.variance[..., GREEN], white.light[..., GREEN],
-                _all_places(session, before, found[panel]), radius,
-            )  # fmt: skip
-    settings = _settings(session, exposure, said.iso, said.f_number)
+    taken = yield from exposure.photo(session.in_step(still("room", refreshes, BLACK, WHITE)))
+    room = session.photo(taken)
+    of_projector, of_mask = grids(session)
+    sigma_px = 1.0 / _quads_per_px(projector, camera)
+
+    shown = still("dots-projector", refreshes, of_projector.dots(), WHITE)
+    photo = session.photo((yield from exposure.photo(session.in_step(shown))))
+    index, quads, sigma = _again(white, photo, of_projector, projector, camera)
+    seen = between(camera, projector, quads)
+    bumped = moved(projector.size_px, seen, of_projector.centres(index), sigma_px * sigma)
+    camera = camera.then(bumped.of_field)
+
+    shown = still("dots-mask", refreshes, WHITE, of_mask.dots())
+    photo = session.photo((yield from exposure.photo(session.in_step(shown))))
+    index, quads, sigma = _again(white, photo, of_mask, mask, camera)
+    believed = between(mask, projector, of_mask.centres(index))
+    seen = between(camera, projector, quads)
+    apart = moved(projector.size_px, believed, seen, sigma_px * sigma)
+    # Also where dots are that were not found: their light is not what comes through black.
+    places = between(mask.then(apart.of_field), camera, of_mask.centres(_all(of_mask)))
+    closed = closed_share(
+        photo.light[..., GREEN], photo.variance[..., GREEN], white.light[..., GREEN],
+        places[np.isfinite(places).all(axis=-1)],
+        DOTS_END * of_mask.radius_px * _quads_per_px(mask, camera),
+    )  # fmt: skip
+
+    why, lag = "", None
+    if "timing.lag_s" in session.arrays:
+        strips = yield from _strips(session, exposure, (white, room), camera)
+        try:
+            lag = _lag(session, *strips)
+        except CalibrationError as err:
+            lag, why = (np.nan, np.nan), f"{err.message}: {err.hint}"
     open_s = refreshes * session.refresh_s
     light = parts_of(white.light[..., GREEN] - room.light[..., GREEN]) / open_s
-    found_look = Look(
-        found["projector"], found["mask"], light, closed, (0.0, 0.0), settings,
-        white.saturated_share(white.light[..., GREEN] > 0.25 * float(np.max(light)) * open_s),
-    )  # fmt: skip
-    if "timing.lag_s" not in session.arrays:
-        return Seen(found_look)
-    camera = as_it_lies(camera, similarity(*matched(found["projector"], expected["projector"])))
-    strips = yield from _strips(session, exposure, (white, room), camera)
-    return Seen(found_look, strips)
+    saturated = white.saturated_share(white.light[..., GREEN] > 0.25 * light.max() * open_s)
+    settings = _settings(session, exposure, said.iso, said.f_number)
+    return Look(bumped, apart, light, closed, lag, settings, saturated), why
 
 
-def by_maps(session: Session) -> dict[str, Dots]:
-    """Where dots should be, by the maps."""
-    camera = session.found("camera")
-    found = {}
-    for panel, grid in zip(PANELS, grids(session), strict=True):
-        rows, cols = grid.shape
-        index = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
-        quads = between(session.found(panel), camera, grid.centres(index))
-        with np.errstate(invalid="ignore"):
-            inside = ((quads > 0.0) & (quads < camera.size_px)).all(axis=-1)
-        found[panel] = Dots(index[inside], quads[inside], np.zeros(int(inside.sum())))
-    return found
-
-
-def as_it_lies(camera: Map, moved: Similarity) -> Map:
-    """The camera's map after all of the photo has moved. Raises ConfigError where it cannot be."""
-    return bent_to(camera, lambda at: camera.to_field(moved.back(at)), nodes_of(camera), "camera")
-
-
-def _all_places(session: Session, before: Dots, now: Dots) -> Floats:
-    """Where all dots of the mask are in the photo, (n, 2), those that were not found, too: their
-    light is not what comes through black."""
-    (_, grid), mask = grids(session), session.found("mask")
-    rows, cols = grid.shape
-    index = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
-    moved = similarity(*matched(now, before))
-    places = moved(between(mask, session.found("camera"), grid.centres(index)))
-    return np.asarray(places[np.isfinite(places).all(axis=-1)])
-
-
-def kept(
-    seen: Seen, exposure: Exposure, calibrated: Floats, later_s: float = 0.0
-) -> dict[str, NDArray[Any]]:
-    """A look as arrays.
-
-    calibrated : `fingerprint` of what it belongs to. later_s : by which its lag is no longer the
-        one of its model.
-    """
-    now = seen.look
+def kept(seen: Look, exposure: Exposure) -> dict[str, NDArray[Any]]:
+    """A look as arrays."""
+    taken = [exposure.iso, exposure.f_number or 0.0, exposure.refreshes]
     arrays: dict[str, NDArray[Any]] = {
-        "check.white": now.white,
-        "check.closed": np.array(now.closed),
-        "check.settings": _text(now.settings),
-        "check.exposure": np.array(
-            [exposure.iso, exposure.f_number or 0.0, exposure.refreshes], dtype=np.float64
+        "check.camera": seen.camera.array,
+        "check.mask": seen.mask.array,
+        "check.white": seen.white,
+        "check.closed": np.array(seen.closed),
+        "check.settings": np.frombuffer(
+            json.dumps(seen.settings, sort_keys=True).encode(), dtype=np.uint8
         ),
-        "check.calibrated": calibrated,
-        # Without strips: arrays that are kept must hold some numbers, and finite ones.
-        "check.strips": np.zeros((2, 1)),
+        "check.exposure": np.array(taken, dtype=np.float64),
     }
-    for panel in PANELS:
-        dots: Dots = getattr(now, panel)
-        arrays |= {
-            f"check.{panel}.index": dots.index,
-            f"check.{panel}.quads": dots.quads,
-            f"check.{panel}.sigma": dots.sigma,
-        }
-    if (strips := seen.strips) is not None:
-        # What the model says depends on the delay that the display takes out: kept is the rest.
-        arrays["check.strips"] = np.stack([strips.value - strips.model(later_s), strips.sigma])
+    if seen.lag_s is not None and np.isfinite(seen.lag_s).all():
+        arrays["check.lag_s"] = np.array(seen.lag_s)
     return arrays
 
 
-def reference(arrays: Arrays) -> tuple[Look, Exposure, Floats, Floats]:
-    """A look that was kept, how it was taken, what its strips leave of the model with their sigma
-    (2, B * K), and what it belongs to. Arrays that were kept in a file are float64, all of them.
-    Raises KeyError where none was."""
-    dots = {
-        panel: Dots(
-            arrays[f"check.{panel}.index"].astype(np.int64),
-            arrays[f"check.{panel}.quads"],
-            arrays[f"check.{panel}.sigma"],
-        )
-        for panel in PANELS
-    }
+def reference(arrays: Arrays, size_px: tuple[int, int]) -> tuple[Look, Exposure] | None:
+    """A look that was kept and how it was taken; None where none was. Arrays that were kept in a
+    file are float64, all of them. size_px : of the projector."""
+    if "check.camera" not in arrays:
+        return None
     iso, f_number, refreshes = arrays["check.exposure"].tolist()
     closed, sigma = arrays["check.closed"].tolist()
+    lag = arrays["check.lag_s"].tolist() if "check.lag_s" in arrays else None
     then = Look(
-        dots["projector"], dots["mask"], arrays["check.white"], (closed, sigma), (0.0, 0.0),
+        Moved.kept(size_px, arrays["check.camera"]),
+        Moved.kept(size_px, arrays["check.mask"]),
+        arrays["check.white"],
+        (closed, sigma),
+        lag and (lag[0], lag[1]),
         json.loads(arrays["check.settings"].astype(np.uint8).tobytes()),
-    )  # fmt: skip
-    exposure = Exposure(int(iso), f_number or None, int(refreshes))
-    return then, exposure, arrays["check.strips"], arrays["check.calibrated"]
-
-
-def fingerprint(session: Session) -> Floats:
-    """What a reference belongs to, as numbers: maps, lags, contrast, and what was calibrated of the
-    camera. Another calibration of any of these asks for another reference."""
-    config = session.config
-    parts: list[Any] = []
-    for device in (*PANELS, "camera"):
-        map_: Map = session.found(device)
-        parts += [map_.homography, map_.radial, np.ravel(map_.residual)]
-    parts += [
-        session.arrays.get("timing.lag_s", ()),
-        session.arrays.get("timing.taus_s", ()),
-        (config.mask.contrast or 0.0, config.projector.contrast or 0.0),
-        config.camera.responsivity_e or (),
-    ]
-    return np.concatenate([np.asarray(part, dtype=np.float64).ravel() for part in parts])
-
-
-def _photo(exposure: Exposure, shown: Any) -> Generator[Wanted | Ask, Taken | None, Taken]:
-    return (yield from take(Wanted(shown, exposure.iso, exposure.f_number)))
+    )
+    return then, Exposure(int(iso), f_number or None, int(refreshes))
 
 
 def _again(
-    white: Photo, photo: Photo, grid: DotGrid, before: Dots
+    white: Photo, photo: Photo, grid: DotGrid, panel: Map, camera: Map
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
-    index, quads, sigma = find_again(white, photo, grid, before.index, before.quads)
+    """Index, places in quads and their sigma of the dots that are there."""
+    index = _all(grid)
+    quads = between(panel, camera, grid.centres(index))
+    with np.errstate(invalid="ignore"):
+        inside = ((quads > 0.0) & (quads < camera.size_px)).all(axis=-1)
+    index, quads, sigma = find_again(white, photo, grid, index[inside], quads[inside])
     return index, quads, np.hypot(*sigma.T) / np.sqrt(2.0)
+
+
+def _all(grid: DotGrid) -> NDArray[np.int64]:
+    rows, cols = grid.shape
+    return np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
+
+
+def _lag(session: Session, model: Model, times: Times) -> tuple[float, float]:
+    """How much later the mask is than it was measured, and sigma. Raises CalibrationError."""
+    if not float(model.readings[0].value.max()) > LEAST_LIGHT:
+        raise CalibrationError(
+            "the timing strips are black",
+            device="display",
+            hint="look whether both panels show their strips",
+        )
+    return Fit(model).later(times)
 
 
 def _strips(
     session: Session, exposure: Exposure, white_and_room: tuple[Photo, Photo], camera: Map
-) -> Generator[Wanted | Ask, Taken | None, Strips]:
-    """What strips say, and the model of it."""
-    projector, mask = session.found("projector"), session.found("mask")
-    lags = session.arrays["timing.lag_s"]
-    strips = strips_on(projector, 0, PROGRAMMES, shared(mask, camera))
-    period = strips.programmes[0].of
-    periods = exposure.refreshes // period
+) -> Generator[Wanted | Ask, Taken | None, tuple[Model, Times]]:
+    """What strips say, and the times that were measured."""
+    arrays, (projector, mask) = session.arrays, (session.found("projector"), session.found("mask"))
+    lags = arrays["timing.lag_s"]
+    strips = strips_on(projector, 0, (*PULSES, WHITES, BLACKS), shared(mask, camera))
+    periods = exposure.refreshes // strips.programmes[0].of
     shown = strip_photo("strips", strips, projector, mask, white=False, periods=periods)
-    taken = yield from _photo(exposure, session.in_step(shown))
+    taken = yield from exposure.photo(session.in_step(shown))
     ran = ran_as(taken.ran, session.behind_rows, shown.refreshes)
     (white, room), photo = white_and_room, session.photo(taken)
     read = read_strips(photo, white, camera, strips, bands=lags.size, gaps=False, room=room)
-    share = exposure.refreshes / (periods * period)
-    value, sigma = share * read.value, np.hypot(share * read.sigma, STRIPS_FLOOR)
-    on_mask, tail_share, slower = session.arrays.get("timing.tail", np.array([0.0, 0.0, 1.0]))
+    on_mask, tail_share, slower = arrays.get("timing.tail", np.array([0.0, 0.0, 1.0]))
     tail = Tail(bool(on_mask), float(tail_share), float(slower)) if tail_share else None
-    across_s = float(session.arrays.get("timing.across_s", 0.0))
-    taus_s, leaks = session.arrays["timing.taus_s"], session.arrays["timing.leaks"]
-    times = Times(taus_s, leaks, lags, tail, across_s)
+    across_s = float(arrays.get("timing.across_s", 0.0))
+    times = Times(arrays["timing.taus_s"], arrays["timing.leaks"], lags, tail, across_s)
     model = Model([read], [ran], session.refresh_s)
     model.slope_s = float(np.polyfit(read.bands, lags, 1)[0]) if lags.size > 1 else 0.0
-    return Strips(value.ravel(), sigma.ravel(), Lagged(model, times))
+    return model, times
 
 
 def _settings(
@@ -299,8 +212,3 @@ def _quads_per_px(panel: Map, camera: Map) -> float:
     middle = 0.5 * np.array([panel.size_px], dtype=np.float64)
     ends = [between(panel, camera, middle + step) for step in ((-0.5, 0.0), (0.5, 0.0))]
     return float(np.hypot(*(ends[1] - ends[0])[0]))
-
-
-def _text(words: Mapping[str, str]) -> NDArray[np.uint8]:
-    """Words as bytes: arrays that are kept hold numbers only."""
-    return np.frombuffer(json.dumps(words, sort_keys=True).encode(), dtype=np.uint8)

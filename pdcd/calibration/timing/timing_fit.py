@@ -137,7 +137,8 @@ class Fit:
             leaks = times.leaks + np.array([0.0, v[1]])
             return replace(times, lags_s=times.lags_s + v[0] * refresh, leaks=leaks)
 
-        tried = np.arange(-REACH, REACH, 0.5 / LAGS_A_REFRESH)
+        reach = round(2 * REACH * LAGS_A_REFRESH)
+        tried = np.arange(-reach, reach + 1) / (2.0 * LAGS_A_REFRESH)
         shapes = self._model.shapes([moved(np.array([by, 0.0])) for by in tried])
         best = float(tried[int(self._chi2(shapes).sum(axis=(1, 2)).argmin())])
         solved = least_squares(
