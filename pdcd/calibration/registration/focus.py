@@ -1,8 +1,7 @@
 """Focus: how deep fine stripes are in a photo, over the field.
 
 Which stripes are shown says what is focused: the mask's alone, the camera on the mask (the relay);
-the projector's alone, the projector on the scene, or the scene on a diffuser at the mask; both
-panels' together, what counts in the end (`registration.offsets.Series.modulation`).
+the projector's alone, the projector on the scene, or the scene on a diffuser at the mask.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ from pdcd.errors import CalibrationError
 Floats = NDArray[np.float64]
 
 PARTS = (3, 4)
-"""Rows and columns of the field in which the depth is told apart."""
+"""Rows and columns of the photo in which the depth is told apart."""
 LEAST_DEPTH = 0.02
 """Depth of stripes, over the mean light, below which there are none."""
-SURE = 6.0
+SURE = 10.0
 """How far above noise and texture the stripes must stand, in standard deviations."""
-LEAST_PERIODS = 6
-"""Periods across a part of the field that are looked at together."""
+NEAR = 1.8
+"""Factor by which the period may be another than it is thought to be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,19 +52,16 @@ class Depth:
     def slope(self) -> tuple[float, float]:
         """How ln M grows from the left edge to the right one, and from the top to the bottom:
         large where the plane of focus is tilted. NaN where a part of the field is dark."""
-        rows, cols = self.parts.shape
-        x, y = (np.arange(cols) + 0.5) / cols - 0.5, (np.arange(rows) + 0.5) / rows - 0.5
         logs = np.log(np.maximum(self.parts, 1e-6))
+        down, right = ((np.arange(n) + 0.5) / n - 0.5 for n in PARTS)
         return (
-            float((logs * x).sum() / (rows * (x**2).sum())),
-            float((logs * y[:, None]).sum() / (cols * (y**2).sum())),
+            float((logs.mean(axis=0) * right).sum() / (right**2).sum()),
+            float((logs.mean(axis=1) * down).sum() / (down**2).sum()),
         )
 
 
-def depth(photo: Photo, axis: int, period_quads: float) -> Depth:
-    """Depth of stripes in one photo, wherever they lie, of a period that is known within 15 %.
-
-    axis : 0 for upright stripes in the photo, 1 for lying ones; a tilt by some degrees is allowed.
+def depth(photo: Photo, period_quads: float) -> Depth:
+    """Depth of stripes in one photo, whichever way they run, of a period that is nearly known.
 
     Raises CalibrationError for a photo without light, saturated, or without stripes.
     """
@@ -80,54 +76,59 @@ def depth(photo: Photo, axis: int, period_quads: float) -> Depth:
         raise CalibrationError(
             "the photo is saturated", device="camera", hint="expose less, or lower the ISO"
         )
-    rows, cols = PARTS
-    parts, sigma = np.full(PARTS, np.nan), np.full(PARTS, np.nan)
-    height, width = seen.shape[0] // rows, seen.shape[1] // cols
-    across = (width, height)[axis]
-    if across < LEAST_PERIODS * period_quads:
-        raise ValueError(f"{across} quads a part hold less than {LEAST_PERIODS} periods")
-    means = np.array([[seen[_part(r, c, height, width)].mean() for c in range(cols)]
-                      for r in range(rows)])  # fmt: skip
-    for row, col in np.argwhere(means > 0.1 * means.max()):
-        part = _part(row, col, height, width)
-        turned = (seen[part], noise[part]) if axis == 0 else (seen[part].T, noise[part].T)
-        parts[row, col], sigma[row, col] = _depth(*turned, period_quads)
-    found = Depth(parts, sigma)
-    if not found.number > max(LEAST_DEPTH, SURE * found.number_sigma):
+    cycles = _cycles(seen, period_quads)
+    height, width = (side // parts for side, parts in zip(seen.shape, PARTS, strict=True))
+    found = np.full((2, *PARTS), np.nan)
+    for at in np.ndindex(PARTS):
+        part = np.s_[at[0] * height :, at[1] * width :]
+        light = seen[part][:height, :width]
+        if light.mean() > 0.1 * seen.mean():
+            found[:, *at] = _depth(light, noise[part][:height, :width], cycles)
+    depths = Depth(found[0], found[1])
+    if not depths.number > max(LEAST_DEPTH, SURE * depths.number_sigma):
         raise CalibrationError(
-            f"no stripes of {period_quads:.1f} quads are seen: their depth is {found.number:.3f}",
+            f"no stripes of about {period_quads:.1f} quads are seen: their depth is "
+            f"{depths.number:.3f}",
             device="camera",
             hint="look whether the panel shows stripes, then turn the focus through its range",
         )
-    return found
+    return depths
 
 
-def _part(row: int, col: int, height: int, width: int) -> tuple[slice, slice]:
-    return slice(row * height, (row + 1) * height), slice(col * width, (col + 1) * width)
-
-
-def _depth(light: Floats, variance: Floats, period: float) -> tuple[float, float]:
-    """Depth of upright stripes in a part of a photo, and its standard deviation.
-
-    A window that falls off to the edges keeps light of the mean and of other periods away; the
-    highest of finely spaced frequencies near the one that is wanted is the stripes'.
-    """
-    height, width = light.shape
-    window = np.outer(np.hanning(height + 2)[1:-1], np.hanning(width + 2)[1:-1])
+def _windowed(light: Floats) -> tuple[Floats, Floats]:
+    """A window that falls off to the edges, of sum 1, and light of it without its mean, over that:
+    so the mean and other periods are kept away."""
+    window = np.outer(*(np.hanning(side + 2)[1:-1] for side in light.shape))
     window /= window.sum()
     mean = float((window * light).sum())
-    centred = window * (light - mean)
-    right = np.linspace(0.85, 1.15, 31) / period
-    # Tilts of up to 10 degrees.
-    down = np.linspace(-0.17, 0.17, 25) / period
-    across = np.exp(2j * np.pi * np.arange(width)[:, None] * right)
-    along = np.exp(2j * np.pi * np.arange(height)[:, None] * down)
-    power = np.abs(along.T @ centred @ across)
+    return window / mean, window * (light / mean - 1.0)
+
+
+def _cycles(light: Floats, period_quads: float) -> tuple[float, float]:
+    """Cycles a quad, down and right, of the strongest stripes of about that period."""
+    power = np.abs(np.fft.rfft2(_windowed(light)[1]))
+    down, right = np.fft.fftfreq(light.shape[0]), np.fft.rfftfreq(light.shape[1])
+    ratio = period_quads * np.hypot(down[:, None], right)
+    power[(ratio < 1.0 / NEAR) | (ratio > NEAR)] = 0.0
+    row, col = np.unravel_index(int(power.argmax()), power.shape)
+    return float(down[row]), float(right[col])
+
+
+def _depth(light: Floats, variance: Floats, cycles: tuple[float, float]) -> tuple[float, float]:
+    """Depth of stripes in a part of a photo, and its standard deviation: the highest of finely
+    spaced frequencies near the one that all of it has."""
+    window, centred = _windowed(light)
+
+    def amplitudes(times: float, spread: Floats) -> Floats:
+        """Of frequencies around a multiple of the stripes' own."""
+        down, right = (
+            np.exp(2j * np.pi * np.outer(times * own + spread / side, np.arange(side)))
+            for own, side in zip(cycles, light.shape, strict=True)
+        )
+        return 2.0 * np.abs(down @ centred @ right.T)
+
+    best = float(amplitudes(1.0, np.linspace(-1.0, 1.0, 17)).max())
     # Noise, whatever its kind, is as strong a little beside: there, no harmonic of stripes falls.
-    beside = np.exp(
-        2j * np.pi * np.arange(width)[:, None] * np.array([0.6, 0.7, 1.4, 1.6]) / period
-    )
-    floor = float(np.sqrt(np.mean(np.abs(along.T @ centred @ beside) ** 2)))
-    shot = float(np.sqrt((window**2 * variance).sum()))
-    best = 2.0 * float(power.max()) / mean
-    return best, 2.0 * max(shot, floor) / mean
+    floors = [amplitudes(times, np.arange(-1.0, 2.0)) for times in (0.6, 0.7, 1.4, 1.6)]
+    floor = float(np.sqrt(np.mean(np.square(floors))))
+    return best, max(2.0 * float(np.sqrt((window**2 * variance).sum())), floor)

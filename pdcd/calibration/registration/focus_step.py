@@ -6,14 +6,11 @@ from __future__ import annotations
 from collections.abc import Generator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.focus import LEAST_PERIODS, PARTS, Depth, depth
+from pdcd.calibration.registration.focus import Depth, depth
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
-from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map, between
 
@@ -25,8 +22,6 @@ ALIKE = 0.02
 """Difference of depths that is none."""
 LEAST_QUADS = 6.0
 """Quads of a period, at least."""
-GUESSES = (1.0, 0.8, 1.25, 0.64, 1.56)
-"""Scales that are tried where no map tells how large a pixel is in the photo."""
 NEAR_BEST, SHARP = 0.9, 0.6
 """Depth over the best so far at which it may stay; depth of stripes that are sharp enough."""
 TILTED = 0.3
@@ -69,14 +64,16 @@ def focus(session: Session) -> Script:
 
 
 def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | None, list[Depth]]:
-    """Depths of one panel's stripes, until it is enough."""
-    period_px, period_quads, axis = _period(session, panel)
-    bits = _stripes(session, panel, period_px)
+    """Depths of one panel's upright stripes, until it is enough."""
+    width, height = getattr(session.config, panel).size_px
+    quads_a_px = _quads_a_px(session, panel)
+    half = max(2, int(np.ceil(0.5 * LEAST_QUADS / quads_a_px)))
+    bits = np.broadcast_to(np.arange(width) % (2 * half) < half, (height, width)).copy()
     seen: list[Depth] = []
     for number in range(1, PHOTOS + 1):
         sides = (bits, WHITE) if panel == "projector" else (WHITE, bits)
         taken = yield from take(Wanted(still(f"{panel}-{number}", session.full, *sides)))
-        found, period_quads, axis = _measured(session.photo(taken), period_quads, axis)
+        found = depth(session.photo(taken), 2 * half * quads_a_px)
         seen.append(found)
         recent = [each.number for each in seen[-STILL:]]
         best = max(each.number for each in seen)
@@ -91,52 +88,13 @@ def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | Non
     return seen
 
 
-def _measured(photo: Photo, period_quads: float, axis: int | None) -> tuple[Depth, float, int]:
-    """Depth of the stripes, their period in quads and their axis in the photo as they were found.
-
-    axis : as `depth`; None where neither it nor the period is known.
-    """
-    best: tuple[Depth, float, int] | None = None
-    failed = CalibrationError(
-        "the photo has too few quads for stripes that the camera can tell apart", device="camera"
-    )
-    for way in (0, 1) if axis is None else (axis,):  # a camera may be turned by a quarter
-        most = photo.frame[1 - way] // PARTS[1 - way] / LEAST_PERIODS
-        for scale in GUESSES if axis is None else (1.0,):
-            if scale * period_quads > most:
-                continue
-            try:
-                found = depth(photo, way, scale * period_quads)
-            except CalibrationError as err:
-                failed = err
-                continue
-            if best is None or found.number > best[0].number:
-                best = found, scale * period_quads, way
-    if best is None:
-        raise failed
-    return best
-
-
-def _period(session: Session, panel: str) -> tuple[int, float, int | None]:
-    """Period of the stripes in pixels of the panel, and in quads; the axis in the photo along which
-    they follow each other, None where a map tells neither."""
+def _quads_a_px(session: Session, panel: str) -> float:
+    """Quads of the photo to a pixel of the panel: by the maps, or as if its picture filled the
+    frame."""
     camera, map_ = session.config.camera.place.map, getattr(session.config, panel).place.map
-    width, _ = getattr(session.config, panel).size_px
-    axis = None
     if isinstance(camera, Map) and isinstance(map_, Map):
-        middle = 0.5 * np.array([map_.size_px], dtype=np.float64)
+        middle = 0.5 * np.array(map_.size_px, dtype=np.float64)
         ends = [between(map_, camera, middle + np.array([step, 0.0])) for step in (-0.5, 0.5)]
-        right, down = (ends[1] - ends[0])[0].tolist()
-        quads, axis = float(np.hypot(right, down)), int(abs(down) > abs(right))
-    else:
-        frame = session.camera.frame_quads
-        quads = (frame[0] if frame is not None else 2.0 * width) / width
-    half = max(2, int(np.ceil(0.5 * LEAST_QUADS / quads)))
-    return 2 * half, 2 * half * quads, axis
-
-
-def _stripes(session: Session, panel: str, period_px: int) -> NDArray[np.bool_]:
-    """Upright stripes of a panel, (height, width) bool."""
-    width, height = getattr(session.config, panel).size_px
-    lit = np.arange(width) % period_px < period_px // 2
-    return np.broadcast_to(lit, (height, width)).copy()
+        return float(np.hypot(*(ends[1] - ends[0])))
+    frame = session.camera.frame_quads
+    return frame[0] / getattr(session.config, panel).size_px[0] if frame is not None else 2.0

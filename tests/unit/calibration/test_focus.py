@@ -39,7 +39,7 @@ def photo(
 
 
 def test_depth_is_that_of_blurred_stripes() -> None:
-    sharp, soft = depth(photo(0.05), 0, PERIOD), depth(photo(1.2), 0, PERIOD)
+    sharp, soft = depth(photo(0.05), PERIOD), depth(photo(1.2), PERIOD)
     assert sharp.number == pytest.approx(4.0 / np.pi, rel=0.02)
     kept = np.exp(-2.0 * np.pi**2 * (1.2**2 - 0.05**2) / PERIOD**2)
     assert soft.number / sharp.number == pytest.approx(kept, rel=0.02)
@@ -49,13 +49,13 @@ def test_depth_is_that_of_blurred_stripes() -> None:
 def test_stripes_may_lie() -> None:
     upright = photo(1.0)
     lying = Photo(upright.light.swapaxes(0, 1), upright.variance.swapaxes(0, 1))
-    found = [depth(upright, 0, PERIOD).number, depth(lying, 1, PERIOD).number]
+    found = [depth(upright, PERIOD).number, depth(lying, PERIOD).number]
     assert found[0] == pytest.approx(found[1], rel=0.02)
 
 
 def test_one_photo_shows_which_side_is_sharper() -> None:
     blur = np.broadcast_to(np.linspace(1.5, 0.7, 160), (120, 160))
-    right, down = depth(photo(blur), 0, PERIOD).slope
+    right, down = depth(photo(blur), PERIOD).slope
     assert right > 0.5
     assert abs(down) < 0.1
 
@@ -63,10 +63,10 @@ def test_one_photo_shows_which_side_is_sharper() -> None:
 def test_what_is_wrong_is_named() -> None:
     plain = photo(1.0)
     with pytest.raises(CalibrationError, match="no light"):
-        depth(photo(1.0, electrons=0.0), 0, PERIOD)
+        depth(photo(1.0, electrons=0.0), PERIOD)
     with pytest.raises(CalibrationError, match="saturated"):
-        depth(replace(plain, saturated=plain.light[..., 1] > 4000.0), 0, PERIOD)
+        depth(replace(plain, saturated=plain.light[..., 1] > 4000.0), PERIOD)
     with pytest.raises(CalibrationError, match="no stripes"):
-        depth(photo(6.0), 0, PERIOD)
+        depth(photo(6.0), PERIOD)
     with pytest.raises(CalibrationError, match="no stripes"):
-        depth(plain, 1, PERIOD)  # upright where lying ones are looked for
+        depth(plain, 3.0 * PERIOD)  # wider ones were shown
