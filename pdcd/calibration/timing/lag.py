@@ -36,7 +36,6 @@ from pdcd.calibration.timing.timing_fit import Fit, Fitted
 from pdcd.calibration.timing.timing_model import COMMON, TAUS, Model, Ran, Tail
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
-from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import Answer, Kept, kept_apart
 from pdcd.words import ScheduleName
 
@@ -70,9 +69,7 @@ class Timing:
         white. room : of each place what that photo said, the median.
     tail : a second, slower answer of one panel, where one was needed.
     chi2 : reduced, of the whole fit. causes : what may be why, where it is too large.
-    covariance : (7 + B, 7 + B), and 2 more with a tail: of logarithms of `taus_s`, of `leaks`, of
-        `lag_s` and `across_s` in s, of share and log slowness of the tail.
-    scale : (photos, B) of light over that of the white photo: the lamp. stray : (photos, B).
+    light : (photos, B, K) what was found makes of the strips.
     apart_s : how much later the mask was sent its rows, as the log has it.
     """
 
@@ -89,9 +86,7 @@ class Timing:
     tail: Tail | None
     chi2: float
     causes: tuple[str, ...]
-    covariance: Floats
-    scale: Floats
-    stray: Floats
+    light: Floats
     apart_s: float
     refresh_s: float
     answers: tuple[Answer, Answer]
@@ -113,14 +108,6 @@ class Timing:
         """What a schedule lets through at a lag, that of the log included."""
         return kept_apart(schedule, *self.answers, late_s, self.refresh_s)
 
-    def leak(self, schedule: ScheduleName) -> float:
-        """Leak of the worst band under a schedule, as the panels are sent their frames now."""
-        return max(self.kept(schedule, self.apart_s + float(lag)).leak for lag in self.lag_s)
-
-    def leaks_of_all(self) -> dict[ScheduleName, float]:
-        """`leak` of every schedule there is."""
-        return {name: self.leak(name) for name in SLOTS}
-
     def panel_words(self, mask: Map) -> tuple[float, float]:
         """``skew_s`` and ``scan_s`` of [mask] in the configuration's words, all of it put down to
         the mask: delay of the row that comes first, and time from its first row to its last.
@@ -133,7 +120,8 @@ class Timing:
         return min(first, last), last - first
 
     def figures(self) -> list[Figure]:
-        """The figures of this step, with limits and verdicts."""
+        """The figures of the fit, with limits and verdicts; a lag of more than half a refresh is no
+        fault, for it is taken out."""
         found = []
         for name, value, sigma in zip(TAUS, self.taus_s, self.taus_sigma_s, strict=True):
             good = sigma < TAU_LIMIT * value
@@ -141,12 +129,11 @@ class Timing:
             found.append(Figure(name, float(value), float(sigma), "s", "known to 6 %", verdict))
         at = np.array([1.0, 0.5])
         middle, sigma = float(at @ self.line_s), float(np.sqrt(at @ self.line_covariance @ at))
-        good = bool((self.lag_sigma_s < LAG_LIMIT_S).all())
-        whole = abs(self.delay_refreshes) > 0
+        known = bool((self.lag_sigma_s < LAG_LIMIT_S).all())
         found += [
             Figure(
-                "mask.skew_s", middle, sigma, "s", "each band known to 0.15 ms, less than half "
-                "a refresh", Verdict.GOOD if good and not whole else Verdict.DOUBTFUL,
+                "mask.skew_s", middle, sigma, "s", "each band known to 0.15 ms",
+                Verdict.GOOD if known else Verdict.DOUBTFUL,
             ),
             Figure(
                 "mask.scan_s", self.line_s[1], float(np.sqrt(self.line_covariance[1, 1])), "s",
@@ -301,17 +288,12 @@ def straight(
 def _timing(model: Model, found: Fitted) -> Timing:
     line, spread = _line(model, found)
     bands = model.readings[0].bands
-    covariance = found.covariance.copy()
-    part = slice(COMMON, COMMON + bands.size)
-    in_refreshes = slice(COMMON, COMMON + bands.size + 1)
-    covariance[in_refreshes] *= model.refresh_s
-    covariance[:, in_refreshes] *= model.refresh_s
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = np.sqrt(np.diag(found.covariance))
     times = found.times
     return Timing(
         bands=bands,
         lag_s=times.lags_s,
-        lag_sigma_s=sigma[part],
+        lag_sigma_s=sigma[COMMON : COMMON + bands.size] * model.refresh_s,
         across_s=times.across_s,
         line_s=line,
         line_covariance=spread,
@@ -322,9 +304,7 @@ def _timing(model: Model, found: Fitted) -> Timing:
         tail=times.tail,
         chi2=found.chi2,
         causes=causes_of(model.readings, found) if found.chi2 > CHI2 else (),
-        covariance=covariance,
-        scale=found.scale,
-        stray=found.stray,
+        light=found.light,
         apart_s=model.apart_s,
         refresh_s=model.refresh_s,
         answers=times.answers,

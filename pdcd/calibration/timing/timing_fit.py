@@ -45,17 +45,16 @@ class Fitted:
     """times : the best. covariance : of the logarithms of four time constants, two leaks, the lags,
     what the lag grows across, then share and slowness of a tail where there is one.
 
-    chi2 : reduced, by `FLAT` and `FLOOR` as they stand. scale, stray : (photos, B). dof : degrees
-    of freedom. left : (photos, B, K) what the times do not explain of the strips, in standard
-    deviations. floors : the share of `FLAT` and `FLOOR` that what is left of the strips speaks for.
+    chi2 : reduced, by `FLAT` and `FLOOR` as they stand. stray : (photos, B). light, left :
+    (photos, B, K), what the times make of the strips, and what they do not explain of them, in
+    standard deviations. floors : the share of `FLAT` and `FLOOR` that what is left speaks for.
     """
 
     times: Times
     covariance: Floats
     chi2: float
-    dof: int
-    scale: Floats
     stray: Floats
+    light: Floats
     left: Floats
     floors: float
 
@@ -122,8 +121,8 @@ class Fit:
         floors = self._floors * float(np.sqrt(np.sum(left**2) / dof))
         floors = min(max(floors, LEAST_FLOORS), 1.0)
         covariance = self._covariance(np.asarray(solved.jac, dtype=np.float64), left)
-        scale, stray = np.moveaxis(numbers, -1, 0)
-        return Fitted(times, covariance, chi2, dof, scale, stray, of_stated, floors)
+        light = self._value + left * self._sigma
+        return Fitted(times, covariance, chi2, numbers[..., 1], light, of_stated, floors)
 
     def later(self, times: Times) -> tuple[float, float]:
         """By how much later than at known times the mask is, in s, and its standard deviation; what

@@ -22,7 +22,7 @@ from pdcd.calibration.script import (
     take,
 )
 from pdcd.calibration.timing.delayed import delayed, ran_as
-from pdcd.calibration.timing.lag import LAG_LIMIT_S, Timing, coarse_delay, fit_timing
+from pdcd.calibration.timing.lag import Timing, coarse_delay, fit_timing
 from pdcd.calibration.timing.programmes import COARSE, Strips, room_photo, strip_photo, strips_on
 from pdcd.calibration.timing.strips import Readings, read_strips
 from pdcd.calibration.timing.timing_faults import room_of
@@ -31,6 +31,7 @@ from pdcd.calibration.timing.timing_picture import draw_timing
 from pdcd.calibration.window import Window, shared
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
+from pdcd.panels.schedule import SLOTS
 
 Floats = NDArray[np.float64]
 
@@ -121,7 +122,7 @@ def timing(session: Session) -> Script:
         ran.append(ran_as(taken.ran, delay, rig.refreshes))
         rows_delay = taken.log.mask_delay
     found = fit_timing(readings, ran, session.refresh_s)
-    return _outcome(session, rig, found, readings, ran, rows_delay + delay)
+    return _outcome(session, rig, found, readings, rows_delay + delay)
 
 
 def _coarse(
@@ -153,7 +154,6 @@ def _outcome(
     rig: _Rig,
     found: Timing,
     readings: list[Readings],
-    ran: list[Ran],
     rows_delay: int,
 ) -> Outcome:
     """Figures, words and advice. rows_delay : by how many rows the mask was sent its pictures
@@ -195,11 +195,11 @@ def _outcome(
         )
     delay = Figure("display.mask_delay_refreshes", float(refreshes), 0.0, "", "-60 to 60")
     return Outcome(
-        figures=(*_figures(found), delay, *_leaks(found, late_s)),
+        figures=(*found.figures(), delay, *_leaks(found, late_s)),
         words=words,
         arrays=_arrays(found),
         advice=tuple(advice),
-        picture=lambda figure: draw_timing(figure, found, readings, ran),
+        picture=lambda figure: draw_timing(figure, found, readings),
     )
 
 
@@ -228,25 +228,10 @@ def _row_words(found: Timing, mask: Map) -> dict[str, Measured]:
     }
 
 
-def _figures(found: Timing) -> list[Figure]:
-    """Those of the fit; a lag of more than half a refresh is no fault, for it is taken out."""
-    known = bool((found.lag_sigma_s < LAG_LIMIT_S).all())
-    lag = Verdict.GOOD if known else Verdict.DOUBTFUL
-    return [
-        replace(figure, verdict=lag, limit="each band known to 0.15 ms")
-        if figure.name == "mask.skew_s"
-        else figure
-        for figure in found.figures()
-    ]
-
-
 def _leaks(found: Timing, late_s: Floats) -> list[Figure]:
     """What each schedule will leak, in the worst band, once the delay is taken out; the best of
     them is judged."""
-    leaks = {
-        name: max(found.kept(name, float(late)).leak for late in late_s)
-        for name in found.leaks_of_all()
-    }
+    leaks = {name: max(found.kept(name, float(late)).leak for late in late_s) for name in SLOTS}
     best = min(leaks, key=lambda name: leaks[name])
     figures = []
     for name, leak in leaks.items():

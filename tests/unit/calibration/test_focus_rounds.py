@@ -67,7 +67,7 @@ def test_it_ends_when_three_photos_are_alike() -> None:
     told = found.asked[3]
     assert told.text.startswith("focus the projector on the card: now 0.")
     assert told.now == pytest.approx(0.6, abs=0.02) and told.best == told.now
-    assert found.asked[0].text.startswith("focus the camera on the mask (the relay): now 0.9")
+    assert found.asked[0].text.startswith("focus the camera on the mask (the relay): now 0.")
     assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
     assert [figure.name for figure in found.outcome.figures] == ["focus.mask", "focus.projector"]
     assert found.outcome.figures[1].value == pytest.approx(0.9, abs=0.02)
