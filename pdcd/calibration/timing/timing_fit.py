@@ -18,6 +18,9 @@ SHORTEST_S, LONGEST_S = 2e-5, 0.06
 LEAKS = (0.0, 0.5)
 STARTS_S = (0.0008, 0.004)
 """Time constants from which the fit starts, in all four combinations of both panels."""
+LIKELY_S, LIKELY_SD = 2e-3, 1.0
+"""What a time constant is before there is any light, and by what power of e it may be another: it
+decides where noise hides a fast projector behind a slow mask."""
 LAGS_A_REFRESH = 6
 KEPT_STARTS = 2
 REACH = 2.5
@@ -102,9 +105,12 @@ class Fit:
         free = self._packed(start)
         lower, upper = self._bounds(start, free.size)
         solved = least_squares(
-            lambda v: self._beside(self._model.shape(self._unpacked(v, start)))[0].ravel(),
+            lambda v: np.append(
+                self._beside(self._model.shape(self._unpacked(v, start)))[0],
+                (v[:4] - np.log(LIKELY_S)) / LIKELY_SD,
+            ),
             np.clip(free, lower + 1e-9, upper - 1e-9),
-            jac=lambda v: self._slopes(v, start),
+            jac=lambda v: np.vstack([self._slopes(v, start), np.eye(4, free.size) / LIKELY_SD]),
             bounds=(lower, upper),
             method="dogbox",  # it takes whole steps where a parameter does not matter at all
             x_scale="jac",
@@ -120,7 +126,7 @@ class Fit:
         chi2 = float(np.sum(of_stated**2)) / dof
         floors = self._floors * float(np.sqrt(np.sum(left**2) / dof))
         floors = min(max(floors, LEAST_FLOORS), 1.0)
-        covariance = self._covariance(np.asarray(solved.jac, dtype=np.float64), left)
+        covariance = self._covariance(np.asarray(solved.jac[:-4], dtype=np.float64), left)
         light = self._value + left * self._sigma
         return Fitted(times, covariance, chi2, numbers[..., 1], light, of_stated, floors)
 
