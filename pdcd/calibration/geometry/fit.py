@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
@@ -264,13 +264,8 @@ class _Model:
         return found
 
     def basis(self, source_px: Floats) -> Floats:
-        """Displacement at points (n, 2) by a node of 1: (n, nodes).
-        `pdcd.panels.distortion.Residual` is the same spline."""
-        rows, cols = self._nodes
-        at = np.clip(source_px / self._source, 0.0, 1.0)
-        across = CubicSpline(np.arange(cols), np.eye(cols))(at[:, 0] * (cols - 1))
-        along = CubicSpline(np.arange(rows), np.eye(rows))(at[:, 1] * (rows - 1))
-        return np.asarray((along[:, :, None] * across[:, None, :]).reshape(len(at), -1))
+        """See `basis_of`."""
+        return basis_of(source_px, self._source, self._nodes)
 
     def straight(self, numbers: Floats, near: Floats) -> Floats:
         """Points without the lens, the residual not yet added."""
@@ -319,9 +314,8 @@ class _Model:
         rows, cols = self._nodes
         found = np.zeros((numbers.size, numbers.size))
         found[8, 8] = found[9, 9] = LENS_SD**-2
-        along = np.kron(_bends(rows), np.eye(cols))
-        across = np.kron(np.eye(rows), _bends(cols))
-        held = (along.T @ along + across.T @ across) * (unit / BEND_SD_PX) ** 2
+        bends = bends_of(self._nodes)
+        held = bends.T @ bends * (unit / BEND_SD_PX) ** 2
         held += np.eye(rows * cols) * (unit / NODE_SD_PX) ** 2
         count = rows * cols
         found[LENS : LENS + count, LENS : LENS + count] = held
@@ -351,9 +345,21 @@ class _Model:
         )
 
 
-def _bends(count: int) -> Floats:
-    """Second differences of so many nodes, (count - 2, count)."""
-    return np.asarray(np.diff(np.eye(count), n=2, axis=0))
+def basis_of(points_px: Floats, size_px: ArrayLike, nodes: tuple[int, int]) -> Floats:
+    """Displacement at points (n, 2) of a device by a node of 1: (n, nodes).
+    `pdcd.panels.distortion.Residual` is the same spline."""
+    rows, cols = nodes
+    at = np.clip(points_px / np.asarray(size_px), 0.0, 1.0)
+    across = CubicSpline(np.arange(cols), np.eye(cols))(at[:, 0] * (cols - 1))
+    along = CubicSpline(np.arange(rows), np.eye(rows))(at[:, 1] * (rows - 1))
+    return np.asarray((along[:, :, None] * across[:, None, :]).reshape(len(at), -1))
+
+
+def bends_of(nodes: tuple[int, int]) -> Floats:
+    """Second differences of nodes down and across, (k, nodes)."""
+    down, across = (np.diff(np.eye(count), n=2, axis=0) for count in nodes)
+    rows, cols = (np.eye(count) for count in nodes)
+    return np.vstack([np.kron(down, cols), np.kron(rows, across)])
 
 
 def _sound(map_: Map, device: str) -> Map:

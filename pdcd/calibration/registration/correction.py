@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
+from pdcd.calibration.geometry.fit import basis_of, bends_of
 from pdcd.calibration.registration.offsets import Offsets
 from pdcd.errors import CalibrationError
 from pdcd.panels.distortion import Residual
@@ -26,8 +27,8 @@ Floats = NDArray[np.float64]
 
 NODES = (8, 10)
 """Rows and columns of a correction, at least."""
-STIFF = 0.1
-"""How far second differences of nodes may go, in pixels: as far as a residual's do."""
+STIFF = 0.07
+"""How far second differences of nodes may go, in pixels."""
 ROUNDS = 4
 """Reweighted solves."""
 CAUCHY = 2.5
@@ -61,7 +62,7 @@ class Correction:
 
     def sigma_at(self, points_px: Floats) -> Floats:
         """Its standard deviation there, (n, 2)."""
-        basis = _basis(points_px, self.size_px, self.nodes.shape[:2])
+        basis = basis_of(points_px, self.size_px, (self.nodes.shape[0], self.nodes.shape[1]))
         found = [np.einsum("np,pq,nq->n", basis, each, basis) for each in self.covariance]
         return np.asarray(np.sqrt(np.stack(found, axis=-1)))
 
@@ -81,8 +82,8 @@ def fitted(offsets: Offsets, mask: Map) -> Correction:
             hint="clear the field, and put a flat bright card across all of it",
         )
     shape = nodes_of(mask)
-    basis = _basis(points[good], mask.size_px, shape)
-    stiff = _second_differences(shape) / STIFF
+    basis = basis_of(points[good], mask.size_px, shape)
+    stiff = bends_of(shape) / STIFF
     group = _groups(points[good], mask.size_px)
     solved = [
         _solved(basis, stiff, offsets.offset_px[good, axis], offsets.sigma_px[good, axis], group)
@@ -169,44 +170,13 @@ def _groups(points: Floats, size_px: tuple[int, int]) -> NDArray[np.int64]:
 def nodes_of(map_: Map) -> tuple[int, int]:
     """Rows and columns of nodes: the map's own, or so many between them that none is moved."""
     own = np.shape(map_.residual)[:2] if map_.residual else (2, 2)
-    found = []
-    for have, least in zip(own, NODES, strict=True):
-        between_two = 1
-        while (have - 1) * between_two + 1 < least:
-            between_two += 1
-        found.append((have - 1) * between_two + 1)
-    return found[0], found[1]
+    gaps = [
+        (have - 1) * ceil((least - 1) / (have - 1)) for have, least in zip(own, NODES, strict=True)
+    ]
+    return gaps[0] + 1, gaps[1] + 1
 
 
 def _nodes_px(size_px: tuple[int, int], shape: tuple[int, ...]) -> Floats:
     """Where nodes lie on a device, (rows * cols, 2) in pixels."""
     x, y = (np.linspace(0.0, size, n) for size, n in zip(size_px, shape[::-1], strict=True))
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-
-
-def _basis(points_px: Floats, size_px: tuple[int, int], shape: tuple[int, ...]) -> Floats:
-    """What each node adds to the displacement at points (n, 2): (n, rows * cols)."""
-    rows, cols = shape
-    at = np.clip(points_px / np.array(size_px), 0.0, 1.0) * (cols - 1, rows - 1)
-    across: Floats = CubicSpline(np.arange(cols), np.eye(cols))(at[:, 0])
-    along: Floats = CubicSpline(np.arange(rows), np.eye(rows))(at[:, 1])
-    return np.asarray((along[:, :, None] * across[:, None, :]).reshape(len(points_px), -1))
-
-
-def _second_differences(shape: tuple[int, ...]) -> Floats:
-    """Second differences of nodes along both axes, and twists: (k, rows * cols)."""
-    rows, cols = shape
-    number = np.arange(rows * cols).reshape(shape)
-    kernels = [
-        ([number[:, :-2], number[:, 1:-1], number[:, 2:]], (1.0, -2.0, 1.0)),
-        ([number[:-2], number[1:-1], number[2:]], (1.0, -2.0, 1.0)),
-        ([number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]],
-         (1.0, -1.0, -1.0, 1.0)),
-    ]  # fmt: skip
-    found = []
-    for nodes, weights in kernels:
-        each = np.zeros((nodes[0].size, rows * cols))
-        for index, weight in zip(nodes, weights, strict=True):
-            each[np.arange(index.size), index.ravel()] = weight
-        found.append(each)
-    return np.vstack(found)
