@@ -48,8 +48,6 @@ MENDS = 0.7
 """Share of chi^2 that a second answer must leave at most, to be one."""
 STEEP_S = 2e-4
 """Slope of the lag over a band from which on it is looked at within bands, too."""
-MIRRORED = 0.05
-"""A mirrored picture is to blame where it explains all but this part of chi^2."""
 LAG_LIMIT_S = 0.15e-3
 TAU_LIMIT = 0.06
 
@@ -160,13 +158,12 @@ def fit_timing(readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: floa
     readings : of each photo, of the same bands. ran : what the display did in each.
     refresh_s : of both panels.
 
-    Raises CalibrationError: room light, mirrored panels, panels that do not answer as first-order
+    Raises CalibrationError: room light, panels that do not answer as first-order
     panels do, or nothing that pulses.
     """
     refuse_references(readings)
     model, found = _fitted(readings, ran, refresh_s)
     if found.chi2 > CHI2:
-        _check_mirrored(readings, ran, refresh_s, found.chi2)
         refuse_slow(found)
         model, found = _with_tail(model, found)
     refuse_slow(found)
@@ -182,9 +179,9 @@ def coarse_delay(reading: Readings) -> int:
 
     Raises CalibrationError where light gets through at no delay, or at all.
     """
-    if set(reading.mask) != set(COARSE):
+    if set(reading.programmes) != set(COARSE):
         raise ValueError("not the coarse programmes")
-    delays = np.array([COARSE[p] for p in reading.mask])
+    delays = np.array([COARSE[p] for p in reading.programmes])
     level = np.median(reading.value, axis=0)
     floor = float(np.median(level))
     net = np.maximum(level - floor, 0.0)
@@ -214,12 +211,6 @@ def _fitted(
     return model, found
 
 
-def _roughly(readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float) -> float:
-    """Reduced chi^2 of the first round alone."""
-    fit = Fit(Model(readings, ran, refresh_s))
-    return min(fit.solve(start).chi2 for start in fit.starts()[:1])
-
-
 def _again(model: Model, found: Fitted) -> Fitted:
     """Another round, that knows the last one's times."""
     _, slope = _line(model, found)[0]
@@ -240,24 +231,6 @@ def _with_tail(model: Model, found: Fitted) -> tuple[Model, Fitted]:
     model.correct(best.times)
     again = Fit(model, best.floors).solve(best.times)
     return model, again
-
-
-def _check_mirrored(
-    readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float, chi2: float
-) -> None:
-    """Refuse photos that times explain once a panel is taken as mirrored."""
-    for what, projector, mask in (
-        ("the mask's picture is mirrored left to right", False, True),
-        ("the projector's picture is mirrored left to right", True, False),
-        ("both panels' pictures are mirrored left to right", True, True),
-    ):
-        turned = [r.mirrored(projector=projector, mask=mask) for r in readings]
-        if _roughly(turned, ran, refresh_s) < MIRRORED * chi2:
-            raise CalibrationError(
-                f"{what}: the strips show each other's pulses",
-                device="display",
-                hint="run the geometry step again, or mend the output's orientation",
-            )
 
 
 def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats]:

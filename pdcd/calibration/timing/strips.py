@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ class Readings:
 
     value, sigma : (B, K); sigma is that of the noise alone.
     bands : (B,) middle of each band on the field, y from 0 to 1. height : of a band.
-    projector, mask : (K,) the programmes of both panels; on a sound bench they are the same.
+    programmes : (K,) of both panels.
     x : (K,) middle of each strip, less that of the field, x from 0 to 1; 0 of the whole field.
     room : (B, K) what falls on the mask there beside the projector's white, over that white: the
         room's light and what a black projector lets out. The projector's white falls off to the
@@ -54,21 +54,11 @@ class Readings:
     sigma: Floats
     bands: Floats
     height: float
-    projector: tuple[Programme, ...]
-    mask: tuple[Programme, ...]
+    programmes: tuple[Programme, ...]
     x: Floats = field(default_factory=lambda: np.zeros(1))
     room: Floats = field(default_factory=lambda: np.zeros((1, 1)))
     past: Floats = field(default_factory=lambda: np.ones((1, 1)))
     off: Floats = field(default_factory=lambda: np.zeros((1, 1)))
-
-    def mirrored(self, *, projector: bool, mask: bool) -> Readings:
-        """The same readings, were panels' pictures mirrored left to right."""
-        first, second = self.projector, self.mask
-        return replace(
-            self,
-            projector=first[::-1] if projector else first,
-            mask=second[::-1] if mask else second,
-        )
 
 
 def read_strips(
@@ -124,7 +114,6 @@ def read_strips(
         sigma.reshape(shape),
         strips.window.y((np.arange(bands) + 0.5) / bands),
         height,
-        strips.programmes,
         strips.programmes,
         strips.window.x((np.arange(strips.count) + 0.5) / strips.count) - 0.5,
         on_mask,

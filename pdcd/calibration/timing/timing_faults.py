@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.figures import ROOM_GOOD, ROOM_MOST, darken
-from pdcd.calibration.timing.programmes import Programme
 from pdcd.calibration.timing.strips import Readings
 from pdcd.calibration.timing.timing_fit import LONGEST_S, Fitted
 from pdcd.calibration.timing.timing_model import TAUS
@@ -23,6 +22,9 @@ STRAY = 0.1
 """Most light beside the panels' own, over white."""
 PEAK = 0.02
 """Least light over white at the best delay of the mask, and by which strips that pulse differ."""
+FAR = 1e3
+"""Reduced chi^2 of strips that show other pulses than they should: mirrored, or moved."""
+ASTRAY = "a picture that is mirrored or has moved shows other strips: run geometry"
 SURELY = 0.1
 """Weight of a cause from which on it is told."""
 CLEARLY = 0.5
@@ -43,7 +45,7 @@ def causes_of(readings: Sequence[Readings], found: Fitted) -> tuple[str, ...]:
     """What may be why times do not explain the strips, and what to do, the likeliest first: what is
     left goes with the place of a strip, with what it was asked for, or with neither."""
     left = found.left.mean(axis=1)  # (photos, K)
-    kinds = np.array([[f"{p.lit}|{p.opened}" for p in r.projector] for r in readings])
+    kinds = np.array([[f"{p.lit}|{p.opened}" for p in r.programmes] for r in readings])
     places = np.broadcast_to(np.arange(left.shape[1]), left.shape)
     by_place, by_kind = _explained(left, places), _explained(left, kinds)
     room = room_of(readings[0])
@@ -55,6 +57,7 @@ def causes_of(readings: Sequence[Readings], found: Fitted) -> tuple[str, ...]:
             "off",
         ),
         (by_place, "nothing may move between the photos, and the maps must fit: run geometry"),
+        (float(found.chi2 > FAR), ASTRAY),
         (by_kind, "switch off overdrive and frame interpolation: a panel answers in another way"),
     ]
     causes.sort(key=lambda cause: -cause[0])
@@ -91,20 +94,21 @@ def refuse_slow(found: Fitted) -> None:
         raise CalibrationError(
             f"{TAUS[int(np.argmax(slow))]} is {1e3 * LONGEST_S:.0f} ms or more",
             device="display",
-            hint="that panel does not follow its refreshes; switch off what smooths motion",
+            hint="that panel does not follow its refreshes: switch off what smooths motion; "
+            + ASTRAY,
         )
 
 
 def refuse_references(readings: Sequence[Readings]) -> None:
     """Refuse strips that should be black or white and are not."""
     for reading in readings:
-        black = ["1" not in p.lit + m.opened for p, m in _pairs(reading)]
-        white = ["0" not in p.lit + m.opened for p, m in _pairs(reading)]
+        black = ["1" not in p.lit + p.opened for p in reading.programmes]
+        white = ["0" not in p.lit + p.opened for p in reading.programmes]
         if not any(black) or not any(white):
             raise ValueError("programmes without a black and a white one")
         dark = float(np.median(reading.value[:, black]))
         full = float(np.median(reading.value[:, white]))
-        pulsing = [p == m and not p.still for p, m in _pairs(reading)]
+        pulsing = [not p.still for p in reading.programmes]
         if dark > STRAY * max(full, 1e-12) and full - dark > 0.3:
             raise room_light(dark / full)
         if not _delays_matter(reading, np.array(pulsing), PEAK * full):
@@ -119,7 +123,7 @@ def refuse_references(readings: Sequence[Readings]) -> None:
 def _delays_matter(reading: Readings, pulsing: NDArray[np.bool_], least: float) -> bool:
     """Whether strips that differ by nothing but the mask's delay differ in their light."""
     level = np.median(reading.value, axis=0)
-    kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.projector])
+    kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.programmes])
     spreads = [
         float(np.ptp(level[pulsing & (kinds == kind)])) for kind in np.unique(kinds[pulsing])
     ]
@@ -129,10 +133,6 @@ def _delays_matter(reading: Readings, pulsing: NDArray[np.bool_], least: float) 
 def _rhythm(opened: str) -> str:
     """The same of programmes that differ by nothing but a delay."""
     return min(opened[k:] + opened[:k] for k in range(len(opened)))
-
-
-def _pairs(reading: Readings) -> list[tuple[Programme, Programme]]:
-    return list(zip(reading.projector, reading.mask, strict=True))
 
 
 def room_light(share: float) -> CalibrationError:

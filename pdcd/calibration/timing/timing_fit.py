@@ -82,7 +82,7 @@ class Fit:
     def starts(self) -> list[Times]:
         """The best few of a coarse search; lags of each band by itself."""
         model, refresh = self._model, self._model.refresh_s
-        period = model.readings[0].projector[0].of
+        period = model.readings[0].programmes[0].of
         steps = period * LAGS_A_REFRESH
         lags = (np.arange(steps) / LAGS_A_REFRESH - 0.5 * period) * refresh - model.apart_s
         found = []

@@ -127,7 +127,7 @@ class Model:
         self.readings, self.ran, self.refresh_s = readings, ran, refresh_s
         self.slope_s = 0.0
         self.correction = np.zeros((len(readings), 1, 1))
-        self._asked = [(asked(r.projector)[0], asked(r.mask)[1]) for r in readings]
+        self._asked = [asked(r.programmes) for r in readings]
         self._apart_s = [r.apart_s for r in ran]
 
     @property

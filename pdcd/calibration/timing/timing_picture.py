@@ -19,7 +19,7 @@ def draw_timing(figure: Any, found: Timing, readings: Sequence[Readings]) -> Non
     middle = found.bands.size // 2
     light = np.concatenate([reading.value[middle] for reading in readings])
     fitted = found.light[:, middle].ravel()
-    names = [f"{one.lit}|{one.opened}" for reading in readings for one in reading.projector]
+    names = [f"{one.lit}|{one.opened}" for reading in readings for one in reading.programmes]
     kinds = sorted(set(names))
     at = [kinds.index(name) for name in names]
     axes["S"].plot(at, fitted, "_", color=GREY, markersize=12)

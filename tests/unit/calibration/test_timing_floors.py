@@ -34,7 +34,7 @@ def model_of(beside: float, seed: int) -> tuple[Model, Times]:
     log = on.log(strip_photo("strips", strips_on(maps[0]), *maps, white=False, periods=3))
     bands = (np.arange(BANDS) + 0.5) / BANDS
     none = np.zeros((BANDS, len(SETS[0])))
-    blank = Readings(none, none, bands, 1.0 / BANDS, SETS[0], SETS[0])
+    blank = Readings(none, none, bands, 1.0 / BANDS, SETS[0])
     model = Model([blank] * 4, [log] * 4, REFRESH_S)
     true = Times(TAUS_S, np.array([2e-3, 3e-3]), LAGS_S - model.apart_s)
     light = model.shape(true)

@@ -54,7 +54,7 @@ def through_s(
 
 def reading_of(programmes: tuple[Programme, ...]) -> Readings:
     none = np.zeros((1, len(programmes)))
-    return Readings(none, none, np.array([0.5]), 1.0, programmes, programmes)
+    return Readings(none, none, np.array([0.5]), 1.0, programmes)
 
 
 def test_beginning_and_end_of_an_exposure_are_as_the_realised_matrix_has_them() -> None:
