@@ -31,8 +31,9 @@ from pdcd.words import MarksName, SubjectName
 
 FIELD = "projector.field_px"
 """Where the field lies, in the words of the configuration."""
-CHECK = "check"
-"""The step that looks whether all is as it was; arrays that it keeps begin with its name."""
+COMPARED, REFERENCE = {"sensor", "light", "geometry", "timing", "registration"}, "check."
+"""Steps whose findings a check compares with, and what its arrays begin with: they tell of what was
+calibrated when its first look was taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +212,8 @@ class Session:
         before_rows = self.config.mask_delay_rows
         self.config = with_values(self.config, values, outcome.maps)
         self.behind_rows += self.config.mask_delay_rows - before_rows
-        if step != CHECK and (outcome.words or outcome.maps):
-            for name in [name for name in self.arrays if name.startswith(f"{CHECK}.")]:
+        if step in COMPARED:
+            for name in [name for name in self.arrays if name.startswith(REFERENCE)]:
                 del self.arrays[name]
         self.arrays.update(outcome.arrays)
         if outcome.profile is not None:

@@ -13,7 +13,6 @@ scene or the room, comes through all the same and drops out.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -162,18 +161,13 @@ class Gathering:
 
 
 def offsets(
-    right: Series,
-    down: Series,
-    camera: Map,
-    mask: Map,
-    near: Callable[[Floats], Floats] | None = None,
+    right: Series, down: Series, camera: Map, mask: Map, *, corrected: bool = False
 ) -> Offsets:
     """The offset of the mask's map, out of upright and lying stripes of one period.
 
     camera, mask : maps as believed.
-    near : from points (n, 2) of the mask to the offset there, (n, 2), as it was found with a longer
-        period (`registration.correction.Correction.at`). Then this period says how it goes on,
-        and whether the longer one had taken another stripe for its own.
+    corrected : whether the mask's map was corrected by a longer period. Then this one says what is
+        left, and whether the longer one had taken another stripe for its own.
 
     Raises CalibrationError where stripes may have been taken for others: for offsets of 0.4 periods
     and more, or more than 1 px beside those of the longer period.
@@ -189,13 +183,8 @@ def offsets(
     points = between(camera, mask, right.quads)
     found = np.stack([right.offset_px, down.offset_px[other]], axis=-1)
     sigma = np.stack([right.sigma_px, down.sigma_px[other]], axis=-1)
-    if near is None:
-        series_faults.refuse_ambiguous(found, period)
-    else:
-        beside = found - near(points)
-        beside -= period * np.round(beside / period)
-        series_faults.refuse_other_stripe(beside, period)
-        found = near(points) + beside
+    refuse = series_faults.refuse_other_stripe if corrected else series_faults.refuse_ambiguous
+    refuse(found, period)
     return Offsets(points, found, sigma)
 
 

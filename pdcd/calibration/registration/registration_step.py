@@ -68,7 +68,7 @@ def registration(session: Session) -> Script:
     first = fitted(before, mask)
     near = corrected(mask, projector, first)
     fine = yield from _both(session, finest, white, camera, projector, near, lit, placed=True)
-    after = offsets(*fine, camera, near, np.zeros_like)
+    after = offsets(*fine, camera, near, corrected=True)
     correction = fitted(after, near)
     found = corrected(near, projector, correction)
     spread = blur(coarse, fine, camera, projector, mask)

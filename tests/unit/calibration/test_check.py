@@ -70,8 +70,7 @@ class Bench:
     def look(self, seed: int) -> Look:
         """What the photos of a check say of it, with full noise, by the maps of `BENCH`."""
         rng = np.random.default_rng(seed)
-        projector = Map.filling(PROJECTOR_PX)
-        known = BENCH
+        projector, known = Map.filling(PROJECTOR_PX), BENCH
 
         def seen(panel: Map, pitch: int) -> tuple[Floats, Floats]:
             quads, good = seen_dots(panel, self.camera, pitch)
@@ -79,7 +78,8 @@ class Bench:
             # A few lie on edges of the scene.
             off = rng.random(len(quads)) < 0.02
             quads[off] += rng.normal(0.0, 0.8 * PX_QUADS, (off.sum(), 2))
-            return dots_of(panel.size_px, pitch)[good][:, ::-1] * float(pitch), quads
+            dots: Floats = dots_of(panel.size_px, pitch)[good][:, ::-1] * float(pitch)
+            return dots, np.asarray(quads)
 
         def sigma(points: Floats) -> Floats:
             return np.full(len(points), DOT_PX)

@@ -72,12 +72,13 @@ class Session:
     def offsets(
         self, mask: Map
     ) -> tuple[Offsets, Correction, tuple[Series, Series], tuple[Series, Series]]:
-        coarse, fine = self.series(RULER, mask), self.series(FINE, mask)
-        first = offsets(*coarse, self.camera, mask)
-        more = offsets(*fine, self.camera, mask, fitted(first, mask).at)
-        both = Offsets(*(np.concatenate([getattr(one, name) for one in (first, more)])
-                         for name in ("points_px", "offset_px", "sigma_px")))  # fmt: skip
-        return both, fitted(both, mask), coarse, fine
+        coarse = self.series(RULER, mask)
+        first = fitted(offsets(*coarse, self.camera, mask), mask)
+        near = corrected(mask, self.bench.projector, first)
+        fine = self.series(FINE, near)
+        left = offsets(*fine, self.camera, near, corrected=True)
+        found = replace(left, offset_px=left.offset_px + first.at(left.points_px))
+        return found, fitted(found, mask), coarse, fine
 
 
 def session(seed: int, blur_px: tuple[float, float] = (0.5, 0.5), **more: float) -> Session:
@@ -282,7 +283,7 @@ def test_the_next_stripe_is_not_taken_for_the_right_one() -> None:
     first = offsets(*it.series(RULER), it.camera, it.mask)
     assert first.e95_px < 1.0  # 16 px stripes see nothing of it
     with pytest.raises(CalibrationError, match="neighbours"):
-        offsets(*it.series(FINE), it.camera, it.mask, fitted(first, it.mask).at)
+        offsets(*it.series(FINE), it.camera, it.mask, corrected=True)
 
 
 @pytest.mark.parametrize("from_step", [3, 5])
