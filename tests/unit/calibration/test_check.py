@@ -78,8 +78,8 @@ class Bench:
             # A few lie on edges of the scene.
             off = rng.random(len(quads)) < 0.02
             quads[off] += rng.normal(0.0, 0.8 * PX_QUADS, (off.sum(), 2))
-            dots: Floats = dots_of(panel.size_px, pitch)[good][:, ::-1] * float(pitch)
-            return dots, np.asarray(quads)
+            dots = dots_of(panel.size_px, pitch)[good][:, ::-1]
+            return np.asarray(dots * float(pitch), dtype=np.float64), np.asarray(quads)
 
         def sigma(points: Floats) -> Floats:
             return np.full(len(points), DOT_PX)
