@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.pictures.exposed import Ambient
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.to_quads import Weights
 from pdcd.probing.borders import Strips
@@ -26,7 +27,6 @@ from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ROUNDS = 4
 """Times that direct light is told from a photo without what got into it: of a share of a third, a
@@ -40,14 +40,19 @@ EDGES_OFF = 0.05
 """Share of this light that is unsure everywhere: pixels have edges and gaps of their own."""
 LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
-AROUND = np.exp(-0.5 * np.hypot(*np.mgrid[-2:3, -2:3]) ** 2) - np.pad([[1.0]], 2)
-"""How quads around one count where they tell of it."""
-LEAST_LIT = 0.01
-"""Of the mean light: a quad that is darker tells no share of it."""
-LEAST_VARIANCE = 1e-12
-"""Of the square of a share: what rounding leaves where quads tell the same."""
-MOST_MOVED = 2.0
-"""Standard deviations of what was taken out by which quads beside may change a quad at most."""
+BESIDE_OFF = 0.5
+"""Share of the indirect light in a photo of strips that is unsure: it may come from near, or along
+sharp paths."""
+
+
+@dataclass(frozen=True)
+class SeenBorders:
+    """What a photo of the strips alone tells (`pdcd.planning.border_photo`): the light of each
+    kind of them within a second, and how much of the indirect light got into it, over how much of
+    the direct light did."""
+
+    light: Ambient
+    beside: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,42 +99,43 @@ class BorderLight:
                 )
         return np.asarray(found / self.weight_s.reshape(*self.weight_s.shape, 1))
 
-    def take_out(self, photo: Picture, white: Picture) -> Picture:
-        """A photo of indirect light, and its error bar by the sensor, without this light. Where
-        nothing is known of the white photo the other stays as it is."""
+    def take_out(self, photo: Picture, white: Picture, seen: SeenBorders | None = None) -> Picture:
+        """A photo of indirect light, and its error bar by the sensor, without this light: as a
+        photo of it was `seen`, or as direct light is around. There, where nothing is known of the
+        white photo the other stays as it is."""
+        share = self.share()
+        if seen is not None:
+            gain, got_in = self._gain(share)[..., None], share[..., None] * seen.beside
+            image = (photo.image - gain * seen.light.light) / (1.0 - got_in)
+            noise = gain * np.sqrt(seen.light.variance)
+            return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)
         both, light = white.image - photo.image, np.zeros(photo.image.shape)
         for _ in range(ROUNDS):
             light = self.light(both + light)
         image = photo.image - np.where(known, light, 0.0)
-        share = self.share()
         noise = share[..., None] * np.where(known, white.sigma, 0.0)
-        sigma = np.hypot(photo.sigma, noise).astype(photo.sigma.dtype)
-        off, free = self._off(white.image - image, share), self._free(share)
-        for channel in range(image.shape[2]):
-            told = _told(image[..., channel], white.image[..., channel], free)
-            r = off[..., channel]
-            trust = told.share_of(r**2) * known[..., channel]
-            most = MOST_MOVED * r
-            image[..., channel] += np.clip(trust * (told.image - image[..., channel]), -most, most)
-        return Picture(image, sigma)
+        return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
 
-    def error(self, photo: Picture, white: Picture) -> Floats:
+    def error(self, photo: Picture, white: Picture, seen: SeenBorders | None = None) -> Floats:
         """Standard deviation of a photo without this light, (h, w, C), by what was taken out: by
-        what the camera's map may be off, and what direct light may differ within a quad.
+        what the panels' pixels have of their own, and by indirect light that got into the photo of
+        it; or by what the camera's map may be off, and what direct light may differ within a quad.
 
         photo : what `take_out` made.
         """
         share = self.share()
-        off, free = self._off(white.image - photo.image, share), self._free(share)
-        for channel in range(off.shape[2]):
-            told = _told(photo.image[..., channel], white.image[..., channel], free)
-            off[..., channel] *= np.sqrt(1.0 - told.share_of(off[..., channel] ** 2))
-        return off
+        if seen is None:
+            return self._off(white.image - photo.image, share)
+        light = self._gain(share)[..., None] * seen.light.light
+        beside = BESIDE_OFF * seen.beside * share[..., None] * photo.image
+        return np.asarray(np.hypot(EDGES_OFF * light, beside))
 
-    def _free(self, share: Floats) -> Bools:
-        """Quads that see no strip, and the field alone."""
-        return (np.abs(share) < LEAST_SHARE) & self.cells.known
+    def _gain(self, share: Floats) -> Floats:
+        """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):
+        by how long they were open there. A quad that sees none has none."""
+        area = area_of(self.strips, self.cells)
+        return np.divide(share, area, out=np.zeros_like(area), where=area > LEAST_SHARE)
 
     def _off(self, direct: NDArray[np.floating], share: Floats) -> Floats:
         """Standard deviation of what was taken out by itself, (h, w, C)."""
@@ -151,38 +157,9 @@ class BorderLight:
         return off
 
 
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """What quads beside tell of each quad, (h, w), and with which variance; infinite where none
-    does."""
-
-    image: Floats
-    variance: Floats
-
-    def share_of(self, variance: Floats) -> Floats:
-        """How much it counts beside a value of that variance, (h, w)."""
-        both = variance + self.variance
-        return np.divide(variance, both, out=np.zeros_like(both), where=np.isfinite(both))
-
-
-def _told(image: NDArray[np.floating], white: NDArray[np.floating], free: Bools) -> _Told:
-    """One colour of a photo as the `free` quads around tell it: by the share of all light that is
-    indirect there."""
-    lit = np.maximum(white, LEAST_LIT * float(np.abs(white).mean()) + np.finfo(np.float64).tiny)
-    counts = free.astype(np.float64)
-    there, indirect, squares = (
-        scipy.ndimage.convolve(counts * each, AROUND, mode="constant")
-        for each in (lit, image, image * image / lit)
-    )
-    sure = there > 0.0
-    share, square = (
-        np.divide(each, there, out=np.zeros_like(there), where=sure) for each in (indirect, squares)
-    )
-    # By as much as they differ among themselves, be it by an edge that runs between them: of n of
-    # them, the next one differs from their mean by (n + 1) / (n - 1) of their own variance.
-    twice = scipy.ndimage.convolve((counts * lit) ** 2, AROUND**2, mode="constant")
-    many = np.divide(there * there, twice, out=np.zeros_like(there), where=sure)
-    sure = sure & ~free & (many > 1.0 + 1e-9)
-    wide = np.divide(many + 1.0, many - 1.0, out=np.zeros_like(there), where=sure)
-    spread = np.maximum(square - share * share, LEAST_VARIANCE * square)
-    return _Told(share * lit, np.where(sure, wide * spread * lit * lit, np.inf))
+def area_of(strips: tuple[Strips, ...], cells: CellMap) -> Floats:
+    """Share of what each quad sees that strips take, (h, w)."""
+    area = np.zeros(cells.frame)
+    for each in strips:
+        area += cells.gather(each.area(cells.grid), each.cuts)
+    return area

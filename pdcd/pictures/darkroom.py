@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -45,6 +46,9 @@ from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
+
+if TYPE_CHECKING:
+    from pdcd.pictures.border_light import SeenBorders
 
 Alive = Callable[[], None]
 
@@ -211,7 +215,7 @@ class Darkroom:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
             pictures = barred_pictures(
-                self._record, recipe, {**shots, **sums}, learned, cells, alive
+                self._record, recipe, {**shots, **sums}, learned, cells, alive, self._seen()
             )
         view = View.of(self._record, cells)
         return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
@@ -235,6 +239,13 @@ class Darkroom:
         """What got into a dark photo within a second, on cells."""
         return Dark.of(mean_light(self.ambient(photo), self._cells()))
 
+    def widest_strip(self, watch: Watch) -> float:
+        """Largest share of a quad in which both panels show different cells."""
+        from pdcd.pictures.border_light import area_of  # most benches have no such borders
+
+        self._shots(watch)
+        return float(area_of(self._strips, self._cells()).max())
+
     def ambient(self, photo: DarkPhoto) -> Ambient:
         """What got into a dark photo, over the time for which it shows each of its states."""
         profile, iso = self._record.profile, photo.iso
@@ -248,6 +259,15 @@ class Darkroom:
         of_quads = factors / frame.side
         variance = rgb_variance(signal, profile, iso, photo.exposure_s, of_quads, np.float64)
         return Ambient(to_rgb(signal, factors), np.asarray(variance, np.float64))
+
+    def _seen(self) -> SeenBorders | None:
+        """What a photo tells of the light along borders; None of a run that has none."""
+        photo = self._record.borders
+        if photo is None:
+            return None
+        from pdcd.pictures.border_light import SeenBorders  # most benches have no such borders
+
+        return SeenBorders(self.ambient(photo), photo.beside)
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""

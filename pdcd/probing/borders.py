@@ -9,6 +9,7 @@ What comes straight back from there is direct light with the weight of a path be
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -45,12 +46,12 @@ MOST_REACH = 0.45
 """Of a cell: borders that are drawn further away are those of other cells."""
 LEAST_APART = 1e-4
 """Share of the field in which panels draw different cells below which nobody could see it."""
-DIRECT, LEFT = 5.0, 0.13
-"""RMS of direct light over that of indirect light, and what is left of the direct light that is
-taken out along borders over all of it: RMS over ten virtual scenes, 0.5 to 8.7 and 0 to 0.18."""
-NEAR_LOST = 0.02
-"""Error of indirect light through quarter windows, over that light, by what wanders between
-neighbouring cells: RMS over nine virtual scenes of 24 x 32 cells, 0.005 to 0.05."""
+INSIDE = (0.02, 0.5, 0.98)
+"""Places across a pixel at which is looked what the other panel shows: a strip in it has an edge of
+the pixel for one of its own."""
+APART = 3
+"""Rows or columns of cells whose strips are told of together: of neighbours one only, so that no
+pixel sees what it lights itself, and little light comes from elsewhere."""
 PIECE = 2**11
 """Places that are looked at together."""
 
@@ -139,6 +140,10 @@ class Strips:
             found.append((cell + middles[part]) / cells)
         return np.stack(found, axis=-1)
 
+    def area(self, grid: Grid) -> Floats:
+        """Share of each piece that strips take: (pieces down, pieces right)."""
+        return self._table(self.share, grid)
+
     def lit_s(self, left: Floats, right: Floats, grid: Grid) -> Floats:
         """Mean time for which points of each piece are lit as one cell and seen as the other.
 
@@ -150,10 +155,14 @@ class Strips:
         near, far = np.s_[:, : along[0], : along[1]], np.s_[:, rows - along[0] :, cols - along[1] :]
         behind = np.einsum("rij,rij->ij", mask[far], light[near]).ravel()
         before = np.einsum("rij,rij->ij", mask[near], light[far]).ravel()
-        shape = rows * (len(self.cuts[0]) - 1), cols * (len(self.cuts[1]) - 1)
         time_s = np.where(self.ahead, before[self.border], behind[self.border]) * self.share
-        found = np.bincount(self.piece, time_s, minlength=shape[0] * shape[1])
-        return np.asarray(found, dtype=np.float64).reshape(shape)
+        return self._table(time_s, grid)
+
+    def _table(self, values: Floats, grid: Grid) -> Floats:
+        """Sums over the strips of each piece."""
+        down, right = (side * (len(cuts) - 1) for side, cuts in zip(grid, self.cuts, strict=True))
+        found = np.bincount(self.piece, values, minlength=down * right)
+        return np.asarray(found, dtype=np.float64).reshape(down, right)
 
 
 def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) -> tuple[Strips, ...]:
@@ -173,11 +182,65 @@ def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) ->
     return tuple(strips for strips in found if strips is not None and strips.piece.size)
 
 
-def border_error(share: float) -> float:
-    """Error of a photo of indirect light through whole cells, over that light, where panels draw
-    different cells in that share of the field, and what gets in there is taken out: what is left
-    before a usual scene, as a camera of four quads a cell sees it along half of the borders."""
-    return DIRECT * LEFT * float(np.sqrt(2.0)) * share
+@dataclass(frozen=True, eq=False)
+class BorderPixels:
+    """Pixels of both panels that reach into a strip in which the other one shows another cell.
+
+    projector, mask : (height, width) uint16, of which kinds a pixel is, a bit each: of the kind of
+        cell that it lights, or of those that light what it sees beside its own cell. Cells of a
+        kind lie `APART` rows or columns from each other.
+    """
+
+    projector: NDArray[np.uint16]
+    mask: NDArray[np.uint16]
+
+    def of_kinds(self) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """The pixels of projector and mask that are lit and open for strips of each kind."""
+        for kind in range(APART**2):
+            yield (self.projector >> kind & 1) > 0, (self.mask >> kind & 1) > 0
+
+    def both_share(self) -> float:
+        """Share of all paths between places of both panels that are lit and seen in some kind."""
+        return sum(float(lit.mean() * opened.mean()) for lit, opened in self.of_kinds())
+
+
+def find_border_pixels(projector: PanelView, mask: PanelView, grid: Grid) -> BorderPixels:
+    """The pixels that strips along borders are made of, for a photo of their light
+    (`pdcd.planning.border_photo`). projector, mask : as they are believed to lie."""
+    maps = projector.map, mask.map
+    reach = sum(_half_px(m, np.ones(2)) for m in maps) * np.array(grid[::-1])
+    kinds = [np.zeros(m.size_px[0] * m.size_px[1], dtype=np.uint16) for m in maps]
+    for first, second in ((0, 1), (1, 0)):  # a corner of either may lie in the other's middle
+        for one, other, cells in _meetings(maps[first], maps[second], grid, reach):
+            row, column = np.divmod(cells[first], grid[1])
+            kind = np.left_shift(1, row % APART * APART + column % APART).astype(np.uint16)
+            np.bitwise_or.at(kinds[first], one, kind)
+            np.bitwise_or.at(kinds[second], other, kind)
+    shaped = (k.reshape(m.size_px[::-1]) for k, m in zip(kinds, maps, strict=True))
+    return BorderPixels(*shaped)
+
+
+def _meetings(
+    own: Map, other: Map, grid: Grid, reach: Floats
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[NDArray[np.int64], ...]]]:
+    """Pixels of two panels that overlap and show different cells: their numbers, (n,), and those of
+    the cells of both. reach : cells (x, y) from a pixel's centre to a border beyond which it cannot
+    reach into a strip."""
+    width = own.size_px[0]
+    place = own.centres().reshape(-1, 2) * grid[::-1]
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(place - np.rint(place)) <= reach).any(axis=1)
+        near &= np.all((place >= 0.0) & (place < grid[::-1]), axis=1)
+    pixel = np.flatnonzero(near)
+    for part in _pieces(pixel.size):
+        these = pixel[part]
+        column, row = np.floor(place[these]).astype(np.int64).T
+        cell = row * grid[1] + column
+        at = np.stack([these % width, these // width], axis=-1)
+        for inside in itertools.product(INSIDE, repeat=2):
+            there, seen = _shown(other, own.to_field(at + inside), grid)
+            hit = (seen >= 0) & (seen != cell)
+            yield these[hit], there[hit], (cell[hit], seen[hit])
 
 
 def nearest_grid(projector: PanelView, mask: PanelView, grid: Grid) -> Grid | None:
@@ -307,11 +370,18 @@ def _half_px(map_: Map, size: Floats) -> Floats:
 
 def _cells(map_: Map, points: Floats, grid: Grid) -> NDArray[np.int64]:
     """The cell that a panel shows at points of the field, (n,); -1 where it shows none."""
+    return _shown(map_, points, grid)[1]
+
+
+def _shown(map_: Map, points: Floats, grid: Grid) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The pixel of a panel that lies at points of the field, and the cell that it shows, (n,) each;
+    the cell is -1 where it shows none."""
     width, height = map_.size_px
     pixel = np.floor(map_.from_field(points))
     with np.errstate(invalid="ignore"):
         on = np.all((pixel >= 0.0) & (pixel < (width, height)), axis=1, keepdims=True)
-    centre = map_.to_field(np.where(on, pixel, 0.0) + 0.5)
-    cell = np.floor(centre * grid[::-1]).astype(np.int64)
+    pixel = np.where(on, pixel, 0.0)
+    cell = np.floor(map_.to_field(pixel + 0.5) * grid[::-1]).astype(np.int64)
     shown = on[:, 0] & np.all((cell >= 0) & (cell < grid[::-1]), axis=1)
-    return np.where(shown, cell[:, 1] * grid[1] + cell[:, 0], -1)
+    number = (pixel[:, 1] * width + pixel[:, 0]).astype(np.int64)
+    return number, np.where(shown, cell[:, 1] * grid[1] + cell[:, 0], -1)

@@ -46,7 +46,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.folder import write_patterns
-from pdcd.runs.record import DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
+from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.watch import Watch
 
@@ -85,7 +85,8 @@ class Course:
         self._looked = False
         self._room: DarkPhoto | None = None
         self._panels: PanelLook | None = None
-        self._panels_due = not facts.cells_meet
+        self._borders: BorderPhoto | None = None
+        self._panels_due = self._borders_due = not facts.cells_meet
         self._of_pilot = self._of_noise = ""
         self._orders = Orders()
         self._exposer = Exposer(facts, job.camera, job.plan.iso, folder, self._orders)
@@ -116,6 +117,8 @@ class Course:
         while True:
             taken = self._names()
             if self._panels_due and (yield from self._look_at_panels(taken)):
+                continue
+            if self._borders_due and (yield from self._photograph_borders(taken)):
                 continue
             step = next_step(self.plan, taken, looked=self._looked, fresh=fresh)
             fresh = False
@@ -220,6 +223,44 @@ class Course:
         self._panels = yield from check.run(self.plan, shots)
         self._adopt(self.plan)
         self._orders.note(self.adopted(), *told(self.darkroom.record, self.plan.window))
+        return True
+
+    def _photograph_borders(self, taken: frozenset[str]) -> Generator[Order, Taken, bool]:
+        """Photograph what gets through along the borders of whole cells that do not meet, once the
+        white shot is there. Returns whether anything was photographed."""
+        from pdcd.planning.border_photo import NAME, BorderFrames, due, wanted  # rarely needed
+        from pdcd.planning.panel_look import white_shot
+
+        config, white = self._facts.config, white_shot(self.plan)
+        self._borders_due = wanted(self.plan, config)
+        if white is None or not self._borders_due or not due(self.plan, taken):
+            return False
+        self._borders_due = False
+        shown = BorderFrames.of(self.plan, config, self.darkroom.widest_strip(self._watch))
+        f_number = yield from self._aperture(white)
+        settings = self._exposer.settings(f_number)
+        photo = yield from self._orders.expose(
+            Wanted("look", NAME, shown.frames(), settings, f_number)
+        )
+        if isinstance(photo, Spoilt):
+            self._orders.note(
+                "no photo of the light along the borders of cells, which is worked out of the "
+                f"quads around: {photo.message}"
+            )
+            return False
+        taken_ = cast(Photo, photo)
+        self._orders.note(MeterRecord(raw=taken_.raw, f_number=f_number, peak=None))
+        self._borders = BorderPhoto(
+            raw=taken_.raw,
+            sha256=taken_.planes[0][1],
+            iso=settings.iso,
+            f_number=f_number,
+            exposure_s=taken_.seconds,
+            phase_s=shown.phase_s,
+            beside=shown.beside,
+        )
+        self._adopt(self.plan)
+        self._orders.note(self.adopted())
         return True
 
     def _look(self) -> Steps:
@@ -343,7 +384,7 @@ class Course:
         facts = self._facts
         return record_of(
             self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells,
-            stops=self._exposer.stops, panels=self._panels,
+            stops=self._exposer.stops, panels=self._panels, borders=self._borders,
         )  # fmt: skip
 
     def _write_patterns(self) -> None:

@@ -1,0 +1,108 @@
+"""A photo of the direct light that gets through along the borders of whole cells, and of nothing
+else as far as panels can.
+
+Where both panels draw the border of a cell in two places, the light of one cell goes through the
+mask of the next one (`pdcd.probing.borders`). Here the projector lights the pixels alone that reach
+into such a strip, and the mask opens those that see it, for one cell out of nine at a time: what a
+pixel of the one shares with a pixel of the other is a strip then. So each quad tells how bright its
+strips are, with all detail that they have; little light comes from elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import Config
+from pdcd.panels.frames import BLACK, PIXELS, Frames
+from pdcd.panels.patterns import pack
+from pdcd.planning.panel_look import rows_of, white_shot
+from pdcd.planning.plan import Plan
+from pdcd.probing.borders import LEAST_APART, BorderPixels, drawn_apart_share, find_border_pixels
+
+Bits = NDArray[np.bool_]
+
+NAME = "look-borders"
+"""The photo, as its RAW file is called."""
+
+LOOK_S = 0.35
+"""Time for which strips of each of nine kinds are shown, at most."""
+
+
+def wanted(plan: Plan, config: Config) -> bool:
+    """Whether a plan takes a photo of indirect light through whole cells that do not meet, beside a
+    white one."""
+    shots = {shot.name: shot for shot in plan.recipe.shots}
+    through = (
+        shots[name]
+        for photo in plan.recipe.photos
+        if photo.wanted.uniform == (0.0, 1.0)
+        for _, name in photo.shots
+        if name in shots
+    )
+    if white_shot(plan) is None or not any(plan.window_of(s) == "whole" for s in through):
+        return False
+    panels = panels_of(config)
+    return drawn_apart_share(panels.projector, panels.mask, plan.grid) >= LEAST_APART
+
+
+def due(plan: Plan, taken: Collection[str]) -> bool:
+    """Whether the photo comes next: after the white one, which sets how long it is shown."""
+    white = white_shot(plan)
+    return white is not None and white.name in taken
+
+
+@dataclass(frozen=True, eq=False)
+class BorderFrames:
+    """What the photo shows: strips of each kind for so many `rows`, and a `pause` after them.
+
+    beside : how much of all indirect light gets in, over how much of the direct light does.
+    """
+
+    pixels: BorderPixels
+    rows: int
+    pause: int
+    row_hz: float
+    beside: float
+
+    @classmethod
+    def of(cls, plan: Plan, config: Config, widest: float) -> BorderFrames:
+        """Those of a plan. At the aperture of the white shot the brightest quad gets no more light
+        than there, of which strips take the share `widest`."""
+        panels = panels_of(config)
+        pixels = find_border_pixels(panels.projector, panels.mask, plan.grid)
+        apart = drawn_apart_share(panels.projector, panels.mask, plan.grid)
+        pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
+        most = max(2, round(LOOK_S * plan.row_hz))
+        rows = max(1, min(most, int(rows_of(plan) / max(widest, 1e-6))))
+        return cls(pixels, rows, pause, plan.row_hz, pixels.both_share() / apart)
+
+    @property
+    def phase_s(self) -> float:
+        """For how long strips of each kind are shown."""
+        return self.rows / self.row_hz
+
+    def frames(self) -> Frames:
+        """Refreshes of the photo."""
+        shown = zip(*self.pixels.of_kinds(), strict=True)
+        patterns = [pack(np.stack(kinds).reshape(len(kinds), -1)) for kinds in shown]
+        each = np.full((len(patterns[0]), self.rows + self.pause), BLACK, dtype=np.int32)
+        each[:, : self.rows] = np.arange(len(each))[:, None]
+        index = each.ravel()
+        return Frames(
+            primal_patterns=patterns[0],
+            dual_patterns=patterns[1],
+            primal_index=index,
+            dual_index=index.copy(),
+            shift=np.zeros(index.size, dtype=np.uint8),
+            code=np.arange(index.size, dtype=np.int32),
+            guard=index == BLACK,
+            grid=(1, 1),
+            lattice=(1, 1),
+            window=PIXELS,
+        )
