@@ -167,7 +167,9 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
         shots = [shot for shot in shots if shot.name in known]
         there = {test.raw for test in meter}
         dark = run.dark if run.dark and run.dark.raw in there else None
-        borders = run.borders if run.borders and run.borders.raw in there else None
+        borders = run.borders
+        if borders and not {borders.raw, borders.dark.raw} <= there:
+            borders = None
         run = msgspec.structs.replace(run, shots=tuple(shots), dark=dark, borders=borders)
         if not possible(recipe, {shot.name for shot in shots}).pictures:
             planned = [shot.name for shot in recipe.shots]

@@ -107,7 +107,8 @@ class BorderLight:
         if seen is not None:
             gain, got_in = self._gain(share)[..., None], share[..., None] * seen.beside
             image = (photo.image - gain * seen.light.light) / (1.0 - got_in)
-            noise = gain * np.sqrt(seen.light.variance)
+            noise = np.zeros(image.shape)
+            np.multiply(gain, np.sqrt(seen.light.variance), out=noise, where=gain > 0.0)
             return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)
         both, light = white.image - photo.image, np.zeros(photo.image.shape)

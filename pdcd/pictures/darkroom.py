@@ -248,26 +248,36 @@ class Darkroom:
 
     def ambient(self, photo: DarkPhoto) -> Ambient:
         """What got into a dark photo, over the time for which it shows each of its states."""
-        profile, iso = self._record.profile, photo.iso
+        return self._ambient_of(self._dark_frame(photo), photo)
+
+    def _dark_frame(self, photo: DarkPhoto) -> RawFrame:
         frame = read_raw(
             self._folder / photo.raw,
             sha256=photo.sha256,
-            saturation_dn=profile.saturation_dn(iso),
+            saturation_dn=self._record.profile.saturation_dn(photo.iso),
         )
-        frame = frame if self._side == 1 else frame.binned(self._side)
+        return frame if self._side == 1 else frame.binned(self._side)
+
+    def _ambient_of(self, frame: RawFrame, photo: DarkPhoto) -> Ambient:
+        profile, iso = self._record.profile, photo.iso
         factors, signal = self._to_units(iso, photo.f_number) / photo.phase_s, frame.planes
         of_quads = factors / frame.side
         variance = rgb_variance(signal, profile, iso, photo.exposure_s, of_quads, np.float64)
         return Ambient(to_rgb(signal, factors), np.asarray(variance, np.float64))
 
     def _seen(self) -> SeenBorders | None:
-        """What a photo tells of the light along borders; None of a run that has none."""
+        """What a photo tells of the light along borders; None of a run that has none. Of quads that
+        are saturated there nobody knows it."""
         photo = self._record.borders
         if photo is None:
             return None
         from pdcd.pictures.border_light import SeenBorders  # most benches have no such borders
 
-        return SeenBorders(self.ambient(photo), photo.beside)
+        frame, dark = self._dark_frame(photo), self.ambient(photo.dark)
+        lit = self._ambient_of(frame, photo)
+        lit.variance[frame.saturated] = np.inf
+        seen = Ambient(lit.light - dark.light, lit.variance + dark.variance)
+        return SeenBorders(seen, photo.beside)
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""

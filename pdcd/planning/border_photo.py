@@ -27,11 +27,13 @@ from pdcd.probing.borders import LEAST_APART, BorderPixels, drawn_apart_share, f
 
 Bits = NDArray[np.bool_]
 
-NAME = "look-borders"
-"""The photo, as its RAW file is called."""
+LIT, DARK = "look-borders", "look-borders-dark"
+"""The photo, and one before a black projector, as their RAW files are called."""
 
 LOOK_S = 0.35
 """Time for which strips of each of nine kinds are shown, at most."""
+SHORTER = 3
+"""How much shorter the dark photo is: there is little in it that noise could matter to."""
 
 
 def wanted(plan: Plan, config: Config) -> bool:
@@ -82,23 +84,23 @@ class BorderFrames:
         rows = max(1, min(most, int(rows_of(plan) / max(widest, 1e-6))))
         return cls(pixels, rows, pause, plan.row_hz, pixels.both_share() / apart)
 
-    @property
-    def phase_s(self) -> float:
-        """For how long strips of each kind are shown."""
-        return self.rows / self.row_hz
+    def phase_s(self, name: str) -> float:
+        """For how long strips of each kind are shown in a photo."""
+        return self._rows(name) / self.row_hz
 
-    def frames(self) -> Frames:
-        """Refreshes of the photo."""
+    def frames(self, name: str) -> Frames:
+        """Refreshes of a photo."""
         shown = zip(*self.pixels.of_kinds(), strict=True)
         patterns = [pack(np.stack(kinds).reshape(len(kinds), -1)) for kinds in shown]
-        each = np.full((len(patterns[0]), self.rows + self.pause), BLACK, dtype=np.int32)
-        each[:, : self.rows] = np.arange(len(each))[:, None]
+        rows = self._rows(name)
+        each = np.full((len(patterns[0]), rows + self.pause), BLACK, dtype=np.int32)
+        each[:, :rows] = np.arange(len(each))[:, None]
         index = each.ravel()
         return Frames(
             primal_patterns=patterns[0],
             dual_patterns=patterns[1],
-            primal_index=index,
-            dual_index=index.copy(),
+            primal_index=index if name == LIT else np.full_like(index, BLACK),
+            dual_index=index,
             shift=np.zeros(index.size, dtype=np.uint8),
             code=np.arange(index.size, dtype=np.int32),
             guard=index == BLACK,
@@ -106,3 +108,6 @@ class BorderFrames:
             lattice=(1, 1),
             window=PIXELS,
         )
+
+    def _rows(self, name: str) -> int:
+        return self.rows if name == LIT else max(1, self.rows // SHORTER)

@@ -89,6 +89,8 @@ class BorderPhoto(DarkPhoto, frozen=True, kw_only=True):
 
     beside: NonNegative
     """How much of the indirect light gets into it, over how much of the direct light does."""
+    dark: DarkPhoto
+    """The same before a black projector: what the room adds."""
 
 
 Six = tuple[float, float, float, float, float, float]

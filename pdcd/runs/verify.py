@@ -295,7 +295,12 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
     for name in (*NEEDED, *(test.raw for test in manifest.meter)):
         if name not in files:
             yield f"it does not list {one_line(name)!r}"
-    for photo, what in ((run.dark, "dark photo"), (run.borders, "photo of borders")):
+    borders = run.borders
+    for photo, what in (
+        (run.dark, "dark photo"),
+        (borders, "photo of borders"),
+        (borders and borders.dark, "dark photo of borders"),
+    ):
         if photo and (photo.raw not in files or files[photo.raw].sha256 != photo.sha256):
             yield f"its {what} and the list of files name another RAW file"
     for shot in run.shots:

@@ -228,40 +228,23 @@ class Course:
     def _photograph_borders(self, taken: frozenset[str]) -> Generator[Order, Taken, bool]:
         """Photograph what gets through along the borders of whole cells that do not meet, once the
         white shot is there. Returns whether anything was photographed."""
-        from pdcd.planning.border_photo import NAME, BorderFrames, due, wanted  # rarely needed
-        from pdcd.planning.panel_look import white_shot
+        from pdcd.planning.border_photo import due, wanted  # no bench of cells needs it
 
-        config, white = self._facts.config, white_shot(self.plan)
+        config = self._facts.config
         self._borders_due = wanted(self.plan, config)
-        if white is None or not self._borders_due or not due(self.plan, taken):
+        if not self._borders_due or not due(self.plan, taken):
             return False
         self._borders_due = False
-        shown = BorderFrames.of(self.plan, config, self.darkroom.widest_strip(self._watch))
-        f_number = yield from self._aperture(white)
-        settings = self._exposer.settings(f_number)
-        photo = yield from self._orders.expose(
-            Wanted("look", NAME, shown.frames(), settings, f_number)
+        from pdcd.capture.worker.border_check import photograph_borders
+
+        widest = self.darkroom.widest_strip(self._watch)
+        self._borders = yield from photograph_borders(
+            self.plan, config, widest, self._exposer, self._orders
         )
-        if isinstance(photo, Spoilt):
-            self._orders.note(
-                "no photo of the light along the borders of cells, which is worked out of the "
-                f"quads around: {photo.message}"
-            )
-            return False
-        taken_ = cast(Photo, photo)
-        self._orders.note(MeterRecord(raw=taken_.raw, f_number=f_number, peak=None))
-        self._borders = BorderPhoto(
-            raw=taken_.raw,
-            sha256=taken_.planes[0][1],
-            iso=settings.iso,
-            f_number=f_number,
-            exposure_s=taken_.seconds,
-            phase_s=shown.phase_s,
-            beside=shown.beside,
-        )
-        self._adopt(self.plan)
-        self._orders.note(self.adopted())
-        return True
+        if self._borders is not None:
+            self._adopt(self.plan)
+            self._orders.note(self.adopted())
+        return self._borders is not None
 
     def _look(self) -> Steps:
         """Take a dark photo, and black exposures where it calls for them."""
