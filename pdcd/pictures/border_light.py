@@ -40,19 +40,34 @@ EDGES_OFF = 0.05
 """Share of this light that is unsure everywhere: pixels have edges and gaps of their own."""
 LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
-BESIDE_OFF = 0.5
+BESIDE = np.array([[3.0, 1.0, 3.0], [1.0, 0.0, 1.0], [3.0, 1.0, 3.0]])
+"""Kinds of strips for which the parts of a cell beside its borders are open."""
+INDIRECT_OFF = 0.5
 """Share of the indirect light in a photo of strips that is unsure: it may come from near, or along
 sharp paths."""
 
 
 @dataclass(frozen=True)
 class SeenBorders:
-    """What a photo of the strips alone tells (`pdcd.planning.border_photo`): the light of each
-    kind of them within a second, and how much of the indirect light got into it, over how much of
-    the direct light did."""
+    """What a photo of the strips alone tells (`pdcd.planning.border_photo`).
+
+    light : of each kind of them within a second, of quads. indirect : share of all indirect light
+    that got into it. reach : how far from borders the mask was open, in cells (x, y).
+    """
 
     light: Ambient
-    beside: float
+    indirect: float
+    reach: tuple[float, float]
+
+    def indirect_share(self, cells: CellMap) -> Floats:
+        """Share of the indirect light of each quad that got in, (h, w): by how much of it was
+        open."""
+        x, y = (min(reach, 0.49) for reach in self.reach)
+        cuts = (0.0, y, 1.0 - y, 1.0), (0.0, x, 1.0 - x, 1.0)
+        rows, cols = cells.grid
+        opened = cells.gather(np.tile(BESIDE, (rows, cols)), cuts)
+        mean = float(opened[cells.known].mean()) if cells.known.any() else 1.0
+        return np.asarray(self.indirect / max(mean, LEAST_SHARE) * opened)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +120,10 @@ class BorderLight:
         white photo the other stays as it is."""
         share = self.share()
         if seen is not None:
-            gain, got_in = self._gain(share)[..., None], share[..., None] * seen.beside
-            image = (photo.image - gain * seen.light.light) / (1.0 - got_in)
-            noise = np.zeros(image.shape)
-            np.multiply(gain, np.sqrt(seen.light.variance), out=noise, where=gain > 0.0)
+            gain = self._gain(share)
+            got_in = (gain * seen.indirect_share(self.cells))[..., None]
+            image = (photo.image - gain[..., None] * seen.light.light) / (1.0 - got_in)
+            noise = gain[..., None] * np.sqrt(seen.light.variance)
             return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)
         both, light = white.image - photo.image, np.zeros(photo.image.shape)
@@ -128,15 +143,19 @@ class BorderLight:
         share = self.share()
         if seen is None:
             return self._off(white.image - photo.image, share)
-        light = self._gain(share)[..., None] * seen.light.light
-        beside = BESIDE_OFF * seen.beside * share[..., None] * photo.image
-        return np.asarray(np.hypot(EDGES_OFF * light, beside))
+        gain = self._gain(share)
+        got_in = (gain * seen.indirect_share(self.cells))[..., None]
+        light = gain[..., None] * seen.light.light
+        return np.asarray(np.hypot(EDGES_OFF * light, INDIRECT_OFF * got_in * photo.image))
 
     def _gain(self, share: Floats) -> Floats:
         """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):
-        by how long they were open there. A quad that sees none has none."""
+        by how long they were open there; where nobody knows of one, as long as others on
+        average."""
         area = area_of(self.strips, self.cells)
-        return np.divide(share, area, out=np.zeros_like(area), where=area > LEAST_SHARE)
+        usual = float((share * self.weight_s).sum() / area.sum()) / self.weight_s
+        gain = np.divide(share, area, out=np.zeros_like(area), where=area > LEAST_SHARE)
+        return np.where(area > LEAST_SHARE, gain, usual)
 
     def _off(self, direct: NDArray[np.floating], share: Floats) -> Floats:
         """Standard deviation of what was taken out by itself, (h, w, C)."""

@@ -2,10 +2,11 @@
 else as far as panels can.
 
 Where both panels draw the border of a cell in two places, the light of one cell goes through the
-mask of the next one (`pdcd.probing.borders`). Here the projector lights the pixels alone that reach
-into such a strip, and the mask opens those that see it, for one cell out of nine at a time: what a
-pixel of the one shares with a pixel of the other is a strip then. So each quad tells how bright its
-strips are, with all detail that they have; little light comes from elsewhere.
+mask of the next one (`pdcd.probing.borders`). Here the projector lights the pixels alone that lie
+beside borders, and the mask opens those across, for one cell out of sixteen at a time: what a pixel of
+the one shares with a pixel of the other is a strip then, wherever both panels really lie. So each
+quad tells how bright its strips are, with all detail that they have; little light comes from
+elsewhere.
 """
 
 from __future__ import annotations
@@ -30,8 +31,10 @@ Bits = NDArray[np.bool_]
 LIT, DARK = "look-borders", "look-borders-dark"
 """The photo, and one before a black projector, as their RAW files are called."""
 
-LOOK_S = 0.35
-"""Time for which strips of each of nine kinds are shown, at most."""
+LOOK_S = 0.2
+"""Time for which strips of each of sixteen kinds are shown, at most."""
+MARGIN_PX = 0.25
+"""Projector pixels by which a panel may lie elsewhere than it is believed to."""
 SHORTER = 3
 """How much shorter the dark photo is: there is little in it that noise could matter to."""
 
@@ -61,28 +64,23 @@ def due(plan: Plan, taken: Collection[str]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class BorderFrames:
-    """What the photo shows: strips of each kind for so many `rows`, and a `pause` after them.
-
-    beside : how much of all indirect light gets in, over how much of the direct light does.
-    """
+    """What the photo shows: strips of each kind for so many `rows`, and a `pause` after them."""
 
     pixels: BorderPixels
     rows: int
     pause: int
     row_hz: float
-    beside: float
 
     @classmethod
     def of(cls, plan: Plan, config: Config, widest: float) -> BorderFrames:
         """Those of a plan. At the aperture of the white shot the brightest quad gets no more light
         than there, of which strips take the share `widest`."""
         panels = panels_of(config)
-        pixels = find_border_pixels(panels.projector, panels.mask, plan.grid)
-        apart = drawn_apart_share(panels.projector, panels.mask, plan.grid)
+        pixels = find_border_pixels(panels.projector, panels.mask, plan.grid, MARGIN_PX)
         pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
         most = max(2, round(LOOK_S * plan.row_hz))
         rows = max(1, min(most, int(rows_of(plan) / max(widest, 1e-6))))
-        return cls(pixels, rows, pause, plan.row_hz, pixels.both_share() / apart)
+        return cls(pixels, rows, pause, plan.row_hz)
 
     def phase_s(self, name: str) -> float:
         """For how long strips of each kind are shown in a photo."""

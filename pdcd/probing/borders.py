@@ -9,7 +9,6 @@ What comes straight back from there is direct light with the weight of a path be
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -46,10 +45,7 @@ MOST_REACH = 0.45
 """Of a cell: borders that are drawn further away are those of other cells."""
 LEAST_APART = 1e-4
 """Share of the field in which panels draw different cells below which nobody could see it."""
-INSIDE = (0.02, 0.5, 0.98)
-"""Places across a pixel at which is looked what the other panel shows: a strip in it has an edge of
-the pixel for one of its own."""
-APART = 3
+APART = 4
 """Rows or columns of cells whose strips are told of together: of neighbours one only, so that no
 pixel sees what it lights itself, and little light comes from elsewhere."""
 PIECE = 2**11
@@ -184,15 +180,18 @@ def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) ->
 
 @dataclass(frozen=True, eq=False)
 class BorderPixels:
-    """Pixels of both panels that reach into a strip in which the other one shows another cell.
+    """Pixels of both panels beside borders, which reach into any strip in which the other panel
+    shows another cell.
 
     projector, mask : (height, width) uint16, of which kinds a pixel is, a bit each: of the kind of
-        cell that it lights, or of those that light what it sees beside its own cell. Cells of a
-        kind lie `APART` rows or columns from each other.
+        the cell that it lights, or of those of the cells across the borders that it lies beside.
+        Cells of a kind lie `APART` rows or columns from each other. reach : half width of these
+        lines of pixels, in cells (x, y).
     """
 
     projector: NDArray[np.uint16]
     mask: NDArray[np.uint16]
+    reach: tuple[float, float]
 
     def of_kinds(self) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
         """The pixels of projector and mask that are lit and open for strips of each kind."""
@@ -204,43 +203,40 @@ class BorderPixels:
         return sum(float(lit.mean() * opened.mean()) for lit, opened in self.of_kinds())
 
 
-def find_border_pixels(projector: PanelView, mask: PanelView, grid: Grid) -> BorderPixels:
+def find_border_pixels(
+    projector: PanelView, mask: PanelView, grid: Grid, margin_px: float
+) -> BorderPixels:
     """The pixels that strips along borders are made of, for a photo of their light
-    (`pdcd.planning.border_photo`). projector, mask : as they are believed to lie."""
-    maps = projector.map, mask.map
-    reach = sum(_half_px(m, np.ones(2)) for m in maps) * np.array(grid[::-1])
-    kinds = [np.zeros(m.size_px[0] * m.size_px[1], dtype=np.uint16) for m in maps]
-    for first, second in ((0, 1), (1, 0)):  # a corner of either may lie in the other's middle
-        for one, other, cells in _meetings(maps[first], maps[second], grid, reach):
-            row, column = np.divmod(cells[first], grid[1])
-            kind = np.left_shift(1, row % APART * APART + column % APART).astype(np.uint16)
-            np.bitwise_or.at(kinds[first], one, kind)
-            np.bitwise_or.at(kinds[second], other, kind)
-    shaped = (k.reshape(m.size_px[::-1]) for k, m in zip(kinds, maps, strict=True))
-    return BorderPixels(*shaped)
+    (`pdcd.planning.border_photo`).
+
+    projector, mask : as they are believed to lie. margin_px : projector pixels by which one of them
+    may lie elsewhere.
+    """
+    half = [_half_px(view.map, np.ones(2)) for view in (projector, mask)]
+    reach = (half[0] + half[1] + 2.0 * margin_px * half[0]) * grid[::-1]
+    found = [np.zeros(view.size_px[::-1], dtype=np.uint16) for view in (projector, mask)]
+    for view, kinds in zip((projector, mask), found, strict=True):
+        place = view.map.centres() * grid[::-1]
+        with np.errstate(invalid="ignore"):
+            inside = np.all((place >= 0.0) & (place < grid[::-1]), axis=-1)
+        own = np.floor(np.where(inside[..., None], place, 0.0)).astype(np.int64)
+        nearest = np.rint(np.where(inside[..., None], place, 0.0))
+        near = inside[..., None] & (np.abs(place - nearest) <= reach)
+        near &= (nearest > 0) & (nearest < grid[::-1])  # beyond the field there is no cell
+        if view is projector:
+            kinds[:] = np.where(near.any(axis=-1), _bit(own), 0)
+            continue
+        beyond = np.where(nearest > own, own + 1, own - 1)
+        for across in ((True, False), (False, True), (True, True)):
+            cell = np.where(across, beyond, own)
+            kinds |= np.where(near[..., across].all(axis=-1), _bit(cell), 0).astype(np.uint16)
+    return BorderPixels(*found, reach=(float(reach[0]), float(reach[1])))
 
 
-def _meetings(
-    own: Map, other: Map, grid: Grid, reach: Floats
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[NDArray[np.int64], ...]]]:
-    """Pixels of two panels that overlap and show different cells: their numbers, (n,), and those of
-    the cells of both. reach : cells (x, y) from a pixel's centre to a border beyond which it cannot
-    reach into a strip."""
-    width = own.size_px[0]
-    place = own.centres().reshape(-1, 2) * grid[::-1]
-    with np.errstate(invalid="ignore"):
-        near = (np.abs(place - np.rint(place)) <= reach).any(axis=1)
-        near &= np.all((place >= 0.0) & (place < grid[::-1]), axis=1)
-    pixel = np.flatnonzero(near)
-    for part in _pieces(pixel.size):
-        these = pixel[part]
-        column, row = np.floor(place[these]).astype(np.int64).T
-        cell = row * grid[1] + column
-        at = np.stack([these % width, these // width], axis=-1)
-        for inside in itertools.product(INSIDE, repeat=2):
-            there, seen = _shown(other, own.to_field(at + inside), grid)
-            hit = (seen >= 0) & (seen != cell)
-            yield these[hit], there[hit], (cell[hit], seen[hit])
+def _bit(cell: NDArray[np.int64]) -> NDArray[np.uint16]:
+    """The kind of cells (..., 2), column and row, as a bit."""
+    column, row = np.moveaxis(cell % APART, -1, 0)
+    return np.left_shift(1, row * APART + column).astype(np.uint16)
 
 
 def nearest_grid(projector: PanelView, mask: PanelView, grid: Grid) -> Grid | None:
@@ -370,18 +366,11 @@ def _half_px(map_: Map, size: Floats) -> Floats:
 
 def _cells(map_: Map, points: Floats, grid: Grid) -> NDArray[np.int64]:
     """The cell that a panel shows at points of the field, (n,); -1 where it shows none."""
-    return _shown(map_, points, grid)[1]
-
-
-def _shown(map_: Map, points: Floats, grid: Grid) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The pixel of a panel that lies at points of the field, and the cell that it shows, (n,) each;
-    the cell is -1 where it shows none."""
     width, height = map_.size_px
     pixel = np.floor(map_.from_field(points))
     with np.errstate(invalid="ignore"):
         on = np.all((pixel >= 0.0) & (pixel < (width, height)), axis=1, keepdims=True)
-    pixel = np.where(on, pixel, 0.0)
-    cell = np.floor(map_.to_field(pixel + 0.5) * grid[::-1]).astype(np.int64)
+    centre = map_.to_field(np.where(on, pixel, 0.0) + 0.5)
+    cell = np.floor(centre * grid[::-1]).astype(np.int64)
     shown = on[:, 0] & np.all((cell >= 0) & (cell < grid[::-1]), axis=1)
-    number = (pixel[:, 1] * width + pixel[:, 0]).astype(np.int64)
-    return number, np.where(shown, cell[:, 1] * grid[1] + cell[:, 0], -1)
+    return np.where(shown, cell[:, 1] * grid[1] + cell[:, 0], -1)

@@ -87,8 +87,10 @@ class DarkPhoto(msgspec.Struct, frozen=True, kw_only=True):
 class BorderPhoto(DarkPhoto, frozen=True, kw_only=True):
     """A photo of the light along the borders of cells alone (`pdcd.planning.border_photo`)."""
 
-    beside: NonNegative
-    """How much of the indirect light gets into it, over how much of the direct light does."""
+    indirect: NonNegative
+    """Share of all indirect light that gets into it."""
+    reach: tuple[NonNegative, NonNegative]
+    """How far from borders pixels were open, in cells, along x and y."""
     dark: DarkPhoto
     """The same before a black projector: what the room adds."""
 

@@ -53,4 +53,9 @@ def photograph_borders(
             )
         )
     lit, dark = photos
-    return BorderPhoto(**msgspec.structs.asdict(lit), beside=shown.beside, dark=dark)
+    return BorderPhoto(
+        **msgspec.structs.asdict(lit),
+        indirect=shown.pixels.both_share(),
+        reach=shown.pixels.reach,
+        dark=dark,
+    )
