@@ -3,9 +3,9 @@ else as far as panels can.
 
 Where both panels draw the border of a cell in two places, the light of one cell goes through the
 mask of the next one (`pdcd.probing.borders`). Here the projector lights the pixels alone that lie
-beside borders, and the mask opens those across, for one cell out of sixteen at a time: what a pixel of
-the one shares with a pixel of the other is a strip then, wherever both panels really lie. So each
-quad tells how bright its strips are, with all detail that they have; little light comes from
+beside borders, and the mask opens those across, for one cell out of sixteen at a time: what a pixel
+of the one shares with a pixel of the other is a strip then, wherever both panels really lie. So
+each quad tells how bright its strips are, with all detail that they have; little light comes from
 elsewhere.
 """
 

@@ -127,9 +127,20 @@ def test_indirect_light_is_what_is_left(mask: dict[str, Any]) -> None:
     assert (found.sigma >= none).all()
 
 
+def of_lines(shape: tuple[int, ...], reach: tuple[float, float]) -> Floats:
+    """For how many kinds of strips the mask is open at all points: across the borders that they lie
+    beside, and across both at corners."""
+    near = []
+    for side, cells, far in zip(shape, GRID, reach[::-1], strict=True):
+        place = (np.arange(side) + 0.5) / side * cells
+        near.append((np.abs(place - np.rint(place)) <= far).astype(np.float64))
+    down, right = near[0][:, None], near[1]
+    return np.asarray(down + right + down * right)
+
+
 @pytest.mark.parametrize("mask", BENCHES)
 def test_a_photo_of_strips_tells_detail_that_no_quad_shows(mask: dict[str, Any]) -> None:
-    frame, beside = CAMERAS[0], 0.2
+    frame, indirect_in, reach = CAMERAS[0], 0.01, (0.1, 0.1)
     panels, cells, lit, opened = setting_of(mask, frame)
     strips = find_strips(panels.projector, panels.mask, GRID, 4)
     realised = realised_of(strips)
@@ -140,19 +151,21 @@ def test_a_photo_of_strips_tells_detail_that_no_quad_shows(mask: dict[str, Any])
     stripes = np.where(np.add.outer(*map(np.arange, slant.shape)) // 5 % 2, 0.125, 1.0)
     direct, indirect = of_quads(slant * stripes), of_quads(wandered)
     apart = (lit != opened) & (lit >= 0) & (opened >= 0)
-    area = of_quads(np.where(apart.reshape(slant.shape), 1.0, 0.0))
+    opened_there = of_lines(slant.shape, reach)
     seen = of_quads(np.where(apart.reshape(slant.shape), slant * stripes, 0.0))
-    photo = Ambient(seen + beside * area * indirect, np.full(seen.shape, 1e-6))
+    got_in = indirect_in * of_quads(opened_there) / opened_there.mean()
+    photo = Ambient(seen + got_in * indirect, np.full(seen.shape, 1e-6))
+    borders = SeenBorders(photo, indirect_in, reach)
     leak = leak_of(realised, lit, opened, slant * stripes)[..., None] / 2.0
     none = np.full(direct.shape, 1e-3)
     taken, white = Picture(indirect + leak, none), Picture(direct + indirect, none)
-    found = light.take_out(taken, white, SeenBorders(photo, beside))
+    found = light.take_out(taken, white, borders)
     error = found.image - indirect
     # Pairs of cells that meet in one quad have weights of their own here; codes give all the same.
     assert np.sqrt(np.mean(error**2)) < 0.06 * np.sqrt(np.mean(leak**2))
     without = light.take_out(taken, white).image - indirect
     assert np.sqrt(np.mean(without**2)) > 2.0 * np.sqrt(np.mean(error**2))
-    bars = light.error(found, white, SeenBorders(photo, beside))
+    bars = light.error(found, white, borders)
     assert np.mean(np.abs(error) <= 1.96 * (bars + 1e-3)) > 0.95
     assert (found.sigma > none).any()
 

@@ -21,14 +21,22 @@ BENCHES: list[dict[str, Any]] = [
 ]
 
 
+MARGIN_PX = 0.25
+
+
+@pytest.mark.parametrize("off_px", [(0.0, 0.0), (0.15, -0.15)])
 @pytest.mark.parametrize("mask", BENCHES)
-def test_light_gets_through_strips_alone_and_through_each_once(mask: dict[str, Any]) -> None:
+def test_light_gets_through_strips_alone_and_through_each_once(
+    mask: dict[str, Any], off_px: tuple[float, float]
+) -> None:
+    """Also where the mask lies a little elsewhere than it is believed to."""
     panels = panels_from(PanelConfig(size_px=PROJECTOR_PX), PanelConfig(**mask))
-    pixels = find_border_pixels(panels.projector, panels.mask, GRID)
+    pixels = find_border_pixels(panels.projector, panels.mask, GRID, MARGIN_PX)
     points = np.random.default_rng(1).uniform(size=(200_000, 2))
     shown, at = [], []
     for view in (panels.projector, panels.mask):
-        pixel = np.floor(view.map.from_field(points)).astype(np.int64)
+        moved = points + (view is panels.mask) * np.array(off_px) / PROJECTOR_PX
+        pixel = np.floor(view.map.from_field(moved)).astype(np.int64)
         on = np.all((pixel >= 0) & (pixel < view.size_px), axis=1)
         cell = np.floor(view.map.to_field(pixel + 0.5) * GRID[::-1]).astype(np.int64)
         on &= np.all((cell >= 0) & (cell < GRID[::-1]), axis=1)
@@ -44,13 +52,5 @@ def test_light_gets_through_strips_alone_and_through_each_once(mask: dict[str, A
     assert np.mean(apart) > 0.01
     assert not times[there & ~apart].any()
     assert times.max() == 1
-    # A strip that only grazes a pixel between the places looked at is missed.
-    assert np.mean(times[apart] == 1) > 0.99
-
-
-def test_panels_whose_cells_meet_have_none() -> None:
-    panels = panels_from(PanelConfig(size_px=(70, 50)), PanelConfig(size_px=(140, 100)))
-    pixels = find_border_pixels(panels.projector, panels.mask, GRID)
-    assert not pixels.projector.any()
-    assert not pixels.mask.any()
-    assert pixels.both_share() == 0.0
+    assert np.mean(times[apart] == 1) > 0.999
+    assert pixels.both_share() < 0.02

@@ -16,7 +16,7 @@ from pdcd.capture.worker.border_check import photograph_borders
 from pdcd.capture.worker.exposing import Orders
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import BLACK
-from pdcd.planning.border_photo import DARK, LIT, BorderFrames, due, wanted
+from pdcd.planning.border_photo import DARK, LIT, LOOK_S, BorderFrames, due, wanted
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest
@@ -70,8 +70,8 @@ def test_both_panels_are_nearly_dark_and_each_pixel_has_its_turn(name: str) -> N
     lit = sum(draw(frames, panels.projector, row) > 0 for row in range(len(frames)))
     rows = round(shown.phase_s(name) * APART.row_hz)
     assert rows >= 1 and (shown.rows >= rows if name == DARK else rows == shown.rows)
-    assert 0.02 < np.mean(np.asarray(mask) > 0) < 0.2
-    assert set(np.unique(mask)) <= {0, rows, 2 * rows, 3 * rows, 4 * rows}
+    assert 0.02 < np.mean(np.asarray(mask) > 0) < 0.3
+    assert set(np.unique(mask)) == {0, rows, 3 * rows}  # beside one border, or two
     assert np.any(lit) == (name == LIT)
     assert np.all(frames.dual_index[-shown.pause :] == BLACK)
 
@@ -79,7 +79,7 @@ def test_both_panels_are_nearly_dark_and_each_pixel_has_its_turn(name: str) -> N
 def test_the_brightest_quad_gets_no_more_light_than_in_the_white_photo() -> None:
     rows = [BorderFrames.of(planned(), APART, widest).rows for widest in (1.0, 0.5, 0.25)]
     assert rows[1] == pytest.approx(2 * rows[0], abs=1)
-    assert rows[2] == pytest.approx(4 * rows[0], abs=2)
+    assert rows[2] == round(LOOK_S * APART.row_hz)  # and no longer than that
 
 
 class Exposing:
@@ -112,7 +112,8 @@ def test_the_run_remembers_both_photos() -> None:
     found, names, _ = taken(lit, dark)
     assert names == [LIT, DARK]
     assert (found.raw, found.dark.raw, found.f_number) == ("raw/a.dng", "raw/b.dng", 4.0)
-    assert 0.0 < found.beside < 0.2
+    assert 0.0 < found.indirect < 0.01
+    assert all(0.0 < reach < 0.1 for reach in found.reach)
     assert found.phase_s >= found.dark.phase_s > 0.0
 
 
