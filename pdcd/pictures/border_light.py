@@ -40,8 +40,10 @@ EDGES_OFF = 0.05
 """Share of this light that is unsure everywhere: pixels have edges and gaps of their own."""
 LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
-BESIDE = np.array([[3.0, 1.0, 3.0], [1.0, 0.0, 1.0], [3.0, 1.0, 3.0]])
-"""Kinds of strips for which the parts of a cell beside its borders are open."""
+BESIDE = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+"""For how many kinds of strips the parts of a cell are lit: for its own, beside its borders."""
+ACROSS = BESIDE * [[3.0, 1.0, 3.0], [1.0, 0.0, 1.0], [3.0, 1.0, 3.0]]
+"""For how many they are open: for the cells across these borders."""
 INDIRECT_OFF = 0.5
 """Share of the indirect light in a photo of strips that is unsure: it may come from near, or along
 sharp paths."""
@@ -52,22 +54,31 @@ class SeenBorders:
     """What a photo of the strips alone tells (`pdcd.planning.border_photo`).
 
     light : of each kind of them within a second, of quads. indirect : share of all indirect light
-    that got into it. reach : how far from borders the mask was open, in cells (x, y).
+    that got into it. reach : how far from borders pixels were lit and open, in cells (x, y). leak :
+    what a closed mask lets through of the light of lit pixels.
     """
 
     light: Ambient
     indirect: float
     reach: tuple[float, float]
+    leak: float = 0.0
 
     def indirect_share(self, cells: CellMap) -> Floats:
         """Share of the indirect light of each quad that got in, (h, w): by how much of it was
         open."""
-        x, y = (min(reach, 0.49) for reach in self.reach)
-        cuts = (0.0, y, 1.0 - y, 1.0), (0.0, x, 1.0 - x, 1.0)
-        rows, cols = cells.grid
-        opened = cells.gather(np.tile(BESIDE, (rows, cols)), cuts)
+        opened = self._of_lines(ACROSS, cells)
         mean = float(opened[cells.known].mean()) if cells.known.any() else 1.0
         return np.asarray(self.indirect / max(mean, LEAST_SHARE) * opened)
+
+    def leak_share(self, cells: CellMap) -> Floats:
+        """Share of the direct light of each quad that got through the closed mask, (h, w)."""
+        return np.asarray(self.leak * self._of_lines(BESIDE, cells))
+
+    def _of_lines(self, kinds: Floats, cells: CellMap) -> Floats:
+        """For so many kinds, by the parts of a cell, each quad was lit or open, (h, w)."""
+        x, y = (min(reach, 0.49) for reach in self.reach)
+        cuts = (0.0, y, 1.0 - y, 1.0), (0.0, x, 1.0 - x, 1.0)
+        return cells.gather(np.tile(kinds, cells.grid), cuts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +133,9 @@ class BorderLight:
         if seen is not None:
             gain = self._gain(share)
             got_in = (gain * seen.indirect_share(self.cells))[..., None]
-            image = (photo.image - gain[..., None] * seen.light.light) / (1.0 - got_in)
+            direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
+            light = seen.light.light - seen.leak_share(self.cells)[..., None] * direct
+            image = (photo.image - gain[..., None] * light) / (1.0 - got_in)
             noise = gain[..., None] * np.sqrt(seen.light.variance)
             return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)

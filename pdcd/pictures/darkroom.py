@@ -277,7 +277,8 @@ class Darkroom:
         lit = self._ambient_of(frame, photo)
         lit.variance[frame.saturated] = np.inf
         seen = Ambient(lit.light - dark.light, lit.variance + dark.variance)
-        return SeenBorders(seen, photo.indirect, photo.reach)
+        leak = 1.0 / (self._record.mask.contrast or math.inf)
+        return SeenBorders(seen, photo.indirect, photo.reach, leak)
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""
