@@ -230,13 +230,14 @@ def find_border_pixels(
         for across in ((True, False), (False, True), (True, True)):
             cell = np.where(across, beyond, own)
             kinds |= np.where(near[..., across].all(axis=-1), _bit(cell), 0).astype(np.uint16)
-    return BorderPixels(*found, reach=(float(reach[0]), float(reach[1])))
+    return BorderPixels(found[0], found[1], (float(reach[0]), float(reach[1])))
 
 
 def _bit(cell: NDArray[np.int64]) -> NDArray[np.uint16]:
     """The kind of cells (..., 2), column and row, as a bit."""
     column, row = np.moveaxis(cell % APART, -1, 0)
-    return np.left_shift(1, row * APART + column).astype(np.uint16)
+    bit: NDArray[np.uint16] = np.left_shift(1, row * APART + column).astype(np.uint16)
+    return bit
 
 
 def nearest_grid(projector: PanelView, mask: PanelView, grid: Grid) -> Grid | None:
