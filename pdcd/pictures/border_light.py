@@ -38,6 +38,8 @@ ROUGH = 0.8
 0.9 before five virtual scenes with detail finer than quads."""
 EDGES_OFF = 0.05
 """Share of this light that is unsure everywhere: pixels have edges and gaps of their own."""
+SEEN_OFF = 0.03
+"""The same of light that was photographed, edges and all: by how long panels show it."""
 LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
 BESIDE = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
@@ -148,8 +150,8 @@ class BorderLight:
 
     def error(self, photo: Picture, white: Picture, seen: SeenBorders | None = None) -> Floats:
         """Standard deviation of a photo without this light, (h, w, C), by what was taken out: by
-        what the panels' pixels have of their own, and by indirect light that got into the photo of
-        it; or by what the camera's map may be off, and what direct light may differ within a quad.
+        how long it was open in the photo of it, and by indirect light that got into that; or by
+        what the camera's map may be off, and what direct light may differ within a quad.
 
         photo : what `take_out` made.
         """
@@ -159,7 +161,7 @@ class BorderLight:
         gain = self._gain(share)
         got_in = (gain * seen.indirect_share(self.cells))[..., None]
         light = gain[..., None] * seen.light.light
-        return np.asarray(np.hypot(EDGES_OFF * light, INDIRECT_OFF * got_in * photo.image))
+        return np.asarray(np.hypot(SEEN_OFF * light, INDIRECT_OFF * got_in * photo.image))
 
     def _gain(self, share: Floats) -> Floats:
         """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):
