@@ -165,8 +165,12 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
         # Of a run that went on by other codes, those that came before are no shots any more.
         known = {shot.name for shot in recipe.shots}
         shots = [shot for shot in shots if shot.name in known]
-        dark = run.dark if run.dark and run.dark.raw in {test.raw for test in meter} else None
-        run = msgspec.structs.replace(run, shots=tuple(shots), dark=dark)
+        there = {test.raw for test in meter}
+        dark = run.dark if run.dark and run.dark.raw in there else None
+        borders = run.borders
+        if borders and not {borders.raw, borders.dark.raw} <= there:
+            borders = None
+        run = msgspec.structs.replace(run, shots=tuple(shots), dark=dark, borders=borders)
         if not possible(recipe, {shot.name for shot in shots}).pictures:
             planned = [shot.name for shot in recipe.shots]
             missing = [n for n in planned if n not in {shot.name for shot in shots}]

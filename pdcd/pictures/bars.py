@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.stops import stop_of
 from pdcd.pictures.combine import border_light, white_of
-from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.exposed import Ambient, Exposed, Print
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
 from pdcd.pictures.picture import Barred, Picture, barred, pictures_of, sigma_of
@@ -45,6 +47,9 @@ from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
+if TYPE_CHECKING:
+    from pdcd.pictures.border_light import SeenBorders
+
 Floats = NDArray[np.float64]
 Photos = Callable[[Recipe, Mapping[str, Exposed], CellMap], dict[str, Picture]]
 """Scales and corrects the photos of a recipe."""
@@ -64,38 +69,46 @@ def barred_pictures(
     learned: Learned | None,
     cells: CellMap,
     alive: Callable[[], None],
+    borders: SeenBorders | None = None,
 ) -> dict[str, Barred]:
     """All pictures of a recipe with sensor and code error: of what the parts show, if there are
     enough; and with what all parts get wrong alike, as far as it is known.
 
-    shots : of the run, and sums of them. learned : of its pilot, if any.
+    shots : of the run, and sums of them. learned : of its pilot, if any. borders : what a photo of
+    the light along borders of cells tells, if there is one; all parts have the same of it.
     """
-    averaged, told = None, NOTHING_TOLD
+    averaged, told, coarse = None, NOTHING_TOLD, None
     if len(part_numbers(recipe)) >= FEWEST_PARTS:
         averaged = average_shots(_used(recipe, shots), cells)
+        coarse = None if borders is None else _averaged_borders(borders, shots, cells)
         if record.smooth:
             told = told_by_parts(
                 recipe, averaged.shots, learned, averaged.cells, seen=seen_cells(cells),
                 normalise=record.normalise, alive=alive,
             )  # fmt: skip
 
-    def photos(part: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> dict[str, Picture]:
+    def photos(
+        part: Recipe,
+        shots: Mapping[str, Exposed],
+        cells: CellMap,
+        borders: SeenBorders | None = None,
+    ) -> dict[str, Picture]:
         return corrected_photos(
             part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth,
-            alive=alive, told=told,
+            alive=alive, told=told, borders=borders,
         )  # fmt: skip
 
-    scaled = photos(recipe, shots, cells)
+    scaled = photos(recipe, shots, cells, borders)
     whole = pictures_of(recipe, scaled)
     near = beside_errors(recipe, shots, scaled, learned, cells, normalise=record.normalise)
     if averaged is not None:
-        images = part_images(recipe, averaged, photos)
+        images = part_images(recipe, averaged, partial(photos, borders=coarse))
         bars = barred_by_parts(whole, images, cells, beside_of_pictures(recipe, scaled, near))
     else:
         sharp = None if learned is None else learned.sharp
         bars = barred_by_model(recipe, shots, scaled, whole, cells, alive, sharp, near=near)
     normalise = record.normalise
-    bars = with_border_light(bars, recipe, shots, scaled, cells, normalise=normalise)
+    bars = with_border_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
     bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
     if record.panels is None:
         return bars
@@ -153,6 +166,17 @@ def _more_error(picture: Barred, error: Floats, cells: CellMap) -> Barred:
         of_cells = np.hypot(of_cells, mean_image(error, cells).reshape(of_cells.shape))
     made = barred(Picture(picture.image, picture.sensor), code, picture.kind)
     return replace(made, of_cells=of_cells)
+
+
+def _averaged_borders(
+    borders: SeenBorders, shots: Mapping[str, Exposed], cells: CellMap
+) -> SeenBorders:
+    """What a photo of the light along borders tells, as the averaged shots have it."""
+    alike = next(iter(shots.values()))
+    light, dark = borders.light, np.zeros(cells.frame, np.bool_)
+    photo = Print(light.light, light.variance, dark, alike.realised, {})
+    found = average_shots({"": photo}, cells).shots[""]
+    return replace(borders, light=Ambient(found.light, np.zeros(found.light.shape)))
 
 
 def _used(recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:
@@ -295,6 +319,7 @@ def with_border_light(
     shots: Mapping[str, Shown],
     photos: Mapping[str, Picture],
     cells: CellMap,
+    borders: SeenBorders | None = None,
     *,
     normalise: NormaliseName = "auto",
 ) -> dict[str, Barred]:
@@ -302,14 +327,14 @@ def with_border_light(
     panels draw in two places: what of it was taken out of a photo of indirect light may be wrong
     (`pdcd.pictures.border_light.BorderLight.error`), in all parts alike.
 
-    photos : scaled ones.
+    photos : scaled ones. borders : what a photo of this light tells, if there is one.
     """
     white, found = white_of(recipe), dict(pictures)
     for photo in recipe.photos:
         light = border_light(photo, recipe, shots, cells, normalise=normalise)
         if light is None:
             continue
-        error = light.error(photos[photo.name], photos[white[-1]])
+        error = light.error(photos[photo.name], photos[white[-1]], borders)
         for name, made in _with_photo_error(found, recipe, photo.name, error).items():
             found[name] = replace(made, of_cells=_with_means(found[name], error, cells))
     return found

@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.pictures.exposed import Ambient
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.to_quads import Weights
 from pdcd.probing.borders import Strips
@@ -26,7 +27,6 @@ from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ROUNDS = 4
 """Times that direct light is told from a photo without what got into it: of a share of a third, a
@@ -38,16 +38,49 @@ ROUGH = 0.8
 0.9 before five virtual scenes with detail finer than quads."""
 EDGES_OFF = 0.05
 """Share of this light that is unsure everywhere: pixels have edges and gaps of their own."""
+SEEN_OFF = 0.03
+"""The same of light that was photographed, edges and all: by how long panels show it."""
 LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
-AROUND = np.exp(-0.5 * np.hypot(*np.mgrid[-2:3, -2:3]) ** 2) - np.pad([[1.0]], 2)
-"""How quads around one count where they tell of it."""
-LEAST_LIT = 0.01
-"""Of the mean light: a quad that is darker tells no share of it."""
-LEAST_VARIANCE = 1e-12
-"""Of the square of a share: what rounding leaves where quads tell the same."""
-MOST_MOVED = 2.0
-"""Standard deviations of what was taken out by which quads beside may change a quad at most."""
+BESIDE = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+"""For how many kinds of strips the parts of a cell are lit: for its own, beside its borders."""
+ACROSS = BESIDE * [[3.0, 1.0, 3.0], [1.0, 0.0, 1.0], [3.0, 1.0, 3.0]]
+"""For how many they are open: for the cells across these borders."""
+INDIRECT_OFF = 0.5
+"""Share of the indirect light in a photo of strips that is unsure: it may come from near, or along
+sharp paths."""
+
+
+@dataclass(frozen=True)
+class SeenBorders:
+    """What a photo of the strips alone tells (`pdcd.planning.border_photo`).
+
+    light : of each kind of them within a second, of quads. indirect : share of all indirect light
+    that got into it. reach : how far from borders pixels were lit and open, in cells (x, y). leak :
+    what a closed mask lets through of the light of lit pixels.
+    """
+
+    light: Ambient
+    indirect: float
+    reach: tuple[float, float]
+    leak: float = 0.0
+
+    def indirect_share(self, cells: CellMap) -> Floats:
+        """Share of the indirect light of each quad that got in, (h, w): by how much of it was
+        open."""
+        opened = self._of_lines(ACROSS, cells)
+        mean = float(opened[cells.known].mean()) if cells.known.any() else 1.0
+        return np.asarray(self.indirect / max(mean, LEAST_SHARE) * opened)
+
+    def leak_share(self, cells: CellMap) -> Floats:
+        """Share of the direct light of each quad that got through the closed mask, (h, w)."""
+        return np.asarray(self.leak * self._of_lines(BESIDE, cells))
+
+    def _of_lines(self, kinds: Floats, cells: CellMap) -> Floats:
+        """For so many kinds, by the parts of a cell, each quad was lit or open, (h, w)."""
+        x, y = (min(reach, 0.49) for reach in self.reach)
+        cuts = (0.0, y, 1.0 - y, 1.0), (0.0, x, 1.0 - x, 1.0)
+        return cells.gather(np.tile(kinds, cells.grid), cuts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,42 +127,50 @@ class BorderLight:
                 )
         return np.asarray(found / self.weight_s.reshape(*self.weight_s.shape, 1))
 
-    def take_out(self, photo: Picture, white: Picture) -> Picture:
-        """A photo of indirect light, and its error bar by the sensor, without this light. Where
-        nothing is known of the white photo the other stays as it is."""
+    def take_out(self, photo: Picture, white: Picture, seen: SeenBorders | None = None) -> Picture:
+        """A photo of indirect light, and its error bar by the sensor, without this light: as a
+        photo of it was `seen`, or as direct light is around. There, where nothing is known of the
+        white photo the other stays as it is."""
+        share = self.share()
+        if seen is not None:
+            gain = self._gain(share)
+            got_in = (gain * seen.indirect_share(self.cells))[..., None]
+            direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
+            light = seen.light.light - seen.leak_share(self.cells)[..., None] * direct
+            image = (photo.image - gain[..., None] * light) / (1.0 - got_in)
+            noise = gain[..., None] * np.sqrt(seen.light.variance)
+            return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)
         both, light = white.image - photo.image, np.zeros(photo.image.shape)
         for _ in range(ROUNDS):
             light = self.light(both + light)
         image = photo.image - np.where(known, light, 0.0)
-        share = self.share()
         noise = share[..., None] * np.where(known, white.sigma, 0.0)
-        sigma = np.hypot(photo.sigma, noise).astype(photo.sigma.dtype)
-        off, free = self._off(white.image - image, share), self._free(share)
-        for channel in range(image.shape[2]):
-            told = _told(image[..., channel], white.image[..., channel], free)
-            r = off[..., channel]
-            trust = told.share_of(r**2) * known[..., channel]
-            most = MOST_MOVED * r
-            image[..., channel] += np.clip(trust * (told.image - image[..., channel]), -most, most)
-        return Picture(image, sigma)
+        return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
 
-    def error(self, photo: Picture, white: Picture) -> Floats:
+    def error(self, photo: Picture, white: Picture, seen: SeenBorders | None = None) -> Floats:
         """Standard deviation of a photo without this light, (h, w, C), by what was taken out: by
+        how long it was open in the photo of it, and by indirect light that got into that; or by
         what the camera's map may be off, and what direct light may differ within a quad.
 
         photo : what `take_out` made.
         """
         share = self.share()
-        off, free = self._off(white.image - photo.image, share), self._free(share)
-        for channel in range(off.shape[2]):
-            told = _told(photo.image[..., channel], white.image[..., channel], free)
-            off[..., channel] *= np.sqrt(1.0 - told.share_of(off[..., channel] ** 2))
-        return off
+        if seen is None:
+            return self._off(white.image - photo.image, share)
+        gain = self._gain(share)
+        got_in = (gain * seen.indirect_share(self.cells))[..., None]
+        light = gain[..., None] * seen.light.light
+        return np.asarray(np.hypot(SEEN_OFF * light, INDIRECT_OFF * got_in * photo.image))
 
-    def _free(self, share: Floats) -> Bools:
-        """Quads that see no strip, and the field alone."""
-        return (np.abs(share) < LEAST_SHARE) & self.cells.known
+    def _gain(self, share: Floats) -> Floats:
+        """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):
+        by how long they were open there; where nobody knows of one, as long as others on
+        average."""
+        area = area_of(self.strips, self.cells)
+        usual = float((share * self.weight_s).sum() / area.sum()) / self.weight_s
+        gain = np.divide(share, area, out=np.zeros_like(area), where=area > LEAST_SHARE)
+        return np.where(area > LEAST_SHARE, gain, usual)
 
     def _off(self, direct: NDArray[np.floating], share: Floats) -> Floats:
         """Standard deviation of what was taken out by itself, (h, w, C)."""
@@ -151,38 +192,9 @@ class BorderLight:
         return off
 
 
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """What quads beside tell of each quad, (h, w), and with which variance; infinite where none
-    does."""
-
-    image: Floats
-    variance: Floats
-
-    def share_of(self, variance: Floats) -> Floats:
-        """How much it counts beside a value of that variance, (h, w)."""
-        both = variance + self.variance
-        return np.divide(variance, both, out=np.zeros_like(both), where=np.isfinite(both))
-
-
-def _told(image: NDArray[np.floating], white: NDArray[np.floating], free: Bools) -> _Told:
-    """One colour of a photo as the `free` quads around tell it: by the share of all light that is
-    indirect there."""
-    lit = np.maximum(white, LEAST_LIT * float(np.abs(white).mean()) + np.finfo(np.float64).tiny)
-    counts = free.astype(np.float64)
-    there, indirect, squares = (
-        scipy.ndimage.convolve(counts * each, AROUND, mode="constant")
-        for each in (lit, image, image * image / lit)
-    )
-    sure = there > 0.0
-    share, square = (
-        np.divide(each, there, out=np.zeros_like(there), where=sure) for each in (indirect, squares)
-    )
-    # By as much as they differ among themselves, be it by an edge that runs between them: of n of
-    # them, the next one differs from their mean by (n + 1) / (n - 1) of their own variance.
-    twice = scipy.ndimage.convolve((counts * lit) ** 2, AROUND**2, mode="constant")
-    many = np.divide(there * there, twice, out=np.zeros_like(there), where=sure)
-    sure = sure & ~free & (many > 1.0 + 1e-9)
-    wide = np.divide(many + 1.0, many - 1.0, out=np.zeros_like(there), where=sure)
-    spread = np.maximum(square - share * share, LEAST_VARIANCE * square)
-    return _Told(share * lit, np.where(sure, wide * spread * lit * lit, np.inf))
+def area_of(strips: tuple[Strips, ...], cells: CellMap) -> Floats:
+    """Share of what each quad sees that strips take, (h, w)."""
+    area = np.zeros(cells.frame)
+    for each in strips:
+        area += cells.gather(each.area(cells.grid), each.cuts)
+    return area

@@ -19,7 +19,7 @@ from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
-    from pdcd.pictures.border_light import BorderLight
+    from pdcd.pictures.border_light import BorderLight, SeenBorders
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -73,11 +73,12 @@ def scale_photos(
     shots: Mapping[str, Exposed],
     cells: CellMap,
     added: Mapping[str, Floats],
+    borders: SeenBorders | None = None,
 ) -> dict[str, Picture]:
-    """The same of photos whose cells are weighed already."""
+    """The same of photos whose cells are weighed already; `borders` were seen in a photo."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
-    borders: dict[str, BorderLight] = {}
+    strips: dict[str, BorderLight] = {}
     white = white_of(recipe)
     outside = quads_outside(cells)
     for photo in recipe.photos:
@@ -90,11 +91,11 @@ def scale_photos(
                 direct[photo.name] = share
             border = _border_of(weights[photo.name].realised, of_quads, cells)
             if border is not None:
-                borders[photo.name] = border
+                strips[photo.name] = border
     for name, share in direct.items():
         scaled[name] = take_out_direct(scaled[name], scaled[white[-1]], share)
-    for name, border in borders.items():
-        scaled[name] = border.take_out(scaled[name], scaled[white[-1]])
+    for name, border in strips.items():
+        scaled[name] = border.take_out(scaled[name], scaled[white[-1]], borders)
     return scaled
 
 

@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -45,6 +46,9 @@ from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
+
+if TYPE_CHECKING:
+    from pdcd.pictures.border_light import SeenBorders
 
 Alive = Callable[[], None]
 
@@ -211,7 +215,7 @@ class Darkroom:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
             pictures = barred_pictures(
-                self._record, recipe, {**shots, **sums}, learned, cells, alive
+                self._record, recipe, {**shots, **sums}, learned, cells, alive, self._seen()
             )
         view = View.of(self._record, cells)
         return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
@@ -235,19 +239,46 @@ class Darkroom:
         """What got into a dark photo within a second, on cells."""
         return Dark.of(mean_light(self.ambient(photo), self._cells()))
 
+    def widest_strip(self, watch: Watch) -> float:
+        """Largest share of a quad in which both panels show different cells."""
+        from pdcd.pictures.border_light import area_of  # most benches have no such borders
+
+        self._shots(watch)
+        return float(area_of(self._strips, self._cells()).max())
+
     def ambient(self, photo: DarkPhoto) -> Ambient:
         """What got into a dark photo, over the time for which it shows each of its states."""
-        profile, iso = self._record.profile, photo.iso
+        return self._ambient_of(self._dark_frame(photo), photo)
+
+    def _dark_frame(self, photo: DarkPhoto) -> RawFrame:
         frame = read_raw(
             self._folder / photo.raw,
             sha256=photo.sha256,
-            saturation_dn=profile.saturation_dn(iso),
+            saturation_dn=self._record.profile.saturation_dn(photo.iso),
         )
-        frame = frame if self._side == 1 else frame.binned(self._side)
+        return frame if self._side == 1 else frame.binned(self._side)
+
+    def _ambient_of(self, frame: RawFrame, photo: DarkPhoto) -> Ambient:
+        profile, iso = self._record.profile, photo.iso
         factors, signal = self._to_units(iso, photo.f_number) / photo.phase_s, frame.planes
         of_quads = factors / frame.side
         variance = rgb_variance(signal, profile, iso, photo.exposure_s, of_quads, np.float64)
         return Ambient(to_rgb(signal, factors), np.asarray(variance, np.float64))
+
+    def _seen(self) -> SeenBorders | None:
+        """What a photo tells of the light along borders; None of a run that has none. Of quads that
+        are saturated there nobody knows it."""
+        photo = self._record.borders
+        if photo is None:
+            return None
+        from pdcd.pictures.border_light import SeenBorders  # most benches have no such borders
+
+        frame, dark = self._dark_frame(photo), self.ambient(photo.dark)
+        lit = self._ambient_of(frame, photo)
+        lit.variance[frame.saturated] = np.inf
+        seen = Ambient(lit.light - dark.light, lit.variance + dark.variance)
+        leak = 1.0 / (self._record.mask.contrast or math.inf)
+        return SeenBorders(seen, photo.indirect, photo.reach, leak)
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
+
+if TYPE_CHECKING:
+    from pdcd.pictures.border_light import SeenBorders
 
 Floats = NDArray[np.float64]
 
@@ -56,6 +60,7 @@ def corrected_photos(
     smooth: bool,
     alive: Callable[[], None] = lambda: None,
     told: Mapping[str, Told] = NOTHING_TOLD,
+    borders: SeenBorders | None = None,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
@@ -68,13 +73,14 @@ def corrected_photos(
     alive : called now and then, and may raise to end the work.
     told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves,
         where any quad sees them.
+    borders : what a photo of the light along borders of cells tells, if there is one.
     """
     weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
     missing = {
         name: bring_to_quads(wrong, cells, weights[name].realised.fine)
         for name, wrong in _missing(recipe, weights, learned).items()
     }
-    photos = scale_photos(recipe, weights, shots, cells, missing)
+    photos = scale_photos(recipe, weights, shots, cells, missing, borders)
     for photo in recipe.photos:
         if not smooth or not _holds_smooth_light(photo):
             continue

@@ -20,8 +20,6 @@ from pdcd.panels.windows import ATOMS, GUARDS, whole_pixels, windows
 from pdcd.planning.plan import windowed
 from pdcd.planning.schedule_fit import lag_by_rows_s, schedule_leak, times_measured
 from pdcd.probing.borders import (
-    NEAR_LOST,
-    border_error,
     drawn_apart_px,
     drawn_apart_share,
     nearest_grid,
@@ -39,6 +37,11 @@ WHOLE_CELL_LIMIT = 0.001
 """Misregistration in cells up to which whole cells are worth more than quarter windows: they let
 about that share of the direct light into an indirect photo, whose own light is often ten times
 weaker."""
+
+
+MOST_APART = 0.05
+"""Share of the field in which both panels may draw different cells of a whole window: as much was
+measured (decision 0069)."""
 
 
 BLUR_LEAK = 1.6
@@ -103,8 +106,8 @@ def window_for(
 ) -> str:
     """Window of cells of a grid: as asked for; or whole cells where nothing gets from one to the
     next, else the quarter. `taken_out`: what gets through along borders that the panels' pixels
-    draw in two places is taken out of the photo; whole cells then may have such borders, as long
-    as they err less than quarter windows usually do.
+    draw in two places is photographed and taken out; whole cells then may have such borders, up to
+    `MOST_APART` of the field.
 
     Larger windows are for who asks for them (`larger_window` tells which fits). They need a mask
     whose pixels end where they end: one more or less is light that nobody counts, and where in a
@@ -116,7 +119,7 @@ def window_for(
     panels = panels_of(config)
     if asked == "auto":
         apart_px = _apart_px(config.projector, config.mask, grid)
-        if apart_px and not (taken_out and _whole_errs_less(panels, grid)):
+        if apart_px and not (taken_out and _apart_share(panels, grid) <= MOST_APART):
             misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):
         raise ConfigError(
@@ -129,11 +132,8 @@ def window_for(
     return choose_window(asked, misregistration, blur)
 
 
-def _whole_errs_less(panels: Panels, grid: tuple[int, int]) -> bool:
-    """Whether what is left of light along borders is foreseen to be an error below that of light
-    which quarter windows lose between neighbours."""
-    share = drawn_apart_share(panels.projector, panels.mask, grid)
-    return border_error(share) < NEAR_LOST
+def _apart_share(panels: Panels, grid: tuple[int, int]) -> float:
+    return drawn_apart_share(panels.projector, panels.mask, grid)
 
 
 @lru_cache(maxsize=8)
@@ -205,15 +205,14 @@ def reasons_for(
 def border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterator[str]:
     """What follows from cells that do not end with the pixels of both panels."""
     panels = panels_of(config)
-    apart = drawn_apart_share(panels.projector, panels.mask, grid)
+    apart = _apart_share(panels, grid)
     if apart <= WHOLE_CELL_LIMIT:
         return
     if window == "whole":
         yield (
             f"window whole: the panels draw different cells in {100.0 * apart:.2g} % of the field, "
-            "and as much of the direct light gets into an indirect photo; beside a white photo it "
-            f"is taken out, which usually leaves {100.0 * border_error(apart):.2g} % of error "
-            f"(quarter windows {100.0 * NEAR_LOST:.2g} %, of light between neighbouring cells)"
+            "and as much of the direct light gets into an indirect photo; beside a white photo one "
+            "more is taken of these places alone, and their light is taken out"
         )
     better = nearest_grid(panels.projector, panels.mask, grid)
     if better is not None and better != grid:

@@ -45,12 +45,9 @@ MOST_REACH = 0.45
 """Of a cell: borders that are drawn further away are those of other cells."""
 LEAST_APART = 1e-4
 """Share of the field in which panels draw different cells below which nobody could see it."""
-DIRECT, LEFT = 5.0, 0.13
-"""RMS of direct light over that of indirect light, and what is left of the direct light that is
-taken out along borders over all of it: RMS over ten virtual scenes, 0.5 to 8.7 and 0 to 0.18."""
-NEAR_LOST = 0.02
-"""Error of indirect light through quarter windows, over that light, by what wanders between
-neighbouring cells: RMS over nine virtual scenes of 24 x 32 cells, 0.005 to 0.05."""
+APART = 4
+"""Rows or columns of cells whose strips are told of together: of neighbours one only, so that no
+pixel sees what it lights itself, and little light comes from elsewhere."""
 PIECE = 2**11
 """Places that are looked at together."""
 
@@ -139,6 +136,10 @@ class Strips:
             found.append((cell + middles[part]) / cells)
         return np.stack(found, axis=-1)
 
+    def area(self, grid: Grid) -> Floats:
+        """Share of each piece that strips take: (pieces down, pieces right)."""
+        return self._table(self.share, grid)
+
     def lit_s(self, left: Floats, right: Floats, grid: Grid) -> Floats:
         """Mean time for which points of each piece are lit as one cell and seen as the other.
 
@@ -150,10 +151,14 @@ class Strips:
         near, far = np.s_[:, : along[0], : along[1]], np.s_[:, rows - along[0] :, cols - along[1] :]
         behind = np.einsum("rij,rij->ij", mask[far], light[near]).ravel()
         before = np.einsum("rij,rij->ij", mask[near], light[far]).ravel()
-        shape = rows * (len(self.cuts[0]) - 1), cols * (len(self.cuts[1]) - 1)
         time_s = np.where(self.ahead, before[self.border], behind[self.border]) * self.share
-        found = np.bincount(self.piece, time_s, minlength=shape[0] * shape[1])
-        return np.asarray(found, dtype=np.float64).reshape(shape)
+        return self._table(time_s, grid)
+
+    def _table(self, values: Floats, grid: Grid) -> Floats:
+        """Sums over the strips of each piece."""
+        down, right = (side * (len(cuts) - 1) for side, cuts in zip(grid, self.cuts, strict=True))
+        found = np.bincount(self.piece, values, minlength=down * right)
+        return np.asarray(found, dtype=np.float64).reshape(down, right)
 
 
 def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) -> tuple[Strips, ...]:
@@ -173,11 +178,66 @@ def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) ->
     return tuple(strips for strips in found if strips is not None and strips.piece.size)
 
 
-def border_error(share: float) -> float:
-    """Error of a photo of indirect light through whole cells, over that light, where panels draw
-    different cells in that share of the field, and what gets in there is taken out: what is left
-    before a usual scene, as a camera of four quads a cell sees it along half of the borders."""
-    return DIRECT * LEFT * float(np.sqrt(2.0)) * share
+@dataclass(frozen=True, eq=False)
+class BorderPixels:
+    """Pixels of both panels beside borders, which reach into any strip in which the other panel
+    shows another cell.
+
+    projector, mask : (height, width) uint16, of which kinds a pixel is, a bit each: of the kind of
+        the cell that it lights, or of those of the cells across the borders that it lies beside.
+        Cells of a kind lie `APART` rows or columns from each other. reach : half width of these
+        lines of pixels, in cells (x, y).
+    """
+
+    projector: NDArray[np.uint16]
+    mask: NDArray[np.uint16]
+    reach: tuple[float, float]
+
+    def of_kinds(self) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """The pixels of projector and mask that are lit and open for strips of each kind."""
+        for kind in range(APART**2):
+            yield (self.projector >> kind & 1) > 0, (self.mask >> kind & 1) > 0
+
+    def both_share(self) -> float:
+        """Share of all paths between places of both panels that are lit and seen in some kind."""
+        return sum(float(lit.mean() * opened.mean()) for lit, opened in self.of_kinds())
+
+
+def find_border_pixels(
+    projector: PanelView, mask: PanelView, grid: Grid, margin_px: float
+) -> BorderPixels:
+    """The pixels that strips along borders are made of, for a photo of their light
+    (`pdcd.planning.border_photo`).
+
+    projector, mask : as they are believed to lie. margin_px : projector pixels by which one of them
+    may lie elsewhere.
+    """
+    half = [_half_px(view.map, np.ones(2)) for view in (projector, mask)]
+    reach = (half[0] + half[1] + 2.0 * margin_px * half[0]) * grid[::-1]
+    found = [np.zeros(view.size_px[::-1], dtype=np.uint16) for view in (projector, mask)]
+    for view, kinds in zip((projector, mask), found, strict=True):
+        place = view.map.centres() * grid[::-1]
+        with np.errstate(invalid="ignore"):
+            inside = np.all((place >= 0.0) & (place < grid[::-1]), axis=-1)
+        own = np.floor(np.where(inside[..., None], place, 0.0)).astype(np.int64)
+        nearest = np.rint(np.where(inside[..., None], place, 0.0))
+        near = inside[..., None] & (np.abs(place - nearest) <= reach)
+        near &= (nearest > 0) & (nearest < grid[::-1])  # beyond the field there is no cell
+        if view is projector:
+            kinds[:] = np.where(near.any(axis=-1), _bit(own), 0)
+            continue
+        beyond = np.where(nearest > own, own + 1, own - 1)
+        for across in ((True, False), (False, True), (True, True)):
+            cell = np.where(across, beyond, own)
+            kinds |= np.where(near[..., across].all(axis=-1), _bit(cell), 0).astype(np.uint16)
+    return BorderPixels(found[0], found[1], (float(reach[0]), float(reach[1])))
+
+
+def _bit(cell: NDArray[np.int64]) -> NDArray[np.uint16]:
+    """The kind of cells (..., 2), column and row, as a bit."""
+    column, row = np.moveaxis(cell % APART, -1, 0)
+    bit: NDArray[np.uint16] = np.left_shift(1, row * APART + column).astype(np.uint16)
+    return bit
 
 
 def nearest_grid(projector: PanelView, mask: PanelView, grid: Grid) -> Grid | None:

@@ -84,6 +84,17 @@ class DarkPhoto(msgspec.Struct, frozen=True, kw_only=True):
     """For how long it shows each of its two states."""
 
 
+class BorderPhoto(DarkPhoto, frozen=True, kw_only=True):
+    """A photo of the light along the borders of cells alone (`pdcd.planning.border_photo`)."""
+
+    indirect: NonNegative
+    """Share of all indirect light that gets into it."""
+    reach: tuple[NonNegative, NonNegative]
+    """How far from borders pixels were open, in cells, along x and y."""
+    dark: DarkPhoto
+    """The same before a black projector: what the room adds."""
+
+
 Six = tuple[float, float, float, float, float, float]
 """An affine map of points (x, y): x' = a x + b y + c, y' = d x + e y + f."""
 
@@ -148,6 +159,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     exposures. None on a dark bench."""
     panels: PanelLook | None = None
     """Where the panels were seen to lie; None where nobody looked."""
+    borders: BorderPhoto | None = None
+    """The photo that tells direct light along the borders of whole cells; None where there is none
+    of it, or nobody could take one."""
     leak: NonNegative = 0.0
     """RMS error of the answer, relative to its RMS, by ambient light and leaks that a dark photo
     showed and that were not taken off."""

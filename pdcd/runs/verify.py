@@ -295,9 +295,14 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
     for name in (*NEEDED, *(test.raw for test in manifest.meter)):
         if name not in files:
             yield f"it does not list {one_line(name)!r}"
-    dark = run.dark
-    if dark is not None and (dark.raw not in files or files[dark.raw].sha256 != dark.sha256):
-        yield "its dark photo and the list of files name another RAW file"
+    borders = run.borders
+    for photo, what in (
+        (run.dark, "dark photo"),
+        (borders, "photo of borders"),
+        (borders and borders.dark, "dark photo of borders"),
+    ):
+        if photo and (photo.raw not in files or files[photo.raw].sha256 != photo.sha256):
+            yield f"its {what} and the list of files name another RAW file"
     for shot in run.shots:
         if shot.raw not in files or files[shot.raw].sha256 != shot.sha256:
             yield f"shot {one_line(shot.name)!r} and the list of files name another RAW file"

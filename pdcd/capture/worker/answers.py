@@ -24,7 +24,7 @@ from pdcd.protocol.plan_summary import How, Leaks, PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
 from pdcd.recipes.parts import part_numbers
-from pdcd.runs.record import MeterRecord, PanelLook, RunRecord, ShotRecord
+from pdcd.runs.record import BorderPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.verdict.assess import assess
@@ -179,6 +179,7 @@ def record_of(
     cells: CellMap | None = None,
     stops: Sequence[Stop] = (),
     panels: PanelLook | None = None,
+    borders: BorderPhoto | None = None,
 ) -> RunRecord:
     """What a run by this plan has to remember of itself, with the shots taken so far."""
     red, green, blue = (float(r) for r in camera.responsivity_e)
@@ -201,6 +202,7 @@ def record_of(
         white_patch=request.white_patch,
         dark=plan.dark,
         panels=panels,
+        borders=borders,
         leak=_left(plan.leaks, plan.how),
         room_changed=0.0 if plan.leaks is None else plan.leaks.changed,
     )

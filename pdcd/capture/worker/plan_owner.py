@@ -46,7 +46,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.folder import write_patterns
-from pdcd.runs.record import DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
+from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.watch import Watch
 
@@ -85,7 +85,8 @@ class Course:
         self._looked = False
         self._room: DarkPhoto | None = None
         self._panels: PanelLook | None = None
-        self._panels_due = not facts.cells_meet
+        self._borders: BorderPhoto | None = None
+        self._panels_due = self._borders_due = not facts.cells_meet
         self._of_pilot = self._of_noise = ""
         self._orders = Orders()
         self._exposer = Exposer(facts, job.camera, job.plan.iso, folder, self._orders)
@@ -116,6 +117,8 @@ class Course:
         while True:
             taken = self._names()
             if self._panels_due and (yield from self._look_at_panels(taken)):
+                continue
+            if self._borders_due and (yield from self._photograph_borders(taken)):
                 continue
             step = next_step(self.plan, taken, looked=self._looked, fresh=fresh)
             fresh = False
@@ -221,6 +224,27 @@ class Course:
         self._adopt(self.plan)
         self._orders.note(self.adopted(), *told(self.darkroom.record, self.plan.window))
         return True
+
+    def _photograph_borders(self, taken: frozenset[str]) -> Generator[Order, Taken, bool]:
+        """Photograph what gets through along the borders of whole cells that do not meet, once the
+        white shot is there. Returns whether anything was photographed."""
+        from pdcd.planning.border_photo import due, wanted  # no bench of cells needs it
+
+        config = self._facts.config
+        self._borders_due = wanted(self.plan, config)
+        if not self._borders_due or not due(self.plan, taken):
+            return False
+        self._borders_due = False
+        from pdcd.capture.worker.border_check import photograph_borders
+
+        widest = self.darkroom.widest_strip(self._watch)
+        self._borders = yield from photograph_borders(
+            self.plan, config, widest, self._exposer, self._orders
+        )
+        if self._borders is not None:
+            self._adopt(self.plan)
+            self._orders.note(self.adopted())
+        return self._borders is not None
 
     def _look(self) -> Steps:
         """Take a dark photo, and black exposures where it calls for them."""
@@ -343,7 +367,7 @@ class Course:
         facts = self._facts
         return record_of(
             self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells,
-            stops=self._exposer.stops, panels=self._panels,
+            stops=self._exposer.stops, panels=self._panels, borders=self._borders,
         )  # fmt: skip
 
     def _write_patterns(self) -> None:

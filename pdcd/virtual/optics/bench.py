@@ -29,7 +29,7 @@ from pdcd.probing.wanted import Wanted
 from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.lens import Lens
 from pdcd.virtual.optics.lit import Lit
-from pdcd.virtual.optics.lookup import MOST_PAIRS, Whole, every, rendered
+from pdcd.virtual.optics.lookup import MOST_PAIRS, Whole, every, is_sparse, rendered
 from pdcd.virtual.optics.own_cells import CLOSED, EDGE, OwnCells, own_cells
 from pdcd.virtual.optics.products import Exposure, Pairs, Products, Tables, distinct
 from pdcd.virtual.optics.render import Detail, Picture, Renderer
@@ -113,7 +113,8 @@ class OpticalBench:
         )
         whole = self._whole(exposure, lit, opened) if frames.of_pixels else None
         if whole is not None:
-            return self._lens.through(self._looked_up(whole, self._room(exposure)))
+            finely = self._setting.slanted and is_sparse(frames)
+            return self._lens.through(self._looked_up(whole, self._room(exposure), finely))
         driven = self._driven(lit, opened)
         tables = self._tables(driven, exposure)
         room = self._room(exposure)
@@ -145,16 +146,19 @@ class OpticalBench:
             uneven=self._uneven,
         )
 
-    def _looked_up(self, whole: Whole, room: Floats | None) -> Floats:
-        """The picture of panels whose pixels have few histories; room : ambient light, (N, 3)."""
+    def _looked_up(self, whole: Whole, room: Floats | None, finely: bool) -> Floats:
+        """The picture of panels whose pixels have few histories; room : ambient light, (N, 3).
+        finely : whether strips that are much narrower than a quad are seen as wide as they are."""
         direct, means = self._direct, self._means
         if means is not None:
             direct = direct / means[0]
             if whole.sent is not None:
                 whole = replace(whole, sent=whole.sent / means[1])
         scene = (direct,) if room is None else (direct, room)
-        textures, looks = self._scene.textures, self._scattered
-        return rendered(self._of_pixels, looks, self._cells, whole, scene, textures)
+        textures = self._scene.textures
+        setting = self._setting if finely else self._of_pixels
+        looks = self._looks if finely else self._scattered
+        return rendered(setting, looks, self._cells, whole, scene, textures)
 
     def _tables(self, driven: _Driven, exposure: Exposure) -> Tables:
         """For how long sites were lit and open, and what light that sent about."""
@@ -340,7 +344,7 @@ class OpticalBench:
 
     @cached_property
     def _of_pixels(self) -> Setting:
-        """For pictures of the panels' own pixels, which have no borders of cells."""
+        """For most pictures of the panels' own pixels, which have no borders of cells."""
         return replace(self._setting, apart=False)
 
     @cached_property

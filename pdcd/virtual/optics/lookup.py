@@ -13,6 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.panels.draw import FULL
+from pdcd.panels.frames import Frames
+from pdcd.panels.patterns import bytes_of
 from pdcd.virtual.optics.products import Pairs
 from pdcd.virtual.optics.setting import Setting
 from pdcd.virtual.optics.sights import CellGrid, Looks, pixels
@@ -22,6 +25,8 @@ Floats = NDArray[np.float64]
 
 MOST_PAIRS = 1 << 21
 """Largest table of pairs that is made."""
+SPARSE = 1.0 / 64.0
+"""Share of all paths between pixels of both panels below which pictures are sparse."""
 
 
 @dataclass(frozen=True)
@@ -131,3 +136,16 @@ class _Here:
 def _grey(light: Floats) -> Floats:
     """(N, 1) of (N, 3) where all colours are the same."""
     return light[:, :1] if np.array_equal(light, np.repeat(light[:, :1], 3, axis=1)) else light
+
+
+def is_sparse(frames: Frames) -> bool:
+    """Whether pictures of pixels leave nearly all of both panels dark, so that few samples of a
+    quad would see any light."""
+    shares = []
+    for patterns in (frames.primal_patterns, frames.dual_patterns):
+        if not len(patterns):
+            return False
+        cells = patterns.shape[1] * (8 if patterns.dtype == np.uint8 else 1)
+        shown = (bytes_of(patterns, number, cells) for number in range(len(patterns)))
+        shares.append(max(float(one.mean()) / FULL for one in shown))
+    return shares[0] * shares[1] < SPARSE

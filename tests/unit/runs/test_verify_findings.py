@@ -30,6 +30,7 @@ def manifest(**said: Any) -> Any:
     run = SimpleNamespace(
         grid=said.pop("grid", (3, 4)), cells=said.pop("cells", None),
         shots=said.pop("shots", (shot(),)), dark=said.pop("dark", None),
+        borders=said.pop("borders", None),
     )  # fmt: skip
     names = (*NEEDED, "raw/coded.dng")
     told = {
@@ -58,6 +59,13 @@ SIDE = 2**12
 """Its square is the most cells."""
 FILES: dict[str, FileRecord] = manifest().files
 DARK = "its dark photo and the list of files name another RAW file"
+BORDERS = "its photo of borders and the list of files name another RAW file"
+
+
+def borders(lit: str, dark: str) -> SimpleNamespace:
+    """The photos of the light along borders, by their digests."""
+    raw = "raw/coded.dng"
+    return SimpleNamespace(raw=raw, sha256=lit, dark=SimpleNamespace(raw=raw, sha256=dark))
 
 
 @pytest.mark.parametrize(
@@ -77,6 +85,9 @@ DARK = "its dark photo and the list of files name another RAW file"
         ({"dark": SimpleNamespace(raw="raw/coded.dng", sha256=SHA)}, []),
         ({"dark": SimpleNamespace(raw="raw/coded.dng", sha256=OTHER)}, [DARK]),
         ({"dark": SimpleNamespace(raw="/etc/passwd", sha256=SHA)}, [DARK]),
+        ({"borders": borders(SHA, SHA)}, []),
+        ({"borders": borders(OTHER, SHA)}, [BORDERS]),
+        ({"borders": borders(SHA, OTHER)}, [BORDERS.replace("photo", "dark photo", 1)]),
         ({"shots": (shot(), shot())}, ["it has two shots of one name"]),
         ({"shots": (shot(), shot(name="b"))}, []),
         ({"shots": (shot(close_ns=1),)}, ["shot 'coded' closed before it opened"]),

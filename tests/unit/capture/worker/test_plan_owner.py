@@ -121,7 +121,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
         monkeypatch.setattr(module, "Darkroom", lambda folder, record: room)
         monkeypatch.setattr(
             module, "record_of",
-            lambda plan, request, config, camera, profile, shots, cells, stops, panels: (
+            lambda plan, request, config, camera, profile, shots, cells, **_: (
                 plan.name, shots, cells,
             ),
         )  # fmt: skip

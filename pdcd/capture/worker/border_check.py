@@ -1,0 +1,61 @@
+"""The photo of the light along the borders of cells on its way."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import msgspec
+
+from pdcd.bench.tables import Config
+from pdcd.capture.worker.answers import Order, Photo, Spoilt, Taken, Wanted
+from pdcd.capture.worker.exposing import Exposer, Orders
+from pdcd.errors import PdcdError
+from pdcd.planning.border_photo import DARK, LIT, BorderFrames
+from pdcd.planning.panel_look import white_shot
+from pdcd.planning.plan import Plan
+from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord
+
+
+def photograph_borders(
+    plan: Plan, config: Config, widest: float, exposer: Exposer, orders: Orders
+) -> Generator[Order, Taken, BorderPhoto | None]:
+    """Take the photo, and a dark one, at the aperture of the white shot of a plan, for which they
+    are wanted (`pdcd.planning.border_photo`); None where one was spoilt.
+
+    widest : largest share of a quad that strips take.
+    """
+    white = white_shot(plan)
+    if white is None:
+        raise PdcdError("a photo of the light along borders goes with a white shot")
+    shown, photos = BorderFrames.of(plan, config, widest), list[DarkPhoto]()
+    f_number = yield from exposer.aperture(white, plan.recipe.shots, plan.sequence)
+    settings = exposer.settings(f_number)
+    for name in (LIT, DARK):
+        wanted = Wanted("look", name, shown.frames(name), settings, f_number)
+        taken = yield from orders.expose(wanted)
+        if isinstance(taken, Spoilt):
+            orders.note(
+                "no photo of the light along the borders of cells, which is worked out from the "
+                f"quads around and errs by more: {taken.message}"
+            )
+            return None
+        if not isinstance(taken, Photo):
+            raise PdcdError("a photo of the light along borders came as none")
+        orders.note(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
+        photos.append(
+            DarkPhoto(
+                raw=taken.raw,
+                sha256=taken.planes[0][1],
+                iso=settings.iso,
+                f_number=f_number,
+                exposure_s=taken.seconds,
+                phase_s=shown.phase_s(name),
+            )
+        )
+    lit, dark = photos
+    return BorderPhoto(
+        **msgspec.structs.asdict(lit),
+        indirect=shown.pixels.both_share(),
+        reach=shown.pixels.reach,
+        dark=dark,
+    )

@@ -1,0 +1,111 @@
+"""A photo of the direct light that gets through along the borders of whole cells, and of nothing
+else as far as panels can.
+
+Where both panels draw the border of a cell in two places, the light of one cell goes through the
+mask of the next one (`pdcd.probing.borders`). Here the projector lights the pixels alone that lie
+beside borders, and the mask opens those across, for one cell out of sixteen at a time: what a pixel
+of the one shares with a pixel of the other is a strip then, wherever both panels really lie. So
+each quad tells how bright its strips are, with all detail that they have; little light comes from
+elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import Config
+from pdcd.panels.frames import BLACK, PIXELS, Frames
+from pdcd.panels.patterns import pack
+from pdcd.planning.panel_look import rows_of, white_shot
+from pdcd.planning.plan import Plan
+from pdcd.probing.borders import LEAST_APART, BorderPixels, drawn_apart_share, find_border_pixels
+
+Bits = NDArray[np.bool_]
+
+LIT, DARK = "look-borders", "look-borders-dark"
+"""The photo, and one before a black projector, as their RAW files are called."""
+
+LOOK_S = 0.2
+"""Time for which strips of each of sixteen kinds are shown, at most."""
+MARGIN_PX = 0.25
+"""Projector pixels by which a panel may lie elsewhere than it is believed to."""
+SHORTER = 3
+"""How much shorter the dark photo is: there is little in it that noise could matter to."""
+
+
+def wanted(plan: Plan, config: Config) -> bool:
+    """Whether a plan takes a photo of indirect light through whole cells that do not meet, beside a
+    white one."""
+    shots = {shot.name: shot for shot in plan.recipe.shots}
+    through = (
+        shots[name]
+        for photo in plan.recipe.photos
+        if photo.wanted.uniform == (0.0, 1.0)
+        for _, name in photo.shots
+        if name in shots
+    )
+    if white_shot(plan) is None or not any(plan.window_of(s) == "whole" for s in through):
+        return False
+    panels = panels_of(config)
+    return drawn_apart_share(panels.projector, panels.mask, plan.grid) >= LEAST_APART
+
+
+def due(plan: Plan, taken: Collection[str]) -> bool:
+    """Whether the photo comes next: after the white one, which sets how long it is shown."""
+    white = white_shot(plan)
+    return white is not None and white.name in taken
+
+
+@dataclass(frozen=True, eq=False)
+class BorderFrames:
+    """What the photo shows: strips of each kind for so many `rows`, and a `pause` after them."""
+
+    pixels: BorderPixels
+    rows: int
+    pause: int
+    row_hz: float
+
+    @classmethod
+    def of(cls, plan: Plan, config: Config, widest: float) -> BorderFrames:
+        """Those of a plan. At the aperture of the white shot the brightest quad gets no more light
+        than there, of which strips take the share `widest`."""
+        panels = panels_of(config)
+        pixels = find_border_pixels(panels.projector, panels.mask, plan.grid, MARGIN_PX)
+        pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
+        most = max(2, round(LOOK_S * plan.row_hz))
+        rows = max(1, min(most, int(rows_of(plan) / max(widest, 1e-6))))
+        return cls(pixels, rows, pause, plan.row_hz)
+
+    def phase_s(self, name: str) -> float:
+        """For how long strips of each kind are shown in a photo."""
+        return self._rows(name) / self.row_hz
+
+    def frames(self, name: str) -> Frames:
+        """Refreshes of a photo."""
+        shown = zip(*self.pixels.of_kinds(), strict=True)
+        patterns = [pack(np.stack(kinds).reshape(len(kinds), -1)) for kinds in shown]
+        rows = self._rows(name)
+        each = np.full((len(patterns[0]), rows + self.pause), BLACK, dtype=np.int32)
+        each[:, :rows] = np.arange(len(each))[:, None]
+        index = each.ravel()
+        return Frames(
+            primal_patterns=patterns[0],
+            dual_patterns=patterns[1],
+            primal_index=index if name == LIT else np.full_like(index, BLACK),
+            dual_index=index,
+            shift=np.zeros(index.size, dtype=np.uint8),
+            code=np.arange(index.size, dtype=np.int32),
+            guard=index == BLACK,
+            grid=(1, 1),
+            lattice=(1, 1),
+            window=PIXELS,
+        )
+
+    def _rows(self, name: str) -> int:
+        return self.rows if name == LIT else max(1, self.rows // SHORTER)
