@@ -51,7 +51,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.saturation({name: _saturated_share(seen, name) for name in seen.names}),
             _light(seen),
             answer.answer_of(*_of_answer(seen)),
-            _errors(seen),
+            _errors(seen, record.how.codes),
             _stray(seen),
             answer.leak_left(record.leak),
             quality.room_changed(record.room_changed),
@@ -67,7 +67,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _direct_left(seen, record.normalise),
             _blocked_left(seen, record.shots),
             _direct_unseen(seen),
-            _of_kind(seen),
+            [] if seen.transport is None else answer.common_light(seen.transport.common),
             _pair_sum(seen),
         )
     )
@@ -110,23 +110,39 @@ def _of_answer(seen: Evidence) -> tuple[Floats, Floats, Floats]:
     return seen.inside(made.image), seen.inside(made.sigma), seen.inside(made.sensor)
 
 
-def _errors(seen: Evidence) -> Iterator[Finding]:
-    """How far the answer may be off, by its sigma and by light below zero.
-
-    A modelled sigma counts where it speaks of one photo of far light. Of a difference it is mostly
-    too large; but there light below zero shows what is wrong.
-    """
+def _errors(seen: Evidence, codes: int) -> Iterator[Finding]:
+    """How far the answer may be off: by its sigma, or where that is without the codes by the
+    weights of its paths; and by light below zero."""
     if seen.transport is not None:
         return
-    recipe, rule = seen.recipe, seen.recipe.answer
+    recipe = seen.recipe
     image, sigma, sensor = _of_answer(seen)
-    measured = seen.answer.kind == "measured"
-    alone = [] if isinstance(rule, Extremes) else [name for _, name in rule]
-    far = any(p.beyond and alone == [p.name] for p in recipe.photos)
-    if measured or far:
-        yield from answer.error_of(image, sigma, sensor, recipe.target.cells, measured)
+    if seen.answer.kind == "measured":
+        yield from answer.error_of(image, sigma, sensor, recipe.target.cells)
+    elif seen.answer.kind == "sensor":
+        yield from answer.codes_unknown(_by_single_paths(seen, image), codes)
     if recipe.target.goal.name in LIGHT:
         yield from answer.negative_light(image, sensor)
+
+
+def _by_single_paths(seen: Evidence, image: Floats) -> float:
+    """RMS error by codes over that of the answer, (n, C) in the field, if each point got all its
+    indirect light by one path: what its weight is off, of all paths alike."""
+    rule = seen.recipe.answer
+    if isinstance(rule, Extremes):
+        weights = dict.fromkeys(rule.photos, max(abs(rule.largest), abs(rule.smallest)))
+    else:
+        weights = {name: abs(weight) for weight, name in rule}
+    all_light = seen.pictures.get("indirect", seen.pictures.get("white"))
+    light = _rms(image if all_light is None else seen.inside(all_light.image))
+    off = sum(weights[name] * seen.deviations[name].off_rms for name in weights)
+    answer_rms = _rms(image)
+    return float(off * light / answer_rms) if answer_rms > 0.0 else np.inf
+
+
+def _rms(values: Floats) -> float:
+    known = np.isfinite(values)
+    return float(np.sqrt(np.mean(values[known] ** 2))) if known.any() else 0.0
 
 
 def _stray(seen: Evidence) -> Iterator[Finding]:
@@ -331,14 +347,6 @@ def _direct_unseen(seen: Evidence) -> Iterator[Finding]:
     none = np.abs(wanted) < NO_WEIGHT
     if none.any():
         yield from quality.direct_unseen(float(np.abs(got[none]).sum() / none.size))
-
-
-def _of_kind(seen: Evidence) -> Iterator[Finding]:
-    """What counts for slices of T, and what for pictures alone."""
-    if seen.transport is None:
-        return answer.sigma_of(seen.answer.kind)
-    # Entries of T have no parts that could measure anything.
-    return answer.common_light(seen.transport.common)
 
 
 def _pair_sum(seen: Evidence) -> Iterator[Finding]:
