@@ -33,6 +33,9 @@ STEPS = 12
 FINE = 1.6
 """Quads along a side of half a cell, beyond what a blur smears, from which parts are averaged over
 halves: of fewer, too few see one half alone."""
+COARSE = 1.45
+"""The same where each half is seen by some that see nothing else, as upright ones of three a cell
+do."""
 MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
@@ -265,10 +268,17 @@ def halve(cells: CellMap) -> CellMap:
     know nothing of either.
     """
     side = 0.5 * cells.quad_cells**-0.5 if cells.quad_cells else 0.0
-    if cells.blocks is not None or side - SMEARED * cells.blur_quads < FINE:
+    side -= SMEARED * cells.blur_quads
+    if cells.blocks is not None or side < COARSE:
         return cells
     rows, cols = cells.grid
-    return msgspec.structs.replace(cells, grid=(2 * rows, 2 * cols))
+    halves = msgspec.structs.replace(cells, grid=(2 * rows, 2 * cols))
+    if side < FINE:
+        alone = (halves.known & halves.single)[..., None].astype(np.float64)
+        seen = halves.mean(alone)[halves.seen()]
+        if seen.min(initial=1.0) < LEAST_PURE:
+            return cells
+    return halves
 
 
 def _part_neighbours(cells: CellMap, known: Bools | None) -> Apart | None:
