@@ -23,6 +23,7 @@ from pdcd.pictures.picture import Barred, Errors, Picture, barred, pictures_of, 
 from pdcd.pictures.sigma import beside_error, beside_weight, measured, usual_near_light
 from pdcd.pictures.to_cells import (
     Averaged,
+    all_counted,
     average,
     average_apart,
     average_shots,
@@ -65,10 +66,14 @@ def barred_pictures(
     """
     averaged, told = None, NOTHING_TOLD
     if len(part_numbers(recipe)) >= FEWEST_PARTS:
-        averaged = average_shots(_used(recipe, shots), cells)
+        used = _used(recipe, shots)
+        averaged = average_shots(used, cells)
         if record.smooth:
+            light = averaged
+            if not all_counted(cells):
+                light = average_shots(used, cells, all_quads=True)
             told = told_by_parts(
-                recipe, averaged.shots, learned, averaged.cells, seen=seen_cells(cells),
+                recipe, light.shots, learned, light.cells, seen=seen_cells(cells),
                 normalise=record.normalise, alive=alive,
             )  # fmt: skip
 
