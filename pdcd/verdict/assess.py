@@ -51,7 +51,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.saturation({name: _saturated_share(seen, name) for name in seen.names}),
             _light(seen),
             answer.answer_of(*_of_answer(seen)),
-            _errors(seen, record.how.codes),
+            _errors(seen),
             _stray(seen),
             answer.leak_left(record.leak),
             quality.room_changed(record.room_changed),
@@ -69,6 +69,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _direct_unseen(seen),
             [] if seen.transport is None else answer.common_light(seen.transport.common),
             _pair_sum(seen),
+            _unmeasured(seen, record.how.codes),
         )
     )
 
@@ -110,19 +111,23 @@ def _of_answer(seen: Evidence) -> tuple[Floats, Floats, Floats]:
     return seen.inside(made.image), seen.inside(made.sigma), seen.inside(made.sensor)
 
 
-def _errors(seen: Evidence, codes: int) -> Iterator[Finding]:
-    """How far the answer may be off: by its sigma, or where that is without the codes by the
-    weights of its paths; and by light below zero."""
+def _errors(seen: Evidence) -> Iterator[Finding]:
+    """How far the answer may be off, by a sigma that was measured and by light below zero."""
     if seen.transport is not None:
         return
     recipe = seen.recipe
     image, sigma, sensor = _of_answer(seen)
     if seen.answer.kind == "measured":
         yield from answer.error_of(image, sigma, sensor, recipe.target.cells)
-    elif seen.answer.kind == "sensor":
-        yield from answer.codes_unknown(_by_single_paths(seen, image), codes)
     if recipe.target.goal.name in LIGHT:
         yield from answer.negative_light(image, sensor)
+
+
+def _unmeasured(seen: Evidence, codes: int) -> Iterator[Finding]:
+    """What so many codes may err, where sigma is without it: by the weights of paths."""
+    if seen.transport is None and seen.answer.kind == "sensor":
+        image = seen.inside(seen.answer.image)
+        yield from answer.codes_unknown(_by_single_paths(seen, image), codes)
 
 
 def _by_single_paths(seen: Evidence, image: Floats) -> float:
