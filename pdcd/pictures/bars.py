@@ -84,6 +84,7 @@ def barred_pictures(
         )  # fmt: skip
 
     scaled = photos(recipe, shots, cells)
+    alive()
     whole = pictures_of(recipe, scaled)
     near = beside_errors(recipe, shots, scaled, learned, cells, normalise=record.normalise)
     if averaged is not None:
