@@ -89,7 +89,7 @@ def test_measured_sigma_covers_the_truth(name: str, family: str, tmp_path: Path)
     the disco ball, without a pilot, 97.0 on average over six seeds."""
     shares = []
     for seed in SEEDS:
-        fields = {"codes": 128, "pilot": 0, "parts": 8, "family": family}
+        fields: dict[str, Any] = {"codes": 128, "pilot": 0, "parts": 8, "family": family}
         engine, result, _ = capture(tmp_path, name, seed, **fields)
         shares.append(coverage(engine, result))
         assert result.summary["sigma_kind"] == "measured"

@@ -123,8 +123,8 @@ def test_near_light_that_is_lost_in_far_light(
 ) -> None:
     """Before a mirror hardly any light comes from near, and the photo is wrong by far more than
     there is; in milk there is much."""
-    given = {"goal": "short-range", "radius": 2, "codes": 128, "pilot": None, "parts": None}
-    given |= asked
+    open_: dict[str, Any] = {"pilot": None, "parts": None}
+    given = {"goal": "short-range", "radius": 2, "codes": 128, **open_, **asked}
     found = verdict(tmp_path, scene={"kind": scene, "grid": (12, 16)}, **given)
     assert found.verdict in grades, found
     assert bool(found.reasons) == (scene == "mirror-and-vase")

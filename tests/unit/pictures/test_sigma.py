@@ -16,6 +16,7 @@ from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.sensor.cells import CellMap
+from pdcd.words import GoalName
 from tests import bench_rig
 
 SHAPE = (24, 32, 3)
@@ -120,7 +121,7 @@ def test_row_deviations_are_those_of_the_dense_matrix() -> None:
     ],
 )
 def test_one_exposure_has_the_noise_alone_and_says_whether_codes_err(
-    goal: str, kinds: dict[str, str]
+    goal: GoalName, kinds: dict[str, str]
 ) -> None:
     shape = (3, 4)
     recipe = recipe_of(Target(Goal(name=goal), shape), How(codes=8))

@@ -230,7 +230,10 @@ def test_more_light_is_for_requests_that_name_no_codes() -> None:
     noisy, quiet = Config(), Config(camera=CameraConfig(noise="none"))
     assert may_average(CaptureRequest(goal="indirect"), noisy)
     assert not may_average(CaptureRequest(goal="indirect"), quiet)
-    for named in ({"codes": 128}, {"parts": 4}, {"pilot": 0}, {"family": "hadamard"}):
+    ways: tuple[dict[str, Any], ...] = (
+        {"codes": 128}, {"parts": 4}, {"pilot": 0}, {"family": "hadamard"},
+    )  # fmt: skip
+    for named in ways:
         assert not may_average(CaptureRequest(**{"goal": "indirect", **named}), noisy)
 
 
