@@ -75,6 +75,7 @@ NOTE_WORDS = "up to 4096 characters that can be printed, in lines"
 
 SIGMA_KINDS = {
     "measured": "measured by the spread of parts",
-    "modelled": "modelled, not measured",
+    "sensor": "noise of the sensor; what the codes err is not in them",
+    "whole": "noise of the sensor; there are no codes that err",
 }
-"""How the part of sigma that is not noise was found, for people."""
+"""What sigma has beside the noise, for people."""

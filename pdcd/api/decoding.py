@@ -28,7 +28,7 @@ class Decoding:
 
     image, sigma : (rows, cols, 3) float64
         As of the run: means over the cells, scene units.
-    sigma_kind : "measured" or "modelled".
+    sigma_kind : "measured", "sensor" or "whole" (`pdcd.api.run.Run.sigma_kind`).
     rms_sigma : RMS sigma over RMS image, on the camera's quads; infinite where that is not known.
     pictures : by name, each with `.image` and `.sigma`, (h, w, 3), a pixel for each of the camera's
         quads, and the two parts of sigma, `.sensor` and `.code`.

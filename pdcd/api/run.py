@@ -158,8 +158,10 @@ class Run:
 
     @property
     def sigma_kind(self) -> str:
-        """How the error of the codes in `sigma` was found: "measured" or "modelled"."""
-        return str(self.summary.get("sigma_kind", "modelled"))
+        """How the error of the codes in `sigma` is known: "measured" by the spread of parts;
+        "sensor", which is not at all, so that `sigma` is without it; or "whole", as there is
+        none."""
+        return str(self.summary.get("sigma_kind", "sensor"))
 
     @cached_property
     def pictures(self) -> Mapping[str, NDArray[np.float32]]:

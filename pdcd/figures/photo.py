@@ -54,8 +54,10 @@ def photographs(
         with local(config, folder=folder) as bench:
             for name, take in takes.items():
                 keywords = dict(take.asked)
-                if "codes" in keywords and not take.all_codes:
-                    keywords["codes"] = mode.codes(keywords["codes"])
+                if "codes" in keywords:  # the paper's photos are one exposure each
+                    keywords = {"pilot": 0, "parts": 1, **keywords}
+                    if not take.all_codes:
+                        keywords["codes"] = mode.codes(keywords["codes"])
                 try:
                     run = _run(bench, take.goal, keywords, heard)
                 except Cancelled:

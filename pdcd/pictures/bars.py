@@ -1,9 +1,9 @@
-"""The pictures of a run with their whole error: by what its parts show, or by the model.
+"""The pictures of a run with their whole error, as far as it is known: of codes by what parts show.
 
-Either way the error of the codes is told of cells, and lies on their quads as light does. Nothing
-finer is asked of a part of a photo: its shots are averaged over cells first, once each, and all
-parts are worked out on these few values. A part then has the weight of a cell where the photo has
-that of each quad; it is the same in all parts, whose differences alone are looked at.
+The error of the codes is told of cells, and lies on their quads as light does. Nothing finer is
+asked of a part of a photo: its shots are averaged over cells first, once each, and all parts are
+worked out on these few values. A part then has the weight of a cell where the photo has that of
+each quad; it is the same in all parts, whose differences alone are looked at.
 """
 
 from __future__ import annotations
@@ -21,17 +21,11 @@ from pdcd.pictures.combine import border_light, white_of
 from pdcd.pictures.exposed import Ambient, Exposed, Print
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
-from pdcd.pictures.picture import Barred, Picture, barred, pictures_of, sigma_of
-from pdcd.pictures.sigma import (
-    NONE,
-    beside_error,
-    beside_weight,
-    measured,
-    model_errors,
-    usual_near_light,
-)
+from pdcd.pictures.picture import Barred, Errors, Picture, barred, pictures_of, sigma_of
+from pdcd.pictures.sigma import beside_error, beside_weight, measured, usual_near_light
 from pdcd.pictures.to_cells import (
     Averaged,
+    all_counted,
     average,
     average_apart,
     average_shots,
@@ -79,11 +73,15 @@ def barred_pictures(
     """
     averaged, told, coarse = None, NOTHING_TOLD, None
     if len(part_numbers(recipe)) >= FEWEST_PARTS:
-        averaged = average_shots(_used(recipe, shots), cells)
+        used = _used(recipe, shots)
+        averaged = average_shots(used, cells)
         coarse = None if borders is None else _averaged_borders(borders, shots, cells)
         if record.smooth:
+            light = averaged
+            if not all_counted(cells):
+                light = average_shots(used, cells, all_quads=True)
             told = told_by_parts(
-                recipe, averaged.shots, learned, averaged.cells, seen=seen_cells(cells),
+                recipe, light.shots, learned, light.cells, seen=seen_cells(cells),
                 normalise=record.normalise, alive=alive,
             )  # fmt: skip
 
@@ -99,14 +97,14 @@ def barred_pictures(
         )  # fmt: skip
 
     scaled = photos(recipe, shots, cells, borders)
+    alive()
     whole = pictures_of(recipe, scaled)
     near = beside_errors(recipe, shots, scaled, learned, cells, normalise=record.normalise)
     if averaged is not None:
         images = part_images(recipe, averaged, partial(photos, borders=coarse))
         bars = barred_by_parts(whole, images, cells, beside_of_pictures(recipe, scaled, near))
     else:
-        sharp = None if learned is None else learned.sharp
-        bars = barred_by_model(recipe, shots, scaled, whole, cells, alive, sharp, near=near)
+        bars = barred_alone(recipe, whole, cells, beside_of_pictures(recipe, scaled, near))
     normalise = record.normalise
     bars = with_border_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
     bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
@@ -242,33 +240,32 @@ def _of_halves(image: NDArray[np.floating]) -> Floats:
     return np.asarray(image.reshape(rows, 2, cols, 2, -1).mean(axis=(1, 3)), dtype=np.float64)
 
 
-def barred_by_model(
+def barred_alone(
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    photos: Mapping[str, Picture],
     pictures: Mapping[str, Picture],
     cells: CellMap,
-    alive: Callable[[], None] = lambda: None,
-    sharp: Floats | None = None,
-    *,
-    near: Mapping[str, Floats] = NONE,
+    alike: Mapping[str, Floats],
 ) -> dict[str, Barred]:
-    """Pictures whose sigma is the sensor's, with the code error that the model foresees
-    (`pdcd.pictures.sigma.model_errors`, which says what `sharp` and `near` are).
+    """Pictures of too few parts to tell what their codes err: of that their sigma has nothing.
 
-    photos : the scaled ones that the pictures were made of. Code errors of different photos are
-    taken as independent.
+    alike : errors of the pictures' cells, (rows, cols, 3) each, that are known all the same.
     """
-    coarse = {name: average(photo, cells) for name, photo in photos.items()}
-    errors = model_errors(recipe, shots, coarse, alive, sharp, near=near)
-    alone = {
-        name: share_out(error, photos[name], coarse[name].image, cells)
-        for name, error in errors.items()
-    }
-    return {
-        name: barred(p, sigma_of(recipe.pictures[name], photos, alone), "modelled")
-        for name, p in pictures.items()
-    }
+    coded = {p.name for p in recipe.photos if any(_is_coded(recipe, name) for _, name in p.shots)}
+    found = {}
+    for name, picture in pictures.items():
+        code: Errors = np.zeros_like(picture.sigma)
+        if name in alike:
+            code = share_out(alike[name], picture, average(picture, cells).image, cells)
+        rule = recipe.pictures[name]
+        photos = rule.photos if isinstance(rule, Extremes) else [one for _, one in rule]
+        found[name] = barred(picture, code, "sensor" if coded & set(photos) else "whole")
+    return found
+
+
+def _is_coded(recipe: Recipe, shot: str) -> bool:
+    """Whether a shot, or a sum of single ones, shows codes."""
+    of = {one.name: one for one in recipe.shots}.get(shot)
+    return of is None or (not of.white and recipe.programs[of.program].coded)
 
 
 def beside_errors(

@@ -20,7 +20,7 @@ from pdcd.codes.pilot.links import (
     sharpness,
     worth,
 )
-from pdcd.codes.pilot.scene_light import near_light, sharp_squares
+from pdcd.codes.pilot.scene_light import near_light
 from pdcd.pictures.to_cells import CellLight
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Wanted
@@ -45,9 +45,6 @@ class Learned:
     paths: Paths
     worth: Worth | None
     sharpness: float
-    sharp: Floats
-    """(N, 3), sum of the squares of the sharp paths of each cell that were not found
-    (`pdcd.codes.pilot.scene_light`)."""
     near: Floats
     """(N, 3), light that each cell gets from one of those right beside it, on average
     (`pdcd.codes.pilot.scene_light`)."""
@@ -113,10 +110,8 @@ def learn(
         links: scipy.sparse.csr_array, paths: Paths, predicted: Worth | None = None
     ) -> Learned:
         known = np.stack([(one @ bits.T.astype(np.float64)).T for one in paths], axis=2)
-        some = known[first]
-        left = sharp_squares(bits[first], photos[first], grid, sigma=sigma[first], paths=some)
         near = near_light(bits, photos - known, grid) + _beside(paths, grid)
-        return Learned(links, paths, predicted, sharp, left, near)
+        return Learned(links, paths, predicted, sharp, near)
 
     none = scipy.sparse.csr_array((bits.shape[1], bits.shape[1]))
     if len(taken) == SCOUTS:

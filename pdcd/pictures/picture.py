@@ -15,7 +15,9 @@ from pdcd.sensor.bands import banded
 Floats = NDArray[np.float64]
 Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""
-Kind = Literal["measured", "modelled"]
+Kind = Literal["measured", "sensor", "whole"]
+"""How the error by codes is known: by the spread of parts; not at all, so that sigma is without it;
+or there is none, as of a white photo."""
 
 _F = TypeVar("_F", np.float64, np.floating)
 

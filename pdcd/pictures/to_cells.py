@@ -33,6 +33,9 @@ STEPS = 12
 FINE = 1.6
 """Quads along a side of half a cell, beyond what a blur smears, from which parts are averaged over
 halves: of fewer, too few see one half alone."""
+COARSE = 1.45
+"""The same where each half is seen by some that see nothing else, as upright ones of three a cell
+do."""
 MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
@@ -220,7 +223,9 @@ class Averaged:
     unseen: Indices
 
 
-def average_shots(shots: Mapping[str, Exposed], cells: CellMap) -> Averaged:
+def average_shots(
+    shots: Mapping[str, Exposed], cells: CellMap, *, all_quads: bool = False
+) -> Averaged:
     """Shots as a camera with one quad a cell would have taken them, or one with four where cells
     are halved (`halve`).
 
@@ -230,8 +235,10 @@ def average_shots(shots: Mapping[str, Exposed], cells: CellMap) -> Averaged:
 
     The light of cells is told from that of their neighbours, where quads see both: the codes err
     differently in both, and a mean of the two would err less than either.
+
+    all_quads : cells are whole where halves would be told by few of their quads (`all_counted`).
     """
-    grid, cells = cells.grid, halve(cells)
+    grid, cells = cells.grid, cells if all_quads and not all_counted(cells) else halve(cells)
     alike = CellMap.block(grid, grid)
     if cells.grid != grid:
         height, width = cells.grid
@@ -264,11 +271,28 @@ def halve(cells: CellMap) -> CellMap:
     that are much like those beyond it, through a mask that is not: a mean over the whole cell would
     know nothing of either.
     """
-    side = 0.5 * cells.quad_cells**-0.5 if cells.quad_cells else 0.0
-    if cells.blocks is not None or side - SMEARED * cells.blur_quads < FINE:
+    if cells.blocks is not None or _half_side(cells) < COARSE:
         return cells
     rows, cols = cells.grid
-    return msgspec.structs.replace(cells, grid=(2 * rows, 2 * cols))
+    halves = msgspec.structs.replace(cells, grid=(2 * rows, 2 * cols))
+    if _half_side(cells) < FINE:
+        alone = (halves.known & halves.single)[..., None].astype(np.float64)
+        seen = halves.mean(alone)[halves.seen()]
+        if seen.min(initial=1.0) < LEAST_PURE:
+            return cells
+    return halves
+
+
+def all_counted(cells: CellMap) -> bool:
+    """Whether all quads count where parts are told of half cells: of few those in the middle of a
+    cell do not, of three a side five of nine."""
+    return cells.blocks is not None or not COARSE <= _half_side(cells) < FINE
+
+
+def _half_side(cells: CellMap) -> float:
+    """Quads along a side of half a cell, beyond what a blur smears."""
+    side = 0.5 * cells.quad_cells**-0.5 if cells.quad_cells else 0.0
+    return side - SMEARED * cells.blur_quads
 
 
 def _part_neighbours(cells: CellMap, known: Bools | None) -> Apart | None:

@@ -4,8 +4,9 @@ are shown.
 A few of the codes, photographed one by one, tell whether there are mirrors; where there are, a
 pilot's paths guide the codes. Four parts or more measure the error of the codes by their spread,
 and each of them fills the sensor anew, so that the same codes in the same time leave less noise.
-Both cost RAW files. So a plain request gets them where a file costs little beside the exposure. One
-that names how its codes are spent is taken at its word.
+Both cost RAW files. So a request that names neither gets them where a file costs little beside the
+exposure, however many codes it names and of which family: only a pilot of 0, or 1 part, goes
+without.
 """
 
 from __future__ import annotations
@@ -36,11 +37,13 @@ PARTED = (
     "fraction", "split", "diagonal", "warped", "two-samples", "descattered", "filtered",
 )  # fmt: skip
 """Goals that get parts alone unasked."""
-NAMED = (
-    "codes", "family", "pilot", "parts", "until_error", "repeat", "error", "confidence", "seconds",
-    "prior", "smooth", "exposure_s", "method", "equal_brightness",
+SPENT = (
+    "until_error", "repeat", "error", "confidence", "seconds", "prior", "exposure_s", "method",
+    "equal_brightness",
 )  # fmt: skip
-"""Fields of which any one says how codes are to be spent: such a request gets what it names."""
+"""Fields of which any one says how exposures are to be spent: such a request gets what it names."""
+NAMED = (*SPENT, "codes", "family", "pilot", "parts", "smooth")
+"""The same of what is shown in all: a request that names none of these may get more light."""
 CHOSEN = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
 """Fields that follow from the error or the time and are not to be given beside it."""
 FAR_LEFT = 0.75
@@ -53,6 +56,8 @@ PARTS = (8, 7, 6, 5, 4)
 each with fewer codes."""
 FEWEST_CODES = 16
 """Codes that a part has at least."""
+LEFT_OUT = 8
+"""Of so many codes one may be left out for the others to be split evenly."""
 LITTLE = 0.25
 """Time that the files of all further parts may take, over the exposure of the codes."""
 LOOK = 1.0
@@ -119,12 +124,13 @@ def wants_choice(request: CaptureRequest) -> bool:
 
 def asks_for_camera(request: CaptureRequest) -> bool:
     """Whether the plan of a request depends on what a RAW file costs."""
-    return "auto" in (request.parts, request.pilot) or _plain(request)
+    return "auto" in (request.parts, request.pilot) or "auto" in _left_open(request)
 
 
 def may_average(request: CaptureRequest, config: Config) -> bool:
     """Whether everything may be shown more often against the noise of ambient light."""
-    return _plain(request) and request.goal in GOALS and config.camera.noise != "none"
+    plain = _names_none(request, NAMED)
+    return plain and request.goal in GOALS and config.camera.noise != "none"
 
 
 def resolve_defaults(
@@ -139,12 +145,13 @@ def resolve_defaults(
     `camera` is None where it was not asked yet. Raises RequestError where something is left to the
     program that goes with nothing else that was asked for.
     """
+    pilot, parts = _left_open(request)
     bare = msgspec.structs.replace(
         request,
-        parts=request.parts if isinstance(request.parts, int) else 1,
-        pilot=request.pilot if isinstance(request.pilot, int) else 0,
+        parts=parts if isinstance(parts, int) else 1,
+        pilot=pilot if isinstance(pilot, int) else 0,
     )
-    if not asks_for_camera(request):
+    if "auto" not in (pilot, parts):
         return Defaults(bare)
     if request.error is not None or request.seconds is not None or request.method != "coded":
         raise RequestError(
@@ -152,15 +159,14 @@ def resolve_defaults(
             hint="give their number, or leave them out",
         )
     costs = _costs(bare, config, grid, camera, mask_lag_s)
-    plain = _plain(request)
-    if request.pilot != "auto" and not plain:
+    if pilot != "auto":
         return _without_pilot(bare, config, costs, parts=True)
-    why = _no_pilot(request, config, grid, costs)
-    parts = plain or request.parts == "auto"
+    open_parts = parts == "auto"
+    why = _no_pilot(request, grid, costs, parts)
     if why:
-        found = _without_pilot(bare, config, costs, parts=parts)
+        found = _without_pilot(bare, config, costs, parts=open_parts)
         return replace(found, reasons=(f"pilot: none, {why}", *found.reasons))
-    return _with_pilot(bare, config, costs, parts=parts)
+    return _with_pilot(bare, config, costs, parts=open_parts)
 
 
 def readout_s(config: Config, camera: CameraInfo | None) -> float:
@@ -172,11 +178,19 @@ def readout_s(config: Config, camera: CameraInfo | None) -> float:
     return READOUT_S if told is None else told
 
 
-def _plain(request: CaptureRequest) -> bool:
-    if request.goal not in (*GOALS, *RANGES, *PARTED):
-        return False
+def _left_open(request: CaptureRequest) -> tuple[int | str, int | str]:
+    """Pilot and parts of a request: their number, or "auto" where the program decides."""
+    fits = request.goal in (*GOALS, *RANGES, *PARTED) and request.family in (None, *FAMILIES)
+    usual: int | str = "auto" if fits and _names_none(request, SPENT) else 0
+    pilot = usual if request.pilot is None else request.pilot
+    parts = (usual or 1) if request.parts is None else request.parts
+    return pilot, parts
+
+
+def _names_none(request: CaptureRequest, names: tuple[str, ...]) -> bool:
+    """Whether a request has none of these fields."""
     usual = CaptureRequest(goal=request.goal)
-    return all(getattr(request, name) == getattr(usual, name) for name in NAMED)
+    return all(getattr(request, name) == getattr(usual, name) for name in names)
 
 
 @dataclass(frozen=True)
@@ -206,6 +220,15 @@ class _Costs:
             if cheap and self.fits(codes, parts) and self.far_enough(codes, parts):
                 return parts
         return 1
+
+    def split(self, codes: int) -> tuple[int, int]:
+        """How many of so many codes are shown, and in how many parts: all of them, or a few less
+        where those cannot be shared out; all in 1 where no fewer can."""
+        for count in range(codes, codes - codes // LEFT_OUT - 1, -1):
+            parts = self.parts(count)
+            if parts > 1:
+                return count, parts
+        return codes, 1
 
     def fits(self, codes: int, parts: int) -> bool:
         """Whether there are codes for so many parts."""
@@ -276,28 +299,26 @@ def _without_pilot(
     """Parts alone, where they are left open."""
     if not parts:
         return Defaults(request)
-    codes = costs.codes - (request.pilot if isinstance(request.pilot, int) else 0)
-    count, reason = _parts(codes, config, costs)
-    return Defaults(msgspec.structs.replace(request, parts=count), (f"parts: {reason}",))
+    pilot = request.pilot if isinstance(request.pilot, int) else 0
+    used, count, reason = _parts(costs.codes - pilot, config, costs)
+    codes = request.codes if used + pilot == costs.codes else used + pilot
+    made = msgspec.structs.replace(request, codes=codes, parts=count)
+    return Defaults(made, (f"parts: {reason}",))
 
 
 def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Defaults:
     """A short pilot, and what is done instead when its scouts see nothing."""
     named = request.parts if isinstance(request.parts, int) else 1
     share = pilot_share(costs.codes, by_map=True, parts=named)
-    left = costs.codes - SCOUTS
-    counts = [
-        n
-        for n in range(left, costs.codes - share - 1, -1)
-        if not n % named and costs.whole(n // named)
-    ]
+    left, used = costs.codes - SCOUTS, costs.codes - share
+    counts = [n for n in range(left, used - 1, -1) if not n % named and costs.whole(n // named)]
     first, reason = named, "one exposure" if named == 1 else f"{named} exposures, as asked for"
     if parts:
-        first, reason = _parts(costs.codes - share, config, costs)
-        split = [n for n in range(left, costs.codes - share - 1, -1) if costs.parts(n) > 1]
+        used, first, reason = _parts(used, config, costs)
+        split = [n for n in range(left, used - 1, -1) if costs.parts(n) > 1]
         counts = split if split and first > 1 else counts
     if not counts:
-        counts = [costs.codes - share]
+        counts = [used]
     second = costs.parts(counts[0]) if parts and first > 1 else first
     told = (
         f"pilot: {SCOUTS} photos of single codes look for mirrors, {SCOUTS * costs.file_s:.2g} s "
@@ -306,7 +327,7 @@ def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts
     )
     replaced = msgspec.structs.replace
     return Defaults(
-        replaced(request, codes=costs.codes, pilot=share, parts=first),
+        replaced(request, codes=used + share, pilot=share, parts=first),
         told,
         replaced(request, codes=counts[0] + SCOUTS, pilot=SCOUTS, parts=second),
     )
@@ -318,8 +339,11 @@ def _elsewhere(request: CaptureRequest) -> bool:
     return matched and request.goal in (*GOALS, "fraction", "split")
 
 
-def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], costs: _Costs) -> str:
-    """Why there is no pilot where one is left to the program; nothing where there is one."""
+def _no_pilot(
+    request: CaptureRequest, grid: tuple[int, int], costs: _Costs, parts: int | str
+) -> str:
+    """Why there is no pilot where one is left to the program; nothing where there is one. parts :
+    that are asked for, or "auto"."""
     cells = grid[0] * grid[1]
     look_s = SCOUTS * costs.file_s
     fits = request.goal in (*GOALS, *RANGES) and costs.family == "hadamard"
@@ -327,8 +351,10 @@ def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], co
         return "as it helps indirect, direct, far and near light, with hadamard codes and no prior"
     if costs.elsewhere:
         return "as it looks for paths beside those of each cell with itself"
-    named = request.parts if isinstance(request.parts, int) else 1
-    if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True, parts=named):
+    named = parts if isinstance(parts, int) else 1
+    share = pilot_share(costs.codes, by_map=True, parts=named)
+    few = named > 1 and costs.codes - share < named * FEWEST_CODES
+    if costs.codes < FEWEST or not share or few:
         within = f" in {named} parts" * (named > 1)
         return f"as {costs.codes} codes{within} are too few to spend some on a look"
     if cells > MOST_CELLS:
@@ -341,27 +367,43 @@ def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], co
     return ""
 
 
-def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, str]:
-    """How many parts, and why."""
+def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, int, str]:
+    """How many of so many codes are shown, in how many parts, and why."""
     if config.camera.noise == "none":
-        return 1, "one exposure, as there is no noise that more of them would lower"
+        return codes, 1, "one exposure, as there is no noise that more of them would lower"
     if costs.elsewhere:
-        return 1, "one exposure, as fewer codes each would keep direct light apart less well"
-    fitting = [parts for parts in costs.tried if costs.fits(codes, parts)]
-    if not fitting:
-        return 1, f"one exposure, as {codes} {costs.family} codes cannot be split into four or more"
-    if not costs.far_enough(codes, fitting[-1]):
-        return 1, (
-            f"one exposure, as each of {fitting[-1]} with {codes // fitting[-1]} codes would keep "
-            f"too little light from beyond {costs.radius} cells; the error bars are modelled"
+        return codes, 1, "one exposure, as fewer codes each would keep direct light apart less well"
+    used, parts = costs.split(codes)
+    if parts > 1:
+        few = f", {codes - used} of {codes} being left out" * (used < codes)
+        text = (
+            f"{parts} exposures of {used // parts} codes each{few}, "
+            f"{(parts - 1) * costs.file_s:.2g} s more in all; they leave less noise, and their "
+            "spread measures the error bars"
         )
-    parts = costs.parts(codes)
-    if parts == 1:
-        return 1, (
-            f"one exposure, as {fitting[-1]} would take {(fitting[-1] - 1) * costs.file_s:.2g} s "
-            f"more beside {costs.coded_s:.3g} s of codes; the error bars are modelled"
+        return used, parts, text
+    why = _one_exposure(codes, costs)
+    return codes, 1, f"one exposure, as {why}; what the codes err is not in the error bars"
+
+
+def _one_exposure(codes: int, costs: _Costs) -> str:
+    """Why codes are not split."""
+    few = codes - codes // LEFT_OUT
+    found = [
+        (count, parts)
+        for count in range(codes, few - 1, -1)
+        for parts in costs.tried
+        if costs.fits(count, parts)
+    ]
+    if not found:
+        return f"{codes} {costs.family} codes cannot be split into four or more"
+    count, parts = min(found, key=lambda one: one[1])
+    if not costs.far_enough(count, parts):
+        return (
+            f"each of {parts} with {count // parts} codes would keep too little light from beyond "
+            f"{costs.radius} cells"
         )
-    return parts, (
-        f"{parts} exposures of {codes // parts} codes each, {(parts - 1) * costs.file_s:.2g} s "
-        "more in all; they leave less noise, and their spread measures the error bars"
+    return (
+        f"{parts} would take {(parts - 1) * costs.file_s:.2g} s more beside {costs.coded_s:.3g} s "
+        "of codes"
     )

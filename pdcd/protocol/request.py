@@ -235,8 +235,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         about(
             "of the codes, how many to photograph one by one first, to learn which far cells are "
             "linked: 8, 12 or 16 in front of mirrors, which may be all of them, else a power of "
-            "two from 32, with codes left; auto: a few, where the first photos show that they are "
-            "worth their files; default: auto where nothing else says how codes are spent",
+            "two from 32, with codes left; 0: none; auto: a few, where the first photos show that "
+            "they are worth their files; default: auto, of goals that it helps",
             "codes",
             "K0",
         ),
@@ -245,8 +245,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None,
         about(
             "exposures to split the codes over; from 4 on their spread measures the error of the "
-            "codes; auto: as many as are worth their files; default: auto where nothing else says "
-            "how codes are spent",
+            "codes, which is not in sigma else; auto: as many of 16 codes or more as are worth "
+            "their files; default: auto, of goals that bear it",
             "codes",
             "B",
         ),

@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 
 UPPER = 1.645
 """Standard deviations below which a normal number lies in 19 of 20 cases."""
+FEWEST_CODES = 80
+"""Codes of which a pilot and four parts can be made (`pdcd.planning.defaults`)."""
 FREEDOM = 3.0
 """Degrees of freedom of a sigma that the fewest parts have measured."""
 
@@ -24,8 +26,7 @@ def answer_of(
 ) -> Iterator[Finding]:
     """Whether the answer stands above its noise; (n, C) each, of pixels in the field.
 
-    The error by codes is modelled where nothing was measured, and mostly too large; so the sensor's
-    noise decides, and sigma only where most of the picture drowns in it.
+    The sensor's noise decides, and sigma only where most of the picture drowns in it.
     """
     known = np.isfinite(sigma) & np.isfinite(image)
     if not known.any():
@@ -56,14 +57,15 @@ def answer_of(
 
 
 def error_of(
-    image: Floats, sigma: Floats, sensor: Floats, cells: int, sure: bool, limits: Limits = LIMITS
+    image: Floats, sigma: Floats, sensor: Floats, cells: int, limits: Limits = LIMITS
 ) -> Iterator[Finding]:
-    """What sigma says of the whole answer; (n, C) each, of pixels in the field of `cells` cells.
+    """What a measured sigma says of the whole answer; (n, C) each, of pixels in the field of
+    `cells` cells.
 
     The realised square error of few strong pixels scatters about what sigma leads one to expect,
     and sigma itself about its own mean. So the figure is one that is kept in 19 of 20 photos; a
-    photo is bad only where sigma as it stands says so, and never by a model alone (not `sure`).
-    Where the sensor's noise is enough to find fault with, `answer_of` has done so.
+    photo is bad only where sigma as it stands says so. Where the sensor's noise is enough to find
+    fault with, `answer_of` has done so.
     """
     known = np.isfinite(sigma) & np.isfinite(image)
     if not known.any():
@@ -78,10 +80,9 @@ def error_of(
     mean = float(np.mean(squares))
     share = _of_the_rest(mean * (1.0 + UPPER * float(spread)), power)
     noise = _of_the_rest(float(np.mean(sensor[known] ** 2)), power)
-    least = limits.error[0] if sure else limits.modelled
+    least = limits.error[0]
     grade = Grade.DOUBTFUL if share >= least else Grade.REMARK
-    if sure:
-        grade = max(grade, graded(_of_the_rest(mean, power), limits.error))
+    grade = max(grade, graded(_of_the_rest(mean, power), limits.error))
     if grade > graded(noise, limits.noise):
         yield Finding(
             grade,
@@ -115,13 +116,19 @@ def negative_light(image: Floats, sensor: Floats, limits: Limits = LIMITS) -> It
         )
 
 
-def sigma_of(kind: str) -> Iterator[Finding]:
-    """Error bars that rest on a model alone are a remark: most photos have no others."""
-    if kind == "modelled":
-        yield Finding(
-            Grade.REMARK,
-            "error bars are modelled, not measured; --parts 4 measures them",
-        )
+def codes_unknown(share: float, codes: int, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Error by codes that nothing has measured. share : RMS over that of the answer if each point
+    gets its light by one path, which errs most; of light by many paths it is far less. codes : of
+    the photo in all."""
+    if share < limits.exact:
+        return
+    advice = "--parts 4" if codes >= FEWEST_CODES else f"{FEWEST_CODES} codes or more"
+    yield Finding(
+        Grade.DOUBTFUL if share >= limits.unmeasured else Grade.REMARK,
+        f"codes are not in the error bar: on sharp light, as of mirrors, the answer may be off by "
+        f"{_error(share)} (RMS, limit {percent(limits.unmeasured)}); take {advice}, as four parts "
+        "measure it",
+    )
 
 
 def leak_left(error: float, limits: Limits = LIMITS) -> Iterator[Finding]:

@@ -67,8 +67,9 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _direct_left(seen, record.normalise),
             _blocked_left(seen, record.shots),
             _direct_unseen(seen),
-            _of_kind(seen),
+            [] if seen.transport is None else answer.common_light(seen.transport.common),
             _pair_sum(seen),
+            _unmeasured(seen, record.how.codes),
         )
     )
 
@@ -111,22 +112,42 @@ def _of_answer(seen: Evidence) -> tuple[Floats, Floats, Floats]:
 
 
 def _errors(seen: Evidence) -> Iterator[Finding]:
-    """How far the answer may be off, by its sigma and by light below zero.
-
-    A modelled sigma counts where it speaks of one photo of far light. Of a difference it is mostly
-    too large; but there light below zero shows what is wrong.
-    """
+    """How far the answer may be off, by a sigma that was measured and by light below zero."""
     if seen.transport is not None:
         return
-    recipe, rule = seen.recipe, seen.recipe.answer
+    recipe = seen.recipe
     image, sigma, sensor = _of_answer(seen)
-    measured = seen.answer.kind == "measured"
-    alone = [] if isinstance(rule, Extremes) else [name for _, name in rule]
-    far = any(p.beyond and alone == [p.name] for p in recipe.photos)
-    if measured or far:
-        yield from answer.error_of(image, sigma, sensor, recipe.target.cells, measured)
+    if seen.answer.kind == "measured":
+        yield from answer.error_of(image, sigma, sensor, recipe.target.cells)
     if recipe.target.goal.name in LIGHT:
         yield from answer.negative_light(image, sensor)
+
+
+def _unmeasured(seen: Evidence, codes: int) -> Iterator[Finding]:
+    """What so many codes may err, where sigma is without it: by the weights of paths."""
+    if seen.transport is None and seen.answer.kind == "sensor":
+        image = seen.inside(seen.answer.image)
+        yield from answer.codes_unknown(_by_single_paths(seen, image), codes)
+
+
+def _by_single_paths(seen: Evidence, image: Floats) -> float:
+    """RMS error by codes over that of the answer, (n, C) in the field, if each point got all its
+    indirect light by one path: what its weight is off, of all paths alike."""
+    rule = seen.recipe.answer
+    if isinstance(rule, Extremes):
+        weights = dict.fromkeys(rule.photos, max(abs(rule.largest), abs(rule.smallest)))
+    else:
+        weights = {name: abs(weight) for weight, name in rule}
+    all_light = seen.pictures.get("indirect", seen.pictures.get("white"))
+    light = _rms(image if all_light is None else seen.inside(all_light.image))
+    off = sum(weights[name] * seen.deviations[name].off_rms for name in weights)
+    answer_rms = _rms(image)
+    return float(off * light / answer_rms) if answer_rms > 0.0 else np.inf
+
+
+def _rms(values: Floats) -> float:
+    known = np.isfinite(values)
+    return float(np.sqrt(np.mean(values[known] ** 2))) if known.any() else 0.0
 
 
 def _stray(seen: Evidence) -> Iterator[Finding]:
@@ -331,14 +352,6 @@ def _direct_unseen(seen: Evidence) -> Iterator[Finding]:
     none = np.abs(wanted) < NO_WEIGHT
     if none.any():
         yield from quality.direct_unseen(float(np.abs(got[none]).sum() / none.size))
-
-
-def _of_kind(seen: Evidence) -> Iterator[Finding]:
-    """What counts for slices of T, and what for pictures alone."""
-    if seen.transport is None:
-        return answer.sigma_of(seen.answer.kind)
-    # Entries of T have no parts that could measure anything.
-    return answer.common_light(seen.transport.common)
 
 
 def _pair_sum(seen: Evidence) -> Iterator[Finding]:

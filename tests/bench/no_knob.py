@@ -35,7 +35,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 def errors(name: str, grid: tuple[int, int], seeds: int, noise: str, fields: Any) -> list[float]:
     """RMS error over the RMS of the truth, seed by seed; `fields` None: a plain capture."""
-    given = {} if fields is None else {"codes": 128, **fields}
+    given = {} if fields is None else {"codes": 128, "pilot": 0, "parts": 1, **fields}
     found = []
     for seed in range(seeds):
         with tempfile.TemporaryDirectory() as folder:

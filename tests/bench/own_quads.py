@@ -67,7 +67,7 @@ class Bench:
 
 BENCHES = {
     "upright": Bench(),
-    "8 parts of 128": Bench(fields=(("codes", 128), ("parts", 8))),
+    "8 parts of 128": Bench(fields=(("codes", 128), ("pilot", 0), ("parts", 8))),
     "quarter windows": Bench(fields=(("window", "quarter"),)),
     "turned": Bench(_camera(place=Placing(turn_deg=3.0, scale=1.1))),
     "much turned": Bench(

@@ -86,7 +86,7 @@ def main() -> None:
     parser.add_argument("--scene", action="append", help="a preset, corner or mirror")
     parser.add_argument("--once", action="store_true", help="one exposure of 128 codes")
     args = parser.parse_args()
-    fields = {"codes": 128} if args.once else {}
+    fields = {"pilot": 0, "parts": 1} if args.once else {}
     say = sys.stdout.write
     say("| goal | scene | error | sigma / error | covered | exposures | verdict |\n")
     say("|---|---|---|---|---|---|---|\n")

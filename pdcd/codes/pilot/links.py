@@ -177,7 +177,7 @@ def correction(
     table = scipy.sparse.coo_array(paths)
     row, col = table.coords
     realised = np.empty(row.size)
-    step = max(1, CHUNK // left.shape[0])
+    step = max(1, CHUNK // max(left.shape[0], 1))
     for start in range(0, row.size, step):
         part = slice(start, start + step)
         realised[part] = np.einsum("rp,rp->p", left[:, row[part]], right[:, col[part]])

@@ -31,7 +31,7 @@ class Material:
     budget: list[dict[str, Any]]
     answer: str
     kind: str
-    """How the error of the codes was found: measured or modelled."""
+    """How the error of the codes is known (`pdcd.pictures.picture.Kind`)."""
     slice_png: bytes = b""
     """The picture of entries of T, where they were photographed."""
 

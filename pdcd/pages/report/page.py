@@ -129,8 +129,8 @@ def _pictures_note(manifest: Manifest, material: Material) -> str:
     words.append(
         "Sigma: image \u00b1 1.96 sigma is meant to hold the truth for 95 % of all values."
     )
-    if material.kind == "modelled":
-        words.append("Its part from the codes is modelled, and mostly too large.")
+    if material.kind == "sensor":
+        words.append("What the codes err is not in it: fewer than four parts were taken.")
     if manifest.mock and not any(one["kind"] == "truth" for one in pictures.data):
         words.append("The truth of the virtual scene was not kept, or is not known.")
     if pictures.left_out:

@@ -138,7 +138,7 @@ def test_a1_isolation_of_too_many_pairs_is_refused_before_anything_is_built(
 
 def test_a3_optical_probing_takes_one_raw_file_a_photo(tmp_path: Path) -> None:
     """And each photo's file is the sum over its codes (E5), to quantisation."""
-    image, _, manifest = run(tmp_path, goal="indirect", codes=64)
+    image, _, manifest = run(tmp_path, goal="indirect", codes=64, pilot=0)
     assert [shot.raw for shot in manifest.run.shots] == ["raw/coded.dng"]
     truth = ((1.0 - np.eye(N)) * T).sum(axis=1).reshape(*GRID, 1)
     np.testing.assert_allclose(image, np.broadcast_to(truth, image.shape), rtol=2e-3)

@@ -64,8 +64,8 @@ def test_where_none_gets_in_all_is_well(tmp_path: Path, matrix: Any, lag_s: floa
     ("p", "codes", "most", "verdicts"),
     [
         # p^2 K is whole: direct light is counted as often as is wanted.
-        (0.25, 32, 0.1, ("good",)),
-        (0.1, 100, 0.1, ("good",)),
+        (0.25, 160, 0.1, ("good",)),
+        (0.1, 300, 0.1, ("good",)),
         # A half: every second cell counts it once, the others never.
         (0.125, 32, 1.5, ("doubtful", "bad")),
     ],
@@ -84,5 +84,4 @@ def test_direct_light_beside_a_fraction_of_light_matched_elsewhere(
         assert quality.verdict in verdicts
         if quality.reasons:
             assert "weights that are" in quality.reasons[0]
-        sigma = run.rms_sigma
-        assert sigma is not None and 0.6 * error < sigma < 5.0 * error
+        assert run.sigma_kind == "sensor", "codes in parts do not keep such light alike"

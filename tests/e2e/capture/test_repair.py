@@ -56,7 +56,8 @@ def error(folder: Path, faults: str, *, ambient: float = 0.0, **fields: Any) -> 
     )
     engine = Engine.from_config(config)
     engine.start()
-    request = CaptureRequest(goal="indirect", codes=CODES, white=False, **fields)
+    asked = {"codes": CODES, "pilot": 0, "parts": 1, "white": False, **fields}
+    request = CaptureRequest(**{"goal": "indirect", **asked})
     result = bench_rig.capture(engine, request)
     assert result.error is None and result.folder is not None, result.error
     shots = read_manifest(Path(result.folder)).run.shots

@@ -152,7 +152,9 @@ DLP = DisplayConfig(planes_per_refresh=24)
 
 
 def test_1440_codes_a_second(tmp_path: Path) -> None:
-    request = CaptureRequest(goal="indirect", codes=1440, guards=False, white=False)
+    request = CaptureRequest(
+        goal="indirect", codes=1440, pilot=0, parts=1, guards=False, white=False
+    )
     summary = planned(tmp_path, request, display=DLP, rig=RigConfig(settle_s=0.0))
     assert summary.refreshes == 1440
     assert summary.seconds == pytest.approx(1.0, abs=1e-9)
@@ -208,7 +210,9 @@ def test_planes_of_unequal_length_are_what_the_matrix_says(tmp_path: Path) -> No
 
 def test_a_plan_tells_of_planes_and_refuses_those_that_cannot_be(tmp_path: Path) -> None:
     display = DisplayConfig(planes_per_refresh=24, plane_starts=UNEVEN)
-    request = CaptureRequest(goal="indirect", codes=48, guards=False, black_level="none")
+    request = CaptureRequest(
+        goal="indirect", codes=48, pilot=0, parts=1, guards=False, black_level="none"
+    )
     (reason,) = planned(tmp_path, request, display=display).reasons
     assert reason == "24 planes a refresh, of 0.625 to 0.764 ms, as measured: 1440 a second"
     backwards = (*UNEVEN[:22], UNEVEN[23], UNEVEN[22])

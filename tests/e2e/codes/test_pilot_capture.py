@@ -182,7 +182,7 @@ def test_paths_that_a_pilot_found_are_known_in_far_light(parts: int, tmp_path: P
     taken off, of all photos and of each part."""
     vase = SceneConfig(kind="mirror-and-vase", grid=(12, 16))
     asked: dict[str, Any] = {"goal": "long-range", "radius": 1, "codes": 64, "parts": parts}
-    plain = error_of(tmp_path / "plain", scene=vase, **asked)
+    plain = error_of(tmp_path / "plain", scene=vase, pilot=0, **asked)
     assert error_of(tmp_path / "pilot", scene=vase, pilot=16, **asked) < plain / 3.0
 
 
@@ -190,7 +190,7 @@ def test_a_pilot_helps_light_under_an_illumination(tmp_path: Path) -> None:
     """A path from a cell that is lit by a fifth is wanted by a fifth."""
     asked: dict[str, Any] = {"goal": "indirect", "codes": 128, "white": False}
     asked["illumination"] = STRIPES
-    plain = error_of(tmp_path / "plain", **asked)
+    plain = error_of(tmp_path / "plain", pilot=0, **asked)
     assert error_of(tmp_path / "pilot", pilot=16, **asked) < plain / 2.0
 
 
@@ -239,7 +239,7 @@ def test_plan_says_what_a_pilot_costs(tmp_path: Path) -> None:
     assert cost.raw_files == 64 and cost.seconds == pytest.approx(64 * pilot.exposure_s)
     assert (cost.scouts, cost.stopped_codes, cost.stopped_raw_files) == (SCOUTS, 124, 2 + SCOUTS)
     assert cost.stopped_seconds < summary.seconds
-    assert engine.plan(CaptureRequest(goal="indirect", codes=128)).pilot_cost is None
+    assert engine.plan(CaptureRequest(goal="indirect", codes=128, pilot=0)).pilot_cost is None
 
 
 @pytest.mark.parametrize(

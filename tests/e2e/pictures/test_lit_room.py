@@ -59,7 +59,7 @@ def judged(folder: Path, scene: SceneConfig, truth: str) -> Judged:
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         limits=LimitsConfig(min_free_bytes=0),
     )
-    request = CaptureRequest(goal="indirect", codes=16, window="quarter")
+    request = CaptureRequest(goal="indirect", codes=64, pilot=0, parts=4, window="quarter")
     with opened(config) as engine:
         result = capture_with(engine, request, folder, "job")
     assert result.folder is not None

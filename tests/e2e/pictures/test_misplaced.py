@@ -41,7 +41,7 @@ def captured(folder: Path, truth: str, kind: str = "milky-bottle") -> CaptureRes
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         limits=LimitsConfig(min_free_bytes=0),
     )
-    request = CaptureRequest(goal="indirect", codes=16, window="quarter")
+    request = CaptureRequest(goal="indirect", codes=64, pilot=0, parts=4, window="quarter")
     with opened(config) as engine:
         return capture_with(engine, request, folder, "job")
 

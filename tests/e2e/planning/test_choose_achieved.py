@@ -130,7 +130,7 @@ def test_exposures_add_up(tmp_path: Path) -> None:
     tables: dict[str, Any] = {"scene": scene("wax-disk"), "camera": CameraConfig(noise="full")}
     sigmas = []
     for repeat in (1, 4):
-        request = CaptureRequest(goal="indirect", codes=128, repeat=repeat)
+        request = CaptureRequest(goal="indirect", codes=128, pilot=0, parts=1, repeat=repeat)
         result = run(tmp_path / str(repeat), request, **tables)
         assert result.folder is not None, result.error
         assert len(list(Path(result.folder).glob("raw/coded*.dng"))) == repeat

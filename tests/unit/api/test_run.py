@@ -146,7 +146,7 @@ def test_other_options_give_what_a_capture_by_them_gives(tmp_path: Path) -> None
             assert not np.array_equal(decoded.image, run.image)
     assert run.sigma_kind == "measured"
     half = run.decode(parts=2, progress=False)
-    assert half.sigma_kind == "modelled" and not np.array_equal(half.image, run.image)
+    assert half.sigma_kind == "sensor" and not np.array_equal(half.image, run.image)
     whole, errors = run.image, []
     for parts in (1, 2, 4):
         errors.append(float(np.sum((run.decode(parts=parts, progress=False).image - whole) ** 2)))

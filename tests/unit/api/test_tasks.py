@@ -359,7 +359,7 @@ def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
         summary={"rms_sigma": 1, "rms_error_quads": "x", "quality": Quality(verdict="bad")}
     )
     assert (known.rms_sigma, known.rms_error_quads, known.verdict) == (1.0, None, "bad")
-    assert repr(known) == "<Run j: white, bad>" and known.sigma_kind == "modelled"
+    assert repr(known) == "<Run j: white, bad>" and known.sigma_kind == "sensor"
     good = Quality(verdict="good")
     bare = run_of(summary={"codes": 8, "sigma_kind": "measured", "quality": good})
     assert (bare.quality, bare.sigma_kind) == (good, "measured")

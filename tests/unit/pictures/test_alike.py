@@ -61,8 +61,7 @@ def errors(plan: Plan, learned: Learned | None = None) -> dict[str, Any]:
 
 
 def told(near: float) -> Learned:
-    none = np.zeros((N, 3))
-    return Learned(NONE, (NONE, NONE, NONE), None, 0.0, none, np.full((N, 3), near))
+    return Learned(NONE, (NONE, NONE, NONE), None, 0.0, np.full((N, 3), near))
 
 
 def test_quarter_windows_lack_light_from_beside_and_whole_ones_do_not() -> None:

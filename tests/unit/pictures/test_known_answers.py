@@ -157,7 +157,7 @@ def test_the_truth_of_a_bench_of_pixels_is_seen_through_its_optics() -> None:
 
 
 def picture(image: np.ndarray, sigma: np.ndarray) -> Barred:
-    return Barred(image, sigma, sigma, sigma, "modelled")
+    return Barred(image, sigma, sigma, sigma, "sensor")
 
 
 def test_quads_without_an_error_bar_are_not_compared() -> None:

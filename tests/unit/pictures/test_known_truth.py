@@ -38,10 +38,10 @@ def test_the_truth_is_kept_and_compared_where_it_can_be(of_cells: bool, tmp_path
     found[~seen] = 99.0
     sigma = np.zeros((4, 6, 3), np.float32)
     quads: Any = found if not of_cells else np.zeros((4, 6, 3))
-    picture = Barred(quads, sigma, sigma, sigma, "modelled")
+    picture = Barred(quads, sigma, sigma, sigma, "sensor")
     none = np.zeros((2, 3, 3), np.float32)
     by_cell: Any = found.reshape(2, 3, 3) if of_cells else none
-    means = Barred(by_cell, none, none, none, "modelled")
+    means = Barred(by_cell, none, none, none, "sensor")
     assert known.rms_errors(picture, means, CELLS)[of_cells] == pytest.approx(0.1, rel=1e-5)
     dark = Known(0.0 * truth, seen, of_cells=of_cells)
     assert dark.rms_errors(picture, means, CELLS) == (None, None)

@@ -146,3 +146,18 @@ def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -
     means = average_with_bars(made, cells)
     assert means.code.shape == (*grid, 3)
     assert np.sqrt(np.mean(means.code**2)) == pytest.approx(true / 2.0, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("quads", "turn_deg", "halved"),
+    [(5, 0.0, True), (3, 0.0, True), (2, 0.0, False), (3, 20.0, False), (5, 20.0, True)],
+)
+def test_parts_are_told_of_half_cells_where_quads_see_one_half_alone(
+    quads: int, turn_deg: float, halved: bool
+) -> None:
+    """Of three upright quads a cell those at its sides do; of turned ones too few."""
+    grid = (6, 8)
+    size = (quads * grid[1], quads * grid[0])
+    place = placed(Placing(turn_deg=turn_deg), size, (640, 480), "camera")
+    cells = CellMap(grid=grid, frame=(size[1], size[0]), map=place)
+    assert (halve(cells).grid != grid) == halved

@@ -32,7 +32,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def picture(image: Floats, sigma: float = 1e-4) -> Barred:
     error = np.full(image.shape, sigma)
-    return Barred(image, error, error, error, "modelled")
+    return Barred(image, error, error, error, "sensor")
 
 
 def flat(level: float) -> Floats:

@@ -14,6 +14,7 @@ from pdcd.errors import RequestError
 from pdcd.planning.defaults import (
     Defaults,
     asks_for_camera,
+    may_average,
     readout_s,
     resolve_defaults,
     wants_choice,
@@ -41,8 +42,8 @@ def settled_of(config: Config | None = None, file_s: float | None = 0.0, **field
 def parts_of(
     config: Config | None = None, file_s: float | None = 0.0, **fields: Any
 ) -> tuple[Any, str]:
-    """Parts alone: those that `parts="auto"` comes to."""
-    found = settled_of(config, file_s, **{"parts": "auto", **fields})
+    """Parts alone, without a pilot."""
+    found = settled_of(config, file_s, **{"pilot": 0, **fields})
     return found.request.parts, " ".join(found.reasons)
 
 
@@ -55,7 +56,7 @@ def test_parts_are_as_many_as_their_files_are_worth(seconds: float | None, parts
     found, reason = parts_of(file_s=seconds)
     assert found == parts
     assert ("measures the error bars" in reason) == (parts > 1)
-    assert ("modelled" in reason) == (parts == 1)
+    assert ("not in the error bars" in reason) == (parts == 1)
 
 
 def test_a_longer_exposure_bears_more_files() -> None:
@@ -66,13 +67,25 @@ def test_a_longer_exposure_bears_more_files() -> None:
 
 @pytest.mark.parametrize(
     ("codes", "parts"),
-    [(128, 8), (256, 8), (64, 4), (96, 6), (32, 1), (8, 1), (112, 7), (120, 6), (100, 5), (124, 1)],
+    [(128, 8), (256, 8), (64, 4), (96, 6), (32, 1), (8, 1), (112, 7), (120, 6), (100, 5), (63, 1)],
 )
 def test_each_part_has_enough_codes_of_a_kind_that_there_is(codes: int, parts: int) -> None:
+    """Named or configured, and of any family that can be split."""
     config = Config(schedule=ScheduleConfig(codes=codes))
-    found, reason = parts_of(config)
-    assert found == parts
-    assert (f"{codes} hadamard codes cannot be split" in reason) == (parts == 1)
+    for found, reason in (parts_of(config), parts_of(codes=codes)):
+        assert found == parts
+        assert (f"{codes} hadamard codes cannot be split" in reason) == (parts == 1)
+
+
+@pytest.mark.parametrize(
+    ("codes", "used", "parts"), [(124, 120, 6), (72, 64, 4), (100, 100, 5), (127, 120, 6)]
+)
+def test_a_few_codes_are_left_out_where_all_cannot_be_split(
+    codes: int, used: int, parts: int
+) -> None:
+    found = settled_of(codes=codes, pilot=0)
+    assert (found.request.codes, found.request.parts) == (used, parts)
+    assert (f"{codes - used} of {codes} being left out" in found.reasons[0]) == (used < codes)
 
 
 def test_without_noise_one_exposure_is_best() -> None:
@@ -94,7 +107,7 @@ def test_light_by_range_is_measured_in_four_parts_after_a_look(goal: str, left: 
     assert "measures the error bars" in found.reasons[1]
     slow = settled_of(goal=goal, radius=2, file_s=3.0)
     assert (slow.request.parts, slow.request.pilot, slow.otherwise) == (1, 0, None)
-    assert settled_of(goal=goal, radius=2, codes=128).request.parts == 1
+    assert settled_of(goal=goal, radius=2, codes=128) == found
     near = settled_of(goal=goal, radius=0).otherwise  # that is all indirect light: Hadamard codes
     assert near is not None and (near.codes, near.parts) == (116, 4)
     make_plan(near, Config(), GRID)
@@ -166,11 +179,9 @@ def test_light_from_far_off_is_not_parted_into_codes_too_dense_for_it(
 @pytest.mark.parametrize(
     "named",
     [
-        {"codes": 128},
-        {"family": "hadamard"},
-        {"pilot": 16},
+        {"pilot": 0, "parts": 1},
+        {"codes": 128, "pilot": 16, "parts": 1},
         {"repeat": 2},
-        {"smooth": True},
         {"exposure_s": 10.0},
         {"method": "multi-image"},
         {"prior": "decay:3"},
@@ -190,21 +201,48 @@ def test_who_says_how_codes_are_spent_gets_one_exposure(named: dict[str, Any]) -
 
 
 @pytest.mark.parametrize(
-    "named", [{"seed": 3}, {"window": "whole"}, {"white": False}, {"note": "x"}]
-)
-def test_what_says_nothing_of_codes_leaves_parts_open(named: dict[str, Any]) -> None:
+    "named",
+    [
+        {"seed": 3}, {"window": "whole"}, {"white": False}, {"note": "x"}, {"smooth": True},
+        {"codes": 128}, {"family": "hadamard"}, {"codes": 128, "family": "hadamard"},
+    ],
+)  # fmt: skip
+def test_a_number_of_codes_leaves_pilot_and_parts_open(named: dict[str, Any]) -> None:
     assert asks_for_camera(CaptureRequest(**{"goal": "direct", **named}))
     found = settled_of(**named)
     assert (found.request.pilot, found.request.parts) == (16, 7)
+    assert found.otherwise is not None
+    assert (found.otherwise.pilot, found.otherwise.parts) == (4, 6)
+
+
+@pytest.mark.parametrize(
+    ("named", "pilot", "parts"),
+    [({"pilot": 0}, 0, 8), ({"parts": 1}, 16, 1), ({"parts": 4}, 16, 4), ({"pilot": 64}, 64, 4)],
+)
+def test_a_pilot_and_parts_that_are_named_leave_the_other_open(
+    named: dict[str, Any], pilot: int, parts: int
+) -> None:
+    found = settled_of(codes=128, **named)
+    assert (found.request.pilot, found.request.parts) == (pilot, parts)
+
+
+def test_more_light_is_for_requests_that_name_no_codes() -> None:
+    noisy, quiet = Config(), Config(camera=CameraConfig(noise="none"))
+    assert may_average(CaptureRequest(goal="indirect"), noisy)
+    assert not may_average(CaptureRequest(goal="indirect"), quiet)
+    ways: tuple[dict[str, Any], ...] = (
+        {"codes": 128}, {"parts": 4}, {"pilot": 0}, {"family": "hadamard"},
+    )  # fmt: skip
+    for named in ways:
+        assert not may_average(CaptureRequest(**{"goal": "indirect", **named}), noisy)
 
 
 def test_parts_that_are_given_are_kept_and_auto_may_be_asked_for() -> None:
     assert parts_of(parts=3) == (3, "")
     assert parts_of(codes=256)[0] == 8
-    assert settled_of(parts="auto").request.pilot == 0
     for named in ({"error": 0.01}, {"method": "nayar"}):
         with pytest.raises(RequestError, match="left to the program beside an error"):
-            parts_of(**named)
+            parts_of(parts="auto", **named)
     with pytest.raises(RequestError, match="parts and error are both asked for"):
         wants_choice(CaptureRequest(goal="indirect", parts="auto", error=0.01))
     assert wants_choice(CaptureRequest(goal="indirect", pilot=0, error=0.01))
@@ -256,7 +294,7 @@ def test_where_a_pilot_cannot_help_there_is_none(
 
 
 def test_a_pilot_may_be_left_to_the_program_beside_codes() -> None:
-    found = settled_of(pilot="auto", codes=256)
+    found = settled_of(pilot="auto", codes=256, parts=1)
     assert (found.request.codes, found.request.pilot, found.request.parts) == (256, 16, 1)
     assert found.otherwise is not None
     assert (found.otherwise.codes, found.otherwise.pilot, found.otherwise.parts) == (256, 4, 1)

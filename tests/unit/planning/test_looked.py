@@ -38,7 +38,7 @@ def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
 
 
 def learned(sharpness: float, links: Any = NONE) -> Learned:
-    return Learned(links, (links, links, links), None, sharpness, *np.zeros((2, CELLS, 3)))
+    return Learned(links, (links, links, links), None, sharpness, np.zeros((CELLS, 3)))
 
 
 def record(name: str, open_ns: int, close_ns: int) -> ShotRecord:
@@ -115,8 +115,17 @@ def test_a_plain_request_has_two_plans_with_the_same_reasons() -> None:
     assert list(plan.reasons[: len(named)]) == named
 
 
-def test_who_names_codes_has_one_plan() -> None:
-    plan = plan_of(codes=64)
+def test_who_names_codes_keeps_the_look_and_the_parts() -> None:
+    plain, named = plan_of(), plan_of(codes=128)
+    assert named.unasked and named.how == plain.how
+    assert named.reasons[-2:] == plain.reasons[-2:] and named.reasons[-1].startswith("parts: ")
+    assert named.otherwise is not None and plain.otherwise is not None
+    assert named.otherwise.how == plain.otherwise.how
+
+
+def test_no_pilot_and_one_part_are_one_plan() -> None:
+    plan = plan_of(codes=128, pilot=0, parts=1)
+    assert (plan.how.codes, plan.how.pilot, plan.how.parts) == (128, 0, 1)
     assert plan.otherwise is None and not plan.unasked
     assert not any(reason.startswith(("pilot", "parts")) for reason in plan.reasons)
 
@@ -125,11 +134,17 @@ def test_who_names_codes_has_one_plan() -> None:
     ("fields", "first", "reason"),
     [
         ({}, (128, 16, 7), "7 exposures of 16 codes each, 0.96 s more in all"),
-        ({"pilot": "auto"}, (128, 16, 1), "one exposure; 1 of 124 where"),
+        ({"parts": 1}, (128, 16, 1), "one exposure; 1 of 124 where"),
+        ({"pilot": 0}, (None, 0, 8), "8 exposures of 16 codes each"),
+        ({"pilot": 16}, (None, 16, 7), "7 exposures of 16 codes each"),
+        ({"codes": 100}, (96, 16, 5), "5 exposures of 16 codes each, 4 of 84 being left out"),
+        ({"codes": 80}, (80, 16, 4), "4 exposures of 16 codes each"),
         ({"pilot": "auto", "parts": "auto"}, (128, 16, 7), "6 of 20 where there are no mirrors"),
         ({"pilot": "auto", "codes": 64}, (64, 16, 1), "1 of 60 where"),
         ({"parts": "auto", "pilot": 16}, (None, 16, 7), "7 exposures of 16 codes"),
-        ({"parts": "auto", "codes": 64}, (64, 0, 4), "4 exposures of 16 codes"),
+        ({"pilot": 0, "codes": 64}, (64, 0, 4), "4 exposures of 16 codes"),
+        ({"codes": 64}, (64, 16, 1), "what the codes err is not in the error bars"),
+        ({"codes": 63}, (63, 0, 1), "what the codes err is not in the error bars"),
     ],
 )
 def test_codes_pilot_and_parts_that_are_left_open(
@@ -182,14 +197,16 @@ def test_what_goes_with_nothing_else_is_refused(fields: dict[str, Any], words: s
         ({"prior": "decay:3"}, "as it helps indirect, direct, far and near light"),
         ({"codes": 63}, "as 63 codes are too few"),
         ({"codes": 66}, "as 66 codes are too few"),
+        ({"codes": 64, "parts": 4}, "as 64 codes in 4 parts are too few"),
     ],
 )
 def test_a_pilot_that_cannot_be_had_is_none_and_it_is_said_why(
     fields: dict[str, Any], why: str
 ) -> None:
-    request = CaptureRequest(**{"goal": "indirect", "pilot": "auto", **fields})
+    request = CaptureRequest(**{"goal": "indirect", "pilot": "auto", "parts": 1, **fields})
     found = resolve_defaults(request, Config(), GRID, camera())
-    assert (found.request.pilot, found.request.parts, found.otherwise) == (0, 1, None)
+    assert (found.request.pilot, found.otherwise) == (0, None)
+    assert found.request.parts == fields.get("parts", 1)
     assert len(found.reasons) == 1 and found.reasons[0].startswith(f"pilot: none, {why}")
 
 
@@ -206,7 +223,8 @@ def test_a_map_is_made_of_no_more_cells_than_can_be_matched() -> None:
         ("hadamard", 60, 1),
         ("balanced", 64, 4),
         ("balanced", 72, 4),
-        ("balanced", 68, 1),
+        ("balanced", 68, 4),
+        ("balanced", 62, 1),
         ("bernoulli", 144, 8),
         ("rademacher", 108, 6),
     ],
@@ -214,9 +232,10 @@ def test_a_map_is_made_of_no_more_cells_than_can_be_matched() -> None:
 def test_parts_have_sixteen_codes_at_least_and_whole_pairs(
     family: Any, codes: int, parts: int
 ) -> None:
-    request = CaptureRequest(goal="indirect", codes=codes, family=family, parts="auto")
+    request = CaptureRequest(goal="indirect", codes=codes, family=family, pilot=0)
     found = resolve_defaults(request, Config(), GRID, camera())
     assert found.request.parts == parts
+    assert (found.request.codes or 128) <= codes
     assert replace(found).otherwise is None
 
 

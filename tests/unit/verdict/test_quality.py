@@ -80,28 +80,24 @@ def test_an_answer_below_its_noise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "sure", "grade"),
-    [
-        (0.2, True, []), (0.5, True, [DOUBTFUL]), (0.8, True, [BAD]), (3.0, True, [BAD]),
-        (0.2, False, []), (0.5, False, [DOUBTFUL]), (3.0, False, [DOUBTFUL]),
-    ],
-)  # fmt: skip
-def test_an_answer_below_its_error_bars(share: float, sure: bool, grade: list[Grade]) -> None:
+    ("share", "grade"), [(0.2, []), (0.5, [DOUBTFUL]), (0.8, [BAD]), (3.0, [BAD])]
+)
+def test_an_answer_below_its_error_bars(share: float, grade: list[Grade]) -> None:
     """0.8 of what the picture shows is 1.33 of what is left of it without the error."""
     image = np.ones((1000, 3))
-    found = list(error_of(image, share * image, 0.01 * image, 1000, sure))
+    found = list(error_of(image, share * image, 0.01 * image, 1000))
     assert grades(found) == grade
     assert all(("all that it shows" in f.text) == (share > 1.0) for f in found)
     # What the sensor's noise explains was said of the sensor.
-    assert grades(error_of(image, share * image, share * image, 1000, sure)) == []
+    assert grades(error_of(image, share * image, share * image, 1000)) == []
 
 
 def test_an_error_in_few_places_is_less_sure() -> None:
     image, sigma = np.ones((1000, 3)), np.zeros((1000, 3))
     sigma[:20] = 0.25 * np.sqrt(50.0)
-    assert grades(error_of(image, sigma, 0.0 * image, 1000, True)) == [DOUBTFUL]
+    assert grades(error_of(image, sigma, 0.0 * image, 1000)) == [DOUBTFUL]
     even = np.full((1000, 3), 0.25)
-    assert grades(error_of(image, even, 0.0 * image, 1000, True)) == []
+    assert grades(error_of(image, even, 0.0 * image, 1000)) == []
 
 
 @pytest.mark.parametrize(("error", "grade"), [(0.05, []), (0.3, [DOUBTFUL]), (20.0, [BAD])])
@@ -205,9 +201,23 @@ def test_light_that_comes_whatever_is_shown_of_a_slice(share: float, told: bool)
         assert "entries of T are without it" in found[0].text
 
 
-def test_a_modelled_sigma_is_a_remark() -> None:
-    assert grades(answer.sigma_of("modelled")) == [Grade.REMARK]
-    assert grades(answer.sigma_of("measured")) == []
+@pytest.mark.parametrize(
+    ("codes", "grade", "advice"),
+    [
+        (16, [DOUBTFUL], "take 80 codes or more"),
+        (64, [DOUBTFUL], "take 80 codes or more"),
+        (96, [DOUBTFUL], "take --parts 4"),
+        (128, [Grade.REMARK], "take --parts 4"),
+        (10**6, [], ""),
+    ],
+)
+def test_codes_that_nothing_measured_are_told(codes: int, grade: list[Grade], advice: str) -> None:
+    """One path in each point errs by 1 / sqrt(K) of the light; 16 codes once erred by 22.7 %."""
+    found = list(answer.codes_unknown(codes**-0.5, codes))
+    assert grades(found) == grade
+    for one in found:
+        assert one.text.startswith("codes are not in the error bar") and advice in one.text
+        assert f"off by {100.0 * codes**-0.5:.3g} % (RMS, limit 10 %)" in one.text
 
 
 def test_times_of_an_exposure_that_disagree_are_doubtful() -> None:

@@ -40,7 +40,8 @@ def test_the_limits_are_those_of_the_manual() -> None:
     """The table of docs/quality.md."""
     assert dataclasses.asdict(Limits()) == {
         "saturated": (0.002, 0.05), "noise": (0.3, 1.0), "noisy_shot": (0.3, 1.0), "dark": 5.0,
-        "error": (0.3, 1.0), "modelled": 0.5, "below": (0.15, 1.0), "unsure": (0.5, 0.9),
+        "error": (0.3, 1.0), "unmeasured": 0.1, "exact": 0.003, "below": (0.15, 1.0),
+        "unsure": (0.5, 0.9),
         "stray": (0.25, 1.0), "room": (0.1, 1.0), "changed": 0.05, "beyond": 0.06,
         "left": (0.05, 0.3), "torn": (0.1, 0.5), "outside": 0.25,
         "direct": 0.15, "inverted": -0.2,

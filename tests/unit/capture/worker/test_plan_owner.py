@@ -351,8 +351,8 @@ def test_a_dark_photo_that_was_spoilt_ends_the_look_and_not_the_run(
     ("kind", "sigma", "last", "enough", "ends"),
     [
         ("measured", 0.1, False, True, True), ("measured", 0.11, False, False, False),
-        ("measured", 0.05, True, False, True), ("modelled", 0.05, False, False, False),
-        ("modelled", 0.0432, True, False, False), ("measured", np.inf, True, False, False),
+        ("measured", 0.05, True, False, True), ("sensor", 0.05, False, False, False),
+        ("sensor", 0.0432, True, False, False), ("measured", np.inf, True, False, False),
     ],
 )  # fmt: skip
 def test_only_a_spread_that_is_small_enough_ends_a_run(

@@ -16,7 +16,6 @@ from pdcd.codes.pilot.scene_light import (
     check_photos,
     direct_light,
     projections,
-    sharp_squares,
     signs,
 )
 from pdcd.errors import ConfigError
@@ -64,26 +63,6 @@ def test_sharpness_is_what_is_left_beside_direct_light(sigma: float) -> None:
     assert sharpness(codes, photos, sigma=sigma) == pytest.approx(wanted)
     loud = sharpness(codes, photos, sigma=9.0)
     assert loud == 0.0 == sharpness(codes, np.zeros((4, N)))
-
-
-@pytest.mark.parametrize("spread", [0.0, 0.01])
-def test_squares_of_sharp_light_are_means_over_nine_cells(spread: float) -> None:
-    codes = pilot_codes(GRID, 4, seed=3)
-    photos = shown(codes, scene(2))[..., None] * np.array([1.0, 0.5])
-    paths = np.zeros_like(photos)
-    paths[..., 1] = 0.1 * codes
-    sigma = np.full(photos.shape, spread)
-    found = sharp_squares(codes, photos, GRID, sigma=sigma, paths=paths)
-    h = np.where(codes, 1.0, -1.0)
-    for channel in range(2):
-        series = photos[..., channel] - paths[..., channel]
-        z = 2.0 * (series - series.mean(axis=0))
-        square = ((z - h * (h * z).mean(axis=0)) ** 2).sum(axis=0) / 2.0 - 4.0 * spread**2
-        padded = np.pad(square.reshape(GRID), 1, mode="edge")
-        means = np.array(
-            [[padded[r : r + 3, c : c + 3].mean() for c in range(GRID[1])] for r in range(GRID[0])]
-        )
-        assert np.allclose(found[:, channel], 0.75 * np.maximum(means, 0.0).ravel())
 
 
 @pytest.mark.parametrize("chunk", [2**22, 7, 1])

@@ -103,7 +103,7 @@ def test_a_page_has_room_for_so_much() -> None:
 
 def barred(level: float, sigma: float, frame: tuple[int, int]) -> Barred:
     error = np.full((*frame, 3), sigma, np.float32)
-    return Barred(np.full((*frame, 3), level), error, error, 0.0 * error, "modelled")
+    return Barred(np.full((*frame, 3), level), error, error, 0.0 * error, "sensor")
 
 
 def test_brightness_of_a_page_is_told_by_picture() -> None:

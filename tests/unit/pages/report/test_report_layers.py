@@ -35,7 +35,7 @@ def noisy(frame: tuple[int, int], seed: int, code: float = 0.0) -> Barred:
     sensor = (0.01 * np.sqrt(light)).astype(np.float32)
     image = light + sensor * rng.standard_normal(light.shape)
     error = np.full(light.shape, code, np.float32)
-    return Barred(image, np.hypot(sensor, error), sensor, error, "modelled")
+    return Barred(image, np.hypot(sensor, error), sensor, error, "sensor")
 
 
 @pytest.mark.long
@@ -71,7 +71,7 @@ def flat(colour: tuple[float, float, float], patch: tuple[float, float, float]) 
     image = np.ones((40, 60, 3)) * colour
     image[:20, :30] = patch
     sigma = np.full(image.shape, 1e-3, np.float32)
-    return Barred(image, sigma, sigma, 0.0 * sigma, "modelled")
+    return Barred(image, sigma, sigma, 0.0 * sigma, "sensor")
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ def pictures(count: int, frame: tuple[int, int] = (4, 6)) -> dict[str, Barred]:
     for n in range(count):
         error = np.full((*frame, 3), 0.5, np.float32)
         image = 100.0 + 10.0 * n + rng.random((*frame, 3))
-        made[f"p{n}"] = Barred(image, error, error, 0.0 * error, "modelled")
+        made[f"p{n}"] = Barred(image, error, error, 0.0 * error, "sensor")
     return made
 
 

@@ -81,7 +81,7 @@ def test_figures_of_a_wrong_kind_are_shown_as_they_are() -> None:
 
 def test_kinds_of_error_bars_are_told_in_words() -> None:
     words = [
-        dict(figures(manifest(), material(kind=k)))["error bars"] for k in ("measured", "modelled")
+        dict(figures(manifest(), material(kind=k)))["error bars"] for k in ("measured", "sensor")
     ]
     assert words[0] != words[1] and "measured" in words[0]
 
@@ -232,10 +232,10 @@ def test_the_note_below_the_pictures_says_what_they_are(
     fields: dict[str, Any], made: dict[str, Any], there: str, not_there: str
 ) -> None:
     layers = SimpleNamespace(**({"quads": 1.0, "left_out": (), "data": []} | made))
-    for kind in ("modelled", "measured"):
+    for kind in ("sensor", "measured"):
         told = page._pictures_note(manifest(**fields), material(layers=layers, kind=kind))
         assert there in told and not_there not in told
-        assert ("mostly too large" in told) == (kind == "modelled")
+        assert ("What the codes err is not in it" in told) == (kind == "sensor")
 
 
 def test_data_ends_no_element_and_has_no_value_that_is_no_number() -> None:
