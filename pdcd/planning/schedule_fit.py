@@ -5,16 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
-from pdcd.panels.schedule import SLOTS, slot_rows
-from pdcd.probing.pulses import Answer, Kept, kept_apart
+from pdcd.probing.pulses import Answer, kept_apart
 from pdcd.protocol.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
-
-Floats = NDArray[np.float64]
 
 RANGES = ("long-range", "short-range")
 """Goals of light by its range."""
@@ -27,10 +23,10 @@ QUIET = 0.005
 FAR_QUIET = 0.0005
 """The same for far light: each of its paths shines through the mask in so few codes that what is
 left of one code in the next counts a hundred times as much."""
-BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "both", "tail", "full", "wide")
-"""Schedules of two refreshes, of three and of four."""
-EVEN = 0.01
-"""By which share light from some rows may be less than that from others."""
+BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "full", "wide")
+"""Schedules of two refreshes, of three and of four under which the projector is always lit: light
+from all rows counts alike then, whenever these are set, of which a calibration tells no more than
+the difference between both panels."""
 
 
 def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
@@ -124,41 +120,22 @@ def times_measured(config: Config) -> bool:
 
 def quietest(config: Config, mask_lag_s: float | None, quiet: float = QUIET) -> ScheduleName:
     """The schedule of the fewest refreshes that lets no more than `quiet` of a code's light into
-    its neighbours; where none does, the best for its time.
-
-    All light counts alike under it, whichever rows it comes from.
+    its neighbours; where none does, the best.
 
     Where the lag is not known, as `choose_schedule` has it.
     """
     if mask_lag_s is None:
         return choose_schedule("auto", *lag_rows(config, mask_lag_s))
-    even = [name for name in BY_COST if _is_even(config, name, mask_lag_s)]
-    leaks = {name: schedule_leak(config, name, mask_lag_s) for name in even}
-    fitting = [name for name in even if leaks[name] <= quiet]
-    return fitting[0] if fitting else min(even, key=lambda name: leaks[name] * slot_rows(name))
+    leaks = {name: schedule_leak(config, name, mask_lag_s) for name in BY_COST}
+    fitting = [name for name in BY_COST if leaks[name] <= quiet]
+    return fitting[0] if fitting else min(BY_COST, key=lambda name: leaks[name])
 
 
 def schedule_leak(config: Config, schedule: ScheduleName, mask_lag_s: float) -> float:
     """Light of a code in its neighbours under a schedule, over its own, at the worst row."""
-    lags_s = mask_lag_s + np.array(lag_by_rows_s(config))
-    return max(kept.leak for kept in _keep_apart(config, schedule, lags_s))
-
-
-def _is_even(config: Config, schedule: ScheduleName, mask_lag_s: float) -> bool:
-    """Whether light from all rows of the projector gets through all rows of the mask alike, that
-    of other codes included. Under a projector that is always lit it does."""
-    if all(SLOTS[schedule][0]):
-        return True
-    ends_s = [sorted((0.0, abs(p.scan_s))) for p in (config.projector, config.mask)]
-    low_s, high_s = ends_s[1][0] - ends_s[0][1], ends_s[1][1] - ends_s[0][0]
-    if low_s == high_s:
-        return True
-    lags_s = mask_lag_s + np.linspace(low_s, high_s, FIELD_POINTS)
-    light = [kept.light * (1.0 + kept.leak) for kept in _keep_apart(config, schedule, lags_s)]
-    return min(light) > (1.0 - EVEN) * max(light)
-
-
-def _keep_apart(config: Config, schedule: ScheduleName, lags_s: Floats) -> list[Kept]:
-    """How a schedule keeps codes apart where the mask follows by each of some times."""
     projector, mask = (Answer(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
-    return [kept_apart(schedule, projector, mask, lag, 1.0 / config.row_hz) for lag in lags_s]
+    worst = 0.0
+    for row_s in lag_by_rows_s(config):
+        kept = kept_apart(schedule, projector, mask, mask_lag_s + row_s, 1.0 / config.row_hz)
+        worst = max(worst, kept.leak)
+    return worst

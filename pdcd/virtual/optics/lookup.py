@@ -18,7 +18,7 @@ from pdcd.panels.frames import Frames
 from pdcd.panels.patterns import bytes_of
 from pdcd.virtual.optics.products import Pairs
 from pdcd.virtual.optics.setting import Setting
-from pdcd.virtual.optics.sights import CellGrid, Looks, pixels
+from pdcd.virtual.optics.sights import CellGrid, Looks, values_of
 from pdcd.virtual.scene.texture import sampled
 
 Floats = NDArray[np.float64]
@@ -82,14 +82,14 @@ def rendered(
     image = np.empty((rows, cols, 3))
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
-        before = pixels(whole.mask, *looks.on_mask(chunk), missing=whole.beside)
+        before = values_of(whole.mask, looks.mask_pixels(chunk), missing=whole.beside)
         light = np.zeros((x.size, colours))
         for number, tap in enumerate(setting.taps):
-            at = looks.on_projector(chunk, number)
-            behind = pixels(whole.projector, *at, missing=unlit)
+            at = looks.lit_pixels(chunk, number)
+            behind = values_of(whole.projector, at, missing=unlit)
             lit = seconds[before, behind] * tap.share
             if whole.uneven is not None:
-                lit *= pixels(whole.uneven, *at, missing=0.0)
+                lit *= values_of(whole.uneven, at, missing=0.0)
             places = np.stack([x + tap.offset[0], y + tap.offset[1]], axis=-1)
             here = _Here.of(cells, places)
             direct = lit[:, None] * here.mean(reflected)

@@ -6,7 +6,7 @@ sights. A geometry is looked at once for each way of driving the panels, and ser
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from math import gcd
@@ -31,6 +31,8 @@ one side of it on both panels, whatever is rounded; far less than what any detai
 CHUNK_SAMPLES = 1 << 16
 """Samples that are looked at together: few enough that their numbers stay in the processor's cache.
 """
+KEPT_BYTES = 1 << 27
+"""Of numbers of pixels that are kept from photo to photo, as nothing moves between them."""
 SCATTER = PLASTIC**2, PLASTIC
 """Steps that fill a plane evenly: powers, below 1, of the root of x^3 = x + 1."""
 NOWHERE = -1
@@ -170,6 +172,8 @@ class Looks:
         self._mask = Raster(lambda points: setting.on_mask(to_field(points)), x, y)
         self._lit = [Raster(partial(_behind, setting, tap.offset), x, y) for tap in setting.taps]
         self._step = max(1, CHUNK_SAMPLES // (cols * per_quad**2))
+        self._kept: dict[tuple[tuple[int, int], int | None], NDArray[np.int32]] = {}
+        self._room_bytes = KEPT_BYTES
 
     def chunks(self) -> Iterator[tuple[int, int]]:
         """First and past-the-last row of quads of each chunk."""
@@ -195,6 +199,33 @@ class Looks:
         points = np.stack(self.on_field(chunk), axis=-1) + self._setting.taps[tap].offset
         across, down = self._setting.on_projector(self._away.of(points)).T
         return across, down
+
+    def mask_pixels(self, chunk: tuple[int, int]) -> NDArray[np.int32]:
+        """Number of the mask's pixel that each of a chunk's samples lies in, `NOWHERE` beside it:
+        (n,), as all that is kept from photo to photo."""
+        width, height = self._setting.true.mask.size_px
+        return self._keep(
+            (chunk, None), lambda: number_pixels((height, width), *self.on_mask(chunk))
+        )
+
+    def lit_pixels(self, chunk: tuple[int, int], tap: int) -> NDArray[np.int32]:
+        """The same of the projector's pixels that a tap takes."""
+        width, height = self._setting.true.projector.size_px
+        return self._keep(
+            (chunk, tap), lambda: number_pixels((height, width), *self.on_projector(chunk, tap))
+        )
+
+    def _keep(
+        self, key: tuple[tuple[int, int], int | None], find: Callable[[], NDArray[np.int32]]
+    ) -> NDArray[np.int32]:
+        """What was found before under a key; found, and kept while there is room for more."""
+        kept = self._kept.get(key)
+        if kept is None:
+            kept = find()
+            if self._room_bytes >= kept.nbytes:
+                self._room_bytes -= kept.nbytes
+                self._kept[key] = kept
+        return kept
 
     def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
         first, end = (row * self._setting.samples for row in chunk)
@@ -307,7 +338,13 @@ def changes(first: NDArray[np.int32], *others: NDArray[np.int32]) -> NDArray[np.
 
 def pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> NDArray[_Kind]:
     """Values of the pixels that points (n,) lie in; `missing` beside the device, and for NaN."""
-    height, width = image.shape
+    return values_of(image, number_pixels(image.shape, x, y), missing=missing)
+
+
+def number_pixels(shape: tuple[int, ...], x: Floats, y: Floats) -> NDArray[np.int32]:
+    """Numbers of the pixels, row by row, that points (n,) lie in; `NOWHERE` beside them, and for
+    NaN."""
+    height, width = shape
     with np.errstate(invalid="ignore"):
         inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
     whole = bool(inside.all())
@@ -316,7 +353,15 @@ def pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> ND
     place = y.astype(np.int32)
     place *= width
     place += x.astype(np.int32)
-    found = np.asarray(image.take(place, mode="clip"))  # none is clipped: it is the quickest mode
     if not whole:
-        found[~inside] = missing
+        place[~inside] = NOWHERE
+    return place
+
+
+def values_of(image: NDArray[_Kind], place: NDArray[np.int32], *, missing: float) -> NDArray[_Kind]:
+    """Values of pixels by their numbers, `missing` where there is none."""
+    found = np.asarray(image.take(place, mode="clip"))  # the quickest mode
+    nowhere = place < 0
+    if nowhere.any():
+        found[nowhere] = missing
     return found
