@@ -107,9 +107,8 @@ def test_the_quietest_schedule_goes_by_rise_fall_and_lag() -> None:
     swift = config(projector=quick, mask=quick)
     assert quietest(swift, 0.004) == "lag" and quietest(swift, -0.004) == "lead"
     slow = config(projector=quick, mask={"rise_s": 0.004, "fall_s": 0.009})
-    leaks = {name: schedule_leak(slow, name, 0.004) for name in SLOTS if name != "wide"}
-    assert quietest(slow, 0.004) == min(leaks, key=lambda name: leaks[name]) == "tail"
-    assert schedule_leak(slow, "wide", 0.004) > 0.75 * leaks["tail"]  # for a third more time
+    leaks = {name: schedule_leak(slow, name, 0.004) for name in SLOTS}
+    assert quietest(slow, 0.004) == min(leaks, key=lambda name: leaks[name]) == "wide"
 
 
 def test_panels_set_from_opposite_ends_take_longer_guards() -> None:
@@ -124,20 +123,18 @@ def test_panels_set_from_opposite_ends_take_longer_guards() -> None:
     assert schedule_leak(against, "wide", 0.005) < 0.005
 
 
-def test_light_of_rows_that_are_set_at_other_times_counts_in_full() -> None:
-    """A black projector between codes would meet a mask that is open for light of other rows."""
-    quick = {"rise_s": 1e-3, "fall_s": 1e-3}
-    at_once = config(projector=quick, mask=quick | {"fall_s": 3e-3})
-    assert quietest(at_once, 0.0) == "both"
-    by_rows = config(
-        projector=quick | {"scan_s": 0.015}, mask=quick | {"fall_s": 3e-3, "scan_s": 0.015}
-    )
-    assert quietest(by_rows, 0.0) == "full"
+@pytest.mark.parametrize("scan_s", [0.0, 0.015])
+def test_light_of_rows_that_are_set_at_other_times_counts_in_full(scan_s: float) -> None:
+    """A black projector between codes would meet a mask that is open for light of other rows, which
+    a calibration by the difference of both panels cannot rule out."""
+    times = {"rise_s": 1e-3, "fall_s": 3e-3, "scan_s": scan_s}
+    found = quietest(config(projector=times, mask=times), 0.0)
+    assert all(SLOTS[found][0])
 
 
 @pytest.mark.parametrize(
     ("fall_s", "indirect", "far"),
-    [(0.0008, "lag", "lag"), (0.0032, "lag", "tail"), (0.006, "tail", "tail")],
+    [(0.0008, "lag", "lag"), (0.0032, "lag", "wide"), (0.006, "wide", "wide")],
 )
 def test_far_light_wants_codes_kept_apart_ten_times_as_well(
     fall_s: float, indirect: str, far: str
