@@ -240,7 +240,7 @@ def _elsewhere(seen: Evidence, record: RunRecord) -> Iterator[Finding]:
             light = seen.inside(seen.pictures["direct"].image) / (1.0 - lost.mean)
         share = lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer_rms
     yield from misplaced.unseen(look, measured=misplaced.is_measured(record))
-    yield from misplaced.mask_elsewhere(look, record.mask, size_px, lost, share)
+    yield from misplaced.mask_elsewhere(look, record.mask, size_px, lost, share, cell_px(record))
     beside = None if record.cells is None else beside_mask(record, record.cells)
     if beside is not None and beside.any():
         yield from misplaced.beside(beside, seen.field, seen.answer.image, seen.thin.step)

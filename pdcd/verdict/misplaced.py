@@ -66,17 +66,21 @@ def mask_elsewhere(
     size_px: tuple[int, int],
     lost: Lost,
     share: float,
+    side_px: float,
     limits: Limits = LIMITS,
 ) -> Iterator[Finding]:
     """The mask's picture against the projector's.
 
     size_px : (width, height) of the field in projector pixels. share : RMS of that over the RMS of
-        the answer.
+        the answer. side_px : of the cells; a mask that lies a quarter of one elsewhere opened at
+        other quads than these are divided by, of all light alike.
     """
     if look.mask is None:
         return
     lie = lie_of(look.mask, size_px, known_px(mask))
     grade = graded(share, limits.misplaced)
+    if lie.median_px >= 0.25 * side_px:
+        grade = max(grade, Grade.DOUBTFUL)
     if lie.flip != "none" or (lost.mean >= HOPELESS and look.direct > HARDLY):
         grade = Grade.BAD
     if not grade:
@@ -86,7 +90,8 @@ def mask_elsewhere(
         grade,
         f"the mask's picture {_lies(lie)} [mask.place] says: {what} of the direct light goes "
         f"through wrong cells, {percent(share)} of the answer (limit "
-        f"{percent(limits.misplaced[0])}); {_mend('mask', mask.place, lie)}",
+        f"{percent(limits.misplaced[0])}), and a quarter of a cell is {0.25 * side_px:.3g} px; "
+        f"{_mend('mask', mask.place, lie)}",
     )
 
 
@@ -193,7 +198,7 @@ def told(record: RunRecord, window: str) -> list[str]:
     size_px, lost = record.projector.field_size_px, direct_lost(record, window)
     share = share_of(look.direct, lost.rms)
     found += unseen(look, measured=is_measured(record))
-    found += mask_elsewhere(look, record.mask, size_px, lost, share)
+    found += mask_elsewhere(look, record.mask, size_px, lost, share, cell_px(record))
     found += camera_elsewhere(look, record.camera_place, size_px, cell_px(record))
     return [finding.text for finding in found]
 

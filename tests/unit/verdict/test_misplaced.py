@@ -27,7 +27,7 @@ def look(mask: Six | None = None, camera: Six | None = None, *, seen: bool = Tru
 def test_a_mask_counts_by_what_it_does_to_the_answer(share: float, grade: Grade | None) -> None:
     moved = look((1.0, 0.0, 24.0, 0.0, 1.0, -3.0))
     mask = PanelConfig(size_px=(1600, 1200), place=Placing(offset_px=(1.0, 1.0)))
-    found = list(mask_elsewhere(moved, mask, SIZE, Lost(0.1, 0.2), share))
+    found = list(mask_elsewhere(moved, mask, SIZE, Lost(0.1, 0.2), share, 100.0))
     assert [one.grade for one in found] == ([] if grade is None else [grade])
     for one in found:
         assert "24.0 px right and 3.0 px up" in one.text
@@ -37,10 +37,22 @@ def test_a_mask_counts_by_what_it_does_to_the_answer(share: float, grade: Grade 
 def test_a_mirrored_mask_and_one_a_cell_off_are_bad_whatever_the_answer_is() -> None:
     mask = PanelConfig(size_px=(1600, 1200))
     mirrored = look((-1.0, 0.0, 1024.0, 0.0, 1.0, 0.0))
-    (one,) = mask_elsewhere(mirrored, mask, SIZE, Lost(1.0, 1.0), 0.0)
+    (one,) = mask_elsewhere(mirrored, mask, SIZE, Lost(1.0, 1.0), 0.0, 16.0)
     assert one.grade == Grade.BAD and 'set flip = "horizontal"' in one.text
     far = look((1.0, 0.0, 40.0, 0.0, 1.0, 0.0))
-    assert [f.grade for f in mask_elsewhere(far, mask, SIZE, Lost(1.0, 1.0), 0.0)] == [Grade.BAD]
+    (one,) = mask_elsewhere(far, mask, SIZE, Lost(1.0, 1.0), 0.0, 16.0)
+    assert one.grade == Grade.BAD
+
+
+@pytest.mark.parametrize(("right", "grades"), [(3.9, []), (4.1, [Grade.DOUBTFUL])])
+def test_a_mask_a_quarter_of_a_cell_off_is_doubtful_whatever_the_answer_is(
+    right: float, grades: list[Grade]
+) -> None:
+    """Direct light loses little to wrong cells, but quads were open at other times."""
+    moved = look((1.0, 0.0, right, 0.0, 1.0, 0.0))
+    mask = PanelConfig(size_px=(1600, 1200))
+    found = list(mask_elsewhere(moved, mask, SIZE, Lost(0.01, 0.02), 0.01, 16.0))
+    assert [one.grade for one in found] == grades
 
 
 def test_blocks_that_are_not_seen_and_a_camera_that_looks_elsewhere_are_doubtful() -> None:
