@@ -26,7 +26,6 @@ Floats = NDArray[np.float64]
 PACKAGE = Path(__file__).resolve().parent / "package"
 GRIDS = ((18, 24), (15, 20), (13, 17), (16, 22))
 """Rows and columns of cells, by seed: those that divide the panels, and others."""
-CODES = 64
 CARD_ALBEDO = 1.0
 """Of the white card of the bench (`scene.Scene.albedo`), as its maker says."""
 STEP_PX = 8
@@ -135,7 +134,7 @@ def _sheet(facts: Facts, folder: Path) -> dict[str, Any]:
         "trigger": {"driver": "foreign", "options": options},
         "camera": {"driver": "foreign", "options": options, "f_number": "auto",
                    "profile": str(folder / "sensor.toml")},
-        "schedule": {"grid": grid_of(facts), "codes": CODES},
+        "schedule": {"grid": grid_of(facts)},
         "calibration": {"card_albedo": CARD_ALBEDO},
         "limits": {"min_free_bytes": 0},
     }  # fmt: skip
