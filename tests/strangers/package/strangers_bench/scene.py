@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-WAYS = 16
-"""Ways of light in stone: as many as a quad has points."""
 TENTS = (3, 4)
 """Rows and columns of tents over the scene."""
 
@@ -60,11 +58,9 @@ class Scene:
         """Single ways of light to points (n, 2), each with its own chance; None: there are none."""
         rng = np.random.default_rng([self._rng_seed, 6])
         if self.name in ("marble", "relief"):
-            # Stone scatters alike at all places: by the same ways, one to a point in turn.
-            way = np.arange(len(points)) % WAYS
-            radius = np.where(way % 2, 0.12, 0.28) * self._size[0]
-            radius = radius * np.sqrt(-np.log((way // 2 + 0.5) / (WAYS // 2)))
-            angle = way * np.pi * (3.0 - np.sqrt(5.0))
+            radius = np.where(rng.random(len(points)) < 0.5, 0.12, 0.28) * self._size[0]
+            radius = radius * np.sqrt(-np.log(rng.uniform(1e-6, 1.0, len(points))))
+            angle = rng.uniform(0.0, 2.0 * np.pi, len(points))
             source = points + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             share = 0.8 if self.name == "marble" else 0.3
             return Strands(np.arange(len(points)), source, np.full(len(points), share))
