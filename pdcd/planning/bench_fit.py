@@ -119,6 +119,9 @@ def window_for(
     panels = panels_of(config)
     if asked == "auto":
         apart_px = _apart_px(config.projector, config.mask, grid)
+        # Of a mask whose place was measured, and not its blur, nobody knows what that lets by.
+        unknown = config.mask.place.map is not None and meeting_of(config) is None
+        taken_out = taken_out and not unknown
         if apart_px and not (taken_out and _apart_share(panels, grid) <= MOST_APART):
             misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):

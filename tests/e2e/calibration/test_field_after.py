@@ -78,7 +78,9 @@ def compare(made: SmallBench, goal: str, field_px: tuple[int, int, int, int]) ->
     assert found.state == known.state == "done", (found.error, known.error)
     errors = [float(one.summary["rms_error_quads"]) for one in (found, known)]  # type: ignore[arg-type]
     assert errors[0] <= max(1.3 * errors[1], errors[1] + 0.003), errors
-    assert found.summary["quality"].verdict == "good"  # type: ignore[union-attr]
+    # A card has no light but direct: what is left of it is all error, which is doubtful.
+    verdict = found.summary["quality"].verdict  # type: ignore[union-attr]
+    assert verdict == "good" if goal == "direct" else verdict != "bad"
     assert "blind_share" not in found.summary
     manifest = read_manifest(Path(str(found.folder)))
     assert manifest.run.projector.field_px == field_px

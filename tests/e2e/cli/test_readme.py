@@ -18,6 +18,7 @@ import pytest
 from pdcd.client import Client, Unreachable
 from pdcd.protocol.request import CaptureRequest
 from tests.places import ROOT
+from tests.tools import program
 
 PATIENCE_S = 60.0
 EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
@@ -154,7 +155,7 @@ def type_lines(environ: dict[str, str], folder: Path, lines: list[str]) -> None:
     pdcd.chmod(0o755)
     (folder / "config").symlink_to(ROOT / "config")
     done = subprocess.run(
-        ["bash", "-c", shell_of(lines)],
+        [program("bash"), "-c", shell_of(lines)],
         cwd=folder, env=environ, stdin=subprocess.DEVNULL, capture_output=True, text=True,
         check=False,
     )  # fmt: skip
@@ -169,6 +170,7 @@ def typed_lines() -> list[str]:
     return [line for line in COMMANDS if not any(line in lines for lines in gone.values())]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(1200)
 def test_the_lines_in_order_on_a_small_bench(environ: dict[str, str], tmp_path: Path) -> None:
     config = tmp_path / ".config" / "pdcd" / "pdcd.toml"
