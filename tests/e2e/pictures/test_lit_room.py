@@ -88,7 +88,7 @@ def test_a_steady_room_is_good_up_to_a_twentieth_of_white(tmp_path: Path, room: 
 
 @pytest.mark.parametrize(
     ("before", "after", "photo"),
-    [(0.0, 0.02, BLACK), (0.0, 0.25, BLACK), (0.02, 0.0, BLACK), (0.2, 0.0, CODED)],
+    [(0.0, 0.02, BLACK), (0.0, 0.15, BLACK), (0.02, 0.0, BLACK), (0.2, 0.0, CODED)],
 )
 def test_a_room_that_is_switched_amid_the_run_is_not_good(
     tmp_path: Path, before: float, after: float, photo: int
