@@ -30,6 +30,7 @@ from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
+from pdcd.words import GuardsName
 from tests import bench_rig
 
 T_S = 1.0 / 60.0
@@ -95,7 +96,8 @@ def test_a_slow_mask_has_closed_before_the_next_code(tmp_path: Path) -> None:
         "projector": PanelConfig(size_px=(1024, 768), rise_s=0.0005, fall_s=0.0005),
     }
     left, light = {}, {}
-    for guards, refreshes in (("full", 24), ("tail", 24), ("auto", 32)):
+    shown: tuple[tuple[GuardsName, int], ...] = (("full", 24), ("tail", 24), ("auto", 32))
+    for guards, refreshes in shown:
         request = CaptureRequest(goal="indirect", codes=8, white=False, guards=guards)
         result = captured(tmp_path / guards, request, **tables)
         left[guards] = direct_left(result)
