@@ -142,6 +142,9 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Found]:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(benches.PACKAGE))
         files = benches.write_bench(facts, folder)
+        # What the step of light would find: colours have factors of their own.
+        told = f"[camera]\nresponsivity_e = {list(facts.responsivity_e)}\n"
+        files["sheet"].write_text(files["sheet"].read_text().replace("[camera]\n", told))
         done = calibrate(files["sheet"], folder, Stands(stands="card"), "geometry", "timing")
         assert done["state"] == "done", done["cause"]
         assert done["passed"]
@@ -159,8 +162,7 @@ def test_a_stranger_is_photographed_as_if_it_were_known(
     true = photograph(files["truth"], folder, facts, known, "indirect", **CODES)
     assert taken["state"] == "done"
     assert taken["verdict"] == "good", taken["reasons"]
-    # Quads at the field's edge are many in so small a frame: a large one is held to 1.3 times.
-    assert taken["error_scaled"] <= max(2.2 * true["error_scaled"], 0.003)
+    assert taken["error_scaled"] <= max(1.3 * true["error_scaled"], 0.003)
 
 
 def test_a_stranger_whose_mask_was_moved_is_not_called_good(
