@@ -7,8 +7,8 @@ from collections.abc import Generator
 import msgspec
 
 from pdcd.bench.tables import Config
-from pdcd.capture.worker.answers import Order, Photo, Spoilt, Taken, Wanted
-from pdcd.capture.worker.exposing import Exposer, Orders
+from pdcd.capture.worker.answers import Order, Spoilt, Taken, Wanted
+from pdcd.capture.worker.exposing import Exposer, Orders, dark_photo_of
 from pdcd.errors import PdcdError
 from pdcd.planning.border_photo import DARK, LIT, BorderFrames
 from pdcd.planning.panel_look import white_shot
@@ -32,26 +32,15 @@ def photograph_borders(
     settings = exposer.settings(f_number)
     for name in (LIT, DARK):
         wanted = Wanted("look", name, shown.frames(name), settings, f_number)
-        taken = yield from orders.expose(wanted)
+        taken = yield from orders.look(wanted)
         if isinstance(taken, Spoilt):
             orders.note(
                 "no photo of the light along the borders of cells, which is worked out from the "
                 f"quads around and errs by more: {taken.message}"
             )
             return None
-        if not isinstance(taken, Photo):
-            raise PdcdError("a photo of the light along borders came as none")
         orders.note(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
-        photos.append(
-            DarkPhoto(
-                raw=taken.raw,
-                sha256=taken.planes[0][1],
-                iso=settings.iso,
-                f_number=f_number,
-                exposure_s=taken.seconds,
-                phase_s=shown.phase_s(name),
-            )
-        )
+        photos.append(dark_photo_of(taken, wanted, shown.phase_s(name)))
     lit, dark = photos
     return BorderPhoto(
         **msgspec.structs.asdict(lit),

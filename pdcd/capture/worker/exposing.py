@@ -13,8 +13,8 @@ import numpy as np
 from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.placed import camera_map
 from pdcd.bench.stops import Stop, light_sigma, stop_of
-from pdcd.capture.worker.answers import Facts, Note, Order, Photo, Taken, Wanted
-from pdcd.errors import ConfigError
+from pdcd.capture.worker.answers import Facts, Note, Order, Photo, Spoilt, Taken, Wanted
+from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.frames import Frames
 from pdcd.planning.metering import (
     MAX_TESTS,
@@ -32,7 +32,7 @@ from pdcd.planning.metering import (
 )
 from pdcd.planning.plan import ShotSequence
 from pdcd.recipes.recipe import Shot
-from pdcd.runs.record import MeterRecord
+from pdcd.runs.record import DarkPhoto, MeterRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
 
@@ -63,6 +63,14 @@ class Orders:
         """To have a photo taken; returns what came of it."""
         return (yield Order(self._noted(), wanted))
 
+    def look(self, wanted: Wanted) -> Generator[Order, Taken, Photo | Spoilt]:
+        """To have a dark photo or one of pixels taken, without which a run goes on: for whoever
+        has to say what follows from one that was spoilt. Raises PdcdError for no answer."""
+        taken = yield from self.expose(wanted)
+        if not isinstance(taken, Photo | Spoilt):
+            raise PdcdError(f"photo {wanted.name} came as none")
+        return taken
+
     def end(self) -> Order:
         """Nothing more is wanted."""
         return Order(self._noted(), done=True)
@@ -70,6 +78,18 @@ class Orders:
     def _noted(self) -> tuple[Note, ...]:
         notes, self._notes = tuple(self._notes), []
         return notes
+
+
+def dark_photo_of(photo: Photo, wanted: Wanted, phase_s: float) -> DarkPhoto:
+    """What a run remembers of such a photo; phase_s : how long each of its states was shown."""
+    return DarkPhoto(
+        raw=photo.raw,
+        sha256=photo.planes[0][1],
+        iso=wanted.settings.iso,
+        f_number=wanted.f_number,
+        exposure_s=photo.seconds,
+        phase_s=phase_s,
+    )
 
 
 @dataclass

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map, panels_of
-from pdcd.capture.worker.answers import Facts, Order, Photo, Spoilt, Taken, Wanted
+from pdcd.capture.worker.answers import Facts, Order, Spoilt, Taken, Wanted
 from pdcd.capture.worker.exposing import Exposer, Orders
-from pdcd.errors import PdcdError
 from pdcd.panels.blocks import TOO_FEW, Blocks
 from pdcd.pictures.misplaced import BlockPhotos, panel_look, quad_px
 from pdcd.planning.panel_look import MASK, PROJECTOR, WHITE, BlockFrames, rows_of, white_shot
@@ -70,11 +69,9 @@ class PanelCheck:
         frames = BlockFrames(self._facts.config, blocks, rows_of(plan)).frames(name)
         f_number = yield from self._exposer.aperture(shot, plan.recipe.shots, plan.sequence)
         settings = self._exposer.settings(f_number)
-        taken = yield from self._orders.expose(Wanted("look", name, frames, settings, f_number))
+        taken = yield from self._orders.look(Wanted("look", name, frames, settings, f_number))
         if isinstance(taken, Spoilt):
             return _nobody_looked(taken.message)
-        if not isinstance(taken, Photo):
-            raise PdcdError("a photo of blocks came as none")
         yield self._orders.tell(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
         return self._read(*taken.planes[0])
 

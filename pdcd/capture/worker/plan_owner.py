@@ -22,14 +22,13 @@ from pdcd.capture.worker.answers import (
     Enough,
     Facts,
     Order,
-    Photo,
     Spoilt,
     Taken,
     Wanted,
     record_of,
     rms_sigma,
 )
-from pdcd.capture.worker.exposing import Exposer, Orders
+from pdcd.capture.worker.exposing import Exposer, Orders, dark_photo_of
 from pdcd.capture.worker.leak_check import AmbientResponse, leaks_in
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import PdcdError, RequestError, disk_errors
@@ -271,20 +270,12 @@ class Course:
         f_number = yield from self._aperture(due.shot)
         settings = self._exposer.settings(f_number)
         wanted = Wanted("dark", name, due.frames(lit=lit), settings, f_number)
-        taken = yield from self._orders.expose(wanted)
+        taken = yield from self._orders.look(wanted)
         if isinstance(taken, Spoilt):
             self._orders.note(f"no look at ambient light and leaks: {taken.message}")
             return None
-        photo = cast(Photo, taken)
-        yield self._orders.tell(MeterRecord(raw=photo.raw, f_number=f_number, peak=None))
-        return DarkPhoto(
-            raw=photo.raw,
-            sha256=photo.planes[0][1],
-            iso=settings.iso,
-            f_number=f_number,
-            exposure_s=photo.seconds,
-            phase_s=due.phase_s,
-        )
+        yield self._orders.tell(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
+        return dark_photo_of(taken, wanted, due.phase_s)
 
     def _stop_leaks(self, leaks: Leaks, dark: DarkPhoto) -> None:
         """Go on with black exposures and what else ambient light calls for, or say why not."""
