@@ -205,22 +205,23 @@ class Rig:
         any other somebody has to do it."""
         self._context.shared.covered = covered
 
-    def mask_lag_s(self) -> float | None:
+    def mask_lag_s(self, *, look: bool = True) -> float | None:
         """Lag of the mask as the display tells it; where it does not, and the mask was measured to
         be late, as it logs some black refreshes. None where nobody knows, or the lag drifts.
 
-        A display that is not open is opened for the question only.
+        A display that is not open is opened for the question only. look : whether a plan depends on
+        it; black refreshes are not shown for a word in its reasons.
         """
         if self.display_info is not None:
-            return self._lag_of(self.display_info)
+            return self._lag_of(self.display_info, look=look)
         try:
-            return self._lag_of(self.display.connect())
+            return self._lag_of(self.display.connect(), look=look)
         finally:
             self.display.disconnect()
 
-    def _lag_of(self, info: DisplayInfo) -> float | None:
+    def _lag_of(self, info: DisplayInfo, *, look: bool) -> float | None:
         skew_s = self.config.mask.skew_s - self.config.projector.skew_s
-        if info.mask_lag_s is not None or not skew_s:
+        if info.mask_lag_s is not None or not (look and skew_s):
             return info.mask_lag_s
         count = BLACK_REFRESHES * self.config.display.planes_per_refresh
         black = build_frames(

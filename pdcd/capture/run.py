@@ -26,6 +26,8 @@ from pdcd.capture.worker.answers import Adopted, Enough, Note, Planned, Taken
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import DeviceLost
+from pdcd.planning.defaults import wants_choice
+from pdcd.planning.schedule_fit import asks_for_lag
 from pdcd.protocol import events
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
@@ -158,9 +160,9 @@ class Run:
         """The plan as asked for, or as a wanted error or time has it."""
         job, rig = self._job, self._rig
         request, given = job.request, dict(job.given)
-        return self._worker.do(
-            job.planning(), Worker.plan, request, given, rig.camera, rig.mask_lag_s()
-        )
+        needs_lag = wants_choice(request) or asks_for_lag(request, self._config)
+        lag_s = rig.mask_lag_s(look=needs_lag)
+        return self._worker.do(job.planning(), Worker.plan, request, given, rig.camera, lag_s)
 
     def _adopt(self, adopted: Adopted) -> None:
         """Write down by what plan the run goes from here on; shots that it does not know are none

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import Panels, panels_from, panels_of, plane_on_field
+from pdcd.bench.placed import panels_from, panels_of, plane_on_field
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError, RequestError
 from pdcd.panels.atoms import cells_shown, check_cells
@@ -122,7 +122,9 @@ def window_for(
         # Of a mask whose place was measured, and not its blur, nobody knows what that lets by.
         unknown = config.mask.place.map is not None and meeting_of(config) is None
         taken_out = taken_out and not unknown
-        if apart_px and not (taken_out and _apart_share(panels, grid) <= MOST_APART):
+        if apart_px and not (
+            taken_out and drawn_apart_share(panels.projector, panels.mask, grid) <= MOST_APART
+        ):
             misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):
         raise ConfigError(
@@ -133,10 +135,6 @@ def window_for(
             f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
         )
     return choose_window(asked, misregistration, blur)
-
-
-def _apart_share(panels: Panels, grid: tuple[int, int]) -> float:
-    return drawn_apart_share(panels.projector, panels.mask, grid)
 
 
 @lru_cache(maxsize=8)
@@ -208,7 +206,7 @@ def reasons_for(
 def border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterator[str]:
     """What follows from cells that do not end with the pixels of both panels."""
     panels = panels_of(config)
-    apart = _apart_share(panels, grid)
+    apart = drawn_apart_share(panels.projector, panels.mask, grid)
     if apart <= WHOLE_CELL_LIMIT:
         return
     if window == "whole":
