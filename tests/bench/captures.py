@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import msgspec
 
@@ -107,6 +108,17 @@ def opened(config: Config) -> Iterator[Engine]:
         yield engine
     finally:
         engine.stop()
+
+
+def take_one(config: Config, **fields: Any) -> tuple[Engine, CaptureResult, Path]:
+    """A capture, of indirect light unless `fields` name another goal, with its folder, and the
+    engine that took it. Raises RuntimeError where it fails."""
+    with opened(config) as engine:
+        request = CaptureRequest(**{"goal": "indirect", **fields})
+        result = engine.capture(request, job="job", emit=lambda _: None, cancelled=lambda: False)
+    if result.state != "done" or result.folder is None:
+        raise RuntimeError(str(result.error))
+    return engine, result, Path(result.folder)
 
 
 def capture_with(

@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
-from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest
 from tests import world
+from tests.bench.captures import take_one
 from tests.places import DATA
 
 MATRICES = ("corner", "mirror")
@@ -57,17 +56,11 @@ def bench(name: str, grid: tuple[int, int], seed: int, folder: Path, **camera: A
 
 def take(config: Config, **fields: Any) -> Found:
     """Capture indirect light and hold it against the truth. Raises RuntimeError where it fails."""
-    engine = Engine.from_config(config)
-    engine.start()
-    try:
-        request = CaptureRequest(goal="indirect", **fields)
-        result = engine.capture(request, job="job", emit=lambda _: None, cancelled=lambda: False)
-    finally:
-        engine.stop()
+    engine, result, folder = take_one(config, **fields)
     scene = engine._rig.scene
-    if result.state != "done" or result.folder is None or scene is None:
-        raise RuntimeError(str(result.error))
-    with np.load(Path(result.folder) / "probe.npz", allow_pickle=False) as data:
+    if scene is None:
+        raise RuntimeError("the bench has no scene to compare with")
+    with np.load(folder / "probe.npz", allow_pickle=False) as data:
         image, sigma, sensor = (data[k] for k in ("image", "sigma", "sigma_sensor"))
         kind = str(data["sigma_kind"])
     truth = scene.split()[1].reshape(image.shape)

@@ -23,13 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
-from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.truth import read_truth
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.verify import whole_manifest
 from tests import world
+from tests.bench.captures import take_one
 from tests.bench.error_bars import SCENES as FEW
 from tests.bench.error_bars import bench
 from tests.bench.placed import anywhere
@@ -112,16 +111,7 @@ class Found:
 def take(config: Config, **fields: Any) -> tuple[Found, Found]:
     """Capture indirect light: all known quads, and those that see more than one cell. Raises
     RuntimeError where it fails."""
-    engine = Engine.from_config(config)
-    engine.start()
-    try:
-        request = CaptureRequest(**{"goal": "indirect", **fields})
-        result = engine.capture(request, job="job", emit=lambda _: None, cancelled=lambda: False)
-    finally:
-        engine.stop()
-    if result.state != "done" or result.folder is None:
-        raise RuntimeError(str(result.error))
-    folder = Path(result.folder)
+    _, _, folder = take_one(config, **fields)
     decoded = Darkroom(folder, whole_manifest(folder).run).decoded()
     truth, seen = read_truth(folder, decoded.cells).on_quads(decoded.cells)
     picture = decoded.answer

@@ -23,12 +23,11 @@ from typing import Any
 import numpy as np
 
 from pdcd.bench.tables import Config
-from pdcd.capture.engine import Engine
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.truth import read_truth
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.verify import whole_manifest
 from tests import world
+from tests.bench.captures import take_one
 from tests.bench.error_bars import MATRICES, bench
 
 PRESETS = (
@@ -64,16 +63,7 @@ class Taken:
 
 def take(config: Config, **fields: Any) -> Taken:
     """Capture indirect light. Raises RuntimeError where it fails."""
-    engine = Engine.from_config(config)
-    engine.start()
-    try:
-        request = CaptureRequest(goal="indirect", **fields)
-        result = engine.capture(request, job="job", emit=lambda _: None, cancelled=lambda: False)
-    finally:
-        engine.stop()
-    if result.state != "done" or result.folder is None:
-        raise RuntimeError(str(result.error))
-    folder = Path(result.folder)
+    _, result, folder = take_one(config, **fields)
     record = whole_manifest(folder).run
     decoded = Darkroom(folder, record).decoded()
     truth, seen = read_truth(folder, decoded.cells).on_quads(decoded.cells)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import panels_from
+from pdcd.bench.placed import Panels, panels_from
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
@@ -60,6 +60,14 @@ def realised_of(strips: tuple[Strips, ...]) -> Factors:
     return Factors(left, right, np.zeros(N), np.ones(N), apart=strips)
 
 
+def light_between(panels: Panels, cells: CellMap, weight_s: float) -> tuple[Factors, BorderLight]:
+    """A matrix for the strips of these panels, and their light in a photo of that weight."""
+    realised = realised_of(find_strips(panels.projector, panels.mask, GRID, 4))
+    light = BorderLight.of(realised, Weights(np.array(weight_s), None), cells)
+    assert light is not None
+    return realised, light
+
+
 def leak_of(realised: Factors, lit: Any, opened: Any, direct: Floats | float) -> Floats:
     """What gets into each quad, (h, w): direct light is given at all points."""
     pairs = realised.left.T @ realised.right
@@ -75,10 +83,7 @@ def test_each_quad_has_what_the_pixels_let_through(
     mask: dict[str, Any], frame: tuple[int, int]
 ) -> None:
     panels, cells, lit, opened = setting_of(mask, frame)
-    strips = find_strips(panels.projector, panels.mask, GRID, 4)
-    realised = realised_of(strips)
-    light = BorderLight.of(realised, Weights(np.array(2.0), None), cells)
-    assert light is not None
+    realised, light = light_between(panels, cells, 2.0)
     wanted = leak_of(realised, lit, opened, 1.0) / 2.0
     found = light.share()
     assert wanted.max() > 0.01
@@ -107,10 +112,7 @@ def of_quads(image: Floats) -> Floats:
 def test_indirect_light_is_what_is_left(mask: dict[str, Any]) -> None:
     frame = CAMERAS[0]
     panels, cells, lit, opened = setting_of(mask, frame)
-    strips = find_strips(panels.projector, panels.mask, GRID, 4)
-    realised = realised_of(strips)
-    light = BorderLight.of(realised, Weights(np.array(1.0), None), cells)
-    assert light is not None
+    realised, light = light_between(panels, cells, 1.0)
     slant, wandered = slants(frame)
     direct, indirect = of_quads(slant), of_quads(wandered)
     leak = np.repeat(leak_of(realised, lit, opened, slant)[..., None], 3, axis=2)
@@ -142,10 +144,7 @@ def of_lines(shape: tuple[int, ...], reach: tuple[float, float]) -> Floats:
 def test_a_photo_of_strips_tells_detail_that_no_quad_shows(mask: dict[str, Any]) -> None:
     frame, indirect_in, reach = CAMERAS[0], 0.01, (0.1, 0.1)
     panels, cells, lit, opened = setting_of(mask, frame)
-    strips = find_strips(panels.projector, panels.mask, GRID, 4)
-    realised = realised_of(strips)
-    light = BorderLight.of(realised, Weights(np.array(2.0), None), cells)
-    assert light is not None
+    realised, light = light_between(panels, cells, 2.0)
     slant, wandered = slants(frame)
     # Stripes of five points, an eighth to all of the light: a quad sees twelve of them.
     stripes = np.where(np.add.outer(*map(np.arange, slant.shape)) // 5 % 2, 0.125, 1.0)
@@ -172,9 +171,7 @@ def test_a_photo_of_strips_tells_detail_that_no_quad_shows(mask: dict[str, Any])
 
 def test_what_nobody_knows_of_the_white_photo_stays() -> None:
     panels, cells, _, _ = setting_of(BENCHES[0], CAMERAS[0])
-    realised = realised_of(find_strips(panels.projector, panels.mask, GRID, 4))
-    light = BorderLight.of(realised, Weights(np.array(1.0), None), cells)
-    assert light is not None
+    _, light = light_between(panels, cells, 1.0)
     one = np.ones((*CAMERAS[0], 3))
     blown = one.copy()
     blown[:, 10] = np.inf
