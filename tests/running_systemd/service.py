@@ -26,8 +26,11 @@ f_number = 8.0
 [scene]
 grid = [12, 16]
 """
-LONG = {"goal": "indirect", "codes": 512, "white": False, "window": "whole"}
-"""A capture that is in its exposure for long."""
+LONG = {
+    **{"goal": "indirect", "codes": 512, "white": False, "window": "whole"},
+    **{"pilot": 0, "parts": 1},
+}
+"""A capture whose first exposure is its long one."""
 
 _FAR_END = """
 import signal; signal.signal(signal.SIGPIPE, signal.SIG_DFL)
