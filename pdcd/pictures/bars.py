@@ -173,8 +173,10 @@ def _averaged_borders(
     alike = next(iter(shots.values()))
     light, dark = borders.light, np.zeros(cells.frame, np.bool_)
     photo = Print(light.light, light.variance, dark, alike.realised, {})
-    found = average_shots({"": photo}, cells).shots[""]
-    return replace(borders, light=Ambient(found.light, np.zeros(found.light.shape)))
+    of_near = Print(borders.indirect, light.variance, dark, alike.realised, {})
+    found = average_shots({"": photo, "near": of_near}, cells).shots
+    averaged = Ambient(found[""].light, np.zeros(found[""].light.shape))
+    return replace(borders, light=averaged, indirect=found["near"].light)
 
 
 def _used(recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:

@@ -42,45 +42,40 @@ SEEN_OFF = 0.03
 """The same of light that was photographed, edges and all: by how long panels show it."""
 LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
-BESIDE = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
-"""For how many kinds of strips the parts of a cell are lit: for its own, beside its borders."""
-ACROSS = BESIDE * [[3.0, 1.0, 3.0], [1.0, 0.0, 1.0], [3.0, 1.0, 3.0]]
-"""For how many they are open: for the cells across these borders."""
+LIT = np.ones((5, 5))
+LIT[1:-1, 1:-1] = -1.0
+LIT[2, 2] = 0.0
+"""In which photo the parts of a cell are lit: beside its borders, or (-1) next to these."""
 INDIRECT_OFF = 0.5
-"""Share of the indirect light in a photo of strips that is unsure: it may come from near, or along
-sharp paths."""
+"""Share of the indirect light of the photo beside that is unsure: from nearer more may come."""
 
 
 @dataclass(frozen=True)
 class SeenBorders:
     """What a photo of the strips alone tells (`pdcd.planning.border_photo`).
 
-    light : of each kind of them within a second, of quads. indirect : share of all indirect light
-    that got into it. reach : how far from borders pixels were lit and open, in cells (x, y). leak :
-    what a closed mask lets through of the light of lit pixels.
+    light : of each kind of them within a second, of quads, less the indirect light that got in.
+    indirect : that light, (h, w, C), as the photo has it for which nothing but the pixels next to
+    those beside borders were lit. reach : how far from borders pixels were lit and open, in cells
+    (x, y). leak : what a closed mask lets through of the light of lit pixels.
     """
 
     light: Ambient
-    indirect: float
+    indirect: Floats
     reach: tuple[float, float]
     leak: float = 0.0
 
-    def indirect_share(self, cells: CellMap) -> Floats:
-        """Share of the indirect light of each quad that got in, (h, w): by how much of it was
-        open."""
-        opened = self._of_lines(ACROSS, cells)
-        mean = float(opened[cells.known].mean()) if cells.known.any() else 1.0
-        return np.asarray(self.indirect / max(mean, LEAST_SHARE) * opened)
-
     def leak_share(self, cells: CellMap) -> Floats:
-        """Share of the direct light of each quad that got through the closed mask, (h, w)."""
-        return np.asarray(self.leak * self._of_lines(BESIDE, cells))
+        """Share of the direct light of each quad by which more got through the closed mask in one
+        photo than in the other, (h, w)."""
+        cuts = [_rings(reach) for reach in self.reach[::-1]]
+        return np.asarray(self.leak * cells.gather(np.tile(LIT, cells.grid), (cuts[0], cuts[1])))
 
-    def _of_lines(self, kinds: Floats, cells: CellMap) -> Floats:
-        """For so many kinds, by the parts of a cell, each quad was lit or open, (h, w)."""
-        x, y = (min(reach, 0.49) for reach in self.reach)
-        cuts = (0.0, y, 1.0 - y, 1.0), (0.0, x, 1.0 - x, 1.0)
-        return cells.gather(np.tile(kinds, cells.grid), cuts)
+
+def _rings(reach: float) -> tuple[float, ...]:
+    """Where a cell is cut into what lies beside its borders, next to that, and within."""
+    inner = min(2.0 * reach, 0.499)
+    return 0.0, reach, inner, 1.0 - inner, 1.0 - reach, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +129,9 @@ class BorderLight:
         share = self.share()
         if seen is not None:
             gain = self._gain(share)
-            got_in = (gain * seen.indirect_share(self.cells))[..., None]
             direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
             light = seen.light.light - seen.leak_share(self.cells)[..., None] * direct
-            image = (photo.image - gain[..., None] * light) / (1.0 - got_in)
+            image = photo.image - gain[..., None] * light
             noise = gain[..., None] * np.sqrt(seen.light.variance)
             return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)
@@ -158,10 +152,9 @@ class BorderLight:
         share = self.share()
         if seen is None:
             return self._off(white.image - photo.image, share)
-        gain = self._gain(share)
-        got_in = (gain * seen.indirect_share(self.cells))[..., None]
-        light = gain[..., None] * seen.light.light
-        return np.asarray(np.hypot(SEEN_OFF * light, INDIRECT_OFF * got_in * photo.image))
+        gain = self._gain(share)[..., None]
+        off = np.hypot(SEEN_OFF * seen.light.light, INDIRECT_OFF * seen.indirect)
+        return np.asarray(gain * off)
 
     def _gain(self, share: Floats) -> Floats:
         """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,12 +87,15 @@ def scale_photos(
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         scaled[photo.name] = _scaled(taken, of_quads, added.get(photo.name), outside)
         if _unmixes(photo, white):
-            share = direct_share(weights[photo.name].realised, of_quads, cells)
-            if share is not None:
-                direct[photo.name] = share
-            border = _border_of(weights[photo.name].realised, of_quads, cells)
+            realised = weights[photo.name].realised
+            border = _border_of(realised, of_quads, cells)
             if border is not None:
                 strips[photo.name] = border
+                if borders is not None:  # what blur and misplaced panels let through was seen
+                    realised = replace(realised, coaxial=np.sum(realised.left * realised.right, 0))
+            share = direct_share(realised, of_quads, cells)
+            if share is not None:
+                direct[photo.name] = share
     for name, share in direct.items():
         scaled[name] = take_out_direct(scaled[name], scaled[white[-1]], share)
     for name, border in strips.items():

@@ -273,12 +273,13 @@ class Darkroom:
             return None
         from pdcd.pictures.border_light import SeenBorders  # most benches have no such borders
 
-        frame, dark = self._dark_frame(photo), self.ambient(photo.dark)
+        frame, inner = self._dark_frame(photo), self.ambient(photo.inner)
         lit = self._ambient_of(frame, photo)
         lit.variance[frame.saturated] = np.inf
-        seen = Ambient(lit.light - dark.light, lit.variance + dark.variance)
+        seen = Ambient(lit.light - inner.light, lit.variance + inner.variance)
+        indirect = inner.light - self.ambient(photo.dark).light
         leak = 1.0 / (self._record.mask.contrast or math.inf)
-        return SeenBorders(seen, photo.indirect, photo.reach, leak)
+        return SeenBorders(seen, indirect, photo.reach, leak)
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""

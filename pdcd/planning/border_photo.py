@@ -5,8 +5,11 @@ Where both panels draw the border of a cell in two places, the light of one cell
 mask of the next one (`pdcd.probing.borders`). Here the projector lights the pixels alone that lie
 beside borders, and the mask opens those across, for one cell out of sixteen at a time: what a pixel
 of the one shares with a pixel of the other is a strip then, wherever both panels really lie. So
-each quad tells how bright its strips are, with all detail that they have; little light comes from
-elsewhere.
+each quad tells how bright its strips are, with all detail that they have.
+
+Indirect light gets in, too, most of it from near. As much of it gets into a second photo, for which
+the projector lights the pixels next to those, which share no place with open ones. In a third one
+the projector is black: it tells how much of the second is indirect light.
 """
 
 from __future__ import annotations
@@ -24,19 +27,28 @@ from pdcd.panels.frames import BLACK, PIXELS, Frames
 from pdcd.panels.patterns import pack
 from pdcd.planning.panel_look import rows_of, white_shot
 from pdcd.planning.plan import Plan
-from pdcd.probing.borders import LEAST_APART, BorderPixels, drawn_apart_share, find_border_pixels
+from pdcd.probing.borders import (
+    LEAST_APART,
+    BorderPixels,
+    border_reach,
+    drawn_apart_share,
+    find_border_pixels,
+)
 
 Bits = NDArray[np.bool_]
 
-LIT, DARK = "look-borders", "look-borders-dark"
-"""The photo, and one before a black projector, as their RAW files are called."""
+LIT, INNER, DARK = "look-borders", "look-borders-inner", "look-borders-dark"
+"""The photos, as their RAW files are called."""
 
 LOOK_S = 0.2
 """Time for which strips of each of sixteen kinds are shown, at most."""
-MARGIN_PX = 0.25
-"""Projector pixels by which a panel may lie elsewhere than it is believed to."""
+MARGIN_PX, BLURRED = 0.25, 2.0
+"""Projector pixels by which a panel may lie elsewhere than it is believed to, at least; and how far
+what it shows is spread, over its blur."""
+MOST_REACH = 1.0 / 3.0
+"""Of a cell: pixels next to those beside a border lie beside the border across from there, else."""
 SHORTER = 3
-"""How much shorter the dark photo is: there is little in it that noise could matter to."""
+"""How much shorter the other two are: there is little in them that noise could matter to."""
 
 
 def wanted(plan: Plan, config: Config) -> bool:
@@ -53,7 +65,16 @@ def wanted(plan: Plan, config: Config) -> bool:
     if white_shot(plan) is None or not any(plan.window_of(s) == "whole" for s in through):
         return False
     panels = panels_of(config)
-    return drawn_apart_share(panels.projector, panels.mask, plan.grid) >= LEAST_APART
+    views = panels.projector, panels.mask, plan.grid
+    return (
+        max(border_reach(*views, _margin_px(config))) <= MOST_REACH
+        and drawn_apart_share(*views) >= LEAST_APART
+    )
+
+
+def _margin_px(config: Config) -> float:
+    """Projector pixels beyond the pixels of both panels at which light gets through."""
+    return max(MARGIN_PX, config.rig.misregistration_px) + BLURRED * config.mask.blur_px
 
 
 def due(plan: Plan, taken: Collection[str]) -> bool:
@@ -76,7 +97,7 @@ class BorderFrames:
         """Those of a plan. At the aperture of the white shot the brightest quad gets no more light
         than there, of which strips take the share `widest`."""
         panels = panels_of(config)
-        pixels = find_border_pixels(panels.projector, panels.mask, plan.grid, MARGIN_PX)
+        pixels = find_border_pixels(panels.projector, panels.mask, plan.grid, _margin_px(config))
         pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
         most = max(2, round(LOOK_S * plan.row_hz))
         rows = max(1, min(most, int(rows_of(plan) / max(widest, 1e-6))))
@@ -88,7 +109,7 @@ class BorderFrames:
 
     def frames(self, name: str) -> Frames:
         """Refreshes of a photo."""
-        shown = zip(*self.pixels.of_kinds(), strict=True)
+        shown = zip(*self.pixels.of_kinds(inner=name == INNER), strict=True)
         patterns = [pack(np.stack(kinds).reshape(len(kinds), -1)) for kinds in shown]
         rows = self._rows(name)
         each = np.full((len(patterns[0]), rows + self.pause), BLACK, dtype=np.int32)
@@ -97,7 +118,7 @@ class BorderFrames:
         return Frames(
             primal_patterns=patterns[0],
             dual_patterns=patterns[1],
-            primal_index=index if name == LIT else np.full_like(index, BLACK),
+            primal_index=np.full_like(index, BLACK) if name == DARK else index,
             dual_index=index,
             shift=np.zeros(index.size, dtype=np.uint8),
             code=np.arange(index.size, dtype=np.int32),

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.panels.atoms import NEAR, PER_CELL
 from pdcd.panels.map import Map, PanelView
 
 Floats = NDArray[np.float64]
@@ -48,6 +49,8 @@ LEAST_APART = 1e-4
 APART = 4
 """Rows or columns of cells whose strips are told of together: of neighbours one only, so that no
 pixel sees what it lights itself, and little light comes from elsewhere."""
+ON_EDGE = NEAR / PER_CELL
+"""Cells before a border at which a centre lies on it, as panels draw it."""
 PIECE = 2**11
 """Places that are looked at together."""
 
@@ -183,24 +186,26 @@ class BorderPixels:
     """Pixels of both panels beside borders, which reach into any strip in which the other panel
     shows another cell.
 
-    projector, mask : (height, width) uint16, of which kinds a pixel is, a bit each: of the kind of
-        the cell that it lights, or of those of the cells across the borders that it lies beside.
-        Cells of a kind lie `APART` rows or columns from each other. reach : half width of these
-        lines of pixels, in cells (x, y).
+    projector, inner, mask : (height, width) uint16, of which kinds a pixel is, a bit each: of the
+        kind of the cell that it lights, or of those of the cells across the borders that it lies
+        beside. Cells of a kind lie `APART` rows or columns from each other. `inner` are pixels of
+        the projector that lie next to those beside borders, and reach into no strip. reach : half
+        width of the lines of pixels beside borders, in cells (x, y).
     """
 
     projector: NDArray[np.uint16]
+    inner: NDArray[np.uint16]
     mask: NDArray[np.uint16]
     reach: tuple[float, float]
 
-    def of_kinds(self) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-        """The pixels of projector and mask that are lit and open for strips of each kind."""
+    def of_kinds(
+        self, inner: bool = False
+    ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """The pixels of projector and mask that are lit and open for strips of each kind; `inner`
+        ones of the projector instead."""
+        lit = self.inner if inner else self.projector
         for kind in range(APART**2):
-            yield (self.projector >> kind & 1) > 0, (self.mask >> kind & 1) > 0
-
-    def both_share(self) -> float:
-        """Share of all paths between places of both panels that are lit and seen in some kind."""
-        return sum(float(lit.mean() * opened.mean()) for lit, opened in self.of_kinds())
+            yield (lit >> kind & 1) > 0, (self.mask >> kind & 1) > 0
 
 
 def find_border_pixels(
@@ -212,25 +217,37 @@ def find_border_pixels(
     projector, mask : as they are believed to lie. margin_px : projector pixels by which one of them
     may lie elsewhere.
     """
-    half = [_half_px(view.map, np.ones(2)) for view in (projector, mask)]
-    reach = (half[0] + half[1] + 2.0 * margin_px * half[0]) * grid[::-1]
+    reach = border_reach(projector, mask, grid, margin_px)
     found = [np.zeros(view.size_px[::-1], dtype=np.uint16) for view in (projector, mask)]
+    inner = np.zeros_like(found[0])
     for view, kinds in zip((projector, mask), found, strict=True):
-        place = view.map.centres() * grid[::-1]
+        place = view.map.centres() * grid[::-1] + ON_EDGE
         with np.errstate(invalid="ignore"):
             inside = np.all((place >= 0.0) & (place < grid[::-1]), axis=-1)
         own = np.floor(np.where(inside[..., None], place, 0.0)).astype(np.int64)
         nearest = np.rint(np.where(inside[..., None], place, 0.0))
-        near = inside[..., None] & (np.abs(place - nearest) <= reach)
-        near &= (nearest > 0) & (nearest < grid[::-1])  # beyond the field there is no cell
+        off = np.where(inside[..., None], np.abs(place - nearest), np.inf)
+        off[(nearest <= 0) | (nearest >= grid[::-1])] = np.inf  # beyond the field there is no cell
+        near = off <= reach
         if view is projector:
-            kinds[:] = np.where(near.any(axis=-1), _bit(own), 0)
+            beside = near.any(axis=-1)
+            kinds[:] = np.where(beside, _bit(own), 0)
+            inner[:] = np.where((off <= 2.0 * np.array(reach)).any(axis=-1) & ~beside, _bit(own), 0)
             continue
         beyond = np.where(nearest > own, own + 1, own - 1)
         for across in ((True, False), (False, True), (True, True)):
             cell = np.where(across, beyond, own)
             kinds |= np.where(near[..., across].all(axis=-1), _bit(cell), 0).astype(np.uint16)
-    return BorderPixels(found[0], found[1], (float(reach[0]), float(reach[1])))
+    return BorderPixels(found[0], inner, found[1], reach)
+
+
+def border_reach(
+    projector: PanelView, mask: PanelView, grid: Grid, margin_px: float
+) -> tuple[float, float]:
+    """How far from a border a pixel may lie that reaches into a strip there, in cells (x, y)."""
+    half = [_half_px(view.map, np.ones(2)) for view in (projector, mask)]
+    reach = (half[0] + half[1] + 2.0 * margin_px * half[0]) * grid[::-1]
+    return float(reach[0]), float(reach[1])
 
 
 def _bit(cell: NDArray[np.int64]) -> NDArray[np.uint16]:
@@ -327,7 +344,7 @@ def _turns(
         at[:, axis] = (border + middle) / across
         pixel = np.floor(map_.from_field(at))
         on = np.all((pixel >= 0.0) & (pixel < size), axis=1)
-        behind = map_.to_field(pixel + 0.5)[:, axis] * across >= border
+        behind = map_.to_field(pixel + 0.5)[:, axis] * across + ON_EDGE >= border
         low, high = np.where(behind, low, middle), np.where(behind, middle, high)
         low[~on] = np.nan
     return np.asarray(0.5 * (low + high))
@@ -372,6 +389,6 @@ def _cells(map_: Map, points: Floats, grid: Grid) -> NDArray[np.int64]:
     with np.errstate(invalid="ignore"):
         on = np.all((pixel >= 0.0) & (pixel < (width, height)), axis=1, keepdims=True)
     centre = map_.to_field(np.where(on, pixel, 0.0) + 0.5)
-    cell = np.floor(centre * grid[::-1]).astype(np.int64)
+    cell = np.floor(centre * grid[::-1] + ON_EDGE).astype(np.int64)
     shown = on[:, 0] & np.all((cell >= 0) & (cell < grid[::-1]), axis=1)
     return np.where(shown, cell[:, 1] * grid[1] + cell[:, 0], -1)

@@ -87,10 +87,10 @@ class DarkPhoto(msgspec.Struct, frozen=True, kw_only=True):
 class BorderPhoto(DarkPhoto, frozen=True, kw_only=True):
     """A photo of the light along the borders of cells alone (`pdcd.planning.border_photo`)."""
 
-    indirect: NonNegative
-    """Share of all indirect light that gets into it."""
     reach: tuple[NonNegative, NonNegative]
     """How far from borders pixels were open, in cells, along x and y."""
+    inner: DarkPhoto
+    """The same with the pixels lit next to those beside borders: indirect light from near."""
     dark: DarkPhoto
     """The same before a black projector: what the room adds."""
 

@@ -10,7 +10,7 @@ from pdcd.bench.tables import Config
 from pdcd.capture.worker.answers import Order, Spoilt, Taken, Wanted
 from pdcd.capture.worker.exposing import Exposer, Orders, dark_photo_of
 from pdcd.errors import PdcdError
-from pdcd.planning.border_photo import DARK, LIT, BorderFrames
+from pdcd.planning.border_photo import DARK, INNER, LIT, BorderFrames
 from pdcd.planning.panel_look import white_shot
 from pdcd.planning.plan import Plan
 from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord
@@ -19,8 +19,8 @@ from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord
 def photograph_borders(
     plan: Plan, config: Config, widest: float, exposer: Exposer, orders: Orders
 ) -> Generator[Order, Taken, BorderPhoto | None]:
-    """Take the photo, and a dark one, at the aperture of the white shot of a plan, for which they
-    are wanted (`pdcd.planning.border_photo`); None where one was spoilt.
+    """Take its photos at the aperture of the white shot of a plan, for which they are wanted
+    (`pdcd.planning.border_photo`); None where one was spoilt.
 
     widest : largest share of a quad that strips take.
     """
@@ -30,7 +30,7 @@ def photograph_borders(
     shown, photos = BorderFrames.of(plan, config, widest), list[DarkPhoto]()
     f_number = yield from exposer.aperture(white, plan.recipe.shots, plan.sequence)
     settings = exposer.settings(f_number)
-    for name in (LIT, DARK):
+    for name in (LIT, INNER, DARK):
         wanted = Wanted("look", name, shown.frames(name), settings, f_number)
         taken = yield from orders.look(wanted)
         if isinstance(taken, Spoilt):
@@ -41,10 +41,10 @@ def photograph_borders(
             return None
         orders.note(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
         photos.append(dark_photo_of(taken, wanted, shown.phase_s(name)))
-    lit, dark = photos
+    lit, inner, dark = photos
     return BorderPhoto(
         **msgspec.structs.asdict(lit),
-        indirect=shown.pixels.both_share(),
         reach=shown.pixels.reach,
+        inner=inner,
         dark=dark,
     )

@@ -16,7 +16,7 @@ from pdcd.capture.worker.border_check import photograph_borders
 from pdcd.capture.worker.exposing import Orders
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import BLACK
-from pdcd.planning.border_photo import DARK, LIT, LOOK_S, BorderFrames, due, wanted
+from pdcd.planning.border_photo import DARK, INNER, LIT, LOOK_S, BorderFrames, due, wanted
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest
@@ -61,7 +61,7 @@ def test_it_comes_after_the_white_photo() -> None:
     assert due(plan, {"white"})
 
 
-@pytest.mark.parametrize("name", [LIT, DARK])
+@pytest.mark.parametrize("name", [LIT, INNER, DARK])
 def test_both_panels_are_nearly_dark_and_each_pixel_has_its_turn(name: str) -> None:
     plan, panels = planned(), panels_of(APART)
     shown = BorderFrames.of(plan, APART, 0.1)
@@ -69,10 +69,10 @@ def test_both_panels_are_nearly_dark_and_each_pixel_has_its_turn(name: str) -> N
     mask = sum(draw(frames, panels.mask, row) > 0 for row in range(len(frames)))
     lit = sum(draw(frames, panels.projector, row) > 0 for row in range(len(frames)))
     rows = round(shown.phase_s(name) * APART.row_hz)
-    assert rows >= 1 and (shown.rows >= rows if name == DARK else rows == shown.rows)
+    assert rows >= 1 and (rows == shown.rows if name == LIT else shown.rows >= rows)
     assert 0.02 < np.mean(np.asarray(mask) > 0) < 0.3
     assert set(np.unique(mask)) == {0, rows, 3 * rows}  # beside one border, or two
-    assert np.any(lit) == (name == LIT)
+    assert np.any(lit) == (name != DARK)
     assert np.all(frames.dual_index[-shown.pause :] == BLACK)
 
 
@@ -107,14 +107,14 @@ def taken(*photos: Any) -> tuple[Any, list[str], Orders]:
         return end.value, names, orders
 
 
-def test_the_run_remembers_both_photos() -> None:
-    lit, dark = (Photo(((f"raw/{n}.dng", n[0] * 64),), 2.0) for n in ("a", "b"))
-    found, names, _ = taken(lit, dark)
-    assert names == [LIT, DARK]
-    assert (found.raw, found.dark.raw, found.f_number) == ("raw/a.dng", "raw/b.dng", 4.0)
-    assert 0.0 < found.indirect < 0.01
+def test_the_run_remembers_all_photos() -> None:
+    lit, inner, dark = (Photo(((f"raw/{n}.dng", n[0] * 64),), 2.0) for n in "abc")
+    found, names, _ = taken(lit, inner, dark)
+    assert names == [LIT, INNER, DARK]
+    assert [p.raw for p in (found, found.inner, found.dark)] == [f"raw/{n}.dng" for n in "abc"]
+    assert found.f_number == 4.0
     assert all(0.0 < reach < 0.1 for reach in found.reach)
-    assert found.phase_s >= found.dark.phase_s > 0.0
+    assert found.phase_s >= found.inner.phase_s == found.dark.phase_s > 0.0
 
 
 def test_a_display_without_pictures_of_pixels_is_told_of() -> None:
