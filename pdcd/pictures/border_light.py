@@ -42,10 +42,10 @@ SEEN_OFF = 0.03
 """The same of light that was photographed, edges and all: by how long panels show it."""
 LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
-LIT = np.ones((5, 5))
-LIT[1:-1, 1:-1] = -1.0
-LIT[2, 2] = 0.0
-"""In which photo the parts of a cell are lit: beside its borders, or (-1) next to these."""
+BESIDE, INNER = np.ones((5, 5)), np.zeros((5, 5))
+BESIDE[1:-1, 1:-1], INNER[1:-1, 1:-1] = 0.0, 1.0
+INNER[2, 2] = 0.0
+"""Which parts of a cell are lit in either photo: those beside its borders, those next to these."""
 INDIRECT_OFF = 0.5
 """Share of the indirect light of the photo beside that is unsure: from nearer more may come."""
 
@@ -65,11 +65,15 @@ class SeenBorders:
     reach: tuple[float, float]
     leak: float = 0.0
 
-    def leak_share(self, cells: CellMap) -> Floats:
-        """Share of the direct light of each quad by which more got through the closed mask in one
-        photo than in the other, (h, w)."""
-        cuts = [_rings(reach) for reach in self.reach[::-1]]
-        return np.asarray(self.leak * cells.gather(np.tile(LIT, cells.grid), (cuts[0], cuts[1])))
+    def without_leak(self, direct: Floats, cells: CellMap) -> tuple[Floats, Floats]:
+        """`light` and `indirect` without what of the direct light (h, w, C) got through the closed
+        mask."""
+        down, right = (_rings(reach) for reach in self.reach[::-1])
+        beside, inner = (
+            self.leak * cells.gather(np.tile(lit, cells.grid), (down, right))[..., None] * direct
+            for lit in (BESIDE, INNER)
+        )
+        return self.light.light - (beside - inner), self.indirect - inner
 
 
 def _rings(reach: float) -> tuple[float, ...]:
@@ -130,7 +134,7 @@ class BorderLight:
         if seen is not None:
             gain = self._gain(share)
             direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
-            light = seen.light.light - seen.leak_share(self.cells)[..., None] * direct
+            light, _ = seen.without_leak(direct, self.cells)
             image = photo.image - gain[..., None] * light
             noise = gain[..., None] * np.sqrt(seen.light.variance)
             return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
@@ -152,9 +156,10 @@ class BorderLight:
         share = self.share()
         if seen is None:
             return self._off(white.image - photo.image, share)
-        gain = self._gain(share)[..., None]
-        off = np.hypot(SEEN_OFF * seen.light.light, INDIRECT_OFF * seen.indirect)
-        return np.asarray(gain * off)
+        direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
+        light, indirect = seen.without_leak(direct, self.cells)
+        off = np.hypot(SEEN_OFF * light, INDIRECT_OFF * indirect)
+        return np.asarray(self._gain(share)[..., None] * off)
 
     def _gain(self, share: Floats) -> Floats:
         """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):
