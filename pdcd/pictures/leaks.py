@@ -45,6 +45,13 @@ class Dark:
         """What is left without another."""
         return Dark(self.light - other.light, self.variance + other.variance)
 
+    def differs(self, other: Dark) -> bool:
+        """Whether there is more or less light than in another, and it is not the sensor's noise."""
+        between = self.less(other)
+        known = np.isfinite(between.variance)
+        light, variance = between.light[known], between.variance[known]
+        return bool(abs(light.sum()) > SURE * np.sqrt(variance.sum()))
+
 
 @dataclass(frozen=True)
 class Answer:

@@ -2,7 +2,8 @@
 
 White in the rhythm of codes: both panels are white and black together, and all light goes with the
 number of pulses, whatever edges the panels have and whatever the room adds. A wide stop takes few
-pulses and a narrow one many, so that all photos are about as bright.
+pulses and a narrow one many, so that all photos are about as bright. Stops for which one pulse is
+too bright are compared with the widest of the others by pulses of a short flash of the projector.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from pdcd.panels.frames import BLACK, WHITE
 
 PULSE, PAUSE = 4, 6
 """Refreshes of a pulse, and after it: a mask that is late by less than either meets its own."""
+FLASH = 2
+"""The refresh of a pulse for which the projector alone is white in a short one: the mask is open
+before and after it, so that it may be early or late."""
 LEVEL = 0.4
 """Share of saturation that a photo is to reach."""
 DIMMEST, BRIGHTEST = 0.06, 0.6
@@ -36,37 +40,46 @@ AGAIN = "again"
 
 @dataclass(frozen=True)
 class StopPhoto:
-    """One photo: of a stop, with so many pulses."""
+    """One photo: of a stop, with so many pulses. short : of a flash of the projector each."""
 
     f_number: float
     pulses: int
     name: str
+    short: bool = False
 
 
-def stop_photos(f_numbers: tuple[float, ...], own: float, full: int) -> tuple[StopPhoto, ...]:
-    """The photos that compare the stops of a lens with its `own` one, at which white light of so
-    many refreshes is `full` (`FULL` of saturation). The first and the last are of that one."""
-    per_pulse = FULL * PULSE / full
+def stop_photos(
+    f_numbers: tuple[float, ...], own: float, per_pulse: float, *, short: bool = False
+) -> tuple[StopPhoto, ...]:
+    """The photos that compare the stops of a lens with its `own` one, at which a pulse brings the
+    share `per_pulse` of saturation. The first and the last are of that one."""
+    kind = "flash" if short else "stop"
     photos = []
     for f_number in sorted(f_numbers):
         each = per_pulse * (own / f_number) ** 2
         pulses = min(max(1, round(LEVEL / each)), MOST_PULSES)
         if f_number != own and DIMMEST <= pulses * each <= BRIGHTEST:
-            photos.append(StopPhoto(f_number, pulses, f"stop-{f_number:g}"))
+            photos.append(StopPhoto(f_number, pulses, f"{kind}-{f_number:g}", short))
     if not photos:
         return ()
     pulses = min(max(1, round(LEVEL / per_pulse)), MOST_PULSES)
-    first = StopPhoto(own, pulses, f"stop-{own:g}")
-    return (first, *photos, StopPhoto(own, pulses, f"{first.name}-{AGAIN}"))
+    first = StopPhoto(own, pulses, f"{kind}-{own:g}", short)
+    return (first, *photos, StopPhoto(own, pulses, f"{first.name}-{AGAIN}", short))
 
 
 def shown_of(photo: StopPhoto) -> Shown:
     """What the panels show in it."""
-    index = np.full(photo.pulses * (PULSE + PAUSE), BLACK, np.int32)
+    mask = np.full(photo.pulses * (PULSE + PAUSE), BLACK, np.int32)
+    projector = mask.copy()
     for pulse in range(photo.pulses):
-        index[pulse * (PULSE + PAUSE) :][:PULSE] = WHITE
+        begin = pulse * (PULSE + PAUSE)
+        mask[begin:][:PULSE] = WHITE
+        lit = (
+            slice(begin + FLASH, begin + FLASH + 1) if photo.short else slice(begin, begin + PULSE)
+        )
+        projector[lit] = WHITE
     nothing = np.zeros((0, 0, 0), np.bool_)
-    return Shown(photo.name, nothing, nothing, index, index.copy())
+    return Shown(photo.name, nothing, nothing, projector, mask)
 
 
 @dataclass(frozen=True)
@@ -92,36 +105,52 @@ def measure_stops(
     session: Session, own: float, full: int, black_sigma: float
 ) -> Generator[Wanted | Ask, Taken | None, Stops]:
     """Take the photos and compare; nothing where the lens is not set from here, or is to stay as it
-    is. black_sigma : standard deviation of a photo's black level, in DN."""
-    photos = stop_photos(session.camera.f_numbers, own, full)
-    if session.config.camera.f_number != "auto" or not photos:
+    is. own : stop at which white light of so many refreshes is `full` (`FULL` of saturation).
+    black_sigma : standard deviation of a photo's black level, in DN."""
+    f_numbers = session.camera.f_numbers
+    if session.config.camera.f_number != "auto":
         return Stops()
-    taken: dict[str, tuple[float, float, float]] = {}
-    for photo in photos:
-        came = yield from take(Wanted(session.in_step(shown_of(photo)), f_number=photo.f_number))
-        taken[photo.name] = _light(session.photo(came), photo.pulses, black_sigma)
-    return stops_of(photos, taken)
+    nominal = stop_of(own)
+    found = (Stop(nominal.f_number, nominal.true, 0.0),)
+    for short in (False, True):
+        beside = min(found, key=lambda stop: stop.f_number) if short else found[0]
+        lit = 1 if short else PULSE
+        per_pulse = FULL * lit / full * (own / beside.f_number) ** 2
+        left = tuple(f for f in f_numbers if not short or f < beside.f_number)
+        photos = stop_photos(left, beside.f_number, per_pulse, short=short)
+        taken: dict[str, tuple[float, float, float]] = {}
+        for photo in photos:
+            shown = session.in_step(shown_of(photo))
+            came = yield from take(Wanted(shown, f_number=photo.f_number))
+            taken[photo.name] = _light(session.photo(came), photo.pulses, black_sigma)
+        found = (*found, *stops_of(photos, taken, beside))
+    return Stops(found if len(found) > 1 else ())
 
 
 def stops_of(
-    photos: tuple[StopPhoto, ...], taken: Mapping[str, tuple[float, float, float]]
-) -> Stops:
+    photos: tuple[StopPhoto, ...],
+    taken: Mapping[str, tuple[float, float, float]],
+    beside: Stop,
+) -> tuple[Stop, ...]:
     """Stops out of the light of a pulse in each photo: light, its relative standard deviation, and
-    the share of the photo that is not saturated."""
+    the share of the photo that is not saturated. beside : the stop that they are compared with."""
+    if not photos:
+        return ()
     first, *others, last = photos
     begun, ended = taken[first.name][0], taken[last.name][0]
     reference = 0.5 * (begun + ended)
+    if not reference > 0.0:
+        return ()
     drift = 0.5 * abs(ended - begun) / reference
-    own = stop_of(first.f_number)
-    found = [Stop(own.f_number, own.true, 0.0)]
+    noise = taken[first.name][1] ** 2 / 2.0 + beside.sigma**2 + drift**2
+    found = []
     for photo in others:
         light, sigma, good = taken[photo.name]
         if good < LEAST_GOOD or not light > 0.0:
             continue
-        true = own.true * float(np.sqrt(reference / light))
-        error = float(np.sqrt(sigma**2 + taken[first.name][1] ** 2 / 2.0 + drift**2))
-        found.append(Stop(photo.f_number, true, error))
-    return Stops(tuple(found))
+        true = beside.true * float(np.sqrt(reference / light))
+        found.append(Stop(photo.f_number, true, float(np.sqrt(sigma**2 + noise))))
+    return tuple(found)
 
 
 def _light(photo: Photo, pulses: int, black_sigma: float) -> tuple[float, float, float]:

@@ -63,6 +63,20 @@ def leaks_in(
     )
 
 
+def room_changed(darkroom: Darkroom, before: DarkPhoto, after: DarkPhoto, watch: Watch) -> float:
+    """RMS error of the answer by what the room's light changed between two dark photos of the same
+    kind, had all of the answer got it as in one of them and what was taken off it as in the other.
+
+    Raises DecodeError.
+    """
+    one, other = darkroom.dark_means(before), darkroom.dark_means(after)
+    if not one.differs(other):
+        return 0.0
+    recipe, means = darkroom.means(watch)
+    answers = answers_of(recipe, means, {}, normalise=darkroom.record.normalise)
+    return max(answer.changed(one, other) for answer in answers)
+
+
 @dataclass(frozen=True)
 class Mended:
     """What the user must know of it, and what was decided about noise, in words."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,7 +30,7 @@ from pdcd.capture.worker.answers import (
     rms_sigma,
 )
 from pdcd.capture.worker.exposing import Exposer, Orders, dark_photo_of
-from pdcd.capture.worker.leak_check import AmbientResponse, leaks_in
+from pdcd.capture.worker.leak_check import AmbientResponse, leaks_in, room_changed
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import PdcdError, RequestError, disk_errors
 from pdcd.pictures.darkroom import Darkroom
@@ -52,9 +53,9 @@ from pdcd.watch import Watch
 RUNNING = "preview/running.png"
 """What is known of the answer while a run with `until_error` goes on."""
 DARK_NAMES = ("look-dark", "look-ambient")
-ROOM_NAME = "look-room"
-"""A dark photo before all shots."""
 """Dark photos, as their RAW files are called."""
+ROOM_NAME, AGAIN_NAME = "look-room", "look-again"
+"""A dark photo before all shots, and one after those that came after the look."""
 
 Steps = Generator[Order, Taken, None]
 
@@ -83,6 +84,9 @@ class Course:
         """The plan before the scouts of a pilot ended that."""
         self._looked = False
         self._room: DarkPhoto | None = None
+        self._last_dark: tuple[DarkPhoto, DarkFrames, bool, int] | None = None
+        """Of the look: its last photo, what that showed, whether by a lit projector, and how many
+        shots there were."""
         self._panels: PanelLook | None = None
         self._borders: BorderPhoto | None = None
         self._panels_due = self._borders_due = not facts.cells_meet
@@ -109,10 +113,15 @@ class Course:
             return self._orders.end()
 
     def _run(self) -> Steps:
-        """Shot after shot, as far as need be."""
-        until, fresh = self._request.until_error, True
+        """All photos of the job."""
         if self._panels_due and self.plan.look is not None:
             self._room = yield from self._dark(ROOM_NAME, DarkFrames.of(self.plan), lit=False)
+        yield from self._shoot()
+        yield from self._look_again()
+
+    def _shoot(self) -> Steps:
+        """Shot after shot, as far as need be."""
+        until, fresh = self._request.until_error, True
         while True:
             taken = self._names()
             if self._panels_due and (yield from self._look_at_panels(taken)):
@@ -254,6 +263,7 @@ class Course:
             dark = yield from self._dark(name, due, lit=not darks)
             if dark is None:
                 return
+            self._last_dark = dark, due, not darks, len(self.darkroom.record.shots)
             darks.append(dark)
             leaks = leaks_in(plan, self.darkroom, darks, self._watch, self._room)
             if leaks.both <= leaks.limit:
@@ -262,6 +272,23 @@ class Course:
         else:
             self._stop_leaks(leaks, darks[-1])
         self._orders.note(self.adopted())
+
+    def _look_again(self) -> Steps:
+        """See whether the light of the room is still what the look found, after shots that came
+        later: parts and black exposures, of which one would not show that it was switched."""
+        if self._last_dark is None:
+            return
+        before, due, lit, shots = self._last_dark
+        if len(self.darkroom.record.shots) <= shots:
+            return
+        after = yield from self._dark(AGAIN_NAME, due, lit=lit)
+        if after is None:
+            return
+        changed = room_changed(self.darkroom, before, after, self._watch)
+        leaks = self.plan.leaks
+        if leaks is not None and changed > leaks.changed:
+            self._adopt(replace(self.plan, leaks=msgspec.structs.replace(leaks, changed=changed)))
+            self._orders.note(self.adopted())
 
     def _dark(
         self, name: str, due: DarkFrames, *, lit: bool

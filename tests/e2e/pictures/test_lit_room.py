@@ -48,7 +48,9 @@ class Judged(NamedTuple):
     covered: float
 
 
-def judged(folder: Path, scene: SceneConfig, truth: str, codes: int = 128) -> Judged:
+def judged(
+    folder: Path, scene: SceneConfig, truth: str, codes: int = 128, parts: int = 1
+) -> Judged:
     """A plain capture against the bench's own truth."""
     (folder / "truth.toml").write_text(truth)
     config = Config(
@@ -59,7 +61,7 @@ def judged(folder: Path, scene: SceneConfig, truth: str, codes: int = 128) -> Ju
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         limits=LimitsConfig(min_free_bytes=0),
     )
-    request = CaptureRequest(goal="indirect", codes=codes, pilot=0, parts=1, window="quarter")
+    request = CaptureRequest(goal="indirect", codes=codes, pilot=0, parts=parts, window="quarter")
     with opened(config) as engine:
         result = capture_with(engine, request, folder, "job")
     assert result.folder is not None
@@ -98,6 +100,17 @@ def test_a_room_that_is_switched_amid_the_run_is_not_good(
     assert quality.verdict != "good"
     assert any("was not the same before and after" in reason for reason in quality.reasons)
     assert quality.verdict == "doubtful" or scaled > 0.03
+
+
+@pytest.mark.parametrize("photo", range(2, 15))
+def test_a_room_that_is_switched_on_after_any_photo_of_parts_is_not_good(
+    tmp_path: Path, photo: int
+) -> None:
+    """Two test exposures, a dark photo, white, two looks, a part, a dark photo, three parts, a dark
+    photo; a run that sees the room adds black exposures."""
+    truth = f"[scene]\nambient = 0.03\nambient_from = {photo}\n"
+    quality, error, _, _ = judged(tmp_path, bright(tmp_path), truth, 64, parts=4)
+    assert quality.verdict == "doubtful" or error < 0.03
 
 
 @pytest.mark.parametrize("place", ["offset_px = [4.0, 0.0]", "turn_deg = 2.0"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -84,6 +85,7 @@ def stepped(
     gain: tuple[float, float] | None = None,
     estimated: bool = True,
     card: float | None = None,
+    wide: tuple[float, ...] = (),
 ) -> tuple[Answered, Run]:
     still = {"size_px": PANEL, "rise_s": 0.0, "fall_s": 0.0}
     bench = Bench(2000.0, mask, room, dict(lamp))
@@ -91,6 +93,9 @@ def stepped(
     session = session_of(config(projector=still, mask=still, calibration=said))
     session.answer = lambda taken: bench.photo(session, taken)
     session.helped, session.full, session.f_number = helped, FULL, 8.0
+    if wide:
+        lens = (*wide, *session.camera.f_numbers)
+        session.camera = replace(session.camera, f_numbers=lens)
     session.arrays[EDGE] = np.array([0.0, 1e-4])
     session.arrays[BLACK] = np.array([0.1])
     session.profile = msgspec.structs.replace(session.profile, estimated=estimated)
@@ -128,7 +133,9 @@ def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> N
     assert [wanted.covered for wanted in found.wanted] == [n in COVERED for n in names]
     assert [ask.text for ask in found.asked] == [COVER, UNCOVER]
     # The widest lens at which a second of light is not too much.
-    f_numbers = {w.f_number for w in found.wanted if not w.shown.name.startswith("stop-")}
+    f_numbers = {
+        w.f_number for w in found.wanted if not w.shown.name.startswith(("stop-", "flash-"))
+    }
     assert len(f_numbers) == 1
     (f_number,) = f_numbers
     assert f_number is not None
@@ -243,7 +250,25 @@ def test_stops_are_compared_by_pulses_whose_number_fits_their_light() -> None:
     assert all((one.projector_index == one.mask_index).all() for one in shown)
 
 
+def test_stops_that_are_too_wide_for_a_pulse_are_compared_by_flashes_of_the_projector() -> None:
+    """All wider ones, beside the widest that pulses reach; however early or late a mask is."""
+    _, found = stepped(room=0.02, wide=(1.0, 1.2, 1.4))
+    out = found.outcome
+    assert out is not None
+    own, *others = out.words["camera.stops"].value
+    compared = {stop["f_number"]: stop for stop in others}
+    assert set(compared) >= {1.0, 1.2, 1.4}
+    for f_number in (1.0, 1.2, 1.4):
+        light = (own["true"] / compared[f_number]["true"]) ** 2
+        assert light == pytest.approx((own["f_number"] / f_number) ** 2, rel=3e-3)
+    short = [w for w in found.wanted if w.shown.name.startswith("flash-")]
+    assert short[0].f_number == short[-1].f_number and len(short) >= 3
+    for one in short:
+        lit = np.flatnonzero(one.shown.projector_index == WHITE)
+        assert all((one.shown.mask_index[lit + k] == WHITE).all() for k in (-2, -1, 0, 1))
+
+
 def test_stops_of_a_lens_that_is_left_alone_are_not_compared() -> None:
-    assert stop_photos((8.0,), 8.0, 60) == ()
-    names = [photo.name for photo in stop_photos((4.0, 8.0), 8.0, 60)]
+    assert stop_photos((8.0,), 8.0, 0.05) == ()
+    names = [photo.name for photo in stop_photos((4.0, 8.0), 8.0, 0.05)]
     assert names == ["stop-8", "stop-4", "stop-8-again"]
