@@ -64,12 +64,14 @@ def barred_pictures(
     cells: CellMap,
     alive: Callable[[], None],
     borders: SeenBorders | None = None,
+    room: Floats | None = None,
 ) -> dict[str, Barred]:
     """All pictures of a recipe with sensor and code error: of what the parts show, if there are
     enough; and with what all parts get wrong alike, as far as it is known.
 
     shots : of the run, and sums of them. learned : of its pilot, if any. borders : what a photo of
-    the light along borders of cells tells, if there is one; all parts have the same of it.
+    the light along borders of cells tells, if there is one; all parts have the same of it, and of
+    the light of the `room`, (N, 3), that a dark photo tells.
     """
     averaged, told, coarse = None, NOTHING_TOLD, None
     if len(part_numbers(recipe)) >= FEWEST_PARTS:
@@ -82,7 +84,7 @@ def barred_pictures(
                 light = average_shots(used, cells, all_quads=True)
             told = told_by_parts(
                 recipe, light.shots, learned, light.cells, seen=seen_cells(cells),
-                normalise=record.normalise, alive=alive,
+                normalise=record.normalise, alive=alive, room=room,
             )  # fmt: skip
 
     def photos(
@@ -93,7 +95,7 @@ def barred_pictures(
     ) -> dict[str, Picture]:
         return corrected_photos(
             part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth,
-            alive=alive, told=told, borders=borders,
+            alive=alive, told=told, borders=borders, room=room,
         )  # fmt: skip
 
     scaled = photos(recipe, shots, cells, borders)

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.picture import Picture, pictures_of, summed
-from pdcd.pictures.to_quads import Weights, direct_share, quads_outside, weigh_quads
+from pdcd.pictures.to_cells import mean_image
+from pdcd.pictures.to_quads import (
+    Weights,
+    add_by_light,
+    direct_share,
+    quads_outside,
+    weigh_quads,
+)
 from pdcd.pictures.weights import CellWeights, Shown, weigh_cells
 from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Photo, Recipe
@@ -21,6 +28,10 @@ from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
     from pdcd.pictures.border_light import BorderLight, SeenBorders
+
+LEAST_OPEN = 1e-6
+"""Time of an open mask over a photo's weight that is none: black exposures are as long as others,
+to rounding."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -75,8 +86,10 @@ def scale_photos(
     cells: CellMap,
     added: Mapping[str, Floats],
     borders: SeenBorders | None = None,
+    room: Floats | None = None,
 ) -> dict[str, Picture]:
-    """The same of photos whose cells are weighed already; `borders` were seen in a photo."""
+    """The same of photos whose cells are weighed already; `borders` were seen in a photo, and so
+    was light of the `room`, (N, 3) of cells in a second."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
     strips: dict[str, BorderLight] = {}
@@ -86,6 +99,8 @@ def scale_photos(
         of_quads = weigh_quads(weights[photo.name], cells)
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         scaled[photo.name] = _scaled(taken, of_quads, added.get(photo.name), outside)
+        if room is not None:
+            scaled[photo.name] = _without_room(scaled[photo.name], weights[photo.name], room, cells)
         if _unmixes(photo, white):
             realised = weights[photo.name].realised
             border = _border_of(realised, of_quads, cells)
@@ -188,6 +203,16 @@ def _scaled(
 
     in_bands(image.shape[0], band)
     return Picture(image, sigma)
+
+
+def _without_room(photo: Picture, weights: CellWeights, room: Floats, cells: CellMap) -> Picture:
+    """A photo without the room's light, (N, 3) of cells in a second, for as long as its mask was
+    open beyond what black exposures take off. Quads of a cell have it as they have light."""
+    opened = weights.realised.open_s / weights.cells_s
+    if not (np.abs(opened) > LEAST_OPEN).any():
+        return photo
+    light = mean_image(photo.image, cells)
+    return add_by_light(photo, light, -opened[:, None] * room, cells, weights.realised.fine)
 
 
 def take_out_direct(photo: Picture, white: Picture, share: Floats) -> Picture:

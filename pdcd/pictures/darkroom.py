@@ -22,7 +22,7 @@ from pdcd.panels.patterns import Patterns, none
 from pdcd.panels.placing import placed
 from pdcd.pictures.bars import barred_pictures
 from pdcd.pictures.combine import share_taken_out
-from pdcd.pictures.exposed import Ambient, Exposed, Negative
+from pdcd.pictures.exposed import Ambient, Exposed, Negative, refuse_unlike
 from pdcd.pictures.leaks import Dark, Means
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.picture import Barred
@@ -40,7 +40,7 @@ from pdcd.recipes.parts import taken_parts
 from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
-from pdcd.runs.record import DarkPhoto, RunRecord, ShotRecord
+from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
@@ -215,7 +215,7 @@ class Darkroom:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
             pictures = barred_pictures(
-                self._record, recipe, {**shots, **sums}, learned, cells, alive, self._seen()
+                self._record, recipe, {**shots, **sums}, learned, cells, alive, *self._seen()
             )
         view = View.of(self._record, cells)
         return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
@@ -265,12 +265,17 @@ class Darkroom:
         variance = rgb_variance(signal, profile, iso, photo.exposure_s, of_quads, np.float64)
         return Ambient(to_rgb(signal, factors), np.asarray(variance, np.float64))
 
-    def _seen(self) -> SeenBorders | None:
-        """What a photo tells of the light along borders; None of a run that has none. Of quads that
-        are saturated there nobody knows it."""
-        photo = self._record.borders
-        if photo is None:
-            return None
+    def _seen(self) -> tuple[SeenBorders | None, NDArray[np.float64] | None]:
+        """What photos tell of the light along borders, and of the room's, (N, 3); None of what was
+        not photographed, and of a room that is dark."""
+        photo, borders = self._record.room, None
+        room = None if photo is None else self.dark_means(photo)
+        if self._record.borders is not None:
+            borders = self._seen_borders(self._record.borders)
+        return borders, None if room is None or not room.seen else room.light
+
+    def _seen_borders(self, photo: BorderPhoto) -> SeenBorders:
+        """The former. Of quads that are saturated there nobody knows it."""
         from pdcd.pictures.border_light import SeenBorders  # most benches have no such borders
 
         frame, inner = self._dark_frame(photo), self.ambient(photo.inner)
@@ -285,7 +290,10 @@ class Darkroom:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""
         gain = self._record.profile.row(iso).gain_e_per_dn
         true = stop_of(f_number, self._record.stops).true
-        return np.asarray(gain * true**2 / np.array(self._record.responsivity_e))
+        contrast = self._record.projector.contrast or math.inf
+        # Where black is taken off with the room's light, a unit is white without it.
+        full = 1.0 if self._record.room is None else 1.0 - 1.0 / contrast
+        return np.asarray(gain * true**2 / full / np.array(self._record.responsivity_e))
 
     def _apart(self) -> dict[str, float]:
         """What `Decoded.apart` says."""
@@ -339,14 +347,16 @@ class Darkroom:
 
     def _matrix(self, shot: ShotRecord, alive: Alive) -> Matrix:
         if shot.name not in self._matrices:
-            record = self._record
+            record, projector = self._record, self._record.projector
+            if record.room is not None:  # it has the light of the projector's black
+                projector = msgspec.structs.replace(projector, contrast=None)
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=record.grid)
             alive()
             chunks = bench_factors(
                 frames,
                 log,
-                record.projector,
+                projector,
                 record.mask,
                 open_ns=shot.open_ns,
                 close_ns=shot.close_ns,
@@ -395,23 +405,11 @@ class Darkroom:
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
         """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""
+        cells = self._record.cells or self._placed(raw.frame)
         if self._record.cells is None:
-            cells = self._placed(raw.frame)
             self._record = msgspec.structs.replace(self._record, cells=cells)
-        elif raw.frame != self._record.cells.frame:
-            raise DecodeError(
-                f"{shot.raw} has {raw.frame[0]} x {raw.frame[1]} pixels, other shots of the run "
-                f"{self._record.cells.frame[0]} x {self._record.cells.frame[1]}",
-                hint="restore it from a copy",
-            )
         self._like = self._like or (raw.model, raw.flip)
-        if (raw.model, raw.flip) != self._like:
-            raise DecodeError(
-                f"{shot.raw} is of {raw.model or 'no camera'} with orientation {raw.flip}, other "
-                f"shots of the run of {self._like[0] or 'no camera'} with {self._like[1]}",
-                hint="take all shots with one camera that stays as it is; switch its automatic "
-                "rotation off",
-            )
+        refuse_unlike(shot.raw, raw, cells.frame, self._like)
 
     def _placed(self, frame: tuple[int, int]) -> CellMap:
         """Where the quads of the run's frames lie."""

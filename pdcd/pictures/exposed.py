@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.errors import DecodeError
 from pdcd.probing.realised import Factors
 from pdcd.sensor.bands import banded
 from pdcd.sensor.profile import SensorProfile
@@ -170,3 +171,21 @@ class Negative:
     @property
     def _precision(self) -> type[np.floating]:
         return np.float32 if self.saturated.size >= LARGE_QUADS else np.float64
+
+
+def refuse_unlike(name: str, raw: RawFrame, frame: tuple[int, int], like: tuple[str, int]) -> None:
+    """Raise DecodeError for a RAW file that is not like the first one of its run: of so many rows
+    and columns of quads, and of that model and orientation."""
+    if raw.frame != frame:
+        raise DecodeError(
+            f"{name} has {raw.frame[0]} x {raw.frame[1]} pixels, other shots of the run "
+            f"{frame[0]} x {frame[1]}",
+            hint="restore it from a copy",
+        )
+    if (raw.model, raw.flip) != like:
+        raise DecodeError(
+            f"{name} is of {raw.model or 'no camera'} with orientation {raw.flip}, other "
+            f"shots of the run of {like[0] or 'no camera'} with {like[1]}",
+            hint="take all shots with one camera that stays as it is; switch its automatic "
+            "rotation off",
+        )

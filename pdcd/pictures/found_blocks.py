@@ -47,6 +47,10 @@ COARSE = 96
 SURE = 9.0
 """Its highest correlation over the standard deviation of all of them from which it is found."""
 
+PATCH = 3
+"""Side in blocks of the patches that tell how sure a place is: what a scene does to the pattern in
+one of them has little to do with another."""
+
 OVERLAP = 2.0
 """Windows that tell as much as one by itself: they lie over each other."""
 
@@ -210,6 +214,35 @@ class Finder:
             found.append(depth / level if level > 0.0 else 0.0)
         return np.array(found)
 
+    def variance(self, seen: Floats, known: Bools, map_: Affine, places: Floats) -> Floats:
+        """Variance of where the pattern was found, (n,) square pixels, right and down together, at
+        `places` of the field (n, 2): by how much patches of the picture, each by itself, would have
+        the map otherwise. `map_` is where it was found."""
+        raster, points = self._raster, self._raster.points()
+        block = np.floor(points / (PATCH * self._block_px)).astype(np.int64)
+        inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
+        level = self._level_px / raster.pitch
+
+        def flat(right: float, down: float) -> Floats:
+            return _flat(self.shown(map_(points) + np.array([right, down])), known, level)[inside]
+
+        half = 0.5 * raster.pitch
+        light, pattern = _flat(seen, known, level)[inside], flat(0.0, 0.0)
+        depth = float(light @ pattern / max(float(pattern @ pattern), 1e-12))
+        slopes = [
+            depth * (flat(*(half * step)) - flat(*(-half * step))) / (2.0 * half)
+            for step in np.eye(2)
+        ]
+        base, wanted = (_affine_base(at, raster.size_px) for at in (points[inside], places))
+        design = np.concatenate([slope[:, None] * base for slope in slopes], axis=1)
+        patch = np.unique(block[inside] @ (1, 4096), return_inverse=True)[1].ravel()
+        pull = np.zeros((patch.max(initial=0) + 1, 6))
+        np.add.at(pull, patch, design * (light - depth * pattern)[:, None])
+        back = np.linalg.pinv(design.T @ design)
+        spread = back @ (pull.T @ pull) @ back * len(pull) / max(len(pull) - 6, 1)
+        across, along = spread[:3, :3], spread[3:, 3:]
+        return np.asarray(np.einsum("ni,ij,nj->n", wanted, across + along, wanted))
+
     def left_at(
         self, seen: Floats, known: Bools, found: Found, there: Affine
     ) -> tuple[float, float]:
@@ -287,6 +320,11 @@ class _Coarse:
         at = (np.moveaxis(places[..., ::-1], -1, 0) - self.begin) / self.step
         found: Floats = scipy.ndimage.map_coordinates(self.image, at, order=1, mode="constant")
         return found
+
+
+def _affine_base(at: Floats, size_px: tuple[int, int]) -> Floats:
+    """What an affine map is a sum of, at places (n, 2): (n, 3)."""
+    return np.concatenate([np.ones((len(at), 1)), at / size_px - 0.5], axis=1)
 
 
 def _beside(count: int, pixels: int) -> int:

@@ -45,11 +45,11 @@ class Dark:
         """What is left without another."""
         return Dark(self.light - other.light, self.variance + other.variance)
 
-    def differs(self, other: Dark) -> bool:
-        """Whether there is more or less light than in another, and it is not the sensor's noise."""
-        between = self.less(other)
-        known = np.isfinite(between.variance)
-        light, variance = between.light[known], between.variance[known]
+    @property
+    def seen(self) -> bool:
+        """Whether there is light beyond the sensor's noise."""
+        known = np.isfinite(self.variance)
+        light, variance = self.light[known], self.variance[known]
         return bool(abs(light.sum()) > SURE * np.sqrt(variance.sum()))
 
 

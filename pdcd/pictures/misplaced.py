@@ -21,7 +21,7 @@ from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
 from pdcd.panels.overlap import lies_on
 from pdcd.panels.windows import windows
-from pdcd.pictures.found_blocks import FEWEST, FLIPS, Finder, Found
+from pdcd.pictures.found_blocks import BLOCKS, FEWEST, FLIPS, Finder, Found
 from pdcd.pictures.raster import HERE, Affine, Raster
 from pdcd.probing.cell_size import leak, leak_rms
 from pdcd.runs.record import PanelLook, RunRecord, Six
@@ -33,9 +33,11 @@ Bools = NDArray[np.bool_]
 LIT = 0.03
 """Share of the bright quads' light in the photo of all light below which a quad tells nothing."""
 NOISE_PX = 0.5
-"""Standard deviation of a window's place by which nothing is said of the mask."""
+"""Standard deviation of a window's place by which nothing is said of the mask, at least."""
 SURE_PX = 0.1
 """Error with which blocks are found, in projector pixels, or in quads where these are larger."""
+SIGMAS = 3.0
+"""Standard deviations of its own that a look may be off by."""
 IN_PLACE = 4.0
 """Standard deviations from which a pattern's light comes from a place."""
 LEAST_IN_PLACE = 0.01
@@ -82,7 +84,8 @@ def panel_look(
     def sampled(light: Floats) -> tuple[Floats, Bools]:
         return raster.sample(np.where(lit, light / safe, 0.0), lit, camera)
 
-    mask = Finder(blocks, raster, panels[1]).find(*sampled(photos.mask))
+    of_mask, through = Finder(blocks, raster, panels[1]), sampled(photos.mask)
+    mask = of_mask.find(*through)
     finder, seen = Finder(blocks, raster, panels[0]), sampled(photos.projector)
     projector = finder.find(*seen, HERE if mask is None else mask.map)
     if mask is not None and projector is not None:
@@ -98,11 +101,18 @@ def panel_look(
     here, drawn = projector.places[one], mask.places[other]
     base = np.concatenate([drawn, np.ones((one.size, 1))], axis=1)
     fit, rest = _fitted(base, here)
+    places = _places(size_px)
+    variance = of_mask.variance(*through, mask.map, mask.map.inverse()(places))
+    variance += finder.variance(*seen, projector.map, projector.map.inverse()(places))
+    # Of a window that is the error of all of them together, and that of fewer blocks.
+    of_window = variance[len(places) // 2] * max(1.0, blocks.rows * blocks.cols / BLOCKS**2)
+    noise = max(NOISE_PX**2, float(of_window))
     contrast = np.median(projector.contrast[one] / np.maximum(mask.contrast[other], 1e-3))
     return PanelLook(
         mask=_six(Affine(fit[:2].T, fit[2])),
         camera=_six(projector.map),
-        rest_px=float(np.sqrt(max(rest**2 - NOISE_PX**2, 0.0))),
+        rest_px=float(np.sqrt(max(rest**2 - noise, 0.0))),
+        sigma_px=float(np.sqrt(variance.mean())),
         direct=float(np.clip(contrast, 0.0, 1.0)),
         mask_seen=True,
     )
@@ -179,9 +189,14 @@ def off_px(
     six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
 ) -> Floats:
     """By how much places all over the field lie further right and down, (n, 2)."""
-    along = (np.arange(POINTS) + 0.5) / POINTS
-    places = np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
+    places = _places(size_px)
     return np.asarray(affine(six)(places) - places - known_px)
+
+
+def _places(size_px: tuple[int, int]) -> Floats:
+    """Places all over the field, (n, 2)."""
+    along = (np.arange(POINTS) + 0.5) / POINTS
+    return np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
 
 
 def _sure(off: Floats, least_px: float) -> Floats:
@@ -220,7 +235,7 @@ def direct_lost(record: RunRecord, window: str) -> Lost:
     side, blur = windows(window).side, record.mask.blur_px
     cell = cell_px(record)
     quad = 0.0 if record.cells is None else quad_px(record.cells.filled, size_px)
-    least_px = SURE_PX * max(quad, 1.0)
+    least_px = max(SURE_PX * max(quad, 1.0), SIGMAS * look.sigma_px)
     right, down = _sure(off_px(look.mask, size_px, known_px(record.mask)), least_px).T
     spread, none = float(np.hypot(blur, look.rest_px)), np.zeros(1)
     mean = leak(cell, side, (right, down), spread) - leak(cell, side, (none, none), blur)

@@ -61,6 +61,7 @@ def corrected_photos(
     alive: Callable[[], None] = lambda: None,
     told: Mapping[str, Told] = NOTHING_TOLD,
     borders: SeenBorders | None = None,
+    room: Floats | None = None,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
@@ -74,13 +75,15 @@ def corrected_photos(
     told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves,
         where any quad sees them.
     borders : what a photo of the light along borders of cells tells, if there is one.
+    room : (N, 3), what gets through an open mask before a black projector in a second, where a dark
+        photo tells it and nothing else takes it off.
     """
     weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
     missing = {
         name: bring_to_quads(wrong, cells, weights[name].realised.fine)
         for name, wrong in _missing(recipe, weights, learned).items()
     }
-    photos = scale_photos(recipe, weights, shots, cells, missing, borders)
+    photos = scale_photos(recipe, weights, shots, cells, missing, borders, room)
     for photo in recipe.photos:
         if not smooth or not _holds_smooth_light(photo):
             continue
@@ -109,6 +112,7 @@ def told_by_parts(
     seen: Bools | None = None,
     normalise: NormaliseName,
     alive: Callable[[], None] = lambda: None,
+    room: Floats | None = None,
 ) -> Mapping[str, Told]:
     """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
 
@@ -121,7 +125,7 @@ def told_by_parts(
         return NOTHING_TOLD
     recipes = [recipe, *(only_parts(recipe, {part}) for part in numbers)]
     pictures = [
-        corrected_photos(one, shots, learned, cells, normalise=normalise, smooth=False)
+        corrected_photos(one, shots, learned, cells, normalise=normalise, smooth=False, room=room)
         for one in recipes
     ]
     found = {}

@@ -111,6 +111,9 @@ class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     it."""
     rest_px: NonNegative
     """Standard deviation of what places of the mask differ from that, beyond noise."""
+    sigma_px: NonNegative = 0.0
+    """Standard deviation of where the mask was found, over the field, by what the photos' own
+    patches tell."""
     direct: Annotated[float, Meta(ge=0.0, le=1.0)]
     """Share of direct light in the scene's light, roughly; 0 where the projector's blocks are not
     seen."""
@@ -157,6 +160,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     dark: DarkPhoto | None = None
     """The photo whose ambient light is taken off the photos of a pilot, which have no black
     exposures. None on a dark bench."""
+    room: DarkPhoto | None = None
+    """A photo before all shots whose ambient light, and what a black projector lets out, are taken
+    off all photos that have no black exposures; None where nobody took one."""
     panels: PanelLook | None = None
     """Where the panels were seen to lie; None where nobody looked."""
     borders: BorderPhoto | None = None

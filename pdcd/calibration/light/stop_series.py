@@ -74,10 +74,8 @@ def shown_of(photo: StopPhoto) -> Shown:
     for pulse in range(photo.pulses):
         begin = pulse * (PULSE + PAUSE)
         mask[begin:][:PULSE] = WHITE
-        lit = (
-            slice(begin + FLASH, begin + FLASH + 1) if photo.short else slice(begin, begin + PULSE)
-        )
-        projector[lit] = WHITE
+        first, count = (FLASH, 1) if photo.short else (0, PULSE)
+        projector[begin + first :][:count] = WHITE
     nothing = np.zeros((0, 0, 0), np.bool_)
     return Shown(photo.name, nothing, nothing, projector, mask)
 

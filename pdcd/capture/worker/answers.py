@@ -24,7 +24,7 @@ from pdcd.protocol.plan_summary import How, Leaks, PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
 from pdcd.recipes.parts import part_numbers
-from pdcd.runs.record import BorderPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
+from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.verdict.assess import assess
@@ -180,6 +180,7 @@ def record_of(
     stops: Sequence[Stop] = (),
     panels: PanelLook | None = None,
     borders: BorderPhoto | None = None,
+    room: DarkPhoto | None = None,
 ) -> RunRecord:
     """What a run by this plan has to remember of itself, with the shots taken so far."""
     red, green, blue = (float(r) for r in camera.responsivity_e)
@@ -201,6 +202,7 @@ def record_of(
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
         dark=plan.dark,
+        room=room,
         panels=panels,
         borders=borders,
         leak=_left(plan.leaks, plan.how),

@@ -70,11 +70,19 @@ def room_changed(darkroom: Darkroom, before: DarkPhoto, after: DarkPhoto, watch:
     Raises DecodeError.
     """
     one, other = darkroom.dark_means(before), darkroom.dark_means(after)
-    if not one.differs(other):
+    if not one.less(other).seen:
         return 0.0
     recipe, means = darkroom.means(watch)
     answers = answers_of(recipe, means, {}, normalise=darkroom.record.normalise)
     return max(answer.changed(one, other) for answer in answers)
+
+
+def darker(darkroom: Darkroom, one: DarkPhoto, other: DarkPhoto) -> DarkPhoto:
+    """Of two dark photos that with less light: where it changed, only that was surely always there.
+
+    Raises DecodeError.
+    """
+    return min(one, other, key=lambda photo: float(darkroom.dark_means(photo).light.sum()))
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from pdcd.capture.worker.answers import (
     rms_sigma,
 )
 from pdcd.capture.worker.exposing import Exposer, Orders, dark_photo_of
-from pdcd.capture.worker.leak_check import AmbientResponse, leaks_in, room_changed
+from pdcd.capture.worker.leak_check import AmbientResponse, darker, leaks_in, room_changed
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import PdcdError, RequestError, disk_errors
 from pdcd.pictures.darkroom import Darkroom
@@ -84,6 +84,8 @@ class Course:
         """The plan before the scouts of a pilot ended that."""
         self._looked = False
         self._room: DarkPhoto | None = None
+        self._taken_off: DarkPhoto | None = None
+        """Before all shots; and what is taken off those without black exposures."""
         self._last_dark: tuple[DarkPhoto, DarkFrames, bool, int] | None = None
         """Of the look: its last photo, what that showed, whether by a lit projector, and how many
         shots there were."""
@@ -116,6 +118,9 @@ class Course:
         """All photos of the job."""
         if self._panels_due and self.plan.look is not None:
             self._room = yield from self._dark(ROOM_NAME, DarkFrames.of(self.plan), lit=False)
+            self._taken_off = self._room
+            self._adopt(self.plan)
+            self._orders.note(self.adopted())
         yield from self._shoot()
         yield from self._look_again()
 
@@ -266,6 +271,8 @@ class Course:
             self._last_dark = dark, due, not darks, len(self.darkroom.record.shots)
             darks.append(dark)
             leaks = leaks_in(plan, self.darkroom, darks, self._watch, self._room)
+            if self._room is not None and leaks.changed:
+                self._taken_off = darker(self.darkroom, self._room, dark)
             if leaks.both <= leaks.limit:
                 self._adopt(quiet(plan, leaks))  # the verdict knows of it
                 break
@@ -386,6 +393,7 @@ class Course:
         return record_of(
             self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells,
             stops=self._exposer.stops, panels=self._panels, borders=self._borders,
+            room=self._taken_off,
         )  # fmt: skip
 
     def _write_patterns(self) -> None:

@@ -133,9 +133,8 @@ def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> N
     assert [wanted.covered for wanted in found.wanted] == [n in COVERED for n in names]
     assert [ask.text for ask in found.asked] == [COVER, UNCOVER]
     # The widest lens at which a second of light is not too much.
-    f_numbers = {
-        w.f_number for w in found.wanted if not w.shown.name.startswith(("stop-", "flash-"))
-    }
+    of_stops = "stop-", "flash-"
+    f_numbers = {w.f_number for w in found.wanted if not w.shown.name.startswith(of_stops)}
     assert len(f_numbers) == 1
     (f_number,) = f_numbers
     assert f_number is not None

@@ -274,7 +274,7 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
             "cells": "cells", "projector": "projector", "mask": "mask",
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch",
-            "dark": "dark", "leak": 0.0, "room_changed": 0.0, "panels": None,
+            "dark": "dark", "leak": 0.0, "room_changed": 0.0, "panels": None, "room": None,
             "borders": None, "stops": (), "scale": Scale("of a nominal camera"),
         }  # fmt: skip
     cases: list[Any] = [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
