@@ -112,7 +112,7 @@ def panel_look(
         mask=_six(Affine(fit[:2].T, fit[2])),
         camera=_six(projector.map),
         rest_px=float(np.sqrt(max(rest**2 - noise, 0.0))),
-        sigma_px=float(np.sqrt(variance.mean())),
+        sigma_px=float(np.sqrt(variance.max())),
         direct=float(np.clip(contrast, 0.0, 1.0)),
         mask_seen=True,
     )
@@ -199,10 +199,12 @@ def _places(size_px: tuple[int, int]) -> Floats:
     return np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
 
 
-def _sure(off: Floats, least_px: float) -> Floats:
-    """Of offsets (n, 2) what is beyond the error of finding them."""
+def _sure(off: Floats, least_px: float, noise_px: float) -> Floats:
+    """Of offsets (n, 2) what is beyond the error of finding them, which is `least_px`, and beyond
+    the noise of the look, which adds to them as squares do."""
     length = np.hypot(off[:, 0], off[:, 1])
-    share = np.maximum(length - least_px, 0.0) / np.maximum(length, 1e-9)
+    beyond = np.sqrt(np.maximum(length**2 - noise_px**2, 0.0))
+    share = np.minimum(beyond, np.maximum(length - least_px, 0.0)) / np.maximum(length, 1e-9)
     return np.asarray(off * share[:, None])
 
 
@@ -235,8 +237,8 @@ def direct_lost(record: RunRecord, window: str) -> Lost:
     side, blur = windows(window).side, record.mask.blur_px
     cell = cell_px(record)
     quad = 0.0 if record.cells is None else quad_px(record.cells.filled, size_px)
-    least_px = max(SURE_PX * max(quad, 1.0), SIGMAS * look.sigma_px)
-    right, down = _sure(off_px(look.mask, size_px, known_px(record.mask)), least_px).T
+    least_px, noise_px = SURE_PX * max(quad, 1.0), SIGMAS * look.sigma_px
+    right, down = _sure(off_px(look.mask, size_px, known_px(record.mask)), least_px, noise_px).T
     spread, none = float(np.hypot(blur, look.rest_px)), np.zeros(1)
     mean = leak(cell, side, (right, down), spread) - leak(cell, side, (none, none), blur)
     found, usual = (

@@ -112,8 +112,8 @@ class PanelLook(msgspec.Struct, frozen=True, kw_only=True):
     rest_px: NonNegative
     """Standard deviation of what places of the mask differ from that, beyond noise."""
     sigma_px: NonNegative = 0.0
-    """Standard deviation of where the mask was found, over the field, by what the photos' own
-    patches tell."""
+    """Standard deviation of where the mask was found, where that is least sure, by what patches of
+    the photos tell."""
     direct: Annotated[float, Meta(ge=0.0, le=1.0)]
     """Share of direct light in the scene's light, roughly; 0 where the projector's blocks are not
     seen."""

@@ -18,7 +18,7 @@ from pdcd.bench.reading import emit
 from pdcd.bench.tables import Config
 from pdcd.panels.map import Map, Matrix
 from pdcd.panels.map_file import save_maps
-from tests.strangers.package.strangers_bench.facts import CAMERAS, Facts, PanelFacts
+from tests.strangers.package.strangers_bench.facts import CAMERAS, ENGRAVED, Facts, PanelFacts
 from tests.strangers.package.strangers_bench.places import Place
 
 Floats = NDArray[np.float64]
@@ -153,6 +153,10 @@ def _typed(facts: Facts, folder: Path) -> dict[str, Any]:
         "responsivity_e": facts.responsivity_e,
         "blur_quads": facts.blur_quads,
         "place": {"map": "maps.npz"},
+        "stops": [
+            {"f_number": engraved, "true": true, "sigma": 0.0}
+            for engraved, true in zip(ENGRAVED, facts.stops, strict=True)
+        ],
     }
     for name, panel in (("projector", facts.projector), ("mask", facts.mask)):
         found[name] |= _panel(panel) | {"place": {"map": "maps.npz"}}

@@ -3,8 +3,8 @@
 What is counted: an indirect picture shows light that fell first on another cell than the one that
 sends it to the camera ("near" + "far" of `World.true_pictures`); a direct one shows the rest, for
 codes of one value a cell cannot tell scattering within a cell from direct light. Cells are the
-run's own. Compared are quads that look through the mask at lit points alone, and whose sigma is
-finite: what the run says it does not know is only counted.
+run's own. Compared are quads that look through the mask at lit points of cells alone, blur and all,
+and whose sigma is finite: what the run says it does not know is only counted.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from tests.strangers.package.strangers_bench.world import World
 Floats = NDArray[np.float64]
 
 COVERED = 1.96
+WHOLE = 0.999
+"""Share of a quad's light that is all of it."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +69,20 @@ def true_answers(world: World, run: pdcd.Run) -> dict[str, Floats]:
             "near": light["near"]}  # fmt: skip
 
 
+def _within(world: World, run: pdcd.Run) -> NDArray[np.bool_]:
+    """Quads whose direct light all comes from cells, (h, w): nothing is lit beside these, and a run
+    tells what quads at their border would see if more were."""
+    cells, _ = cells_of(run)
+    here, all_lit = (
+        world.true_pictures(lit, (1, 1))["direct"]
+        for lit in (np.where(cells >= 0, 0, -1), np.zeros_like(cells))
+    )
+    return np.asarray((here > WHOLE * all_lit).all(axis=-1))
+
+
 def compare(run: pdcd.Run, world: World, names: Sequence[str]) -> dict[str, Compared]:
     """Pictures of a run against the truth, by name."""
-    true, seen = true_answers(world, run), world.mask_seen()
+    true, seen = true_answers(world, run), world.mask_seen() & _within(world, run)
     decoded = run.decode(progress=False).pictures
     found = {}
     for name in names:

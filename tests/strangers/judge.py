@@ -53,10 +53,9 @@ def judge(seed: int, folder: Path, *, small: bool = False, spoilt: int = 2) -> E
         entry["again"] = calibrate(files["sheet"], folder, card)
         entry["again"]["off_sigmas"] = _apart(entry["calibrate"], entry["again"])
     scene = Stands(stands="scene")
-    known = dataclasses.replace(scene, true_stops=True)
     for goal in GOALS:
         entry[goal] = photograph(files["sheet"], folder, facts, scene, goal)
-        entry[f"true {goal}"] = photograph(files["truth"], folder, facts, known, goal)
+        entry[f"true {goal}"] = photograph(files["truth"], folder, facts, scene, goal)
     rng = np.random.default_rng([seed, SEED_OF_SPOILING])
     for number in range(spoilt):
         how = SPOILT[(seed * spoilt + number) % len(SPOILT)]

@@ -54,6 +54,8 @@ Floats = NDArray[np.float64]
 
 LEAST_RADIUS_QUADS = 1.2
 """Radius of a dot in a photo below which its centre is not found."""
+BLUR_SIGMA = 0.06
+"""By how much the blur of edges of dots of 1.6 quads and more is found too small, at most."""
 FINER = (
     "the maps are not sure where there are no dots, as at the edge of a photo that sees a part of "
     "a panel: let the camera see all of it, or take stripes, which go up to the edge: --marks xor"
@@ -146,8 +148,11 @@ def _cells(config: Config) -> tuple[int, int] | None:
 
 def _lens_blur_quads(mask: Dots) -> float:
     """Standard deviation of the camera's own blur, by the edges of the mask's dots, which it alone
-    blurs: without the width of the quads. Of dots of 1.6 quads and more it is 6 % low at most."""
-    return float(np.sqrt(max(mask.blur_quads**2 - 1.0 / 12.0, 0.0)))
+    blurs: without the width of the quads; 0 where that is all there is."""
+    quad = 1.0 / np.sqrt(12.0)
+    if mask.blur_quads < (1.0 + BLUR_SIGMA) * quad:
+        return 0.0
+    return float(np.sqrt(mask.blur_quads**2 - quad**2))
 
 
 def _field_figure(common: SharedField) -> Figure:

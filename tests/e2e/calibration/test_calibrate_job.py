@@ -123,7 +123,7 @@ def test_the_record_says_what_was_measured_and_how(done: tuple[Path, CaptureResu
     assert [step.name for step in record.steps] == ["meter", "geometry"]
     assert set(record.measured) == {
         "projector.place.map", "mask.place.map", "camera.place.map", "mask.offset_px",
-        "projector.field_px",
+        "projector.field_px", "camera.blur_quads",
     }  # fmt: skip
     photos = [photo for step in record.steps for photo in step.photos]
     assert len(photos) >= 7 and all(photo.iso == 100 and photo.f_number for photo in photos)
@@ -200,7 +200,7 @@ def test_a_script_reads_what_it_needs_from_the_last_line_and_the_record(
     folder = Path(last["folder"])
     assert (last["state"], last["passed"], folder.parent) == ("done", True, out)
     config = json.loads((folder / kept.RECORD).read_text())["config"]
-    assert config["camera"] == {"place": {"map": "maps.npz"}}
+    assert config["camera"] == {"place": {"map": "maps.npz"}, "blur_quads": 0.0}
     assert config["mask"]["offset_px"] == [0.0, 0.0]
     # The next one with the same state folder goes by it, wherever it lies.
     assert calibrated(load(path)).calibration.use == str(folder)

@@ -113,6 +113,37 @@ def test_a_room_that_is_switched_on_after_any_photo_of_parts_is_not_good(
     assert quality.verdict == "doubtful" or error < 0.03
 
 
+def test_all_pictures_of_a_direct_run_in_a_lit_room_share_one_scale(tmp_path: Path) -> None:
+    """The room is no error of direct light worth black exposures; without them it was in the white
+    photo once and in the indirect one twice. The matrix itself says how much light there is."""
+    scene = bright(tmp_path, 0.0)
+    truth = "[scene]\nambient = 0.006\n[projector]\ncontrast = 2000.0\n"
+    (tmp_path / "truth.toml").write_text(truth)
+    config = Config(
+        projector=PanelConfig(size_px=(256, 192), contrast=130.0),  # as found in such a room
+        mask=PanelConfig(size_px=(320, 240), contrast=300.0),
+        scene=scene,
+        camera=CameraConfig(frame_quads=QUADS),
+        bench=BenchConfig(truth=str(tmp_path / "truth.toml")),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+    request = CaptureRequest(goal="direct", codes=64, pilot=0, parts=1, window="quarter")
+    with opened(config) as engine:
+        result = capture_with(engine, request, tmp_path, "job")
+    assert result.folder is not None
+    run = pdcd.open(result.folder)
+    assert run.manifest.run.how.black_level == "mask"
+    transport = np.load(tmp_path / "scene.npz")["transport"]
+    direct, white = np.trace(transport), transport.sum()
+    scales = {}
+    for name, light in (("white", white), ("indirect", white - direct), ("direct", direct)):
+        picture = run.decode(progress=False).pictures[name]
+        known = np.isfinite(picture.sigma)
+        scales[name] = float(picture.image[known].mean() / light * GRID[0] * GRID[1])
+    assert scales["indirect"] / scales["white"] == pytest.approx(1.0, abs=0.005)
+    assert scales["direct"] / scales["white"] == pytest.approx(1.0, abs=0.005)
+
+
 @pytest.mark.parametrize("place", ["offset_px = [4.0, 0.0]", "turn_deg = 2.0"])
 def test_a_field_beside_the_mask_is_unknown_there(tmp_path: Path, place: str) -> None:
     """No light comes from there: quads that lack it would err by all of it."""

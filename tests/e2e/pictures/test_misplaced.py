@@ -18,7 +18,7 @@ from pdcd.bench.tables import (
 )
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import Frames
-from pdcd.pictures.misplaced import lie_of
+from pdcd.pictures.misplaced import direct_lost, lie_of
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
@@ -44,6 +44,29 @@ def captured(folder: Path, truth: str, kind: str = "milky-bottle") -> CaptureRes
     request = CaptureRequest(goal="indirect", codes=64, pilot=0, parts=4, window="quarter")
     with opened(config) as engine:
         return capture_with(engine, request, folder, "job")
+
+
+@pytest.mark.parametrize("kind", ["mirror-and-vase", "still-life"])
+def test_panels_that_lie_right_are_not_accused_by_few_quads(tmp_path: Path, kind: str) -> None:
+    """Three quads to a block, and eighteen blocks: a turn of a tenth of a degree is what they err,
+    and error bars have none of it."""
+    config = Config(
+        projector=PanelConfig(size_px=(512, 384)),
+        mask=PanelConfig(size_px=(800, 600)),
+        scene=SceneConfig(kind=kind, grid=(18, 24)),
+        camera=CameraConfig(frame_quads=(72, 54)),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+    request = CaptureRequest(goal="indirect", codes=16, pilot=0, parts=1, window="quarter")
+    with opened(config) as engine:
+        result = capture_with(engine, request, tmp_path, "job")
+    assert result.folder is not None
+    record = read_manifest(result.folder).run
+    assert record.panels is not None and record.panels.mask is not None
+    assert direct_lost(record, "whole").rms < 1e-3
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality)
+    assert not any("lies" in reason for reason in quality.reasons)
 
 
 def place(device: str, **keys: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -125,6 +126,19 @@ def test_a_mask_is_found_to_a_tenth_of_a_quad(mask: Lies) -> None:
     assert abs(found.direct - 0.6) < 0.08
 
 
+def test_a_look_says_how_sure_it_is() -> None:
+    """It is off by less than three of its standard deviations, which are larger by noisy photos."""
+    sigmas = []
+    for electrons in (5000.0, 50.0):
+        found = looked(Lies((2.0, 0.0)), electrons=electrons)
+        assert found.mask is not None
+        off = off_px(found.mask, PROJECTOR, (2.0, 0.0))
+        error = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+        assert error < 3.0 * found.sigma_px
+        sigmas.append(found.sigma_px)
+    assert 0.0 < sigmas[0] < sigmas[1] < 0.1 * WIDTH / QUADS[0]
+
+
 @pytest.mark.parametrize(
     "camera", [Lies((12.0, -5.0)), Lies(turn=-2.0, scale=1.1), Lies(flip=(-1.0, 1.0))]
 )
@@ -186,6 +200,13 @@ def moved(right: float, down: float) -> PanelLook:
     return PanelLook(
         mask=(1.0, 0.0, right, 0.0, 1.0, down), camera=None, rest_px=0.0, direct=0.5, mask_seen=True
     )
+
+
+def test_what_a_look_cannot_be_sure_of_loses_no_light() -> None:
+    """A mask 1.4 px off counts where that is seen to 0.1 px, and not where it is seen to 0.5."""
+    look = moved(1.4, 0.0)
+    assert direct_lost(run(look), "whole").mean > 0.05
+    assert direct_lost(run(msgspec.structs.replace(look, sigma_px=0.5)), "whole").mean == 0.0
 
 
 def test_direct_light_lost_through_whole_cells_is_that_of_the_strip_beside_them() -> None:

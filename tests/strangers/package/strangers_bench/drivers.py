@@ -300,10 +300,6 @@ class Camera:
         """The camera of a rig. Raises ConfigError."""
         return cls(context)
 
-    @property
-    def _ring(self) -> tuple[float, ...]:
-        return self._bench.facts.stops if self._bench.look().true_stops else ENGRAVED
-
     def connect(self) -> CameraInfo:
         """What it is."""
         facts = self._bench.facts
@@ -313,17 +309,17 @@ class Camera:
             profile=self._config.profile,
             responsivity_e=responsivity_e(self._config),
             isos=(100,),
-            f_numbers=self._ring,
+            f_numbers=ENGRAVED,
             frame_quads=CAMERAS[facts.camera][0],
             readout_s=0.3,
         )
 
     def arm(self, settings: CameraSettings) -> None:
         """Set the ring. Raises ConfigError for a stop that is not on it."""
-        if settings.iso != 100 or settings.f_number not in self._ring:
+        if settings.iso != 100 or settings.f_number not in ENGRAVED:
             raise ConfigError(
                 f"no ISO {settings.iso} at f/{settings.f_number}", device="camera",
-                hint="ISO 100 and f/" + ", f/".join(f"{stop:g}" for stop in self._ring),
+                hint="ISO 100 and f/" + ", f/".join(f"{stop:g}" for stop in ENGRAVED),
             )  # fmt: skip
         self._settings = settings
 
@@ -336,7 +332,7 @@ class Camera:
             raise ExposureError("there is no photo", device="camera", hint="open and close")
         exposure_s = (bench.closed_ns - bench.open_ns) * 1e-9
         world = bench.world
-        true_f = bench.facts.stops[self._ring.index(settings.f_number)]
+        true_f = bench.facts.stops[ENGRAVED.index(settings.f_number)]
         samples = world.take(bench.shown(), 0.0, exposure_s, true_f, bench.room(), bench.rng)
         bench.open_ns = bench.closed_ns = None
         self._clock.sleep_until_ns(self._clock.now_ns() + 300_000_000)

@@ -51,8 +51,6 @@ class Stands:
     room_later: float | None = None
     """The room's light from photo `room_after` on, counted since this was written."""
     room_after: int = 0
-    true_stops: bool = False
-    """The driver knows its lens: it lists what its stops really are."""
 
     def save(self, path: Path) -> None:
         """Write it for the drivers, which look at each photo."""
