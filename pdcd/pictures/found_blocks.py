@@ -224,7 +224,8 @@ class Finder:
         level = self._level_px / raster.pitch
 
         def flat(right: float, down: float) -> Floats:
-            return _flat(self.shown(map_(points) + np.array([right, down])), known, level)[inside]
+            pattern = self.shown(map_(points) + np.array([right, down]))
+            return np.asarray(_flat(pattern, known, level)[inside])
 
         half = 0.5 * raster.pitch
         light, pattern = _flat(seen, known, level)[inside], flat(0.0, 0.0)

@@ -109,7 +109,7 @@ def measure_stops(
     if session.config.camera.f_number != "auto":
         return Stops()
     nominal = stop_of(own)
-    found = (Stop(nominal.f_number, nominal.true, 0.0),)
+    found: tuple[Stop, ...] = (Stop(nominal.f_number, nominal.true, 0.0),)
     for short in (False, True):
         beside = min(found, key=lambda stop: stop.f_number) if short else found[0]
         lit = 1 if short else PULSE

@@ -61,7 +61,7 @@ def test_panels_that_lie_right_are_not_accused_by_few_quads(tmp_path: Path, kind
     with opened(config) as engine:
         result = capture_with(engine, request, tmp_path, "job")
     assert result.folder is not None
-    record = read_manifest(result.folder).run
+    record = read_manifest(Path(result.folder)).run
     assert record.panels is not None and record.panels.mask is not None
     assert direct_lost(record, "whole").rms < 1e-3
     quality = result.summary["quality"]
