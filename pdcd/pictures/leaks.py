@@ -57,13 +57,15 @@ class Dark:
 class Answer:
     """The answer of cells with leaks in it, its variance by the sensor, (N, 3) each; and what it
     takes of a leak that shines through an open mask, and of one through a closed mask: (N, 1) each.
-    Only `seen` cells count."""
+    Only `seen` cells count. gross : (2, N, 1), what photos that count for it and such that count
+    against it take of the first, each without the other."""
 
     image: Floats
     variance: Floats
     open: Floats
     closed: Floats
     seen: Bools
+    gross: Floats
 
     def ambient(self, dark: Dark) -> float:
         """RMS error by the light of an open mask before a black projector, over the RMS of the
@@ -71,9 +73,10 @@ class Answer:
         return self._error([(self.open, dark)])
 
     def changed(self, before: Dark, after: Dark) -> float:
-        """The same of what such light changed, had all of the answer got it as it was before, and
-        only what was taken off it as it was after, or none."""
-        return max(self.ambient(before.less(after)), self.ambient(after.less(before)))
+        """The same of what such light changed, had all that counts for the answer got it as it was
+        before, and all that counts against it as it was after, or the other way round."""
+        most, between = self.gross.max(axis=0), (before.less(after), after.less(before))
+        return max(self._error([(most, dark)]) for dark in between)
 
     def mask(self, dark: Dark) -> float:
         """The same of a closed mask before a lit projector."""
@@ -207,14 +210,18 @@ def _of_photo(
     weights = weigh_cells(photo, means.panels, normalise)
     weight = weights.cells_s.reshape(-1, 1)
     light, noise, dark_s = np.zeros(()), np.zeros(()), 0.0
+    gross = np.zeros((2, means.seen.size, 1))
     for sign, name in photo.shots:
+        gross[int(sign < 0.0)] += abs(sign) * means.panels[name].realised.open_s[:, None] / weight
         light = light + sign * means.light[name].light
         noise = noise + means.light[name].error ** 2
         lit = float(means.panels[name].realised.coaxial.mean())
         dark_s += sign * max(0.0, lit_s.get(name, 0.0) - lit)
     opened = weights.realised.open_s.reshape(-1, 1)
     closed = np.full_like(opened, dark_s)
-    return Answer(light / weight, noise / weight**2, opened / weight, closed / weight, means.seen)
+    return Answer(
+        light / weight, noise / weight**2, opened / weight, closed / weight, means.seen, gross
+    )
 
 
 def _of_rule(rule: Rule, photos: Mapping[str, Answer]) -> Answer:
@@ -229,12 +236,19 @@ def _of_rule(rule: Rule, photos: Mapping[str, Answer]) -> Answer:
             share * np.mean([photo.open for photo in taken], axis=0),
             share * np.mean([photo.closed for photo in taken], axis=0),
             seen,
+            abs(share) * np.mean([photo.gross for photo in taken], axis=0),
         )
     shares = np.array([share for share, _ in rule])
+    against = [share < 0.0 for share, _ in rule]
+    turned = [
+        photo.gross[::-1] if other else photo.gross
+        for photo, other in zip(taken, against, strict=True)
+    ]
     return Answer(
         np.tensordot(shares, [photo.image for photo in taken], 1),
         np.tensordot(shares**2, [photo.variance for photo in taken], 1),
         np.tensordot(shares, [photo.open for photo in taken], 1),
         np.tensordot(shares, [photo.closed for photo in taken], 1),
         seen,
+        np.tensordot(abs(shares), turned, 1),
     )

@@ -102,14 +102,16 @@ def test_a_room_that_is_switched_amid_the_run_is_not_good(
     assert quality.verdict == "doubtful" or scaled > 0.03
 
 
-@pytest.mark.parametrize("photo", range(2, 15))
+@pytest.mark.parametrize(
+    ("before", "photo"), [*((0.0, k) for k in range(2, 15)), *((0.02, k) for k in (11, 13, 17))]
+)
 def test_a_room_that_is_switched_on_after_any_photo_of_parts_is_not_good(
-    tmp_path: Path, photo: int
+    tmp_path: Path, before: float, photo: int
 ) -> None:
     """Two test exposures, a dark photo, white, two looks, a part, a dark photo, three parts, a dark
-    photo; a run that sees the room adds black exposures."""
-    truth = f"[scene]\nambient = 0.03\nambient_from = {photo}\n"
-    quality, error, _, _ = judged(tmp_path, bright(tmp_path), truth, 64, parts=4)
+    photo; a run that sees the room, as those do that begin in a lit one, adds black exposures."""
+    truth = f"[scene]\nambient = {before + 0.03}\nambient_from = {photo}\n"
+    quality, error, _, _ = judged(tmp_path, bright(tmp_path, before), truth, 64, parts=4)
     assert quality.verdict == "doubtful" or error < 0.03
 
 

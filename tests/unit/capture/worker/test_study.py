@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import scipy.sparse
@@ -111,14 +112,20 @@ DARKS = (
 AMBIENT = Leaks(ambient=5.0, mask=0.0, both=5.0, floor=0.0, limit=0.01, raw=())
 
 
-def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) -> Any:
+def leaks(
+    monkeypatch: pytest.MonkeyPatch,
+    light: dict[str, float],
+    darks: Any,
+    before: DarkPhoto | None = None,
+) -> Any:
     """Of an answer of brightness 1, open for 3 s and behind a closed mask for 5 s, and one that
-    takes nothing of any leak."""
+    takes nothing of any leak. The former is made of photos open for 4 s less others of 1 s."""
 
     def answer(opened: float, closed: float) -> Answer:
         one = np.ones((2, 3))
         seen = np.ones(2, np.bool_)
-        return Answer(one, 0.0 * one, opened * one[:, :1], closed * one[:, :1], seen)
+        gross = np.array([opened + 1.0, 1.0])[:, None, None] * one[None, :, :1]
+        return Answer(one, 0.0 * one, opened * one[:, :1], closed * one[:, :1], seen, gross)
 
     answers = [answer(3.0, 5.0), answer(0.0, 0.0)]
     monkeypatch.setattr(leak_check, "answers_of", lambda *_, **__: answers)
@@ -130,7 +137,7 @@ def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) 
         ),
     )
     plan: Any = SimpleNamespace(look=SimpleNamespace(limit=0.01))
-    return leak_check.leaks_in(plan, darkroom, darks, Watch())
+    return leak_check.leaks_in(plan, darkroom, darks, Watch(), before)
 
 
 def test_one_dark_photo_tells_the_most_that_leaks_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,6 +156,17 @@ def test_two_dark_photos_tell_whose_a_leak_is(monkeypatch: pytest.MonkeyPatch) -
     assert found.mask == pytest.approx(0.03 / 0.97, rel=1e-4)
     assert found.both == pytest.approx(0.042 / 0.958, rel=1e-4)
     assert found.raw == ("raw/one", "raw/two")
+
+
+def test_a_room_that_changed_counts_for_all_photos_of_one_sign(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """0.004 a second came between: 4 s of it got into what counts for the answer, and none into
+    what is taken off that."""
+    before = msgspec.structs.replace(DARKS[0], raw="raw/zero")
+    light = {"raw/zero": 0.0, "raw/one": 0.02, "raw/two": 0.016}
+    found = leaks(monkeypatch, light, DARKS, before)
+    assert found.changed == pytest.approx(0.016 / 0.984, rel=1e-4)
 
 
 @pytest.mark.parametrize(("ambient", "known"), [(0.02, True), (0.01, False), (None, False)])
