@@ -76,6 +76,7 @@ class DenseCamera:
         transport: Floats,
         *,
         texture: Floats | None = None,
+        ways: Floats | None = None,
         tau_s: float = 0.0,
         leak: float = 0.0,
         offset_cells: tuple[float, float] = (0.0, 0.0),
@@ -83,11 +84,12 @@ class DenseCamera:
         """Light of an exposure, (h, w), scene units times seconds.
 
         direct (N,), transport (N, N) without a diagonal; texture, of samples, multiplies both.
+        ways : where else on the field each sample gets as much light from as shines there.
         tau_s, leak, offset_cells : time constant, black over white and misregistration of the mask.
         """
         cell, seen = self.cell, np.flatnonzero(self.inside)
         cell = cell.ravel()[seen]
-        places = [_Places(self, frames, shift, offset_cells, seen) for shift in range(4)]
+        places = [_Places(self, frames, shift, offset_cells, seen, ways) for shift in range(4)]
         light, state = np.zeros(seen.size), np.full(seen.size, leak)
         ends = [*log.dual_ns[1:].tolist(), int(log.end_ns[1])]
         for row, (start, end) in enumerate(zip(log.dual_ns.tolist(), ends, strict=True)):
@@ -102,6 +104,8 @@ class DenseCamera:
             if open_s.any():
                 point, of_cells = places[int(frames.shift[lit])].projector(lit)
                 light += open_s * (direct[cell] * point + (transport @ of_cells)[cell])
+                if ways is not None:
+                    light += open_s * places[int(frames.shift[lit])].wandered(lit)
         whole = np.zeros(self.inside.shape)
         whole.ravel()[seen] = light
         return self.quads(whole if texture is None else whole * texture)
@@ -117,12 +121,19 @@ class _Places:
         shift: int,
         offset: tuple[float, float],
         seen: Indices,
+        ways: Floats | None = None,
     ) -> None:
         self._frames, self._grid = frames, camera.grid
         rows, cols = camera.grid
         half = np.array([0.5 * (shift & 1), 0.5 * (shift >> 1)])
         at = camera.points.reshape(-1, 2)[seen] * (cols, rows)
         self._light = _index(at + half, frames.lattice)
+        if ways is not None:
+            sent = ways.reshape(-1, 2)[seen]
+            self._sent = np.where(
+                ((sent >= 0.0) & (sent < 1.0)).all(axis=-1),
+                _index(sent * (cols, rows) + half, frames.lattice), -1,
+            )  # fmt: skip
         behind = at + np.array([offset[1], offset[0]])
         self._white = ((behind >= 0.0) & (behind < (cols, rows))).all(axis=-1)
         code = behind + half
@@ -152,6 +163,13 @@ class _Places:
         levels = self._levels(self._frames.primal_patterns, index)
         parts = levels[self._quarters].reshape(self._grid[0], 2, self._grid[1], 2)
         return levels[self._light], parts.mean(axis=(1, 3)).ravel()
+
+    def wandered(self, row: int) -> Floats:
+        """Light at every sample by its own way."""
+        index = int(self._frames.primal_index[row])
+        if index in (BLACK, WHITE):
+            return np.where(self._sent >= 0, float(index == WHITE), 0.0)
+        return self._levels(self._frames.primal_patterns, index)[self._sent]
 
     def _levels(self, patterns: Patterns, index: int) -> Floats:
         """Of all cells of a pattern, and 0 for what is beyond."""

@@ -22,7 +22,7 @@ from pdcd.pictures.exposed import Ambient, Exposed, Print
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
 from pdcd.pictures.picture import Barred, Errors, Picture, barred, pictures_of, sigma_of
-from pdcd.pictures.sigma import beside_error, beside_weight, measured, usual_near_light
+from pdcd.pictures.sigma import beside_weight, measured, single_errors
 from pdcd.pictures.to_cells import (
     Averaged,
     all_counted,
@@ -31,10 +31,11 @@ from pdcd.pictures.to_cells import (
     average_shots,
     halve,
     mean_image,
+    sample,
     seen_cells,
 )
 from pdcd.pictures.to_quads import share_out
-from pdcd.pictures.weights import Shown
+from pdcd.pictures.weights import Shown, weigh_cells
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import RunRecord
@@ -101,13 +102,14 @@ def barred_pictures(
     scaled = photos(recipe, shots, cells, borders)
     alive()
     whole = pictures_of(recipe, scaled)
-    near = beside_errors(recipe, shots, scaled, learned, cells, normalise=record.normalise)
     if averaged is not None:
         images = part_images(recipe, averaged, partial(photos, borders=coarse))
-        bars = barred_by_parts(whole, images, cells, beside_of_pictures(recipe, scaled, near))
+        single = single_of_pictures(recipe, shots, scaled, cells)
+        bars = barred_by_parts(whole, images, cells, single)
     else:
-        bars = barred_alone(recipe, whole, cells, beside_of_pictures(recipe, scaled, near))
+        bars = barred_alone(recipe, whole)
     normalise = record.normalise
+    bars = with_beside_light(bars, recipe, shots, scaled, learned, cells, normalise=normalise)
     bars = with_border_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
     bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
     if record.panels is None:
@@ -168,6 +170,13 @@ def _more_error(picture: Barred, error: Floats, cells: CellMap) -> Barred:
     return replace(made, of_cells=of_cells)
 
 
+def _of_cells(picture: Barred, cells: CellMap) -> Errors:
+    """The code error of means over cells, (rows, cols, 3)."""
+    if picture.of_cells is not None:
+        return picture.of_cells
+    return mean_image(picture.code, cells).reshape(*cells.grid, -1)
+
+
 def _averaged_borders(
     borders: SeenBorders, shots: Mapping[str, Exposed], cells: CellMap
 ) -> SeenBorders:
@@ -205,37 +214,66 @@ def barred_by_parts(
     pictures: Mapping[str, Picture],
     parts: Mapping[str, list[Floats]],
     cells: CellMap,
-    alike: Mapping[str, Floats],
+    single: Mapping[str, Floats],
 ) -> dict[str, Barred]:
     """Pictures whose sigma is the sensor's, with the code error that their parts show.
 
-    parts : of `part_images`. alike : errors of the pictures' cells, (rows, cols, 3) each, that all
-    parts share, where there are any.
+    parts : of `part_images`. single : what quads err by beside their cell, or half of one, as of
+    `single_of_pictures`, where anything is known of it.
     """
     found, parted = {}, halve(cells)
     for name, picture in pictures.items():
         seen = average_apart(picture, parted)
-        code, of_cells = _code_of_parts(seen, parts[name], cells.grid, alike.get(name))
-        of_quads = share_out(code, picture, seen.image, parted)
+        code, of_cells = _code_of_parts(seen, parts[name], cells.grid)
+        more = single.get(name)
+        both = code if more is None else np.hypot(code, more)
+        of_quads = share_out(both, picture, seen.image, parted)
         found[name] = replace(barred(picture, of_quads, "measured"), of_cells=of_cells)
     return found
 
 
 def _code_of_parts(
-    seen: Picture, parts: list[Floats], grid: tuple[int, int], alike: Floats | None
-) -> tuple[Floats, Floats | None]:
+    seen: Picture, parts: list[Floats], grid: tuple[int, int]
+) -> tuple[Errors, Errors]:
     """Code error of a picture on cells by what its parts show, (rows, cols, 3); where these are of
-    half cells, that of means over whole ones, too."""
-    code, of_cells = measured(seen, parts).code, None
-    times = seen.image.shape[0] // grid[0]
-    if times != 1:
-        sigma = np.sqrt(_of_halves(seen.sigma**2) / 4.0)
-        whole = Picture(_of_halves(seen.image), sigma)
-        of_cells = measured(whole, [_of_halves(one) for one in parts]).code
-    if alike is not None:
-        code = np.hypot(code, alike.repeat(times, axis=0).repeat(times, axis=1))
-        of_cells = None if of_cells is None else np.hypot(of_cells, alike)
-    return np.asarray(code), None if of_cells is None else np.asarray(of_cells)
+    half cells, that of means over whole ones comes second."""
+    code = measured(seen, parts).code
+    if seen.image.shape[0] == grid[0]:
+        return code, code
+    sigma = np.sqrt(_of_halves(seen.sigma**2) / 4.0)
+    whole = Picture(_of_halves(seen.image), sigma)
+    return code, measured(whole, [_of_halves(one) for one in parts]).code
+
+
+def single_of_pictures(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    photos: Mapping[str, Picture],
+    cells: CellMap,
+) -> dict[str, Floats]:
+    """What the codes of all pictures that have any get wrong of single quads beside their cell, or
+    half of one where parts are told of halves (`pdcd.pictures.sigma.single_errors`), by name.
+
+    photos : scaled ones. Nothing is told where each cell has a quad of its own.
+    """
+    parted, found = halve(cells), {}
+    picked = sample(list(_used(recipe, shots).values()), parted)
+    if picked.cell.size <= len(np.unique(picked.cell)):
+        return {}
+    part_of = {shot.name: shot.part for shot in recipe.shots}
+    for photo in recipe.photos:
+        light: dict[int, Floats] = {}
+        noise: dict[int, Floats] = {}
+        for sign, name in photo.shots:
+            part = part_of.get(name, 0)
+            if part:
+                shot = shots[name]
+                light[part] = light.get(part, 0.0) + sign * picked.take(shot.light_at)
+                noise[part] = noise.get(part, 0.0) + picked.take(shot.variance_at)
+        if light:
+            images = average(photos[photo.name], parted).image
+            found[photo.name] = single_errors([*light.values()], [*noise.values()], picked, images)
+    return of_pictures(recipe, photos, found)
 
 
 def _of_halves(image: NDArray[np.floating]) -> Floats:
@@ -244,25 +282,15 @@ def _of_halves(image: NDArray[np.floating]) -> Floats:
     return np.asarray(image.reshape(rows, 2, cols, 2, -1).mean(axis=(1, 3)), dtype=np.float64)
 
 
-def barred_alone(
-    recipe: Recipe,
-    pictures: Mapping[str, Picture],
-    cells: CellMap,
-    alike: Mapping[str, Floats],
-) -> dict[str, Barred]:
-    """Pictures of too few parts to tell what their codes err: of that their sigma has nothing.
-
-    alike : errors of the pictures' cells, (rows, cols, 3) each, that are known all the same.
-    """
+def barred_alone(recipe: Recipe, pictures: Mapping[str, Picture]) -> dict[str, Barred]:
+    """Pictures of too few parts to tell what their codes err: of that their sigma has nothing."""
     coded = {p.name for p in recipe.photos if any(_is_coded(recipe, name) for _, name in p.shots)}
     found = {}
     for name, picture in pictures.items():
-        code: Errors = np.zeros_like(picture.sigma)
-        if name in alike:
-            code = share_out(alike[name], picture, average(picture, cells).image, cells)
         rule = recipe.pictures[name]
         photos = rule.photos if isinstance(rule, Extremes) else [one for _, one in rule]
-        found[name] = barred(picture, code, "sensor" if coded & set(photos) else "whole")
+        none: Errors = np.zeros_like(picture.sigma)
+        found[name] = barred(picture, none, "sensor" if coded & set(photos) else "whole")
     return found
 
 
@@ -272,7 +300,8 @@ def _is_coded(recipe: Recipe, shot: str) -> bool:
     return of is None or (not of.white and recipe.programs[of.program].coded)
 
 
-def beside_errors(
+def with_beside_light(
+    pictures: Mapping[str, Barred],
     recipe: Recipe,
     shots: Mapping[str, Exposed],
     photos: Mapping[str, Picture],
@@ -280,33 +309,36 @@ def beside_errors(
     cells: CellMap,
     *,
     normalise: NormaliseName = "auto",
-) -> dict[str, Floats]:
-    """Standard deviation, (rows, cols, 3), of the means over cells of all photos that take light
-    from right beside a cell for direct light (`pdcd.pictures.sigma.beside_weight`).
+) -> dict[str, Barred]:
+    """Pictures whose code error knows of light from right beside each cell, which all parts get
+    wrong alike (`pdcd.pictures.beside`). What chance makes of it is no error of means over cells.
 
     photos : scaled ones. learned : of a pilot, if any.
     """
-    found = {}
-    for photo in recipe.photos:
-        weight = beside_weight(photo, shots, cells.grid, normalise)
-        if weight == 0.0:
-            continue
-        if learned is not None and learned.near.any():
-            near = learned.near
-        else:
-            near = usual_near_light(mean_image(photos[photo.name].image, cells))
-        found[photo.name] = beside_error(weight, near, cells.grid)
+    weighed = [weigh_cells(photo, shots, normalise) for photo in recipe.photos]
+    weighed = [one for one in weighed if beside_weight(one, cells.grid)]
+    if not weighed:
+        return dict(pictures)
+    from pdcd.pictures.beside import beside_errors  # most photos are taken through whole cells
+
+    single = [shots[name] for name in recipe.stack if name in shots]
+    errors = beside_errors(weighed, photos, single, learned, cells)
+    found = dict(pictures)
+    for name, error in errors.items():
+        for one, made in _with_photo_error(found, recipe, name, error.of_quads).items():
+            even = _part_of(recipe, one, name) * error.even
+            found[one] = replace(made, of_cells=np.hypot(_of_cells(found[one], cells), even))
     return found
 
 
-def beside_of_pictures(
-    recipe: Recipe, photos: Mapping[str, Picture], near: Mapping[str, Floats]
+def of_pictures(
+    recipe: Recipe, photos: Mapping[str, Picture], errors: Mapping[str, Floats]
 ) -> dict[str, Floats]:
-    """The same of the pictures that are made of those photos, by name."""
-    if not near:
+    """Errors of photos (rows, cols, 3) -> of the pictures that are made of those, by name."""
+    if not errors:
         return {}
-    none = np.zeros_like(next(iter(near.values())))
-    alone = {name: near.get(name, none) for name in photos}
+    none = np.zeros_like(next(iter(errors.values())))
+    alone = {name: errors.get(name, none) for name in photos}
     return {
         name: np.asarray(sigma_of(rule, photos, alone))
         for name, rule in recipe.pictures.items()
@@ -342,20 +374,25 @@ def with_border_light(
 
 
 def _with_photo_error(
-    pictures: Mapping[str, Barred], recipe: Recipe, photo: str, error: Floats
+    pictures: Mapping[str, Barred], recipe: Recipe, photo: str, error: Errors
 ) -> dict[str, Barred]:
     """Of the pictures those that a photo is a part of, with its error (h, w, 3) in their code
     error; what they know of means over cells is left out."""
     found = {}
     for name, picture in pictures.items():
-        rule = recipe.pictures[name]
-        if isinstance(rule, Extremes):
-            continue
-        part = sum((abs(weight) for weight, one in rule if one == photo), 0.0)
+        part = _part_of(recipe, name, photo)
         if part:
             code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
             found[name] = barred(Picture(picture.image, picture.sensor), code, picture.kind)
     return found
+
+
+def _part_of(recipe: Recipe, picture: str, photo: str) -> float:
+    """How often a photo counts in a picture; 0 in one of extremes, of which nobody can say."""
+    rule = recipe.pictures[picture]
+    if isinstance(rule, Extremes):
+        return 0.0
+    return sum((abs(weight) for weight, one in rule if one == photo), 0.0)
 
 
 def _with_means(picture: Barred, error: Floats, cells: CellMap) -> Floats | None:

@@ -1,6 +1,9 @@
 """How far the codes of a picture may be off, as its parts show; and by light from right beside each
 cell, which all parts get wrong alike.
 
+What parts show is told of cells, and of single quads beside: where each of these gets its light by
+ways of its own, as in rough stone, they err by more than the mean of their cell does.
+
 The code error depends on the light transport of the scene, which nobody knows. Where a photo was
 taken in parts with codes of their own, their spread shows it. Where it was not, nothing does: one
 photo cannot tell the light of a mirror from that of a wall, and sigma is without it.
@@ -8,7 +11,7 @@ photo cannot tell the light of a mirror from that of a wall, and sigma is withou
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import scipy
@@ -16,9 +19,8 @@ from numpy.typing import NDArray
 
 from pdcd.pictures.picture import Barred, Picture, barred
 from pdcd.pictures.smooth import beside
-from pdcd.pictures.weights import Shown, weigh_cells
-from pdcd.recipes.recipe import Photo
-from pdcd.words import NormaliseName
+from pdcd.pictures.to_cells import Sample
+from pdcd.pictures.weights import CellWeights
 
 Floats = NDArray[np.float64]
 
@@ -29,12 +31,9 @@ NEIGHBOURS_PX = 3
 LEAST = 0.1
 """Least square of a pixel's error over that of its neighbourhood. More covers more of what parts
 get wrong alike, and widens the error bars of pixels that do not err."""
-USUAL = 0.02
-"""Light from one of the eight cells around, over all indirect light, where no pilot tells: between
-the virtual scenes with little of it (0.1 to 1 %) and those with much (2 to 7 %)."""
-UNEVEN = 1.3
-"""Root of the mean square of what the eight send, over its mean: 1.05 to 2.5 before the virtual
-scenes."""
+DARK = 1e-3
+"""Mean square of the light, over that of all cells, below which a cell is dark."""
+TINY = np.finfo(np.float64).tiny
 LEAST_BESIDE = 0.15
 """Weight that is off, in paths of one cell, below which it is the chance of codes: a photo of whole
 cells has none but that."""
@@ -84,7 +83,7 @@ def _expected(variance: Floats, noise: Floats, image: Floats) -> Floats:
     total = float(square.sum())
     share = max(float(np.sum(variance - noise)), 0.0) / total if total > 0.0 else 0.0
     expected = noise + share * square
-    floor = 1e-3 * float(expected.mean())
+    floor = DARK * float(expected.mean())
     return np.maximum(expected, floor if floor > 0.0 else 1.0)
 
 
@@ -123,9 +122,35 @@ def _inverse_trigamma(value: float) -> float:
     return x
 
 
-def beside_weight(
-    photo: Photo, shots: Mapping[str, Shown], grid: tuple[int, int], normalise: NormaliseName
-) -> float:
+def single_errors(
+    light: Sequence[Floats], noise: Sequence[Floats], sample: Sample, images: Floats
+) -> Floats:
+    """What single quads err by codes beside the mean of their cell, (rows, cols, C), by how they
+    differ from it in the parts of a photo; without the sensor's noise.
+
+    light, noise : of each part at the quads of the sample, (Q, C), and its variance, in any unit.
+    images : (rows, cols, C), the photo on the cells of the sample, in the unit of the answer.
+    """
+    count, mean = len(light), np.mean(light, axis=0)
+    number = np.maximum(sample.sums(np.ones((sample.cell.size, 1))), 1.0)
+    level = sample.sums(mean) / number
+    floor = DARK * np.mean(level**2, axis=0)
+    lit = level > np.sqrt(floor)
+    square = np.zeros_like(mean)
+    for part in light:
+        like = np.divide(sample.sums(part) / number, level, out=np.ones_like(level), where=lit)
+        like = like[sample.cell]
+        square += (part - mean * like) ** 2 / (count - 1.0)
+    spare = np.maximum(number - 1.0, 0.0) / number  # of each cell's mean it knows nothing
+    square -= spare[sample.cell] * np.mean(noise, axis=0)
+    # In proportion to light; what is dark beside the others errs as little.
+    all_light = sample.sums(spare[sample.cell] * (level**2 + floor)[sample.cell], NEIGHBOURS_PX)
+    over = sample.sums(square, NEIGHBOURS_PX) / np.maximum(all_light, TINY)
+    over = np.where(all_light > 0.0, np.maximum(over, 0.0), 0.0).reshape(images.shape)
+    return np.asarray(np.sqrt(over / count) * np.abs(images))
+
+
+def beside_weight(weights: CellWeights, grid: tuple[int, int]) -> float:
     """How much light from one of the cells around is worth in the error of a photo that cannot tell
     it from direct light: what is lacking of all eight, and what is there of the cell's own, whose
     size nobody knows. 0 where that is the chance of codes, and of photos that do not want all other
@@ -134,13 +159,12 @@ def beside_weight(
     Under quarter windows the projector's code cell reaches a quarter of a cell beyond the window
     that it belongs to. So a photo of indirect light lacks some of what comes from the cells around,
     and has some of what wandered within its own. All parts of a photo do so alike: their spread
-    does not show it. How much light there is of either kind is modelled: by what a pilot tells
-    (`pdcd.codes.pilot.scene_light`), else as a share of all light.
+    does not show it (`pdcd.pictures.beside`).
     """
-    if photo.wanted.uniform is None or photo.wanted.uniform[0] == photo.wanted.uniform[1]:
+    uniform = weights.photo.wanted.uniform
+    if uniform is None or uniform[0] == uniform[1]:
         return 0.0
-    diagonal, off = photo.wanted.uniform
-    weights = weigh_cells(photo, shots, normalise)
+    diagonal, off = uniform
     realised, cells_s = weights.realised, weights.cells_s
     lacking = sum(
         off - share for share in beside(realised.left, realised.right, cells_s, grid).values()
@@ -148,15 +172,3 @@ def beside_weight(
     own = float(np.mean(realised.row_sums_s[1] / cells_s)) - diagonal
     weight = float(np.hypot(lacking, own))
     return 0.0 if weight < LEAST_BESIDE else weight
-
-
-def beside_error(weight: float, near: Floats, grid: tuple[int, int]) -> Floats:
-    """Standard deviation, (rows, cols, C), of the cells of a photo of that `beside_weight`; `near`
-    is the light that each gets from one of those around, (N, C)."""
-    return UNEVEN * weight * near.reshape(*grid, -1)
-
-
-def usual_near_light(light: Floats) -> Floats:
-    """Light that each cell gets from one of those around, (N, C), where no pilot tells; `light` is
-    that of the photo."""
-    return USUAL * np.maximum(light, 0.0)

@@ -10,11 +10,12 @@ matters the light of cells is told apart (`Apart`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pdcd.panels.map import Map
@@ -28,6 +29,12 @@ Indices = NDArray[np.int64]
 
 LEAST_PURE = 0.2
 """Share of a cell's area that quads must see which see nothing else."""
+AMID_QUADS = 2.5
+"""Quads from the edges of a cell from which on those tell of it alone whose cells are fine enough:
+how much a lens blurs nobody may have said, and direct light of the next cell looks like indirect
+light from there."""
+UNMIXED = 3
+"""Quads so far apart see nothing of each other by a blur that nobody may have said."""
 STEPS = 12
 """After so many, a mixture of half a cell with its neighbours is parted to a thousandth."""
 FINE = 1.6
@@ -39,6 +46,8 @@ do."""
 MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
+SAMPLED = 6
+"""Quads along a side of a cell that tell what single quads err by."""
 SMEARED = 3.0
 """Standard deviations of a blur that count as smeared."""
 
@@ -163,15 +172,25 @@ class Apart:
 def tell_apart(known: Bools, cells: CellMap, wanted: Indices) -> Apart:
     """How the light of some cells is told from that of their neighbours.
 
-    By quads that see one cell alone, where each cell has enough of them. Else all quads count, and
-    what they mix is parted again, as if cells were of one value each.
+    By quads amid a cell, or at least by those that see one alone, where each cell has enough of
+    them. Else all quads count, and what they mix is parted again, as if cells were of one value
+    each.
 
     known : (h, w), quads that count. wanted : (C,), numbers of the cells.
     """
     alone = known & cells.single
-    share = cells.mean(alone[..., None].astype(np.float64))[wanted]
-    pure = bool(share.min(initial=1.0) >= LEAST_PURE)
-    return Apart(cells, known, alone if pure else known, pure)
+    for used in (alone & amid(cells), alone):
+        share = cells.mean(used[..., None].astype(np.float64))[wanted]
+        if share.min(initial=1.0) >= LEAST_PURE:
+            return Apart(cells, known, used, pure=True)
+    return Apart(cells, known, known, pure=False)
+
+
+def amid(cells: CellMap) -> Bools:
+    """(h, w), quads that tell of a cell alone whatever a lens blurs; none where cells have few."""
+    if AMID_QUADS * cells.quad_cells**0.5 >= 0.5 or not cells.quad_cells:
+        return np.zeros(cells.frame, np.bool_)
+    return cells.amid(AMID_QUADS)
 
 
 def light_of_cells(
@@ -261,6 +280,76 @@ def average_shots(
 
     averaged = {name: coarse(shot) for name, shot in shots.items()}
     return Averaged(averaged, alike, np.flatnonzero(unseen))
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Some quads of each cell that see nothing else.
+
+    rows, columns : of the frame, of which the quads `picked` (R, C) count. cell : (Q,), which one
+    each of these sees. pairs : (2, M), numbers of those that lie beside each other in a cell, so
+    far apart that no blur mixes them. grid : (rows, cols) of cells.
+    """
+
+    rows: slice
+    columns: Indices
+    picked: Bools
+    cell: Indices
+    pairs: Indices
+    grid: tuple[int, int]
+
+    def take(self, read: Callable[[slice], NDArray[np.floating]]) -> Floats:
+        """What can be read of some rows of a frame, of these quads, (Q, C)."""
+        return np.asarray(read(self.rows)[:, self.columns][self.picked], dtype=np.float64)
+
+    def sums(self, values: Floats, side: int = 1) -> Floats:
+        """Sums of values (Q, C) over each cell and those around it, a square of `side`: (N, C)."""
+        return self.of_pairs(values, self.cell, side)
+
+    def of_pairs(self, values: Floats, cell: Indices, side: int) -> Floats:
+        """The same of values (M, C) that belong to these cells (M,)."""
+        size = self.grid[0] * self.grid[1]
+        sums = np.zeros((size, values.shape[1]))
+        for channel, one in enumerate(values.T):
+            sums[:, channel] = np.bincount(cell, one, size)
+        return sums if side == 1 else side**2 * self.around(sums, side)
+
+    def around(self, values: Floats, side: int) -> Floats:
+        """Means of values of cells (N, C) over squares of `side` around them, 0 beyond the grid."""
+        table = values.reshape(*self.grid, -1)
+        mean = scipy.ndimage.uniform_filter(table, (side, side, 1), mode="constant")
+        return np.asarray(mean.reshape(values.shape))
+
+
+def sample(shots: Sequence[Exposed], cells: CellMap, *, within: bool = False) -> Sample:
+    """Some quads of each cell that no shot saturates, for `pdcd.pictures.sigma.single_errors` and,
+    well `within` cells that are fine enough, for `pdcd.pictures.beside.single_ways`."""
+    side = cells.quad_cells**-0.5 if cells.quad_cells else 1.0
+    step = max(1, int(side / SAMPLED))
+    apart = int(np.clip(side / 4.0, 1.0, UNMIXED)) + int(np.ceil(2.0 * cells.blur_quads))
+    rows = slice(step // 2, cells.frame[0], step)
+    columns = np.arange(cells.frame[1])
+    columns = columns[(columns % step == 0) | ((columns - apart) % step == 0)]
+    whole = cells.known & cells.single
+    if within and (inner := whole & amid(cells)).any():
+        whole = inner
+    known = whole[rows][:, columns]
+    for shot in shots:
+        known &= ~shot.saturated[rows][:, columns]
+    y = np.arange(cells.frame[0])[rows] + 0.5
+    places = cells.filled.to_field(np.stack(np.meshgrid(columns + 0.5, y), axis=-1)[known])
+    cell = np.zeros(len(places), dtype=np.int64)
+    for place, count in zip(places.T[::-1], cells.grid, strict=True):
+        cell = cell * count + np.clip(place * count, 0, count - 1).astype(np.int64)
+    number = np.full(known.shape, -1)
+    number[known] = np.arange(cell.size)
+    other = np.searchsorted(columns, columns + apart) % columns.size
+    other = np.where(columns[other] == columns + apart, other, 0)
+    first, second = number, np.where(other > 0, number[:, other], -1)
+    both = (first >= 0) & (second >= 0)
+    pairs = np.stack([first[both], second[both]])
+    pairs = pairs[:, cell[pairs[0]] == cell[pairs[1]]]
+    return Sample(rows, columns, known, cell, pairs, cells.grid)
 
 
 def halve(cells: CellMap) -> CellMap:

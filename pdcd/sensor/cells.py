@@ -95,6 +95,14 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         """(h, w), quads that see one cell alone, or nothing of the field."""
         return _single(self)
 
+    def amid(self, quads: float) -> Bools:
+        """(h, w), quads whose centre lies so many quads, or more, from the edges of its cell."""
+        least = quads * self.quad_cells**0.5
+        found: Bools = np.ones(self.frame, np.bool_)
+        for place in _places(self):  # from the centre of the first cell
+            found &= np.abs(place - np.rint(place)) <= 0.5 - least
+        return found
+
     @property
     def inside(self) -> NDArray[np.float32] | None:
         """(h, w), share of a quad's light that comes from within the field; None where that is 1

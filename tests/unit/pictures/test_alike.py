@@ -9,11 +9,14 @@ import scipy
 
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.pictures.bars import beside_errors, beside_of_pictures
+from pdcd.pictures.bars import barred_alone, of_pictures, with_beside_light
+from pdcd.pictures.beside import USUAL, Beside, beside_errors
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, _beside
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.sigma import USUAL
+from pdcd.pictures.sigma import beside_weight
+from pdcd.pictures.to_cells import average_with_bars
+from pdcd.pictures.weights import weigh_cells
 from pdcd.planning.make import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect
@@ -55,9 +58,11 @@ def photos_of(plan: Plan, level: float = 1.0) -> dict[str, Picture]:
     return {photo.name: Picture(image, 0.01 * image) for photo in plan.recipe.photos}
 
 
-def errors(plan: Plan, learned: Learned | None = None) -> dict[str, Any]:
-    cells = CellMap.block(GRID, GRID)
-    return beside_errors(plan.recipe, shots_of(plan), photos_of(plan, 0.7), learned, cells)
+def errors(plan: Plan, learned: Learned | None = None) -> dict[str, Beside]:
+    cells, shots = CellMap.block(GRID, GRID), shots_of(plan)
+    weighed = [weigh_cells(photo, shots, "auto") for photo in plan.recipe.photos]
+    weighed = [one for one in weighed if beside_weight(one, GRID)]
+    return beside_errors(weighed, photos_of(plan, 0.7), [], learned, cells)
 
 
 def told(near: float) -> Learned:
@@ -70,21 +75,42 @@ def test_quarter_windows_lack_light_from_beside_and_whole_ones_do_not() -> None:
     plan = plan_of(goal="indirect", window="quarter")
     found = errors(plan, told(0.05))
     assert set(found) == {"coded"}
-    np.testing.assert_allclose(found["coded"], 1.3 * np.hypot(7, 7) / 16 * 0.05, rtol=0.1)
-    unknown = errors(plan)["coded"]
+    np.testing.assert_array_equal(found["coded"].of_quads, found["coded"].even)
+    np.testing.assert_allclose(found["coded"].even, 1.3 * np.hypot(7, 7) / 16 * 0.05, rtol=0.1)
+    unknown = errors(plan)["coded"].even
     np.testing.assert_allclose(unknown, 1.3 * np.hypot(7, 7) / 16 * USUAL * 0.7, rtol=0.1)
     assert not errors(plan_of(goal="indirect", window="whole"), told(0.05))
 
 
-def test_pictures_have_it_as_they_are_made_of_photos() -> None:
+def test_pictures_have_errors_as_they_are_made_of_photos() -> None:
     plan = plan_of(goal="direct", window="quarter")
-    near = errors(plan, told(0.05))
-    pictures = beside_of_pictures(plan.recipe, photos_of(plan), near)
+    error = {"coded": np.full((*GRID, 3), 0.2)}
+    pictures = of_pictures(plan.recipe, photos_of(plan), error)
     assert set(pictures) == set(plan.recipe.pictures)
-    np.testing.assert_array_equal(pictures["direct"], near["coded"])
-    np.testing.assert_array_equal(pictures["indirect"], near["coded"])
+    np.testing.assert_array_equal(pictures["direct"], error["coded"])
+    np.testing.assert_array_equal(pictures["indirect"], error["coded"])
     assert not pictures["white"].any()
-    assert beside_of_pictures(plan.recipe, photos_of(plan), {}) == {}
+    assert of_pictures(plan.recipe, photos_of(plan), {}) == {}
+
+
+def test_light_from_right_beside_is_in_the_bars_of_one_exposure() -> None:
+    """Beside the noise; the quads of a cell have it in proportion to their light, which is 0.7 on
+    average, and the mean of a cell has it, too."""
+    plan = plan_of(goal="indirect", window="quarter")
+    cells = CellMap.block(GRID, (2 * GRID[0], GRID[1]))
+    image = np.full((*cells.frame, 3), 0.35)
+    image[::2] = 1.05
+    photos = {p.name: Picture(image, np.full(image.shape, 0.003)) for p in plan.recipe.photos}
+    whole = {name: Picture(image, np.full(image.shape, 0.003)) for name in plan.recipe.pictures}
+    alone = barred_alone(plan.recipe, whole)
+    found = with_beside_light(alone, plan.recipe, shots_of(plan), photos, told(0.05), cells)
+    error = float(errors(plan, told(0.05))["coded"].even.flat[0])
+    np.testing.assert_allclose(found["indirect"].code[1::2], 0.5 * error, rtol=1e-6)
+    np.testing.assert_allclose(
+        found["indirect"].sigma[::2], np.hypot(0.003, 1.5 * error), rtol=1e-6
+    )
+    np.testing.assert_allclose(average_with_bars(found["indirect"], cells).code, error, rtol=1e-6)
+    assert not found["white"].code.any()
 
 
 def test_known_paths_from_beside_count_as_light_from_there() -> None:

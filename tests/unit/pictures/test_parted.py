@@ -111,16 +111,18 @@ def test_cells_whose_quads_see_others_too_have_an_error_of_their_own(
     assert found == pytest.approx(0.05 / np.sqrt(count), rel=0.06)
 
 
-def test_what_all_parts_share_is_added_to_their_spread() -> None:
+def test_what_single_quads_err_by_is_no_error_of_the_mean_of_their_cell() -> None:
     cells = CellMap.block(GRID, GRID)
     image = np.ones((*GRID, 3))
     parts = [image + 0.1 * k for k in range(4)]
     picture = Picture(image, np.full(image.shape, 0.01))
-    alike = {"it": np.full(image.shape, 0.3)}
+    more = {"it": np.full(image.shape, 0.3)}
     without, made = (
-        barred_by_parts({"it": picture}, {"it": parts}, cells, one) for one in ({}, alike)
+        barred_by_parts({"it": picture}, {"it": parts}, cells, one) for one in ({}, more)
     )
     np.testing.assert_allclose(made["it"].code, np.hypot(without["it"].code, 0.3), rtol=1e-12)
+    means = average_with_bars(made["it"], cells)
+    np.testing.assert_allclose(means.code, without["it"].code, rtol=1e-12)
 
 
 def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -> None:

@@ -15,7 +15,6 @@ from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
-from pdcd.sensor.cells import CellMap
 from pdcd.words import GoalName
 from tests import bench_rig
 
@@ -127,20 +126,7 @@ def test_one_exposure_has_the_noise_alone_and_says_whether_codes_err(
     recipe = recipe_of(Target(Goal(name=goal), shape), How(codes=8))
     image = np.full((*shape, 3), 0.5)
     whole = {name: Picture(image, 0.02 * image) for name in recipe.pictures}
-    found = barred_alone(recipe, whole, CellMap.block(shape, shape), {})
+    found = barred_alone(recipe, whole)
     assert {name: one.kind for name, one in found.items() if name in kinds} == kinds
     for one in found.values():
         assert not one.code.any() and np.array_equal(one.sigma, one.sensor)
-
-
-def test_light_from_right_beside_is_in_the_bars_of_one_exposure() -> None:
-    """0.3 and 0.4 make 0.5; the quads of a cell have it in proportion to their light."""
-    shape = (2, 3)
-    recipe = recipe_of(Target(Goal(name="indirect"), shape), How(codes=8, white=False))
-    cells = CellMap.block(shape, (4, 6))
-    image = np.ones((4, 6, 3))
-    image[::2] = 3.0
-    whole = {name: Picture(image, np.full(image.shape, 0.3)) for name in recipe.pictures}
-    found = barred_alone(recipe, whole, cells, {"indirect": np.full((*shape, 3), 0.4)})["indirect"]
-    np.testing.assert_allclose(found.code[1::2], 0.2, rtol=1e-6)
-    np.testing.assert_allclose(found.sigma[::2], np.hypot(0.3, 0.6), rtol=1e-6)

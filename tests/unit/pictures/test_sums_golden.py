@@ -26,7 +26,7 @@ from pdcd.pictures.row import MatrixRow
 from pdcd.pictures.sigma import measured
 from pdcd.pictures.smooth import colour_correction
 from pdcd.pictures.software import software_sums, summed_matrices
-from pdcd.pictures.to_cells import average_shots, average_with_bars
+from pdcd.pictures.to_cells import average, average_shots, average_with_bars
 from pdcd.pictures.to_quads import Weights, direct_share, share_out
 from pdcd.pictures.transport import picture_of, sliced
 from pdcd.pictures.upright import Sampler, View
@@ -154,7 +154,10 @@ def bars() -> Any:
         photos = corrected_photos(one, shots, None, cells, normalise="auto", smooth=False)
         made_of = combine(one, shots, cells)
         beside = {name: rng.random((*GRID, 3)) for name in made_of}
-        found = barred_alone(one, made_of, cells, beside)
+        found = {}
+        for name, alone in barred_alone(one, made_of).items():
+            code = share_out(beside[name], alone, average(alone, cells).image, cells)
+            found[name] = barred(Picture(alone.image, alone.sensor), code, alone.kind)
         told[f"alone, {kind}"] = {name: [made.sigma, made.code] for name, made in found.items()}
         means = average_with_bars(found["short-range"], cells)
         told[f"means, {kind}"] = [means.image, means.sigma, means.code]

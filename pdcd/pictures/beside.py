@@ -1,0 +1,156 @@
+"""Light from right beside each cell, which no spread of parts shows: how wrong it makes a photo.
+
+Windows of parts of a cell take some of it for direct light, and some of the cell's own for indirect
+(`pdcd.pictures.sigma.beside_weight`). How much light that is, a pilot tells; where quads get theirs
+by few ways, as in rough stone, chance makes it more in one and less in the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.learn import Learned
+from pdcd.pictures.picture import Errors, Picture
+from pdcd.pictures.sigma import beside_weight
+from pdcd.pictures.to_cells import Sample, average, mean_image, sample
+from pdcd.pictures.to_quads import share_out
+from pdcd.pictures.weights import CellWeights
+from pdcd.sensor.cells import CellMap
+
+Floats = NDArray[np.float64]
+
+USUAL = 0.02
+"""Light from one of the eight cells around, over all indirect light, where no pilot tells: between
+the virtual scenes with little of it (0.1 to 1 %) and those with much (2 to 7 %)."""
+UNEVEN = 1.3
+"""Root of the mean square of what the eight send, over its mean: 1.05 to 2.5 before the virtual
+scenes."""
+OWN = 2.4
+"""Light that wandered within a cell, over that from one of the eight, where it falls with distance
+as `pdcd.codes.pilot.scene_light.near_light` looks for it."""
+TOLD_WITHIN = 1.6
+"""Factor within which a pilot tells light from beside. Of single quads the most is taken: what they
+lack is not made up for by what is let in, as it is where light comes evenly."""
+MOST_NEAR = 0.125
+"""Most of the indirect light that comes from one of the eight."""
+AROUND = 5
+"""Side, in cells, of the square over which ways of light are told."""
+LEAST_TOLD = 1e-6
+"""Share of what photos differ by below which that is rounding."""
+FEWEST_SHOTS = 4
+"""Photos of single codes that tell anything, room light and direct light taken off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Standard deviation of a photo by light from right beside its cells: of means over cells,
+    (rows, cols, C), and of quads, (h, w, C)."""
+
+    even: Floats
+    of_quads: Errors
+
+
+def beside_errors(
+    weighed: Sequence[CellWeights],
+    photos: Mapping[str, Picture],
+    single: Sequence[Exposed],
+    learned: Learned | None,
+    cells: CellMap,
+) -> dict[str, Beside]:
+    """The error of photos that cannot tell light from right beside a cell from direct light, by
+    name; for `pdcd.pictures.bars`.
+
+    Of light that comes by ways of its own to single quads, that from beside has the same share as
+    of all light. Each such way is there as a whole or not at all, so that its variance goes with
+    how much is mistaken where a quad looks; that of even light goes with the square.
+
+    weighed : photos that have a `pdcd.pictures.sigma.beside_weight`. photos : scaled ones. single :
+    photos of single codes. learned : of a pilot, if any.
+    """
+    found, picked = {}, sample(single, cells, within=True)
+    ways = single_ways(single, picked, learned)
+    for weights in weighed:
+        photo = photos[weights.photo.name]
+        seen = average(photo, cells).image
+        light = np.maximum(mean_image(photo.image, cells), 0.0)
+        near = USUAL * light
+        if learned is not None and learned.near.any():
+            near = learned.near
+        weight = beside_weight(weights, cells.grid)
+        even = (UNEVEN * weight * near).reshape(seen.shape)
+        share = np.divide(near, light, out=np.zeros_like(light), where=light > 0.0)
+        share = np.minimum(TOLD_WITHIN * share, MOST_NEAR)
+        by_chance = np.sqrt(np.sqrt(0.5) * weight * (1.0 + OWN) * share * ways)
+        # Where chance has taken light away a quad is darker than its error tells.
+        image = scipy.ndimage.uniform_filter(photo.image, (3, 3, 1), mode="nearest")
+        usual = Picture(image, photo.sigma)
+        chance = share_out(by_chance.reshape(seen.shape), usual, seen, cells)
+        places = beside_places(weights, cells)[..., None]
+        of_quads = np.hypot(places * share_out(even, photo, seen, cells), np.sqrt(places) * chance)
+        found[weights.photo.name] = Beside(even, of_quads)
+    return found
+
+
+def beside_places(weights: CellWeights, cells: CellMap) -> Floats:
+    """How much light is mistaken where a quad looks, over the mean of all, (h, w); () where the
+    camera does not tell pieces of cells.
+
+    Under quarter windows nothing is mistaken in the middle of a cell, half of a cell's light at its
+    edges and three quarters at its corners. It is the mean of all cells, so that the chance of
+    codes does not count.
+    """
+    fine, uniform = weights.realised.fine, weights.photo.wanted.uniform
+    if fine is None or cells.map is None or uniform is None:
+        return np.ones(())
+    down, right = (np.diff(cut) for cut in fine.cuts)
+    own_s = fine.own.reshape(cells.grid[0], down.size, cells.grid[1], right.size).mean(axis=(0, 2))
+    mistaken = np.abs(own_s / float(np.mean(weights.cells_s)) - uniform[0])
+    mistaken /= float(down @ mistaken @ right)
+    return cells.gather(np.tile(mistaken, cells.grid), fine.cuts)
+
+
+def single_ways(shots: Sequence[Exposed], picked: Sample, learned: Learned | None = None) -> Floats:
+    """Squares of the light that single quads get along each way by itself, summed over all ways,
+    (N, C): how grainy indirect light is within a cell. 0 where nothing tells.
+
+    Photos of single codes through an open mask tell it: each is a sum of the light of all lit
+    cells. Between quads that lie beside each other light of one kind changes little, and what is
+    left of their difference is theirs alone. Direct light goes along with the code of the cell, and
+    drops out, and the paths that a pilot `learned` are taken off.
+
+    shots : photos of single codes, one cell's code unlike another's. picked : some quads.
+    """
+    grid = picked.grid
+    if len(shots) < FEWEST_SHOTS or not picked.pairs.size:
+        return np.zeros((grid[0] * grid[1], 3))
+    lit_s = np.stack([shot.realised.left.mean(axis=1) @ shot.realised.right for shot in shots])
+    opened = np.array([float(shot.realised.open_s.mean()) for shot in shots])
+    room = opened / np.linalg.norm(opened)
+    own = lit_s - np.outer(room, room @ lit_s)
+    power = np.linalg.norm(own, axis=0)
+    own = np.divide(own, power, out=np.zeros_like(own), where=power > 0.0)
+    mixed = lit_s @ lit_s.T / lit_s.shape[1]
+    each = np.trace(mixed) - room @ mixed @ room - np.einsum("kn,kl,ln->n", own, mixed, own)
+    here, there = picked.pairs
+    cell = picked.cell[here]
+    light = np.stack([picked.take(shot.light_at) for shot in shots])
+    noise = np.stack([picked.take(shot.variance_at) for shot in shots])
+    apart = (light[:, here] - light[:, there]) / np.sqrt(2.0)
+    spare = 1.0 - room[:, None] ** 2 - own[:, cell] ** 2
+    square = np.sum(apart**2, axis=0) - np.tensordot(room, apart, 1) ** 2
+    square -= np.einsum("kq,kqc->qc", own[:, cell], apart) ** 2
+    square -= 0.5 * np.einsum("kq,kqc->qc", spare, noise[:, here] + noise[:, there])
+    weight = picked.of_pairs(each[cell, None], cell, AROUND)
+    told = picked.of_pairs(square, cell, AROUND)
+    sure = weight > LEAST_TOLD * np.trace(mixed)
+    found = np.divide(told, weight, out=np.zeros_like(told), where=sure)
+    if learned is not None:  # known paths, as by mirrors, are none of those that wander
+        known = np.stack([one.multiply(one).sum(axis=1) for one in learned.paths], axis=1)
+        found -= picked.around(known, AROUND)
+    return np.asarray(np.maximum(found, 0.0))
