@@ -22,16 +22,14 @@ from pdcd.pictures.exposed import Ambient, Exposed, Print
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
 from pdcd.pictures.picture import Barred, Errors, Picture, barred, pictures_of, sigma_of
-from pdcd.pictures.sigma import beside_weight, measured, single_errors
+from pdcd.pictures.sigma import beside_weight, measured, single_of_photos
 from pdcd.pictures.to_cells import (
     Averaged,
     all_counted,
-    average,
     average_apart,
     average_shots,
     halve,
     mean_image,
-    sample,
     seen_cells,
 )
 from pdcd.pictures.to_quads import share_out
@@ -75,6 +73,7 @@ def barred_pictures(
     the light of the `room`, (N, 3), that a dark photo tells.
     """
     averaged, told, coarse = None, NOTHING_TOLD, None
+    by_codes: dict[str, Floats] = {}
     if len(part_numbers(recipe)) >= FEWEST_PARTS:
         used = _used(recipe, shots)
         averaged = average_shots(used, cells)
@@ -104,12 +103,13 @@ def barred_pictures(
     whole = pictures_of(recipe, scaled)
     if averaged is not None:
         images = part_images(recipe, averaged, partial(photos, borders=coarse))
-        single = single_of_pictures(recipe, shots, scaled, cells)
+        by_codes = single_of_photos(recipe, shots, scaled, cells)
+        single = of_pictures(recipe, scaled, by_codes)
         bars = barred_by_parts(whole, images, cells, single)
     else:
         bars = barred_alone(recipe, whole)
     normalise = record.normalise
-    bars = with_beside_light(bars, recipe, shots, scaled, learned, cells, normalise=normalise)
+    bars = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, normalise)
     bars = with_border_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
     bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
     if record.panels is None:
@@ -219,7 +219,7 @@ def barred_by_parts(
     """Pictures whose sigma is the sensor's, with the code error that their parts show.
 
     parts : of `part_images`. single : what quads err by beside their cell, or half of one, as of
-    `single_of_pictures`, where anything is known of it.
+    `pdcd.pictures.sigma.single_of_photos`, where anything is known of it.
     """
     found, parted = {}, halve(cells)
     for name, picture in pictures.items():
@@ -243,37 +243,6 @@ def _code_of_parts(
     sigma = np.sqrt(_of_halves(seen.sigma**2) / 4.0)
     whole = Picture(_of_halves(seen.image), sigma)
     return code, measured(whole, [_of_halves(one) for one in parts]).code
-
-
-def single_of_pictures(
-    recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    photos: Mapping[str, Picture],
-    cells: CellMap,
-) -> dict[str, Floats]:
-    """What the codes of all pictures that have any get wrong of single quads beside their cell, or
-    half of one where parts are told of halves (`pdcd.pictures.sigma.single_errors`), by name.
-
-    photos : scaled ones. Nothing is told where each cell has a quad of its own.
-    """
-    parted, found = halve(cells), {}
-    picked = sample(list(_used(recipe, shots).values()), parted)
-    if picked.cell.size <= len(np.unique(picked.cell)):
-        return {}
-    part_of = {shot.name: shot.part for shot in recipe.shots}
-    for photo in recipe.photos:
-        light: dict[int, Floats] = {}
-        noise: dict[int, Floats] = {}
-        for sign, name in photo.shots:
-            part = part_of.get(name, 0)
-            if part:
-                shot = shots[name]
-                light[part] = light.get(part, 0.0) + sign * picked.take(shot.light_at)
-                noise[part] = noise.get(part, 0.0) + picked.take(shot.variance_at)
-        if light:
-            images = average(photos[photo.name], parted).image
-            found[photo.name] = single_errors([*light.values()], [*noise.values()], picked, images)
-    return of_pictures(recipe, photos, found)
 
 
 def _of_halves(image: NDArray[np.floating]) -> Floats:
@@ -305,15 +274,15 @@ def with_beside_light(
     recipe: Recipe,
     shots: Mapping[str, Exposed],
     photos: Mapping[str, Picture],
+    by_codes: Mapping[str, Floats],
     learned: Learned | None,
     cells: CellMap,
-    *,
     normalise: NormaliseName = "auto",
 ) -> dict[str, Barred]:
     """Pictures whose code error knows of light from right beside each cell, which all parts get
     wrong alike (`pdcd.pictures.beside`). What chance makes of it is no error of means over cells.
 
-    photos : scaled ones. learned : of a pilot, if any.
+    photos : scaled ones. by_codes : of `single_of_photos`. learned : of a pilot, if any.
     """
     weighed = [weigh_cells(photo, shots, normalise) for photo in recipe.photos]
     weighed = [one for one in weighed if beside_weight(one, cells.grid)]
@@ -322,7 +291,7 @@ def with_beside_light(
     from pdcd.pictures.beside import beside_errors  # most photos are taken through whole cells
 
     single = [shots[name] for name in recipe.stack if name in shots]
-    errors = beside_errors(weighed, photos, single, learned, cells)
+    errors = beside_errors(weighed, photos, single, by_codes, learned, cells)
     found = dict(pictures)
     for name, error in errors.items():
         for one, made in _with_photo_error(found, recipe, name, error.of_quads).items():

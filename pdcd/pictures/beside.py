@@ -18,9 +18,11 @@ from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.picture import Errors, Picture
 from pdcd.pictures.sigma import beside_weight
+from pdcd.pictures.smooth import REACH
 from pdcd.pictures.to_cells import Sample, average, mean_image, sample
 from pdcd.pictures.to_quads import share_out
 from pdcd.pictures.weights import CellWeights
+from pdcd.probing.deviation import row_deviations
 from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
@@ -31,14 +33,11 @@ the virtual scenes with little of it (0.1 to 1 %) and those with much (2 to 7 %)
 UNEVEN = 1.3
 """Root of the mean square of what the eight send, over its mean: 1.05 to 2.5 before the virtual
 scenes."""
-OWN = 2.4
-"""Light that wandered within a cell, over that from one of the eight, where it falls with distance
-as `pdcd.codes.pilot.scene_light.near_light` looks for it."""
-TOLD_WITHIN = 1.6
-"""Factor within which a pilot tells light from beside. Of single quads the most is taken: what they
-lack is not made up for by what is let in, as it is where light comes evenly."""
-MOST_NEAR = 0.125
-"""Most of the indirect light that comes from one of the eight."""
+COUNTED = 2
+"""Cells away up to which the codes of parts count all light alike: they are told apart."""
+OF_WINDOWS = (5 / 8) ** 2 + 3 * (1 / 8) ** 2
+"""Along an axis, variance of weights between cells over that between quarter windows: five eighths
+of it all is between two code cells, and an eighth between each of three others."""
 AROUND = 5
 """Side, in cells, of the square over which ways of light are told."""
 LEAST_TOLD = 1e-6
@@ -60,23 +59,28 @@ def beside_errors(
     weighed: Sequence[CellWeights],
     photos: Mapping[str, Picture],
     single: Sequence[Exposed],
+    by_codes: Mapping[str, Floats],
     learned: Learned | None,
     cells: CellMap,
 ) -> dict[str, Beside]:
     """The error of photos that cannot tell light from right beside a cell from direct light, by
     name; for `pdcd.pictures.bars`.
 
-    Of light that comes by ways of its own to single quads, that from beside has the same share as
-    of all light. Each such way is there as a whole or not at all, so that its variance goes with
-    how much is mistaken where a quad looks; that of even light goes with the square.
+    Of light that comes by ways of its own to single quads, the parts of a photo tell how much is
+    from afar: that alone their codes count by chance. The rest is from near, and falls with
+    distance as smooth light is taken to (`pdcd.pictures.smooth`). Each such way is there as a whole
+    or not at all, so that its variance goes with how much is mistaken where a quad looks; that of
+    even light goes with the square.
 
     weighed : photos that have a `pdcd.pictures.sigma.beside_weight`. photos : scaled ones. single :
-    photos of single codes. learned : of a pilot, if any.
+    photos of single codes. by_codes : what single quads of photos err by codes, of cells or halves
+    (`pdcd.pictures.sigma.single_errors`). learned : of a pilot, if any.
     """
     found, picked = {}, sample(single, cells, within=True)
     ways = single_ways(single, picked, learned)
     for weights in weighed:
-        photo = photos[weights.photo.name]
+        name = weights.photo.name
+        photo = photos[name]
         seen = average(photo, cells).image
         light = np.maximum(mean_image(photo.image, cells), 0.0)
         near = USUAL * light
@@ -84,17 +88,38 @@ def beside_errors(
             near = learned.near
         weight = beside_weight(weights, cells.grid)
         even = (UNEVEN * weight * near).reshape(seen.shape)
-        share = np.divide(near, light, out=np.zeros_like(light), where=light > 0.0)
-        share = np.minimum(TOLD_WITHIN * share, MOST_NEAR)
-        by_chance = np.sqrt(np.sqrt(0.5) * weight * (1.0 + OWN) * share * ways)
+        by_chance = np.zeros_like(near)
+        if name in by_codes:
+            _, variance, _ = row_deviations(
+                weights.realised, weights.photo.wanted, float(np.mean(weights.cells_s))
+            )
+            far = _mean_square(by_codes[name], cells.grid) * OF_WINDOWS**2 / variance.mean()
+            rest = np.maximum(ways - picked.around(far, AROUND), 0.0)
+            by_chance = np.sqrt(np.sqrt(0.5) * weight * _share_mistaken() * rest)
         # Where chance has taken light away a quad is darker than its error tells.
         image = scipy.ndimage.uniform_filter(photo.image, (3, 3, 1), mode="nearest")
         usual = Picture(image, photo.sigma)
         chance = share_out(by_chance.reshape(seen.shape), usual, seen, cells)
         places = beside_places(weights, cells)[..., None]
         of_quads = np.hypot(places * share_out(even, photo, seen, cells), np.sqrt(places) * chance)
-        found[weights.photo.name] = Beside(even, of_quads)
+        found[name] = Beside(even, of_quads)
     return found
+
+
+def _mean_square(errors: Floats, grid: tuple[int, int]) -> Floats:
+    """Mean squares over cells, (N, C), of errors of cells or of parts of them."""
+    rows, cols = grid
+    shape = rows, errors.shape[0] // rows, cols, errors.shape[1] // cols, -1
+    return np.asarray((errors**2).reshape(shape).mean(axis=(1, 3)).reshape(rows * cols, -1))
+
+
+def _share_mistaken() -> float:
+    """Light from one of the eight cells around and from the cell itself, over all light from near
+    but that."""
+    side = np.arange(-COUNTED, COUNTED + 1)
+    light = 1.0 / (1.0 + (side[:, None] ** 2 + side**2) / REACH**2)
+    beside = light[COUNTED - 1 : COUNTED + 2, COUNTED - 1 : COUNTED + 2].sum() - 1.0
+    return float((beside / 8.0 + 1.0) / (light.sum() - 1.0))
 
 
 def beside_places(weights: CellWeights, cells: CellMap) -> Floats:

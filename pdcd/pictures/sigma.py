@@ -11,16 +11,20 @@ photo cannot tell the light of a mirror from that of a wall, and sigma is withou
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.pictures.picture import Barred, Picture, barred
+from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.picture import Barred, Picture, barred, summed
 from pdcd.pictures.smooth import beside
-from pdcd.pictures.to_cells import Sample
+from pdcd.pictures.to_cells import Sample, average, halve, sample
 from pdcd.pictures.weights import CellWeights
+from pdcd.recipes.parts import part_numbers
+from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
@@ -122,30 +126,62 @@ def _inverse_trigamma(value: float) -> float:
     return x
 
 
+def single_of_photos(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    photos: Mapping[str, Picture],
+    cells: CellMap,
+) -> dict[str, Floats]:
+    """What the codes of all photos that have any get wrong of single quads beside their cell, or
+    half of one where parts are told of halves (`single_errors`), by name.
+
+    photos : scaled ones. Nothing is told where each cell has a quad of its own.
+    """
+    parted = halve(cells)
+    found: dict[str, Floats] = {}
+    used = {name for photo in recipe.photos for _, name in photo.shots}
+    picked = sample([shots[name] for name in used], parted)
+    if picked.cell.size <= len(np.unique(picked.cell)):
+        return {}
+    numbers = part_numbers(recipe)
+    for photo in recipe.photos:
+        light, noise = [], []
+        for number in numbers:
+            names = {shot.name for shot in recipe.shots if shot.part == number}
+            taken = [(sign, shots[name]) for sign, name in photo.shots if name in names]
+            if taken:
+                light.append(summed((sign, picked.take(one.light_at)) for sign, one in taken))
+                noise.append(summed((1.0, picked.take(one.variance_at)) for _, one in taken))
+        if light:
+            images = average(photos[photo.name], parted).image
+            found[photo.name] = single_errors(light, noise, picked, images)
+    return found
+
+
 def single_errors(
-    light: Sequence[Floats], noise: Sequence[Floats], sample: Sample, images: Floats
+    light: Sequence[Floats], noise: Sequence[Floats], picked: Sample, images: Floats
 ) -> Floats:
     """What single quads err by codes beside the mean of their cell, (rows, cols, C), by how they
     differ from it in the parts of a photo; without the sensor's noise.
 
-    light, noise : of each part at the quads of the sample, (Q, C), and its variance, in any unit.
-    images : (rows, cols, C), the photo on the cells of the sample, in the unit of the answer.
+    light, noise : of each part at the picked quads, (Q, C), and its variance, in any unit.
+    images : (rows, cols, C), the photo on the cells of these, in the unit of the answer.
     """
     count, mean = len(light), np.mean(light, axis=0)
-    number = np.maximum(sample.sums(np.ones((sample.cell.size, 1))), 1.0)
-    level = sample.sums(mean) / number
+    number = np.maximum(picked.sums(np.ones((picked.cell.size, 1))), 1.0)
+    level = picked.sums(mean) / number
     floor = DARK * np.mean(level**2, axis=0)
     lit = level > np.sqrt(floor)
     square = np.zeros_like(mean)
     for part in light:
-        like = np.divide(sample.sums(part) / number, level, out=np.ones_like(level), where=lit)
-        like = like[sample.cell]
+        like = np.divide(picked.sums(part) / number, level, out=np.ones_like(level), where=lit)
+        like = like[picked.cell]
         square += (part - mean * like) ** 2 / (count - 1.0)
     spare = np.maximum(number - 1.0, 0.0) / number  # of each cell's mean it knows nothing
-    square -= spare[sample.cell] * np.mean(noise, axis=0)
+    square -= spare[picked.cell] * np.mean(noise, axis=0)
     # In proportion to light; what is dark beside the others errs as little.
-    all_light = sample.sums(spare[sample.cell] * (level**2 + floor)[sample.cell], NEIGHBOURS_PX)
-    over = sample.sums(square, NEIGHBOURS_PX) / np.maximum(all_light, TINY)
+    all_light = picked.sums(spare[picked.cell] * (level**2 + floor)[picked.cell], NEIGHBOURS_PX)
+    over = picked.sums(square, NEIGHBOURS_PX) / np.maximum(all_light, TINY)
     over = np.where(all_light > 0.0, np.maximum(over, 0.0), 0.0).reshape(images.shape)
     return np.asarray(np.sqrt(over / count) * np.abs(images))
 

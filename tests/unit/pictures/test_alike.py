@@ -62,7 +62,7 @@ def errors(plan: Plan, learned: Learned | None = None) -> dict[str, Beside]:
     cells, shots = CellMap.block(GRID, GRID), shots_of(plan)
     weighed = [weigh_cells(photo, shots, "auto") for photo in plan.recipe.photos]
     weighed = [one for one in weighed if beside_weight(one, GRID)]
-    return beside_errors(weighed, photos_of(plan, 0.7), [], learned, cells)
+    return beside_errors(weighed, photos_of(plan, 0.7), [], {}, learned, cells)
 
 
 def told(near: float) -> Learned:
@@ -103,7 +103,7 @@ def test_light_from_right_beside_is_in_the_bars_of_one_exposure() -> None:
     photos = {p.name: Picture(image, np.full(image.shape, 0.003)) for p in plan.recipe.photos}
     whole = {name: Picture(image, np.full(image.shape, 0.003)) for name in plan.recipe.pictures}
     alone = barred_alone(plan.recipe, whole)
-    found = with_beside_light(alone, plan.recipe, shots_of(plan), photos, told(0.05), cells)
+    found = with_beside_light(alone, plan.recipe, shots_of(plan), photos, {}, told(0.05), cells)
     error = float(errors(plan, told(0.05))["coded"].even.flat[0])
     np.testing.assert_allclose(found["indirect"].code[1::2], 0.5 * error, rtol=1e-6)
     np.testing.assert_allclose(
