@@ -46,7 +46,7 @@ do."""
 MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
-SAMPLED = 6
+SAMPLED = 4
 """Quads along a side of a cell that tell what single quads err by."""
 SMEARED = 3.0
 """Standard deviations of a blur that count as smeared."""
@@ -329,7 +329,7 @@ def sample(shots: Sequence[Exposed], cells: CellMap, *, within: bool = False) ->
     apart = int(np.clip(side / 4.0, 1.0, UNMIXED)) + int(np.ceil(2.0 * cells.blur_quads))
     rows = slice(step // 2, cells.frame[0], step)
     columns = np.arange(cells.frame[1])
-    columns = columns[(columns % step == 0) | ((columns - apart) % step == 0)]
+    columns = columns[(columns % step == 0) | within & ((columns - apart) % step == 0)]
     whole = cells.known & cells.single
     if within and (inner := whole & amid(cells)).any():
         whole = inner
