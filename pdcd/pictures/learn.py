@@ -18,6 +18,7 @@ from pdcd.codes.pilot.links import (
     estimate_links,
     match_links,
     sharpness,
+    widened,
     worth,
 )
 from pdcd.codes.pilot.scene_light import near_light
@@ -118,7 +119,7 @@ def learn(
         return with_paths(none, (none, none, none))
     if len(taken) in MATCHED:
         links, red, green, blue = match_links(bits, photos, grid, sigma=sigma)
-        return with_paths(links, (red, green, blue))
+        return with_paths(widened(links, grid), (red, green, blue))
     links = estimate_links(bits, grey, grid, sigma=grey_sigma)
     predicted = worth(bits, grey, links, total, sigma=grey_sigma)
     if not predicted.pays:

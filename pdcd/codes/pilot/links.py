@@ -43,7 +43,10 @@ it is 0.004 to 0.11, before mirrors and a mirror ball 0.22 to 0.75."""
 CHUNK = 2**22
 """Numbers held at once when the weights of single paths are summed up."""
 
-
+BESIDE = 0.25
+"""Share of a partner's light that a cell gets from each of those beside it, where its quads look up
+to half a cell from its middle: an eighth of what all places of a partner in its cell would make,
+twice as much where it lies at a side."""
 SURE = 3.0
 """Standard errors by which sharp light stands above the noise where ambient light was taken off:
 without, that noise is far below the limit."""
@@ -152,6 +155,27 @@ def match_links(
     own = [weigh(partners, codes, photos[..., c], grid, noise[:, c]) for c in range(channels)]
     links: Any = sum(own[1:], own[0]) / channels
     return (links, *own)
+
+
+def widened(links: Any, grid: tuple[int, int]) -> Any:
+    """Links (N, N) of cells, and of as much as `BESIDE` of them to the cells beside their partners.
+
+    What a cell's quads see in a mirror lies as far apart as they do: those at its edges see another
+    cell than its middle, and codes are to keep that one apart, too. In means over cells it counts
+    for little, so that no pilot tells.
+    """
+    path = links.tocoo()
+    to, at = path.coords
+    row, col = np.divmod(at, grid[1])
+    total = links
+    for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        there = (row + down, col + right)
+        inside = (there[0] >= 0) & (there[0] < grid[0]) & (there[1] >= 0) & (there[1] < grid[1])
+        number = there[0] * grid[1] + there[1]
+        kept = inside & (number != to)
+        table = (BESIDE * path.data[kept], (to[kept], number[kept]))
+        total = total + scipy.sparse.csr_array(table, shape=links.shape)
+    return total
 
 
 def correction(
