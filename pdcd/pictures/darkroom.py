@@ -130,6 +130,7 @@ class Darkroom:
         self._table = FrameTable(folder)
         self._matrices: dict[str, Matrix] = {}
         self._exposed: dict[str, Exposed] = {}
+        self._dark: dict[str, Dark] = {}
         self._learned: tuple[tuple[int, int, bool], Learned] | None = None
         self._like: tuple[str, int] | None = None
         self.replan(record)
@@ -159,6 +160,7 @@ class Darkroom:
 
     def set_stops(self, stops: tuple[Stop, ...]) -> None:
         """These are known of the stops of the photos to come."""
+        self._dark.clear()
         self._record = msgspec.structs.replace(self._record, stops=stops)
 
     def add(self, shot: ShotRecord) -> None:
@@ -237,7 +239,9 @@ class Darkroom:
 
     def dark_means(self, photo: DarkPhoto) -> Dark:
         """What got into a dark photo within a second, on cells."""
-        return Dark.of(mean_light(self.ambient(photo), self._cells()))
+        if photo.raw not in self._dark:
+            self._dark[photo.raw] = Dark.of(mean_light(self.ambient(photo), self._cells()))
+        return self._dark[photo.raw]
 
     def widest_strip(self, watch: Watch) -> float:
         """Largest share of a quad in which both panels show different cells."""
