@@ -7,7 +7,10 @@ The run is verified first, and left as it is. Values are scene units, as in line
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+import struct
+import tempfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -16,8 +19,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import DecodeError, RequestError
-from pdcd.files.images import exr_bytes, png_bytes, tiff_bytes
+from pdcd.errors import DecodeError, DiskError, RequestError, disk_errors
+from pdcd.files.images import png_of
 from pdcd.files.inside import fault_of
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.upright import Sampler, View, all_known
@@ -33,6 +36,7 @@ from pdcd.sensor.cells import CellMap
 from pdcd.version import __version__
 
 Singles = NDArray[np.float32]
+Words = NDArray[np.uint16]
 Format = Literal["exr", "tiff16", "png16", "npz"]
 
 ENDINGS: dict[Format, str] = {"exr": "exr", "tiff16": "tiff", "png16": "png", "npz": "npz"}
@@ -250,3 +254,56 @@ def _npz_bytes(image: Singles, told: dict[str, str]) -> bytes:
     fields = {name: np.array(words) for name, words in told.items()}
     np.savez_compressed(file, allow_pickle=False, image=image, **fields)
     return file.getvalue()
+
+
+def exr_bytes(image: Singles, told: Mapping[str, str]) -> bytes:
+    """An OpenEXR file of a picture (h, w, 3) float32, linear RGB; every bit of it comes back.
+
+    told : attributes, names of up to 31 ASCII letters.
+    """
+    import OpenEXR
+
+    head = {**told, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    # The library writes to a name only, and tells of a full disk in an error of no kind.
+    with disk_errors(tempfile.gettempdir()), tempfile.NamedTemporaryFile(suffix=".exr") as file:
+        try:
+            with OpenEXR.File(head, {"RGB": np.ascontiguousarray(image)}) as made:
+                made.write(file.name)
+        except RuntimeError as err:
+            raise DiskError(f"cannot write {file.name}: {err}", hint="is the disk full?") from err
+        return Path(file.name).read_bytes()
+
+
+def tiff_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
+    """A picture (h, w, 3) uint16 as an uncompressed TIFF file.
+
+    Each line of `told` becomes one of the ImageDescription. All text is ASCII.
+    """
+    import tifffile
+
+    lines = _ascii("\n".join(f"{name}: {words}" for name, words in told.items()))
+    file = io.BytesIO()
+    tifffile.imwrite(
+        file, image, photometric="rgb", description=lines, software=_ascii(software), metadata=None
+    )
+    return file.getvalue()
+
+
+def png_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
+    """A picture (h, w, 3) uint16 as a PNG file; a gAMA chunk says that it is linear.
+
+    Each line of `told` becomes a tEXt chunk. All text is ASCII.
+    """
+    chunks = _chunk(b"gAMA", struct.pack(">I", 100_000))
+    for name, words in {**told, "Software": software}.items():
+        chunks += _chunk(b"tEXt", f"{name}\0{_ascii(words)}".encode("ascii"))
+    data, after_header = png_of(image), 8 + 12 + 13
+    return data[:after_header] + chunks + data[after_header:]
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def _ascii(words: str) -> str:
+    return words.encode("ascii", "backslashreplace").decode("ascii")

@@ -15,7 +15,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from pdcd.files.images import exr_bytes, png_bytes, tiff_bytes
+from pdcd.pictures.written.export import exr_bytes, png_bytes, tiff_bytes
 from tests.tools import needs, program
 
 TOLD = {"job": "20260101T000000Z-beef", "units": "scene units: white is 1", "scale": "1"}
