@@ -1,19 +1,20 @@
-"""How a run looks in a notebook: its previews, small, and its figures; all texts escaped."""
+"""How a run and a table look in a notebook: HTML without script, style sheet or network."""
 
 from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pdcd.errors import DecodeError
-from pdcd.printable import as_html
+from pdcd.pages.render import render
 from pdcd.protocol.result import Figure, Quality
 
+TEMPLATE = "notebook.html"
 WIDTH_PX = 320
 """Width of a preview in a notebook; larger ones are drawn smaller."""
 QUALITY = 85
@@ -49,55 +50,38 @@ class RunCard:
 
 
 def run_html(run: RunCard) -> str:
-    """A run as HTML without script, style sheet or network."""
-    return (
-        f"<div><p><b>{as_html(run.goal)}</b> <code>{as_html(run.job)}</code></p>"
-        f"{_previews(run.previews)}{_table(run)}{_notes(run)}</div>"
-    )
-
-
-def table_html(heads: list[str], rows: list[list[str]]) -> str:
-    """A table of texts."""
-    head = "".join(f"<th>{as_html(name)}</th>" for name in heads)
-    body = "".join(
-        f"<tr>{''.join(f'<td>{as_html(cell)}</td>' for cell in row)}</tr>" for row in rows
-    )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _table(run: RunCard) -> str:
+    """A run: previews, a line for each figure that is known, what speaks for and against it."""
     summary = run.summary
-    rows = [[name, form.format(v)] for key, name, form in FIGURES if (v := summary.get(key))]
-    for key, name in SHARES:
-        share = summary.get(key)
-        if isinstance(share, float):
-            rows.append([name, f"{100.0 * share:.3g} %"])
-    rows.append(["folder", os.path.relpath(run.folder) if _near(run.folder) else str(run.folder)])
-    return table_html(["verdict", run.quality.verdict], rows)
+    rows = [(name, form.format(v)) for key, name, form in FIGURES if (v := summary.get(key))]
+    shares = ((name, summary.get(key)) for key, name in SHARES)
+    rows += [(name, f"{100.0 * v:.3g} %") for name, v in shares if isinstance(v, float)]
+    near = run.folder.is_relative_to(Path.cwd())
+    rows.append(("folder", os.path.relpath(run.folder) if near else str(run.folder)))
+    return render(
+        TEMPLATE,
+        run=run,
+        previews=list(_shown(run.previews)),
+        width_px=WIDTH_PX,
+        heads=("verdict", run.quality.verdict),
+        rows=rows,
+        notes=(*run.quality.reasons, *run.quality.remarks, *run.warnings),
+    )
 
 
-def _near(folder: Path) -> bool:
-    return folder.is_relative_to(Path.cwd())
+def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> str:
+    """A table of texts, and a note below it."""
+    notes = (note,) if note else ()
+    return render(TEMPLATE, previews=(), heads=heads, rows=rows, notes=notes)
 
 
-def _notes(run: RunCard) -> str:
-    told = (*run.quality.reasons, *run.quality.remarks, *run.warnings)
-    items = "".join(f"<li>{as_html(note)}</li>" for note in told)
-    return f"<ul>{items}</ul>" if items else ""
-
-
-def _previews(previews: Iterable[tuple[str, bytes]]) -> str:
-    figures = []
+def _shown(previews: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, str]]:
+    """Names and data of pictures; one that cannot be read is left out, as they are for eyes:
+    whoever asks for the numbers is told."""
     for name, content in previews:
         try:
-            data = _small(name, content)
+            yield name, base64.b64encode(_small(name, content)).decode("ascii")
         except DecodeError:
-            continue  # a view for eyes; whoever asks for the numbers is told
-        source = "data:image/jpeg;base64," + base64.b64encode(data).decode("ascii")
-        figures.append(
-            f'<img src="{source}" alt="{as_html(name)}" title="{as_html(name)}" width="{WIDTH_PX}">'
-        )
-    return f"<p>{' '.join(figures)}</p>" if figures else ""
+            continue
 
 
 def _small(name: str, content: bytes) -> bytes:

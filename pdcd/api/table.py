@@ -96,7 +96,7 @@ class Table:
         names = list(dict.fromkeys((SHOWN[0], *asked, *SHOWN[1:])))
         rows = [[_written(row.get(name)) for name in names] for row in self._rows[:MOST_SHOWN]]
         more = len(self) - MOST_SHOWN
-        return table_html(names, rows) + (f"<p>and {more} more</p>" if more > 0 else "")
+        return table_html(names, rows, f"and {more} more" if more > 0 else "")
 
 
 def _written(value: Value) -> str:

@@ -11,23 +11,18 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json
 from pdcd.figures.catalog import figures_of
 from pdcd.figures.figure import FULL, QUICK
-from pdcd.figures.make import Ahead, make
-from pdcd.figures.store import PAGE
+from pdcd.figures.make import PAGE, Ahead, in_processes, make
 
 
 def figures(args: argparse.Namespace) -> int:
     """Make the figures; fails where one could not be made, or a number left its bounds."""
     mode = FULL if args.full else QUICK
-    outcome = make(
-        figures_of(args.number),
-        args.out.absolute(),
-        mode,
-        workers=args.workers,
-        plots=args.plots,
-        tell=_Teller(),
-    )
+    folder = args.out.absolute()
+    with in_processes(args.workers) as pool:
+        wanted = figures_of(args.number)
+        outcome = make(wanted, folder, mode, pool, plots=args.plots, tell=_Teller())
     if args.json:
-        said = {"page": str(args.out.absolute() / PAGE), "held": outcome.held}
+        said = {"page": str(folder / PAGE), "held": outcome.held}
         say_json({**said, "figures": msgspec.to_builtins(outcome.made), "failed": outcome.failed})
         return DONE if outcome.held else FAILED
     for one in outcome.made:
@@ -36,7 +31,7 @@ def figures(args: argparse.Namespace) -> int:
         say(f"{one.number}: {'held' if not lost else 'NOT HELD: ' + '; '.join(lost)}")
     for number, why in outcome.failed.items():
         say(f"{number}: could not be made: {why}")
-    say(f"page  {args.out.absolute() / PAGE}")
+    say(f"page  {folder / PAGE}")
     return DONE if outcome.held else FAILED
 
 

@@ -6,28 +6,16 @@ wax: only light that went deep knows of it, so that it is in the indirect pictur
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
-from pdcd.figures.figure import (
-    OUR_CODES,
-    PAPERS_CODES,
-    Drawn,
-    Figure,
-    Image,
-    Mode,
-    Number,
-    Panel,
-    Photo,
-    Row,
-    Take,
-    codes_printed,
-)
+from pdcd.figures.figure import Figure, Image, Mode, Number, Photos, Row, Take, take_coded
 from pdcd.figures.places import patch
 
 SCENE = "still-life"
-CODES = {"codes": codes_printed(512)}
+BOUNDS = {"ours": (0.10, 0.07), "paper": (0.20, 0.13)}
+"""Of the errors by either codes, on the quick and on the full page."""
 STAR, WAX = (0.26, 0.59), (0.195, 0.66)
 """(x, y) on the field: inside the star, and on the wax beside it."""
 PICTURES = {
@@ -39,61 +27,34 @@ PICTURES = {
 
 def takes(mode: Mode) -> dict[str, Take]:
     """The indirect photo, with our codes and with the paper's."""
-    ours, papers = (0.10, 0.20) if mode.quick else (0.07, 0.13)
     return {
-        "ours": Take(SCENE, "indirect", {**OUR_CODES, **CODES}, bound=ours, said="our codes"),
-        "paper": Take(
-            SCENE, "indirect", {**PAPERS_CODES, **CODES}, bound=papers, said="the paper's codes"
-        ),
+        by: take_coded(by, SCENE, "indirect", 512, bound=mode.bound(*bounds))
+        for by, bounds in BOUNDS.items()
     }
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Number]:
     """Three pictures by either codes, and in truth."""
     ours, papers = photos["ours"], photos["paper"]
-    rows = (
-        Row(tuple(Panel(ours.pictures[n], words) for n, words in PICTURES.items()), "our codes"),
-        Row(tuple(Panel(papers.pictures[n], w) for n, w in PICTURES.items()), "the paper's codes"),
-        Row(tuple(Panel(ours.truths[n], words) for n, words in PICTURES.items()), "the truth"),
-    )
+    yield Row.of(ours.pictures, PICTURES, "our codes")
+    yield Row.of(papers.pictures, PICTURES, "the paper's codes")
+    yield Row.of(ours.truths, PICTURES, "the truth")
+    # Direct light is made by subtracting, so that the sum is white to the last digit.
+    total = ours.pictures["direct"] + ours.pictures["indirect"]
+    off = float(np.nanmean(np.abs(ours.pictures["white"] - total)))
+    yield Number("direct + indirect - white, mean, scene units", off, most=1e-5)
+    for name in ("indirect", "direct"):
+        found, true = contrast(ours.pictures[name]), contrast(ours.truths[name])
+        what = f"contrast of the star in the wax, {name} picture"
+        yield Number(what, found, true - 0.05, true + 0.05, percent=True)
     gain = papers.error / ours.error
-    total = float(np.nanmean(np.abs(ours.pictures["white"] - sum_of(ours))))
-    return Drawn(
-        rows,
-        numbers=(
-            # Direct light is made by subtracting, so that the sum is white to the last digit.
-            Number("direct + indirect - white, mean, scene units", total, most=1e-5),
-            *stars(ours),
-            Number("error of the paper's codes over that of ours", gain, least=1.0),
-        ),
-    )
-
-
-def stars(photo: Photo) -> list[Number]:
-    """How much darker the star in the wax is than the wax beside it, in two pictures."""
-    found = {name: contrast(photo.pictures[name]) for name in ("indirect", "direct")}
-    true = {name: contrast(photo.truths[name]) for name in found}
-    return [
-        Number(
-            f"contrast of the star in the wax, {name} picture",
-            found[name],
-            least=true[name] - 0.05,
-            most=true[name] + 0.05,
-            percent=True,
-        )
-        for name in found
-    ]
+    yield Number("error of the paper's codes over that of ours", gain, least=1.0)
 
 
 def contrast(image: Image) -> float:
     """Share by which the middle of the disk is darker than its rim, green channel."""
     middle, rim = (patch(image, at) for at in (STAR, WAX))
     return 1.0 - middle / rim
-
-
-def sum_of(photo: Photo) -> Image:
-    """Direct plus indirect light."""
-    return np.asarray(photo.pictures["direct"] + photo.pictures["indirect"])
 
 
 FIGURE = Figure(
@@ -103,5 +64,5 @@ FIGURE = Figure(
     paper="512 codes in one exposure of 30 s; direct is white less indirect.",
     unlike="our table is drawn: a glass rod, wax with a star, a book, a mirror, sweets, glitter.",
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

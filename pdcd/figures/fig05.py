@@ -6,14 +6,13 @@ row. It is measured by lighting half of the row's cells at a time (S-matrices, a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.figures.figure import Drawn, Figure, Mode, Number, Panel, Photo, Plot, Row, Take
-from pdcd.figures.plot import colour, finish
+from pdcd.figures.figure import Figure, Line, Mode, Number, Panel, Photo, Photos, Plot, Row, Take
 
 PLACE = 0.525
 """Where the row lies, as a share of the field's height: across rod, wax, book, mirror and globe."""
@@ -24,6 +23,8 @@ PARTS: dict[str, tuple[float, float]] = {
     "mirror: lines across": (0.64, 0.98),
 }
 """Magnified parts, as shares of the field's width."""
+LINES = {"wax": 0.25, "book": 0.46, "mirror": 0.76}
+"""Camera cells of which a line is drawn, as shares of the field's width."""
 DEEPEST = 1e-3
 """Share of the brightest entries that is still shown."""
 
@@ -44,25 +45,34 @@ def takes(mode: Mode) -> dict[str, Take]:
     }
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
     """The scene with its row marked, the slice beside its truth, and four parts of it."""
     found, truth = entries(photos["slice"])
-    top = float(np.percentile(truth.diagonal(), 95.0))
+    top, cols = float(np.percentile(truth.diagonal(), 95.0)), mode.grid[1]
+    marked = mark_row(photos["scene"].image, row_of(mode), mode.grid[0])
     whole = (
-        Panel(marked(photos["scene"].image, row_of(mode), mode.grid[0]), "the scene, row marked"),
+        Panel(marked, "the scene, row marked"),
         Panel(shades(found, top), "slice, measured", kind="grey"),
         Panel(shades(truth, top), "slice, truth", kind="grey"),
     )
-    cols = mode.grid[1]
+    yield Row(whole, "Brightness of the slice goes by the logarithm, over three decades")
     parts = []
     for words, (left, right) in PARTS.items():
         part = slice(int(left * cols), int(np.ceil(right * cols)))
         parts.append(Panel(shades(found[part, part], top), words, kind="grey"))
-    rows = (
-        Row(whole, "Brightness of the slice goes by the logarithm, over three decades"),
-        Row(tuple(parts), "Parts of the measured slice"),
-    )
-    return Drawn(rows, (_profile(found, truth, cols),), tuple(_numbers(found, truth)))
+    yield Row(tuple(parts), "Parts of the measured slice")
+    yield _profile(found, truth, cols)
+
+    near = np.abs(np.subtract.outer(*2 * (np.arange(len(found)),))) <= 1
+    share, true = (float(one[near].sum() / one.sum()) for one in (found, truth))
+    what = "share of light within one cell of the diagonal"
+    yield Number(what, share, true - 0.03, true + 0.03, percent=True)
+    far = float(np.corrcoef(found[~near], truth[~near])[0, 1])
+    yield Number("correlation with the truth further off the diagonal", far, least=0.95)
+    # Off the diagonal a path and its way back carry the same light through the same colours; what
+    # is left is noise, and detail within cells.
+    back = float(np.sum(found[~near] * found.T[~near]) / np.sum(np.square(found)[~near]))
+    yield Number("a path and its way back, correlated, further off", back, least=0.9)
 
 
 def entries(photo: Photo) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -79,7 +89,7 @@ def shades(entries: NDArray[Any], top: float) -> NDArray[np.uint8]:
     return drawn
 
 
-def marked(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
+def mark_row(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
     """A picture with thin lines above and below one row of cells."""
     shown = np.array(image)
     bright = np.float32(np.nanpercentile(image, 99.0)) * np.array([1.0, 0.8, 0.1], np.float32)
@@ -89,44 +99,21 @@ def marked(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
     return shown
 
 
-def _numbers(found: NDArray[Any], truth: NDArray[Any]) -> list[Number]:
-    near = np.abs(np.subtract.outer(*2 * (np.arange(len(found)),))) <= 1
-    both = (found, found.T)
-    # Off the diagonal a path and its way back carry the same light through the same colours; what
-    # is left is noise, and detail within cells.
-    away = ~near
-    reciprocal = float(np.sum(both[0][away] * both[1][away]) / np.sum(np.square(both[0])[away]))
-    far = float(np.corrcoef(found[away], truth[away])[0, 1])
-    return [
-        Number(
-            "share of light within one cell of the diagonal",
-            float(found[near].sum() / found.sum()),
-            least=float(truth[near].sum() / truth.sum()) - 0.03,
-            most=float(truth[near].sum() / truth.sum()) + 0.03,
-            percent=True,
-        ),
-        Number("correlation with the truth further off the diagonal", far, least=0.95),
-        Number("a path and its way back, correlated, further off", reciprocal, least=0.9),
-    ]
-
-
 def _profile(found: NDArray[Any], truth: NDArray[Any], cols: int) -> Plot:
-    def draw(axes: Any) -> None:
-        for index, (words, at) in enumerate((("wax", 0.25), ("book", 0.46), ("mirror", 0.76))):
-            cell = int(at * cols)
-            shades_of = {"lw": 1.0, "color": colour(index)}
-            axes.plot(truth[cell], "--", **shades_of)
-            axes.plot(found[cell], "-", label=f"camera cell {cell}, {words}", **shades_of)
-        axes.set_yscale("symlog", linthresh=1e-3)
-        finish(
-            axes,
-            "Rows of the slice: measured (line), truth (dashed)",
-            "projector cell",
-            "light at full power, scene units",
-        )
-
+    lines = []
+    for index, (words, at) in enumerate(LINES.items()):
+        cell, label = int(at * cols), f"camera cell {int(at * cols)}, {words}"
+        x = np.arange(len(truth[cell]))
+        lines.append(Line(x, truth[cell], style="--", colour=index))
+        lines.append(Line(x, found[cell], label, colour=index))
     return Plot(
-        "rows", draw, "Three rows of the slice: where the light of one camera cell is from."
+        "rows",
+        "Rows of the slice: measured (line), truth (dashed)",
+        "projector cell",
+        "light at full power, scene units",
+        "Three rows of the slice: where the light of one camera cell is from.",
+        tuple(lines),
+        scales=("linear", "symlog"),
     )
 
 
@@ -143,5 +130,5 @@ FIGURE = Figure(
         "unicorn and no peppers."
     ),
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

@@ -7,24 +7,12 @@ All are exact, but their light, and so their noise, are not alike.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
-from pdcd.figures.figure import (
-    Drawn,
-    Figure,
-    Mode,
-    Number,
-    Panel,
-    Photo,
-    Plot,
-    Row,
-    Take,
-)
-from pdcd.figures.picture import white_of
-from pdcd.figures.plot import colour, finish
+from pdcd.figures.draw import white_of
+from pdcd.figures.figure import Figure, Line, Mode, Number, Panel, Photos, Plot, Row, Take
 from pdcd.sensor.profile import load_profile
 from pdcd.words import FamilyName, GoalName
 
@@ -44,37 +32,34 @@ WAYS: dict[str, FamilyName] = {
     "proportional": "confocal",
     "codes": "hadamard",
 }
-GOALS: tuple[GoalName, ...] = ("diagonal", "indirect")
-ENOUGH = 32
-"""Codes that are at least as many as cells, so that they are exact, too."""
+ASKED = {
+    "guards": "none",
+    "window": "whole",
+    "black_level": "none",
+    "smooth": False,
+    "pilot": 0,
+    "parts": 1,
+    "codes": 32,
+}
+"""Codes are at least as many as cells, so that they are exact, too."""
 PAPER_CELLS = 3072
 
 
 def takes(mode: Mode) -> dict[str, Take]:
     """Either goal by three ways, before a bench whose panels show every refresh as it is."""
     found = {}
-    for goal in GOALS:
+    for goal, f_number in F_NUMBERS.items():
         for way, family in WAYS.items():
-            asked = {
-                "family": family,
-                "codes": ENOUGH,
-                # Of signed codes a photo shows every one twice.
-                "exposure_s": SECONDS / (1 + (goal == "diagonal" and way == "codes")),
-                "white": goal != "indirect",
-                "guards": "none",
-                "window": "whole",
-                "black_level": "none",
-                "smooth": False,
-                "pilot": 0,
-                "parts": 1,
-            }
+            # Of signed codes a photo shows every one twice.
+            exposure_s = SECONDS / (1 + (goal == "diagonal" and way == "codes"))
+            white = goal != "indirect"
             found[f"{goal}, {way}"] = Take(
                 "open-book",
                 goal,
-                asked,
+                {**ASKED, "family": family, "exposure_s": exposure_s, "white": white},
                 grid=GRID,
                 perfect=True,
-                f_number=F_NUMBERS[goal],
+                f_number=f_number,
                 all_codes=True,
                 # Exact but for noise, and for quads that see the borders of such large cells: only
                 # codes have light enough for a picture.
@@ -84,72 +69,54 @@ def takes(mode: Mode) -> dict[str, Take]:
     return found
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
     """Both goals by all ways beside the truth, and noise over the number of cells."""
-    rows = []
-    for goal in GOALS:
+    for goal in F_NUMBERS:
         truth = photos[f"{goal}, codes"].truth
         white = white_of(truth)
         panels = [Panel(photos[f"{goal}, {way}"].image, way, white) for way in WAYS]
-        rows.append(Row((*panels, Panel(truth, "truth", white)), goal))
-    error = {name: photo.error for name, photo in photos.items()}
-    numbers = [
-        # N slots instead of N^2 have N times the light: sqrt(N) of noise where photons decide, N
-        # where read noise does. Error of what is not noise is no more than the bound of codes.
-        Number(
-            "diagonal: error of the naive way over the proportional",
-            error["diagonal, naive"] / error["diagonal, proportional"],
-            least=0.7 * CELLS**0.5,
-            most=1.3 * CELLS,
-        ),
-        # All but N of the pairs are wanted: nothing is gained.
-        Number(
-            "indirect: error of the naive way over the proportional",
-            error["indirect, naive"] / error["indirect, proportional"],
-            least=0.8,
-            most=1.3,
-        ),
-        # A quarter of the light against 1/N^2 of it; what codes have left is borders of cells.
-        Number(
-            "indirect: error of the naive way over codes",
-            error["indirect, naive"] / error["indirect, codes"],
-            least=mode.bound(*LEAST_GAIN),
-        ),
-    ]
-    return Drawn(tuple(rows), (_plot(),), tuple(numbers))
+        yield Row((*panels, Panel(truth, "truth", white)), goal)
+    yield _noise()
+    # N slots instead of N^2 have N times the light: sqrt(N) of noise where photons decide, N
+    # where read noise does. Error of what is not noise is no more than the bound of codes.
+    yield _gain(photos, "diagonal", "the proportional", 0.7 * CELLS**0.5, 1.3 * CELLS)
+    # All but N of the pairs are wanted: nothing is gained.
+    yield _gain(photos, "indirect", "the proportional", 0.8, 1.3)
+    # A quarter of the light against 1/N^2 of it; what codes have left is borders of cells.
+    yield _gain(photos, "indirect", "codes", mode.bound(*LEAST_GAIN), None)
 
 
-def _plot() -> Plot:
+def _gain(photos: Photos, goal: str, over: str, least: float, most: float | None) -> Number:
+    gain = photos[f"{goal}, naive"].error / photos[f"{goal}, {over.split()[-1]}"].error
+    return Number(f"{goal}: error of the naive way over {over}", gain, least, most)
+
+
+def _noise() -> Plot:
     """What one pixel's noise is, by the sensor model: signal and read noise of one photo."""
-
-    def draw(axes: Any) -> None:
-        body = load_profile("450d")
-        read_e, full_e = body.row(100).read_noise_e, 0.13 * body.full_well_e
-        cells = np.geomspace(4, 1e5, 100)
-        ways = {
-            "naive: 1/N^2 of the light": cells**-2.0,
-            "proportional, diagonal: 1/N": cells**-1.0,
-            "codes: 1/4": np.full_like(cells, 0.25),
-        }
-        for index, (label, share) in enumerate(ways.items()):
-            signal_e = full_e * share / 0.25
-            ratio = signal_e / np.sqrt(signal_e + read_e**2)
-            axes.plot(cells, ratio, color=colour(index), label=label, lw=1.5)
-        for count, words in ((CELLS, "here"), (PAPER_CELLS, "64 x 48")):
-            axes.axvline(count, color="grey", lw=0.8)
-            axes.annotate(words, (count, 0.02), xycoords=("data", "axes fraction"), fontsize=7,
-                          rotation=90, ha="right", va="bottom", color="grey")  # fmt: skip
-        axes.axhline(1.0, color="black", lw=0.6)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_ylim(1e-4, 1e3)
-        finish(axes, "One photo, EOS 450D at ISO 100", "cells N", "signal over noise of a pixel")
-
+    body = load_profile("450d")
+    read_e, full_e = body.row(100).read_noise_e, 0.13 * body.full_well_e
+    cells = np.geomspace(4, 1e5, 100)
+    shares = {
+        "naive: 1/N^2 of the light": cells**-2.0,
+        "proportional, diagonal: 1/N": cells**-1.0,
+        "codes: 1/4": np.full_like(cells, 0.25),
+    }
+    lines = []
+    for index, (label, share) in enumerate(shares.items()):
+        signal_e = full_e * share / 0.25
+        lines.append(Line(cells, signal_e / np.sqrt(signal_e + read_e**2), label, colour=index))
     return Plot(
         "cells",
-        draw,
+        "One photo, EOS 450D at ISO 100",
+        "cells N",
+        "signal over noise of a pixel",
         "With the paper's 3072 cells naive isolation gives each pair 3.2 microseconds of 30 s: far "
         "below the read noise. Codes do not care how many cells there are.",
+        tuple(lines),
+        scales=("log", "log"),
+        marks=((CELLS, "here"), (PAPER_CELLS, "64 x 48")),
+        level=1.0,
+        y_range=(1e-4, 1e3),
     )
 
 
@@ -160,5 +127,5 @@ FIGURE = Figure(
     paper="algorithms only; no photos of them are printed.",
     unlike="",
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

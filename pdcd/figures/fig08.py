@@ -6,28 +6,27 @@ indirect: a photo is D + p S. As direct light counts p as well, smaller p get as
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from pdcd.figures.draw import white_of
 from pdcd.figures.figure import (
-    OUR_CODES,
-    PAPERS_CODES,
-    Drawn,
+    CODERS,
     Figure,
+    Image,
+    Line,
     Mode,
     Number,
     Panel,
-    Photo,
+    Photos,
     Plot,
     Row,
     Take,
-    codes_printed,
+    take_coded,
 )
-from pdcd.figures.picture import white_of
 from pdcd.figures.places import patch
-from pdcd.figures.plot import colour, finish
 
 SCENE = "milky-bottle"
 PRINTED = {2: 64, 4: 128, 8: 256, 16: 512}
@@ -41,51 +40,59 @@ POINTS = {"milk": (0.50, 0.42), "wall": (0.16, 0.34)}
 def takes(mode: Mode) -> dict[str, Take]:
     """All light, and four shares of the indirect with either codes."""
     found = {"white": Take(SCENE, "white", said="all light")}
+    # Each cell is lit in exactly p of the codes; the coins of the paper are not so even.
     for below, printed in PRINTED.items():
-        asked = {"codes": codes_printed(printed), "p": 1.0 / below}
-        # Each cell is lit in exactly p of the codes; the coins of the paper are not so even.
-        found[f"1/{below}, ours"] = Take(
+        found[f"1/{below}, ours"] = take_coded(
+            "ours",
             SCENE,
             "fraction",
-            {**OUR_CODES, **asked, "family": "balanced"},
+            printed,
+            {"p": 1.0 / below, "family": "balanced"},
             all_codes=True,
             bound=BOUNDS[below],
             said="every cell lit equally often",
         )
-        found[f"1/{below}, paper"] = Take(
-            SCENE,
-            "fraction",
-            {**PAPERS_CODES, **asked},
-            all_codes=True,
-            said="the paper's codes",
+        found[f"1/{below}, paper"] = take_coded(
+            "paper", SCENE, "fraction", printed, {"p": 1.0 / below}, all_codes=True
         )
     return found
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
     """Photos from all light to the least indirect, and two points of them over p."""
     white = photos["white"].image
     level = white_of(white)
-    rows = []
-    for who, words in (("ours", "our codes"), ("paper", "the paper's codes")):
-        panels = [Panel(white, "direct + indirect", level)]
-        panels += [
-            Panel(photos[f"1/{below}, {who}"].image, f"direct + 1/{below} indirect", level)
+    for by, (_, words) in CODERS.items():
+        coded = [
+            Panel(photos[f"1/{below}, {by}"].image, f"direct + 1/{below} indirect", level)
             for below in PRINTED
         ]
-        rows.append(Row(tuple(panels), words))
+        yield Row((Panel(white, "direct + indirect", level), *coded), words)
     shares = np.array([1.0, *(1.0 / below for below in PRINTED)])
-    seen = {who: points(photos, who) for who in ("ours", "paper")}
-    truth = points(photos, "ours", true=True)
-    return Drawn(
-        tuple(rows), (_plot(shares, seen, truth),), tuple(_numbers(shares, seen["ours"], photos))
-    )
+    taken = {by: [photos[f"1/{below}, {by}"] for below in PRINTED] for by in CODERS}
+    ours, papers = (points([white, *(one.image for one in taken[by])]) for by in CODERS)
+    truth = points([photos["white"].truth, *(one.truth for one in taken["ours"])])
+    yield _plot(shares, ours, papers, truth)
+    for name, values in ours.items():
+        slope, start = _line(shares, values)
+        true_slope, true_start = _line(shares, truth[name])
+        share, true = slope / (slope + start), true_slope / (true_slope + true_start)
+        # Without indirect light the line would be flat; the milk's falls to less than half.
+        what = f"{name}: indirect share of all light, from the line"
+        yield Number(what, share, true - 0.02, true + 0.02, percent=True)
+        what = f"{name}: direct light at p = 0, over the true one"
+        yield Number(what, start / true_start, 0.95, 1.05)
+    lit = [
+        float(one.summary["codes"]) * p for one, p in zip(taken["ours"], shares[1:], strict=True)
+    ]
+    what = "codes in which a cell is lit, largest over smallest"
+    yield Number(what, max(lit) / min(lit), 1.0, 1.0)
+    bright = [float(np.nanmean(one.image)) for one in taken["ours"]]
+    yield Number("mean brightness at p = 1/16 over that at 1/2", bright[-1] / bright[0], 0.3, 1.0)
 
 
-def points(photos: Mapping[str, Photo], who: str, *, true: bool = False) -> dict[str, Any]:
-    """Brightness of both points over p, from p = 1 on, (5,) each, green channel."""
-    taken = [photos["white"], *(photos[f"1/{below}, {who}"] for below in PRINTED)]
-    images = [photo.truth if true else photo.image for photo in taken]
+def points(images: Sequence[Image]) -> dict[str, Any]:
+    """Brightness of both points in pictures, an array each, green channel."""
     return {name: np.array([patch(image, at) for image in images]) for name, at in POINTS.items()}
 
 
@@ -95,69 +102,26 @@ def _line(shares: Any, values: Any) -> tuple[float, float]:
     return float(slope), float(start)
 
 
-def _numbers(shares: Any, seen: Mapping[str, Any], photos: Mapping[str, Photo]) -> list[Number]:
-    numbers = []
-    truth = points(photos, "ours", true=True)
-    for name, values in seen.items():
-        slope, start = _line(shares, values)
-        true_slope, true_start = _line(shares, truth[name])
-        numbers += [
-            # Without indirect light the line would be flat; the milk's falls to less than half.
-            Number(
-                f"{name}: indirect share of all light, from the line",
-                slope / (slope + start),
-                least=true_slope / (true_slope + true_start) - 0.02,
-                most=true_slope / (true_slope + true_start) + 0.02,
-                percent=True,
-            ),
-            Number(
-                f"{name}: direct light at p = 0, over the true one",
-                start / true_start,
-                least=0.95,
-                most=1.05,
-            ),
+def _plot(shares: Any, ours: dict[str, Any], papers: dict[str, Any], truth: dict[str, Any]) -> Plot:
+    lines = []
+    for index, name in enumerate(POINTS):
+        slope, start = _line(shares, ours[name])
+        lines += [
+            Line([0.0, 1.0], [start, start + slope], colour=index),
+            Line(shares, ours[name], f"{name}, our codes", "o", index),
+            Line(shares, papers[name], f"{name}, the paper's", "x", index),
+            Line(shares, truth[name], style="_", colour="black"),
+            Line([0.0], [start], style="s", colour=index),
         ]
-    bright = [float(np.nanmean(photos[f"1/{below}, ours"].image)) for below in PRINTED]
-    level = [float(photos[f"1/{below}, ours"].summary["codes"]) / below for below in PRINTED]
-    numbers.append(
-        Number(
-            "codes in which a cell is lit, largest over smallest", max(level) / min(level), 1.0, 1.0
-        )
-    )
-    numbers.append(
-        Number("mean brightness at p = 1/16 over that at 1/2", bright[-1] / bright[0], 0.3, 1.0)
-    )
-    return numbers
-
-
-def _plot(shares: Any, seen: Mapping[str, Mapping[str, Any]], truth: Mapping[str, Any]) -> Plot:
-    def draw(axes: Any) -> None:
-        fine = np.array([0.0, 1.0])
-        for index, name in enumerate(POINTS):
-            shade = colour(index)
-            slope, start = _line(shares, seen["ours"][name])
-            axes.plot(fine, start + slope * fine, "-", color=shade, lw=1.0)
-            axes.plot(
-                shares, seen["ours"][name], "o", color=shade, ms=5, label=f"{name}, our codes"
-            )
-            axes.plot(
-                shares, seen["paper"][name], "x", color=shade, ms=6, label=f"{name}, the paper's"
-            )
-            axes.plot(shares, truth[name], "_", color="black", ms=12)
-            axes.plot([0.0], [start], "s", color=shade, ms=5, mfc="none")
-        axes.set_ylim(bottom=0.0)
-        finish(
-            axes,
-            "Two points of the scene (black dashes: the truth)",
-            "share p of indirect light",
-            "brightness (green), scene units",
-        )
-
     return Plot(
         "points",
-        draw,
+        "Two points of the scene (black dashes: the truth)",
+        "share p of indirect light",
+        "brightness (green), scene units",
         "Lines go through the four coded photos; the square is the direct light that they foretell "
         "for p = 0. The wall hardly changes, the milk loses most of its light.",
+        tuple(lines),
+        y_range=(0.0, None),
     )
 
 
@@ -168,5 +132,5 @@ FIGURE = Figure(
     paper="64, 128, 256 and 512 codes, as many more as p is smaller.",
     unlike="a drawn bottle stands for the cola bottle.",
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

@@ -10,36 +10,32 @@ of brightness a and b it is (b - a) / (b + a), and 1 is black on white.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.figures.figure import (
+    CODERS,
     LIKE_THE_PAPER,
-    OUR_CODES,
-    PAPERS_CODES,
-    Drawn,
     Figure,
     Image,
+    Line,
     Mode,
     Number,
     Panel,
-    Photo,
+    Photos,
     Plot,
     Row,
     Take,
-    codes_printed,
+    take_coded,
 )
-from pdcd.figures.plot import finish
 from pdcd.virtual.scene.presets.chart import BLOCKS, bars
 
 SCENE = "chart-in-milk"
 BESIDE = (0, -1)
 """One cell to the left: Table 2 has n = m + 1."""
-CODES = codes_printed(1024)
-FROM = {"ours": (OUR_CODES, "our codes"), "paper": (PAPERS_CODES, "the paper's codes")}
+PRINTED = 1024
 CELL = 8.0 / 3.0 / 64.0
 """Width of a cell in the units of `BLOCKS`, 64 to a row."""
 
@@ -47,14 +43,15 @@ CELL = 8.0 / 3.0 / 64.0
 def takes(mode: Mode) -> dict[str, Take]:
     """A floodlit photo, and (c) and (d) by our codes and by the paper's."""
     found = {"white": Take(SCENE, "white", LIKE_THE_PAPER, bound=0.022, said="floodlit")}
-    for who, (asked, said) in FROM.items():
-        given = {**asked, "p": _p(mode), "codes": CODES}
-        # Coins err by what the milk sends back, which is all there is in the tank.
-        # From beside comes little light, less with the paper's p: there noise is most of the error.
-        c, d = (0.042, mode.bound(0.057, 0.11)) if who == "ours" else (0.26, 0.48)
-        found[f"{who} c"] = Take(SCENE, "fraction", given, bound=c, said=f"(c), {said}")
-        given = {**given, "shift": BESIDE}
-        found[f"{who} d"] = Take(SCENE, "off-diagonal", given, bound=d, said=f"(d), {said}")
+    # Coins err by what the milk sends back, which is all there is in the tank. From beside comes
+    # little light, less with the paper's p: there noise is most of the error.
+    bounds = {"ours": (0.042, mode.bound(0.057, 0.11)), "paper": (0.26, 0.48)}
+    c, d = {"p": _p(mode)}, {"p": _p(mode), "shift": BESIDE}
+    for by, (of_c, of_d) in bounds.items():
+        found[f"{by} c"] = take_coded(by, SCENE, "fraction", PRINTED, c, bound=of_c, said="(c), {}")
+        found[f"{by} d"] = take_coded(
+            by, SCENE, "off-diagonal", PRINTED, d, bound=of_d, said="(d), {}"
+        )
     return found
 
 
@@ -63,56 +60,53 @@ def _p(mode: Mode) -> float:
     return 1.0 / 8.0 if mode.quick else 1.0 / 16.0
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
     """Floodlit, (c), (d) and (e), by either codes and in truth."""
     white, p = photos["white"], _p(mode)
+    c, d = photos["ours c"], photos["ours d"]
     known = {
-        "our codes": _pictures(white.image, photos["ours c"].image, photos["ours d"].image, p),
-        "the paper's codes": _pictures(
-            white.image, photos["paper c"].image, photos["paper d"].image, p
-        ),
-        "the truth": _pictures(white.truth, photos["ours c"].truth, photos["ours d"].truth, p),
+        words: _pictures(white.image, photos[f"{by} c"].image, photos[f"{by} d"].image, p)
+        for by, (_, words) in CODERS.items()
     }
-    rows = tuple(
-        Row(tuple(Panel(image, words, white=_top(image)) for words, image in found.items()), title)
-        for title, found in known.items()
+    known["the truth"] = _pictures(white.truth, c.truth, d.truth, p)
+    for title, pictures in known.items():
+        panels = [Panel(image, words, _top(image)) for words, image in pictures.items()]
+        yield Row(tuple(panels), title)
+    ours, truth = (
+        [contrasts(image) for image in known[words].values()]
+        for words in ("our codes", "the truth")
     )
-    found = {
-        title: [contrasts(image) for image in images.values()] for title, images in known.items()
-    }
-    ours, truth = found["our codes"], found["the truth"]
-    left = known["the truth"]["(e) de-scattered"]
-    numbers = [
-        # The chart was made so that floodlit it shows less than an eighth of its contrast.
-        Number("contrast of the widest bars, floodlit", ours[0][0], least=0.02, most=0.125),
-        Number("the same in (c)", ours[1][0], least=0.25, most=0.65),
-        # Ink is a seventeenth of paper: without milk the bars have 0.89.
-        Number("the same in (e), de-scattered", ours[3][0], least=0.75, most=1.05),
-        Number("contrast in (e) over floodlit", ours[3][0] / ours[0][0], least=8.0),
-        Number(
-            "error of that contrast against the truth", abs(ours[3][0] - truth[3][0]), most=0.02
-        ),
-    ]
-    for title, most in (("our codes", 0.053), ("the paper's codes", None)):
-        error = _rms(known[title]["(e) de-scattered"] - left) / _rms(left)
-        numbers.append(Number(f"RMS error of (e), {title}", error, most=most, percent=True))
+    yield _plot(ours, truth)
+    # The chart was made so that floodlit it shows less than an eighth of its contrast.
+    yield Number("contrast of the widest bars, floodlit", ours[0][0], 0.02, 0.125)
+    yield Number("the same in (c)", ours[1][0], 0.25, 0.65)
+    # Ink is a seventeenth of paper: without milk the bars have 0.89.
+    yield Number("the same in (e), de-scattered", ours[3][0], 0.75, 1.05)
+    yield Number("contrast in (e) over floodlit", ours[3][0] / ours[0][0], least=8.0)
+    off = abs(ours[3][0] - truth[3][0])
+    yield Number("error of that contrast against the truth", off, most=0.02)
+    clear = known["the truth"]["(e) de-scattered"]
+    for words, most in (("our codes", 0.053), ("the paper's codes", None)):
+        error = _rms(known[words]["(e) de-scattered"] - clear) / _rms(clear)
+        yield Number(f"RMS error of (e), {words}", error, most=most, percent=True)
 
-    def draw(axes: Any) -> None:
-        width = [one[2] / CELL for one in BLOCKS]
-        for number, words in ((0, "floodlit"), (1, "(c)"), (3, "(e)")):
-            line = axes.plot(width, ours[number], "o-", label=words)[0]
-            axes.plot(width, truth[number], ":", color=line.get_color())
-        axes.set_xlim(left=0.0)
-        axes.set_ylim(0.0, 1.1)
-        finish(
-            axes,
-            "Bars of the chart",
-            "width of a bar, cells of 64 to a row",
-            "contrast of the bars",
-        )
 
-    caption = "Contrast of each block of bars; dotted: the truth, through the same lens."
-    return Drawn(rows, (Plot("contrast", draw, caption),), tuple(numbers))
+def _plot(ours: list[list[float]], truth: list[list[float]]) -> Plot:
+    width = [one[2] / CELL for one in BLOCKS]
+    lines = []
+    for index, (number, words) in enumerate({0: "floodlit", 1: "(c)", 3: "(e)"}.items()):
+        lines.append(Line(width, ours[number], words, "o-", index))
+        lines.append(Line(width, truth[number], style=":", colour=index))
+    return Plot(
+        "contrast",
+        "Bars of the chart",
+        "width of a bar, cells of 64 to a row",
+        "contrast of the bars",
+        "Contrast of each block of bars; dotted: the truth, through the same lens.",
+        tuple(lines),
+        x_from=0.0,
+        y_range=(0.0, 1.1),
+    )
 
 
 def _pictures(white: Image, direct: Image, beside: Image, p: float) -> dict[str, Image]:
@@ -162,5 +156,5 @@ FIGURE = Figure(
     unlike="The milk is a veil, a blur and a near glow of fixed shape: no light is traced through"
     " it. The tank stands square to the camera and fills most of the field.",
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

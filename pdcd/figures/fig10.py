@@ -10,31 +10,18 @@ ball's spots in the sharp one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.figures.figure import (
-    OUR_CODES,
-    PAPERS_CODES,
-    Drawn,
-    Figure,
-    Image,
-    Mode,
-    Number,
-    Panel,
-    Photo,
-    Row,
-    Take,
-    codes_printed,
-)
+from pdcd.figures.figure import Figure, Image, Mode, Number, Panel, Photos, Row, Take, take_coded
 from pdcd.figures.places import share_in
 from pdcd.virtual.scene.presets.ball_book import on_pages, on_wax
 from pdcd.virtual.scene.presets.canvas import Raster
 
 SCENE = "ball-wax-book"
-CODES = {"codes": codes_printed(128)}
+PRINTED = 128
 PERIOD = 4
 """Cells from one stripe to the next, the narrowest there is: soft light is even over them."""
 SPOTS = 97.0
@@ -47,60 +34,43 @@ def takes(mode: Mode) -> dict[str, Take]:
     The answer of the latter is sharp light, of which quarter windows, whose stripes have no sharp
     edges, leave nine tenths; and it has the errors of largest and smallest photo.
     """
-    split = {**CODES, "period": PERIOD}
+    striped = {"period": PERIOD}
     return {
-        "direct": Take(SCENE, "direct", {**OUR_CODES, **CODES}, bound=0.04, said="our codes"),
-        "ours": Take(SCENE, "split", {**OUR_CODES, **split}, bound=0.35, said="our codes"),
-        "paper": Take(
-            SCENE, "split", {**PAPERS_CODES, **split}, bound=0.45, said="the paper's codes"
-        ),
+        "direct": take_coded("ours", SCENE, "direct", PRINTED, bound=0.04),
+        "ours": take_coded("ours", SCENE, "split", PRINTED, striped, bound=0.35),
+        "paper": take_coded("paper", SCENE, "split", PRINTED, striped, bound=0.45),
     }
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Number]:
     """All, direct and indirect light; sharp and soft light by either codes and in truth."""
     direct, ours, paper = photos["direct"], photos["ours"], photos["paper"]
-    brightness = share_in(ours.pictures["indirect"], ours.truths["indirect"])
-    first = tuple(
-        Panel(direct.pictures[name], words)
-        for name, words in (("white", "(a) white"), ("direct", "(b) direct"))
-    )
-    rows = [Row((*first, Panel(ours.pictures["indirect"], "(c) indirect")), "one scene")]
+    scene = {**direct.pictures, "indirect": ours.pictures["indirect"]}
+    captions = {"white": "(a) white", "direct": "(b) direct", "indirect": "(c) indirect"}
+    yield Row.of(scene, captions, "one scene")
     for pictures, title in (
         (ours.pictures, "our codes"),
         (paper.pictures, "the paper's codes"),
         (ours.truths, "the truth"),
     ):
         white = 2.0 * float(np.nanpercentile(pictures["low"], 99.0))
-        panels = (
-            Panel(pictures["high"], "(d) sharp: largest - smallest", white),
-            Panel(pictures["low"], "(e) soft: 2 x smallest", white),
-        )
-        rows.append(Row(panels, title))
-    numbers = [
-        *_shares(ours, "our codes"),
-        # Four photos under stripes add up to all indirect light.
-        Number("indirect light of the striped photos over its truth", brightness, 0.93, 1.07),
-        Number("RMS error of sharp light, our codes", ours.errors["high"], percent=True),
-        Number("RMS error of sharp light, the paper's", paper.errors["high"], percent=True),
-        Number("RMS error of soft light, our codes", ours.errors["low"], percent=True),
-        Number("RMS error of soft light, the paper's", paper.errors["low"], percent=True),
-    ]
-    return Drawn(tuple(rows), numbers=tuple(numbers))
+        sharp = Panel(pictures["high"], "(d) sharp: largest - smallest", white)
+        yield Row((sharp, Panel(pictures["low"], "(e) soft: 2 x smallest", white)), title)
 
-
-def _shares(photo: Photo, words: str) -> list[Number]:
-    """How much of the light of wax, spots and pages is in the picture that it belongs in."""
-    pictures = photo.pictures
-    raster = Raster(photo.image.shape[:2])
-    wax, pages, spots = on_wax(raster), on_pages(raster), spots_of(photo.truths["indirect"])
-    return [
-        Number(f"soft share of the wax, {words}", share(pictures, "low", wax), least=0.7),
-        Number(
-            f"soft share of the pages, {words}", share(pictures, "low", pages & ~spots), least=0.6
-        ),
-        Number(f"sharp share of spots, {words}", share(pictures, "high", spots), least=0.5),
-    ]
+    raster = Raster(ours.image.shape[:2])
+    spots, pages = spots_of(ours.truths["indirect"]), on_pages(raster)
+    for what, name, where, least in (
+        ("soft share of the wax", "low", on_wax(raster), 0.7),
+        ("soft share of the pages", "low", pages & ~spots, 0.6),
+        ("sharp share of spots", "high", spots, 0.5),
+    ):
+        yield Number(f"{what}, our codes", share(ours.pictures, name, where), least=least)
+    # Four photos under stripes add up to all indirect light.
+    brightness = share_in(ours.pictures["indirect"], ours.truths["indirect"])
+    yield Number("indirect light of the striped photos over its truth", brightness, 0.93, 1.07)
+    for name, light in (("high", "sharp"), ("low", "soft")):
+        for photo, words in ((ours, "our codes"), (paper, "the paper's")):
+            yield Number(f"RMS error of {light} light, {words}", photo.errors[name], percent=True)
 
 
 def spots_of(indirect: Image) -> NDArray[np.bool_]:
@@ -123,5 +93,5 @@ FIGURE = Figure(
     paper="128 codes for each of four photos under shifted stripes, and as many black ones.",
     unlike="The ball hangs before the book rather than on the wax, where one cannot tell.",
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

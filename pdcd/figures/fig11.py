@@ -10,30 +10,27 @@ three quarters on.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures.figure import (
-    OUR_CODES,
-    PAPERS_CODES,
-    Drawn,
     Figure,
     Grid,
+    Line,
     Mode,
     Number,
     Panel,
     Photo,
+    Photos,
     Plot,
     Row,
     Take,
-    codes_printed,
+    take_coded,
 )
-from pdcd.figures.plot import finish
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import Displaced
 from pdcd.virtual.scene.effects import Array
@@ -49,71 +46,63 @@ about."""
 MISPLACED = 0.15
 """Cells by which the bench's panels may lie off where it believes them: 2 of 21 projector pixels,
 and what a map that is linear in each cell leaves."""
-CODES = {"codes": codes_printed(512)}
 
 
 def takes(mode: Mode) -> dict[str, Take]:
     """The box at six depths, and at the blocked one by the paper's codes as well."""
-    found = {}
-    for name, disparity in DEPTHS.items():
-        asked = {**OUR_CODES, "white": name == "e"}
-        bound = mode.bound(BOUNDS[name], HALF_BLOCKED.get(name, BOUNDS[name]))
-        found[name] = _take(disparity, asked, bound, "our codes")
-    found["paper"] = _take(DEPTHS["e"], {**PAPERS_CODES, "white": False}, 0.35, "the paper's codes")
-    return found
+    bounds = {n: mode.bound(BOUNDS[n], HALF_BLOCKED.get(n, BOUNDS[n])) for n in DEPTHS}
+    found = {n: _take("ours", d, bounds[n], white=n == "e") for n, d in DEPTHS.items()}
+    return {**found, "paper": _take("paper", DEPTHS["e"], 0.35, white=False)}
 
 
-def _take(disparity: float, asked: Mapping[str, Any], bound: float, said: str) -> Take:
-    options = {"disparity": disparity, "painted": True}
-    words = f"front at {disparity:+g} cells, {said}"
-    return Take(SCENE, "keyed", {**asked, **CODES}, options, off_axis=True, bound=bound, said=words)
+def _take(by: str, disparity: float, bound: float, *, white: bool) -> Take:
+    options, said = (
+        {"disparity": disparity, "painted": True},
+        f"front at {disparity:+g} cells, {{}}",
+    )
+    return take_coded(
+        by, SCENE, "keyed", 512, {"white": white}, options=options, off_axis=True, bound=bound,
+        said=said,
+    )  # fmt: skip
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
     """Six photos in one scale, their truth, and what is left of the front."""
-    blocked = photos["e"]
+    blocked, papers = photos["e"], photos["paper"]
     white = float(np.nanpercentile(blocked.pictures["white"], 99.5))
-    taken = [Panel(photos[n].image, f"({n}) {d:+g} cells", white) for n, d in DEPTHS.items()]
-    true = [Panel(photos[n].truth, f"({n}) truth", white) for n in DEPTHS]
     other = (
         Panel(blocked.pictures["white"], "(e) in white light", white),
         Panel(blocked.image, "(e) our codes", white),
-        Panel(photos["paper"].image, "(e) the paper's codes", white),
+        Panel(papers.image, "(e) the paper's codes", white),
     )
-    rows = (
-        Row(other, "the plane of the box's front blocked"),
-        Row(tuple(taken[:3]), "a box that comes nearer, the same codes"),
-        Row(tuple(taken[3:])),
-        Row(tuple(true[:3]), "the truth"),
-        Row(tuple(true[3:])),
-    )
+    yield Row(other, "the plane of the box's front blocked")
+    taken = [Panel(photos[n].image, f"({n}) {d:+g} cells", white) for n, d in DEPTHS.items()]
+    true = [Panel(photos[n].truth, f"({n}) truth", white) for n in DEPTHS]
+    for panels, title in ((taken, "a box that comes nearer, the same codes"), (true, "the truth")):
+        yield Row(tuple(panels[:3]), title)
+        yield Row(tuple(panels[3:]))
     found = {name: left(photos[name], disparity) for name, disparity in DEPTHS.items()}
-    numbers = [
-        Number(
-            f"({name}) direct light left of the front at {disparity:+g} cells",
-            found[name],
-            least=_kept(abs(disparity) - MISPLACED) - 0.06,
-            most=_kept(abs(disparity) + MISPLACED) + 0.06,
-        )
-        for name, disparity in DEPTHS.items()
-    ]
-    numbers.append(Number("(e) the same, the paper's codes", left(photos["paper"], DEPTHS["e"])))
+    yield _plot(found)
+    for name, disparity in DEPTHS.items():
+        what = f"({name}) direct light left of the front at {disparity:+g} cells"
+        least, most = (_kept(abs(disparity) + off) for off in (-MISPLACED, MISPLACED))
+        yield Number(what, found[name], least - 0.06, most + 0.06)
+    yield Number("(e) the same, the paper's codes", left(papers, DEPTHS["e"]))
 
-    def draw(axes: Any) -> None:
-        fine = np.linspace(-2.2, 2.2, 400)
-        axes.plot(fine, [_kept(abs(d)) for d in fine], lw=1.0, label="by geometry")
-        axes.plot(list(DEPTHS.values()), list(found.values()), "o", label="photos")
-        finish(
-            axes,
-            "The box's front",
-            "disparity of the box's front, in cells",
-            "direct light left of it",
-        )
 
-    plot = Plot(
-        "left", draw, "Direct light left of the box's front, by how far from the plane it is."
+def _plot(found: dict[str, float]) -> Plot:
+    fine = np.linspace(-2.2, 2.2, 400)
+    return Plot(
+        "left",
+        "The box's front",
+        "disparity of the box's front, in cells",
+        "direct light left of it",
+        "Direct light left of the box's front, by how far from the plane it is.",
+        (
+            Line(fine, [_kept(abs(d)) for d in fine], "by geometry"),
+            Line(list(DEPTHS.values()), list(found.values()), "photos", "o", 1),
+        ),
     )
-    return Drawn(rows, (plot,), tuple(numbers))
 
 
 def _kept(disparity: float) -> float:
@@ -162,5 +151,5 @@ FIGURE = Figure(
     unlike="The front is flat and square to the camera, so that it fades as a whole; the paper's"
     " box is seen aslant. Its edges lie at edges of cells.",
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

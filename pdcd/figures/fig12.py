@@ -9,29 +9,26 @@ by the same way ends in the very cell it began in, as direct light does.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.figures.figure import (
-    OUR_CODES,
-    PAPERS_CODES,
-    Drawn,
     Figure,
     Image,
+    Line,
     Mode,
     Number,
     Panel,
     Photo,
+    Photos,
     Plot,
     Row,
     Take,
-    codes_printed,
+    take_coded,
 )
 from pdcd.figures.places import share_in
-from pdcd.figures.plot import finish
 from pdcd.virtual.scene.presets.canvas import WIDTH, Raster
 from pdcd.virtual.scene.presets.vase import on_glass
 
@@ -42,10 +39,10 @@ SCENES = {
     "mirror-and-vase": ("Mirror and vase", 1024),
 }
 """Kind of scene: its title, and the codes that the paper prints for it."""
-MIRROR = "mirror-and-vase"
+FIRST, MIRROR = "disco-ball", "mirror-and-vase"
 ROW_Y = -0.05
 """Height of the drawing frame at which the mirror is looked at: through its middle."""
-PICTURES = (("white", "white light"), ("indirect", "indirect, one photo"), ("direct", "direct"))
+PICTURES = {"white": "white light", "indirect": "indirect, one photo", "direct": "direct"}
 
 
 def takes(mode: Mode) -> dict[str, Take]:
@@ -53,60 +50,37 @@ def takes(mode: Mode) -> dict[str, Take]:
     only where it has to be quick."""
     found = {}
     for kind, (_, printed) in SCENES.items():
-        codes = {"codes": codes_printed(printed)}
         # White light less what is indirect: the camera's noise of both, and a mirror's few paths.
-        found[f"{kind}, ours"] = Take(
-            kind, "direct", {**OUR_CODES, **codes}, bound=0.034, said="our codes"
-        )
-        if not mode.quick or kind == next(iter(SCENES)):
-            found[f"{kind}, paper's"] = Take(
-                kind, "direct", {**PAPERS_CODES, **codes}, bound=0.053, said="the paper's codes"
-            )
+        found[f"{kind}, ours"] = take_coded("ours", kind, "direct", printed, bound=0.034)
+        if not mode.quick or kind == FIRST:
+            found[f"{kind}, paper's"] = take_coded("paper", kind, "direct", printed, bound=0.053)
     return found
 
 
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
     """Three photos of each scene, and the mirror's brightness along a line."""
-    rows, numbers = [], []
     for kind, (title, _) in SCENES.items():
         ours, theirs = photos[f"{kind}, ours"], photos.get(f"{kind}, paper's")
-        rows.append(_row(ours.pictures, f"{title}: our codes"))
-        if theirs is not None:
-            rows.append(_row(theirs.pictures, f"{title}: the paper's codes"))
         # Errors of codes spread to both sides; light that codes let through would be all there.
-        numbers.append(
-            Number(
-                f"{kind}: indirect light left in the direct picture",
-                left(ours),
-                least=-0.03,
-                most=0.03,
-                percent=True,
-            )
-        )
+        what = f"{kind}: indirect light left in the direct picture"
+        yield Number(what, left(ours), -0.03, 0.03, percent=True)
         for photo, words in ((ours, "our codes"), (theirs, "the paper's codes")):
             if photo is not None:
+                yield _row(photo.pictures, f"{title}: {words}")
                 what = f"{kind}: RMS error of indirect light, {words}"
-                numbers.append(Number(what, photo.errors["indirect"], percent=True))
+                yield Number(what, photo.errors["indirect"], percent=True)
     glass = photos[f"{MIRROR}, ours"]
     share, true = retro(glass.pictures), retro(glass.truths)
-    numbers += [
-        # Wall and table seen in the glass are a fifth of white and more: not black.
-        Number("direct share of the light of the mirror", share, least=0.15, most=0.6),
-        Number("its error against the truth", abs(share - true), most=0.01),
-    ]
-    caption = (
-        "The mirror is not black in direct light: what it throws onto the wall at a point comes"
-        " back by the same way, and ends in the cell it began in. No code can tell it from light"
-        " that the glass itself sends back."
-    )
-    return Drawn(tuple(rows), (Plot("mirror", _line(glass), caption),), tuple(numbers))
+    # Wall and table seen in the glass are a fifth of white and more: not black.
+    yield Number("direct share of the light of the mirror", share, 0.15, 0.6)
+    yield Number("its error against the truth", abs(share - true), most=0.01)
+    yield _plot(glass)
 
 
 def _row(pictures: Mapping[str, Image], title: str) -> Row:
-    panels = [Panel(pictures[name], words) for name, words in PICTURES]
-    white = float(np.nanpercentile(pictures["indirect"], 99.5))
-    panels[1] = Panel(pictures["indirect"], "indirect, one photo, brighter", white)
-    return Row(tuple(panels), title)
+    white, indirect, direct = Row.of(pictures, PICTURES, title).panels
+    top = float(np.nanpercentile(indirect.image, 99.5))
+    return Row((white, Panel(indirect.image, f"{indirect.caption}, brighter", top), direct), title)
 
 
 def left(photo: Photo) -> float:
@@ -126,30 +100,28 @@ def glass_of(image: Image) -> NDArray[np.bool_]:
     return on_glass(Raster(image.shape[:2]), -0.06)
 
 
-def _line(photo: Photo) -> Any:
-    """Draw the brightness of the three pictures along a line through the mirror."""
-
-    def draw(axes: Any) -> None:
-        height, width = photo.image.shape[:2]
-        row = slice(
-            round((ROW_Y / 2.0 + 0.5) * height) - 2, round((ROW_Y / 2.0 + 0.5) * height) + 3
-        )
-        x = ((np.arange(width) + 0.5) / width - 0.5) * WIDTH
-        part = x < 0.0
-        for name, words in PICTURES:
-            light = photo.pictures[name][row].mean(axis=(0, 2))
-            axes.plot(x[part], light[part], label=words, lw=1.2)
-        glass = np.flatnonzero(glass_of(photo.image)[row.start + 2])
-        axes.axvspan(x[glass[0]], x[glass[-1]], color="0.9")
-        axes.set_ylim(bottom=0.0)
-        finish(
-            axes,
-            "A line through the mirror",
-            "place in the picture; grey: the glass of the mirror",
-            "brightness, 1 is white paper",
-        )
-
-    return draw
+def _plot(photo: Photo) -> Plot:
+    """The brightness of the three pictures along a line through the mirror."""
+    height, width = photo.image.shape[:2]
+    middle = round((ROW_Y / 2.0 + 0.5) * height)
+    x = ((np.arange(width) + 0.5) / width - 0.5) * WIDTH
+    part, lines = x < 0.0, []
+    for index, (name, words) in enumerate(PICTURES.items()):
+        light = photo.pictures[name][middle - 2 : middle + 3].mean(axis=(0, 2))
+        lines.append(Line(x[part], light[part], words, colour=index))
+    glass = np.flatnonzero(glass_of(photo.image)[middle])
+    return Plot(
+        "mirror",
+        "A line through the mirror",
+        "place in the picture; grey: the glass of the mirror",
+        "brightness, 1 is white paper",
+        "The mirror is not black in direct light: what it throws onto the wall at a point comes"
+        " back by the same way, and ends in the cell it began in. No code can tell it from light"
+        " that the glass itself sends back.",
+        tuple(lines),
+        band=(float(x[glass[0]]), float(x[glass[-1]])),
+        y_range=(0.0, None),
+    )
 
 
 FIGURE = Figure(
@@ -161,5 +133,5 @@ FIGURE = Figure(
     unlike="The glass throws a caustic but bends no sight; the bottle's milk is a veil and a blur;"
     " the vase has a dark rim a cell wide, where cells take a step for a steep slope.",
     takes=takes,
-    drawn=drawn,
+    shown=shown,
 )

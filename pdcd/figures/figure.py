@@ -1,18 +1,21 @@
 """What one figure is: the captures that it takes, and the pictures, plots and numbers of them.
 
 A file `pdcd/figures/figNN.py` holds one `FIGURE`. It says in plain values what is to be captured
-(`takes`), and makes of the photos what is to be seen (`drawn`). It touches no bench, no disk and no
-clock: captures are taken by `pdcd.figures.photo`, pictures written by `pdcd.figures.picture`.
+(`takes`), and yields what is to be seen of the photos (`shown`): rows of pictures, plots, numbers
+with their bounds. It touches no bench, no disk and no clock: captures are taken by
+`pdcd.figures.photo`, pictures and plots drawn by `pdcd.figures.draw`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pdcd.words import GoalName
 
@@ -137,6 +140,9 @@ class Photo:
         return self.errors[self.answer]
 
 
+Photos = Mapping[str, Photo]
+
+
 @dataclass(frozen=True, eq=False)
 class Panel:
     """One picture of a figure.
@@ -165,49 +171,81 @@ class Row:
     title: str = ""
     small: bool = False
 
+    @classmethod
+    def of(cls, pictures: Mapping[str, Image], captions: Mapping[str, str], title: str) -> Row:
+        """Some of the pictures of a photo, by their names, with a caption each."""
+        return cls(tuple(Panel(pictures[name], words) for name, words in captions.items()), title)
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line of a plot. style : as matplotlib has it: "-", "--", "o-", "x" ... colour : lines of
+    the same number have the same one, or a name. label : in the legend; "" is none."""
+
+    x: ArrayLike
+    y: ArrayLike
+    label: str = ""
+    style: str = "-"
+    colour: int | str = 0
+
+
+@dataclass(frozen=True, eq=False)
 class Plot:
-    """One plot. draw : gets the axes of matplotlib (`pdcd.figures.plot` has the style), and labels
-    both with their units. caption : below it."""
+    """Lines over each other. name : part of the file's. x, y : labels of the axes, with units.
+
+    scales : of x and y, as matplotlib has them; "symlog" is straight below a thousandth.
+    marks : places along x, with a word or none for each. level : a thin line across.
+    band : from and to along x, shaded. y_range : None leaves an end to the lines.
+    """
 
     name: str
-    draw: Callable[[Any], None]
+    title: str
+    x: str
+    y: str
     caption: str
-    wide: bool = False
+    lines: tuple[Line, ...]
+    scales: tuple[str, str] = ("linear", "linear")
+    marks: tuple[tuple[float, str], ...] = ()
+    level: float | None = None
+    band: tuple[float, float] | None = None
+    x_from: float | None = None
+    y_range: tuple[float | None, float | None] = (None, None)
 
 
-@dataclass(frozen=True)
-class Number:
+class Number(msgspec.Struct, frozen=True):
     """One figure with the bounds that were stated before it was measured.
 
-    what : in words, with the unit. least, most : bounds, both included; None is no bound. paper :
-    what the paper prints, as printed, where it prints one. percent : shown as a percentage.
+    what : in words, with the unit. value : None for what is no number. least, most : bounds, both
+    included; None is no bound. paper : what the paper prints, as printed, where it prints one.
+    percent : shown as a percentage. held : whether it lies within its bounds, which is found here;
+    what is no number does not.
     """
 
     what: str
-    value: float
+    value: float | None
     least: float | None = None
     most: float | None = None
     paper: str = ""
     percent: bool = False
+    held: bool = False
+
+    def __post_init__(self) -> None:
+        """Make them plain numbers, and compare."""
+        for name in ("value", "least", "most"):
+            told = getattr(self, name)
+            known = told is not None and math.isfinite(told)
+            msgspec.structs.force_setattr(self, name, float(told) if known else None)
+        held = (
+            self.value is not None
+            and (self.least is None or self.value >= self.least)
+            and (self.most is None or self.value <= self.most)
+        )
+        msgspec.structs.force_setattr(self, "held", held)
 
     @property
-    def held(self) -> bool:
-        """Whether it lies within its bounds; what is no number does not."""
-        low = self.least is None or self.value >= self.least
-        return (
-            bool(np.isfinite(self.value)) and low and (self.most is None or self.value <= self.most)
-        )
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What a figure shows. The table of its captures, with their errors and bounds, is added."""
-
-    rows: tuple[Row, ...] = ()
-    plots: tuple[Plot, ...] = ()
-    numbers: tuple[Number, ...] = ()
+    def stated(self) -> bool:
+        """Whether it has any bound."""
+        return self.least is not None or self.most is not None
 
 
 @dataclass(frozen=True)
@@ -217,7 +255,8 @@ class Figure:
     number : as it is asked for: "1", "table-1", "appendix".
     see : one sentence on what to see. paper : what the paper took, with its codes and exposure.
     unlike : what is still unlike the paper's own; empty where nothing is.
-    takes : mode -> captures by name. drawn : mode and photos by the same names -> what is shown.
+    takes : mode -> captures by name. shown : mode and photos by the same names -> what is shown,
+    in any order of kinds. The table of captures, with their errors and bounds, is added.
     """
 
     number: str
@@ -226,7 +265,7 @@ class Figure:
     paper: str
     unlike: str
     takes: Callable[[Mode], Mapping[str, Take]]
-    drawn: Callable[[Mode, Mapping[str, Photo]], Drawn]
+    shown: Callable[[Mode, Photos], Iterator[Row | Plot | Number]]
 
 
 def codes_printed(count: int) -> int:
@@ -248,3 +287,28 @@ PAPERS_CODES: Mapping[str, Any] = {
 """Coins, and one number to divide a photo by."""
 OUR_CODES: Mapping[str, Any] = {**LIKE_THE_PAPER, "pilot": 0, "parts": 1}
 """The same light, time and number of codes, by the codes and the decoding that are default here."""
+CODERS: Mapping[str, tuple[Mapping[str, Any], str]] = {
+    "ours": (OUR_CODES, "our codes"),
+    "paper": (PAPERS_CODES, "the paper's codes"),
+}
+"""Who makes the codes: what a request says of them, and the words for them."""
+
+
+def take_coded(
+    by: str,
+    scene: str,
+    goal: GoalName,
+    printed: int,
+    asked: Mapping[str, Any] | None = None,
+    *,
+    said: str = "{}",
+    **fields: Any,
+) -> Take:
+    """A capture by one of `CODERS`.
+
+    printed : codes, as the paper counts them. asked : what is asked beside that. said : `{}` in it
+    becomes the words for the codes. fields : others of `Take`.
+    """
+    codes, words = CODERS[by]
+    whole = {**codes, "codes": codes_printed(printed), **(asked or {})}
+    return Take(scene, goal, whole, said=said.format(words), **fields)

@@ -6,8 +6,6 @@ page of figures takes some hundred photos of up to 25 MB each.
 
 from __future__ import annotations
 
-import io
-import json
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -19,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.api.arguments import asked
-from pdcd.api.bench import Bench, finished
-from pdcd.api.local import local
+from pdcd.api.bench import finished
+from pdcd.api.local import LocalBench, local
 from pdcd.api.run import Run
 from pdcd.capture.worker.truths import pictures_in_truth
 from pdcd.errors import Cancelled, PdcdError
@@ -33,7 +31,6 @@ from pdcd.pictures.upright import Sampler, View
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.scene import Scene
-from pdcd.words import GoalName
 
 Heard = Callable[[], None]
 ASPECT = 0.75
@@ -43,38 +40,43 @@ ASPECT = 0.75
 def photographs(
     takes: Mapping[str, Take], mode: Mode, heard: Heard = lambda: None
 ) -> Iterator[tuple[str, Photo]]:
-    """Take captures that share a bench (`Take.stands`), one after the other, with their names.
+    """Take captures, with their names: those that share a bench (`Take.stands`) one after another.
 
     Runs go to a scratch folder, which is gone afterwards. `heard` is called now and then, and may
     raise to end the work. Raises PdcdError, whose message names the capture that failed.
     """
-    with tempfile.TemporaryDirectory(prefix="pdcd-figures-") as scratch:
-        folder = Path(scratch)
-        config = bench_of(next(iter(takes.values())), mode, folder)
-        with local(config, folder=folder) as bench:
-            for name, take in takes.items():
-                keywords = dict(take.asked)
-                if "codes" in keywords:  # the paper's photos are one exposure each
-                    keywords = {"pilot": 0, "parts": 1, **keywords}
-                    if not take.all_codes:
-                        keywords["codes"] = mode.codes(keywords["codes"])
-                try:
-                    run = _run(bench, take.goal, keywords, heard)
-                except Cancelled:
-                    raise
-                except PdcdError as err:
-                    said = f"{take.goal} before {take.scene}: {err.message}"
-                    raise PdcdError(said, device=err.device, hint=err.hint) from err
-                if bench.optics is None:
-                    raise PdcdError("the bench of the figures is not one of pixels")
-                yield name, _beside_truth(run, bench.optics, mode, heard)
-                shutil.rmtree(run.folder)
+    benches: dict[str, dict[str, Take]] = {}
+    for name, take in takes.items():
+        benches.setdefault(take.stands, {})[name] = take
+    for some in benches.values():
+        with tempfile.TemporaryDirectory(prefix="pdcd-figures-") as scratch:
+            folder = Path(scratch)
+            config = bench_of(next(iter(some.values())), mode, folder)
+            with local(config, folder=folder) as bench:
+                for name, take in some.items():
+                    try:
+                        yield name, _photograph(bench, take, mode, heard)
+                    except Cancelled:
+                        raise
+                    except PdcdError as err:
+                        said = f"{take.goal} before {take.scene}: {err.message}"
+                        raise PdcdError(said, device=err.device, hint=err.hint) from err
 
 
-def _run(bench: Bench, goal: GoalName, keywords: Mapping[str, Any], heard: Heard) -> Run:
-    """Take one photo by keywords, as `Bench.capture` does, but without a report."""
-    request, arrays = asked(goal, keywords, lambda: bench.grid)
-    return finished(bench.take(request, arrays, on_event=lambda event: heard()))
+def _photograph(bench: LocalBench, take: Take, mode: Mode, heard: Heard) -> Photo:
+    """Take one photo, as `Bench.capture` does, but without a report; the run is gone after it."""
+    keywords = dict(take.asked)
+    if "codes" in keywords:  # the paper's photos are one exposure each
+        keywords = {"pilot": 0, "parts": 1, **keywords}
+        if not take.all_codes:
+            keywords["codes"] = mode.codes(keywords["codes"])
+    if bench.optics is None:
+        raise PdcdError("the bench of the figures is not one of pixels")
+    request, arrays = asked(take.goal, keywords, lambda: bench.grid)
+    run = finished(bench.take(request, arrays, on_event=lambda event: heard()))
+    photo = _beside_truth(run, bench.optics, mode, heard)
+    shutil.rmtree(run.folder)
+    return photo
 
 
 def _beside_truth(run: Run, optics: OpticalBench, mode: Mode, heard: Heard) -> Photo:
@@ -124,36 +126,3 @@ def _error(image: NDArray[Any], truth: NDArray[Any], where: NDArray[np.bool_]) -
     total = float(np.sum(truth[where] ** 2))
     off = float(np.sum((image[where] - truth[where]) ** 2))
     return float(np.sqrt(off / total)) if total else float("nan")
-
-
-def packed(photo: Photo) -> bytes:
-    """A photo as the bytes of an .npz file, which `unpacked` reads."""
-    arrays: dict[str, NDArray[Any]] = {}
-    for kind in ("pictures", "truths"):
-        arrays |= {f"{kind}.{name}": image for name, image in getattr(photo, kind).items()}
-    for name in ("transport", "transport_truth"):
-        if (value := getattr(photo, name)) is not None:
-            arrays[name] = value
-    said = {"errors": dict(photo.errors), "summary": dict(photo.summary), "grid": photo.grid}
-    arrays["said"] = np.frombuffer(json.dumps(said).encode(), np.uint8)
-    file = io.BytesIO()
-    np.savez(file, allow_pickle=False, **arrays)
-    return file.getvalue()
-
-
-def unpacked(path: Path) -> Photo:
-    """What `packed` made. Raises OSError, EOFError, ValueError, KeyError or BadZipFile for a file
-    that is not whole."""
-    with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
-        said = json.loads(data["said"].tobytes())
-        arrays = {key: data[key] for key in data.files if key != "said"}
-    rows, cols = said["grid"]
-    return Photo(
-        pictures={k[9:]: image for k, image in arrays.items() if k.startswith("pictures.")},
-        truths={k[7:]: image for k, image in arrays.items() if k.startswith("truths.")},
-        errors=said["errors"],
-        transport=arrays.get("transport"),
-        transport_truth=arrays.get("transport_truth"),
-        summary=said["summary"],
-        grid=(rows, cols),
-    )

@@ -1,29 +1,21 @@
-"""What Tables 1 and 2 share: each row photographed beside its truth and by the paper's codes."""
+"""Tables 1 and 2: all seven rows of each, photographed beside their truth and by the paper's codes.
+
+Rows take signed or unsigned coins where the paper needs codes at all: a matrix that is a sum of a
+few products has none.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.figures.figure import (
-    OUR_CODES,
-    PAPERS_CODES,
-    Drawn,
-    Figure,
-    Grid,
-    Mode,
-    Number,
-    Panel,
-    Photo,
-    Row,
-    Take,
-    codes_printed,
-)
-from pdcd.figures.picture import white_of
+from pdcd.figures.draw import white_of
+from pdcd.figures.figure import Figure, Grid, Mode, Number, Panel, Photos, Row, Take, take_coded
 from pdcd.virtual.scene.presets.canvas import WIDTH, Raster
 from pdcd.virtual.scene.presets.still_life import (
     MIRROR_FOOT,
@@ -45,6 +37,9 @@ HALF = 0.15
 """Half width of the spot that the scene's mirror throws, without its rim."""
 TOP, FOOT = MIRROR_TOP + 0.02, MIRROR_FOOT - 0.02
 """Heights of the drawing between which the spot is counted: a little within those of the mirror."""
+RADIUS = 2
+KERNEL = np.array([[0.0, -0.25, 0.0], [-0.25, 1.0, -0.25], [0.0, -0.25, 0.0]])
+"""The cell itself less its four neighbours."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +51,6 @@ class Asked:
     page, where it is another. signed : the picture has both signs.
     """
 
-    number: int
     words: str
     goal: GoalName
     bound: float
@@ -66,80 +60,115 @@ class Asked:
     asked: Mapping[str, Any] = field(default_factory=dict)
 
 
+def rows_of_table_1(grid: Grid) -> tuple[Asked, ...]:
+    """The first table's rows, in its words.
+
+    Quarter windows move codes by half a cell. Neighbours then mix, and a path by a mirror, which
+    goes the other way when its end is moved, is met in half of the places: rows 4 and 5 are far
+    from what they are with whole windows. Rows 1 and 2 are cut where the truth, which knows light
+    for whole cells, is soft.
+    """
+    light, warp, cells = stripes(grid), by_the_mirror(grid), grid[0] * grid[1]
+    itself = np.arange(cells, dtype=np.float64).reshape(grid)
+    return (
+        Asked(
+            "conventional photo under a pattern, T i", "illuminated", 0.15, None,
+            asked={"illumination": light},
+        ),
+        Asked(
+            "the same by a probing matrix, i_m in every row", "relit", 0.15, None,
+            asked={"matrix": np.tile(light.ravel(), (cells, 1))},
+        ),
+        Asked("the diagonal of T", "diagonal", 0.05, "rademacher"),
+        Asked(
+            "an off-diagonal of T: light from the cell to the right", "off-diagonal", 0.90,
+            "rademacher", asked={"shift": (0, 1)},
+        ),
+        Asked(
+            "one entry a row of T: the path by the mirror", "warped", 0.75, "rademacher",
+            asked={"warp": warp},
+        ),
+        Asked(
+            "two entries a row: the path by the mirror, and half of the diagonal",
+            "two-samples", 0.11, "rademacher",
+            asked={"warp": warp, "warp_b": itself, "mix": (1.0, 0.5)},
+        ),
+        Asked(
+            "indirect light under a pattern, A o T under i", "indirect", 0.28,
+            asked={"illumination": light},
+        ),
+    )  # fmt: skip
+
+
+def rows_of_table_2(grid: Grid) -> tuple[Asked, ...]:
+    """The second table's rows, in its words."""
+    return (
+        Asked("direct, retro-reflection and back-scattering", "direct", 0.05),
+        Asked("all other indirect light", "indirect", 0.16),
+        Asked(
+            f"long-range indirect: from more than {RADIUS} cells away", "long-range", 0.55,
+            asked={"radius": RADIUS},
+        ),
+        Asked(
+            f"short-range indirect: from within {RADIUS} cells", "short-range", 0.50,
+            asked={"radius": RADIUS},
+        ),
+        Asked(
+            "transport masking: no light from the mirror to the wall beside it", "blocked",
+            0.034, None, asked={"region_a": spot(grid), "region_b": mirror(grid)},
+        ),
+        # Misplaced panels let in direct light at the borders of cells: more where these are small.
+        Asked(
+            "local de-scattering: direct less what came from the cell to the left",
+            "descattered", 0.10, "rademacher", signed=True, full_bound=0.21,
+            asked={"shift": (0, -1)},
+        ),
+        Asked(
+            "a filter: direct less a quarter of each neighbour", "filtered", 0.053,
+            "rademacher", signed=True, asked={"kernel": KERNEL},
+        ),
+    )  # fmt: skip
+
+
 def grid_of(mode: Mode) -> Grid:
     """Cells of the tables: the quick page has room for small pictures only."""
     return min(mode.grid, SMALL) if mode.quick else mode.grid
 
 
-def table_of(
-    number: str,
-    title: str,
-    rows: Callable[[Grid], tuple[Asked, ...]],
-    *,
-    see: str,
-    paper: str,
-    unlike: str,
-) -> Figure:
-    """A table as a figure. rows : its rows on a grid of cells; the words are as of `Figure`."""
-    return Figure(
-        number,
-        title,
-        see=see,
-        paper=paper,
-        unlike=unlike,
-        takes=lambda mode: takes_of(rows(grid_of(mode)), mode),
-        drawn=lambda mode, photos: drawn_of(rows(grid_of(mode)), photos),
-    )
+Rows = Callable[[Grid], tuple[Asked, ...]]
 
 
-def takes_of(rows: tuple[Asked, ...], mode: Mode) -> dict[str, Take]:
+def take_rows(rows: Rows, mode: Mode) -> dict[str, Take]:
     """All light, and a photo of every row; in the full page another by the paper's codes."""
-    grid, coins = grid_of(mode), not mode.quick
+    grid = grid_of(mode)
     found = {"white": Take(SCENE, "white", grid=grid, said="all light")}
-    codes = {"codes": codes_printed(PRINTED)}
-    for row in rows:
+    for number, row in enumerate(rows(grid_of(mode)), 1):
         # What leaks is alike in both photos of a pair, and cancels; of few products it is little.
         leaks = {} if row.coins == "bernoulli" else {"black_level": "none"}
-        asked = {**OUR_CODES, **codes, **leaks, **row.asked}
-        found[f"row {row.number}"] = Take(
-            SCENE,
-            row.goal,
-            asked,
-            bound=mode.bound(row.bound, row.full_bound or row.bound),
-            grid=grid,
-            said="our codes",
+        bound = mode.bound(row.bound, row.full_bound or row.bound)
+        what = SCENE, row.goal, PRINTED
+        found[f"row {number}"] = take_coded(
+            "ours", *what, {**leaks, **row.asked}, grid=grid, bound=bound
         )
-        if row.coins is not None and coins:
-            asked = {**PAPERS_CODES, **codes, **leaks, "family": row.coins, **row.asked}
-            found[f"row {row.number}, paper"] = Take(
-                SCENE, row.goal, asked, grid=grid, said="the paper's codes"
-            )
+        if row.coins is not None and not mode.quick:
+            asked = {**leaks, "family": row.coins, **row.asked}
+            found[f"row {number}, paper"] = take_coded("paper", *what, asked, grid=grid)
     return found
 
 
-def drawn_of(rows: tuple[Asked, ...], photos: Mapping[str, Photo]) -> Drawn:
+def show_rows(rows: Rows, mode: Mode, photos: Photos) -> Iterator[Row | Number]:
     """A row of pictures for each row of the table."""
     level = white_of(photos["white"].image)
-    shown, numbers = [], []
-    for row in rows:
-        ours, papers = photos[f"row {row.number}"], photos.get(f"row {row.number}, paper")
-        white = max(white_of(ours.truth), LEAST_SHARE * level)
-        panels = [
-            Panel(ours.image, "photo", white, signed=row.signed),
-            Panel(ours.truth, "truth", white, signed=row.signed),
-        ]
+    for number, row in enumerate(rows(grid_of(mode)), 1):
+        ours, papers = photos[f"row {number}"], photos.get(f"row {number}, paper")
+        images = {"photo": ours.image, "truth": ours.truth}
         if papers is not None:
-            panels.append(Panel(papers.image, "the paper's codes", white, signed=row.signed))
-            numbers.append(
-                Number(
-                    f"row {row.number}: error of the paper's codes over ours",
-                    papers.error / ours.error,
-                    least=1.0,
-                )
-            )
-        title = f"Row {row.number}: {row.words}"
-        shown.append(Row(tuple(panels), title, small=True))
-    return Drawn(tuple(shown), numbers=tuple(numbers))
+            images["the paper's codes"] = papers.image
+            what = f"row {number}: error of the paper's codes over ours"
+            yield Number(what, papers.error / ours.error, least=1.0)
+        white = max(white_of(ours.truth), LEAST_SHARE * level)
+        panels = [Panel(image, w, white, signed=row.signed) for w, image in images.items()]
+        yield Row(tuple(panels), f"Row {number}: {row.words}", small=True)
 
 
 def spot(grid: Grid) -> NDArray[Any]:
@@ -166,14 +195,31 @@ def by_the_mirror(grid: Grid) -> NDArray[Any]:
     return np.where(spot(grid) > 0.0, cell, -1.0)
 
 
-def itself(grid: Grid) -> NDArray[Any]:
-    """Every cell's own number, (rows, cols)."""
-    rows, cols = grid
-    return np.arange(rows * cols, dtype=np.float64).reshape(rows, cols)
-
-
 def stripes(grid: Grid) -> NDArray[Any]:
     """An illumination of broad vertical stripes, (rows, cols), 0.15 or 1."""
     rows, cols = grid
     lit = (np.arange(cols) * 8 // cols) % 2 == 0
     return np.where(lit, 1.0, 0.15) * np.ones((rows, 1))
+
+
+TABLE_1 = Figure(
+    "table-1",
+    "What probing matrices can ask for",
+    takes=partial(take_rows, rows_of_table_1),
+    shown=partial(show_rows, rows_of_table_1),
+    see="Each photo looks like its truth; rows 1 and 2 are the same photo by two ways.",
+    paper="a table of matrices; no photos of them are printed.",
+    unlike=(
+        "rows 4 and 5 want single paths from cell to cell, which quarter windows, made for panels "
+        "that are not quite aligned, meet in a part of each cell only."
+    ),
+)
+TABLE_2 = Figure(
+    "table-2",
+    "Seven tasks by their probing matrices",
+    takes=partial(take_rows, rows_of_table_2),
+    shown=partial(show_rows, rows_of_table_2),
+    see="Row 5 takes the mirror's light off the wall and leaves all else as it is.",
+    paper="a table of matrices; Figures 1 and 8 to 12 show some of them.",
+    unlike="distances in rows 3 and 4 are the larger of both.",
+)

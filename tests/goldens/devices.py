@@ -23,9 +23,9 @@ from drivers.virtual_camera import Script, VirtualUsb, WireFault, bench_backend
 from pdcd.bench.clock import RealClock
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.figures.catalog import FILES, figures_of
+from pdcd.figures.catalog import FIGURES, figures_of
 from pdcd.figures.figure import TINY
-from pdcd.figures.make import make
+from pdcd.figures.make import in_processes, make
 from pdcd.panels.draw import draw, draw_planes
 from pdcd.panels.frames import Frames
 from pdcd.panels.placing import Placing
@@ -237,10 +237,11 @@ def _only(frames: Frames, row: int) -> Frames:
 
 def make_figures(folder: Path, numbers: Sequence[str]) -> dict[str, Any]:
     """Figures in the smallest setting that there is, into a folder; what could not be made."""
-    outcome = make(figures_of(list(numbers)), folder, TINY, workers=1, plots=True)
+    with in_processes(1) as pool:
+        outcome = make(figures_of(list(numbers)), folder, TINY, pool, plots=True)
     return {"made": [made.number for made in outcome.made], "failed": outcome.failed}
 
 
 def figure_numbers() -> list[str]:
     """All figures."""
-    return list(FILES)
+    return list(FIGURES)

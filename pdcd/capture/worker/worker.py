@@ -25,8 +25,9 @@ from pdcd.capture.worker.answers import (
 )
 from pdcd.capture.worker.plan_owner import Course, PlannedJob
 from pdcd.errors import PdcdError
+from pdcd.pages.render import load_template
 from pdcd.pages.report.material import cheap, gathered
-from pdcd.pages.report.write import written
+from pdcd.pages.report.write import TEMPLATE, written
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.truth import Known, known_answer, write_truth
@@ -123,6 +124,8 @@ class Worker:
         Raises DecodeError, NoSpaceError.
         """
         course, facts = self._of_course(), self._facts
+        if report:
+            load_template(TEMPLATE)
         darkroom, folder, plan = course.darkroom, course.folder, course.plan
         decoded = darkroom.decoded(watch)
         warnings = write_pictures(folder, decoded)

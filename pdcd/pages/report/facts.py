@@ -1,12 +1,12 @@
 """What a page says in words and tables: verdict, figures, request, plan, rig, versions, files.
 
-Everything here is plain text; `pdcd.pages.report.page` escapes it.
+Everything here is plain text; `pdcd.pages.render` escapes it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,26 +41,55 @@ def percent(share: object) -> str:
     return f"{100.0 * share:.0f} %" if abs(share) >= 10.0 else f"{100.0 * share:.3g} %"
 
 
+def _in(form: str) -> Callable[[Any], str]:
+    """A value in a format; "-" for none."""
+    return lambda value: "-" if value is None else form.format(value)
+
+
+Column = tuple[str, str, Callable[[Any], str]]
+"""Words, the name of a value, and how it is written."""
+SUMMARY: tuple[Column, ...] = (
+    ("error of quads against the known truth", "rms_error_quads", percent),
+    ("error of means over cells", "rms_error_cells", percent),
+    ("error expected (RMS sigma)", "rms_sigma", percent),
+    ("absolute scale", "scale", str),
+    ("error of the scale, common to all", "scale_sigma", percent),
+    ("error foreseen by the plan", "predicted_error", percent),
+    ("cells of which nothing is known", "blind_share", percent),
+    ("codes", "codes", str),
+    ("exposure", "exposure_s", _in("{:.3f} s")),
+    ("refreshes", "refreshes", str),
+    ("missed refreshes", "missed_refreshes", str),
+    ("shots", "shots", str),
+    ("wall time", "wall_s", _in("{:.2f} s")),
+)
+BUDGET: tuple[Column, ...] = (
+    ("shot", "name", str),
+    ("exposure", "exposure_s", _in("{:.3f} s")),
+    ("ISO", "iso", str),
+    ("f/", "f_number", _in("{:g}")),
+    ("mask open", "open", percent),
+    ("lit and seen", "lit", percent),
+    ("other paths", "others", percent),
+    ("mean electrons (green)", "electrons", _in("{:.4g}")),
+    ("brightest, of full", "full", percent),
+    ("saturated", "saturated", percent),
+)
+REALISED: tuple[Column, ...] = (
+    ("divided by", "weight_s", _in("{:.4g} s")),
+    ("direct light off, mean", "diagonal_mean", percent),
+    ("direct, worst", "diagonal_max", percent),
+    ("other paths off, RMS", "off_rms", percent),
+    ("worst cell", "off_rms_worst", percent),
+    ("worst path", "off_max", percent),
+)
+
+
 def figures(manifest: Manifest, material: Material) -> Rows:
-    """The first lines: what the picture is worth, and what it cost."""
-    summary = manifest.summary
-    rows = [
-        ("error of quads against the known truth", _known(summary.get("rms_error_quads"), percent)),
-        ("error of means over cells", _known(summary.get("rms_error_cells"), percent)),
-        ("error expected (RMS sigma)", _known(summary.get("rms_sigma"), percent)),
-        ("error bars", SIGMA_KINDS.get(material.kind, material.kind)),
-        ("absolute scale", _known(summary.get("scale"))),
-        ("error of the scale, common to all", _known(summary.get("scale_sigma"), percent)),
-        ("error foreseen by the plan", _known(summary.get("predicted_error"), percent)),
-        ("cells of which nothing is known", _known(summary.get("blind_share"), percent)),
-        ("field in the projector's picture", _field(manifest.run.projector)),
-        ("codes", _known(summary.get("codes"))),
-        ("exposure", _known(summary.get("exposure_s"), lambda s: f"{s:.3f} s")),
-        ("refreshes", _known(summary.get("refreshes"))),
-        ("missed refreshes", _known(summary.get("missed_refreshes"))),
-        ("shots", _known(summary.get("shots"))),
-        ("wall time", _known(summary.get("wall_s"), lambda s: f"{s:.2f} s")),
-    ]
+    """The first lines: what the picture is worth, and what it cost; what is not known has none."""
+    rows = [(words, _known(manifest.summary.get(key), write)) for words, key, write in SUMMARY]
+    rows.insert(3, ("error bars", SIGMA_KINDS.get(material.kind, material.kind)))
+    rows.insert(8, ("field in the projector's picture", _field(manifest.run.projector)))
     return [(name, value) for name, value in rows if value]
 
 
@@ -88,53 +117,24 @@ def tables(manifest: Manifest, material: Material) -> Iterator[Table]:
 
 
 def _budget(material: Material) -> Table:
-    heads = (
-        "shot", "exposure", "ISO", "f/", "mask open", "lit and seen", "other paths",
-        "mean electrons (green)", "brightest, of full", "saturated",
-    )  # fmt: skip
-    rows = [
-        (
-            one["name"],
-            f"{one['exposure_s']:.3f} s",
-            str(one["iso"]),
-            f"{one['f_number']:g}",
-            percent(one["open"]),
-            percent(one["lit"]),
-            percent(one["others"]),
-            f"{one['electrons']:.4g}",
-            percent(one["full"]),
-            percent(one["saturated"]),
-        )
-        for one in material.budget
-    ]
     note = (
         "Mask open, lit and seen, other paths: shares of the exposure, by the realised probing "
         "matrix, means over all cells. Lit and seen is what direct light gets, other paths what "
         "light between any two cells gets."
     )
-    if len(rows) == MOST_SHOTS < len(material.shots):
+    if len(material.budget) == MOST_SHOTS < len(material.shots):
         note += f" These are the first {MOST_SHOTS} of {len(material.shots)} shots."
-    return Table("Light budget", rows, heads, note=note)
+    rows = [[write(one[key]) for _, key, write in BUDGET] for one in material.budget]
+    return Table("Light budget", rows, [head for head, _, _ in BUDGET], note=note)
 
 
 def _realised(manifest: Manifest) -> Table:
-    names = ("weight_s", "diagonal_mean", "diagonal_max", "off_rms", "off_rms_worst", "off_max")
-    heads = (
-        "photo", "divided by", "direct light off, mean", "direct, worst", "other paths off, RMS",
-        "worst cell", "worst path",
-    )  # fmt: skip
     rows = [
-        (photo, *(_deviation(name, told.get(name)) for name in names))
+        [photo, *(write(told.get(key)) for _, key, write in REALISED)]
         for photo, told in manifest.realised.items()
     ]
     note = "Realised against wanted probing matrix; 100 % is the weight 1 of the wanted one."
-    return Table("Probing matrices", rows, heads, note=note)
-
-
-def _deviation(name: str, value: float | None) -> str:
-    if name == "weight_s" and value is not None:
-        return f"{value:.4g} s"
-    return percent(value)
+    return Table("Probing matrices", rows, ["photo", *(head for head, _, _ in REALISED)], note=note)
 
 
 def _given(told: Mapping[str, Any]) -> dict[str, Any]:
@@ -166,7 +166,7 @@ def _words(value: object) -> str:
     return str(value)[:MOST_LETTERS]
 
 
-def _known(value: object, write: Any = str) -> str:
+def _known(value: object, write: Callable[[Any], str]) -> str:
     """A figure in words; "" where there is none."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ""

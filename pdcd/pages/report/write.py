@@ -1,22 +1,32 @@
-"""`report.html` of a run: one file that opens from the disk, without a network."""
+"""`report.html` of a run: one file that opens from the disk, without a network; its words, its
+tables, and the data of its script."""
 
 from __future__ import annotations
 
+import base64
+import re
 from pathlib import Path
+from typing import Any
 
 from pdcd.files.put import put_file
+from pdcd.pages.render import json_in_page, render_page
+from pdcd.pages.report.facts import MOST_ROWS, figures, tables
 from pdcd.pages.report.layers import enough_side
 from pdcd.pages.report.material import Material, gathered
-from pdcd.pages.report.page import page
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import TRANSPORT_PICTURE, record_errors
 from pdcd.pictures.truth import TRUTH, read_truth
+from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.later import REPORT
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import sound_manifest
 from pdcd.watch import Watch
+
+TEMPLATE = "report.html"
+SCRIPTS = ("unpack.js", "draw.js", "pictures.js", "matrix.js", "timeline.js", "start.js")
+"""Parts of the one script, in order."""
 
 
 def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Path:
@@ -50,3 +60,68 @@ def written(folder: Path, manifest: Manifest, material: Material, out: Path | No
     path = folder / REPORT if out is None else out
     put_file(path, page(manifest, material).encode("utf-8"))
     return path
+
+
+def page(manifest: Manifest, material: Material) -> str:
+    """The whole page."""
+    return render_page(
+        TEMPLATE,
+        SCRIPTS,
+        manifest=manifest,
+        layers=material.layers,
+        kind=material.kind,
+        when=_when(manifest.started_utc),
+        said={n: _lines(manifest.request[n]) for n in SAID if manifest.request.get(n)},
+        sides=_sides(manifest),
+        figures=figures(manifest, material),
+        tables=list(tables(manifest, material)),
+        most_rows=MOST_ROWS,
+        slice=base64.b64encode(material.slice_png).decode("ascii"),
+        data=json_in_page(_told(manifest, material)),
+    )
+
+
+def _told(manifest: Manifest, material: Material) -> dict[str, Any]:
+    """What the page's script works with."""
+    pictures = material.layers
+    return {
+        "job": one_line(manifest.job),
+        "goal": manifest.run.goal.name,
+        "size": pictures.size_px,
+        "quads": pictures.quads,
+        "scale": pictures.scale,
+        "balance": pictures.balance,
+        "pictures": pictures.data,
+        "answer": material.answer,
+        "photos": material.matrices,
+        "shots": material.shots,
+        "grid": manifest.run.grid,
+    }
+
+
+SAID = ("name", "tags", "note")
+"""Fields of a request that are shown as they were written."""
+
+
+def _lines(value: object) -> list[str]:
+    words = ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+    return words.split("\n")
+
+
+def _sides(manifest: Manifest) -> list[tuple[str, str]]:
+    """What speaks for and against a photo: kind and words."""
+    found, told = manifest.quality, manifest.summary
+    cut = [f"missing shots: {', '.join(manifest.missing)}"] if manifest.state == "partial" else []
+    return [
+        *(("partial", words) for words in cut),
+        *(("reason", words) for words in found.reasons),
+        *((name, str(told[name])) for name in ("decided", "taken") if told.get(name)),
+        *(("remark", words) for words in found.remarks),
+        *(("warning", words) for words in manifest.warnings[:MOST_ROWS]),
+    ]
+
+
+def _when(utc: str) -> str:
+    """2026-01-01T12:03:01.2Z -> 2026-01-01 12:03:01 UTC."""
+    found = re.match(r"(\d{4}-\d\d-\d\d)T(\d\d:\d\d:\d\d)", utc)
+    return f"{found[1]} {found[2]} UTC" if found else utc

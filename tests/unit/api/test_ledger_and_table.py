@@ -152,5 +152,5 @@ def test_a_cell_of_a_notebook_is_short() -> None:
         for name in ("number", "asked.x", "goal", "state", "verdict", "codes", "exposure_s",
                      "rms_sigma", "rms_error_quads", "rms_error_cells")
     )  # fmt: skip
-    assert shown.startswith(f"<table><thead><tr>{heads}</tr></thead><tbody><tr>")
+    assert shown.startswith(f"<div><table><thead><tr>{heads}</tr></thead><tbody><tr>")
     assert shown.endswith("</tr></tbody></table>")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -254,6 +255,7 @@ def outcome(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         return made
 
     monkeypatch.setattr(figures_cli, "make", make)
+    monkeypatch.setattr(figures_cli, "in_processes", nullcontext)
     monkeypatch.setattr(figures_cli, "figures_of", lambda numbers: [f"figure {n}" for n in numbers])
     return made
 
@@ -270,13 +272,13 @@ def test_figures_say_which_of_their_numbers_did_not_hold(
         "1: held", "2: NOT HELD: gain; lag; RMS error of book", "3: could not be made: no light",
         f"page  {tmp_path}/page/index.html",
     ]  # fmt: skip
-    ((figures, out, mode, how),) = outcome.asked
+    ((figures, out, mode, workers, how),) = outcome.asked
     assert (figures, out, mode) == (["figure 1", "figure 2"], tmp_path / "page", FULL)
-    assert (how["workers"], how["plots"]) == (3, True)
+    assert (workers, how["plots"]) == (3, True)
     outcome.held = True
     assert main(["figures", "--out", "page", "--no-plots"]) == 0
-    *_, (figures, _, mode, how) = outcome.asked
-    assert (figures, mode, how["workers"], how["plots"]) == ([], QUICK, None, False)
+    *_, (figures, _, mode, workers, how) = outcome.asked
+    assert (figures, mode, workers, how["plots"]) == ([], QUICK, None, False)
 
 
 @pytest.mark.parametrize("held", [True, False])
@@ -299,7 +301,7 @@ def test_how_far_figures_are_is_said_when_that_has_changed(
     tell = outcome.asked[0][-1]["tell"]
     capsys.readouterr()
     for taken, left_s in ((0, None), (0, 9.0), (1, 119.4), (2, 120.0), (2, 5.0), (3, 329.0)):
-        tell(Ahead(taken, 7, ("1",), left_s))
+        tell(Ahead(taken, 7, left_s))
     assert capsys.readouterr().err.splitlines() == [
         "0 of 7 captures", "1 of 7 captures, about 119 s left", "2 of 7 captures, about 2 min left",
         "3 of 7 captures, about 5 min left",

@@ -18,8 +18,19 @@ import pytest
 
 from pdcd.bench.reading import TIMES
 from pdcd.figures.bench import bench_of
-from pdcd.figures.catalog import FILES, figure_of
-from pdcd.figures.figure import FULL, QUICK, TINY, Figure, Mode, Photo, Take
+from pdcd.figures.catalog import FIGURES
+from pdcd.figures.figure import (
+    FULL,
+    QUICK,
+    TINY,
+    Figure,
+    Mode,
+    Number,
+    Photo,
+    Plot,
+    Row,
+    Take,
+)
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 
@@ -49,29 +60,6 @@ def made_up(name: str, take: Take, grid: tuple[int, int]) -> Photo:
     return Photo(pictures, truths, errors, found, true, {"codes": codes, "exposure_s": 2.5}, grid)
 
 
-class Axes:
-    """Axes that note all that is done with them."""
-
-    def __init__(self) -> None:
-        self.done: list[Any] = []
-
-    def __getattr__(self, name: str) -> Any:
-        def noted(*told: Any, **how: Any) -> Any:
-            self.done.append([name, plain([np.asarray(t) if _is_row(t) else t for t in told])])
-            self.done.append(plain(dict(sorted(how.items()))))
-            if name == "get_legend_handles_labels":
-                return [1], ["one"]
-            if name == "get_color":
-                return "red"
-            return [self] if name == "plot" else self
-
-        return noted
-
-
-def _is_row(value: Any) -> bool:
-    return isinstance(value, list | tuple) and bool(value) and not isinstance(value[0], str)
-
-
 def asked(figure: Figure, mode: Mode) -> dict[str, Any]:
     return {
         name: plain({field: getattr(take, field) for field in Take.__dataclass_fields__})
@@ -81,18 +69,20 @@ def asked(figure: Figure, mode: Mode) -> dict[str, Any]:
 
 def shown(figure: Figure, mode: Mode) -> dict[str, Any]:
     photos = {n: made_up(n, take, mode.grid) for n, take in figure.takes(mode).items()}
-    drawn = figure.drawn(mode, photos)
-    plots = []
-    for plot in drawn.plots:
-        axes = Axes()
-        plot.draw(axes)
-        plots.append([plot.name, plot.caption, plot.wide, axes.done])
-    panels = [
+    found = list(figure.shown(mode, photos))
+    rows = [
         [row.title, row.small, [plain({k: getattr(p, k) for k in FIELDS}) for p in row.panels]]
-        for row in drawn.rows
+        for row in found
+        if isinstance(row, Row)
     ]
-    numbers = [plain({k: getattr(n, k) for k in n.__dataclass_fields__}) for n in drawn.numbers]
-    return {"rows": panels, "plots": plots, "numbers": numbers}
+    plots = [_told_of(plot) for plot in found if isinstance(plot, Plot)]
+    numbers = [plain(msgspec.to_builtins(n)) for n in found if isinstance(n, Number)]
+    return {"rows": rows, "plots": plots, "numbers": numbers}
+
+
+def _told_of(plot: Plot) -> Any:
+    lines = [{**vars(one), "x": np.asarray(one.x), "y": np.asarray(one.y)} for one in plot.lines]
+    return plain({**vars(plot), "lines": lines})
 
 
 FIELDS = ("image", "caption", "white", "signed", "kind")
@@ -120,19 +110,19 @@ def golden() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("mode", list(MODES))
-@pytest.mark.parametrize("number", list(FILES))
+@pytest.mark.parametrize("number", list(FIGURES))
 def test_a_figure_asks_for_the_captures_that_it_did(
     number: str, mode: str, golden: dict[str, Any]
 ) -> None:
-    alike(asked(figure_of(number), MODES[mode]), golden["asked"][f"{number}, {mode}"], number)
+    alike(asked(FIGURES[number], MODES[mode]), golden["asked"][f"{number}, {mode}"], number)
 
 
 @pytest.mark.parametrize("mode", list(MODES))
-@pytest.mark.parametrize("number", list(FILES))
+@pytest.mark.parametrize("number", list(FIGURES))
 def test_a_figure_makes_of_photos_what_it_did(
     number: str, mode: str, golden: dict[str, Any]
 ) -> None:
-    found = plain(shown(figure_of(number), MODES[mode]))
+    found = plain(shown(FIGURES[number], MODES[mode]))
     alike(found, golden["shown"][f"{number}, {mode}"], number)
 
 
@@ -152,11 +142,11 @@ def test_modes_have_the_cells_and_the_frames_that_bounds_were_stated_for() -> No
 
 if __name__ == "__main__":
     kept: dict[str, dict[str, Any]] = {"asked": {}, "shown": {}, "bench": {}}
-    for number in FILES:
+    for number in FIGURES:
         for mode_name, mode in MODES.items():
             key = f"{number}, {mode_name}"
-            kept["asked"][key] = asked(figure_of(number), mode)
-            kept["shown"][key] = plain(shown(figure_of(number), mode))
+            kept["asked"][key] = asked(FIGURES[number], mode)
+            kept["shown"][key] = plain(shown(FIGURES[number], mode))
     with tempfile.TemporaryDirectory() as folder:
         for name, take in TAKES.items():
             kept["bench"][name] = bench(take, TINY, Path(folder))

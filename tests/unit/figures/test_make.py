@@ -1,187 +1,270 @@
-"""The engine of figures: what is made once, what is made anew, what a page says of itself."""
+"""A page of figures: what is made once, what is made anew, and what the page says."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.main import main
-from pdcd.errors import ConfigError
+from pdcd.errors import ConfigError, DecodeError
 from pdcd.figures import make as engine
-from pdcd.figures.catalog import FILES, figures_of
+from pdcd.figures.catalog import FIGURES, figures_of
 from pdcd.figures.figure import (
+    FULL,
     QUICK,
     TINY,
-    Drawn,
     Figure,
+    Line,
     Mode,
     Number,
     Panel,
     Photo,
+    Photos,
+    Plot,
     Row,
     Take,
+    codes_printed,
 )
-from pdcd.figures.page import page
-from pdcd.figures.photo import packed, unpacked
-from pdcd.figures.store import PAGE, Store
+from pdcd.figures.make import PAGE, Ahead, Outcome, make
+from pdcd.figures.record import Captured, fingerprint_of, read_made
 
 LIGHT = np.linspace(0.0, 1.0, 96 * 128 * 3, dtype=np.float32).reshape(96, 128, 3)
+SUMMARY = {"codes": 16, "family": "hadamard", "shots": 2, "exposure_s": 3.5, "wall_s": 2.0}
 PHOTO = Photo(
-    {"indirect": LIGHT},
-    {"indirect": 0.5 * LIGHT},
-    {"indirect": 1.0},
-    None,
-    None,
-    {"codes": 16, "family": "hadamard", "shots": 2, "exposure_s": 3.5},
+    {"indirect": LIGHT}, {"indirect": 0.5 * LIGHT}, {"indirect": 0.0123}, None, None, SUMMARY,
     (12, 16),
-)
-TAKE = Take("still-life", "indirect", {"codes": 64}, bound=1.5, said="<b>ours</b>")
+)  # fmt: skip
+TAKE = Take("still-life", "indirect", {"codes": 64}, bound=0.02, said="<b>ours</b>")
 
 
-def figure(value: float = 1.0, **takes: Take) -> Figure:
-    """A figure of one picture and one number that is to be 1."""
+def figure(*numbers: Number, number: str = "1", **takes: Take) -> Figure:
+    """A figure of one picture, one plot, and numbers."""
 
-    def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
-        number = Number("a <number>", value, least=0.5, most=1.5, paper="1.0")
-        return Drawn((Row((Panel(LIGHT, "a picture"),), "a row"),), numbers=(number,))
+    def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
+        yield from numbers
+        yield Plot("p", "t", "x", "y", "a plot", (Line([0, 1], [0, 1]),))
+        yield Row((Panel(LIGHT, "a <picture>"), Panel(LIGHT, "another")), "a <row>")
 
-    texts = ("one", "see <this>", "the paper & it", "")
-    return Figure("1", *texts, takes=lambda mode: takes, drawn=drawn)
+    return Figure(number, "one", "see <this>", "the paper & it", "all", lambda mode: takes, shown)
+
+
+FINE = Number("a <number>", 1.0, least=0.5, most=1.5, paper="1.0")
 
 
 @pytest.fixture
-def alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No figure of the catalogue stands on the page beside the test's own."""
-    monkeypatch.setattr(engine, "FILES", {"1": "fig01"})
-    monkeypatch.setattr(engine, "figure_of", lambda number: figure())
+def pool() -> Iterator[Executor]:
+    with ThreadPoolExecutor(1) as threads:
+        yield threads
 
 
-@pytest.mark.usefixtures("alone")
-def test_a_figure_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = engine.make([figure()], tmp_path, TINY, plots=False)
-    assert first.held and not first.failed
+@pytest.fixture(autouse=True)
+def photographed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """No figure of the catalogue stands on the page, and photos are made up; their names."""
+    names: list[str] = []
+
+    def photographs(takes: dict[str, Take], mode: Mode, heard: Any) -> Iterator[tuple[str, Photo]]:
+        for name, take in takes.items():
+            if take.goal == "white":
+                raise DecodeError("no <light>")
+            names.append(name)
+            yield name, PHOTO
+
+    monkeypatch.setattr(engine, "photographs", photographs)
+    monkeypatch.setattr(engine, "FIGURES", {"1": None, "2": None})
+    return names
+
+
+def page_of(folder: Path) -> str:
+    """What is seen of the page, in which nothing is a script and nothing comes from elsewhere."""
+    text = (folder / PAGE).read_text(encoding="utf-8")
+    assert "<script" not in text and "http:" not in text and "https:" not in text
+    return text
+
+
+def rows_of(page: str) -> list[list[str]]:
+    """The cells of all tables."""
+    return [
+        re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", page, re.S)
+    ]
+
+
+def test_a_figure_that_is_there_is_not_taken_again(
+    tmp_path: Path, pool: Executor, photographed: list[str]
+) -> None:
+    first = make([figure(FINE, ours=TAKE)], tmp_path, TINY, pool)
+    assert first.held and not first.failed and photographed == ["ours"]
     (made,) = first.made
-    assert all((tmp_path / file).is_file() for file in made.files)
-    shown = (tmp_path / PAGE).read_text()
-    assert "Not finished" not in shown and "within their stated bounds" in shown
-    monkeypatch.setattr(engine, "write_figure", None)  # made again, it would fail
-    assert engine.make([figure()], tmp_path, TINY, plots=False).made == [made]
+    assert len(list(made.files)) == 3 and all((tmp_path / file).is_file() for file in made.files)
+    told: list[Ahead] = []
+    again = make([figure(FINE, ours=TAKE)], tmp_path, TINY, pool, tell=told.append)
+    assert again == first and photographed == ["ours"] and told == []
+    # All that is told is a script's, too.
+    kept = json.loads((tmp_path / "data" / "fig-1.json").read_text())
+    assert (kept["numbers"][0]["held"], kept["captures"][0]["error"]) == (True, 0.0123)
+    assert (kept["seconds"], kept["title"], kept["mode"]) == (2.0, "one", "tiny")
 
 
-@pytest.mark.usefixtures("alone")
-def test_what_changes_is_made_anew(tmp_path: Path) -> None:
-    store = Store(tmp_path, TINY, plots=False)
-    engine.make([figure()], tmp_path, TINY, plots=False)
-    assert store.made(figure()) is not None
-    assert store.made(figure(more=TAKE)) is None
-    assert Store(tmp_path, QUICK, plots=False).made(figure()) is None
-    assert Store(tmp_path, TINY).made(figure()) is None
-    lost = next(iter(engine.make([figure()], tmp_path, TINY, plots=False).made[0].files))
-    (tmp_path / lost).unlink()
-    assert store.made(figure()) is None
-    (tmp_path / "data" / "fig-1.json").write_text('{"number": "1", "fingerprint"')
-    assert store.made(figure()) is None
+@pytest.mark.parametrize("spoilt", ["a picture", "a plot", "the record"])
+def test_what_is_not_whole_is_made_anew(
+    tmp_path: Path, pool: Executor, photographed: list[str], spoilt: str
+) -> None:
+    (made,) = make([figure(ours=TAKE)], tmp_path, TINY, pool).made
+    if spoilt == "the record":
+        (tmp_path / "data" / "fig-1.json").write_text('{"number": "1", "fingerprint"')
+    else:
+        (tmp_path / [*made.files][0 if spoilt == "a picture" else -1]).unlink()
+    assert make([figure(ours=TAKE)], tmp_path, TINY, pool).made == [made]
+    assert photographed == ["ours", "ours"]
 
 
-def test_arrays_of_a_capture_count_in_its_name(tmp_path: Path) -> None:
-    store = Store(tmp_path, TINY)
-    names = {
-        store.photo_name(Take("still-life", "illuminated", {"illumination": light}))
-        for light in (np.zeros((2, 2)), np.ones((2, 2)), np.ones((2, 2)))
+def test_another_mode_and_another_program_make_it_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prints = {
+        fingerprint_of(mode, plots=plots) for mode in (TINY, QUICK) for plots in (True, False)
     }
-    assert len(names) == 2
+    here = fingerprint_of(TINY, plots=True)
+    assert len(prints) == 4 and here in prints
+    assert read_made(tmp_path, "1", here) is None
+    monkeypatch.setattr("pdcd.figures.record.__version__", "99")
+    assert fingerprint_of(TINY, plots=True) not in prints
 
 
-def test_photos_come_back_as_they_were(tmp_path: Path) -> None:
-    path = tmp_path / "photo.npz"
-    path.write_bytes(packed(PHOTO))
-    back = unpacked(path)
-    assert np.array_equal(back.image, PHOTO.image) and np.array_equal(back.truth, PHOTO.truth)
-    assert back.errors == PHOTO.errors and back.summary == PHOTO.summary
-    assert back.grid == PHOTO.grid and back.transport is None
-    store = Store(tmp_path, TINY)
-    store.write(store.photo_name(TAKE), path.read_bytes()[:-20])
-    assert store.photo(store.photo_name(TAKE)) is None
+def test_the_page_says_what_was_measured(tmp_path: Path, pool: Executor) -> None:
+    share = Number("a share", 0.5, most=0.25, percent=True)
+    bare = replace(TAKE, bound=None, said="")
+    made = make(
+        [figure(FINE, share, Number("free", 3.0), ours=TAKE, more=bare)], tmp_path, TINY, pool
+    )
+    assert not made.held
+    page = page_of(tmp_path)
+    assert rows_of(page) == [
+        [], ["a &lt;number&gt;", "1", "0.5 to 1.5", "1.0", "held"],
+        ["a share", "50 %", "at most 25 %", "", "NOT HELD"], ["free", "3", "", "", ""],
+        [], ["ours", "&lt;b&gt;ours&lt;/b&gt;", "indirect", "16 hadamard", "64", "2", "3.5 s",
+             "1.23 %", "at most 2 %", "held"],
+        ["more", "", "indirect", "16 hadamard", "64", "2", "3.5 s", "1.23 %", "", ""],
+    ]  # fmt: skip
+    assert "1 of 3 numbers are not within their bounds" in page and "Not finished" not in page
+    for words in ("Figure 1: one", "see &lt;this&gt;", "the paper &amp; it", "Still unlike it: all",
+                  "a &lt;row&gt;", '<div class="row few">', "4 times fewer", "16 x 12 cells",
+                  "240 x 160", 'alt="a &lt;picture&gt;"', "<figcaption>a plot"):  # fmt: skip
+        assert words in page, words
+    assert [*re.findall(r'img src="([^"]*)"', page)] == list(made.made[0].files)
 
 
-@pytest.mark.usefixtures("alone")
-def test_photos_that_are_there_are_not_taken_again(tmp_path: Path) -> None:
-    wanted = figure(ours=TAKE)
-    store = Store(tmp_path, TINY, plots=False)
-    store.write(store.photo_name(TAKE), packed(PHOTO))
-    outcome = engine.make([wanted], tmp_path, TINY, plots=False)
-    assert outcome.held
-    (captured,) = outcome.made[0].captures
-    assert (captured.codes, captured.error, captured.bound) == (16, 1.0, 1.5)
-    assert not list((tmp_path / "data" / "photos").iterdir())  # no longer needed
+def test_a_page_without_faults_says_so(tmp_path: Path, pool: Executor) -> None:
+    make([figure(FINE, ours=TAKE)], tmp_path, FULL, pool, plots=False)
+    page = page_of(tmp_path)
+    assert "All 2 numbers are within their stated bounds." in page
+    assert "times fewer" not in page and 'class="plots"' not in page and "banner not" not in page
 
 
-@pytest.mark.usefixtures("alone")
-def test_a_number_beyond_its_bounds_is_said(tmp_path: Path) -> None:
-    outcome = engine.make([figure(2.0)], tmp_path, TINY, plots=False)
-    assert not outcome.held
-    made = outcome.made[0]
-    shown = page([made], TINY, {}, [])
-    assert "NOT HELD" in shown and "1 of 1 numbers are not within" in shown
+def test_a_figure_that_fails_ends_no_other(tmp_path: Path, pool: Executor) -> None:
+    seen: list[str] = []
+    told: list[Ahead] = []
+
+    def tell(ahead: Ahead) -> None:
+        told.append(ahead)
+        seen.append(page_of(tmp_path) if (tmp_path / PAGE).exists() else "")
+
+    bad = figure(FINE, number="2", scene=Take("still-life", "white"), more=TAKE)
+    outcome = make([figure(FINE, ours=TAKE), bad], tmp_path, TINY, pool, tell=tell)
+    assert outcome.failed == {"2": "no <light>"} and not outcome.held
+    assert [made.number for made in outcome.made] == ["1"]
+    assert "Could not be made: no &lt;light&gt;" in page_of(tmp_path)
+    assert "1 figures could not be made." in page_of(tmp_path)
+    assert [(one.taken, one.of) for one in told] == [(0, 3), (2, 3), (3, 3)]  # the dearest first
+    assert told[0].left_s is None and told[2].left_s == 0.0
+    assert "Not finished: still to be made: Figure 1." in seen[1]
 
 
-def test_a_page_says_that_it_is_not_finished() -> None:
-    shown = page([], TINY, {"5": "no <light>"}, ["1", "table-2"])
-    assert "Not finished: still to be made: Figure 1, Table 2." in shown
-    assert "no &lt;light&gt;" in shown and "<light>" not in shown
-
-
-@pytest.mark.usefixtures("alone")
-def test_texts_are_no_markup(tmp_path: Path) -> None:
-    engine.make([figure()], tmp_path, TINY, plots=False)
-    shown = (tmp_path / PAGE).read_text()
-    assert "see &lt;this&gt;" in shown and "a &lt;number&gt;" in shown
-    assert "<script" not in shown and "http" not in shown
+def test_figures_are_made_in_processes_that_end_with_the_command() -> None:
+    with engine.in_processes(1) as pool:
+        assert pool.submit(abs, -2).result() == 2
+    with pytest.raises(RuntimeError):
+        pool.submit(abs, -2)
+    with pytest.raises(ConfigError, match="--workers 0"), engine.in_processes(0):
+        pass
 
 
 @pytest.mark.parametrize(
     ("value", "least", "most", "held"),
     [(1.0, 1.0, 1.0, True), (1.1, None, 1.0, False), (0.9, 1.0, None, False),
-     (float("nan"), None, None, False), (float("inf"), 0.0, None, False)],
+     (5.0, None, None, True), (np.nan, None, None, False), (np.inf, 0.0, None, False)],
 )  # fmt: skip
 def test_bounds(value: float, least: float | None, most: float | None, held: bool) -> None:
-    assert Number("n", value, least, most).held is held
+    number = Number("n", np.float64(value), least, most)
+    assert number.held is held and number.value == (value if np.isfinite(value) else None)
 
 
-def test_codes_of_a_mode() -> None:
+@pytest.mark.parametrize(
+    ("bound", "error", "held"),
+    [(None, 9.0, True), (0.1, 0.1, True), (0.1, 0.11, False), (0.1, float("nan"), False),
+     (None, float("nan"), True)],
+)  # fmt: skip
+def test_a_capture_is_held_against_its_bound(bound: float | None, error: float, held: bool) -> None:
+    photo = replace(PHOTO, errors={"indirect": error}, summary={"family": "none", "codes": 8})
+    found = Captured.of("ours", replace(TAKE, bound=bound), photo)
+    assert found.held is held and (found.error is None) == bool(np.isnan(error))
+    assert (found.name, found.scene, found.codes, found.exposures) == (
+        "ours",
+        "still-life",
+        None,
+        None,
+    )
+
+
+def test_a_capture_of_entries_is_judged_by_these() -> None:
+    truth = np.full((2, 2, 3), 2.0)
+    entries = truth + 0.5
+    entries[0, 0] = np.nan
+    one = replace(PHOTO, transport=entries, transport_truth=truth)
+    assert Captured.of("slice", TAKE, one).error == pytest.approx(0.25)
+    assert Captured.of("slice", TAKE, replace(one, transport_truth=None)).error is None
+
+
+def test_modes_have_fewer_codes_but_enough() -> None:
     assert [QUICK.codes(count) for count in (16, 32, 64, 128, 256)] == [16, 32, 32, 32, 64]
+    assert [TINY.codes(n) for n in (8, 16, 60, 64, 68)] == [8, 16, 16, 16, 17]
+    assert [codes_printed(n) for n in (512, 4, 7, 1, 8)] == [128, 1, 1, 1, 2]  # four sub-shifts
+
+
+def test_captures_share_a_bench_by_what_stands_there() -> None:
+    same = Take("vase", "indirect", {"codes": 8}, {"a": 1, "b": 2}, bound=0.1, said="x")
+    assert same.stands == Take("vase", "white", {}, {"b": 2, "a": 1}).stands
+    changes: list[dict[str, Any]] = [
+        {"scene": "wax"}, {"options": {"a": 2, "b": 2}}, {"off_axis": True}, {"perfect": True},
+        {"f_number": 8.0}, {"grid": (3, 4)},
+    ]  # fmt: skip
+    assert len({same.stands, *(replace(same, **change).stands for change in changes)}) == 7
 
 
 def test_all_figures_are_whole() -> None:
-    found = figures_of([])
-    assert [one.number for one in found] == list(FILES)
-    for one in found:
+    assert figures_of([]) == list(FIGURES.values())
+    assert [one.number for one in figures_of(["8", "1"])] == ["1", "8"]
+    for one in FIGURES.values():
         assert one.title and one.see and one.paper
-        for name, take in one.takes(QUICK).items():
-            assert name and (take.bound or 1.0) > 0.0
+        assert all(name and (take.bound or 1.0) > 0.0 for name, take in one.takes(QUICK).items())
     with pytest.raises(ConfigError, match="there is no figure 13"):
         figures_of(["13"])
 
 
 def test_the_command_by_what_needs_no_photo(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = ["figures", "appendix", "--no-plots", "--json", "--out", str(tmp_path)]
     assert main(asked) == DONE
     told = json.loads(capsys.readouterr().out)
     assert told["held"] and told["figures"][0]["number"] == "appendix"
-    assert (tmp_path / PAGE).is_file()
-
-
-@pytest.mark.usefixtures("alone")
-def test_the_command_fails_where_a_number_is_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("pdcd.cli.figures.figures_of", lambda numbers: [figure(9.0)])
-    assert main(["figures", "--no-plots", "--out", str(tmp_path)]) == FAILED
-    assert "NOT HELD: a <number>" in capsys.readouterr().out
+    monkeypatch.setattr("pdcd.cli.figures.make", lambda *_, **how: Outcome(failed={"1": "why"}))
+    assert main(asked) == FAILED

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import importlib
-import json
 import zlib
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.pages.report import layers, material, packing, page, timeline
+from pdcd.pages.report import layers, material, packing, timeline
 from pdcd.pages.report import timeline as budget
 from pdcd.pages.report.packing import factored, integers, least_step, linear, logarithmic, singles
 from pdcd.pages.report.write import written
@@ -162,12 +161,6 @@ def test_a_page_is_written_where_it_is_asked_for(
     out = tmp_path / "other.html"
     assert written(tmp_path, nothing, nothing, out) == out
     assert out.read_bytes() == (tmp_path / REPORT).read_bytes() == b"caf\xc3\xa9"
-
-
-def test_numbers_that_are_none_are_null_and_markup_is_spelled_out() -> None:
-    told = page._data({"a": [1.5, float("nan")], "b": ("<", ">", "&"), "c": {"d": float("-inf")}})
-    assert told == '{"a":[1.5,null],"b":["\\u003c","\\u003e","\\u0026"],"c":{"d":null}}'
-    assert json.loads(told)["b"] == ["<", ">", "&"]
 
 
 def test_the_light_of_a_budget_is_looked_at_evenly() -> None:

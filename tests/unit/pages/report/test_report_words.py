@@ -7,10 +7,12 @@ import re
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from pdcd.pages.report import page
+from pdcd.pages.render import json_in_page
 from pdcd.pages.report.facts import MOST_ROWS, Table, figures, percent, tables
+from pdcd.pages.report.write import page
 from pdcd.protocol.result import Quality
 
 SHOT = {
@@ -26,16 +28,26 @@ def manifest(**fields: Any) -> Any:
         "request": {}, "plan": {}, "realised": {}, "summary": {}, "warnings": (), "versions": {},
         "git_commit": None, "exif": {}, "drivers": {}, "config": {}, "files": {}, "missing": (),
         "run": SimpleNamespace(
-            goal=SimpleNamespace(name="indirect"), projector=SimpleNamespace(field_px=None)
+            goal=SimpleNamespace(name="indirect"), projector=SimpleNamespace(field_px=None),
+            grid=(3, 4),
         ),
         "quality": Quality(verdict="good"),
     }  # fmt: skip
     return SimpleNamespace(**(told | fields))
 
 
-def material(**fields: Any) -> Any:
-    layers = SimpleNamespace(quads=1.0, left_out=(), data=[{"kind": "picture"}])
-    return SimpleNamespace(**({"kind": "measured", "budget": [], "layers": layers} | fields))
+def material(layers: dict[str, Any] | None = None, **fields: Any) -> Any:
+    told = {"quads": 1.0, "left_out": (), "data": [{"kind": "picture"}], "size_px": (4, 3),
+            "scale": 1.0, "balance": (1.0, 1.0, 1.0), **(layers or {})}  # fmt: skip
+    made = {"kind": "measured", "budget": [], "answer": "indirect", "matrices": [], "shots": [],
+            "slice_png": b"", "layers": SimpleNamespace(**told), **fields}  # fmt: skip
+    return SimpleNamespace(**made)
+
+
+def shown(told: Any = None, made: Any = None) -> str:
+    """The page without its head and its data, spaces as a browser shows them."""
+    text = page(told or manifest(), made or material())
+    return " ".join(text[text.index("<body>") : text.index('<script type="application')].split())
 
 
 def table(title: str, told: Any, made: Any = None) -> Table:
@@ -96,7 +108,7 @@ def test_a_budget_that_leaves_shots_out_says_so() -> None:
 def test_the_budget_has_a_row_a_shot() -> None:
     found = table("Light budget", manifest(), material(budget=[SHOT]))
     assert found.rows == [
-        ("coded", "1.250 s", "200", "5.6", "50 %", "25 %", "6.25 %", "1.234e+04", "50 %", "0.1 %")
+        ["coded", "1.250 s", "200", "5.6", "50 %", "25 %", "6.25 %", "1.234e+04", "50 %", "0.1 %"]
     ]  # fmt: skip
     assert len(found.heads) == len(found.rows[0]) and found.note and not found.closed
 
@@ -104,10 +116,10 @@ def test_the_budget_has_a_row_a_shot() -> None:
 def test_realised_matrices_are_told_in_seconds_and_percent() -> None:
     told = {"answer": {"weight_s": 2.0, "diagonal_mean": 0.25, "off_max": 0.5}}
     found = table("Probing matrices", manifest(realised=told))
-    assert found.rows == [("answer", "2 s", "25 %", "-", "-", "-", "50 %")]
+    assert found.rows == [["answer", "2 s", "25 %", "-", "-", "-", "50 %"]]
     assert len(found.heads) == 7
     unknown = table("Probing matrices", manifest(realised={"old": {}}))
-    assert unknown.rows == [("old", "-", "-", "-", "-", "-", "-")]
+    assert unknown.rows == [["old", "-", "-", "-", "-", "-", "-"]]
 
 
 def test_tables_say_what_was_given_and_not_what_was_left_open() -> None:
@@ -166,55 +178,55 @@ def test_the_tables_that_are_open_are_those_of_the_photo() -> None:
     assert opened == ["Light budget", "Probing matrices", "What was asked", "Versions"]
 
 
-def test_a_table_is_a_heading_that_opens() -> None:
-    plain = page._table(Table("<T>", [("a", "<b>")]))
-    assert plain.startswith("<details open>") and "<h2>&lt;T&gt;</h2>" in plain
-    assert (
-        "<td>a</td><td>&lt;b&gt;</td>" in plain and "<thead>" not in plain and "quiet" not in plain
+def test_tables_are_headings_that_open() -> None:
+    told = manifest(drivers={"<a>": "<b>"}, realised={"<p>": {}})
+    titled = dict(
+        re.findall(r"(<details[^>]*><summary><h2>[^<]*</h2>)(.*?)</details>", shown(told))
     )
-    assert 'class="pairs"' in plain
-    wide = page._table(Table("t", [("a",)], ("<h>",), closed=True, note="<n>"))
-    assert wide.startswith("<details><summary>") and "<th>&lt;h&gt;</th>" in wide
-    assert 'class="quiet">&lt;n&gt;</p>' in wide and 'class="wide"' in wide
-    empty = page._table(Table("t", [], ("h",)))
+    assert "<td>&lt;a&gt;</td><td>&lt;b&gt;</td>" in titled["<details><summary><h2>The rig</h2>"]
+    wide = titled["<details open><summary><h2>Probing matrices</h2>"]
+    assert 'class="wide"> <thead><tr><th>photo</th>' in wide and "<td>&lt;p&gt;</td>" in wide
+    assert 'class="quiet">Realised against wanted' in wide
+    plain = titled["<details open><summary><h2>Versions</h2>"]
+    assert 'class="pairs"' in plain and "<thead>" not in plain and "quiet" not in plain
+    empty = titled["<details><summary><h2>The plan</h2>"]
     assert "nothing" in empty and "<table" not in empty
 
 
-@pytest.mark.parametrize(("more", "said"), [(0, None), (1, "and 1 more")])
-def test_what_has_no_room_on_a_page_is_counted(more: int, said: str | None) -> None:
-    count = MOST_ROWS + more
-    rows = page._table(Table("t", [(str(n), "x") for n in range(count)]))
-    assert rows.count("<tr>") == MOST_ROWS and f"<td>{MOST_ROWS - 1}</td>" in rows
-    told = page._verdict(manifest(warnings=tuple(map(str, range(count)))))
-    assert told.count("<li ") == MOST_ROWS
+@pytest.mark.parametrize(("more", "said"), [(0, []), (1, ["and 1 more"])])
+def test_what_has_no_room_on_a_page_is_counted(more: int, said: list[str]) -> None:
+    words = tuple(f"w{n}" for n in range(MOST_ROWS + more))
+    rows = shown(manifest(drivers=dict.fromkeys(words, "x")))
+    assert rows.count("<td>w") == MOST_ROWS and f"<td>w{MOST_ROWS - 1}</td>" in rows
+    told = shown(manifest(warnings=words))
+    assert told.count('<li class="warning">') == MOST_ROWS
     for text in (rows, told):
-        assert re.findall(r"and \d+ more", text) == ([] if said is None else [said])
+        assert re.findall(r"and \d+ more", text) == said
 
 
 def test_the_verdict_comes_with_all_that_speaks_for_and_against() -> None:
     quality = Quality(verdict="doubtful", reasons=("too dark",), remarks=("late",))
     summary = {"decided": "by the user", "taken": ""}
     cut = {"state": "partial", "missing": ("a", "b")}
-    told = page._verdict(manifest(summary=summary, quality=quality, warnings=("<w>",), **cut))
+    told = shown(manifest(summary=summary, quality=quality, warnings=("<w>",), **cut))
     assert 'class="verdict doubtful">doubtful</p>' in told
     kinds = re.findall(r'<li class="(\w+)"><b>\w+</b> ([^<]*)</li>', told)
     assert kinds == [
         ("partial", "missing shots: a, b"), ("reason", "too dark"), ("decided", "by the user"),
         ("remark", "late"), ("warning", "&lt;w&gt;"),
     ]  # fmt: skip
-    bare = page._verdict(manifest())
-    assert 'class="verdict good">good</p><ul class="reasons"></ul>' in bare
+    assert 'class="verdict good">good</p> <ul class="reasons"> </ul>' in shown()
 
 
 def test_the_head_says_whose_photo_it_is() -> None:
-    request = {"name": "vase", "tags": ["a", "b"], "note": "one\n<two>"}
+    request = {"name": "vase", "tags": ["a", "b"], "note": "one\n<two>\x1b"}
     rig = {"scene": "wax", "name": "bench 1"}
-    told = page._head(manifest(request=request, drivers=rig, mock=True), material())
+    told = shown(manifest(request=request, drivers=rig, mock=True))
     assert "virtual scene wax, 2026-01-01 12:03:01 UTC, rig bench 1" in told
     said = re.findall(r'<p class="said">(.*?)</p>', told)
-    assert said == ["name: vase", "tags: a, b", "note: one<br>&lt;two&gt;"]
-    plain = page._head(manifest(started_utc="yesterday"), material())
-    assert "job: a real scene, yesterday, rig ?" in plain and "said" not in plain
+    assert said == ["name: vase", "tags: a, b", "note: one<br>&lt;two&gt;\\u001b"]
+    plain = shown(manifest(started_utc="yesterday"))
+    assert "job: a real scene, yesterday, rig ?" in plain and 'class="said"' not in plain
 
 
 @pytest.mark.parametrize(
@@ -223,28 +235,28 @@ def test_the_head_says_whose_photo_it_is() -> None:
         ({}, {"quads": 1.0}, "about one Bayer quad", "mean of"),
         ({}, {"quads": 6.25}, "the mean of 6.25 Bayer quads", "about one"),
         ({"mock": True}, {}, "truth of the virtual scene was not kept", "Left out"),
-        ({"mock": False}, {}, "values have none", "virtual"),
-        ({"mock": True}, {"data": [{"kind": "truth"}]}, "values have none", "virtual"),
-        ({}, {"left_out": ("a", "<b>")}, "Left out for room: a, &lt;b&gt;.", "virtual"),
+        ({"mock": False}, {}, "values have none", "truth of the virtual"),
+        ({"mock": True}, {"data": [{"kind": "truth"}]}, "values have none", "truth of the virtual"),
+        ({}, {"left_out": ("a", "<b>")}, "Left out for room: a, &lt;b&gt;.", "truth of the"),
     ],
 )
 def test_the_note_below_the_pictures_says_what_they_are(
     fields: dict[str, Any], made: dict[str, Any], there: str, not_there: str
 ) -> None:
-    layers = SimpleNamespace(**({"quads": 1.0, "left_out": (), "data": []} | made))
     for kind in ("sensor", "measured"):
-        told = page._pictures_note(manifest(**fields), material(layers=layers, kind=kind))
+        text = shown(manifest(**fields), material({"data": [], **made}, kind=kind))
+        told = text[text.index("Scene units:") : text.index('<section id="matrix"')]
         assert there in told and not_there not in told
         assert ("What the codes err is not in it" in told) == (kind == "sensor")
 
 
 def test_data_ends_no_element_and_has_no_value_that_is_no_number() -> None:
-    told = {"a": [float("nan"), (float("inf"), 1.5)], "b": {"c": -float("inf"), "d": "</script>&"}}
-    text = page._data(told)
+    told = {"a": [np.float64("nan"), (np.inf, 1.5)], "b": {"c": -np.inf, "d": "</script>&"}}
+    text = json_in_page(told)
     assert not re.search("[<>& ]", text)
     assert json.loads(text) == {"a": [None, [None, 1.5]], "b": {"c": None, "d": "</script>&"}}
 
 
 def test_a_picture_of_entries_is_there_where_they_were_photographed() -> None:
-    assert page._slice(b"") == ""
-    assert 'src="data:image/png;base64,cG5n"' in page._slice(b"png")
+    assert "<img" not in shown()
+    assert 'src="data:image/png;base64,cG5n"' in shown(made=material(slice_png=b"png"))
