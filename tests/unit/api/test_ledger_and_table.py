@@ -153,4 +153,4 @@ def test_a_cell_of_a_notebook_is_short() -> None:
                      "rms_sigma", "rms_error_quads", "rms_error_cells")
     )  # fmt: skip
     assert shown.startswith(f"<div><table><thead><tr>{heads}</tr></thead><tbody><tr>")
-    assert shown.endswith("</tr></tbody></table>")
+    assert shown.endswith("</tr></tbody></table></div>")
