@@ -4,26 +4,14 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-
-import msgspec
+from typing import TYPE_CHECKING
 
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json
 from pdcd.errors import RequestError
 
-
-class Written(msgspec.Struct, frozen=True, kw_only=True):
-    """One file as it was written; counts are those of `pdcd.pictures.written.export.Exported`."""
-
-    file: str
-    picture: str
-    sha256: str
-    size_px: tuple[int, int]
-    black: float | None
-    white: float | None
-    below: int
-    above: int
-    unknown: int
+if TYPE_CHECKING:
+    from pdcd.pictures.written.export import Exported
 
 
 def export(args: argparse.Namespace) -> int:
@@ -42,7 +30,6 @@ def export(args: argparse.Namespace) -> int:
         span=None if args.range is None else tuple(args.range),
     )
     files = exported(args.folder, asked, lambda: None)
-    written = []
     with Place.at(args.out) as place:
         where = str(place.real)
         if not args.force:
@@ -50,35 +37,39 @@ def export(args: argparse.Namespace) -> int:
                 refuse_taken(place.fd, file.name, where)
         for file in files:
             put(place.fd, file.name, file.data, replace=args.force, shown=where)
-            black, white = file.span or (None, None)
-            done = Written(
-                file=f"{where}/{file.name}",
-                picture=file.picture,
-                sha256=hashlib.sha256(file.data).hexdigest(),
-                size_px=file.size_px,
-                black=black,
-                white=white,
-                below=file.below,
-                above=file.above,
-                unknown=file.unknown,
-            )
-            written.append(done)
-    for done in written:
+    for file in files:
         if args.json:
-            say_json(done)
+            say_json(_told(file, where))
         else:
-            _say(done)
+            _say(file, where)
     return DONE
 
 
-def _say(done: Written) -> None:
-    width, height = done.size_px
-    say(f"{done.file}: {width} x {height}")
-    if done.black is not None and done.white is not None:
-        say(f"  black is {done.black:g}, white is {done.white:g} scene units")
+def _told(file: Exported, where: str) -> dict[str, object]:
+    """One file as it was written."""
+    black, white = file.span or (None, None)
+    return {
+        "file": f"{where}/{file.name}",
+        "picture": file.picture,
+        "sha256": hashlib.sha256(file.data).hexdigest(),
+        "size_px": file.size_px,
+        "black": black,
+        "white": white,
+        "below": file.below,
+        "above": file.above,
+        "unknown": file.unknown,
+    }
+
+
+def _say(file: Exported, where: str) -> None:
+    width, height = file.size_px
+    say(f"{where}/{file.name}: {width} x {height}")
+    if file.span is not None:
+        black, white = file.span
+        say(f"  black is {black:g}, white is {white:g} scene units")
         total = 3 * width * height
-        for count, words in ((done.below, "below black"), (done.above, "above white")):
+        for count, words in ((file.below, "below black"), (file.above, "above white")):
             if count:
                 say(f"  clipped: {count} values {words}, {100.0 * count / total:.2g} %")
-    if done.unknown:
-        say(f"  not known: {done.unknown} values")
+    if file.unknown:
+        say(f"  not known: {file.unknown} values")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pdcd.pages.report.packing import least_step, linear, logarithmic
 from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
-from pdcd.pictures.written.looks import WHITE, Brightness, Look, by_patch, by_white_photo, usual
+from pdcd.pictures.written.looks import WHITE, Brightness, Look, balance_of, usual
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.bands import THREADS
 
@@ -105,7 +105,8 @@ def layers(
     quads = max(across / size_px[0], down / size_px[1], 1.0) ** 2
     names = _chosen(list(pictures))
     seen = _sampled({name: pictures[name] for name in names}, sampler, quads)
-    balance = _balance(seen, view)
+    on_field = {name: (one.image, one.known) for name, one in seen.items()}
+    balance = balance_of(on_field, view.white_patch).factors
     brightness = Brightness({name: one.balanced(balance) for name, one in seen.items()})
     jobs: list[tuple[str, str, Singles, Singles | None, float]] = [
         (name, KIND, one.image, one.sigma, one.noise) for name, one in seen.items()
@@ -169,19 +170,6 @@ def _sampled(pictures: Mapping[str, Barred], sampler: Sampler, quads: float) -> 
         thin = shown.thinned
         found[name] = replace(shown, noise=math.sqrt(usual(sensor[thin], seen[thin])))
     return found
-
-
-def _balance(seen: Mapping[str, _Seen], view: View) -> tuple[float, float, float]:
-    """That of the previews (`pdcd.pictures.written.previews`)."""
-    lit = seen.get(WHITE)
-    if view.white_patch is not None:
-        shown = lit or next(iter(seen.values()))
-        found = by_patch(shown.image, shown.known, view.white_patch)
-        if found is not None:
-            return found.factors
-    if lit is None:
-        return 1.0, 1.0, 1.0
-    return by_white_photo(lit.image[lit.thinned], lit.known[lit.thinned]).factors
 
 
 def _packed(

@@ -63,6 +63,24 @@ class Balance:
     source: Source = "camera"
 
 
+def balance_of(
+    pictures: Mapping[str, tuple[Singles, Bools]], patch: tuple[float, float] | None
+) -> Balance:
+    """Of the pictures of one run on the whole field, by name: by the patch, where one was named and
+    can be seen, else by the white photo. Each is (H, W, 3) float32, and where it is known, (H, W).
+    """
+    lit = pictures.get(WHITE)
+    if patch is not None:
+        found = by_patch(*(lit or next(iter(pictures.values()))), patch)
+        if found is not None:
+            return found
+    if lit is None:
+        return Balance()
+    image, known = lit
+    step = step_of(known)
+    return by_white_photo(image[::step, ::step], known[::step, ::step])
+
+
 def by_white_photo(picture: Singles, known: Bools) -> Balance:
     """By what is bright and nearly neutral in a white photo; the camera's own where nothing is.
 

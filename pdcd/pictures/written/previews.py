@@ -17,16 +17,7 @@ from numpy.typing import NDArray
 
 from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
-from pdcd.pictures.written.looks import (
-    WHITE,
-    Balance,
-    Brightness,
-    Look,
-    by_patch,
-    by_white_photo,
-    step_of,
-    usual,
-)
+from pdcd.pictures.written.looks import Brightness, Look, balance_of, usual
 from pdcd.pictures.written.picture_files import strip, write_png
 from pdcd.sensor.bands import THREADS, banded
 
@@ -63,7 +54,9 @@ class Previews:
         # Not finer than the camera sees: what is coarse is enlarged when it is drawn.
         sampler = Sampler(view, view.size_px(1, MOST_PX))
         self._seen = {name: _seen(picture, sampler) for name, picture in pictures.items()}
-        self.balance = self._balanced(view.white_patch)
+        self.balance = balance_of(
+            {name: (seen.image, seen.known) for name, seen in self._seen.items()}, view.white_patch
+        )
         for seen in self._seen.values():
             seen.image[...] *= np.array(self.balance.factors, np.float32)
         self._brightness = Brightness(
@@ -100,16 +93,6 @@ class Previews:
         if drawn.shape[1::-1] == self._size_px:
             return drawn
         return np.asarray(cv2.resize(drawn, self._size_px, interpolation=how), dtype=np.uint8)
-
-    def _balanced(self, patch: tuple[float, float] | None) -> Balance:
-        """By the patch, where one was named and can be seen, else by the white photo."""
-        lit = self._seen.get(WHITE)
-        if patch is not None:
-            shown = lit or next(iter(self._seen.values()))
-            found = by_patch(shown.image, shown.known, patch)
-            if found is not None:
-                return found
-        return Balance() if lit is None else by_white_photo(*_thinned(lit))
 
 
 def write_previews(folder: Path, pictures: Mapping[str, Barred], view: View) -> tuple[str, ...]:
@@ -148,12 +131,6 @@ def _seen(picture: Barred, sampler: Sampler) -> _Seen:
     )
     image, seen = sampler(picture.image, known)
     return _Seen(image, seen, usual(picture.sigma, known))
-
-
-def _thinned(seen: _Seen) -> tuple[Singles, Bools]:
-    """Every so many pixels of a picture."""
-    step = step_of(seen.known)
-    return seen.image[::step, ::step], seen.known[::step, ::step]
 
 
 def _hatch(drawn: Bytes, where: Bools) -> None:

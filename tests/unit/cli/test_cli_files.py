@@ -2,127 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import msgspec
 import pytest
 
 from pdcd.bench.calibration import RECORD
 from pdcd.cli import figures as figures_cli
 from pdcd.cli import report as report_cli
 from pdcd.cli import verify as verify_cli
-from pdcd.cli.export import Written
 from pdcd.cli.main import main
 from pdcd.figures.figure import FULL, QUICK
 from pdcd.figures.make import Ahead
-from pdcd.pictures.written.export import Asked, Exported
 from pdcd.runs.verify import Finding, Verified
-
-# --- export ---------------------------------------------------------------------------------------
-
-
-def picture(**changed: Any) -> Exported:
-    told: dict[str, Any] = {
-        "picture": "direct", "name": "direct.exr", "size_px": (20, 10), "span": (0.5, 2.0),
-        "below": 3, "above": 60, "unknown": 7, "data": b"some floats",
-    }  # fmt: skip
-    return Exported(**{**told, **changed})
-
-
-@pytest.fixture
-def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """What is exported; what was asked comes behind it."""
-    found: list[Any] = [
-        (picture(), picture(picture="white", name="white.exr", span=None, below=0, above=0,
-                            unknown=0, data=b"others")),
-    ]  # fmt: skip
-
-    def exported(folder: Path, asked: Asked, alive: Callable[[], None]) -> Any:
-        alive()
-        found.append((folder, asked))
-        return found[0]
-
-    monkeypatch.setattr("pdcd.pictures.written.export.exported", exported)
-    return found
-
-
-def test_files_are_written_and_what_did_not_fit_is_said(
-    pictures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["export", "run", "--format", "exr", "--out", str(tmp_path)]) == 0
-    assert pictures[1] == (
-        Path("run"),
-        Asked(format="exr", pictures=(), upright=False, white_patch=None, span=None),
-    )
-    assert (tmp_path / "direct.exr").read_bytes() == b"some floats"
-    assert (tmp_path / "white.exr").read_bytes() == b"others"
-    assert capsys.readouterr().out.splitlines() == [
-        f"{tmp_path}/direct.exr: 20 x 10",
-        "  black is 0.5, white is 2 scene units",
-        "  clipped: 3 values below black, 0.5 %",
-        "  clipped: 60 values above white, 10 %",
-        "  not known: 7 values",
-        f"{tmp_path}/white.exr: 20 x 10",
-    ]
-
-
-def test_scripts_are_told_each_file_with_its_checksum(
-    pictures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = "--picture direct --picture white --upright --white-patch 0 1 --range 0 3 --json"
-    line = ["export", "run", "--format", "npz", "--out", str(tmp_path), *words.split()]
-    assert main(line) == 0
-    asked = Asked(
-        format="npz", pictures=("direct", "white"), upright=True, white_patch=(0.0, 1.0),
-        span=(0.0, 3.0),
-    )  # fmt: skip
-    assert pictures[1] == (Path("run"), asked)
-    lines = capsys.readouterr().out.splitlines()
-    first, second = (msgspec.json.decode(text, type=Written) for text in lines)
-    assert msgspec.to_builtins(first) == {
-        "file": f"{tmp_path}/direct.exr", "picture": "direct",
-        "sha256": hashlib.sha256(b"some floats").hexdigest(), "size_px": (20, 10), "black": 0.5,
-        "white": 2.0, "below": 3, "above": 60, "unknown": 7,
-    }  # fmt: skip
-    assert (second.picture, second.black, second.white) == ("white", None, None)
-
-
-def test_files_that_are_there_stay_unless_they_are_to_be_replaced(
-    pictures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """All or none: the first is not written where the second is in the way."""
-    (tmp_path / "white.exr").write_bytes(b"mine")
-    line = ["export", "run", "--format", "exr", "--out", str(tmp_path)]
-    assert main(line) != 0
-    assert "white.exr" in capsys.readouterr().err
-    assert not (tmp_path / "direct.exr").exists()
-    assert (tmp_path / "white.exr").read_bytes() == b"mine"
-    assert main([*line, "--force"]) == 0
-    assert (tmp_path / "white.exr").read_bytes() == b"others"
-
-
-@pytest.mark.parametrize(
-    ("at", "fits"),
-    [("0 0", True), ("1 1", True), ("-0.01 0", False), ("0 1.01", False), ("1.01 -1", False)],
-)
-def test_a_white_patch_lies_on_the_field(
-    pictures: list[Any],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    at: str,
-    fits: bool,
-) -> None:
-    line = ["export", "run", "--format", "exr", "--out", str(tmp_path), "--white-patch"]
-    assert main([*line, *at.split()]) == (0 if fits else 2)
-    assert ("0 to 1 across and 0 to 1 down" in capsys.readouterr().err) == (not fits)
-    assert len(pictures) == 1 + fits
-
 
 # --- verify ---------------------------------------------------------------------------------------
 
@@ -279,19 +174,6 @@ def test_figures_say_which_of_their_numbers_did_not_hold(
     assert main(["figures", "--out", "page", "--no-plots"]) == 0
     *_, (figures, _, mode, workers, how) = outcome.asked
     assert (figures, mode, workers, how["plots"]) == ([], QUICK, None, False)
-
-
-@pytest.mark.parametrize("held", [True, False])
-def test_scripts_are_told_the_figures(
-    outcome: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str], held: bool
-) -> None:
-    outcome.held, outcome.made = held, ["a", "b"]
-    line = ["figures", "--out", str(tmp_path), "--json"]
-    assert main(line) == (0 if held else 5)
-    assert json.loads(capsys.readouterr().out) == {
-        "page": f"{tmp_path}/index.html", "held": held, "figures": ["a", "b"],
-        "failed": {"3": "no light"},
-    }  # fmt: skip
 
 
 def test_how_far_figures_are_is_said_when_that_has_changed(

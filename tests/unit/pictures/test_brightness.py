@@ -8,14 +8,6 @@ import pytest
 from pdcd.pictures.written.looks import Brightness, Look, step_of, usual
 
 
-def test_the_brightest_hundredth_of_the_white_photo_is_shown_as_nine_tenths() -> None:
-    shown = Brightness({"bright": Look(60.0, 0.0), "white": Look(0.6, 0.0)})
-    assert shown.scale == pytest.approx(1.5)
-    assert shown.factor("white") == 1.0
-    without = Brightness({"low": Look(0.1, 0.0), "high": Look(0.3, 0.0)})
-    assert without.scale == pytest.approx(3.0)
-
-
 @pytest.mark.parametrize(
     ("bright", "factor"),
     [
@@ -36,11 +28,6 @@ def test_noise_is_shown_as_an_eighth_of_white_at_most(sigma: float, factor: floa
     """A scene unit is shown as 1.5: what is as dark as a thousandth could be 600 times brighter."""
     shown = Brightness({"white": Look(0.6, 0.0), "it": Look(1e-3, sigma)})
     assert shown.factor("it") == factor
-
-
-def test_a_bright_picture_is_darkened_however_noisy_it_is() -> None:
-    shown = Brightness({"white": Look(0.6, 0.0), "it": Look(2.4, 50.0)})
-    assert shown.factor("it") == 0.25
 
 
 def test_a_run_of_noise_is_not_shown_as_light() -> None:
@@ -113,16 +100,6 @@ def test_of_large_pictures_every_so_many_pixels_are_looked_at(
     shape: tuple[int, int], step: int
 ) -> None:
     assert step_of(np.zeros(shape, np.bool_)) == step
-
-
-def test_only_those_pixels_decide() -> None:
-    values = np.full((800, 800, 3), 9.0, np.float32)
-    values[::2, ::2] = 1.0
-    seen = np.ones((800, 800), np.bool_)
-    assert usual(values, seen) == 1.0
-    assert Look.of(values, seen, 0.0).bright == 1.0
-    seen[::2, ::2] = False
-    assert usual(values, seen) == 0.0
 
 
 def test_the_usual_error_is_the_median_of_what_is_known() -> None:

@@ -129,20 +129,6 @@ def test_a_scene_without_white_keeps_its_colours(colour: tuple[float, float, flo
     assert made.balance.factors == (1.0, 1.0, 1.0) and made.balance.source == "camera"
 
 
-def test_a_patch_overrules_what_looks_white() -> None:
-    white = flat(0.8)
-    white[22:26, 46:50] = 0.4 * CAST  # at (48, 24) of 64 x 48 cells
-    made = Previews({"white": picture(white)}, View(VIEW.map, VIEW.aspect, (0.75, 0.5)))
-    assert made.balance.source == "patch" and made.warnings == ()
-    np.testing.assert_allclose(made.balance.factors, 1.0 / CAST, rtol=5e-3)
-
-
-@pytest.mark.parametrize("place", [(0.0, 0.0), (1.0, 1.0)])
-def test_a_patch_at_the_edge_is_the_part_on_the_field(place: tuple[float, float]) -> None:
-    made = Previews({"white": picture(flat(0.8) * CAST)}, View(VIEW.map, VIEW.aspect, place))
-    np.testing.assert_allclose(made.balance.factors, 1.0 / CAST, rtol=5e-3)
-
-
 def test_a_patch_that_cannot_be_seen_is_told() -> None:
     lit = picture(flat(0.8))
     lit.sigma[10:40, 10:50] = np.inf

@@ -89,14 +89,6 @@ def test_a_patch_is_a_square_of_a_24th_of_the_height(
     np.testing.assert_allclose(found.factors, (green / red, 1.0, green / blue), rtol=1e-9)
 
 
-def test_a_patch_of_a_low_picture_is_a_pixel_wide_at_least() -> None:
-    picture = np.random.default_rng(1).uniform(0.5, 1.0, (3, 5, 3)).astype(np.float32)
-    found = by_patch(picture, known(picture), (0.5, 0.5))
-    red, green, blue = picture[1, 2].astype(np.float64)
-    assert found is not None
-    np.testing.assert_allclose(found.factors, (green / red, 1.0, green / blue), rtol=1e-9)
-
-
 def test_a_dark_patch_is_no_white_one() -> None:
     picture = flat((5.0, 3.0, 2.0), 48, 64)
     picture[23:25, 31:33] = (0.5, 0.25, 0.25)  # a tenth, just
@@ -105,12 +97,3 @@ def test_a_dark_patch_is_no_white_one() -> None:
     assert by_patch(picture, known(picture), (0.5, 0.5)) is None
     picture[23:25, 31:33] = (9.0, 0.0, 9.0)
     assert by_patch(picture, known(picture), (0.5, 0.5)) is None
-
-
-def test_a_patch_is_what_is_known_of_it() -> None:
-    picture, seen = flat((1.0, 1.0, 1.0), 48, 64), np.ones((48, 64), np.bool_)
-    picture[23, 31], picture[24, 32] = (2.0, 1.0, 4.0), (2.0, 1.0, 4.0)
-    seen[23, 32] = seen[24, 31] = False
-    assert by_patch(picture, seen, (0.5, 0.5)) == Balance((0.5, 1.0, 0.25), "patch")
-    seen[23:25, 31:33] = False
-    assert by_patch(picture, seen, (0.5, 0.5)) is None

@@ -19,8 +19,6 @@ from pdcd.capture.worker.worker import Worker
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pages.report import material, write
-from pdcd.pages.report.packing import least_step, logarithmic
-from pdcd.printable import as_html
 from pdcd.protocol.events import Armed
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -170,12 +168,3 @@ def test_the_command_says_where_the_page_is(
     out.symlink_to(tmp_path / "elsewhere")
     assert main(["report", str(folder), "--out", str(out)]) == 0
     assert not out.is_symlink() and not (tmp_path / "elsewhere").exists()
-
-
-def test_rounding_is_as_stated() -> None:
-    values = np.array([[0.0, 3e-4, 1.0, 250.0, np.inf, 7.5]])
-    block = logarithmic(values)
-    assert 0.0 < block["off"] < 0.03
-    assert least_step(np.array([1000.0, np.nan]), 1e-9) == pytest.approx(1000.0 / 32766)
-    assert least_step(np.zeros(3), 0.0) == 1.0
-    assert as_html("<\x07>") == "&lt;\\u0007&gt;"

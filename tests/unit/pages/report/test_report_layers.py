@@ -66,36 +66,6 @@ def test_sigma_of_a_shrunk_picture_is_that_of_the_mean(monkeypatch: pytest.Monke
     np.testing.assert_allclose(shown["sigma"], np.moveaxis(wanted, -1, 0), rtol=0.15)
 
 
-def flat(colour: tuple[float, float, float], patch: tuple[float, float, float]) -> Barred:
-    """Of one colour, but for a patch in the upper left quarter."""
-    image = np.ones((40, 60, 3)) * colour
-    image[:20, :30] = patch
-    sigma = np.full(image.shape, 1e-3, np.float32)
-    return Barred(image, sigma, sigma, 0.0 * sigma, "sensor")
-
-
-@pytest.mark.parametrize(
-    ("names", "place", "neutral"),
-    [
-        (["white", "indirect"], None, (1.0, 0.8, 0.9)),  # what is bright in the white photo
-        (["indirect", "white"], (0.2, 0.2), (0.4, 0.4, 0.2)),  # the patch in it
-        (["indirect"], (0.2, 0.2), (0.04, 0.04, 0.02)),  # the patch in the answer
-        (["indirect"], None, (1.0, 1.0, 1.0)),  # nothing tells of it: the camera's own
-    ],
-)
-def test_colours_of_a_page_are_balanced_by_what_is_white(
-    names: list[str], place: tuple[float, float] | None, neutral: tuple[float, float, float]
-) -> None:
-    seen = {
-        "white": flat((1.0, 0.8, 0.9), (0.4, 0.4, 0.2)),
-        "indirect": flat((0.3, 0.2, 0.1), (0.04, 0.04, 0.02)),
-    }
-    view = View(Map.filling((60, 40)), 1.5, place)
-    made = layers.layers({name: seen[name] for name in names}, view, None)
-    balanced = np.multiply(made.balance, neutral)
-    np.testing.assert_allclose(balanced, balanced[1], rtol=1e-5)
-
-
 @pytest.mark.parametrize(("frame", "squares"), [((138, 105), 3), ((128, 94), 2)])
 def test_a_page_of_squares_of_quads_shows_what_one_of_all_quads_does(
     frame: tuple[int, int], squares: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -87,6 +87,15 @@ def test_singles_and_integers_come_back_whole() -> None:
     assert size_bytes({"a": "four", "b": "12", "c": 5}) == 6
 
 
+def test_alike_numbers_are_packed_shorter_than_noise() -> None:
+    """Patterns of codes repeat, noise does not: each is packed in its own way."""
+    rows = np.tile(np.arange(64.0), (8, 16))
+    assert len(factored(rows)[0]["data"]) < 400
+    steady = integers(np.tile([0, 1000], 4000))
+    assert len(steady["data"]) < 400
+    assert len(linear(np.zeros((64, 64)), 1.0)["data"]) < 400
+
+
 def shot(name: str, open_ns: int = 0, close_ns: int = 10**9, **fields: Any) -> Any:
     told = {
         "name": name, "open_ns": open_ns, "close_ns": close_ns, "refreshes": 3, "source": "mock",
