@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-import msgspec
-
 from pdcd.api.progress import tell
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json
@@ -23,12 +21,12 @@ def figures(args: argparse.Namespace) -> int:
         outcome = make(wanted, folder, mode, pool, plots=args.plots, tell=_Teller())
     if args.json:
         said = {"page": str(folder / PAGE), "held": outcome.held}
-        say_json({**said, "figures": msgspec.to_builtins(outcome.made), "failed": outcome.failed})
+        say_json({**said, "figures": outcome.made, "failed": outcome.failed})
         return DONE if outcome.held else FAILED
     for one in outcome.made:
-        lost = [n.what for n in one.numbers if not n.held]
-        lost += [f"RMS error of {c.name}" for c in one.captures if not c.held]
-        say(f"{one.number}: {'held' if not lost else 'NOT HELD: ' + '; '.join(lost)}")
+        lost = [n["what"] for n in one["numbers"] if not n["held"]]
+        lost += [f"RMS error of {c['name']}" for c in one["captures"] if not c["held"]]
+        say(f"{one['number']}: {'held' if not lost else 'NOT HELD: ' + '; '.join(lost)}")
     for number, why in outcome.failed.items():
         say(f"{number}: could not be made: {why}")
     say(f"page  {folder / PAGE}")

@@ -242,11 +242,6 @@ class Number(msgspec.Struct, frozen=True):
         )
         msgspec.structs.force_setattr(self, "held", held)
 
-    @property
-    def stated(self) -> bool:
-        """Whether it has any bound."""
-        return self.least is not None or self.most is not None
-
 
 @dataclass(frozen=True)
 class Figure:

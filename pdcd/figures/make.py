@@ -20,15 +20,7 @@ from pdcd.figures.catalog import FIGURES
 from pdcd.figures.draw import check_plots, draw_plot, draw_row
 from pdcd.figures.figure import PRINTED, Figure, Mode, Number, Plot, Row, Take
 from pdcd.figures.photo import photographs
-from pdcd.figures.record import (
-    Captured,
-    Made,
-    Shown,
-    ShownRow,
-    fingerprint_of,
-    read_made,
-    write_made,
-)
+from pdcd.figures.record import Record, fingerprint_of, read_record, record_of, write_record
 from pdcd.files.images import png_of
 from pdcd.files.put import put_file
 from pdcd.pages.render import render_page
@@ -49,13 +41,13 @@ class Ahead:
 class Outcome:
     """made : figures in the order of the page. failed : number -> why, of those without a page."""
 
-    made: list[Made] = field(default_factory=list)
+    made: list[Record] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
 
     @property
     def held(self) -> bool:
         """Whether all are there with every number within its bounds."""
-        return not self.failed and all(made.held for made in self.made)
+        return not self.failed and all(made["held"] for made in self.made)
 
 
 def make(
@@ -78,7 +70,9 @@ def make(
     with disk_errors(str(folder)):
         (folder / "data").mkdir(parents=True, exist_ok=True)
     outcome, inputs = Outcome(), fingerprint_of(mode, plots=plots)
-    waiting = {one.number: one for one in figures if read_made(folder, one.number, inputs) is None}
+    waiting = {
+        one.number: one for one in figures if read_record(folder, one.number, inputs) is None
+    }
     takes = {number: one.takes(mode) for number, one in waiting.items()}
     of = sum(map(len, takes.values()))
     begun_s, taken = time.monotonic(), 0
@@ -97,8 +91,8 @@ def make(
         _write_page(folder, mode, inputs, outcome, waiting)
         spent_s = time.monotonic() - begun_s
         tell(Ahead(taken, of, spent_s * (of - taken) / taken if taken else None))
-    found = (read_made(folder, one.number, inputs) for one in figures)
-    outcome.made = [made for made in found if made and made.number not in outcome.failed]
+    found = (read_record(folder, one.number, inputs) for one in figures)
+    outcome.made = [made for made in found if made and made["number"] not in outcome.failed]
     return outcome
 
 
@@ -112,18 +106,19 @@ def _write_page(
 ) -> None:
     """Write the page of all figures that are there, whoever asked for them."""
     left = {*waiting, *outcome.failed}
-    found = [read_made(folder, number, inputs) for number in FIGURES if number not in left]
+    found = [read_record(folder, number, inputs) for number in FIGURES if number not in left]
     made = [one for one in found if one is not None]
-    held = [n.held for one in made for n in one.numbers if n.stated]
-    held += [c.held for one in made for c in one.captures if c.bound is not None]
+    stated = [c for one in made for c in one["captures"] if c["bound"] is not None]
+    for one in made:
+        stated += [n for n in one["numbers"] if n["least"] is not None or n["most"] is not None]
     text = render_page(
         "figures.html",
         made=made,
         mode=mode,
         failed=outcome.failed,
         waiting=[*waiting],
-        stated=len(held),
-        lost=held.count(False),
+        stated=len(stated),
+        lost=sum(not one["held"] for one in stated),
         printed=PRINTED,
     )
     put_file(folder / PAGE, text.encode())
@@ -177,38 +172,34 @@ def make_figure(figure: Figure, folder: Path, mode: Mode, inputs: str, plots: bo
     takes = figure.takes(mode)
     photos = dict(photographs(takes, mode, heard))
     shown = list(figure.shown(mode, photos))
-    rows = [one for one in shown if isinstance(one, Row)]
-    drawn = [one for one in shown if isinstance(one, Plot) and plots]
-    made = Made(
-        number=figure.number,
+    begin = f"fig-{figure.number}"
+    rows = (one for one in shown if isinstance(one, Row))
+    drawn = (one for one in shown if isinstance(one, Plot) and plots)
+    record = record_of(
+        figure,
+        takes,
+        photos,
+        [one for one in shown if isinstance(one, Number)],
         fingerprint=inputs,
         mode=mode.name,
-        title=figure.title,
-        see=figure.see,
-        paper=figure.paper,
-        unlike=figure.unlike,
-        rows=tuple(
-            _write_row(folder, f"fig-{figure.number}-{k}", r) for k, r in enumerate(rows, 1)
-        ),
-        plots=tuple(_write_plot(folder, f"fig-{figure.number}", one) for one in drawn),
-        numbers=tuple(one for one in shown if isinstance(one, Number)),
-        captures=tuple(Captured.of(name, takes[name], photos[name]) for name in takes),
-        seconds=sum(float(photo.summary.get("wall_s") or 0.0) for photo in photos.values()),
+        rows=[_write_row(folder, f"{begin}-{k}", row) for k, row in enumerate(rows, 1)],
+        plots=[
+            _write(folder, f"{begin}-{plot.name}.png", draw_plot(plot), plot.caption)
+            for plot in drawn
+        ],
     )
-    write_made(folder, made)
+    write_record(folder, record)
 
 
-def _write_row(folder: Path, begin: str, row: Row) -> ShownRow:
+def _write_row(folder: Path, begin: str, row: Row) -> dict[str, object]:
     pictures = []
     for letter, panel, pixels in zip("abcdefghijklm", row.panels, draw_row(row), strict=False):
         words = re.sub(r"[^a-z0-9]+", "-", panel.caption.lower()).strip("-")[:40]
         file = f"{begin}{letter}-{words}.png"
-        put_file(folder / file, png_of(pixels))
-        pictures.append(Shown(file, panel.caption))
-    return ShownRow(row.title, tuple(pictures), row.small)
+        pictures.append(_write(folder, file, png_of(pixels), panel.caption))
+    return {"title": row.title, "small": row.small, "pictures": pictures}
 
 
-def _write_plot(folder: Path, begin: str, plot: Plot) -> Shown:
-    file = f"{begin}-{plot.name}.png"
-    put_file(folder / file, draw_plot(plot))
-    return Shown(file, plot.caption)
+def _write(folder: Path, file: str, data: bytes, caption: str) -> dict[str, str]:
+    put_file(folder / file, data)
+    return {"file": file, "caption": caption}

@@ -5,13 +5,23 @@
     index.html            the page; it says so itself while figures are still being made
     fig-1-*.png           pictures and plots
     data/fig-1.json       what the page says of a figure, with the fingerprint of its inputs
+
+A record has the texts of its `Figure`, and
+
+    fingerprint, mode     of what it was made
+    rows                  title, small, and pictures: file and caption of each
+    plots                 file and caption of each
+    numbers               the fields of each `Number`
+    captures              `capture_told` of each
+    seconds               wall time of its captures together, as their runs tell it
+    held                  whether every number and error lies within its bounds
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -19,96 +29,53 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.figures.figure import Mode, Number, Photo, Take
+from pdcd.figures.figure import Figure, Mode, Number, Photo, Photos, Take
 from pdcd.files.put import put_file
 from pdcd.version import __version__
 
-
-class Shown(msgspec.Struct, frozen=True):
-    """One picture or plot of the page. file : beside the page."""
-
-    file: str
-    caption: str
+Record = dict[str, Any]
 
 
-class ShownRow(msgspec.Struct, frozen=True):
-    """Pictures side by side."""
-
-    title: str
-    pictures: tuple[Shown, ...]
-    small: bool = False
-
-
-class Captured(msgspec.Struct, frozen=True, kw_only=True):
-    """A capture in figures. Errors are shares of the truth's RMS; `held` is whether that is within
-    its bound, where it has one."""
-
-    name: str
-    said: str
-    goal: str
-    scene: str
-    codes: int | None
-    family: str | None
-    exposures: int | None
-    exposure_s: float | None
-    error: float | None
-    bound: float | None
-    held: bool
-
-    @classmethod
-    def of(cls, name: str, take: Take, photo: Photo) -> Captured:
-        """What a capture gave."""
-        told = photo.summary
-        error = photo.error if photo.transport is None else _error_of_entries(photo)
-        number = Number("", error, most=take.bound)
-        return cls(
-            name=name,
-            said=take.said,
-            goal=take.goal,
-            scene=take.scene,
-            codes=_whole(told.get("codes")) if told.get("family") != "none" else None,
-            family=told.get("family"),
-            exposures=_whole(told.get("shots")),
-            exposure_s=told.get("exposure_s"),
-            error=number.value,
-            bound=take.bound,
-            held=number.held or take.bound is None,
-        )
+def record_of(
+    figure: Figure, takes: Mapping[str, Take], photos: Photos, numbers: list[Number], **more: Any
+) -> Record:
+    """The record of a figure; more : its other fields."""
+    captures = [capture_told(name, takes[name], photos[name]) for name in takes]
+    texts = ("number", "title", "see", "paper", "unlike")
+    return {
+        **{name: getattr(figure, name) for name in texts},
+        **more,
+        "numbers": msgspec.to_builtins(numbers),
+        "captures": captures,
+        "seconds": sum(float(photo.summary.get("wall_s") or 0.0) for photo in photos.values()),
+        "held": all(n.held for n in numbers) and all(c["held"] for c in captures),
+    }
 
 
-class Made(msgspec.Struct, frozen=True, kw_only=True):
-    """All that the page says of a figure."""
-
-    number: str
-    fingerprint: str
-    mode: str
-    title: str
-    see: str
-    paper: str
-    unlike: str
-    rows: tuple[ShownRow, ...]
-    plots: tuple[Shown, ...]
-    numbers: tuple[Number, ...]
-    captures: tuple[Captured, ...]
-    seconds: float
-    """Wall time of its captures together, as their runs tell it."""
-
-    @property
-    def held(self) -> bool:
-        """Whether every number lies within its bounds."""
-        return all(n.held for n in self.numbers) and all(c.held for c in self.captures)
-
-    @property
-    def files(self) -> Iterator[str]:
-        """Its pictures and plots."""
-        for row in self.rows:
-            yield from (picture.file for picture in row.pictures)
-        yield from (plot.file for plot in self.plots)
+def capture_told(name: str, take: Take, photo: Photo) -> dict[str, Any]:
+    """A capture in figures. `error` is a share of the truth's RMS, of entries of T where these were
+    photographed; `held` is whether it is within its `bound`, where it has one."""
+    told = photo.summary
+    number = Number("", _error(photo), most=take.bound)
+    return {
+        "name": name,
+        "said": take.said,
+        "goal": take.goal,
+        "scene": take.scene,
+        "codes": _whole(told.get("codes")) if told.get("family") != "none" else None,
+        "family": told.get("family"),
+        "exposures": _whole(told.get("shots")),
+        "exposure_s": told.get("exposure_s"),
+        "error": number.value,
+        "bound": take.bound,
+        "held": number.held or take.bound is None,
+    }
 
 
-def _error_of_entries(photo: Photo) -> float:
-    """RMS error of photographed entries of T over the RMS of the true ones, where known."""
-    if photo.transport is None or photo.transport_truth is None:
+def _error(photo: Photo) -> float:
+    if photo.transport is None:
+        return photo.error
+    if photo.transport_truth is None:
         return math.nan
     known = np.isfinite(photo.transport)
     off = np.sum((photo.transport - photo.transport_truth) ** 2, where=known)
@@ -130,19 +97,21 @@ def fingerprint_of(mode: Mode, *, plots: bool) -> str:
     return whole.hexdigest()
 
 
-def read_made(folder: Path, number: str, fingerprint: str) -> Made | None:
+def read_record(folder: Path, number: str, fingerprint: str) -> Record | None:
     """A figure as it was made of these inputs, if all of it is there; else None."""
     try:
-        found = msgspec.json.decode(_path(folder, number).read_bytes(), type=Made)
-    except (OSError, msgspec.DecodeError):
+        found = msgspec.json.decode(_path(folder, number).read_bytes(), type=Record)
+        files = [one["file"] for one in found["plots"]]
+        files += [one["file"] for row in found["rows"] for one in row["pictures"]]
+    except (OSError, msgspec.DecodeError, KeyError, TypeError):
         return None
-    whole = all((folder / file).is_file() for file in found.files)
-    return found if whole and found.fingerprint == fingerprint else None
+    whole = all((folder / file).is_file() for file in files)
+    return found if whole and found.get("fingerprint") == fingerprint else None
 
 
-def write_made(folder: Path, made: Made) -> None:
+def write_record(folder: Path, record: Record) -> None:
     """Note that a figure is made; its pictures are there. Raises DiskError."""
-    put_file(_path(folder, made.number), msgspec.json.format(msgspec.json.encode(made)))
+    put_file(_path(folder, record["number"]), msgspec.json.format(msgspec.json.encode(record)))
 
 
 def _path(folder: Path, number: str) -> Path:

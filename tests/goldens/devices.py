@@ -239,7 +239,7 @@ def make_figures(folder: Path, numbers: Sequence[str]) -> dict[str, Any]:
     """Figures in the smallest setting that there is, into a folder; what could not be made."""
     with in_processes(1) as pool:
         outcome = make(figures_of(list(numbers)), folder, TINY, pool, plots=True)
-    return {"made": [made.number for made in outcome.made], "failed": outcome.failed}
+    return {"made": [made["number"] for made in outcome.made], "failed": outcome.failed}
 
 
 def figure_numbers() -> list[str]:

@@ -135,14 +135,14 @@ def test_a_page_is_written_and_its_place_and_size_are_said(
 def outcome(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """What comes of the figures: one that held, one that did not, one that was not made."""
 
-    def thing(name: str, held: bool) -> SimpleNamespace:
-        return SimpleNamespace(what=name, name=name, held=held)
+    def thing(name: str, held: bool) -> dict[str, Any]:
+        return {"what": name, "name": name, "held": held}
 
-    good = SimpleNamespace(number="1", numbers=[thing("gain", True)], captures=[])
-    bad = SimpleNamespace(
-        number="2", numbers=[thing("gain", False), thing("loss", True), thing("lag", False)],
-        captures=[thing("book", False), thing("chart", True)],
-    )  # fmt: skip
+    good = {"number": "1", "numbers": [thing("gain", True)], "captures": []}
+    bad = {
+        "number": "2", "numbers": [thing("gain", False), thing("loss", True), thing("lag", False)],
+        "captures": [thing("book", False), thing("chart", True)],
+    }  # fmt: skip
     made = SimpleNamespace(held=False, made=[good, bad], failed={"3": "no light"}, asked=[])
 
     def make(*asked: Any, **how: Any) -> SimpleNamespace:
