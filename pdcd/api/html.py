@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,38 +32,32 @@ SHARES = (
 )
 
 
-@dataclass(frozen=True)
-class RunCard:
-    """What a notebook shows of a run; `pdcd.api.run.Run` fills it in.
+def run_html(
+    job: str,
+    goal: str,
+    folder: Path,
+    summary: Mapping[str, Figure],
+    quality: Quality,
+    warnings: Sequence[str],
+    previews: Iterable[tuple[str, bytes]],
+) -> str:
+    """A run: previews, a line for each figure that is known, what speaks for and against it.
 
     previews : pictures by name with the bytes of their PNG files, the first to be shown first.
     """
-
-    job: str
-    goal: str
-    folder: Path
-    summary: Mapping[str, Figure]
-    quality: Quality
-    warnings: Sequence[str]
-    previews: Iterable[tuple[str, bytes]]
-
-
-def run_html(run: RunCard) -> str:
-    """A run: previews, a line for each figure that is known, what speaks for and against it."""
-    summary = run.summary
     rows = [(name, form.format(v)) for key, name, form in FIGURES if (v := summary.get(key))]
     shares = ((name, summary.get(key)) for key, name in SHARES)
     rows += [(name, f"{100.0 * v:.3g} %") for name, v in shares if isinstance(v, float)]
-    near = run.folder.is_relative_to(Path.cwd())
-    rows.append(("folder", os.path.relpath(run.folder) if near else str(run.folder)))
+    near = folder.is_relative_to(Path.cwd())
+    rows.append(("folder", os.path.relpath(folder) if near else str(folder)))
     return render(
         TEMPLATE,
-        run=run,
-        previews=list(_shown(run.previews)),
+        title=(goal, job),
+        previews=list(_shown(previews)),
         width_px=WIDTH_PX,
-        heads=("verdict", run.quality.verdict),
+        heads=("verdict", quality.verdict),
         rows=rows,
-        notes=(*run.quality.reasons, *run.quality.remarks, *run.warnings),
+        notes=(*quality.reasons, *quality.remarks, *warnings),
     )
 
 

@@ -253,10 +253,10 @@ class Run:
         return f"<Run {self.job}: {self.goal}, {', '.join([*told, self.verdict])}>"
 
     def _repr_html_(self) -> str:
-        from pdcd.api.html import RunCard, run_html
+        from pdcd.api.html import run_html
 
         told = self.job, self.goal, self.folder, self.summary, self.quality, self.warnings
-        return run_html(RunCard(*told, self._previews()))
+        return run_html(*told, self._previews())
 
     def _previews(self) -> Iterator[tuple[str, bytes]]:
         """The first previews by name, as PNG: that of the answer, then the others."""

@@ -25,20 +25,8 @@ const unpackers = {
     return out;
   },
   async logarithmic(block) {
-    const data = await bytesOf(block.data);
-    const count = sizeOf(block.shape), width = block.shape.at(-1);
-    const levels = new Float32Array(256);
-    for (let level = 1; level < 255; level++) {
-      levels[level] = block.low * Math.pow(block.high / block.low, (level - 1) / 253);
-    }
-    levels[255] = Infinity;
-    const out = new Float32Array(count);
-    let level = 0;
-    for (let i = 0; i < count; i++) {
-      level = i % width === 0 ? data[i] : (level + data[i]) & 255;
-      out[i] = levels[level];
-    }
-    return out;
+    const logs = await unpackers.linear(block);
+    return logs.map((log) => (Number.isNaN(log) ? Infinity : Math.exp(log)));
   },
   async factored(block) {
     const data = await bytesOf(block.data);

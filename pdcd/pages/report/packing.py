@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import zlib
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,10 +20,8 @@ MOST = 32766
 """Largest number of steps of a value."""
 NOTHING = -32768
 """Stands for no number."""
-LEVELS = 254
-"""Steps between the least and the largest logarithm."""
-UNKNOWN = 255
-"""Stands for an infinite error."""
+SHARE = 0.02
+"""Step of a logarithm: values are off by 1 %."""
 PAIR = 255.0
 """Steps between the least and the largest value of a row of factors."""
 
@@ -52,37 +49,13 @@ def least_step(values: NDArray[np.floating], wanted: float) -> float:
     return max(wanted, top / MOST) or 1.0
 
 
-@dataclass(frozen=True)
-class Scale:
-    """Of values whose logarithms are kept: the least and the largest of them above 0."""
-
-    low: float
-    high: float
-
-    @property
-    def share(self) -> float:
-        """Share by which a value may be off."""
-        return float(np.expm1(0.5 * np.log(self.high / self.low) / (LEVELS - 1)))
-
-
 def logarithmic(values: NDArray[np.floating]) -> Block:
-    """Values of 0 and more (..., H, W), off by at most the share `off`; infinite ones stay so, what
-    is no number becomes infinite."""
-    finite = values[np.isfinite(values) & (values > 0.0)]
-    scale = Scale(float(finite.min()), float(finite.max())) if finite.size else Scale(1.0, 1.0)
-    span = np.log(scale.high / scale.low) or 1.0
+    """Values of 0 and more (..., H, W) as whole steps of their logarithm, off by at most the share
+    `off`; what is no number becomes infinite, as infinite ones stay, and 0 nearly 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        level = 1.0 + np.rint((LEVELS - 1) * np.log(values / scale.low) / span)
-        level = np.where(values > 0.0, np.clip(level, 1, LEVELS), 0.0)
-    whole = np.where(np.isfinite(values), level, UNKNOWN).astype(np.uint8)
-    return {
-        "kind": "logarithmic",
-        "shape": list(values.shape),
-        "low": scale.low,
-        "high": scale.high,
-        "off": scale.share,
-        "data": _text(np.diff(whole, axis=-1, prepend=np.uint8(0))),
-    }
+        logs = np.log(values)
+    logs = np.where(values == 0.0, -MOST * SHARE, logs)
+    return {**linear(logs, SHARE), "kind": "logarithmic", "off": float(np.expm1(0.5 * SHARE))}
 
 
 def factored(rows: NDArray[np.floating]) -> tuple[Block, NDArray[np.float32]]:

@@ -19,17 +19,15 @@ def raw(text: str, dtype: str) -> NDArray[Any]:
 def unpacked(block: Block) -> NDArray[Any]:
     """As docs say that `unpack.js` does: along the last axis differences are summed up."""
     shape = block["shape"]
-    if block["kind"] == "linear":
+    if block["kind"] in ("linear", "logarithmic"):
         low, high = raw(block["data"], "u1").reshape(2, *shape).astype(np.int64)
         folded = low + 256 * high
         steps = np.where(folded % 2, -(folded // 2) - 1, folded // 2)
         whole = (np.cumsum(steps, axis=-1) + 2**15) % 2**16 - 2**15
-        return np.where(whole == -32768, np.nan, whole * block["step"])
-    if block["kind"] == "logarithmic":
-        level = np.cumsum(raw(block["data"], "u1").reshape(shape).astype(np.int64), axis=-1) % 256
-        share = np.clip((level - 1) / 253, 0.0, 1.0)
-        values = block["low"] * (block["high"] / block["low"]) ** share
-        return np.where(level == 255, np.inf, np.where(level == 0, 0.0, values))
+        values = np.where(whole == -32768, np.nan, whole * block["step"])
+        if block["kind"] == "linear":
+            return values
+        return np.where(np.isnan(values), np.inf, np.exp(values))
     if block["kind"] == "factored":
         steps = raw(block["data"], "u1").reshape(shape)
         low, step = (raw(block[part], "<f4")[:, None] for part in ("low", "step"))
