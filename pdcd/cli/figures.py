@@ -9,14 +9,14 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json
 from pdcd.figures.catalog import figures_of
 from pdcd.figures.figure import FULL, QUICK
-from pdcd.figures.make import PAGE, Ahead, in_processes, make
+from pdcd.figures.make import PAGE, Ahead, make, open_processes
 
 
 def figures(args: argparse.Namespace) -> int:
     """Make the figures; fails where one could not be made, or a number left its bounds."""
     mode = FULL if args.full else QUICK
     folder = args.out.absolute()
-    with in_processes(args.workers) as pool:
+    with open_processes(args.workers) as pool:
         wanted = figures_of(args.number)
         outcome = make(wanted, folder, mode, pool, plots=args.plots, tell=_Teller())
     if args.json:

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import re
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
@@ -61,7 +62,7 @@ def make(
 ) -> Outcome:
     """Make figures and the page of a folder; what is there, whole and unchanged stays.
 
-    pool : where each figure is made; `in_processes`. plots : whether to draw plots, which needs
+    pool : where each figure is made; `open_processes`. plots : whether to draw plots, which needs
     matplotlib. `tell` hears how far the work is. A figure that fails does not end the others.
     Raises ConfigError without matplotlib, and DiskError.
     """
@@ -125,7 +126,7 @@ def _write_page(
 
 
 @contextmanager
-def in_processes(workers: int | None = None) -> Iterator[Executor]:
+def open_processes(workers: int | None = None) -> Iterator[Executor]:
     """Processes that figures are made in; two, or one where there is one core, if not told.
 
     They end when this does, at the next step of what they do. Raises ConfigError.
@@ -150,12 +151,31 @@ def in_processes(workers: int | None = None) -> Iterator[Executor]:
 
 _unwanted: list[Event] = []
 """In a process of the pool: set when nobody wants its figures any more."""
+_making = threading.Lock()
+"""Held while a figure is made."""
 
 
 def _begin(unwanted: Event) -> None:
     """A process of the pool: an interrupt is for the one that started it, who ends this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _unwanted.append(unwanted)
+    threading.Thread(target=_end_with_parent, args=(unwanted,), daemon=True).start()
+
+
+def _end_with_parent(unwanted: Event) -> None:
+    """End this process where the one that started it was killed: what is under way ends at its
+    next step, and clears up."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        unwanted.set()
+        with _making:
+            os._exit(1)
+
+
+def _heard() -> None:
+    if any(event.is_set() for event in _unwanted):
+        raise Cancelled("nobody wants these figures any more")
 
 
 def make_figure(figure: Figure, folder: Path, mode: Mode, inputs: str, plots: bool) -> None:
@@ -163,14 +183,9 @@ def make_figure(figure: Figure, folder: Path, mode: Mode, inputs: str, plots: bo
 
     Raises PdcdError.
     """
-    parent = os.getppid()
-
-    def heard() -> None:
-        if os.getppid() != parent or any(event.is_set() for event in _unwanted):
-            raise Cancelled("whoever wanted these figures is gone")
-
     takes = figure.takes(mode)
-    photos = dict(photographs(takes, mode, heard))
+    with _making:
+        photos = dict(photographs(takes, mode, _heard))
     shown = list(figure.shown(mode, photos))
     begin = f"fig-{figure.number}"
     rows = (one for one in shown if isinstance(one, Row))

@@ -25,7 +25,7 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.figures.catalog import FIGURES, figures_of
 from pdcd.figures.figure import TINY
-from pdcd.figures.make import in_processes, make
+from pdcd.figures.make import make, open_processes
 from pdcd.panels.draw import draw, draw_planes
 from pdcd.panels.frames import Frames
 from pdcd.panels.placing import Placing
@@ -237,7 +237,7 @@ def _only(frames: Frames, row: int) -> Frames:
 
 def make_figures(folder: Path, numbers: Sequence[str]) -> dict[str, Any]:
     """Figures in the smallest setting that there is, into a folder; what could not be made."""
-    with in_processes(1) as pool:
+    with open_processes(1) as pool:
         outcome = make(figures_of(list(numbers)), folder, TINY, pool, plots=True)
     return {"made": [made["number"] for made in outcome.made], "failed": outcome.failed}
 

@@ -150,7 +150,7 @@ def outcome(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         return made
 
     monkeypatch.setattr(figures_cli, "make", make)
-    monkeypatch.setattr(figures_cli, "in_processes", nullcontext)
+    monkeypatch.setattr(figures_cli, "open_processes", nullcontext)
     monkeypatch.setattr(figures_cli, "figures_of", lambda numbers: [f"figure {n}" for n in numbers])
     return made
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
@@ -194,12 +196,28 @@ def test_a_figure_that_fails_ends_no_other(tmp_path: Path, pool: Executor) -> No
 
 
 def test_figures_are_made_in_processes_that_end_with_the_command() -> None:
-    with engine.in_processes(1) as pool:
+    with engine.open_processes(1) as pool:
         assert pool.submit(abs, -2).result() == 2
     with pytest.raises(RuntimeError):
         pool.submit(abs, -2)
-    with pytest.raises(ConfigError, match="--workers 0"), engine.in_processes(0):
+    with pytest.raises(ConfigError, match="--workers 0"), engine.open_processes(0):
         pass
+
+
+def test_processes_end_with_a_command_that_was_killed() -> None:
+    """What it printed to ends for its readers when the last process that has it is gone."""
+    code = (
+        "import os, time\n"
+        "from pdcd.figures.make import open_processes\n"
+        "with open_processes(1) as pool:\n"
+        "    print(pool.submit(os.getpid).result(), flush=True)\n"
+        "    time.sleep(3600)\n"
+    )
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", code], stdout=pipe, stderr=pipe) as command:
+        assert command.stdout is not None and int(command.stdout.readline()) != command.pid
+        command.kill()
+        assert command.stdout.read() == b""
 
 
 @pytest.mark.parametrize(
