@@ -52,10 +52,12 @@ SUMMARY: tuple[Column, ...] = (
     ("error of quads against the known truth", "rms_error_quads", percent),
     ("error of means over cells", "rms_error_cells", percent),
     ("error expected (RMS sigma)", "rms_sigma", percent),
+    ("error bars", "error_bars", str),
     ("absolute scale", "scale", str),
     ("error of the scale, common to all", "scale_sigma", percent),
     ("error foreseen by the plan", "predicted_error", percent),
     ("cells of which nothing is known", "blind_share", percent),
+    ("field in the projector's picture", "field", str),
     ("codes", "codes", str),
     ("exposure", "exposure_s", _in("{:.3f} s")),
     ("refreshes", "refreshes", str),
@@ -87,9 +89,12 @@ REALISED: tuple[Column, ...] = (
 
 def figures(manifest: Manifest, material: Material) -> Rows:
     """The first lines: what the picture is worth, and what it cost; what is not known has none."""
-    rows = [(words, _known(manifest.summary.get(key), write)) for words, key, write in SUMMARY]
-    rows.insert(3, ("error bars", SIGMA_KINDS.get(material.kind, material.kind)))
-    rows.insert(8, ("field in the projector's picture", _field(manifest.run.projector)))
+    told = {
+        **manifest.summary,
+        "error_bars": SIGMA_KINDS.get(material.kind, material.kind),
+        "field": _field(manifest.run.projector),
+    }
+    rows = [(words, _known(told.get(key), write)) for words, key, write in SUMMARY]
     return [(name, value) for name, value in rows if value]
 
 

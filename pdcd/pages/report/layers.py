@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pdcd.pages.report.packing import least_step, linear, logarithmic
 from pdcd.pictures.picture import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
-from pdcd.pictures.written.looks import WHITE, Brightness, Look, balance_of, usual
+from pdcd.pictures.written.looks import WHITE, Brightness, Look, balance_of, step_of, usual
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.bands import THREADS
 
@@ -35,8 +35,6 @@ FINEST = 2.0**-14
 """... but no finer than that share of its brightest value."""
 LARGE_PX = 2**18
 """Pixels from which every second row and column of sigma is kept."""
-ENOUGH_PX = 200
-"""Columns that are enough to find a median or a percentile."""
 NEARLY = 0.3
 """Of a quad, by which squares of quads may be wider than a pixel of a page."""
 KIND = "picture"
@@ -78,18 +76,11 @@ class _Seen:
     known: Bools
     noise: float
 
-    def balanced(self, factors: tuple[float, float, float]) -> Look:
-        """What decides on its brightness."""
-        some = self.thinned
-        known = self.known[some]
-        image = self.image[some] * np.array(factors, np.float32)
+    def look(self, factors: tuple[float, float, float]) -> Look:
+        """What decides on its brightness, once it is balanced."""
+        some = (slice(None, None, step_of(self.known)),) * 2
+        image, known = self.image[some] * np.array(factors, np.float32), self.known[some]
         return Look.of(image, known, usual(self.sigma[some], known))
-
-    @property
-    def thinned(self) -> tuple[slice, slice]:
-        """Every so many rows and columns: enough to find a median."""
-        every = slice(None, None, max(self.known.shape[1] // ENOUGH_PX, 1))
-        return every, every
 
 
 def layers(
@@ -107,7 +98,7 @@ def layers(
     seen = _sampled({name: pictures[name] for name in names}, sampler, quads)
     on_field = {name: (one.image, one.known) for name, one in seen.items()}
     balance = balance_of(on_field, view.white_patch).factors
-    brightness = Brightness({name: one.balanced(balance) for name, one in seen.items()})
+    brightness = Brightness({name: one.look(balance) for name, one in seen.items()})
     jobs: list[tuple[str, str, Singles, Singles | None, float]] = [
         (name, KIND, one.image, one.sigma, one.noise) for name, one in seen.items()
     ]
@@ -166,9 +157,7 @@ def _sampled(pictures: Mapping[str, Barred], sampler: Sampler, quads: float) -> 
         sigma: Singles = np.sqrt(sensor + code**2)
         image, seen = images[name]
         image[~seen], sigma[~seen] = np.nan, np.inf
-        shown = _Seen(image, sigma, seen, 0.0)
-        thin = shown.thinned
-        found[name] = replace(shown, noise=math.sqrt(usual(sensor[thin], seen[thin])))
+        found[name] = _Seen(image, sigma, seen, math.sqrt(usual(sensor, seen)))
     return found
 
 

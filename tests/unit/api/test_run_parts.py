@@ -164,11 +164,14 @@ def test_what_is_to_be_known_of_a_run_is_listed_in_order() -> None:
         "codes": 8,
         "parts": 2,
         "rms_sigma": 0.5,
-        "rms_error_quads": 1,
+        "rms_error_quads": 0.012345,
+        "exposure_s": 1.23456,
+        "missed_refreshes": 0,
     }
     shown = run_of(summary=summary, folder=Path("/elsewhere/j"))._repr_html_()
     assert "<ul><li>r</li><li>&lt;m&gt;</li><li>&lt;w&gt;</li></ul></div>" in shown
-    rows = (("codes", "8"), ("parts", "2"), ("RMS sigma", "50 %"), ("folder", "/elsewhere/j"))
+    rows = (("codes", "8"), ("parts", "2"), ("exposure", "1.23 s"), ("RMS sigma", "50 %"),
+            ("RMS error of quads", "1.23 %"), ("folder", "/elsewhere/j"))  # fmt: skip
     body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
     assert f"<th>verdict</th><th>doubtful</th></tr></thead><tbody>{body}</tbody>" in shown
     bare: Any = run_of(folder=Path("/elsewhere/j"))

@@ -366,22 +366,6 @@ def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
     assert repr(bare) == "<Run j: white, 8 codes, good>" and bare.codes == {} and bare.truth is None
 
 
-def test_a_run_in_a_notebook_has_a_line_for_each_figure() -> None:
-    summary = {
-        "codes": 8.0,
-        "exposure_s": 1.23456,
-        "missed_refreshes": 0,
-        "rms_error_quads": 0.012345,
-    }
-    shown = run_of(summary=summary, folder=Path.cwd() / "runs" / "j")._repr_html_()
-    for cells in (("codes", "8"), ("exposure", "1.23 s"), ("RMS error of quads", "1.23 %"),
-                  ("folder", "runs/j")):  # fmt: skip
-        assert "<td>{}</td><td>{}</td>".format(*cells) in shown
-    assert "missed" not in shown and "RMS sigma" not in shown and "<img" not in shown
-    assert "<li>&lt;w&gt;</li>" in shown
-    assert "<td>/x</td>" in run_of()._repr_html_()
-
-
 def test_a_preview_that_cannot_be_read_is_left_out(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
