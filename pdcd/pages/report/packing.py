@@ -1,4 +1,4 @@
-"""Numbers of a page: rounded to whole steps, compressed, as text; `page.js` unpacks them.
+"""Numbers of a page: rounded to whole steps, compressed, as text; `unpack.js` unpacks them.
 
 Nothing that is rounded is shown without its error: every block says its step, or the share by which
 its values may be off.

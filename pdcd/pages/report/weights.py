@@ -7,7 +7,7 @@ far a row may be off by rounding is measured at some cells and told, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -94,27 +94,21 @@ def _parts(wanted: Wanted) -> Iterator[dict[str, Any] | None]:
 
 def _part(part: Part) -> dict[str, Any] | None:
     """A part as the page knows it; None for a matrix of numbers without structure."""
-    if isinstance(part, SameRow):
-        return {"kind": "same row"}
-    if isinstance(part, Kernel):
-        return {"kind": "kernel", "taps": singles(part.taps)}
-    if isinstance(part, Uniform):
-        return {"kind": "uniform"}
-    if isinstance(part, Outer):
-        return {
-            "kind": "outer",
-            "camera": singles(part.camera),
-            "projector": singles(part.projector),
-        }
-    if isinstance(part, Match):
-        return {"kind": "match", "partner": integers(part.partner)}
-    if isinstance(part, Near):
-        return {"kind": "near", "radius": part.radius}
-    if isinstance(part, (Gained, Lit)):
-        within = _part(part.part)
-        if within is None:
-            return None
-        if isinstance(part, Gained):
-            return {"kind": "gained", "camera": singles(part.camera), "part": within}
-        return {"kind": "lit", "projector": singles(part.projector), "part": within}
-    return None
+    if type(part) not in KINDS:
+        return None
+    kind, fields = KINDS[type(part)]
+    told = {name: write(getattr(part, name)) for name, write in fields.items()}
+    return None if any(value is None for value in told.values()) else {"kind": kind, **told}
+
+
+KINDS: Mapping[type, tuple[str, Mapping[str, Callable[[Any], Any]]]] = {
+    SameRow: ("same row", {}),
+    Kernel: ("kernel", {"taps": singles}),
+    Uniform: ("uniform", {}),
+    Outer: ("outer", {"camera": singles, "projector": singles}),
+    Match: ("match", {"partner": integers}),
+    Near: ("near", {"radius": int}),
+    Gained: ("gained", {"camera": singles, "part": _part}),
+    Lit: ("lit", {"projector": singles, "part": _part}),
+}
+"""Parts that the page's script knows: what they are called there, and how each field is told."""

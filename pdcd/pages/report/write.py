@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pdcd.files.put import put_file
-from pdcd.pages.render import json_in_page, render_page
+from pdcd.pages.render import json_in_page, load_template, render_page
 from pdcd.pages.report.facts import MOST_ROWS, figures, tables
 from pdcd.pages.report.layers import enough_side
 from pdcd.pages.report.material import Material, gathered
@@ -39,6 +39,7 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
     NoSpaceError, or DiskError for any other refusal of the disk.
     """
     watch = watch or Watch()
+    load_template(TEMPLATE)
     manifest = sound_manifest(folder, (CODES, FRAMES), watch)
     partly, kept = manifest.state == "partial", TRUTH in manifest.files
     more = [TRUTH] if kept else []
