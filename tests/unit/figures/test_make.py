@@ -170,8 +170,9 @@ def test_the_page_says_what_was_measured(tmp_path: Path, pool: Executor) -> None
 
 
 def test_a_page_without_faults_says_so(tmp_path: Path, pool: Executor) -> None:
-    make([figure(FINE, ours=TAKE)], tmp_path, FULL, pool, plots=False)
-    page = page_of(tmp_path)
+    folder = tmp_path / "not" / "there"
+    make([figure(FINE, ours=TAKE)], folder, FULL, pool, plots=False)
+    page = page_of(folder)
     assert "All 2 numbers are within their stated bounds." in page
     assert "times fewer" not in page and 'class="plots"' not in page and "banner not" not in page
 
