@@ -9,7 +9,7 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json
 from pdcd.figures.catalog import figures_of
 from pdcd.figures.figure import FULL, QUICK
-from pdcd.figures.make import PAGE, Ahead, make, open_processes
+from pdcd.figures.make import PAGE, make, open_processes
 
 
 def figures(args: argparse.Namespace) -> int:
@@ -18,7 +18,7 @@ def figures(args: argparse.Namespace) -> int:
     folder = args.out.absolute()
     with open_processes(args.workers) as pool:
         wanted = figures_of(args.number)
-        outcome = make(wanted, folder, mode, pool, plots=args.plots, tell=_Teller())
+        outcome = make(wanted, folder, mode, pool, plots=args.plots, tell=_tell_ahead)
     if args.json:
         said = {"page": str(folder / PAGE), "held": outcome.held}
         say_json({**said, "figures": outcome.made, "failed": outcome.failed})
@@ -33,18 +33,9 @@ def figures(args: argparse.Namespace) -> int:
     return DONE if outcome.held else FAILED
 
 
-class _Teller:
-    """Says how far the work is, when that has changed."""
-
-    def __init__(self) -> None:
-        self._last = -1
-
-    def __call__(self, ahead: Ahead) -> None:
-        if ahead.taken == self._last:
-            return
-        self._last = ahead.taken
-        left = "" if ahead.left_s is None else f", about {_time(ahead.left_s)} left"
-        tell(f"{ahead.taken} of {ahead.of} captures{left}")
+def _tell_ahead(taken: int, of: int, left_s: float | None) -> None:
+    left = "" if left_s is None else f", about {_time(left_s)} left"
+    tell(f"{taken} of {of} captures{left}")
 
 
 def _time(seconds: float) -> str:

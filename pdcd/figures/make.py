@@ -29,15 +29,6 @@ from pdcd.pages.render import render_page
 PAGE = "index.html"
 
 
-@dataclass(frozen=True)
-class Ahead:
-    """How far the work is, in captures. left_s : estimate; None before anything is known."""
-
-    taken: int
-    of: int
-    left_s: float | None
-
-
 @dataclass
 class Outcome:
     """made : figures in the order of the page. failed : number -> why, of those without a page."""
@@ -58,12 +49,14 @@ def make(
     pool: Executor,
     *,
     plots: bool = True,
-    tell: Callable[[Ahead], None] = lambda ahead: None,
+    tell: Callable[[int, int, float | None], None] = lambda taken, of, left_s: None,
 ) -> Outcome:
     """Make figures and the page of a folder; what is there, whole and unchanged stays.
 
     pool : where each figure is made; `open_processes`. plots : whether to draw plots, which needs
-    matplotlib. `tell` hears how far the work is. A figure that fails does not end the others.
+    matplotlib. `tell` hears how far the work is: captures that are taken, all that are to be, and
+    the seconds that are left, as estimated; None before anything is known. A figure that fails
+    does not end the others.
     Raises ConfigError without matplotlib, and DiskError.
     """
     if plots:
@@ -81,7 +74,7 @@ def make(
     dearest = sorted(waiting.values(), key=lambda one: -sum(map(_cost, takes[one.number].values())))
     jobs = {pool.submit(make_figure, one, folder, mode, inputs, plots): one for one in dearest}
     if jobs:
-        tell(Ahead(0, of, None))
+        tell(0, of, None)
     _write_page(folder, mode, inputs, outcome, waiting)
     for job in as_completed(jobs):
         number = jobs[job].number
@@ -91,7 +84,7 @@ def make(
         taken += len(takes[number])
         _write_page(folder, mode, inputs, outcome, waiting)
         spent_s = time.monotonic() - begun_s
-        tell(Ahead(taken, of, spent_s * (of - taken) / taken if taken else None))
+        tell(taken, of, spent_s * (of - taken) / taken if taken else None)
     found = (read_record(folder, one.number, inputs) for one in figures)
     outcome.made = [made for made in found if made and made["number"] not in outcome.failed]
     return outcome

@@ -36,7 +36,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
-from pdcd.figures.make import PAGE, Ahead, Outcome, make
+from pdcd.figures.make import PAGE, Outcome, make
 from pdcd.figures.record import capture_told, fingerprint_of, read_record
 
 LIGHT = np.linspace(0.0, 1.0, 96 * 128 * 3, dtype=np.float32).reshape(96, 128, 3)
@@ -111,9 +111,8 @@ def test_a_figure_that_is_there_is_not_taken_again(
     assert first.held and not first.failed and photographed == ["ours"]
     (made,) = first.made
     assert len(files_of(made)) == 3 and all((tmp_path / file).is_file() for file in files_of(made))
-    told: list[Ahead] = []
-    again = make([figure(FINE, ours=TAKE)], tmp_path, TINY, pool, tell=told.append)
-    assert again == first and photographed == ["ours"] and told == []
+    again = make([figure(FINE, ours=TAKE)], tmp_path, TINY, pool, tell=None)  # type: ignore[arg-type]
+    assert again == first and photographed == ["ours"]
     # All that is told is a script's, too.
     kept = json.loads((tmp_path / "data" / "fig-1.json").read_text())
     assert (kept["numbers"][0]["held"], kept["captures"][0]["error"]) == (True, 0.0123)
@@ -179,9 +178,9 @@ def test_a_page_without_faults_says_so(tmp_path: Path, pool: Executor) -> None:
 
 def test_a_figure_that_fails_ends_no_other(tmp_path: Path, pool: Executor) -> None:
     seen: list[str] = []
-    told: list[Ahead] = []
+    told: list[tuple[int, int, float | None]] = []
 
-    def tell(ahead: Ahead) -> None:
+    def tell(*ahead: Any) -> None:
         told.append(ahead)
         seen.append(page_of(tmp_path) if (tmp_path / PAGE).exists() else "")
 
@@ -191,8 +190,8 @@ def test_a_figure_that_fails_ends_no_other(tmp_path: Path, pool: Executor) -> No
     assert [made["number"] for made in outcome.made] == ["1"]
     assert "Could not be made: no &lt;light&gt;" in page_of(tmp_path)
     assert "1 figures could not be made." in page_of(tmp_path)
-    assert [(one.taken, one.of) for one in told] == [(0, 3), (2, 3), (3, 3)]  # the dearest first
-    assert told[0].left_s is None and told[2].left_s == 0.0
+    assert [one[:2] for one in told] == [(0, 3), (2, 3), (3, 3)]  # the dearest first
+    assert (told[0][2], told[2][2]) == (None, 0.0)
     assert "Not finished: still to be made: Figure 1." in seen[1]
 
 
