@@ -1,11 +1,11 @@
 """Child processes: how one is started, talked to, watched, and killed.
 
 Four programs here have children: the display has its presenter, the daemon its worker, a shutter
-its guardian, a sweep its crew. (Figures have a pool of the standard library, and the demo starts a
-daemon as a user would.) Each child gets one end of a socket pair, the number of that descriptor as
-the last word of its command, and a session of its own. Both sides hold a `Line`, which carries
-whole messages. The parent also holds a `Child`, which knows whether the process lives and how it
-ended.
+its guardian, a sweep those that take its photos. (Figures have a pool of the standard library, and
+the demo starts a daemon as a user would.) Each child gets one end of a socket pair, the number of
+that descriptor as the last word of its command, and a session of its own. Both sides hold a `Line`,
+which carries whole messages. The parent also holds a `Child`, which knows whether the process lives
+and how it ended.
 
 Either side may die at any time. The kernel then closes its end, and the other one is told.
 """

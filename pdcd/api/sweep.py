@@ -1,12 +1,18 @@
-"""Many captures, one table: on one bench, in processes of their own, or on a cluster."""
+"""Many captures, one table: on one bench, in processes of their own, or on a cluster.
+
+What is done is found in the folder of the sweep: each capture has a place there, named by all that
+makes it, with its run or a link to it.
+"""
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, as_completed
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +20,23 @@ import msgspec
 
 from pdcd.api.arguments import asked, plain
 from pdcd.api.bench import Bench
-from pdcd.api.ledger import Ledger
+from pdcd.api.executors import Processes, cluster_executor
 from pdcd.api.local import Configured, LocalBench, configured, described
-from pdcd.api.pool import Cluster, Ends, in_processes, on_cluster
 from pdcd.api.progress import drawn
 from pdcd.api.table import Table
-from pdcd.api.task import Record, Task, Value, ended, failed, held, key_of, taken
+from pdcd.api.task import (
+    Record,
+    Task,
+    Value,
+    ended,
+    failed,
+    held,
+    hold_place,
+    keep_in_place,
+    key_of,
+    row_in_place,
+    taken,
+)
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError
 from pdcd.protocol.request import CaptureRequest
@@ -28,14 +45,16 @@ Request = Mapping[str, Any] | CaptureRequest | str
 """Keywords of a capture with its "goal", and for a sweep over benches a "config"; a request; or
 the name of a goal."""
 
+Ends = Generator[tuple[int, Record], None, None]
+"""Numbers of tasks, and how they ended, as they do."""
+
 
 @dataclass(frozen=True)
 class _Wanted:
-    """One capture: what the table says was asked, its task, and its key."""
+    """One capture: what the table says was asked, and its task."""
 
     told: Record
     task: Task
-    key: str = ""
 
 
 def sweep(
@@ -45,7 +64,7 @@ def sweep(
     workers: int | None = None,
     folder: Path | str | None = None,
     progress: bool | Callable[[Record], None] = True,
-    cluster: str | Cluster | None = None,
+    cluster: Any = None,
 ) -> Table:
     """Take many photos; one that fails does not end the others.
 
@@ -57,9 +76,9 @@ def sweep(
     requests : each a mapping of keywords as of `Bench.capture`, with "goal"; where `bench` is a
         configuration it may have "config", tables or TOML text that change some of its keys.
     workers : processes; None: one for each processor; 0: all in this process.
-    folder : where the runs go, with a list of what is done: the same sweep into the same folder
+    folder : where the runs go, or links to those of a daemon: the same sweep into the same folder
         takes only what is missing or has failed. None: the runs go where those of a single capture
-        would, and nothing is remembered.
+        would, and nothing is found again.
     progress : whether to show it; or what takes the row of each capture that has ended.
     cluster : address of a Dask cluster that takes the photos, or a `distributed.Client` of it;
         needs the extra `cluster`.
@@ -68,28 +87,27 @@ def sweep(
     another sweep fills the folder.
     """
     place = None if folder is None else Path(folder).absolute()
+    shared = bool(workers) or cluster is not None
     if isinstance(bench, Bench):
-        if workers or cluster is not None:
+        if shared:
             raise RequestError(
                 "a bench takes one photo at a time", hint="give its configuration instead"
             )
         wanted = _wanted(requests, Config(), bench, place)
-        return _collected(wanted, place, progress, lambda tasks: _on_bench(bench, tasks))
-    config = configured(bench)
-    wanted = _wanted(requests, config, None, place)
+        return _collected(wanted, place, progress, partial(_one_by_one, partial(_taken_on, bench)))
+    wanted = _wanted(requests, configured(bench), None, place)
     if any(not _mock(w.task.config) for w in wanted):
-        if workers or cluster is not None:
+        if shared:
             raise RequestError("real devices take one photo at a time", hint="leave out workers")
         workers = 0
-    if cluster is not None:
-        address = cluster
-        return _collected(wanted, place, progress, lambda tasks: on_cluster(tasks, address))
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     if count < 0:
         raise RequestError(f"{count} workers", hint="take 1 or more, or 0 for this process")
-    if count == 0:
-        return _collected(wanted, place, progress, _here)
-    return _collected(wanted, place, progress, lambda tasks: in_processes(tasks, count))
+    if cluster is not None:
+        with cluster_executor(cluster) as executor:
+            return _collected(wanted, place, progress, partial(_all_on, executor))
+    run = partial(_all_on, Processes(count)) if count else partial(_one_by_one, taken)
+    return _collected(wanted, place, progress, run)
 
 
 def _collected(
@@ -99,27 +117,22 @@ def _collected(
     run: Callable[[Sequence[Task]], Ends],
 ) -> Table:
     """Run what the folder does not have yet, and put all rows into one table."""
-    rows: dict[int, Record] = {}
-    ledger = None if folder is None else Ledger(folder)
-    try:
-        known = {} if ledger is None else ledger.known
-        left = [n for n, one in enumerate(wanted) if one.key not in known]
+    with hold_place(folder):
         rows = {
-            n: wanted[n].told | known[wanted[n].key] for n in range(len(wanted)) if n not in left
+            number: one.told | row
+            for number, one in enumerate(wanted)
+            if (row := row_in_place(one.task)) is not None
         }
+        left = [number for number in range(len(wanted)) if number not in rows]
         with (
             _counting(progress, len(rows), len(wanted)) as tell,
             closing(run([wanted[n].task for n in left])) as ends,
         ):
             for index, row in ends:
                 number = left[index]
+                keep_in_place(wanted[number].task, row)
                 rows[number] = wanted[number].told | row
-                if ledger is not None:
-                    ledger.add(wanted[number].key, row)
                 tell(rows[number])
-    finally:
-        if ledger is not None:
-            ledger.close()
     return Table(rows[number] for number in sorted(rows))
 
 
@@ -171,7 +184,7 @@ def _wanted(
         # A folder each: names of runs that begin in the same second could be the same.
         place = None if folder is None else folder / "runs" / key[:16]
         told = {"number": number, **one.told}
-        found.append(_Wanted(told, replace(task, folder=place), key))
+        found.append(_Wanted(told, replace(task, folder=place)))
     return found
 
 
@@ -220,23 +233,41 @@ def _said(value: Any) -> Value:
     return text if len(text) <= 80 else f"{text[:76]} ..."
 
 
-def _here(tasks: Sequence[Task]) -> Ends:
-    """One after the other, each on a bench of its own, in this process."""
+def _one_by_one(take: Callable[[Task], Record], tasks: Sequence[Task]) -> Ends:
+    """One after the other, in this process."""
     for number, task in enumerate(tasks):
-        yield number, taken(task)
+        yield number, take(task)
 
 
-def _on_bench(bench: Bench, tasks: Sequence[Task]) -> Ends:
-    """One after the other, on the same bench."""
-    for number, task in enumerate(tasks):
-        request = task.request
-        # A daemon has places of its own.
-        if task.folder is not None and request.out is None and isinstance(bench, LocalBench):
-            request = msgspec.structs.replace(request, out=str(task.folder))
-        try:
-            yield number, ended(request, bench.take(request, task.arrays))
-        except PdcdError as err:
-            yield number, failed(request, err)
+def _all_on(executor: Executor, tasks: Sequence[Task]) -> Ends:
+    """As many at a time as the executor takes; what still runs when it is closed is ended."""
+    futures = {executor.submit(taken, task): number for number, task in enumerate(tasks)}
+    try:
+        for future in as_completed(futures):
+            number = futures[future]
+            try:
+                row = future.result()
+            except PdcdError as err:
+                row = failed(tasks[number].request, err)
+            except Exception as err:  # whatever a cluster loses it by
+                row = failed(tasks[number].request, PdcdError(f"the cluster lost it: {err}"))
+            yield number, row
+    finally:
+        for future in futures:
+            future.cancel()
+        executor.shutdown(wait=False)
+
+
+def _taken_on(bench: Bench, task: Task) -> Record:
+    """Take the photo on a bench that is there."""
+    request = task.request
+    # A daemon has places of its own.
+    if task.folder is not None and request.out is None and isinstance(bench, LocalBench):
+        request = msgspec.structs.replace(request, out=str(task.folder))
+    try:
+        return ended(request, bench.take(request, task.arrays))
+    except PdcdError as err:
+        return failed(request, err)
 
 
 def _mock(config: Config) -> bool:

@@ -1,11 +1,14 @@
-"""One capture of a sweep as a value that can be sent to another process, and how it ended."""
+"""One capture of a sweep as a value that can be sent to another process, its place, and how it
+ended."""
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,11 +18,14 @@ import numpy as np
 
 from pdcd.api.local import LocalBench
 from pdcd.bench.tables import Config
-from pdcd.errors import PdcdError, RequestError
+from pdcd.errors import BusyError, DecodeError, PdcdError, RequestError, disk_errors
 from pdcd.files.opening import Limits, Sendable, Unsound, contents, open_own
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, figure_of, quality_of
 from pdcd.recipes.arrays import MOST_ELEMENTS
+from pdcd.runs.folder import sha256_of
+from pdcd.runs.manifest import MANIFEST
+from pdcd.runs.verify import whole_manifest
 from pdcd.version import __version__
 
 logger = logging.getLogger(__name__)
@@ -45,7 +51,7 @@ class Task:
     """A capture on a bench of its own.
 
     arrays : those of the request, as the content of files or as arrays.
-    folder : where the run goes; None: where the configuration says.
+    folder : its place, where the run goes; None: where the configuration says.
     """
 
     config: Config
@@ -83,6 +89,58 @@ def failed(request: CaptureRequest, error: PdcdError) -> Record:
     """The row of a capture that never became a job, or whose process died."""
     told: dict[str, str | None] = {"kind": error.kind, "message": str(error)}
     return ended(request, CaptureResult(job="", state="failed", error=told))
+
+
+@contextmanager
+def hold_place(folder: Path | None) -> Iterator[None]:
+    """Keep other sweeps out of a folder, which is made. Raises BusyError, NoSpaceError and
+    DiskError."""
+    if folder is None:
+        yield
+        return
+    with disk_errors(str(folder)):
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as err:
+            raise BusyError(
+                f"another sweep fills {folder}", hint="wait for it, or take another folder"
+            ) from err
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def row_in_place(task: Task) -> Record | None:
+    """The row of the run that lies in the place of a task, done and not changed since; None where
+    there is none."""
+    with suppress(OSError):
+        for run in sorted(task.folder.iterdir() if task.folder else (), reverse=True):
+            with suppress(DecodeError, OSError):
+                manifest = whole_manifest(run, ())
+                result = CaptureResult(
+                    job=manifest.job,
+                    state="done",
+                    folder=str(run.readlink() if run.is_symlink() else run),
+                    manifest_sha256=sha256_of(run / MANIFEST),
+                    summary=manifest.summary,
+                )
+                return ended(task.request, result)
+    return None
+
+
+def keep_in_place(task: Task, row: Record) -> None:
+    """Leave a link in the place of a task whose run is done and lies elsewhere. Raises NoSpaceError
+    and DiskError."""
+    folder = row["folder"]
+    if task.folder is None or row["state"] != "done" or not isinstance(folder, str):
+        return
+    link = task.folder / Path(folder).name
+    with disk_errors(str(link)), suppress(FileExistsError):
+        task.folder.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(folder)
 
 
 def held(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,10 @@ import numpy as np
 import pytest
 
 import pdcd
-from pdcd.api.ledger import NAME
 from pdcd.api.local import LocalBench
 from pdcd.api.task import ENDING, Record, key_of
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
+from pdcd.errors import BusyError, DeviceLost, RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests.bench_rig import config, matrix_scene, transport
@@ -78,13 +76,17 @@ def test_it_goes_on_where_it_was_ended(rig: Config, tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         pdcd.sweep(rig, requests, workers=0, folder=place, progress=stop)
-    with (place / NAME).open("a") as ledger:
-        ledger.write('{"key": "half a li')
     first = pdcd.sweep(rig, requests, workers=0, folder=place, progress=False)
     told: list[Record] = []
     again = pdcd.sweep(rig, requests, workers=0, folder=place, progress=told.append)
     assert not told and list(again) == list(first) and len(set(_jobs(first))) == 3
     assert len([*(place / "runs").glob("*/*")]) == 3  # the one before the interrupt is kept
+    # One that lies elsewhere, as those of a daemon do, is found by a link.
+    run = Path(str(first[2]["folder"]))
+    moved = run.rename(tmp_path / run.name)
+    run.symlink_to(moved)
+    linked = pdcd.sweep(rig, requests, workers=0, folder=place, progress=told.append)
+    assert not told and linked[2] == first[2] | {"folder": str(moved)}
 
     # Another scene under the same name, a run that was changed: taken anew, and nothing else.
     changed = Path(str(first[1]["folder"])) / "capture.json"
@@ -174,31 +176,6 @@ def test_on_one_bench_one_after_the_other(
             pdcd.sweep(bench, [{"goal": "white", "config": {}}])
 
 
-MORTAL = """
-import os, sys
-from pdcd.child import PICKLES, Line
-
-with Line.at(int(sys.argv[1]), PICKLES) as line:
-    while True:
-        if line.receive().request.note == "the deadly one":
-            os.kill(os.getpid(), 9)
-        line.send({"state": "done", "job": str(os.getpid())})
-"""
-
-
-def test_a_process_that_dies_takes_only_its_own_capture_with_it(
-    rig: Config, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pdcd.api.pool.COMMAND", (sys.executable, "-c", MORTAL))
-    notes = ("", "the deadly one", "", "")
-    requests = [{"goal": "white", "note": note} for note in notes]
-    table = pdcd.sweep(rig, requests, workers=1, progress=False)
-    assert [*table["state"]] == ["done", "failed", "done", "done"]
-    assert "(SIGKILL)" in str(table[1]["error"])
-    pids = _jobs(table)
-    assert pids[0] != pids[2] == pids[3]
-
-
 @pytest.mark.long
 def test_in_processes_as_in_this_one(rig: Config, tmp_path: Path) -> None:
     here = pdcd.sweep(rig, REQUESTS, workers=0, progress=False)
@@ -222,9 +199,3 @@ def test_on_a_cluster_as_in_this_process(rig: Config) -> None:
     for name in ("state", "codes", "rms_error_quads", "rms_sigma", "error"):
         assert [str(value) for value in here[name]] == [str(value) for value in there[name]]
     assert again[0]["rms_error_quads"] == here[0]["rms_error_quads"]
-
-
-def test_no_cluster_where_there_is_none(rig: Config, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ConfigError, match=r"install distributed\)"):
-        pdcd.sweep(rig, ["white"], cluster="tcp://127.0.0.1:1", progress=False)

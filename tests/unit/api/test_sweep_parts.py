@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,13 +16,12 @@ import pytest
 
 from pdcd.api import sweep as module
 from pdcd.api.bench import Bench
-from pdcd.api.ledger import Ledger
 from pdcd.api.local import LocalBench, described
 from pdcd.api.sweep import sweep
-from pdcd.api.task import Record, Task, key_of
+from pdcd.api.task import Record, Task, hold_place, key_of
 from pdcd.bench.choosing import FOLDER as CALIBRATIONS
 from pdcd.bench.tables import Config, ServerConfig
-from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
+from pdcd.errors import ConfigError, DeviceLost, DiskError, RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests.unit.bench._calibrations import record, written
@@ -34,23 +33,24 @@ class Hands:
     """Who takes photos in the place of processes, a cluster, or this process."""
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        self.asked: list[tuple[str, int, object]] = []
+        self.asked: list[tuple[str, object]] = []
         self.tasks: list[Task] = []
-        patch.setattr(module, "in_processes", lambda tasks, n: self._ends("processes", tasks, n))
-        patch.setattr(module, "on_cluster", lambda tasks, at: self._ends("cluster", tasks, at))
+        patch.setattr(module, "Processes", lambda count: ("processes", count))
+        patch.setattr(module, "cluster_executor", lambda at: nullcontext(("cluster", at)))
+        patch.setattr(module, "_all_on", self._ends)
         patch.setattr(module, "taken", self._taken)
         patch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2})
 
     def _taken(self, task: Task) -> Record:
-        self.asked.append(("here", 1, None))
+        self.asked.append(("here", 1))
         self.tasks.append(task)
-        return {"state": "done", "job": task.request.note}
+        return {"state": "done", "job": task.request.note, "folder": None}
 
-    def _ends(self, who: str, tasks: Sequence[Task], how: object) -> Iterator[tuple[int, Record]]:
-        self.asked.append((who, len(tasks), how))
+    def _ends(self, who: Any, tasks: Sequence[Task]) -> Iterator[tuple[int, Record]]:
+        self.asked.append(who)
         self.tasks += tasks
         for number in reversed(range(len(tasks))):
-            yield number, {"state": "done", "job": tasks[number].request.note}
+            yield number, {"state": "done", "job": tasks[number].request.note, "folder": None}
 
 
 @pytest.fixture
@@ -65,19 +65,17 @@ def noted(*notes: str) -> list[Any]:
 @pytest.mark.parametrize(
     ("how", "asked"),
     [
-        ({}, ("processes", 2, 3)),
-        ({"workers": 1}, ("processes", 2, 1)),
-        ({"workers": 5}, ("processes", 2, 5)),
-        ({"workers": 0}, ("here", 1, None)),
-        ({"cluster": "tcp://there:1"}, ("cluster", 2, "tcp://there:1")),
-        ({"cluster": "tcp://there:1", "workers": 0}, ("cluster", 2, "tcp://there:1")),
+        ({}, [("processes", 3)]), ({"workers": 1}, [("processes", 1)]),
+        ({"workers": 5}, [("processes", 5)]), ({"workers": 0}, [("here", 1)] * 2),
+        ({"cluster": "tcp://there:1"}, [("cluster", "tcp://there:1")]),
+        ({"cluster": "tcp://there:1", "workers": 0}, [("cluster", "tcp://there:1")]),
     ],
-)
+)  # fmt: skip
 def test_photos_are_taken_by_whom_it_was_asked_for(
-    how: Any, asked: tuple[str, int, object], hands: Hands
+    how: Any, asked: list[Any], hands: Hands
 ) -> None:
     table = sweep(Config(), noted("a", "b"), progress=False, **how)
-    assert hands.asked == [asked] * (3 - asked[1])
+    assert hands.asked == asked
     # In the order of the requests, whoever was first.
     assert [*table["job"]] == ["a", "b"] and [*table["number"]] == [0.0, 1.0]
     assert [*table["asked.note"]] == ["a", "b"]
@@ -89,13 +87,13 @@ def test_real_devices_take_one_photo_after_the_other(hands: Hands) -> None:
     config = msgspec.structs.replace(Config(), camera=real)
     for workers in (None, 0):
         sweep(config, ["white", "white"], workers=workers, progress=False)
-    assert hands.asked == [("here", 1, None)] * 4
+    assert hands.asked == [("here", 1)] * 4
     one_of_two: list[Any] = [
         "white",
         {"goal": "white", "config": {"camera": {"driver": "gphoto2"}}},
     ]
     sweep(Config(), one_of_two, progress=False)
-    assert hands.asked == [("here", 1, None)] * 6
+    assert hands.asked == [("here", 1)] * 6
     with pytest.raises(RequestError, match="real devices") as caught:
         sweep(config, ["white"], workers=1)
     assert caught.value.hint == "leave out workers"
@@ -134,7 +132,8 @@ def test_a_folder_gets_one_of_its_own_for_each_and_knows_what_is_done(
     later = sweep(Config(), requests, workers=1, folder=tmp_path / "s", progress=False)
     assert [task.folder for task in hands.tasks] == folders
     assert list(first) == list(later)
-    Ledger(tmp_path / "s").close()  # it is let go of
+    with hold_place(tmp_path / "s"):  # it is let go of
+        pass
 
 
 def test_a_bench_that_was_calibrated_anew_is_another_one(tmp_path: Path) -> None:
@@ -199,12 +198,16 @@ class Here(Own, LocalBench):
 def test_a_bench_takes_one_after_the_other_and_a_fault_of_ours_ends_it(tmp_path: Path) -> None:
     bench = Own()
     table = sweep(bench, noted("a", "lost", "b"), folder=tmp_path / "s", progress=False)
+    # Its own places are linked to where the sweep looks for them.
+    links = [str(link.readlink()) for link in sorted((tmp_path / "s").glob("runs/*/*"))]
+    assert sorted(links) == ["/x/1", "/x/3"]
     assert [*table["job"]] == ["a", "", "b"] and [*table["state"]] == ["done", "failed", "done"]
     assert [request.out for request in bench.taken] == [None] * 3  # it has places of its own
     with pytest.raises(ZeroDivisionError):
         sweep(bench, noted("a", "fault", "b"), folder=tmp_path / "t", progress=False)
     assert len(bench.taken) == 5
-    Ledger(tmp_path / "t").close()
+    with hold_place(tmp_path / "t"):
+        pass
 
 
 def test_a_bench_of_this_process_puts_runs_where_the_sweep_is(tmp_path: Path) -> None:
@@ -248,11 +251,10 @@ def test_where_all_is_done_the_bar_has_a_length_all_the_same(
     ]
 
 
-def test_a_ledger_that_is_held_is_refused_and_other_errors_are_their_own(tmp_path: Path) -> None:
-    ledger = Ledger(tmp_path)
-    with pytest.raises(BusyError, match=f"another sweep fills {tmp_path}"):
-        sweep(Own(), ["white"], folder=tmp_path)
-    ledger.close()
+def test_a_folder_that_cannot_be_had_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(DiskError, match="file"):
+        sweep(Own(), ["white"], folder=tmp_path / "file")
     with pytest.raises(ConfigError):
         sweep("none.toml", ["white"])
 

@@ -1,4 +1,4 @@
-"""Sweeps piece by piece: keywords, ledgers, tables, pools, interrupts; no photo is taken."""
+"""Sweeps piece by piece: keywords, tasks, rows, runs in a notebook; no photo is taken."""
 
 from __future__ import annotations
 
@@ -13,17 +13,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.api import pool, sweep
+from pdcd.api import sweep
 from pdcd.api.arguments import asked, plain
 from pdcd.api.bench import finished
-from pdcd.api.ledger import NAME, Ledger
 from pdcd.api.local import described, owner
-from pdcd.api.pool import on_cluster
 from pdcd.api.run import Run
-from pdcd.api.table import Table
-from pdcd.api.task import ENDING, Record, Task, ended, failed, held, taken
+from pdcd.api.task import ENDING, Task, ended, failed, held, taken
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.errors import BusyError, DecodeError, DeviceLost, PdcdError, RequestError
+from pdcd.errors import DecodeError, DeviceLost, PdcdError, RequestError
 from pdcd.files.arrays import read_npz
 from pdcd.files.opening import Limits
 from pdcd.protocol.request import CaptureRequest
@@ -148,174 +145,11 @@ def test_the_run_of_a_job_or_the_error_that_it_ended_by() -> None:
     assert not hasattr(bare.value, "__notes__")
 
 
-def test_a_ledger_knows_what_is_done_and_still_there(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    run.mkdir()
-    (run / "capture.json").write_bytes(b"manifest")
-    import hashlib
-
-    digest = hashlib.sha256(b"manifest").hexdigest()
-    done: Record = {"state": "done", "folder": str(run), "manifest_sha256": digest}
-    ledger = Ledger(tmp_path / "s")
-    assert ledger.known == {}
-    rows: dict[str, Record] = {
-        "good": done, "failed": done | {"state": "failed"},
-        "other": done | {"manifest_sha256": "0"},
-        "gone": done | {"folder": str(tmp_path / "none")}, "nowhere": done | {"folder": None},
-    }  # fmt: skip
-    for key, row in rows.items():
-        ledger.add(key, row)
-    with pytest.raises(BusyError):
-        Ledger(tmp_path / "s")
-    ledger.close()
-    with (tmp_path / "s" / NAME).open("ab") as file:
-        file.write(b'{"key": "half')
-    again = Ledger(tmp_path / "s")
-    assert again.known == {"good": done}
-    again.add("late", done)
-    again.close()
-    last = Ledger(tmp_path / "s")
-    assert last.known == {"good": done, "late": done}
-    last.close()
-
-
-def test_tables_have_columns_in_the_order_of_what_was_asked() -> None:
-    rows: list[Record] = [
-        {"number": 0, "asked.b": 1, "goal": "white", "state": "done", "codes": 8},
-        {"number": 1, "asked.a": "x", "goal": "white", "state": "failed", "codes": None},
-    ]
-    table = Table(rows)
-    assert table.columns == ("number", "asked.b", "asked.a", *ENDING)
-    assert table[1]["asked.a"] == "x" and table[0]["asked.a"] is None and len(table) == 2
-    assert table["codes"].dtype == np.float64 and np.isnan(table["codes"][1])
-    assert table["asked.a"].tolist() == [None, "x"] and table["asked.a"].dtype == object
-    assert [row["number"] for row in table.where(**{"asked.b": 1})] == [0]
-    assert [row["number"] for row in table.failed] == [1]
-    assert repr(table) == "<Table of 2 captures, 1 failed>"
-    with pytest.raises(IndexError):
-        table[2]
-    assert Table([]).columns == ("number", *ENDING) and len(Table([])) == 0
-
-
-@pytest.mark.parametrize(("count", "more"), [(40, None), (41, "and 1 more"), (45, "and 5 more")])
-def test_a_notebook_shows_so_many_rows(count: int, more: str | None) -> None:
-    table = Table(
-        {"number": n, "asked.p": 1 / 3, "state": "done", "goal": "<g>"} for n in range(count)
-    )
-    shown = table._repr_html_()
-    assert shown.count("<tr>") == 41 and "<td>0.3333</td>" in shown and "&lt;g&gt;" in shown
-    assert ("more" in shown) == (more is not None) and (more is None or more in shown)
-    heads = shown.split("</tr>")[0]
-    assert heads.index("number") < heads.index("asked.p") < heads.index("goal")
-
-
-def test_what_was_asked_fits_into_a_cell_of_a_table() -> None:
-    assert [sweep._said(v) for v in (None, 1, 0.5, "x" * 99, True)] == [
-        None,
-        1,
-        0.5,
-        "x" * 99,
-        True,
-    ]
-    assert sweep._said((1, 2)) == "[1,2]"
-    fits = ["x" * 76]
-    assert sweep._said(fits) == '["' + "x" * 76 + '"]' and len(str(sweep._said(fits))) == 80
-    cut = str(sweep._said(["x" * 77]))
-    assert len(cut) == 80 and cut.endswith("x ...")
-    assert [*sweep._flat({"a": {"b": 1, "c": {"d": 2}}, "e": 3})] == [
-        ("a.b", 1), ("a.c.d", 2), ("e", 3),
-    ]  # fmt: skip
-    assert [*sweep._flat("text")] == [("text", "text")] and [*sweep._flat(None)] == []
-
-
 def test_only_a_bench_that_is_mock_throughout_is_shared_out() -> None:
     assert sweep._mock(Config())
     for table in ("display", "trigger", "camera"):
         other = msgspec.structs.replace(getattr(Config(), table), driver="x11")
         assert not sweep._mock(msgspec.structs.replace(Config(), **{table: other}))
-
-
-def test_sweeps_that_cannot_be_are_refused() -> None:
-    with pytest.raises(RequestError, match="-1 workers"):
-        sweep.sweep(Config(), ["white"], workers=-1)
-    real = msgspec.structs.replace(Config().camera, driver="gphoto2")
-    config = msgspec.structs.replace(Config(), camera=real)
-    for wrong in ({"workers": 2}, {"cluster": "tcp://nowhere:1"}):
-        with pytest.raises(RequestError, match="real devices take one photo at a time"):
-            sweep.sweep(config, ["white"], **wrong)
-
-
-def test_a_sweep_tells_how_many_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[Any] = []
-    from contextlib import contextmanager
-
-    @contextmanager
-    def drawn(first: str) -> Any:
-        yield lambda *said: told.append(said)
-
-    monkeypatch.setattr(sweep, "drawn", drawn)
-    with sweep._counting(True, 2, 5) as tell:
-        tell({"state": "done"})
-        tell({"state": "failed"})
-        tell({"state": "done"})
-    assert told == [
-        ("2 of 5 captures", (0.0, 3.0), True),
-        ("3 of 5 captures", (1.0, 3.0), False),
-        ("4 of 5 captures, 1 failed", (2.0, 3.0), False),
-        ("5 of 5 captures, 1 failed", (3.0, 3.0), False),
-    ]
-    with sweep._counting(False, 0, 1) as silent:
-        silent({"state": "done"})
-    assert len(told) == 4
-
-
-class Future:
-    def __init__(self, value: Any, error: Exception | None = None) -> None:
-        self.value, self.error = value, error
-
-    def exception(self) -> Exception | None:
-        return self.error
-
-    def result(self) -> Any:
-        return self.value
-
-    def add_done_callback(self, call: Any) -> None:
-        call(self)
-
-
-class Cluster:
-    """A cluster that takes every photo at once, and loses those of a note."""
-
-    def __init__(self) -> None:
-        self.calls: list[str] = []
-        self.how: dict[str, object] = {}
-
-    def submit(self, function: Any, task: Task, **how: object) -> Future:
-        assert function is taken
-        self.how = how
-        lost = ValueError("worker died") if task.request.note == "lost" else None
-        return Future({"state": "done", "job": task.request.note}, lost)
-
-    def cancel(self, futures: list[Any]) -> None:
-        self.calls.append(f"cancel {len(futures)}")
-
-    def close(self) -> None:
-        self.calls.append("close")
-
-
-def test_a_cluster_that_loses_a_capture_loses_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    tasks = [Task(Config(), CaptureRequest(goal="white", note=n)) for n in ("a", "lost", "b")]
-    mine = Cluster()
-    rows = dict(on_cluster(tasks, mine))
-    assert [rows[n]["state"] for n in range(3)] == ["done", "failed", "done"]
-    assert (rows[0]["job"], rows[2]["job"]) == ("a", "b")
-    assert "the cluster lost it: worker died" in str(rows[1]["error"])
-    assert mine.calls == ["cancel 3"]  # one that was given stays open
-    assert mine.how == {"pure": False, "retries": 0}
-    named = Cluster()
-    monkeypatch.setattr(pool, "_client", lambda address: named)
-    assert len(dict(on_cluster(tasks, "tcp://there:1"))) == 3
-    assert named.calls == ["cancel 3", "close"]
 
 
 def test_a_bench_is_told_by_its_configuration_and_its_files(tmp_path: Path) -> None:

@@ -1,0 +1,74 @@
+"""The table that a sweep ends with."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.api.table import Table
+from pdcd.api.task import ENDING, Record
+from pdcd.errors import DiskError, RequestError
+
+ROWS: list[Record] = [
+    {"number": 0, "asked.tags": "a,b\nc", "goal": "white", "state": "done", "codes": 8},
+    {"number": 1, "asked.tags": None, "goal": "wh\xeft", "state": "failed", "codes": 0.5},
+    {"number": 2, "asked.tags": "x", "goal": "white", "state": "cancelled", "codes": True},
+]
+
+
+def test_a_table_is_written_as_others_read_it(tmp_path: Path) -> None:
+    table = Table(ROWS)
+    table.to_csv(tmp_path / "t.csv")
+    with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+        head, *lines = csv.reader(file)
+    assert tuple(head) == table.columns == ("number", "asked.tags", *ENDING)
+    assert [line[:4] for line in lines] == [
+        ["0", "a,b\nc", "white", "done"], ["1", "", "wh\xeft", "failed"],
+        ["2", "x", "white", "cancelled"],
+    ]  # fmt: skip
+    with pytest.raises(DiskError, match="none"):
+        table.to_csv(tmp_path / "none" / "t.csv")
+
+
+def test_columns_of_numbers_are_numbers_and_rows_are_found_by_all_values() -> None:
+    table = Table(ROWS)
+    assert table["codes"].tolist() == [8.0, 0.5, 1.0] and table["codes"].dtype == np.float64
+    assert table["asked.tags"].dtype == object and table["asked.tags"].shape == (3,)
+    assert table["error"].dtype == np.float64 and np.isnan(table["error"]).all()
+    assert [row["number"] for row in table.where(goal="white")] == [0, 2]
+    assert [row["number"] for row in table.where(goal="white", state="done")] == [0]
+    assert [row["number"] for row in table.where(**{"asked.tags": None})] == [1]
+    assert len(table.where()) == 3 and [row["number"] for row in table.failed] == [1, 2]
+    with pytest.raises(RequestError, match="there is no column speed") as caught:
+        table.where(goal="white", speed=1)
+    assert str(caught.value.hint).startswith("columns are number, asked.tags, goal")
+    assert tuple(table[-1]) == table.columns and table[-1]["number"] == 2
+
+
+def test_a_cell_of_a_notebook_is_short() -> None:
+    told: list[Any] = [None, 1 / 3, 12345.678, 7, True, "<b>", 1e-9]
+    rows: list[Record] = [{"number": n, "asked.x": value, "state": "done"} for n, value in
+                          enumerate(told)]  # fmt: skip
+    shown = Table(rows)._repr_html_()
+    cells = ["", "0.3333", "1.235e+04", "7", "True", "&lt;b&gt;", "1e-09"]
+    for number, cell in enumerate(cells):
+        assert f"<tr><td>{number}</td><td>{cell}</td><td></td><td>done</td>" in shown
+    heads = "".join(
+        f"<th>{name}</th>"
+        for name in ("number", "asked.x", "goal", "state", "verdict", "codes", "exposure_s",
+                     "rms_sigma", "rms_error_quads", "rms_error_cells")
+    )  # fmt: skip
+    assert shown.startswith(f"<div><table><thead><tr>{heads}</tr></thead><tbody><tr>")
+    assert shown.endswith("</tr></tbody></table></div>")
+
+
+@pytest.mark.parametrize(("count", "more"), [(40, None), (41, "and 1 more"), (45, "and 5 more")])
+def test_a_notebook_shows_so_many_rows(count: int, more: str | None) -> None:
+    shown = Table({"number": n, "state": "done"} for n in range(count))._repr_html_()
+    assert shown.count("<tr>") == 41
+    assert ("more" in shown) == (more is not None) and (more is None or more in shown)
+    assert Table([]).columns == ("number", *ENDING) and len(Table([])) == 0
