@@ -30,7 +30,7 @@ def web(args: argparse.Namespace) -> int:
 
     def opened(address: str) -> None:
         say(address)
-        tell("open that address in a browser here: it is good once; Ctrl-C ends")
+        tell("open that address in a browser here; it is good until Ctrl-C ends the page")
 
     asyncio.run(run(bound(args.host, args.port), socket, state.absolute(), opened))
     return DONE

@@ -18,9 +18,8 @@ from pdcd.protocol.fields import FieldError, convert_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.web.asks import ENGINE_S, Asks
-from pdcd.web.door import ENTER, REPORT, Asked, Door, Refused
+from pdcd.web.door import REQUEST_S, Door, Places, Refused
 from pdcd.web.form import form_groups
-from pdcd.web.guard import REQUEST_S, Guards
 from pdcd.web.news import News, TooMany
 from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, page_files
 from pdcd.web.shelf import Shelf
@@ -71,9 +70,9 @@ DETACHED = ("capture", "calibrate")
 class Site:
     """The addresses of one server."""
 
-    def __init__(self, door: Door, guards: Guards, asks: Asks, news: News, shelf: Shelf) -> None:
-        """guards : of the connections by which requests come."""
-        self._guards = guards
+    def __init__(self, door: Door, places: Places, asks: Asks, news: News, shelf: Shelf) -> None:
+        """places : of the connections by which requests come."""
+        self._places = places
         self._door = door
         self._asks = asks
         self._news = news
@@ -88,18 +87,21 @@ class Site:
 
     def app(self) -> web.Application:
         """What the server serves."""
-        room = self._door.room
         app = web.Application(middlewares=[self._keep], client_max_size=MOST_BYTES)
-        app.router.add_get(f"{room}/", self._file)
-        app.router.add_get(f"{room}/events", self._events)
-        app.router.add_get(f"{room}/describe", self._describe)
-        app.router.add_get(f"{room}/runs", self._runs)
-        app.router.add_get(f"{room}/run/{{job}}", self._run)
-        app.router.add_get(f"{room}/picture/{{job}}/{{name}}/{{look:[0-9]+}}", self._picture)
-        app.router.add_get(f"{room}/report/{{job}}", self._to_report)
+        for path, handler in (
+            ("/", self._file),
+            ("/events", self._events),
+            ("/describe", self._describe),
+            ("/runs", self._runs),
+            ("/run/{job}", self._run),
+            ("/picture/{job}/{name}", self._picture),
+            ("/ticket/{job}", self._ticket),
+            ("/report/{job}/{ticket}", self._report),
+            ("/{name}", self._file),
+        ):
+            app.router.add_get(path, handler, allow_head=False)
         for name in WANTS:
-            app.router.add_post(f"{room}/{name}", self._post)
-        app.router.add_get(f"{room}/{{name}}", self._file)
+            app.router.add_post(f"/{name}", self._post)
         return app
 
     @web.middleware
@@ -138,19 +140,11 @@ class Site:
         return _error(status, "refused", why)
 
     async def _let_in(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        headers = [(name.decode("latin-1"), value.decode(errors="replace"))
-                   for name, value in request.raw_headers]  # fmt: skip
-        asked = Asked.of(request.method, request.raw_path, headers)
-        self._door.look(asked)
-        if asked.path.startswith(ENTER):
-            cookie = self._door.exchange(asked)
-            return web.Response(
-                status=303, headers={"Location": f"{self._door.room}/", "Set-Cookie": cookie}
-            )
-        if asked.path.startswith(REPORT):
-            return await self._report(self._door.job_of(asked), request)
-        self._door.check(asked)
-        self._guards.known(request.transport, REQUEST_S)
+        self._door.check_host(request)
+        # The files of the page hold no secret, and a browser asks for them before it has the token.
+        if handler not in (self._file, self._report):
+            self._door.check_token(request)
+            self._places.admit(request.transport, REQUEST_S)
         return await handler(request)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
@@ -166,7 +160,7 @@ class Site:
             response = web.StreamResponse(headers={**ALWAYS, "Content-Security-Policy": OURS})
             response.content_type = "text/event-stream"
             response.force_close()
-            self._guards.known(request.transport, None)
+            self._places.admit(request.transport, None)
             try:
                 await response.prepare(request)
                 await _written(response, first)
@@ -192,15 +186,17 @@ class Site:
         data = await self._disk.do(self._shelf.picture, job, name)
         return web.Response(body=data, content_type="image/png")
 
-    async def _to_report(self, request: web.Request) -> web.StreamResponse:
+    async def _ticket(self, request: web.Request) -> web.StreamResponse:
         job = request.match_info["job"]
         if not (await self._disk.do(self._shelf.run, job)).report:
             raise Refused(404, "that run has no report")
-        return web.Response(status=303, headers={"Location": self._door.ticket(job)})
+        return _json({"address": f"report/{job}/{self._door.ticket(job)}"})
 
-    async def _report(self, job: str, request: web.Request) -> web.StreamResponse:
+    async def _report(self, request: web.Request) -> web.StreamResponse:
         """The page of a run, for who has a ticket to it."""
-        self._guards.known(request.transport, REQUEST_S)
+        job = request.match_info["job"]
+        self._door.check_ticket(job, request.match_info["ticket"])
+        self._places.admit(request.transport, REQUEST_S)
         data = await self._disk.do(self._shelf.report, job)
         return web.Response(
             body=data,
@@ -213,7 +209,9 @@ class Site:
         """Pass a wish on, once it is what it should be."""
         name = request.path.rpartition("/")[2]
         wants = WANTS[name]
-        if int(request.headers["Content-Length"]) > wants.most_bytes:
+        if request.content_length is None:
+            raise Refused(411, "the body comes with its length")
+        if request.content_length > wants.most_bytes:
             raise Refused(413, "the body is too long")
         body = await request.read()
         try:
@@ -222,7 +220,7 @@ class Site:
             raise RequestError(str(err)) from err
         except (ValueError, OverflowError, RecursionError) as err:
             raise Refused(400, f"the body is not what it should be: {err}") from err
-        self._guards.known(request.transport, LONG_S)
+        self._places.admit(request.transport, LONG_S)
         if isinstance(asked, JobParams) and name == "cancel":
             return _json(await self._asks.cancel(asked.job))
         params = msgspec.to_builtins(asked)

@@ -1,32 +1,25 @@
-"""Who is let in: one browser, by a token in the address that was printed, and nobody else's page.
+"""Who is let in: whoever shows the token that was printed, and nobody else's page.
 
-The token is good once. It is exchanged for a cookie, which no script can read and no other site's
-request carries. Browsers send cookies of a host to all of its ports, so the cookie is bound to a
-path that only that browser learns. Every request is looked at besides: which host it means, and
-which page it comes from.
+The token stands behind the # of the printed address. Browsers send that part to no server, so it is
+in no request line and no log. The page keeps it where only pages of this very address can read it,
+and shows it in a header that no other site's request has.
 """
 
 from __future__ import annotations
 
-import re
+import asyncio
+import hashlib
+import hmac
 import secrets
-from collections.abc import Iterable
-from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 
-ENTER = "/enter/"
-"""What the printed address begins with; the token follows."""
-REPORT = "/report/"
-"""What the address of a report begins with; a ticket follows."""
-MOST_TICKETS = 64
-"""Reports that can be loaded again, the last that were opened."""
+from aiohttp import web
 
-_PATH = re.compile(r"/[A-Za-z0-9._/-]{0,255}")
-"""What an address of ours may look like: no query, and nothing to be decoded."""
-_EMPTY_OR_DOTS = re.compile(r"//|/\.")
-_JSON = "application/json"
-_PAGES = ("same-origin", "none")
-"""`Sec-Fetch-Site` of requests of our own page, and of addresses that a person typed."""
+STRANGERS = 32
+"""Connections that have not shown the token, at a time."""
+STRANGER_S = 5.0
+"""From the first byte to the last of a request without the token, in seconds."""
+REQUEST_S = 30.0
+"""The same for a whole request with the token, its answer included."""
 
 
 class Refused(Exception):  # noqa: N818 - reads as the state it reports
@@ -38,125 +31,112 @@ class Refused(Exception):  # noqa: N818 - reads as the state it reports
         self.why = why
 
 
-@dataclass(frozen=True)
-class Asked:
-    """A request as its head has it: `path` as it was sent, headers in order."""
-
-    method: str
-    path: str
-    headers: tuple[tuple[str, str], ...]
-
-    @classmethod
-    def of(cls, method: str, path: str, headers: Iterable[tuple[str, str]]) -> Asked:
-        """The names of headers in small letters."""
-        return cls(method, path, tuple((name.lower(), value) for name, value in headers))
-
-    def all(self, name: str) -> list[str]:
-        """Every value of a header."""
-        return [value for key, value in self.headers if key == name]
-
-    def one(self, name: str) -> str | None:
-        """The value of a header that may come once. Raises Refused where it comes twice."""
-        values = self.all(name)
-        if len(values) > 1:
-            raise Refused(400, f"{name} comes twice")
-        return values[0] if values else None
-
-
 class Door:
     """The rules for one server, which listens at `host` (an address of the loopback) and `port`."""
 
     def __init__(self, host: str, port: int) -> None:
         self.host = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        self.origin = f"http://{self.host}"
-        self.room = f"/{secrets.token_urlsafe(12)}"
-        """Path below which all lies that takes the key."""
-        self._token: str | None = secrets.token_urlsafe(32)
-        self._key: str | None = None
-        self._cookie = f"pdcd-{port}"
-        self._tickets: dict[str, str] = {}
+        self._token = secrets.token_urlsafe(32)
 
     @property
     def address(self) -> str:
-        """What is printed; good once."""
-        return f"{self.origin}{ENTER}{self._token or ''}"
+        """What is printed."""
+        return f"http://{self.host}/#{self._token}"
 
-    def look(self, asked: Asked) -> None:
-        """Refuse what is not of our own page, whoever sends it. Raises Refused."""
-        if asked.one("host") != self.host:
+    def check_host(self, request: web.Request) -> None:
+        """Refuse what means another host: a name of somebody else's that leads here. Raises
+        Refused."""
+        if request.headers.getall("Host", []) != [self.host]:
             raise Refused(403, "another host is meant")
-        if asked.method not in ("GET", "POST"):
-            raise Refused(405, "only GET and POST")
-        if not _PATH.fullmatch(asked.path) or _EMPTY_OR_DOTS.search(asked.path):
-            raise Refused(404, "no such address")
-        origin = asked.one("origin")
-        if origin is not None and origin != self.origin:
-            raise Refused(403, "another page asks")
-        if (asked.one("sec-fetch-site") or "none") not in _PAGES:
-            raise Refused(403, "another page asks")
-        if "prefetch" in (asked.one("sec-purpose") or asked.one("purpose") or ""):
-            raise Refused(403, "nobody asks yet")
-        if asked.method == "POST":
-            self._look_at_body(asked, origin)
-        elif asked.one("content-length") not in (None, "0") or asked.all("transfer-encoding"):
-            raise Refused(400, "a body is not expected")
-        if asked.all("upgrade"):
-            raise Refused(400, "no other protocol is spoken")
 
-    def _look_at_body(self, asked: Asked, origin: str | None) -> None:
-        if origin is None:
-            raise Refused(403, "no page asks")
-        if asked.one("content-type") != _JSON:
-            raise Refused(415, f"only {_JSON}")
-        if asked.all("content-encoding") or asked.all("transfer-encoding"):
-            raise Refused(411, "the body comes with its length, as it is")
-        length = asked.one("content-length") or ""
-        if not re.fullmatch(r"[0-9]{1,9}", length):
-            raise Refused(411, "the body comes with its length")
-
-    def exchange(self, asked: Asked) -> str:
-        """The cookie for the token in the path, as a header says it; the token is void then.
-
-        Raises Refused.
-        """
-        given = asked.path.removeprefix(ENTER)
-        if asked.method != "GET" or self._token is None or not _same(given, self._token):
-            raise Refused(403, "this address is not good, or no more: start pdcd web again")
-        self._token = None
-        self._key = secrets.token_urlsafe(32)
-        return f"{self._cookie}={self._key}; Path={self.room}/; HttpOnly; SameSite=Strict"
+    def check_token(self, request: web.Request) -> None:
+        """Refuse who has no token. Raises Refused."""
+        given = request.headers.getall("Authorization", [])
+        if len(given) != 1 or not _same(given[0], f"Bearer {self._token}"):
+            raise Refused(401, "open the address that pdcd web printed")
 
     def ticket(self, job: str) -> str:
-        """An address at which the report of a run can be had without the key.
+        """What opens the report of one run without the token, as a tab of its own cannot show it.
 
-        A report may be anybody's page, so it must not learn where the page of the key lies: whoever
-        listens at another port could have the cookie sent there.
+        A report may be anybody's page: it must not learn the token.
         """
-        ticket = secrets.token_urlsafe(24)
-        self._tickets[ticket] = job
-        while len(self._tickets) > MOST_TICKETS:
-            del self._tickets[next(iter(self._tickets))]
-        return f"{REPORT}{ticket}"
+        return hmac.new(self._token.encode(), job.encode(), hashlib.sha256).hexdigest()
 
-    def job_of(self, asked: Asked) -> str:
-        """The run whose report is meant by a ticket. Raises Refused."""
-        given = asked.path.removeprefix(REPORT)
-        for ticket, job in self._tickets.items():
-            if asked.method == "GET" and _same(given, ticket):
-                return job
-        raise Refused(404, "this address is no more: open the report from the page")
-
-    def check(self, asked: Asked) -> None:
-        """Refuse who has no key. Raises Refused."""
-        if not asked.path.startswith(f"{self.room}/"):
-            raise Refused(401, "open the address that pdcd web printed")
-        try:
-            cookie = SimpleCookie(asked.one("cookie") or "").get(self._cookie)
-        except CookieError:
-            cookie = None
-        if cookie is None or self._key is None or not _same(cookie.value, self._key):
-            raise Refused(401, "open the address that pdcd web printed")
+    def check_ticket(self, job: str, ticket: str) -> None:
+        """Refuse who was not given the ticket of that run. Raises Refused."""
+        if not _same(ticket, self.ticket(job)):
+            raise Refused(404, "no such address: open the report from the page")
 
 
 def _same(given: str, wanted: str) -> bool:
     return secrets.compare_digest(given.encode(errors="replace"), wanted.encode())
+
+
+class Places:
+    """The connections of one server: strangers have few places and little time.
+
+    A connection is a stranger until its request has shown the token. Where all places of strangers
+    are taken, whoever came first goes: nobody is kept out by those who hold theirs.
+    """
+
+    def __init__(self) -> None:
+        self._timers: dict[asyncio.Transport, asyncio.TimerHandle | None] = {}
+        self._strangers: dict[asyncio.Transport, None] = {}
+
+    def enter(self, transport: asyncio.Transport) -> None:
+        """One more stranger."""
+        if len(self._strangers) >= STRANGERS:
+            first = next(iter(self._strangers))
+            self.leave(first)
+            first.abort()
+        self._strangers[transport] = None
+        self._allow(transport, STRANGER_S)
+
+    def admit(self, transport: asyncio.BaseTransport | None, seconds: float | None) -> None:
+        """The request on this connection may be answered; it has so many seconds from now on, or no
+        limit: then whoever answers it sees that it ends."""
+        if isinstance(transport, asyncio.Transport) and transport in self._timers:
+            self._strangers.pop(transport, None)
+            self._allow(transport, seconds)
+
+    def leave(self, transport: asyncio.Transport) -> None:
+        """A connection has ended. Idempotent."""
+        self._allow(transport, None)
+        self._strangers.pop(transport, None)
+        self._timers.pop(transport, None)
+
+    def end(self) -> None:
+        """End all connections at once."""
+        for transport in list(self._timers):
+            transport.abort()
+
+    def _allow(self, transport: asyncio.Transport, seconds: float | None) -> None:
+        timer = self._timers.get(transport)
+        if timer is not None:
+            timer.cancel()
+        loop = asyncio.get_running_loop()
+        self._timers[transport] = (
+            None if seconds is None else loop.call_later(seconds, transport.abort)
+        )
+
+
+class Connection(web.RequestHandler):
+    """A connection as the library serves it, in a place of its own."""
+
+    def __init__(self, places: Places, server: web.Server, **limits: object) -> None:
+        super().__init__(server, loop=asyncio.get_running_loop(), **limits)  # type: ignore[arg-type]
+        self._places = places
+        self._place: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the place."""
+        super().connection_made(transport)
+        if isinstance(transport, asyncio.Transport):
+            self._place = transport
+            self._places.enter(transport)
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        """Give it back."""
+        if self._place is not None:
+            self._places.leave(self._place)
+        super().connection_lost(exc)

@@ -7,8 +7,9 @@ import ipaddress
 import logging
 import signal
 import socket as sockets
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 from aiohttp import web
@@ -16,20 +17,26 @@ from aiohttp import web
 from pdcd.errors import ConfigError
 from pdcd.web.app import Site
 from pdcd.web.asks import Asks
-from pdcd.web.door import Door
-from pdcd.web.guard import Guards
+from pdcd.web.door import Connection, Door, Places
 from pdcd.web.news import News
 from pdcd.web.shelf import Shelf
 
 BACKLOG = 64
 """Connections that wait to be accepted."""
-MOST_LINE_BYTES = 1024
-"""Longest first line of a request."""
-MOST_HEADER_BYTES, MOST_HEADERS = 4096, 64
 
 _library = logging.getLogger("pdcd.web.library")
 # It tells of every malformed request at length. Faults of ours are logged by ourselves.
 _library.disabled = True
+LIMITS: Mapping[str, object] = {
+    "access_log": None,
+    "logger": _library,
+    "lingering_time": 0.0,
+    "auto_decompress": False,  # no body grows
+    "max_line_size": 1024,
+    "max_field_size": 4096,
+    "max_headers": 64,
+}
+"""What the library is told of each connection: sizes in bytes, and what it is kept from."""
 
 
 def bound(host: str, port: int) -> sockets.socket:
@@ -73,37 +80,22 @@ async def serving(sock: sockets.socket, socket: Path, state: Path) -> AsyncItera
     knows the address to be opened.
     """
     host, port = sock.getsockname()[:2]
-    door, asks = Door(host, port), Asks(socket)
+    door, places, asks = Door(host, port), Places(), Asks(socket)
     news = News(socket, asks)
-
-    def protocol() -> asyncio.Protocol:
-        if runner.server is None:
-            raise RuntimeError("connections are taken once the runner is set up")
-        return runner.server()
-
-    guards = Guards(protocol)
-    site = Site(door, guards, asks, news, Shelf(state))
-    runner = web.AppRunner(
-        site.app(),
-        handle_signals=False,
-        handler_cancellation=True,
-        access_log=None,
-        logger=_library,
-        lingering_time=0.0,
-        auto_decompress=False,
-        max_line_size=MOST_LINE_BYTES,
-        max_field_size=MOST_HEADER_BYTES,
-        max_headers=MOST_HEADERS,
-    )
+    site = Site(door, places, asks, news, Shelf(state))
+    runner = web.AppRunner(site.app(), handle_signals=False, handler_cancellation=True)
     await runner.setup()
-    server = await asyncio.get_running_loop().create_server(guards, sock=sock)
+    if runner.server is None:
+        raise RuntimeError("a runner that is set up has a server")
+    connection = partial(Connection, places, runner.server, **LIMITS)
+    server = await asyncio.get_running_loop().create_server(connection, sock=sock)
     news.start()
     try:
         yield door
     finally:
         server.close()
         await news.close()
-        guards.end()
+        places.end()
         await runner.cleanup()
         await site.close()
         await asks.close()

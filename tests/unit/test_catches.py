@@ -34,6 +34,7 @@ ALLOWED = {
     "pdcd/server/connections.py::_answer": "a request gets an answer, whatever happens",
     "pdcd/server/readers.py::Readers._started.body": "a thread hands it to whoever waits",
     "pdcd/server/runner.py::Runner._run": "a job ends, the daemon stays",
+    "pdcd/api/sweep.py::_all_on": "a capture that a cluster loses is a row",
     "pdcd/web/app.py::Site._keep": "a request gets an answer, whatever happens",
 }
 """Functions and why they may."""

@@ -4,7 +4,7 @@ import { by, el, say, short } from "./dom.js";
 import { FocusCard } from "./focus.js";
 import { RequestForm } from "./form.js";
 import { JobCard } from "./jobs.js";
-import { get, post } from "./server.js";
+import { get, news, post } from "./server.js";
 import { PictureCard, listRuns } from "./shelf.js";
 
 const AGAIN_MS = 2000;
@@ -54,7 +54,7 @@ async function describe() {
 }
 
 async function runs() {
-  const found = await trying(() => listRuns((job) => trying(() => pictures.show(job))));
+  const found = await trying(() => listRuns((job) => trying(() => pictures.show(job)), trying));
   if (found && pictures.empty) {
     const last = found.find((run) => run.entry.state === "done");
     if (last) await trying(() => pictures.show(last.job));
@@ -77,33 +77,37 @@ async function hear(event) {
   }
 }
 
-function listen() {
-  const news = new EventSource("events");
-  news.addEventListener("message", ({ data }) => {
-    const told = JSON.parse(data);
-    if (told.what === "event") {
-      hear(told);
-      return;
-    }
-    const came = told.here && told.visit !== state.visit;
-    state = told;
-    showState();
-    if (came) {
-      describe();
-      runs();
-    }
-  });
-  news.addEventListener("error", () => {
-    state = { ...state, here: false, status: null };
-    by("state").textContent = "page cut off";
-    by("state").className = "away";
-    say(by("trouble"), "pdcd web does not answer. If it was started again, open the address that it printed then.");
-    jobs.state(null);
-    buttons();
-    if (news.readyState === EventSource.CLOSED) {
-      setTimeout(listen, AGAIN_MS);
-    }
-  });
+function told(message) {
+  if (message.what === "event") {
+    hear(message);
+    return;
+  }
+  const came = message.here && message.visit !== state.visit;
+  state = message;
+  showState();
+  if (came) {
+    describe();
+    runs();
+  }
+}
+
+function cutOff() {
+  state = { ...state, here: false, status: null };
+  by("state").textContent = "page cut off";
+  by("state").className = "away";
+  say(by("trouble"), "pdcd web does not answer. If it was started again, open the address that it printed then.");
+  jobs.state(null);
+  buttons();
+}
+
+async function listen() {
+  for (;;) {
+    try {
+      for await (const message of news("events")) told(message);
+    } catch {} // whatever it was, it is tried again
+    cutOff();
+    await new Promise((again) => setTimeout(again, AGAIN_MS));
+  }
 }
 
 function proceed() {

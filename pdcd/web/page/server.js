@@ -9,30 +9,49 @@ export class Trouble extends Error {
   }
 }
 
-async function answer(address, options) {
+// What lets this page in comes behind the # of its address, which no server is sent, and is kept
+// for this tab where no page of another address can read it.
+if (location.hash.length > 1) {
+  sessionStorage.setItem("token", location.hash.slice(1));
+  history.replaceState(null, "", location.pathname);
+}
+
+async function answer(address, options = {}) {
+  const headers = { Authorization: `Bearer ${sessionStorage.getItem("token") ?? ""}` };
   let response;
   try {
-    response = await fetch(address, { credentials: "same-origin", cache: "no-store", ...options });
+    response = await fetch(address, { headers, credentials: "omit", cache: "no-store", ...options });
   } catch {
     throw new Trouble({ kind: "gone", message: "pdcd web does not answer" });
   }
-  let told;
+  if (response.ok) return response;
+  let told = {};
   try {
     told = await response.json();
-  } catch {
-    throw new Trouble({ kind: "gone", message: `pdcd web answered ${response.status}` });
-  }
-  if (!response.ok) throw new Trouble(told.error ?? { message: `status ${response.status}` });
-  return told;
+  } catch {} // the status says enough
+  throw new Trouble(told.error ?? { kind: "gone", message: `pdcd web answered ${response.status}` });
 }
 
 /** Ask for something that changes nothing. */
-export const get = (address) => answer(address);
+export const get = async (address) => (await answer(address)).json();
 
 /** Have something done. */
-export const post = (address, body = {}) =>
-  answer(address, {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(body),
-  });
+export const post = async (address, body = {}) =>
+  (await answer(address, { method: "POST", body: JSON.stringify(body) })).json();
+
+/** A picture, as an address for this page alone. */
+export const picture = async (address) => URL.createObjectURL(await (await answer(address)).blob());
+
+/** Each message that the server tells, until it tells no more. */
+export async function* news(address) {
+  const { body } = await answer(address);
+  const reader = body.pipeThrough(new TextDecoderStream()).getReader();
+  let text = "";
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) return;
+    const lines = (text + value).split("\n");
+    text = lines.pop();
+    for (const line of lines) if (line.startsWith("data: ")) yield JSON.parse(line.slice(6));
+  }
+}

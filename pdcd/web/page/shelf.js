@@ -1,9 +1,7 @@
 // Runs on disk and their pictures.
 
 import { by, el, say, short } from "./dom.js";
-import { get } from "./server.js";
-
-let looks = 0;
+import { get, picture } from "./server.js";
 
 /** The card of pictures: those of one run, one of them shown. */
 export class PictureCard {
@@ -21,7 +19,7 @@ export class PictureCard {
         return button;
       }),
     );
-    this.#draw(run, wanted);
+    await this.#draw(run, wanted);
     return true;
   }
 
@@ -30,11 +28,12 @@ export class PictureCard {
     return this.#shown === null;
   }
 
-  #draw(run, name) {
+  async #draw(run, name) {
     const image = by("picture");
     this.#shown = run.job;
-    looks += 1; // a picture of a run that goes on has the same name and is another one
-    image.src = `picture/${run.job}/${name}/${looks}`;
+    const drawn = await picture(`picture/${run.job}/${name}`);
+    URL.revokeObjectURL(image.src);
+    image.src = drawn;
     image.alt = `${name} of ${run.job}`;
     image.hidden = false;
     const { goal, name: called } = run.entry ?? {};
@@ -48,14 +47,22 @@ function error({ rms_error_quads: known, rms_sigma: expected }) {
   return typeof expected === "number" ? `about ${short(100 * expected)} %` : "";
 }
 
-function row(run, onShow) {
+/** Open the report of a run in a tab of its own. */
+async function openReport(job) {
+  const { address } = await get(`ticket/${job}`);
+  // Of no use to a hostile report: neither who opened it nor where from.
+  window.open(address, "_blank", "noopener,noreferrer");
+}
+
+function row(run, onShow, trying) {
   const told = run.entry;
   const button = el("button", { type: "button" }, "show");
   button.addEventListener("click", () => onShow(run.job));
   const last = el("td", {}, button);
   if (run.report) {
-    // Of no use to a hostile report: neither who opened it nor where from.
-    last.append(el("a", { href: `report/${run.job}`, target: "_blank", rel: "noopener noreferrer" }, "report"));
+    const report = el("button", { type: "button", class: "report" }, "report");
+    report.addEventListener("click", () => trying(() => openReport(run.job)));
+    last.append(report);
   }
   const state = told.kind === "preview" ? `${told.state}, quick look` : told.state;
   return el(
@@ -71,10 +78,11 @@ function row(run, onShow) {
   );
 }
 
-/** Fill the list of runs; `onShow(job)` is called for the one that is to be shown. Returns them. */
-export async function listRuns(onShow) {
+/** Fill the list of runs; `onShow(job)` is called for the one that is to be shown, `trying` with
+ * what may go wrong. Returns them. */
+export async function listRuns(onShow, trying) {
   const { runs } = await get("runs");
   by("runs-none").hidden = runs.length > 0;
-  by("runs").replaceChildren(...runs.map((run) => row(run, onShow)));
+  by("runs").replaceChildren(...runs.map((run) => row(run, onShow, trying)));
   return runs;
 }

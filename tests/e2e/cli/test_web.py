@@ -32,7 +32,7 @@ def test_without_the_extra_it_says_what_to_install(
 
 
 @pytest.mark.timeout(90)
-def test_the_address_is_good_until_it_was_opened(tmp_path: Path) -> None:
+def test_the_address_is_good_until_the_page_ends(tmp_path: Path) -> None:
     command = [
         sys.executable, "-m", "pdcd", "web", "--port", "0", "--socket", str(tmp_path / "none"),
         "--state-dir", str(tmp_path),
@@ -44,15 +44,19 @@ def test_the_address_is_good_until_it_was_opened(tmp_path: Path) -> None:
         try:
             assert process.stdout is not None and process.stderr is not None
             address = process.stdout.readline().decode().strip()
-            # Followed without a cookie, it leads to where one is asked for.
-            for status in (401, 403):
-                with pytest.raises(urllib.error.HTTPError) as no:
-                    urllib.request.urlopen(address, timeout=PATIENCE_S)
-                assert no.value.code == status
-                no.value.close()
+            place, _, token = address.partition("#")
+            for path, shown, status in (("", "", 200), ("runs", "x", 401), ("runs", token, 200)):
+                wanted = urllib.request.Request(f"{place}{path}")
+                wanted.add_header("Authorization", f"Bearer {shown}")
+                try:
+                    with urllib.request.urlopen(wanted, timeout=PATIENCE_S) as answer:
+                        assert answer.status == status
+                except urllib.error.HTTPError as no:
+                    assert no.code == status
+                    no.close()
             process.send_signal(signal.SIGINT)
             assert process.wait(PATIENCE_S) == 0
             said = process.stderr.read().decode()
-            assert "good once" in said and "Traceback" not in said
+            assert "until Ctrl-C" in said and "Traceback" not in said
         finally:
             process.kill()

@@ -14,13 +14,12 @@ from pdcd.errors import BusyError, DeviceLost, PdcdError, RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.web.app import LONG_S, SMALL_BYTES, WANTS
 from pdcd.web.asks import ANSWER_S, ENGINE_S, Asks
-from pdcd.web.door import MOST_TICKETS, REPORT, Asked, Door, Refused
-from pdcd.web.guard import REQUEST_S, Guards
+from pdcd.web.door import REQUEST_S, Places
 from pdcd.web.pages import page_files
 from pdcd.web.serve import bound, serving
 from pdcd.web.turns import Turns
 from tests.hostile.web_requests import Inside
-from tests.hostile.web_trial import exchanged, sent
+from tests.hostile.web_trial import inside_of, sent
 from tests.run_folders import finished, job
 
 Scenario = Callable[[str, int, Inside], Awaitable[None]]
@@ -53,7 +52,7 @@ def served(folder: Path, scenario: Scenario) -> None:
         sock = bound("127.0.0.1", 0)
         host, port = sock.getsockname()
         async with serving(sock, folder / "none", folder) as door:
-            await scenario(host, port, await exchanged(host, port, door))
+            await scenario(host, port, inside_of(door))
 
     asyncio.run(body())
 
@@ -61,10 +60,10 @@ def served(folder: Path, scenario: Scenario) -> None:
 async def asked(host: str, port: int, inside: Inside, path: str, body: bytes | None = None) -> Any:
     """Status, headers and body of one answer."""
     method = "GET" if body is None else "POST"
-    place = path if path.startswith("/") else f"{inside.room}/{path}"
-    head = f"{method} {place} HTTP/1.1\r\nhost: {inside.host}\r\ncookie: {inside.cookie}\r\n"
+    head = f"{method} /{path} HTTP/1.1\r\nhost: {inside.host}\r\n"
+    if inside.token:
+        head += f"authorization: {inside.shown}\r\n"
     if body is not None:
-        head += f"origin: http://{inside.host}\r\ncontent-type: application/json\r\n"
         head += f"content-length: {len(body)}\r\n"
     answer = await sent(host, port, f"{head}\r\n".encode() + (body or b""))
     lines, _, rest = answer.partition(b"\r\n\r\n")
@@ -79,7 +78,8 @@ def test_files_of_the_page_are_served_by_their_kind(tmp_path: Path, daemon: Daem
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
         for name in ("", *files):
-            status, headers, body = await asked(host, port, inside, name)
+            # A browser asks for them before it has the token; they hold no secret.
+            status, headers, body = await asked(host, port, Inside(inside.host, ""), name)
             kind, data = files[name or "index.html"]
             assert (status, body) == (200, data)
             assert headers["content-type"] == f"{kind}; charset=utf-8"
@@ -214,35 +214,38 @@ def test_runs_pictures_and_reports_are_read_from_the_disk(tmp_path: Path, daemon
         assert status == 200 and told == [(job(2), False), (job(1), True)]
         status, _, body = await asked(host, port, inside, f"run/{job(1)}")
         assert status == 200 and json.loads(body)["pictures"] == ["indirect"]
-        status, headers, body = await asked(host, port, inside, f"picture/{job(1)}/indirect/7")
+        status, headers, body = await asked(host, port, inside, f"picture/{job(1)}/indirect")
         assert (status, headers["content-type"], body) == (200, "image/png", b"png")
-        assert (await asked(host, port, inside, f"picture/{job(1)}/indirect/x"))[0] == 404
-        assert (await asked(host, port, inside, f"picture/{job(1)}/none/7"))[0] == 400
-        status, _, body = await asked(host, port, inside, f"report/{job(2)}")
+        assert (await asked(host, port, inside, f"picture/{job(1)}/none"))[0] == 400
+        status, _, body = await asked(host, port, inside, f"ticket/{job(2)}")
         assert status == 404 and "no report" in body.decode()
-        status, headers, _ = await asked(host, port, inside, f"report/{job(1)}")
-        assert status == 303 and headers["location"].startswith(REPORT)
-        # The ticket needs no key, and what it shows is in a sandbox.
-        bare = Inside(inside.host, inside.room, "none=1", inside.token)
-        status, headers, body = await asked(host, port, bare, headers["location"])
+        status, _, body = await asked(host, port, inside, f"ticket/{job(1)}")
+        address = json.loads(body)["address"]
+        assert status == 200 and inside.token not in address
+        # The ticket needs no token, and what it shows is in a sandbox.
+        bare = Inside(inside.host, "")
+        status, headers, body = await asked(host, port, bare, address)
         assert (status, body) == (200, b"<p>report")
-        assert headers["content-security-policy"].startswith("sandbox allow-scripts")
+        policy = headers["content-security-policy"]
+        assert policy.startswith("sandbox allow-scripts") and "'self'" not in policy
         assert headers["content-type"] == "text/html; charset=utf-8"
-        assert (await asked(host, port, bare, f"{REPORT}{'x' * 32}"))[0] == 404
-        assert (await asked(host, port, bare, "runs"))[0] == 401
+        assert (await asked(host, port, bare, address[:-1]))[0] == 404
+        for path in ("runs", f"run/{job(1)}", "events", "describe", f"ticket/{job(1)}", "a/b/c"):
+            assert (await asked(host, port, bare, path))[0] == 401
+        assert (await asked(host, port, bare, "plan", b'{"goal": "white"}'))[0] == 401
 
     served(tmp_path, scenario)
 
 
-def test_who_shows_the_key_has_more_time_and_who_waits_for_the_rig_most(
+def test_who_shows_the_token_has_more_time_and_who_waits_for_the_rig_most(
     tmp_path: Path, daemon: Daemon, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[float | None] = []
 
-    def known(self: Guards, transport: object, seconds: float | None) -> None:
+    def admit(self: Places, transport: object, seconds: float | None) -> None:
         given.append(seconds)
 
-    monkeypatch.setattr(Guards, "known", known)
+    monkeypatch.setattr(Places, "admit", admit)
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
         given.clear()
@@ -252,19 +255,6 @@ def test_who_shows_the_key_has_more_time_and_who_waits_for_the_rig_most(
         assert given == [REQUEST_S, REQUEST_S, LONG_S] and LONG_S > ENGINE_S > ANSWER_S
 
     served(tmp_path, scenario)
-
-
-def test_tickets_are_good_until_too_many_came_after() -> None:
-    door = Door("127.0.0.1", 1)
-    tickets = [door.ticket(str(n)) for n in range(MOST_TICKETS)]
-    found = [door.job_of(Asked.of("GET", ticket, [])) for ticket in tickets]
-    assert found == [str(n) for n in range(MOST_TICKETS)]
-    door.ticket("one more")
-    for wrong in (Asked.of("GET", tickets[0], []), Asked.of("POST", tickets[1], [])):
-        with pytest.raises(Refused) as no:
-            door.job_of(wrong)
-        assert no.value.status == 404
-    assert door.job_of(Asked.of("GET", tickets[1], [])) == "1"
 
 
 def test_calls_wait_for_their_turn_and_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,13 +14,10 @@ from aiohttp import web
 from pdcd.errors import ConfigError, DeniedError
 from pdcd.web import app as module
 from pdcd.web.asks import Asks
-from pdcd.web.door import ENTER, Door
-from pdcd.web.guard import Guards
+from pdcd.web.door import Door, Places
 from pdcd.web.news import News, TooMany
-from pdcd.web.serve import bound, serving
 from tests.hostile.web_requests import Inside
 from tests.hostile.web_trial import sent
-from tests.run_folders import finished, job
 from tests.unit.web.test_app import Daemon, asked, served
 
 
@@ -29,20 +26,6 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> Daemon:
     made = Daemon()
     monkeypatch.setattr(Asks, "_call", lambda *told: made.call(*told))
     return made
-
-
-@pytest.mark.usefixtures("answers")
-def test_the_address_that_was_printed_leads_to_the_page(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        sock = bound("127.0.0.1", 0)
-        host, port = sock.getsockname()
-        async with serving(sock, tmp_path / "none", tmp_path) as door:
-            head = f"GET {ENTER}{door.address.partition(ENTER)[2]} HTTP/1.1\r\nhost: {door.host}"
-            answer = await sent(host, port, f"{head}\r\n\r\n".encode())
-        first, *lines = answer.decode().split("\r\n")
-        assert first.split()[1] == "303" and f"Location: {door.room}/" in lines
-
-    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize(("error", "status"), [(ConfigError, 400), (DeniedError, 403)])
@@ -112,8 +95,8 @@ def test_refusals_are_logged_ever_more_seldom(
 
 
 def stream(inside: Inside) -> bytes:
-    who = f"host: {inside.host}\r\ncookie: {inside.cookie}"
-    return f"GET {inside.room}/events HTTP/1.1\r\n{who}\r\n\r\n".encode()
+    who = f"host: {inside.host}\r\nauthorization: {inside.shown}"
+    return f"GET /events HTTP/1.1\r\n{who}\r\n\r\n".encode()
 
 
 @pytest.mark.usefixtures("answers")
@@ -121,13 +104,13 @@ def test_the_stream_of_news_has_no_end_and_tells_why_no_daemon_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[float | None] = []
-    known = Guards.known
+    admit = Places.admit
 
-    def noted(self: Guards, transport: Any, seconds: float | None) -> None:
+    def noted(self: Places, transport: Any, seconds: float | None) -> None:
         given.append(seconds)
-        known(self, transport, seconds)
+        admit(self, transport, seconds)
 
-    monkeypatch.setattr(Guards, "known", noted)
+    monkeypatch.setattr(Places, "admit", noted)
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
         given.clear()
@@ -210,25 +193,6 @@ def test_a_page_has_so_long_to_read_what_it_is_sent(monkeypatch: pytest.MonkeyPa
 
     asyncio.run(scenario())
     assert got == [b"news"]
-
-
-@pytest.mark.usefixtures("answers")
-def test_a_report_has_the_time_of_a_request_and_is_no_page_of_ours(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (finished(tmp_path / "captures", job(1)) / "report.html").write_text("<p>report")
-    given: list[float | None] = []
-    monkeypatch.setattr(Guards, "known", lambda self, transport, seconds: given.append(seconds))
-
-    async def scenario(host: str, port: int, inside: Inside) -> None:
-        _, headers, _ = await asked(host, port, inside, f"report/{job(1)}")
-        given.clear()
-        status, told, _ = await asked(host, port, inside, headers["location"])
-        assert status == 200 and given == [30.0]
-        assert "'self'" not in told["content-security-policy"]
-        assert told["x-content-type-options"] == "nosniff"
-
-    served(tmp_path, scenario)
 
 
 def test_four_reads_of_the_disk_go_on_at_a_time() -> None:

@@ -1,105 +1,142 @@
-"""Who is let in to the page: the rules one by one (all at once: tests/hostile/web_requests.py)."""
+"""Who is let in to the page: the token, the host, tickets, and places of strangers (all at once:
+tests/hostile/web_requests.py)."""
 
 from __future__ import annotations
 
-import re
+import asyncio
+from typing import Any
 
 import pytest
+from aiohttp.test_utils import make_mocked_request
+from multidict import CIMultiDict
 
 from pdcd.errors import ConfigError
-from pdcd.web.door import ENTER, Asked, Door, Refused
+from pdcd.web import door as module
+from pdcd.web.door import Door, Places, Refused
 from pdcd.web.serve import bound
 
 HOST = "127.0.0.1:8137"
 
 
-def asked(path: str, *, method: str = "GET", **headers: str | None) -> Asked:
-    """A request of the page itself, but for what is given; None leaves a header out."""
-    all_headers: dict[str, str | None] = {"host": HOST, "sec_fetch_site": "same-origin"}
-    if method == "POST":
-        all_headers |= {
-            "origin": f"http://{HOST}", "content_type": "application/json", "content_length": "2",
-        }  # fmt: skip
-    all_headers |= headers
-    given = [(k.replace("_", "-").title(), v) for k, v in all_headers.items() if v is not None]
-    return Asked.of(method, path, given)
+def status_of(check: Any, *args: Any) -> int:
+    """The status that a check refuses by; 200 where it does not."""
+    try:
+        check(*args)
+    except Refused as no:
+        assert no.why and str(no) == no.why
+        return no.status
+    return 200
 
 
-def opened() -> tuple[Door, str]:
-    """A door whose token was exchanged, and the cookie."""
+def test_the_token_stands_where_browsers_send_it_to_nobody() -> None:
     door = Door("127.0.0.1", 8137)
-    header = door.exchange(asked(door.address.removeprefix(door.origin), sec_fetch_site="none"))
-    return door, header.partition(";")[0]
-
-
-def test_the_cookie_is_for_one_path_no_script_and_no_other_site() -> None:
-    door = Door("127.0.0.1", 8137)
-    assert re.fullmatch(rf"http://{HOST}{ENTER}[\w-]{{43}}", door.address)
-    header = door.exchange(asked(door.address.removeprefix(door.origin)))
-    name, *flags = header.split("; ")
-    assert re.fullmatch(r"pdcd-8137=[\w-]{43}", name)
-    assert set(flags) == {f"Path={door.room}/", "HttpOnly", "SameSite=Strict"}
-    door.check(asked(f"{door.room}/runs", cookie=f"other=1; {name}"))
-    with pytest.raises(Refused) as no:
-        door.check(asked("/runs", cookie=name))
-    assert no.value.status == 401
-
-
-def test_the_token_is_void_after_its_first_use() -> None:
-    door, _ = opened()
-    for path in (ENTER, f"{ENTER}x", door.address.removeprefix(door.origin)):
-        with pytest.raises(Refused) as no:
-            door.exchange(asked(path))
-        assert no.value.status == 403
-
-
-def test_nobody_is_let_in_before_the_exchange() -> None:
-    door = Door("127.0.0.1", 8137)
-    for cookie in ("", "pdcd-8137=", "pdcd-8137=None", None):
-        with pytest.raises(Refused):
-            door.check(asked(f"{door.room}/", cookie=cookie))
+    origin, _, token = door.address.partition("#")
+    assert origin == f"http://{HOST}/" and len(token) == 43
+    assert Door("127.0.0.1", 8137).address != door.address
+    assert Door("::1", 8137).address.startswith("http://[::1]:8137/#")
 
 
 @pytest.mark.parametrize(
-    ("method", "wrong", "status"),
+    ("shown", "status"),
     [
-        ("GET", {"host": "localhost:8137"}, 403),
-        ("GET", {"host": None}, 403),
-        ("GET", {"origin": "http://127.0.0.1:8138"}, 403),
-        ("GET", {"sec_fetch_site": "same-site"}, 403),
-        ("GET", {"sec_purpose": "prefetch"}, 403),
-        ("GET", {"content_length": "1"}, 400),
-        ("GET", {"upgrade": "websocket"}, 400),
-        ("HEAD", {}, 405),
-        ("POST", {"origin": None}, 403),
-        ("POST", {"origin": "null"}, 403),
-        ("POST", {"content_type": "text/plain"}, 415),
-        ("POST", {"content_length": None}, 411),
-        ("POST", {"transfer_encoding": "chunked"}, 411),
-        ("POST", {"content_encoding": "gzip"}, 411),
+        (["Bearer {}"], 200), ([], 401), (["Bearer {}"] * 2, 401), (["Bearer {}x"], 401),
+        (["bearer {}"], 401), (["{}"], 401), (["Bearer "], 401), (["Bearer \xe9"], 401),
+        (["", "Bearer {}"], 401),
     ],
-)
-def test_what_is_not_of_the_page_is_refused(
-    method: str, wrong: dict[str, str | None], status: int
-) -> None:
-    door, _ = opened()
-    door.look(asked(f"{door.room}/runs", method="POST" if method == "POST" else "GET"))
-    with pytest.raises(Refused) as no:
-        door.look(asked(f"{door.room}/runs", method=method, **wrong))
-    assert no.value.status == status
+)  # fmt: skip
+def test_who_shows_the_token_once_is_let_in(shown: list[str], status: int) -> None:
+    door = Door("127.0.0.1", 8137)
+    token = door.address.partition("#")[2]
+    headers = CIMultiDict(("Authorization", each.format(token)) for each in shown)
+    request = make_mocked_request("GET", "/runs", headers=headers)
+    assert status_of(door.check_token, request) == status
 
 
 @pytest.mark.parametrize(
-    "path", ["/a?b", "/a/../b", "//a", "/%61", "/a\\b", "*", "http://x/", "/.a"]
-)
-def test_addresses_have_nothing_to_be_decoded(path: str) -> None:
-    with pytest.raises(Refused) as no:
-        Door("127.0.0.1", 8137).look(asked(path))
-    assert no.value.status == 404
+    ("hosts", "status"),
+    [
+        ([HOST], 200), ([], 403), ([HOST, HOST], 403), (["localhost:8137"], 403),
+        (["127.0.0.1"], 403), (["evil.example:8137"], 403), ([f"{HOST}.evil.example"], 403),
+    ],
+)  # fmt: skip
+def test_no_name_that_leads_here_is_our_host(hosts: list[str], status: int) -> None:
+    headers = CIMultiDict(("Host", host) for host in hosts)
+    request = make_mocked_request("GET", "/", headers=headers)
+    assert status_of(Door("127.0.0.1", 8137).check_host, request) == status
 
 
-def test_an_address_of_the_newer_internet_has_brackets() -> None:
-    assert Door("::1", 8137).origin == "http://[::1]:8137"
+def test_a_ticket_is_for_one_run_of_one_server() -> None:
+    door, other = Door("127.0.0.1", 8137), Door("127.0.0.1", 8137)
+    ticket = door.ticket("a")
+    assert status_of(door.check_ticket, "a", ticket) == 200
+    for job, wrong in (("b", ticket), ("a", other.ticket("a")), ("a", ""), ("a", "\udc80")):
+        assert status_of(door.check_ticket, job, wrong) == 404
+    assert door.address.partition("#")[2] not in ticket
+
+
+class Line(asyncio.Transport):
+    """A connection that notes whether it was cut."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cut = asyncio.Event()
+
+    def abort(self) -> None:
+        self.cut.set()
+
+
+def come(places: Places) -> Line:
+    line = Line()
+    places.enter(line)
+    return line
+
+
+def cut(*lines: Line) -> list[bool]:
+    return [line.cut.is_set() for line in lines]
+
+
+def test_a_stranger_gives_way_to_the_next_and_a_guest_to_nobody(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "STRANGERS", 2)
+
+    async def scenario() -> None:
+        places = Places()
+        guest, first = come(places), come(places)
+        places.admit(guest, None)
+        second = come(places)
+        assert cut(guest, first, second) == [False, False, False]
+        third = come(places)
+        assert cut(guest, first, second, third) == [False, True, False, False]
+        places.admit(first, 5.0)  # too late
+        places.leave(first)
+        places.leave(second)
+        fourth = come(places)
+        assert cut(guest, third, fourth) == [False, False, False]
+        places.end()
+        assert cut(guest, third, fourth) == [True, True, True]
+
+    asyncio.run(scenario())
+
+
+def test_the_token_gives_more_time_and_the_last_word_on_it_counts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "STRANGER_S", 0.01)
+
+    async def scenario() -> None:
+        places = Places()
+        gone, slow, known, long = (come(places) for _ in range(4))
+        places.leave(gone)
+        places.admit(known, 0.02)
+        places.admit(long, 0.0)
+        places.admit(long, None)
+        places.admit(None, 0.0)
+        await asyncio.wait_for(slow.cut.wait(), 30.0)
+        await asyncio.wait_for(known.cut.wait(), 30.0)
+        assert cut(gone, long) == [False, False]
+
+    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize(
@@ -108,24 +145,3 @@ def test_an_address_of_the_newer_internet_has_brackets() -> None:
 def test_no_other_interface_is_served(host: str) -> None:
     with pytest.raises(ConfigError):
         bound(host, 0)
-
-
-def test_a_port_that_is_taken_or_none_is_said() -> None:
-    with bound("127.0.0.1", 0) as sock:
-        assert sock.getsockname()[0] == "127.0.0.1"
-        for port in (sock.getsockname()[1], 70_000, -1):
-            with pytest.raises(ConfigError, match="cannot listen"):
-                bound("127.0.0.1", port)
-
-
-def test_bytes_that_are_no_text_open_nothing() -> None:
-    """They come as halves of characters, which no encoding has."""
-    door, cookie = opened()
-    with pytest.raises(Refused) as no:
-        Door("127.0.0.1", 8137).exchange(asked(f"{ENTER}\udc80"))
-    assert no.value.status == 403
-    for wrong in (f"{cookie[:-1]}\udc80", f"{cookie}x", cookie[:-1]):
-        with pytest.raises(Refused) as no:
-            door.check(asked(f"{door.room}/", cookie=wrong))
-        assert no.value.status == 401
-    door.check(asked(f"{door.room}/", cookie=cookie))

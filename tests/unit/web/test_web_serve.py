@@ -56,7 +56,7 @@ def test_a_signal_ends_it_after_the_address_was_told(
     sock = bound("127.0.0.1", 0)
     port = sock.getsockname()[1]
     asyncio.run(asyncio.wait_for(run(sock, tmp_path / "none", tmp_path, tell), 60.0))
-    assert len(told) == 1 and told[0].startswith(f"http://127.0.0.1:{port}/enter/")
+    assert len(told) == 1 and told[0].startswith(f"http://127.0.0.1:{port}/#")
     assert sock.fileno() == -1
 
 
