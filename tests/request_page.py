@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pdcd.cli.commands import commands
-from pdcd.cli.parser import build_parser
+from pdcd.cli.parser import build_parser, commands
 from pdcd.protocol.about import GROUPS
 from pdcd.protocol.fields import Field, fields_of, needed_by, request_fields, taken_by
 from pdcd.protocol.request import CalibrateRequest
@@ -69,7 +68,7 @@ def _groups() -> Iterator[str]:
 
 def _options(command: str) -> dict[str, str]:
     """By field, how a command calls it."""
-    (parser,) = (each.parser for each in commands(build_parser()) if each.parser.prog == command)
+    (parser,) = (each for each in commands(build_parser()) if each.prog == command)
     found: dict[str, list[str]] = {}
     for action in parser._actions:
         found.setdefault(action.dest, []).extend(f"`{name}`" for name in action.option_strings)

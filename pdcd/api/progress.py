@@ -74,7 +74,7 @@ def drawn(first: str) -> Iterator[Show]:
             yield show
         return
     if not sys.stderr.isatty():
-        yield _Lines().show
+        yield Paced(lambda words, share: tell(words), LINE_INTERVAL_S).show
         return
     from rich.console import Console
     from rich.progress import (
@@ -128,16 +128,9 @@ def notebook_line() -> Iterator[Show]:
 
     # Untyped there; nothing else of it is used.
     handle: Any = display.display(Markup(_line_html("", None)), display_id=True)  # type: ignore[no-untyped-call]
-    next_s, left = 0.0, Left()
-
-    def show(words: str, share: Share | None, begins: bool) -> None:
-        nonlocal next_s
-        ahead = left.words(share, begins)
-        if begins or time.monotonic() >= next_s:
-            next_s = time.monotonic() + NOTEBOOK_INTERVAL_S
-            handle.update(Markup(_line_html(words + ahead, share)))
-
-    yield show
+    yield Paced(
+        lambda words, share: handle.update(Markup(_line_html(words, share))), NOTEBOOK_INTERVAL_S
+    ).show
     handle.update(Markup(""))
 
 
@@ -146,37 +139,26 @@ def _line_html(words: str, share: Share | None) -> str:
     return f'<progress max="1"{value}></progress> {as_html(words)}'
 
 
-class _Lines:
-    """Progress where no bar can be drawn: in a pipe, a log, a terminal without movement."""
+class Paced:
+    """Writes words with the time that is left of a stage, by what was done of it so far; a share
+    not more often than every so many seconds."""
 
-    def __init__(self) -> None:
-        self._next_s = 0.0
-        self._left = Left()
+    def __init__(self, write: Callable[[str, Share | None], object], interval_s: float) -> None:
+        self._write, self._interval_s = write, interval_s
+        self._begun_s = self._next_s = 0.0
 
     def show(self, words: str, share: Share | None, begins: bool) -> None:
-        """Say it, if it is no share, or the last was said long ago."""
-        left = self._left.words(share, begins)
-        if share is None:
-            tell(words)
-        elif time.monotonic() >= self._next_s:
-            self._next_s = time.monotonic() + LINE_INTERVAL_S
-            tell(words + left)
-
-
-class Left:
-    """The time that is left of a stage, by what was done of it so far."""
-
-    def __init__(self) -> None:
-        self._begun_s = 0.0
-
-    def words(self, share: Share | None, begins: bool) -> str:
-        """Such as ", 12 s left"; nothing where that is not known, or less than a second."""
+        """Write it, unless the last was written just now."""
         now_s = time.monotonic()
         if begins:
             self._begun_s = now_s
+        if share is not None and not begins and now_s < self._next_s:
+            return
         done, total = share or (0.0, 0.0)
         left_s = (now_s - self._begun_s) * (total - done) / done if done else 0.0
-        return f", {left_s:.0f} s left" if left_s >= 1.0 else ""
+        if share is not None:
+            self._next_s = now_s + self._interval_s
+        self._write(words + f", {left_s:.0f} s left" * (left_s >= 1.0), share)
 
 
 class Stages:

@@ -14,10 +14,10 @@ from pdcd.api.signals import held_back, signals_to
 from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
 from pdcd.cli.calibrations import ACTIONS, manage
-from pdcd.cli.capture import daemon_socket, refuse_with_local
+from pdcd.cli.daemon import connect_daemon, refuse_with_local
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table, say_text
-from pdcd.client import Client, OnEvent
+from pdcd.client import OnEvent
 from pdcd.errors import ConfigError
 from pdcd.protocol.events import Event, StepEnded
 from pdcd.protocol.request import CalibrateRequest
@@ -73,7 +73,7 @@ def calibrate(args: argparse.Namespace) -> int:
 
 def _there(args: argparse.Namespace, request: CalibrateRequest, hear: OnEvent) -> CaptureResult:
     """With the daemon's rig."""
-    with signals_to(signal.default_int_handler), Client(daemon_socket(args)) as client:
+    with signals_to(signal.default_int_handler), connect_daemon(args) as client:
         return client.calibrate(request, queue=args.queue, on_event=hear, answer=_asker(_never))
 
 

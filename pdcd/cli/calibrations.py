@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from pdcd.api.progress import tell
 from pdcd.bench.calibration import Calibration
 from pdcd.bench.choosing import FOLDER, Candidate, candidate, candidates, forget, pin, place_of
 from pdcd.bench.config import load
@@ -14,7 +12,7 @@ from pdcd.bench.folders import state_dir
 from pdcd.bench.measured import Choice, choice
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, say_json, say_table, say_text
+from pdcd.cli.output import agreed, say, say_json, say_table, say_text
 from pdcd.errors import ConfigError
 
 ACTIONS = ("list", "use", "forget")
@@ -104,14 +102,9 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
 def _forget(config: Config, name: str, *, yes: bool, as_json: bool) -> int:
     """Remove one for good, or the link to it."""
     at = place_of(config, name)
-    if not yes:
-        if as_json or not sys.stdin.isatty():
-            raise ConfigError("nobody is there to agree", hint="say --yes")
-        what = "the link to" if at.is_symlink() else "for good"
-        tell(f"remove {what} calibration {name}? [y/N]")
-        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-            tell("nothing was removed")
-            return DONE
+    what = "the link to" if at.is_symlink() else "for good"
+    if not yes and not agreed(f"remove {what} calibration {name}?", silent=as_json):
+        return DONE
     forget(config, at)
     if as_json:
         say_json({"forgotten": name})

@@ -10,13 +10,11 @@ from pathlib import Path
 from pdcd.api.local import local
 from pdcd.api.progress import bar, tell
 from pdcd.api.signals import held_back, signals_to
-from pdcd.bench.config import load
-from pdcd.bench.folders import socket_path
+from pdcd.cli.daemon import connect_daemon, daemon_if_any, refuse_with_local
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.cli.request import arrays_of, request_of
-from pdcd.client import Client, OnEvent, Unreachable
-from pdcd.errors import ConfigError
+from pdcd.client import OnEvent
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -57,19 +55,18 @@ def take(
     if args.local:
         with bar("planning") as on_event:
             return _capture_here(args.config, request, files, on_event)
-    path = daemon_socket(args)
     # A terminated command must end its job in good order, as an interrupted one does.
     with (
         signals_to(signal.default_int_handler),
         bar() as on_event,
-        Client(path) as client,
+        connect_daemon(args) as client,
     ):
         return client.capture(request, arrays=files, detach=detach, queue=queue, on_event=on_event)
 
 
 def wait(args: argparse.Namespace) -> int:
     """Wait for the end of a job; the exit code tells how it ended."""
-    with bar() as on_event, Client(daemon_socket(args)) as client:
+    with bar() as on_event, connect_daemon(args) as client:
         result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
 
@@ -130,32 +127,6 @@ def plan(args: argparse.Namespace) -> int:
     ]
     say_table(head + shots)
     return DONE
-
-
-def refuse_with_local(args: argparse.Namespace, *names: str) -> None:
-    """Raise ConfigError where --local was typed with one of these options, which ask a daemon."""
-    given = [name for name in names if getattr(args, name)]
-    if args.local and given:
-        raise ConfigError(
-            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
-        )
-
-
-def daemon_socket(args: argparse.Namespace) -> Path:
-    """Path of the daemon's socket: as given, else as the configuration says."""
-    given: Path | None = args.socket
-    return given if given is not None else socket_path(load(args.config))
-
-
-def daemon_if_any(args: argparse.Namespace, *, needed: bool = False) -> Client | None:
-    """A connection to the daemon, None where none answers. Raises Unreachable where its socket was
-    named, or nothing else will do."""
-    try:
-        return Client(daemon_socket(args))
-    except Unreachable:
-        if needed or args.socket is not None:
-            raise
-    return None
 
 
 def _plan(

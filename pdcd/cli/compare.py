@@ -3,42 +3,37 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import msgspec
 
-from pdcd.cli.capture import refuse_with_local, take
+from pdcd.cli.capture import take
+from pdcd.cli.daemon import refuse_with_local
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
 from pdcd.cli.request import arrays_of, request_of
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, Quality, figure_of, quality_of
+from pdcd.protocol.result import CaptureResult, figure_of, quality_of
 from pdcd.words import MethodName
 
 COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
 """Ways of photographing that differ in more than how light is gathered."""
 
 
-class Compared(msgspec.Struct, frozen=True, kw_only=True):
-    """One method in figures.
-
-    `codes` is None where a method has none of its own choosing. `raw_files` is without test
-    exposures; `rms_error_quads` and `rms_error_cells` are relative to the scene's known truth, None
-    where there is none.
-    `sigma_mean` is in scene units.
-    """
-
-    method: MethodName
-    job: str
-    folder: str | None
-    codes: float | int | str | None
-    raw_files: float | int | str | None
-    exposure_s: float | int | str | None
-    rms_error_quads: float | int | str | None
-    rms_error_cells: float | int | str | None
-    sigma_mean: float | int | str | None
-    wall_s: float | int | str | None
-    quality: Quality | None
-    """The verdict on the photo."""
+FIGURES = {
+    "codes": ("codes", "codes", ""),
+    "raw_files": ("shots", "RAW files", ""),
+    "exposure_s": ("exposure_s", "exposure", " s"),
+    "rms_error_quads": ("rms_error_quads", "RMS error", " %"),
+    "rms_error_cells": ("rms_error_cells", "", ""),
+    "sigma_mean": ("sigma_mean", "mean sigma", ""),
+    "wall_s": ("wall_s", "wall time", " s"),
+}
+"""Of each method, by the name in JSON: key of the run's summary, head of the column if it has one,
+and unit. `codes` is None where a method has none of its own choosing; `raw_files` is without test
+exposures; errors are relative to the scene's known truth, None where there is none; `sigma_mean` is
+in scene units."""
 
 
 def compare(args: argparse.Namespace) -> int:
@@ -51,15 +46,16 @@ def compare(args: argparse.Namespace) -> int:
         result = take(args, by_method(asked, method), files if method == "coded" else without_prior)
         if result.state != "done":
             return say_result(result, as_json=args.json)
-        rows.append(_compared(method, result))
+        rows.append(compared_row(method, result))
         results.append(result)
     if args.json:
         say_json({"goal": asked.goal, "methods": rows})
     else:
         _say(rows)
         for row, result in zip(rows, results, strict=True):
-            if row.quality is not None:
-                say(f"{row.method}: {row.quality.verdict}")
+            quality = quality_of(result.summary)
+            if quality is not None:
+                say(f"{row['method']}: {quality.verdict}")
             say_notes(result)
     return DONE
 
@@ -72,40 +68,26 @@ def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
     return msgspec.structs.replace(request, method=method, pilot=0, prior=None, black_level="none")
 
 
-def _compared(method: MethodName, result: CaptureResult) -> Compared:
+def compared_row(method: MethodName, result: CaptureResult) -> dict[str, Any]:
+    """One method in figures: with `quality`, the verdict on the photo."""
     summary = result.summary
-    return Compared(
-        method=method,
-        job=result.job,
-        folder=result.folder,
-        codes=figure_of(summary, "codes") if summary.get("family") != "none" else None,
-        raw_files=figure_of(summary, "shots"),
-        exposure_s=figure_of(summary, "exposure_s"),
-        rms_error_quads=figure_of(summary, "rms_error_quads"),
-        rms_error_cells=figure_of(summary, "rms_error_cells"),
-        sigma_mean=figure_of(summary, "sigma_mean"),
-        wall_s=figure_of(summary, "wall_s"),
-        quality=quality_of(summary),
-    )
+    row = {name: figure_of(summary, key) for name, (key, _, _) in FIGURES.items()}
+    if summary.get("family") == "none":
+        row["codes"] = None
+    told = {"method": method, "job": result.job, "folder": result.folder}
+    return {**told, **row, "quality": quality_of(summary)}
 
 
-def _say(rows: list[Compared]) -> None:
-    table = [["method", "codes", "RAW files", "exposure", "RMS error", "mean sigma", "wall time"]]
+def _say(rows: Sequence[Mapping[str, Any]]) -> None:
+    shown = {name: (head, unit) for name, (_, head, unit) in FIGURES.items() if head}
+    table = [["method", *(head for head, _ in shown.values())]]
     for row in rows:
-        error = None if row.rms_error_quads is None else 100.0 * float(row.rms_error_quads)
-        table.append(
-            [
-                row.method,
-                _figure(row.codes, ""),
-                _figure(row.raw_files, ""),
-                _figure(row.exposure_s, " s"),
-                _figure(error, " %"),
-                _figure(row.sigma_mean, ""),
-                _figure(row.wall_s, " s"),
-            ]
-        )
+        cells = (_figure(row[name], unit) for name, (_, unit) in shown.items())
+        table.append([row["method"], *cells])
     say_table(table)
 
 
-def _figure(value: float | int | str | None, unit: str) -> str:
-    return "-" if value is None else f"{float(value):.4g}{unit}"
+def _figure(value: float | str | None, unit: str) -> str:
+    if value is None:
+        return "-"
+    return f"{float(value) * (100.0 if unit == ' %' else 1.0):.4g}{unit}"

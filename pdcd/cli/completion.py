@@ -6,9 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from pdcd.cli.commands import commands, groups
 from pdcd.cli.exits import DONE
-from pdcd.cli.parser import build_parser
+from pdcd.cli.parser import actions_of, build_parser, commands
 from pdcd.errors import ConfigError
 from pdcd.extras import install_hint
 
@@ -28,11 +27,10 @@ def script(shell: str) -> str:
             "the Python package shtab is not installed", hint=install_hint("shtab")
         ) from err
     parser = build_parser()
-    for of in (parser, *(command.parser for command in commands(parser))):
-        for _, actions in groups(of):
-            for action in actions:
-                if action.type is Path:
-                    kind = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
-                    action.complete = kind  # type: ignore[attr-defined]
+    for each in (parser, *commands(parser)):
+        for action in actions_of(each):
+            if action.type is Path:
+                kind = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
+                action.complete = kind  # type: ignore[attr-defined]
     made: str = shtab.complete(parser, shell)
     return made.rstrip("\n") + "\n"

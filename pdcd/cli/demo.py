@@ -23,6 +23,8 @@ CONFIG = """\
 [camera]
 quads_per_cell = 10
 """
+CODES = 128
+"""Unless others are asked for."""
 START_S = 20.0
 """Longest time the daemon may take to get ready on a slow machine."""
 
@@ -35,8 +37,8 @@ def demo(args: argparse.Namespace) -> int:
         config.write_text(CONFIG)
         tell(f"pdcd serve --config {config} --socket {socket}")
         with _daemon(socket, folder, config, Path(scratch) / "daemon.log") as client:
-            request = CaptureRequest(goal="indirect", codes=args.codes, seed=args.seed)
-            tell(f"capture.start: indirect light, {args.codes} codes")
+            request = CaptureRequest(goal="indirect", codes=args.codes or CODES, seed=args.seed)
+            tell(f"capture.start: indirect light, {request.codes} codes")
             with bar() as on_event:
                 result = client.capture(request, on_event=on_event)
     code = say_result(result, as_json=False)

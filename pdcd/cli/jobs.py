@@ -1,23 +1,21 @@
-"""`pdcd status`, `list`, `watch`, `cancel`: look at the daemon's jobs and end them."""
+"""`pdcd status`, `watch`, `cancel`: look at the daemon's jobs and end them."""
 
 from __future__ import annotations
 
 import argparse
 
 from pdcd.api.progress import bar
-from pdcd.cli.capture import daemon_socket
+from pdcd.cli.daemon import connect_daemon
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_result, say_table
-from pdcd.client import Client
 from pdcd.errors import ConfigError
-from pdcd.protocol.entry import MOST_RUNS
 from pdcd.protocol.events import Event, fields, wire
 from pdcd.protocol.messages import JobView
 
 
 def status(args: argparse.Namespace) -> int:
     """Print what the daemon is doing."""
-    with Client(daemon_socket(args)) as client:
+    with connect_daemon(args) as client:
         answer = client.status()
     if args.json:
         say_json(answer)
@@ -35,30 +33,9 @@ def status(args: argparse.Namespace) -> int:
     return DONE
 
 
-def list_jobs(args: argparse.Namespace) -> int:
-    """Print the jobs that the daemon remembers and the newest runs on its disk, oldest first."""
-    if not 0 <= args.newest <= MOST_RUNS:
-        raise ConfigError(f"--newest {args.newest} is not between 0 and {MOST_RUNS}")
-    with Client(daemon_socket(args)) as client:
-        jobs, runs = client.list(), client.runs(args.newest)
-    if args.json:
-        say_json({"jobs": jobs, "runs": runs})
-        return DONE
-    known = {j.job for j in jobs}
-    rows = [
-        [r.job, "capture", r.state, r.goal or "?", r.user or "?", r.folder]
-        for r in reversed(runs)
-        if r.job not in known
-    ]
-    rows += [[j.job, j.kind, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
-    # Scripts read it line by line.
-    say_table([["job", "kind", "state", "goal", "user", "folder"], *rows], whole=True)
-    return DONE
-
-
 def watch(args: argparse.Namespace) -> int:
     """Follow one job and report its end, or all jobs until interrupted."""
-    with Client(daemon_socket(args)) as client:
+    with connect_daemon(args) as client:
         if args.job is None:
             for event in client.events():
                 _say_event(event, as_json=args.json)
@@ -73,7 +50,7 @@ def watch(args: argparse.Namespace) -> int:
 
 def cancel(args: argparse.Namespace) -> int:
     """End a job; the panels are black and the shutter is closed on return."""
-    with Client(daemon_socket(args)) as client:
+    with connect_daemon(args) as client:
         job = args.job
         if job is None:
             running = client.status().running

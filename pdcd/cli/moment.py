@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime, timedelta
 
-from pdcd.cli.run_options import WHEN
+from pdcd.cli.typed import WHEN
 from pdcd.errors import ConfigError
 
 UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks"}

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any
 
 import msgspec
 
 from pdcd.api.progress import tell
 from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
-from pdcd.cli.tables import fitted, width, wrapped
-from pdcd.errors import PdcdError
+from pdcd.errors import ConfigError, PdcdError
 from pdcd.printable import one_line
 from pdcd.protocol.result import CaptureResult, Quality, figure_of, quality_of
 from pdcd.runs.later import REPORT
 from pdcd.words import SIGMA_KINDS
 
+WIDTH = 80
+"""Columns that are written to where no terminal says how many it has."""
+LABEL = 16
+"""A column that is no wider is not broken."""
+WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 Value = float | int | str
 """What the summary of a run holds beside the verdict."""
 
@@ -72,15 +80,45 @@ def say_compared(report: object, items: Iterable[tuple[str, bool]], *, as_json: 
     return DONE if all(identical for _, identical in found) else FAILED
 
 
-def say_table(rows: Sequence[Sequence[str]], *, whole: bool = False) -> None:
-    """Print rows in aligned columns, no wider than the terminal; or `whole`, each on one line."""
-    for line in fitted(rows, sys.maxsize if whole else width()):
-        say(line)
+def width() -> int:
+    """Columns of the terminal that results go to."""
+    if not sys.stdout.isatty():
+        return WIDTH
+    return max(shutil.get_terminal_size((WIDTH, 24)).columns, WIDTH // 2)
+
+
+def say_table(rows: Sequence[Sequence[str]]) -> None:
+    """Print rows in aligned columns, no wider than the terminal but for words, which are not
+    broken: paths among them are copied."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = [[one_line(cell) for cell in row] for row in rows]
+    table = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
+    least = 2 * (len(shown[0]) - 1)
+    for column in zip(*shown, strict=True):
+        wide = max(map(len, column))
+        longest = max(len(word) for cell in column for word in cell.split(" "))
+        whole = wide <= LABEL or wide == longest
+        table.add_column(no_wrap=whole, overflow="fold")
+        least += wide if whole else longest
+    for row in shown:
+        if least > width():  # a path in the last column, which may be long; sentences may not
+            room = max(width() - (least - longest), LABEL)
+            row[-1] = "\n".join(textwrap.wrap(row[-1], room, **WHOLE_WORDS))
+        table.add_row(*map(Text, row))
+    console = Console(width=max(width(), least), color_system=None, force_jupyter=False)
+    with console.capture() as captured:
+        console.print(table)
+    for line in captured.get().splitlines():
+        say(line.rstrip())
 
 
 def say_text(text: str) -> None:
-    """Print a sentence in lines no longer than the terminal is wide."""
-    for line in wrapped(text, width()):
+    """Print a sentence in lines no longer than the terminal is wide, all but the first a little
+    further in."""
+    for line in textwrap.wrap(one_line(text), width(), subsequent_indent="  ", **WHOLE_WORDS):
         say(line)
 
 
@@ -107,10 +145,7 @@ def _say_plainly(result: CaptureResult) -> None:
     quality = quality_of(result.summary)
     if quality is not None:
         rows.append(["verdict", quality.verdict])
-    for key, label, write in SUMMARY:
-        value = figure_of(result.summary, key)
-        if value is not None:
-            rows.append([label, write(value)])
+    rows += summary_rows(partial(figure_of, result.summary))
     if result.folder is not None:
         rows.append(["folder", result.folder])
     for label, name in (("to look at", "preview/{}.png"), ("to measure", "linear/{}.tif")):
@@ -124,6 +159,24 @@ def _say_plainly(result: CaptureResult) -> None:
         rows.append(["report", f"{result.folder}/{REPORT}"])
     say_table(rows)
     say_notes(result)
+
+
+def summary_rows(figure: Callable[[str], Value | None]) -> list[list[str]]:
+    """Rows of the table of a run: the figures that are known; `figure` has them by name."""
+    found = ((label, write, figure(key)) for key, label, write in SUMMARY)
+    return [[label, write(value)] for label, write, value in found if value is not None]
+
+
+def agreed(question: str, *, silent: bool) -> bool:
+    """Whether somebody at this terminal agrees. Raises ConfigError where nobody is there to ask, or
+    who reads the output is no person (`silent`)."""
+    if silent or not sys.stdin.isatty():
+        raise ConfigError("nobody is there to agree", hint="say --yes")
+    tell(f"{question} [y/N]")
+    if sys.stdin.readline().strip().lower() in ("y", "yes"):
+        return True
+    tell("nothing was removed")
+    return False
 
 
 def say_notes(result: CaptureResult) -> None:

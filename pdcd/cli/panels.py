@@ -13,7 +13,7 @@ import msgspec
 from pdcd.api.progress import tell
 from pdcd.api.signals import signals_to
 from pdcd.bench.config import load
-from pdcd.cli.capture import daemon_if_any
+from pdcd.cli.daemon import daemon_if_any
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
 from pdcd.client import Client, Unreachable

@@ -1,15 +1,78 @@
-"""What can be typed: all commands, without anything that is slow to import."""
+"""The parser of the command line, made of the table in `pdcd.cli.typed`.
+
+argparse shows what it holds by names that begin with a line; all use of them is here.
+"""
 
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
 
-from pdcd.cli.bench_options import add_bench_commands
-from pdcd.cli.commands import EXIT_CODES, commands_below
-from pdcd.cli.job_options import add_job_commands, add_shell_commands
-from pdcd.cli.photo_options import add_photo_commands
-from pdcd.cli.run_options import add_run_commands
+from pdcd.cli.typed import COMMANDS, SHARED, WHEN
 from pdcd.version import __version__
+from pdcd.words import GoalName, MovingName, PatternName, StepName
+
+EXIT_CODES = (
+    "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
+    "6 denied, 130 cancelled"
+)
+LISTED = "list_"
+"""What the names of filters of the list itself begin with. Those of a command behind it have their
+own: one that was typed before the command must not be lost."""
+PATTERNS = (*get_args(PatternName), *get_args(MovingName))
+WORDS = {
+    "<patterns>": ", ".join(PATTERNS),
+    "<steps>": ", ".join(get_args(StepName)),
+    "<when>": WHEN,
+}
+"""What stands in the table for words that are at home elsewhere."""
+
+How = dict[str, Any]
+"""What argparse's `add_argument` takes."""
+
+
+def share(text: str) -> float:
+    """Read "1%" or "0.01"; argparse reports the ValueError of anything else."""
+    number = text.removesuffix("%")
+    return float(number) / (100.0 if number != text else 1.0)
+
+
+TYPES: dict[str, Callable[[str], Any]] = {
+    **dict.fromkeys(("FILE", "DIR", "PATH", "PNG", "FOLDER"), Path),
+    **dict.fromkeys(("N", "ROW"), int),
+    **dict.fromkeys(("S", "E", "X", "BLACK"), float),
+    "SHARE": share,
+}
+"""Type of a value by the (first) word that stands for it; a text where it is none of these."""
+CHOICES = {"GOAL": get_args(GoalName), "PATTERN": PATTERNS}
+"""What a value may be, by the word that stands for it."""
+
+
+class Row(NamedTuple):
+    """One row of a table: its first columns, all the text behind them, and rows below it."""
+
+    first: str
+    text: str
+    below: list[Row]
+
+
+def rows_of(table: str) -> list[Row]:
+    """The rows of a table (see `pdcd.cli.typed`)."""
+    for word, meant in WORDS.items():
+        table = table.replace(word, meant)
+    found: list[Row] = []
+    for line in re.sub(r"\n {10,}", " ", table).strip("\n").splitlines():
+        first, _, text = line.strip().partition("  ")
+        row = Row(first, text.strip(), [])
+        if line.startswith(" "):
+            found[-1].below.append(row)
+        elif line:
+            found.append(row)
+    return found
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -22,10 +85,167 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pdcd {__version__}")
     parser.set_defaults(json=False)
-    add = commands_below(parser, dest="command", required=True, metavar="COMMAND")
-    add_photo_commands(add)
-    add_job_commands(add)
-    add_bench_commands(add)
-    add_run_commands(add)
-    add_shell_commands(add)
+    _add_commands(parser, rows_of(COMMANDS), "command", required=True)
     return parser
+
+
+class CommandParser(argparse.ArgumentParser):
+    """The parser of a command, which adds its options once they are needed.
+
+    Most are never: `pdcd --help` needs those of no command, and any command only its own.
+    """
+
+    def __init__(self, *args: Any, fill: Callable[..., None] | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._fill = fill
+
+    def filled(self) -> CommandParser:
+        """The same, with its options."""
+        fill, self._fill = self._fill, None
+        if fill is not None:
+            fill(self)
+        return self
+
+    def parse_known_args(  # type: ignore[override]  # of its overloads, argparse uses this one
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """What was typed, by all options of the command."""
+        self.filled()
+        return super().parse_known_args(args, namespace)
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        """Values of an option, as their type has them. argparse takes "--" out of them as if it
+        stood by itself: of `--out=--` an empty list would be left, whatever the option's type."""
+        if action.option_strings and "--" in arg_strings:
+            raise argparse.ArgumentError(action, "expected a value, not --")
+        return super()._get_values(action, arg_strings)
+
+
+def _add_commands(
+    parser: argparse.ArgumentParser, rows: list[Row], dest: str, *, required: bool
+) -> None:
+    """Add commands of one word, each with those of two words that begin with it."""
+    below = parser.add_subparsers(
+        parser_class=CommandParser, dest=dest, required=required, metavar="COMMAND"
+    )
+    for row in rows:
+        name, _, more = row.first.partition(" ")
+        if more:
+            continue
+        run, _, text = row.text.partition("  ")
+        told = {each.first: each.text for each in row.below}
+        made = below.add_parser(
+            name,
+            help=text.strip(),
+            description=told.get("more", text.strip()),
+            epilog=EXIT_CODES,
+            allow_abbrev=False,
+            fill=partial(_fill, row, rows),
+        )
+        made.set_defaults(run=run)
+
+
+def _fill(row: Row, rows: list[Row], parser: argparse.ArgumentParser) -> None:
+    """Add the options of a command, and its own commands."""
+    own = [
+        each._replace(first=each.first.removeprefix(f"{row.first} "))
+        for each in rows
+        if each.first.startswith(f"{row.first} ")
+    ]
+    if own:
+        _add_commands(parser, own, f"{row.first}_command", required=row.text.startswith("- "))
+    usages = [f"%(prog)s {each.text}" for each in row.below if each.first == "usage"]
+    if usages:  # only now, for the names of its own commands would begin with it
+        parser.usage = "\n       ".join(usages)
+    _add_options(parser, row.below)
+
+
+def _add_options(
+    parser: argparse.ArgumentParser, rows: list[Row], before: str = "", how: How | None = None
+) -> None:
+    """Add options. before : what their names in the namespace begin with. how : for all of them."""
+    for row in rows:
+        what, *words = row.first.split()
+        if what.startswith("@"):
+            _add_shared(parser, what[1:], words, how)
+        elif what not in ("usage", "more"):
+            names, told = read_option(row.first)
+            if before:
+                told["dest"] = before + (told.get("dest") or names[-1].lstrip("-"))
+            said = [row.text]
+            if "default" in told:
+                said.append(f"default: {told['default']}".removesuffix(".0"))
+            text = "; ".join(filter(None, said)).replace("%", "%%")
+            parser.add_argument(*names, **told | (how or {}), help=text or None)
+
+
+def _add_shared(
+    parser: argparse.ArgumentParser, name: str, words: list[str], how: How | None
+) -> None:
+    """Add lines that several commands share, or fields of a request."""
+    if name in ("photo", "fields"):
+        from pdcd.cli import request
+
+        if name == "fields":
+            request.add_named(parser, words)
+            return
+        told = dict(word.split("=") for word in words)
+        request.add_goal(parser, told.get("goal"))
+        _add_options(parser, [Row("@client", "", []), Row("@local", "", [])])
+        request.add_fields(parser, without=told.get("without", ""))
+        return
+    if name == "again":  # what was typed before the command counts where it is not typed again
+        name, how = "runs", {"default": argparse.SUPPRESS}
+    (rows,) = (row.below for row in rows_of(SHARED) if row.first == name)
+    _add_options(parser, rows, LISTED if words else "", how)
+
+
+def read_option(text: str) -> tuple[list[str], How]:
+    """Names of an option or an argument, and what argparse takes of it; see `pdcd.cli.typed`."""
+    words = text.split()
+    how: How = {}
+    if ">" in words:
+        *words, _, how["dest"] = words
+    if "!" in words:
+        words.remove("!")
+        how["required"] = True
+    names = [word for word in words if word.startswith("-")] or words[:1]
+    value, _, default = " ".join(words[len(names) :]).partition("=")
+    if not value:
+        return names, how | {"action": "store_true"}
+    optional, again = value.startswith("["), "..." in value
+    values = value.strip("[]").replace("...", "").split()
+    kind = TYPES.get(values[0], str)
+    if values[0].startswith("{"):
+        how["choices"] = tuple(values[0].strip("{}").split(","))
+    else:
+        how |= {"type": kind, "metavar": values[0], "choices": CHOICES.get(values[0])}
+    if len(values) > 1:
+        how |= {"metavar": tuple(values), "nargs": len(values)}
+    elif optional:
+        how["nargs"] = "*" if again else "?"
+    elif again and names[0].startswith("-"):
+        how["action"] = "append"
+    elif again:
+        how["nargs"] = "+"
+    if default:
+        how["default"] = kind(default)
+    return names, how
+
+
+def commands(parser: argparse.ArgumentParser) -> Iterator[CommandParser]:
+    """The parsers of all commands below one, each before those of its own, as they were added."""
+    for action in parser._actions:  # noqa: SLF001
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for below in action.choices.values():
+                yield below.filled()
+                yield from commands(below)
+
+
+def actions_of(parser: argparse.ArgumentParser) -> list[argparse.Action]:
+    """What can be typed behind a command; its own commands left out."""
+    return [
+        action
+        for action in parser._actions  # noqa: SLF001
+        if not isinstance(action, argparse._SubParsersAction)  # noqa: SLF001
+    ]

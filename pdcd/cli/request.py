@@ -10,11 +10,11 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 from typing import Any
 
-from pdcd.cli.options import share
+from pdcd.cli.parser import share
 from pdcd.errors import ConfigError
 from pdcd.protocol.about import GROUPS
-from pdcd.protocol.fields import Field, FieldError, request_fields
-from pdcd.protocol.request import CaptureRequest, in_words
+from pdcd.protocol.fields import Field, FieldError, fields_of, request_fields
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, in_words
 
 Group = argparse._ActionsContainer  # noqa: SLF001
 
@@ -34,12 +34,22 @@ def add_fields(parser: argparse.ArgumentParser, *, without: Container[str] = ())
                 add_field(group, field)
 
 
-def add_goal(parser: argparse.ArgumentParser) -> None:
-    """Add the goal, which has no option: it comes first."""
+def add_goal(parser: argparse.ArgumentParser, only: str | None = None) -> None:
+    """Add the goal, which has no option: it comes first, unless there is `only` one."""
     goal = request_fields()["goal"]
+    if only is not None:
+        parser.set_defaults(goal=only)
+        return
     parser.add_argument(
         "goal", choices=goal.words, metavar="GOAL", help=f"{goal.text}: {', '.join(goal.words)}"
     )
+
+
+def add_named(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
+    """Add fields of a photo or of a calibration by their names."""
+    fields = {**fields_of(CalibrateRequest), **request_fields()}
+    for name in names:
+        add_field(parser, fields[name])
 
 
 def add_field(group: Group, field: Field) -> None:

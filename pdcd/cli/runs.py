@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,11 @@ import msgspec
 from pdcd.api.progress import tell
 from pdcd.bench.config import load
 from pdcd.bench.folders import state_dir
-from pdcd.cli.capture import daemon_if_any
+from pdcd.cli.daemon import daemon_if_any
 from pdcd.cli.exits import DONE
 from pdcd.cli.moment import moment
-from pdcd.cli.output import percent, say, say_json, say_table, say_verdict
-from pdcd.cli.run_options import LISTED
-from pdcd.cli.tables import WIDTH
+from pdcd.cli.output import WIDTH, percent, say, say_json, say_table, say_verdict, summary_rows
+from pdcd.cli.parser import LISTED
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
@@ -239,7 +238,7 @@ def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
     notes: list[list[str | None]] = [
         ["note" * (not n), line] for n, line in enumerate(run.note.splitlines())
     ]
-    rows: list[list[str | None]] = [
+    rows: list[Sequence[str | None]] = [
         ["job", run.job],
         ["state", run.state],
         ["verdict", run.verdict],
@@ -249,29 +248,11 @@ def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
         ["goal", run.goal],
         ["asked for", "" if manifest is None else _asked(manifest)],
         ["method", run.method],
-        ["codes", None if run.codes is None else str(run.codes)],
-        ["exposure", None if run.exposure_s is None else f"{run.exposure_s:.3f} s"],
-        [
-            "RMS sigma",
-            None if run.rms_sigma is None else f"{percent(run.rms_sigma)} of the picture",
-        ],
-        [
-            "RMS error",
-            None
-            if run.rms_error_quads is None
-            else f"{percent(run.rms_error_quads)} of quads, against the known truth",
-        ],
-        [
-            "",
-            None
-            if run.rms_error_cells is None
-            else f"{percent(run.rms_error_cells)} of means over cells",
-        ],
+        *summary_rows(lambda key: getattr(run, key, None)),
         ["bench", None if run.mock is None else ("virtual" if run.mock else "real")],
         ["user", run.user],
         ["started", _local(run.started_utc)],
         ["finished", _local(run.finished_utc)],
-        ["taken", run.taken],
         ["why", run.reason],
         ["folder", run.folder],
     ]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from contextlib import closing
 from pathlib import Path
 
 from pdcd.api.progress import tell
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.moment import moment
-from pdcd.cli.output import say, say_json
+from pdcd.cli.output import agreed, say, say_json
 from pdcd.cli.runs import pages, query_of, refuse_before, say_runs
 from pdcd.errors import ConfigError
 from pdcd.runs.prune import Unwanted, remove, unwanted
@@ -38,8 +37,7 @@ def prune(args: argparse.Namespace) -> int:
     if args.dry_run or not going:
         _say_json(going, as_json=args.json)
         return DONE
-    if not args.yes and not _agreed(len(going)):
-        tell("nothing was removed")
+    if not args.yes and not agreed(f"remove {len(going)} runs for good?", silent=args.json):
         return DONE
     gone = [remove(state, one) for one in reversed(going)]
     _say_json(gone, as_json=args.json)
@@ -52,7 +50,7 @@ def prune(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Raise ConfigError unless it was said which runs are to go, and somebody agrees or can."""
+    """Raise ConfigError unless it was said which runs are to go."""
     refuse_before(args)
     if args.keep is not None and args.keep < 0:
         raise ConfigError(f"--keep {args.keep} is less than nothing")
@@ -61,8 +59,6 @@ def _check(args: argparse.Namespace) -> None:
             "it was not said which runs are to go",
             hint="name at least one of --older-than, --failed and --keep",
         )
-    if not (args.dry_run or args.yes) and (args.json or not sys.stdin.isatty()):
-        raise ConfigError("nobody is there to agree", hint="look with --dry-run, then say --yes")
 
 
 def _say(going: list[Unwanted], state: Path) -> None:
@@ -77,11 +73,6 @@ def _say(going: list[Unwanted], state: Path) -> None:
 def _say_json(runs: list[Unwanted], *, as_json: bool) -> None:
     for one in runs if as_json else ():
         say_json(one)
-
-
-def _agreed(count: int) -> bool:
-    tell(f"remove {count} runs for good? [y/N]")
-    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def _size(runs: list[Unwanted]) -> str:

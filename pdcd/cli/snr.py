@@ -37,7 +37,7 @@ def snr(args: argparse.Namespace) -> int:
     profile = load_profile(args.profile)
     iso: int = profile.isos[0] if args.iso is None else args.iso
     pixel = model.sensor_pixel(
-        profile, iso, codes=args.codes, exposure_s=args.exposure_s, signal_e=args.signal_e
+        profile, iso, codes=args.codes, exposure_s=args.exposure, signal_e=args.signal
     )
     rows = model.sensor_rows(profile, iso, pixel, args.transmission)
     even = break_even_rows(pixel, args.transmission)
@@ -146,6 +146,6 @@ def _say_break_even(rows: list[BreakEven]) -> None:
     columns = len(model.GOALS) * len(model.THERMALS)
     for start in range(0, len(rows), columns):
         first = rows[start]
-        verdicts = [row.verdict for row in rows[start : start + columns]]
+        verdicts = [row.verdict.replace("below", "<") for row in rows[start : start + columns]]
         table.append([f"{first.light:g}", f"{first.transmission:g}", *verdicts])
     say_table(table)

@@ -9,7 +9,7 @@ from pathlib import Path
 from pdcd.api.progress import tell
 from pdcd.bench.config import load
 from pdcd.bench.folders import state_dir
-from pdcd.cli.capture import daemon_socket
+from pdcd.cli.daemon import daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say
 from pdcd.errors import ConfigError

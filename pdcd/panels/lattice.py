@@ -14,12 +14,15 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pdcd.panels.windows import MOVED, Windows, windows
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 Floats = NDArray[np.float64]
 
@@ -206,14 +209,16 @@ class Lattice:
         return _pieces(self.opening, down), _pieces(self.opening, right)
 
     @cached_property
-    def spread(self) -> scipy.sparse.csr_array:
+    def spread(self) -> csr_array:
         """(dual_fields * (L + 1), N): mean of the dual fields over each cell, `x @ spread`."""
+        from scipy.sparse import csr_array
+
         width = self.lattice_cells + 1
         rows = np.concatenate([o.dual_field * width + o.dual_cell for o in self.overlaps])
         columns = np.tile(np.arange(self.cells), len(self.overlaps))
         areas = np.repeat([o.area for o in self.overlaps], self.cells)
         shape = (self.dual_fields * width, self.cells)
-        return scipy.sparse.csr_array((areas, (rows, columns)), shape=shape)
+        return csr_array((areas, (rows, columns)), shape=shape)
 
 
 def _atoms(kind: Windows, offset: float) -> list[tuple[float, int, int, int]]:

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.api import progress
-from pdcd.api.progress import Left, Stages, bar, notebook, share_of, shown, words_of
+from pdcd.api.progress import bar, notebook, share_of, shown, words_of
 from pdcd.protocol import events
 from pdcd.protocol.events import Attention, Progress
 
@@ -94,41 +93,22 @@ def test_events_are_told_in_words(event: Any, words: str, share: Any) -> None:
     assert (words_of(event), share_of(event)) == (words, share)
 
 
-def test_stages_begin_once_each() -> None:
-    stages = Stages()
-    told = [
-        events.Planning(stage="a", done=0.0, total=1.0),
-        events.Planning(stage="b", done=1.0, total=1.0),
-        events.Armed(shot="a", frames=1), events.Progress(shot="a", frame=0, frames=1, missed=0),
-        events.Armed(shot="a", frames=1), events.Attention(text="x"),
-        events.Progress(shot="a", frame=1, frames=1, missed=0),
-        events.Progress(shot="b", frame=1, frames=1, missed=0),
-        events.Decoded(done=0.0, total=1.0), events.Decoded(done=1.0, total=1.0),
-    ]  # fmt: skip
-    assert [stages.begins(event) for event in told] == [
-        True, False, True, False, True, False, False, True, True, False,
-    ]  # fmt: skip
-
-
-def test_the_time_left_goes_by_what_was_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s = 10.0
-    monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
-    left = Left()
-    assert left.words((0.0, 8.0), True) == ""
-    now_s = 12.0
-    assert left.words((2.0, 8.0), False) == ", 6 s left"
-    assert left.words((6.0, 8.0), False) == "" and left.words(None, False) == ""
-    now_s = 13.0
-    assert left.words((6.0, 8.0), False) == ", 1 s left"
-
-
-def test_without_a_bar_lines_come_at_most_once_a_second(
+def test_in_a_pipe_lines_come_at_most_once_a_second_with_the_time_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now_s = 100.0
     monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
-    lines = progress._Lines()
-    for now_s, share in ((100.0, (0.0, 4.0)), (100.9, (1.0, 4.0)), (101.0, (2.0, 4.0))):
-        lines.show(f"at {now_s}", share, now_s == 100.0)
-    lines.show("a word\n", None, False)
-    assert capsys.readouterr().err.splitlines() == ["at 100.0", "at 101.0, 1 s left", "a word\\n"]
+    with bar() as on_event:
+        on_event(events.Armed(shot="coded", frames=2400))
+        for now_s in (100.0, 100.9, 101.0, 101.5, 102.1):
+            frame = round((now_s - 100.0) * 1000)
+            on_event(Progress(shot="coded", frame=frame, frames=2400, missed=3))
+        on_event(events.Decoding(shots=2))
+        for now_s in (103.1, 104.1, 105.1):
+            on_event(events.Decoded(done=now_s - 102.1, total=10.0))
+    assert capsys.readouterr().err.splitlines() == [
+        "coded: armed", "coded: 0/2400 refreshes, 3 missed",
+        "coded: 1000/2400 refreshes, 3 missed, 1 s left", "coded: 2100/2400 refreshes, 3 missed",
+        "decoding", "decoding: 10 %, 9 s left", "decoding: 20 %, 8 s left",
+        "decoding: 30 %, 7 s left",
+    ]  # fmt: skip

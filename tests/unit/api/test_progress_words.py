@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import signal
 import sys
 import types
 from typing import Any
@@ -11,8 +10,7 @@ from typing import Any
 import pytest
 
 from pdcd.api import progress as module
-from pdcd.api.progress import Left, Stages, bar, drawn, share_of, shown, words_of
-from pdcd.api.signals import held_back, signals_to
+from pdcd.api.progress import Stages, bar, drawn, share_of, shown, words_of
 from pdcd.protocol import events
 
 
@@ -87,20 +85,6 @@ def test_in_a_pipe_the_first_words_are_not_told(monkeypatch: pytest.MonkeyPatch)
     assert screen.getvalue() == "s: armed\n"
 
 
-def test_a_new_stage_has_a_time_left_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s = 100.0
-    monkeypatch.setattr(module, "time", types.SimpleNamespace(monotonic=lambda: now_s))
-    left = Left()
-    left.words((0.0, 10.0), True)
-    now_s = 104.0
-    assert left.words((2.0, 10.0), False) == ", 16 s left"
-    assert left.words((0.0, 10.0), False) == ""
-    assert left.words((1.0, 10.0), True) == ""  # it begins now
-    now_s = 104.25
-    assert left.words((2.0, 10.0), False) == ", 1 s left"
-    assert left.words((2.5, 10.0), False) == ""  # less than a second
-
-
 def test_the_same_shot_again_is_a_stage_of_its_own() -> None:
     stages = Stages()
     told = [
@@ -139,26 +123,3 @@ def test_a_line_of_a_notebook_is_full_at_most(monkeypatch: pytest.MonkeyPatch) -
         f"True {empty} ", f"{full} w", '<progress max="1" value="0.500"></progress> w',
         f"{empty} w", f"{full} w", f"{empty} w", "",
     ]  # fmt: skip
-
-
-def test_both_signals_go_to_whom_they_were_sent_and_back() -> None:
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.getsignal(number) for number in numbers]
-    came: list[int] = []
-    with pytest.raises(ZeroDivisionError), signals_to(lambda number, frame: came.append(number)):
-        for number in numbers:
-            signal.raise_signal(number)
-        raise ZeroDivisionError
-    assert came == [*numbers]
-    assert [signal.getsignal(number) for number in numbers] == before
-
-
-def test_an_interrupt_of_a_job_that_failed_is_not_felt_twice() -> None:
-    with pytest.raises(ZeroDivisionError), held_back() as came:
-        signal.raise_signal(signal.SIGINT)
-        assert came()
-        raise ZeroDivisionError
-    with held_back(delivers=False) as came:
-        assert not came()
-        signal.raise_signal(signal.SIGINT)
-        assert came()

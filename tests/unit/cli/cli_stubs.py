@@ -13,7 +13,6 @@ from pdcd import words
 from pdcd.bench.tables import Config
 from pdcd.client import OnEvent, Unreachable
 from pdcd.errors import PdcdError
-from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.events import Armed, Emit, Event, read
 from pdcd.protocol.messages import ClockAnchor, JobView, Status
 from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
@@ -66,11 +65,6 @@ JOB_VIEW = JobView(
     detach=False,
     created_utc="2026-01-01T12:03:01Z",
 )
-RUNS = [
-    RunEntry(job=JOB, state="unfinished", folder=f"/runs/{JOB}.partial"),
-    RunEntry(job="20251231T000000Z-beef", state="done", folder="/runs/b", goal="white", user="bo"),
-    RunEntry(job="20251230T000000Z-dead", state="damaged", folder="/runs/d"),
-]
 STATUS = Status(
     version="9.9",
     state="busy",
@@ -148,13 +142,6 @@ class StubClient:
     def status(self) -> Status:
         return self.status_answer
 
-    def list(self) -> list[JobView]:
-        return [JOB_VIEW]
-
-    def runs(self, newest: int) -> tuple[RunEntry, ...]:
-        self.asked.append(("runs", newest))
-        return tuple(RUNS[:newest])
-
     def events(self) -> Iterator[Event]:
         return iter(EVENTS)
 
@@ -220,8 +207,7 @@ def stub_daemon(monkeypatch: pytest.MonkeyPatch) -> type[StubClient]:
     class Fresh(StubClient):
         asked: list[Any] = []  # noqa: RUF012
 
-    monkeypatch.setattr("pdcd.cli.capture.Client", Fresh)
-    monkeypatch.setattr("pdcd.cli.jobs.Client", Fresh)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", Fresh)
     return Fresh
 
 

@@ -362,7 +362,7 @@ def test_other_commands_report_errors_without_a_job(
 
 def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     socket = str(tmp_path / "nobody.sock")
-    for line in (["status"], ["list"], ["watch"], ["cancel"], ["wait", "x"], ["capture", "white"],
+    for line in (["status"], ["watch"], ["cancel"], ["wait", "x"], ["capture", "white"],
                  ["plan", "white"]):  # fmt: skip
         assert main([*line, "--socket", socket]) == 3
         printed = capsys.readouterr()

@@ -53,7 +53,7 @@ def calibrator(monkeypatch: pytest.MonkeyPatch) -> type[Calibrator]:
             job=JOB, state="done", folder="/c", summary={"verdict": "good", "photos": 7, "used": 1}
         )
 
-    monkeypatch.setattr(calibrate_cli, "Client", Fresh)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", Fresh)
     return Fresh
 
 

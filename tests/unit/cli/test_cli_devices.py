@@ -15,7 +15,6 @@ import pytest
 
 from pdcd.bench.devices import Finding
 from pdcd.bench.tables import Config
-from pdcd.cli import capture as capture_cli
 from pdcd.cli import doctor as doctor_cli
 from pdcd.cli import panels as panels_cli
 from pdcd.cli import virtual as virtual_cli
@@ -167,7 +166,7 @@ class Shown(msgspec.Struct):
 @pytest.fixture
 def shower(monkeypatch: pytest.MonkeyPatch) -> Shower:
     made = Shower(Path())
-    monkeypatch.setattr(capture_cli, "Client", lambda path: made)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", lambda path: made)
     return made
 
 
@@ -262,7 +261,7 @@ def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
     def nobody(path: Path) -> Any:
         raise Unreachable("nobody")
 
-    monkeypatch.setattr(capture_cli, "Client", nobody)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", nobody)
     monkeypatch.setattr(panels_cli, "_show_here", lambda args: 77)
     assert main(["show", "grid", *words]) == 3
     assert main(["show", "grid"]) == 77

@@ -12,7 +12,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.cli import capture as capture_cli
 from pdcd.cli import runs as runs_cli
 from pdcd.cli import runs_prune as prune_cli
 from pdcd.cli.main import main
@@ -21,7 +20,7 @@ from pdcd.errors import DecodeError, RequestError
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.protocol.result import Quality
 from pdcd.runs.prune import Unwanted
-from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, home_at, stub_daemon
+from tests.unit.cli.cli_stubs import home_at
 
 
 @pytest.fixture(autouse=True)
@@ -61,7 +60,7 @@ def finder(monkeypatch: pytest.MonkeyPatch) -> type[Finder]:
         pages: list[Page] = []  # noqa: RUF012
         asked: list[RunQuery] = []  # noqa: RUF012
 
-    monkeypatch.setattr(capture_cli, "Client", Fresh)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", Fresh)
     return Fresh
 
 
@@ -187,10 +186,10 @@ def test_all_that_is_known_of_a_run_is_shown(
     assert rows == [
         ["job", run.job], ["state", "partial"], ["verdict", "good"], ["name", "Chart"],
         ["tags", "wax glass"], ["note", "one"], ["two"], ["goal", "white"],
-        ["asked", "for  codes 8"], ["method", "coded"], ["codes", "8"], ["exposure", "1.500 s"],
-        ["RMS", "sigma  2 % of the picture"],
+        ["asked", "for  codes 8"], ["method", "coded"], ["taken", "1 of 2"], ["codes", "8"],
+        ["exposure", "1.500 s"], ["RMS", "sigma  2 % of the picture"],
         ["RMS", "error  1 % of quads, against the known truth"],
-        ["bench", "real"], ["user", "ada"], ["finished", "soon"], ["taken", "1 of 2"],
+        ["bench", "real"], ["user", "ada"], ["finished", "soon"],
         ["why", "cut"], ["folder", str(tmp_path)], ["files", "2, 3.0 MiB"],
         ["report", f"{tmp_path}/report.html"], ["doubtful:", "dark"], ["warning:", "dust"],
     ]  # fmt: skip
@@ -358,8 +357,6 @@ def test_nobody_is_asked_where_nothing_goes_or_nothing_is_to_be_removed(
     [
         ("", True, "it was not said which runs are to go"), ("--yes", True, "it was not said"),
         ("--keep -1 --yes", True, "--keep -1 is less than nothing"),
-        ("--failed", False, "nobody is there to agree"),
-        ("--failed --json", True, "nobody is there to agree"),
     ],
 )  # fmt: skip
 def test_nothing_goes_before_it_is_clear_what_and_that_somebody_agrees(
@@ -374,28 +371,11 @@ def test_nothing_goes_before_it_is_clear_what_and_that_somebody_agrees(
     assert says in capsys.readouterr().err and pruned.asked == pruned.removed == []
 
 
-# --- jobs -----------------------------------------------------------------------------------------
-
-
-def test_a_daemons_state_is_a_table(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("words", ["--failed", "--failed --json"])
+def test_nothing_goes_where_nobody_can_agree(
+    pruned: Pruned, capsys: pytest.CaptureFixture[str], words: str
 ) -> None:
-    daemon = stub_daemon(monkeypatch)
-    assert main(["status"]) == 0
-    words = f"{JOB_VIEW.job} capture indirect by ada"
-    table = [["version", "9.9"], ["state", "busy"], ["running", words], ["connections", "2"],
-             ["up", "61 s"]]  # fmt: skip
-    assert [x.split(maxsplit=1) for x in capsys.readouterr().out.splitlines()] == table
-    daemon.status_answer = msgspec.structs.replace(STATUS, running=None, queued=[JOB_VIEW] * 2)
-    assert main(["status"]) == 0
-    table[2:3] = [["running", "nothing"], ["queued", words], ["queued", words]]
-    assert [x.split(maxsplit=1) for x in capsys.readouterr().out.splitlines()] == table
-
-
-@pytest.mark.parametrize(("newest", "fits"), [(0, True), (1, True), (1000, True), (1001, False)])
-def test_up_to_a_thousand_runs_are_listed(
-    monkeypatch: pytest.MonkeyPatch, newest: int, fits: bool
-) -> None:
-    daemon = stub_daemon(monkeypatch)
-    assert main(["list", "--newest", str(newest)]) == (0 if fits else 2)
-    assert [what for what in daemon.asked if isinstance(what, tuple)] == ([("runs", newest)] * fits)
+    pruned.terminal = "--json" in words
+    assert main(["runs", "prune", *words.split()]) == 2
+    assert "nobody is there to agree (say --yes)" in capsys.readouterr().err
+    assert pruned.removed == []

@@ -55,7 +55,7 @@ def daemon(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[StubClient]:
 
 @pytest.mark.parametrize("json_too", [[], ["--json"]])
 @pytest.mark.parametrize(
-    "words", ["status", "list", "watch", "watch j", "wait j", "cancel j", "capture white"]
+    "words", ["status", "watch", "watch j", "wait j", "cancel j", "capture white"]
 )
 def test_a_daemon_writes_no_lines_of_its_own(
     daemon: type[StubClient], words: str, json_too: list[str], capsys: pytest.CaptureFixture[str]

@@ -17,9 +17,8 @@ from pdcd.bench.tables import Config
 from pdcd.cli import completion as completion_cli
 from pdcd.cli import demo as demo_cli
 from pdcd.cli import tools as tools_cli
-from pdcd.cli.commands import commands
 from pdcd.cli.main import main
-from pdcd.cli.parser import build_parser
+from pdcd.cli.parser import build_parser, commands
 from pdcd.cli.web import web
 from pdcd.client import Unreachable
 from pdcd.extras import install_hint
@@ -242,7 +241,7 @@ def test_files_and_folders_are_completed_as_what_they_are(
 
     def complete(parser: argparse.ArgumentParser, shell: str) -> str:
         assert shell == "fish"
-        for of in (parser, *(c.parser for c in commands(parser))):
+        for of in (parser, *commands(parser)):
             for action in of._actions:
                 found[f"{of.prog} {action.option_strings or action.dest}"] = getattr(
                     action, "complete", None
@@ -255,7 +254,7 @@ def test_files_and_folders_are_completed_as_what_they_are(
     assert found["pdcd capture ['--out']"] == "a folder"
     assert found["pdcd capture ['--config']"] == found["pdcd decode folder"] == "a file"
     assert found["pdcd runs export ['--state-dir']"] == "a folder"
-    assert found["pdcd capture ['--codes']"] is found["pdcd list ['--newest']"] is None
+    assert found["pdcd capture ['--codes']"] is found["pdcd web ['--port']"] is None
 
 
 def test_a_library_that_is_missing_is_named(

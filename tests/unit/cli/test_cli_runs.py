@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from pdcd.cli import capture as capture_cli
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
 from pdcd.cli.moment import moment
@@ -103,7 +102,7 @@ def test_a_daemon_is_asked_for_its_runs_first_page_after_page(
             part = every[:1] if more else every[1:]
             return Page(state_folder="/srv/pdcd", runs=part, more=more)
 
-    monkeypatch.setattr(capture_cli, "Client", Finder)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", Finder)
     assert len(told(capsys, "--json", "--tag", "wax")) == 3
     assert [query.before for query in asked] == [None, "captures/x"]
     assert asked[0].tags == ("wax",) and asked[0].newest == 50
@@ -123,7 +122,7 @@ def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
                 raise Unreachable("it went away")
             return Page(state_folder="/hers", runs=[hers], more="captures/x")
 
-    monkeypatch.setattr(capture_cli, "Client", Leaves)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", Leaves)
     assert main(["runs", "--all"]) == 3 and len(asked) == 2
     printed = capsys.readouterr()
     assert printed.out == "" and printed.err == "pdcd: it went away\n"

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.cli.commands import commands
 from pdcd.cli.completion import script
 from pdcd.cli.main import main
 from pdcd.cli.manual import page
-from pdcd.cli.parser import build_parser
+from pdcd.cli.parser import build_parser, commands
 from pdcd.version import __version__
 from tests.places import ROOT
 from tests.tools import needs, program
@@ -124,18 +123,14 @@ def test_the_manual_has_every_command_and_every_option(capsys: pytest.CaptureFix
     assert main(["man"]) == 0
     text = capsys.readouterr().out
     assert text == page() and __version__ in text.splitlines()[0]
-    plain = text.replace(r"\-", "-")
     every = list(commands(build_parser()))
-    assert {"pdcd capture", "pdcd runs prune", "pdcd doctor camera"} <= {
-        command.parser.prog for command in every
-    }
-    sections = dict(part.split("\n", 1) for part in plain.split("\n.SS ")[1:])
+    assert {"pdcd capture", "pdcd runs prune", "pdcd doctor camera"} <= {c.prog for c in every}
+    sections = dict(part.split("\n", 1) for part in text.replace(r"\-", "-").split("\n.SH ")[1:])
     for command in every:
-        section = sections[command.parser.prog]
-        for action in command.parser._actions:
-            for option in action.option_strings:
-                assert rf"\fB{option}\fR" in section, (command.parser.prog, option)
-    assert not [line for line in text.splitlines() if "%%" in line or "None" in line]
+        section = sections[command.prog.upper()]
+        for action in command._actions:
+            assert all(option in section for option in action.option_strings), command.prog
+    assert "%%" not in text and "None" not in text
 
 
 @needs("mandoc")

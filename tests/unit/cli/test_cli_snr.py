@@ -22,7 +22,7 @@ def test_command_prints_all_three_tables(capsys: pytest.CaptureFixture[str]) -> 
         assert re.split(r"\s{2,}", line)[:2] == [row.quantity, row.printed]
     assert "sensor modern: Modern low-noise sensor, round numbers, estimated" in lines
     assert any(line.startswith("masked sum") and "18.76 dB" in line for line in lines)
-    even = ["1", "1", "never", "below 0.0542 e-", "below 4.96 e-", "below 4.96 e-"]
+    even = ["1", "1", "never", "< 0.0542 e-", "< 4.96 e-", "< 4.96 e-"]
     assert re.split(r"\s{2,}", lines[-4]) == even
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from pdcd.capture.job import TOLD, told
 from pdcd.cli.main import main
-from pdcd.cli.output import say_result
-from pdcd.cli.tables import WIDTH
+from pdcd.cli.output import WIDTH, say_result
 from pdcd.protocol import events
 from pdcd.protocol.result import CaptureResult, Quality
 from tests.unit.cli.cli_stubs import StubClient, home_at, stub_daemon

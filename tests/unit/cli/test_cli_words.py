@@ -1,8 +1,7 @@
-"""How results are put into words: plans, ends of jobs, columns, manual pages."""
+"""How results are put into words: plans, and ends of jobs."""
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,13 +12,8 @@ import msgspec
 import pytest
 
 from pdcd.cli import capture as capture_cli
-from pdcd.cli import manual, tables
-from pdcd.cli.commands import commands, groups, help_of, words_of
-from pdcd.cli.exits import exit_code
 from pdcd.cli.main import main
 from pdcd.cli.output import percent, say_compared, say_result
-from pdcd.cli.parser import build_parser
-from pdcd.cli.tables import fitted, wrapped
 from pdcd.protocol.plan_summary import PilotCost, PlanSummary, Prediction, ShotSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
@@ -43,7 +37,7 @@ def planned(
         def plan(self, *unused: Any, **how: Any) -> PlanSummary:
             return summary
 
-    monkeypatch.setattr(capture_cli, "Client", Planner)
+    monkeypatch.setattr("pdcd.cli.daemon.Client", Planner)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr("pdcd.cli.output.width", lambda: 200)
     assert main(["plan", "indirect"]) == 0
@@ -202,17 +196,6 @@ def test_how_a_job_ended_is_an_exit_code_and_a_line(
     assert printed.out.startswith("{") == as_json
 
 
-@pytest.mark.parametrize(
-    ("kind", "code"),
-    [
-        ("config", 2), ("request", 2), ("driver_unavailable", 2), ("busy", 4), ("denied", 6),
-        ("cancelled", 130), ("sync", 5), ("", 5), (None, 5),
-    ],
-)  # fmt: skip
-def test_each_kind_of_error_has_its_exit_code(kind: str | None, code: int) -> None:
-    assert exit_code(kind) == code
-
-
 def test_what_was_made_again_is_compared_name_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert say_compared({"a": 1}, iter([("x", True), ("y", False)]), as_json=False) == 5
     assert capsys.readouterr().out == "identical  x\nDIFFERS    y\n"
@@ -220,146 +203,3 @@ def test_what_was_made_again_is_compared_name_by_name(capsys: pytest.CaptureFixt
     assert json.loads(capsys.readouterr().out) == {"a": 1}
     assert say_compared({}, [], as_json=False) == 0
     assert (percent(0.12345), percent(1), percent("0.5")) == ("12.3 %", "100 %", "50 %")
-
-
-# --- columns --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("rows", "columns", "lines"),
-    [
-        ([["a", "b"], ["cc", "d"]], 5, ["a   b", "cc  d"]),
-        ([["aa bb", "c"]], 6, ["aa   c", "bb"]),  # the head of a column is broken in the end
-        ([["a", "b c d"]], 6, ["a  b c", "   d"]),
-        ([["a", "b c d"]], 8, ["a  b c d"]),
-        ([["x", "y"], ["a", "one two"]], 4, ["x  y", "a  one", "   two"]),
-        ([["head of it", "y"], ["a", "b"]], 8, ["head   y", "of it", "a      b"]),
-        ([["n", "t"], ["f", "x" * 25]], 8, ["n  t", "f", "    " + "x" * 25]),
-        ([["n", "t"], ["f", "x" * 24]], 8, ["n  t", "f  " + "x" * 24]),
-        ([["a", ""], ["", "b"]], 9, ["a", "   b"]),
-    ],
-)
-def test_columns_give_way_where_words_allow(
-    rows: list[list[str]], columns: int, lines: list[str]
-) -> None:
-    assert list(fitted(rows, columns)) == lines
-
-
-def test_a_sentence_goes_on_further_in_and_never_parts_a_number_from_its_unit() -> None:
-    assert list(wrapped("one two three", 7)) == ["one two", "  three"]
-    assert list(wrapped("take 12 ms more", 8)) == ["take", "  12 ms", "  more"]
-    assert list(wrapped("take 12 four more", 8)) == ["take 12", "  four", "  more"]
-    assert list(wrapped("about 5 % so", 9)) == ["about 5 %", "  so"]
-    assert list(wrapped("x" * 30, 9)) == ["x" * 30]
-    assert list(wrapped("well-known-thing", 9)) == ["well-known-thing"]
-    assert list(wrapped("", 9)) == []
-
-
-def test_where_no_terminal_is_there_are_eighty_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    for typed, columns in (("41", 41), ("40", 40), ("39", 40), ("200", 200)):
-        monkeypatch.setenv("COLUMNS", typed)
-        assert tables.width() == columns
-    monkeypatch.delenv("COLUMNS")
-    monkeypatch.setattr("shutil.get_terminal_size", lambda usual: argparse.Namespace(
-        columns=usual[0]))  # fmt: skip
-    assert tables.width() == tables.WIDTH == 80
-
-
-# --- the manual page ------------------------------------------------------------------------------
-
-
-def small() -> argparse.ArgumentParser:
-    """A parser with one of everything."""
-    parser = argparse.ArgumentParser(prog="pdcd", description="Do it.")
-    below = parser.add_subparsers(metavar="COMMAND")
-    one = below.add_parser("one", help="says one")
-    one.add_argument("what", nargs="+", metavar="WHAT", help="it goes by %(prog)s")
-    one.add_argument("--way", choices=("up", "down"), help="where to")
-    one.add_argument("--cell", nargs=2, metavar=("ROW", "COLUMN"))
-    one.add_argument("--hidden", help=argparse.SUPPRESS)
-    extra = one.add_argument_group("more of it")
-    extra.add_argument("-n", "--number", type=int, default=3, help="default: %(default)s")
-    two = below.add_parser("two", help="says two", description=".Two-fold.")
-    inner = two.add_subparsers()
-    inner.add_parser("three", help="says \\ three")
-    inner.add_parser("four")
-    return parser
-
-
-def test_the_manual_of_a_small_parser_is_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    lines = list(manual._page(small()))
-    begin, end = lines.index(".SH COMMANDS"), lines.index(".SH EXIT STATUS")
-    assert lines[1:10] == [
-        ".SH NAME", r"pdcd \- Do it.", ".SH SYNOPSIS", ".B pdcd", r"\fICOMMAND\fR [\fIOPTIONS\fR]",
-        ".SH DESCRIPTION",
-        "Results go to the standard output, progress and errors to the standard error.",
-        ".TP", r"\fB\-h\fR, \fB\-\-help\fR",
-    ]  # fmt: skip
-    helped = [".TP", r"\fB\-h\fR, \fB\-\-help\fR", "Show this help message and exit."]
-    assert lines[begin + 1 : end] == [
-        ".SS pdcd one", "Says one.", ".PP", ".B pdcd one [OPTIONS] WHAT [WHAT ...]",
-        ".TP", r"\fIWHAT [WHAT ...]\fR", "It goes by pdcd one.", *helped,
-        ".TP", r"\fB\-\-way\fR \fIWAY\fR", "Where to; one of up, down.",
-        ".TP", r"\fB\-\-cell\fR \fIROW COLUMN\fR", r"\&", ".PP", "More of it.",
-        ".TP", r"\fB\-n\fR, \fB\-\-number\fR \fINUMBER\fR", "Default: 3.",
-        ".SS pdcd two", r"\&.Two\-fold.", ".PP", ".B pdcd two [OPTIONS] [COMMAND]", *helped,
-        ".SS pdcd two three", r"Says \e three.", ".PP", ".B pdcd two three [OPTIONS]", *helped,
-        ".SS pdcd two four", "", ".PP", ".B pdcd two four [OPTIONS]", *helped,
-    ]  # fmt: skip
-    assert lines[end + 1] == (
-        "0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, 6 denied, "
-        "130 cancelled."
-    )
-    files = lines[end + 2 : -2]
-    assert files[0] == ".SH FILES" and files[1:4] == [
-        ".TP", ".I $XDG_CONFIG_HOME/pdcd/pdcd.toml",
-        r"The configuration; ~/.config without that variable.",
-    ]  # fmt: skip
-    assert len(files) == 1 + 3 * len(manual.FILES) and lines[-2] == ".SH SEE ALSO"
-
-
-def test_commands_come_before_their_own_and_say_what_they_do() -> None:
-    found = [(command.parser.prog, command.summary) for command in commands(small())]
-    assert found == [
-        ("pdcd one", "says one"), ("pdcd two", "says two"), ("pdcd two three", "says \\ three"),
-        ("pdcd two four", ""),
-    ]  # fmt: skip
-    titles = [title for title, _ in groups(next(commands(small())).parser)]
-    assert titles == ["positional arguments", "options", "more of it"]
-    assert [title for title, _ in groups(small())] == ["options"]
-
-
-@pytest.mark.parametrize(
-    ("how", "words", "told"),
-    [
-        ({"action": "store_true"}, "", ""), ({}, "OPT", ""), ({"metavar": "N"}, "N", ""),
-        ({"nargs": 3, "metavar": "H"}, "H H H", ""), ({"nargs": "?"}, "[OPT]", ""),
-        ({"nargs": "*", "metavar": "N"}, "[N ...]", ""), ({"nargs": "+"}, "OPT [OPT ...]", ""),
-        ({"nargs": "+", "metavar": ("LOW", "HIGH")}, "LOW [HIGH ...]", ""),
-        ({"nargs": 2, "metavar": ("A", "B")}, "A B", ""),
-        ({"choices": (1, 2)}, "OPT", "one of 1, 2"),
-        ({"choices": (1, 2), "help": "x"}, "OPT", "x; one of 1, 2"),
-        ({"choices": (1, 2), "metavar": "N", "help": "x"}, "N", "x"),
-        ({"help": "50 %%"}, "OPT", "50 %"),
-    ],
-)  # fmt: skip
-def test_values_are_written_as_they_are_typed(how: dict[str, Any], words: str, told: str) -> None:
-    parser = argparse.ArgumentParser(prog="p")
-    action = parser.add_argument("--opt", **how)
-    assert (words_of(action), help_of(action, parser)) == (words, told)
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("", ""), ("a", "A."), ("A.", "A."), ("'tis", r"\&'tis."), (".x", r"\&.x."),
-        (r"a\b-c", r"A\eb\-c."), ("x.y", "X.y."),
-    ],
-)  # fmt: skip
-def test_nothing_in_a_sentence_is_taken_for_an_order(text: str, sentence: str) -> None:
-    assert manual._sentence(text) == sentence
-
-
-def test_the_manual_is_of_the_programs_own_parser() -> None:
-    assert manual.page() == "\n".join(manual._page(build_parser())) + "\n"

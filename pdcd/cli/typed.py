@@ -1,0 +1,236 @@
+"""What can be typed, as a table: every command, and below it a line for each of its options.
+
+A command has its words, the "module:function" below `pdcd.cli` that runs it (`-` for one that needs
+another word), and what it does. An option has its names, words that stand for its values (the first
+tells their type), perhaps a default behind `=`, and what it is for. An argument has the name by
+which the command finds it first; so has an option behind `>` where that is not its own. `[ ]` may
+be left out, `...` may come again, `{ }` is one of these, `!` must be given. `@` stands for lines
+that several commands share, or for fields of a request. Two spaces or more part the columns; a line
+further in goes on with the text before it. `pdcd.cli.parser` reads it.
+"""
+
+from __future__ import annotations
+
+WHEN = "a date (2026-01-31, 2026-01-31T12:00), or how long ago: 30m, 12h, 7d, 2w"
+
+COMMANDS = """
+serve  serve:serve  run the daemon in the foreground
+  @config
+  --socket PATH               listen here
+  --state-dir DIR             keep runs below this folder
+  -v --verbose                log everything at a terminal, too, not warnings alone
+capture  capture:capture  take a photo and wait for it
+  usage                       [OPTIONS] GOAL
+  @photo
+  @detach
+  @queue
+transport  capture:capture  photograph entries of the transport matrix
+  usage                       [OPTIONS] [--rows R [R2]]
+  @photo goal=transport without=method
+  @detach
+  @queue
+compare  compare:compare  take a photo by every method, side by side
+  usage                       [OPTIONS] GOAL
+  @photo without=method
+demo  demo:demo  start a daemon on the mock bench and take one photo with it
+  --out DIR=demo
+  @fields codes seed
+plan  capture:plan  say what a capture would do, without doing it
+  usage                       [OPTIONS] GOAL
+  @photo without=out
+  @queue
+
+status  jobs:status  say what the daemon is doing
+  @client
+watch  jobs:watch  follow a job to its end, or all jobs until interrupted
+  job [JOB]
+  @client
+cancel  jobs:cancel  end a job: the one named, else the running one
+  job [JOB]
+  @client
+wait  capture:wait  wait for a job and report it as capture does
+  job JOB
+  @client
+web  web:web  serve a page for the person at the bench, to this machine alone
+  @config
+  @socket
+  --state-dir DIR             where the daemon keeps its runs
+  --host ADDRESS=127.0.0.1    of the loopback interface
+  --port N=8137               0 takes a free one
+
+drivers  tools:drivers  list drivers and why some are unavailable
+  @json
+doctor  -  say what of the bench is fit to work, and what not
+doctor display  doctor:display  look at the X server and at both panels
+  @device
+  --display :N                X server; default: the configuration's
+doctor camera  doctor:camera  look at the camera on the USB; nothing is exposed
+  @device
+  --raw FILE                  a photo of it: tells its frame and orientation
+doctor trigger  doctor:trigger  look at the shutter, and click it if told to
+  @device
+  --click                     open the shutter, and close it again
+  --seconds S=1.0             hold it open
+calibrate  calibrate:calibrate  have the bench measure itself
+  usage                       [OPTIONS] [STEP ...]
+  usage                       list | use NAME|none|latest | forget NAME [--yes]
+  step [STEP ...]             default: all that a bench needs; or of <steps>. In its place list: the
+                              calibrations that are kept; use: go by one, by name, or by the latest;
+                              forget: remove one
+  --scene                     on the scene that is in front of the camera, without a card
+  @fields marks
+  --anew                      measure all steps, also those found by a calibration that stopped not
+                              long ago
+  --again FOLDER              compute a calibration again from its photos
+  --out DIR                   make the folder in DIR; goes with --local
+  --yes                       wait for nobody: the card is where it has to be; forget without asking
+  @queue
+  @local
+  @client
+show  panels:show  show a pattern on both panels, without a camera
+  pattern [PATTERN]=grid      one of <patterns>
+  --index N=0                 which code
+  --loop                      all codes over and over: see through the mask
+  --out PNG                   on the mock: where to draw it; show-PATTERN.png
+  --seconds S                 end by itself
+  --detach                    leave it on the daemon's panels and return
+  @client
+timing  panels:timing  measure how regularly the panels show codes
+  --frames N=3000             refreshes to show
+  --out PNG                   write histograms of the times
+  --config FILE               where the panels are named
+  @json
+config  tools:config  try the configuration without a device, print it, or print its JSON Schema
+  action {check,show,schema}
+  --config FILE               instead of the usual file
+virtual-camera  virtual:virtual_camera  be a Canon EOS 450D on the network
+  --port N=15740              0 takes a free one
+  --scene KIND=chart          a scene of the mock bench
+  --small                     files of 192 x 128 samples
+snr  snr:snr  compare one coded photo with many photos without a mask
+  --profile NAME=modern       sensor: a name or the path of a .toml file
+  --iso N                     of the coded photo; default: the profile's lowest
+  --codes N=512               codes as the paper counts them, four to a code pair, each a mask-less
+                              photo
+  --exposure S=30.0           of the coded photo, and of all others together, in seconds
+  --signal E                  electrons of the coded photo through an ideal mask; default: 13 % of
+                              the highest
+  --transmission SHARE=1.0    light that the open mask lets through, as a share of 1 or in %
+  @json
+
+runs  runs:list_runs  list runs on disk, and do things with them
+  usage                       [OPTIONS] [show|export|verify|prune]
+  @runs
+  @filters of=list
+  --all > list_all            every run on disk, and the quick looks of previews; default: the
+                              newest 50 captures
+runs show  runs:show  say all that is known of a run
+  @run
+  @again
+runs export  runs:export  write pictures of a run for other programs
+  @run
+  @export
+  @again
+runs verify  runs:verify  say whether runs are whole and unchanged
+  run_name [RUN ...]          job, name or folder; default: all finished runs
+  @filters
+  @again
+runs prune  runs_prune:prune  remove runs that are no longer wanted
+  more                        Remove captures, after saying which. Name at least one of
+                              --older-than, --failed and --keep; what is named together must hold
+                              together.
+  @filters
+  --older-than T              started before that: <when>
+  --keep N                    not the newest N of those chosen, of any age
+  --dry-run                   only say what would be removed
+  --yes                       do not ask
+  @again
+decode  tools:decode  decode a run folder again from its RAW files
+  folder FOLDER
+  --partial                   of a run that was interrupted: a new folder
+  --out DIR                   where that is made; default: beside the old one
+  @json
+verify  verify:verify_runs  say whether runs are whole and unchanged
+  folder FOLDER ...
+  --manifest-sha256 HEX       what capture told of the run: shows a change that was made on purpose,
+                              too
+  @json
+export  export:export  write pictures of a finished run for other programs
+  folder FOLDER
+  @export
+  @json
+report  report:report  make a page of a finished run, with its pictures
+  folder FOLDER
+  --out FILE                  default: report.html in the run's folder
+  @json
+row  row:row  show which paths a finished run kept for one cell
+  folder FOLDER
+  --cell ROW COLUMN !         counted from 0
+  --photo NAME                default: the one that the answer rests on
+  --out PNG                   default: row-PHOTO-ROW-COLUMN.png in FOLDER
+  @json
+figures  figures:figures  take the paper's experiments again, as one page
+  number [NUMBER ...]         such as 1, 12, table-1, appendix; default: all
+  --out DIR !                 folder of the page
+  --quick                     a coarser camera and fewer codes, some two minutes on two cores (the
+                              default)
+  --full                      the camera's own resolution, the paper's codes; hours
+  --no-plots                  leave out what needs matplotlib
+  --workers N                 processes; default: 2
+  @json
+
+version  tools:version  print the version
+completion  completion:completion  print a script that completes commands
+  more                        Print a script by which a shell completes commands, options and files.
+                              For bash into ~/.local/share/bash-completion/completions/pdcd, for zsh
+                              into _pdcd in a folder of $fpath, for fish into
+                              ~/.config/fish/completions/pdcd.fish.
+  shell {bash,zsh,fish}
+man  manual:man  print the manual page
+"""
+
+SHARED = """
+config
+  --config FILE               configuration; default: the mock bench
+socket
+  --socket PATH               where the daemon listens
+json
+  --json                      print JSON, one object a line
+client
+  @config
+  @socket
+  @json
+device
+  --config FILE               where the device is named
+  @json
+local
+  --local                     drive the rig from this process, without a daemon
+queue
+  --queue                     wait while the rig is taken
+detach
+  --detach                    start only; the job outlives this command
+run
+  run_name RUN                its job, its name or its folder
+runs
+  @config
+  --socket PATH               ask the daemon that listens there
+  @json
+  --state-dir DIR             look below this folder; default: where the daemon has its runs, else
+                              where captures without a daemon go
+filters
+  --goal GOAL                 photos of this goal
+  --since T                   started then or later: <when>
+  --tag WORD ... > tags       with this tag; again for more, all of which they must have
+  --failed                    of which no whole run came; prune: leftovers without a manifest
+export
+  --format {exr,tiff16,png16,npz} !  32-bit floats (exr, npz), or 16 bits a colour, linear
+  --picture NAME ...          which one; again for more; default: all
+  --out DIR=.                 no run folder
+  --upright                   as the projector sees the scene, cropped to the field; default: as the
+                              camera does
+  --white-patch X Y           make what lies at X Y of the field grey, from 0 0 at its upper left
+                              corner to 1 1; default: colours as taken
+  --range BLACK WHITE         scene units that become 0 and 65535 in 16 bits; default: 0 and a power
+                              of two
+  --force                     replace files that are there
+"""
