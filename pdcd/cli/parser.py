@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
-from pdcd.cli.typed import COMMANDS, SHARED, WHEN
+from pdcd.cli.typed import COMMANDS, SHARED, WHEN, share
 from pdcd.version import __version__
 from pdcd.words import GoalName, MovingName, PatternName, StepName
 
@@ -33,12 +33,6 @@ WORDS = {
 
 How = dict[str, Any]
 """What argparse's `add_argument` takes."""
-
-
-def share(text: str) -> float:
-    """Read "1%" or "0.01"; argparse reports the ValueError of anything else."""
-    number = text.removesuffix("%")
-    return float(number) / (100.0 if number != text else 1.0)
 
 
 TYPES: dict[str, Callable[[str], Any]] = {

@@ -10,7 +10,7 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 from typing import Any
 
-from pdcd.cli.parser import share
+from pdcd.cli.typed import share
 from pdcd.errors import ConfigError
 from pdcd.protocol.about import GROUPS
 from pdcd.protocol.fields import Field, FieldError, fields_of, request_fields

@@ -234,3 +234,9 @@ export
                               of two
   --force                     replace files that are there
 """
+
+
+def share(text: str) -> float:
+    """Read "1%" or "0.01"; argparse reports the ValueError of anything else."""
+    number = text.removesuffix("%")
+    return float(number) / (100.0 if number != text else 1.0)

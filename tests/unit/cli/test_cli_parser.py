@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from pdcd.cli.parser import EXIT_CODES, actions_of, build_parser, commands, share
+from pdcd.cli.parser import EXIT_CODES, actions_of, build_parser, commands
+from pdcd.cli.typed import share
 
 """By command: its arguments, then its options, group by group."""
 PARSER = build_parser()
