@@ -81,10 +81,6 @@ class Site:
         self._disk = Turns(DISK_AT_A_TIME, "the disk")
         self._refusals = 0
 
-    async def close(self) -> None:
-        """Wait no more for the disk."""
-        await self._disk.close()
-
     def app(self) -> web.Application:
         """What the server serves."""
         app = web.Application(middlewares=[self._keep], client_max_size=MOST_BYTES)

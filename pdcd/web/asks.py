@@ -43,11 +43,6 @@ class Asks:
         """End a job; has a place kept for it, so that it need not wait for a plan."""
         return await self._kept.do(self._call, "capture.cancel", {"job": job}, ENGINE_S)
 
-    async def close(self) -> None:
-        """Wait no more for answers."""
-        await self._turns.close()
-        await self._kept.close()
-
     def _call(self, method: str, params: Params | None, answer_s: float) -> Any:
         with Client(self._socket, CONNECT_S) as client:
             return client.call(method, params, timeout_s=answer_s)

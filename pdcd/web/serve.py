@@ -97,8 +97,6 @@ async def serving(sock: sockets.socket, socket: Path, state: Path) -> AsyncItera
         await news.close()
         places.end()
         await runner.cleanup()
-        await site.close()
-        await asks.close()
 
 
 async def run(

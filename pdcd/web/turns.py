@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pdcd.errors import BusyError
 from pdcd.server.aside import aside
@@ -22,9 +23,8 @@ class Turns:
         """what : in words, for who finds no place."""
         self._places = asyncio.Semaphore(places)
         self._what = what
-        self._open: set[asyncio.Task[Any]] = set()
 
-    async def do(self, function: Callable[..., R], *args: Any) -> R:
+    async def do(self, function: Callable[..., R], *args: object) -> R:
         """What the call returns or raises. Raises BusyError where none of the places is free."""
         try:
             async with asyncio.timeout(WAIT_S):
@@ -33,25 +33,14 @@ class Turns:
             raise BusyError(
                 f"too much is asked of {self._what} at a time", hint="try again in a moment"
             ) from err
-        # Who leaves must not give the place away while the call still hangs.
-        task = asyncio.create_task(self._held(function, *args))
-        self._open.add(task)
-        task.add_done_callback(self._over)
-        return await asyncio.shield(task)
+        loop = asyncio.get_running_loop()
 
-    async def close(self) -> None:
-        """Wait no more for what is called."""
-        for task in list(self._open):
-            task.cancel()
-        await asyncio.gather(*self._open, return_exceptions=True)
+        def held() -> R:
+            # Who leaves does not give the place away while the call still hangs.
+            try:
+                return function(*args)
+            finally:
+                with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+                    loop.call_soon_threadsafe(self._places.release)
 
-    async def _held(self, function: Callable[..., R], *args: Any) -> R:
-        try:
-            return await aside(function, *args)
-        finally:
-            self._places.release()
-
-    def _over(self, task: asyncio.Task[Any]) -> None:
-        self._open.discard(task)
-        if not task.cancelled():
-            task.exception()  # looked at, even where the browser has left and nobody else does
+        return await aside(held)

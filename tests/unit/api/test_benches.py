@@ -17,7 +17,7 @@ from pdcd.api.connected import Connected, connect
 from pdcd.api.local import LocalBench, local
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
-from pdcd.errors import DeniedError, DeviceLost, PdcdError, RequestError
+from pdcd.errors import DeniedError, PdcdError, RequestError
 from pdcd.protocol.events import Event, Started
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -240,15 +240,6 @@ def test_devices_are_opened_by_the_first_photo_and_let_go_of_once(machine: Machi
     assert machine.asked[-1] == "stop"
     LocalBench(Config()).close()
     assert machine.asked.count("stop") == 2
-
-
-def test_what_did_not_open_is_let_go_of(machine: Machine) -> None:
-    machine.fails = DeviceLost("gone", device="camera")
-    bench = LocalBench(Config())
-    for _ in range(2):
-        with pytest.raises(DeviceLost):
-            bench.take(WHITE)
-    assert machine.asked == ["start", "stop"] * 2
 
 
 def test_a_photo_goes_to_the_folder_of_the_bench_unless_it_has_its_own(

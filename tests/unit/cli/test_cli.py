@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 
@@ -168,23 +168,6 @@ def test_capture_leaves_defaults_to_the_rig(daemon: type[StubClient], tmp_path: 
     assert main(["capture", "indirect"]) == 0
     wanted = CaptureRequest(goal="indirect")
     assert daemon.asked == [tmp_path / "pdcd.sock", (wanted, False, False), "closed"]
-
-
-@pytest.mark.parametrize(
-    ("line", "fields"),
-    [
-        ("keyed --disparity 3", {"disparity": (3, 3)}),
-        ("stereo --disparity -1 2", {"disparity": (-1, 2)}),
-        ("epipolar --keep out", {"keep": "out"}),
-        ("keyed --plane 1 0 0.1 0 1 0 0 0 1", {"plane": (1.0, 0.0, 0.1, 0, 1, 0, 0, 0, 1)}),
-    ],
-)
-def test_depths_can_be_typed(
-    daemon: type[StubClient], tmp_path: Path, line: str, fields: dict[str, Any]
-) -> None:
-    assert main(["capture", *line.split()]) == 0
-    wanted = CaptureRequest(goal=line.split()[0], **fields)  # type: ignore[arg-type]
-    assert daemon.asked[1] == (wanted, False, False)
 
 
 def test_files_are_opened_here_and_never_named_to_the_daemon(

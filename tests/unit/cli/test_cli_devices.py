@@ -233,27 +233,6 @@ def test_black_and_what_is_left_there_are_not_waited_for(
     assert "pdcd show without a daemon draws them" in printed.err.splitlines()[0]
 
 
-@pytest.mark.parametrize(
-    ("pattern", "words"),
-    [
-        ("projector", "the projector alone, white"), ("mask", "the mask alone, white"),
-        ("white", "white on projector and mask"), ("grid", "grid on projector and mask"),
-        ("checker", "checker on the projector, its complement on the mask"),
-    ],
-)  # fmt: skip
-def test_what_both_panels_show_is_said(
-    shower: Shower, capsys: pytest.CaptureFixture[str], pattern: str, words: str
-) -> None:
-    assert main(["show", pattern, "--detach"]) == 0
-    assert capsys.readouterr().out == f"{words}: job {JOB}\n"
-
-
-@pytest.mark.parametrize("words", [["--loop"], ["flash"], ["bar"]])
-def test_what_moves_is_nothing_for_a_daemons_panels(shower: Shower, words: list[str]) -> None:
-    assert main(["show", *words]) == 4
-    assert shower.done == ["closed"]
-
-
 @pytest.mark.parametrize("words", [["--detach"], ["--socket", "/nobody.sock"]])
 def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
     monkeypatch: pytest.MonkeyPatch, words: list[str]

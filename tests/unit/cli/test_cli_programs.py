@@ -183,26 +183,6 @@ def test_a_daemon_is_waited_for_until_it_answers_or_has_ended(
         assert capsys.readouterr().err == "it begins\nit fails\n" and count == 1
 
 
-def test_a_daemon_is_waited_for_no_longer_than_twenty_seconds(
-    daemon: Daemon, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    now_s = 100.0
-
-    def client(socket: Path) -> Any:
-        raise Unreachable("nobody")
-
-    def sleep(seconds: float) -> None:
-        nonlocal now_s
-        now_s += 4.0
-
-    (tmp_path / "log").touch()
-    monkeypatch.setattr(demo_cli, "Client", client)
-    monkeypatch.setattr(demo_cli, "time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
-    with pytest.raises(Unreachable):
-        demo_cli._connect(Path("s"), daemon, tmp_path / "log")  # type: ignore[arg-type]
-    assert now_s == 124.0
-
-
 # --- the page -------------------------------------------------------------------------------------
 
 

@@ -87,27 +87,6 @@ def test_json_has_a_run_a_line_and_filters_choose(
     assert jobs("--state-dir", str(state / "preview" / job(4))) == []
 
 
-def test_a_daemon_is_asked_for_its_runs_first_page_after_page(
-    state: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[RunQuery] = []
-    every = runs(state)
-
-    class Finder(StubClient):
-        asked = []  # noqa: RUF012
-
-        def find(self, query: RunQuery) -> Page:
-            asked.append(query)
-            more = None if query.before else "captures/x"
-            part = every[:1] if more else every[1:]
-            return Page(state_folder="/srv/pdcd", runs=part, more=more)
-
-    monkeypatch.setattr("pdcd.cli.daemon.Client", Finder)
-    assert len(told(capsys, "--json", "--tag", "wax")) == 3
-    assert [query.before for query in asked] == [None, "captures/x"]
-    assert asked[0].tags == ("wax",) and asked[0].newest == 50
-
-
 def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
     state: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from pdcd.cli import capture as capture_cli
 from pdcd.cli.main import main
 from pdcd.cli.output import percent, say_compared, say_result
 from pdcd.protocol.plan_summary import PilotCost, PlanSummary, Prediction, ShotSummary
@@ -96,30 +93,6 @@ def test_a_plan_says_what_is_foreseen_and_why(
     ]  # fmt: skip
 
 
-def test_a_plan_that_nobody_answers_is_made_here_with_the_same_request(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked: list[Any] = []
-
-    class Bench:
-        note = ""
-
-        def foresee(self, request: CaptureRequest, files: Any) -> PlanSummary:
-            asked.append((request, files))
-            return PLAN
-
-    @contextmanager
-    def local(config: Path | None) -> Iterator[Bench]:
-        asked.append(config)
-        yield Bench()
-
-    monkeypatch.setattr(capture_cli, "local", local)
-    line = ["plan", "white", "--seed", "3", "--kernel", "k.npy", "--config", "c.toml"]
-    assert main(line) == 0
-    request = CaptureRequest(goal="white", seed=3)
-    assert asked == [Path("c.toml"), (request, {"kernel": Path("k.npy")})]
-
-
 @pytest.mark.parametrize(
     ("line", "fields"),
     [
@@ -168,32 +141,6 @@ def test_all_that_is_known_of_a_photo_is_in_its_table(
         ["to measure", "/r/linear/high.tif"], ["T to look at", "/r/preview/transport.png"],
         ["T", "/r/transport.npz"], ["report", "/r/report.html"],
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("state", "error", "code", "told"),
-    [
-        ("done", None, 0, ""), ("done", {"message": "odd"}, 0, ""), ("failed", None, 5, ""),
-        ("failed", {"kind": "busy", "message": "m", "device": "d", "hint": "h"}, 4, "d: m (h)"),
-        ("failed", {"kind": "config"}, 2, "failed"), ("failed", {}, 5, "failed"),
-        ("cancelled", {"message": "gone"}, 130, "gone"), ("cancelled", None, 130, ""),
-        ("running", {"message": "odd"}, 0, ""),
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("as_json", [True, False])
-def test_how_a_job_ended_is_an_exit_code_and_a_line(
-    capsys: pytest.CaptureFixture[str],
-    state: Any,
-    error: dict[str, str | None] | None,
-    code: int,
-    told: str,
-    as_json: bool,
-) -> None:
-    result = CaptureResult(job=JOB, state=state, error=error)
-    assert say_result(result, as_json=as_json) == code
-    printed = capsys.readouterr()
-    assert printed.err == (f"pdcd: {told}\n" if told else "")
-    assert printed.out.startswith("{") == as_json
 
 
 def test_what_was_made_again_is_compared_name_by_name(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,6 @@ from pdcd.web.asks import ANSWER_S, ENGINE_S, Asks
 from pdcd.web.door import REQUEST_S, Places
 from pdcd.web.pages import page_files
 from pdcd.web.serve import bound, serving
-from pdcd.web.turns import Turns
 from tests.hostile.web_requests import Inside
 from tests.hostile.web_trial import inside_of, sent
 from tests.run_folders import finished, job
@@ -255,38 +254,3 @@ def test_who_shows_the_token_has_more_time_and_who_waits_for_the_rig_most(
         assert given == [REQUEST_S, REQUEST_S, LONG_S] and LONG_S > ENGINE_S > ANSWER_S
 
     served(tmp_path, scenario)
-
-
-def test_calls_wait_for_their_turn_and_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pdcd.web.turns.WAIT_S", 0.02)
-
-    async def scenario() -> None:
-        import threading
-
-        turns, go, began = Turns(1, "the disk"), threading.Event(), threading.Event()
-
-        def held() -> str:
-            began.set()
-            go.wait(10.0)
-            return "held"
-
-        first = asyncio.create_task(turns.do(held))
-        await asyncio.to_thread(began.wait, 10.0)
-        with pytest.raises(BusyError, match="too much is asked of the disk"):
-            await turns.do(str, 5)
-        first.cancel()  # who leaves does not give the place away
-        await asyncio.gather(first, return_exceptions=True)
-        with pytest.raises(BusyError):
-            await turns.do(str, 5)
-        go.set()
-        for _ in range(200):
-            if not turns._open:
-                break
-            await asyncio.sleep(0.005)
-        assert await turns.do(str, 5) == "5"
-        with pytest.raises(ZeroDivisionError):
-            await turns.do(divmod, 1, 0)
-        assert await turns.do(str, 6) == "6"
-        await turns.close()
-
-    asyncio.run(scenario())

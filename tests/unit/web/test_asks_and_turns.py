@@ -64,7 +64,6 @@ def test_a_question_goes_over_a_connection_of_its_own(monkeypatch: pytest.Monkey
         assert await asks.ask("rig.status") == "answer to rig.status"
         assert await asks.ask("capture.plan", {"a": 1}, answer_s=7.0) == "answer to capture.plan"
         assert await asks.cancel("j") == "answer to capture.cancel"
-        await asks.close()
 
     asyncio.run(scenario())
     there = (Path("/there"), 5.0)
@@ -94,59 +93,39 @@ def test_three_questions_at_a_time_and_one_more_to_cancel(monkeypatch: pytest.Mo
         answers = await asyncio.gather(*asked)
         assert answers == [*(("plan", None, n) for n in range(3)),
                            ("capture.cancel", {"job": "j"}, module.ENGINE_S)]  # fmt: skip
-        await asks.close()
 
     # A place that is free is had without any wait, so that a wait of no time finds it.
     asyncio.run(scenario())
 
 
-def test_the_end_waits_for_no_answer() -> None:
-    held = Held()
-
-    async def scenario() -> None:
-        asks = Asks(Path("/there"))
-        asks._call = held.call  # type: ignore[assignment,method-assign]
-        asked = [asyncio.create_task(asks.ask("plan")), asyncio.create_task(asks.cancel("j"))]
-        await until(lambda: held.began == 2)
-        await asyncio.wait_for(asks.close(), PATIENCE_S)
-        ends = await asyncio.gather(*asked, return_exceptions=True)
-        assert [type(end) for end in ends] == [asyncio.CancelledError] * 2
-
-    try:
-        asyncio.run(scenario())
-    finally:
-        held.free.set()
-
-
-def test_a_call_whose_asker_has_left_fails_in_silence(caplog: pytest.LogCaptureFixture) -> None:
-    free = threading.Event()
+def test_who_leaves_does_not_give_the_place_away(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(turns, "WAIT_S", 0.0)
+    free, began = threading.Event(), threading.Event()
 
     def fails() -> None:
+        began.set()
         assert free.wait(PATIENCE_S)
         raise ZeroDivisionError
 
     async def scenario() -> None:
         turn = Turns(1, "the disk")
         asker = asyncio.create_task(turn.do(fails))
-        await until(lambda: bool(turn._open))
+        await until(began.is_set)
         asker.cancel()
-        await asyncio.gather(asker, return_exceptions=True)
+        ends = await asyncio.gather(asker, return_exceptions=True)
+        assert isinstance(ends[0], asyncio.CancelledError)
+        with pytest.raises(BusyError, match="too much is asked of the disk"):
+            await turn.do(str, 5)
         free.set()
-        await until(lambda: not turn._open)
-        assert await turn.do(str, 1) == "1"
+        await until(lambda: not turn._places.locked())
+        with pytest.raises(ZeroDivisionError):
+            await turn.do(divmod, 1, 0)
+        await until(lambda: not turn._places.locked())
+        assert await turn.do(divmod, 7, 2) == (3, 1)
 
     with caplog.at_level(logging.ERROR):
         asyncio.run(scenario())
         gc.collect()
     assert "never retrieved" not in caplog.text
-
-
-def test_what_is_done_is_no_longer_held() -> None:
-    async def scenario() -> None:
-        turn = Turns(2, "the disk")
-        assert [await turn.do(divmod, 7, 2), await turn.do(str)] == [(3, 1), ""]
-        await asyncio.sleep(0)
-        assert not turn._open
-        await turn.close()
-
-    asyncio.run(scenario())

@@ -12,7 +12,7 @@ import pytest
 from pdcd.protocol import events
 from pdcd.web import news as module
 from pdcd.web.asks import Asks
-from pdcd.web.news import BEAT, News, TooMany
+from pdcd.web.news import BEAT, News
 
 
 class Slow(Asks):
@@ -61,42 +61,6 @@ def test_the_last_hundred_events_are_remembered() -> None:
         await anext(page)
         assert [message["shot"] for message in waiting(told)] == [f"s{n}" for n in range(1, 101)]
         await page.aclose()
-        await told.close()
-
-    asyncio.run(scenario())
-
-
-def test_a_page_may_leave_256_messages_unread_and_thinned_ones_half_of_that() -> None:
-    async def scenario() -> None:
-        told = News(Path("/nowhere"), Slow())
-        page = told.page()
-        await anext(page)
-        for number in range(256):
-            told._heard(armed(number))
-        (queue,) = told._pages
-        assert queue.qsize() == 256
-        told._heard(armed(256))
-        assert waiting(told) == [None]  # it is given up, and reads nothing more
-        for frame in range(200):
-            told._heard(events.Progress(job="one", shot="s", frame=frame, frames=900, missed=0))
-        assert queue.qsize() == 128
-        await page.aclose()
-        await told.close()
-
-    asyncio.run(scenario())
-
-
-def test_eight_pages_are_told_news() -> None:
-    async def scenario() -> None:
-        told = News(Path("/nowhere"), Slow())
-        pages = [told.page() for _ in range(8)]
-        for page in pages:
-            assert (await anext(page)).endswith(b"\n\n")
-        with pytest.raises(TooMany):
-            await anext(told.page())
-        for page in pages:
-            await page.aclose()
-        assert not told._pages
         await told.close()
 
     asyncio.run(scenario())
@@ -182,22 +146,6 @@ def test_a_state_of_a_daemon_that_has_gone_meanwhile_is_not_told() -> None:
         assert (gone["here"], gone["why"], gone["status"]) == (False, "unplugged", None)
         assert told._state()["status"] is None
         await page.aclose()
-        await told.close()
-
-    asyncio.run(scenario())
-
-
-def test_a_fault_of_ours_in_asking_is_no_daemon_that_is_away() -> None:
-    class Faulty(Slow):
-        async def ask(self, method: str, params: object = None, **unused: object) -> Any:
-            raise ZeroDivisionError
-
-    async def scenario() -> None:
-        told = News(Path("/nowhere"), Faulty())
-        told._arrived()
-        assert told._refresh is not None
-        with pytest.raises(ZeroDivisionError):
-            await told._refresh
         await told.close()
 
     asyncio.run(scenario())

@@ -7,16 +7,15 @@ import json
 import threading
 from collections.abc import AsyncGenerator, Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from pdcd.client import Unreachable
-from pdcd.errors import BusyError, PdcdError
+from pdcd.errors import BusyError
 from pdcd.protocol import events
 from pdcd.web import news as module
-from pdcd.web.asks import CONNECT_S, Asks
+from pdcd.web.asks import Asks
 from pdcd.web.news import News
 
 PATIENCE_S = 30.0
@@ -165,31 +164,6 @@ def test_a_fault_of_ours_is_not_taken_for_a_daemon_that_is_away(
     asyncio.run(scenario())
 
 
-@pytest.mark.parametrize("error", [PdcdError("refused"), OSError("no such file")])
-def test_whatever_keeps_it_from_the_daemon_it_tries_again(
-    error: Exception, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    daemons = Daemons(error, error)
-
-    async def scenario() -> None:
-        told = News(Path("/there"), Idle())
-        ended = told._ended = Pauses()
-        monkeypatch.setattr(module, "Client", daemons.client)
-
-        def pause(seconds: float) -> None:
-            if not daemons.visits:
-                ended.set()
-
-        monkeypatch.setattr(ended, "wait", pause)
-        told._listen()
-        assert len(daemons.made) == 2
-        await asyncio.sleep(0)
-        assert told._state()["why"] == str(error)
-        await told.close()
-
-    asyncio.run(scenario())
-
-
 def test_what_is_heard_after_the_end_of_the_loop_is_nobodys() -> None:
     async def scenario() -> News:
         told = News(Path("/there"), Idle())
@@ -199,17 +173,3 @@ def test_what_is_heard_after_the_end_of_the_loop_is_nobodys() -> None:
     told = asyncio.run(scenario())
     told._in_loop(told._gone, "too late")
     assert told._state()["why"] == "not reached yet"
-
-
-def test_the_end_waits_for_a_listener_longer_than_a_greeting_may_take() -> None:
-    waited: list[float] = []
-
-    async def scenario() -> None:
-        told = News(Path("/there"), Idle())
-        assert told._thread.daemon and told._thread.name == "pdcd-web-news"
-        thread: Any = SimpleNamespace(ident=1, join=waited.append)
-        told._thread = thread
-        await told.close()
-
-    asyncio.run(scenario())
-    assert len(waited) == 1 and CONNECT_S < waited[0] < 2.0 * CONNECT_S
