@@ -141,23 +141,20 @@ def _counting(
     progress: bool | Callable[[Record], None], done: int, total: int
 ) -> Iterator[Callable[[Record], None]]:
     """What is told of each row."""
-    if callable(progress):
-        yield progress
+    if callable(progress) or not progress:
+        yield progress or (lambda row: None)
         return
-    if not progress:
-        yield lambda row: None
-        return
-    before, failures = done, 0
+    states: list[bool] = []
     with drawn(f"{done} of {total} captures") as show:
-        show(f"{done} of {total} captures", (0.0, float(max(total - before, 1))), True)
 
-        def tell(row: Record) -> None:
-            nonlocal done, failures
-            done += 1
-            failures += row["state"] != "done"
-            words = f"{done} of {total} captures" + f", {failures} failed" * bool(failures)
-            show(words, (float(done - before), float(total - before)), False)
+        def tell(row: Record | None) -> None:
+            states.extend([] if row is None else [row["state"] == "done"])
+            failures = states.count(False)
+            words = f"{done + len(states)} of {total} captures"
+            share = float(len(states)), float(max(total - done, 1))
+            show(words + f", {failures} failed" * bool(failures), share, row is None)
 
+        tell(None)
         yield tell
 
 

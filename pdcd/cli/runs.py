@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import re
 import textwrap
 from collections.abc import Generator, Sequence
-from datetime import datetime
+from contextlib import closing
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -15,10 +17,19 @@ from pdcd.api.progress import tell
 from pdcd.bench.config import load
 from pdcd.bench.folders import state_dir
 from pdcd.cli.daemon import daemon_if_any
-from pdcd.cli.exits import DONE
-from pdcd.cli.moment import moment
-from pdcd.cli.output import WIDTH, percent, say, say_json, say_table, say_verdict, summary_rows
+from pdcd.cli.exits import DONE, FAILED
+from pdcd.cli.output import (
+    WIDTH,
+    agreed,
+    percent,
+    say,
+    say_json,
+    say_table,
+    say_verdict,
+    summary_rows,
+)
 from pdcd.cli.parser import LISTED
+from pdcd.cli.typed import WHEN
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
@@ -29,6 +40,10 @@ from pdcd.runs.index import at, find, named, one
 from pdcd.runs.later import REPORT
 from pdcd.runs.record import Manifest
 
+if TYPE_CHECKING:
+    from pdcd.runs.prune import Unwanted
+
+UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 NEWEST = 50
 """Runs that are listed where not all are asked for."""
 COLUMNS = ("job", "came out", "goal", "codes", "exposure", "error")
@@ -87,7 +102,7 @@ def show(args: argparse.Namespace) -> int:
 
 def export(args: argparse.Namespace) -> int:
     """Write pictures of a run, as `pdcd export` does."""
-    from pdcd.cli.export import export as write
+    from pdcd.cli.run_files import export as write
 
     args.folder = Path(run_of(args).folder)
     return write(args)
@@ -96,7 +111,7 @@ def export(args: argparse.Namespace) -> int:
 def verify(args: argparse.Namespace) -> int:
     """Verify the runs that are named, or all finished ones that are like that, as `pdcd verify`
     does."""
-    from pdcd.cli.verify import verify_runs
+    from pdcd.cli.run_files import verify_runs
 
     if args.run_name:
         args.folder = [Path(run_of(args, name).folder) for name in args.run_name]
@@ -291,3 +306,85 @@ def _local(utc: str | None) -> str | None:
         return f"{datetime.fromisoformat(utc).astimezone():%Y-%m-%d %H:%M:%S %Z}"
     except (ValueError, OverflowError):
         return utc
+
+
+def prune(args: argparse.Namespace) -> int:
+    """Say which runs are to go, ask, and remove them; fails when one of them could not be."""
+    from pdcd.runs.prune import remove, unwanted
+
+    _check_prune(args)
+    older = None if args.older_than is None else moment(args.older_than, "--older-than")
+    query = query_of(args, "", newest=1)
+    # Of the daemon only where its runs lie is asked: they are removed with the rights of this user.
+    with closing(pages(args, query)) as found:
+        state = Path(next(found).state_folder)
+    going = list(
+        unwanted(
+            state,
+            query_of(args, "", newest=1000),
+            older_than=older,
+            leftovers=args.failed,
+            keep=args.keep or 0,
+        )
+    )
+    if not args.json:
+        _say_going(going, state)
+    if args.dry_run or not going:
+        _say_unwanted(going, as_json=args.json)
+        return DONE
+    if not args.yes and not agreed(f"remove {len(going)} runs for good?", silent=args.json):
+        return DONE
+    gone = [remove(state, each) for each in reversed(going)]
+    _say_unwanted(gone, as_json=args.json)
+    for each in gone:
+        if not args.json and not each.removed:
+            say(f"kept {each.run.job}: {each.why}")
+    removed = [each for each in gone if each.removed]
+    tell(f"removed {len(removed)} of {len(gone)} runs, {_size(removed)}")
+    return DONE if len(removed) == len(gone) else FAILED
+
+
+def _check_prune(args: argparse.Namespace) -> None:
+    """Raise ConfigError unless it was said which runs are to go."""
+    refuse_before(args)
+    if args.keep is not None and args.keep < 0:
+        raise ConfigError(f"--keep {args.keep} is less than nothing")
+    if args.older_than is None and args.keep is None and not args.failed:
+        raise ConfigError(
+            "it was not said which runs are to go",
+            hint="name at least one of --older-than, --failed and --keep",
+        )
+
+
+def _say_going(going: list[Unwanted], state: Path) -> None:
+    if not going:
+        say(f"nothing to remove in {state}")
+        return
+    say(f"to be removed from {state}, the oldest first:")
+    say_runs([each.run for each in reversed(going)])
+    say(f"{len(going)} runs, {_size(going)}")
+
+
+def _say_unwanted(runs: list[Unwanted], *, as_json: bool) -> None:
+    for each in runs if as_json else ():
+        say_json(each)
+
+
+def _size(runs: list[Unwanted]) -> str:
+    return f"{sum(each.size_bytes for each in runs) / 2**20:.1f} MiB"
+
+
+def moment(text: str, option: str, now: datetime | None = None) -> datetime:
+    """The moment in UTC; a date without a zone is one of this machine's.
+
+    Raises ConfigError, which names the `option`.
+    """
+    now = datetime.now(UTC) if now is None else now
+    ago = re.fullmatch(r"(\d{1,6})([smhdw])", text)
+    try:
+        if ago is not None:
+            return now - timedelta(**{UNITS[ago[2]]: int(ago[1])})
+        # A moment without a zone is taken for one of this machine's.
+        return datetime.fromisoformat(text).astimezone(UTC)
+    except (ValueError, OverflowError) as err:
+        raise ConfigError(f"{option} {text!r} is no moment", hint=f"it takes {WHEN}") from err

@@ -1,22 +1,18 @@
-"""`pdcd drivers`, `config`, `decode`, `version`: what needs no daemon."""
+"""`pdcd drivers`, `config`, `virtual-camera`: what needs no daemon."""
 
 from __future__ import annotations
 
 import argparse
 import json
 
-from pdcd.api.progress import bar
 from pdcd.bench.config import find, load, read, schema, show
 from pdcd.bench.measured import calibrated, choice
 from pdcd.bench.origins import age_words, origins
 from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
-from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import say, say_compared, say_json, say_table, say_text
+from pdcd.cli.exits import DONE
+from pdcd.cli.output import say, say_json, say_table, say_text
 from pdcd.errors import ConfigError
-from pdcd.protocol.events import Decoded
-from pdcd.version import __version__
-from pdcd.watch import Watch
 
 
 def drivers(args: argparse.Namespace) -> int:
@@ -78,41 +74,24 @@ def _show(args: argparse.Namespace) -> int:
     return DONE
 
 
-def decode(args: argparse.Namespace) -> int:
-    """Decode a run again; fails when a picture differs from the one kept."""
-    from pdcd.pictures.decode import decode_folder
-
-    if args.out is not None and not args.partial:
-        raise ConfigError("--out goes with --partial: a finished run is only compared")
-    with bar("reading") as show:
-        watch = Watch(step=lambda done, total: show(Decoded(done=done, total=total)))
-        if args.partial:
-            return _salvage(args, watch)
-        report = decode_folder(args.folder, watch)
-    files = ((file.name, file.identical) for file in report.files)
-    return say_compared(report, files, as_json=args.json)
-
-
-def _salvage(args: argparse.Namespace, watch: Watch) -> int:
-    """Make pictures of an unfinished run; fails when any of its shots is missing."""
-    from pdcd.capture.salvage import decode_partial
-
-    found = decode_partial(args.folder, args.out, watch)
-    if args.json:
-        say_json(found)
-    else:
-        say_table([["state", found.state], ["taken", found.taken], ["folder", found.folder]])
-        for text in found.lost:
-            say(f"left out: {text}")
-    return DONE if found.state == "done" else FAILED
-
-
-def version(args: argparse.Namespace) -> int:
-    """Print the version."""
-    say(f"pdcd {__version__}")
-    return DONE
-
-
 def _say_all(text: str) -> None:
     for line in text.split("\n"):
         say(line)
+
+
+MOST_PORT = 65535
+
+
+def virtual_camera(args: argparse.Namespace) -> int:
+    """Serve the virtual camera until interrupted. Raises ConfigError for a port out of range."""
+    if not 0 <= args.port <= MOST_PORT:
+        raise ConfigError(f"--port {args.port} is not between 0 and {MOST_PORT}")
+    from pdcd.bench.registry import own_module
+
+    # By name, as it loads drivers: pdcd imports none of them.
+    command = own_module("virtual_camera.command")
+    try:
+        command.serve(args.port, scene=args.scene, small=args.small, say=say)
+    except KeyboardInterrupt:
+        return DONE  # that is how it ends
+    return DONE

@@ -103,7 +103,7 @@ timing  panels:timing  measure how regularly the panels show codes
 config  tools:config  try the configuration without a device, print it, or print its JSON Schema
   action {check,show,schema}
   --config FILE               instead of the usual file
-virtual-camera  virtual:virtual_camera  be a Canon EOS 450D on the network
+virtual-camera  tools:virtual_camera  be a Canon EOS 450D on the network
   --port N=15740              0 takes a free one
   --scene KIND=chart          a scene of the mock bench
   --small                     files of 192 x 128 samples
@@ -135,7 +135,7 @@ runs verify  runs:verify  say whether runs are whole and unchanged
   run_name [RUN ...]          job, name or folder; default: all finished runs
   @filters
   @again
-runs prune  runs_prune:prune  remove runs that are no longer wanted
+runs prune  runs:prune  remove runs that are no longer wanted
   more                        Remove captures, after saying which. Name at least one of
                               --older-than, --failed and --keep; what is named together must hold
                               together.
@@ -145,25 +145,25 @@ runs prune  runs_prune:prune  remove runs that are no longer wanted
   --dry-run                   only say what would be removed
   --yes                       do not ask
   @again
-decode  tools:decode  decode a run folder again from its RAW files
+decode  run_files:decode  decode a run folder again from its RAW files
   folder FOLDER
   --partial                   of a run that was interrupted: a new folder
   --out DIR                   where that is made; default: beside the old one
   @json
-verify  verify:verify_runs  say whether runs are whole and unchanged
+verify  run_files:verify_runs  say whether runs are whole and unchanged
   folder FOLDER ...
   --manifest-sha256 HEX       what capture told of the run: shows a change that was made on purpose,
                               too
   @json
-export  export:export  write pictures of a finished run for other programs
+export  run_files:export  write pictures of a finished run for other programs
   folder FOLDER
   @export
   @json
-report  report:report  make a page of a finished run, with its pictures
+report  run_files:report  make a page of a finished run, with its pictures
   folder FOLDER
   --out FILE                  default: report.html in the run's folder
   @json
-row  row:row  show which paths a finished run kept for one cell
+row  run_files:row  show which paths a finished run kept for one cell
   folder FOLDER
   --cell ROW COLUMN !         counted from 0
   --photo NAME                default: the one that the answer rests on
@@ -179,14 +179,14 @@ figures  figures:figures  take the paper's experiments again, as one page
   --workers N                 processes; default: 2
   @json
 
-version  tools:version  print the version
-completion  completion:completion  print a script that completes commands
+version  shell:version  print the version
+completion  shell:completion  print a script that completes commands
   more                        Print a script by which a shell completes commands, options and files.
                               For bash into ~/.local/share/bash-completion/completions/pdcd, for zsh
                               into _pdcd in a folder of $fpath, for fish into
                               ~/.config/fish/completions/pdcd.fish.
   shell {bash,zsh,fish}
-man  manual:man  print the manual page
+man  shell:man  print the manual page
 """
 
 SHARED = """

@@ -17,13 +17,12 @@ from pdcd.errors import PdcdError, RequestError
 from pdcd.protocol.fields import FieldError, convert_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.web.asks import ENGINE_S, Asks
+from pdcd.web.asks import ENGINE_S, WAIT_S, Asks, Turns
 from pdcd.web.door import REQUEST_S, Door, Places, Refused
 from pdcd.web.form import form_groups
 from pdcd.web.news import News, TooMany
 from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, page_files
 from pdcd.web.shelf import Shelf
-from pdcd.web.turns import WAIT_S, Turns
 
 logger = logging.getLogger(__name__)
 

@@ -1,16 +1,20 @@
-"""Questions to the daemon, each on a connection of its own and in a thread of its own.
+"""Calls that may take long or hang, a few at a time, each in a thread of its own; and questions to
+the daemon, which are such calls, each on a connection of its own.
 
 So a daemon that goes and comes back needs nothing from us, and one that hangs holds up nobody else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+import contextlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pdcd.client import Client
-from pdcd.web.turns import Turns
+from pdcd.errors import BusyError
+from pdcd.server.aside import aside
 
 AT_A_TIME = 3
 """Questions at a time: the daemon has few places for the connections of one user."""
@@ -21,7 +25,41 @@ ENGINE_S = 60.0
 CONNECT_S = 5.0
 """How long the daemon may take to greet, in seconds."""
 
+WAIT_S = 5.0
+"""How long a call waits for its turn."""
+
 Params = Mapping[str, object]
+R = TypeVar("R")
+
+
+class Turns:
+    """So many places for calls of one kind; used from one event loop."""
+
+    def __init__(self, places: int, what: str) -> None:
+        """what : in words, for who finds no place."""
+        self._places = asyncio.Semaphore(places)
+        self._what = what
+
+    async def do(self, function: Callable[..., R], *args: object) -> R:
+        """What the call returns or raises. Raises BusyError where none of the places is free."""
+        try:
+            async with asyncio.timeout(WAIT_S):
+                await self._places.acquire()
+        except TimeoutError as err:
+            raise BusyError(
+                f"too much is asked of {self._what} at a time", hint="try again in a moment"
+            ) from err
+        loop = asyncio.get_running_loop()
+
+        def held() -> R:
+            # Who leaves does not give the place away while the call still hangs.
+            try:
+                return function(*args)
+            finally:
+                with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+                    loop.call_soon_threadsafe(self._places.release)
+
+        return await aside(held)
 
 
 class Asks:

@@ -13,7 +13,7 @@ import pytest
 from pdcd.bench.calibration import Entry
 from pdcd.calibration.steps import GOES_BY, STALE, STEPS
 from pdcd.capture.keeping import Before, Keeper, age_h, taken_over
-from pdcd.cli.calibrations import ACTIONS
+from pdcd.cli.calibrate import ACTIONS
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.words import StepName
 from tests.unit.bench._calibrations import entry, record

@@ -17,7 +17,6 @@ from pdcd.bench.devices import Finding
 from pdcd.bench.tables import Config
 from pdcd.cli import doctor as doctor_cli
 from pdcd.cli import panels as panels_cli
-from pdcd.cli import virtual as virtual_cli
 from pdcd.cli.main import main
 from pdcd.cli.output import say
 from pdcd.client import Unreachable
@@ -288,7 +287,9 @@ def test_a_camera_is_served_until_it_is_interrupted(
         if end:
             raise end.pop()
 
-    monkeypatch.setattr(virtual_cli, "own_module", noting(served, SimpleNamespace(serve=serve)))
+    monkeypatch.setattr(
+        "pdcd.bench.registry.own_module", noting(served, SimpleNamespace(serve=serve))
+    )
     line = ["virtual-camera", "--port", str(port)]
     assert main([*line, "--small"]) == 0
     end.append(KeyboardInterrupt())

@@ -13,7 +13,6 @@ import msgspec
 import pytest
 
 from pdcd.cli import runs as runs_cli
-from pdcd.cli import runs_prune as prune_cli
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DecodeError, RequestError
@@ -252,7 +251,7 @@ def test_all_finished_runs_are_verified_where_none_is_named(
         verified.append((args.folder, args.manifest_sha256))
         return 77
 
-    monkeypatch.setattr("pdcd.cli.verify.verify_runs", verify)
+    monkeypatch.setattr("pdcd.cli.run_files.verify_runs", verify)
     assert main(["runs", "verify", "--goal", "white"]) == 77
     assert verified == [([Path("/r/1"), Path("/r/2"), Path("/r/3")], None)]
     assert finder.asked == [RunQuery(newest=1000, goal="white")]
@@ -271,8 +270,8 @@ class Pruned:
         self.kept: tuple[str, ...] = ()
         self.line, self.terminal = "n", True
         finder.pages = [Page(state_folder="/srv", runs=[])] * 9
-        monkeypatch.setattr(prune_cli, "unwanted", self.unwanted)
-        monkeypatch.setattr(prune_cli, "remove", self.remove)
+        monkeypatch.setattr("pdcd.runs.prune.unwanted", self.unwanted)
+        monkeypatch.setattr("pdcd.runs.prune.remove", self.remove)
         stdin = SimpleNamespace(isatty=lambda: self.terminal, readline=lambda: self.line)
         monkeypatch.setattr("sys.stdin", stdin)
 

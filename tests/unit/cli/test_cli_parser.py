@@ -107,7 +107,7 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
         "runs:verify", {**LISTED, "runs_command": "verify", "run_name": [], **FILTERED},
     ),
     "runs prune": (
-        "runs_prune:prune",
+        "runs:prune",
         {**LISTED, "runs_command": "prune", **FILTERED, "older_than": None, "keep": None,
          "dry_run": False, "yes": False},
     ),
@@ -134,15 +134,15 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "timing": ("panels:timing", {"frames": 3000, "out": None, "config": None}),
     "config check": ("tools:config", {"action": "check", "config": None}),
-    "decode F": ("tools:decode", {"folder": Path("F"), "partial": False, "out": None}),
-    "verify F": ("verify:verify_runs", {"folder": [Path("F")], "manifest_sha256": None}),
-    "export F --format exr": ("export:export", {"folder": Path("F"), **EXPORTED}),
-    "report F": ("report:report", {"folder": Path("F"), "out": None}),
+    "decode F": ("run_files:decode", {"folder": Path("F"), "partial": False, "out": None}),
+    "verify F": ("run_files:verify_runs", {"folder": [Path("F")], "manifest_sha256": None}),
+    "export F --format exr": ("run_files:export", {"folder": Path("F"), **EXPORTED}),
+    "report F": ("run_files:report", {"folder": Path("F"), "out": None}),
     "row F --cell 1 2": (
-        "row:row", {"folder": Path("F"), "cell": [1, 2], "photo": None, "out": None},
+        "run_files:row", {"folder": Path("F"), "cell": [1, 2], "photo": None, "out": None},
     ),
     "virtual-camera": (
-        "virtual:virtual_camera", {"port": 15740, "scene": "chart", "small": False},
+        "tools:virtual_camera", {"port": 15740, "scene": "chart", "small": False},
     ),
     "figures --out D": (
         "figures:figures",
@@ -154,9 +154,9 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
         {"profile": "modern", "iso": None, "codes": 512, "exposure": 30.0, "signal": None,
          "transmission": 1.0},
     ),
-    "version": ("tools:version", {}),
-    "completion zsh": ("completion:completion", {"shell": "zsh"}),
-    "man": ("manual:man", {}),
+    "version": ("shell:version", {}),
+    "completion zsh": ("shell:completion", {"shell": "zsh"}),
+    "man": ("shell:man", {}),
 }  # fmt: skip
 
 

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from pdcd.bench.tables import Config
-from pdcd.cli import completion as completion_cli
 from pdcd.cli import demo as demo_cli
+from pdcd.cli import shell
 from pdcd.cli import tools as tools_cli
 from pdcd.cli.main import main
 from pdcd.cli.parser import build_parser, commands
@@ -230,7 +230,7 @@ def test_files_and_folders_are_completed_as_what_they_are(
 
     module = SimpleNamespace(complete=complete, DIRECTORY="a folder", FILE="a file")
     monkeypatch.setitem(sys.modules, "shtab", module)
-    assert completion_cli.script("fish") == "the script\n"
+    assert shell.script("fish") == "the script\n"
     assert found["pdcd capture ['--out']"] == "a folder"
     assert found["pdcd capture ['--config']"] == found["pdcd decode folder"] == "a file"
     assert found["pdcd runs export ['--state-dir']"] == "a folder"

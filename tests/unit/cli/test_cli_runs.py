@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
-from pdcd.cli.moment import moment
+from pdcd.cli.runs import moment
 from pdcd.client import Unreachable
 from pdcd.errors import ConfigError
 from pdcd.protocol.entry import Page, RunQuery

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.cli.completion import script
 from pdcd.cli.main import main
-from pdcd.cli.manual import page
 from pdcd.cli.parser import build_parser, commands
+from pdcd.cli.shell import page, script
 from pdcd.version import __version__
 from tests.places import ROOT
 from tests.tools import needs, program

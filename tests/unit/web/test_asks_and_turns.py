@@ -14,9 +14,7 @@ import pytest
 
 from pdcd.errors import BusyError
 from pdcd.web import asks as module
-from pdcd.web import turns
-from pdcd.web.asks import Asks
-from pdcd.web.turns import Turns
+from pdcd.web.asks import Asks, Turns
 
 PATIENCE_S = 30.0
 
@@ -75,7 +73,7 @@ def test_a_question_goes_over_a_connection_of_its_own(monkeypatch: pytest.Monkey
 
 
 def test_three_questions_at_a_time_and_one_more_to_cancel(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(turns, "WAIT_S", 0.0)
+    monkeypatch.setattr(module, "WAIT_S", 0.0)
 
     async def scenario() -> None:
         held, asks = Held(), Asks(Path("/there"))
@@ -101,7 +99,7 @@ def test_three_questions_at_a_time_and_one_more_to_cancel(monkeypatch: pytest.Mo
 def test_who_leaves_does_not_give_the_place_away(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(turns, "WAIT_S", 0.0)
+    monkeypatch.setattr(module, "WAIT_S", 0.0)
     free, began = threading.Event(), threading.Event()
 
     def fails() -> None:

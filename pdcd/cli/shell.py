@@ -1,6 +1,7 @@
-r"""`pdcd man`: the manual page, which has the help of every command as it is printed.
+r"""`pdcd version`, `completion SHELL`, `man`: what is told of the program itself.
 
-Only macros of man(7) that every formatter knows are used: TH, SH, nf, fi.
+The manual page has the help of every command as it is printed. Only macros of man(7) that every
+formatter knows are used: TH, SH, nf, fi.
 """
 
 from __future__ import annotations
@@ -8,9 +9,12 @@ from __future__ import annotations
 import argparse
 import sys
 from functools import partial
+from pathlib import Path
 
 from pdcd.cli.exits import DONE
-from pdcd.cli.parser import build_parser, commands
+from pdcd.cli.parser import actions_of, build_parser, commands
+from pdcd.errors import ConfigError
+from pdcd.extras import install_hint
 from pdcd.version import __version__
 
 WIDTH = 72
@@ -21,6 +25,36 @@ $XDG_STATE_HOME/pdcd             runs and calibrations; ~/.local/state without t
 $XDG_RUNTIME_DIR/pdcd.sock       the daemon's socket
 /etc/pdcd/pdcd.toml, /var/lib/pdcd, /run/pdcd.sock: the same of the service
 """
+
+
+def version(args: argparse.Namespace) -> int:
+    """Print the version."""
+    sys.stdout.write(f"pdcd {__version__}\n")
+    return DONE
+
+
+def completion(args: argparse.Namespace) -> int:
+    """Print the script for a shell. Raises ConfigError where the library for it is missing."""
+    sys.stdout.write(script(args.shell))
+    return DONE
+
+
+def script(shell: str) -> str:
+    """The script for bash, zsh or fish."""
+    try:
+        import shtab
+    except ImportError as err:
+        raise ConfigError(
+            "the Python package shtab is not installed", hint=install_hint("shtab")
+        ) from err
+    parser = build_parser()
+    for each in (parser, *commands(parser)):
+        for action in actions_of(each):
+            if action.type is Path:
+                kind = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
+                action.complete = kind  # type: ignore[attr-defined]
+    made: str = shtab.complete(parser, shell)
+    return made.rstrip("\n") + "\n"
 
 
 def man(args: argparse.Namespace) -> int:
