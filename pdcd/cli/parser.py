@@ -206,7 +206,8 @@ def read_option(text: str) -> tuple[list[str], How]:
     names = [word for word in words if word.startswith("-")] or words[:1]
     value, _, default = " ".join(words[len(names) :]).partition("=")
     if not value:
-        return names, how | {"action": "store_true"}
+        off = names[-1] == f"--no-{how.get('dest')}"
+        return names, how | {"action": "store_false" if off else "store_true"}
     optional, again = value.startswith("["), "..." in value
     values = value.strip("[]").replace("...", "").split()
     kind = TYPES.get(values[0], str)

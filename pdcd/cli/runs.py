@@ -102,7 +102,7 @@ def show(args: argparse.Namespace) -> int:
 
 def export(args: argparse.Namespace) -> int:
     """Write pictures of a run, as `pdcd export` does."""
-    from pdcd.cli.run_files import export as write
+    from pdcd.cli.export import export as write
 
     args.folder = Path(run_of(args).folder)
     return write(args)
@@ -111,7 +111,7 @@ def export(args: argparse.Namespace) -> int:
 def verify(args: argparse.Namespace) -> int:
     """Verify the runs that are named, or all finished ones that are like that, as `pdcd verify`
     does."""
-    from pdcd.cli.run_files import verify_runs
+    from pdcd.cli.verify import verify_runs
 
     if args.run_name:
         args.folder = [Path(run_of(args, name).folder) for name in args.run_name]

@@ -1,18 +1,21 @@
-"""`pdcd drivers`, `config`, `virtual-camera`: what needs no daemon."""
+"""`pdcd drivers`, `config`, `decode`, `virtual-camera`: what needs no daemon."""
 
 from __future__ import annotations
 
 import argparse
 import json
 
+from pdcd.api.progress import bar
 from pdcd.bench.config import find, load, read, schema, show
 from pdcd.bench.measured import calibrated, choice
 from pdcd.bench.origins import age_words, origins
 from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
-from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, say_json, say_table, say_text
+from pdcd.cli.exits import DONE, FAILED
+from pdcd.cli.output import say, say_compared, say_json, say_table, say_text
 from pdcd.errors import ConfigError
+from pdcd.protocol.events import Decoded
+from pdcd.watch import Watch
 
 
 def drivers(args: argparse.Namespace) -> int:
@@ -72,6 +75,35 @@ def _show(args: argparse.Namespace) -> int:
         notes["calibration", "typed"] = "in whose place stand measured values"
     _say_all(show(calibrated(settings), notes).rstrip())
     return DONE
+
+
+def decode(args: argparse.Namespace) -> int:
+    """Decode a run again; fails when a picture differs from the one kept."""
+    from pdcd.pictures.decode import decode_folder
+
+    if args.out is not None and not args.partial:
+        raise ConfigError("--out goes with --partial: a finished run is only compared")
+    with bar("reading") as show:
+        watch = Watch(step=lambda done, total: show(Decoded(done=done, total=total)))
+        if args.partial:
+            return _salvage(args, watch)
+        report = decode_folder(args.folder, watch)
+    files = ((file.name, file.identical) for file in report.files)
+    return say_compared(report, files, as_json=args.json)
+
+
+def _salvage(args: argparse.Namespace, watch: Watch) -> int:
+    """Make pictures of an unfinished run; fails when any of its shots is missing."""
+    from pdcd.capture.salvage import decode_partial
+
+    found = decode_partial(args.folder, args.out, watch)
+    if args.json:
+        say_json(found)
+    else:
+        say_table([["state", found.state], ["taken", found.taken], ["folder", found.folder]])
+        for text in found.lost:
+            say(f"left out: {text}")
+    return DONE if found.state == "done" else FAILED
 
 
 def _say_all(text: str) -> None:

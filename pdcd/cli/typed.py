@@ -145,25 +145,25 @@ runs prune  runs:prune  remove runs that are no longer wanted
   --dry-run                   only say what would be removed
   --yes                       do not ask
   @again
-decode  run_files:decode  decode a run folder again from its RAW files
+decode  tools:decode  decode a run folder again from its RAW files
   folder FOLDER
   --partial                   of a run that was interrupted: a new folder
   --out DIR                   where that is made; default: beside the old one
   @json
-verify  run_files:verify_runs  say whether runs are whole and unchanged
+verify  verify:verify_runs  say whether runs are whole and unchanged
   folder FOLDER ...
   --manifest-sha256 HEX       what capture told of the run: shows a change that was made on purpose,
                               too
   @json
-export  run_files:export  write pictures of a finished run for other programs
+export  export:export  write pictures of a finished run for other programs
   folder FOLDER
   @export
   @json
-report  run_files:report  make a page of a finished run, with its pictures
+report  report:report  make a page of a finished run, with its pictures
   folder FOLDER
   --out FILE                  default: report.html in the run's folder
   @json
-row  run_files:row  show which paths a finished run kept for one cell
+row  row:row  show which paths a finished run kept for one cell
   folder FOLDER
   --cell ROW COLUMN !         counted from 0
   --photo NAME                default: the one that the answer rests on
@@ -175,7 +175,7 @@ figures  figures:figures  take the paper's experiments again, as one page
   --quick                     a coarser camera and fewer codes, some two minutes on two cores (the
                               default)
   --full                      the camera's own resolution, the paper's codes; hours
-  --no-plots                  leave out what needs matplotlib
+  --no-plots > plots          leave out what needs matplotlib
   --workers N                 processes; default: 2
   @json
 

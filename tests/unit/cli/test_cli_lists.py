@@ -251,7 +251,7 @@ def test_all_finished_runs_are_verified_where_none_is_named(
         verified.append((args.folder, args.manifest_sha256))
         return 77
 
-    monkeypatch.setattr("pdcd.cli.run_files.verify_runs", verify)
+    monkeypatch.setattr("pdcd.cli.verify.verify_runs", verify)
     assert main(["runs", "verify", "--goal", "white"]) == 77
     assert verified == [([Path("/r/1"), Path("/r/2"), Path("/r/3")], None)]
     assert finder.asked == [RunQuery(newest=1000, goal="white")]

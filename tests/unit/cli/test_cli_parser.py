@@ -134,19 +134,19 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "timing": ("panels:timing", {"frames": 3000, "out": None, "config": None}),
     "config check": ("tools:config", {"action": "check", "config": None}),
-    "decode F": ("run_files:decode", {"folder": Path("F"), "partial": False, "out": None}),
-    "verify F": ("run_files:verify_runs", {"folder": [Path("F")], "manifest_sha256": None}),
-    "export F --format exr": ("run_files:export", {"folder": Path("F"), **EXPORTED}),
-    "report F": ("run_files:report", {"folder": Path("F"), "out": None}),
+    "decode F": ("tools:decode", {"folder": Path("F"), "partial": False, "out": None}),
+    "verify F": ("verify:verify_runs", {"folder": [Path("F")], "manifest_sha256": None}),
+    "export F --format exr": ("export:export", {"folder": Path("F"), **EXPORTED}),
+    "report F": ("report:report", {"folder": Path("F"), "out": None}),
     "row F --cell 1 2": (
-        "run_files:row", {"folder": Path("F"), "cell": [1, 2], "photo": None, "out": None},
+        "row:row", {"folder": Path("F"), "cell": [1, 2], "photo": None, "out": None},
     ),
     "virtual-camera": (
         "tools:virtual_camera", {"port": 15740, "scene": "chart", "small": False},
     ),
     "figures --out D": (
         "figures:figures",
-        {"number": [], "out": Path("D"), "quick": False, "full": False, "no_plots": False,
+        {"number": [], "out": Path("D"), "quick": False, "full": False, "plots": True,
          "workers": None},
     ),
     "snr": (
@@ -259,7 +259,7 @@ TYPED: dict[str, dict[str, Any]] = {
     "row F --cell 1 2 --photo p --out f": {"photo": "p", "out": Path("f")},
     "virtual-camera --port 1 --scene book --small": {"port": 1, "scene": "book", "small": True},
     "figures 1 appendix --out d --full --no-plots --workers 3": {
-        "number": ["1", "appendix"], "full": True, "no_plots": True, "workers": 3,
+        "number": ["1", "appendix"], "full": True, "plots": False, "workers": 3,
     },
     "figures --out d --quick": {"quick": True},
     "snr --profile p --iso 100 --codes 4 --exposure 2 --signal 5 --transmission 80%": {

@@ -1,0 +1,45 @@
+"""`pdcd verify`: are runs and calibrations whole, and as they were when they ended?"""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+from pdcd.bench.calibration import RECORD
+from pdcd.cli.exits import DONE, FAILED
+from pdcd.cli.output import say, say_json
+from pdcd.errors import ConfigError
+from pdcd.runs.verify import Verified, verify
+from pdcd.runs.verify_calibration import verify_calibration
+
+
+def verify_runs(args: argparse.Namespace) -> int:
+    """Look at every folder; fails when one of them is not whole and unchanged."""
+    sha256: str | None = args.manifest_sha256
+    if sha256 is not None and (len(args.folder) > 1 or not re.fullmatch("[0-9a-fA-F]{64}", sha256)):
+        raise ConfigError(
+            "--manifest-sha256 takes 64 hexadecimal digits, and goes with one folder",
+            hint="capture --json and capture.wait tell it as manifest_sha256",
+        )
+    found = [
+        (verify_calibration if (folder / RECORD).exists() else verify)(
+            folder, manifest_sha256=sha256
+        )
+        for folder in args.folder
+    ]
+    for run in found:
+        if args.json:
+            say_json(run)
+        else:
+            _say(run)
+    return DONE if all(run.whole for run in found) else FAILED
+
+
+def _say(run: Verified) -> None:
+    damaged = any(finding.what != "partial" for finding in run.findings)
+    state = "whole  " if run.whole else "DAMAGED" if damaged else "PARTIAL"
+    say(f"{state}  {run.folder}: {run.files} files, {run.size_bytes} bytes as they were")
+    for finding in run.findings:
+        say(f"  {finding.what:10}  {finding.path}: {finding.detail}")
+    for name in run.later:
+        say(f"  made later  {name}: to look at; nothing vouches for it")
