@@ -9,30 +9,16 @@ from pathlib import Path
 
 from pdcd.api.local import local
 from pdcd.api.progress import bar, tell
+from pdcd.api.rows import plan_rows
 from pdcd.api.signals import held_back, signals_to
 from pdcd.cli.daemon import connect_daemon, daemon_if_any, refuse_with_local
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import percent, say_json, say_result, say_table
+from pdcd.cli.output import say_json, say_result, say_table
 from pdcd.cli.request import arrays_of, request_of
 from pdcd.client import OnEvent
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-
-PAPER_SHARE = 1.0 / 48.0
-"""Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
-through quarter windows, in one of three refreshes."""
-
-GUARDS = {
-    "none": "without guards",
-    "both": "both panels black between codes",
-    "lag": "mask black after each code",
-    "lead": "mask black before each code",
-    "tail": "mask black after each code, then both",
-    "full": "with guards",
-    "wide": "with longer guards",
-}
-"""Schedules of a code, for people."""
 
 
 def capture(args: argparse.Namespace) -> int:
@@ -77,55 +63,7 @@ def plan(args: argparse.Namespace) -> int:
     if args.json:
         say_json(summary)
         return DONE
-    head = [
-        ["goal", summary.goal],
-        ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
-        ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
-        ["passes", f"{summary.passes}, {GUARDS.get(summary.schedule, summary.schedule)}"],
-        [
-            "light",
-            f"{100.0 * summary.light_share:.3g} % of a floodlit exposure, "
-            f"{summary.light_share / PAPER_SHARE:.3g} times the paper's 1/48",
-        ],
-        ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
-        ["parts", str(summary.parts)],
-        ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
-        ["memory", f"{summary.memory_bytes / 2**20:.0f} MiB at most"],
-    ]
-    cost = summary.pilot_cost
-    if cost is not None:
-        head += [
-            ["pilot", f"{cost.raw_files} of the codes one by one, {cost.seconds:.3f} s, at most"],
-            [
-                "or",
-                f"ends after {cost.scouts} without sharp paths: {cost.stopped_raw_files} RAW "
-                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes"
-                + " at once"
-                * (summary.parts == 1),
-            ],
-        ]
-    if summary.prior is not None:
-        head.append(["codes by", summary.prior])
-    head += [["why" if not number else "", text] for number, text in enumerate(summary.reasons)]
-    head += [["split" if not number else "", text] for number, text in enumerate(summary.split)]
-    foreseen = summary.prediction
-    if foreseen is not None:
-        head += [
-            ["RMS error", f"{percent(foreseen.error)} of the picture's RMS"],
-            ["by codes", percent(foreseen.code)],
-            ["by sensor", f"{percent(foreseen.sensor)} at ISO {foreseen.iso}"],
-            ["at most", f"{percent(foreseen.bound)} with {100.0 * foreseen.confidence:g} %"],
-            ["prior", foreseen.prior],
-        ]
-    shots = [
-        [
-            f"shot {s.name}",
-            f"{s.exposures} of " * (s.exposures > 1)
-            + f"{s.codes} codes, {s.refreshes} refreshes, {s.exposure_s:.3f} s",
-        ]
-        for s in summary.shots
-    ]
-    say_table(head + shots)
+    say_table(plan_rows(summary))
     return DONE
 
 

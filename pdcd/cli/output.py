@@ -5,53 +5,25 @@ from __future__ import annotations
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any
 
 import msgspec
 
 from pdcd.api.progress import tell
+from pdcd.api.rows import summary_rows
 from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.printable import one_line
 from pdcd.protocol.result import CaptureResult, Quality, figure_of, quality_of
 from pdcd.runs.later import REPORT
-from pdcd.words import SIGMA_KINDS
 
 WIDTH = 80
 """Columns that are written to where no terminal says how many it has."""
 LABEL = 16
 """A column that is no wider is not broken."""
 WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
-Value = float | int | str
-"""What the summary of a run holds beside the verdict."""
-
-
-def percent(share: Value) -> str:
-    """Write a share as a percentage of three digits."""
-    return f"{100.0 * float(share):.3g} %"
-
-
-SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
-    ("taken", "taken", str),
-    ("decided", "decided", str),
-    ("codes", "codes", str),
-    ("refreshes", "refreshes", str),
-    ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
-    ("missed_refreshes", "missed refreshes", str),
-    ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
-    ("sigma_kind", "error bars", lambda kind: SIGMA_KINDS.get(str(kind), str(kind))),
-    ("scale", "scale", str),
-    ("scale_sigma", "scale, sigma", percent),
-    ("rms_error_quads", "RMS error", lambda e: f"{percent(e)} of quads, against the known truth"),
-    ("rms_error_cells", "", lambda e: f"{percent(e)} of means over cells"),
-    ("transport_sigma", "sigma of T", lambda e: f"{percent(e)} of its entries' RMS"),
-    ("transport_error", "error of T", lambda e: f"{percent(e)} against the scene's known truth"),
-    ("predicted_error", "predicted", percent),
-    ("wall_s", "wall time", lambda s: f"{float(s):.2f} s"),
-)
-"""Lines of the table after a capture: key of the summary, label, how to write the value."""
 
 
 def say(text: str) -> None:
@@ -159,12 +131,6 @@ def _say_plainly(result: CaptureResult) -> None:
         rows.append(["report", f"{result.folder}/{REPORT}"])
     say_table(rows)
     say_notes(result)
-
-
-def summary_rows(figure: Callable[[str], Value | None]) -> list[list[str]]:
-    """Rows of the table of a run: the figures that are known; `figure` has them by name."""
-    found = ((label, write, figure(key)) for key, label, write in SUMMARY)
-    return [[label, write(value)] for label, write, value in found if value is not None]
 
 
 def agreed(question: str, *, silent: bool) -> bool:

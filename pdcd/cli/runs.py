@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from pdcd.api.progress import tell
+from pdcd.api.rows import error_words, summary_rows
 from pdcd.bench.config import load
 from pdcd.bench.folders import state_dir
 from pdcd.cli.daemon import daemon_if_any
@@ -21,12 +22,10 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import (
     WIDTH,
     agreed,
-    percent,
     say,
     say_json,
     say_table,
     say_verdict,
-    summary_rows,
 )
 from pdcd.cli.parser import LISTED
 from pdcd.cli.typed import WHEN
@@ -220,13 +219,6 @@ def say_runs(found: list[RunEntry]) -> None:
         why = one_line(", ".join(filter(None, (run.reason, _beside(run)))))
         for line in textwrap.wrap(why, WIDTH - 4, max_lines=3, placeholder=" ..."):
             say("    " + line)
-
-
-def error_words(run: RunEntry) -> str:
-    """The error against the truth where that is known, else what the run expects of itself."""
-    if run.rms_error_quads is not None:
-        return percent(run.rms_error_quads)
-    return "" if run.rms_sigma is None else f"+-{percent(run.rms_sigma)}"
 
 
 def _beside(run: RunEntry) -> str | None:

@@ -12,10 +12,12 @@ from typing import Any
 import msgspec
 from aiohttp import web
 
+from pdcd.api.rows import plan_rows
 from pdcd.client import INTAKE_TIMEOUT_S
 from pdcd.errors import PdcdError, RequestError
 from pdcd.protocol.fields import FieldError, convert_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
+from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.web.asks import ENGINE_S, WAIT_S, Asks, Turns
 from pdcd.web.door import REQUEST_S, Door, Places, Refused
@@ -221,7 +223,10 @@ class Site:
         params = msgspec.to_builtins(asked)
         if name in DETACHED:
             params["detach"] = True
-        return _json(await self._asks.ask(wants.method, params, answer_s=wants.answer_s))
+        told = await self._asks.ask(wants.method, params, answer_s=wants.answer_s)
+        if name == "plan":
+            told = {**told, "rows": plan_rows(msgspec.convert(told, PlanSummary))}
+        return _json(told)
 
 
 async def _written(response: web.StreamResponse, data: bytes) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from pdcd.api.progress import share_of, words_of
 from pdcd.client import Client
 from pdcd.errors import PdcdError
 from pdcd.protocol.events import ENDS, THINNED, Event, Queued, Started, wire
@@ -133,7 +134,9 @@ class News:
 
     def _heard(self, event: Event) -> None:
         thinned = isinstance(event, THINNED)
-        message = {"what": "event", **wire(event)}
+        done, total = share_of(event) or (None, 0.0)
+        share = None if done is None or not total else done / total
+        message = {"what": "event", **wire(event), "words": words_of(event), "share": share}
         if self._events and self._events[-1][1]["job"] != event.job and isinstance(event, Queued):
             self._forget()
         if thinned and self._events and self._events[-1][0]:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import msgspec
 
+from pdcd.api.rows import error_words
 from pdcd.bench.choosing import FOLDER as CALIBRATIONS
 from pdcd.errors import DecodeError, RequestError
 from pdcd.files.inside import read_file
@@ -41,11 +42,12 @@ _PICTURE_FILE = re.compile(rf"({_PICTURE.pattern})\.png")
 
 
 class Run(msgspec.Struct, frozen=True, kw_only=True):
-    """A run as the page shows it; `entry` is null for a calibration."""
+    """A run as the page shows it; `entry` is null for a calibration. `error` is in words."""
 
     job: str
     entry: RunEntry | None
     report: bool
+    error: str = ""
     pictures: tuple[str, ...] = ()
     """Names of its pictures, the one of its goal first."""
 
@@ -61,7 +63,12 @@ class Shelf:
         """The newest runs, the newest first. Raises DiskError where the folder cannot be read."""
         found = runs(self._state, newest=LISTED)
         return [
-            Run(job=entry.job, entry=entry, report=self._has_report(self._place(entry)))
+            Run(
+                job=entry.job,
+                entry=entry,
+                report=self._has_report(self._place(entry)),
+                error=error_words(entry),
+            )
             for entry in found
         ]
 

@@ -4,31 +4,6 @@ import { by, el, say, short } from "./dom.js";
 
 const ENDS = ["done", "failed", "cancelled"];
 
-/** What an event says of the progress: a text, and a share of 1 or null where nobody knows. */
-function stage(event) {
-  switch (event.type) {
-    case "queued": return [event.ahead ? `waits behind ${event.ahead}` : "begins", null];
-    case "planning": return [`planning: ${event.stage}`, event.done / event.total];
-    case "started": return [`has the rig: ${event.goal}`, null];
-    case "learning": return [`looks at ${event.photos} photos`, null];
-    case "armed": return [`${event.shot}: ready`, null];
-    case "shutter_open": return [`${event.shot}: shutter open`, null];
-    case "progress": return [
-      `${event.shot}: ${event.frame} of ${event.frames} refreshes${event.missed ? `, ${event.missed} late` : ""}`,
-      event.frames ? event.frame / event.frames : null];
-    case "shutter_closed": return [`${event.shot}: shutter closed`, null];
-    case "discarded": return [`${event.shot}: taken again, ${event.cause}`, null];
-    case "converging": return [`part ${event.part}: sigma ${event.rms_sigma === null ? "unknown" : short(100 * event.rms_sigma)} %, wanted ${short(100 * event.target)} %`, null];
-    case "step_begun": return [`${event.step}: step ${event.number} of ${event.steps}`, null];
-    case "attention": return ["waits for you", null];
-    case "step_ended": return [`${event.step}: ${event.verdict}`, null];
-    case "decoding": return ["makes the pictures", null];
-    case "decoded": return ["makes the pictures", event.done / event.total];
-    case "archived": return ["writes the folder", null];
-    default: return [event.type, null];
-  }
-}
-
 /** The lines that remain when a job has ended. */
 function notes(event) {
   const found = [];
@@ -75,9 +50,8 @@ export class JobCard {
       by("job-notes").replaceChildren(...notes(event).map((text) => el("li", {}, text)));
       return true;
     }
-    const [text, share] = stage(event);
-    by("job-stage").textContent = text;
-    if (share !== null) by("job-bar").value = share;
+    by("job-stage").textContent = event.words;
+    if (event.share !== null) by("job-bar").value = event.share;
     if (event.type === "attention") this.#ask(event);
     else if (event.type !== "decoded") this.#ask(null);
     return false;

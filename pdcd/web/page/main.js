@@ -1,6 +1,6 @@
 // Puts the page together: news of the server in, wishes of the person out.
 
-import { by, el, say, short } from "./dom.js";
+import { by, el, say } from "./dom.js";
 import { FocusCard } from "./focus.js";
 import { RequestForm } from "./form.js";
 import { JobCard } from "./jobs.js";
@@ -123,19 +123,7 @@ async function look() {
   } while (by("looking").checked && state.here);
 }
 
-function showPlan(plan) {
-  const rows = [
-    ["codes", `${plan.codes} ${plan.family}, p = ${short(plan.p)}`],
-    ["cells", `${plan.grid[0]} x ${plan.grid[1]}, window ${plan.window}`],
-    ["total", `${plan.refreshes} refreshes, ${short(plan.seconds)} s`],
-    ["light", `${short(100 * plan.light_share)} % of a floodlit exposure`],
-    ["RAW files", String(plan.raw_files)],
-  ];
-  if (plan.prediction) rows.push(["RMS error", `${short(100 * plan.prediction.error)} % of the picture's RMS`]);
-  for (const shot of plan.shots) {
-    rows.push([`shot ${shot.name}`, `${shot.exposures > 1 ? `${shot.exposures} of ` : ""}${shot.codes} codes, ${short(shot.exposure_s)} s`]);
-  }
-  for (const text of plan.reasons) rows.push(["why", text]);
+function showPlan({ rows }) {
   by("plan-answer").replaceChildren(...rows.flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)]));
   by("plan-answer").hidden = false;
 }

@@ -1,6 +1,6 @@
 // Runs on disk and their pictures.
 
-import { by, el, say, short } from "./dom.js";
+import { by, el, say } from "./dom.js";
 import { get, picture } from "./server.js";
 
 /** The card of pictures: those of one run, one of them shown. */
@@ -41,12 +41,6 @@ export class PictureCard {
   }
 }
 
-/** How far off its picture is: measured against a known truth, or as the run itself expects. */
-function error({ rms_error_quads: known, rms_sigma: expected }) {
-  if (typeof known === "number") return `${short(100 * known)} %`;
-  return typeof expected === "number" ? `about ${short(100 * expected)} %` : "";
-}
-
 /** Open the report of a run in a tab of its own. */
 async function openReport(job) {
   const { address } = await get(`ticket/${job}`);
@@ -70,7 +64,7 @@ function row(run, onShow, trying) {
     el("td", {}, told.started_utc?.slice(0, 19).replace("T", " ") ?? run.job),
     el("td", {}, told.goal ?? ""),
     el("td", { class: "more" }, told.codes === null ? "" : String(told.codes)),
-    el("td", { class: "more" }, error(told)),
+    el("td", { class: "more" }, run.error),
     el("td", { class: `state ${told.state} ${told.verdict ?? ""}`, title: told.reason }, [state, told.verdict].filter(Boolean).join(", ")),
     el("td", { class: "more words", title: told.note || null }, [told.name, told.tags.join(" "), told.note].filter(Boolean).join("; ")),
     el("td", { class: "more" }, told.user ?? ""),

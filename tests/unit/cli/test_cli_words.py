@@ -9,8 +9,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from pdcd.api.rows import percent
 from pdcd.cli.main import main
-from pdcd.cli.output import percent, say_compared, say_result
+from pdcd.cli.output import say_compared, say_result
 from pdcd.protocol.plan_summary import PilotCost, PlanSummary, Prediction, ShotSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality

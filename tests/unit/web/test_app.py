@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from pdcd.errors import BusyError, DeviceLost, PdcdError, RequestError
@@ -20,6 +21,7 @@ from pdcd.web.serve import bound, serving
 from tests.hostile.web_requests import Inside
 from tests.hostile.web_trial import inside_of, sent
 from tests.run_folders import finished, job
+from tests.unit.cli.cli_stubs import PLAN
 
 Scenario = Callable[[str, int, Inside], Awaitable[None]]
 
@@ -109,11 +111,15 @@ def test_files_of_the_page_are_served_by_their_kind(tmp_path: Path, daemon: Daem
 def test_a_wish_is_passed_on_as_the_daemon_takes_it(
     name: str, body: Any, method: str, params: Any, answer_s: float, tmp_path: Path, daemon: Daemon
 ) -> None:
-    daemon.answers[method] = {"said": "yes"}
+    daemon.answers[method] = {"said": "yes"} if name != "plan" else msgspec.to_builtins(PLAN)
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
         status, headers, answer = await asked(host, port, inside, name, json.dumps(body).encode())
-        assert (status, json.loads(answer)) == (200, {"said": "yes"})
+        told = json.loads(answer)
+        # A plan comes with its rows in words, as the command line has them.
+        rows = dict(told.pop("rows", []))
+        assert (status, told) == (200, json.loads(json.dumps(daemon.answers[method])))
+        assert rows.get("codes") == ("8 hadamard, p = 0.5" if name == "plan" else None)
         assert headers["content-type"].startswith("application/json")
 
     served(tmp_path, scenario)

@@ -55,7 +55,9 @@ def test_a_page_that_comes_late_is_told_what_matters() -> None:
         first = await read(page)
         assert first["here"] and first["status"] == {"state": "idle"}
         assert [(await read(page))["type"] for _ in range(2)] == ["queued", "started"]
-        assert (await read(page))["frame"] == 499
+        last = await read(page)
+        assert (last["frame"], last["words"]) == (499, "coded: 499/900 refreshes")
+        assert last["share"] == 499 / 900
         # Of a job that has ended nothing is told once another one begins.
         told._heard(events.Done(job="one"))
         told._heard(events.Queued(job="two", ahead=0))

@@ -1,0 +1,118 @@
+"""What people are told of a plan and of a run, on the terminal and on the page: rows of a label and
+a text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from pdcd.protocol.entry import RunEntry
+from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.words import SIGMA_KINDS
+
+Value = float | int | str
+"""What the summary of a run holds beside the verdict."""
+PAPER_SHARE = 1.0 / 48.0
+"""Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
+through quarter windows, in one of three refreshes."""
+
+GUARDS = {
+    "none": "without guards",
+    "both": "both panels black between codes",
+    "lag": "mask black after each code",
+    "lead": "mask black before each code",
+    "tail": "mask black after each code, then both",
+    "full": "with guards",
+    "wide": "with longer guards",
+}
+"""Schedules of a code, for people."""
+
+
+def percent(share: Value) -> str:
+    """Write a share as a percentage of three digits."""
+    return f"{100.0 * float(share):.3g} %"
+
+
+SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
+    ("taken", "taken", str),
+    ("decided", "decided", str),
+    ("codes", "codes", str),
+    ("refreshes", "refreshes", str),
+    ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
+    ("missed_refreshes", "missed refreshes", str),
+    ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
+    ("sigma_kind", "error bars", lambda kind: SIGMA_KINDS.get(str(kind), str(kind))),
+    ("scale", "scale", str),
+    ("scale_sigma", "scale, sigma", percent),
+    ("rms_error_quads", "RMS error", lambda e: f"{percent(e)} of quads, against the known truth"),
+    ("rms_error_cells", "", lambda e: f"{percent(e)} of means over cells"),
+    ("transport_sigma", "sigma of T", lambda e: f"{percent(e)} of its entries' RMS"),
+    ("transport_error", "error of T", lambda e: f"{percent(e)} against the scene's known truth"),
+    ("predicted_error", "predicted", percent),
+    ("wall_s", "wall time", lambda s: f"{float(s):.2f} s"),
+)
+"""Lines of the table after a capture: key of the summary, label, how to write the value."""
+
+
+def plan_rows(summary: PlanSummary) -> list[list[str]]:
+    """What a capture would do."""
+    rows = [
+        ["goal", summary.goal],
+        ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
+        ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
+        ["passes", f"{summary.passes}, {GUARDS.get(summary.schedule, summary.schedule)}"],
+        [
+            "light",
+            f"{100.0 * summary.light_share:.3g} % of a floodlit exposure, "
+            f"{summary.light_share / PAPER_SHARE:.3g} times the paper's 1/48",
+        ],
+        ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
+        ["parts", str(summary.parts)],
+        ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
+        ["memory", f"{summary.memory_bytes / 2**20:.0f} MiB at most"],
+    ]
+    cost = summary.pilot_cost
+    if cost is not None:
+        rows += [
+            ["pilot", f"{cost.raw_files} of the codes one by one, {cost.seconds:.3f} s, at most"],
+            [
+                "or",
+                f"ends after {cost.scouts} without sharp paths: {cost.stopped_raw_files} RAW "
+                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes"
+                + " at once"
+                * (summary.parts == 1),
+            ],
+        ]
+    if summary.prior is not None:
+        rows.append(["codes by", summary.prior])
+    rows += [["why" if not number else "", text] for number, text in enumerate(summary.reasons)]
+    rows += [["split" if not number else "", text] for number, text in enumerate(summary.split)]
+    foreseen = summary.prediction
+    if foreseen is not None:
+        rows += [
+            ["RMS error", f"{percent(foreseen.error)} of the picture's RMS"],
+            ["by codes", percent(foreseen.code)],
+            ["by sensor", f"{percent(foreseen.sensor)} at ISO {foreseen.iso}"],
+            ["at most", f"{percent(foreseen.bound)} with {100.0 * foreseen.confidence:g} %"],
+            ["prior", foreseen.prior],
+        ]
+    return rows + [
+        [
+            f"shot {s.name}",
+            f"{s.exposures} of " * (s.exposures > 1)
+            + f"{s.codes} codes, {s.refreshes} refreshes, {s.exposure_s:.3f} s",
+        ]
+        for s in summary.shots
+    ]
+
+
+def summary_rows(figure: Callable[[str], Value | None]) -> list[list[str]]:
+    """Rows of the table of a run: the figures that are known; `figure` has them by name."""
+    found = ((label, write, figure(key)) for key, label, write in SUMMARY)
+    return [[label, write(value)] for label, write, value in found if value is not None]
+
+
+def error_words(run: RunEntry) -> str:
+    """The error against the truth where that is known, else what the run expects of itself."""
+    if run.rms_error_quads is not None:
+        return percent(run.rms_error_quads)
+    return "" if run.rms_sigma is None else f"+-{percent(run.rms_sigma)}"
