@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 import pdcd
 from pdcd.api.arguments import Arguments, Array, asked
-from pdcd.errors import RequestError
 from pdcd.protocol.fields import ARRAYS, request_fields
 from pdcd.protocol.request import CaptureRequest
 
@@ -85,28 +84,3 @@ def test_every_array_may_be_rows_or_a_path() -> None:
         assert np.array_equal(np.asarray(arrays[name]), [[1.0, 0.0]])
         _, arrays = asked("relit", {name: "here.npy"}, _grid)
         assert str(arrays[name]) == "here.npy"
-
-
-@pytest.mark.parametrize(
-    ("goal", "arguments", "told"),
-    [
-        ("indirekt", {}, "no such goal; is indirect meant?"),
-        ("indirect", {"code": 8}, "code: no such keyword; is codes meant?"),
-        ("indirect", {"codes": "many"}, "codes: it takes a whole number from 1 to 65536, not"),
-        ("indirect", {"codes": 0}, "codes: it takes a whole number from 1 to 65536, not 0"),
-        ("indirect", {"family": "best"}, "family: it takes bernoulli, "),
-        ("filtered", {"kernel": [[1.0], [1.0, 2.0]]}, "kernel: "),
-        ("filtered", {"kernel": [1.0, 2.0]}, "kernel: must be rows and columns"),
-        ("filtered", {"kernel": np.array([["a"]])}, "kernel: must be rows and columns"),
-        ("indirect", {"prior": np.array([["a"]])}, "prior: "),
-    ],
-)
-def test_a_wrong_keyword_is_named(goal: str, arguments: dict[str, Any], told: str) -> None:
-    with pytest.raises(RequestError, match=told.replace("?", r"\?")):
-        asked(goal, arguments, _grid)
-
-
-def test_all_faults_are_named_at_once() -> None:
-    with pytest.raises(RequestError) as caught:
-        asked("white", {"code": 8, "seed": -1}, _grid)
-    assert len(caught.value.message.splitlines()) == 2

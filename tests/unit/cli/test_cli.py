@@ -212,26 +212,6 @@ def test_capture_prints_a_table_and_progress_apart(
     ]
 
 
-def test_the_end_of_a_capture_names_the_pictures(
-    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Those that are there: a job that failed on the way has none."""
-    summary = {**SUMMARY, "picture": "high"}
-    files = ("preview/high.png", "preview/low.png", "linear/high.tif")
-    daemon.result = CaptureResult(
-        job=JOB, state="done", folder="/runs/x", summary=summary, files=files
-    )
-    assert main(["capture", "split", "--period", "8"]) == 0
-    assert capsys.readouterr().out.splitlines()[-3:] == [
-        "folder            /runs/x",
-        "to look at        /runs/x/preview/high.png",
-        "to measure        /runs/x/linear/high.tif",
-    ]
-    daemon.result = CaptureResult(job=JOB, state="done", folder="/runs/x", summary=summary)
-    assert main(["capture", "split", "--period", "8"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "folder            /runs/x"
-
-
 def test_capture_json_ends_with_the_result_unchanged(
     daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
 ) -> None:

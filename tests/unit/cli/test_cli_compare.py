@@ -75,11 +75,6 @@ def test_the_first_failure_ends_it(
     assert last_object(capsys.readouterr().out)["state"] == "failed"
 
 
-def test_local_goes_without_socket(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["compare", "direct", "--local", "--socket", "/x"]) == 2
-    assert "--local goes without --socket" in capsys.readouterr().err
-
-
 def test_a_method_cannot_be_picked(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["compare", "direct", "--method", "nayar"])

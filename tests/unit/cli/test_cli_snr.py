@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -97,33 +95,3 @@ def test_the_appendix_is_printed_with_two_digits_more_than_the_paper_has(
         "loss: so it is",
         "",
     ]
-
-
-@pytest.mark.parametrize(
-    ("read_noise_e", "kept", "words"),
-    [(0.0, None, "never"), (math.inf, None, "at any read noise"), (2.3456, 2.3456,
-     "below 2.35 e-")],
-)  # fmt: skip
-def test_where_a_mask_stops_paying_is_said_for_every_light_mask_goal_and_convention(
-    monkeypatch: pytest.MonkeyPatch, read_noise_e: float, kept: float | None, words: str
-) -> None:
-    asked: list[Any] = []
-
-    def answer(of: Any, goal: str, thermal: str, mask: float) -> float:
-        asked.append((of, goal, thermal, mask))
-        return read_noise_e
-
-    monkeypatch.setattr("pdcd.sensor.snr.break_even_read_noise_e", answer)
-    pixel: Any = SimpleNamespace(dimmed=lambda: "dim")
-    found = snr_cli.break_even_rows(pixel, 0.8)
-    lights = [(row.light, row.transmission, row.goal, row.thermal) for row in found]
-    assert lights == [
-        (light, mask, goal, thermal) for light in (1.0, 0.1) for mask in (1.0, 0.8, 0.5)
-        for goal in ("masked", "signed") for thermal in ("paper", "shot")
-    ]  # fmt: skip
-    assert asked == [
-        (pixel if light == 1.0 else "dim", goal, thermal, mask)
-        for light, mask, goal, thermal in lights
-    ]
-    assert {(row.read_noise_e, row.verdict) for row in found} == {(kept, words)}
-    assert len(snr_cli.break_even_rows(pixel, 0.5)) == 2 * 2 * 4

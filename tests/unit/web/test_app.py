@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.errors import BusyError, DeviceLost, PdcdError, RequestError
+from pdcd.errors import BusyError, ConfigError, DeniedError, DeviceLost, PdcdError, RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.web.app import LONG_S, SMALL_BYTES, WANTS
 from pdcd.web.asks import ANSWER_S, ENGINE_S, Asks
@@ -134,6 +134,8 @@ def test_a_wish_is_passed_on_as_the_daemon_takes_it(
     ("error", "status"),
     [
         (RequestError("no such goal", hint="take white"), 400),
+        (ConfigError("no such scene"), 400),
+        (DeniedError("who looks on plans nothing"), 403),
         (BusyError("somebody else works"), 409),
         (DeviceLost("unplugged", device="camera"), 500),
         (ConnectionRefusedError("no daemon answers"), 503),

@@ -6,15 +6,14 @@ import asyncio
 import json
 from collections.abc import AsyncGenerator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pytest
 from aiohttp import web
 
-from pdcd.errors import ConfigError, DeniedError
 from pdcd.web import app as module
 from pdcd.web.asks import Asks
-from pdcd.web.door import Door, Places
+from pdcd.web.door import Places
 from pdcd.web.news import News, TooMany
 from tests.hostile.web_requests import Inside
 from tests.hostile.web_trial import sent
@@ -26,31 +25,6 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> Daemon:
     made = Daemon()
     monkeypatch.setattr(Asks, "_call", lambda *told: made.call(*told))
     return made
-
-
-@pytest.mark.parametrize(("error", "status"), [(ConfigError, 400), (DeniedError, 403)])
-def test_what_the_daemon_refuses_has_the_status_of_its_kind(
-    error: type[ConfigError | DeniedError], status: int, tmp_path: Path, answers: Daemon
-) -> None:
-    answers.answers["preview.grab"] = error("no", hint="ask")
-
-    async def scenario(host: str, port: int, inside: Inside) -> None:
-        found, _, body = await asked(host, port, inside, "look", b"{}")
-        assert (found, json.loads(body)["error"]["hint"]) == (status, "ask")
-
-    served(tmp_path, scenario)
-
-
-def test_the_rig_is_described_in_the_time_that_the_rig_takes(
-    tmp_path: Path, answers: Daemon
-) -> None:
-    answers.answers["rig.describe"] = {"rig": {}, "goals": {}, "schema": {}}
-
-    async def scenario(host: str, port: int, inside: Inside) -> None:
-        assert (await asked(host, port, inside, "describe"))[0] == 200
-
-    served(tmp_path, scenario)
-    assert ("rig.describe", None, 60.0) in answers.asked
 
 
 @pytest.mark.usefixtures("answers")
@@ -176,32 +150,3 @@ def test_a_page_that_goes_or_does_not_read_is_no_fault(
 
     served(tmp_path, scenario)
     assert ("fault of the program" in caplog.text) == ours
-
-
-def test_a_page_has_so_long_to_read_what_it_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "WRITE_S", 0.0)
-    got: list[bytes] = []
-
-    class Full:
-        async def write(self, data: bytes) -> None:
-            got.append(data)
-            await asyncio.Event().wait()
-
-    async def scenario() -> None:
-        with pytest.raises(TimeoutError):
-            await module._written(cast(web.StreamResponse, Full()), b"news")
-
-    asyncio.run(scenario())
-    assert got == [b"news"]
-
-
-def test_four_reads_of_the_disk_go_on_at_a_time() -> None:
-    async def scenario() -> None:
-        none = cast(Any, None)
-        site = module.Site(Door("127.0.0.1", 1), none, none, none, none)
-        for _ in range(4):
-            assert not site._disk._places.locked()
-            await site._disk._places.acquire()
-        assert site._disk._places.locked()
-
-    asyncio.run(scenario())

@@ -22,13 +22,6 @@ def test_the_newest_hundred_runs_are_listed_the_newest_first(tmp_path: Path) -> 
     assert not any(one.pictures or one.report for one in found)
 
 
-def test_of_a_run_two_hundred_pictures_are_looked_at(tmp_path: Path) -> None:
-    folder = run(tmp_path, JOB) / "preview"
-    for number in range(198):
-        (folder / f"more{number}.png").touch()
-    assert len(Shelf(tmp_path).run(JOB).pictures) == 200
-
-
 def test_the_goal_comes_first_and_what_still_goes_on_last(tmp_path: Path) -> None:
     folder = run(tmp_path, JOB) / "preview"
     for name in ("running", "zoom", "a.b", "x" * 65, "y" * 64):
@@ -84,44 +77,3 @@ def test_what_cannot_be_had_is_said_with_the_reason(tmp_path: Path) -> None:
     ):
         with pytest.raises(RequestError, match=what):
             wrong()
-
-
-def test_faults_of_ours_are_not_taken_for_what_lies_on_the_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run(tmp_path, JOB)
-    shelf = Shelf(tmp_path)
-    place = f"captures/{JOB}"
-    assert shelf._pictures(place, None) and not shelf._has_report(place)
-
-    def fault(*_: object) -> None:
-        raise ZeroDivisionError
-
-    for name in ("opened_run", "read_file"):
-        with monkeypatch.context() as patch:
-            patch.setattr(f"pdcd.web.shelf.{name}", fault)
-            with pytest.raises(ZeroDivisionError):
-                shelf.picture(JOB, "white")
-            if name == "opened_run":
-                for look in (lambda: shelf._has_report(place), lambda: shelf._pictures(place, "")):
-                    with pytest.raises(ZeroDivisionError):
-                        look()
-
-
-@pytest.mark.parametrize("error", [OSError(5, "the disk is ill"), ValueError("a null byte")])
-def test_a_disk_that_fails_half_way_shows_nothing_of_a_run(
-    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (run(tmp_path, JOB) / "report.html").write_text("<p>")
-    shelf = Shelf(tmp_path)
-
-    def fails(*_: object) -> None:
-        raise error
-
-    with monkeypatch.context() as patch:
-        patch.setattr("pdcd.web.shelf.opened_run", fails)
-        assert shelf._pictures(f"captures/{JOB}", "white") == ()
-        assert not shelf._has_report(f"captures/{JOB}")
-    monkeypatch.setattr("pdcd.web.shelf.read_file", fails)
-    with pytest.raises(RequestError, match=r"the disk is ill|a null byte"):
-        shelf.picture(JOB, "white")
