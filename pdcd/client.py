@@ -21,7 +21,7 @@ import msgspec
 
 from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError
 from pdcd.files.opening import Sendable, parcels
-from pdcd.protocol.entry import Page, RunEntry, RunQuery
+from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.events import Attention, Event
 from pdcd.protocol.messages import (
     MAX_FDS,
@@ -206,20 +206,6 @@ class Client:
     def list(self) -> list[JobView]:
         """The jobs that the daemon knows, oldest first."""
         return typed_reply(self.call("capture.list"), JobList).jobs
-
-    def runs(self, newest: int = 100) -> tuple[RunEntry, ...]:
-        """The runs in the daemon's state folder, quick looks among them, newest first, up to 1000
-        of them."""
-        found: list[RunEntry] = []
-        before = None
-        while len(found) < newest:
-            left = newest - len(found)
-            page = self.find(RunQuery(newest=left, before=before, previews=True))
-            found += page.runs
-            before = page.more
-            if before is None:
-                break
-        return tuple(found)
 
     def find(self, query: RunQuery) -> Page:
         """A page of the runs in the daemon's state folder, newest first."""

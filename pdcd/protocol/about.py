@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from msgspec import Meta
 
@@ -32,13 +32,20 @@ GROUPS: Mapping[GroupName, tuple[str, str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class About:
-    """What `about` was told, beside the text; see there."""
+    """What people are told of a field beside its text; `about` writes it.
+
+    group : where it is shown. metavar : what stands for its value on the command line, or for each
+    of its values. option : its name there where that is not the field's own. needed_by, taken_by :
+    goals that it is a parameter of; none: it is not one of goals. common : whether the form of the
+    page shows it at once. one_is_both : whether one number may be typed for a pair of equal ones.
+    switched : help of the two switches of a field that takes true, false or a word.
+    """
 
     group: GroupName
     option: str = ""
     metavar: str | tuple[str, ...] = ""
-    needed_by: tuple[GoalName, ...] = ()
-    taken_by: tuple[GoalName, ...] = ()
+    needed_by: Collection[GoalName] = ()
+    taken_by: Collection[GoalName] = ()
     common: bool = False
     one_is_both: bool = False
     switched: tuple[str, str] = ("", "")
@@ -50,37 +57,15 @@ def about(
     metavar: str | tuple[str, ...] = "",
     *,
     takes: str = "",
-    option: str = "",
-    needed_by: Collection[GoalName] = (),
-    taken_by: Collection[GoalName] = (),
-    common: bool = False,
-    one_is_both: bool = False,
-    switched: tuple[str, str] = ("", ""),
+    **more: Any,
 ) -> Meta:
     """Annotate a field with what people are told of it.
 
-    Parameters
-    ----------
     text : what it is, without a capital or a full stop; also `description` of the JSON Schema.
-    metavar : what stands for its value on the command line, or for each of its values.
-    takes : what its values are, in words, where its type does not say it well.
-    option : its name on the command line where that is not the field's own.
-    needed_by, taken_by : goals that it is a parameter of; none: it is not one of goals.
-    common : whether the form of the page shows it at once.
-    one_is_both : whether one number may be typed for a pair of equal ones.
-    switched : help of the two switches of a field that takes true, false or a word.
+    takes : what its values are, in words, where its type does not say it well. All else : fields of
+    `About`.
     """
-    told = About(
-        group=group,
-        option=option,
-        metavar=metavar,
-        needed_by=tuple(needed_by),
-        taken_by=tuple(taken_by),
-        common=common,
-        one_is_both=one_is_both,
-        switched=switched,
-    )
-    extra: dict[str, object] = {"about": told}
+    extra: dict[str, object] = {"about": About(group=group, metavar=metavar, **more)}
     if takes:
         extra["takes"] = takes
     return Meta(description=text, extra=extra)

@@ -21,9 +21,8 @@ from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.web.asks import ENGINE_S, WAIT_S, Asks, Turns
 from pdcd.web.door import REQUEST_S, Door, Places, Refused
-from pdcd.web.form import form_groups
 from pdcd.web.news import News, TooMany
-from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, page_files
+from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, form_groups, page_files
 from pdcd.web.shelf import Shelf
 
 logger = logging.getLogger(__name__)
