@@ -11,8 +11,9 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -45,16 +46,8 @@ Request = Mapping[str, Any] | CaptureRequest | str
 """Keywords of a capture with its "goal", and for a sweep over benches a "config"; a request; or
 the name of a goal."""
 
-Ends = Generator[tuple[int, Record], None, None]
-"""Numbers of tasks, and how they ended, as they do."""
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """One capture: what the table says was asked, and its task."""
-
-    told: Record
-    task: Task
+Ends = Generator[tuple[Task, Record], None, None]
+"""Tasks, and how they ended, as they do."""
 
 
 def sweep(
@@ -93,10 +86,10 @@ def sweep(
             raise RequestError(
                 "a bench takes one photo at a time", hint="give its configuration instead"
             )
-        wanted = _wanted(requests, Config(), bench, place)
-        return _collected(wanted, place, progress, partial(_one_by_one, partial(_taken_on, bench)))
-    wanted = _wanted(requests, configured(bench), None, place)
-    if any(not _mock(w.task.config) for w in wanted):
+        tasks = _tasks(requests, Config(), bench, place)
+        return _collected(tasks, place, progress, partial(_one_by_one, partial(_taken_on, bench)))
+    tasks = _tasks(requests, configured(bench), None, place)
+    if any(not _mock(task.config) for task in tasks):
         if shared:
             raise RequestError("real devices take one photo at a time", hint="leave out workers")
         workers = 0
@@ -105,35 +98,33 @@ def sweep(
         raise RequestError(f"{count} workers", hint="take 1 or more, or 0 for this process")
     if cluster is not None:
         with cluster_executor(cluster) as executor:
-            return _collected(wanted, place, progress, partial(_all_on, executor))
+            return _collected(tasks, place, progress, partial(_all_on, executor))
     run = partial(_all_on, Processes(count)) if count else partial(_one_by_one, taken)
-    return _collected(wanted, place, progress, run)
+    return _collected(tasks, place, progress, run)
 
 
 def _collected(
-    wanted: Sequence[_Wanted],
+    tasks: Sequence[Task],
     folder: Path | None,
     progress: bool | Callable[[Record], None],
     run: Callable[[Sequence[Task]], Ends],
 ) -> Table:
     """Run what the folder does not have yet, and put all rows into one table."""
+    rows: list[Record] = []
+    left: list[Task] = []
     with hold_place(folder):
-        rows = {
-            number: one.told | row
-            for number, one in enumerate(wanted)
-            if (row := row_in_place(one.task)) is not None
-        }
-        left = [number for number in range(len(wanted)) if number not in rows]
-        with (
-            _counting(progress, len(rows), len(wanted)) as tell,
-            closing(run([wanted[n].task for n in left])) as ends,
-        ):
-            for index, row in ends:
-                number = left[index]
-                keep_in_place(wanted[number].task, row)
-                rows[number] = wanted[number].told | row
-                tell(rows[number])
-    return Table(rows[number] for number in sorted(rows))
+        for task in tasks:
+            row = row_in_place(task)
+            if row is None:
+                left.append(task)
+            else:
+                rows.append(task.told | row)
+        with _counting(progress, len(rows), len(tasks)) as tell, closing(run(left)) as ends:
+            for task, row in ends:
+                keep_in_place(task, row)
+                rows.append(task.told | row)
+                tell(rows[-1])
+    return Table(sorted(rows, key=itemgetter("number")))
 
 
 @contextmanager
@@ -158,21 +149,20 @@ def _counting(
         yield tell
 
 
-def _wanted(
+def _tasks(
     requests: Iterable[Request], config: Config, bench: Bench | None, folder: Path | None
-) -> list[_Wanted]:
+) -> list[Task]:
     """Every request checked and made a task; those that are equal are told apart."""
     seen: Counter[str] = Counter()
     benches: dict[int, tuple[Config, dict[str, Any]]] = {}
     if bench is not None:
         benches[id(config)] = config, bench.described()
-    found = []
+    tasks = []
     for number, request in enumerate(requests):
         try:
-            one = _one(request, config, bench)
+            task = _task(request, config, bench)
         except PdcdError as err:
             raise RequestError(f"request {number}: {err.message}", hint=err.hint) from err
-        task = one.task
         # Most have one configuration, whose files need not be read for each of them.
         what = benches.setdefault(id(task.config), (task.config, described(task.config)))[1]
         first = key_of(what, task.request, task.arrays, 0)
@@ -180,15 +170,14 @@ def _wanted(
         seen[first] += 1
         # A folder each: names of runs that begin in the same second could be the same.
         place = None if folder is None else folder / "runs" / key[:16]
-        told = {"number": number, **one.told}
-        found.append(_Wanted(told, replace(task, folder=place)))
-    return found
+        tasks.append(replace(task, folder=place, told={"number": number, **task.told}))
+    return tasks
 
 
-def _one(request: Request, config: Config, bench: Bench | None) -> _Wanted:
+def _task(request: Request, config: Config, bench: Bench | None) -> Task:
     """One request as a task. Raises RequestError and ConfigError."""
     if isinstance(request, CaptureRequest):
-        return _Wanted({}, Task(config, request))
+        return Task(config, request)
     if not isinstance(request, str | Mapping):
         raise RequestError(
             f"{request!r:.80} is no request", hint="give a goal, or keywords with one"
@@ -208,7 +197,7 @@ def _one(request: Request, config: Config, bench: Bench | None) -> _Wanted:
     # Only now: of what is no value of a request nothing can be said in a table.
     told = {f"asked.{name}": _said(value) for name, value in keywords.items()}
     told |= {f"asked.config.{name}": _said(v) for name, v in _flat(overlay)}
-    return _Wanted(told, Task(config, made, held(arrays)))
+    return Task(config, made, held(arrays), told=told)
 
 
 def _flat(tables: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -232,23 +221,23 @@ def _said(value: Any) -> Value:
 
 def _one_by_one(take: Callable[[Task], Record], tasks: Sequence[Task]) -> Ends:
     """One after the other, in this process."""
-    for number, task in enumerate(tasks):
-        yield number, take(task)
+    for task in tasks:
+        yield task, take(task)
 
 
 def _all_on(executor: Executor, tasks: Sequence[Task]) -> Ends:
     """As many at a time as the executor takes; what still runs when it is closed is ended."""
-    futures = {executor.submit(taken, task): number for number, task in enumerate(tasks)}
+    futures = {executor.submit(taken, task): task for task in tasks}
     try:
         for future in as_completed(futures):
-            number = futures[future]
+            task = futures[future]
             try:
                 row = future.result()
             except PdcdError as err:
-                row = failed(tasks[number].request, err)
+                row = failed(task.request, err)
             except Exception as err:  # whatever a cluster loses it by
-                row = failed(tasks[number].request, PdcdError(f"the cluster lost it: {err}"))
-            yield number, row
+                row = failed(task.request, PdcdError(f"the cluster lost it: {err}"))
+            yield task, row
     finally:
         for future in futures:
             future.cancel()

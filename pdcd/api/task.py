@@ -52,12 +52,14 @@ class Task:
 
     arrays : those of the request, as the content of files or as arrays.
     folder : its place, where the run goes; None: where the configuration says.
+    told : what the table says was asked.
     """
 
     config: Config
     request: CaptureRequest
     arrays: Mapping[str, Sendable] = field(default_factory=dict)
     folder: Path | None = None
+    told: Record = field(default_factory=dict)
 
 
 def taken(task: Task) -> Record:

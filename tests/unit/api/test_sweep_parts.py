@@ -46,11 +46,11 @@ class Hands:
         self.tasks.append(task)
         return {"state": "done", "job": task.request.note, "folder": None}
 
-    def _ends(self, who: Any, tasks: Sequence[Task]) -> Iterator[tuple[int, Record]]:
+    def _ends(self, who: Any, tasks: Sequence[Task]) -> Iterator[tuple[Task, Record]]:
         self.asked.append(who)
         self.tasks += tasks
-        for number in reversed(range(len(tasks))):
-            yield number, {"state": "done", "job": tasks[number].request.note, "folder": None}
+        for task in reversed(tasks):
+            yield task, {"state": "done", "job": task.request.note, "folder": None}
 
 
 @pytest.fixture

@@ -210,28 +210,6 @@ def test_nothing_is_lit_for_what_is_no_time(
     assert shower.done == []
 
 
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("black", []),
-        ("grid --detach", [f"it stays: pdcd cancel {JOB}, or pdcd show black, ends it"]),
-    ],
-)
-def test_black_and_what_is_left_there_are_not_waited_for(
-    shower: Shower, capsys: pytest.CaptureFixture[str], line: str, said: list[str]
-) -> None:
-    assert main(["show", *line.split()]) == 0
-    detached = "--detach" in line
-    assert shower.done == [("show", line.split()[0], 0, detached), "closed"]
-    assert capsys.readouterr().err.splitlines() == said
-    shower.hello.drivers = {"display": "mock"}
-    assert main(["show", *line.split(), "--json"]) == 0
-    printed = capsys.readouterr()
-    assert json.loads(printed.out) == {"job": JOB, "pattern": line.split()[0], "index": 0}
-    assert printed.err.startswith("these are the mock bench's panels")
-    assert "pdcd show without a daemon draws them" in printed.err.splitlines()[0]
-
-
 @pytest.mark.parametrize("words", [["--detach"], ["--socket", "/nobody.sock"]])
 def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
     monkeypatch: pytest.MonkeyPatch, words: list[str]

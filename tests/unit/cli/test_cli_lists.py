@@ -117,21 +117,6 @@ def test_the_newest_fifty_are_listed_and_pages_asked_for_until_then(
     assert [query.before for query in finder.asked] == [None, "m0", "m1", "m2"]
 
 
-def test_filters_are_told_to_whoever_has_the_runs(
-    finder: type[Finder], capsys: pytest.CaptureFixture[str]
-) -> None:
-    finder.pages = [Page(state_folder="/srv", runs=[])]
-    since = "2026-01-02T03:04:05+00:00"
-    listed(capsys, "--goal", "direct", "--since", since, "--tag", "a", "--tag", "b", "--failed")
-    assert finder.asked == [
-        RunQuery(goal="direct", since=datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC), tags=("a", "b"),
-                 failed=True),
-    ]  # fmt: skip
-    assert main(["runs", "--tag", "a b"]) == 2
-    assert "--tag: it takes" in capsys.readouterr().err
-    assert main(["runs", "--since", "soon"]) == 2
-
-
 def test_folders_are_looked_into_where_no_daemon_answers(
     finder: type[Finder], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,6 +85,8 @@ def test_json_has_a_run_a_line_and_filters_choose(
     assert jobs("--tag", "glass", "--tag", "paper") == []
     assert jobs("--since", "2026-01-01T00:00:02+00:00") == [job(2), job(3)]
     assert jobs("--state-dir", str(state / "preview" / job(4))) == []
+    for wrong in (("--tag", "a b"), ("--since", "soon")):
+        told(capsys, *wrong, code=2)
 
 
 def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
