@@ -26,7 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Wrong usage ends in SystemExit(2), as argparse does it.
     """
-    args = build_parser().parse_args(argv)
+    typed = sys.argv[1:] if argv is None else argv
+    args = build_parser(typed).parse_args(typed)
     try:
         code = _command(args)(args)
         sys.stdout.flush()

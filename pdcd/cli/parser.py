@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -69,8 +68,12 @@ def rows_of(table: str) -> list[Row]:
     return found
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser; it sets `run` to the "module:function" of the command."""
+def build_parser(typed: Sequence[str] | None = None) -> argparse.ArgumentParser:
+    """Return the parser; it sets `run` to the "module:function" of the command.
+
+    typed : the words that it is for: commands that are none of them go without options, whose
+    imports take time. None: all have theirs.
+    """
     parser = argparse.ArgumentParser(
         prog="pdcd",
         description="Photograph chosen light paths: a projector, an LCD mask and a camera.",
@@ -79,33 +82,12 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pdcd {__version__}")
     parser.set_defaults(json=False)
-    _add_commands(parser, rows_of(COMMANDS), "command", required=True)
+    _add_commands(parser, rows_of(COMMANDS), "command", typed, required=True)
     return parser
 
 
 class CommandParser(argparse.ArgumentParser):
-    """The parser of a command, which adds its options once they are needed.
-
-    Most are never: `pdcd --help` needs those of no command, and any command only its own.
-    """
-
-    def __init__(self, *args: Any, fill: Callable[..., None] | None = None, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self._fill = fill
-
-    def filled(self) -> CommandParser:
-        """The same, with its options."""
-        fill, self._fill = self._fill, None
-        if fill is not None:
-            fill(self)
-        return self
-
-    def parse_known_args(  # type: ignore[override]  # of its overloads, argparse uses this one
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        """What was typed, by all options of the command."""
-        self.filled()
-        return super().parse_known_args(args, namespace)
+    """The parser of a command."""
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
         """Values of an option, as their type has them. argparse takes "--" out of them as if it
@@ -116,9 +98,14 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def _add_commands(
-    parser: argparse.ArgumentParser, rows: list[Row], dest: str, *, required: bool
+    parser: argparse.ArgumentParser,
+    rows: list[Row],
+    dest: str,
+    typed: Sequence[str] | None,
+    *,
+    required: bool,
 ) -> None:
-    """Add commands of one word, each with those of two words that begin with it."""
+    """Add commands of one word, each with its options and those of two words that begin with it."""
     below = parser.add_subparsers(
         parser_class=CommandParser, dest=dest, required=required, metavar="COMMAND"
     )
@@ -134,24 +121,21 @@ def _add_commands(
             description=told.get("more", text.strip()),
             epilog=EXIT_CODES,
             allow_abbrev=False,
-            fill=partial(_fill, row, rows),
         )
         made.set_defaults(run=run)
-
-
-def _fill(row: Row, rows: list[Row], parser: argparse.ArgumentParser) -> None:
-    """Add the options of a command, and its own commands."""
-    own = [
-        each._replace(first=each.first.removeprefix(f"{row.first} "))
-        for each in rows
-        if each.first.startswith(f"{row.first} ")
-    ]
-    if own:
-        _add_commands(parser, own, f"{row.first}_command", required=row.text.startswith("- "))
-    usages = [f"%(prog)s {each.text}" for each in row.below if each.first == "usage"]
-    if usages:  # only now, for the names of its own commands would begin with it
-        parser.usage = "\n       ".join(usages)
-    _add_options(parser, row.below)
+        if typed is not None and name not in typed:
+            continue
+        own = [
+            each._replace(first=each.first.removeprefix(f"{name} "))
+            for each in rows
+            if each.first.startswith(f"{name} ")
+        ]
+        if own:
+            _add_commands(made, own, f"{name}_command", None, required=run == "-")
+        usages = [f"%(prog)s {each.text}" for each in row.below if each.first == "usage"]
+        if usages:  # only now, for the names of its own commands would begin with it
+            made.usage = "\n       ".join(usages)
+        _add_options(made, row.below)
 
 
 def _add_options(
@@ -228,12 +212,12 @@ def read_option(text: str) -> tuple[list[str], How]:
     return names, how
 
 
-def commands(parser: argparse.ArgumentParser) -> Iterator[CommandParser]:
+def commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
     """The parsers of all commands below one, each before those of its own, as they were added."""
     for action in parser._actions:  # noqa: SLF001
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for below in action.choices.values():
-                yield below.filled()
+                yield below
                 yield from commands(below)
 
 
