@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from pdcd.api.local import LocalBench
+from pdcd.bench.choosing import held as held_folder
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, DecodeError, PdcdError, RequestError, disk_errors
 from pdcd.files.opening import Limits, Sendable, Unsound, contents, open_own
@@ -102,14 +103,10 @@ def hold_place(folder: Path | None) -> Iterator[None]:
         return
     with disk_errors(str(folder)):
         folder.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        descriptor = held_folder(folder, fcntl.LOCK_EX)
+    if descriptor is None:
+        raise BusyError(f"another sweep fills {folder}", hint="wait for it, or take another folder")
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as err:
-            raise BusyError(
-                f"another sweep fills {folder}", hint="wait for it, or take another folder"
-            ) from err
         yield
     finally:
         os.close(descriptor)
