@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import msgspec
 import pytest
 
 from pdcd.errors import BusyError, ConfigError, DeniedError, DeviceLost, PdcdError, RequestError
+from pdcd.protocol.about import GROUPS
 from pdcd.protocol.request import CaptureRequest
 from pdcd.web.app import LONG_S, SMALL_BYTES, WANTS
 from pdcd.web.asks import ANSWER_S, ENGINE_S, Asks
@@ -198,6 +200,7 @@ def test_the_page_is_told_of_every_field_and_what_it_takes(tmp_path: Path, daemo
         told = json.loads(body)
         assert status == 200 and told["rig"]["grid"] == [3, 4]
         fields = {field["name"]: field for group in told["groups"] for field in group["fields"]}
+        assert told["groups"][0]["title"] == GROUPS["goal"][0]
         assert {"goal", *fields} == set(CaptureRequest.__struct_fields__)
         assert fields["codes"]["takes"] == "a whole number from 1 to 65536"
         assert fields["parts"]["values"] == ["auto"] and fields["parts"]["kind"] == "number"
@@ -262,3 +265,28 @@ def test_who_shows_the_token_has_more_time_and_who_waits_for_the_rig_most(
         assert given == [REQUEST_S, REQUEST_S, LONG_S] and LONG_S > ENGINE_S > ANSWER_S
 
     served(tmp_path, scenario)
+
+
+def test_the_end_waits_for_no_answer_of_a_daemon_that_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, free = threading.Event(), threading.Event()
+
+    def hangs(*_: object) -> None:
+        began.set()
+        free.wait(120.0)
+
+    monkeypatch.setattr(Asks, "_call", hangs)
+
+    async def scenario() -> None:
+        sock = bound("127.0.0.1", 0)
+        host, port = sock.getsockname()
+        async with serving(sock, tmp_path / "none", tmp_path) as door:
+            look = asyncio.create_task(asked(host, port, inside_of(door), "look", b"{}"))
+            await asyncio.to_thread(began.wait, 30.0)
+        await asyncio.gather(look, return_exceptions=True)
+
+    try:
+        asyncio.run(asyncio.wait_for(scenario(), 30.0))
+    finally:
+        free.set()
