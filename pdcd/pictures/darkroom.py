@@ -210,9 +210,7 @@ class Darkroom:
             raise DecodeError(
                 "no picture can be made of the shots that are there", hint="capture again"
             )
-        sums: dict[str, Exposed] = {}
-        if self._sums_up(shots):
-            sums = software_sums(recipe, shots, self._stack_bits(), cells)
+        sums = self._sums(recipe, shots)
         with watch.piece(making) as alive:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
@@ -225,12 +223,8 @@ class Darkroom:
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed]]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
         shots = self._shots(watch)
-        cells = self._cells()
         recipe = possible(self._recipe, shots)
-        sums: dict[str, Exposed] = {}
-        if self._sums_up(shots):
-            sums = software_sums(recipe, shots, self._stack_bits(), cells)
-        return recipe, {**shots, **sums}
+        return recipe, {**shots, **self._sums(recipe, shots)}
 
     def means(self, watch: Watch) -> tuple[Recipe, Means]:
         """The same on cells, as far as the answer is made of them."""
@@ -307,21 +301,25 @@ class Darkroom:
     @cached_property
     def _drawn_apart(self) -> float:
         """Share of the field in which the panels draw different cells: of all shots of the run."""
-        record = self._record
-        panels = panels_from(record.projector, record.mask)
-        return drawn_apart_share(panels.projector, panels.mask, record.grid)
+        panels = panels_from(self._record.projector, self._record.mask)
+        return drawn_apart_share(panels.projector, panels.mask, self._record.grid)
 
     @cached_property
     def _strips(self) -> tuple[Strips, ...]:
         """Where whole cells of both panels do not meet, as finely as the camera sees them."""
-        record = self._record
-        panels = panels_from(record.projector, record.mask)
+        panels = panels_from(self._record.projector, self._record.mask)
         fine = min(max(1, math.ceil(self._cells().quad_cells ** -0.5 - 1e-6)), MOST_STRETCHES)
-        return find_strips(panels.projector, panels.mask, record.grid, fine)
+        return find_strips(panels.projector, panels.mask, self._record.grid, fine)
 
     def _sums_up(self, shots: Mapping[str, Shown]) -> bool:
         """Whether all photos are there that the recipe's sums want."""
         return bool(self._recipe.sums) and all(name in shots for name in self._recipe.stack)
+
+    def _sums(self, recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:
+        """Weighted sums of single photos, as `Decoded.sums` has them."""
+        if not self._sums_up(shots):
+            return {}
+        return software_sums(recipe, shots, self._stack_bits(), self._cells())
 
     def _stack_bits(self) -> NDArray[np.bool_]:
         return self._bits("pilot" if self._record.how.pilot else "photos")
