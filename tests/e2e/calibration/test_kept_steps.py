@@ -203,7 +203,7 @@ def test_a_killed_one_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "verdict     good, in use" in said.out
     assert main(["calibrate", "list", *words]) == 0
     said_now = capsys.readouterr().out
-    assert "in use" in said_now and "geometry (taken over)" in said_now and "cut short" in said_now
+    assert all(one in said_now for one in ("in use", "(taken over)", "cut short"))
 
     # By name, none, and the latest again.
     assert main(["calibrate", "use", "none", *words]) == 0
