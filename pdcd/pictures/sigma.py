@@ -37,7 +37,8 @@ LEAST = 0.1
 get wrong alike, and widens the error bars of pixels that do not err."""
 DARK = 1e-3
 """Mean square of the light, over that of all cells, below which a cell is dark."""
-TINY = np.finfo(np.float64).tiny
+ROUNDED = 1e-6
+"""Share of the mean below which a sum over cells is rounding."""
 LEAST_BESIDE = 0.15
 """Weight that is off, in paths of one cell, below which it is the chance of codes: a photo of whole
 cells has none but that."""
@@ -181,8 +182,11 @@ def single_errors(
     square -= spare[picked.cell] * np.mean(noise, axis=0)
     # In proportion to light; what is dark beside the others errs as little.
     all_light = picked.sums(spare[picked.cell] * (level**2 + floor)[picked.cell], NEIGHBOURS_PX)
-    over = picked.sums(square, NEIGHBOURS_PX) / np.maximum(all_light, TINY)
-    over = np.where(all_light > 0.0, np.maximum(over, 0.0), 0.0).reshape(images.shape)
+    # Means over squares leave rounding where no quad was picked.
+    told = all_light > ROUNDED * all_light.mean(axis=0)
+    over = np.zeros_like(all_light)
+    np.divide(picked.sums(square, NEIGHBOURS_PX), all_light, out=over, where=told)
+    over = np.maximum(over, 0.0).reshape(images.shape)
     return np.asarray(np.sqrt(over / count) * np.abs(images))
 
 

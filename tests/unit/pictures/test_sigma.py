@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pdcd.pictures.bars import barred_alone
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.sigma import _inverse_trigamma, measured
+from pdcd.pictures.sigma import _inverse_trigamma, measured, single_errors
+from pdcd.pictures.to_cells import Sample
 from pdcd.probing.deviation import row_deviations
 from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import Goal, How
@@ -130,3 +131,16 @@ def test_one_exposure_has_the_noise_alone_and_says_whether_codes_err(
     assert {name: one.kind for name, one in found.items() if name in kinds} == kinds
     for one in found.values():
         assert not one.code.any() and np.array_equal(one.sigma, one.sensor)
+
+
+def test_cells_without_quads_that_tell_have_no_error_of_single_quads() -> None:
+    """Sums over squares of cells leave rounding there, and that over rounding is any number."""
+    rng, grid = np.random.default_rng(5), (12, 12)
+    cell = np.repeat(np.flatnonzero(np.arange(144) % 12 < 4), 9)  # the left third is seen
+    none = np.zeros(0, dtype=np.int64)
+    picked = Sample(slice(0), none, np.zeros((0, 0), np.bool_), cell, none.reshape(2, 0), grid)
+    light = [1e3 * rng.uniform(0.5, 1.5, (cell.size, 3)) for _ in range(5)]
+    noise = [np.zeros((cell.size, 3))] * 5
+    found = single_errors(light, noise, picked, np.ones((*grid, 3)))
+    assert 0.05 < found[:, :3].min() and found.max() < 0.3
+    np.testing.assert_array_equal(found[:, 6:], 0.0)
