@@ -12,6 +12,7 @@ import numpy as np
 from pdcd.errors import DecodeError
 from pdcd.pages.render import render
 from pdcd.protocol.result import Figure, Quality
+from pdcd.verdict.limits import percent
 
 TEMPLATE = "notebook.html"
 WIDTH_PX = 320
@@ -47,7 +48,7 @@ def run_html(
     """
     rows = [(name, form.format(v)) for key, name, form in FIGURES if (v := summary.get(key))]
     shares = ((name, summary.get(key)) for key, name in SHARES)
-    rows += [(name, f"{100.0 * v:.3g} %") for name, v in shares if isinstance(v, float)]
+    rows += [(name, percent(v)) for name, v in shares if isinstance(v, float)]
     near = folder.is_relative_to(Path.cwd())
     rows.append(("folder", os.path.relpath(folder) if near else str(folder)))
     return render(

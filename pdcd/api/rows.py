@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.verdict import limits
 from pdcd.words import SIGMA_KINDS
 
 Value = float | int | str
@@ -29,7 +30,7 @@ GUARDS = {
 
 def percent(share: Value) -> str:
     """Write a share as a percentage of three digits."""
-    return f"{100.0 * float(share):.3g} %"
+    return limits.percent(float(share))
 
 
 SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (

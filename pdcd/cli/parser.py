@@ -6,6 +6,7 @@ argparse shows what it holds by names that begin with a line; all use of them is
 from __future__ import annotations
 
 import argparse
+import functools
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -53,8 +54,9 @@ class Row(NamedTuple):
     below: list[Row]
 
 
+@functools.cache
 def rows_of(table: str) -> list[Row]:
-    """The rows of a table (see `pdcd.cli.typed`)."""
+    """The rows of a table (see `pdcd.cli.typed`), which nobody changes."""
     for word, meant in WORDS.items():
         table = table.replace(word, meant)
     found: list[Row] = []

@@ -284,8 +284,8 @@ def with_beside_light(
 
     photos : scaled ones. by_codes : of `single_of_photos`. learned : of a pilot, if any.
     """
-    weighed = [weigh_cells(photo, shots, normalise) for photo in recipe.photos]
-    weighed = [one for one in weighed if beside_weight(one, cells.grid)]
+    each = [weigh_cells(photo, shots, normalise) for photo in recipe.photos]
+    weighed = [(one, weight) for one in each if (weight := beside_weight(one, cells.grid))]
     if not weighed:
         return dict(pictures)
     from pdcd.pictures.beside import beside_errors  # most photos are taken through whole cells

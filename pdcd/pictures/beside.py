@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.picture import Errors, Picture
-from pdcd.pictures.sigma import beside_weight
 from pdcd.pictures.smooth import REACH
 from pdcd.pictures.to_cells import Sample, average, mean_image, sample
 from pdcd.pictures.to_quads import share_out
@@ -56,7 +55,7 @@ class Beside:
 
 
 def beside_errors(
-    weighed: Sequence[CellWeights],
+    weighed: Sequence[tuple[CellWeights, float]],
     photos: Mapping[str, Picture],
     single: Sequence[Exposed],
     by_codes: Mapping[str, Floats],
@@ -72,13 +71,13 @@ def beside_errors(
     or not at all, so that its variance goes with how much is mistaken where a quad looks; that of
     even light goes with the square.
 
-    weighed : photos that have a `pdcd.pictures.sigma.beside_weight`. photos : scaled ones. single :
-    photos of single codes. by_codes : what single quads of photos err by codes, of cells or halves
-    (`pdcd.pictures.sigma.single_errors`). learned : of a pilot, if any.
+    weighed : photos that have a `pdcd.pictures.sigma.beside_weight`, and that. photos : scaled
+    ones. single : photos of single codes. by_codes : what single quads of photos err by codes, of
+    cells or halves (`pdcd.pictures.sigma.single_errors`). learned : of a pilot, if any.
     """
     found, picked = {}, sample(single, cells, within=True)
     ways = single_ways(single, picked, learned)
-    for weights in weighed:
+    for weights, weight in weighed:
         name = weights.photo.name
         photo = photos[name]
         seen = average(photo, cells).image
@@ -86,7 +85,6 @@ def beside_errors(
         near = USUAL * light
         if learned is not None and learned.near.any():
             near = learned.near
-        weight = beside_weight(weights, cells.grid)
         even = (UNEVEN * weight * near).reshape(seen.shape)
         by_chance = np.zeros_like(near)
         if name in by_codes:

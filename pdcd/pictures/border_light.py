@@ -132,11 +132,9 @@ class BorderLight:
         white photo the other stays as it is."""
         share = self.share()
         if seen is not None:
-            gain = self._gain(share)
-            direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
-            light, _ = seen.without_leak(direct, self.cells)
-            image = photo.image - gain[..., None] * light
-            noise = gain[..., None] * np.sqrt(seen.light.variance)
+            gain, light, _ = self._seen(photo, white, share, seen)
+            image = photo.image - gain * light
+            noise = gain * np.sqrt(seen.light.variance)
             return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)
         both, light = white.image - photo.image, np.zeros(photo.image.shape)
@@ -156,10 +154,16 @@ class BorderLight:
         share = self.share()
         if seen is None:
             return self._off(white.image - photo.image, share)
+        gain, light, indirect = self._seen(photo, white, share, seen)
+        return np.asarray(gain * np.hypot(SEEN_OFF * light, INDIRECT_OFF * indirect))
+
+    def _seen(
+        self, photo: Picture, white: Picture, share: Floats, seen: SeenBorders
+    ) -> tuple[Floats, Floats, Floats]:
+        """The gain of each quad, (h, w, 1), and what was seen of light along borders and of
+        indirect light, without what a closed mask lets through of direct light."""
         direct = np.where(np.isfinite(white.sigma), white.image - photo.image, 0.0)
-        light, indirect = seen.without_leak(direct, self.cells)
-        off = np.hypot(SEEN_OFF * light, INDIRECT_OFF * indirect)
-        return np.asarray(self._gain(share)[..., None] * off)
+        return self._gain(share)[..., None], *seen.without_leak(direct, self.cells)
 
     def _gain(self, share: Floats) -> Floats:
         """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):

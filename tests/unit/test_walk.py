@@ -29,8 +29,8 @@ class Kept:
         self.plan = plan
 """,
     "plans/unused.py": "LEAST = 1\n\nclass Never:\n    pass\n",
-    "work/__init__.py": "",
-    "work/desk.py": """
+    "trade/__init__.py": "",
+    "trade/desk.py": """
 from shop.plans.unused import LEAST
 def measure(plan):
     return plan.area
@@ -42,7 +42,7 @@ def ignore(plans):
     "front.py": """
 import subprocess, sys
 from shop.plans.plan import Kept, Plan
-from shop.work.desk import ignore, look, measure
+from shop.trade.desk import ignore, look, measure
 def run():
     plan = Plan(3)
     for _ in range(5):
@@ -95,7 +95,7 @@ def test_a_file_is_called_only_where_a_function_of_it_runs(notes: Notes) -> None
         "shop/child.py",
         "shop/plans/plan.py",
         "shop/plans/unused.py",
-        "shop/work/desk.py",
+        "shop/trade/desk.py",
     }
     assert notes.called == real - {"shop/plans/unused.py"}
 
@@ -104,21 +104,21 @@ def test_the_way_of_a_class_goes_through_all_processes_and_counts_a_loop_once(no
     route = route_of("Plan", notes.steps)
     assert [(step.callee, step.function) for step in route.steps] == [
         ("shop/plans/plan.py", "Plan.__init__"),
-        ("shop/work/desk.py", "measure"),
+        ("shop/trade/desk.py", "measure"),
         ("shop/plans/plan.py", "Plan.area"),
-        ("shop/work/desk.py", "look"),  # in a list
+        ("shop/trade/desk.py", "look"),  # in a list
         ("shop/front.py", "show"),
         ("shop/plans/plan.py", "Kept.__init__"),
-        ("shop/work/desk.py", "look"),  # as an attribute
+        ("shop/trade/desk.py", "look"),  # as an attribute
         ("shop/plans/plan.py", "Plan.__init__"),  # in the child
         ("shop/child.py", "begin"),
     ]
     assert route.moves == 8
     assert [room_of(step.callee) for step in route.comebacks()] == [
         "shop/plans",
-        "shop/work",
+        "shop/trade",
         "shop/plans",
-        "shop/work",
+        "shop/trade",
         "shop/plans",
         "shop",
     ]
@@ -128,7 +128,7 @@ def test_the_way_of_a_class_goes_through_all_processes_and_counts_a_loop_once(no
 
 def test_a_tree_is_weighed_and_its_circles_are_found(root: Path) -> None:
     (root / "pyproject.toml").write_text(
-        '[[tool.importlinter.contracts]]\ntype = "layers"\nlayers = ["shop.work | shop.a", "shop"]'
+        '[[tool.importlinter.contracts]]\ntype = "layers"\nlayers = ["shop.trade | shop.a", "shop"]'
     )
     shop = root / "shop"
     body = "    pass\n" * 59

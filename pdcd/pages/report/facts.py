@@ -14,6 +14,7 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.pages.report.material import Material
 from pdcd.pages.report.timeline import MOST_SHOTS
 from pdcd.runs.record import Manifest
+from pdcd.verdict import limits
 from pdcd.words import SIGMA_KINDS
 
 Rows = list[tuple[str, str]]
@@ -38,7 +39,7 @@ def percent(share: object) -> str:
     """A share as a percentage of three digits or more; "-" for none."""
     if not isinstance(share, float | int):
         return "-"
-    return f"{100.0 * share:.0f} %" if abs(share) >= 10.0 else f"{100.0 * share:.3g} %"
+    return f"{100.0 * share:.0f} %" if abs(share) >= 10.0 else limits.percent(share)
 
 
 def _in(form: str) -> Callable[[Any], str]:

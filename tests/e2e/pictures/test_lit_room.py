@@ -19,7 +19,7 @@ from pdcd.bench.tables import (
 )
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
-from tests.bench.captures import capture_with, opened
+from tests.bench.captures import take_into
 
 GRID = (12, 16)
 QUADS = (96, 72)
@@ -62,10 +62,8 @@ def judged(
         limits=LimitsConfig(min_free_bytes=0),
     )
     request = CaptureRequest(goal="indirect", codes=codes, pilot=0, parts=parts, window="quarter")
-    with opened(config) as engine:
-        result = capture_with(engine, request, folder, "job")
-    assert result.folder is not None
-    run, quality = pdcd.open(result.folder), result.summary["quality"]
+    result, taken = take_into(folder, config, request)
+    run, quality = pdcd.open(taken), result.summary["quality"]
     assert run.truth is not None and isinstance(quality, Quality)
     known = np.isfinite(run.sigma) & np.isfinite(run.truth)
     found, true, bars = run.image[known], run.truth[known], run.sigma[known]
@@ -130,10 +128,7 @@ def test_all_pictures_of_a_direct_run_in_a_lit_room_share_one_scale(tmp_path: Pa
         limits=LimitsConfig(min_free_bytes=0),
     )
     request = CaptureRequest(goal="direct", codes=64, pilot=0, parts=1, window="quarter")
-    with opened(config) as engine:
-        result = capture_with(engine, request, tmp_path, "job")
-    assert result.folder is not None
-    run = pdcd.open(result.folder)
+    run = pdcd.open(take_into(tmp_path, config, request)[1])
     assert run.manifest.run.how.black_level == "mask"
     transport = np.load(tmp_path / "scene.npz")["transport"]
     direct, white = np.trace(transport), transport.sum()

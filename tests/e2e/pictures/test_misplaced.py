@@ -22,7 +22,7 @@ from pdcd.pictures.misplaced import direct_lost, lie_of
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
-from tests.bench.captures import capture_with, opened
+from tests.bench.captures import take_into
 
 SIZE_PX = (256, 192)
 QUADS = (96, 72)
@@ -42,8 +42,7 @@ def captured(folder: Path, truth: str, kind: str = "milky-bottle") -> CaptureRes
         limits=LimitsConfig(min_free_bytes=0),
     )
     request = CaptureRequest(goal="indirect", codes=64, pilot=0, parts=4, window="quarter")
-    with opened(config) as engine:
-        return capture_with(engine, request, folder, "job")
+    return take_into(folder, config, request)[0]
 
 
 @pytest.mark.parametrize("kind", ["mirror-and-vase", "still-life"])
@@ -58,10 +57,8 @@ def test_panels_that_lie_right_are_not_accused_by_few_quads(tmp_path: Path, kind
         limits=LimitsConfig(min_free_bytes=0),
     )
     request = CaptureRequest(goal="indirect", codes=16, pilot=0, parts=1, window="quarter")
-    with opened(config) as engine:
-        result = capture_with(engine, request, tmp_path, "job")
-    assert result.folder is not None
-    record = read_manifest(Path(result.folder)).run
+    result, taken = take_into(tmp_path, config, request)
+    record = read_manifest(taken).run
     assert record.panels is not None and record.panels.mask is not None
     assert direct_lost(record, "whole").rms < 1e-3
     quality = result.summary["quality"]

@@ -14,7 +14,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
 from pdcd.runs.verify import whole_manifest
 from pdcd.words import WindowName
-from tests.bench.captures import capture_with, opened
+from tests.bench.captures import take_into
 from tests.bench_rig import cells_error
 
 
@@ -28,10 +28,7 @@ def test_direct_light_that_slow_panels_let_through_is_taken_out(tmp_path: Path) 
         limits=LimitsConfig(min_free_bytes=0),
     )
     request = CaptureRequest(goal="indirect", codes=64, window="quarter", black_level="none")
-    with opened(config) as engine:
-        result = capture_with(engine, request, tmp_path, "job")
-    assert result.folder is not None
-    folder = Path(result.folder)
+    _, folder = take_into(tmp_path, config, request)
     assert cells_error(folder, taken_out=False) > 0.3
     assert cells_error(folder) < 0.02
 
@@ -69,15 +66,13 @@ def test_what_a_blurred_mask_lets_through_at_borders_is_taken_out_there(tmp_path
 def windowed_error(config: Config, window: WindowName | None, folder: Path) -> float:
     """RMS error of an indirect photo through these windows, of the true picture's RMS."""
     request = CaptureRequest(goal="indirect", codes=128, window=window)
-    with opened(config) as engine:
-        result = capture_with(engine, request, folder / str(window), "job")
+    result, taken = take_into(folder / str(window), config, request)
     blurred = config.mask.blur_px > 0.0  # half of the picture is taken out then
-    assert result.folder is not None
-    run = whole_manifest(Path(result.folder)).run
+    run = whole_manifest(taken).run
     assert {shot.window for shot in run.shots} == {"whole", window or "whole"}
     assert (run.borders is None) is (window == "quarter")
-    decoded = Darkroom(Path(result.folder), run).decoded()
-    truth, seen = read_truth(Path(result.folder), decoded.cells).on_quads(decoded.cells)
+    decoded = Darkroom(taken, run).decoded()
+    truth, seen = read_truth(taken, decoded.cells).on_quads(decoded.cells)
     error, true = ((image[seen] ** 2).mean() for image in (decoded.answer.image - truth, truth))
     quality = result.summary["quality"]
     assert isinstance(quality, Quality) and quality.verdict == ("good", "doubtful")[blurred]

@@ -33,7 +33,7 @@ from pdcd.panels.placing import Placing
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
 from pdcd.runs.folder import read_manifest
-from tests.bench.captures import capture_with, opened
+from tests.bench.captures import take_into
 
 GRID = (24, 32)
 Bits = NDArray[np.uint8]
@@ -81,12 +81,10 @@ def verdict(folder: Path, *, camera: dict[str, Any] | None = None, **asked: Any)
     )
     once = {"goal": "indirect", "codes": 128, "pilot": 0, "parts": 1}
     request = msgspec.convert({**once, **asked}, CaptureRequest)
-    with opened(config) as engine:
-        result = capture_with(engine, request, folder, "job")
-    assert result.folder is not None
+    result, taken = take_into(folder, config, request)
     quality = result.summary["quality"]
     assert isinstance(quality, Quality)
-    assert read_manifest(Path(result.folder)).summary["quality"] == quality
+    assert read_manifest(taken).summary["quality"] == quality
     return quality
 
 
@@ -235,8 +233,7 @@ def verdict_on(folder: Path, truth: str) -> Quality:
         limits=LimitsConfig(min_free_bytes=0),
     )
     request = CaptureRequest(goal="indirect", codes=64, pilot=0, window="quarter")
-    with opened(config) as engine:
-        found = capture_with(engine, request, folder, "job").summary["quality"]
+    found = take_into(folder, config, request)[0].summary["quality"]
     assert isinstance(found, Quality)
     return found
 
@@ -287,11 +284,9 @@ def test_borders_of_cells_that_the_panels_draw_apart(tmp_path: Path) -> None:
         limits=LimitsConfig(min_free_bytes=0),
     )
     request = CaptureRequest(goal="indirect", codes=64, pilot=0, parts=1, window="whole")
-    with opened(config) as engine:
-        result = capture_with(engine, request, tmp_path, "job")
-    assert result.folder is not None
-    told = read_manifest(Path(result.folder)).realised["coded"]["diagonal_mean"]
-    run = pdcd.open(result.folder)
+    result, taken = take_into(tmp_path, config, request)
+    told = read_manifest(taken).realised["coded"]["diagonal_mean"]
+    run = pdcd.open(taken)
     assert run.truth is not None
     white, indirect = (run.pictures[name].mean() for name in ("white", "indirect"))
     left = (indirect - run.truth.mean()) / (white - run.truth.mean())

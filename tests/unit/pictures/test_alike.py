@@ -60,8 +60,8 @@ def photos_of(plan: Plan, level: float = 1.0) -> dict[str, Picture]:
 
 def errors(plan: Plan, learned: Learned | None = None) -> dict[str, Beside]:
     cells, shots = CellMap.block(GRID, GRID), shots_of(plan)
-    weighed = [weigh_cells(photo, shots, "auto") for photo in plan.recipe.photos]
-    weighed = [one for one in weighed if beside_weight(one, GRID)]
+    each = [weigh_cells(photo, shots, "auto") for photo in plan.recipe.photos]
+    weighed = [(one, weight) for one in each if (weight := beside_weight(one, GRID))]
     return beside_errors(weighed, photos_of(plan, 0.7), [], {}, learned, cells)
 
 
