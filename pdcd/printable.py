@@ -1,9 +1,10 @@
-"""Texts of others made fit to show: no forged lines in a log, no orders to terminal or browser."""
+"""Texts and shares made fit to show: no forged lines in a log, no orders to terminal or browser."""
 
 from __future__ import annotations
 
 import html
 import json
+from numbers import Real
 
 
 def one_line(text: str) -> str:
@@ -29,6 +30,14 @@ def lines(text: str) -> str:
 def as_html(words: object) -> str:
     """Any text as HTML, also of a quoted attribute, that shows it and does nothing else."""
     return html.escape(one_line(str(words)))
+
+
+def percent(share: object) -> str:
+    """A share as a percentage of three digits or more, for messages and pages; "-" for none."""
+    if not isinstance(share, Real):
+        return "-"
+    share = float(share)
+    return f"{100.0 * share:.0f} %" if abs(share) >= 10.0 else f"{100.0 * share:.3g} %"
 
 
 def _escaped(character: str) -> str:

@@ -11,8 +11,8 @@ import numpy as np
 
 from pdcd.errors import DecodeError
 from pdcd.pages.render import render
+from pdcd.printable import percent
 from pdcd.protocol.result import Figure, Quality
-from pdcd.verdict.limits import percent
 
 TEMPLATE = "notebook.html"
 WIDTH_PX = 320

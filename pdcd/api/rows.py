@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from pdcd.printable import percent
 from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.plan_summary import PlanSummary
-from pdcd.verdict import limits
 from pdcd.words import SIGMA_KINDS
 
 Value = float | int | str
@@ -26,11 +26,6 @@ GUARDS = {
     "wide": "with longer guards",
 }
 """Schedules of a code, for people."""
-
-
-def percent(share: Value) -> str:
-    """Write a share as a percentage of three digits."""
-    return limits.percent(float(share))
 
 
 SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (

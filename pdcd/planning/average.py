@@ -19,10 +19,10 @@ from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.defaults import readout_s
-from pdcd.planning.look import percent
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of
 from pdcd.planning.plan import Plan, chosen_together
+from pdcd.printable import percent
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import FEWEST_PARTS

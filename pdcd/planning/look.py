@@ -24,6 +24,7 @@ from pdcd.panels.patterns import none
 from pdcd.panels.schedule import slot_rows
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.plan import Look, Plan
+from pdcd.printable import percent
 from pdcd.protocol.plan_summary import Leaks
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import recipe_of
@@ -205,11 +206,6 @@ def _said(leaks: Leaks) -> str:
         f"ambient light and a leaking projector make {percent(leaks.ambient)} of the picture, a "
         f"leaking mask {percent(leaks.mask)} {limit}"
     )
-
-
-def percent(share: float) -> str:
-    """A share in words."""
-    return f"{100.0 * share:.2g} %"
 
 
 def _reasons(plan: Plan, text: str) -> tuple[str, ...]:

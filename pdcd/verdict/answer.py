@@ -9,7 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
+from pdcd.printable import percent
+from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded
 
 Floats = NDArray[np.float64]
 

@@ -114,8 +114,3 @@ def verdict(findings: Iterable[Finding]) -> Quality:
 def graded(value: float, limits: tuple[float, float]) -> Grade:
     """REMARK below the first limit, DOUBTFUL from it on, BAD from the second on."""
     return Grade(int(value >= limits[0]) + int(value >= limits[1]))
-
-
-def percent(share: float) -> str:
-    """A share of 1 in words."""
-    return f"{100.0 * share:.3g} %"

@@ -11,8 +11,9 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
 from pdcd.pictures.misplaced import Lie, Lost, cell_px, direct_lost, known_px, lie_of
+from pdcd.printable import percent
 from pdcd.runs.record import PanelLook, RunRecord
-from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
+from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

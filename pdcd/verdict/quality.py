@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.exposure_time import OFF_S, OFF_SHARE, time_doubts
+from pdcd.printable import percent
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
-from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded, percent
+from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded
 from pdcd.verdict.placement import Fit
 
 Floats = NDArray[np.float64]

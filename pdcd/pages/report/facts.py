@@ -13,8 +13,8 @@ from typing import Any
 from pdcd.bench.tables import PanelConfig
 from pdcd.pages.report.material import Material
 from pdcd.pages.report.timeline import MOST_SHOTS
+from pdcd.printable import percent
 from pdcd.runs.record import Manifest
-from pdcd.verdict import limits
 from pdcd.words import SIGMA_KINDS
 
 Rows = list[tuple[str, str]]
@@ -33,13 +33,6 @@ class Table:
     heads: Sequence[str] = ()
     closed: bool = False
     note: str = ""
-
-
-def percent(share: object) -> str:
-    """A share as a percentage of three digits or more; "-" for none."""
-    if not isinstance(share, float | int):
-        return "-"
-    return f"{100.0 * share:.0f} %" if abs(share) >= 10.0 else limits.percent(share)
 
 
 def _in(form: str) -> Callable[[Any], str]:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from pdcd.pages.render import json_in_page
-from pdcd.pages.report.facts import MOST_ROWS, Table, figures, percent, tables
+from pdcd.pages.report.facts import MOST_ROWS, Table, figures, tables
 from pdcd.pages.report.write import page
+from pdcd.printable import percent
 from pdcd.protocol.result import Quality
 
 SHOT = {
