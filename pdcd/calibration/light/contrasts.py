@@ -34,9 +34,9 @@ LAMP_GOOD = 0.01
 CONTRAST_LIMITS = {"projector": (500.0, 100.0), "mask": (200.0, 50.0)}
 """White over black from which a panel is good, and below which it is bad."""
 SEEN_SIGMAS = 3.0
-MIDDLE, ROOM_MIDDLE = 0.1, 0.2
-"""Of the lit part's width and height: where the rate, and where the room's light is taken. Towards
-the corners a projector's white is darker, and with it the unit of light; the room is not."""
+ROOM_MIDDLE = 0.2
+"""Of the lit part's width and height: where the room's light is taken. Towards the corners a
+projector's white is darker, and with it the unit of light; the room is not."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Light:
     room : its light over the projector's white on what stands there; None without a covered photo,
         and `projector` then holds it, too.
     mask_map : (rows, cols) black over white of the mask by blocks of 16 quads, NaN in the dark.
-    rate : (3,) light of a white projector, units of the photos a second, middle of the lit part.
+    rate : (3,) light of a white projector, units of the photos a second, where it is brightest.
     rate_sigma : relative, of the edges and the photos' noise; the lamp's drift is not in it.
     lamp, lamp_sigma : WW-again over WW, less 1, and its standard deviation.
     """
@@ -161,18 +161,17 @@ def measure_light(
     room = _room(series, mask.value)
     projector = _projector(series, mask.value)
     series.refuse_room(projector.value + (0.0 if room is None else room.value))
-    middle = series.middle(MIDDLE)
-    rate = series.white[middle].mean(axis=0) / series.lit_s / (1.0 - projector.value)
-    noise = float(np.sqrt(series.white_variance[middle].mean() / middle.sum()) / rate.mean())
+    brightest, noise = series.brightest()
     return Light(
         projector=projector,
         mask=mask,
         room=room,
         mask_map=series.mask_map,
-        rate=np.asarray(rate),
-        rate_sigma=float(np.hypot(series.edge_error, noise / series.lit_s)),
+        rate=np.asarray(brightest / series.lit_s / (1.0 - projector.value)),
+        rate_sigma=float(np.hypot(series.edge_error, noise)),
         lamp=series.lamp,
-        lamp_sigma=float(np.hypot(np.sqrt(2.0) * black_sigma, noise) / series.whole.mean[3]),
+        lamp_sigma=float(np.sqrt(2.0) * np.hypot(black_sigma, series.whole.sigma[3]))
+        / float(series.whole.mean[3]),
     )
 
 
@@ -231,7 +230,7 @@ def responsivity_of(
     """`camera.responsivity_e` and its standard deviation, (3,) float64 each.
 
     Electrons a second at f/1 of what a perfect white gives under a white projector, in the scene's
-    plane: ``gain rate N^2 / albedo``, in the middle of the picture.
+    plane where that is brightest: ``gain rate N^2 / albedo``.
 
     Parameters
     ----------

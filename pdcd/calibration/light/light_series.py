@@ -32,6 +32,10 @@ LIT = 0.1
 LEAST_LIT = 0.1
 FIELD_LIT = 0.9
 """Shares of the photo, and of the field, that are lit."""
+BRIGHT = 0.95
+"""Of the brightest ones' light: blocks above it say where a card is brightest, and how bright."""
+LEAST_BLOCKS = 12
+"""A smooth surface of six numbers is laid through at least so many."""
 LEAST_INNER = 0.25
 """Share of the lit blocks that lie within them, so that these can stand for all."""
 LEAST_SEEN = 1.0 / 500.0
@@ -156,6 +160,32 @@ class Series:
         found = np.asarray(self.lit & down & across)
         return found if found.any() else self.lit
 
+    def brightest(self) -> tuple[Floats, float]:
+        """WW - BW where a smooth surface through the brighter blocks is highest, (3,), and the
+        relative noise of its mean.
+
+        Light falls off from there to all sides, by projector and lens, so that it does not matter
+        which part of the picture mask and frame leave to see.
+        """
+        total = self.white[self.lit].sum(axis=1)
+        near = total > BRIGHT * float(np.quantile(total, 0.98))
+        side = 1.0 / max(self.lit.shape)
+        places = side * np.argwhere(self.lit)[near] - 0.5
+        values, variance = self.white[self.lit][near], self.white_variance[self.lit][near]
+        if len(values) < LEAST_BLOCKS:
+            mean = values.mean(axis=0)
+            return mean, float(np.sqrt(variance.mean() / variance.size) / mean.mean())
+        for _ in range(2):  # the second time without glints and dust
+            terms = _surface(places, side)
+            apart = values - terms @ (np.linalg.pinv(terms) @ values)
+            kept = steady(apart.mean(axis=1))
+            places, values, variance = places[kept], values[kept], variance[kept]
+        top = _top_of(places, values.mean(axis=1), side)
+        weights = top @ np.linalg.pinv(_surface(places, side))
+        found = weights @ values
+        noise = float(np.sqrt(weights**2 @ variance.mean(axis=1) / 3.0))
+        return np.asarray(found), noise / float(found.mean())
+
     def _mix(self, signs: Mapping[str, float]) -> Floats:
         return np.asarray(sum(sign * self.blocks[name].mean for name, sign in signs.items()))
 
@@ -255,6 +285,27 @@ def series_of(
     steady_ones = series.lit.copy()
     steady_ones[series.lit] = steady(series.mask_map[series.lit])
     return Series(plan, edges, blocks, steady_ones, black_sigma)
+
+
+def _surface(places: Floats, side: float = 0.0) -> Floats:
+    """Terms of a surface of second order, (n, 6), as means of blocks of that side round places
+    (n, 2)."""
+    y, x = places.T
+    mean = side**2 / 12.0
+    return np.stack([np.ones_like(x), x, y, x * x + mean, x * y, y * y + mean], axis=1)
+
+
+def _top_of(places: Floats, values: Floats, side: float) -> Floats:
+    """The terms where a surface through means of blocks (n,) is highest within their places."""
+    means, points = _surface(places, side), _surface(places)
+    numbers = np.linalg.pinv(means) @ values
+    _, x, y, xx, xy, yy = numbers
+    bent = np.array([[2.0 * yy, xy], [xy, 2.0 * xx]])
+    if np.linalg.eigvalsh(bent).max() >= 0.0:  # it rises up to an edge
+        return np.asarray(points[int((points @ numbers).argmax())])
+    top = np.linalg.solve(bent, np.array([-y, -x]))
+    inside = np.clip(top, places.min(axis=0), places.max(axis=0))
+    return np.asarray(_surface(inside[None])[0])
 
 
 def _wholly(lit: Marks) -> Marks:

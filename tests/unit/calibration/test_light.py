@@ -105,7 +105,7 @@ def test_errors_are_those_it_tells() -> None:
 
 
 def test_brightness_of_a_unit() -> None:
-    light = measured(series(2, falloff=0.0))  # blocks of so small a photo are not its middle
+    light = measured(series(2))
     value, sigma = responsivity_of(
         light, gain_e_per_dn=(2.96, 0.005), f_number=8.0, albedo=ALBEDO, albedo_sigma=0.01
     )
