@@ -37,7 +37,7 @@ COUNTED = 2
 OF_WINDOWS = (5 / 8) ** 2 + 3 * (1 / 8) ** 2
 """Along an axis, variance of weights between cells over that between quarter windows: five eighths
 of it all is between two code cells, and an eighth between each of three others."""
-AROUND = 5
+AROUND = 9
 """Side, in cells, of the square over which ways of light are told."""
 LEAST_TOLD = 1e-6
 """Share of what photos differ by below which that is rounding."""
@@ -172,7 +172,10 @@ def single_ways(shots: Sequence[Exposed], picked: Sample, learned: Learned | Non
     weight = picked.of_pairs(each[cell, None], cell, AROUND)
     told = picked.of_pairs(square, cell, AROUND)
     sure = weight > LEAST_TOLD * np.trace(mixed)
-    found = np.divide(told, weight, out=np.zeros_like(told), where=sure)
+    if not sure.any():
+        return np.zeros_like(told)
+    found = np.broadcast_to(told.sum(axis=0) / weight.sum(axis=0), told.shape).copy()
+    np.divide(told, weight, out=found, where=sure)  # elsewhere it is as in these
     if learned is not None:  # known paths, as by mirrors, are none of those that wander
         known = np.stack([one.multiply(one).sum(axis=1) for one in learned.paths], axis=1)
         found -= picked.around(known, AROUND)

@@ -39,6 +39,8 @@ DARK = 1e-3
 """Mean square of the light, over that of all cells, below which a cell is dark."""
 ROUNDED = 1e-6
 """Share of the mean below which a sum over cells is rounding."""
+MOST_TOLD = 0.5
+"""Share of half cells with two quads or more from which these tell what single quads err by."""
 LEAST_BESIDE = 0.15
 """Weight that is off, in paths of one cell, below which it is the chance of codes: a photo of whole
 cells has none but that."""
@@ -140,9 +142,11 @@ def single_of_photos(
     """
     parted = halve(cells)
     found: dict[str, Floats] = {}
-    used = {name for photo in recipe.photos for _, name in photo.shots}
-    picked = sample([shots[name] for name in used], parted)
-    if picked.cell.size <= len(np.unique(picked.cell)):
+    used = [shots[name] for name in {name for photo in recipe.photos for _, name in photo.shots}]
+    picked = sample(used, parted)
+    if parted is not cells and picked.share_told() < MOST_TOLD:  # blur mixes halves everywhere
+        picked = sample(used, cells)
+    if not picked.share_told():
         return {}
     numbers = part_numbers(recipe)
     for photo in recipe.photos:
@@ -166,7 +170,8 @@ def single_errors(
     differ from it in the parts of a photo; without the sensor's noise.
 
     light, noise : of each part at the picked quads, (Q, C), and its variance, in any unit.
-    images : (rows, cols, C), the photo on the cells of these, in the unit of the answer.
+    images : (rows, cols, C), the photo on the cells of these or halves, in the unit of the answer.
+    Where no quad was picked it errs as elsewhere.
     """
     count, mean = len(light), np.mean(light, axis=0)
     number = np.maximum(picked.sums(np.ones((picked.cell.size, 1))), 1.0)
@@ -184,9 +189,11 @@ def single_errors(
     all_light = picked.sums(spare[picked.cell] * (level**2 + floor)[picked.cell], NEIGHBOURS_PX)
     # Means over squares leave rounding where no quad was picked.
     told = all_light > ROUNDED * all_light.mean(axis=0)
-    over = np.zeros_like(all_light)
-    np.divide(picked.sums(square, NEIGHBOURS_PX), all_light, out=over, where=told)
-    over = np.maximum(over, 0.0).reshape(images.shape)
+    all_square = picked.sums(square, NEIGHBOURS_PX)
+    over = np.broadcast_to(all_square.sum(axis=0) / all_light.sum(axis=0), told.shape).copy()
+    np.divide(all_square, all_light, out=over, where=told)
+    pieces = images.shape[0] // picked.grid[0]
+    over = np.maximum(over, 0.0).reshape(*picked.grid, -1).repeat(pieces, 0).repeat(pieces, 1)
     return np.asarray(np.sqrt(over / count) * np.abs(images))
 
 

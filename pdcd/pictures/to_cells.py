@@ -47,7 +47,9 @@ MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
 SAMPLED = 4
-"""Quads along a side of a cell that tell what single quads err by."""
+"""Quads along a side of what sees a cell alone that tell what single quads err by."""
+APART = 3.5
+"""Standard deviations of a blur from which two quads have hardly any light in common: 5 %."""
 SMEARED = 3.0
 """Standard deviations of a blur that count as smeared."""
 
@@ -298,6 +300,10 @@ class Sample:
     pairs: Indices
     grid: tuple[int, int]
 
+    def share_told(self) -> float:
+        """Share of the cells of which two quads or more were picked."""
+        return float(np.mean(np.bincount(self.cell, minlength=self.grid[0] * self.grid[1]) > 1))
+
     def take(self, read: Callable[[slice], NDArray[np.floating]]) -> Floats:
         """What can be read of some rows of a frame, of these quads, (Q, C)."""
         return np.asarray(read(self.rows)[:, self.columns][self.picked], dtype=np.float64)
@@ -325,8 +331,8 @@ def sample(shots: Sequence[Exposed], cells: CellMap, *, within: bool = False) ->
     """Some quads of each cell that no shot saturates, for `pdcd.pictures.sigma.single_errors` and,
     well `within` cells that are fine enough, for `pdcd.pictures.beside.single_ways`."""
     side = cells.quad_cells**-0.5 if cells.quad_cells else 1.0
-    step = max(1, int(side / SAMPLED))
-    apart = int(np.clip(side / 4.0, 1.0, UNMIXED)) + int(np.ceil(2.0 * cells.blur_quads))
+    step = max(1, int((side - 2.0 * SMEARED * cells.blur_quads) / SAMPLED))
+    apart = max(int(np.clip(side / 4.0, 1.0, UNMIXED)), int(np.ceil(APART * cells.blur_quads)))
     rows = slice(step // 2, cells.frame[0], step)
     columns = np.arange(cells.frame[1])
     columns = columns[(columns % step == 0) | within & ((columns - apart) % step == 0)]

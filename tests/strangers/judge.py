@@ -31,6 +31,8 @@ Entry = dict[str, Any]
 GOALS: tuple[GoalName, ...] = ("indirect", "direct")
 SPOILT = ("uncalibrated", "moved", "turned", "mirrored", "stretched", "says", "room", "whole")
 SEED_OF_SPOILING = 13
+BESIDE = 8.0
+"""The stop that all others are compared with: which one a calibration goes by is its own choice."""
 
 
 def judge(seed: int, folder: Path, *, small: bool = False, spoilt: int = 2) -> Entry:
@@ -143,9 +145,17 @@ def _spoil(
 
 
 def _values(folder: str) -> dict[str, list[float]]:
-    """Figures of a calibration that have a sigma, by key: value and sigma."""
+    """Figures of a calibration that have a sigma, and the light of all stops, by key: value and
+    sigma."""
     record, _ = read_calibration(Path(folder))
+    measured = record.measured.get("camera.stops")
+    stops = {} if measured is None else {one["f_number"]: one for one in measured.value}
     found = {}
+    for f_number, stop in stops.items():
+        if f_number != BESIDE and BESIDE in stops:
+            sigma = np.hypot(stop["sigma"], stops[BESIDE]["sigma"])  # of light
+            ratio = (stop["true"] / stops[BESIDE]["true"]) ** -2
+            found[f"f/{f_number}"] = [ratio, ratio * float(sigma)]
     for step in record.steps:
         for figure in step.figures:
             if figure.sigma and figure.value is not None and np.isfinite(figure.value):

@@ -91,11 +91,9 @@ class Stops:
         if not self.found:
             return ()
         away = [abs(2.0 * (s.true / stop_of(s.f_number).true - 1.0)) for s in self.found]
-        worst = max(range(len(away)), key=away.__getitem__)
-        sigma = self.found[worst].sigma
         return (
             Figure("light.stops", float(len(self.found)), 0.0, ""),
-            Figure("light.stops_worst", away[worst], sigma, "", "of light, beside 2^(k/6)"),
+            Figure("light.stops_worst", max(away), 0.0, "", "of light, beside 2^(k/6)"),
         )
 
 

@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 SUB = 4
+ELSEWHERE = 0.001
+"""Share of a quad's light that may come from beside the mask."""
 STEPS_FEW, STEPS_MANY = 12, 6
 """Steps of time in a refresh, where pixels are of few kinds, and where they are of many."""
 BANDS_MOST, BANDS_LEAST, LABELS = 240, 20, 2400
@@ -196,10 +198,11 @@ class World:
         return {name: self._on_sensor(one.astype(np.float32)) for name, one in light.items()}
 
     def mask_seen(self) -> NDArray[np.bool_]:
-        """Quads all of whose points lie on the mask and in the projector's picture, (h, w)."""
+        """Quads all of whose light comes through the mask from the projector's picture, but for a
+        thousandth that the camera's blur brings from elsewhere, (h, w)."""
         width, height = self.frame
-        inside = self._points.lit.reshape(height, width, SUB**2) > 0.0
-        return np.asarray(inside.all(axis=-1))
+        inside = (self._points.lit.reshape(height, width, SUB**2) > 0.0).mean(axis=-1)
+        return np.asarray(gaussian_filter(inside, self.facts.blur_quads) > 1.0 - ELSEWHERE)
 
     # Inside
 
