@@ -27,8 +27,11 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
-LEAST_PURE = 0.2
-"""Share of a cell's area that quads must see which see nothing else."""
+LEAST_PURE = 0.05
+"""Share of a cell's area that quads must see which see nothing else, for these alone to tell of it:
+where all quads do, texture at the edges of cells looks like light from next to them."""
+LEAST_OF_HALF = 0.2
+"""The same of half a cell, that parts be told of halves."""
 AMID_QUADS = 2.5
 """Quads from the edges of a cell from which on those tell of it alone whose cells are fine enough:
 how much a lens blurs nobody may have said, and direct light of the next cell looks like indirect
@@ -373,7 +376,7 @@ def halve(cells: CellMap) -> CellMap:
     if _half_side(cells) < FINE:
         alone = (halves.known & halves.single)[..., None].astype(np.float64)
         seen = halves.mean(alone)[halves.seen()]
-        if seen.min(initial=1.0) < LEAST_PURE:
+        if seen.min(initial=1.0) < LEAST_OF_HALF:
             return cells
     return halves
 

@@ -47,8 +47,9 @@ MAD_PX, WORST_PX, RESIDUAL_PX, SIGMA_PX = 0.1, 0.3, 2.0, 0.05
 residual's largest displacement and the map's own 95th percentile error at most."""
 SEEN, NEAR = 0.6, 0.05
 """Share of the photo of a scene that has points near it, and how near, over its diagonal."""
-REFUSED = 3.0
-"""Times the limit beyond which a map is not only doubtful."""
+REFUSED, UNSURE = 3.0, 10.0
+"""Times the limit beyond which a map is not only doubtful; of how sure it is at the worst edge,
+which the rest of it says nothing of: half a pixel there."""
 APART_PX = 0.5
 """Colours of a panel that lie further apart are worth a look at its convergence."""
 
@@ -291,7 +292,8 @@ def _figure(name: str, value: float, sigma: float, limit: float) -> Figure:
         good, bad = value >= limit, 1.0 - value > REFUSED * (1.0 - limit)
         text, unit = f"at least {limit:g}", ""
     else:
-        good, bad = value <= limit, value > REFUSED * limit
+        most = UNSURE if name.endswith("map_px") else REFUSED
+        good, bad = value <= limit, value > most * limit
         text, unit = f"at most {limit:.3g} px", "px"
     verdict = Verdict.GOOD if good else Verdict.BAD if bad else Verdict.DOUBTFUL
     return Figure(name, value, float(sigma), unit, text, verdict)
