@@ -30,8 +30,8 @@ Indices = NDArray[np.int64]
 LEAST_PURE = 0.05
 """Share of a cell's area that quads must see which see nothing else, for these alone to tell of it:
 where all quads do, texture at the edges of cells looks like light from next to them."""
-LEAST_OF_HALF = 0.2
-"""The same of half a cell, that parts be told of halves."""
+LEAST_WHOLE = 0.2
+"""The same for a mean that stands for the whole cell, or half of one."""
 AMID_QUADS = 2.5
 """Quads from the edges of a cell from which on those tell of it alone whose cells are fine enough:
 how much a lens blurs nobody may have said, and direct light of the next cell looks like indirect
@@ -174,19 +174,20 @@ class Apart:
         return more * error
 
 
-def tell_apart(known: Bools, cells: CellMap, wanted: Indices) -> Apart:
+def tell_apart(known: Bools, cells: CellMap, wanted: Indices, least: float = LEAST_PURE) -> Apart:
     """How the light of some cells is told from that of their neighbours.
 
     By quads amid a cell, or at least by those that see one alone, where each cell has enough of
     them. Else all quads count, and what they mix is parted again, as if cells were of one value
     each.
 
-    known : (h, w), quads that count. wanted : (C,), numbers of the cells.
+    known : (h, w), quads that count. wanted : (C,), numbers of the cells. least : share of a cell
+    that is enough.
     """
     alone = known & cells.single
     for used in (alone & amid(cells), alone):
         share = cells.mean(used[..., None].astype(np.float64))[wanted]
-        if share.min(initial=1.0) >= LEAST_PURE:
+        if share.min(initial=1.0) >= least:
             return Apart(cells, known, used, pure=True)
     return Apart(cells, known, known, pure=False)
 
@@ -199,13 +200,17 @@ def amid(cells: CellMap) -> Bools:
 
 
 def light_of_cells(
-    taken: Sequence[Lit], known: Bools, cells: CellMap, wanted: Indices
+    taken: Sequence[Lit],
+    known: Bools,
+    cells: CellMap,
+    wanted: Indices,
+    least: float = LEAST_WHOLE,
 ) -> CellLight:
     """Light of some cells in K photos, (K, C, 3), told from that of their neighbours.
 
     known : (h, w), quads that count. wanted : (C,), numbers of the cells.
     """
-    apart = tell_apart(known, cells, wanted)
+    apart = tell_apart(known, cells, wanted, least)
     light = [apart.mean(shot.light)[wanted] for shot in taken]
     middle = int(wanted[wanted.size // 2])
     error = [apart.error(shot.variance, middle)[wanted] for shot in taken]
@@ -220,7 +225,7 @@ def light_apart(taken: Sequence[Lit], cells: CellMap) -> CellLight:
         return CellLight(light, np.array([cells.error_of_mean(shot.variance) for shot in taken]))
     seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
     photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
-    found = light_of_cells(taken, all_known, cells, seen)
+    found = light_of_cells(taken, all_known, cells, seen, LEAST_PURE)
     photos[:, seen], sigmas[:, seen] = found.light, found.error
     return CellLight(photos, sigmas)
 
@@ -376,7 +381,7 @@ def halve(cells: CellMap) -> CellMap:
     if _half_side(cells) < FINE:
         alone = (halves.known & halves.single)[..., None].astype(np.float64)
         seen = halves.mean(alone)[halves.seen()]
-        if seen.min(initial=1.0) < LEAST_OF_HALF:
+        if seen.min(initial=1.0) < LEAST_WHOLE:
             return cells
     return halves
 

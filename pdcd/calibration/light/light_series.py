@@ -168,7 +168,8 @@ class Series:
         which part of the picture mask and frame leave to see.
         """
         total = self.white[self.lit].sum(axis=1)
-        near = total > BRIGHT * float(np.quantile(total, 0.98))
+        few = float(np.sort(total)[-LEAST_BLOCKS:][0])
+        near = total >= min(BRIGHT * float(np.quantile(total, 0.98)), few)
         side = 1.0 / max(self.lit.shape)
         places = side * np.argwhere(self.lit)[near] - 0.5
         values, variance = self.white[self.lit][near], self.white_variance[self.lit][near]

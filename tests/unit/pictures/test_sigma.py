@@ -133,8 +133,9 @@ def test_one_exposure_has_the_noise_alone_and_says_whether_codes_err(
         assert not one.code.any() and np.array_equal(one.sigma, one.sensor)
 
 
-def test_cells_without_quads_that_tell_have_no_error_of_single_quads() -> None:
-    """Sums over squares of cells leave rounding there, and that over rounding is any number."""
+def test_cells_without_quads_that_tell_err_as_all_others_do() -> None:
+    """Sums over squares of cells leave rounding there, and that over rounding is any number; with
+    no error at all three of a stranger's photos were covered to 83 to 92 %."""
     rng, grid = np.random.default_rng(5), (12, 12)
     cell = np.repeat(np.flatnonzero(np.arange(144) % 12 < 4), 9)  # the left third is seen
     none = np.zeros(0, dtype=np.int64)
@@ -143,4 +144,5 @@ def test_cells_without_quads_that_tell_have_no_error_of_single_quads() -> None:
     noise = [np.zeros((cell.size, 3))] * 5
     found = single_errors(light, noise, picked, np.ones((*grid, 3)))
     assert 0.05 < found[:, :3].min() and found.max() < 0.3
-    np.testing.assert_array_equal(found[:, 6:], 0.0)
+    mean = np.sqrt(np.mean(found[:, :3] ** 2))
+    np.testing.assert_allclose(found[:, 6:], mean, rtol=0.1)
