@@ -135,7 +135,7 @@ def test_one_exposure_has_the_noise_alone_and_says_whether_codes_err(
 
 def test_cells_without_quads_that_tell_err_as_all_others_do() -> None:
     """Sums over squares of cells leave rounding there, and that over rounding is any number; with
-    no error at all three of a stranger's photos were covered to 83 to 92 %."""
+    no error at all photos of two benches of a stranger were covered to 83 to 93 %."""
     rng, grid = np.random.default_rng(5), (12, 12)
     cell = np.repeat(np.flatnonzero(np.arange(144) % 12 < 4), 9)  # the left third is seen
     none = np.zeros(0, dtype=np.int64)
