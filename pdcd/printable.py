@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import json
-from numbers import Real
+from typing import Any
 
 
 def one_line(text: str) -> str:
@@ -32,12 +32,13 @@ def as_html(words: object) -> str:
     return html.escape(one_line(str(words)))
 
 
-def percent(share: object) -> str:
+def percent(share: Any) -> str:
     """A share as a percentage of three digits or more, for messages and pages; "-" for none."""
-    if not isinstance(share, Real):
+    try:
+        number = float(share)
+    except (TypeError, ValueError):
         return "-"
-    share = float(share)
-    return f"{100.0 * share:.0f} %" if abs(share) >= 10.0 else f"{100.0 * share:.3g} %"
+    return f"{100.0 * number:.0f} %" if abs(number) >= 10.0 else f"{100.0 * number:.3g} %"
 
 
 def _escaped(character: str) -> str:

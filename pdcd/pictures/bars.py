@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.stops import stop_of
-from pdcd.pictures.combine import border_light, share_taken_out, white_of
+from pdcd.pictures.combine import direct_taken_out, white_of
 from pdcd.pictures.exposed import Ambient, Exposed, Print
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
@@ -338,13 +338,13 @@ def with_direct_light(
     """
     white, found = white_of(recipe), dict(pictures)
     for photo in recipe.photos:
-        light = border_light(photo, recipe, shots, cells, normalise=normalise)
+        share, light = direct_taken_out(photo, recipe, shots, cells, normalise=normalise)
         if light is not None:
             error: Floats = light.error(photos[photo.name], photos[white[-1]], borders)
-        elif (share := share_taken_out(photo, recipe, shots, cells, normalise=normalise)) is None:
-            continue
-        else:
+        elif share is not None:
             error = UNSURE_DIRECT * np.abs(share)[..., None] * photos[white[-1]].image
+        else:
+            continue
         for name, made in _with_photo_error(found, recipe, photo.name, error).items():
             found[name] = replace(made, of_cells=_with_means(found[name], error, cells))
     return found

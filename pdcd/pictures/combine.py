@@ -128,31 +128,28 @@ def share_taken_out(
 ) -> Floats | None:
     """The share of the direct light that `scaled_photos` takes out of a photo, (h, w); None where
     it takes out none."""
-    if not _unmixes(photo, white_of(recipe)):
-        return None
-    weights = weigh_cells(photo, shots, normalise)
-    of_quads = weigh_quads(weights, cells)
-    share = direct_share(weights.realised, of_quads, cells)
-    border = _border_of(weights.realised, of_quads, cells)
+    share, border = direct_taken_out(photo, recipe, shots, cells, normalise=normalise)
     if border is None:
         return share
     return border.share() + (0.0 if share is None else share)
 
 
-def border_light(
+def direct_taken_out(
     photo: Photo,
     recipe: Recipe,
     shots: Mapping[str, Shown],
     cells: CellMap,
     *,
     normalise: NormaliseName = "auto",
-) -> BorderLight | None:
-    """The light along the borders of cells that `scaled_photos` takes out of a photo; None where
-    there is none, or none is taken out."""
+) -> tuple[Floats | None, BorderLight | None]:
+    """The share of the direct light that `scaled_photos` takes out of a photo amid cells, (h, w),
+    and the light along their borders that it takes out; None each where it takes out none."""
     if not _unmixes(photo, white_of(recipe)):
-        return None
+        return None, None
     weights = weigh_cells(photo, shots, normalise)
-    return _border_of(weights.realised, weigh_quads(weights, cells), cells)
+    of_quads = weigh_quads(weights, cells)
+    share = direct_share(weights.realised, of_quads, cells)
+    return share, _border_of(weights.realised, of_quads, cells)
 
 
 def _border_of(realised: Factors, of_quads: Weights, cells: CellMap) -> BorderLight | None:

@@ -213,7 +213,7 @@ def figures(
         _figure(f"{panel}.fit_px", middle, middle / np.sqrt(count), scale * MAD_PX),
         _figure(f"{panel}.fit_worst_px", worst, 3.0 * middle / np.sqrt(count), scale * WORST_PX),
         _figure(f"{panel}.residual_px", moved, own, scale * RESIDUAL_PX),
-        _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), scale * SIGMA_PX),
+        _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), scale * SIGMA_PX, UNSURE),
         *more,
     ]
 
@@ -286,14 +286,16 @@ def _times(slopes: NDArray[np.floating[Any]], vectors: Floats) -> Floats:
     return np.asarray(np.einsum("nij,ncj->nci", slopes, vectors))
 
 
-def _figure(name: str, value: float, sigma: float, limit: float) -> Figure:
-    """A figure that must not exceed its limit; inliers must not fall below theirs."""
+def _figure(
+    name: str, value: float, sigma: float, limit: float, refused: float = REFUSED
+) -> Figure:
+    """A figure that must not exceed its limit, and is bad beyond `refused` times that; inliers must
+    not fall below theirs."""
     if name.endswith(("inliers", "seen")):
-        good, bad = value >= limit, 1.0 - value > REFUSED * (1.0 - limit)
+        good, bad = value >= limit, 1.0 - value > refused * (1.0 - limit)
         text, unit = f"at least {limit:g}", ""
     else:
-        most = UNSURE if name.endswith("map_px") else REFUSED
-        good, bad = value <= limit, value > most * limit
+        good, bad = value <= limit, value > refused * limit
         text, unit = f"at most {limit:.3g} px", "px"
     verdict = Verdict.GOOD if good else Verdict.BAD if bad else Verdict.DOUBTFUL
     return Figure(name, value, float(sigma), unit, text, verdict)

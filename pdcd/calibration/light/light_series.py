@@ -181,8 +181,8 @@ class Series:
             apart = values - terms @ (np.linalg.pinv(terms) @ values)
             kept = steady(apart.mean(axis=1))
             places, values, variance = places[kept], values[kept], variance[kept]
-        top = _top_of(places, values.mean(axis=1), side)
-        weights = top @ np.linalg.pinv(_surface(places, side))
+        solve = np.linalg.pinv(_surface(places, side))
+        weights = _top_of(places, solve @ values.mean(axis=1)) @ solve
         found = weights @ values
         noise = float(np.sqrt(weights**2 @ variance.mean(axis=1) / 3.0))
         return np.asarray(found), noise / float(found.mean())
@@ -296,13 +296,12 @@ def _surface(places: Floats, side: float = 0.0) -> Floats:
     return np.stack([np.ones_like(x), x, y, x * x + mean, x * y, y * y + mean], axis=1)
 
 
-def _top_of(places: Floats, values: Floats, side: float) -> Floats:
-    """The terms where a surface through means of blocks (n,) is highest within their places."""
-    means, points = _surface(places, side), _surface(places)
-    numbers = np.linalg.pinv(means) @ values
+def _top_of(places: Floats, numbers: Floats) -> Floats:
+    """The terms where a surface of these numbers (6,) is highest within places (n, 2)."""
     _, x, y, xx, xy, yy = numbers
     bent = np.array([[2.0 * yy, xy], [xy, 2.0 * xx]])
     if np.linalg.eigvalsh(bent).max() >= 0.0:  # it rises up to an edge
+        points = _surface(places)
         return np.asarray(points[int((points @ numbers).argmax())])
     top = np.linalg.solve(bent, np.array([-y, -x]))
     inside = np.clip(top, places.min(axis=0), places.max(axis=0))

@@ -150,4 +150,4 @@ def test_what_was_made_again_is_compared_name_by_name(capsys: pytest.CaptureFixt
     assert say_compared({"a": 1}, iter([("x", True)]), as_json=True) == 0
     assert json.loads(capsys.readouterr().out) == {"a": 1}
     assert say_compared({}, [], as_json=False) == 0
-    assert (percent(0.12345), percent(1), percent(None)) == ("12.3 %", "100 %", "-")
+    assert (percent(0.12345), percent(1), percent("0.5")) == ("12.3 %", "100 %", "50 %")
