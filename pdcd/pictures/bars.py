@@ -118,7 +118,7 @@ def barred_pictures(
     bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
     if record.panels is None:
         return bars
-    return without_blind(with_misplaced_light(bars, recipe, scaled, record), record, cells)
+    return without_blind(with_misplaced_light(bars, recipe, scaled, record, cells), record, cells)
 
 
 def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, float]]:
@@ -385,6 +385,7 @@ def with_misplaced_light(
     recipe: Recipe,
     photos: Mapping[str, Picture],
     record: RunRecord,
+    cells: CellMap,
 ) -> dict[str, Barred]:
     """Pictures whose code error knows of direct light that goes through wrong cells because the
     mask lies elsewhere (`pdcd.pictures.misplaced`), where they are made of a photo of indirect
@@ -392,21 +393,25 @@ def with_misplaced_light(
 
     photos : scaled ones.
     """
-    from pdcd.pictures.misplaced import direct_lost  # few runs have looked
+    from pdcd.pictures.misplaced import direct_lost, lost_by_quad  # few runs have looked
 
     white, found, look = white_of(recipe), dict(pictures), record.panels
     windows = {shot.name: shot.window for shot in record.shots}
     for photo in recipe.photos:
         if photo.wanted.uniform != (0.0, 1.0) or not white or look is None:
             continue
-        lost = direct_lost(record, windows.get(photo.shots[0][1], "whole"))
+        window = windows.get(photo.shots[0][1], "whole")
+        lost = direct_lost(record, window)
         if lost.rms < LEAST_APART:
             continue
         all_light = photos[white[-1]].image
-        direct = np.abs(all_light - photos[photo.name].image) / max(1.0 - lost.mean, LEAST_KEPT)
-        if lost.mean > 1.0 - LEAST_KEPT:
-            direct = look.direct * np.abs(all_light)  # the photos do not tell it any more
-        found |= _with_photo_error(found, recipe, photo.name, lost.rms * direct)
+        if lost.mean > 1.0 - LEAST_KEPT:  # the photos do not tell any more how much there is
+            error = lost.rms * look.direct * np.abs(all_light)
+        else:
+            share = lost_by_quad(record, window, cells)[..., None]
+            direct = np.abs(all_light - photos[photo.name].image)
+            error = share / np.maximum(1.0 - share, LEAST_KEPT) * direct
+        found |= _with_photo_error(found, recipe, photo.name, error)
     return found
 
 

@@ -13,17 +13,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
+from numpy.typing import ArrayLike, NDArray
 
 from pdcd.bench.placed import panels_from
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
 from pdcd.panels.overlap import lies_on
-from pdcd.panels.windows import windows
+from pdcd.panels.windows import Windows, windows
 from pdcd.pictures.found_blocks import BLOCKS, FEWEST, FLIPS, Finder, Found
 from pdcd.pictures.raster import HERE, Affine, Raster
-from pdcd.probing.cell_size import leak, leak_rms
+from pdcd.probing.cell_size import leak, leak_rms, own_share
 from pdcd.runs.record import PanelLook, RunRecord, Six
 from pdcd.sensor.cells import CellMap
 
@@ -49,6 +50,10 @@ EDGE_PX, EDGE_QUADS = 0.5, 0.25
 found to a third of either, and the quad has most of its light."""
 POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
+UNSURE_QUADS = 1.0
+"""How unsure it is where in a window a quad looks."""
+IN_QUAD = 4
+"""Places along either side of a quad at which its light comes from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +194,13 @@ def off_px(
     six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
 ) -> Floats:
     """By how much places all over the field lie further right and down, (n, 2)."""
-    places = _places(size_px)
-    return np.asarray(affine(six)(places) - places - known_px)
+    return _off_px(six, _places(size_px), known_px)
+
+
+def _off_px(six: Six, places: Floats, known_px: tuple[float, float]) -> Floats:
+    """The same of places (..., 2)."""
+    flat = places.reshape(-1, 2)
+    return np.asarray(affine(six)(flat) - flat - known_px).reshape(places.shape)
 
 
 def _places(size_px: tuple[int, int]) -> Floats:
@@ -199,13 +209,14 @@ def _places(size_px: tuple[int, int]) -> Floats:
     return np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
 
 
-def _sure(off: Floats, least_px: float, noise_px: float) -> Floats:
-    """Of offsets (n, 2) what is beyond the error of finding them, which is `least_px`, and beyond
-    the noise of the look, which adds to them as squares do."""
-    length = np.hypot(off[:, 0], off[:, 1])
+def _sure(off: Floats, record: RunRecord, look: PanelLook) -> Floats:
+    """Of offsets (..., 2) what is beyond the error of finding them, and beyond the noise of the
+    look, which adds to them as squares do."""
+    least_px, noise_px = SURE_PX * max(_quad_px(record), 1.0), SIGMAS * look.sigma_px
+    length = np.hypot(off[..., 0], off[..., 1])
     beyond = np.sqrt(np.maximum(length**2 - noise_px**2, 0.0))
     share = np.minimum(beyond, np.maximum(length - least_px, 0.0)) / np.maximum(length, 1e-9)
-    return np.asarray(off * share[:, None])
+    return np.asarray(off * share[..., None])
 
 
 def known_px(mask: PanelConfig) -> tuple[float, float]:
@@ -234,19 +245,74 @@ def direct_lost(record: RunRecord, window: str) -> Lost:
     size_px = record.projector.field_size_px
     if lie_of(look.mask, size_px).flip != "none":
         return Lost(1.0, 1.0)
-    side, blur = windows(window).side, record.mask.blur_px
-    cell = cell_px(record)
-    quad = 0.0 if record.cells is None else quad_px(record.cells.filled, size_px)
-    least_px, noise_px = SURE_PX * max(quad, 1.0), SIGMAS * look.sigma_px
-    right, down = _sure(off_px(look.mask, size_px, known_px(record.mask)), least_px, noise_px).T
-    spread, none = float(np.hypot(blur, look.rest_px)), np.zeros(1)
+    side, cell = windows(window).side, cell_px(record)
+    offset, spread = (
+        _sure(off_px(look.mask, size_px, known_px(record.mask)), record, look),
+        _spread_px(record, look),
+    )
+    blur, none = record.mask.blur_px, np.zeros(1)
+    right, down = offset.T
     mean = leak(cell, side, (right, down), spread) - leak(cell, side, (none, none), blur)
     found, usual = (
-        leak_rms(cell, side, off, blurred, quad)
+        leak_rms(cell, side, off, blurred, _quad_px(record))
         for off, blurred in (((right, down), spread), ((none, none), blur))
     )
     square = np.mean(np.maximum(found**2 - usual**2, 0.0))
     return Lost(float(np.clip(mean.mean(), 0.0, 1.0)), float(np.sqrt(square)))
+
+
+def lost_by_quad(record: RunRecord, window: str, cells: CellMap) -> Floats:
+    """What `direct_lost` is the mean of, at each quad (h, w): it lies along the edges of windows,
+    where fine quads see it in full. Error bars ask, of runs whose mask is not mirrored."""
+    look, size_px = record.panels, record.projector.field_size_px
+    kind, cell = windows(window), cell_px(record)
+    if look is None or look.mask is None or lie_of(look.mask, size_px).flip != "none":
+        raise ValueError("no blocks tell how far the mask lies elsewhere")
+    places = cells.centres * size_px
+    # The mask's picture lies further right and down by so much; light on it, further left and up.
+    offset = -_off_px(look.mask, places, known_px(record.mask))
+    places += offset
+    pixel = quad_px(panels_from(record.projector, record.mask).mask.map, size_px)
+    blur, spread = (
+        float(np.hypot(px, np.hypot(1.0, pixel) / np.sqrt(12.0)))
+        for px in (record.mask.blur_px, _spread_px(record, look))
+    )  # the edges of cells and windows lie at those of pixels
+    of_quad = _quad_px(record) * ((np.arange(IN_QUAD) + 0.5) / IN_QUAD - 0.5)
+    kept, usually_kept = np.ones(cells.frame), np.ones(cells.frame)
+    for axis, count in enumerate(record.grid[::-1]):
+        ats = places[..., axis] * (count * cell / size_px[axis]) + of_quad[:, None, None]
+        off = offset[..., axis]
+        kept *= _own(kind, cell, ats, off, spread).mean(axis=0)
+        usually_kept *= _own(kind, cell, ats, 0.0, blur).mean(axis=0)
+    square = np.maximum((1.0 - kept) ** 2 - (1.0 - usually_kept) ** 2, 0.0)
+    smear = float(np.hypot(cells.blur_quads, UNSURE_QUADS))
+    beside = scipy.ndimage.gaussian_filter(square, smear)
+    return np.asarray(np.sqrt(np.maximum(square, beside)))
+
+
+def _own(
+    kind: Windows, cell_px: float, at_px: Floats, offset_px: ArrayLike, blur_px: float
+) -> Floats:
+    """`own_share` of places on the mask, over the windows that show them."""
+    share, shown = np.zeros(at_px.shape), np.zeros(at_px.shape)
+    for moved in (0.0, 0.5) if kind.shifted else (0.0,):
+        place = (at_px / cell_px + moved) % 1.0
+        opens = (place >= kind.guard) & (place <= 1.0 - kind.guard)
+        share += np.where(opens, own_share(cell_px, place * cell_px, offset_px, blur_px), 0.0)
+        shown += opens
+    return np.asarray(share / np.maximum(shown, 1.0))
+
+
+def _quad_px(record: RunRecord) -> float:
+    """Side of a quad in the middle of a run's frame, in projector pixels; 0 where it has no map."""
+    if record.cells is None:
+        return 0.0
+    return quad_px(record.cells.filled, record.projector.field_size_px)
+
+
+def _spread_px(record: RunRecord, look: PanelLook) -> float:
+    """Blur on the mask, and what places lie elsewhere beside a look's map."""
+    return float(np.hypot(record.mask.blur_px, look.rest_px))
 
 
 def beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:

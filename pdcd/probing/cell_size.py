@@ -113,18 +113,24 @@ def leak_rms(
     returns (n,). quad_px : side of a quad; one that sees two windows has its share of both.
     """
     at = cell_px * (0.5 + window * ((np.arange(PLACES) + 0.5) / PLACES - 0.5))
-    spread = max(blur_px, 1e-6 * cell_px)
+    of_quad = int(np.clip(round(quad_px / (cell_px * window) * PLACES), 1, PLACES))
 
     def own(off: Floats) -> Floats:
-        begin = (at - off[:, None]) / spread
-        ends = (at - cell_px - off[:, None]) / spread
-        share = scipy.special.ndtr(begin) - scipy.special.ndtr(ends)
+        share = own_share(cell_px, at, off[:, None], blur_px)
         return np.asarray(scipy.ndimage.uniform_filter1d(share, of_quad, axis=1, mode="wrap"))
 
-    of_quad = int(np.clip(round(quad_px / (cell_px * window) * PLACES), 1, PLACES))
     across, down = (own(np.asarray(off, dtype=np.float64)) for off in offset_px)
     lost = 1.0 - across[:, :, None] * down[:, None, :]
     return np.asarray(np.sqrt(np.mean(lost**2, axis=(1, 2))))
+
+
+def own_share(cell_px: float, at_px: Floats, offset_px: ArrayLike, blur_px: float) -> Floats:
+    """Share of the light that is a cell's own along one axis, at places from 0 at the cell's edge
+    to `cell_px`; places and offsets broadcast."""
+    spread = max(blur_px, 1e-6 * cell_px)
+    begin = (at_px - np.asarray(offset_px, dtype=np.float64)) / spread
+    share = scipy.special.ndtr(begin) - scipy.special.ndtr(begin - cell_px / spread)
+    return np.asarray(share, dtype=np.float64)
 
 
 def guard_px(cell_px: float, window: float) -> float:

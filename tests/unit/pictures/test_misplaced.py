@@ -13,8 +13,17 @@ from pdcd.bench.placed import on_field
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import Blocks
 from pdcd.panels.map import Map
-from pdcd.pictures.misplaced import BlockPhotos, affine, direct_lost, lie_of, off_px, panel_look
+from pdcd.pictures.misplaced import (
+    BlockPhotos,
+    affine,
+    direct_lost,
+    lie_of,
+    lost_by_quad,
+    off_px,
+    panel_look,
+)
 from pdcd.runs.record import PanelLook
+from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
@@ -218,6 +227,24 @@ def test_direct_light_lost_through_whole_cells_is_that_of_the_strip_beside_them(
     inside = direct_lost(run(moved(3.9, 0.0)), "quarter")
     assert inside.mean == pytest.approx(0.0, abs=1e-9) and inside.rms < 1e-3
     assert direct_lost(run(moved(40.0, 0.0)), "quarter").mean == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("window", "guard"), [("whole", 0), ("quarter", 4)])
+def test_direct_light_is_lost_where_cells_of_light_and_mask_meet_otherwise(
+    window: str, guard: int
+) -> None:
+    """A mask 7 px to the right: pixel by pixel, which cell is lit and which is open there."""
+    cells = CellMap(grid=(24, 32), frame=(HEIGHT, WIDTH), map=Map.filling(PROJECTOR))
+    light, lost = np.arange(WIDTH), np.zeros(WIDTH, np.bool_)
+    for moved_px in (0, 8) if guard else (0,):
+        place, drawn = light + moved_px, light - 7 + moved_px
+        is_open = (drawn % 16 >= guard) & (drawn % 16 < 16 - guard)
+        lost |= is_open & (place // 16 != drawn // 16)
+    found = lost_by_quad(run(moved(7.0, 0.0)), window, cells)[8]
+    assert 0.1 < lost.mean() < 0.5
+    near = np.convolve(lost, np.ones(5), "same")[16:-16]
+    assert found[16:-16][lost[16:-16]].min() > 0.8
+    assert found[16:-16][near == 0].max() < 0.1
 
 
 def test_what_is_known_or_not_found_loses_nothing() -> None:
