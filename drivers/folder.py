@@ -51,7 +51,7 @@ _F_NUMBER_SLACK = 0.06
 _BLOCK_BYTES = 1 << 20
 
 
-class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class FolderOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[camera.options] of this driver."""
 
     folder: str
@@ -80,7 +80,7 @@ class FolderReadout:
 
     def __init__(
         self,
-        options: Options,
+        options: FolderOptions,
         config: CameraConfig,
         clock: Clock,
         alive: Callable[[], object] = lambda: None,
@@ -102,7 +102,7 @@ class FolderReadout:
         config = context.config.camera
         options = read_options(
             config.options,
-            Options,
+            FolderOptions,
             table="camera.options",
             device="camera",
             hint="docs/cameras.md lists the options of the driver folder",

@@ -18,16 +18,16 @@ import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from pdcd.child import WORDS, Child, LineClosedError, LineSilentError, start
+from pdcd.child import WORDS, Child, LineClosedError, LineSilentError, start_child
 from pdcd.driver import DeviceLost, PdcdError
 
 logger = logging.getLogger(__name__)
 
-LOOK_S = 0.1
+GUARD_LOOK_S = 0.1
 """Between two looks at an armed guardian."""
 HEARD_S = 0.3
-"""What its answer may take then: one that is dead, stopped or stuck is noticed after `LOOK_S` and
-this at the latest. One that was only slow is replaced too, which does no harm."""
+"""What its answer may take then: one that is dead, stopped or stuck is noticed after `GUARD_LOOK_S`
+and this at the latest. One that was only slow is replaced too, which does no harm."""
 _END_S = 5.0
 """Bound of the end of a guardian that has little left to do."""
 
@@ -36,8 +36,8 @@ def _nothing(why: str) -> None:
     """Nobody to tell."""
 
 
-class Guard:
-    """One such process, from `start`, the first `insist` or the first `arm` on.
+class ShutterGuard:
+    """One such process, from `start_child`, the first `insist` or the first `arm` on.
 
     command : what to run; the number of its end of the line is added. It must answer to ``look``.
     inherits : further file descriptors that it gets.
@@ -71,7 +71,7 @@ class Guard:
 
     def start(self) -> None:
         """Start the process. Raises DeviceLost when that cannot be done."""
-        self._child = start(
+        self._child = start_child(
             self._command,
             WORDS,
             what="the process that guards the shutter",
@@ -183,9 +183,9 @@ class Guard:
             child.kill()
 
 
-def _look_after(guard: weakref.ref[Guard], stand_down: threading.Event) -> None:
+def _look_after(guard: weakref.ref[ShutterGuard], stand_down: threading.Event) -> None:
     """Look at a guardian until told not to, or until its guard is forgotten."""
-    while not stand_down.wait(LOOK_S):
+    while not stand_down.wait(GUARD_LOOK_S):
         looked = guard()
         if looked is None or not looked.look():
             return

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdcd.bench.devices import Shared
+from pdcd.bench.devices import SharedState
 from pdcd.driver import (
     BLACK,
     Config,
@@ -28,7 +28,7 @@ from pdcd.driver import (
     streams,
 )
 from pdcd.panels.pixels import Recorder
-from pdcd.presenter.client import DisplayProcess, Log, Rows, opening
+from pdcd.presenter.client import DisplayProcess, Log, RowNumbers, make_open_request
 from pdcd.presenter.messages import Column, Open, Ready
 from pdcd.presenter.options import VERIFIED
 
@@ -45,7 +45,7 @@ class X11Display:
         self,
         config: Config,
         request: Open,
-        shared: Shared,
+        shared: SharedState,
         alive: Callable[[], object] = lambda: None,
     ) -> None:
         self._open = request
@@ -61,7 +61,7 @@ class X11Display:
     def create(cls, context: DriverContext) -> X11Display:
         """Check the options; the panels are opened by `connect`."""
         config = context.config
-        request = opening(config)
+        request = make_open_request(config)
         if request.options.grab_px and config.display.planes_per_refresh > 1:
             raise ConfigError(
                 "pictures of several planes are not taken apart again",
@@ -126,7 +126,7 @@ class X11Display:
         shown, lost = 0, 0
         recorder = self._recorder()
 
-        def once(rows: Rows) -> FrameLog:
+        def once(rows: RowNumbers) -> FrameLog:
             nonlocal shown, lost
             primal, dual = streams(rows, config.mask_delay_rows)
             count, first = len(primal), shown * self._planes
@@ -137,10 +137,10 @@ class X11Display:
                     min(first + n * self._planes, first + count), first + count, lost + missed
                 ),
                 cancelled,
-                abort=rig.on_miss == "abort" and several_codes(frames),
+                abort=rig.on_miss == "abort" and has_several_codes(frames),
                 stalls_from=shown if stalled else None,
             )
-            found = frame_log(primal, dual, log, presenter.ready, config.display.starts)
+            found = build_frame_log(primal, dual, log, presenter.ready, config.display.starts)
             found = replace(found, mask_delay=config.mask_delay_rows)
             if recorder is not None:
                 if shown:
@@ -176,7 +176,7 @@ class X11Display:
         return self._presenter
 
 
-def several_codes(frames: Frames) -> bool:
+def has_several_codes(frames: Frames) -> bool:
     """Whether a refresh that lasts too long makes codes unequal: not where there is one only."""
     lit = frames.dual_index != BLACK
     shift = np.where(frames.dual_index >= 0, frames.shift, 0)
@@ -184,7 +184,7 @@ def several_codes(frames: Frames) -> bool:
     return len(np.unique(codes, axis=0)) > 1
 
 
-def _pictures(rows: Rows, planes: int) -> Rows:
+def _pictures(rows: RowNumbers, planes: int) -> RowNumbers:
     """Rows as refreshes of so many planes, (refreshes, planes), the last filled up by black."""
     count = -(-rows.size // planes)
     found = np.full(count * planes, BLACK, dtype=np.int32)
@@ -192,8 +192,12 @@ def _pictures(rows: Rows, planes: int) -> Rows:
     return found.reshape(count, planes)
 
 
-def frame_log(
-    primal: Rows, dual: Rows, log: Log, ready: Ready, plane_starts: tuple[float, ...] = (0.0,)
+def build_frame_log(
+    primal: RowNumbers,
+    dual: RowNumbers,
+    log: Log,
+    ready: Ready,
+    plane_starts: tuple[float, ...] = (0.0,),
 ) -> FrameLog:
     """The frame log of one pass.
 

@@ -3,9 +3,9 @@
 Four programs here have children: the display has its presenter, the daemon its worker, a shutter
 its guardian, a sweep those that take its photos. (Figures have a pool of the standard library, and
 the demo starts a daemon as a user would.) Each child gets one end of a socket pair, the number of
-that descriptor as the last word of its command, and a session of its own. Both sides hold a `Line`,
-which carries whole messages. The parent also holds a `Child`, which knows whether the process lives
-and how it ended.
+that descriptor as the last word of its command, and a session of its own. Both sides hold a
+`MessageLine`, which carries whole messages. The parent also holds a `Child`, which knows whether
+the process lives and how it ended.
 
 Either side may die at any time. The kernel then closes its end, and the other one is told.
 """
@@ -33,19 +33,19 @@ from typing import Any, Generic, TypeVar
 
 from pdcd.errors import PdcdError
 
-LOOK_S = 0.05
+LOOK_INTERVAL_S = 0.05
 """Longest time between two calls of `alive` while something is waited for."""
-PACKET_BYTES = 1 << 18
+_PACKET_BYTES = 1 << 18
 """Longest message that the socket takes: a little more than the kernel lets it."""
 SHORT_BYTES = 1 << 15
 """Longest pickle that goes through the socket; longer ones go by memory, which is faster."""
 REAP_S = 5.0
 """How long the kernel may take to bury a killed process."""
-STATUS_S = 0.1
+_STATUS_S = 0.1
 """How long a process may live on after its end of the line was closed."""
-FIRST_VICTIM = "500"
+_FIRST_VICTIM = "500"
 """For oom_score_adj: where the machine runs out of memory, this process goes before its parent."""
-PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1
 """Of sys/prctl.h: the signal that comes when the parent's thread that started this process ends."""
 
 
@@ -57,12 +57,12 @@ class LineSilentError(Exception):
     """The other side of a line was silent for too long."""
 
 
-Heard = TypeVar("Heard")
-Alive = Callable[[], object]
+_Heard = TypeVar("_Heard")
+_Alive = Callable[[], object]
 
 
 @dataclass(frozen=True)
-class Codec(Generic[Heard]):
+class Codec(Generic[_Heard]):
     """How messages become bytes.
 
     by_memory : a long one goes as a descriptor of anonymous memory that holds it, and no message
@@ -70,7 +70,7 @@ class Codec(Generic[Heard]):
     """
 
     encode: Callable[[Any], bytes]
-    decode: Callable[[Any], Heard]
+    decode: Callable[[Any], _Heard]
     by_memory: bool = False
 
 
@@ -85,21 +85,22 @@ WORDS: Codec[bytes] = Codec(str.encode, bytes)
 """For a child that imports nothing of pdcd."""
 
 
-class Line(Generic[Heard]):
+class MessageLine(Generic[_Heard]):
     """One end of the talk, for one thread at a time: each message comes whole or not at all.
 
-    While it waits, `alive` is called at least every `LOOK_S`; whatever it raises ends the wait.
+    While it waits, `alive` is called at least every `LOOK_INTERVAL_S`; whatever it raises ends the
+    wait.
     """
 
-    def __init__(self, end: socket.socket, codec: Codec[Heard]) -> None:
+    def __init__(self, end: socket.socket, codec: Codec[_Heard]) -> None:
         self._end, self._codec = end, codec
 
     @classmethod
-    def at(cls, fd: int, codec: Codec[Heard]) -> Line[Heard]:
+    def at(cls, fd: int, codec: Codec[_Heard]) -> MessageLine[_Heard]:
         """The child's end, by the number that its command ends with."""
         return cls(socket.socket(fileno=fd), codec)
 
-    def __enter__(self) -> Line[Heard]:
+    def __enter__(self) -> MessageLine[_Heard]:
         return self
 
     def __exit__(self, *unused: object) -> None:
@@ -119,7 +120,7 @@ class Line(Generic[Heard]):
         fd: int | None = None,
         *,
         within_s: float | None = None,
-        alive: Alive | None = None,
+        alive: _Alive | None = None,
     ) -> None:
         """Send a message, and a descriptor with it.
 
@@ -140,7 +141,7 @@ class Line(Generic[Heard]):
             if held is not None:
                 os.close(held)
 
-    def receive(self, *, within_s: float | None = None, alive: Alive | None = None) -> Heard:
+    def receive(self, *, within_s: float | None = None, alive: _Alive | None = None) -> _Heard:
         """The next message.
 
         Raises LineClosedError when the other side is gone, LineSilentError when it says nothing for
@@ -149,16 +150,16 @@ class Line(Generic[Heard]):
         return self.receive_with_fd(within_s=within_s, alive=alive)[0]
 
     def receive_with_fd(
-        self, *, within_s: float | None = None, alive: Alive | None = None
-    ) -> tuple[Heard, int | None]:
+        self, *, within_s: float | None = None, alive: _Alive | None = None
+    ) -> tuple[_Heard, int | None]:
         """The next message and the descriptor that came with it, which the caller closes."""
         self._wait_until_ready(select.POLLIN, within_s, alive)
         with _failure_as_end():
             try:
-                data, fds, *_ = socket.recv_fds(self._end, PACKET_BYTES, 1)
+                data, fds, *_ = socket.recv_fds(self._end, _PACKET_BYTES, 1)
             except ConnectionResetError:
                 # It ended with something unread, which is told first; what it said is still there.
-                data, fds, *_ = socket.recv_fds(self._end, PACKET_BYTES, 1)
+                data, fds, *_ = socket.recv_fds(self._end, _PACKET_BYTES, 1)
         if not data:
             raise LineClosedError
         if not (fds and self._codec.by_memory):
@@ -168,14 +169,14 @@ class Line(Generic[Heard]):
         finally:
             os.close(fds[0])
 
-    def _decoded(self, data: bytes | mmap.mmap) -> Heard:
+    def _decoded(self, data: bytes | mmap.mmap) -> _Heard:
         """The message; one that is none is the end of the talk, as nothing behind it is sure."""
         try:
             return self._codec.decode(data)
         except Exception as err:
             raise LineClosedError from err
 
-    def wait(self, within_s: float | None = None, alive: Alive | None = None) -> bool:
+    def wait(self, within_s: float | None = None, alive: _Alive | None = None) -> bool:
         """Whether there is something to hear within that time: a message, or the end."""
         try:
             self._wait_until_ready(select.POLLIN, within_s, alive)
@@ -183,7 +184,7 @@ class Line(Generic[Heard]):
             return False
         return True
 
-    def _wait_until_ready(self, event: int, within_s: float | None, alive: Alive | None) -> None:
+    def _wait_until_ready(self, event: int, within_s: float | None, alive: _Alive | None) -> None:
         poller = select.poll()
         try:
             poller.register(self._end, event)
@@ -193,7 +194,7 @@ class Line(Generic[Heard]):
         while True:
             if alive is not None:
                 alive()
-            look_s = None if alive is None else LOOK_S
+            look_s = None if alive is None else LOOK_INTERVAL_S
             if until_s is not None:
                 left_s = max(0.0, until_s - time.monotonic())
                 look_s = left_s if look_s is None else min(look_s, left_s)
@@ -225,10 +226,10 @@ def _failure_as_end() -> Iterator[None]:
         raise LineClosedError from err
 
 
-class Child(Generic[Heard]):
+class Child(Generic[_Heard]):
     """A process that was started here, and the line to it."""
 
-    def __init__(self, process: subprocess.Popen[bytes], line: Line[Heard]) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], line: MessageLine[_Heard]) -> None:
         self.process, self.line = process, line
 
     @property
@@ -244,7 +245,7 @@ class Child(Generic[Heard]):
     def how_it_ended(self) -> str:
         """In words that follow on "the process"."""
         with suppress(subprocess.TimeoutExpired):
-            status = self.process.wait(STATUS_S)
+            status = self.process.wait(_STATUS_S)
             if status >= 0:
                 return f"ended with status {status}"
             with suppress(ValueError):
@@ -255,7 +256,8 @@ class Child(Generic[Heard]):
     def kill(self, reap_s: float = REAP_S) -> None:
         """End it before it hears that this end is closed; wait so long until it is gone.
 
-        Where it takes the kernel longer, it is buried by a later `start` or `reap`. Idempotent.
+        Where it takes the kernel longer, it is buried by a later `start_child` or `reap`.
+        Idempotent.
         """
         self.process.kill()
         self.hang_up(reap_s)
@@ -282,16 +284,16 @@ def _bury() -> None:
         _unburied[:] = [process for process in _unburied if process.poll() is None]
 
 
-def start(
+def start_child(
     command: Sequence[str],
-    codec: Codec[Heard],
+    codec: Codec[_Heard],
     *,
     what: str,
     inherits: Sequence[int] = (),
     deaf: bool = False,
     environment: Mapping[str, str] | None = None,
     error: Callable[..., PdcdError] = PdcdError,
-) -> Child[Heard]:
+) -> Child[_Heard]:
     """Start a program; returns at once, before it is warm.
 
     command : its words, to which the number of its end of the line is added.
@@ -322,15 +324,15 @@ def start(
                 f"cannot start {what}: {err.strerror}",
                 hint="see the log; too many processes, or too little memory?",
             ) from err
-    return Child(process, Line(ours, codec))
+    return Child(process, MessageLine(ours, codec))
 
 
-def module_command(module: str) -> tuple[str, ...]:
+def make_module_command(module: str) -> tuple[str, ...]:
     """The command of a module of ours; no module of the current folder is taken for it."""
     return sys.executable, "-P", "-m", module
 
 
-def single_threaded() -> Mapping[str, str]:
+def make_child_environment() -> Mapping[str, str]:
     """This process's environment with one thread for linear algebra, unless it says otherwise.
 
     More gain nothing on arrays of our size, and each takes of the memory that a child may have.
@@ -361,16 +363,16 @@ def ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def live_for_parent() -> None:
+def end_with_parent() -> None:
     """`ignore_signals`, but die with the parent's thread that started this process, whatever this
     one is at: while it works it does not look at its line."""
     ignore_signals()
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text(FIRST_VICTIM)
+        Path("/proc/self/oom_score_adj").write_text(_FIRST_VICTIM)
 
 
-def bound_memory(limit_bytes: int) -> None:
+def limit_memory(limit_bytes: int) -> None:
     """Let this process have so much memory, for good."""
     # Data, not addresses: libraries reserve addresses by the gigabyte that they never touch.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)

@@ -20,50 +20,50 @@ from typing import Any, TypeVar
 import msgspec
 
 from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError
-from pdcd.files.opening import Sendable, parcels
+from pdcd.files.opening import Sendable, open_parcels
 from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.events import Attention, Event
 from pdcd.protocol.messages import (
     MAX_FDS,
     MAX_LINE,
-    Admitted,
-    Described,
+    Admission,
     Hello,
     JobList,
     JobView,
-    Shown,
+    RigDescription,
+    ShowReply,
     Status,
     check_version,
-    error_of_wire,
+    convert_reply,
+    decode_error,
     read_event,
-    typed_reply,
 )
 from pdcd.protocol.plan_summary import PlanSummary
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, Sent
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, SentArray
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
-OnEvent = Callable[[Event], None]
+EventHandler = Callable[[Event], None]
 """Takes one event, a struct of `pdcd.protocol.events`; `type` names its kind."""
 
-CONNECT_INTERVAL_S = 0.02
+_CONNECT_INTERVAL_S = 0.02
 """Pause in seconds before a full backlog is tried again."""
 
-Arrays = Mapping[str, Sendable]
+_Arrays = Mapping[str, Sendable]
 """Arrays of a request by field: paths, or numpy arrays."""
-NONE: Arrays = MappingProxyType({})
+_NONE: _Arrays = MappingProxyType({})
 
 INTAKE_TIMEOUT_S = 30.0
 """Time allowed to the daemon for reading the arrays of a request, in seconds."""
-DISK_TIMEOUT_S = 60.0
+_DISK_TIMEOUT_S = 60.0
 """Time allowed to an answer for which many files are read, in seconds."""
-ENGINE_TIMEOUT_S = 60.0
+_ENGINE_TIMEOUT_S = 60.0
 """Time allowed to an answer that needs the devices, in seconds."""
 
 
-class Unreachable(ConnectionError):  # noqa: N818 - reads as the state it reports
+class UnreachableError(ConnectionError):
     """No daemon answers, it went away, or it took too long; the message says where."""
 
 
@@ -91,11 +91,11 @@ class Client:
             self._connect()
             first = self._receive(timeout_s)
             if "error" in first:
-                raise error_of_wire(first["error"])
+                raise decode_error(first["error"])
             if first.get("method") != "hello":
                 raise ProtocolError("the server did not say hello", hint="is this pdcd's socket?")
             check_version(first["params"])
-            self.hello = typed_reply(first["params"], Hello)
+            self.hello = convert_reply(first["params"], Hello)
         except BaseException:
             self._sock.close()
             raise
@@ -123,7 +123,7 @@ class Client:
         params: Mapping[str, object] | None = None,
         *,
         timeout_s: float | None = None,
-        on_event: OnEvent | None = None,
+        on_event: EventHandler | None = None,
     ) -> Any:
         """Ask one thing and wait for the answer, up to `timeout_s` of silence.
 
@@ -138,10 +138,10 @@ class Client:
         self,
         request: CaptureRequest,
         *,
-        arrays: Arrays = NONE,
+        arrays: _Arrays = _NONE,
         detach: bool = False,
         queue: bool = False,
-        on_event: OnEvent | None = None,
+        on_event: EventHandler | None = None,
     ) -> CaptureResult:
         """Take a photo and wait for its end; with `detach`, only start it.
 
@@ -164,7 +164,7 @@ class Client:
         request: CalibrateRequest,
         *,
         queue: bool = False,
-        on_event: OnEvent | None = None,
+        on_event: EventHandler | None = None,
         answer: Callable[[str], None] | None = None,
     ) -> CaptureResult:
         """Have the bench measure itself and wait for the end.
@@ -184,7 +184,7 @@ class Client:
         params = {**msgspec.to_builtins(request), "queue": queue}
         return self._see_through(self._send("calibrate.start", params), hear, on_event)
 
-    def wait(self, job: str, on_event: OnEvent | None = None) -> CaptureResult:
+    def wait(self, job: str, on_event: EventHandler | None = None) -> CaptureResult:
         """Wait for the end of any job; `on_event` gets the events of this job from now on."""
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "all"})
@@ -196,41 +196,43 @@ class Client:
 
     def status(self) -> Status:
         """State of the rig, the running job and those that wait."""
-        return typed_reply(self.call("rig.status"), Status)
+        return convert_reply(self.call("rig.status"), Status)
 
     def describe(self) -> RigView:
         """The rig: drivers, panels, camera, cells."""
-        answer = self.call("rig.describe", timeout_s=ENGINE_TIMEOUT_S)
-        return typed_reply(answer, Described).rig
+        answer = self.call("rig.describe", timeout_s=_ENGINE_TIMEOUT_S)
+        return convert_reply(answer, RigDescription).rig
 
     def list(self) -> list[JobView]:
         """The jobs that the daemon knows, oldest first."""
-        return typed_reply(self.call("capture.list"), JobList).jobs
+        return convert_reply(self.call("capture.list"), JobList).jobs
 
     def find(self, query: RunQuery) -> Page:
         """A page of the runs in the daemon's state folder, newest first."""
         params = {"find": msgspec.to_builtins(query)}
-        found = typed_reply(
-            self.call("capture.list", params, timeout_s=DISK_TIMEOUT_S), JobList
+        found = convert_reply(
+            self.call("capture.list", params, timeout_s=_DISK_TIMEOUT_S), JobList
         ).found
         if found is None:
             raise ProtocolError("the server did not look for runs")
         return found
 
     def plan(
-        self, request: CaptureRequest, *, arrays: Arrays = NONE, queue: bool = False
+        self, request: CaptureRequest, *, arrays: _Arrays = _NONE, queue: bool = False
     ) -> PlanSummary:
         """What a capture would do; `arrays` as in `capture`. With `queue` after whatever holds the
         rig, however long."""
         params = {**msgspec.to_builtins(request), "queue": queue}
         request_id = self._send_with(arrays, "capture.plan", params)
-        limit_s = None if queue else ENGINE_TIMEOUT_S
-        return typed_reply(self._answer(request_id, limit_s, None), PlanSummary)
+        limit_s = None if queue else _ENGINE_TIMEOUT_S
+        return convert_reply(self._answer(request_id, limit_s, None), PlanSummary)
 
-    def show(self, pattern: str, index: int = 0, *, detach: bool = False) -> Shown:
+    def show(self, pattern: str, index: int = 0, *, detach: bool = False) -> ShowReply:
         """Put a pattern on both panels, where it stays until its job ends: see `cancel`."""
         params = {"pattern": pattern, "index": index, "detach": detach}
-        return typed_reply(self.call("display.show", params, timeout_s=ENGINE_TIMEOUT_S), Shown)
+        return convert_reply(
+            self.call("display.show", params, timeout_s=_ENGINE_TIMEOUT_S), ShowReply
+        )
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -240,7 +242,7 @@ class Client:
                 yield self._events.popleft()
             try:
                 message = self._receive(None)
-            except Unreachable:
+            except UnreachableError:
                 return
             if message.get("method") == "event":
                 self._events.append(read_event(message))
@@ -255,7 +257,7 @@ class Client:
                     f" there was no room for {self._timeout_s:g} s",
                     hint="it may still be starting the rig: see its log, or try again later",
                 )
-            time.sleep(CONNECT_INTERVAL_S)
+            time.sleep(_CONNECT_INTERVAL_S)
 
     def _connected(self) -> bool:
         try:
@@ -263,7 +265,7 @@ class Client:
         except BlockingIOError:
             return False
         except OSError as err:
-            raise Unreachable(
+            raise UnreachableError(
                 f"no daemon answers on {self._path}: {err.strerror or err}"
                 " (start one with pdcd serve, or name its socket with --socket)"
             ) from err
@@ -272,8 +274,8 @@ class Client:
     def _see_through(
         self,
         request_id: int,
-        hear: OnEvent | None,
-        on_event: OnEvent | None,
+        hear: EventHandler | None,
+        on_event: EventHandler | None,
         *,
         detach: bool = False,
     ) -> CaptureResult:
@@ -291,7 +293,7 @@ class Client:
         ear = None if hear is None else heard
         try:
             # The job's first events may come before the answer that names it.
-            started = typed_reply(self._answer(request_id, INTAKE_TIMEOUT_S, ear), Admitted)
+            started = convert_reply(self._answer(request_id, INTAKE_TIMEOUT_S, ear), Admission)
             if detach:
                 return CaptureResult(job=started.job, state=started.state)
             return self._wait(started.job, ear)
@@ -299,22 +301,22 @@ class Client:
             return self._ended(request_id, started, on_event)
         except Exception:
             if hearing:  # else it came from the daemon, which knows what became of the job
-                with contextlib.suppress(PdcdError, Unreachable):
+                with contextlib.suppress(PdcdError, UnreachableError):
                     self._ended(request_id, started, _unheard)
             raise
 
     def _ended(
-        self, request_id: int, started: Admitted | None, on_event: OnEvent | None
+        self, request_id: int, started: Admission | None, on_event: EventHandler | None
     ) -> CaptureResult:
         """Cancel a job that was asked for, and wait for its end; first for its name, if need be."""
         if started is None:
-            started = typed_reply(self._answer(request_id, self._timeout_s, on_event), Admitted)
+            started = convert_reply(self._answer(request_id, self._timeout_s, on_event), Admission)
         return self._result("capture.cancel", started.job, on_event)
 
-    def _wait(self, job: str, on_event: OnEvent | None) -> CaptureResult:
+    def _wait(self, job: str, on_event: EventHandler | None) -> CaptureResult:
         return self._result("capture.wait", job, on_event)
 
-    def _result(self, method: str, job: str, on_event: OnEvent | None) -> CaptureResult:
+    def _result(self, method: str, job: str, on_event: EventHandler | None) -> CaptureResult:
         """Ask for a job's result and wait for as long as it takes; events of this job only."""
 
         def only_this(event: Event) -> None:
@@ -322,13 +324,13 @@ class Client:
                 on_event(event)
 
         request_id = self._send(method, {"job": job})
-        return typed_reply(self._answer(request_id, None, only_this), CaptureResult)
+        return convert_reply(self._answer(request_id, None, only_this), CaptureResult)
 
-    def _send_with(self, arrays: Arrays, method: str, params: Mapping[str, object]) -> int:
+    def _send_with(self, arrays: _Arrays, method: str, params: Mapping[str, object]) -> int:
         """Send a request with its arrays as open files. Raises RequestError."""
-        with parcels(arrays) as opened:
+        with open_parcels(arrays) as opened:
             sent = {
-                name: Sent(fd=index, file=parcel.file)
+                name: SentArray(fd=index, file=parcel.file)
                 for index, (name, parcel) in enumerate(opened.items())
             }
             descriptors = [parcel.descriptor for parcel in opened.values()]
@@ -364,7 +366,7 @@ class Client:
             sent = socket.send_fds(self._sock, [line], fds) if fds else 0
             self._sock.sendall(line[sent:])
         except OSError as err:
-            gone = Unreachable(f"the daemon on {self._path} went away: {err}")
+            gone = UnreachableError(f"the daemon on {self._path} went away: {err}")
             raise self._last_words() or gone from err
         return self._next_id
 
@@ -374,17 +376,19 @@ class Client:
             while True:
                 message = self._receive(0.0)
                 if "error" in message and message.get("id") is None:
-                    return error_of_wire(message["error"])
-        except (Unreachable, ProtocolError):
+                    return decode_error(message["error"])
+        except (UnreachableError, ProtocolError):
             return None
 
-    def _answer(self, request_id: int, timeout_s: float | None, on_event: OnEvent | None) -> Any:
+    def _answer(
+        self, request_id: int, timeout_s: float | None, on_event: EventHandler | None
+    ) -> Any:
         while True:
             message = self._receive(timeout_s)
             if message.get("method") == "event":
                 (self._events.append if on_event is None else on_event)(read_event(message))
             elif "error" in message and message.get("id") in (request_id, None):
-                raise error_of_wire(message["error"])
+                raise decode_error(message["error"])
             elif message.get("id") == request_id:
                 return message["result"]
 
@@ -395,14 +399,14 @@ class Client:
                 self._sock.settimeout(timeout_s)
                 data = self._sock.recv(65536)
             except TimeoutError as err:
-                raise Unreachable(
+                raise UnreachableError(
                     f"the daemon on {self._path} has not answered for {timeout_s:g} s"
                     " (it may still be starting the rig: see its log)"
                 ) from err
             except OSError as err:
-                raise Unreachable(f"the daemon on {self._path} went away: {err}") from err
+                raise UnreachableError(f"the daemon on {self._path} went away: {err}") from err
             if not data:
-                raise Unreachable(f"the daemon on {self._path} closed the connection")
+                raise UnreachableError(f"the daemon on {self._path} closed the connection")
             *lines, last = (bytes(self._rest) + data).split(b"\n")
             self._rest[:] = last
             self._lines.extend(lines)

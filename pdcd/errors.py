@@ -142,7 +142,7 @@ KINDS = tuple(sorted({c.kind for c in PdcdError.__subclasses__()} | {PdcdError.k
 """Every `kind` a client may meet."""
 
 
-def of_kind(
+def make_error(
     kind: str | None, message: str | None, device: str | None = None, hint: str | None = None
 ) -> PdcdError:
     """The error that a result or a message on the wire tells of; an unknown kind is the base."""
@@ -150,7 +150,7 @@ def of_kind(
     return known.get(kind or "", PdcdError)(message or "", device=device, hint=hint)
 
 
-def error_fields(error: PdcdError) -> dict[str, str | None]:
+def to_error_fields(error: PdcdError) -> dict[str, str | None]:
     """The error as `CaptureResult.error` holds it: kind, message, device, hint."""
     return {
         "kind": error.kind,

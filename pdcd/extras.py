@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from shutil import which
 
-ROOT = Path(__file__).resolve().parents[1]
+SOURCE_ROOT = Path(__file__).resolve().parents[1]
 """The checkout, or the folder of installed packages."""
 
 TARGETS = {"aiohttp": "web", "jupyterlab": "notebook"}
@@ -19,7 +19,7 @@ OPTIONAL = ("aiohttp", "distributed", "gphoto2", "jupyterlab", "matplotlib")
 """All packages that may be missing."""
 
 
-def install_hint(package: str) -> str:
+def suggest_install(package: str) -> str:
     """A shell's line that installs `package` into the environment that this process runs in.
 
     Whoever misses a package gives it as the hint of the error. In the environment that `make` has
@@ -29,7 +29,11 @@ def install_hint(package: str) -> str:
     """
     target = TARGETS.get(package, "")
     if target and _is_made_here() and _has_target(target):
-        return f"make {target}" if Path.cwd() == ROOT else f"make -C {_quoted(ROOT)} {target}"
+        return (
+            f"make {target}"
+            if Path.cwd() == SOURCE_ROOT
+            else f"make -C {_quoted(SOURCE_ROOT)} {target}"
+        )
     if importlib.util.find_spec("pip") is None and sys.prefix != sys.base_prefix:
         inside = Path(sys.prefix) / "bin" / "python"
         return f"{_outer_python()} -m pip --python {_quoted(inside)} install {package}"
@@ -38,12 +42,12 @@ def install_hint(package: str) -> str:
 
 def _is_made_here() -> bool:
     """Whether this is the environment that the Makefile of a checkout fills."""
-    return Path(sys.prefix).resolve() == ROOT / ".venv"
+    return Path(sys.prefix).resolve() == SOURCE_ROOT / ".venv"
 
 
 def _has_target(name: str) -> bool:
     try:
-        text = (ROOT / "Makefile").read_text(encoding="utf-8")
+        text = (SOURCE_ROOT / "Makefile").read_text(encoding="utf-8")
     except OSError:
         return False
     return re.search(rf"^{name}:", text, re.MULTILINE) is not None

@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 
-def one_line(text: str) -> str:
+def to_one_line(text: str) -> str:
     """The text on one line, with what cannot be seen in it as JSON escapes it (``\\n``).
 
     That covers newlines, terminal escapes, marks that turn the direction of writing, and halves of
@@ -18,21 +18,21 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else _escaped(c) for c in text)
 
 
-def lines(text: str) -> str:
-    """A text of several lines: each as `one_line` has it, all but the first indented.
+def to_indented_lines(text: str) -> str:
+    """A text of several lines: each as `to_one_line` has it, all but the first indented.
 
     So no further line can be taken for a message of its own.
     """
-    first, *more = (one_line(line) for line in text.split("\n"))
+    first, *more = (to_one_line(line) for line in text.split("\n"))
     return "\n".join([first, *("  " + line.removeprefix("  ") for line in more)])
 
 
-def as_html(words: object) -> str:
+def to_html(words: object) -> str:
     """Any text as HTML, also of a quoted attribute, that shows it and does nothing else."""
-    return html.escape(one_line(str(words)))
+    return html.escape(to_one_line(str(words)))
 
 
-def percent(share: Any) -> str:
+def to_percent(share: Any) -> str:
     """A share as a percentage of three digits or more, for messages and pages; "-" for none."""
     try:
         number = float(share)

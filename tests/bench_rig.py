@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pdcd
-from drivers.mock import Bench
+from drivers.mock import MockBench
 from pdcd.bench.tables import (
     CameraConfig,
     Config,
@@ -31,11 +31,11 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
-from pdcd.files.opening import Limits, contents
-from pdcd.panels.patterns import Patterns, pack
+from pdcd.files.opening import ArrayLimits, read_contents
+from pdcd.panels.patterns import Patterns, pack_bits
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.planning.given import Source, read_given
-from pdcd.probing.wanted import Match, Uniform, Wanted
+from pdcd.planning.given import FileSource, read_request_arrays
+from pdcd.probing.wanted import MatchPart, UniformPart, WantedMatrix
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
@@ -54,14 +54,14 @@ def transport(grid: tuple[int, int] = GRID, seed: int = 0) -> Floats:
 
 def pairs(codes: Codes) -> tuple[Patterns, Patterns]:
     """Patterns of projector and mask, as `build_frames` takes them."""
-    return pack(codes.primal), pack(codes.dual)
+    return pack_bits(codes.primal), pack_bits(codes.dual)
 
 
-def uniform(grid: tuple[int, int], diagonal: float, off: float) -> Wanted:
+def uniform(grid: tuple[int, int], diagonal: float, off: float) -> WantedMatrix:
     """The wanted matrix ``diagonal * I + off * (1 - I)``."""
     n = grid[0] * grid[1]
-    same = Match(np.arange(n))
-    return Wanted(grid, ((off, Uniform(n)), (diagonal - off, same)))
+    same = MatchPart(np.arange(n))
+    return WantedMatrix(grid, ((off, UniformPart(n)), (diagonal - off, same)))
 
 
 def matrix_scene(folder: Path, grid: tuple[int, int] = GRID, ambient: float = 0.0) -> SceneConfig:
@@ -119,24 +119,24 @@ def with_defects(folder: Path, **tables: Any) -> Config:
     return config(folder, **given)
 
 
-def bench_of(engine: Engine) -> Bench:
+def bench_of(engine: Engine) -> MockBench:
     """The virtual bench behind an engine."""
     return bench_of_rig(engine._rig)
 
 
-def bench_of_rig(rig: Rig) -> Bench:
+def bench_of_rig(rig: Rig) -> MockBench:
     """The virtual bench of a rig."""
-    return Bench.of(rig._context)
+    return MockBench.of(rig._context)
 
 
-def from_path(path: Path) -> Source:
+def from_path(path: Path) -> FileSource:
     """The content of a file, as a request brings it."""
 
-    def content(limits: Limits) -> bytes:
+    def content(limits: ArrayLimits) -> bytes:
         with path.open("rb") as file:
-            return contents(file.fileno(), limits)
+            return read_contents(file.fileno(), limits)
 
-    return Source(content, path.name)
+    return FileSource(content, path.name)
 
 
 def capture(
@@ -147,7 +147,7 @@ def capture(
 ) -> CaptureResult:
     """Run one job with nobody listening; `files` are those of the request, by field."""
     sources = {name: from_path(path) for name, path in files.items()}
-    asked, given = read_given(request, sources, engine.grid)
+    asked, given = read_request_arrays(request, sources, engine.grid)
     return engine.capture(asked, given, job=job, emit=lambda _: None, cancelled=lambda: False)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdcd.panels.frames import FrameLog
-from pdcd.panels.patterns import compact
+from pdcd.panels.patterns import pack_levels
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel
-from pdcd.probing.realised import Factors, collect, factors
-from pdcd.virtual.scene.effects import Dense, Direct
+from pdcd.probing.panel import PanelOptics
+from pdcd.probing.realised import Factors, collect_factors, compute_factors
+from pdcd.virtual.scene.effects import DenseEffect, DirectEffect
 from pdcd.virtual.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -32,15 +32,15 @@ def show(
     *,
     window: str = "whole",
     guards: bool = True,
-    projector: Panel | None = None,
-    mask: Panel | None = None,
+    projector: PanelOptics | None = None,
+    mask: PanelOptics | None = None,
     primal_black: bool = False,
     dual_black: bool = False,
     offset_cells: tuple[float, float] = (0.0, 0.0),
 ) -> Factors:
     """Show levels (K, L) of both panels once, on time."""
     frames = build_frames(
-        (compact(np.asarray(lights, dtype=float)), compact(np.asarray(masks, dtype=float))),
+        (pack_levels(np.asarray(lights, dtype=float)), pack_levels(np.asarray(masks, dtype=float))),
         grid,
         window=window,
         schedule="full" if guards else "none",
@@ -54,23 +54,23 @@ def show(
     log = FrameLog(
         rows, rows, at_ns[:-1], at_ns[:-1], at_ns[[-1, -1]], np.zeros(count, np.int32), "test", True
     )
-    parts = factors(
+    parts = compute_factors(
         frames,
         log,
-        projector or Panel(),
-        mask or Panel(),
+        projector or PanelOptics(),
+        mask or PanelOptics(),
         open_ns=0,
         close_ns=int(at_ns[-1]) + SETTLE_NS,
         offset_cells=offset_cells,
     )
-    return collect(parts)
+    return collect_factors(parts)
 
 
 def scene_of(transport: Floats, grid: Grid, ambient: float = 0.0) -> Scene:
     """A scene whose light from a cell to itself is direct, and all else comes from elsewhere."""
     own = np.diag(transport).copy()
     cells = own.size
-    effects = (Direct("direct", own), Dense("indirect", transport - np.diag(own)))
+    effects = (DirectEffect("direct", own), DenseEffect("indirect", transport - np.diag(own)))
     return Scene("test", grid, effects, np.full((cells, 3), ambient) if ambient else None)
 
 

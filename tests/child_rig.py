@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.child import Codec, Line
+from pdcd.child import Codec, MessageLine
 
 
 class Process:
@@ -29,11 +29,11 @@ class Process:
         self.done: list[Any] = []
         self.returncode: int | None = None
         self.status, self.stubborn = -9, False
-        self.lines: list[Line[Any]] = []
+        self.lines: list[MessageLine[Any]] = []
 
-    def line(self, codec: Codec[Any]) -> Line[Any]:
+    def line(self, codec: Codec[Any]) -> MessageLine[Any]:
         """Its end of the line, which it closes when it dies."""
-        self.lines.append(Line.at(self.far_fd, codec))
+        self.lines.append(MessageLine.at(self.far_fd, codec))
         return self.lines[-1]
 
     def die(self, status: int | None) -> None:

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.panels.map import Map
-from pdcd.panels.patterns import Patterns, levels_of
+from pdcd.panels.patterns import Patterns, read_pattern_levels
 from tests.oracles import GUARDS
 
 Floats = NDArray[np.float64]
@@ -174,7 +174,7 @@ class _Places:
     def _levels(self, patterns: Patterns, index: int) -> Floats:
         """Of all cells of a pattern, and 0 for what is beyond."""
         rows, cols = self._frames.lattice
-        return np.append(levels_of(patterns, index, rows * cols), 0.0)
+        return np.append(read_pattern_levels(patterns, index, rows * cols), 0.0)
 
 
 def _index(places: Floats, lattice: tuple[int, int]) -> Indices:

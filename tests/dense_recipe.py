@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import levels_of
-from pdcd.planning.pairs import pairs_of, resolve_family
-from pdcd.planning.plan import Pair
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.panels.patterns import read_pattern_levels
+from pdcd.planning.pairs import make_pattern_pairs, resolve_family
+from pdcd.planning.plan import PatternPair
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import MATRICES, Target, check_target
-from pdcd.recipes.make import draft_of, finished
-from pdcd.recipes.recipe import Extremes, Photo, Recipe
+from pdcd.recipes.make import finish_recipe, make_draft_recipe
+from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto
 from pdcd.watch import Watch
 
 Floats = NDArray[np.float64]
@@ -37,20 +37,22 @@ def target(
     return check_target(Target(goal, grid, planes, matrices))
 
 
-def matrix_of(wanted: Target, how: How, seed: int = 0) -> tuple[Recipe, Floats]:
+def matrix_of(wanted: Target, how: CaptureScheme, seed: int = 0) -> tuple[Recipe, Floats]:
     """The recipe, and the matrix (N, N) that its answer realises, whole windows."""
-    draft = draft_of(wanted, how)
+    draft = make_draft_recipe(wanted, how)
     how = msgspec.structs.replace(how, family=resolve_family(None, "hadamard", draft, how))
-    recipe = finished(draft, how)
+    recipe = finish_recipe(draft, how)
     lattice = Lattice(wanted.grid, "whole")
     p = wanted.goal.p
-    shown = pairs_of(recipe, how, how.family or "hadamard", lattice, p=p, seed=seed, watch=Watch())
+    shown = make_pattern_pairs(
+        recipe, how, how.family or "hadamard", lattice, p=p, seed=seed, watch=Watch()
+    )
     photos = {photo.name: _matrix(photo, recipe, shown) for photo in recipe.photos}
     assert not isinstance(recipe.answer, Extremes)
     return recipe, np.sum([c * photos[name] for c, name in recipe.answer], axis=0)
 
 
-def _matrix(photo: Photo, recipe: Recipe, shown: Mapping[str, Pair]) -> Floats:
+def _matrix(photo: RecipePhoto, recipe: Recipe, shown: Mapping[str, PatternPair]) -> Floats:
     cells = recipe.target.cells
     shots = {shot.name: shot for shot in recipe.shots}
     total = np.zeros((cells, cells))
@@ -60,7 +62,9 @@ def _matrix(photo: Photo, recipe: Recipe, shown: Mapping[str, Pair]) -> Floats:
             continue
         primal, dual = shown[shots[name].program]
         for k in range(len(primal)):
-            total += sign * np.outer(levels_of(dual, k, cells), levels_of(primal, k, cells))
+            total += sign * np.outer(
+                read_pattern_levels(dual, k, cells), read_pattern_levels(primal, k, cells)
+            )
     wanted = photo.wanted.rows(0, cells)
     if photo.row_weights:
         norm = np.maximum(np.sum(wanted**2, axis=1), 1e-300)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.gphoto.camera import GphotoReadout, GphotoShutter
-from drivers.gphoto.session import Session
+from drivers.gphoto.session import GphotoSession
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
@@ -84,7 +84,7 @@ class Bench:
         self.signs = 0
         context = DriverContext(config=config, clock=self.clock, alive=self._alive)
         self.shutter, self.readout = GphotoShutter.create(context), GphotoReadout.create(context)
-        self.session = Session.of(context)
+        self.session = GphotoSession.of(context)
         self.root = root
         write_cr2(root / "source.cr2", np.full((64, 96), 2000, np.uint16))
         self.raw = (root / "source.cr2").read_bytes()

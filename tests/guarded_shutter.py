@@ -14,7 +14,7 @@ from drivers.ptp import guardian
 from drivers.ptp import shutter as shutter_module
 from drivers.ptp.shutter import PtpShutter
 from pdcd.bench.clock import RealClock
-from pdcd.bench.devices import DriverContext, Shared
+from pdcd.bench.devices import DriverContext, SharedState
 from pdcd.bench.tables import Config, TriggerConfig
 from tests.remote_usb import RemoteUsb
 
@@ -22,10 +22,12 @@ from tests.remote_usb import RemoteUsb
 def main(address: str, *guarding: str) -> int:
     backend = RemoteUsb(Path(address))
     if guarding:
-        return guardian.main(guarding[0], int(guarding[1]), backend)
-    shutter_module.GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", address)
+        return guardian.run_ptp_guardian(guarding[0], int(guarding[1]), backend)
+    shutter_module.PTP_GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", address)
     config = Config(trigger=TriggerConfig(driver="ptp"))
-    shutter = PtpShutter.create(DriverContext(config, RealClock(), Shared(usb_backend=backend)))
+    shutter = PtpShutter.create(
+        DriverContext(config, RealClock(), SharedState(usb_backend=backend))
+    )
     shutter.connect()
     for line in sys.stdin:
         word = line.strip()

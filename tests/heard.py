@@ -32,7 +32,7 @@ SEVERAL = 16
 @cache
 def validators() -> dict[str, Draft202012Validator]:
     """One for each type of event, by what the schema's own `discriminator` says."""
-    schema = json.loads(msgspec.json.encode(messages.schema()))
+    schema = json.loads(msgspec.json.encode(messages.build_message_schema()))
     Draft202012Validator.check_schema(schema["notifications"]["event"])
     made = {}
     for kind, place in schema["notifications"]["event"]["discriminator"]["mapping"].items():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
-from pdcd.probing.panel import Panel
+from pdcd.probing.panel import PanelOptics
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -87,7 +87,7 @@ def _dual_pixel(frames: Frames, row: int, index: int, at: tuple[float, float]) -
 def timeline(
     frames: Frames,
     log: FrameLog,
-    panel: Panel,
+    panel: PanelOptics,
     open_ns: int,
     primal: bool,
     fine: int,
@@ -115,7 +115,7 @@ def _at(track: Timeline, t: float) -> Bools:
     return np.asarray(track.on[np.flatnonzero(track.start_s <= t)[-1]])
 
 
-def _generator(panel_m: Panel, panel_i: Panel, m_on: bool, i_on: bool) -> Floats:
+def _generator(panel_m: PanelOptics, panel_i: PanelOptics, m_on: bool, i_on: bool) -> Floats:
     """d/dt of (1, m, i, m i, integral m i) for one pair of targets; instant panels excluded."""
     gm = 1.0 if m_on else panel_m.leak
     gi = 1.0 if i_on else panel_i.leak
@@ -130,7 +130,7 @@ def _generator(panel_m: Panel, panel_i: Panel, m_on: bool, i_on: bool) -> Floats
 
 
 def pair_integrals(
-    primal: Timeline, dual: Timeline, panel_i: Panel, panel_m: Panel, exposure_s: float
+    primal: Timeline, dual: Timeline, panel_i: PanelOptics, panel_m: PanelOptics, exposure_s: float
 ) -> Floats:
     """(mask pixels, projector pixels) integrals of m i, by matrix exponentials; to rounding."""
     # Pixels that are asked the same at all times are followed once.
@@ -142,7 +142,7 @@ def pair_integrals(
 
 
 def _pairs(
-    primal: Timeline, dual: Timeline, panel_i: Panel, panel_m: Panel, exposure_s: float
+    primal: Timeline, dual: Timeline, panel_i: PanelOptics, panel_m: PanelOptics, exposure_s: float
 ) -> Floats:
     instant = panel_i.rise_s == panel_i.fall_s == panel_m.rise_s == panel_m.fall_s == 0.0
     edges = _edges(primal, dual, exposure_s)
@@ -173,8 +173,8 @@ def _pairs(
 def stepped_integrals(
     primal: Timeline,
     dual: Timeline,
-    panel_i: Panel,
-    panel_m: Panel,
+    panel_i: PanelOptics,
+    panel_m: PanelOptics,
     exposure_s: float,
     steps_per_edge: int,
 ) -> Floats:

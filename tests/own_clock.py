@@ -23,4 +23,4 @@ def keep_time(monkeypatch: pytest.MonkeyPatch, owner: Timed) -> None:
         owner.now_ns = max(owner.now_ns, t_ns)
 
     monkeypatch.setattr(time, "monotonic_ns", lambda: owner.now_ns)
-    monkeypatch.setattr(clocks, "sleep_until", sleep_until)
+    monkeypatch.setattr(clocks, "wait_until_ns", sleep_until)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.patterns import compact, levels_of
-from pdcd.panels.pixels import Recorder, Shown
+from pdcd.panels.patterns import pack_levels, read_pattern_levels
+from pdcd.panels.pixels import Recorder, ShownPictures
 from tests.oracles import GUARDS
 
 Pixels = NDArray[Any]
@@ -32,8 +32,8 @@ def random_frames(
     primal_index, dual_index = index.copy(), index[::-1].copy()
     primal_index[-2:], dual_index[-4:] = (BLACK, WHITE), (WHITE, BLACK, BLACK, WHITE)
     return Frames(
-        primal_patterns=compact(primal),
-        dual_patterns=compact(dual),
+        primal_patterns=pack_levels(primal),
+        dual_patterns=pack_levels(dual),
         primal_index=primal_index,
         dual_index=dual_index,
         shift=(index % lattice.fields).astype(np.uint8),
@@ -61,7 +61,7 @@ def planned(frames: Frames, row: int, panel: PanelView) -> Pixels:
         return np.where(seen, 255 if index == WHITE else 0, 0).astype(np.uint8)
     patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
     lattice_rows, lattice_cols = frames.lattice
-    levels = levels_of(patterns, index, lattice_rows * lattice_cols)
+    levels = read_pattern_levels(patterns, index, lattice_rows * lattice_cols)
     shift, guard = int(frames.shift[row]), GUARDS.get(frames.window)
     moved = places + 0.5 * np.array([shift & 1, shift >> 1])
     cell = np.where(seen[..., None], np.floor(moved), 0).astype(int)
@@ -89,7 +89,7 @@ def _cells(panel: PanelView, grid: tuple[int, int]) -> tuple[Pixels, Pixels]:
 
 def from_pictures(
     projector: Sequence[NDArray[np.uint8]], mask: Sequence[NDArray[np.uint8]]
-) -> Shown:
+) -> ShownPictures:
     """What was shown, of one (h, w) grey picture of each panel for each refresh, at least one."""
     (ph, pw), (mh, mw) = projector[0].shape, mask[0].shape
     recorder = Recorder((pw, ph), (mw, mh))

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock import Bench
-from drivers.virtual_camera import BenchFilm, Exposure
+from drivers.mock import MockBench
+from drivers.virtual_camera import BenchFilm, CameraExposure
 from pdcd.bench.devices import DriverContext
 from pdcd.panels.map import Map
-from pdcd.sensor.dng import dng_bytes
-from pdcd.sensor.profile import expose, load_profile, responsivity_e
+from pdcd.sensor.dng import encode_dng
+from pdcd.sensor.profile import expose_sensor, load_profile, responsivity_e
 from tests.cr2 import LEFT_450D, SIZE_450D, TOP_450D, write_cr2
 from tests.masked_dng import write_masked_dng
 
@@ -71,7 +71,7 @@ Encode = Callable[[Shot], bytes]
 
 def dng(shot: Shot) -> bytes:
     """Without a border."""
-    return dng_bytes(
+    return encode_dng(
         shot.samples,
         black=shot.black,
         white=shot.white,
@@ -132,7 +132,7 @@ class PlacedFilm(BenchFilm):
     ) -> None:
         super().__init__(context)
         config = context.config.camera
-        self._seen = Bench.of(context)
+        self._seen = MockBench.of(context)
         self._map, self._encode, self._change = map_, encode, change
         self._orientation, self._side, self._windows = orientation, side, windows
         self._profile = load_profile(config.profile)
@@ -140,7 +140,7 @@ class PlacedFilm(BenchFilm):
         self._f_number = 8.0 if config.f_number == "auto" else float(config.f_number)
         self.count = 0
 
-    def make_raw(self, exposure: Exposure) -> bytes:
+    def make_raw(self, exposure: CameraExposure) -> bytes:
         self.count += 1
         bench, profile = self._seen, self._profile
         open_ns, close_ns = bench.exposed_ns()
@@ -152,7 +152,7 @@ class PlacedFilm(BenchFilm):
         mosaic[1::2, 1::2] = quads[..., 2]
         seconds = (close_ns - open_ns) * 1e-9
         shot = Shot(
-            samples=expose(mosaic, profile, exposure.iso, seconds, None),
+            samples=expose_sensor(mosaic, profile, exposure.iso, seconds, None),
             black=profile.black_dn,
             white=profile.white_dn,
             iso=exposure.iso,

@@ -12,16 +12,16 @@ from drivers.ptp.readout import PtpReadout
 from drivers.ptp.shutter import PtpShutter
 from drivers.virtual_camera import (
     BULB_BODY,
-    Body,
-    Exposure,
-    Film,
-    Model,
+    CameraBody,
+    CameraExposure,
+    CameraModel,
+    FaultScript,
     PlainFilm,
-    Script,
+    ShutterFilm,
     VirtualUsb,
 )
 from pdcd.bench.clock import VirtualClock
-from pdcd.bench.devices import CameraSettings, DriverContext, RawFile, Shared
+from pdcd.bench.devices import CameraSettings, DriverContext, RawFile, SharedState
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.errors import PdcdError
 
@@ -29,7 +29,7 @@ SETTINGS = CameraSettings(iso=100, f_number=8.0)
 PHOTO_B = (1 << 20) + 1234
 
 
-def photo_of(exposure: Exposure) -> bytes:
+def photo_of(exposure: CameraExposure) -> bytes:
     """Bytes that begin as a TIFF does and are different for every exposure."""
     seed = hashlib.sha256(repr(exposure).encode()).digest()
     return (b"II*\0" + seed * (PHOTO_B // len(seed) + 1))[:PHOTO_B]
@@ -40,16 +40,16 @@ class PtpRig:
 
     def __init__(
         self,
-        script: Script | None = None,
-        model: Model = BULB_BODY,
+        script: FaultScript | None = None,
+        model: CameraModel = BULB_BODY,
         *,
-        film: Film | None = None,
+        film: ShutterFilm | None = None,
         camera: dict[str, Any] | None = None,
         trigger_driver: str = "ptp",
         camera_driver: str = "ptp",
     ) -> None:
         self.clock = VirtualClock()
-        self.body = Body(self.clock, film or PlainFilm(photo_of), model, script)
+        self.body = CameraBody(self.clock, film or PlainFilm(photo_of), model, script)
         self.usb = VirtualUsb(self.body)
         options = {"usb": "virtual", **(camera or {})}
         config = Config(
@@ -60,7 +60,7 @@ class PtpRig:
                 driver=trigger_driver, options=options if camera_driver != "ptp" else {}
             ),
         )
-        self.context = DriverContext(config, self.clock, Shared(usb_backend=self.usb))
+        self.context = DriverContext(config, self.clock, SharedState(usb_backend=self.usb))
         self.camera = EosCamera.of(self.context)
         # Tests tick by themselves, so that nothing depends on how fast the machine is.
         self.camera.alive_period_s = 3600.0
@@ -98,7 +98,7 @@ class PtpRig:
         self.expose(seconds)
         return self.readout.fetch(folder, name, 600.0)
 
-    def is_photo_of(self, raw: RawFile, exposure: Exposure) -> bool:
+    def is_photo_of(self, raw: RawFile, exposure: CameraExposure) -> bool:
         """Whether the file is, byte for byte, that exposure's, and described truly."""
         data = raw.path.read_bytes()
         return (

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pdcd.cli.parser import build_parser, commands
+from pdcd.cli.parser import build_parser, list_subparsers
 from pdcd.protocol.about import GROUPS
-from pdcd.protocol.fields import Field, fields_of, needed_by, request_fields, taken_by
+from pdcd.protocol.fields import (
+    Field,
+    fields_of,
+    list_needed_fields,
+    list_optional_fields,
+    list_request_fields,
+)
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.recipes.goals import KEEPS
 from tests.places import ROOT
@@ -42,7 +48,10 @@ def _goals() -> Iterator[str]:
     yield "| goal | keeps | needs | may have |"
     yield "|---|---|---|---|"
     for goal, keeps in KEEPS.items():
-        needs, may = (", ".join(f"`{n}`" for n in names(goal)) for names in (needed_by, taken_by))
+        needs, may = (
+            ", ".join(f"`{n}`" for n in names(goal))
+            for names in (list_needed_fields, list_optional_fields)
+        )
         yield f"| `{goal}` | {keeps} | {needs} | {may} |"
     yield ""
 
@@ -57,7 +66,7 @@ def _groups() -> Iterator[str]:
         yield "| field | option | takes | unless given | what it is |"
         yield "|---|---|---|---|---|"
         for kind, options in (
-            (request_fields(), photo),
+            (list_request_fields(), photo),
             (fields_of(CalibrateRequest), calibration),
         ):
             for field in kind.values():
@@ -68,7 +77,7 @@ def _groups() -> Iterator[str]:
 
 def _options(command: str) -> dict[str, str]:
     """By field, how a command calls it."""
-    (parser,) = (each for each in commands(build_parser()) if each.prog == command)
+    (parser,) = (each for each in list_subparsers(build_parser()) if each.prog == command)
     found: dict[str, list[str]] = {}
     for action in parser._actions:
         found.setdefault(action.dest, []).extend(f"`{name}`" for name in action.option_strings)

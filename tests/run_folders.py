@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from pdcd.runs.ledger import Begun
+from pdcd.runs.ledger import RunStart
 
 HEAD: dict[str, Any] = {
     "schema": 1,
@@ -46,7 +46,7 @@ def cut(folder: Path, job: str, /, *log: dict[str, Any], **asked: Any) -> Path:
     """A run without a manifest: its ledger, and the lines of its log."""
     place = folder / f"{job}.partial"
     place.mkdir(parents=True)
-    begun = Begun(
+    begun = RunStart(
         job=job,
         mock=True,
         owner=HEAD["owner"],

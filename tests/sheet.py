@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import Array
-from pdcd.virtual.scene.presets import PRESETS, STAGED, builder_of
+from pdcd.virtual.scene.presets import PRESETS, STAGED, find_builder
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import cell_means
+from pdcd.virtual.scene.texture import average_cells
 from tests.places import ROOT
 from tests.textured import detailed
 
@@ -52,7 +52,7 @@ def lights(scene: Scene) -> tuple[Array, Array]:
 def split(scene: Scene) -> tuple[Array, Array]:
     """Direct and indirect light of the cells; before an off-axis rig direct light does not come
     back where it fell."""
-    moved = [effect for effect in scene.effects if isinstance(effect, Displaced)]
+    moved = [effect for effect in scene.effects if isinstance(effect, DisplacedEffect)]
     if not moved:
         return scene.split()
     direct = sum(e.apply(np.ones((1, scene.cells)))[0][:, None] * e.tint for e in moved)
@@ -63,11 +63,11 @@ def main(path: Path) -> None:
     """Draw all presets, in their order."""
     tiles = []
     for name, options in SCENES:
-        build = builder_of(name)
+        build = find_builder(name)
         assert build is not None
         direct, indirect = lights(build(GRID, options))
         shown = [
-            cell_means(light / np.percentile(light, WHITE), TILE).reshape(*TILE, 3)
+            average_cells(light / np.percentile(light, WHITE), TILE).reshape(*TILE, 3)
             for light in (direct + indirect, indirect, direct)
         ]
         tiles.append(np.concatenate(shown, axis=1))

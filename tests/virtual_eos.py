@@ -15,34 +15,34 @@ import usb.util
 
 from drivers.virtual_camera import (
     BULB_BODY,
-    Body,
-    Exposure,
-    Film,
-    Model,
+    CameraBody,
+    CameraExposure,
+    CameraModel,
+    FaultScript,
     PlainFilm,
-    Script,
+    ShutterFilm,
     VirtualUsb,
 )
-from drivers.virtual_camera.develop import Develop, at_once
+from drivers.virtual_camera.develop import Develop, develop_at_once
 from pdcd.bench.clock import VirtualClock
 
 BULB = (0xD102, 0x0C)
 RAM = (0xD11C, 4)
 
 
-def raw_of(exposure: Exposure) -> bytes:
+def raw_of(exposure: CameraExposure) -> bytes:
     """A file that tells which exposure it is: 3000 bytes."""
     return (b"RAW%d-%d" % (exposure.open_ns, exposure.close_ns)).ljust(3000, b".")
 
 
 def virtual_usb(
-    script: Script | None = None,
-    model: Model = BULB_BODY,
-    film: Film | None = None,
-    develop: Develop = at_once,
+    script: FaultScript | None = None,
+    model: CameraModel = BULB_BODY,
+    film: ShutterFilm | None = None,
+    develop: Develop = develop_at_once,
 ) -> VirtualUsb:
     """A backend with a camera on a virtual clock."""
-    return VirtualUsb(Body(VirtualClock(), film or PlainFilm(raw_of), model, script, develop))
+    return VirtualUsb(CameraBody(VirtualClock(), film or PlainFilm(raw_of), model, script, develop))
 
 
 class Client:

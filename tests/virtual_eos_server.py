@@ -9,23 +9,23 @@ import hashlib
 import json
 import sys
 
-from drivers.virtual_camera import Exposure, PlainFilm, chart_film
-from drivers.virtual_camera.command import body_in_real_time
-from drivers.virtual_camera.develop import meanwhile
+from drivers.virtual_camera import CameraExposure, PlainFilm, make_chart_film
+from drivers.virtual_camera.command import make_real_time_body
+from drivers.virtual_camera.develop import start_developer
 from drivers.virtual_camera.ptpip import PtpIpServer
 
 
 def main() -> None:
-    chart = chart_film((480, 720))
+    chart = make_chart_film((480, 720))
     made: list[str] = []
 
-    def make_raw(exposure: Exposure) -> bytes:
+    def make_raw(exposure: CameraExposure) -> bytes:
         data = chart.make_raw(exposure)
         made.append(hashlib.sha256(data).hexdigest())
         return data
 
-    with meanwhile() as develop:
-        body = body_in_real_time(PlainFilm(make_raw), develop)
+    with start_developer() as develop:
+        body = make_real_time_body(PlainFilm(make_raw), develop)
         with PtpIpServer(body, 0) as server:
             sys.stdout.write(f"{server.port}\n")
             sys.stdout.flush()

@@ -17,13 +17,13 @@ from typing import Any
 
 import pytest
 
-from drivers.virtual_camera import Body, VirtualUsb
+from drivers.virtual_camera import CameraBody, VirtualUsb
 from pdcd.bench.clock import RealClock
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import PdcdError
-from pdcd.server.daemon import serve
+from pdcd.server.daemon import serve_daemon
 from tests.fake_serial import Edge, FakeLine, fake_line
 
 PATIENCE_S = 30.0
@@ -42,7 +42,7 @@ class WholeRig:
     usb: VirtualUsb
 
     @property
-    def body(self) -> Body:
+    def body(self) -> CameraBody:
         return self.usb.body
 
     def client(self) -> Client:
@@ -92,7 +92,7 @@ def served(config: Config) -> Iterator[WholeRig]:
         def run() -> None:
             async def body() -> None:
                 loops.append(asyncio.get_running_loop())
-                await serve(config, socket=socket, engine_factory=factory, stop=stop)
+                await serve_daemon(config, socket=socket, engine_factory=factory, stop=stop)
 
             try:
                 asyncio.run(body())
@@ -120,7 +120,7 @@ def _wait_until_ready(socket: Path, thread: threading.Thread, failed: list[PdcdE
             with Client(socket) as client:
                 assert client.status().state == "idle"
                 return
-        except Unreachable:
+        except UnreachableError:
             assert time.monotonic() < give_up
             time.sleep(0.02)
     pytest.fail(f"the daemon did not start: {failed}")

@@ -16,7 +16,7 @@ from Xlib.display import Display
 from drivers.x11 import X11Display
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig
-from pdcd.panels.pixels import Box
+from pdcd.panels.pixels import PanelBox
 from tests import bench_rig
 from tests.xserver import XServer
 
@@ -117,7 +117,9 @@ def root_pixels(server: XServer) -> Pixels:
     return np.frombuffer(image.data, dtype=np.uint8).reshape(height, width, 4)[..., 2::-1]
 
 
-def panels(server: XServer, boxes: tuple[Box, Box] | None = None) -> tuple[Pixels, Pixels, int]:
+def panels(
+    server: XServer, boxes: tuple[PanelBox, PanelBox] | None = None
+) -> tuple[Pixels, Pixels, int]:
     """What projector and mask show, and the brightest pixel of the rest of the screen.
 
     They fill the server's outputs, where `boxes` (x, y, width, height) do not say otherwise.

@@ -34,7 +34,7 @@ from pdcd.driver import (
     responsivity_e,
 )
 
-from .session import CameraFile, Session
+from .session import CameraFile, GphotoSession
 
 logger = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class GphotoShutter:
 
     maturity = "experimental"
 
-    def __init__(self, session: Session, config: TriggerConfig, clock: Clock) -> None:
+    def __init__(self, session: GphotoSession, config: TriggerConfig, clock: Clock) -> None:
         self._session = session
         self._clock = clock
         self._sure_ns = config.sure_ns
@@ -67,7 +67,7 @@ class GphotoShutter:
     @classmethod
     def create(cls, context: DriverContext) -> GphotoShutter:
         """The shutter of this rig's camera. Raises ConfigError."""
-        return cls(Session.of(context), context.config.trigger, context.clock)
+        return cls(GphotoSession.of(context), context.config.trigger, context.clock)
 
     def connect(self) -> dict[str, str]:
         """Open the camera; an exposure that a dead program left running is ended."""
@@ -151,7 +151,7 @@ class GphotoReadout:
 
     maturity = "experimental"
 
-    def __init__(self, session: Session, config: CameraConfig, clock: Clock) -> None:
+    def __init__(self, session: GphotoSession, config: CameraConfig, clock: Clock) -> None:
         self._session = session
         self._config = config
         self._clock = clock
@@ -162,7 +162,7 @@ class GphotoReadout:
     @classmethod
     def create(cls, context: DriverContext) -> GphotoReadout:
         """The readout of this rig's camera. Raises ConfigError."""
-        return cls(Session.of(context), context.config.camera, context.clock)
+        return cls(GphotoSession.of(context), context.config.camera, context.clock)
 
     def connect(self) -> CameraInfo:
         """Open the camera and ask for its settings.
@@ -315,7 +315,7 @@ class GphotoReadout:
         return ""
 
 
-def _close_forgotten(session: Session) -> None:
+def _close_forgotten(session: GphotoSession) -> None:
     """End the exposure of a shutter that nobody holds any more, where nobody can be told."""
     if session.shutter_open and session.is_open:
         try:

@@ -45,7 +45,7 @@ _LOST = frozenset(
 took too long is not among them."""
 
 
-class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class GphotoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[camera.options] of this driver; [trigger.options] if only the trigger uses it."""
 
     port: str = ""
@@ -64,10 +64,10 @@ class CameraFile(NamedTuple):
     name: str
 
 
-class Session:
+class GphotoSession:
     """Opened by the first of its users, closed by the last."""
 
-    def __init__(self, options: Options, alive: Callable[[], object] = lambda: None) -> None:
+    def __init__(self, options: GphotoOptions, alive: Callable[[], object] = lambda: None) -> None:
         self.options = options
         self.shutter_open = False
         """Whether an exposure was begun by `bulb` and not surely ended."""
@@ -79,7 +79,7 @@ class Session:
         self._camera: Any = None
 
     @classmethod
-    def of(cls, context: DriverContext) -> Session:
+    def of(cls, context: DriverContext) -> GphotoSession:
         """The session of this rig. Raises ConfigError for wrong options."""
         return context.the(cls, lambda: cls(_options(context.config), context.alive))
 
@@ -238,11 +238,11 @@ def _standard_input_kept() -> Iterator[None]:
         os.close(kept)
 
 
-def _options(config: Config) -> Options:
+def _options(config: Config) -> GphotoOptions:
     by_camera = config.camera.driver == "gphoto2"
     options = read_options(
         config.camera.options if by_camera else config.trigger.options,
-        Options,
+        GphotoOptions,
         table="camera.options" if by_camera else "trigger.options",
         device="camera",
         hint="docs/cameras.md lists the options of the driver gphoto2",

@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import Shared
-from pdcd.bench.placed import frame_of
-from pdcd.bench.truth import Truth, as_typed, truth_of
+from pdcd.bench.devices import SharedState
+from pdcd.bench.placed import compute_mock_frame
+from pdcd.bench.truth import BenchTruth, load_bench_truth, restore_typed_values
 from pdcd.driver import Config, ConfigError, DriverContext, ExposureError, FrameLog, Frames
-from pdcd.panels.frames import second_bucket
-from pdcd.probing.pixel_matrix import pixel_factors
-from pdcd.probing.realised import bench_factors
-from pdcd.virtual.optics.needed import bench_of_pixels, optics_of
+from pdcd.panels.frames import invert_mask_patterns
+from pdcd.probing.pixel_matrix import compute_pixel_factors
+from pdcd.probing.realised import compute_bench_factors
+from pdcd.virtual.optics.needed import build_pixel_bench, choose_optics
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.scene import Scene
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Bench:
+class MockBench:
     """One virtual bench. The drivers set its fields; `photo` looks at them."""
 
     config: Config
@@ -56,13 +56,13 @@ class Bench:
     shutter_open: bool = field(default=False)
     second: bool = False
     """Whether the second bucket of the sensor is read (`pdcd.panels.frames`)."""
-    shared: Shared = field(default_factory=Shared)
+    shared: SharedState = field(default_factory=SharedState)
 
     @classmethod
-    def of(cls, context: DriverContext) -> Bench:
+    def of(cls, context: DriverContext) -> MockBench:
         """The bench of this rig; made by the first driver that asks."""
 
-        def make() -> Bench:
+        def make() -> MockBench:
             scene = context.shared.scene = build_scene(context.config.scene)
             return cls(context.config, scene, shared=context.shared)
 
@@ -134,7 +134,7 @@ class Bench:
     @property
     def frame(self) -> tuple[int, int]:
         """Rows and columns of the camera's quads."""
-        return frame_of(self.config, self.grid)
+        return compute_mock_frame(self.config, self.grid)
 
     @cached_property
     def optics(self) -> OpticalBench | None:
@@ -143,12 +143,12 @@ class Bench:
         Made for who photographs the bench: before a real camera, nobody needs it. Raises
         ConfigError for a truth or a map that cannot be used.
         """
-        return optics_of(self.config, self.scene)
+        return choose_optics(self.config, self.scene)
 
     @cached_property
-    def truth(self) -> Truth:
+    def truth(self) -> BenchTruth:
         """What the bench is beyond what its configuration says. Raises ConfigError."""
-        return truth_of(self.config)
+        return load_bench_truth(self.config)
 
     @cached_property
     def true(self) -> Config:
@@ -158,7 +158,7 @@ class Bench:
     @cached_property
     def typed(self) -> Config:
         """The configuration with the devices as they were before anything was measured."""
-        return as_typed(self.config)
+        return restore_typed_values(self.config)
 
     def quads(self) -> NDArray[np.float64]:
         """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
@@ -179,9 +179,9 @@ class Bench:
                 hint="remove grab_px from display.options, or the truth and places of the bench, "
                 "and leave one quad a cell",
             )
-        from pdcd.virtual.optics.products import Exposure
+        from pdcd.virtual.optics.products import PanelExposure
 
-        exposure = Exposure(
+        exposure = PanelExposure(
             frames,
             log,
             open_ns,
@@ -208,11 +208,11 @@ class Bench:
         return None
 
     def _needs_pixels(self, window: str) -> bool:
-        return optics_of(self.config, self.scene, (window,)) is not None
+        return choose_optics(self.config, self.scene, (window,)) is not None
 
     @cached_property
     def _optics_of_pixels(self) -> OpticalBench:
-        return bench_of_pixels(self.config, self.scene)
+        return build_pixel_bench(self.config, self.scene)
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure on cells, (N, 3) float64 in scene units times seconds; for a
@@ -228,7 +228,7 @@ class Bench:
         frames, log = self._played(open_ns)
         shown = self.shared.pixels
         if shown is None:
-            parts = bench_factors(
+            parts = compute_bench_factors(
                 frames,
                 log,
                 projector,
@@ -238,7 +238,7 @@ class Bench:
                 displacement=self.scene.displacement,
             )
         else:  # the display has seen its own pixels: they decide, not what it was asked to show
-            parts = pixel_factors(
+            parts = compute_pixel_factors(
                 shown,
                 log,
                 projector,
@@ -265,7 +265,7 @@ class Bench:
             frames, log = self.shared.played or _nothing(self.grid, open_ns)
         else:
             frames, log = self.frames, self.log
-        return (second_bucket(frames) if self.second else frames), log
+        return (invert_mask_patterns(frames) if self.second else frames), log
 
 
 def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:
@@ -280,7 +280,7 @@ def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:
     return frames, log
 
 
-def refuse_options(options: Mapping[str, Any], table: str, device: str) -> None:
+def check_no_options(options: Mapping[str, Any], table: str, device: str) -> None:
     """Raise ConfigError when there are any: they are another driver's, and would be ignored."""
     if options:
         raise ConfigError(

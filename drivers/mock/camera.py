@@ -25,22 +25,22 @@ from pdcd.driver import (
     responsivity_e,
     write_dng,
 )
-from pdcd.sensor.dng import dng_bytes
-from pdcd.sensor.profile import IsoRow, SensorProfile, expose
+from pdcd.sensor.dng import encode_dng
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor
 
-from .bench import Bench, refuse_options
+from .bench import MockBench, check_no_options
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""
 
-STOP_NEAR = 0.03
+_STOP_NEAR = 0.03
 """A number so close to a third stop is the engraving of that one."""
 
-READOUT_S = 0.2
+_READOUT_S = 0.2
 """Time from the end of the exposure until the file is there."""
 
 
-class Tags(TypedDict):
+class _Tags(TypedDict):
     """What a file says of a photo, as `write_dng` takes it."""
 
     black: int
@@ -53,7 +53,7 @@ class Tags(TypedDict):
     as_shot_neutral: tuple[float, float, float]
 
 
-Photo = tuple[NDArray[np.uint16], Tags]
+_Photo = tuple[NDArray[np.uint16], _Tags]
 """Samples, and what the file says of them."""
 
 
@@ -64,14 +64,14 @@ class BenchSensor:
     and samples that are not equally sensitive; not models optical black borders and hot pixels.
     """
 
-    def __init__(self, bench: Bench, config: CameraConfig) -> None:
+    def __init__(self, bench: MockBench, config: CameraConfig) -> None:
         # Asked for at once: a bench that cannot be is refused before any device moves.
         bench.shared.cells_meet = bench.optics is None
         self._bench = bench
         self._config = config
         # The body as typed, whatever was measured since; and as it is.
         self.profile = load_profile(bench.true.camera.profile)
-        self._true = true_profile(self.profile, bench.truth.sensor)
+        self._true = make_true_profile(self.profile, bench.truth.sensor)
         self.responsivity_e = responsivity_e(bench.typed.camera)
         self._true_responsivity_e = responsivity_e(bench.true.camera)
         self._rng = np.random.default_rng([config.seed, 1])
@@ -88,9 +88,9 @@ class BenchSensor:
         Raises as `photos` does.
         """
         ((samples, tags),) = self.photos(iso, f_number, 1)
-        return dng_bytes(samples, **tags)
+        return encode_dng(samples, **tags)
 
-    def photos(self, iso: int, f_number: float, buckets: int) -> list[Photo]:
+    def photos(self, iso: int, f_number: float, buckets: int) -> list[_Photo]:
         """The last exposure, of each of a sensor's buckets, one or two.
 
         Raises ConfigError when the profile lacks the ISO, ExposureError when no exposure has been
@@ -103,14 +103,14 @@ class BenchSensor:
         self._bench.photo_taken()
         return planes
 
-    def _plane(self, iso: int, f_number: float) -> Photo:
+    def _plane(self, iso: int, f_number: float) -> _Photo:
         bench = self._bench
         light = bench.quads()
         open_ns, close_ns = bench.exposed_ns()
         exposure_s = (close_ns - open_ns) * 1e-9
         electrons = self._mosaic(light * self._true_responsivity_e / self._true_stop(f_number) ** 2)
         rng = self._rng if self._config.noise == "full" else None
-        return expose(electrons, self._true, iso, exposure_s, rng), {
+        return expose_sensor(electrons, self._true, iso, exposure_s, rng), {
             "black": self.profile.black_dn,
             "white": self.profile.white_dn,
             "iso": iso,
@@ -128,7 +128,7 @@ class BenchSensor:
             if stop.f_number == f_number:
                 return stop.true
         third = 2.0 ** (round(6.0 * np.log2(f_number)) / 6.0)
-        return float(third) if abs(third / f_number - 1.0) <= STOP_NEAR else f_number
+        return float(third) if abs(third / f_number - 1.0) <= _STOP_NEAR else f_number
 
     def _mosaic(self, quads: NDArray[np.float64]) -> NDArray[np.float64]:
         """(h, w, 3) of quads -> (H, W) RGGB mosaic."""
@@ -152,7 +152,7 @@ class BenchSensor:
         return float(red), float(green), float(blue)
 
 
-def true_profile(profile: SensorProfile, true: TrueSensor) -> SensorProfile:
+def make_true_profile(profile: SensorProfile, true: TrueSensor) -> SensorProfile:
     """The profile of the sensor as it is, by the factors of a truth."""
     rows = tuple(
         IsoRow(row.iso, row.gain_e_per_dn / true.gain, row.read_noise_e * true.read_noise)
@@ -171,7 +171,7 @@ class MockReadout:
 
     maturity = "stable"
 
-    def __init__(self, bench: Bench, clock: Clock, config: CameraConfig) -> None:
+    def __init__(self, bench: MockBench, clock: Clock, config: CameraConfig) -> None:
         self._clock = clock
         self._config = config
         self._sensor = BenchSensor(bench, config)
@@ -180,8 +180,8 @@ class MockReadout:
     @classmethod
     def create(cls, context: DriverContext) -> MockReadout:
         """The camera of this rig's bench. Raises ConfigError where it is given options."""
-        refuse_options(context.config.camera.options, "camera.options", "camera")
-        bench = Bench.of(context)
+        check_no_options(context.config.camera.options, "camera.options", "camera")
+        bench = MockBench.of(context)
         context.shared.photographed = True
         return cls(bench, context.clock, context.config.camera)
 
@@ -214,7 +214,7 @@ class MockReadout:
         if settings is None or settings.f_number is None:
             raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
         planes = self._sensor.photos(settings.iso, settings.f_number, self._config.buckets)
-        self._clock.sleep_until_ns(self._clock.now_ns() + round(READOUT_S * 1e9))
+        self._clock.sleep_until_ns(self._clock.now_ns() + round(_READOUT_S * 1e9))
         first, *others = (
             write_dng(folder / f"{name}{'-second' * number}.dng", samples, **tags)
             for number, (samples, tags) in enumerate(planes)

@@ -26,14 +26,14 @@ from pdcd.driver import (
     play_all,
     streams,
 )
-from pdcd.probing.panel import apart_s
+from pdcd.probing.panel import vblank_lag_s
 
-from .bench import Bench, refuse_options
+from .bench import MockBench, check_no_options
 
-REPORT_S = 0.1
+_REPORT_S = 0.1
 """Time between progress reports and looks at `cancelled`."""
 
-COMMIT_NS = 1000
+_COMMIT_NS = 1000
 """From both panels having shown a frame until the next is handed over."""
 
 
@@ -49,7 +49,7 @@ class MockDisplay:
 
     maturity = "stable"
 
-    def __init__(self, bench: Bench, clock: Clock, config: Config) -> None:
+    def __init__(self, bench: MockBench, clock: Clock, config: Config) -> None:
         self._bench = bench
         self._clock = clock
         self._config = config
@@ -62,8 +62,8 @@ class MockDisplay:
     def create(cls, context: DriverContext) -> MockDisplay:
         """The panels of this rig's bench. Raises ConfigError where they are given options, or maps
         that cannot be used."""
-        refuse_options(context.config.display.options, "display.options", "display")
-        return cls(Bench.of(context), context.clock, context.config)
+        check_no_options(context.config.display.options, "display.options", "display")
+        return cls(MockBench.of(context), context.clock, context.config)
 
     def connect(self) -> DisplayInfo:
         """Black on return."""
@@ -89,7 +89,7 @@ class MockDisplay:
             return None  # it drifts
         delay_s = self._config.mask_delay_rows / self._config.row_hz
         # Vblanks are seen as they come; of the light after them only what is believed is known.
-        apart = apart_s(self._bench.true.projector, self._bench.true.mask)
+        apart = vblank_lag_s(self._bench.true.projector, self._bench.true.mask)
         return apart + mask.skew_s - projector.skew_s + delay_s
 
     def load(self, frames: Frames) -> None:
@@ -155,7 +155,7 @@ class MockDisplay:
         cancelled: Callable[[], bool],
     ) -> None:
         """Let the clock reach each refresh; report and look for a cancel from time to time."""
-        report_ns = round(REPORT_S * 1e9)
+        report_ns = round(_REPORT_S * 1e9)
         last_ns = int(log.primal_ns[0]) if len(log) else 0
         before, total = self._rows, self._rows + len(log)
         lost = self._lost + np.cumsum(log.missed)
@@ -224,19 +224,19 @@ class MockDisplay:
             commit_ns += round(late.get(row, 0) * period_ns)
             for side, panel in enumerate(panels):
                 flips[side, row] = _next_vblank_ns(panel, commit_ns)
-            commit_ns = int(flips[:, row].max()) + COMMIT_NS
+            commit_ns = int(flips[:, row].max()) + _COMMIT_NS
         return flips
 
     def _start_ns(self) -> int:
         """When to hand over the first refresh, so that the vblanks nearest each other take it."""
         projector, mask = self._config.projector, self._config.mask
         now_ns = self._clock.now_ns()
-        apart_ns = round(apart_s(projector, mask) * 1e9)
+        apart_ns = round(vblank_lag_s(projector, mask) * 1e9)
         if projector.refresh_hz != mask.refresh_hz or apart_ns == 0:
             return now_ns
         period_ns = 1e9 / projector.refresh_hz
         lit_ns = _next_vblank_ns(projector, now_ns - min(0, apart_ns))
-        return max(now_ns, lit_ns + max(0, apart_ns) - round(period_ns) + COMMIT_NS)
+        return max(now_ns, lit_ns + max(0, apart_ns) - round(period_ns) + _COMMIT_NS)
 
     def _log(
         self,

@@ -6,7 +6,7 @@ import numpy as np
 
 from pdcd.driver import Clock, DriverContext, TriggerConfig
 
-from .bench import Bench, refuse_options
+from .bench import MockBench, check_no_options
 
 
 class Lag:
@@ -30,7 +30,7 @@ class MockShutter:
 
     maturity = "stable"
 
-    def __init__(self, bench: Bench, clock: Clock, config: TriggerConfig, seed: int) -> None:
+    def __init__(self, bench: MockBench, clock: Clock, config: TriggerConfig, seed: int) -> None:
         """`config` is what is believed of the shutter; the bench knows what it is like."""
         self._bench = bench
         self._clock = clock
@@ -41,8 +41,8 @@ class MockShutter:
     def create(cls, context: DriverContext) -> MockShutter:
         """The shutter of this rig's bench. Raises ConfigError where it is given options."""
         config = context.config
-        refuse_options(config.trigger.options, "trigger.options", "shutter")
-        return cls(Bench.of(context), context.clock, config.trigger, config.camera.seed)
+        check_no_options(config.trigger.options, "trigger.options", "shutter")
+        return cls(MockBench.of(context), context.clock, config.trigger, config.camera.seed)
 
     def connect(self) -> dict[str, str]:
         """Closed on return."""

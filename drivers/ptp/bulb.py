@@ -17,23 +17,23 @@ from typing import Protocol
 
 from pdcd.driver import Clock, ConfigError, DeviceLost, ExposureError
 
-from .codes import Operation, Response, hex_name
+from .codes import Operation, ResponseCode, format_code
 from .datasets import DeviceInfo
-from .faults import DEVICE, Unanswered
+from .faults import DEVICE, NoAnswer
 from .options import ReleaseName
-from .transport import Reply
+from .transport import TransactionReply
 
 logger = logging.getLogger(__name__)
 
-FULL_PRESS, NO_AUTOFOCUS = 3, 1
-STOP_TRIES = 3
+_FULL_PRESS, _NO_AUTOFOCUS = 3, 1
+_STOP_TRIES = 3
 """How often a camera that refuses to close is asked before it is taken at its word."""
-_CLOSED = (Response.OK, Response.GENERAL_ERROR)
+_CLOSED = (ResponseCode.OK, ResponseCode.GENERAL_ERROR)
 """What is said to the end of an exposure by a camera that has closed, or held nothing open."""
 
 
 @dataclass(frozen=True)
-class Method:
+class _Method:
     """How the shutter is opened and closed: operations and their parameters."""
 
     name: ReleaseName
@@ -43,17 +43,17 @@ class Method:
     stop_params: tuple[int, ...]
 
 
-REMOTE = Method(
+REMOTE = _Method(
     "remote",
     Operation.EOS_REMOTE_RELEASE_ON,
-    (FULL_PRESS, NO_AUTOFOCUS),
+    (_FULL_PRESS, _NO_AUTOFOCUS),
     Operation.EOS_REMOTE_RELEASE_OFF,
-    (FULL_PRESS,),
+    (_FULL_PRESS,),
 )
-BULB = Method("bulb", Operation.EOS_BULB_START, (), Operation.EOS_BULB_END, ())
+BULB = _Method("bulb", Operation.EOS_BULB_START, (), Operation.EOS_BULB_END, ())
 
 
-def choose_method(info: DeviceInfo, wanted: ReleaseName) -> Method | None:
+def choose_method(info: DeviceInfo, wanted: ReleaseName) -> _Method | None:
     """The way this body offers, or the one that is forced; None where a cable has to do it."""
     for method in (REMOTE, BULB):
         if wanted == method.name or (wanted == "auto" and info.supports(method.start, method.stop)):
@@ -61,10 +61,10 @@ def choose_method(info: DeviceInfo, wanted: ReleaseName) -> Method | None:
     return None
 
 
-class Order(Protocol):
+class _Order(Protocol):
     """Does an operation, with patience for a busy camera (see `EosCamera.order`)."""
 
-    def __call__(self, code: Operation, *params: int, once: bool = False) -> Reply:
+    def __call__(self, code: Operation, *params: int, once: bool = False) -> TransactionReply:
         """The camera's response, whatever it says."""
         ...
 
@@ -75,8 +75,8 @@ class Bulb:
     `climbs` counts how often the session had to be brought back.
     """
 
-    def __init__(self, order: Order, climbs: Callable[[], int], clock: Clock) -> None:
-        self.method: Method | None = None
+    def __init__(self, order: _Order, climbs: Callable[[], int], clock: Clock) -> None:
+        self.method: _Method | None = None
         self.since_ns: int | None = None
         """Since when the shutter is or may be open; None when it is surely closed."""
         self.owed = False
@@ -86,7 +86,7 @@ class Bulb:
         self._clock = clock
         self._spoiled = ""
 
-    def new_session(self, method: Method | None) -> None:
+    def new_session(self, method: _Method | None) -> None:
         """A session was opened: close a shutter that the last one, or another program, left open.
 
         An exposure that was under way is spoiled, as it ended nobody knows when. Raises
@@ -96,8 +96,8 @@ class Bulb:
         if method is not None:
             code = self._order(method.stop, *method.stop_params).code
             # Nobody knows what all bodies say that hold nothing open; a busy one did not do it.
-            doubted = self.since_ns is not None or code == Response.DEVICE_BUSY
-            if doubted and code not in (*_CLOSED, Response.OPERATION_NOT_SUPPORTED):
+            doubted = self.since_ns is not None or code == ResponseCode.DEVICE_BUSY
+            if doubted and code not in (*_CLOSED, ResponseCode.OPERATION_NOT_SUPPORTED):
                 raise _refused_to_close(code)
         if self.since_ns is not None:
             self._spoiled = "the connection was lost while the shutter was open"
@@ -113,17 +113,17 @@ class Bulb:
         self.since_ns = self._clock.now_ns()
         try:
             reply = self._order(method.start, *method.start_params, once=True)
-        except Unanswered as err:
+        except NoAnswer as err:
             self._let_go(method)
             raise ExposureError(
                 "the camera did not confirm that it opened the shutter",
                 device=DEVICE,
                 hint="the exposure was ended and its photo will be thrown away; try again",
             ) from err
-        if reply.code != Response.OK:
+        if reply.code != ResponseCode.OK:
             self.owed, self.since_ns = False, None
             raise ExposureError(
-                f"the camera refuses to open the shutter: {hex_name(reply.code, Response)}",
+                f"the camera refuses to open the shutter: {format_code(reply.code, ResponseCode)}",
                 device=DEVICE,
                 hint="mode dial to M, lens to manual focus, enough battery; then try again",
             )
@@ -151,17 +151,17 @@ class Bulb:
                 f"the exposure is spoiled: {spoiled}", device=DEVICE, hint="try again"
             )
 
-    def _stop(self, method: Method) -> None:
+    def _stop(self, method: _Method) -> None:
         before = self._climbs()
-        for _ in range(STOP_TRIES):
+        for _ in range(_STOP_TRIES):
             reply = self._order(method.stop, *method.stop_params)
             if self.since_ns is None:
                 return  # a new session closed it meanwhile
-            if reply.code == Response.OK:
+            if reply.code == ResponseCode.OK:
                 self.since_ns = None
                 logger.info("shutter let go method=%s", method.name)
                 return
-            if reply.code == Response.GENERAL_ERROR and self._climbs() != before:
+            if reply.code == ResponseCode.GENERAL_ERROR and self._climbs() != before:
                 self.since_ns = None  # asked twice: the first time did it
                 return
         raise _refused_to_close(reply.code)
@@ -174,7 +174,7 @@ class Bulb:
         """Let the one who ends the exposure know that it is not to be used."""
         self._spoiled = why
 
-    def chosen(self) -> Method:
+    def chosen(self) -> _Method:
         """How this body's shutter is opened; ConfigError when it has no way over USB."""
         if self.method is None:
             raise ConfigError(
@@ -184,15 +184,15 @@ class Bulb:
             )
         return self.method
 
-    def _let_go(self, method: Method) -> None:
+    def _let_go(self, method: _Method) -> None:
         """End an exposure whose begin went wrong; the error of the begin is the one that counts."""
         try:
             code = self._order(method.stop, *method.stop_params).code
             if code in _CLOSED:
                 self.since_ns = None
             else:
-                logger.error("shutter may be open answer=%s", hex_name(code, Response))
-            if code == Response.GENERAL_ERROR:
+                logger.error("shutter may be open answer=%s", format_code(code, ResponseCode))
+            if code == ResponseCode.GENERAL_ERROR:
                 self.owed = False  # it held nothing open
         except DeviceLost as err:
             logger.error("shutter may be open error=%s", err)
@@ -201,7 +201,7 @@ class Bulb:
 
 def _refused_to_close(code: int) -> ExposureError:
     return ExposureError(
-        f"the camera refuses to close the shutter: {hex_name(code, Response)}",
+        f"the camera refuses to close the shutter: {format_code(code, ResponseCode)}",
         device=DEVICE,
         hint="if it is still open, switch the camera off",
     )

@@ -63,7 +63,7 @@ class Operation(IntEnum):
     EOS_REMOTE_RELEASE_OFF = 0x9129
 
 
-class Response(IntEnum):
+class ResponseCode(IntEnum):
     """Response codes (ISO 15740 clause 11)."""
 
     OK = 0x2001
@@ -190,7 +190,7 @@ APERTURE_CODES = {
 x4 is the half."""
 
 
-def hex_name(code: int, kind: type[IntEnum] = Operation) -> str:
+def format_code(code: int, kind: type[IntEnum] = Operation) -> str:
     """Return "0x9125 EOS_BULB_START", or the number alone where `kind` does not name it."""
     try:
         return f"0x{code:04X} {kind(code).name}"

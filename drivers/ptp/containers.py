@@ -22,7 +22,7 @@ from pdcd.driver import DecodeError
 from .codes import ContainerType
 
 HEADER_BYTES = 12
-UNKNOWN_LENGTH = 0xFFFFFFFF
+_UNKNOWN_LENGTH = 0xFFFFFFFF
 MAX_PARAMETERS = 5
 
 _HEADER = struct.Struct("<IHHI")
@@ -78,7 +78,7 @@ def pack_data_header(code: int, transaction: int, payload_bytes: int) -> bytes:
 
     A payload that does not fit 32 bits goes with the length left open.
     """
-    length = min(HEADER_BYTES + payload_bytes, UNKNOWN_LENGTH)
+    length = min(HEADER_BYTES + payload_bytes, _UNKNOWN_LENGTH)
     return _HEADER.pack(length, ContainerType.DATA, code, transaction)
 
 
@@ -93,7 +93,7 @@ def parse_header(data: Buffer) -> Header:
     length, kind, code, transaction = _HEADER.unpack_from(data)
     if not ContainerType.COMMAND <= kind <= ContainerType.EVENT:
         raise WireError(f"container type {kind} is not one of 1 to 4")
-    if length == UNKNOWN_LENGTH and kind == ContainerType.DATA:
+    if length == _UNKNOWN_LENGTH and kind == ContainerType.DATA:
         return Header(None, ContainerType.DATA, code, transaction)
     if length < HEADER_BYTES:
         raise WireError(f"a container says it is {length} bytes long, less than its header")

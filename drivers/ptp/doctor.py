@@ -14,10 +14,10 @@ from pdcd.driver import DriverContext, Finding, PdcdError, fault
 from .codes import CUSTOM_LONG_EXPOSURE_NR, SHUTTER_BULB, Property
 from .eos import EosCamera
 from .faults import DEVICE
-from .holders import HINT, holders, in_words, node_of
-from .options import PtpOptions, options_of
-from .usb_port import PERMISSION_HINT, find, in_short, still_images
-from .values import f_numbers, isos
+from .holders import HINT, build_node_path, describe_holders, list_holders
+from .options import PtpOptions, read_ptp_options
+from .usb_port import PERMISSION_HINT, describe_device, find_cameras, find_still_image_devices
+from .values import list_f_numbers, list_isos
 
 _ASKED_S = 60.0
 _DIAL_HINT = "turn the mode dial to M"
@@ -31,7 +31,7 @@ _REDUCTION = {
 }
 
 
-def examine(context: DriverContext) -> Iterator[Finding]:
+def examine_ptp(context: DriverContext) -> Iterator[Finding]:
     """Yield everything that can be found out, down to the first thing that fails.
 
     The options are those of the drivers `ptp` in the configuration; where there is none, any Canon
@@ -41,7 +41,7 @@ def examine(context: DriverContext) -> Iterator[Finding]:
     config = context.config
     try:
         if "ptp" in (config.camera.driver, config.trigger.driver):
-            options = options_of(config)
+            options = read_ptp_options(config)
         else:
             options = PtpOptions()
             yield Finding(
@@ -51,9 +51,9 @@ def examine(context: DriverContext) -> Iterator[Finding]:
                 "give --config with driver = 'ptp' in it",
             )
         backend = context.usb_backend(options.usb)
-        chosen = [in_short(device) for device in find(backend, options.usb_id)]
-        for device in still_images(backend):
-            yield from _device(device, ours=in_short(device) in chosen)
+        chosen = [describe_device(device) for device in find_cameras(backend, options.usb_id)]
+        for device in find_still_image_devices(backend):
+            yield from _device(device, ours=describe_device(device) in chosen)
         camera = EosCamera(options, context.clock, backend, _ASKED_S)
         try:
             yield from _camera(camera, camera.open("doctor"))
@@ -67,20 +67,20 @@ def examine(context: DriverContext) -> Iterator[Finding]:
 
 def _device(device: Any, *, ours: bool) -> Iterator[Finding]:
     """One still-image device, and who may open it where it is the one that is looked for."""
-    node = node_of(device.bus, device.address)
+    node = build_node_path(device.bus, device.address)
     if not ours:
-        other = f"{in_short(device)}: another one, passed over"
+        other = f"{describe_device(device)}: another one, passed over"
         yield Finding("still-image device", "good", other)
         return
-    yield Finding("still-image device", "good", in_short(device))
+    yield Finding("still-image device", "good", describe_device(device))
     if node.exists():
         if os.access(node, os.R_OK | os.W_OK):
             yield Finding("permission", "good", f"{node} may be opened")
         else:
             yield Finding("permission", "fault", f"{node} may not be opened", PERMISSION_HINT)
-        found = holders(node)
+        found = list_holders(node)
         if found:
-            yield Finding("held by", "fault", in_words(found, os.getpid()), HINT)
+            yield Finding("held by", "fault", describe_holders(found, os.getpid()), HINT)
 
 
 def _camera(camera: EosCamera, identity: dict[str, str]) -> Iterator[Finding]:
@@ -89,9 +89,9 @@ def _camera(camera: EosCamera, identity: dict[str, str]) -> Iterator[Finding]:
         if what != "release":
             yield Finding(what, "good", found)
     yield _release(identity["release"], camera.options)
-    found_isos = ", ".join(map(str, isos(choices.get(Property.ISO, ()))))
+    found_isos = ", ".join(map(str, list_isos(choices.get(Property.ISO, ()))))
     yield _listed("ISO", found_isos)
-    apertures = ", ".join(f"{f:g}" for f in f_numbers(choices.get(Property.APERTURE, ())))
+    apertures = ", ".join(f"{f:g}" for f in list_f_numbers(choices.get(Property.APERTURE, ())))
     yield Finding("apertures", "good", apertures or "none: a manual lens, or its dial off M")
     speeds = choices.get(Property.SHUTTER_SPEED, ())
     yield _listed("shutter speeds", f"{len(speeds)}" if speeds else "")

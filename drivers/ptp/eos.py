@@ -24,8 +24,8 @@ from .codes import (
     ExposureMode,
     Operation,
     Property,
-    Response,
-    hex_name,
+    ResponseCode,
+    format_code,
 )
 from .containers import WireError
 from .datasets import (
@@ -37,29 +37,29 @@ from .events import (
     AvailList,
     EosRecord,
     ObjectAdded,
-    Plain,
+    PlainRecord,
     PropValue,
+    is_raw_only,
     parse_events,
-    raw_quality,
 )
-from .faults import DEVICE, OutOfStep
+from .faults import DEVICE, TransactionMismatch
 from .keepalive import PERIOD_S, KeepAlive
-from .options import PtpOptions, options_of
-from .session import Session
-from .transport import Reply
-from .values import not_ready
+from .options import PtpOptions, read_ptp_options
+from .session import PtpSession
+from .transport import TransactionReply
+from .values import list_setup_faults
 
 logger = logging.getLogger(__name__)
 
 SHUTTER = "shutter"
 """The user that opens and closes."""
 
-BUSY_S = 5.0
+_BUSY_S = 5.0
 """How long a busy camera is asked again; it says 2019 while events wait to be heard."""
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
 _MOST_POLLS = 64
 _MARGIN_S = 10.0
-LIMIT = "limits.max_exposure_s"
+_LIMIT = "limits.max_exposure_s"
 _LONGEST_S = 1e6
 """Eleven days, also where limits.max_exposure_s is infinite."""
 _U32_B = 4
@@ -89,7 +89,7 @@ class EosCamera:
         """Photos that wait to be fetched, oldest first."""
         self._done: set[int] = set()  # handles on the card, which stay good when announced twice
         self._formats: tuple[bytes, ...] = ()
-        self.session = Session(
+        self.session = PtpSession(
             backend,
             clock,
             self._set_modes,
@@ -114,7 +114,7 @@ class EosCamera:
         """The camera of this rig; made by the first driver that asks."""
 
         def make() -> EosCamera:
-            options = options_of(context.config)
+            options = read_ptp_options(context.config)
             backend = context.usb_backend(options.usb)
             longest_s = context.config.limits.max_exposure_s
             return cls(options, context.clock, backend, longest_s, context.alive)
@@ -187,13 +187,13 @@ class EosCamera:
 
     def order(
         self, code: Operation, *params: int, data: bytes | None = None, once: bool = False
-    ) -> Reply:
+    ) -> TransactionReply:
         """Do an operation; ask a busy camera again, hearing its events meanwhile."""
-        until_ns = self.clock.now_ns() + round(BUSY_S * 1e9)
+        until_ns = self.clock.now_ns() + round(_BUSY_S * 1e9)
         pause_s = _FIRST_PAUSE_S
         while True:
             reply = self.session.call(code, *params, data=data, once=once)
-            if reply.code != Response.DEVICE_BUSY or self.clock.now_ns() >= until_ns:
+            if reply.code != ResponseCode.DEVICE_BUSY or self.clock.now_ns() >= until_ns:
                 return reply
             self.pause(pause_s)
             pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
@@ -209,7 +209,7 @@ class EosCamera:
         with self.lock:
             for _ in range(_MOST_POLLS):
                 reply = self.session.call(Operation.EOS_GET_EVENT)
-                if reply.code != Response.OK:
+                if reply.code != ResponseCode.OK:
                     return  # busy: there will be another poll
                 try:
                     events = parse_events(reply.data)
@@ -229,7 +229,7 @@ class EosCamera:
         reply = self.order(Operation.EOS_SET_DEVICE_PROP_VALUE_EX, data=data)
         self.values[prop] = value
         self.poll()
-        if reply.code != Response.OK or self.values[prop] != value:
+        if reply.code != ResponseCode.OK or self.values[prop] != value:
             self.values.pop(prop)
             raise ExposureError(
                 f"the camera does not take {what}", device=DEVICE, hint="set it on the camera"
@@ -245,7 +245,7 @@ class EosCamera:
             if self.bulb.overdue(self._due_ns):
                 logger.critical("shutter open for too long, closing camera=%s", self.session.name)
                 told = self._due_ns < self._longest_ns
-                limit = f"the {self._due_ns * 1e-9:.0f} s that it can take" if told else LIMIT
+                limit = f"the {self._due_ns * 1e-9:.0f} s that it can take" if told else _LIMIT
                 self.cut_short(f"it was open for longer than {limit}")
             self.session.call(Operation.EOS_KEEP_DEVICE_ON)
             self.poll()
@@ -304,11 +304,11 @@ class EosCamera:
             self._done.add(photo.handle)
             return True
         reply = self.order(Operation.EOS_TRANSFER_COMPLETE, photo.handle)
-        return reply.code == Response.OK
+        return reply.code == ResponseCode.OK
 
     def check_ready(self) -> None:
         """Raises ExposureError, saying what to change on the camera, when it could not expose."""
-        found = not_ready(self.values, self.custom, self.options.destination)
+        found = list_setup_faults(self.values, self.custom, self.options.destination)
         if found:
             raise ExposureError("the camera is not ready", device=DEVICE, hint="; ".join(found))
 
@@ -334,7 +334,7 @@ class EosCamera:
             self._must(Operation.EOS_SET_REMOTE_MODE, 1)
             self._must(Operation.EOS_SET_EVENT_MODE, 1)
             if not self._heard(lambda: Property.ISO in self.choices):
-                raise OutOfStep("does not tell its settings")
+                raise TransactionMismatch("does not tell its settings")
         except PdcdError:
             with suppress(PdcdError):  # it may be exposing, and close though it does nothing else
                 self._begin_closed()
@@ -385,9 +385,9 @@ class EosCamera:
 
     def _must(self, code: Operation, *params: int) -> None:
         reply = self.order(code, *params)
-        if reply.code != Response.OK:
+        if reply.code != ResponseCode.OK:
             raise ExposureError(
-                f"{code.name} is refused: {hex_name(reply.code, Response)}",
+                f"{code.name} is refused: {format_code(reply.code, ResponseCode)}",
                 device=DEVICE,
                 hint="is this a Canon EOS body, and idle?",
             )
@@ -408,7 +408,7 @@ class EosCamera:
         """Ask for RAW and nothing else, where the camera tells how."""
         formats = self._formats
         with suppress(WireError):
-            raw = next((packed for packed in formats if raw_quality(packed)), None)
+            raw = next((packed for packed in formats if is_raw_only(packed)), None)
             if raw is not None:
                 data = pack_property_bytes(Property.IMAGE_FORMAT, raw)
                 self.order(Operation.EOS_SET_DEVICE_PROP_VALUE_EX, data=data)
@@ -428,5 +428,5 @@ class EosCamera:
                 self._formats = event.packed
             case AvailList():
                 self.choices[event.prop] = event.values
-            case Plain(code=EosEvent.WILL_SOON_SHUT_DOWN):
+            case PlainRecord(code=EosEvent.WILL_SOON_SHUT_DOWN):
                 self.session.call(Operation.EOS_KEEP_DEVICE_ON)

@@ -98,7 +98,7 @@ class AvailList:
 
 
 @dataclass(frozen=True)
-class Plain:
+class PlainRecord:
     """Any other record: its code and the bytes behind it."""
 
     code: int
@@ -109,7 +109,7 @@ class Plain:
         return _record(self.code, self.data)
 
 
-EosRecord = ObjectAdded | PropValue | AvailList | Plain
+EosRecord = ObjectAdded | PropValue | AvailList | PlainRecord
 
 
 def pack_events(records: Iterable[EosRecord]) -> bytes:
@@ -120,8 +120,8 @@ def pack_events(records: Iterable[EosRecord]) -> bytes:
 def parse_events(data: Buffer) -> list[EosRecord]:
     """Read all records of one `EOS_GET_EVENT`; the list is empty when nothing happened.
 
-    Records of codes that are not named come as `Plain`. Some bodies leave the end record out, or
-    send no data at all: the end of `data` is an end too. Raises WireError when a record is cut
+    Records of codes that are not named come as `PlainRecord`. Some bodies leave the end record out,
+    or send no data at all: the end of `data` is an end too. Raises WireError when a record is cut
     short, is smaller than its own fields, or states a size beyond the data.
     """
     take = Reader(data, "EOS events")
@@ -137,7 +137,7 @@ def parse_events(data: Buffer) -> list[EosRecord]:
     return records
 
 
-def raw_quality(packed: Buffer) -> bool:
+def is_raw_only(packed: Buffer) -> bool:
     """Whether an entry of `Property.IMAGE_FORMAT` makes a RAW file and nothing else.
 
     An entry is a u32 count (1 or 2), then as many pieces of four u32: 0x10 (their length in
@@ -171,7 +171,7 @@ def _parse_record(code: int, body: memoryview) -> EosRecord:
         return PropValue(take.u32(), bytes(take.take(take.left_bytes)))
     if code == EosEvent.AVAIL_LIST_CHANGED:
         return _parse_list(take)
-    return Plain(code, bytes(body))
+    return PlainRecord(code, bytes(body))
 
 
 def _parse_list(take: Reader) -> EosRecord:
@@ -186,7 +186,7 @@ def _parse_list(take: Reader) -> EosRecord:
             packed.append(start + bytes(take.take(_FORMAT_ENTRY_BYTES * entries)))
         return AvailList(prop, (), tuple(packed))
     if kind != _LIST_U32:  # a form of list that pdcd has no use for
-        return Plain(
+        return PlainRecord(
             EosEvent.AVAIL_LIST_CHANGED,
             struct.pack("<III", prop, kind, count) + bytes(take.take(take.left_bytes)),
         )

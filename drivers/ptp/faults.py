@@ -24,15 +24,15 @@ class WireFault(DeviceLost):
         super().__init__(message, device=DEVICE, hint=hint)
 
 
-class TimedOut(WireFault):
+class WireTimeout(WireFault):
     """The camera did not take or give anything within the time."""
 
 
-class Stalled(WireFault):
+class EndpointStall(WireFault):
     """An endpoint is halted and stays so after clearing it once."""
 
 
-class OutOfStep(WireFault):
+class TransactionMismatch(WireFault):
     """What came is not what the transaction wants: another's id, too few bytes, damaged."""
 
 
@@ -43,23 +43,23 @@ class SessionLost(WireFault):
         super().__init__("forgot the session")
 
 
-class Gone(WireFault):
+class DeviceGone(WireFault):
     """The device is not on the bus any more."""
 
     def __init__(self) -> None:
         super().__init__("was unplugged or switched off", hint="check cable, battery and switch")
 
 
-class Unanswered(WireFault):
+class NoAnswer(WireFault):
     """An operation that must not be repeated got no answer; the wire itself works again."""
 
 
-def wire_fault(err: usb.core.USBError) -> WireFault:
+def to_wire_fault(err: usb.core.USBError) -> WireFault:
     """A libusb error as one of the above."""
     if err.errno in _GONE:
-        return Gone()
+        return DeviceGone()
     if isinstance(err, usb.core.USBTimeoutError) or err.errno == errno.ETIMEDOUT:
-        return TimedOut("does not answer")
+        return WireTimeout("does not answer")
     if err.errno == errno.EPIPE:
-        return Stalled("refuses to go on (endpoint halted)")
-    return OutOfStep(f"USB transfer failed: {err}")
+        return EndpointStall("refuses to go on (endpoint halted)")
+    return TransactionMismatch(f"USB transfer failed: {err}")

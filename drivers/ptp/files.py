@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pdcd.driver import ExposureError, RawFile
 
-from .codes import ObjectFormat, Operation, Response, hex_name
+from .codes import ObjectFormat, Operation, ResponseCode, format_code
 from .eos import EosCamera
 from .events import ObjectAdded
 from .faults import DEVICE
@@ -22,13 +22,13 @@ from .transport import BLOCK_B
 
 logger = logging.getLogger(__name__)
 
-SUFFIXES = frozenset({".cr2", ".cr3", ".crw", ".dng"})
+_SUFFIXES = frozenset({".cr2", ".cr3", ".crw", ".dng"})
 _FORMATS: dict[int, str] = {ObjectFormat.CANON_CR2: ".cr2", ObjectFormat.CANON_CRW: ".crw"}
 _TIFF = (b"II*\0", b"MM\0*")
 _CRW = b"II\x1a\0"
 _CR3 = b"ftypcrx "
 _HEAD_B = 12
-POLL_S = 0.1
+_POLL_S = 0.1
 
 
 def wait_for_photo(camera: EosCamera, until_ns: int) -> ObjectAdded | None:
@@ -47,18 +47,18 @@ def wait_for_photo(camera: EosCamera, until_ns: int) -> ObjectAdded | None:
                 camera.discard(photo)
         if camera.clock.now_ns() >= until_ns:
             return None
-        camera.pause(POLL_S)
+        camera.pause(_POLL_S)
 
 
 def suffix_of(photo: ObjectAdded) -> str | None:
     """File suffix of a RAW file, with its dot, in lower case; None for other files."""
     suffix = Path(photo.name).suffix.lower()
-    if suffix in SUFFIXES:
+    if suffix in _SUFFIXES:
         return suffix
     return None if suffix else _FORMATS.get(photo.format)
 
 
-def download(
+def store_photo(
     camera: EosCamera, photo: ObjectAdded, path: Path, *, twice: bool = True
 ) -> RawFile | None:
     """Store a photo as `path`, complete or not at all, and free the camera's memory of it.
@@ -97,10 +97,10 @@ def _copy(
         reply = camera.order(read, photo.handle, at, want)
         if camera.session.renewed != renewed:
             raise _spoiled(photo, "the connection was lost meanwhile")
-        if reply.code == Response.INVALID_OBJECT_HANDLE and at == 0:
+        if reply.code == ResponseCode.INVALID_OBJECT_HANDLE and at == 0:
             return None
-        if reply.code != Response.OK:
-            raise _spoiled(photo, f"refused at byte {at}: {hex_name(reply.code, Response)}")
+        if reply.code != ResponseCode.OK:
+            raise _spoiled(photo, f"refused at byte {at}: {format_code(reply.code, ResponseCode)}")
         if not 0 < len(reply.data) <= want:
             raise _spoiled(photo, f"{len(reply.data)} bytes came at byte {at}, not {want}")
         if at == 0 and not _is_raw(bytes(reply.data[:_HEAD_B])):

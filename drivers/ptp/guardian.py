@@ -26,7 +26,7 @@ from contextlib import suppress
 
 import msgspec
 
-from pdcd.child import WORDS, Line, LineClosedError
+from pdcd.child import WORDS, LineClosedError, MessageLine
 from pdcd.driver import PdcdError, RealClock
 
 from .eos import EosCamera
@@ -40,7 +40,7 @@ _AGAIN_S = 0.2
 _USER = "guardian"
 
 
-def serve(line: Line[bytes], options: PtpOptions, backend: object = None) -> bool:
+def serve_guardian(line: MessageLine[bytes], options: PtpOptions, backend: object = None) -> bool:
     """Answer until the other end is gone; returns whether the shutter is closed then.
 
     `backend` is a pyusb backend; None takes the machine's libusb.
@@ -75,12 +75,12 @@ def close_shutter(options: PtpOptions, backend: object) -> bool:
         return True
 
 
-def main(options: str, fd: int, backend: object = None) -> int:
-    """`serve` with options as JSON; returns an exit status."""
-    with Line.at(fd, WORDS) as line:
-        closed = serve(line, msgspec.json.decode(options, type=PtpOptions), backend)
+def run_ptp_guardian(options: str, fd: int, backend: object = None) -> int:
+    """`serve_guardian` with options as JSON; returns an exit status."""
+    with MessageLine.at(fd, WORDS) as line:
+        closed = serve_guardian(line, msgspec.json.decode(options, type=PtpOptions), backend)
     return 0 if closed else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], int(sys.argv[2])))
+    sys.exit(run_ptp_guardian(sys.argv[1], int(sys.argv[2])))

@@ -10,8 +10,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-PROC = Path("/proc")
-USBFS = Path("/dev/bus/usb")
+_PROC = Path("/proc")
+_USBFS = Path("/dev/bus/usb")
 
 HINT = (
     "end that program; on a desktop `gio mount -s gphoto2` lets go of the camera, and the udev "
@@ -26,12 +26,12 @@ class Holder(NamedTuple):
     name: str
 
 
-def node_of(bus: int, address: int, usbfs: Path = USBFS) -> Path:
+def build_node_path(bus: int, address: int, usbfs: Path = _USBFS) -> Path:
     """The device file of a USB device."""
     return usbfs / f"{bus:03d}" / f"{address:03d}"
 
 
-def holders(node: Path, proc: Path = PROC) -> list[Holder]:
+def list_holders(node: Path, proc: Path = _PROC) -> list[Holder]:
     """Processes that have that file open, by process id.
 
     Processes of other users are seen only by root; those that end meanwhile are left out.
@@ -43,7 +43,7 @@ def holders(node: Path, proc: Path = PROC) -> list[Holder]:
     return sorted(found)
 
 
-def in_words(found: list[Holder], own_pid: int) -> str:
+def describe_holders(found: list[Holder], own_pid: int) -> str:
     """The processes other than this one, for a message; says so when none can be seen."""
     others = [f"{h.name} (process {h.pid})" for h in found if h.pid != own_pid]
     return ", ".join(others) or "a program that this user may not see"

@@ -43,7 +43,7 @@ class PtpOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         return int(vendor, 16), int(product, 16)
 
 
-def options_of(config: Config) -> PtpOptions:
+def read_ptp_options(config: Config) -> PtpOptions:
     """The options of this rig's one camera.
 
     [camera.options] and [trigger.options] speak of the same camera where both drivers are `ptp`:

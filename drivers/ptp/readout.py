@@ -25,18 +25,18 @@ from pdcd.driver import (
 from .codes import Property
 from .eos import EosCamera
 from .faults import DEVICE
-from .files import download, suffix_of, wait_for_photo
-from .values import f_numbers, isos
+from .files import store_photo, suffix_of, wait_for_photo
+from .values import list_f_numbers, list_isos
 
 logger = logging.getLogger(__name__)
 
-Number = TypeVar("Number", int, float)
+_Number = TypeVar("_Number", int, float)
 
 FILE_EXTRA_S = 30.0
 """A photo is waited for this long, plus twice the exposure: noise reduction doubles it."""
-LATE_S = 5.0
+_LATE_S = 5.0
 """A photo that takes longer than this and than its exposure is remarked on."""
-STRAY_S = 15.0
+_STRAY_S = 15.0
 """How long the photo of an exposure that was given up is waited for before the next one."""
 
 
@@ -74,8 +74,8 @@ class PtpReadout:
             serial=identity["serial"],
             profile=self._config.profile,
             responsivity_e=responsivity_e(self._config),
-            isos=tuple(isos(choices.get(Property.ISO, ()))),
-            f_numbers=tuple(f_numbers(choices.get(Property.APERTURE, ()))),
+            isos=tuple(list_isos(choices.get(Property.ISO, ()))),
+            f_numbers=tuple(list_f_numbers(choices.get(Property.APERTURE, ()))),
             frame_quads=None if virtual else load_profile(self._config.profile).frame_quads,
         )
 
@@ -92,10 +92,10 @@ class PtpReadout:
             camera.session.open()
             camera.poll()
             camera.check_ready()
-            iso = _choose(settings.iso, isos(camera.choices.get(Property.ISO, ())), "ISO ")
+            iso = _choose(settings.iso, list_isos(camera.choices.get(Property.ISO, ())), "ISO ")
             aperture = None
             if settings.f_number is not None:
-                offered = f_numbers(camera.choices.get(Property.APERTURE, ()))
+                offered = list_f_numbers(camera.choices.get(Property.APERTURE, ()))
                 aperture = _choose(settings.f_number, offered, "f/")
             self._clear()
             camera.set_value(Property.ISO, iso, f"ISO {settings.iso}")
@@ -125,7 +125,7 @@ class PtpReadout:
             try:
                 self._same_session()
                 path = folder / f"{name}{suffix_of(photo)}"
-                raw = download(camera, photo, path, twice=camera.options.read_twice)
+                raw = store_photo(camera, photo, path, twice=camera.options.read_twice)
             except (OSError, ExposureError):
                 with suppress(PdcdError):
                     camera.discard(photo)
@@ -134,7 +134,7 @@ class PtpReadout:
             if raw is not None:
                 camera.bulb.owed = False
                 waited_s = (self._clock.now_ns() - begun_ns) * 1e-9
-                if waited_s > max(exposed_s, LATE_S):
+                if waited_s > max(exposed_s, _LATE_S):
                     logger.warning("photo came late, noise reduction? waited_s=%.1f", waited_s)
                 return raw
             logger.warning("event without a photo, ignored handle=%#x", photo.handle)
@@ -167,7 +167,7 @@ class PtpReadout:
         cable release nobody knows whether there was an exposure, and waiting has to do.
         """
         camera = self._camera
-        until_ns = self._clock.now_ns() + round(STRAY_S * 1e9) if camera.bulb.owed else 0
+        until_ns = self._clock.now_ns() + round(_STRAY_S * 1e9) if camera.bulb.owed else 0
         while (photo := wait_for_photo(camera, until_ns)) is not None:
             logger.warning("photo of an earlier exposure thrown away name=%s", photo.name)
             if camera.discard(photo):
@@ -181,7 +181,7 @@ class PtpReadout:
         camera.bulb.owed = False  # it went with the camera's memory, or never was
 
 
-def _choose(wanted: Number, offered: dict[Number, int], sign: str) -> int:
+def _choose(wanted: _Number, offered: dict[_Number, int], sign: str) -> int:
     """The code of a value; ConfigError with the list when the camera does not offer it."""
     if wanted in offered:
         return offered[wanted]

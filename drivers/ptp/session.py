@@ -13,7 +13,7 @@ An operation that fails climbs one rung at a time and is repeated after each, ex
 must happen `once`: they are never sent twice unless the camera said that it did not do them.
 
 Longest waits: 8 s for each transfer of an operation, 1.5 s at first contact; an operation that
-climbs all the way gives up within `LONGEST_S`.
+climbs all the way gives up within `LONGEST_OPERATION_S`.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from functools import partial
 
 from pdcd.driver import Clock, ConfigError, DeviceLost, PdcdError
 
-from .codes import Operation, Response, hex_name
+from .codes import Operation, ResponseCode, format_code
 from .containers import WireError
 from .datasets import DeviceInfo
 from .faults import (
     DEVICE,
     POWER_CYCLE,
-    Gone,
-    OutOfStep,
+    DeviceGone,
+    NoAnswer,
     SessionLost,
-    Unanswered,
+    TransactionMismatch,
     WireFault,
 )
-from .transport import Reply, Transport
-from .usb_port import UsbPort, find, in_short
+from .transport import TransactionReply, Transport
+from .usb_port import UsbPort, describe_device, find_cameras
 
 logger = logging.getLogger(__name__)
 
-CONTACT_S = 1.5
+_CONTACT_S = 1.5
 """Longest wait for each transfer of the first contact: a camera that is well answers at once."""
-CONTACT_TRIES = 3
-AGAIN_S = 5.0
+_CONTACT_TRIES = 3
+_AGAIN_S = 5.0
 """How long a camera may take to come back on the bus after a reset of its port."""
-LONGEST_S = 60.0
+LONGEST_OPERATION_S = 60.0
 """Bound of one operation with all rungs of the ladder (4 tries of 8 s, resets and their waits)."""
 
 _SESSION = 1
@@ -56,7 +56,7 @@ _STEP, _RESET, _PORT, _GIVE_UP = 2, 3, 4, 5
 _AGAIN_STEP_NS = 200_000_000
 
 
-class Session:
+class PtpSession:
     """The camera of that USB id and serial number; the only one there is when neither is given.
 
     backend : a pyusb backend, or None for the machine's libusb.
@@ -124,7 +124,7 @@ class Session:
 
     def call(
         self, code: Operation, *params: int, data: bytes | None = None, once: bool = False
-    ) -> Reply:
+    ) -> TransactionReply:
         """Do an operation and return the camera's response, which may be a refusal.
 
         Raises Unanswered when it is to happen `once` and no answer came, and DeviceLost when the
@@ -140,9 +140,9 @@ class Session:
                         raise
                     rung = 1 + self._climb(rung, code, fault)
                     if once:
-                        raise Unanswered(f"{code.name} was not answered") from fault
+                        raise NoAnswer(f"{code.name} was not answered") from fault
                     continue
-                if reply.code != Response.SESSION_NOT_OPEN or self._climbing:
+                if reply.code != ResponseCode.SESSION_NOT_OPEN or self._climbing:
                     return reply
                 # The camera did nothing, so even what must happen once may be sent again.
                 rung = 1 + self._climb(rung, code, SessionLost())
@@ -154,7 +154,7 @@ class Session:
             if transport is None:
                 return
             try:
-                transport.transact(Operation.CLOSE_SESSION, timeout_s=CONTACT_S)
+                transport.transact(Operation.CLOSE_SESSION, timeout_s=_CONTACT_S)
             except WireFault as fault:
                 logger.warning("session not closed camera=%s error=%s", transport.name, fault)
             _let_go(transport)
@@ -168,7 +168,7 @@ class Session:
         """Bring the camera back from that rung on; returns the rung that did it."""
         self.climbs += 1
         while rung < _GIVE_UP:
-            if isinstance(fault, Gone):
+            if isinstance(fault, DeviceGone):
                 rung = _PORT
             self._alive()
             what = fault.message
@@ -178,10 +178,10 @@ class Session:
                 self._guarded({_STEP: step, _RESET: self._reset, _PORT: self._port}[rung])
                 return rung
             except PdcdError as err:
-                fault = err if isinstance(err, WireFault) else OutOfStep(err.message)
+                fault = err if isinstance(err, WireFault) else TransactionMismatch(err.message)
                 rung += 1
         self._drop()
-        if isinstance(fault, Gone):
+        if isinstance(fault, DeviceGone):
             raise fault
         raise DeviceLost(
             f"cannot be brought back: {fault.message}", device=DEVICE, hint=POWER_CYCLE
@@ -211,7 +211,7 @@ class Session:
         if transport is not None:
             transport.usb_reset()
         serial = self._serial or (self.info.serial if self.info else None)
-        until_ns = self._clock.now_ns() + round(AGAIN_S * 1e9)
+        until_ns = self._clock.now_ns() + round(_AGAIN_S * 1e9)
         while True:
             self._alive()
             try:
@@ -225,8 +225,8 @@ class Session:
 
     def _find(self, serial: str | None) -> None:
         """Claim the camera of that serial number, or the only one, and begin a session on it."""
-        devices = find(self._backend, self._usb_id)
-        places = ", ".join(in_short(device) for device in devices)
+        devices = find_cameras(self._backend, self._usb_id)
+        places = ", ".join(describe_device(device) for device in devices)
         if len(devices) > 1 and not serial:
             raise ConfigError(
                 f"there is more than one camera: {places}",
@@ -264,10 +264,10 @@ class Session:
 
 def _greet(transport: Transport) -> DeviceInfo:
     """Open a session and ask the camera what it is."""
-    for left in range(CONTACT_TRIES - 1, -1, -1):
+    for left in range(_CONTACT_TRIES - 1, -1, -1):
         try:
             return _hello(transport)
-        except Gone:
+        except DeviceGone:
             raise
         except WireFault as fault:
             if not left:
@@ -275,29 +275,33 @@ def _greet(transport: Transport) -> DeviceInfo:
             logger.warning("no contact camera=%s error=%s", transport.name, fault)
         with suppress(WireFault):  # if this fails, so will the next try, and say why
             transport.back_in_step()
-    raise OutOfStep("was never asked")  # pragma: no cover - the last try returns or raises
+    raise TransactionMismatch(
+        "was never asked"
+    )  # pragma: no cover - the last try returns or raises
 
 
 def _hello(transport: Transport) -> DeviceInfo:
     reply = _open_session(transport)
-    if reply.code == Response.SESSION_ALREADY_OPEN:
+    if reply.code == ResponseCode.SESSION_ALREADY_OPEN:
         # Left over from a program that died. A camera tells its settings once a session: begin one.
-        transport.transact(Operation.CLOSE_SESSION, timeout_s=CONTACT_S)
+        transport.transact(Operation.CLOSE_SESSION, timeout_s=_CONTACT_S)
         reply = _open_session(transport)
-    if reply.code not in (Response.OK, Response.SESSION_ALREADY_OPEN):
-        raise OutOfStep(f"refuses a session: {hex_name(reply.code, Response)}")
-    reply = transport.transact(Operation.GET_DEVICE_INFO, timeout_s=CONTACT_S)
-    if reply.code != Response.OK:
-        raise OutOfStep(f"does not say what it is: {hex_name(reply.code, Response)}")
+    if reply.code not in (ResponseCode.OK, ResponseCode.SESSION_ALREADY_OPEN):
+        raise TransactionMismatch(f"refuses a session: {format_code(reply.code, ResponseCode)}")
+    reply = transport.transact(Operation.GET_DEVICE_INFO, timeout_s=_CONTACT_S)
+    if reply.code != ResponseCode.OK:
+        raise TransactionMismatch(
+            f"does not say what it is: {format_code(reply.code, ResponseCode)}"
+        )
     try:
         return DeviceInfo.parse(reply.data)
     except WireError as err:
-        raise OutOfStep(err.message) from err
+        raise TransactionMismatch(err.message) from err
 
 
-def _open_session(transport: Transport) -> Reply:
+def _open_session(transport: Transport) -> TransactionReply:
     transport.restart_ids()
-    return transport.transact(Operation.OPEN_SESSION, (_SESSION,), timeout_s=CONTACT_S)
+    return transport.transact(Operation.OPEN_SESSION, (_SESSION,), timeout_s=_CONTACT_S)
 
 
 def _off_line() -> DeviceLost:

@@ -9,10 +9,10 @@ import msgspec
 
 from pdcd.driver import Clock, ConfigError, DriverContext, TriggerConfig
 
-from ..guard import Guard
+from ..guard import ShutterGuard
 from .eos import SHUTTER, EosCamera
 
-GUARDIAN: tuple[str, ...] = (sys.executable, "-P", "-m", f"{__package__}.guardian")
+PTP_GUARDIAN: tuple[str, ...] = (sys.executable, "-P", "-m", f"{__package__}.guardian")
 """Closes the shutter should this process be killed; its socket and the camera's options follow."""
 _ANSWER_S = 20.0
 """Bound of the guardian's answers; its start takes half a second."""
@@ -36,7 +36,7 @@ class PtpShutter:
         self._camera = camera
         self._clock = clock
         self._sure_ns = config.sure_ns
-        self._guard: Guard | None = None
+        self._guard: ShutterGuard | None = None
         self._longest_s: float | None = None
         weakref.finalize(self, camera.let_go, SHUTTER)
 
@@ -106,8 +106,8 @@ class PtpShutter:
             self._guard.stop()
         options = msgspec.structs.replace(self._camera.options, serial=serial)
         text = msgspec.json.encode(options).decode()
-        self._guard = Guard(
-            (*GUARDIAN, text),
+        self._guard = ShutterGuard(
+            (*PTP_GUARDIAN, text),
             answer_s=_ANSWER_S,
             unguarded=self._camera.cut_short,
         )

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from pdcd.driver import Clock
 
-from .codes import ContainerType, Response
+from .codes import ContainerType, ResponseCode
 from .containers import (
     HEADER_BYTES,
     WireError,
@@ -24,7 +24,7 @@ from .containers import (
     parse_header,
     parse_message,
 )
-from .faults import OutOfStep, TimedOut
+from .faults import TransactionMismatch, WireTimeout
 from .usb_port import UsbPort
 
 TRANSACTION_S = 8.0
@@ -42,7 +42,7 @@ _STATUS_TRIES, _STATUS_STEP_NS = 20, 100_000_000
 
 
 @dataclass(frozen=True)
-class Reply:
+class TransactionReply:
     """The response of a transaction, and its data; `data` is good until the next transaction."""
 
     code: int
@@ -79,7 +79,7 @@ class Transport:
         params: tuple[int, ...] = (),
         data: bytes | None = None,
         timeout_s: float = TRANSACTION_S,
-    ) -> Reply:
+    ) -> TransactionReply:
         """Send an operation and return the camera's response to it, whatever it says."""
         number = self._next_id
         self._next_id = (number + 1) % 0xFFFFFFFF
@@ -90,7 +90,7 @@ class Transport:
         try:
             return self._receive(code, number, timeout_s)
         except WireError as err:
-            raise OutOfStep(err.message) from err
+            raise TransactionMismatch(err.message) from err
 
     def back_in_step(self) -> None:
         """Give up the last transaction: cancel, wait until the camera is ready, empty the line.
@@ -100,18 +100,18 @@ class Transport:
         self._surplus = b""
         self._port.cancel((self._next_id - 1) % 0xFFFFFFFF)
         for _ in range(_STATUS_TRIES):
-            if self._port.status() == Response.OK:
+            if self._port.status() == ResponseCode.OK:
                 break
             self._clock.sleep_until_ns(self._clock.now_ns() + _STATUS_STEP_NS)
         else:
-            raise TimedOut("does not get ready after a cancelled transaction")
+            raise WireTimeout("does not get ready after a cancelled transaction")
         for _ in range(_MOST_STRAY):
             try:
                 if self._port.read_into(self._buffer, _DRAIN_S) == 0:
                     return
-            except TimedOut:
+            except WireTimeout:
                 return
-        raise OutOfStep("goes on sending after a cancelled transaction")
+        raise TransactionMismatch("goes on sending after a cancelled transaction")
 
     def device_reset(self) -> None:
         """Make the camera forget session and transaction."""
@@ -126,7 +126,7 @@ class Transport:
         """Release the port."""
         self._port.close()
 
-    def _receive(self, code: int, number: int, timeout_s: float) -> Reply:
+    def _receive(self, code: int, number: int, timeout_s: float) -> TransactionReply:
         buffer, payload = self._buffer, memoryview(b"")
         for _ in range(_MOST_STRAY):
             first = self._transfer(buffer, timeout_s)
@@ -139,16 +139,16 @@ class Transport:
                 if message.kind is ContainerType.EVENT:
                     continue
                 if message.kind is ContainerType.RESPONSE and message.transaction == number:
-                    return Reply(message.code, message.parameters, payload)
+                    return TransactionReply(message.code, message.parameters, payload)
             elif (head.code, head.transaction) == (code, number) and buffer is self._buffer:
                 payload = self._data(first, head.payload_bytes, timeout_s)
                 buffer = self._small  # the data stays where it is
                 continue
-            raise OutOfStep(
+            raise TransactionMismatch(
                 f"sent {head.kind.name} {head.code:#06x} of transaction {head.transaction} "
                 f"within {code:#06x}, transaction {number}"
             )
-        raise OutOfStep("sends containers without end")
+        raise TransactionMismatch("sends containers without end")
 
     def _data(self, first: memoryview, need: int | None, timeout_s: float) -> memoryview:
         """The payload of the data container that begins with `first`; None: to a short packet."""
@@ -162,14 +162,14 @@ class Transport:
                 whole += last
             return memoryview(whole)
         if need > _MOST_DATA_B:
-            raise OutOfStep(f"announces {need} bytes of data")
+            raise TransactionMismatch(f"announces {need} bytes of data")
         if len(piece) >= need:
             self._surplus = bytes(piece[need:])
             return piece[:need]
         whole = bytearray(piece)
         while len(whole) < need:
             if self._short(last):
-                raise OutOfStep(f"sent {len(whole)} of {need} bytes of data")
+                raise TransactionMismatch(f"sent {len(whole)} of {need} bytes of data")
             last = self._transfer(self._buffer, timeout_s)
             whole += last
         self._surplus = bytes(whole[need:])

@@ -17,14 +17,14 @@ import usb.util
 
 from pdcd.driver import DeviceLost, DriverUnavailable
 
-from .faults import DEVICE, OutOfStep, Stalled, WireFault, wire_fault
-from .holders import HINT, holders, in_words, node_of
+from .faults import DEVICE, EndpointStall, TransactionMismatch, WireFault, to_wire_fault
+from .holders import HINT, build_node_path, describe_holders, list_holders
 
-CANON = 0x04A9
-STILL_IMAGE = (6, 1, 1)
+_CANON = 0x04A9
+_STILL_IMAGE = (6, 1, 1)
 """Class, subclass and protocol of the interface."""
 
-CANCEL, RESET, STATUS = 0x64, 0x66, 0x67
+_CANCEL, _RESET, _STATUS = 0x64, 0x66, 0x67
 _CLASS_OUT, _CLASS_IN = 0x21, 0xA1
 _CONTROL_S = 1.0
 _STATUS_B = 64
@@ -33,7 +33,7 @@ _WENT = (errno.ENODEV, errno.ENOENT)
 PERMISSION_HINT = "install pdcd's udev rule, be in its group, and plug the camera in again"
 
 
-def find(backend: object, usb_id: tuple[int, int] | None) -> list[Any]:
+def find_cameras(backend: object, usb_id: tuple[int, int] | None) -> list[Any]:
     """The devices with a still-image interface: of that vendor and product, or Canon's.
 
     `backend` is a pyusb backend; None takes the machine's libusb. Raises DriverUnavailable when
@@ -42,14 +42,16 @@ def find(backend: object, usb_id: tuple[int, int] | None) -> list[Any]:
 
     def wanted(device: Any) -> bool:
         if usb_id is None:
-            return bool(device.idVendor == CANON)
+            return bool(device.idVendor == _CANON)
         return (device.idVendor, device.idProduct) == usb_id
 
-    return still_images(backend, wanted)
+    return find_still_image_devices(backend, wanted)
 
 
-def still_images(backend: object, wanted: Callable[[Any], bool] = lambda _: True) -> list[Any]:
-    """Whatever has a still-image interface, telephones included; raises as `find` does."""
+def find_still_image_devices(
+    backend: object, wanted: Callable[[Any], bool] = lambda _: True
+) -> list[Any]:
+    """Whatever has a still-image interface, telephones included; raises as `find_cameras` does."""
 
     def matches(device: Any) -> bool:
         return wanted(device) and _interface(device) is not None
@@ -64,7 +66,7 @@ def still_images(backend: object, wanted: Callable[[Any], bool] = lambda _: True
         raise DeviceLost(f"cannot look at the USB: {err}", device=DEVICE, hint="see dmesg") from err
 
 
-def in_short(device: Any) -> str:
+def describe_device(device: Any) -> str:
     """Vendor, product and place of a device, for messages."""
     return (
         f"{device.idVendor:04x}:{device.idProduct:04x} on bus {device.bus} address {device.address}"
@@ -83,7 +85,7 @@ class UsbPort:
         interface = _interface(device)
         if interface is None:
             raise DeviceLost(
-                f"{in_short(device)} has no still-image interface",
+                f"{describe_device(device)} has no still-image interface",
                 device=DEVICE,
                 hint="set the camera to PTP (normal PC connection)",
             )
@@ -99,7 +101,7 @@ class UsbPort:
             self.packet_b = int(endpoints[usb.util.ENDPOINT_OUT].wMaxPacketSize)
         except KeyError as err:
             raise DeviceLost(
-                f"{in_short(device)} has no pair of bulk endpoints", device=DEVICE
+                f"{describe_device(device)} has no pair of bulk endpoints", device=DEVICE
             ) from err
         try:
             usb.util.claim_interface(device, self._interface)
@@ -110,7 +112,7 @@ class UsbPort:
     @property
     def name(self) -> str:
         """Vendor, product and place."""
-        return in_short(self._device)
+        return describe_device(self._device)
 
     def read_into(self, buffer: array.array[int], timeout_s: float) -> int:
         """Bytes of one transfer from the camera, put to the front of the buffer.
@@ -128,20 +130,20 @@ class UsbPort:
     def cancel(self, transaction_id: int) -> None:
         """Class request 64: give up a transaction."""
         data = b"\x01\x40" + transaction_id.to_bytes(4, "little")
-        self._control(_CLASS_OUT, CANCEL, data)
+        self._control(_CLASS_OUT, _CANCEL, data)
 
     def status(self) -> int:
         """Class request 67: the device's state as a response code; halted endpoints are cleared."""
-        reply = bytes(self._control(_CLASS_IN, STATUS, _STATUS_B))
+        reply = bytes(self._control(_CLASS_IN, _STATUS, _STATUS_B))
         if len(reply) < 4:
-            raise OutOfStep(f"device status of {len(reply)} bytes")
+            raise TransactionMismatch(f"device status of {len(reply)} bytes")
         for at in range(4, len(reply) - 3, 4):
             self.clear_halt(int.from_bytes(reply[at : at + 4], "little"))
         return int.from_bytes(reply[2:4], "little")
 
     def device_reset(self) -> None:
         """Class request 66: the camera forgets its session and all that belongs to it."""
-        self._control(_CLASS_OUT, RESET, b"")
+        self._control(_CLASS_OUT, _RESET, b"")
         for endpoint in (self._in, self._out):
             self.clear_halt(endpoint)
 
@@ -150,7 +152,7 @@ class UsbPort:
         try:
             self._device.clear_halt(endpoint)
         except usb.core.USBError as err:
-            raise wire_fault(err) from err
+            raise to_wire_fault(err) from err
 
     def usb_reset(self) -> None:
         """Reset the port. The device comes back under a new address: find it again."""
@@ -158,7 +160,7 @@ class UsbPort:
             self._device.reset()
         except usb.core.USBError as err:
             if err.errno not in _WENT:  # which is what libusb says of one that comes back anew
-                raise wire_fault(err) from err
+                raise to_wire_fault(err) from err
         finally:
             self.close()
 
@@ -168,25 +170,25 @@ class UsbPort:
             usb.util.dispose_resources(self._device)
         except usb.core.USBError as err:
             if err.errno not in _WENT:
-                raise wire_fault(err) from err
+                raise to_wire_fault(err) from err
 
     def _write_all(self, data: bytes, timeout_s: float) -> None:
         sent = self._twice(self._out, data, timeout_s, self._device.write)
         if sent != len(data):
-            raise OutOfStep(f"only {sent} of {len(data)} bytes were taken")
+            raise TransactionMismatch(f"only {sent} of {len(data)} bytes were taken")
 
     def _twice(self, endpoint: int, data: Any, timeout_s: float, transfer: Any) -> int:
         timeout_ms = max(1, round(timeout_s * 1e3))
         try:
             return int(transfer(endpoint, data, timeout_ms))
         except usb.core.USBError as err:
-            if not isinstance(wire_fault(err), Stalled):
-                raise wire_fault(err) from err
+            if not isinstance(to_wire_fault(err), EndpointStall):
+                raise to_wire_fault(err) from err
         self.clear_halt(endpoint)
         try:
             return int(transfer(endpoint, data, timeout_ms))
         except usb.core.USBError as err:
-            raise wire_fault(err) from err
+            raise to_wire_fault(err) from err
 
     def _control(self, kind: int, request: int, data: Any) -> Any:
         try:
@@ -194,7 +196,7 @@ class UsbPort:
                 kind, request, 0, self._interface, data, round(_CONTROL_S * 1e3)
             )
         except usb.core.USBError as err:
-            raise wire_fault(err) from err
+            raise to_wire_fault(err) from err
 
 
 def _interface(device: Any) -> Any:
@@ -207,7 +209,7 @@ def _interface(device: Any) -> Any:
                     interface.bInterfaceSubClass,
                     interface.bInterfaceProtocol,
                 )
-                if kind == STILL_IMAGE:
+                if kind == _STILL_IMAGE:
                     return interface
     except usb.core.USBError:  # a device that cannot be described is not ours
         return None
@@ -217,11 +219,13 @@ def _interface(device: Any) -> Any:
 def _refused(device: Any, err: usb.core.USBError) -> DeviceLost:
     """Why the interface could not be claimed, in words that help."""
     if err.errno == errno.EBUSY:
-        who = in_words(holders(node_of(device.bus, device.address)), os.getpid())
-        return DeviceLost(f"{in_short(device)} is held by {who}", device=DEVICE, hint=HINT)
+        who = describe_holders(
+            list_holders(build_node_path(device.bus, device.address)), os.getpid()
+        )
+        return DeviceLost(f"{describe_device(device)} is held by {who}", device=DEVICE, hint=HINT)
     if err.errno in (errno.EACCES, errno.EPERM):
         return DeviceLost(
-            f"{in_short(device)} may not be opened", device=DEVICE, hint=PERMISSION_HINT
+            f"{describe_device(device)} may not be opened", device=DEVICE, hint=PERMISSION_HINT
         )
-    fault: WireFault = wire_fault(err)
-    return DeviceLost(f"{in_short(device)}: {fault.message}", device=DEVICE, hint=fault.hint)
+    fault: WireFault = to_wire_fault(err)
+    return DeviceLost(f"{describe_device(device)}: {fault.message}", device=DEVICE, hint=fault.hint)

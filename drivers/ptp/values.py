@@ -13,17 +13,17 @@ from .codes import (
     Property,
 )
 
-BATTERY_EMPTY = 0
+_BATTERY_EMPTY = 0
 """`Property.BATTERY` when the camera is about to switch itself off (others: 1 half, 2 full)."""
 
 
-def isos(codes: tuple[int, ...]) -> dict[int, int]:
+def list_isos(codes: tuple[int, ...]) -> dict[int, int]:
     """ISO -> code of those listed, ascending; the automatic one is left out."""
     named = ((ISO_CODES.get(code, 0), code) for code in codes)
     return dict(sorted((iso, code) for iso, code in named if iso))
 
 
-def f_numbers(codes: tuple[int, ...]) -> dict[float, int]:
+def list_f_numbers(codes: tuple[int, ...]) -> dict[float, int]:
     """f-number -> code of those listed, ascending; empty for a lens without contacts."""
     found: dict[float, int] = {}
     for code in codes:
@@ -32,7 +32,9 @@ def f_numbers(codes: tuple[int, ...]) -> dict[float, int]:
     return dict(sorted(found.items()))
 
 
-def not_ready(values: Mapping[int, int], custom: Mapping[int, int], destination: str) -> list[str]:
+def list_setup_faults(
+    values: Mapping[int, int], custom: Mapping[int, int], destination: str
+) -> list[str]:
     """What has to be changed on the camera before it can hold an exposure; empty when nothing.
 
     values, custom : properties and custom functions as told so far; what was not told is not
@@ -46,7 +48,7 @@ def not_ready(values: Mapping[int, int], custom: Mapping[int, int], destination:
         "the mode dial is not on M: turn it there": mode
         not in (ExposureMode.MANUAL, ExposureMode.BULB),
         "autofocus is on: set the lens to MF": focus != FocusMode.MANUAL,
-        "the battery is empty: charge it": values.get(Property.BATTERY) == BATTERY_EMPTY,
+        "the battery is empty: charge it": values.get(Property.BATTERY) == _BATTERY_EMPTY,
         "long-exposure noise reduction is on, which takes a second, dark exposure: switch it "
         "off in the custom functions": bool(custom.get(CUSTOM_LONG_EXPOSURE_NR)),
         f"there is no room {place}": values.get(Property.AVAILABLE_SHOTS) == 0,

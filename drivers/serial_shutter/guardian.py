@@ -31,7 +31,7 @@ import sys
 import termios
 import time
 
-LINES = {"rts": termios.TIOCM_RTS, "dtr": termios.TIOCM_DTR}
+_LINES = {"rts": termios.TIOCM_RTS, "dtr": termios.TIOCM_DTR}
 AGAIN_S = 1.0
 """How often the shutter is released once the time is up, while nobody says that it is closed: a
 port may not have taken it, and a daemon that was stopped may send its command to open only then."""
@@ -39,7 +39,7 @@ _TRIES = 3
 _ROOM_MS = 500
 
 
-def release(port: int, how: str, value: str) -> bool:
+def release_shutter(port: int, how: str, value: str) -> bool:
     """Close the shutter. Returns whether the port took it.
 
     Parameters
@@ -57,7 +57,7 @@ def release(port: int, how: str, value: str) -> bool:
                 left = left[os.write(port, left) :]
             if how != "command":
                 action = termios.TIOCMBIS if value == "1" else termios.TIOCMBIC
-                fcntl.ioctl(port, action, struct.pack("I", LINES[how]))
+                fcntl.ioctl(port, action, struct.pack("I", _LINES[how]))
             return True
         except BlockingIOError:  # it is full of what was sent before
             room = select.poll()
@@ -68,14 +68,14 @@ def release(port: int, how: str, value: str) -> bool:
     return False
 
 
-def main(port: int, how: str, value: str, talk: socket.socket) -> None:
+def run_serial_guardian(port: int, how: str, value: str, talk: socket.socket) -> None:
     """Serve until the other end is gone."""
     deadline_s: float | None = None
     state = b"ok"
     while True:
         wait_s = None if deadline_s is None else max(0.0, deadline_s - time.monotonic())
         if not select.select([talk], [], [], wait_s)[0]:
-            state = b"fired" if release(port, how, value) else b"lost"
+            state = b"fired" if release_shutter(port, how, value) else b"lost"
             deadline_s = time.monotonic() + AGAIN_S
             continue
         try:
@@ -84,7 +84,7 @@ def main(port: int, how: str, value: str, talk: socket.socket) -> None:
             word = b""
         if not word:
             if deadline_s is not None:
-                release(port, how, value)
+                release_shutter(port, how, value)
             return
         verb, _, seconds = word.decode("ascii").partition(" ")
         if verb == "arm":
@@ -98,4 +98,6 @@ def main(port: int, how: str, value: str, talk: socket.socket) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2], sys.argv[3], socket.socket(fileno=int(sys.argv[4])))
+    run_serial_guardian(
+        int(sys.argv[1]), sys.argv[2], sys.argv[3], socket.socket(fileno=int(sys.argv[4]))
+    )

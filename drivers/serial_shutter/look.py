@@ -10,12 +10,12 @@ from pathlib import Path
 
 from pdcd.driver import Finding
 
-PATTERNS = ("ttyUSB*", "ttyACM*", "ttyS[0-9]*", "serial/by-id/*")
+_PATTERNS = ("ttyUSB*", "ttyACM*", "ttyS[0-9]*", "serial/by-id/*")
 """Below /dev: ports that may be meant where the configured one is not there."""
 _SHOWN = 6
 
 
-def look(port: str) -> Iterator[Finding]:
+def inspect_port(port: str) -> Iterator[Finding]:
     """Yield one finding: whether the port is there, is a serial device, and may be opened by us.
 
     A port of pyserial's URLs (``rfc2217://...``) is not looked for. Opens nothing.
@@ -44,7 +44,7 @@ def _why(err: OSError | ValueError) -> str:
 
 def _others() -> str:
     """Name what there is instead."""
-    found = sorted(str(path) for pattern in PATTERNS for path in Path("/dev").glob(pattern))
+    found = sorted(str(path) for pattern in _PATTERNS for path in Path("/dev").glob(pattern))
     if not found:
         return "is it plugged in? this machine has no serial port at all"
     more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""

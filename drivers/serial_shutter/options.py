@@ -9,12 +9,12 @@ from msgspec import Meta
 
 from pdcd.driver import TriggerConfig, read_options
 
-LONGEST_S = 1e6
+LONGEST_ANSWER_S = 1e6
 """Eleven days. Infinity, for one, is a time that no timer can be set to."""
 _Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
 
 
-class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SerialOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is wired to the port, and how long it may take to answer.
 
     Bytes are written in hexadecimal: ``"FF 01 01"``.
@@ -39,7 +39,7 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     feedback_active_low: bool = False
     answer_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.0
     """How long a reply or the feedback may take; nobody hears a sign of life from who reads."""
-    limit_s: Annotated[float, Meta(gt=0.0, le=LONGEST_S)] | None = None
+    limit_s: Annotated[float, Meta(gt=0.0, le=LONGEST_ANSWER_S)] | None = None
     """After how long the watchdog ends an exposure; unset: limits.max_exposure_s and half a minute.
     """
 
@@ -56,11 +56,11 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             raise ValueError("open_hex and close_hex need release = 'command'")
 
 
-def options_of(config: TriggerConfig) -> Options:
+def read_serial_options(config: TriggerConfig) -> SerialOptions:
     """The checked options. Raises ConfigError that says what is wrong."""
     return read_options(
         config.options,
-        Options,
+        SerialOptions,
         table="trigger.options",
         device="shutter",
         hint="docs/cameras.md lists the options of the driver serial",

@@ -28,7 +28,7 @@ import serial
 
 from pdcd.driver import ConfigError, DeviceLost, ExposureError
 
-from .options import Options
+from .options import SerialOptions
 
 _HINTS = {
     errno.ENOENT: "is it plugged in? see /dev/serial/by-id",
@@ -43,7 +43,7 @@ _LOOK_S = 0.001
 class Port:
     """An open port. Raises DeviceLost when it cannot be opened or stops answering."""
 
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: SerialOptions) -> None:
         self._options = options
         self._idle = options.active_low
         self._serial = self._opened()
@@ -63,7 +63,7 @@ class Port:
 
     @property
     def release(self) -> tuple[str, str]:
-        """How to close the shutter, as `drivers.serial_shutter.guardian.release` takes it."""
+        """How to close the shutter: see `drivers.serial_shutter.guardian.release_shutter`."""
         if self._options.release == "command":
             return "command", self._options.close_hex
         return self._options.release, str(int(self._idle))

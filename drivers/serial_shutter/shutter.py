@@ -23,8 +23,8 @@ from pdcd.driver import (
     PdcdError,
 )
 
-from .look import look
-from .options import LONGEST_S, Options, options_of
+from .look import inspect_port
+from .options import LONGEST_ANSWER_S, SerialOptions, read_serial_options
 from .port import Port
 from .watchdog import Alarm, Guardian, Watchdog
 
@@ -49,7 +49,7 @@ class SerialShutter:
 
     def __init__(
         self,
-        options: Options,
+        options: SerialOptions,
         config: Config,
         clock: Clock,
         alive: Callable[[], object] = lambda: None,
@@ -59,7 +59,7 @@ class SerialShutter:
         self._alive = alive
         self._sure_ns = config.trigger.sure_ns
         limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
-        self._limit_s = min(limit_s, LONGEST_S)
+        self._limit_s = min(limit_s, LONGEST_ANSWER_S)
         self._longest_s = self._limit_s
         self._port: Port | None = None
         self._watchdog: Watchdog | None = None
@@ -70,7 +70,7 @@ class SerialShutter:
     def create(cls, context: DriverContext) -> SerialShutter:
         """Check the options; the port is opened by `connect`."""
         config = context.config
-        options = options_of(config.trigger)
+        options = read_serial_options(config.trigger)
         if config.rig.clock == "virtual" and "://" not in options.port:
             raise ConfigError(
                 "a real port cannot keep up with a virtual clock",
@@ -81,7 +81,7 @@ class SerialShutter:
 
     def look(self) -> Iterator[Finding]:
         """What `pdcd doctor trigger` can say before the port is opened."""
-        return look(self._options.port)
+        return inspect_port(self._options.port)
 
     def connect(self) -> dict[str, str]:
         """Open the port if it is not open; the shutter is closed on return.

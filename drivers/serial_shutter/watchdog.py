@@ -17,15 +17,15 @@ from typing import Protocol
 
 from pdcd.driver import DeviceLost, PdcdError
 
-from ..guard import Guard
-from .guardian import AGAIN_S, release
+from ..guard import ShutterGuard
+from .guardian import AGAIN_S, release_shutter
 
 logger = logging.getLogger(__name__)
 
 _ANSWER_S = 5.0
 """Bound of the guardian's start and of each of its answers; both take milliseconds."""
 
-GUARDIAN = (sys.executable, "-I", "-S", str(Path(__file__).with_name("guardian.py")))
+SERIAL_GUARDIAN = (sys.executable, "-I", "-S", str(Path(__file__).with_name("guardian.py")))
 
 
 class Watchdog(Protocol):
@@ -54,11 +54,14 @@ class Guardian:
     def __init__(self, port_fd: int, how: str, value: str) -> None:
         def unguarded(why: str) -> None:
             self._ended = why
-            if not release(port_fd, how, value):
+            if not release_shutter(port_fd, how, value):
                 raise DeviceLost("the port does not take it", device="shutter")
 
-        self._guard = Guard(
-            (*GUARDIAN, str(port_fd), how, value), port_fd, answer_s=_ANSWER_S, unguarded=unguarded
+        self._guard = ShutterGuard(
+            (*SERIAL_GUARDIAN, str(port_fd), how, value),
+            port_fd,
+            answer_s=_ANSWER_S,
+            unguarded=unguarded,
         )
         self._limit_s, self._ended = 0.0, ""
         self._guard.start()
@@ -96,7 +99,7 @@ class Guardian:
 
 
 class Alarm:
-    """A thread that calls `release` when the time is up, until it is told to stand down."""
+    """A thread that calls `release_shutter` when the time is up, until it is told to stand down."""
 
     def __init__(self, release: Callable[[], None]) -> None:
         self._release = release

@@ -1,7 +1,7 @@
 """A camera that is not there: a Canon EOS 450D as seen over PTP, on the USB or on a network.
 
-`Body` is the camera, `VirtualUsb` puts it on a pyusb backend, `drivers.virtual_camera.ptpip` on
-TCP. What goes wrong with it is told by a `Script`.
+`CameraBody` is the camera, `VirtualUsb` puts it on a pyusb backend, `drivers.virtual_camera.ptpip`
+on TCP. What goes wrong with it is told by a `FaultScript`.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from dataclasses import replace
 from pdcd.driver import DriverContext
 
 from ..ptp.codes import APERTURE_CODES, ISO_CODES
-from .body import Body
-from .faults import Script, WireFault
-from .films import BenchFilm, PlainFilm, chart_film
+from .body import CameraBody
+from .faults import FaultScript, ScriptedFault
+from .films import BenchFilm, PlainFilm, make_chart_film
 from .model import (
     BULB_BODY,
     CABLE_BODY,
     RELEASE_BODY,
     THIRD_STOPS,
-    Model,
+    CameraModel,
 )
-from .shutter import Exposure, Film
+from .shutter import CameraExposure, ShutterFilm
 from .usb_backend import VirtualUsb
 
 __all__ = [
@@ -30,21 +30,21 @@ __all__ = [
     "RELEASE_BODY",
     "BenchFilm",
     "BenchUsb",
-    "Body",
-    "Exposure",
-    "Film",
-    "Model",
+    "CameraBody",
+    "CameraExposure",
+    "CameraModel",
+    "FaultScript",
     "PlainFilm",
-    "Script",
+    "ScriptedFault",
+    "ShutterFilm",
     "VirtualUsb",
-    "WireFault",
-    "bench_backend",
-    "chart_film",
+    "make_bench_backend",
+    "make_chart_film",
 ]
 
 
-def bench_backend(
-    context: DriverContext, model: Model = BULB_BODY, script: Script | None = None
+def make_bench_backend(
+    context: DriverContext, model: CameraModel = BULB_BODY, script: FaultScript | None = None
 ) -> VirtualUsb:
     """A pyusb backend with a camera that photographs the mock bench of this context.
 
@@ -58,7 +58,7 @@ def bench_backend(
     if fixed != "auto" and float(fixed) not in {APERTURE_CODES[code] for code in stops}:
         stops = ()
     fitted = replace(model, isos=isos, apertures=stops)
-    return VirtualUsb(Body(context.clock, film, fitted, script))
+    return VirtualUsb(CameraBody(context.clock, film, fitted, script))
 
 
 class BenchUsb:
@@ -68,5 +68,5 @@ class BenchUsb:
 
     @classmethod
     def create(cls, context: DriverContext) -> VirtualUsb:
-        """`bench_backend` of the rig. Raises ConfigError for a bench that cannot be."""
-        return bench_backend(context)
+        """`make_bench_backend` of the rig. Raises ConfigError for a bench that cannot be."""
+        return make_bench_backend(context)

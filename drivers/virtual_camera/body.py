@@ -26,17 +26,17 @@ from typing import ClassVar
 
 from pdcd.driver import Clock
 
-from ..ptp.codes import EosEvent, ExposureMode, FocusMode, Operation, Property, Response
+from ..ptp.codes import EosEvent, ExposureMode, FocusMode, Operation, Property, ResponseCode
 from ..ptp.containers import WireError
 from ..ptp.datasets import parse_property_set
-from ..ptp.events import EosRecord, ObjectAdded, Plain, pack_events
-from .develop import Develop, at_once
-from .faults import Occasions, Script
-from .model import BULB_BODY, Model
-from .objects import reading
+from ..ptp.events import EosRecord, ObjectAdded, PlainRecord, pack_events
+from .develop import Develop, develop_at_once
+from .faults import FaultScript, Occasions
+from .model import BULB_BODY, CameraModel
+from .objects import make_read_handlers
 from .properties import Properties
-from .reply import OK, Reply, failed
-from .shutter import Film, Shutter, Store
+from .reply import OK, CameraReply, make_error_reply
+from .shutter import CameraShutter, FileStore, ShutterFilm
 
 DATA_OUT = frozenset(
     {Operation.EOS_SET_DEVICE_PROP_VALUE_EX, Operation.SET_DEVICE_PROP_VALUE, 0x100C, 0x100D}
@@ -48,34 +48,34 @@ _HALF, _FULL = 1, 2
 _NO_FOCUS = 1
 
 
-_Handler = Callable[["Body", tuple[int, ...], bytes], Reply]
+_Handler = Callable[["CameraBody", tuple[int, ...], bytes], CameraReply]
 
 
-class Body:
+class CameraBody:
     """One camera. Not safe for two threads at once: its transport sees to that."""
 
     def __init__(
         self,
         clock: Clock,
-        film: Film,
-        model: Model = BULB_BODY,
-        script: Script | None = None,
-        develop: Develop = at_once,
+        film: ShutterFilm,
+        model: CameraModel = BULB_BODY,
+        script: FaultScript | None = None,
+        develop: Develop = develop_at_once,
     ) -> None:
         self.model = model
-        self.script = script or Script()
+        self.script = script or FaultScript()
         self.clock = clock
         self.plugged = True
         self.plugged_again = 0
         """How often the cable came back."""
-        self.store = Store()
+        self.store = FileStore()
         self.settings = Properties(model, self.script)
-        self.shutter = Shutter(clock, film, self.script, self.store, develop)
+        self.shutter = CameraShutter(clock, film, self.script, self.store, develop)
         self.ui_locked = False
         self.kept_on = 0
         """How often the client asked to be kept on."""
         self._occasions = Occasions(self.script)
-        self._reading = reading(self.store, self.settings, model)
+        self._reading = make_read_handlers(self.store, self.settings, model)
         self._session: int | None = None
         self._remote = self._events = False
         self._pc_has_room = False
@@ -89,19 +89,21 @@ class Body:
 
     # What the transport calls
 
-    def transact(self, code: int, parameters: tuple[int, ...] = (), data: bytes = b"") -> Reply:
+    def transact(
+        self, code: int, parameters: tuple[int, ...] = (), data: bytes = b""
+    ) -> CameraReply:
         """Do one operation. Parameters that were left out count as zero."""
         fault = self._occasions.meet(code)
         match fault:
             case "unplug":
                 self.plugged = False
-                return Reply(fault=fault)
+                return CameraReply(fault=fault)
             case "deaf":
-                return Reply(fault=fault)
+                return CameraReply(fault=fault)
             case "busy":
-                return failed(Response.DEVICE_BUSY)
+                return make_error_reply(ResponseCode.DEVICE_BUSY)
             case "error":
-                return failed(Response.GENERAL_ERROR)
+                return make_error_reply(ResponseCode.GENERAL_ERROR)
             case "lost-session":
                 self.forget_session()
         reply = self._answer(code, parameters, data)
@@ -125,7 +127,7 @@ class Body:
 
     def status(self) -> int:
         """Class request 67: what the camera is doing, as a response code."""
-        return Response.OK
+        return ResponseCode.OK
 
     # What stands beside the camera
 
@@ -151,170 +153,170 @@ class Body:
 
     # Operations
 
-    def _answer(self, code: int, parameters: tuple[int, ...], data: bytes) -> Reply:
+    def _answer(self, code: int, parameters: tuple[int, ...], data: bytes) -> CameraReply:
         handler = self._handlers.get(code)
         reads = self._reading.get(code)
         if code not in self.model.info.operations or not (handler or reads):
-            return failed(Response.OPERATION_NOT_SUPPORTED)
+            return make_error_reply(ResponseCode.OPERATION_NOT_SUPPORTED)
         if self._session is None and code not in _WITHOUT_SESSION:
-            return failed(Response.SESSION_NOT_OPEN)
+            return make_error_reply(ResponseCode.SESSION_NOT_OPEN)
         padded = (*parameters, 0, 0, 0, 0, 0)[:5]
         if handler is not None:
             return handler(self, padded, data)
-        return reads(padded) if reads else failed(Response.OPERATION_NOT_SUPPORTED)
+        return reads(padded) if reads else make_error_reply(ResponseCode.OPERATION_NOT_SUPPORTED)
 
-    def _device_info(self, _p: tuple[int, ...], _data: bytes) -> Reply:
-        return Reply(data=self.model.info.pack())
+    def _device_info(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
+        return CameraReply(data=self.model.info.pack())
 
-    def _open_session(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _open_session(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         if self._session is not None:
-            return Reply(Response.SESSION_ALREADY_OPEN, (self._session,))
+            return CameraReply(ResponseCode.SESSION_ALREADY_OPEN, (self._session,))
         if p[0] == 0:
-            return failed(Response.INVALID_PARAMETER)
+            return make_error_reply(ResponseCode.INVALID_PARAMETER)
         self._session = p[0]
         return OK
 
-    def _close_session(self, _p: tuple[int, ...], _data: bytes) -> Reply:
+    def _close_session(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         self.forget_session()
         return OK
 
-    def _remote_mode(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _remote_mode(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         self._remote = p[0] != 0
         return OK
 
-    def _event_mode(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _event_mode(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         self._events = p[0] != 0
         # Once a session: a camera that tells all again looks like one whose settings all changed.
         if self._events and not self._told_everything:
             self._told_everything = True
             self._queue += self.settings.everything()
             if self.script.battery == 0:
-                self._queue.append(Plain(EosEvent.WILL_SOON_SHUT_DOWN, struct.pack("<I", 0)))
+                self._queue.append(PlainRecord(EosEvent.WILL_SOON_SHUT_DOWN, struct.pack("<I", 0)))
         return OK
 
-    def _get_event(self, _p: tuple[int, ...], _data: bytes) -> Reply:
+    def _get_event(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         if not self._events:
-            return Reply(data=pack_events([]))
+            return CameraReply(data=pack_events([]))
         found = self.shutter.records()
         self._queue += found
         if any(isinstance(record, ObjectAdded) for record in found):
             self._count_shots()
         records, self._queue = self._queue, []
-        return Reply(data=pack_events(records))
+        return CameraReply(data=pack_events(records))
 
-    def _set_property(self, _p: tuple[int, ...], data: bytes) -> Reply:
+    def _set_property(self, _p: tuple[int, ...], data: bytes) -> CameraReply:
         try:
             prop, value = parse_property_set(data)
         except WireError:
-            return failed(Response.INVALID_PARAMETER)
+            return make_error_reply(ResponseCode.INVALID_PARAMETER)
         if not self.settings.has(prop):
-            return failed(Response.DEVICE_PROP_NOT_SUPPORTED)
+            return make_error_reply(ResponseCode.DEVICE_PROP_NOT_SUPPORTED)
         if self.shutter.is_open:
-            return failed(Response.DEVICE_BUSY)
+            return make_error_reply(ResponseCode.DEVICE_BUSY)
         if not self.settings.put(prop, value):
-            return failed(Response.INVALID_DEVICE_PROP_VALUE)
+            return make_error_reply(ResponseCode.INVALID_DEVICE_PROP_VALUE)
         self._queue.append(self.settings.record(prop))
         if prop == Property.CAPTURE_DESTINATION:
             self._count_shots()
         return OK
 
-    def _request_property(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _request_property(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         if not self.settings.has(p[0]):
-            return failed(Response.GENERAL_ERROR)
+            return make_error_reply(ResponseCode.GENERAL_ERROR)
         self._queue.append(self.settings.record(p[0]))
         return OK
 
-    def _pc_capacity(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _pc_capacity(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         self._pc_has_room = p[0] > 0
         self._count_shots(tell=True)
         return OK
 
-    def _lock(self, _p: tuple[int, ...], _data: bytes) -> Reply:
+    def _lock(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         self.ui_locked = True
         return OK
 
-    def _unlock(self, _p: tuple[int, ...], _data: bytes) -> Reply:
+    def _unlock(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         self.ui_locked = False
         return OK
 
-    def _keep_on(self, _p: tuple[int, ...], _data: bytes) -> Reply:
+    def _keep_on(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         self.kept_on += 1
         return OK
 
-    def _bulb_start(self, _p: tuple[int, ...], _data: bytes) -> Reply:
-        refused = self._refusal() or (None if self.settings.bulb else Response.GENERAL_ERROR)
+    def _bulb_start(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
+        refused = self._refusal() or (None if self.settings.bulb else ResponseCode.GENERAL_ERROR)
         if refused is not None:
-            return failed(refused)
+            return make_error_reply(refused)
         self._open()
         return OK
 
-    def _bulb_end(self, _p: tuple[int, ...], _data: bytes) -> Reply:
+    def _bulb_end(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         if not self.shutter.is_open:
-            return failed(Response.GENERAL_ERROR)
+            return make_error_reply(ResponseCode.GENERAL_ERROR)
         self._close()
         return OK
 
-    def _remote_release(self, _p: tuple[int, ...], _data: bytes) -> Reply:
+    def _remote_release(self, _p: tuple[int, ...], _data: bytes) -> CameraReply:
         if self.settings.bulb:
-            return failed(Response.GENERAL_ERROR)
+            return make_error_reply(ResponseCode.GENERAL_ERROR)
         refused = self._refusal()
-        if refused is Response.GENERAL_ERROR and self._out_of_focus:
-            return Reply(Response.OK, (_NO_FOCUS,))
+        if refused is ResponseCode.GENERAL_ERROR and self._out_of_focus:
+            return CameraReply(ResponseCode.OK, (_NO_FOCUS,))
         if refused is not None:
-            return failed(refused)
+            return make_error_reply(refused)
         self._open()
-        return Reply(Response.OK, (0,))
+        return CameraReply(ResponseCode.OK, (0,))
 
-    def _release_on(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _release_on(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         if not p[0] & _FULL:
-            return OK if p[0] & _HALF else failed(Response.INVALID_PARAMETER)
+            return OK if p[0] & _HALF else make_error_reply(ResponseCode.INVALID_PARAMETER)
         refused = self._refusal()
         if refused is not None:
-            return failed(refused)
+            return make_error_reply(refused)
         self._open()
-        return Reply(Response.OK, (0,))
+        return CameraReply(ResponseCode.OK, (0,))
 
-    def _release_off(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _release_off(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         if p[0] & _FULL and self.settings.bulb:
             self._close()
         return OK
 
-    def _transfer_complete(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _transfer_complete(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         stored = self.store.files.get(p[0])
         if stored is None:
-            return failed(Response.INVALID_OBJECT_HANDLE)
+            return make_error_reply(ResponseCode.INVALID_OBJECT_HANDLE)
         if not stored.on_card:
             del self.store.files[p[0]]
             self._count_shots(tell=True)
         return OK
 
-    def _delete(self, p: tuple[int, ...], _data: bytes) -> Reply:
+    def _delete(self, p: tuple[int, ...], _data: bytes) -> CameraReply:
         if p[0] not in self.store.files:
-            return failed(Response.INVALID_OBJECT_HANDLE)
+            return make_error_reply(ResponseCode.INVALID_OBJECT_HANDLE)
         del self.store.files[p[0]]
         self._count_shots(tell=True)
         return OK
 
     # The release
 
-    def _refusal(self) -> Response | None:
+    def _refusal(self) -> ResponseCode | None:
         """Why a client may not release now; None when it may."""
         self._queue += self.shutter.records()  # a timed exposure may just have ended
         if not self._remote:
-            return Response.GENERAL_ERROR
+            return ResponseCode.GENERAL_ERROR
         if self._queue or self.shutter.has_news:
-            return Response.DEVICE_BUSY  # what happened before must be heard first
+            return ResponseCode.DEVICE_BUSY  # what happened before must be heard first
         return self._ready()
 
-    def _ready(self) -> Response | None:
+    def _ready(self) -> ResponseCode | None:
         """Why the camera itself cannot release now."""
         if self.shutter.busy:
-            return Response.DEVICE_BUSY
+            return ResponseCode.DEVICE_BUSY
         if self.settings[Property.AVAILABLE_SHOTS] == 0:
-            return Response.STORE_FULL
+            return ResponseCode.STORE_FULL
         manual = self.script.dial in (ExposureMode.MANUAL, ExposureMode.BULB)
         if not manual or self._out_of_focus or self.script.battery == 0:
-            return Response.GENERAL_ERROR
+            return ResponseCode.GENERAL_ERROR
         return None
 
     @property

@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 from pdcd.driver import RealClock
 
-from .body import Body
-from .develop import Develop, meanwhile
-from .films import SENSOR_450D, chart_film, scene_film
+from .body import CameraBody
+from .develop import Develop, start_developer
+from .films import SENSOR_450D, make_chart_film, make_scene_film
 from .ptpip import PtpIpServer
-from .shutter import Film
+from .shutter import ShutterFilm
 
 
-def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> None:
+def serve_virtual_camera(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> None:
     """Serve until interrupted. `say` is given lines for the user, the port's first of all.
 
     `scene` is "chart" or a preset of the mock bench. `small` makes files of 192 x 128 samples
@@ -21,8 +21,11 @@ def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> 
     when the port is taken.
     """
     shape = (128, 192) if small else SENSOR_450D
-    film = chart_film(shape) if scene == "chart" else scene_film(scene, shape)
-    with meanwhile() as develop, PtpIpServer(body_in_real_time(film, develop), port) as server:
+    film = make_chart_film(shape) if scene == "chart" else make_scene_film(scene, shape)
+    with (
+        start_developer() as develop,
+        PtpIpServer(make_real_time_body(film, develop), port) as server,
+    ):
         say(f"virtual Canon EOS 450D on ptpip:{server.host}:{server.port}:{server.port}")
         say(
             'try: gphoto2 --camera "PTP/IP Camera" '
@@ -32,6 +35,6 @@ def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> 
         server.wait()
 
 
-def body_in_real_time(film: Film, develop: Develop) -> Body:
+def make_real_time_body(film: ShutterFilm, develop: Develop) -> CameraBody:
     """A 450D for clients that wait for their answers: files are made by `develop`."""
-    return Body(RealClock(), film, develop=develop)
+    return CameraBody(RealClock(), film, develop=develop)

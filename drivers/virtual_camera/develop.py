@@ -16,7 +16,7 @@ Develop = Callable[[Callable[[], bytes]], "Future[bytes]"]
 """Takes what makes a file; returns what holds the file, now or later."""
 
 
-def at_once(make: Callable[[], bytes]) -> Future[bytes]:
+def develop_at_once(make: Callable[[], bytes]) -> Future[bytes]:
     """Make the file before anything else happens. Raises what `make` raises."""
     made: Future[bytes] = Future()
     made.set_result(make())
@@ -24,7 +24,7 @@ def at_once(make: Callable[[], bytes]) -> Future[bytes]:
 
 
 @contextmanager
-def meanwhile() -> Iterator[Develop]:
+def start_developer() -> Iterator[Develop]:
     """Make files in one thread, in turn; the end waits for the one that is being made."""
     pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="virtual-camera-file")
     try:

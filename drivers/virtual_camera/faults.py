@@ -25,11 +25,11 @@ WireKind = Literal[
     "corrupt",  # one byte of the data is not what it was
     "no-data",  # an OK comes where data were due
 ]
-FileKind = Literal["normal", "none", "late", "twice", "truncated"]
+_FileKind = Literal["normal", "none", "late", "twice", "truncated"]
 
 
 @dataclass(frozen=True)
-class WireFault:
+class ScriptedFault:
     """`kind` happens at the calls `first` to `first + times - 1` (from 1) of an operation.
 
     Calls are counted from when the camera was made, those of faulty ones included.
@@ -42,7 +42,7 @@ class WireFault:
 
 
 @dataclass(frozen=True)
-class Script:
+class FaultScript:
     """Everything that is wrong with a camera; the default is a sound one, set for bulb.
 
     wire
@@ -60,8 +60,8 @@ class Script:
         No shots are left, whatever the computer says of its room.
     """
 
-    wire: tuple[WireFault, ...] = ()
-    file: FileKind = "normal"
+    wire: tuple[ScriptedFault, ...] = ()
+    file: _FileKind = "normal"
     late_s: float = 20.0
     dial: ExposureMode = ExposureMode.MANUAL
     focus: FocusMode = FocusMode.MANUAL
@@ -73,7 +73,7 @@ class Script:
 class Occasions:
     """Counts calls and says which fault, if any, this one meets."""
 
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: FaultScript) -> None:
         self._script = script
         self._calls: Counter[int] = Counter()
 

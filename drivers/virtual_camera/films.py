@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.driver import DriverContext, load_profile
-from pdcd.sensor.dng import dng_bytes
+from pdcd.sensor.dng import encode_dng
 from pdcd.virtual.scene.build import build_scene
 
-from ..mock.bench import Bench
+from ..mock.bench import MockBench
 from ..mock.camera import BenchSensor
 from ..mock.shutter import Lag
-from .shutter import Exposure
+from .shutter import CameraExposure
 
 _BRIGHTEST_E_PER_S = 20_000.0
 
@@ -32,7 +32,7 @@ class BenchFilm:
 
     def __init__(self, context: DriverContext) -> None:
         config = context.config
-        self._bench = Bench.of(context)
+        self._bench = MockBench.of(context)
         context.shared.photographed = True
         self._sensor = BenchSensor(self._bench, config.camera)
         self._lag = Lag(self._bench.true.trigger, config.camera.seed)
@@ -56,7 +56,7 @@ class BenchFilm:
         self._bench.close_shutter(close_ns)
         return close_ns
 
-    def make_raw(self, exposure: Exposure) -> bytes:
+    def make_raw(self, exposure: CameraExposure) -> bytes:
         """The bench's DNG; the body names it .CR2, which no reader of RAW files minds."""
         return self._sensor.dng(exposure.iso, exposure.f_number or self._fixed_f_number)
 
@@ -64,7 +64,7 @@ class BenchFilm:
 class PlainFilm:
     """A shutter without lag, and files from a function: for tests, and for scenes of one's own."""
 
-    def __init__(self, make_raw: Callable[[Exposure], bytes]) -> None:
+    def __init__(self, make_raw: Callable[[CameraExposure], bytes]) -> None:
         self._make_raw = make_raw
 
     def open(self, asked_ns: int) -> int:
@@ -75,12 +75,12 @@ class PlainFilm:
         """Close at once."""
         return asked_ns
 
-    def make_raw(self, exposure: Exposure) -> bytes:
+    def make_raw(self, exposure: CameraExposure) -> bytes:
         """What the function makes of it."""
         return self._make_raw(exposure)
 
 
-def chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm:
+def make_chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm:
     """A grey staircase in an even frame, lit steadily, on the 450D's sensor (estimated profile).
 
     `shape` is rows and columns of the mosaic, both even. Sixteen steps of half a stop go from left
@@ -93,10 +93,10 @@ def chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm
     return _lit_film(np.outer(frame, _BRIGHTEST_E_PER_S * steps), seed)
 
 
-def scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D) -> PlainFilm:
+def make_scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D) -> PlainFilm:
     """A scene preset of the mock bench under steady white light, spread over the whole sensor.
 
-    Raises ConfigError when there is no such preset. Brightness as in `chart_film`.
+    Raises ConfigError when there is no such preset. Brightness as in `make_chart_film`.
     """
     scene = build_scene(SceneConfig(kind=kind))
     seen = scene.white().reshape(*scene.grid, 3)
@@ -118,8 +118,8 @@ def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
     rate = electrons_per_s.astype(np.float32)
     unit = rng.standard_normal(rate.size, dtype=np.float32)
 
-    def samples(exposure: Exposure, seconds: float, f_number: float) -> NDArray[np.uint16]:
-        """As `pdcd.sensor.profile.expose` has it, but photons are counted as Gaussian."""
+    def samples(exposure: CameraExposure, seconds: float, f_number: float) -> NDArray[np.uint16]:
+        """As `pdcd.sensor.profile.expose_sensor` has it, but photons are counted as Gaussian."""
         row = profile.row(exposure.iso)
         light = rate * np.float32(seconds * 64.0 / f_number**2)
         steady = profile.dark_e_per_s * seconds + row.read_noise_e**2
@@ -133,10 +133,10 @@ def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
         found: NDArray[np.uint16] = charge.astype(np.uint16)
         return found
 
-    def make_raw(exposure: Exposure) -> bytes:
+    def make_raw(exposure: CameraExposure) -> bytes:
         seconds = (exposure.close_ns - exposure.open_ns) * 1e-9
         f_number = exposure.f_number or 8.0
-        return dng_bytes(
+        return encode_dng(
             samples(exposure, seconds, f_number),
             black=profile.black_dn,
             white=profile.white_dn,

@@ -49,7 +49,7 @@ EOS_450D = DeviceInfo(
 
 
 @dataclass(frozen=True)
-class Model:
+class CameraModel:
     """One kind of body: what it says of itself and which settings it offers (codes)."""
 
     info: DeviceInfo
@@ -72,13 +72,13 @@ class Model:
     """Photos that the camera's memory holds until they are fetched."""
 
 
-BULB_BODY = Model(EOS_450D)
+BULB_BODY = CameraModel(EOS_450D)
 """The 450D: BulbStart and BulbEnd."""
 
 
-def _with(model: str, drop: set[int], add: tuple[int, ...] = ()) -> Model:
+def _with(model: str, drop: set[int], add: tuple[int, ...] = ()) -> CameraModel:
     kept = tuple(code for code in EOS_450D.operations if code not in drop)
-    return Model(replace(EOS_450D, model=model, operations=kept + add))
+    return CameraModel(replace(EOS_450D, model=model, operations=kept + add))
 
 
 _BULB = {Operation.EOS_BULB_START.value, Operation.EOS_BULB_END.value}

@@ -15,8 +15,8 @@ from ..ptp.codes import (
 )
 from ..ptp.datasets import pack_custom_functions
 from ..ptp.events import AvailList, EosRecord, PropValue
-from .faults import Script
-from .model import DESTINATION_CARD, RAW_FORMAT, STORAGE, Model
+from .faults import FaultScript
+from .model import DESTINATION_CARD, RAW_FORMAT, STORAGE, CameraModel
 
 _CARD_SHOTS = 92
 
@@ -24,7 +24,7 @@ _CARD_SHOTS = 92
 class Properties:
     """Settings of one body. Raw bytes inside; numbers where they are u32."""
 
-    def __init__(self, model: Model, script: Script) -> None:
+    def __init__(self, model: CameraModel, script: FaultScript) -> None:
         self._model = model
         self._script = script
         manual = script.dial is ExposureMode.MANUAL

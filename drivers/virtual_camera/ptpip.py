@@ -24,8 +24,8 @@ from enum import IntEnum
 from pdcd.driver import DecodeError
 
 from ..ptp.datasets import Reader
-from .body import DATA_OUT, Body
-from .reply import Reply
+from .body import DATA_OUT, CameraBody
+from .reply import CameraReply
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ class Packet(IntEnum):
 class PtpIpServer:
     """Serves one body on 127.0.0.1 (or `host`); `port` 0 takes a free one. Use it in a `with`."""
 
-    def __init__(self, body: Body, port: int = PORT, host: str = "127.0.0.1") -> None:
+    def __init__(self, body: CameraBody, port: int = PORT, host: str = "127.0.0.1") -> None:
         self._tcp = _Tcp((host, port), _Connection)
         self._tcp.body = body
         self.host, self.port = host, int(self._tcp.server_address[1])
@@ -86,7 +86,7 @@ class PtpIpServer:
 class _Tcp(socketserver.ThreadingTCPServer):
     allow_reuse_address = True
     daemon_threads = False  # closing waits for them: no thread outlives the server
-    body: Body
+    body: CameraBody
 
     def __init__(self, address: tuple[str, int], handler: type[_Connection]) -> None:
         super().__init__(address, handler)
@@ -195,7 +195,7 @@ class _Connection(socketserver.BaseRequestHandler):
                 return bytes(found)
         raise DecodeError("the connection ended within an operation")
 
-    def _answer(self, transaction: int, reply: Reply) -> None:
+    def _answer(self, transaction: int, reply: CameraReply) -> None:
         if reply.data is not None:
             view = memoryview(reply.data)
             self._send(Packet.START_DATA, struct.pack("<IQ", transaction, len(view)))

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..ptp.codes import Response
+from ..ptp.codes import ResponseCode
 from .faults import WireKind
 
 
 @dataclass(frozen=True)
-class Reply:
+class CameraReply:
     """An answer: response code, parameters, and the data phase (None: there is none).
 
     `fault` is for the transport: what to do to the answer on its way, as the script has it.
     """
 
-    code: int = Response.OK
+    code: int = ResponseCode.OK
     parameters: tuple[int, ...] = ()
     data: bytes | memoryview | None = None
     fault: WireKind | None = None
 
 
-OK = Reply()
+OK = CameraReply()
 
 
-def failed(code: Response) -> Reply:
+def make_error_reply(code: ResponseCode) -> CameraReply:
     """An answer without data that says what is wrong."""
-    return Reply(code)
+    return CameraReply(code)

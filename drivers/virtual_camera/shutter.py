@@ -13,17 +13,17 @@ from pdcd.driver import Clock
 
 from ..ptp.codes import EosEvent, ObjectFormat
 from ..ptp.datasets import ObjectInfo
-from ..ptp.events import EosRecord, ObjectAdded, Plain
-from .develop import Develop, at_once
-from .faults import Script
+from ..ptp.events import EosRecord, ObjectAdded, PlainRecord
+from .develop import Develop, develop_at_once
+from .faults import FaultScript
 from .model import STORAGE
 
 logger = logging.getLogger(__name__)
 
-ROOT = 0
+ROOT_HANDLE = 0
 DCIM = 0x41000000
-FOLDER = 0x41900000
-READOUT_NS = 200_000_000
+FOLDER_HANDLE = 0x41900000
+_READOUT_NS = 200_000_000
 """From the end of an exposure until its file is announced."""
 _FIRST_HANDLE = 0x91900011
 _HANDLE_STEP = 0x10
@@ -31,7 +31,7 @@ _REMEMBERED = 16
 
 
 @dataclass(frozen=True)
-class Exposure:
+class CameraExposure:
     """When the shutter was open, in ns of the injected clock, and the settings it was taken with.
 
     `f_number` is None for a lens that does not tell.
@@ -43,7 +43,7 @@ class Exposure:
     f_number: float | None
 
 
-class Film(Protocol):
+class ShutterFilm(Protocol):
     """What lies behind the shutter: the mock bench, or a scene of its own."""
 
     def open(self, asked_ns: int) -> int:
@@ -54,13 +54,13 @@ class Film(Protocol):
         """The shutter is told to close; returns when it really does."""
         ...
 
-    def make_raw(self, exposure: Exposure) -> bytes:
+    def make_raw(self, exposure: CameraExposure) -> bytes:
         """The RAW file of the exposure that has just ended."""
         ...
 
 
 @dataclass
-class Stored:
+class _Stored:
     """One file: its bytes, what the camera says of it, and whether it lies on the card."""
 
     data: bytes
@@ -68,11 +68,11 @@ class Stored:
     on_card: bool
 
 
-class Store:
+class FileStore:
     """Files on the card and in memory, by handle, below the folders that cameras have."""
 
     def __init__(self) -> None:
-        self.files: dict[int, Stored] = {}
+        self.files: dict[int, _Stored] = {}
         self._next = _FIRST_HANDLE
         self._count = 0
 
@@ -86,9 +86,9 @@ class Store:
         self._count += 1
         handle, self._next = self._next, self._next + _HANDLE_STEP
         name = f"IMG_{(self._count - 1) % 9999 + 1:04d}.CR2"
-        parent = FOLDER if on_card else ROOT
+        parent = FOLDER_HANDLE if on_card else ROOT_HANDLE
         info = ObjectInfo(STORAGE, ObjectFormat.CANON_CR2, announced_bytes, name, parent)
-        self.files[handle] = Stored(data, info, on_card)
+        self.files[handle] = _Stored(data, info, on_card)
         return ObjectAdded(
             handle, ObjectFormat.CANON_CR2, announced_bytes, name, on_card,
             STORAGE if on_card else 0, parent,
@@ -97,29 +97,29 @@ class Store:
     def info(self, handle: int) -> ObjectInfo | None:
         """What the camera says of a file or folder."""
         if handle == DCIM:
-            return ObjectInfo(STORAGE, ObjectFormat.ASSOCIATION, 0, "DCIM", ROOT)
-        if handle == FOLDER:
+            return ObjectInfo(STORAGE, ObjectFormat.ASSOCIATION, 0, "DCIM", ROOT_HANDLE)
+        if handle == FOLDER_HANDLE:
             return ObjectInfo(STORAGE, ObjectFormat.ASSOCIATION, 0, "100CANON", DCIM)
         stored = self.files.get(handle)
         return stored.info if stored else None
 
     def children(self, parent: int) -> list[int]:
         """Handles on the card in a folder; 0xFFFFFFFF and 0 are the card's root."""
-        if parent in (ROOT, 0xFFFFFFFF):
+        if parent in (ROOT_HANDLE, 0xFFFFFFFF):
             return [DCIM]
         if parent == DCIM:
-            return [FOLDER]
-        if parent == FOLDER:
+            return [FOLDER_HANDLE]
+        if parent == FOLDER_HANDLE:
             return [handle for handle, stored in self.files.items() if stored.on_card]
         return []
 
     @property
     def everything(self) -> list[int]:
         """All handles on the card, folders included."""
-        return [DCIM, FOLDER, *self.children(FOLDER)]
+        return [DCIM, FOLDER_HANDLE, *self.children(FOLDER_HANDLE)]
 
 
-class Shutter:
+class CameraShutter:
     """Opens, closes, and announces the file when it is there.
 
     `opened` counts exposures ever begun: what a client that repeats itself would raise by two.
@@ -128,10 +128,10 @@ class Shutter:
     def __init__(
         self,
         clock: Clock,
-        film: Film,
-        script: Script,
-        store: Store,
-        develop: Develop = at_once,
+        film: ShutterFilm,
+        script: FaultScript,
+        store: FileStore,
+        develop: Develop = develop_at_once,
     ) -> None:
         self._clock = clock
         self._film = film
@@ -147,7 +147,7 @@ class Shutter:
         self._due: list[tuple[int, EosRecord]] = []
         self._told_s = 0
         self.opened = 0
-        self.exposures: deque[Exposure] = deque(maxlen=_REMEMBERED)
+        self.exposures: deque[CameraExposure] = deque(maxlen=_REMEMBERED)
         """The last exposures made, oldest first."""
 
     @property
@@ -188,7 +188,7 @@ class Shutter:
             seconds = max(0, (now_ns - self._open_ns) // 1_000_000_000)
             if seconds > self._told_s:
                 self._told_s = seconds
-                told.append(Plain(EosEvent.BULB_EXPOSURE_TIME, struct.pack("<I", seconds)))
+                told.append(PlainRecord(EosEvent.BULB_EXPOSURE_TIME, struct.pack("<I", seconds)))
         return told
 
     @property
@@ -208,11 +208,11 @@ class Shutter:
             return
         open_ns, self._open_ns, self._close_at_ns = self._open_ns, None, None
         close_ns = self._film.close(asked_ns)
-        exposure = Exposure(open_ns, close_ns, self._iso, self._f_number)
+        exposure = CameraExposure(open_ns, close_ns, self._iso, self._f_number)
         self.exposures.append(exposure)
         self._making = self._develop(lambda: self._film.make_raw(exposure))
         dark_ns = (close_ns - open_ns) if self._script.long_exposure_nr else 0
-        self._ready_ns = close_ns + dark_ns + READOUT_NS
+        self._ready_ns = close_ns + dark_ns + _READOUT_NS
         self._collect()
 
     def _collect(self) -> None:

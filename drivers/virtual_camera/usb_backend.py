@@ -23,7 +23,7 @@ from typing import Any
 import usb.backend
 import usb.core
 
-from ..ptp.codes import ClassRequest, ContainerType, Response
+from ..ptp.codes import ClassRequest, ContainerType, ResponseCode
 from ..ptp.containers import (
     HEADER_BYTES,
     WireError,
@@ -32,12 +32,12 @@ from ..ptp.containers import (
     parse_header,
     parse_message,
 )
-from .body import DATA_OUT, Body
+from .body import DATA_OUT, CameraBody
 from .model import USB_ID
-from .reply import Reply
+from .reply import CameraReply
 
-BULK_IN, BULK_OUT, INTERRUPT_IN = 0x81, 0x02, 0x83
-PACKET_BYTES = 512
+_BULK_IN, _BULK_OUT, _INTERRUPT_IN = 0x81, 0x02, 0x83
+_PACKET_BYTES = 512
 _FIRST_ADDRESS = 7
 _BULK, _INTERRUPT = 2, 3
 _STRING = 3
@@ -69,7 +69,7 @@ class _Transfer:
     def __init__(self, *parts: bytes | memoryview) -> None:
         self._parts = deque(memoryview(part).cast("B") for part in parts if len(part))
         self.left = sum(map(len, self._parts))
-        self.ends_empty = self.left % PACKET_BYTES == 0
+        self.ends_empty = self.left % _PACKET_BYTES == 0
 
     def read_into(self, buffer: memoryview) -> int:
         """Fill the buffer as far as it goes."""
@@ -100,7 +100,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
     `held_by_other` set, another program holds the interface: claims end in EBUSY.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: CameraBody) -> None:
         super().__init__()
         self.body = body
         self.held_by_other = False
@@ -159,9 +159,9 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         """Bulk in, bulk out, interrupt in."""
         _only(config, intf, alt)
         address, kind, size, interval = (
-            (BULK_IN, _BULK, PACKET_BYTES, 0),
-            (BULK_OUT, _BULK, PACKET_BYTES, 0),
-            (INTERRUPT_IN, _INTERRUPT, 8, 9),
+            (_BULK_IN, _BULK, _PACKET_BYTES, 0),
+            (_BULK_OUT, _BULK, _PACKET_BYTES, 0),
+            (_INTERRUPT_IN, _INTERRUPT, 8, 9),
         )[ep]  # past the end an IndexError, as pyusb wants it
         return SimpleNamespace(
             bLength=7, bDescriptorType=5, bEndpointAddress=address, bmAttributes=kind,
@@ -264,7 +264,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
                 raise _timed_out()
             transfer = self._to_host[0]
             buffer = memoryview(buff).cast("B")
-            if transfer.left > len(buffer) and len(buffer) % PACKET_BYTES:
+            if transfer.left > len(buffer) and len(buffer) % _PACKET_BYTES:
                 self._to_host.popleft()
                 raise _error(_OVERFLOW)  # a packet that does not fit is lost
             count = transfer.read_into(buffer)
@@ -312,7 +312,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
                 return b""
             case (0xA1, ClassRequest.GET_DEVICE_STATUS):
                 halted = sorted(self._halted)
-                code = Response.TRANSACTION_CANCELLED if halted else self.body.status()
+                code = ResponseCode.TRANSACTION_CANCELLED if halted else self.body.status()
                 length = 4 + 4 * len(halted)
                 return struct.pack(f"<HH{len(halted)}I", length, code, *halted)
             case (0x80, 6) if value >> 8 == _STRING:
@@ -367,7 +367,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         if reply.fault in ("mute", "deaf"):
             return
         if reply.fault == "stall":
-            self._halted.add(BULK_IN)
+            self._halted.add(_BULK_IN)
         self._to_host.extend(_transfers(code, transaction, reply))
 
     def _forget(self, *, halted: bool = True) -> None:
@@ -398,7 +398,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         clock.sleep_until_ns(clock.now_ns() + timeout_ms * 1_000_000)
 
 
-def _transfers(code: int, transaction: int, reply: Reply) -> list[_Transfer]:
+def _transfers(code: int, transaction: int, reply: CameraReply) -> list[_Transfer]:
     """Data and response of one answer, each a transfer of its own."""
     found = []
     if reply.data is not None:

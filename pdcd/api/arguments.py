@@ -11,11 +11,11 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.bench.reading import unknown_key
+from pdcd.bench.reading import describe_unknown_key
 from pdcd.errors import RequestError
 from pdcd.files.opening import Sendable
-from pdcd.protocol.fields import Field, FieldError, request_fields
-from pdcd.protocol.request import CaptureRequest, in_words
+from pdcd.protocol.fields import Field, FieldError, list_request_fields
+from pdcd.protocol.request import CaptureRequest, is_prior_in_words
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -26,7 +26,7 @@ from pdcd.words import (
     WindowName,
 )
 
-Array = ArrayLike | Path
+ArrayArgument = ArrayLike | Path
 """An array, rows of numbers, or the path of a .npy, .npz or PNG file."""
 
 
@@ -50,14 +50,14 @@ class Arguments(TypedDict, total=False):
     keep: KeepName
     rows: tuple[int, int]
     masked: bool
-    illumination: Array
-    disparities: Array
-    warp: Array
-    warp_b: Array
-    region_a: Array
-    region_b: Array
-    kernel: Array
-    matrix: Array
+    illumination: ArrayArgument
+    disparities: ArrayArgument
+    warp: ArrayArgument
+    warp_b: ArrayArgument
+    region_a: ArrayArgument
+    region_b: ArrayArgument
+    kernel: ArrayArgument
+    matrix: ArrayArgument
     method: MethodName
     pilot: int | Literal["auto"]
     parts: int | Literal["auto"]
@@ -83,7 +83,7 @@ class Arguments(TypedDict, total=False):
     note: str
 
 
-def asked(
+def make_request(
     goal: str, arguments: Mapping[str, Any], grid: Callable[[], tuple[int, int]]
 ) -> tuple[CaptureRequest, dict[str, Sendable]]:
     """The request that a goal and keywords make, and its arrays by field.
@@ -92,7 +92,7 @@ def asked(
 
     Raises RequestError naming all faults, one a line.
     """
-    fields = request_fields()
+    fields = list_request_fields()
     keywords = [name for name in fields if name != "goal"]
     goals = fields["goal"].words
     faults: list[str] = []
@@ -100,20 +100,22 @@ def asked(
     arrays: dict[str, Sendable] = {}
     if goal not in goals:
         faults.append(
-            unknown_key(str(goal), str(goal), goals).replace("no such key", "no such goal")
+            describe_unknown_key(str(goal), str(goal), goals).replace("no such key", "no such goal")
         )
     for name, value in arguments.items():
         if name not in keywords:
-            faults.append(unknown_key(str(name), str(name), keywords).replace("key", "keyword"))
+            faults.append(
+                describe_unknown_key(str(name), str(name), keywords).replace("key", "keyword")
+            )
         elif value is None:
             continue
         elif fields[name].kind == "array":
             arrays[name] = _array(name, value, faults)
-        elif fields[name].kind == "prior" and not in_words(value):
+        elif fields[name].kind == "prior" and not is_prior_in_words(value):
             arrays[name] = _transport(value, grid, faults)
         else:
             try:
-                values[name] = fields[name].convert(_row(plain(value), fields[name]))
+                values[name] = fields[name].convert(_row(to_json_types(value), fields[name]))
             except FieldError as err:
                 faults.append(str(err))
     if faults:
@@ -123,16 +125,16 @@ def asked(
     return CaptureRequest(**values), arrays
 
 
-def plain(value: Any) -> Any:
+def to_json_types(value: Any) -> Any:
     """The value in types of JSON: of numpy, of pathlib, and of tables and rows of these."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, Mapping):
-        return {str(key): plain(held) for key, held in value.items()}
+        return {str(key): to_json_types(held) for key, held in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(held) for held in value]
+        return [to_json_types(held) for held in value]
     return value
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, Self, Unpack
 
-from pdcd.api.arguments import Arguments, asked
-from pdcd.api.progress import OnEvent, Shown, shown
+from pdcd.api.arguments import Arguments, make_request
+from pdcd.api.progress import EventListener, ProgressChoice, show_progress
 from pdcd.api.run import Run, open_run
-from pdcd.errors import of_kind
+from pdcd.errors import make_error
 from pdcd.files.opening import Sendable
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
@@ -55,7 +55,7 @@ class Bench(ABC):
         request: CaptureRequest,
         arrays: Arrays = NONE,
         *,
-        on_event: OnEvent | None = None,
+        on_event: EventListener | None = None,
         report: bool = False,
     ) -> CaptureResult:
         """Take the photo of a request and tell how that ended; nothing is raised for what goes
@@ -71,10 +71,10 @@ class Bench(ABC):
 
         Raises RequestError.
         """
-        return self.foresee(*asked(goal, arguments, lambda: self.grid))
+        return self.foresee(*make_request(goal, arguments, lambda: self.grid))
 
     def capture(
-        self, goal: GoalName, *, progress: Shown = True, **arguments: Unpack[Arguments]
+        self, goal: GoalName, *, progress: ProgressChoice = True, **arguments: Unpack[Arguments]
     ) -> Run:
         """Take a photo.
 
@@ -94,10 +94,10 @@ class Bench(ABC):
             The job failed: the error that it ended by. What was taken is kept; a note on the error
             says where.
         """
-        request, arrays = asked(goal, arguments, lambda: self.grid)
-        with shown(progress) as on_event:
+        request, arrays = make_request(goal, arguments, lambda: self.grid)
+        with show_progress(progress) as on_event:
             result = self.take(request, arrays, on_event=on_event, report=True)
-        return finished(result)
+        return open_finished_run(result)
 
     def __enter__(self) -> Self:
         return self
@@ -111,12 +111,12 @@ class Bench(ABC):
         self.close()
 
 
-def finished(result: CaptureResult) -> Run:
+def open_finished_run(result: CaptureResult) -> Run:
     """The run of a job that is done. Raises the error that it ended by."""
     if result.state == "done" and result.folder is not None:
         return open_run(Path(result.folder))
     told = result.error or {"message": f"the job is {result.state}"}
-    error = of_kind(*(told.get(name) for name in ("kind", "message", "device", "hint")))
+    error = make_error(*(told.get(name) for name in ("kind", "message", "device", "hint")))
     if result.folder is not None:
         error.add_note(f"What was taken lies in {result.folder}")
     raise error

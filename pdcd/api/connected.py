@@ -10,10 +10,10 @@ from typing import Any
 import msgspec
 
 from pdcd.api.bench import NONE, Arrays, Bench
-from pdcd.api.progress import OnEvent
-from pdcd.api.signals import held_back
-from pdcd.bench.config import load
-from pdcd.bench.folders import socket_path
+from pdcd.api.progress import EventListener
+from pdcd.api.signals import hold_signals
+from pdcd.bench.config import load_config
+from pdcd.bench.folders import find_socket_path
 from pdcd.client import Client
 from pdcd.errors import DeniedError, PdcdError
 from pdcd.protocol.plan_summary import PlanSummary
@@ -21,7 +21,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 
 
-def connect(socket: Path | str | None = None, *, queue: bool = False) -> Connected:
+def connect(socket: Path | str | None = None, *, queue: bool = False) -> DaemonBench:
     """The bench that a daemon holds.
 
     Parameters
@@ -31,10 +31,12 @@ def connect(socket: Path | str | None = None, *, queue: bool = False) -> Connect
 
     Raises `pdcd.errors.BusyError` where too many wait, and ConnectionError where no daemon answers.
     """
-    return Connected(Client(socket_path(load()) if socket is None else Path(socket)), queue=queue)
+    return DaemonBench(
+        Client(find_socket_path(load_config()) if socket is None else Path(socket)), queue=queue
+    )
 
 
-class Connected(Bench):
+class DaemonBench(Bench):
     """The bench of a daemon; leaving the context parts from it, and ends jobs that still run."""
 
     def __init__(self, client: Client, *, queue: bool = False) -> None:
@@ -86,9 +88,9 @@ class Connected(Bench):
         request: CaptureRequest,
         arrays: Arrays = NONE,
         *,
-        on_event: OnEvent | None = None,
+        on_event: EventListener | None = None,
         report: bool = False,
     ) -> CaptureResult:
         """Take the photo of a request (see `Bench.take`); the daemon decides on the page."""
-        with held_back(raises=True):
+        with hold_signals(raises=True):
             return self.client.capture(request, arrays=arrays, queue=self._queue, on_event=on_event)

@@ -10,20 +10,20 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.api.progress import OnEvent
-from pdcd.capture.worker.answers import rms_sigma
+from pdcd.api.progress import EventListener
+from pdcd.capture.worker.answers import compute_rms_sigma
 from pdcd.errors import RequestError
-from pdcd.pictures.darkroom import Darkroom, Decoded
-from pdcd.pictures.decode import record_errors
-from pdcd.pictures.picture import Barred
-from pdcd.protocol.events import Decoded as Step
+from pdcd.pictures.darkroom import Darkroom, DecodedRun
+from pdcd.pictures.decode import convert_record_errors
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.protocol.events import DecodingProgress as Step
 from pdcd.runs.record import RunRecord
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 
 
 @dataclass(frozen=True, eq=False)
-class Decoding:
+class DecodingResult:
     """What came out.
 
     image, sigma : (rows, cols, 3) float64
@@ -38,18 +38,18 @@ class Decoding:
     sigma: NDArray[np.float64]
     sigma_kind: str
     rms_sigma: float
-    pictures: Mapping[str, Barred]
+    pictures: Mapping[str, PictureWithErrors]
 
 
-def decode(
+def decode_again(
     folder: Path,
     record: RunRecord,
     *,
     smooth: bool | None,
     normalise: NormaliseName | None,
     parts: int | None,
-    on_event: OnEvent | None,
-) -> Decoding:
+    on_event: EventListener | None,
+) -> DecodingResult:
     """Make the pictures of a run; nothing is written. None leaves an option as the run had it.
 
     Raises RequestError for a number of parts that the run does not have, and DecodeError.
@@ -58,7 +58,7 @@ def decode(
     if on_event is not None:
         heard = on_event
         watch = Watch(step=lambda done, total: heard(Step(done=done, total=total)))
-    with record_errors(folder):
+    with convert_record_errors(folder):
         record = msgspec.structs.replace(
             record,
             smooth=record.smooth if smooth is None else smooth,
@@ -70,13 +70,13 @@ def decode(
         return _told(darkroom.decoded(watch))
 
 
-def _told(decoded: Decoded) -> Decoding:
+def _told(decoded: DecodedRun) -> DecodingResult:
     means = decoded.cell_means
-    return Decoding(
+    return DecodingResult(
         image=np.asarray(means.image, dtype=np.float64),
         sigma=np.asarray(means.sigma, dtype=np.float64),
         sigma_kind=means.kind,
-        rms_sigma=rms_sigma(decoded.answer),
+        rms_sigma=compute_rms_sigma(decoded.answer),
         pictures=decoded.pictures,
     )
 

@@ -15,21 +15,21 @@ from typing import Any, ParamSpec, TypeVar
 from pdcd.child import (
     PICKLES,
     Child,
-    Line,
     LineClosedError,
-    live_for_parent,
-    module_command,
-    single_threaded,
-    start,
+    MessageLine,
+    end_with_parent,
+    make_child_environment,
+    make_module_command,
+    start_child,
 )
 from pdcd.errors import ConfigError, PdcdError
-from pdcd.extras import install_hint
+from pdcd.extras import suggest_install
 
-P = ParamSpec("P")
-R = TypeVar("R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
-COMMAND = module_command("pdcd.api.executors")
-CONNECT_S = 10.0
+COMMAND = make_module_command("pdcd.api.executors")
+_CONNECT_S = 10.0
 """For how long a cluster may not answer."""
 
 
@@ -47,7 +47,7 @@ class Processes(ThreadPoolExecutor):
         self._here = threading.local()
         self._started: list[Child[Any]] | None = []
 
-    def submit(self, fn: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> Future[R]:
+    def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
         """The future of a call; it raises PdcdError where the process died."""
         return super().submit(self._call, fn, args)
 
@@ -62,12 +62,12 @@ class Processes(ThreadPoolExecutor):
         for child in started:
             child.kill()
 
-    def _call(self, function: Callable[..., R], args: tuple[Any, ...]) -> R:
+    def _call(self, function: Callable[..., _R], args: tuple[Any, ...]) -> _R:
         child = getattr(self._here, "child", None) or self._start()
         self._here.child = None
         try:
             child.line.send((function, args))
-            answer: R = child.line.receive()
+            answer: _R = child.line.receive()
         except LineClosedError as err:
             lost = f"its process {child.how_it_ended()}"
             child.kill()
@@ -80,12 +80,12 @@ class Processes(ThreadPoolExecutor):
             if self._started is None:
                 raise PdcdError("the sweep has ended")
             what = "a process that takes photos"
-            child = start(COMMAND, PICKLES, what=what, environment=single_threaded())
+            child = start_child(COMMAND, PICKLES, what=what, environment=make_child_environment())
             self._started.append(child)
         return child
 
 
-def answer_calls(line: Line[Any]) -> None:
+def answer_calls(line: MessageLine[Any]) -> None:
     """Make the calls that come over a line, until its other end is gone."""
     try:
         while True:
@@ -96,7 +96,7 @@ def answer_calls(line: Line[Any]) -> None:
 
 
 @contextmanager
-def cluster_executor(cluster: Any) -> Iterator[Executor]:
+def connect_cluster(cluster: Any) -> Iterator[Executor]:
     """The executor of a Dask cluster: its address, or a `distributed.Client` of it, which stays
     open. Raises ConfigError."""
     client = _connect(cluster) if isinstance(cluster, str) else cluster
@@ -113,16 +113,16 @@ def _connect(address: str) -> Any:
         import distributed
 
         found: Any = distributed.Client
-        return found(address, set_as_default=False, timeout=CONNECT_S)
+        return found(address, set_as_default=False, timeout=_CONNECT_S)
     except ImportError as err:
         raise ConfigError(
-            "a sweep on a cluster needs dask.distributed", hint=install_hint("distributed")
+            "a sweep on a cluster needs dask.distributed", hint=suggest_install("distributed")
         ) from err
     except (OSError, ValueError) as err:
         raise ConfigError(f"no cluster answers at {address}: {err}") from err
 
 
 if __name__ == "__main__":
-    live_for_parent()
-    with Line.at(int(sys.argv[1]), PICKLES) as ours:
-        answer_calls(ours)
+    end_with_parent()
+    with MessageLine.at(int(sys.argv[1]), PICKLES) as _ours:
+        answer_calls(_ours)

@@ -11,33 +11,33 @@ import numpy as np
 
 from pdcd.errors import DecodeError
 from pdcd.pages.render import render
-from pdcd.printable import percent
-from pdcd.protocol.result import Figure, Quality
+from pdcd.printable import to_percent
+from pdcd.protocol.result import Quality, SummaryValue
 
-TEMPLATE = "notebook.html"
-WIDTH_PX = 320
+_TEMPLATE = "notebook.html"
+_WIDTH_PX = 320
 """Width of a preview in a notebook; larger ones are drawn smaller."""
-QUALITY = 85
+_QUALITY = 85
 """Of JPEG: a page of a notebook holds many pictures."""
 
-FIGURES = (
+_FIGURES = (
     ("codes", "codes", "{:.0f}"),
     ("parts", "parts", "{:.0f}"),
     ("exposure_s", "exposure", "{:.3g} s"),
     ("missed_refreshes", "missed refreshes", "{:.0f}"),
 )
-SHARES = (
+_SHARES = (
     ("rms_sigma", "RMS sigma"),
     ("rms_error_quads", "RMS error of quads"),
     ("rms_error_cells", "RMS error of cells"),
 )
 
 
-def run_html(
+def format_run_html(
     job: str,
     goal: str,
     folder: Path,
-    summary: Mapping[str, Figure],
+    summary: Mapping[str, SummaryValue],
     quality: Quality,
     warnings: Sequence[str],
     previews: Iterable[tuple[str, bytes]],
@@ -46,26 +46,26 @@ def run_html(
 
     previews : pictures by name with the bytes of their PNG files, the first to be shown first.
     """
-    rows = [(name, form.format(v)) for key, name, form in FIGURES if (v := summary.get(key))]
-    shares = ((name, summary.get(key)) for key, name in SHARES)
-    rows += [(name, percent(v)) for name, v in shares if isinstance(v, float)]
+    rows = [(name, form.format(v)) for key, name, form in _FIGURES if (v := summary.get(key))]
+    shares = ((name, summary.get(key)) for key, name in _SHARES)
+    rows += [(name, to_percent(v)) for name, v in shares if isinstance(v, float)]
     near = folder.is_relative_to(Path.cwd())
     rows.append(("folder", os.path.relpath(folder) if near else str(folder)))
     return render(
-        TEMPLATE,
+        _TEMPLATE,
         title=(goal, job),
         previews=list(_shown(previews)),
-        width_px=WIDTH_PX,
+        width_px=_WIDTH_PX,
         heads=("verdict", quality.verdict),
         rows=rows,
         notes=(*quality.reasons, *quality.remarks, *warnings),
     )
 
 
-def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> str:
+def format_table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> str:
     """A table of texts, and a note below it."""
     notes = (note,) if note else ()
-    return render(TEMPLATE, previews=(), heads=heads, rows=rows, notes=notes)
+    return render(_TEMPLATE, previews=(), heads=heads, rows=rows, notes=notes)
 
 
 def _shown(previews: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, str]]:
@@ -86,9 +86,9 @@ def _small(name: str, content: bytes) -> bytes:
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)
         if image is None:
             raise DecodeError(f"{name} is no picture")
-        height = max(1, round(image.shape[0] * WIDTH_PX / image.shape[1]))
-        if image.shape[1] > WIDTH_PX:
-            image = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
-        return bytes(cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))[1])
+        height = max(1, round(image.shape[0] * _WIDTH_PX / image.shape[1]))
+        if image.shape[1] > _WIDTH_PX:
+            image = cv2.resize(image, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+        return bytes(cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1])
     except cv2.error as err:
         raise DecodeError(f"{name} is damaged: {err.err}") from err

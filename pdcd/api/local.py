@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from pdcd.api.arguments import plain
+from pdcd.api.arguments import to_json_types
 from pdcd.api.bench import NONE, Arrays, Bench
-from pdcd.api.progress import OnEvent
-from pdcd.api.signals import held_back
-from pdcd.bench.config import from_table, load
-from pdcd.bench.measured import calibrated
-from pdcd.bench.reading import sized, text_table
+from pdcd.api.progress import EventListener
+from pdcd.api.signals import hold_signals
+from pdcd.bench.config import from_config_tables, load_config
+from pdcd.bench.measured import apply_calibration
+from pdcd.bench.reading import check_integers, parse_toml
 from pdcd.bench.tables import Config
-from pdcd.files.opening import parcels
+from pdcd.files.opening import open_parcels
 from pdcd.protocol.events import Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.protocol.views import OwnerView
 from pdcd.runs.folder import sha256_of
 
@@ -47,10 +47,10 @@ def local(config: Configured = None, *, folder: Path | str | None = None) -> Loc
 
     Raises ConfigError and DriverUnavailable. The devices are opened by the first capture.
     """
-    return LocalBench(configured(config), None if folder is None else Path(folder))
+    return LocalBench(resolve_config(config), None if folder is None else Path(folder))
 
 
-def configured(given: Configured, base: Config | None = None) -> Config:
+def resolve_config(given: Configured, base: Config | None = None) -> Config:
     """The configuration that was given in one of these ways. Raises ConfigError.
 
     base : what keys take that text or tables leave out; None: the values of the mock bench.
@@ -59,11 +59,11 @@ def configured(given: Configured, base: Config | None = None) -> Config:
         return given
     if isinstance(given, Mapping):
         called = "the tables given"
-        return from_table(sized(plain(given), called), called, base)
+        return from_config_tables(check_integers(to_json_types(given), called), called, base)
     if isinstance(given, str) and ("\n" in given or "=" in given):
         called = "the text given"
-        return from_table(text_table(given, called), called, base)
-    return load(given)
+        return from_config_tables(parse_toml(given, called), called, base)
+    return load_config(given)
 
 
 class LocalBench(Bench):
@@ -94,7 +94,7 @@ class LocalBench(Bench):
 
     def described(self) -> dict[str, Any]:
         """The configuration in plain values, its files by their content."""
-        return described(self._config)
+        return describe_bench(self._config)
 
     def close(self) -> None:
         """Let go of the devices. Idempotent."""
@@ -111,11 +111,11 @@ class LocalBench(Bench):
         request: CaptureRequest,
         arrays: Arrays = NONE,
         *,
-        on_event: OnEvent | None = None,
+        on_event: EventListener | None = None,
         report: bool = False,
     ) -> CaptureResult:
         """Take the photo of a request (see `Bench.take`)."""
-        with held_back() as interrupted:
+        with hold_signals() as interrupted:
             return self.take_until(interrupted, request, arrays, on_event, report=report)
 
     def take_until(
@@ -123,7 +123,7 @@ class LocalBench(Bench):
         cancelled: Callable[[], bool],
         request: CaptureRequest,
         arrays: Arrays,
-        on_event: OnEvent | None,
+        on_event: EventListener | None,
         *,
         report: bool,
     ) -> CaptureResult:
@@ -136,8 +136,8 @@ class LocalBench(Bench):
         return self._engine.capture(
             wanted,
             given,
-            job=new_job_id(),
-            owner=owner(),
+            job=make_job_id(),
+            owner=describe_owner(),
             emit=_unheard if on_event is None else on_event,
             cancelled=cancelled,
             report=report,
@@ -155,24 +155,24 @@ class LocalBench(Bench):
 
     def _read(self, request: CaptureRequest, arrays: Arrays) -> tuple[CaptureRequest, Given]:
         """Read the arrays with this user's rights. Raises RequestError."""
-        from pdcd.planning.given import from_descriptor, read_given
+        from pdcd.planning.given import make_descriptor_source, read_request_arrays
 
-        with parcels(arrays) as opened:
-            sources = {n: from_descriptor(p.descriptor, p.file) for n, p in opened.items()}
-            return read_given(request, sources, self.grid)
+        with open_parcels(arrays) as opened:
+            sources = {n: make_descriptor_source(p.descriptor, p.file) for n, p in opened.items()}
+            return read_request_arrays(request, sources, self.grid)
 
 
-def described(config: Config) -> dict[str, Any]:
+def describe_bench(config: Config) -> dict[str, Any]:
     """A configuration in plain values, with what the calibration measured that it asks for, and
     the SHA-256 of the files that it names. Raises ConfigError for a calibration that is none."""
-    config = calibrated(config)
+    config = apply_calibration(config)
     names = (config.scene.path, config.bench.truth, config.camera.profile)
     files = [Path(name) for name in names if name is not None]
     sums = {str(f): sha256_of(f) for f in files if f.is_file()}
     return {"config": msgspec.to_builtins(config), "files": sums}
 
 
-def owner() -> OwnerView:
+def describe_owner() -> OwnerView:
     """Who asks, as a daemon would learn it from the kernel."""
     uid = os.getuid()
     try:

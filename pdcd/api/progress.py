@@ -8,73 +8,75 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pdcd.printable import as_html, one_line
+from pdcd.printable import to_html, to_one_line
 from pdcd.protocol.events import (
-    Armed,
     Attention,
-    Converging,
-    Decoded,
-    Decoding,
+    DecodingProgress,
+    DecodingStarted,
     Event,
-    Learning,
-    Planning,
+    PartCompleted,
+    PilotLearning,
+    PlanningProgress,
     Progress,
+    ShotArmed,
     StepBegun,
     StepEnded,
-    fields,
+    pick_event_fields,
 )
 
-OnEvent = Callable[[Event], None]
+EventListener = Callable[[Event], None]
 """Takes one event, a struct of `pdcd.protocol.events`; `type` names its kind."""
 
-Shown = bool | OnEvent
+ProgressChoice = bool | EventListener
 """Whether to show progress, or what takes each event instead."""
 
-Share = tuple[float, float]
+_Share = tuple[float, float]
 """Work done, and all of it."""
-Show = Callable[[str, Share | None, bool], None]
+_Show = Callable[[str, _Share | None, bool], None]
 """Shows words, the share that is done where it is known, and whether a stage begins."""
 
-NOTEBOOK_INTERVAL_S = 0.2
+_NOTEBOOK_INTERVAL_S = 0.2
 """Least time between two changes of the line: each is a message to the browser."""
-LINE_INTERVAL_S = 1.0
+_LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
 
 
 @contextmanager
-def shown(progress: Shown) -> Iterator[OnEvent | None]:
+def show_progress(progress: ProgressChoice) -> Iterator[EventListener | None]:
     """What takes the events of one job, None where nobody wants them."""
     if callable(progress) or not progress:
         yield progress or None
         return
-    with bar() as on_event:
+    with show_bar() as on_event:
         yield on_event
 
 
-def tell(text: str) -> None:
+def tell_user(text: str) -> None:
     """Print one line for the human who watches; never part of the result. Escaped as by `say`."""
-    sys.stderr.write(one_line(text) + "\n")
+    sys.stderr.write(to_one_line(text) + "\n")
     sys.stderr.flush()
 
 
 @contextmanager
-def bar(first: str = "waiting") -> Iterator[OnEvent]:
+def show_bar(first: str = "waiting") -> Iterator[EventListener]:
     """What shows the events of one job; `first` is what is done before the first of them."""
     stages = Stages()
-    with drawn(first) as show:
-        yield lambda event: show(words_of(event), share_of(event), stages.begins(event))
+    with draw_progress(first) as show:
+        yield lambda event: show(
+            describe_event(event), read_share_done(event), stages.begins(event)
+        )
 
 
 @contextmanager
-def drawn(first: str) -> Iterator[Show]:
+def draw_progress(first: str) -> Iterator[_Show]:
     """What shows words and a share: a line in a notebook, a bar on a terminal, else lines on
     stderr, at most one a second."""
-    if notebook():
-        with notebook_line() as show:
+    if is_notebook():
+        with show_notebook_line() as show:
             yield show
         return
     if not sys.stderr.isatty():
-        yield Paced(lambda words, share: tell(words), LINE_INTERVAL_S).show
+        yield _Paced(lambda words, share: tell_user(words), _LINE_INTERVAL_S).show
         return
     from rich.console import Console
     from rich.progress import (
@@ -94,7 +96,7 @@ def drawn(first: str) -> Iterator[Show]:
     with Bars(*columns, console=Console(stderr=True)) as bars:
         task = bars.add_task(first, total=None)
 
-        def on_bar(words: str, share: Share | None, begins: bool) -> None:
+        def on_bar(words: str, share: _Share | None, begins: bool) -> None:
             done, total = share or (None, None)
             if begins:  # so that the time left is that of this stage
                 bars.reset(task, total=total or 1.0, description=words)
@@ -103,13 +105,13 @@ def drawn(first: str) -> Iterator[Show]:
         yield on_bar
 
 
-def notebook() -> bool:
+def is_notebook() -> bool:
     """Whether this is a cell of a notebook, which shows HTML; a terminal with IPython is none."""
     ipython = sys.modules.get("IPython")
     return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
-class Markup(str):
+class _Markup(str):
     """HTML that a notebook shows as such."""
 
     __slots__ = ()
@@ -119,7 +121,7 @@ class Markup(str):
 
 
 @contextmanager
-def notebook_line() -> Iterator[Show]:
+def show_notebook_line() -> Iterator[_Show]:
     """What shows words and the share that is done.
 
     When the context is left the line is gone; after an error it stays as it was.
@@ -127,27 +129,27 @@ def notebook_line() -> Iterator[Show]:
     from IPython import display
 
     # Untyped there; nothing else of it is used.
-    handle: Any = display.display(Markup(_line_html("", None)), display_id=True)  # type: ignore[no-untyped-call]
-    yield Paced(
-        lambda words, share: handle.update(Markup(_line_html(words, share))), NOTEBOOK_INTERVAL_S
+    handle: Any = display.display(_Markup(_line_html("", None)), display_id=True)  # type: ignore[no-untyped-call]
+    yield _Paced(
+        lambda words, share: handle.update(_Markup(_line_html(words, share))), _NOTEBOOK_INTERVAL_S
     ).show
-    handle.update(Markup(""))
+    handle.update(_Markup(""))
 
 
-def _line_html(words: str, share: Share | None) -> str:
+def _line_html(words: str, share: _Share | None) -> str:
     value = f' value="{min(share[0] / share[1], 1.0):.3f}"' if share and share[1] > 0.0 else ""
-    return f'<progress max="1"{value}></progress> {as_html(words)}'
+    return f'<progress max="1"{value}></progress> {to_html(words)}'
 
 
-class Paced:
+class _Paced:
     """Writes words with the time that is left of a stage, by what was done of it so far; a share
     not more often than every so many seconds."""
 
-    def __init__(self, write: Callable[[str, Share | None], object], interval_s: float) -> None:
+    def __init__(self, write: Callable[[str, _Share | None], object], interval_s: float) -> None:
         self._write, self._interval_s = write, interval_s
         self._begun_s = self._next_s = 0.0
 
-    def show(self, words: str, share: Share | None, begins: bool) -> None:
+    def show(self, words: str, share: _Share | None, begins: bool) -> None:
         """Write it, unless the last was written just now."""
         now_s = time.monotonic()
         if begins:
@@ -169,38 +171,42 @@ class Stages:
 
     def begins(self, event: Event) -> bool:
         """Whether the event is the first of a stage."""
-        if isinstance(event, (Armed, Progress)):
+        if isinstance(event, (ShotArmed, Progress)):
             stage = f"shot {event.shot}"
-        elif isinstance(event, Planning):
+        elif isinstance(event, PlanningProgress):
             stage = "planning"
-        elif isinstance(event, (Learning, Decoding, Decoded)):
+        elif isinstance(event, (PilotLearning, DecodingStarted, DecodingProgress)):
             stage = "decoding"
         else:
             return False
-        new = stage != self._stage or isinstance(event, Armed)
+        new = stage != self._stage or isinstance(event, ShotArmed)
         self._stage = stage
         return new
 
 
-def share_of(event: Event) -> Share | None:
+def read_share_done(event: Event) -> _Share | None:
     """Work done, and all of it, where the event tells."""
     if isinstance(event, Progress):
         return event.frame, event.frames
-    return (event.done, event.total) if isinstance(event, (Decoded, Planning)) else None
+    return (
+        (event.done, event.total)
+        if isinstance(event, (DecodingProgress, PlanningProgress))
+        else None
+    )
 
 
-def words_of(event: Event) -> str:
+def describe_event(event: Event) -> str:
     """Say where the job stands: the shot, if the event names one, and the step or the refreshes."""
-    return one_line(_plain_words(event))
+    return to_one_line(_plain_words(event))
 
 
 def _plain_words(event: Event) -> str:
     step = event.type.replace("_", " ")
-    if isinstance(event, Decoded):
+    if isinstance(event, DecodingProgress):
         return f"decoding: {100.0 * event.done / event.total:.0f} %"
-    if isinstance(event, Planning):
+    if isinstance(event, PlanningProgress):
         return f"planning {event.stage}: {100.0 * event.done / event.total:.0f} %"
-    if isinstance(event, Converging):
+    if isinstance(event, PartCompleted):
         error = "unknown" if event.rms_sigma is None else f"{100.0 * event.rms_sigma:.2g} %"
         return f"part {event.part}: error {error}, wanted {100.0 * event.target:g} %"
     if isinstance(event, StepBegun):
@@ -214,5 +220,5 @@ def _plain_words(event: Event) -> str:
         step = f"{event.frame}/{event.frames} refreshes"
         if event.missed:
             step += f", {event.missed} missed"
-    shot = fields(event).get("shot")
+    shot = pick_event_fields(event).get("shot")
     return f"{shot}: {step}" if shot else step

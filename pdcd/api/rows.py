@@ -5,18 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from pdcd.printable import percent
+from pdcd.printable import to_percent
 from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.words import SIGMA_KINDS
 
-Value = float | int | str
+_Value = float | int | str
 """What the summary of a run holds beside the verdict."""
-PAPER_SHARE = 1.0 / 48.0
+_PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
 through quarter windows, in one of three refreshes."""
 
-GUARDS = {
+_GUARDS = {
     "none": "without guards",
     "both": "both panels black between codes",
     "lag": "mask black after each code",
@@ -28,22 +28,30 @@ GUARDS = {
 """Schedules of a code, for people."""
 
 
-SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
+_SUMMARY: tuple[tuple[str, str, Callable[[_Value], str]], ...] = (
     ("taken", "taken", str),
     ("decided", "decided", str),
     ("codes", "codes", str),
     ("refreshes", "refreshes", str),
     ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
     ("missed_refreshes", "missed refreshes", str),
-    ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
+    ("rms_sigma", "RMS sigma", lambda e: f"{to_percent(e)} of the picture"),
     ("sigma_kind", "error bars", lambda kind: SIGMA_KINDS.get(str(kind), str(kind))),
     ("scale", "scale", str),
-    ("scale_sigma", "scale, sigma", percent),
-    ("rms_error_quads", "RMS error", lambda e: f"{percent(e)} of quads, against the known truth"),
-    ("rms_error_cells", "", lambda e: f"{percent(e)} of means over cells"),
-    ("transport_sigma", "sigma of T", lambda e: f"{percent(e)} of its entries' RMS"),
-    ("transport_error", "error of T", lambda e: f"{percent(e)} against the scene's known truth"),
-    ("predicted_error", "predicted", percent),
+    ("scale_sigma", "scale, sigma", to_percent),
+    (
+        "rms_error_quads",
+        "RMS error",
+        lambda e: f"{to_percent(e)} of quads, against the known truth",
+    ),
+    ("rms_error_cells", "", lambda e: f"{to_percent(e)} of means over cells"),
+    ("transport_sigma", "sigma of T", lambda e: f"{to_percent(e)} of its entries' RMS"),
+    (
+        "transport_error",
+        "error of T",
+        lambda e: f"{to_percent(e)} against the scene's known truth",
+    ),
+    ("predicted_error", "predicted", to_percent),
     ("wall_s", "wall time", lambda s: f"{float(s):.2f} s"),
 )
 """Lines of the table after a capture: key of the summary, label, how to write the value."""
@@ -55,11 +63,11 @@ def plan_rows(summary: PlanSummary) -> list[list[str]]:
         ["goal", summary.goal],
         ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
         ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
-        ["passes", f"{summary.passes}, {GUARDS.get(summary.schedule, summary.schedule)}"],
+        ["passes", f"{summary.passes}, {_GUARDS.get(summary.schedule, summary.schedule)}"],
         [
             "light",
             f"{100.0 * summary.light_share:.3g} % of a floodlit exposure, "
-            f"{summary.light_share / PAPER_SHARE:.3g} times the paper's 1/48",
+            f"{summary.light_share / _PAPER_SHARE:.3g} times the paper's 1/48",
         ],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
         ["parts", str(summary.parts)],
@@ -85,10 +93,10 @@ def plan_rows(summary: PlanSummary) -> list[list[str]]:
     foreseen = summary.prediction
     if foreseen is not None:
         rows += [
-            ["RMS error", f"{percent(foreseen.error)} of the picture's RMS"],
-            ["by codes", percent(foreseen.code)],
-            ["by sensor", f"{percent(foreseen.sensor)} at ISO {foreseen.iso}"],
-            ["at most", f"{percent(foreseen.bound)} with {100.0 * foreseen.confidence:g} %"],
+            ["RMS error", f"{to_percent(foreseen.error)} of the picture's RMS"],
+            ["by codes", to_percent(foreseen.code)],
+            ["by sensor", f"{to_percent(foreseen.sensor)} at ISO {foreseen.iso}"],
+            ["at most", f"{to_percent(foreseen.bound)} with {100.0 * foreseen.confidence:g} %"],
             ["prior", foreseen.prior],
         ]
     return rows + [
@@ -101,14 +109,14 @@ def plan_rows(summary: PlanSummary) -> list[list[str]]:
     ]
 
 
-def summary_rows(figure: Callable[[str], Value | None]) -> list[list[str]]:
+def summary_rows(figure: Callable[[str], _Value | None]) -> list[list[str]]:
     """Rows of the table of a run: the figures that are known; `figure` has them by name."""
-    found = ((label, write, figure(key)) for key, label, write in SUMMARY)
+    found = ((label, write, figure(key)) for key, label, write in _SUMMARY)
     return [[label, write(value)] for label, write, value in found if value is not None]
 
 
-def error_words(run: RunEntry) -> str:
+def describe_error(run: RunEntry) -> str:
     """The error against the truth where that is known, else what the run expects of itself."""
     if run.rms_error_quads is not None:
-        return percent(run.rms_error_quads)
-    return "" if run.rms_sigma is None else f"+-{percent(run.rms_sigma)}"
+        return to_percent(run.rms_error_quads)
+    return "" if run.rms_sigma is None else f"+-{to_percent(run.rms_sigma)}"

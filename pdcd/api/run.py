@@ -12,29 +12,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.api.progress import Shown, shown
+from pdcd.api.progress import ProgressChoice, show_progress
+from pdcd.arrays import Floats
 from pdcd.errors import DecodeError
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import Patterns, fit, levels_of
-from pdcd.protocol.result import Figure, Quality
+from pdcd.panels.patterns import Patterns, has_cell_count, read_pattern_levels
+from pdcd.protocol.result import Quality, SummaryValue
 from pdcd.runs.folder import sha256_of
-from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.frame_table import read_columns
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
+from pdcd.runs.frame_table import read_frame_columns
 from pdcd.runs.manifest import MANIFEST
-from pdcd.runs.patterns import NAME as CODES
-from pdcd.runs.patterns import read_patterns, stored_arrays
+from pdcd.runs.patterns import CODES_FILE as CODES
+from pdcd.runs.patterns import read_patterns, read_stored_arrays
 from pdcd.runs.record import Manifest
-from pdcd.runs.verify import PROBE, sound_manifest
+from pdcd.runs.verify import PROBE, read_sound_manifest
 from pdcd.words import NormaliseName, VerdictName
 
 if TYPE_CHECKING:
-    from pdcd.api.decoding import Decoding
+    from pdcd.api.decoding import DecodingResult
     from pdcd.pictures.row import MatrixRow
 
-Floats = NDArray[np.float64]
 
-PANELS = ("primal", "dual")
-MOST_PREVIEWS = 4
+_PANELS = ("primal", "dual")
+_MOST_PREVIEWS = 4
 """Previews that a notebook shows of a run."""
 
 
@@ -48,7 +48,7 @@ def open_run(folder: Path | str) -> Run:
 
 
 @dataclass(frozen=True, eq=False)
-class Codes:
+class _Codes:
     """What both panels showed in one program, a pattern a code: (K, rows, cols) bool, or float64
     levels over the highest, 0..1, where the panels show greys.
 
@@ -66,7 +66,7 @@ class Run:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.manifest: Manifest = sound_manifest(folder, ())
+        self.manifest: Manifest = read_sound_manifest(folder, ())
         """Everything that capture.json tells (docs/run-folder.md)."""
         self.folder = folder.absolute()
         """Where it lies."""
@@ -92,7 +92,7 @@ class Run:
         return self.manifest.run.grid
 
     @property
-    def summary(self) -> Mapping[str, Figure]:
+    def summary(self) -> Mapping[str, SummaryValue]:
         """The run in figures: "codes", "exposure_s", "rms_sigma", "rms_error_quads" ..., None where
         a figure is not known."""
         return self.manifest.summary
@@ -149,12 +149,12 @@ class Run:
     def truth(self) -> Floats | None:
         """What `image` is in truth, the same shape; None where nobody knows the scene, NaN where a
         cell cannot be compared."""
-        from pdcd.pictures.truth import TRUTH, read_truth
+        from pdcd.pictures.truth import TRUTH, read_known_answer
 
         cells = self.manifest.run.cells
         if TRUTH not in self.manifest.files or cells is None:
             return None
-        return read_truth(self.checked(TRUTH).parent, cells).on_cells(cells)
+        return read_known_answer(self.checked(TRUTH).parent, cells).on_cells(cells)
 
     @property
     def sigma_kind(self) -> str:
@@ -170,7 +170,7 @@ class Run:
         return _Pictures(self)
 
     @cached_property
-    def codes(self) -> Mapping[str, Codes]:
+    def codes(self) -> Mapping[str, _Codes]:
         """What the panels were sent, by program; none where a run shows no codes."""
         if CODES not in self.manifest.files:
             return {}
@@ -179,7 +179,7 @@ class Run:
         names = [name.removesuffix(".primal") for name in stored if name.endswith(".primal")]
         try:
             return {
-                name: Codes(*(self._patterns(name, stored[f"{name}.{p}"]) for p in PANELS))
+                name: _Codes(*(self._patterns(name, stored[f"{name}.{p}"]) for p in _PANELS))
                 for name in names
             }
         except (KeyError, ValueError) as err:
@@ -188,7 +188,7 @@ class Run:
     @cached_property
     def frames(self) -> dict[str, NDArray[Any]]:
         """frames.csv by column: "shot" str, all others int64, an entry for each refresh."""
-        return read_columns(self.checked(FRAMES))
+        return read_frame_columns(self.checked(FRAMES))
 
     def row(self, row: int, column: int, photo: str | None = None) -> MatrixRow:
         """Weights of the paths from every projector cell to one camera cell, as wanted and as
@@ -197,9 +197,9 @@ class Run:
         photo : which photo; None takes the one that the answer rests on. Raises ConfigError where
         there is no such cell or photo.
         """
-        from pdcd.pictures.row import matrix_row
+        from pdcd.pictures.row import read_matrix_row
 
-        return matrix_row(self.folder, (row, column), photo)
+        return read_matrix_row(self.folder, (row, column), photo)
 
     def decode(
         self,
@@ -207,8 +207,8 @@ class Run:
         smooth: bool | None = None,
         normalise: NormaliseName | None = None,
         parts: int | None = None,
-        progress: Shown = True,
-    ) -> Decoding:
+        progress: ProgressChoice = True,
+    ) -> DecodingResult:
         """Make the pictures again from the RAW files, by other options; nothing is written.
 
         Parameters
@@ -219,13 +219,13 @@ class Run:
 
         Raises RequestError for a number of parts that the run does not have.
         """
-        from pdcd.api.decoding import decode
+        from pdcd.api.decoding import decode_again
 
         for name in (CODES, FRAMES):
             if name in self.manifest.files:
                 self.checked(name)
-        with shown(progress) as on_event:
-            return decode(
+        with show_progress(progress) as on_event:
+            return decode_again(
                 self.folder,
                 self.manifest.run,
                 smooth=smooth,
@@ -239,13 +239,13 @@ class Run:
 
         out : the file; None: `report.html` in the run's folder. Raises NoSpaceError and DiskError.
         """
-        from pdcd.pages.report.write import write
+        from pdcd.pages.report.write import write_report
 
-        return write(self.folder, None if out is None else Path(out))
+        return write_report(self.folder, None if out is None else Path(out))
 
     def checked(self, name: str) -> Path:
         """Path of one file of the run, which is as the manifest says. Raises DecodeError."""
-        sound_manifest(self.folder, (name,))
+        read_sound_manifest(self.folder, (name,))
         return self.folder / name
 
     def __repr__(self) -> str:
@@ -253,10 +253,10 @@ class Run:
         return f"<Run {self.job}: {self.goal}, {', '.join([*told, self.verdict])}>"
 
     def _repr_html_(self) -> str:
-        from pdcd.api.html import run_html
+        from pdcd.api.html import format_run_html
 
         told = self.job, self.goal, self.folder, self.summary, self.quality, self.warnings
-        return run_html(*told, self._previews())
+        return format_run_html(*told, self._previews())
 
     def _previews(self) -> Iterator[tuple[str, bytes]]:
         """The first previews by name, as PNG: that of the answer, then the others."""
@@ -264,14 +264,14 @@ class Run:
         files = (n for n in self.manifest.files if n.startswith("preview/") and n.endswith(".png"))
         names = [n for n in (f[8:-4] for f in files) if n == "transport" or n in self.pictures]
         names.sort(key=lambda name: (name != answer, name))
-        for name in names[:MOST_PREVIEWS]:
+        for name in names[:_MOST_PREVIEWS]:
             # A view for eyes: whoever asks for the numbers is told what is wrong.
             with suppress(DecodeError, OSError):
                 yield name, self.checked(f"preview/{name}.png").read_bytes()
 
     @cached_property
     def _probe(self) -> dict[str, NDArray[Any]]:
-        found = stored_arrays(self.checked(PROBE))
+        found = read_stored_arrays(self.checked(PROBE))
         if any(found[n].shape != (*self.grid, 3) for n in ("image", "sigma") if n in found):
             raise DecodeError(f"{PROBE} is not over the run's cells", hint="see pdcd verify")
         return found
@@ -287,8 +287,8 @@ class Run:
         mine = [s for s in shots if s.name.startswith(program)] or shots
         for window in dict.fromkeys(shot.window for shot in mine):
             rows, cols = Lattice(self.grid, window).shape
-            if fit(stored, rows * cols) and len(stored):
-                levels = [levels_of(stored, k, rows * cols) for k in range(len(stored))]
+            if has_cell_count(stored, rows * cols) and len(stored):
+                levels = [read_pattern_levels(stored, k, rows * cols) for k in range(len(stored))]
                 whole = np.stack(levels).reshape(-1, rows, cols)
                 return whole.astype(np.bool_) if stored.dtype == np.uint8 else whole
         return np.zeros((0, *self.grid), dtype=np.bool_)

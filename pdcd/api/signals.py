@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-Handler = Callable[[int, FrameType | None], object]
+_Handler = Callable[[int, FrameType | None], object]
 
 
 @contextmanager
-def signals_to(handler: Handler) -> Iterator[None]:
+def send_signals_to(handler: _Handler) -> Iterator[None]:
     """Send SIGINT and SIGTERM to `handler` for a while. For the main thread only."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, handler) for number in numbers]
@@ -24,7 +24,7 @@ def signals_to(handler: Handler) -> Iterator[None]:
 
 
 @contextmanager
-def held_back(*, raises: bool = False, delivers: bool = True) -> Iterator[Callable[[], bool]]:
+def hold_signals(*, raises: bool = False, delivers: bool = True) -> Iterator[Callable[[], bool]]:
     """Hold SIGINT and SIGTERM back until the context is left, and deliver them then.
 
     Yields what tells whether one came. With `raises` it raises KeyboardInterrupt inside as well; a
@@ -41,7 +41,7 @@ def held_back(*, raises: bool = False, delivers: bool = True) -> Iterator[Callab
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
-    with signals_to(note):
+    with send_signals_to(note):
         yield lambda: bool(came)
     if came and delivers:
         signal.raise_signal(came[0])

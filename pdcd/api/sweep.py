@@ -19,44 +19,44 @@ from typing import Any
 
 import msgspec
 
-from pdcd.api.arguments import asked, plain
+from pdcd.api.arguments import make_request, to_json_types
 from pdcd.api.bench import Bench
-from pdcd.api.executors import Processes, cluster_executor
-from pdcd.api.local import Configured, LocalBench, configured, described
-from pdcd.api.progress import drawn
+from pdcd.api.executors import Processes, connect_cluster
+from pdcd.api.local import Configured, LocalBench, describe_bench, resolve_config
+from pdcd.api.progress import draw_progress
 from pdcd.api.table import Table
 from pdcd.api.task import (
-    Record,
     Task,
+    TaskRecord,
     Value,
-    ended,
-    failed,
-    held,
+    find_kept_row,
+    hash_capture,
     hold_place,
     keep_in_place,
-    key_of,
-    row_in_place,
-    taken,
+    load_arrays,
+    make_failed_row,
+    make_result_row,
+    take_capture,
 )
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError
 from pdcd.protocol.request import CaptureRequest
 
-Request = Mapping[str, Any] | CaptureRequest | str
+_Request = Mapping[str, Any] | CaptureRequest | str
 """Keywords of a capture with its "goal", and for a sweep over benches a "config"; a request; or
 the name of a goal."""
 
-Ends = Generator[tuple[Task, Record], None, None]
+_Ends = Generator[tuple[Task, TaskRecord], None, None]
 """Tasks, and how they ended, as they do."""
 
 
 def sweep(
     bench: Bench | Configured,
-    requests: Iterable[Request],
+    requests: Iterable[_Request],
     *,
     workers: int | None = None,
     folder: Path | str | None = None,
-    progress: bool | Callable[[Record], None] = True,
+    progress: bool | Callable[[TaskRecord], None] = True,
     cluster: Any = None,
 ) -> Table:
     """Take many photos; one that fails does not end the others.
@@ -88,7 +88,7 @@ def sweep(
             )
         tasks = _tasks(requests, Config(), bench, place)
         return _collected(tasks, place, progress, partial(_one_by_one, partial(_taken_on, bench)))
-    tasks = _tasks(requests, configured(bench), None, place)
+    tasks = _tasks(requests, resolve_config(bench), None, place)
     if any(not _mock(task.config) for task in tasks):
         if shared:
             raise RequestError("real devices take one photo at a time", hint="leave out workers")
@@ -97,24 +97,24 @@ def sweep(
     if count < 0:
         raise RequestError(f"{count} workers", hint="take 1 or more, or 0 for this process")
     if cluster is not None:
-        with cluster_executor(cluster) as executor:
+        with connect_cluster(cluster) as executor:
             return _collected(tasks, place, progress, partial(_all_on, executor))
-    run = partial(_all_on, Processes(count)) if count else partial(_one_by_one, taken)
+    run = partial(_all_on, Processes(count)) if count else partial(_one_by_one, take_capture)
     return _collected(tasks, place, progress, run)
 
 
 def _collected(
     tasks: Sequence[Task],
     folder: Path | None,
-    progress: bool | Callable[[Record], None],
-    run: Callable[[Sequence[Task]], Ends],
+    progress: bool | Callable[[TaskRecord], None],
+    run: Callable[[Sequence[Task]], _Ends],
 ) -> Table:
     """Run what the folder does not have yet, and put all rows into one table."""
-    rows: list[Record] = []
+    rows: list[TaskRecord] = []
     left: list[Task] = []
     with hold_place(folder):
         for task in tasks:
-            row = row_in_place(task)
+            row = find_kept_row(task)
             if row is None:
                 left.append(task)
             else:
@@ -129,16 +129,16 @@ def _collected(
 
 @contextmanager
 def _counting(
-    progress: bool | Callable[[Record], None], done: int, total: int
-) -> Iterator[Callable[[Record], None]]:
+    progress: bool | Callable[[TaskRecord], None], done: int, total: int
+) -> Iterator[Callable[[TaskRecord], None]]:
     """What is told of each row."""
     if callable(progress) or not progress:
         yield progress or (lambda row: None)
         return
     states: list[bool] = []
-    with drawn(f"{done} of {total} captures") as show:
+    with draw_progress(f"{done} of {total} captures") as show:
 
-        def tell(row: Record | None) -> None:
+        def tell(row: TaskRecord | None) -> None:
             states.extend([] if row is None else [row["state"] == "done"])
             failures = states.count(False)
             words = f"{done + len(states)} of {total} captures"
@@ -150,7 +150,7 @@ def _counting(
 
 
 def _tasks(
-    requests: Iterable[Request], config: Config, bench: Bench | None, folder: Path | None
+    requests: Iterable[_Request], config: Config, bench: Bench | None, folder: Path | None
 ) -> list[Task]:
     """Every request checked and made a task; those that are equal are told apart."""
     seen: Counter[str] = Counter()
@@ -164,9 +164,9 @@ def _tasks(
         except PdcdError as err:
             raise RequestError(f"request {number}: {err.message}", hint=err.hint) from err
         # Most have one configuration, whose files need not be read for each of them.
-        what = benches.setdefault(id(task.config), (task.config, described(task.config)))[1]
-        first = key_of(what, task.request, task.arrays, 0)
-        key = key_of(what, task.request, task.arrays, seen[first])
+        what = benches.setdefault(id(task.config), (task.config, describe_bench(task.config)))[1]
+        first = hash_capture(what, task.request, task.arrays, 0)
+        key = hash_capture(what, task.request, task.arrays, seen[first])
         seen[first] += 1
         # A folder each: names of runs that begin in the same second could be the same.
         place = None if folder is None else folder / "runs" / key[:16]
@@ -174,7 +174,7 @@ def _tasks(
     return tasks
 
 
-def _task(request: Request, config: Config, bench: Bench | None) -> Task:
+def _task(request: _Request, config: Config, bench: Bench | None) -> Task:
     """One request as a task. Raises RequestError and ConfigError."""
     if isinstance(request, CaptureRequest):
         return Task(config, request)
@@ -187,17 +187,17 @@ def _task(request: Request, config: Config, bench: Bench | None) -> Task:
     if overlay is not None:
         if bench is not None:
             raise RequestError("a bench keeps its configuration", hint="give one instead of it")
-        config = configured(overlay, config)
+        config = resolve_config(overlay, config)
     goal = str(keywords.pop("goal", None))
 
     def grid() -> tuple[int, int]:
         return LocalBench(config).grid if bench is None else bench.grid
 
-    made, arrays = asked(goal, keywords, grid)
+    made, arrays = make_request(goal, keywords, grid)
     # Only now: of what is no value of a request nothing can be said in a table.
     told = {f"asked.{name}": _said(value) for name, value in keywords.items()}
     told |= {f"asked.config.{name}": _said(v) for name, v in _flat(overlay)}
-    return Task(config, made, held(arrays), told=told)
+    return Task(config, made, load_arrays(arrays), told=told)
 
 
 def _flat(tables: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -212,31 +212,31 @@ def _flat(tables: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 def _said(value: Any) -> Value:
     """What was asked, in one cell of a table."""
-    simple = plain(value)
+    simple = to_json_types(value)
     if simple is None or isinstance(simple, bool | int | float | str):
         return simple
     text = msgspec.json.encode(simple).decode()
     return text if len(text) <= 80 else f"{text[:76]} ..."
 
 
-def _one_by_one(take: Callable[[Task], Record], tasks: Sequence[Task]) -> Ends:
+def _one_by_one(take: Callable[[Task], TaskRecord], tasks: Sequence[Task]) -> _Ends:
     """One after the other, in this process."""
     for task in tasks:
         yield task, take(task)
 
 
-def _all_on(executor: Executor, tasks: Sequence[Task]) -> Ends:
+def _all_on(executor: Executor, tasks: Sequence[Task]) -> _Ends:
     """As many at a time as the executor takes; what still runs when it is closed is ended."""
-    futures = {executor.submit(taken, task): task for task in tasks}
+    futures = {executor.submit(take_capture, task): task for task in tasks}
     try:
         for future in as_completed(futures):
             task = futures[future]
             try:
                 row = future.result()
             except PdcdError as err:
-                row = failed(task.request, err)
+                row = make_failed_row(task.request, err)
             except Exception as err:  # whatever a cluster loses it by
-                row = failed(task.request, PdcdError(f"the cluster lost it: {err}"))
+                row = make_failed_row(task.request, PdcdError(f"the cluster lost it: {err}"))
             yield task, row
     finally:
         for future in futures:
@@ -244,16 +244,16 @@ def _all_on(executor: Executor, tasks: Sequence[Task]) -> Ends:
         executor.shutdown(wait=False)
 
 
-def _taken_on(bench: Bench, task: Task) -> Record:
+def _taken_on(bench: Bench, task: Task) -> TaskRecord:
     """Take the photo on a bench that is there."""
     request = task.request
     # A daemon has places of its own.
     if task.folder is not None and request.out is None and isinstance(bench, LocalBench):
         request = msgspec.structs.replace(request, out=str(task.folder))
     try:
-        return ended(request, bench.take(request, task.arrays))
+        return make_result_row(request, bench.take(request, task.arrays))
     except PdcdError as err:
-        return failed(request, err)
+        return make_failed_row(request, err)
 
 
 def _mock(config: Config) -> bool:

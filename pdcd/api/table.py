@@ -10,13 +10,13 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.api.html import table_html
-from pdcd.api.task import ENDING, Record, Value
+from pdcd.api.html import format_table_html
+from pdcd.api.task import ENDING, TaskRecord, Value
 from pdcd.errors import RequestError, disk_errors
 
-MOST_SHOWN = 40
+_MOST_SHOWN = 40
 """Rows that a notebook shows."""
-SHOWN = (
+_SHOWN = (
     "number", "goal", "state", "verdict", "codes", "exposure_s", "rms_sigma", "rms_error_quads",
     "rms_error_cells",
 )  # fmt: skip
@@ -29,7 +29,7 @@ class Table:
     ended: `pdcd.api.task.ENDING`. A value that is not known is None.
     """
 
-    def __init__(self, rows: Iterable[Record]) -> None:
+    def __init__(self, rows: Iterable[TaskRecord]) -> None:
         self._rows = tuple(rows)
         names = dict.fromkeys(name for row in self._rows for name in row)
         asked = [name for name in names if name != "number" and name not in ENDING]
@@ -39,14 +39,14 @@ class Table:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def __iter__(self) -> Iterator[Record]:
+    def __iter__(self) -> Iterator[TaskRecord]:
         return (dict(zip(self.columns, self._values(row), strict=True)) for row in self._rows)
 
     @overload
-    def __getitem__(self, what: int) -> Record: ...
+    def __getitem__(self, what: int) -> TaskRecord: ...
     @overload
     def __getitem__(self, what: str) -> NDArray[Any]: ...
-    def __getitem__(self, what: int | str) -> Record | NDArray[Any]:
+    def __getitem__(self, what: int | str) -> TaskRecord | NDArray[Any]:
         """A row by its number in the table, or a column by its name: float64 with NaN for what is
         not known where it holds numbers, else objects. Raises KeyError and IndexError."""
         if isinstance(what, int):
@@ -80,12 +80,15 @@ class Table:
 
     def to_csv(self, path: Path | str) -> None:
         """Write it as CSV with a line of names. Raises NoSpaceError, or DiskError."""
-        with disk_errors(str(path)), Path(path).open("w", newline="", encoding="utf-8") as file:
+        with (
+            disk_errors(str(path)),
+            Path(path).open("w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.writer(file)
             writer.writerow(self.columns)
             writer.writerows(self._values(row) for row in self._rows)
 
-    def _values(self, row: Record) -> list[Value]:
+    def _values(self, row: TaskRecord) -> list[Value]:
         return [row.get(name) for name in self.columns]
 
     def __repr__(self) -> str:
@@ -93,10 +96,10 @@ class Table:
 
     def _repr_html_(self) -> str:
         asked = [name for name in self.columns if name.startswith("asked.")]
-        names = list(dict.fromkeys((SHOWN[0], *asked, *SHOWN[1:])))
-        rows = [[_written(row.get(name)) for name in names] for row in self._rows[:MOST_SHOWN]]
-        more = len(self) - MOST_SHOWN
-        return table_html(names, rows, f"and {more} more" if more > 0 else "")
+        names = list(dict.fromkeys((_SHOWN[0], *asked, *_SHOWN[1:])))
+        rows = [[_written(row.get(name)) for name in names] for row in self._rows[:_MOST_SHOWN]]
+        more = len(self) - _MOST_SHOWN
+        return format_table_html(names, rows, f"and {more} more" if more > 0 else "")
 
 
 def _written(value: Value) -> str:

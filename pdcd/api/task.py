@@ -17,32 +17,32 @@ import msgspec
 import numpy as np
 
 from pdcd.api.local import LocalBench
-from pdcd.bench.choosing import held as held_folder
+from pdcd.bench.choosing import lock_calibration as held_folder
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, DecodeError, PdcdError, RequestError, disk_errors
-from pdcd.files.opening import Limits, Sendable, Unsound, contents, open_own
+from pdcd.files.opening import ArrayLimits, Sendable, UnsoundFileError, open_own, read_contents
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, figure_of, quality_of
+from pdcd.protocol.result import CaptureResult, quality_of, read_summary_value
 from pdcd.recipes.arrays import MOST_ELEMENTS
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.manifest import MANIFEST
-from pdcd.runs.verify import whole_manifest
+from pdcd.runs.verify import read_whole_manifest
 from pdcd.version import __version__
 
 logger = logging.getLogger(__name__)
 
 Value = float | int | str | bool | None
-Record = dict[str, Value]
+TaskRecord = dict[str, Value]
 """One row of the table: what was asked and how it ended, by column."""
 
-FIGURES = (
+_FIGURES = (
     "codes", "parts", "pilot", "family", "passes", "shots", "refreshes", "exposure_s",
     "missed_refreshes", "rms_sigma", "sigma_kind", "rms_error_quads", "rms_error_cells",
     "wall_s",
 )  # fmt: skip
 """What is taken of a run's summary; as it was taken, whatever was asked."""
 
-ENDING = ("goal", "state", "verdict", *FIGURES, "job", "folder", "manifest_sha256",
+ENDING = ("goal", "state", "verdict", *_FIGURES, "job", "folder", "manifest_sha256",
           "error_kind", "error")  # fmt: skip
 """The columns that every row has."""
 
@@ -60,38 +60,40 @@ class Task:
     request: CaptureRequest
     arrays: Mapping[str, Sendable] = field(default_factory=dict)
     folder: Path | None = None
-    told: Record = field(default_factory=dict)
+    told: TaskRecord = field(default_factory=dict)
 
 
-def taken(task: Task) -> Record:
+def take_capture(task: Task) -> TaskRecord:
     """Take the photo, whatever comes of it: nothing is raised for a capture that fails."""
     try:
         with LocalBench(task.config, task.folder) as bench:
-            return ended(task.request, bench.take(task.request, task.arrays))
+            return make_result_row(task.request, bench.take(task.request, task.arrays))
     except PdcdError as err:
-        return failed(task.request, err)
+        return make_failed_row(task.request, err)
     except Exception as err:
         logger.exception("a capture of a sweep failed goal=%s", task.request.goal)
-        return failed(task.request, PdcdError(f"internal error: {type(err).__name__}: {err}"))
+        return make_failed_row(
+            task.request, PdcdError(f"internal error: {type(err).__name__}: {err}")
+        )
 
 
-def ended(request: CaptureRequest, result: CaptureResult) -> Record:
+def make_result_row(request: CaptureRequest, result: CaptureResult) -> TaskRecord:
     """How a capture ended, as a row."""
-    row: Record = dict.fromkeys(ENDING)
+    row: TaskRecord = dict.fromkeys(ENDING)
     quality, error = quality_of(result.summary), result.error or {}
     row |= {"goal": request.goal, "state": result.state, "job": result.job}
     row |= {"folder": result.folder, "manifest_sha256": result.manifest_sha256}
     if quality is not None:
         row["verdict"] = quality.verdict
-    for name in FIGURES:
-        row[name] = figure_of(result.summary, name)
+    for name in _FIGURES:
+        row[name] = read_summary_value(result.summary, name)
     return row | {"error_kind": error.get("kind"), "error": error.get("message")}
 
 
-def failed(request: CaptureRequest, error: PdcdError) -> Record:
+def make_failed_row(request: CaptureRequest, error: PdcdError) -> TaskRecord:
     """The row of a capture that never became a job, or whose process died."""
     told: dict[str, str | None] = {"kind": error.kind, "message": str(error)}
-    return ended(request, CaptureResult(job="", state="failed", error=told))
+    return make_result_row(request, CaptureResult(job="", state="failed", error=told))
 
 
 @contextmanager
@@ -112,13 +114,13 @@ def hold_place(folder: Path | None) -> Iterator[None]:
         os.close(descriptor)
 
 
-def row_in_place(task: Task) -> Record | None:
+def find_kept_row(task: Task) -> TaskRecord | None:
     """The row of the run that lies in the place of a task, done and not changed since; None where
     there is none."""
     with suppress(OSError):
         for run in sorted(task.folder.iterdir() if task.folder else (), reverse=True):
             with suppress(DecodeError, OSError):
-                manifest = whole_manifest(run, ())
+                manifest = read_whole_manifest(run, ())
                 result = CaptureResult(
                     job=manifest.job,
                     state="done",
@@ -126,11 +128,11 @@ def row_in_place(task: Task) -> Record | None:
                     manifest_sha256=sha256_of(run / MANIFEST),
                     summary=manifest.summary,
                 )
-                return ended(task.request, result)
+                return make_result_row(task.request, result)
     return None
 
 
-def keep_in_place(task: Task, row: Record) -> None:
+def keep_in_place(task: Task, row: TaskRecord) -> None:
     """Leave a link in the place of a task whose run is done and lies elsewhere. Raises NoSpaceError
     and DiskError."""
     folder = row["folder"]
@@ -142,7 +144,7 @@ def keep_in_place(task: Task, row: Record) -> None:
         link.symlink_to(folder)
 
 
-def held(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:
+def load_arrays(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:
     """The same arrays, those of files by their content: another machine does not have the files.
 
     Raises RequestError.
@@ -153,17 +155,17 @@ def held(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:
             try:
                 descriptor = open_own(value)
                 try:
-                    found[name] = contents(descriptor, Limits(MOST_ELEMENTS))
+                    found[name] = read_contents(descriptor, ArrayLimits(MOST_ELEMENTS))
                 finally:
                     os.close(descriptor)
-            except Unsound as err:
+            except UnsoundFileError as err:
                 raise RequestError(f"{name} ({value}): {err.message}", hint=err.hint) from err
         else:
             found[name] = value
     return found
 
 
-def key_of(
+def hash_capture(
     bench: Mapping[str, Any], request: CaptureRequest, arrays: Mapping[str, Sendable], again: int
 ) -> str:
     """What names a capture of a sweep, hexadecimal: the same bench, request, arrays and program

@@ -31,24 +31,24 @@ from msgspec import Meta
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.errors import ConfigError
-from pdcd.files.opening import Unsound, open_own
+from pdcd.files.opening import UnsoundFileError, open_own
 from pdcd.words import MarksName, StepName, SubjectName, VerdictName
 
-RECORD, DIGEST = "calibration.json", "calibration.json.sha256"
-MAPS, ARRAYS, PROFILE = "maps.npz", "arrays.npz", "sensor.toml"
-KEPT = "kept-"
+RECORD, CALIBRATION_DIGEST = "calibration.json", "calibration.json.sha256"
+MAPS, CALIBRATION_ARRAYS, PROFILE = "maps.npz", "arrays.npz", "sensor.toml"
+STEP_FOLDER_PREFIX = "kept-"
 """How folders begin that hold what was found so far."""
 SCHEMA = 1
 """Of `calibration.json`."""
 MAX_RECORD_BYTES = 2**24
 
-Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-Count = Annotated[int, Meta(ge=0, le=2**62)]
-Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
-Name = Annotated[str, Meta(pattern="^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+_Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+_Count = Annotated[int, Meta(ge=0, le=2**62)]
+_Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+_Name = Annotated[str, Meta(pattern="^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 
 
-class Entry(msgspec.Struct, frozen=True, kw_only=True):
+class MeasuredValue(msgspec.Struct, frozen=True, kw_only=True):
     """One value of the configuration that was measured.
 
     value : as the configuration file would have it; of a map the name of its file.
@@ -64,7 +64,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FigureRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One figure of a step, as `pdcd.calibration.figures.Figure`."""
+    """One figure of a step, as `pdcd.calibration.figures.MeasuredFigure`."""
 
     name: str
     value: float | None
@@ -77,17 +77,17 @@ class FigureRecord(msgspec.Struct, frozen=True, kw_only=True):
 class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One photo as it was taken. Times are ns of the rig's clock."""
 
-    name: Name
+    name: _Name
     raw: str
-    sha256: Sha256
-    size_bytes: Count
+    sha256: _Sha256
+    size_bytes: _Count
     iso: Annotated[int, Meta(ge=1)]
     f_number: float | None
-    open_ns: Nanoseconds
-    close_ns: Nanoseconds
-    end_ns: tuple[Nanoseconds, Nanoseconds]
-    refreshes: Count
-    missed: Count
+    open_ns: _Nanoseconds
+    close_ns: _Nanoseconds
+    end_ns: tuple[_Nanoseconds, _Nanoseconds]
+    refreshes: _Count
+    missed: _Count
     mask_delay: int
     source: str
     verified: bool
@@ -98,7 +98,7 @@ class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True):
 class StepRecord(msgspec.Struct, frozen=True, kw_only=True):
     """What one step took, found and advises."""
 
-    name: Name
+    name: _Name
     made_utc: str
     seconds: float
     """Computing time, exposures left out."""
@@ -110,7 +110,7 @@ class StepRecord(msgspec.Struct, frozen=True, kw_only=True):
     """What the step began with: `iso`, `f_number`, `full_refreshes`."""
 
 
-class Identity(msgspec.Struct, frozen=True, kw_only=True):
+class BenchIdentity(msgspec.Struct, frozen=True, kw_only=True):
     """Which devices were measured; "" and None where nobody says."""
 
     rig: str
@@ -166,14 +166,14 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-class FileRecord(msgspec.Struct, frozen=True):
+class CalibrationFile(msgspec.Struct, frozen=True):
     """A file of the folder as it was when the calibration ended."""
 
-    sha256: Sha256
-    size_bytes: Count
+    sha256: _Sha256
+    size_bytes: _Count
 
 
-class Stopped(msgspec.Struct, frozen=True, kw_only=True):
+class CalibrationStop(msgspec.Struct, frozen=True, kw_only=True):
     """What a calibration ended by that did not come to its end."""
 
     step: str
@@ -186,18 +186,18 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     """`calibration.json`."""
 
     schema: Annotated[int, Meta(ge=SCHEMA, le=SCHEMA)]
-    name: Name
+    name: _Name
     version: str
     started_utc: str
     finished_utc: str
     verdict: VerdictName
-    identity: Identity
+    identity: BenchIdentity
     belief: dict[str, Any]
     """The configuration when it began, for computing it again."""
     camera: CameraRecord
     profile: dict[str, Any]
     """The sensor's profile when it began."""
-    measured: dict[str, Entry]
+    measured: dict[str, MeasuredValue]
     """By key of the configuration: "mask.skew_s"."""
     config: dict[str, Any] = {}
     """The values alone, in tables as a configuration file has them."""
@@ -207,12 +207,12 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     subject: SubjectName = "card"
     marks: MarksName = "auto"
     """On what it was made, and what was asked of the geometry."""
-    files: dict[str, FileRecord]
+    files: dict[str, CalibrationFile]
     """Every other file of the folder, but the digest."""
     state: Literal["running", "done", "failed", "cancelled"] | None = None
     """"running": as it was when its last step ended. None: of a version that kept no steps; all of
     it is as good as its verdict."""
-    stopped: Stopped | None = None
+    stopped: CalibrationStop | None = None
     left_out: dict[str, str] = {}
     """Steps whose values are not among those measured, and why not."""
     asked: tuple[StepName, ...] = ()
@@ -239,7 +239,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
         return {step.name: step.made_utc for step in self.steps if step.name in names}
 
 
-def tables_of(measured: Mapping[str, Entry]) -> dict[str, Any]:
+def to_config_tables(measured: Mapping[str, MeasuredValue]) -> dict[str, Any]:
     """What was measured as tables of a configuration file."""
     found: dict[str, Any] = {}
     for key, entry in sorted(measured.items()):
@@ -251,12 +251,12 @@ def tables_of(measured: Mapping[str, Entry]) -> dict[str, Any]:
     return found
 
 
-def encoded(record: Calibration) -> bytes:
+def encode_calibration(record: Calibration) -> bytes:
     """The bytes of `calibration.json`."""
     return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
 
 
-def digest_line(data: bytes, name: str = RECORD) -> bytes:
+def format_digest_line(data: bytes, name: str = RECORD) -> bytes:
     """What vouches for a file of these bytes and that name: its line of `sha256sum`."""
     return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
 
@@ -269,16 +269,24 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
     """
     try:
         data, said = (
-            read_small(folder / n, m) for n, m in ((RECORD, MAX_RECORD_BYTES), (DIGEST, 200))
+            read_small_file(folder / n, m)
+            for n, m in ((RECORD, MAX_RECORD_BYTES), (CALIBRATION_DIGEST, 200))
         )
         record = msgspec.json.decode(data, type=Calibration)
-    except (OSError, Unsound, ConfigError, msgspec.MsgspecError, ValueError, RecursionError) as err:
+    except (
+        OSError,
+        UnsoundFileError,
+        ConfigError,
+        msgspec.MsgspecError,
+        ValueError,
+        RecursionError,
+    ) as err:
         why = getattr(err, "message", None) or str(err)
         raise ConfigError(
             f"the calibration in {folder} cannot be used: {why}",
             hint="name a folder that pdcd calibrate made, or set [calibration] use",
         ) from err
-    if said != digest_line(data):
+    if said != format_digest_line(data):
         raise ConfigError(
             f"the calibration in {folder} is not as it was written: {RECORD} has another digest",
             hint="restore it from a copy, or calibrate again",
@@ -286,7 +294,7 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
     return record, hashlib.sha256(data).hexdigest()
 
 
-def read_small(path: Path, most: int) -> bytes:
+def read_small_file(path: Path, most: int) -> bytes:
     """A regular file of at most so many bytes; nothing is waited for. Raises Unsound, ConfigError
     and OSError."""
     with os.fdopen(open_own(path), "rb") as file:

@@ -17,27 +17,33 @@ from typing import Any
 
 import msgspec
 
-from pdcd.bench.calibration import KEPT, RECORD, Calibration, read_calibration, read_small
+from pdcd.bench.calibration import (
+    RECORD,
+    STEP_FOLDER_PREFIX,
+    Calibration,
+    read_calibration,
+    read_small_file,
+)
 from pdcd.bench.devices import CameraInfo, DisplayInfo
-from pdcd.bench.folders import state_dir
-from pdcd.bench.placed import frame_of
+from pdcd.bench.folders import find_state_dir
+from pdcd.bench.placed import compute_mock_frame
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import as_typed
+from pdcd.bench.truth import restore_typed_values
 from pdcd.errors import BusyError, ConfigError, disk_errors
-from pdcd.files.opening import Unsound
-from pdcd.printable import one_line
+from pdcd.files.opening import UnsoundFileError
+from pdcd.printable import to_one_line
 
-FOLDER = "calibrations"
+CALIBRATIONS_FOLDER = "calibrations"
 """Below the state folder."""
-UNFINISHED = ".partial"
+UNFINISHED_CALIBRATION = ".partial"
 """How the name of a folder ends whose calibration did not come to its end."""
 PINNED = "in-use.json"
 """In that folder: the calibration that each rig is to use, by its name."""
-MAX_BYTES = 2**20
+_MAX_BYTES = 2**20
 """Most bytes of that file, and of a mock bench's truth that is still read."""
-TABLES = ("projector", "mask", "camera", "display", "trigger")
+_TABLES = ("projector", "mask", "camera", "display", "trigger")
 """Tables of a configuration that make a mock bench; scene and schedule may change."""
-SAME_RATE = 1e-3
+_SAME_RATE = 1e-3
 """Share by which a refresh rate may differ and be of the same mode."""
 
 
@@ -56,13 +62,13 @@ class Candidate:
     running: bool = False
 
 
-def candidates(config: Config) -> Iterator[Candidate]:
+def list_candidates(config: Config) -> Iterator[Candidate]:
     """All calibrations of the state folder, the newest first; those under way, too. Read one by
     one: who has found what he wants need not look at the rest."""
-    yield from candidates_in(state_dir(config) / FOLDER, config)
+    yield from _candidates_in(find_state_dir(config) / CALIBRATIONS_FOLDER, config)
 
 
-def candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
+def _candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
     """The same of any folder."""
     try:
         # Hidden ones have no name yet, or are being removed.
@@ -71,18 +77,18 @@ def candidates_in(folder: Path, config: Config) -> Iterator[Candidate]:
     except OSError:
         return
     for at in entries:
-        found = candidate(at, config)
+        found = read_candidate(at, config)
         if found is not None:
             yield found
 
 
-def candidate(at: Path, config: Config, *, named: bool = False) -> Candidate | None:
+def read_candidate(at: Path, config: Config, *, named: bool = False) -> Candidate | None:
     """One of them; None for what is none: a file, a folder without a record. named : as in
-    `other_bench`."""
+    `describe_other_bench`."""
     name, running = _name(at), False
     try:
         folder = at.resolve(strict=True) if at.is_symlink() else at
-        if at.name.endswith(UNFINISHED):
+        if at.name.endswith(UNFINISHED_CALIBRATION):
             running, newest = _locked(folder), _last_kept(folder)
             if newest is None:
                 return None
@@ -97,26 +103,31 @@ def candidate(at: Path, config: Config, *, named: bool = False) -> Candidate | N
     ours = record.identity.rig == config.rig.name
     why = f"it is of the rig {record.identity.rig!r}"
     if ours:
-        why = other_bench(record, config, named=named)
+        why = describe_other_bench(record, config, named=named)
     if not why and not record.usable:
         why = "its verdict is bad"
-    why = "it is being made" if running else one_line(why)
+    why = "it is being made" if running else to_one_line(why)
     return Candidate(name, at, folder, record, why, ours, running)
 
 
-def newest(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
+def find_newest_calibration(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
     """The newest calibration of this rig in a folder, of those that fit it and are not all bad or,
     if said, of all that fit; None where there is none."""
-    for found in candidates_in(folder, config):
+    for found in _candidates_in(folder, config):
         record = found.record
-        if record is None or found.running or not found.ours or other_bench(record, config):
+        if (
+            record is None
+            or found.running
+            or not found.ours
+            or describe_other_bench(record, config)
+        ):
             continue
         if record.usable or bad:
             return found.folder
     return None
 
 
-def other_bench(record: Calibration, config: Config, *, named: bool = False) -> str:
+def describe_other_bench(record: Calibration, config: Config, *, named: bool = False) -> str:
     """What of the configuration is of another bench than was calibrated, in words; "" for none.
 
     config : as it was typed. Where measured values stand in it (`calibration.sha256`), it fitted.
@@ -139,11 +150,11 @@ def other_bench(record: Calibration, config: Config, *, named: bool = False) -> 
 
 def _changed_mock(record: Calibration, config: Config) -> str:
     """The same of a mock bench, which is whatever its configuration and its truth say."""
-    now = _flat(bench_of(config))
+    now = _flat(select_mock_tables(config))
     for key, then in _flat(record.bench).items():
         if key in now and now[key] != then:
             return f"{key} was {_short(then)} and is {_short(now[key])}"
-    if record.bench and record.identity.truth != truth_of_bench(config):
+    if record.bench and record.identity.truth != hash_truth_file(config):
         return "the truth of the mock bench (bench.truth) was another one"
     return ""
 
@@ -152,33 +163,33 @@ def _other_frame(record: Calibration, config: Config) -> str:
     """The same of the size of a mock camera's photos: its map would fit none of them."""
     seen = record.identity.frame_quads
     if seen is not None and config.scene.kind != "matrix":
-        rows, cols = frame_of(config, config.code_grid())
+        rows, cols = compute_mock_frame(config, config.code_grid())
         if (cols, rows) != tuple(seen):
             return f"its camera has {seen[0]} x {seen[1]} quads, and this one {cols} x {rows}"
     return ""
 
 
-def bench_of(config: Config) -> dict[str, Any]:
+def select_mock_tables(config: Config) -> dict[str, Any]:
     """The tables that make a mock bench, in plain values; none for a real camera."""
     if config.camera.driver != "mock":
         return {}
-    typed = as_typed(config)
-    tables = {name: getattr(typed, name) for name in TABLES}
+    typed = restore_typed_values(config)
+    tables = {name: getattr(typed, name) for name in _TABLES}
     return dict(msgspec.json.decode(msgspec.json.encode(tables)))
 
 
-def truth_of_bench(config: Config) -> str:
+def hash_truth_file(config: Config) -> str:
     """SHA-256 of the file that says what a mock bench really is; "" where there is none."""
     path = config.bench.truth
     if path is None or config.camera.driver != "mock":
         return ""
     try:
-        return hashlib.sha256(read_small(Path(path), MAX_BYTES)).hexdigest()
-    except (OSError, Unsound, ConfigError):
+        return hashlib.sha256(read_small_file(Path(path), _MAX_BYTES)).hexdigest()
+    except (OSError, UnsoundFileError, ConfigError):
         return ""
 
 
-def other_devices(
+def find_other_device(
     record: Calibration, camera: CameraInfo | None, display: DisplayInfo | None
 ) -> tuple[str, str] | None:
     """The device that is another one than was calibrated, and what of it, in words; None where
@@ -201,19 +212,19 @@ def other_devices(
             said = f"calibration {name} is of the {panel} {before!r}, and this is {there!r}"
             return panel, said
     rate_hz = min(seen.projector_hz, seen.mask_hz)
-    if abs(display.refresh_hz / rate_hz - 1.0) > SAME_RATE:
+    if abs(display.refresh_hz / rate_hz - 1.0) > _SAME_RATE:
         text = f"calibration {name} was made at {rate_hz:g} Hz, and the panels run at"
         return "display", f"{text} {display.refresh_hz:g} Hz"
     return None
 
 
-def pinned(config: Config) -> str | None:
+def read_pinned_name(config: Config) -> str | None:
     """The calibration that `pdcd calibrate use` wrote down for this rig: its name, or "none"; None
     where it wrote none. Raises ConfigError for a file that is none of its own."""
     return _pins(config).get(config.rig.name)
 
 
-def pin(config: Config, name: str | None) -> None:
+def pin_calibration(config: Config, name: str | None) -> None:
     """Write down which calibration this rig is to use; None: the latest again. Raises DiskError."""
     try:
         pins = _pins(config)
@@ -222,7 +233,7 @@ def pin(config: Config, name: str | None) -> None:
     pins.pop(config.rig.name, None)
     if name is not None:
         pins[config.rig.name] = name
-    path = state_dir(config) / FOLDER / PINNED
+    path = find_state_dir(config) / CALIBRATIONS_FOLDER / PINNED
     with disk_errors(str(path)):
         path.parent.mkdir(parents=True, exist_ok=True)
         new = path.with_name(f"{PINNED}.new")
@@ -230,27 +241,27 @@ def pin(config: Config, name: str | None) -> None:
         new.replace(path)
 
 
-def place_of(config: Config, name: str) -> Path:
+def find_calibration(config: Config, name: str) -> Path:
     """Where the calibration of that name is kept. Raises ConfigError where there is none."""
-    folder = state_dir(config) / FOLDER
-    plain = name.removesuffix(UNFINISHED)
+    folder = find_state_dir(config) / CALIBRATIONS_FOLDER
+    plain = name.removesuffix(UNFINISHED_CALIBRATION)
     if plain and "/" not in plain and not plain.startswith("."):
-        for at in (folder / plain, folder / f"{plain}{UNFINISHED}"):
+        for at in (folder / plain, folder / f"{plain}{UNFINISHED_CALIBRATION}"):
             if at.is_symlink() or at.is_dir():
                 return at
     raise ConfigError(
-        f"no calibration is called {one_line(name)!r} in {folder}",
+        f"no calibration is called {to_one_line(name)!r} in {folder}",
         hint="pdcd calibrate list has their names; pdcd calibrate use latest takes the newest",
     )
 
 
-def forget(config: Config, at: Path) -> None:
+def forget_calibration(config: Config, at: Path) -> None:
     """Remove a calibration for good, or the link to it, and what was written down of its use.
 
     Raises BusyError where a daemon or a capture goes by it, or makes it; and DiskError."""
     name = _name(at)
     with disk_errors(str(at)):
-        descriptor = held(at, fcntl.LOCK_EX) if at.is_dir() else None
+        descriptor = lock_calibration(at, fcntl.LOCK_EX) if at.is_dir() else None
         if descriptor is None and at.is_dir():
             raise BusyError(
                 f"calibration {name} is in use, or being made",
@@ -267,10 +278,10 @@ def forget(config: Config, at: Path) -> None:
             if descriptor is not None:
                 os.close(descriptor)
     if _pins(config).get(config.rig.name) == name:
-        pin(config, None)
+        pin_calibration(config, None)
 
 
-def held(folder: Path, how: int = fcntl.LOCK_SH) -> int | None:
+def lock_calibration(folder: Path, how: int = fcntl.LOCK_SH) -> int | None:
     """A descriptor that keeps a calibration from being forgotten as long as it is open; None where
     another one keeps this from being had. Raises OSError where there is no folder."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -284,19 +295,21 @@ def held(folder: Path, how: int = fcntl.LOCK_SH) -> int | None:
     return descriptor
 
 
-def held_in_use(folder: Path) -> int | None:
+def lock_calibration_in_use(folder: Path) -> int | None:
     """The same for who goes by the record in a folder; None where it cannot be had."""
     try:
-        return held(folder.parent if folder.name.startswith(KEPT) else folder)
+        return lock_calibration(
+            folder.parent if folder.name.startswith(STEP_FOLDER_PREFIX) else folder
+        )
     except OSError:
         return None
 
 
 def _pins(config: Config) -> dict[str, str]:
-    path = state_dir(config) / FOLDER / PINNED
+    path = find_state_dir(config) / CALIBRATIONS_FOLDER / PINNED
     try:
-        return msgspec.json.decode(read_small(path, MAX_BYTES), type=dict[str, str])
-    except (OSError, Unsound, ConfigError, ValueError, RecursionError) as err:
+        return msgspec.json.decode(read_small_file(path, _MAX_BYTES), type=dict[str, str])
+    except (OSError, UnsoundFileError, ConfigError, ValueError, RecursionError) as err:
         if not path.exists() and not path.is_symlink():
             return {}
         raise ConfigError(
@@ -306,22 +319,22 @@ def _pins(config: Config) -> dict[str, str]:
 
 
 def _name(at: Path) -> str:
-    return at.name.removesuffix(UNFINISHED)
+    return at.name.removesuffix(UNFINISHED_CALIBRATION)
 
 
 def _unread(name: str, at: Path, why: str) -> Candidate:
-    return Candidate(name, at, at, None, one_line(why))
+    return Candidate(name, at, at, None, to_one_line(why))
 
 
 def _last_kept(folder: Path) -> Path | None:
     """What an unfinished calibration had found when its last step ended."""
-    kept = (p for p in folder.iterdir() if p.name.startswith(KEPT) and p.suffix == "")
+    kept = (p for p in folder.iterdir() if p.name.startswith(STEP_FOLDER_PREFIX) and p.suffix == "")
     return max(kept, key=lambda p: p.name, default=None)
 
 
 def _locked(folder: Path) -> bool:
     """Whether somebody is making a calibration in this folder."""
-    descriptor = held(folder)
+    descriptor = lock_calibration(folder)
     if descriptor is None:
         return True
     os.close(descriptor)

@@ -24,13 +24,13 @@ from pdcd.bench.devices import (
     Shutter,
     fault,
 )
-from pdcd.bench.exposure_time import tell, with_open_time
+from pdcd.bench.exposure_time import tell_exposure_time, with_open_time
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError
 
-DEVICE = "shutter"
-NO_SETTINGS = CameraSettings(iso=0, f_number=None)
+_DEVICE = "shutter"
+_NO_SETTINGS = CameraSettings(iso=0, f_number=None)
 """Of a click without a camera, whose times alone count."""
 
 
@@ -43,7 +43,7 @@ class Looks(Protocol):
         ...
 
 
-def examine(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Finding]:
+def examine_shutter(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Finding]:
     """Yield findings; nothing moves, and no port is opened, unless `click` is true.
 
     seconds : how long the shutter is held open beyond the time by which it surely is.
@@ -67,7 +67,7 @@ def examine(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Fi
         else:
             yield Finding("click", "unknown", "not tried: it opens the shutter", "give --click")
     except PdcdError as err:
-        yield fault("trigger", err, DEVICE)
+        yield fault("trigger", err, _DEVICE)
 
 
 def _click(
@@ -82,7 +82,7 @@ def _click(
             yield Finding("camera", "good", camera.model)
             readout.arm(with_open_time(_settings(config, camera), config, seconds))
         yield Finding("made ready", "good", f"closed, after {_ms(clock, begun_ns)}")
-        tell(shutter, with_open_time(NO_SETTINGS, config, seconds))
+        tell_exposure_time(shutter, with_open_time(_NO_SETTINGS, config, seconds))
         begun_ns = clock.now_ns()
         open_ns = shutter.open()
         yield Finding("open", "good", f"surely open {_ms(clock, begun_ns)} after the order")

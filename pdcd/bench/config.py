@@ -13,48 +13,58 @@ from typing import Any
 
 import msgspec
 
-from pdcd.bench.checks import cross_faults
-from pdcd.bench.folders import folder_variable
+from pdcd.bench.checks import find_cross_faults
+from pdcd.bench.folders import read_folder_variable
 from pdcd.bench.grey import with_lut
-from pdcd.bench.reading import NO_NOTES, TIMES, Fault, emit, faults_error, overlay, toml_table
+from pdcd.bench.reading import (
+    NO_NOTES,
+    TOML_TIME_TYPES,
+    ConfigFault,
+    format_toml,
+    make_faults_error,
+    merge_table,
+    read_toml,
+)
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_map
 
-DEVICES = ("projector", "mask", "camera")
+_DEVICES = ("projector", "mask", "camera")
 """Tables with a place on the field."""
 
 
-def load(path: Path | str | None = None) -> Config:
-    """Read the configuration file that `find` names, or the mock bench when there is none.
+def load_config(path: Path | str | None = None) -> Config:
+    """Read the configuration file that `find_config_file` names, or the mock bench when there is
+    none.
 
     Relative paths in the file are meant from its folder; for the scene, the sensor profile and
     the truth of the mock bench the current folder is tried next.
 
     Raises ConfigError naming all faults of the file, one a line.
     """
-    source = find(path)
+    source = find_config_file(path)
     if source is None:
         return Config()
-    config, faults = read(source)
+    config, faults = read_config(source)
     if faults:
-        raise faults_error(source, [fault.message for fault in faults])
+        raise make_faults_error(source, [fault.message for fault in faults])
     return config
 
 
-def read(source: Path) -> tuple[Config, list[Fault]]:
+def read_config(source: Path) -> tuple[Config, list[ConfigFault]]:
     """Read one file: its configuration, and all its faults.
 
     A key that is at fault stands at its default. Raises ConfigError for what is no TOML file.
     """
     hint = "give an existing file with --config, or none for the mock bench"
-    table = toml_table(source, "the configuration", hint)
+    table = read_toml(source, "the configuration", hint)
     return _of_table(table, source.absolute().parent)
 
 
-def from_table(table: dict[str, Any], called: str, base: Config | None = None) -> Config:
-    """A configuration out of the tables of a file that was never written, as `load` reads a file.
+def from_config_tables(table: dict[str, Any], called: str, base: Config | None = None) -> Config:
+    """A configuration out of the tables of a file that was never written, as `load_config` reads a
+    file.
 
     Relative paths are meant from the current folder; `called` names the tables for people. A key
     left out takes the value of `base`, None: of the mock bench. Raises ConfigError naming all
@@ -62,26 +72,26 @@ def from_table(table: dict[str, Any], called: str, base: Config | None = None) -
     """
     config, faults = _of_table(table, Path.cwd(), base)
     if faults:
-        raise faults_error(called, [fault.message for fault in faults])
+        raise make_faults_error(called, [fault.message for fault in faults])
     return config
 
 
 def _of_table(
     table: dict[str, Any], folder: Path, base: Config | None = None
-) -> tuple[Config, list[Fault]]:
+) -> tuple[Config, list[ConfigFault]]:
     """The configuration in the tables of a file in `folder`, and all their faults."""
-    faults: list[Fault] = []
-    config = overlay(base or Config(), table, "", faults)
+    faults: list[ConfigFault] = []
+    config = merge_table(base or Config(), table, "", faults)
     config = _resolve(config, folder)
     config = _with_maps(config, faults)
     config = _with_luts(config, folder, faults)
     known = {key for fault in faults for key in fault.keys}
     # A key that could not be read stands at its default; what follows from that is no news.
-    faults += [fault for fault in cross_faults(config) if known.isdisjoint(fault.keys)]
+    faults += [fault for fault in find_cross_faults(config) if known.isdisjoint(fault.keys)]
     return config, faults
 
 
-def find(path: Path | str | None = None) -> Path | None:
+def find_config_file(path: Path | str | None = None) -> Path | None:
     """Return the file to read: `path` if given, else the first that exists, else None.
 
     Looked for are `pdcd.toml` in $CONFIGURATION_DIRECTORY (set by systemd), then in
@@ -90,11 +100,11 @@ def find(path: Path | str | None = None) -> Path | None:
     if path is not None:
         return Path(path)
     candidates = []
-    if folder := folder_variable("CONFIGURATION_DIRECTORY"):
+    if folder := read_folder_variable("CONFIGURATION_DIRECTORY"):
         candidates.append(folder / "pdcd.toml")
-    if folder := folder_variable("XDG_CONFIG_HOME"):
+    if folder := read_folder_variable("XDG_CONFIG_HOME"):
         candidates.append(folder / "pdcd" / "pdcd.toml")
-    elif folder := folder_variable("HOME"):
+    elif folder := read_folder_variable("HOME"):
         candidates.append(folder / ".config" / "pdcd" / "pdcd.toml")
     for candidate in candidates:
         try:
@@ -105,12 +115,13 @@ def find(path: Path | str | None = None) -> Path | None:
     return None
 
 
-def show(config: Config, notes: Mapping[tuple[str, ...], str] = NO_NOTES) -> str:
-    """Return the configuration as TOML that `load` reads back to the same value, with comments."""
-    return emit(msgspec.to_builtins(config, builtin_types=TIMES), notes)
+def format_config(config: Config, notes: Mapping[tuple[str, ...], str] = NO_NOTES) -> str:
+    """Return the configuration as TOML that `load_config` reads back to the same value, with
+    comments."""
+    return format_toml(msgspec.to_builtins(config, builtin_types=TOML_TIME_TYPES), notes)
 
 
-def schema() -> dict[str, Any]:
+def make_config_schema() -> dict[str, Any]:
     """JSON Schema of the file."""
     return msgspec.json.schema(Config)
 
@@ -133,16 +144,16 @@ def _resolve(config: Config, folder: Path) -> Config:
     resolved = msgspec.structs.replace(
         config, scene=scene, camera=camera, server=server, bench=bench
     )
-    for device in DEVICES:
+    for device in _DEVICES:
         given = getattr(resolved, device).place.map
         if isinstance(given, str):
             resolved = _placed_by(resolved, device, str(folder / _expand(given)))
     return resolved
 
 
-def _with_maps(config: Config, faults: list[Fault]) -> Config:
+def _with_maps(config: Config, faults: list[ConfigFault]) -> Config:
     """The configuration with what its files of maps hold in the place of their names."""
-    for device in DEVICES:
+    for device in _DEVICES:
         given = getattr(config, device).place.map
         if not isinstance(given, str):
             continue
@@ -150,12 +161,12 @@ def _with_maps(config: Config, faults: list[Fault]) -> Config:
             config = _placed_by(config, device, load_map(given, device))
         except ConfigError as err:
             key = f"{device}.place.map"
-            faults.append(Fault((key,), f"{key}: {err.message}"))
+            faults.append(ConfigFault((key,), f"{key}: {err.message}"))
             config = _placed_by(config, device, None)
     return config
 
 
-def _with_luts(config: Config, folder: Path, faults: list[Fault]) -> Config:
+def _with_luts(config: Config, folder: Path, faults: list[ConfigFault]) -> Config:
     """The configuration with what its files of lights hold in the place of their names."""
     return msgspec.structs.replace(
         config,

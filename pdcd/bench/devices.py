@@ -29,7 +29,7 @@ from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.panels.pixels import Shown
+from pdcd.panels.pixels import ShownPictures
 
 
 class Clock(Protocol):
@@ -109,7 +109,7 @@ class CameraInfo:
 
 
 @dataclass(frozen=True)
-class WhileShown:
+class ShutterTiming:
     """A shutter that moves while the panels show their frames, so that a photo tells when it did:
     told to open once `after` rows were shown, and to close `open_s` after it was surely open."""
 
@@ -281,7 +281,7 @@ class Preview(Protocol):
         ...
 
 
-class KnownScene(Protocol):
+class _KnownScene(Protocol):
     """A scene whose light transport a driver knows, as far as a bench asks about it."""
 
     @property
@@ -301,7 +301,7 @@ class KnownScene(Protocol):
 
 
 @dataclass
-class Shared:
+class SharedState:
     """What the drivers of one rig tell each other. A driver of real devices needs none of it."""
 
     played: tuple[Frames, FrameLog] | None = None
@@ -313,10 +313,10 @@ class Shared:
     was made."""
     moving: bool = False
     """Whether the shutter of this exposure is meant to move while the panels show their frames."""
-    pixels: Shown | None = None
+    pixels: ShownPictures | None = None
     """The panels' own pixels of the same frames, from a display that looks at them: a virtual
     camera believes these rather than the frame log."""
-    scene: KnownScene | None = None
+    scene: _KnownScene | None = None
     """The scene, from a driver that knows it."""
     photographed: bool = False
     """Whether the photos show that scene, said by the camera that makes them of it: only then are
@@ -333,7 +333,7 @@ class Shared:
     """
 
 
-LIBUSB = "libusb"
+_LIBUSB = "libusb"
 """Name of the machine's own USB."""
 
 
@@ -341,7 +341,7 @@ def _nobody_listens() -> None:
     """A rig without a watchdog."""
 
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -351,13 +351,13 @@ class DriverContext:
 
     config: Config
     clock: Clock
-    shared: Shared = field(default_factory=Shared)
+    shared: SharedState = field(default_factory=SharedState)
     alive: Callable[[], object] = _nobody_listens
     """A method that waits for a device calls this every few seconds, from the thread that called
     it: so the daemon's watchdog knows that it waits and is not stuck. It never blocks or raises."""
     _made: dict[type, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def the(self, kind: type[T], make: Callable[[], T]) -> T:
+    def the(self, kind: type[_T], make: Callable[[], _T]) -> _T:
         """The one instance of a class in this rig, made by the first driver that asks for it.
 
         So a shutter and a readout use one camera. What `make` raises is passed on; whoever asks
@@ -368,26 +368,26 @@ class DriverContext:
             found = self._made[kind] = make()
         return found
 
-    def usb_backend(self, name: str = LIBUSB) -> object | None:
+    def usb_backend(self, name: str = _LIBUSB) -> object | None:
         """The pyusb backend that all devices of this rig are on; None is the machine's libusb.
 
         For drivers of devices on the USB, whose options name it: "libusb", or a driver of the role
         `usb`, which brings a USB with virtual devices. The first that names one decides. Raises
         DriverUnavailable where there is none of that name.
         """
-        if self.shared.usb_backend is None and name != LIBUSB:
+        if self.shared.usb_backend is None and name != _LIBUSB:
             self.shared.usb_backend = load_driver("usb", name).create(self)
         return self.shared.usb_backend
 
 
-State = Literal["good", "warning", "fault", "unknown"]
+_State = Literal["good", "warning", "fault", "unknown"]
 
 
 class Finding(msgspec.Struct, frozen=True):
     """One thing looked at. `state` "unknown" means that it could not be looked at."""
 
     what: str
-    state: State
+    state: _State
     found: str
     hint: str | None = None
 

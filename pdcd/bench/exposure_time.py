@@ -17,21 +17,21 @@ from pdcd.bench.devices import CameraSettings, Shutter, TimedShutter
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import FrameLog, Frames
 
-MARGIN_S = 30.0
+_MARGIN_S = 30.0
 """What an exposure may take beyond the time that panels need for their frames: for devices that
 answer late, and panels that stall."""
-STRETCH = 2.0
+_STRETCH = 2.0
 """How much longer than planned the panels may take for their frames, refreshes being late."""
 
 OFF_S, OFF_SHARE = 1.1, 0.25
 """Two times of one exposure disagree where they differ by more than the larger of so many seconds
 and that share: cameras write the time of a bulb exposure in whole seconds, or in thirds of a
 stop."""
-MOST_TOLD_S = 86400.0
+_MOST_TOLD_S = 86400.0
 """A longer time is no time: what a camera writes that keeps none."""
 
 
-def with_times(
+def with_exposure_times(
     settings: CameraSettings, config: Config, frames: Frames, refresh_hz: float | None
 ) -> CameraSettings:
     """Settings of an exposure of all these frames, with how long that is planned to be, and may be.
@@ -50,7 +50,7 @@ def with_times(
     # Codes that were missed are shown again in the same exposure.
     passes = 1 + rig.retries if rig.on_miss == "balance" else 1
     settles_s = 2.0 * rig.settle_s
-    return _timed(settings, config, shown_s + settles_s, STRETCH * passes * shown_s + settles_s)
+    return _timed(settings, config, shown_s + settles_s, _STRETCH * passes * shown_s + settles_s)
 
 
 def with_open_time(settings: CameraSettings, config: Config, open_s: float) -> CameraSettings:
@@ -58,7 +58,7 @@ def with_open_time(settings: CameraSettings, config: Config, open_s: float) -> C
     return _timed(settings, config, open_s, open_s)
 
 
-def tell(shutter: Shutter, settings: CameraSettings) -> None:
+def tell_exposure_time(shutter: Shutter, settings: CameraSettings) -> None:
     """Let a shutter that wants to know it know how long the next exposure will be."""
     if isinstance(shutter, TimedShutter) and settings.exposure_s is not None:
         longest_s = settings.longest_s
@@ -67,23 +67,26 @@ def tell(shutter: Shutter, settings: CameraSettings) -> None:
         )
 
 
-def planned_s(settings: CameraSettings, config: Config, frames: Frames, log: FrameLog) -> float:
-    """How long an exposure was to be that `with_times` or `with_open_time` announced, s, with the
-    passes that were shown on purpose to make up for missed refreshes."""
+def planned_open_s(
+    settings: CameraSettings, config: Config, frames: Frames, log: FrameLog
+) -> float:
+    """How long an exposure was to be that `with_exposure_times` or `with_open_time` announced, s,
+    with the passes that were shown on purpose to make up for missed refreshes."""
     more = max(0, len(log) - len(frames) - abs(log.mask_delay))
     return (settings.exposure_s or 0.0) + more / config.row_hz
 
 
-def time_doubts(planned_s: float, logged_s: float, told_s: float) -> str:
+def describe_time_conflict(planned_s: float, logged_s: float, told_s: float) -> str:
     """Which of three times of one exposure disagree, in words with their figures; "" if none do.
 
     Whoever takes a photo asks, to take it again, and who judges it.
 
-    planned_s : what was planned (`planned_s`). logged_s : from the shutter being open to its being
+    planned_s : what was planned (`planned_open_s`). logged_s : from the shutter being open to its
+    being
         closed, by the rig's clock. told_s : what the camera's file says; a file without that tag,
         0 or what is no time is no fault.
     """
-    told = math.isfinite(told_s) and 0.0 < told_s <= MOST_TOLD_S
+    told = math.isfinite(told_s) and 0.0 < told_s <= _MOST_TOLD_S
     if _disagree(planned_s, logged_s):
         return f"the shutter was open for {logged_s:.3g} s, and was to be for {planned_s:.3g} s"
     if told and (_disagree(logged_s, told_s) or _disagree(planned_s, told_s)):
@@ -99,5 +102,5 @@ def _timed(
     settings: CameraSettings, config: Config, exposure_s: float, longest_s: float
 ) -> CameraSettings:
     # What was planned within the limit may go beyond it: a guardian is there for what hangs.
-    longest_s = min(longest_s, max(config.limits.max_exposure_s, exposure_s)) + MARGIN_S
+    longest_s = min(longest_s, max(config.limits.max_exposure_s, exposure_s)) + _MARGIN_S
     return replace(settings, exposure_s=exposure_s, longest_s=longest_s)

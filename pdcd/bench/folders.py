@@ -15,31 +15,31 @@ MAX_SOCKET_BYTES = 107
 """Longest path of a unix socket: `sun_path` of unix(7) less its closing NUL."""
 
 
-def socket_path(config: Config) -> Path:
+def find_socket_path(config: Config) -> Path:
     """Where the daemon listens and clients call.
 
     Raises ConfigError when the stand-in for a missing $XDG_RUNTIME_DIR belongs to someone else.
     """
     if config.server.socket is not None:
         return Path(config.server.socket)
-    if folder := folder_variable("RUNTIME_DIRECTORY"):
+    if folder := read_folder_variable("RUNTIME_DIRECTORY"):
         # Beside the folder, not in it: systemd deletes the folder when the service stops.
         return folder.parent / "pdcd.sock"
-    return (folder_variable("XDG_RUNTIME_DIR") or _private_folder()) / "pdcd.sock"
+    return (read_folder_variable("XDG_RUNTIME_DIR") or _private_folder()) / "pdcd.sock"
 
 
-def state_dir(config: Config) -> Path:
+def find_state_dir(config: Config) -> Path:
     """Folder that run folders and calibrations are kept in; it need not exist yet."""
     if config.server.state_dir is not None:
         return Path(config.server.state_dir)
-    if folder := folder_variable("STATE_DIRECTORY"):
+    if folder := read_folder_variable("STATE_DIRECTORY"):
         return folder
-    if home := folder_variable("XDG_STATE_HOME"):
+    if home := read_folder_variable("XDG_STATE_HOME"):
         return home / "pdcd"
     return Path.home() / ".local" / "state" / "pdcd"
 
 
-def folder_variable(name: str) -> Path | None:
+def read_folder_variable(name: str) -> Path | None:
     """First absolute folder of a variable; systemd separates several by colons."""
     first = os.environ.get(name, "").split(":")[0]
     # The XDG base directory specification tells programs to ignore relative values.

@@ -8,13 +8,20 @@ from typing import Protocol, TypeVar
 
 import msgspec
 
-from pdcd.bench.reading import Fault
+from pdcd.bench.reading import ConfigFault
 from pdcd.bench.tables import Config, Lut, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.files.opening import Unsound, open_own
-from pdcd.panels.curve import LEVELS, Curve, Curves, power, table, table_fault
+from pdcd.files.opening import UnsoundFileError, open_own
+from pdcd.panels.curve import (
+    PANEL_LEVELS,
+    Curve,
+    Curves,
+    find_table_fault,
+    make_power_curve,
+    make_table_curve,
+)
 
-MAX_BYTES = 2**16
+MAX_LUT_BYTES = 2**16
 """Longest file of lights."""
 
 
@@ -31,11 +38,11 @@ _G = TypeVar("_G", bound=_Grey)
 def curve_of(panel: PanelConfig) -> Curve | None:
     """What light a panel's levels give; None where nobody said. Raises ConfigError."""
     if panel.lut is None:
-        return None if panel.gamma is None else power(panel.gamma)
+        return None if panel.gamma is None else make_power_curve(panel.gamma)
     lights = read_lut(Path(panel.lut)) if isinstance(panel.lut, str) else panel.lut
-    if fault := table_fault(lights):
+    if fault := find_table_fault(lights):
         raise ConfigError(f"lut {fault}")
-    return table(lights)
+    return make_table_curve(lights)
 
 
 def curves_of(config: Config) -> Curves:
@@ -43,14 +50,14 @@ def curves_of(config: Config) -> Curves:
     return curve_of(config.projector), curve_of(config.mask)
 
 
-def curve_fault(name: str, lut: Lut | None) -> Fault | None:
+def find_curve_fault(name: str, lut: Lut | None) -> ConfigFault | None:
     """What to say of a table of lights that was read; None where it is sound, or there is none."""
-    if lut is None or isinstance(lut, str) or not (fault := table_fault(lut)):
+    if lut is None or isinstance(lut, str) or not (fault := find_table_fault(lut)):
         return None
-    return Fault((f"{name}.lut",), f"{name}.lut: {fault}")
+    return ConfigFault((f"{name}.lut",), f"{name}.lut: {fault}")
 
 
-def with_lut(panel: _G, name: str, folder: Path, faults: list[Fault]) -> _G:
+def with_lut(panel: _G, name: str, folder: Path, faults: list[ConfigFault]) -> _G:
     """A panel with what its file of lights holds in the place of the path, meant from `folder`."""
     if not isinstance(panel.lut, str):
         return panel
@@ -58,7 +65,7 @@ def with_lut(panel: _G, name: str, folder: Path, faults: list[Fault]) -> _G:
     try:
         lights = read_lut(folder / panel.lut)
     except ConfigError as err:
-        faults.append(Fault((f"{name}.lut",), f"{name}.lut: {err.message}"))
+        faults.append(ConfigFault((f"{name}.lut",), f"{name}.lut: {err.message}"))
     return msgspec.structs.replace(panel, lut=lights)  # type: ignore[type-var]
 
 
@@ -69,11 +76,11 @@ def read_lut(path: Path) -> tuple[float, ...]:
     """
     try:
         with os.fdopen(open_own(path), "rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(MAX_LUT_BYTES + 1)
         lines = data.decode("ascii").splitlines()
         words = [w for line in lines for w in line.partition("#")[0].replace(",", " ").split()]
-        if len(data) > MAX_BYTES or len(words) > LEVELS:
-            raise ConfigError(f"{path} holds more than {LEVELS} lights")
+        if len(data) > MAX_LUT_BYTES or len(words) > PANEL_LEVELS:
+            raise ConfigError(f"{path} holds more than {PANEL_LEVELS} lights")
         return tuple(float(word) for word in words)
-    except (OSError, Unsound, ValueError) as err:
+    except (OSError, UnsoundFileError, ValueError) as err:
         raise ConfigError(f"cannot read lights from {path}: {err}") from err

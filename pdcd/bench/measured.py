@@ -15,33 +15,42 @@ from typing import Any
 
 import msgspec
 
-from pdcd.bench.calibration import KEPT, MAPS, Calibration, Entry, read_calibration
+from pdcd.bench.calibration import (
+    MAPS,
+    STEP_FOLDER_PREFIX,
+    Calibration,
+    MeasuredValue,
+    read_calibration,
+)
 from pdcd.bench.choosing import (
-    UNFINISHED,
-    candidate,
-    candidates,
-    other_bench,
-    other_devices,
-    pinned,
-    place_of,
+    UNFINISHED_CALIBRATION,
+    describe_other_bench,
+    find_calibration,
+    find_other_device,
+    list_candidates,
+    read_candidate,
+    read_pinned_name,
 )
 from pdcd.bench.devices import CameraInfo, DisplayInfo
-from pdcd.bench.stops import STOP_SIGMA, Scale, stop_of
+from pdcd.bench.stops import STOP_SIGMA, AbsoluteScale, stop_of
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.bench.truth import TYPED
 from pdcd.errors import ConfigError, disk_errors
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_maps
 from pdcd.panels.placing import Placing
-from pdcd.printable import one_line
+from pdcd.printable import to_one_line
 
-DEVICES = ("projector", "mask", "camera")
-TIMES = ("mask.skew_s", *(f"{p}.{t}" for p in ("projector", "mask") for t in ("rise_s", "fall_s")))
+_DEVICES = ("projector", "mask", "camera")
+TIME_KEYS = (
+    "mask.skew_s",
+    *(f"{p}.{t}" for p in ("projector", "mask") for t in ("rise_s", "fall_s")),
+)
 """Values by which a schedule of fewer refreshes can be trusted."""
 
 
 @dataclass(frozen=True)
-class Choice:
+class CalibrationChoice:
     """Which calibration is used. config : with its values. folder : None for none. passed : those
     that were passed over as newer ones that do not fit, a line each."""
 
@@ -55,18 +64,22 @@ class Choice:
         if not self.passed:
             return ""
         more = f", and {len(self.passed) - 1} more" if len(self.passed) > 1 else ""
-        used = "none is used" if self.folder is None else f"{name_of(self.folder)} is used"
+        used = (
+            "none is used"
+            if self.folder is None
+            else f"{parse_calibration_name(self.folder)} is used"
+        )
         return f"{used}; calibration {self.passed[0]}{more}: passed over (see pdcd calibrate list)"
 
 
-def calibrated(config: Config) -> Config:
-    """The configuration with the values of the calibration that it asks for (`choice`)."""
-    return choice(config).config
+def apply_calibration(config: Config) -> Config:
+    """The configuration with the values of the calibration that it asks for."""
+    return choose_calibration(config).config
 
 
-def choice(
+def choose_calibration(
     config: Config, camera: CameraInfo | None = None, display: DisplayInfo | None = None
-) -> Choice:
+) -> CalibrationChoice:
     """The calibration that a configuration asks for, and the configuration with its values.
 
     `calibration.use` and `calibration.sha256` of that name the one that was taken, so that doing
@@ -75,40 +88,42 @@ def choice(
     Raises ConfigError for one that was named and cannot be used.
     """
     use = config.calibration.use
-    name = pinned(config) if use == "latest" else None
+    name = read_pinned_name(config) if use == "latest" else None
     if "none" in (use, name):
-        return Choice(config)
+        return CalibrationChoice(config)
     if use != "latest":
         return _named(config, Path(use), 'run pdcd calibrate, or set [calibration] use = "none"')
     if name is not None:
-        found = candidate(place_of(config, name), config)
-        folder = place_of(config, name) if found is None else found.folder
+        found = read_candidate(find_calibration(config, name), config)
+        folder = find_calibration(config, name) if found is None else found.folder
         return _named(config, folder, "run pdcd calibrate use latest, or name another one")
     passed: list[str] = []
-    for found in candidates(config):
+    for found in list_candidates(config):
         if not found.ours or found.running:
             continue
         why, record = found.why, found.record
-        if record is not None and (other := other_devices(record, camera, display)) is not None:
+        if record is not None and (other := find_other_device(record, camera, display)) is not None:
             why = why or other[1]
         if not why:
             try:
-                return Choice(taken(config, found.folder), found.folder, tuple(passed))
+                return CalibrationChoice(
+                    use_calibration_folder(config, found.folder), found.folder, tuple(passed)
+                )
             except ConfigError as err:
                 if config.calibration.sha256 is not None:
                     raise
-                why = one_line(err.message)
+                why = to_one_line(err.message)
         passed.append(f"{found.name}: {why}")
-    return Choice(config, None, tuple(passed))
+    return CalibrationChoice(config, None, tuple(passed))
 
 
-def chosen(config: Config) -> Path | None:
+def choose_calibration_folder(config: Config) -> Path | None:
     """Folder of the calibration that is asked for; None for none."""
     use = config.calibration.use
-    return Path(use) if use not in ("none", "latest") else choice(config).folder
+    return Path(use) if use not in ("none", "latest") else choose_calibration(config).folder
 
 
-def taken(config: Config, folder: Path) -> Config:
+def use_calibration_folder(config: Config, folder: Path) -> Config:
     """The configuration with the values of the calibration in a folder. Raises ConfigError."""
     record, digest = read_calibration(folder)
     wanted = config.calibration.sha256
@@ -117,21 +132,21 @@ def taken(config: Config, folder: Path) -> Config:
             f"the calibration in {folder} is not the one with the digest that is asked for",
             hint="remove [calibration] sha256, or name the folder that has it",
         )
-    used = with_entries(config, kept(record, config.calibration), folder)
+    used = with_measured_values(config, select_measured_values(record, config.calibration), folder)
     used = with_guards(used, record.measured)
     # What with_values says of the table stays.
     table = msgspec.structs.replace(used.calibration, use=str(folder), sha256=digest)
     return msgspec.structs.replace(used, calibration=table)
 
 
-def _named(config: Config, folder: Path, hint: str) -> Choice:
+def _named(config: Config, folder: Path, hint: str) -> CalibrationChoice:
     """One that somebody named. Raises ConfigError where it does not fit, and says what to do."""
     record, _ = read_calibration(folder)
-    refuse_other_bench(record, config, hint)
-    return Choice(taken(config, folder), folder)
+    check_same_bench(record, config, hint)
+    return CalibrationChoice(use_calibration_folder(config, folder), folder)
 
 
-def name_among(folder: Path, calibrations: Path) -> None:
+def link_calibration(folder: Path, calibrations: Path) -> None:
     """Have a calibration that lies elsewhere found among those of the state folder, by a link.
 
     Raises DiskError."""
@@ -141,23 +156,23 @@ def name_among(folder: Path, calibrations: Path) -> None:
             (calibrations / folder.name).symlink_to(folder.resolve())
 
 
-def refuse_other_bench(
+def check_same_bench(
     record: Calibration,
     config: Config,
     hint: str = 'run pdcd calibrate, or set [calibration] use = "none"',
 ) -> None:
     """Raise ConfigError where a calibration that was named is of other panels or drivers."""
-    if what := other_bench(record, config, named=True):
+    if what := describe_other_bench(record, config, named=True):
         raise ConfigError(f"calibration {record.name} is of another bench: {what}", hint=hint)
 
 
-def name_of(folder: Path) -> str:
+def parse_calibration_name(folder: Path) -> str:
     """The name of the calibration whose record lies in a folder."""
-    at = folder.parent if folder.name.startswith(KEPT) else folder
-    return at.name.removesuffix(UNFINISHED)
+    at = folder.parent if folder.name.startswith(STEP_FOLDER_PREFIX) else folder
+    return at.name.removesuffix(UNFINISHED_CALIBRATION)
 
 
-def scale_of(config: Config, f_number: float | None) -> Scale:
+def find_scale(config: Config, f_number: float | None) -> AbsoluteScale:
     """What the absolute scale of photos at that stop goes by, and how sure it is.
 
     A responsivity holds at the stop that it was measured at. Of another one the light is known as
@@ -165,34 +180,38 @@ def scale_of(config: Config, f_number: float | None) -> Scale:
     """
     camera, table = config.camera, config.calibration
     if camera.responsivity_e is None:
-        return Scale("of a nominal camera")
+        return AbsoluteScale("of a nominal camera")
     if table.sha256 is None:
-        return Scale("as typed")
+        return AbsoluteScale("as typed")
     try:
         record, _ = read_calibration(Path(table.use))
     except ConfigError:
-        return Scale("as of a calibration that is gone")
-    entry = kept(record, table).get("camera.responsivity_e")
+        return AbsoluteScale("as of a calibration that is gone")
+    entry = select_measured_values(record, table).get("camera.responsivity_e")
     if entry is None:
-        return Scale("as typed")
+        return AbsoluteScale("as typed")
     source = f"as of the calibration of {entry.made_utc[:10]}"
     sigmas = entry.sigma if isinstance(entry.sigma, tuple | list) else ()
     if len(sigmas) != len(camera.responsivity_e):
-        return Scale(source)
+        return AbsoluteScale(source)
     own = max(s / light for s, light in zip(sigmas, camera.responsivity_e, strict=True))
     if f_number is None or camera.f_number != "auto":
-        return Scale(source, own)
+        return AbsoluteScale(source, own)
     stop = stop_of(f_number, camera.stops)
     beside = stop.sigma if stop in camera.stops else math.hypot(STOP_SIGMA, stop.sigma)
-    return Scale(source, math.hypot(own, beside))
+    return AbsoluteScale(source, math.hypot(own, beside))
 
 
-def kept(record: Calibration, table: CalibrationConfig) -> dict[str, Entry]:
+def select_measured_values(
+    record: Calibration, table: CalibrationConfig
+) -> dict[str, MeasuredValue]:
     """The measured values that replace typed ones: all but those to be kept as typed."""
     return {key: entry for key, entry in record.measured.items() if key not in table.keep}
 
 
-def with_entries(config: Config, entries: Mapping[str, Entry], folder: Path) -> Config:
+def with_measured_values(
+    config: Config, entries: Mapping[str, MeasuredValue], folder: Path
+) -> Config:
     """The configuration with measured values; maps and files are looked up in `folder`.
 
     Raises ConfigError for a value that the configuration cannot have.
@@ -209,7 +228,7 @@ def with_guards(config: Config, measured: Container[str]) -> Config:
     schedule = config.schedule
     if schedule.guards is not True or "schedule.guards" in config.calibration.keep:
         return config
-    if not all(key in measured for key in TIMES):
+    if not all(key in measured for key in TIME_KEYS):
         return config
     schedule = msgspec.structs.replace(schedule, guards="auto")
     return msgspec.structs.replace(config, schedule=schedule)
@@ -246,7 +265,7 @@ def with_values(
             hint="calibrate again with this version of pdcd",
         ) from err
     for device, map_ in maps.items():
-        if device in DEVICES and (folder is None or f"{device}.place.map" in values):
+        if device in _DEVICES and (folder is None or f"{device}.place.map" in values):
             old = getattr(config, device)
             new_table = msgspec.structs.replace(old, place=Placing(map=map_))
             config = msgspec.structs.replace(config, **{device: new_table})
@@ -268,12 +287,12 @@ def _with_typed(config: Config, asked: Config) -> Config:
     return msgspec.structs.replace(config, calibration=calibration)
 
 
-def age_days(record: Calibration, now: datetime | None = None) -> float:
+def compute_age_days(record: Calibration, now: datetime | None = None) -> float:
     """Days since it ended; NaN where its date cannot be read."""
-    return hours_since(record.finished_utc, now) / 24.0
+    return compute_age_h(record.finished_utc, now) / 24.0
 
 
-def hours_since(made_utc: str, now: datetime | None = None) -> float:
+def compute_age_h(made_utc: str, now: datetime | None = None) -> float:
     """Hours since a date as records hold it; NaN where it cannot be read."""
     try:
         made = datetime.fromisoformat(made_utc.replace("Z", "+00:00"))

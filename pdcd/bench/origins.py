@@ -9,14 +9,19 @@ from typing import Any, Literal
 
 import msgspec
 
-from pdcd.bench.calibration import Entry, read_calibration
-from pdcd.bench.measured import age_days, calibrated, chosen, kept
-from pdcd.bench.reading import toml_table
+from pdcd.bench.calibration import MeasuredValue, read_calibration
+from pdcd.bench.measured import (
+    apply_calibration,
+    choose_calibration_folder,
+    compute_age_days,
+    select_measured_values,
+)
+from pdcd.bench.reading import read_toml
 from pdcd.bench.tables import Config
 
 
 @dataclass(frozen=True)
-class Origin:
+class _Origin:
     """One value.
 
     typed : as the file has it, where it was measured as well; None where the file says nothing.
@@ -27,7 +32,7 @@ class Origin:
     value: Any
     how: Literal["typed", "default", "measured"]
     typed: Any = None
-    entry: Entry | None = None
+    entry: MeasuredValue | None = None
 
     @property
     def words(self) -> str:
@@ -40,35 +45,35 @@ class Origin:
         return said if self.typed is None else f"{said}; the file has {self.typed!r}"
 
 
-def origins(source: Path | None, config: Config) -> Iterator[Origin]:
+def trace_origins(source: Path | None, config: Config) -> Iterator[_Origin]:
     """Every value of a configuration as it is used, in the order of the tables.
 
-    source : the file it was read from. Raises ConfigError as `calibrated` does.
+    source : the file it was read from. Raises ConfigError as `apply_calibration` does.
     """
-    typed = {} if source is None else dict(_flat(toml_table(source, "the configuration", "")))
-    folder = chosen(config)
+    typed = {} if source is None else dict(_flat(read_toml(source, "the configuration", "")))
+    folder = choose_calibration_folder(config)
     measured = {}
     if folder is not None:
-        measured = kept(read_calibration(folder)[0], config.calibration)
-    used = msgspec.to_builtins(calibrated(config))
+        measured = select_measured_values(read_calibration(folder)[0], config.calibration)
+    used = msgspec.to_builtins(apply_calibration(config))
     for table, values in used.items():
         for name, value in values.items():
             key = f"{table}.{name}"
             entry = measured.get(key) or measured.get(f"{key}.map")
             said = typed.get(key)
             if entry is not None:
-                yield Origin(key, value, "measured", said, entry)
+                yield _Origin(key, value, "measured", said, entry)
             else:
-                yield Origin(key, value, "typed" if key in typed else "default")
+                yield _Origin(key, value, "typed" if key in typed else "default")
 
 
-def age_words(config: Config) -> str | None:
+def describe_calibration_age(config: Config) -> str | None:
     """Which calibration is used and how old it is, for people; None for none."""
-    folder = chosen(config)
+    folder = choose_calibration_folder(config)
     if folder is None:
         return None
     record, _ = read_calibration(folder)
-    return f"{folder}, {age_days(record):.1f} days old, {record.verdict}"
+    return f"{folder}, {compute_age_days(record):.1f} days old, {record.verdict}"
 
 
 def _flat(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:

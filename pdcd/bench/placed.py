@@ -15,13 +15,18 @@ import numpy as np
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import cells_shown
-from pdcd.panels.map import Map, Matrix, PanelView, matrix
+from pdcd.panels.atoms import find_shown_cells
+from pdcd.panels.map import Map, MapMatrix, PanelView, to_map_matrix
 from pdcd.panels.map_file import load_map
-from pdcd.panels.map_soundness import check_share, covers, fewest_pixels, share
-from pdcd.panels.placing import placed
+from pdcd.panels.map_soundness import (
+    check_share,
+    compute_field_share,
+    find_fewest_pixels,
+    is_field_covered,
+)
+from pdcd.panels.placing import make_placed_map
 
-Role = Literal["projector", "mask"]
+_Role = Literal["projector", "mask"]
 
 
 @dataclass(frozen=True)
@@ -35,15 +40,15 @@ class Panels:
 def panels_of(config: Config) -> Panels:
     """Both panels, placed. Raises ConfigError for a map that cannot be used, or that leaves most
     of the field without a pixel of the panel (`pdcd.panels.map_soundness.LEAST_SHARE`)."""
-    return panels_from(config.projector, config.mask)
+    return place_panels(config.projector, config.mask)
 
 
-def panels_from(projector: PanelConfig, mask: PanelConfig) -> Panels:
+def place_panels(projector: PanelConfig, mask: PanelConfig) -> Panels:
     """The same of the tables of both."""
     return Panels(_view(projector, "projector", projector), _view(mask, "mask", projector))
 
 
-def on_field(map_: Map, projector: PanelConfig) -> Map:
+def map_to_field(map_: Map, projector: PanelConfig) -> Map:
     """The map to the field of a device whose map leads to the projector's picture."""
     if projector.field_px is None:
         return map_
@@ -53,32 +58,34 @@ def on_field(map_: Map, projector: PanelConfig) -> Map:
     return map_.then(to_field)
 
 
-def plane_on_field(plane: Matrix, projector: PanelConfig) -> Matrix:
+def map_plane_to_field(plane: MapMatrix, projector: PanelConfig) -> MapMatrix:
     """A homography from the projector's picture to itself as one from the field to the field."""
     if projector.field_px is None:
         return plane
-    own = on_field(Map(size_px=(1, 1), homography=matrix(np.eye(3))), projector)
+    own = map_to_field(Map(size_px=(1, 1), homography=to_map_matrix(np.eye(3))), projector)
     to_field = np.array(own.homography).reshape(3, 3)
-    return matrix(to_field @ np.array(plane).reshape(3, 3) @ np.linalg.inv(to_field))
+    return to_map_matrix(to_field @ np.array(plane).reshape(3, 3) @ np.linalg.inv(to_field))
 
 
-def placed_panel(panel: PanelConfig, role: Role, projector: PanelConfig) -> Map:
+def place_panel(panel: PanelConfig, role: _Role, projector: PanelConfig) -> Map:
     """The map of one panel to the field. Raises ConfigError for a place that cannot be used."""
-    return on_field(placed(panel.place, panel.size_px, projector.size_px, role), projector)
+    return map_to_field(
+        make_placed_map(panel.place, panel.size_px, projector.size_px, role), projector
+    )
 
 
-def camera_map(config: Config, frame: tuple[int, int]) -> Map:
+def make_camera_map(config: Config, frame: tuple[int, int]) -> Map:
     """The map of a camera whose photos have so many rows and columns of Bayer quads.
 
     Raises ConfigError for a map that cannot be used, that is of photos of another size, or that
     does not show the field at all.
     """
     rows, cols = frame
-    map_ = placed(config.camera.place, (cols, rows), config.projector.size_px, "camera")
-    return check_share(on_field(map_, config.projector), "camera", least=0.0)
+    map_ = make_placed_map(config.camera.place, (cols, rows), config.projector.size_px, "camera")
+    return check_share(map_to_field(map_, config.projector), "camera", least=0.0)
 
 
-def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
+def compute_mock_frame(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
     """Rows and columns of the mock camera's quads; `grid` is that of the codes."""
     if config.camera.frame_quads is not None:
         width, height = config.camera.frame_quads
@@ -87,13 +94,13 @@ def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
     return grid[0] * per_cell, grid[1] * per_cell
 
 
-def place_faults(config: Config) -> Iterator[tuple[str, str]]:
+def find_place_faults(config: Config) -> Iterator[tuple[str, str]]:
     """Each device whose place cannot be used, and why, on one line; nothing is read or touched.
 
     How many quads a real camera has is not known here: a homography by hand is only looked at for
     what would be wrong with any frame, and the rest when the camera tells its size.
     """
-    for role in PANELS:
+    for role in _PANELS:
         try:
             _panel(config, role)
         except ConfigError as err:
@@ -101,59 +108,59 @@ def place_faults(config: Config) -> Iterator[tuple[str, str]]:
     place = config.camera.place
     try:
         given = load_map(place.map, "camera") if isinstance(place.map, str) else place.map
-        frame = FRAME_PX if given is None else given.size_px
+        frame = _FRAME_PX if given is None else given.size_px
         if place.homography is None:
-            camera_map(config, (frame[1], frame[0]))
+            make_camera_map(config, (frame[1], frame[0]))
         else:
-            placed(place, (1, 1), config.projector.size_px, "camera")
+            make_placed_map(place, (1, 1), config.projector.size_px, "camera")
     except ConfigError as err:
         yield "camera", err.message
 
 
-def small_cells(
+def find_small_cells(
     config: Config, grid: tuple[int, int], needed_px: float
 ) -> Iterator[tuple[str, float]]:
     """Each panel on which a cell's side has fewer pixels than needed where its map puts them, and
-    how many. Of a panel whose place cannot be used nothing is said (`place_faults` does)."""
+    how many. Of a panel whose place cannot be used nothing is said (`find_place_faults` does)."""
     for panel in _usable(config):
-        cell_px = fewest_pixels(panel.map, grid)
-        if cell_px is not None and cell_px < needed_px * (1.0 - NEAR):
+        cell_px = find_fewest_pixels(panel.map, grid)
+        if cell_px is not None and cell_px < needed_px * (1.0 - _NEAR):
             yield panel.role, cell_px
 
 
-def dark_places(config: Config, grid: tuple[int, int]) -> Iterator[tuple[str, str]]:
+def find_dark_places(config: Config, grid: tuple[int, int]) -> Iterator[tuple[str, str]]:
     """Each panel that leaves part of the field without a pixel, and what of it: such places stay
     dark. Of a panel whose place cannot be used nothing is said."""
     for panel in _usable(config):
-        blind = int(np.count_nonzero(~cells_shown(panel, grid)))
+        blind = int(np.count_nonzero(~find_shown_cells(panel, grid)))
         if blind:
             rows, cols = grid
             yield panel.role, f"{blind} of {rows} x {cols} cells have no pixel on the {panel.role}"
-        elif not covers(panel.map):
-            dark = 1.0 - share(panel.map, FINELY)
+        elif not is_field_covered(panel.map):
+            dark = 1.0 - compute_field_share(panel.map, _FINELY)
             much = f"about {dark:.0%}" if dark >= 0.01 else "less than 1%"
             yield panel.role, f"{much} of the field has no pixel of the {panel.role}"
 
 
 def _usable(config: Config) -> Iterator[PanelView]:
-    for role in PANELS:
+    for role in _PANELS:
         with suppress(ConfigError):
             yield _panel(config, role)
 
 
-NEAR = 1e-9
+_NEAR = 1e-9
 """Share of a cell by which rounding may make it smaller."""
-FINELY = 512
+_FINELY = 512
 """Points a side at which a share of the field is told."""
-FRAME_PX = (300, 200)
+_FRAME_PX = (300, 200)
 """Quads of a camera of which only the form counts, not how fine it is."""
-PANELS: tuple[Role, ...] = ("projector", "mask")
+_PANELS: tuple[_Role, ...] = ("projector", "mask")
 
 
-def _panel(config: Config, role: Role) -> PanelView:
+def _panel(config: Config, role: _Role) -> PanelView:
     panel = config.projector if role == "projector" else config.mask
     return _view(panel, role, config.projector)
 
 
-def _view(panel: PanelConfig, role: Role, projector: PanelConfig) -> PanelView:
-    return PanelView(role, check_share(placed_panel(panel, role, projector), role))
+def _view(panel: PanelConfig, role: _Role, projector: PanelConfig) -> PanelView:
+    return PanelView(role, check_share(place_panel(panel, role, projector), role))

@@ -23,86 +23,88 @@ import msgspec
 from msgspec.structs import FieldInfo
 
 from pdcd.errors import ConfigError
-from pdcd.printable import one_line
+from pdcd.printable import to_one_line
 
 _S = TypeVar("_S", bound=msgspec.Struct)
 
-MAX_INTEGER = 2**53
+_MAX_INTEGER = 2**53
 """Integers stay below this in every message, so that any JSON reader keeps them exactly."""
 
 
-class Fault(NamedTuple):
+class ConfigFault(NamedTuple):
     """One fault: the keys it is about (dotted) and what to do."""
 
     keys: tuple[str, ...]
     message: str
 
 
-def toml_table(source: Path, what: str, hint: str) -> dict[str, Any]:
+def read_toml(source: Path, what: str, hint: str) -> dict[str, Any]:
     """The tables of a TOML file, nothing of them checked but that numbers have at most 64 bits.
 
     `what` names the file for people, `hint` says what to do where it cannot be read. Raises
     ConfigError for what is no TOML file.
     """
     try:
-        return text_table(source.read_text(encoding="utf-8"), source)
+        return parse_toml(source.read_text(encoding="utf-8"), source)
     except OSError as err:
         raise ConfigError(f"cannot read {what} {source}: {err.strerror}", hint=hint) from err
     except UnicodeDecodeError as err:
         raise ConfigError(f"{source} is not TOML: {err}") from err
 
 
-def text_table(text: str, called: Path | str) -> dict[str, Any]:
+def parse_toml(text: str, called: Path | str) -> dict[str, Any]:
     """The tables of a TOML text, checked as those of a file; `called` names it for people.
 
     Raises ConfigError.
     """
     try:
-        return sized(tomllib.loads(text), called)
+        return check_integers(tomllib.loads(text), called)
     except RecursionError as err:
         raise ConfigError(f"{called} is nested too deeply") from err
     except ValueError as err:  # not TOML, or a number of thousands of digits
         raise ConfigError(f"{called} is not TOML: {err}") from err
 
 
-def sized(table: dict[str, Any], called: Path | str) -> dict[str, Any]:
+def check_integers(table: dict[str, Any], called: Path | str) -> dict[str, Any]:
     """The tables themselves, if all their integers have at most 64 bits. Raises ConfigError."""
     beyond = list(_beyond_64_bits(table))
     if beyond:
-        raise faults_error(called, [f"{key}: a number has more than 64 bits" for key in beyond])
+        raise make_faults_error(
+            called, [f"{key}: a number has more than 64 bits" for key in beyond]
+        )
     return table
 
 
-def faults_error(source: Path | str | None, lines: Sequence[str]) -> ConfigError:
+def make_faults_error(source: Path | str | None, lines: Sequence[str]) -> ConfigError:
     """The error that lists all faults of a file, one a line; None is the mock bench."""
     count = f"{len(lines)} faults" if len(lines) > 1 else "1 fault"
     listed = "\n  ".join(lines)
     return ConfigError(f"{count} in {source or 'the mock bench'}:\n  {listed}")
 
 
-def overlay(base: _S, given: Any, where: str, faults: list[Fault]) -> _S:
+def merge_table(base: _S, given: Any, where: str, faults: list[ConfigFault]) -> _S:
     """Copy of `base` with the keys of the table `given` put in, each checked against its type.
 
     Keys that cannot be read are left as they are in `base` and reported in `faults`.
     """
     if not isinstance(given, dict):
-        faults.append(Fault((where,), f"{where}: must be a table, not {given!r}"))
+        faults.append(ConfigFault((where,), f"{where}: must be a table, not {given!r}"))
         return base
     fields = {f.encode_name: f for f in msgspec.structs.fields(base)}
     values: dict[str, Any] = {}
     for key, value in given.items():
         name = f"{where}.{key}" if where else key
         if key not in fields:
-            faults.append(Fault((name,), unknown_key(name, key, fields)))
+            faults.append(ConfigFault((name,), describe_unknown_key(name, key, fields)))
             continue
         present = getattr(base, fields[key].name)
         if isinstance(present, msgspec.Struct):
-            values[key] = overlay(present, value, name, faults)
+            values[key] = merge_table(present, value, name, faults)
             continue
         try:
-            values[key] = convert_field(value, fields[key], name)
+            values[key] = _convert_field(value, fields[key], name)
         except ValueError as err:
-            faults.append(Fault((name,), str(err)))
+            faults.append(ConfigFault((name,), str(err)))
     return msgspec.structs.replace(base, **values)
 
 
@@ -118,18 +120,18 @@ def _beyond_64_bits(value: Any, key: str = "") -> Iterator[str]:
         yield key
 
 
-def number_faults(value: Any, key: str) -> Iterator[Fault]:
+def find_number_faults(value: Any, key: str) -> Iterator[ConfigFault]:
     """Yield NaN, infinities and integers too large for JSON, however deep they lie."""
     if isinstance(value, dict):
         for name, item in value.items():
-            yield from number_faults(item, f"{key}.{name}" if key else name)
+            yield from find_number_faults(item, f"{key}.{name}" if key else name)
     elif isinstance(value, list | tuple):
         for index, item in enumerate(value):
-            yield from number_faults(item, f"{key}[{index}]")
+            yield from find_number_faults(item, f"{key}[{index}]")
     elif isinstance(value, float) and not math.isfinite(value):
-        yield Fault((key,), f"{key}: must be a finite number, not {value}")
-    elif isinstance(value, int) and abs(value) >= MAX_INTEGER:
-        yield Fault((key,), f"{key}: must be below 2**53 in size, not {value}")
+        yield ConfigFault((key,), f"{key}: must be a finite number, not {value}")
+    elif isinstance(value, int) and abs(value) >= _MAX_INTEGER:
+        yield ConfigFault((key,), f"{key}: must be below 2**53 in size, not {value}")
 
 
 def read_options(
@@ -152,10 +154,10 @@ def read_options(
     faults = []
     for key, value in given.items():
         if key not in fields:
-            faults.append(unknown_key(key, key, fields))
+            faults.append(describe_unknown_key(key, key, fields))
             continue
         try:
-            values[fields[key].name] = convert_field(value, fields[key], key)
+            values[fields[key].name] = _convert_field(value, fields[key], key)
         except ValueError as err:
             faults.append(str(err))
     faults += [
@@ -176,14 +178,14 @@ def _wrong(faults: list[str], table: str, device: str, hint: str) -> ConfigError
     return ConfigError(lines, device=device, hint=hint)
 
 
-def unknown_key(name: str, key: str, known: Collection[str]) -> str:
+def describe_unknown_key(name: str, key: str, known: Collection[str]) -> str:
     """Say that a table has no such key, and which is probably meant. `name` is its dotted name."""
     close = difflib.get_close_matches(key, known, n=1)
     advice = f"; is {close[0]} meant?" if close else f"; known are {', '.join(known)}"
     return f"{name}: no such key{advice}"
 
 
-def convert_field(value: Any, field: FieldInfo, name: str) -> Any:
+def _convert_field(value: Any, field: FieldInfo, name: str) -> Any:
     """The value of one key in the type of its field. Raises ValueError that begins with `name`."""
     try:
         return msgspec.convert(value, type=field.type, strict=True)
@@ -202,14 +204,14 @@ def _type_fault(name: str, message: str, kind: Any) -> str:
     return f"{name}{place.rstrip('`').replace('[...]', '')}: {what}"
 
 
-TIMES = (datetime.datetime, datetime.date, datetime.time)
+TOML_TIME_TYPES = (datetime.datetime, datetime.date, datetime.time)
 """The types that TOML has and JSON lacks."""
 
 
 NO_NOTES: Mapping[tuple[str, ...], str] = MappingProxyType({})
 
 
-def emit(table: Mapping[str, Any], notes: Mapping[tuple[str, ...], str] = NO_NOTES) -> str:
+def format_toml(table: Mapping[str, Any], notes: Mapping[tuple[str, ...], str] = NO_NOTES) -> str:
     """Return `table` as TOML 1.0 text that `tomllib.loads` reads back to the same value.
 
     notes : comments, each for the key or the table at a path.
@@ -227,7 +229,7 @@ def _lines(
 
     def noted(line: str, key: str) -> str:
         note = notes.get((*path, key))
-        return line if note is None else f"{line}  # {one_line(note)}"
+        return line if note is None else f"{line}  # {to_one_line(note)}"
 
     for key, value in table.items():
         if value is not None and not isinstance(value, Mapping):
@@ -254,7 +256,7 @@ def _value(value: Any) -> str:
         return "{" + ", ".join(items) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_value(item) for item in value) + "]"
-    return value.isoformat() if isinstance(value, TIMES) else repr(value)
+    return value.isoformat() if isinstance(value, TOML_TIME_TYPES) else repr(value)
 
 
 def _string(text: str) -> str:

@@ -19,12 +19,12 @@ from pdcd.errors import DriverUnavailable
 
 logger = logging.getLogger(__name__)
 
-Role = Literal["display", "shutter", "readout", "preview", "usb"]
+DriverRole = Literal["display", "shutter", "readout", "preview", "usb"]
 """What a driver can be. The first three make a rig; a bench may have the others as well: `preview`
 is the camera's finder (`pdcd.bench.devices.Preview`), and `usb` a pyusb backend with devices on it
 that are not there, for drivers that ask for it (`DriverContext.usb_backend`)."""
-ROLES: tuple[Role, ...] = get_args(Role)
-GROUP = "pdcd.drivers"
+ROLES: tuple[DriverRole, ...] = get_args(DriverRole)
+_GROUP = "pdcd.drivers"
 """Entry-point group of drivers that other packages bring."""
 
 PACKAGE = "pdcd._drivers" if (Path(__file__).parents[1] / "_drivers").is_dir() else "drivers"
@@ -46,7 +46,7 @@ DRIVERS: Mapping[tuple[str, str], str] = {
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 
 
-class DriverClass(Protocol):
+class _DriverClass(Protocol):
     """What the registry asks of a driver's class, whatever its role."""
 
     maturity: str
@@ -58,28 +58,28 @@ class DriverClass(Protocol):
         ...
 
 
-class Entry(NamedTuple):
+class _Entry(NamedTuple):
     """One known driver: its "module:Class" and the distribution it comes from."""
 
     target: str
     origin: str
 
 
-def known_drivers() -> dict[tuple[str, str], Entry]:
+def list_known_drivers() -> dict[tuple[str, str], _Entry]:
     """Every driver by (role, name): pdcd's own first, then those of installed packages."""
-    known = {key: Entry(target, "pdcd") for key, target in DRIVERS.items()}
-    for point in entry_points(group=GROUP):
+    known = {key: _Entry(target, "pdcd") for key, target in DRIVERS.items()}
+    for point in entry_points(group=_GROUP):
         role, _, name = point.name.partition(".")
         if role not in ROLES or not name:
             logger.warning("driver ignored name=%s reason=not-role.name", point.name)
         elif (role, name) in known:
             logger.warning("driver ignored name=%s reason=name-taken", point.name)
         else:
-            known[role, name] = Entry(point.value, _distribution(point))
+            known[role, name] = _Entry(point.value, _distribution(point))
     return known
 
 
-def load_driver(role: Role, name: str) -> DriverClass:
+def load_driver(role: DriverRole, name: str) -> _DriverClass:
     """Import the driver `name` for `role` and return its class; ``create(context)`` builds it.
 
     Raises DriverUnavailable, worded apart, when the name is unknown, when the module does not
@@ -88,7 +88,7 @@ def load_driver(role: Role, name: str) -> DriverClass:
     # A name of pdcd's own cannot be taken over, so other packages need not be searched for it.
     if own := DRIVERS.get((role, name)):
         return _import(role, name, own)
-    known = known_drivers()
+    known = list_known_drivers()
     if (role, name) not in known:
         names = sorted(n for r, n in known if r == role)
         raise DriverUnavailable(
@@ -105,7 +105,7 @@ def describe_drivers() -> list[dict[str, str | bool | None]]:
     Every driver is imported to find out, but none is created: no device is touched.
     """
     rows: list[dict[str, str | bool | None]] = []
-    for (role, name), entry in sorted(known_drivers().items()):
+    for (role, name), entry in sorted(list_known_drivers().items()):
         maturity, reason = None, None
         try:
             maturity = _import(role, name, entry.target).maturity
@@ -125,13 +125,13 @@ def describe_drivers() -> list[dict[str, str | bool | None]]:
     return rows
 
 
-def own_module(name: str) -> ModuleType:
+def import_driver_module(name: str) -> ModuleType:
     """A module of pdcd's own drivers, by its name among them ("ptp.doctor"): what a command asks
     for that knows which driver it is about. Raises ImportError."""
     return importlib.import_module(f"{PACKAGE}.{name}")
 
 
-def _import(role: str, name: str, target: str) -> DriverClass:
+def _import(role: str, name: str, target: str) -> _DriverClass:
     """Import "module:Class" and see that the class is a driver's."""
     module_name, _, class_name = target.partition(":")
     try:
@@ -162,7 +162,7 @@ def _distribution(point: EntryPoint) -> str:
 def _remedy(error: Exception) -> str:
     """What to do about a driver that does not import."""
     # Most drivers do import, and need nothing of it.
-    from pdcd.extras import OPTIONAL, install_hint
+    from pdcd.extras import OPTIONAL, suggest_install
 
     package = error.name if isinstance(error, ModuleNotFoundError) else None
-    return install_hint(package) if package in OPTIONAL else "install what it needs"
+    return suggest_install(package) if package in OPTIONAL else "install what it needs"

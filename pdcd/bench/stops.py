@@ -13,7 +13,7 @@ from typing import Annotated
 
 import msgspec
 
-NEAR = 0.03
+_NEAR = 0.03
 """A number so close to 2^(k/6) stands for it: engraved ones are at most 2.4 % off. Half stops and
 what is typed freely lie further away, and stay what they are."""
 STOP_SIGMA = 0.04
@@ -40,16 +40,16 @@ def stop_of(f_number: float, known: Iterable[Stop] = ()) -> Stop:
         if math.isclose(stop.f_number, f_number, rel_tol=1e-3):
             return stop
     third = 2.0 ** (round(6.0 * math.log2(f_number)) / 6.0)
-    near = abs(third / f_number - 1.0) <= NEAR
+    near = abs(third / f_number - 1.0) <= _NEAR
     return Stop(f_number, third if near else f_number)
 
 
-def light_sigma(one: Stop, other: Stop) -> float:
+def compute_light_sigma(one: Stop, other: Stop) -> float:
     """Relative standard deviation of the light of one stop over that of another."""
     return 0.0 if one.f_number == other.f_number else math.hypot(one.sigma, other.sigma)
 
 
-class Scale(msgspec.Struct, frozen=True):
+class AbsoluteScale(msgspec.Struct, frozen=True):
     """What the absolute scale of all pictures of a run goes by.
 
     source : in words. sigma : its standard deviation, relative, common to all pixels and colours;

@@ -21,13 +21,13 @@ from pdcd.words import (
     WindowName,
 )
 
-Positive = Annotated[float, Meta(gt=0.0)]
+PositiveFloat = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
-Quads = Annotated[int, Meta(ge=1, le=16384)]
+_Quads = Annotated[int, Meta(ge=1, le=16384)]
 Gamma = Annotated[float, Meta(ge=0.1, le=10.0)]
 Lut = str | Annotated[tuple[Annotated[float, Meta(ge=0.0, le=1.0)], ...], Meta(max_length=256)]
 
-Box = tuple[
+_Box = tuple[
     Annotated[int, Meta(ge=0)],
     Annotated[int, Meta(ge=0)],
     Annotated[int, Meta(ge=1)],
@@ -38,7 +38,7 @@ Box = tuple[
 DEFAULT_GRID = (48, 64)
 """Rows and columns of cells when neither the file nor a matrix says otherwise."""
 
-Homography = tuple[float, float, float, float, float, float, float, float, float]
+_Homography = tuple[float, float, float, float, float, float, float, float, float]
 
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -59,7 +59,7 @@ class RigConfig(_Table, frozen=True):
     arrangement: ArrangementName = "coaxial"
     """"off-axis": projector and camera look from two places, so that direct light does not come
     back where it fell, but where depth and `plane` say; only then there are goals of depths."""
-    plane: Homography | None = None
+    plane: _Homography | None = None
     """Off-axis: homography from the camera's field to the projector's of the plane that disparities
     count from; None: the field itself, as calibrated with a card in that plane."""
     look_at_panels: bool = True
@@ -75,7 +75,7 @@ class PanelConfig(_Table, frozen=True):
     """[projector] or [mask]: one panel, as measured (real) or as it shall behave (mock)."""
 
     size_px: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
-    refresh_hz: Positive = 60.0
+    refresh_hz: PositiveFloat = 60.0
     phase_s: float = 0.0
     """When this panel's vblank falls, relative to the projector's nominal grid."""
     skew_s: float = 0.0
@@ -90,7 +90,7 @@ class PanelConfig(_Table, frozen=True):
     rise_s: NonNegative = 0.0
     fall_s: NonNegative = 0.0
     """First-order time constants towards white and towards black."""
-    contrast: Positive | None = None
+    contrast: PositiveFloat | None = None
     """White over black; None is a perfect black."""
     gamma: Gamma | None = None
     """Light of a grey level over full light: (level / 255) to this power. None: nobody said, and
@@ -106,7 +106,7 @@ class PanelConfig(_Table, frozen=True):
     pixels."""
     place: Placing = field(default_factory=Placing)
     """Where the panel's pixels lie on the projector's picture, for drawing."""
-    field_px: Box | None = None
+    field_px: _Box | None = None
     """Projector only: the field, as left, top, width and height in its pixels; a calibration
     measures which part of its picture mask and camera share. None: all of the picture."""
 
@@ -178,7 +178,7 @@ class CameraConfig(_Table, frozen=True):
     """Sensor profile: a name below config/sensors, or the path of a TOML file."""
     iso: int | None = None
     """None: the profile's lowest."""
-    f_number: Positive | Literal["auto"] = "auto"
+    f_number: PositiveFloat | Literal["auto"] = "auto"
     """"auto" takes test exposures and sets the aperture so that nothing saturates.
     A lens that cannot be set from here needs its own f-number, at which photos are scaled."""
     noise: Literal["none", "full"] = "full"
@@ -188,10 +188,10 @@ class CameraConfig(_Table, frozen=True):
     """2: each exposure has two planes, and the second has what the mask's patterns keep out of the
     first; for `method = "pairs"`. The mask is the sensor's own, or a mirror that sends light two
     ways."""
-    frame_quads: tuple[Quads, Quads] | None = None
+    frame_quads: tuple[_Quads, _Quads] | None = None
     """Mock only: width and height of the frame in Bayer quads, whatever the cells; None: by
     `quads_per_cell`."""
-    responsivity_e: tuple[Positive, Positive, Positive] | None = None
+    responsivity_e: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
     """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
     stops: Annotated[tuple[Stop, ...], Meta(max_length=128)] = ()
     """Stops of the lens whose light a calibration compared; others are taken for 2^(k/6)."""
@@ -200,7 +200,7 @@ class CameraConfig(_Table, frozen=True):
     blur_quads: Annotated[float, Meta(ge=0.0, le=64.0)] = 0.0
     """Standard deviation of the blur between the mask's image and the sensor, in quads."""
     seed: Annotated[int, Meta(ge=0)] = 0
-    fetch_timeout_s: Positive = 60.0
+    fetch_timeout_s: PositiveFloat = 60.0
     readout_s: NonNegative | None = None
     """Seconds that a photo costs beside its exposure, until its file is stored; None: as the camera
     was seen to take. Says in how many exposures a plain request is taken."""
@@ -282,14 +282,14 @@ class CalibrationConfig(_Table, frozen=True):
     photos goes by it. None: 0.9, to 5 %."""
     check: Literal["daily", "always", "never"] = "daily"
     """When a capture says that the bench should be checked first."""
-    max_age_days: Positive = 30.0
+    max_age_days: PositiveFloat = 30.0
     """A capture warns of an older calibration."""
 
 
 class LimitsConfig(_Table, frozen=True):
     """[limits] what the daemon refuses to exceed."""
 
-    max_exposure_s: Positive = 600.0
+    max_exposure_s: PositiveFloat = 600.0
     memory_bytes: Annotated[int, Meta(ge=2**26)] | None = None
     """Most memory that a job may be foreseen to take; None: half of the machine's."""
     min_free_bytes: Annotated[int, Meta(ge=0)] = 256 * 1024 * 1024
@@ -298,11 +298,11 @@ class LimitsConfig(_Table, frozen=True):
     connections_per_user: Annotated[int, Meta(ge=1)] = 8
     queued_per_user: Annotated[int, Meta(ge=1)] = 16
     """Jobs that wait. Neither holds for root and the daemon's own user."""
-    idle_s: Positive = 300.0
+    idle_s: PositiveFloat = 300.0
     """A client is parted from after this time without a job, a subscription or a request."""
     work_bytes: Annotated[int, Meta(ge=2**28)] = 4 * 2**30
     """Memory of the process that plans and decodes; a job that wants more fails."""
-    work_silent_s: Positive = 120.0
+    work_silent_s: PositiveFloat = 120.0
     """How long that process may give no sign of life before it is killed, and its job fails."""
 
 

@@ -14,16 +14,22 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, field
 
-from pdcd.bench.grey import curve_fault, with_lut
-from pdcd.bench.reading import Fault, faults_error, number_faults, overlay, toml_table
+from pdcd.bench.grey import find_curve_fault, with_lut
+from pdcd.bench.reading import (
+    ConfigFault,
+    find_number_faults,
+    make_faults_error,
+    merge_table,
+    read_toml,
+)
 from pdcd.bench.stops import Stop
-from pdcd.bench.tables import Config, Gamma, Lut, NonNegative, PanelConfig, Positive
+from pdcd.bench.tables import Config, Gamma, Lut, NonNegative, PanelConfig, PositiveFloat
 from pdcd.errors import ConfigError
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Line = Annotated[int, Meta(ge=0)]
-Number = Annotated[int, Meta(ge=1)]
+_Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+_Line = Annotated[int, Meta(ge=0)]
+_Number = Annotated[int, Meta(ge=1)]
 """Of an exposure, test exposures included: 1 is the first since the bench was opened."""
 
 TYPED = ("projector", "mask", "camera", "trigger")
@@ -45,7 +51,7 @@ class TruePanel(_Table, frozen=True):
     jitter_s: NonNegative | None = None
     rise_s: NonNegative | None = None
     fall_s: NonNegative | None = None
-    contrast: Positive | None = None
+    contrast: PositiveFloat | None = None
     offset_px: tuple[float, float] | None = None
     place: Placing | None = None
     gamma: Gamma | None = None
@@ -55,10 +61,10 @@ class TruePanel(_Table, frozen=True):
     """Time from the first row of pixels until the last one is set; negative: from the last row."""
     scan_bands: Annotated[int, Meta(ge=1, le=16384)] | None = None
     """Bands of rows that are set together; as many as rows, or more: row by row."""
-    falloff: Share = 0.0
+    falloff: _Share = 0.0
     """Light that is lost in the corners; between, it goes by the square of the radius."""
-    dead_rows: tuple[Line, ...] = ()
-    dead_columns: tuple[Line, ...] = ()
+    dead_rows: tuple[_Line, ...] = ()
+    dead_columns: tuple[_Line, ...] = ()
     """Lines of pixels that stay black whatever they are sent."""
 
 
@@ -68,12 +74,12 @@ class TrueCamera(_Table, frozen=True):
     place: Placing | None = None
     blur_quads: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] | None = None
     """Blur from the mask to the sensor: standard deviation of a Gaussian in quads."""
-    falloff: Share = 0.0
+    falloff: _Share = 0.0
     """Vignetting, as a panel's `falloff`."""
     samples: Annotated[int, Meta(ge=1, le=64)] | None = None
     """Points along either axis of a quad at which the light is looked at; None: as many as a quad
     has pixels of the mask, at least 2 and at most 32."""
-    tagged_s: Positive | None = None
+    tagged_s: PositiveFloat | None = None
     """Exposure time that files tell of every photo; None: the true one."""
 
 
@@ -81,7 +87,7 @@ class TrueScene(_Table, frozen=True):
     """[scene]"""
 
     ambient: NonNegative | None = None
-    ambient_from: Number = 1
+    ambient_from: _Number = 1
     """First exposure with that `ambient`: before it, the room is as the configuration says."""
     blur_px: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] | None = None
     """Blur from the scene to the mask: standard deviation of a Gaussian in projector pixels. The
@@ -90,12 +96,12 @@ class TrueScene(_Table, frozen=True):
     """Points along either axis at which that Gaussian is taken; an odd number."""
 
 
-class TrueTrigger(_Table, frozen=True):
+class _TrueTrigger(_Table, frozen=True):
     """[trigger]"""
 
     lag_s: NonNegative | None = None
     jitter_s: NonNegative | None = None
-    stretched: Number | None = None
+    stretched: _Number | None = None
     """Exposure in which the shutter is told late to close, as by a program that was stopped."""
     stretch: Annotated[float, Meta(ge=1.0, le=100.0)] = 1.0
     """How many times as long as it was meant to be that exposure is."""
@@ -104,12 +110,12 @@ class TrueTrigger(_Table, frozen=True):
 class TrueSensor(_Table, frozen=True):
     """[sensor] factors on the profile's own numbers, and what the lens lets through."""
 
-    gain: Positive = 1.0
+    gain: PositiveFloat = 1.0
     """DN for each electron, over what the profile says."""
-    read_noise: Positive = 1.0
-    dark: Positive = 1.0
-    full_well: Positive = 1.0
-    responsivity_e: tuple[Positive, Positive, Positive] | None = None
+    read_noise: PositiveFloat = 1.0
+    dark: PositiveFloat = 1.0
+    full_well: PositiveFloat = 1.0
+    responsivity_e: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
     """As `camera.responsivity_e`; None: as typed."""
     stops: tuple[Stop, ...] = ()
     """What stops let through, where that is not 2^(k/6); as `camera.stops`, without sigma."""
@@ -117,7 +123,7 @@ class TrueSensor(_Table, frozen=True):
     """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
 
 
-class Truth(_Table, frozen=True):
+class BenchTruth(_Table, frozen=True):
     """The whole file."""
 
     projector: TruePanel = field(default_factory=TruePanel)
@@ -125,11 +131,11 @@ class Truth(_Table, frozen=True):
     camera: TrueCamera = field(default_factory=TrueCamera)
     scene: TrueScene = field(default_factory=TrueScene)
     sensor: TrueSensor = field(default_factory=TrueSensor)
-    trigger: TrueTrigger = field(default_factory=TrueTrigger)
+    trigger: _TrueTrigger = field(default_factory=_TrueTrigger)
 
     def of(self, config: Config) -> Config:
         """The configuration that would describe the bench as it is, in its own words."""
-        replace, config = msgspec.structs.replace, as_typed(config)
+        replace, config = msgspec.structs.replace, restore_typed_values(config)
         camera, scene = config.camera, config.scene
         if self.sensor.responsivity_e is not None:
             camera = replace(camera, responsivity_e=self.sensor.responsivity_e)
@@ -161,7 +167,7 @@ class Truth(_Table, frozen=True):
         )
 
 
-def as_typed(config: Config) -> Config:
+def restore_typed_values(config: Config) -> Config:
     """The configuration with what was typed of its devices in the place of what was measured.
 
     Raises ConfigError for values that cannot be read."""
@@ -195,28 +201,28 @@ def _panel(believed: PanelConfig, true: TruePanel) -> PanelConfig:
     return msgspec.structs.replace(believed, **said)
 
 
-def truth_of(config: Config) -> Truth:
+def load_bench_truth(config: Config) -> BenchTruth:
     """The truth of a configuration's mock bench; without a file, all of it as typed.
 
     Raises ConfigError naming all faults of the file, one a line.
     """
     if config.bench.truth is None:
-        return Truth()
+        return BenchTruth()
     source = Path(config.bench.truth)
-    truth, faults = read_truth(source, config)
+    truth, faults = read_bench_truth(source, config)
     if faults:
-        raise faults_error(source, [fault.message for fault in faults])
+        raise make_faults_error(source, [fault.message for fault in faults])
     return truth
 
 
-def read_truth(source: Path, config: Config) -> tuple[Truth, list[Fault]]:
+def read_bench_truth(source: Path, config: Config) -> tuple[BenchTruth, list[ConfigFault]]:
     """Read the file of a truth, and all its faults; a key at fault stands at its default.
 
     Raises ConfigError for what is no TOML file.
     """
-    table = toml_table(source, "the bench's truth", "mend bench.truth, or remove it")
-    faults: list[Fault] = []
-    truth = overlay(Truth(), table, "", faults)
+    table = read_toml(source, "the bench's truth", "mend bench.truth, or remove it")
+    faults: list[ConfigFault] = []
+    truth = merge_table(BenchTruth(), table, "", faults)
     truth = msgspec.structs.replace(
         truth,
         projector=with_lut(truth.projector, "projector", source.absolute().parent, faults),
@@ -227,16 +233,16 @@ def read_truth(source: Path, config: Config) -> tuple[Truth, list[Fault]]:
     return truth, faults
 
 
-def _faults(truth: Truth, config: Config) -> Iterator[Fault]:
+def _faults(truth: BenchTruth, config: Config) -> Iterator[ConfigFault]:
     """Yield what the types alone do not exclude."""
-    numbers = list(number_faults(msgspec.to_builtins(truth), ""))
+    numbers = list(find_number_faults(msgspec.to_builtins(truth), ""))
     yield from numbers
     if numbers:
         return  # what follows from such numbers is no news
     if truth.scene.blur_taps % 2 == 0:
-        yield Fault(("scene.blur_taps",), "scene.blur_taps: must be odd")
+        yield ConfigFault(("scene.blur_taps",), "scene.blur_taps: must be odd")
     if truth.projector.offset_px is not None:
-        yield Fault(
+        yield ConfigFault(
             ("projector.offset_px",),
             "projector.offset_px: the mask is offset against the projector: set mask.offset_px",
         )
@@ -249,32 +255,32 @@ def _faults(truth: Truth, config: Config) -> Iterator[Fault]:
 
 def _panel_faults(
     name: str, said: TruePanel, panel: PanelConfig, config: Config
-) -> Iterator[Fault]:
+) -> Iterator[ConfigFault]:
     width, height = panel.size_px
     for key, lines, end in (
         ("dead_rows", said.dead_rows, height),
         ("dead_columns", said.dead_columns, width),
     ):
         if any(line >= end for line in lines):
-            yield Fault((f"{name}.{key}",), f"{name}.{key}: lines are counted 0 to {end - 1}")
-    if (fault := curve_fault(name, said.lut)) is not None:
+            yield ConfigFault((f"{name}.{key}",), f"{name}.{key}: lines are counted 0 to {end - 1}")
+    if (fault := find_curve_fault(name, said.lut)) is not None:
         yield fault
     if said.contrast is not None and said.contrast <= 1.0:
-        yield Fault((f"{name}.contrast",), f"{name}.contrast: white over black exceeds 1")
+        yield ConfigFault((f"{name}.contrast",), f"{name}.contrast: white over black exceeds 1")
     if abs(panel.phase_s) > 1.0 / panel.refresh_hz:
-        yield Fault(
+        yield ConfigFault(
             (f"{name}.phase_s",), f"{name}.phase_s: {panel.phase_s} s is more than one refresh"
         )
-    if said.scan_s and (fault := scan_fault(name, panel, config.rig.settle_s)) is not None:
+    if said.scan_s and (fault := find_scan_fault(name, panel, config.rig.settle_s)) is not None:
         yield fault
     yield from _place_faults(name, panel.place, panel.size_px, config)
 
 
-def scan_fault(name: str, panel: PanelConfig, settle_s: float) -> Fault | None:
+def find_scan_fault(name: str, panel: PanelConfig, settle_s: float) -> ConfigFault | None:
     """What to say of rows that are not black when the shutter closes; None when they are."""
     if not panel.scan_s or abs(panel.scan_s) + abs(panel.skew_s) <= settle_s:
         return None
-    return Fault(
+    return ConfigFault(
         (f"{name}.scan_s", "rig.settle_s"),
         f"{name}.scan_s: rows that are set {abs(panel.scan_s):g} s apart are not black within "
         f"rig.settle_s = {settle_s:g} s",
@@ -283,8 +289,8 @@ def scan_fault(name: str, panel: PanelConfig, settle_s: float) -> Fault | None:
 
 def _place_faults(
     name: str, place: Placing, size: tuple[int, int], config: Config
-) -> Iterator[Fault]:
+) -> Iterator[ConfigFault]:
     try:
-        placed(place, size, config.projector.size_px, name)
+        make_placed_map(place, size, config.projector.size_px, name)
     except ConfigError as err:
-        yield Fault((f"{name}.place",), f"{name}.place: {err.message}")
+        yield ConfigFault((f"{name}.place",), f"{name}.place: {err.message}")

@@ -10,7 +10,7 @@ ROOM_GOOD, ROOM_MOST = 0.075, 0.2
 with."""
 
 
-def darken(share: float) -> str:
+def describe_room_light(share: float) -> str:
     """What to say of light of the room that is such a share of the projector's white."""
     return f"room light is {100.0 * share:.2g} % of white: darken the room"
 
@@ -24,7 +24,7 @@ class Verdict(IntEnum):
 
 
 @dataclass(frozen=True)
-class Figure:
+class MeasuredFigure:
     """One measured number.
 
     name : in the configuration's own words where it has one: "mask.skew_s".

@@ -13,27 +13,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import CalibrationError
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import RawFrame, rgb_variance, to_rgb
+from pdcd.sensor.raw import RawFrame, compute_rgb_variance, to_rgb
 
-Floats = NDArray[np.float64]
-Marks = NDArray[np.bool_]
+_Marks = NDArray[np.bool_]
 
 BLOCK_QUADS = 16
 """Side of the blocks that large pictures are worked on in."""
-CLIPPED_SHARE = 1e-3
+_CLIPPED_SHARE = 1e-3
 """Share of saturated quads from which a photo is over-exposed; hot pixels stay below it."""
 NO_LIGHT_SIGMAS = 8.0
 BLACK_MOVES_DN = 1.5
 """Black levels of one series lie closer together; a border of 100 000 samples knows its mean to
 0.05 DN."""
-BULB_S = 1.5
+_BULB_S = 1.5
 """Cameras write the time of a bulb exposure in whole seconds."""
 
 
 @dataclass(frozen=True, eq=False)
-class Photo:
+class QuadPhoto:
     """One photo, or the mean of some.
 
     light : (h, w, 3) float64, red, mean of both greens, blue of each Bayer quad, black level taken
@@ -44,7 +44,7 @@ class Photo:
 
     light: Floats
     variance: Floats
-    saturated: Marks | None = None
+    saturated: _Marks | None = None
 
     def __post_init__(self) -> None:
         if self.light.ndim != 3 or self.light.shape[2] != 3:
@@ -59,7 +59,7 @@ class Photo:
         """Rows and columns of quads."""
         return self.light.shape[0], self.light.shape[1]
 
-    def saturated_share(self, where: Marks | None = None) -> float:
+    def saturated_share(self, where: _Marks | None = None) -> float:
         """Share of saturated quads, of those marked or of all; 0 where that is not known."""
         if self.saturated is None:
             return 0.0
@@ -68,7 +68,7 @@ class Photo:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class BlockMeans:
     """Means over square blocks of a photo.
 
     mean, variance : (rows, cols, 3) float64, the mean light of a block and the variance of that.
@@ -81,7 +81,7 @@ class Blocks:
 
 
 @dataclass(frozen=True)
-class Seen:
+class RawSettings:
     """What a RAW file says of itself; 0, None and () where it says nothing."""
 
     iso: int = 0
@@ -90,26 +90,26 @@ class Seen:
     black_dn: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, raw: RawFrame) -> Seen:
+    def of(cls, raw: RawFrame) -> RawSettings:
         """What a decoded photo says; its black level only where a masked border measured it."""
         black = tuple(float(b) for b in raw.black) if raw.masked else ()
         return cls(raw.iso, raw.exposure_s, raw.f_number, black)
 
 
-def photo_of(raw: RawFrame, profile: SensorProfile, iso: int) -> Photo:
+def make_quad_photo(raw: RawFrame, profile: SensorProfile, iso: int) -> QuadPhoto:
     """A decoded photo as its quads in DN, variances by the sensor's noise model. Raises ConfigError
     when the profile has no such ISO."""
     signal = raw.planes
-    variance = rgb_variance(signal, profile, iso, raw.exposure_s)
-    return Photo(to_rgb(signal), np.asarray(variance, np.float64), raw.saturated)
+    variance = compute_rgb_variance(signal, profile, iso, raw.exposure_s)
+    return QuadPhoto(to_rgb(signal), np.asarray(variance, np.float64), raw.saturated)
 
 
-def within(marks: Marks) -> Marks:
+def shrink_marks(marks: _Marks) -> _Marks:
     """Marked blocks whose neighbours are marked, too; beyond the frame all is as at its edge."""
     return np.asarray(cv2.erode(marks.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
-def block_means(values: Floats, side: int = BLOCK_QUADS) -> Floats:
+def average_blocks(values: Floats, side: int = BLOCK_QUADS) -> Floats:
     """(h, w, ...) -> (h // side, w // side, ...): means of blocks; a rest at the edges is left out.
 
     Raises CalibrationError where there is not one block.
@@ -127,23 +127,25 @@ def block_means(values: Floats, side: int = BLOCK_QUADS) -> Floats:
     )
 
 
-def blocks_of(photo: Photo, side: int = BLOCK_QUADS) -> Blocks:
-    """A photo by blocks of side x side quads. Raises as `block_means`."""
-    return Blocks(
-        block_means(photo.light, side),
-        block_means(photo.variance, side) / side**2,
-        block_means(_marks(photo).astype(np.float64), side),
+def average_photo_blocks(photo: QuadPhoto, side: int = BLOCK_QUADS) -> BlockMeans:
+    """A photo by blocks of side x side quads. Raises as `average_blocks`."""
+    return BlockMeans(
+        average_blocks(photo.light, side),
+        average_blocks(photo.variance, side) / side**2,
+        average_blocks(_marks(photo).astype(np.float64), side),
     )
 
 
-def _marks(photo: Photo) -> Marks:
+def _marks(photo: QuadPhoto) -> _Marks:
     return np.zeros(photo.frame, np.bool_) if photo.saturated is None else photo.saturated
 
 
-def refuse_clipped(name: str, photo: Photo | Blocks, hint: str) -> None:
+def check_clipping(name: str, photo: QuadPhoto | BlockMeans, hint: str) -> None:
     """Raise CalibrationError where a photo is over-exposed."""
-    share = float(np.mean(photo.clipped)) if isinstance(photo, Blocks) else photo.saturated_share()
-    if share > CLIPPED_SHARE:
+    share = (
+        float(np.mean(photo.clipped)) if isinstance(photo, BlockMeans) else photo.saturated_share()
+    )
+    if share > _CLIPPED_SHARE:
         raise CalibrationError(
             f"photo {name} is saturated in {100.0 * share:.2g} % of the picture",
             device="camera",
@@ -151,7 +153,7 @@ def refuse_clipped(name: str, photo: Photo | Blocks, hint: str) -> None:
         )
 
 
-def refuse_dark(levels: Mapping[str, float], floor: float) -> None:
+def check_brightness(levels: Mapping[str, float], floor: float) -> None:
     """Raise CalibrationError where photos that must show light are dark.
 
     levels : mean light of each photo that has a lit panel, by name.
@@ -174,8 +176,8 @@ def refuse_dark(levels: Mapping[str, float], floor: float) -> None:
         )
 
 
-def refuse_settings(
-    seen: Mapping[str, Seen],
+def check_camera_settings(
+    seen: Mapping[str, RawSettings],
     *,
     iso: int,
     f_number: float | None = None,
@@ -201,7 +203,7 @@ def refuse_settings(
                 hint="set the lens, or what is asked of it",
             )
         asked_s = (open_s or {}).get(name, 0.0)
-        if said.exposure_s and said.exposure_s + BULB_S < asked_s:
+        if said.exposure_s and said.exposure_s + _BULB_S < asked_s:
             raise CalibrationError(
                 f"photo {name} was exposed for {said.exposure_s:g} s, not for {asked_s:.3g} s",
                 device="shutter",
@@ -214,10 +216,10 @@ def refuse_settings(
             device="camera",
             hint="set the camera to manual",
         )
-    refuse_moving_black(seen)
+    check_black_level(seen)
 
 
-def refuse_moving_black(seen: Mapping[str, Seen]) -> None:
+def check_black_level(seen: Mapping[str, RawSettings]) -> None:
     """Raise CalibrationError where the black level of a series moves."""
     blacks = [said.black_dn for said in seen.values() if said.black_dn]
     if not blacks:
@@ -231,7 +233,7 @@ def refuse_moving_black(seen: Mapping[str, Seen]) -> None:
         )
 
 
-def steady(values: Iterable[float] | Floats) -> Marks:
+def find_inliers(values: Iterable[float] | Floats) -> _Marks:
     """Which values are no outliers: within five robust deviations of the median."""
     values = np.asarray(values, dtype=np.float64)
     away = np.abs(values - np.median(values))

@@ -11,41 +11,41 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Levels = NDArray[np.float64]
-Size = tuple[int, int]
+_Levels = NDArray[np.float64]
+_Size = tuple[int, int]
 """(width, height) in pixels."""
 
-STEPS = 17
+WEDGE_LEVELS = 17
 """Grey levels of a wedge: sixteenths of full light."""
-SPOKES = 36
+_SPOKES = 36
 """Dark and bright pairs of a focus star."""
-STAR_SHARE, CORE_PX = 0.3, 8.0
+_STAR_SHARE, _CORE_PX = 0.3, 8.0
 """Diameter of a star, of the panel's height; and where its spokes would blur on any panel."""
-DOT_PITCH_PX, DOT_RADIUS_PX = 32, 6.0
+_DOT_PITCH_PX, _DOT_RADIUS_PX = 32, 6.0
 POSITIONS = 32
 """Places of what moves, over the width of a panel."""
 FLASH_EVERY = 30
 """Refreshes from one flash to the next."""
 
 
-def checkerboard(size: Size) -> Levels:
+def _checkerboard(size: _Size) -> _Levels:
     """Single pixels, bright and dark in turn; upper left one bright."""
     x, y = _raster(size)
     return np.asarray((x + y) % 2 == 0, dtype=np.float64)
 
 
-def wedge(size: Size) -> Levels:
+def draw_wedge(size: _Size) -> _Levels:
     """Upright strips from black to full light, and below them the other way round."""
     x, y = _raster(size)
-    step = x * STEPS // size[0]
-    return np.where(2 * y < size[1], step, STEPS - 1 - step) / (STEPS - 1.0)
+    step = x * WEDGE_LEVELS // size[0]
+    return np.where(2 * y < size[1], step, WEDGE_LEVELS - 1 - step) / (WEDGE_LEVELS - 1.0)
 
 
-def stars(size: Size) -> Levels:
+def _stars(size: _Size) -> _Levels:
     """Focus stars in the middle and in all corners, each in a bright ring."""
     width, height = size
     x, y = _raster(size)
-    radius_px = 0.5 * STAR_SHARE * height
+    radius_px = 0.5 * _STAR_SHARE * height
     found = np.zeros((height, width))
     inset = 1.15 * radius_px
     for across, down in (
@@ -57,21 +57,21 @@ def stars(size: Size) -> Levels:
     ):
         right, below = x + 0.5 - across, y + 0.5 - down
         far = np.hypot(right, below)
-        spoke = np.floor(np.arctan2(below, right) * SPOKES / np.pi).astype(np.int64) % 2 == 0
+        spoke = np.floor(np.arctan2(below, right) * _SPOKES / np.pi).astype(np.int64) % 2 == 0
         inside = far < radius_px
         ring = (far >= radius_px) & (far < 1.08 * radius_px)
-        found[ring | (inside & spoke) | (far < min(CORE_PX, 0.2 * radius_px))] = 1.0
+        found[ring | (inside & spoke) | (far < min(_CORE_PX, 0.2 * radius_px))] = 1.0
     return found
 
 
-def dots(size: Size) -> Levels:
+def draw_dot_grid(size: _Size) -> _Levels:
     """Round dots on a square grid."""
     x, y = _raster(size)
-    right, below = ((v + 0.5) % DOT_PITCH_PX - 0.5 * DOT_PITCH_PX for v in (x, y))
-    return np.asarray(np.hypot(right, below) < DOT_RADIUS_PX, dtype=np.float64)
+    right, below = ((v + 0.5) % _DOT_PITCH_PX - 0.5 * _DOT_PITCH_PX for v in (x, y))
+    return np.asarray(np.hypot(right, below) < _DOT_RADIUS_PX, dtype=np.float64)
 
 
-def letter(size: Size) -> Levels:
+def draw_letter(size: _Size) -> _Levels:
     """A large F: it tells a mirrored or turned panel at a glance."""
     width, height = size
     x, y = _raster(size)
@@ -82,13 +82,13 @@ def letter(size: Size) -> Levels:
     return (stem | top | middle).astype(np.float64)
 
 
-def edges(size: Size) -> list[Levels]:
+def _edges(size: _Size) -> list[_Levels]:
     """An upright edge that moves to the right by a step a refresh, bright behind it."""
     x, _ = _raster(size)
     return [(x * POSITIONS < (k + 1) * size[0]).astype(np.float64) for k in range(POSITIONS)]
 
 
-def bars(size: Size) -> list[Levels]:
+def draw_bars(size: _Size) -> list[_Levels]:
     """A bar that moves by its width a refresh: a photo shows how many refreshes it saw. Every
     eighth place is taller."""
     x, y = _raster(size)
@@ -101,25 +101,29 @@ def bars(size: Size) -> list[Levels]:
     return found
 
 
-def flash(size: Size) -> list[Levels]:
+def flash(size: _Size) -> list[_Levels]:
     """One bright refresh, and then none for as long as the eye can tell flashes apart."""
     width, height = size
     return [np.full((height, width), float(k == 0)) for k in range(FLASH_EVERY)]
 
 
-STILL: dict[str, Callable[[Size], Levels]] = {
-    "pixels": checkerboard,
-    "wedge": wedge,
-    "star": stars,
-    "dots": dots,
-    "letter": letter,
+STILL: dict[str, Callable[[_Size], _Levels]] = {
+    "pixels": _checkerboard,
+    "wedge": draw_wedge,
+    "star": _stars,
+    "dots": draw_dot_grid,
+    "letter": draw_letter,
 }
 """Pictures that stay; both panels show them, each on its own pixels."""
-MOVING: dict[str, Callable[[Size], list[Levels]]] = {"flash": flash, "edge": edges, "bar": bars}
+MOVING: dict[str, Callable[[_Size], list[_Levels]]] = {
+    "flash": flash,
+    "edge": _edges,
+    "bar": draw_bars,
+}
 """Pictures of several refreshes, over and over."""
 
 
-def _raster(size: Size) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _raster(size: _Size) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Columns and rows of all pixels, (height, width) each."""
     x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     return x, y

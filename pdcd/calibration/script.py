@@ -1,8 +1,9 @@
 """A step of a calibration as a script: it asks for photos one by one and ends with what it found.
 
-A script is a generator. It yields what it wants, a photo (`Wanted`) or something that only a person
-can do (`Ask`), and is sent the photo as it came (`Taken`), or None. What it returns is its
-`Outcome`. It touches no device and reads no clock, so a step can be computed again from its photos.
+A script is a generator. It yields what it wants, a photo (`PhotoRequest`) or something that only a
+person can do (`UserPrompt`), and is sent the photo as it came (`CalibrationPhoto`), or None. What
+it returns is its `StepOutcome`. It touches no device and reads no clock, so a step can be computed
+again from its photos.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import CameraInfo, WhileShown
+from pdcd.bench.devices import CameraInfo, ShutterTiming
 from pdcd.bench.measured import with_values
 from pdcd.bench.tables import Config
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.photo import Photo, Seen, photo_of
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.photo import QuadPhoto, RawSettings, make_quad_photo
 from pdcd.calibration.preview import Draw
-from pdcd.calibration.shown import Shown
-from pdcd.calibration.timing.delayed import delayed
-from pdcd.calibration.timing.timing_model import Ran
+from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.timing.delayed import shift_mask
+from pdcd.calibration.timing.timing_model import PhotoLog
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map
@@ -31,26 +32,26 @@ from pdcd.words import MarksName, SubjectName
 
 FIELD = "projector.field_px"
 """Where the field lies, in the words of the configuration."""
-COMPARED, REFERENCE = {"sensor", "light", "geometry", "timing", "registration"}, "check."
+_COMPARED, _REFERENCE = {"sensor", "light", "geometry", "timing", "registration"}, "check."
 """Steps whose findings a check compares with, and what its arrays begin with: they tell of what was
 calibrated when its first look was taken."""
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class PhotoRequest:
     """One photo. iso, f_number : None is the session's own. covered : with the projector's lens
     covered, which somebody was asked for before; a mock bench does it by itself. moving : for a
     shutter that moves while the panels show it; usually it moves before and after that."""
 
-    shown: Shown
+    shown: PanelSequence
     iso: int | None = None
     f_number: float | None = None
     covered: bool = False
-    moving: WhileShown | None = None
+    moving: ShutterTiming | None = None
 
 
 @dataclass(frozen=True)
-class Ask:
+class UserPrompt:
     """Something that a person has to do before the next photo, in one sentence.
 
     now, best : where a number is to be made as large as it can be, what it is and the largest so
@@ -63,7 +64,7 @@ class Ask:
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class CalibrationPhoto:
     """One photo as it came.
 
     raw : decoded samples. log : when the panels showed what. open_ns, close_ns : when the shutter
@@ -84,18 +85,18 @@ class Taken:
         return (self.close_ns - self.open_ns) * 1e-9
 
     @property
-    def ran(self) -> Ran:
+    def ran(self) -> PhotoLog:
         """When it was, for the estimators of times."""
-        return Ran(self.log, self.open_ns, self.close_ns)
+        return PhotoLog(self.log, self.open_ns, self.close_ns)
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> RawSettings:
         """What the file says of itself."""
-        return Seen.of(self.raw)
+        return RawSettings.of(self.raw)
 
 
 @dataclass(frozen=True)
-class Measured:
+class ConfigValue:
     """One value in the words of the configuration, with its standard deviation."""
 
     value: Any
@@ -103,7 +104,7 @@ class Measured:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class StepOutcome:
     """What a step found.
 
     figures : each with limit and verdict. words : by key of the configuration.
@@ -112,8 +113,8 @@ class Outcome:
     picture : draws what is to be looked at (`pdcd.calibration.preview`).
     """
 
-    figures: tuple[Figure, ...] = ()
-    words: Mapping[str, Measured] = field(default_factory=dict)
+    figures: tuple[MeasuredFigure, ...] = ()
+    words: Mapping[str, ConfigValue] = field(default_factory=dict)
     maps: Mapping[str, Map] = field(default_factory=dict)
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     profile: SensorProfile | None = None
@@ -126,12 +127,12 @@ class Outcome:
         return max((figure.verdict for figure in self.figures), default=Verdict.GOOD)
 
 
-Script = Generator[Wanted | Ask, Taken | None, Outcome]
+StepScript = Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, StepOutcome]
 """A step under way."""
 
 
 @dataclass
-class Session:
+class CalibrationSession:
     """What is known of the bench so far; steps read it, and `learn` adds to it.
 
     config : the belief, with what was measured in the place of what was typed; places and maps are
@@ -140,7 +141,7 @@ class Session:
     full : refreshes of white light after which the brightest part of a photo is at `FULL` of
         saturation; 0 before it was metered.
     arrays : of steps so far, and of the calibration before.
-    helped : whether what is asked of a person (`Ask`) is done.
+    helped : whether what is asked of a person (`UserPrompt`) is done.
     subject : what is before the camera. marks : what the geometry is to show.
     behind_rows : rows by which the mask is to be sent its pictures later than the display does: it
         takes what was measured from its next start on.
@@ -181,9 +182,9 @@ class Session:
         """(width, height) of projector and mask."""
         return self.config.projector.size_px, self.config.mask.size_px
 
-    def photo(self, taken: Taken) -> Photo:
+    def photo(self, taken: CalibrationPhoto) -> QuadPhoto:
         """A photo as its quads, in DN."""
-        return photo_of(taken.raw, self.profile, taken.iso)
+        return make_quad_photo(taken.raw, self.profile, taken.iso)
 
     def found(self, device: str) -> Map:
         """The map of a device to the field, out of a calibration.
@@ -199,12 +200,12 @@ class Session:
             )
         return map_
 
-    def in_step(self, shown: Shown) -> Shown:
+    def in_step(self, shown: PanelSequence) -> PanelSequence:
         """A photo that shows what it is meant to, although the display does not know yet how late
         the mask is."""
-        return delayed(shown, self.behind_rows) if self.behind_rows else shown
+        return shift_mask(shown, self.behind_rows) if self.behind_rows else shown
 
-    def learn(self, step: str, outcome: Outcome) -> None:
+    def learn(self, step: str, outcome: StepOutcome) -> None:
         """Go on by what a step found: another value asks for another reference of checks."""
         values = {key: found.value for key, found in outcome.words.items()}
         values.pop("camera.profile", None)
@@ -212,8 +213,8 @@ class Session:
         before_rows = self.config.mask_delay_rows
         self.config = with_values(self.config, values, outcome.maps)
         self.behind_rows += self.config.mask_delay_rows - before_rows
-        if step in COMPARED:
-            for name in [name for name in self.arrays if name.startswith(REFERENCE)]:
+        if step in _COMPARED:
+            for name in [name for name in self.arrays if name.startswith(_REFERENCE)]:
                 del self.arrays[name]
         self.arrays.update(outcome.arrays)
         if outcome.profile is not None:
@@ -221,7 +222,9 @@ class Session:
         self.done.append(step)
 
 
-def take(wanted: Wanted) -> Generator[Wanted | Ask, Taken | None, Taken]:
+def take_photo(
+    wanted: PhotoRequest,
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, CalibrationPhoto]:
     """One photo, for `yield from`."""
     taken = yield wanted
     if taken is None:

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.panels.patterns import Patterns, none, pack
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
+from pdcd.panels.patterns import Patterns, make_empty_patterns, pack_bits
 
 Bits = NDArray[np.bool_]
-Levels = NDArray[np.uint8]
+_Levels = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class PanelSequence:
     """One photo.
 
     name : of the photo, unique within its step: "dots-projector".
@@ -33,8 +33,8 @@ class Shown:
     """
 
     name: str
-    projector: Bits | Levels
-    mask: Bits | Levels
+    projector: Bits | _Levels
+    mask: Bits | _Levels
     projector_index: NDArray[np.int32]
     mask_index: NDArray[np.int32]
 
@@ -54,12 +54,12 @@ class Shown:
         return int(self.projector_index.size)
 
 
-def still(
+def make_still_sequence(
     name: str,
     refreshes: int,
-    projector: Bits | Levels | int = BLACK,
-    mask: Bits | Levels | int = BLACK,
-) -> Shown:
+    projector: Bits | _Levels | int = BLACK,
+    mask: Bits | _Levels | int = BLACK,
+) -> PanelSequence:
     """A photo in which nothing changes. Each panel shows one pattern (height, width), or `BLACK` or
     `WHITE`."""
     nothing: Bits = np.zeros((0, 0, 0), np.bool_)
@@ -70,10 +70,10 @@ def still(
         np.full(refreshes, panel if isinstance(panel, int) else 0, dtype=np.int32)
         for panel in (projector, mask)
     ]
-    return Shown(name, first, second, rows[0], rows[1])
+    return PanelSequence(name, first, second, rows[0], rows[1])
 
 
-def frames_of(shown: Shown) -> Frames:
+def pack_frames(shown: PanelSequence) -> Frames:
     """What a display is given to show it: patterns of pixels, packed."""
     refreshes = shown.refreshes
     return Frames(
@@ -86,14 +86,14 @@ def frames_of(shown: Shown) -> Frames:
         shown.mask_index == BLACK,
         (1, 1),
         (1, 1),
-        PIXELS,
+        PIXEL_WINDOW,
     )
 
 
-def _packed(patterns: Bits | Levels) -> Patterns:
+def _packed(patterns: Bits | _Levels) -> Patterns:
     if not len(patterns):
-        return none()
+        return make_empty_patterns()
     flat = patterns.reshape(len(patterns), -1)
     if flat.dtype == np.bool_:
-        return pack(flat.astype(np.bool_))
+        return pack_bits(flat.astype(np.bool_))
     return np.asarray(flat / 255.0, np.float32)

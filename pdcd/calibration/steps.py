@@ -14,20 +14,20 @@ from typing import TYPE_CHECKING
 from pdcd.words import SubjectName
 
 if TYPE_CHECKING:
-    from pdcd.calibration.script import Script, Session
+    from pdcd.calibration.script import CalibrationSession, StepScript
 
 
-STEPS: Mapping[str, str] = MappingProxyType(
+STEP_SCRIPTS: Mapping[str, str] = MappingProxyType(
     {
-        "sensor": "sensor.sensor_step:sensor",
-        "light": "light.light_step:light",
-        "geometry": "geometry.geometry_step:geometry",
-        "timing": "timing.timing_step:timing",
-        "shutter": "shutter.shutter_step:shutter",
-        "registration": "registration.registration_step:registration",
-        "response": "response.response_step:response",
-        "focus": "registration.focus_step:focus",
-        "disparity": "geometry.disparity_step:disparity",
+        "sensor": "sensor.sensor_step:calibrate_sensor",
+        "light": "light.light_step:calibrate_light",
+        "geometry": "geometry.geometry_step:calibrate_geometry",
+        "timing": "timing.timing_step:calibrate_timing",
+        "shutter": "shutter.shutter_step:calibrate_shutter",
+        "registration": "registration.registration_step:calibrate_registration",
+        "response": "response.response_step:calibrate_response",
+        "focus": "registration.focus_step:watch_focus",
+        "disparity": "geometry.disparity_step:calibrate_disparity",
         "check": "check.check_step:check_bench",
     }
 )
@@ -59,25 +59,27 @@ once they were corrected, and light in electrons of a gain that was measured ane
 shutter or a lens does by itself stays true wherever it was seen."""
 
 
-def script_of(name: str, session: Session) -> Script:
+def start_step_script(name: str, session: CalibrationSession) -> StepScript:
     """The script of a step, by name. Raises KeyError."""
     module, _, function = (
-        "pdcd.calibration.light.metering:meter" if name == METER else f"{__package__}.{STEPS[name]}"
+        "pdcd.calibration.light.metering:meter_light"
+        if name == METER
+        else f"{__package__}.{STEP_SCRIPTS[name]}"
     ).partition(":")
-    run: Callable[[Session], Script] = getattr(import_module(module), function)
+    run: Callable[[CalibrationSession], StepScript] = getattr(import_module(module), function)
     return run(session)
 
 
-def spoilt_by(step: str, left_out: Collection[str]) -> str:
+def explain_unused_step(step: str, left_out: Collection[str]) -> str:
     """Why the values of a good step are not used, when those of others are not; "" where they are.
 
     left_out : steps of the same calibration."""
-    through = [name for name in STEPS if name in GOES_BY.get(step, ()) and name in left_out]
+    through = [name for name in STEP_SCRIPTS if name in GOES_BY.get(step, ()) and name in left_out]
     return f"it goes by {' and '.join(through)}" if through else ""
 
 
-def ordered(names: tuple[str, ...], subject: SubjectName = "card") -> tuple[str, ...]:
+def order_steps(names: tuple[str, ...], subject: SubjectName = "card") -> tuple[str, ...]:
     """The steps in their order; for none all but those `AT_WISH`, and on a scene the geometry."""
     if not names and subject == "scene":
         names = ("geometry",)
-    return tuple(name for name in STEPS if name in (names or STEPS.keys() - AT_WISH))
+    return tuple(name for name in STEP_SCRIPTS if name in (names or STEP_SCRIPTS.keys() - AT_WISH))

@@ -10,18 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-
-PLACES = 101
+_PLACES = 101
 """Places of the field along either axis that are looked at."""
-EDGE = 0.04
+_EDGE = 0.04
 """Width of the border of the window that is judged, and share of a window that is given up."""
-SHARED = 0.9
+_SHARED = 0.9
 """Share of such a border that all three must share."""
-LEAST = 0.3
+_LEAST = 0.3
 """Side of the window, at least."""
 
 
@@ -54,13 +53,13 @@ class Window:
 WHOLE = Window()
 
 
-def shared(mask: Map, camera: Map) -> Window:
+def find_shared_window(mask: Map, camera: Map) -> Window:
     """The window of the field that mask and camera share; the projector fills the field.
 
     Sides are moved inwards, the worst first, until hardly anything along them is beyond a device.
     Raises CalibrationError where less than a third of the field's width or height is left.
     """
-    step = (np.arange(PLACES) + 0.5) / PLACES
+    step = (np.arange(_PLACES) + 0.5) / _PLACES
     points = np.stack(np.meshgrid(step, step), axis=-1)
     good = np.ones(points.shape[:2], dtype=np.bool_)
     for device in (mask, camera):
@@ -71,11 +70,11 @@ def shared(mask: Map, camera: Map) -> Window:
     while True:
         sides = _sides(window, points, good)
         worst = min(sides, key=lambda side: sides[side])
-        if sides[worst] >= SHARED:
+        if sides[worst] >= _SHARED:
             return window
-        moved = getattr(window, worst) + (EDGE / 2.0) * (1.0 if worst in ("left", "top") else -1.0)
+        moved = getattr(window, worst) + (_EDGE / 2.0) * (1.0 if worst in ("left", "top") else -1.0)
         window = replace(window, **{worst: moved})
-        if min(window.right - window.left, window.bottom - window.top) < LEAST:
+        if min(window.right - window.left, window.bottom - window.top) < _LEAST:
             raise CalibrationError(
                 "projector, mask and camera share hardly any of the field",
                 device="camera",
@@ -88,5 +87,10 @@ def _sides(window: Window, points: Floats, good: NDArray[np.bool_]) -> dict[str,
     """Share of the border along each side that is good."""
     x, y = window.across(points[..., 0]), window.down(points[..., 1])
     inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
-    borders = {"left": x < EDGE, "right": x > 1.0 - EDGE, "top": y < EDGE, "bottom": y > 1.0 - EDGE}
+    borders = {
+        "left": x < _EDGE,
+        "right": x > 1.0 - _EDGE,
+        "top": y < _EDGE,
+        "bottom": y > 1.0 - _EDGE,
+    }
     return {side: float(good[inside & border].mean()) for side, border in borders.items()}

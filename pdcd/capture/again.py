@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.calibration import (
-    ARRAYS,
+    CALIBRATION_ARRAYS,
     MAPS,
     PROFILE,
     RECORD,
@@ -18,63 +18,72 @@ from pdcd.bench.calibration import (
     read_calibration,
 )
 from pdcd.bench.tables import Config
-from pdcd.capture.worker.calibrating import HELPED, Begin, Found, NextAsk, Study
+from pdcd.capture.worker.calibrating import (
+    HELPED,
+    CalibrationStart,
+    CalibrationStudy,
+    OperatorTask,
+    StepResult,
+)
 from pdcd.errors import CalibrationError, ConfigError, disk_errors
 from pdcd.sensor.profile import SensorProfile
 
-LOOK, FIRST = "check.", "check.dots"
+_LOOK, _FIRST = "check.", "check.dots"
 """How arrays of a look are called that is kept for checks, and a figure of the first look alone."""
 
 
-class Item(msgspec.Struct, frozen=True):
+class _Item(msgspec.Struct, frozen=True):
     """One thing that was computed again: a step's figures, a value, a file."""
 
     name: str
     identical: bool
 
 
-class Again(msgspec.Struct, frozen=True, kw_only=True):
+class _Again(msgspec.Struct, frozen=True, kw_only=True):
     """All that was computed again."""
 
     folder: str
-    items: tuple[Item, ...]
+    items: tuple[_Item, ...]
     identical: bool
 
 
-def again(folder: Path) -> Again:
+def recompute_calibration(folder: Path) -> _Again:
     """Compute all steps of a calibration folder from its photos, in their order.
 
     Nothing in the folder is changed. Raises ConfigError for a folder that is none, DecodeError for
     a photo that is not as it was, CalibrationError where a step now asks for other photos.
     """
     record, _ = read_calibration(folder)
-    with disk_errors("scratch"), tempfile.TemporaryDirectory(prefix="pdcd-again-") as scratch:
+    with (
+        disk_errors("scratch"),
+        tempfile.TemporaryDirectory(prefix="pdcd-again-") as scratch,
+    ):
         work = Path(scratch)
         (work / "preview").mkdir()
         for name in ("raw", "frames.csv"):
             (work / name).symlink_to((folder / name).resolve())
-        study = Study.begun(_begin(record, folder), work)
+        study = CalibrationStudy.begun(_begin(record, folder), work)
         if _looked_first(record):
-            for name in [name for name in study.session.arrays if name.startswith(LOOK)]:
+            for name in [name for name in study.session.arrays if name.startswith(_LOOK)]:
                 del study.session.arrays[name]
         items = [
-            Item(f"step {step.name}", _same(step, _computed(study, step))) for step in record.steps
+            _Item(f"step {step.name}", _same(step, _computed(study, step))) for step in record.steps
         ]
         entries = study.write()
         for key, entry in sorted(record.measured.items()):
             if entry.folder is None:
-                items.append(Item(key, key in entries and _plain(entries[key]) == _plain(entry)))
+                items.append(_Item(key, key in entries and _plain(entries[key]) == _plain(entry)))
         items += [
-            Item(name, _digest(work / name) == record.files[name].sha256)
-            for name in (MAPS, ARRAYS, PROFILE)
+            _Item(name, _digest(work / name) == record.files[name].sha256)
+            for name in (MAPS, CALIBRATION_ARRAYS, PROFILE)
             if name in record.files and (work / name).exists()
         ]
-    return Again(
+    return _Again(
         folder=str(folder), items=tuple(items), identical=all(item.identical for item in items)
     )
 
 
-def _begin(record: Calibration, folder: Path) -> Begin:
+def _begin(record: Calibration, folder: Path) -> CalibrationStart:
     """What the calibration began with. Raises ConfigError."""
     try:
         config = msgspec.convert(record.belief, Config, strict=False)
@@ -83,7 +92,9 @@ def _begin(record: Calibration, folder: Path) -> Begin:
         raise ConfigError(f"the calibration in {folder} cannot be computed again: {err}") from err
     before = _before(record, folder)
     helped = any(step.settings.get(HELPED) for step in record.steps)
-    return Begin(config, profile, record.camera.info, before, helped, record.subject, record.marks)
+    return CalibrationStart(
+        config, profile, record.camera.info, before, helped, record.subject, record.marks
+    )
 
 
 def _before(record: Calibration, folder: Path) -> Path | None:
@@ -105,15 +116,15 @@ def _before(record: Calibration, folder: Path) -> Path | None:
 
 def _looked_first(record: Calibration) -> bool:
     """Whether a check found no look to compare with: one that is kept now is its own."""
-    return any(figure.name == FIRST for step in record.steps for figure in step.figures)
+    return any(figure.name == _FIRST for step in record.steps for figure in step.figures)
 
 
-def _computed(study: Study, step: StepRecord) -> StepRecord:
+def _computed(study: CalibrationStudy, step: StepRecord) -> StepRecord:
     """A step again, fed with its photos."""
     photos = list(step.photos)
     wanted = study.begin(step.name, step.made_utc)
-    while not isinstance(wanted, Found):
-        if isinstance(wanted, NextAsk):
+    while not isinstance(wanted, StepResult):
+        if isinstance(wanted, OperatorTask):
             wanted = study.answered()
             continue
         if not photos or photos[0].name != wanted.name:

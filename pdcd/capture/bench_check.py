@@ -14,20 +14,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pdcd.bench.calibration import RECORD, Calibration, read_calibration
-from pdcd.bench.choosing import newest, other_devices
+from pdcd.bench.choosing import find_newest_calibration, find_other_device
 from pdcd.bench.devices import CameraInfo, Finding, fault
-from pdcd.bench.measured import age_days, name_of
-from pdcd.bench.placed import camera_map
+from pdcd.bench.measured import compute_age_days, parse_calibration_name
+from pdcd.bench.placed import make_camera_map
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, ExposureError, PdcdError
-from pdcd.sensor.fit import check_fit, fit_of
+from pdcd.sensor.fit import check_frame_fit, measure_frame_fit
 from pdcd.sensor.profile import load_profile
-from pdcd.sensor.raw import RawHead, read_head
+from pdcd.sensor.raw import RawHead, read_raw_head
 
-DAY = 1.0
-SESSION_DAYS = 1.0 / 24.0
+_DAY = 1.0
+_SESSION_DAYS = 1.0 / 24.0
 """A check that is so old is none of this session's, with `check = "always"`."""
 
 
@@ -64,7 +64,7 @@ class FrameCheck:
                     "expected of this camera: is it set to full-size RAW?"
                 )
             self._check(head.frame)
-            if held_otherwise(self.config, head.flip):
+            if is_camera_turned(self.config, head.flip):
                 self.journal.warn(
                     "the camera is held another way than when it was calibrated: calibrate geometry"
                 )
@@ -97,10 +97,12 @@ def check_frame(
 
     Raises ConfigError when the camera's place is no sound map, or the frame does not fit.
     """
-    check_fit(fit_of(camera_map(config, frame), grid), "quarter" if cut else "whole")
+    check_frame_fit(
+        measure_frame_fit(make_camera_map(config, frame), grid), "quarter" if cut else "whole"
+    )
 
 
-def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
+def examine_frame(config: Config, raw: Path | None) -> Iterator[Finding]:
     """Yield what is known of the camera's frame: from a RAW file, else from the sensor profile.
 
     What fails is a finding, too.
@@ -118,7 +120,7 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
             yield Finding("frame", "good", f"{told[0]} x {told[1]} quads, by the sensor profile")
             yield Finding("orientation", "unknown", "only a photo tells", "give one: --raw FILE")
         else:
-            head = read_head(raw)
+            head = read_raw_head(raw)
             frame = head.frame
             yield Finding("frame", "good", f"{_size(head)} quads, of {head.model or raw.name}")
             yield Finding("orientation", "good", f"{head.turned}; not followed, see [camera.place]")
@@ -126,13 +128,13 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
             border = f"{rows} rows and {columns} columns beyond the picture"
             yield Finding("masked border", "good", border if rows + columns else "none")
         what, grid = "view of the field", config.code_grid()
-        fit = fit_of(camera_map(config, frame), grid)
+        fit = measure_frame_fit(make_camera_map(config, frame), grid)
         seen = f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
         yield Finding("field seen", "good", seen)
         low, high = fit.across
         yield Finding("quads along a cell's side", "good", f"{low:.3g} to {high:.3g}")
         window = config.schedule.window
-        check_fit(fit, "whole" if window == "whole" else "quarter")
+        check_frame_fit(fit, "whole" if window == "whole" else "quarter")
     except PdcdError as err:
         yield fault(what, err, "camera")
 
@@ -141,7 +143,7 @@ def _size(head: RawHead) -> str:
     return f"{head.frame[1]} x {head.frame[0]}"
 
 
-def doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]:
+def find_calibration_doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]:
     """What speaks against the calibration in use, in words; nothing where none is used.
 
     iso : of the photos to come.
@@ -179,8 +181,8 @@ def _left_out(record: Calibration, folder: Path) -> Iterator[str]:
 
 def _bad_later(record: Calibration, folder: Path, config: Config) -> Iterator[str]:
     """Whether a calibration or check of the same bench after this one found what is bad."""
-    last = newest(folder.parent, config, bad=True)
-    if last is None or name_of(last) <= name_of(folder):
+    last = find_newest_calibration(folder.parent, config, bad=True)
+    if last is None or parse_calibration_name(last) <= parse_calibration_name(folder):
         return
     later, _ = read_calibration(last)
     same = (later.bench, later.identity.truth) == (record.bench, record.identity.truth)
@@ -191,7 +193,7 @@ def _bad_later(record: Calibration, folder: Path, config: Config) -> Iterator[st
         )
 
 
-def held_otherwise(config: Config, flip: int) -> bool:
+def is_camera_turned(config: Config, flip: int) -> bool:
     """Whether the camera is held another way than when it was calibrated.
 
     flip : of a photo, as of `RawHead`. Raises ConfigError as `read_calibration`.
@@ -204,7 +206,7 @@ def held_otherwise(config: Config, flip: int) -> bool:
 
 def _refuse_others(record: Calibration, rig: Rig) -> None:
     """Raise ConfigError for a calibration of other devices."""
-    other = other_devices(record, rig.camera_info, rig.display_info)
+    other = find_other_device(record, rig.camera_info, rig.display_info)
     if other is not None:
         device, text = other
         hint = 'run pdcd calibrate, or set [calibration] use = "none"'
@@ -213,12 +215,12 @@ def _refuse_others(record: Calibration, rig: Rig) -> None:
 
 def _old(record: Calibration, table: CalibrationConfig) -> Iterator[str]:
     """Whether it is time to check, or to calibrate again."""
-    days = age_days(record)
+    days = compute_age_days(record)
     if math.isnan(days) or days > table.max_age_days:
         yield (
             f"calibration {record.name} is {days:.0f} days old, more than "
             f"calibration.max_age_days = {table.max_age_days:g}: calibrate again"
         )
-    limit = {"daily": DAY, "always": SESSION_DAYS, "never": math.inf}[table.check]
+    limit = {"daily": _DAY, "always": _SESSION_DAYS, "never": math.inf}[table.check]
     if days > limit:
         yield f"the bench was not checked for {24.0 * days:.0f} h: pdcd calibrate check"

@@ -6,32 +6,38 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from pdcd.bench.calibration import Entry, PhotoRecord
+from pdcd.bench.calibration import MeasuredValue, PhotoRecord
 from pdcd.bench.devices import CameraInfo, CameraSettings
-from pdcd.bench.exposure_time import planned_s, time_doubts
-from pdcd.bench.measured import chosen
+from pdcd.bench.exposure_time import describe_time_conflict, planned_open_s
+from pdcd.bench.measured import choose_calibration_folder
 from pdcd.bench.tables import Config
-from pdcd.calibration.script import Ask
-from pdcd.calibration.steps import METER, ordered
-from pdcd.capture.keeping import Before, Keeper, read_before, taken_over, taken_words
-from pdcd.capture.rig import Exposure, Rig
-from pdcd.capture.worker.calibrating import Begin, Found, NextAsk, NextPhoto
+from pdcd.calibration.script import UserPrompt
+from pdcd.calibration.steps import METER, order_steps
+from pdcd.capture.keeping import (
+    CalibrationKeeper,
+    PreviousCalibration,
+    describe_reused_steps,
+    find_reusable_steps,
+    read_previous_calibration,
+)
+from pdcd.capture.rig import Rig, RigExposure
+from pdcd.capture.worker.calibrating import CalibrationStart, NextPhoto, OperatorTask, StepResult
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, DeviceLost, SyncError
 from pdcd.protocol import events
-from pdcd.protocol.events import Emit, Event, logged
+from pdcd.protocol.events import Emit, Event, to_log_entry
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.provenance import utc_now
+from pdcd.runs.provenance import format_utc_now
 from pdcd.sensor.profile import SensorProfile
 from pdcd.watch import Watch
 from pdcd.words import SubjectName
 
 FOLDERS = ("raw", "preview")
 """Below a calibration folder."""
-SUBJECTS: Mapping[SubjectName, str] = MappingProxyType(
+_SUBJECTS: Mapping[SubjectName, str] = MappingProxyType(
     {
         "card": "put a flat, matt, white card where the scene will be, so that it fills the "
         "projector's picture, and darken the room",
@@ -60,17 +66,20 @@ class CalibrationRun:
     cancelled: Callable[[], bool]
     proceed: Callable[[str], None]
     typed: Config | None = None
-    keeper: Keeper | None = None
+    keeper: CalibrationKeeper | None = None
     ended_whole: bool = False
 
     def execute(self) -> CaptureResult:
         """Take all photos, work them out, archive. Raises PdcdError; what its steps found until
         then is kept all the same, in a whole folder (`ended_whole`)."""
-        camera, before = self._camera(), read_before(chosen(self.config))
-        names = ordered(self.request.steps, self.request.subject)
-        over = taken_over(before, self.request, names)
+        camera, before = (
+            self._camera(),
+            read_previous_calibration(choose_calibration_folder(self.config)),
+        )
+        names = order_steps(self.request.steps, self.request.subject)
+        over = find_reusable_steps(before, self.request, names)
         names = tuple(name for name in names if name not in over)
-        note = "" if before is None or not over else taken_words(before, over)
+        note = "" if before is None or not over else describe_reused_steps(before, over)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         self.keeper = self._keeper(camera, before, over)
         step = METER
@@ -78,7 +87,7 @@ class CalibrationRun:
             self._begin(camera, before)
             for number, step in enumerate((METER, *names)):
                 self._step(step, number, len(names), note if not number else "")
-            self._notify(events.Archived(job=self.job))
+            self._notify(events.PicturesArchived(job=self.job))
         except Exception as err:
             self.ended_whole = self.keeper.end_early(step, err)
             raise
@@ -91,26 +100,28 @@ class CalibrationRun:
         """Steps whose values are kept, those taken over left out."""
         return () if self.keeper is None else self.keeper.names
 
-    def _keeper(self, camera: CameraInfo, before: Before | None, over: dict[str, str]) -> Keeper:
-        def write(below: str) -> dict[str, Entry]:
+    def _keeper(
+        self, camera: CameraInfo, before: PreviousCalibration | None, over: dict[str, str]
+    ) -> CalibrationKeeper:
+        def write(below: str) -> dict[str, MeasuredValue]:
             return self.worker.do(self._watch(), Worker.measured, below)
 
-        return Keeper(
+        return CalibrationKeeper(
             self.config, self.typed or self.config, self.rig, self.profile, camera, self.folder,
             self.job, self.request, before, over, write,
         )  # fmt: skip
 
-    def _begin(self, camera: CameraInfo, before: Before | None) -> None:
+    def _begin(self, camera: CameraInfo, before: PreviousCalibration | None) -> None:
         """Tell the worker what is known, and have somebody put up what is to be seen."""
         helped = self.request.attended or self.rig.mock
         subject, marks = self.request.subject, self.request.marks
         folder = None if before is None else before.folder
-        begin = Begin(self.config, self.profile, camera, folder, helped, subject, marks)
+        begin = CalibrationStart(self.config, self.profile, camera, folder, helped, subject, marks)
         self.worker.do(self._watch(), Worker.calibrate, begin, self.folder.path)
         if self.request.attended:
-            self._ask(Ask(SUBJECTS[subject]))
+            self._ask(UserPrompt(_SUBJECTS[subject]))
 
-    def _result(self, keeper: Keeper, sha256: str, note: str) -> CaptureResult:
+    def _result(self, keeper: CalibrationKeeper, sha256: str, note: str) -> CaptureResult:
         steps = keeper.steps
         return CaptureResult(
             job=self.job,
@@ -143,9 +154,9 @@ class CalibrationRun:
         of as step 1."""
         begun = events.StepBegun(step=name, number=max(number, 1), steps=count, note=note)
         self._notify(begun)
-        wanted = self.worker.do(self._watch(), Worker.step, name, utc_now())
-        while not isinstance(wanted, Found):
-            if isinstance(wanted, NextAsk):
+        wanted = self.worker.do(self._watch(), Worker.step, name, format_utc_now())
+        while not isinstance(wanted, StepResult):
+            if isinstance(wanted, OperatorTask):
                 self._ask(wanted.ask)
                 wanted = self.worker.do(self._watch(), Worker.answered)
             else:
@@ -195,26 +206,26 @@ class CalibrationRun:
                         return self._taken(wanted, done)
                     doubted = True
             name = self.folder.set_aside(wanted.name, number)
-            self._notify(events.Discarded(shot=wanted.name, name=name, cause=cause))
+            self._notify(events.ShotDiscarded(shot=wanted.name, name=name, cause=cause))
         raise SyncError(
             f"photo {wanted.name} was spoilt {number} times: {cause}",
             device="display",
             hint="see that nothing else runs on this machine: pdcd timing",
         )
 
-    def _doubt(self, wanted: NextPhoto, done: Exposure) -> str:
+    def _doubt(self, wanted: NextPhoto, done: RigExposure) -> str:
         """Which times of an exposure disagree, in words. Its first photo tells how the camera is
         held."""
         head = self.worker.do(self._watch(), Worker.head, self.folder.path, self._file(done))
         if self.keeper is not None and self.keeper.flip is None:
             self.keeper.flip = head.flip
-        due_s = planned_s(done.settings, self.config, wanted.frames, done.log)
-        return time_doubts(due_s, done.open_s, head.exposure_s)
+        due_s = planned_open_s(done.settings, self.config, wanted.frames, done.log)
+        return describe_time_conflict(due_s, done.open_s, head.exposure_s)
 
-    def _file(self, done: Exposure) -> str:
+    def _file(self, done: RigExposure) -> str:
         return str(done.raw.path.relative_to(self.folder.path))
 
-    def _expose(self, wanted: NextPhoto, settings: CameraSettings) -> Exposure:
+    def _expose(self, wanted: NextPhoto, settings: CameraSettings) -> RigExposure:
         return self.rig.expose(
             wanted.frames,
             settings,
@@ -232,7 +243,7 @@ class CalibrationRun:
     def _settable(self) -> bool:
         return bool(self._camera().f_numbers)
 
-    def _taken(self, wanted: NextPhoto, done: Exposure) -> PhotoRecord:
+    def _taken(self, wanted: NextPhoto, done: RigExposure) -> PhotoRecord:
         """What is kept of a photo."""
         log = done.log
         return PhotoRecord(
@@ -250,10 +261,10 @@ class CalibrationRun:
             mask_delay=log.mask_delay,
             source=log.source,
             verified=log.verified,
-            planned_s=planned_s(done.settings, self.config, wanted.frames, log),
+            planned_s=planned_open_s(done.settings, self.config, wanted.frames, log),
         )
 
-    def _ask(self, ask: Ask) -> None:
+    def _ask(self, ask: UserPrompt) -> None:
         if not self.request.attended:
             return
         self._notify(events.Attention(text=ask.text, now=ask.now, best=ask.best))
@@ -262,7 +273,7 @@ class CalibrationRun:
 
     def _watch(self) -> Watch:
         def step(done: float, total: float) -> None:
-            self.emit(events.Decoded(done=done, total=total))
+            self.emit(events.DecodingProgress(done=done, total=total))
 
         return Watch(self._look_for_cancel, step)
 
@@ -271,6 +282,6 @@ class CalibrationRun:
             raise Cancelled("the calibration was cancelled", hint="the one before is still in use")
 
     def _notify(self, event: Event) -> None:
-        self.folder.log(logged(event, self.rig.clock.now_ns()))
+        self.folder.log(to_log_entry(event, self.rig.clock.now_ns()))
         self.emit(event)
         self._look_for_cancel()

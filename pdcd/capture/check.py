@@ -13,25 +13,25 @@ from functools import partial
 
 import msgspec
 
-from pdcd.bench.checks import rate_fault
+from pdcd.bench.checks import find_rate_fault
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import DriverContext
-from pdcd.bench.placed import dark_places, frame_of
-from pdcd.bench.registry import Role, load_driver
+from pdcd.bench.placed import compute_mock_frame, find_dark_places
+from pdcd.bench.registry import DriverRole, load_driver
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.capture.bench_check import check_frame
 from pdcd.errors import PdcdError
 from pdcd.panels.placing import Placing
-from pdcd.planning.make import plan_for
+from pdcd.planning.make import plan_with_prior
 from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import build_scene
 
-TABLES: dict[Role, str] = {"display": "display", "shutter": "trigger", "readout": "camera"}
+_TABLES: dict[DriverRole, str] = {"display": "display", "shutter": "trigger", "readout": "camera"}
 """Table of the file that names the driver of each role."""
 
 
-def faults_in(config: Config, known: Collection[str] = ()) -> list[str]:
+def try_config(config: Config, known: Collection[str] = ()) -> list[str]:
     """Every fault that trying shows, each on a line that begins with what it is about.
 
     `known` are keys (dotted) that are known to be wrong and stand at their defaults: what rests on
@@ -54,11 +54,11 @@ class _Check:
         self._try("scene.kind", self._scene, "scene")
         self._try("camera.profile", self._profile, "camera.profile")
         context = self._context()
-        for role, table in TABLES.items():
+        for role, table in _TABLES.items():
             create = partial(_create, role, getattr(config, table).driver, context)
             self._try(f"{table}.driver", create, f"{table}.driver", f"{table}.options")
         rates = ("projector.refresh_hz", "mask.refresh_hz")
-        if self._sound(rates) and (fault := rate_fault(config)) is not None:
+        if self._sound(rates) and (fault := find_rate_fault(config)) is not None:
             more = "; the mock bench runs all the same, and shows what comes of it"
             self._say(fault.message + more * (config.display.driver == "mock"))
         self._coverage()
@@ -127,7 +127,7 @@ class _Check:
         grid = self._code_grid()
         if grid is None or not self._sound(("scene.grid",)):
             return
-        for role, what in dark_places(self._config, grid):
+        for role, what in find_dark_places(self._config, grid):
             if self._sound((f"{role}.place", f"{role}.size_px")):
                 self._say(f"{role}.place: {what}: place it so that it covers the field")
 
@@ -141,7 +141,7 @@ class _Check:
         grid = self._code_grid()
         if grid is None:
             return
-        plan = plan_for(CaptureRequest(goal="indirect"), self._config, grid)
+        plan = plan_with_prior(CaptureRequest(goal="indirect"), self._config, grid)
         frame = self._frame(grid)
         if frame is not None:
             check = partial(check_frame, self._config, frame, grid, cut=plan.cut)
@@ -151,7 +151,7 @@ class _Check:
         """Rows and columns of quads of the camera's photos, where they are known."""
         camera = self._config.camera
         if camera.driver == "mock":
-            return frame_of(self._config, grid)
+            return compute_mock_frame(self._config, grid)
         told = load_profile(camera.profile).frame_quads if self._profile_read else None
         return None if told is None else (told[1], told[0])
 
@@ -168,6 +168,6 @@ def _stands_at_default(config: Config, key: str) -> bool:
     return True
 
 
-def _create(role: Role, name: str, context: DriverContext) -> None:
+def _create(role: DriverRole, name: str, context: DriverContext) -> None:
     """What the rig does at its start, up to the moment when devices are opened."""
     load_driver(role, name).create(context)

@@ -13,28 +13,28 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from pdcd.bench.calibration import read_calibration
-from pdcd.bench.choosing import FOLDER, held_in_use, other_devices
-from pdcd.bench.folders import state_dir
-from pdcd.bench.measured import Choice, choice, name_among
+from pdcd.bench.choosing import CALIBRATIONS_FOLDER, find_other_device, lock_calibration_in_use
+from pdcd.bench.folders import find_state_dir
+from pdcd.bench.measured import CalibrationChoice, choose_calibration, link_calibration
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.capture.job import Job, failure_of, planning
+from pdcd.capture.job import EngineJob, make_failure, make_planning_watch
 from pdcd.capture.rig import Rig
-from pdcd.capture.run import Run
-from pdcd.capture.worker.answers import Facts
+from pdcd.capture.run import CaptureRun
+from pdcd.capture.worker.answers import RigFacts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
+from pdcd.errors import Cancelled, DeviceLost, PdcdError, make_error
 from pdcd.planning.bench_fit import with_grid
-from pdcd.planning.defaults import asks_for_camera, wants_choice
-from pdcd.planning.schedule_fit import asks_for_lag
+from pdcd.planning.defaults import is_camera_needed, is_search_needed
+from pdcd.planning.schedule_fit import is_lag_needed
 from pdcd.protocol.events import Emit, Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import CameraView, DriverView, OwnerView, Preview, RigView
-from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.protocol.views import CameraView, DriverView, OwnerView, PreviewView, RigView
+from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.runs.folder import RunFolder, read_manifest
-from pdcd.runs.place import Place
+from pdcd.runs.place import HeldFolder
 from pdcd.sensor.profile import load_profile
 from pdcd.virtual.scene.build import CARD
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-Asked = Callable[[], bool]
+_Asked = Callable[[], bool]
 """Whether the job is to end; asked at every step, which also shows that the thread lives."""
 
 
@@ -92,14 +92,14 @@ class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
     def __init__(
-        self, config: Config, worker: Callable[[Facts], WorkerProxy] = InProcessWorker
+        self, config: Config, worker: Callable[[RigFacts], WorkerProxy] = InProcessWorker
     ) -> None:
         self._asked, self._make_worker = config, worker
         self._note = ""
         self._held: int | None = None
-        self._set_up(choice(config))
+        self._set_up(choose_calibration(config))
 
-    def _set_up(self, chosen: Choice) -> None:
+    def _set_up(self, chosen: CalibrationChoice) -> None:
         """Make the rig of a configuration with its calibration, closed, and who works for it."""
         if chosen.words and chosen.words != self._note:
             logger.info("%s", chosen.words, extra={"for_people": True})
@@ -107,7 +107,7 @@ class Engine:
         config = with_grid(chosen.config)
         rig, profile = Rig(config), load_profile(config.camera.profile)
         self._worker = self._make_worker(
-            Facts(config, profile, rig.grid, rig.scene, rig.cells_meet)
+            RigFacts(config, profile, rig.grid, rig.scene, rig.cells_meet)
         )
         self._config, self._rig, self._profile = config, rig, profile
 
@@ -128,7 +128,7 @@ class Engine:
 
         ready = [] if child is None else [child]
 
-        def spawned(facts: Facts) -> SpawnedWorker:
+        def spawned(facts: RigFacts) -> SpawnedWorker:
             return SpawnedWorker(facts, child=ready.pop() if ready else None)
 
         return cls(config, spawned)
@@ -140,10 +140,10 @@ class Engine:
         if self._asked.calibration.use != "latest" or used.sha256 is None:
             return
         record, _ = read_calibration(Path(used.use))
-        if other_devices(record, rig.camera_info, rig.display_info) is None:
+        if find_other_device(record, rig.camera_info, rig.display_info) is None:
             return
         # Nobody named it: another one that fits the devices is used, or none.
-        found = choice(self._asked, rig.camera_info, rig.display_info)
+        found = choose_calibration(self._asked, rig.camera_info, rig.display_info)
         if found.config.calibration.sha256 != used.sha256:
             self.stop()
             self._set_up(found)
@@ -152,7 +152,7 @@ class Engine:
     def _open(self) -> None:
         used = self._config.calibration
         if used.sha256 is not None and self._held is None:
-            self._held = held_in_use(Path(used.use))
+            self._held = lock_calibration_in_use(Path(used.use))
         self._worker.start()  # which takes a while to get warm, as devices do
         self._rig.connect()
 
@@ -180,10 +180,10 @@ class Engine:
     def optics(self) -> OpticalBench | None:
         """What a mock camera sees, pixel by pixel, once it is open; None for a real one, and where
         the scene's cells say all there is to see."""
-        from pdcd.virtual.optics.needed import optics_of  # nothing waits for its pixels
+        from pdcd.virtual.optics.needed import choose_optics  # nothing waits for its pixels
 
         scene = self._rig.scene
-        return None if scene is None else optics_of(self._config, scene)
+        return None if scene is None else choose_optics(self._config, scene)
 
     def describe(self) -> RigView:
         """The rig: drivers, panels, camera, scene."""
@@ -221,10 +221,10 @@ class Engine:
     def plan(
         self,
         request: CaptureRequest,
-        given: Given = NOTHING,
+        given: Given = NO_ARRAYS,
         *,
         emit: Emit = _unheard,
-        cancelled: Asked = _never,
+        cancelled: _Asked = _never,
     ) -> PlanSummary:
         """What a request would do; `given` holds its arrays.
 
@@ -237,14 +237,14 @@ class Engine:
                 raise Cancelled("the plan was cancelled", hint="nothing was exposed")
 
         look_for_cancel()
-        choice = wants_choice(request)
+        choice = is_search_needed(request)
         camera = self._rig.camera
         # A plain plan does without a real camera that is not open.
-        if camera is None and (choice or (self._rig.mock and asks_for_camera(request))):
+        if camera is None and (choice or (self._rig.mock and is_camera_needed(request))):
             camera = self._rig.look_at_camera()
-        asked = choice or asks_for_lag(request, self._config)
+        asked = choice or is_lag_needed(request, self._config)
         lag_s = self._rig.mask_lag_s() if asked else None
-        watch = planning(emit, look_for_cancel)
+        watch = make_planning_watch(emit, look_for_cancel)
         return self._worker.do(watch, Worker.plan, request, dict(given), camera, lag_s).summary
 
     def show(self, pattern: str, index: int = 0) -> None:
@@ -258,9 +258,11 @@ class Engine:
                     "the panels may still be lit", device="display", hint="see the daemon's log"
                 )
             return
-        from pdcd.capture.show import pattern_frames  # no capture waits for pictures to look at
+        from pdcd.capture.show import (
+            make_pattern_frames,  # no capture waits for pictures to look at
+        )
 
-        self._rig.display.show(pattern_frames(pattern, index, self.grid, self._config))
+        self._rig.display.show(make_pattern_frames(pattern, index, self.grid, self._config))
 
     def preview(
         self,
@@ -268,30 +270,30 @@ class Engine:
         job: str,
         owner: OwnerView | None = None,
         emit: Emit = _unheard,
-        cancelled: Asked = _never,
-    ) -> Preview:
+        cancelled: _Asked = _never,
+    ) -> PreviewView:
         """A short white photo as PNG below the state folder, which keeps the last few.
 
         `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
         """
-        from pdcd.capture.previews import forget_old  # no capture has it
+        from pdcd.capture.previews import remove_old_previews  # no capture has it
 
         request = CaptureRequest(
             goal="white", codes=4, window="whole", guards=False, black_level="none"
         )
-        with Place.at(state_dir(self._config) / "preview") as parent:
+        with HeldFolder.at(find_state_dir(self._config) / "preview") as parent:
             result = self.capture(
                 request, job=job, owner=owner, emit=emit, cancelled=cancelled, parent=parent
             )
-            forget_old(parent.path)
+            remove_old_previews(parent.path)
         if result.folder is None or result.state != "done":
             error = result.error or {}
-            raise of_kind(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+            raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
         folder = Path(result.folder)
         path = folder / "preview" / "white.png"
         cells = read_manifest(folder).run.cells
         height, width = (0, 0) if cells is None else cells.frame
-        return Preview(
+        return PreviewView(
             path=str(path),
             sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
             shape=(height, width, 3),
@@ -300,13 +302,13 @@ class Engine:
     def capture(
         self,
         request: CaptureRequest,
-        given: Given = NOTHING,
+        given: Given = NO_ARRAYS,
         *,
         job: str,
         owner: OwnerView | None = None,
         emit: Emit,
         cancelled: Callable[[], bool],
-        parent: Place | None = None,
+        parent: HeldFolder | None = None,
         report: bool = False,
     ) -> CaptureResult:
         """Run one job to its end; never raises for what goes wrong in it.
@@ -318,15 +320,15 @@ class Engine:
         goes into `parent`, which stays open; without, to where request and configuration say.
         With `report` it gets its page (`pdcd.pages.report`) at once, if that costs little.
         """
-        ordered = Job(job, request, owner, emit, cancelled, given, report)
+        ordered = EngineJob(job, request, owner, emit, cancelled, given, report)
         self._rig.pulse.heard_by = cancelled
         safe, folder, run, failure = False, None, None, None
         with ExitStack() as held:
             try:
-                place = parent or held.enter_context(Place.at(self._out(request)))
+                place = parent or held.enter_context(HeldFolder.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
                 notes = (self._note,) if self._note else ()
-                run = Run(
+                run = CaptureRun(
                     self._config, self._rig, self._profile, self._worker, folder, ordered, notes
                 )
                 result = run.execute(self.describe())
@@ -338,7 +340,7 @@ class Engine:
                 taken = None if run is None else run.taken
                 warnings = () if run is None else run.warnings
                 now_ns = self._rig.clock.now_ns()
-                result = failure_of(
+                result = make_failure(
                     job, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
                 )
         return result if safe else _unsafe(result)
@@ -349,7 +351,7 @@ class Engine:
         *,
         job: str,
         emit: Emit,
-        cancelled: Asked,
+        cancelled: _Asked,
         proceed: Callable[[str], None] = _at_once,
         out: Path | None = None,
     ) -> CaptureResult:
@@ -369,7 +371,7 @@ class Engine:
         safe, folder, failure, run = False, None, None, None
         with ExitStack() as held:
             try:
-                place = held.enter_context(Place.at(out or self._calibrations))
+                place = held.enter_context(HeldFolder.at(out or self._calibrations))
                 folder = held.enter_context(RunFolder(place, job, below=FOLDERS))
                 run = CalibrationRun(
                     self._config, rig, self._profile, self._worker, folder, job, request, emit,
@@ -379,7 +381,7 @@ class Engine:
                     result = run.execute()
                 finally:
                     if out is not None and run.ended_whole and folder.where is not None:
-                        name_among(folder.where, self._calibrations)
+                        link_calibration(folder.where, self._calibrations)
             except Exception as err:
                 failure = _failure(err, "calibration", job)
             finally:
@@ -390,7 +392,7 @@ class Engine:
             whole = failure is None or (run is not None and run.ended_whole)
             if failure is not None:
                 now_ns = self._rig.clock.now_ns()
-                result = failure_of(job, folder, now_ns, failure, safe=safe, log=not whole)
+                result = make_failure(job, folder, now_ns, failure, safe=safe, log=not whole)
                 result = msgspec.structs.replace(result, passed=False)
                 if whole and run is not None:
                     result = _kept_in(result, run.kept)
@@ -403,7 +405,7 @@ class Engine:
 
     @property
     def _calibrations(self) -> Path:
-        return state_dir(self._config) / FOLDER
+        return find_state_dir(self._config) / CALIBRATIONS_FOLDER
 
     def _with_card(self) -> Rig:
         """The rig before a white card: a mock bench has its scene taken away for the while."""
@@ -427,11 +429,11 @@ class Engine:
         was_open = self._rig.camera_info is not None
         self.stop()
         try:
-            self._set_up(choice(self._asked))
+            self._set_up(choose_calibration(self._asked))
         finally:  # where what was measured cannot be, by the configuration as it was
             if was_open:
                 self.start()
 
     def _out(self, request: CaptureRequest) -> Path:
         """The folder that runs go to when nobody holds one open."""
-        return Path(request.out) if request.out else state_dir(self._config) / "captures"
+        return Path(request.out) if request.out else find_state_dir(self._config) / "captures"

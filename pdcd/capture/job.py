@@ -15,17 +15,17 @@ import numpy as np
 
 from pdcd.bench.devices import Clock
 from pdcd.bench.tables import Config
-from pdcd.capture.worker.answers import Developed
-from pdcd.errors import Cancelled, PdcdError, error_fields
-from pdcd.protocol.events import Decoded, Emit, Event, Planning, logged
+from pdcd.capture.worker.answers import DevelopedRun
+from pdcd.errors import Cancelled, PdcdError, to_error_fields
+from pdcd.protocol.events import DecodingProgress, Emit, Event, PlanningProgress, to_log_entry
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, Figure
+from pdcd.protocol.result import CaptureResult, SummaryValue
 from pdcd.protocol.views import OwnerView, RigView
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.ledger import Begun, Ledger
-from pdcd.runs.provenance import git_commit, utc_now, versions
+from pdcd.runs.ledger import RunLedger, RunStart
+from pdcd.runs.provenance import find_git_commit, format_utc_now, list_versions
 from pdcd.runs.record import (
     SCHEMA_VERSION,
     FileRecord,
@@ -40,14 +40,14 @@ logger = logging.getLogger(__name__)
 MAX_NAMED = 8
 """Most missing shots that are named."""
 
-Summary = dict[str, Figure]
+_Summary = dict[str, SummaryValue]
 
 TOLD = 64
 """Most warnings in a result, which is one line of the socket; the manifest has all of them."""
 
 
 @dataclass(frozen=True)
-class Job:
+class EngineJob:
     """What is wanted, by whom, and the two lines to whoever waits for it."""
 
     name: str
@@ -69,20 +69,20 @@ class Job:
         """Tells the client how far the making of pictures is, and looks for a cancel."""
 
         def step(done: float, total: float) -> None:
-            self.emit(Decoded(done=done, total=total))
+            self.emit(DecodingProgress(done=done, total=total))
 
         return Watch(self.look_for_cancel, step)
 
     def planning(self) -> Watch:
         """The same for planning."""
-        return planning(self.emit, self.look_for_cancel)
+        return make_planning_watch(self.emit, self.look_for_cancel)
 
 
-def planning(emit: Emit, look_for_cancel: Callable[[], None]) -> Watch:
+def make_planning_watch(emit: Emit, look_for_cancel: Callable[[], None]) -> Watch:
     """Tells how far a plan is; `look_for_cancel` may raise to end it."""
 
     def step(done: float, total: float) -> None:
-        emit(Planning(stage=watch.stage, done=done, total=total))
+        emit(PlanningProgress(stage=watch.stage, done=done, total=total))
 
     watch = Watch(look_for_cancel, step)
     return watch
@@ -92,15 +92,15 @@ def planning(emit: Emit, look_for_cancel: Callable[[], None]) -> Watch:
 class Journal:
     """Tells of a job as it goes, and writes down what the user must know at its end."""
 
-    job: Job
+    job: EngineJob
     folder: RunFolder
     clock: Clock
     warnings: list[str]
-    ledger: Ledger
+    ledger: RunLedger
 
     def notify(self, event: Event) -> None:
         """Tell the client and log.jsonl; then see whether the job is still wanted."""
-        self.folder.log(logged(event, self.clock.now_ns()))
+        self.folder.log(to_log_entry(event, self.clock.now_ns()))
         self.job.emit(event)
         self.job.look_for_cancel()
 
@@ -111,8 +111,8 @@ class Journal:
             self.ledger.warn(text)
 
 
-def warnings_of(
-    developed: Developed, config: Config, profile: SensorProfile, *, mock: bool
+def list_run_warnings(
+    developed: DevelopedRun, config: Config, profile: SensorProfile, *, mock: bool
 ) -> Iterator[str]:
     """What the user must know of a finished run beside what happened in its shots."""
     for name, blown in developed.saturated.items():
@@ -133,7 +133,7 @@ def warnings_of(
         yield f"sensor profile {profile.name} is an estimate"
 
 
-def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
+def summarise_run(plan: PlanSummary, developed: DevelopedRun) -> _Summary:
     """A finished run in figures."""
     record = developed.record
     how = record.how
@@ -141,7 +141,7 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
     sigma = developed.rms_sigma
     # Two buckets of one exposure are two shots.
     exposures = {(s.open_ns, s.close_ns): s for s in record.shots}.values()
-    told: Summary = {
+    told: _Summary = {
         "goal": record.goal.name,
         "picture": developed.picture,
         "method": how.method,
@@ -173,30 +173,30 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
     return told
 
 
-def begun_by(
-    job: Job, plan: PlanSummary, *, config: Config, mock: bool, rig: RigView, started_utc: str
-) -> Begun:
+def make_run_start(
+    job: EngineJob, plan: PlanSummary, *, config: Config, mock: bool, rig: RigView, started_utc: str
+) -> RunStart:
     """What is known of a run before its first exposure; `rig` describes the bench."""
-    return Begun(
+    return RunStart(
         job=job.name,
         mock=mock,
         owner={} if job.owner is None else msgspec.to_builtins(job.owner),
         started_utc=started_utc,
         request=msgspec.to_builtins(job.request),
         plan=msgspec.to_builtins(plan),
-        versions=versions(),
-        git_commit=git_commit(),
+        versions=list_versions(),
+        git_commit=find_git_commit(),
         drivers=msgspec.to_builtins(rig),
         config=msgspec.to_builtins(config),
     )
 
 
-def manifest_of(
-    begun: Begun,
+def make_manifest(
+    begun: RunStart,
     plan: dict[str, Any],
-    developed: Developed,
+    developed: DevelopedRun,
     *,
-    summary: Summary,
+    summary: _Summary,
     warnings: Sequence[str],
     meter: Sequence[MeterRecord],
     files: dict[str, FileRecord],
@@ -214,15 +214,15 @@ def manifest_of(
         mock=begun.mock,
         owner=begun.owner,
         started_utc=begun.started_utc,
-        finished_utc=utc_now(),
+        finished_utc=format_utc_now(),
         request=begun.request,
         plan=plan,
         run=developed.record,
         realised={name: msgspec.to_builtins(d) for name, d in developed.deviations.items()},
         summary=summary,
         warnings=tuple(warnings),
-        versions=versions(),
-        git_commit=git_commit(),
+        versions=list_versions(),
+        git_commit=find_git_commit(),
         exif=developed.exif,
         drivers=begun.drivers,
         config=begun.config,
@@ -232,7 +232,7 @@ def manifest_of(
     )
 
 
-def told(warnings: Sequence[str]) -> tuple[str, ...]:
+def merge_warnings(warnings: Sequence[str]) -> tuple[str, ...]:
     """Warnings as a result has them: what was said of many shots in the same words is said once.
 
     Of a run of a thousand shots each may have the same to say.
@@ -251,7 +251,7 @@ def told(warnings: Sequence[str]) -> tuple[str, ...]:
     return tuple(brief)
 
 
-def taken_words(taken: int, planned: int, missing: Sequence[str]) -> str:
+def describe_shots_taken(taken: int, planned: int, missing: Sequence[str]) -> str:
     """How far a run came: "3 of 5 shots, missing: black, coded.4"."""
     words = f"{taken} of {planned} shots"
     if missing:
@@ -268,7 +268,7 @@ def _shown(text: str, path: Path, where: Path) -> str:
     return re.sub(ours, lambda _: str(where), text)
 
 
-def failure_of(
+def make_failure(
     job: str,
     folder: RunFolder | None,
     now_ns: int,
@@ -286,7 +286,7 @@ def failure_of(
     which of its shots are there, where any is. `warnings` are those that it gave until then.
     """
     cancelled = isinstance(error, Cancelled)
-    fields = error_fields(error)
+    fields = to_error_fields(error)
     where = None if folder is None else folder.where
     if folder is not None and where is not None:
         # Nobody else could follow the path through our descriptor.
@@ -308,5 +308,5 @@ def failure_of(
         error=fields,
         files=() if folder is None else folder.files(),
         summary={} if taken is None else {"taken": taken},
-        warnings=told(warnings),
+        warnings=merge_warnings(warnings),
     )

@@ -14,43 +14,43 @@ import msgspec
 
 from pdcd.bench import calibration as kept
 from pdcd.bench.calibration import (
-    KEPT,
+    STEP_FOLDER_PREFIX,
+    BenchIdentity,
     Calibration,
+    CalibrationFile,
+    CalibrationStop,
     CameraRecord,
-    Entry,
-    FileRecord,
-    Identity,
+    MeasuredValue,
     StepRecord,
-    Stopped,
     read_calibration,
 )
-from pdcd.bench.choosing import bench_of, truth_of_bench
+from pdcd.bench.choosing import hash_truth_file, select_mock_tables
 from pdcd.bench.devices import CameraInfo
-from pdcd.bench.measured import hours_since
+from pdcd.bench.measured import compute_age_h
 from pdcd.bench.tables import Config
 from pdcd.calibration.steps import GOES_BY, STALE
 from pdcd.capture.rig import Rig
-from pdcd.capture.worker.calibrating import Found
+from pdcd.capture.worker.calibrating import StepResult
 from pdcd.errors import Cancelled, PdcdError, disk_errors
 from pdcd.protocol.request import CalibrateRequest
-from pdcd.runs.folder import LOG, RunFolder, sync
-from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.provenance import utc_now
+from pdcd.runs.folder import LOG, RunFolder, write_through
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
+from pdcd.runs.provenance import format_utc_now
 from pdcd.sensor.profile import SensorProfile
 from pdcd.version import __version__
 from pdcd.words import VerdictName
 
 logger = logging.getLogger(__name__)
 
-GOES_ON_H = 12.0
+_GOES_ON_H = 12.0
 """Hours after which what a stopped calibration found is measured again: lamp and room of another
 day are others."""
-ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
-State = Literal["running", "done", "failed", "cancelled"]
+_ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
+_State = Literal["running", "done", "failed", "cancelled"]
 
 
 @dataclass(frozen=True)
-class Before:
+class PreviousCalibration:
     """The calibration that is in use when another one begins."""
 
     folder: Path
@@ -59,7 +59,7 @@ class Before:
 
 
 @dataclass
-class Keeper:
+class CalibrationKeeper:
     """The folder of one calibration, which is a sound calibration after every step.
 
     config : what is believed. typed : the same without measured values. before : the calibration
@@ -75,15 +75,15 @@ class Keeper:
     folder: RunFolder
     job: str
     request: CalibrateRequest
-    before: Before | None
+    before: PreviousCalibration | None
     taken_over: Mapping[str, str]
-    write: Callable[[str], dict[str, Entry]]
-    started_utc: str = field(default_factory=utc_now)
+    write: Callable[[str], dict[str, MeasuredValue]]
+    started_utc: str = field(default_factory=format_utc_now)
     steps: list[StepRecord] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
     stale: dict[str, str] = field(default_factory=dict)
     flip: int | None = None
-    _measured: dict[str, Entry] = field(default_factory=dict)
+    _measured: dict[str, MeasuredValue] = field(default_factory=dict)
     _kept: Path | None = None
 
     @property
@@ -94,35 +94,35 @@ class Keeper:
     @property
     def verdict(self) -> VerdictName:
         """The worst of all steps so far."""
-        return ORDER[max((ORDER.index(step.verdict) for step in self.steps), default=0)]
+        return _ORDER[max((_ORDER.index(step.verdict) for step in self.steps), default=0)]
 
-    def keep(self, found: Found) -> None:
+    def keep(self, found: StepResult) -> None:
         """Keep what a step found, durably. Raises NoSpaceError and DiskError."""
         self.steps.append(found.step)
         if found.left_out:
             self.left_out[found.step.name] = found.left_out
         if len(self.steps) == 1:
             return  # the metering before all steps tells nothing that is kept
-        name = f"{KEPT}{len(self.steps) - 1:02d}"
+        name = f"{STEP_FOLDER_PREFIX}{len(self.steps) - 1:02d}"
         new, root = self.folder.path / f"{name}.new", self.folder.path
         measured = self.write(new.name)
         self._carry_over(measured, new)
         with disk_errors(str(self.folder.where)):
             for file in (FRAMES, *(photo.raw for photo in found.step.photos)):
                 if (root / file).exists():
-                    sync(root / file)
-            data = kept.encoded(self._record("running", measured, self._files(new)))
+                    write_through(root / file)
+            data = kept.encode_calibration(self._record("running", measured, self._files(new)))
             (new / kept.RECORD).write_bytes(data)
-            (new / kept.DIGEST).write_bytes(kept.digest_line(data))
+            (new / kept.CALIBRATION_DIGEST).write_bytes(kept.format_digest_line(data))
             for path in (*new.iterdir(), new, root / "raw"):
-                sync(path)
+                write_through(path)
             new.rename(root / name)
-            sync(root)
+            write_through(root)
             if self._kept is not None:
                 shutil.rmtree(self._kept)
         self._kept, self._measured = root / name, measured
 
-    def finish(self, state: State, stopped: Stopped | None = None) -> str:
+    def finish(self, state: _State, stopped: CalibrationStop | None = None) -> str:
         """Make the folder whole with what is kept, and give it its name; returns its digest.
 
         Raises NoSpaceError and DiskError; what is kept stays then."""
@@ -130,17 +130,19 @@ class Keeper:
         if self._kept is not None:
             with disk_errors(str(self.folder.where)):
                 for path in self._kept.iterdir():
-                    if path.name not in (kept.RECORD, kept.DIGEST):
+                    if path.name not in (kept.RECORD, kept.CALIBRATION_DIGEST):
                         shutil.copyfile(path, root / path.name)
         files = {
-            name: FileRecord(found.sha256, found.size_bytes)
+            name: CalibrationFile(found.sha256, found.size_bytes)
             for name, found in self.folder.hashes(self.rig.pulse).items()
-            if not name.startswith(KEPT)
+            if not name.startswith(STEP_FOLDER_PREFIX)
         }
-        data = kept.encoded(self._record(state, self._measured, files, stopped))
-        line = kept.digest_line(data)
-        sha256 = self.folder.finish_with(data, kept.RECORD, line, kept.DIGEST, self.rig.pulse)
-        for path in self.folder.path.glob(f"{KEPT}*"):
+        data = kept.encode_calibration(self._record(state, self._measured, files, stopped))
+        line = kept.format_digest_line(data)
+        sha256 = self.folder.finish_with(
+            data, kept.RECORD, line, kept.CALIBRATION_DIGEST, self.rig.pulse
+        )
+        for path in self.folder.path.glob(f"{STEP_FOLDER_PREFIX}*"):
             shutil.rmtree(path, ignore_errors=True)
         return sha256
 
@@ -149,10 +151,10 @@ class Keeper:
         there is anything. Raises nothing."""
         if not self.names:
             return False
-        state: State = "cancelled" if isinstance(err, Cancelled) else "failed"
+        state: _State = "cancelled" if isinstance(err, Cancelled) else "failed"
         where = str(self.folder.where)
         said = err.message if isinstance(err, PdcdError) else f"internal error: {err}"
-        stopped = Stopped(
+        stopped = CalibrationStop(
             step=step,
             kind=getattr(err, "kind", "internal"),
             message=said.replace(str(self.folder.path), where),
@@ -171,15 +173,17 @@ class Keeper:
     def _kept_steps(self) -> list[StepRecord]:
         return [step for step in self.steps[1:] if step.name not in self.left_out]
 
-    def _files(self, new: Path) -> dict[str, FileRecord]:
+    def _files(self, new: Path) -> dict[str, CalibrationFile]:
         """The files that belong to what is kept: those of steps before are as they were."""
         photos = [photo for step in self.steps for photo in step.photos]
-        files = {photo.raw: FileRecord(photo.sha256, photo.size_bytes) for photo in photos}
-        for name, found in self.folder.hashes(self.rig.pulse, skip=("raw/", LOG, KEPT)).items():
-            files[name] = FileRecord(found.sha256, found.size_bytes)
+        files = {photo.raw: CalibrationFile(photo.sha256, photo.size_bytes) for photo in photos}
+        for name, found in self.folder.hashes(
+            self.rig.pulse, skip=("raw/", LOG, STEP_FOLDER_PREFIX)
+        ).items():
+            files[name] = CalibrationFile(found.sha256, found.size_bytes)
         return files
 
-    def _carry_over(self, measured: dict[str, Entry], into: Path) -> None:
+    def _carry_over(self, measured: dict[str, MeasuredValue], into: Path) -> None:
         """Take over what this calibration did not measure from the one before, but for what it made
         untrue. Raises NoSpaceError and DiskError."""
         if self.before is None:
@@ -204,10 +208,10 @@ class Keeper:
 
     def _record(
         self,
-        state: State,
-        measured: dict[str, Entry],
-        files: dict[str, FileRecord],
-        stopped: Stopped | None = None,
+        state: _State,
+        measured: dict[str, MeasuredValue],
+        files: dict[str, CalibrationFile],
+        stopped: CalibrationStop | None = None,
     ) -> Calibration:
         before = self.before
         return Calibration(
@@ -215,14 +219,14 @@ class Keeper:
             name=self.job,
             version=__version__,
             started_utc=self.started_utc,
-            finished_utc=utc_now(),
+            finished_utc=format_utc_now(),
             verdict=self.verdict,
             identity=self._identity(),
             belief=msgspec.to_builtins(self.config),
             camera=CameraRecord.of(self.camera),
             profile=msgspec.to_builtins(self.profile),
             measured=measured,
-            config=kept.tables_of(measured),
+            config=kept.to_config_tables(measured),
             steps=tuple(self.steps),
             before=None if before is None else before.digest,
             subject=self.request.subject,
@@ -233,14 +237,14 @@ class Keeper:
             left_out=self.left_out,
             asked=self.request.steps,
             taken_over=dict(self.taken_over),
-            bench=bench_of(self.typed),
+            bench=select_mock_tables(self.typed),
         )
 
-    def _identity(self) -> Identity:
+    def _identity(self) -> BenchIdentity:
         config, display, camera = self.config, self.rig.display_info, self.camera
         settings = self.steps[-1].settings if self.steps else {}
         named = {} if display is None else display.identity
-        return Identity(
+        return BenchIdentity(
             rig=config.rig.name,
             camera_model=camera.model,
             camera_serial=camera.serial,
@@ -252,23 +256,23 @@ class Keeper:
             mask_hz=config.mask.refresh_hz,
             iso=int(settings.get("iso", 0)),
             f_number=settings.get("f_number"),
-            truth=truth_of_bench(self.typed),
+            truth=hash_truth_file(self.typed),
         )
 
 
-def read_before(folder: Path | None) -> Before | None:
+def read_previous_calibration(folder: Path | None) -> PreviousCalibration | None:
     """The calibration in use, where there is one that can be read."""
     if folder is None:
         return None
     try:
-        return Before(folder, *read_calibration(folder))
+        return PreviousCalibration(folder, *read_calibration(folder))
     except PdcdError as err:
         logger.warning("calibration before cannot be used: %s", err)
         return None
 
 
-def taken_over(
-    before: Before | None,
+def find_reusable_steps(
+    before: PreviousCalibration | None,
     request: CalibrateRequest,
     names: tuple[str, ...],
     now: datetime | None = None,
@@ -285,23 +289,27 @@ def taken_over(
     again: set[str] = set()
     for name in names:
         made = record.found.get(name)
-        if made is None or age_h(made, now) > GOES_ON_H or again & GOES_BY.get(name, frozenset()):
+        if (
+            made is None
+            or measure_age_h(made, now) > _GOES_ON_H
+            or again & GOES_BY.get(name, frozenset())
+        ):
             again.add(name)
         else:
             over[name] = made
     return over if again else {}
 
 
-def taken_words(before: Before, over: Mapping[str, str]) -> str:
+def describe_reused_steps(before: PreviousCalibration, over: Mapping[str, str]) -> str:
     """Which steps are taken over, and how old they are, in a line."""
-    oldest = max(map(age_h, over.values()))
+    oldest = max(map(measure_age_h, over.values()))
     return (
         f"goes on where {before.record.name} stopped: {', '.join(over)} taken over, at most "
         f"{oldest:.1f} h old (--anew measures all again)"
     )
 
 
-def age_h(made_utc: str, now: datetime | None = None) -> float:
+def measure_age_h(made_utc: str, now: datetime | None = None) -> float:
     """Hours since then; infinite where nobody can tell, or where it is yet to come."""
-    hours = hours_since(made_utc, now)
+    hours = compute_age_h(made_utc, now)
     return hours if hours > -0.1 else float("inf")

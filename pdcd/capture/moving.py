@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pdcd.bench.devices import Clock, Shutter, WhileShown
+from pdcd.bench.devices import Clock, Shutter, ShutterTiming
 from pdcd.errors import ExposureError, PdcdError
 from pdcd.protocol.events import Emit, ShutterClosed, ShutterOpen
 
-EARLY_NS = 150_000_000
+_EARLY_NS = 150_000_000
 """So long before the shutter is to close, a call waits for that: the next one might come late."""
 
 
@@ -28,7 +28,7 @@ class MovingShutter:
 
     shutter: Shutter
     clock: Clock
-    when: WhileShown
+    when: ShutterTiming
     shot: str
     notify: Emit
     progress: Callable[[int, int, int], None]
@@ -38,7 +38,7 @@ class MovingShutter:
     close_ns: int | None = None
 
     def __call__(self, frame: int, frames: int, missed: int) -> None:
-        """Open or close where it is time to; closing may wait for `EARLY_NS`."""
+        """Open or close where it is time to; closing may wait for `_EARLY_NS`."""
         self.progress(frame, frames, missed)
         if self.failure is not None:
             return
@@ -58,7 +58,7 @@ class MovingShutter:
                 self.notify(ShutterOpen(shot=self.shot, t_mono_ns=self.open_ns))
             return
         due_ns = self.open_ns + round(self.when.open_s * 1e9)
-        if self.close_ns is None and self.clock.now_ns() >= due_ns - EARLY_NS:
+        if self.close_ns is None and self.clock.now_ns() >= due_ns - _EARLY_NS:
             self.clock.sleep_until_ns(due_ns)
             self.close_ns = self.shutter.close()
             self.notify(ShutterClosed(shot=self.shot, t_mono_ns=self.close_ns))

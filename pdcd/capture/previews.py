@@ -9,15 +9,16 @@ from pathlib import Path
 
 logger = logging.getLogger(__name__)
 
-KEPT = 8
+PREVIEWS_KEPT = 8
 """Previews that stay on the disk."""
 
 _OWN = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{4}(\.partial)?")
 """How previews are called: by their job, which begins with the time."""
 
 
-def forget_old(folder: Path) -> None:
-    """Remove all previews below `folder` but the last `KEPT`; whatever else lies there stays.
+def remove_old_previews(folder: Path) -> None:
+    """Remove all previews below `folder` but the last `PREVIEWS_KEPT`; whatever else lies there
+    stays.
 
     What cannot be removed is logged and left: a full disk or a lost right is no reason to fail.
     """
@@ -26,7 +27,7 @@ def forget_old(folder: Path) -> None:
     except OSError as err:
         logger.warning("cannot look for old previews folder=%s error=%s", folder, err)
         return
-    for old in sorted(found, key=lambda p: p.name)[:-KEPT]:
+    for old in sorted(found, key=lambda p: p.name)[:-PREVIEWS_KEPT]:
         try:
             shutil.rmtree(old)  # does not follow links
         except OSError as err:

@@ -24,10 +24,10 @@ from pdcd.bench.devices import (
     RawFile,
     Readout,
     Shutter,
-    WhileShown,
+    ShutterTiming,
 )
-from pdcd.bench.exposure_time import tell, with_open_time, with_times
-from pdcd.bench.placed import place_faults
+from pdcd.bench.exposure_time import tell_exposure_time, with_exposure_times, with_open_time
+from pdcd.bench.placed import find_place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.errors import (
@@ -41,8 +41,8 @@ from pdcd.errors import (
 )
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.panels.schedule import build_frames
-from pdcd.protocol.events import Armed, Emit, ShutterClosed, ShutterOpen
-from pdcd.sensor.dng import CFAS, write_photo
+from pdcd.protocol.events import Emit, ShotArmed, ShutterClosed, ShutterOpen
+from pdcd.sensor.dng import CFAS, write_photo_frame
 from pdcd.virtual.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -50,21 +50,21 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-SAFE_TRIES = 3
+_SAFE_TRIES = 3
 """How often a device that fails is asked to go black or to close before it is given up."""
-LAST_PHOTOS = 9
+_LAST_PHOTOS = 9
 """Photos by whose median it is known what a photo costs."""
 
-BLACK_REFRESHES = 30
+_BLACK_REFRESHES = 30
 """By which the lag of a mask is looked at whose display does not tell it: half a second."""
-STEADY = 0.02
+_STEADY = 0.02
 """Share of a refresh by which that may change meanwhile: panels on clocks of their own drift."""
 
-Progress = Callable[[int, int, int], None]
+_Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True)
-class Exposure:
+class RigExposure:
     """One finished exposure."""
 
     open_ns: int
@@ -79,7 +79,7 @@ class Exposure:
         return (self.close_ns - self.open_ns) * 1e-9
 
 
-class Pulse:
+class _Pulse:
     """Passes the drivers' signs of life on to whoever runs the job."""
 
     def __init__(self) -> None:
@@ -97,11 +97,11 @@ class Rig:
     def __init__(self, config: Config) -> None:
         """Raises ConfigError for a place on the field that a device cannot have, before any driver
         is made; DriverUnavailable for a driver that is not there."""
-        for device, why in place_faults(config):
+        for device, why in find_place_faults(config):
             raise ConfigError(f"{device}.place: {why}", device=device)
         self.config = config
         self.clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
-        self.pulse = Pulse()
+        self.pulse = _Pulse()
         context = DriverContext(config=config, clock=self.clock, alive=self.pulse)
         self._context = context
         classes = {
@@ -117,7 +117,7 @@ class Rig:
         self.shutter_info: dict[str, str] = {}
         self.camera_info: CameraInfo | None = None
         self._arming_ns = 0
-        self._readouts_ns: deque[int] = deque(maxlen=LAST_PHOTOS)
+        self._readouts_ns: deque[int] = deque(maxlen=_LAST_PHOTOS)
 
     @property
     def camera(self) -> CameraInfo | None:
@@ -223,7 +223,7 @@ class Rig:
         skew_s = self.config.mask.skew_s - self.config.projector.skew_s
         if info.mask_lag_s is not None or not (look and skew_s):
             return info.mask_lag_s
-        count = BLACK_REFRESHES * self.config.display.planes_per_refresh
+        count = _BLACK_REFRESHES * self.config.display.planes_per_refresh
         black = build_frames(
             None,
             self.grid,
@@ -240,7 +240,7 @@ class Rig:
             logger.warning("the lag of the mask is not known error=%s", err)
             return None
         apart_s = 1e-9 * (log.dual_ns - log.primal_ns)[log.missed == 0]
-        if not apart_s.size or np.ptp(apart_s) > STEADY / self.config.row_hz:
+        if not apart_s.size or np.ptp(apart_s) > _STEADY / self.config.row_hz:
             return None
         return float(np.median(apart_s)) + log.mask_delay / self.config.row_hz + skew_s
 
@@ -271,7 +271,7 @@ class Rig:
         """
         safe = True
         for name, action in (("display", self.display.black), ("shutter", self.shutter.close)):
-            for left in range(SAFE_TRIES - 1, -1, -1):
+            for left in range(_SAFE_TRIES - 1, -1, -1):
                 try:
                     action()
                     break
@@ -301,10 +301,10 @@ class Rig:
         name: str,
         *,
         notify: Emit,
-        progress: Progress,
+        progress: _Progress,
         cancelled: Callable[[], bool],
-        moving: WhileShown | None = None,
-    ) -> Exposure:
+        moving: ShutterTiming | None = None,
+    ) -> RigExposure:
         """Take one exposure of the frames and fetch its RAW file.
 
         The shutter opens and closes on panels that have settled to black, so its lag and jitter do
@@ -322,8 +322,8 @@ class Rig:
         black_ns = self.clock.now_ns()
         self.readout.arm(settings)
         self._arming_ns = self.clock.now_ns() - black_ns
-        notify(Armed(shot=name, frames=len(frames)))
-        tell(self.shutter, settings)
+        notify(ShotArmed(shot=name, frames=len(frames)))
+        tell_exposure_time(self.shutter, settings)
         self.clock.sleep_until_ns(black_ns + settle_ns)
         shared = self._context.shared
         shared.exposed_ns = shared.played = None
@@ -335,7 +335,7 @@ class Rig:
                 self.shutter, self.clock, moving, name, notify, progress, cancelled
             )
             log, open_ns, close_ns = self._moved(mover, frames, folder)
-            return Exposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
+            return RigExposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self.clock.sleep_until_ns(open_ns + settle_ns)
@@ -351,10 +351,10 @@ class Rig:
         close_ns = self.shutter.close()
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
-        return Exposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
+        return RigExposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
 
     def _timed(
-        self, settings: CameraSettings, frames: Frames, moving: WhileShown | None
+        self, settings: CameraSettings, frames: Frames, moving: ShutterTiming | None
     ) -> CameraSettings:
         """The settings with the times of this exposure. Raises ConfigError for frames that the
         display cannot show."""
@@ -363,7 +363,9 @@ class Rig:
             check_row_times(frames)
         if moving is not None:
             return with_open_time(settings, self.config, moving.open_s)
-        return with_times(settings, self.config, frames, None if info is None else info.refresh_hz)
+        return with_exposure_times(
+            settings, self.config, frames, None if info is None else info.refresh_hz
+        )
 
     def _moved(
         self, mover: MovingShutter, frames: Frames, folder: Path
@@ -419,4 +421,4 @@ class Rig:
             )
         camera = self.camera_info
         model, serial = ("unknown", "") if camera is None else (camera.model, camera.serial)
-        return write_photo(photo, folder / f"{name}.dng", model, serial)
+        return write_photo_frame(photo, folder / f"{name}.dng", model, serial)

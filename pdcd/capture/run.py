@@ -9,32 +9,38 @@ import msgspec
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.capture.bench_check import FrameCheck, doubts
+from pdcd.capture.bench_check import FrameCheck, find_calibration_doubts
 from pdcd.capture.job import (
-    Job,
+    EngineJob,
     Journal,
-    begun_by,
-    manifest_of,
-    summary_of,
-    taken_words,
-    told,
-    warnings_of,
+    describe_shots_taken,
+    list_run_warnings,
+    make_manifest,
+    make_run_start,
+    merge_warnings,
+    summarise_run,
 )
 from pdcd.capture.rig import Rig
 from pdcd.capture.shots import ShotTaker
-from pdcd.capture.worker.answers import Adopted, Enough, Note, Planned, Taken
+from pdcd.capture.worker.answers import (
+    AdoptedPlan,
+    ConvergenceNote,
+    OrderNote,
+    PhotoOutcome,
+    PlannedRun,
+)
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import DeviceLost
-from pdcd.planning.defaults import wants_choice
-from pdcd.planning.schedule_fit import asks_for_lag
+from pdcd.planning.defaults import is_search_needed
+from pdcd.planning.schedule_fit import is_lag_needed
 from pdcd.protocol import events
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.ledger import Ledger
-from pdcd.runs.manifest import DIGEST, MANIFEST
-from pdcd.runs.provenance import utc_now
+from pdcd.runs.ledger import RunLedger
+from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
+from pdcd.runs.provenance import format_utc_now
 from pdcd.runs.record import MeterRecord
 from pdcd.sensor.profile import SensorProfile
 from pdcd.watch import Watch
@@ -42,7 +48,7 @@ from pdcd.watch import Watch
 logger = logging.getLogger(__name__)
 
 
-class Run:
+class CaptureRun:
     """Takes one job through: plan, shots, pictures, folder.
 
     Raises DeviceLost when the rig is not open.
@@ -55,7 +61,7 @@ class Run:
         profile: SensorProfile,
         worker: WorkerProxy,
         folder: RunFolder,
-        job: Job,
+        job: EngineJob,
         notes: tuple[str, ...] = (),
     ) -> None:
         """notes : what else the user is to know of the bench."""
@@ -65,10 +71,10 @@ class Run:
         self._camera: CameraInfo = rig.camera_info
         self._notes = notes
         self._worker, self._folder, self._job = worker, folder, job
-        self._adopted: Adopted | None = None
+        self._adopted: AdoptedPlan | None = None
         self._taken: list[str] = []
         self._meter: list[MeterRecord] = []
-        self._ledger = Ledger(folder)
+        self._ledger = RunLedger(folder)
         self._journal = Journal(job, folder, rig.clock, [], self._ledger)
         self._check = FrameCheck(config, self._camera, self._journal)
         self._taker = ShotTaker(config, rig, worker, self._journal, self._check)
@@ -83,17 +89,17 @@ class Run:
 
         `rig` describes the bench for the manifest.
         """
-        started, begun_s = utc_now(), time.perf_counter()
+        started, begun_s = format_utc_now(), time.perf_counter()
         job, folder = self._job, self._folder
         planned = self._plan()
         iso = min(self._camera.isos) if planned.iso is None else planned.iso
-        doubtful = tuple(doubts(self._config, self._rig, iso))
+        doubtful = tuple(find_calibration_doubts(self._config, self._rig, iso))
         self._check.foresee(self._rig.grid, cut=planned.cut)
         folder.create(min_free_bytes=self._config.limits.min_free_bytes)
-        self._journal.notify(events.Started(job=job.name, goal=job.request.goal))
+        self._journal.notify(events.JobStarted(job=job.name, goal=job.request.goal))
         adopted = self._worker.do(job.watch(), Worker.begin, folder.path)
         mock = self._rig.mock
-        begun = begun_by(
+        begun = make_run_start(
             job, planned.summary, config=self._config, mock=mock, rig=rig, started_utc=started
         )
         self._ledger.begin(begun)
@@ -103,16 +109,16 @@ class Run:
         if self._rig.mixed is not None:
             self._journal.warn(self._rig.mixed)
         self._take_all()
-        self._journal.notify(events.Decoding(shots=len(self._taken)))
+        self._journal.notify(events.DecodingStarted(shots=len(self._taken)))
         developed = self._worker.do(job.watch(), Worker.develop, report=job.report)
-        for text in warnings_of(developed, self._config, self._profile, mock=mock):
+        for text in list_run_warnings(developed, self._config, self._profile, mock=mock):
             self._journal.warn(text)
         plan = (self._adopted or adopted).summary  # as it came to be
-        summary = summary_of(plan, developed)
+        summary = summarise_run(plan, developed)
         summary["wall_s"] = time.perf_counter() - begun_s
         # The last line of log.jsonl: hashes come after it.
-        self._journal.notify(events.Archived(job=job.name))
-        manifest = manifest_of(
+        self._journal.notify(events.PicturesArchived(job=job.name))
+        manifest = make_manifest(
             begun,
             msgspec.to_builtins(plan),
             developed,
@@ -121,7 +127,7 @@ class Run:
             meter=self._meter,
             files=folder.hashes(job.look_for_cancel),
         )
-        files = (*folder.files(), DIGEST, MANIFEST)
+        files = (*folder.files(), MANIFEST_DIGEST, MANIFEST)
         digest = folder.finish(manifest, self._rig.pulse)
         return CaptureResult(
             job=job.name,
@@ -130,7 +136,7 @@ class Run:
             folder=str(folder.where),
             files=(*files, *self._report()),
             summary=summary,
-            warnings=told(self.warnings),
+            warnings=merge_warnings(self.warnings),
         )
 
     def _report(self) -> tuple[str, ...]:
@@ -154,17 +160,17 @@ class Run:
             return None
         shots = self._adopted.shots
         missing = [name for name in shots if name not in self._taken]
-        return taken_words(len(self._taken), len(shots), missing)
+        return describe_shots_taken(len(self._taken), len(shots), missing)
 
-    def _plan(self) -> Planned:
+    def _plan(self) -> PlannedRun:
         """The plan as asked for, or as a wanted error or time has it."""
         job, rig = self._job, self._rig
         request, given = job.request, dict(job.given)
-        needs_lag = wants_choice(request) or asks_for_lag(request, self._config)
+        needs_lag = is_search_needed(request) or is_lag_needed(request, self._config)
         lag_s = rig.mask_lag_s(look=needs_lag)
         return self._worker.do(job.planning(), Worker.plan, request, given, rig.camera, lag_s)
 
-    def _adopt(self, adopted: Adopted) -> None:
+    def _adopt(self, adopted: AdoptedPlan) -> None:
         """Write down by what plan the run goes from here on; shots that it does not know are none
         any more."""
         self._adopted = adopted
@@ -173,7 +179,7 @@ class Run:
 
     def _take_all(self) -> None:
         """Take what the worker wants, photo after photo, and keep what it says meanwhile."""
-        taken: Taken = None
+        taken: PhotoOutcome = None
         while True:
             order = self._worker.do(self._job.watch(), Worker.next_exposure, taken)
             for note in order.notes:
@@ -184,16 +190,16 @@ class Run:
             if isinstance(taken, tuple):
                 self._taken += [record.name for record in taken]
 
-    def _keep(self, note: Note) -> None:
+    def _keep(self, note: OrderNote) -> None:
         """Tell and write down one thing."""
         if isinstance(note, str):
             self._journal.warn(note)
         elif isinstance(note, MeterRecord):
             self._meter.append(note)
             self._ledger.meter(note)
-        elif isinstance(note, Adopted):
+        elif isinstance(note, AdoptedPlan):
             self._adopt(note)
-        elif isinstance(note, Enough):
+        elif isinstance(note, ConvergenceNote):
             self._ledger.enough()
         else:
             self._journal.notify(note)

@@ -19,32 +19,38 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.tables import Config
-from pdcd.capture.job import manifest_of, summary_of, taken_words, warnings_of
-from pdcd.capture.worker.answers import developed_of
+from pdcd.capture.job import describe_shots_taken, list_run_warnings, make_manifest, summarise_run
+from pdcd.capture.worker.answers import make_developed_run
 from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
-from pdcd.files.inside import CHUNK_BYTES, fault_of, opened, opened_file, path_of
+from pdcd.files.inside import (
+    HASH_CHUNK_BYTES,
+    find_name_fault,
+    open_folder,
+    open_inner_file,
+    path_of,
+)
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.decode import record_errors, write_pictures
-from pdcd.printable import one_line
+from pdcd.pictures.decode import convert_record_errors, write_pictures
+from pdcd.printable import to_one_line
 from pdcd.protocol.plan_summary import PlanSummary
-from pdcd.recipes.make import possible
+from pdcd.recipes.make import narrow_to_shots
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.folder import LOG, RunFolder
-from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.ledger import NAME as LEDGER
-from pdcd.runs.ledger import Kept, read_ledger
-from pdcd.runs.patterns import NAME as CODES
-from pdcd.runs.place import UNFINISHED, Place
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
+from pdcd.runs.ledger import LEDGER_FILE as LEDGER
+from pdcd.runs.ledger import LedgerContents, read_ledger
+from pdcd.runs.patterns import CODES_FILE as CODES
+from pdcd.runs.place import UNFINISHED, HeldFolder
 from pdcd.runs.record import FileRecord, MeterRecord, RunRecord
 from pdcd.watch import Watch
 
-MOST_BYTES = 2**32
+_MOST_BYTES = 2**32
 """Longest ledger or log that is copied."""
-TRIES = 1000
+_TRIES = 1000
 """Names that are tried for the new folder while it is being filled."""
 
 
-class Salvaged(msgspec.Struct, frozen=True, kw_only=True):
+class _Salvaged(msgspec.Struct, frozen=True, kw_only=True):
     """What became of an unfinished run.
 
     `state` is "done" where no shot is missing, else "partial". `lost` are RAW files that are
@@ -65,7 +71,7 @@ class Salvaged(msgspec.Struct, frozen=True, kw_only=True):
 class _Sound:
     """What of a run is as its ledger says."""
 
-    kept: Kept
+    kept: LedgerContents
     run: RunRecord
     planned: tuple[Shot, ...]
     """All shots of the recipe, in order."""
@@ -89,7 +95,7 @@ class _Sound:
         )
 
 
-def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Salvaged:
+def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = None) -> _Salvaged:
     """Decode a `.partial` into a new folder.
 
     folder : the unfinished run. out : where the new folder is made; by default beside the old one.
@@ -102,14 +108,17 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
     watch = watch or Watch()
     if not folder.resolve().name.endswith(UNFINISHED):
         raise RequestError(
-            f"{one_line(str(folder))} is not an unfinished run",
+            f"{to_one_line(str(folder))} is not an unfinished run",
             hint="leave out --partial for a finished one",
         )
     with _held(folder) as source:
         sound = _looked_at(source, watch)
         job = sound.kept.begun.job
         name = f"{job}-partial" if sound.missing else job
-        with Place.at(out or folder.resolve().parent) as place, _new(place, name, sound) as made:
+        with (
+            HeldFolder.at(out or folder.resolve().parent) as place,
+            _new(place, name, sound) as made,
+        ):
             _copy(source, made, sound, watch)
             return _decoded(made, sound, watch)
 
@@ -118,25 +127,25 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
 def _held(folder: Path) -> Iterator[int]:
     """Descriptor of the folder, which nobody fills meanwhile. Raises BusyError, RequestError."""
     try:
-        with opened(folder) as descriptor:
+        with open_folder(folder) as descriptor:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise BusyError(
-                    f"{one_line(str(folder))} is still being filled",
+                    f"{to_one_line(str(folder))} is still being filled",
                     hint="wait for the end of the run, or cancel it",
                 ) from None
             except OSError:  # a disk without locks: nobody can tell whether the run goes on
                 pass
             yield descriptor
     except (FileNotFoundError, NotADirectoryError, PermissionError) as err:
-        raise RequestError(f"cannot open {one_line(str(folder))}: {err.strerror}") from err
+        raise RequestError(f"cannot open {to_one_line(str(folder))}: {err.strerror}") from err
 
 
 def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
     """Hold all that the ledger names against it."""
     kept = read_ledger(source)
-    fault, run = fault_of(kept.begun.job), kept.run
+    fault, run = find_name_fault(kept.begun.job), kept.run
     if fault is not None or "/" in kept.begun.job:
         raise DecodeError(f"{LEDGER} names a job that cannot be: {fault or 'a path'}")
     if run is None or kept.planned is None:
@@ -152,15 +161,15 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
             shots.append(shot)
             size += shot.size_bytes
         else:
-            lost.append(f"{one_line(shot.raw)}: {wrong}")
+            lost.append(f"{to_one_line(shot.raw)}: {wrong}")
     for test in kept.metered:
         wrong = _fault_in(source, test.meter.raw, test.file, watch)
         if wrong is None:
             meter.append(test.meter)
             size += test.file.size_bytes
         else:
-            lost.append(f"{one_line(test.meter.raw)}: {wrong}")
-    with record_errors(path_of(source)):
+            lost.append(f"{to_one_line(test.meter.raw)}: {wrong}")
+    with convert_record_errors(path_of(source)):
         recipe = Darkroom(path_of(source), run).recipe
         # Of a run that went on by other codes, those that came before are no shots any more.
         known = {shot.name for shot in recipe.shots}
@@ -171,12 +180,12 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
         if borders and not {borders.raw, borders.dark.raw} <= there:
             borders = None
         run = msgspec.structs.replace(run, shots=tuple(shots), dark=dark, borders=borders)
-        if not possible(recipe, {shot.name for shot in shots}).pictures:
+        if not narrow_to_shots(recipe, {shot.name for shot in shots}).pictures:
             planned = [shot.name for shot in recipe.shots]
             missing = [n for n in planned if n not in {shot.name for shot in shots}]
             raise DecodeError(
                 "no picture can be made of what is there: "
-                + taken_words(len(shots), len(planned), missing),
+                + describe_shots_taken(len(shots), len(planned), missing),
                 hint="capture again",
             )
     return _Sound(
@@ -190,11 +199,11 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
     )
 
 
-def _check_frames(source: int, kept: Kept, watch: Callable[[], None]) -> int:
+def _check_frames(source: int, kept: LedgerContents, watch: Callable[[], None]) -> int:
     """Bytes of frames.csv that belong to shots. Raises DecodeError where one of them changed."""
     at = 0
     try:
-        with opened_file(source, FRAMES) as descriptor:
+        with open_inner_file(source, FRAMES) as descriptor:
             for entry in kept.taken:
                 size = entry.frames.size_bytes
                 if _digest(descriptor, size, watch) != entry.frames.sha256:
@@ -211,11 +220,11 @@ def _check_frames(source: int, kept: Kept, watch: Callable[[], None]) -> int:
 
 def _fault_in(source: int, name: str, wanted: FileRecord, watch: Callable[[], None]) -> str | None:
     """What is wrong with a file; None when it is as the ledger says."""
-    fault = fault_of(name)
+    fault = find_name_fault(name)
     if fault is not None:
         return fault
     try:
-        with opened_file(source, name) as descriptor:
+        with open_inner_file(source, name) as descriptor:
             if os.fstat(descriptor).st_size != wanted.size_bytes:
                 return "it has another size"
             same = _digest(descriptor, wanted.size_bytes, watch) == wanted.sha256
@@ -229,7 +238,7 @@ def _fault_in(source: int, name: str, wanted: FileRecord, watch: Callable[[], No
 def _digest(descriptor: int, size: int, watch: Callable[[], None]) -> str:
     """SHA-256 of so many bytes of an open file, from where it stands."""
     digest = hashlib.sha256()
-    while size and (chunk := os.read(descriptor, min(size, CHUNK_BYTES))):
+    while size and (chunk := os.read(descriptor, min(size, HASH_CHUNK_BYTES))):
         digest.update(chunk)
         size -= len(chunk)
         watch()
@@ -237,7 +246,7 @@ def _digest(descriptor: int, size: int, watch: Callable[[], None]) -> str:
 
 
 @contextmanager
-def _new(place: Place, name: str, sound: _Sound) -> Iterator[RunFolder]:
+def _new(place: HeldFolder, name: str, sound: _Sound) -> Iterator[RunFolder]:
     """The folder to be filled, under a name that nobody takes for a run's. Raises RequestError
     where that which it is to have in the end is taken."""
     if os.path.lexists(place.path / name):
@@ -245,7 +254,7 @@ def _new(place: Place, name: str, sound: _Sound) -> Iterator[RunFolder]:
             f"{place.real / name} is there already",
             hint="an earlier decoding may have made it; --out puts another one elsewhere",
         )
-    for number in range(1, TRIES):
+    for number in range(1, _TRIES):
         unfinished = f"{name}-decoded-{number}{UNFINISHED}"
         if not (place.path / unfinished).exists():
             break
@@ -258,40 +267,44 @@ def _copy(source: int, made: RunFolder, sound: _Sound, watch: Callable[[], None]
     """Copy what is sound; its content was looked at and is looked at again when it is decoded."""
     names = [CODES, *(shot.raw for shot in sound.run.shots), *(test.raw for test in sound.meter)]
     for name in names:
-        _copy_file(source, name, made.path / name, MOST_BYTES, watch)
+        _copy_file(source, name, made.path / name, _MOST_BYTES, watch)
     _copy_file(source, FRAMES, made.path / FRAMES, sound.frames_bytes, watch)
     for name in (LEDGER, LOG):
-        _copy_file(source, name, made.path / name, MOST_BYTES, watch)
+        _copy_file(source, name, made.path / name, _MOST_BYTES, watch)
 
 
 def _copy_file(
     source: int, name: str, target: Path, most_bytes: int, watch: Callable[[], None]
 ) -> None:
-    with disk_errors(name), opened_file(source, name) as descriptor, target.open("xb") as copy:
-        while most_bytes and (chunk := os.read(descriptor, min(most_bytes, CHUNK_BYTES))):
+    with (
+        disk_errors(name),
+        open_inner_file(source, name) as descriptor,
+        target.open("xb") as copy,
+    ):
+        while most_bytes and (chunk := os.read(descriptor, min(most_bytes, HASH_CHUNK_BYTES))):
             copy.write(chunk)
             most_bytes -= len(chunk)
             watch()
 
 
-def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
+def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> _Salvaged:
     """Decode in the new folder, and finish it."""
     kept = sound.kept
-    with record_errors(made.path):
+    with convert_record_errors(made.path):
         darkroom = Darkroom(made.path, sound.run)
         decoded = darkroom.decoded(watch, partly=bool(sound.missing))
         told = write_pictures(made.path, decoded)
-        developed = developed_of(darkroom.record, decoded, (None, None), told, watch)
+        developed = make_developed_run(darkroom.record, decoded, (None, None), told, watch)
         plan = kept.planned.plan if kept.planned else {}
-        summary = summary_of(msgspec.convert(plan, PlanSummary), developed)
+        summary = summarise_run(msgspec.convert(plan, PlanSummary), developed)
         config = msgspec.convert(kept.begun.config, Config, strict=False)
-    known = warnings_of(developed, config, sound.run.profile, mock=kept.begun.mock)
-    taken = taken_words(len(sound.run.shots), len(sound.planned), sound.missing)
+    known = list_run_warnings(developed, config, sound.run.profile, mock=kept.begun.mock)
+    taken = describe_shots_taken(len(sound.run.shots), len(sound.planned), sound.missing)
     summary["taken"] = taken
     warnings = [*dict.fromkeys((*kept.warnings, *known)), f"decoded after an interruption: {taken}"]
     warnings += [f"left out: {text}" for text in sound.lost]
     warnings += _lacks(darkroom.recipe, decoded.recipe)
-    manifest = manifest_of(
+    manifest = make_manifest(
         kept.begun,
         plan,
         developed,
@@ -302,7 +315,7 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
         missing=sound.missing,
     )
     digest = made.finish(manifest)
-    return Salvaged(
+    return _Salvaged(
         folder=str(made.where),
         job=kept.begun.job,
         state=manifest.state,

@@ -9,16 +9,16 @@ import msgspec
 import numpy as np
 
 from pdcd.bench.devices import RawFile
-from pdcd.bench.exposure_time import planned_s, time_doubts
+from pdcd.bench.exposure_time import describe_time_conflict, planned_open_s
 from pdcd.bench.tables import Config
 from pdcd.capture.bench_check import FrameCheck
 from pdcd.capture.job import Journal
-from pdcd.capture.rig import Exposure, Rig
-from pdcd.capture.worker.answers import Photo, Spoilt, Taken, Wanted
+from pdcd.capture.rig import Rig, RigExposure
+from pdcd.capture.worker.answers import AuxiliaryPhoto, PhotoOrder, PhotoOutcome, SpoiltPhoto
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import ExposureError, SyncError
-from pdcd.panels.balance import lit_weights
+from pdcd.panels.balance import count_lit_weights
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.protocol import events
 from pdcd.runs.record import ShotRecord
@@ -34,9 +34,9 @@ class ShotTaker:
     journal: Journal
     check: FrameCheck
 
-    def take(self, wanted: Wanted) -> Taken:
-        """Take a photo that is wanted. One that the run can do without is `Spoilt` where it cannot
-        be had.
+    def take(self, wanted: PhotoOrder) -> PhotoOutcome:
+        """Take a photo that is wanted. One that the run can do without is `SpoiltPhoto` where it
+        cannot be had.
 
         Raises SyncError when another one was spoilt too often, and what its devices raise.
         """
@@ -44,18 +44,20 @@ class ShotTaker:
             return self._shot(wanted)
         refused = self.rig.refusal(wanted.frames) if wanted.kind == "look" else None
         if refused is not None:
-            return Spoilt(refused)
+            return SpoiltPhoto(refused)
         try:
             done = self._tested(wanted)
         except SyncError as err:
             if wanted.kind in ("dark", "look"):
-                return Spoilt(err.message)
+                return SpoiltPhoto(err.message)
             raise
         second = done.raw.second
         planes = [done.raw] if second is None else [done.raw, second]
-        return Photo(tuple((self._file(plane), plane.sha256) for plane in planes), done.open_s)
+        return AuxiliaryPhoto(
+            tuple((self._file(plane), plane.sha256) for plane in planes), done.open_s
+        )
 
-    def _shot(self, wanted: Wanted) -> tuple[ShotRecord, ...]:
+    def _shot(self, wanted: PhotoOrder) -> tuple[ShotRecord, ...]:
         """Expose, write the frame log, check for missed refreshes. With two buckets the shot of
         the second one comes with it."""
         done, level, harm = self._sound(wanted)
@@ -84,7 +86,9 @@ class ShotTaker:
         others = [self._beside(name, frames, record, done) for name, frames in wanted.beside]
         return (record, *others)
 
-    def _beside(self, name: str, frames: Frames, first: ShotRecord, done: Exposure) -> ShotRecord:
+    def _beside(
+        self, name: str, frames: Frames, first: ShotRecord, done: RigExposure
+    ) -> ShotRecord:
         """The shot of an exposure's second bucket. Raises ExposureError where there is none."""
         plane = done.raw.second
         if plane is None:
@@ -115,7 +119,7 @@ class ShotTaker:
         if not log.verified:
             self.journal.warn(f"shot {name}: presentation times are not verified")
 
-    def _sound(self, wanted: Wanted) -> tuple[Exposure, float | None, str]:
+    def _sound(self, wanted: PhotoOrder) -> tuple[RigExposure, float | None, str]:
         """Expose, and once more where codes got unequal light, as often as the rig allows; once
         where the times of the exposure disagree.
 
@@ -148,7 +152,7 @@ class ShotTaker:
                     spoilt += 1
                 name = folder.set_aside(shot, number)
                 folder.write_frames(name, wanted.frames, done.log)
-            self.journal.notify(events.Discarded(shot=shot, name=name, cause=cause))
+            self.journal.notify(events.ShotDiscarded(shot=shot, name=name, cause=cause))
             self.journal.warn(f"shot {shot}: exposure {number} was discarded: {cause}")
         raise SyncError(
             f"shot {shot} was spoilt {rig.retries + 1} times: {cause}",
@@ -160,14 +164,14 @@ class ShotTaker:
         """Times that every code was shown over what was planned, None where that differs; and the
         same in words."""
         try:
-            weights = lit_weights(frames, log, self.config.row_hz)
+            weights = count_lit_weights(frames, log, self.config.row_hz)
         except SyncError as err:
             return None, err.message
         shares = weights.realised / weights.planned if weights.planned.size else np.ones(1)
         words = f"codes were lit {shares.min():.3g} to {shares.max():.3g} times as long as planned"
         return weights.level or None, words
 
-    def _tested(self, wanted: Wanted) -> Exposure:
+    def _tested(self, wanted: PhotoOrder) -> RigExposure:
         """Take a test exposure or a dark photo, again where the display gave up, as often as the
         rig allows; once where the times of the exposure disagree. Raises SyncError."""
         rig, shot = self.config.rig, wanted.name
@@ -188,12 +192,12 @@ class ShotTaker:
                     return done
                 doubted = True
             aside = self.journal.folder.set_aside(shot, number)
-            self.journal.notify(events.Discarded(shot=shot, name=aside, cause=cause))
+            self.journal.notify(events.ShotDiscarded(shot=shot, name=aside, cause=cause))
 
-    def _planned_s(self, wanted: Wanted, done: Exposure) -> float:
-        return planned_s(done.settings, self.config, wanted.frames, done.log)
+    def _planned_s(self, wanted: PhotoOrder, done: RigExposure) -> float:
+        return planned_open_s(done.settings, self.config, wanted.frames, done.log)
 
-    def _expose(self, wanted: Wanted) -> tuple[Exposure, str]:
+    def _expose(self, wanted: PhotoOrder) -> tuple[RigExposure, str]:
         """One exposure, and which of its times disagree, in words."""
 
         def progress(frame: int, of: int, missed: int) -> None:
@@ -213,7 +217,7 @@ class ShotTaker:
         file, watch = self._file(done.raw), self.journal.job.watch()
         head = self.worker.do(watch, Worker.look, file, done.raw.sha256)
         self.check.saw(file, head)
-        doubt = time_doubts(self._planned_s(wanted, done), done.open_s, head.exposure_s)
+        doubt = describe_time_conflict(self._planned_s(wanted, done), done.open_s, head.exposure_s)
         return done, doubt
 
     def _file(self, raw: RawFile) -> str:

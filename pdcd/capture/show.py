@@ -11,39 +11,39 @@ from pdcd.calibration.pictures import MOVING, STILL
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.panels.draw import draw
-from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import Patterns, compact, none, pack
+from pdcd.panels.patterns import Patterns, make_empty_patterns, pack_bits, pack_levels
 from pdcd.panels.schedule import build_frames
-from pdcd.planning.bench_fit import window_for
+from pdcd.planning.bench_fit import choose_grid_window
 
-CELL_PATTERNS = ("white", "checker", "grid", "code")
+_CELL_PATTERNS = ("white", "checker", "grid", "code")
 """Patterns over the cells of the codes: they lie where the panels are placed."""
-ALONE = ("projector", "mask")
+_ALONE = ("projector", "mask")
 """One panel white, the other black."""
-PATTERNS = (*CELL_PATTERNS, *ALONE, *STILL)
+PATTERNS = (*_CELL_PATTERNS, *_ALONE, *STILL)
 """All that can be held; `MOVING` can only be played."""
-GRID_CELLS = 8
+_GRID_CELLS = 8
 """Distance of the lines of the alignment grid."""
-SHEET_ROWS, SHEET_STEP, MARGIN_PX, SHEET_GREY = 6, 4, 8, 96
+_SHEET_ROWS, _SHEET_STEP, _MARGIN_PX, _SHEET_GREY = 6, 4, 8, 96
 """Of a sheet: refreshes, their scale, and the frame around each panel."""
 
 
-def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Config) -> Frames:
+def make_pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Config) -> Frames:
     """One refresh. Of patterns over cells the mask shows the complement of the projector's (white,
     grid: both the same); pictures of pixels are on both, each panel in its own way.
 
     Raises RequestError for a pattern that is not known or a code that does not exist.
     """
-    if pattern in STILL or pattern in ALONE:
-        return pixel_frames(pattern, config)
+    if pattern in STILL or pattern in _ALONE:
+        return make_pixel_frames(pattern, config)
     rows, cols = grid
     primal = np.zeros((rows, cols), dtype=np.bool_)
     if pattern == "checker":
         primal = np.indices(grid).sum(axis=0) % 2 == 0
     elif pattern == "grid":
         r, c = np.indices(grid)
-        primal = (r % GRID_CELLS == 0) | (c % GRID_CELLS == 0)
+        primal = (r % _GRID_CELLS == 0) | (c % _GRID_CELLS == 0)
     elif pattern == "code":
         schedule = config.schedule
         if not 0 <= index < schedule.codes:
@@ -58,8 +58,8 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
     which = WHITE if pattern == "white" else 0
     one = np.array([which], dtype=np.int32)
     return Frames(
-        primal_patterns=pack(primal.reshape(1, -1)),
-        dual_patterns=pack(dual.reshape(1, -1)),
+        primal_patterns=pack_bits(primal.reshape(1, -1)),
+        dual_patterns=pack_bits(dual.reshape(1, -1)),
         primal_index=one,
         dual_index=one,
         shift=np.zeros(1, dtype=np.uint8),
@@ -71,16 +71,16 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
     )
 
 
-def pixel_frames(pattern: str, config: Config, seconds: float = 0.0) -> Frames:
-    """The refreshes of a picture of pixels, one of `STILL`, `ALONE` or `MOVING`; what moves does so
-    for about that time, and at least once."""
+def make_pixel_frames(pattern: str, config: Config, seconds: float = 0.0) -> Frames:
+    """The refreshes of a picture of pixels, one of `STILL`, `_ALONE` or `MOVING`; what moves does
+    so for about that time, and at least once."""
     sizes = config.projector.size_px, config.mask.size_px
-    if pattern in ALONE:
-        patterns: list[Patterns] = [none(), none()]
-        index = [np.array([WHITE if pattern == role else BLACK], np.int32) for role in ALONE]
+    if pattern in _ALONE:
+        patterns: list[Patterns] = [make_empty_patterns(), make_empty_patterns()]
+        index = [np.array([WHITE if pattern == role else BLACK], np.int32) for role in _ALONE]
     else:
         pictures = [MOVING[pattern](s) if pattern in MOVING else [STILL[pattern](s)] for s in sizes]
-        patterns = [compact(np.stack(own).reshape(len(own), -1)) for own in pictures]
+        patterns = [pack_levels(np.stack(own).reshape(len(own), -1)) for own in pictures]
         times = max(1, round(seconds * config.row_hz / len(pictures[0])))
         index = [np.tile(np.arange(len(own), dtype=np.int32), times) for own in pictures]
     count = index[0].size
@@ -94,40 +94,40 @@ def pixel_frames(pattern: str, config: Config, seconds: float = 0.0) -> Frames:
         guard=np.zeros(count, dtype=np.bool_),
         grid=(1, 1),
         lattice=(1, 1),
-        window=PIXELS,
+        window=PIXEL_WINDOW,
     )
 
 
-def sheet(frames: Frames, panels: Panels) -> NDArray[np.uint8]:
+def draw_sheet(frames: Frames, panels: Panels) -> NDArray[np.uint8]:
     """What both panels show, projector left and mask right, (H, W, 3) uint8; of several refreshes
     the first ones below each other, smaller."""
-    rows = range(min(len(frames), SHEET_ROWS))
-    step = 1 if len(rows) == 1 else SHEET_STEP
+    rows = range(min(len(frames), _SHEET_ROWS))
+    step = 1 if len(rows) == 1 else _SHEET_STEP
     lines = []
     for row in rows:
         shown = [
             draw(frames, view, row)[::step, ::step] for view in (panels.projector, panels.mask)
         ]
-        height = max(part.shape[0] for part in shown) + MARGIN_PX
+        height = max(part.shape[0] for part in shown) + _MARGIN_PX
         padded = [
-            np.pad(p, ((0, height - p.shape[0]), (0, MARGIN_PX)), constant_values=SHEET_GREY)
+            np.pad(p, ((0, height - p.shape[0]), (0, _MARGIN_PX)), constant_values=_SHEET_GREY)
             for p in shown
         ]
         lines.append(np.concatenate(padded, axis=1))
     return np.repeat(np.concatenate(lines)[..., None], 3, axis=2)
 
 
-def loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames:
+def make_loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames:
     """All codes of the schedule over and over for about that time, as an indirect photo has them.
 
     Seen through the mask by eye: direct light is dark, indirect light remains.
     """
     schedule = config.schedule
-    window = window_for(schedule.window, config, grid)
+    window = choose_grid_window(schedule.window, config, grid)
     codes = make_codes(
         schedule.family, Lattice(grid, window).shape, schedule.codes, dual="complement"
     )
-    pairs = pack(codes.primal), pack(codes.dual)
+    pairs = pack_bits(codes.primal), pack_bits(codes.dual)
     once = build_frames(pairs, grid, window=window, schedule="full", passes=1)
     passes = max(1, round(seconds * config.row_hz / len(once)))
     return build_frames(pairs, grid, window=window, schedule="full", passes=passes)

@@ -10,45 +10,53 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import get_args
 
-from pdcd.api.progress import bar, tell
-from pdcd.api.signals import held_back, signals_to
+from pdcd.api.progress import show_bar, tell_user
+from pdcd.api.signals import hold_signals, send_signals_to
 from pdcd.bench.calibration import Calibration, FigureRecord
-from pdcd.bench.choosing import FOLDER, Candidate, candidate, candidates, forget, pin, place_of
-from pdcd.bench.config import load
-from pdcd.bench.folders import state_dir
-from pdcd.bench.measured import Choice, choice
+from pdcd.bench.choosing import (
+    CALIBRATIONS_FOLDER,
+    Candidate,
+    find_calibration,
+    forget_calibration,
+    list_candidates,
+    pin_calibration,
+    read_candidate,
+)
+from pdcd.bench.config import load_config
+from pdcd.bench.folders import find_state_dir
+from pdcd.bench.measured import CalibrationChoice, choose_calibration
 from pdcd.bench.tables import Config
 from pdcd.cli.daemon import connect_daemon, refuse_with_local
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import (
-    agreed,
+    ask_consent,
     say,
-    say_compared,
+    say_comparison,
     say_json,
     say_notes,
     say_result,
     say_table,
     say_text,
 )
-from pdcd.client import OnEvent
+from pdcd.client import EventHandler
 from pdcd.errors import ConfigError
 from pdcd.protocol.events import Event, StepEnded
 from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.words import StepName
 
 ACTIONS = ("list", "use", "forget")
 """Words in the place of the first step."""
-NOT_WITH = ("scene", "again", "out", "anew", "queue", "socket")
+_NOT_WITH = ("scene", "again", "out", "anew", "queue", "socket")
 """Options that go with steps only."""
-LOOK_S = 0.1
+_LOOK_S = 0.1
 """Time between two looks whether somebody who was asked has answered, or wants no more."""
 
 
 def calibrate(args: argparse.Namespace) -> int:
     """Measure, and print every figure with its limit and verdict; fails when one is bad."""
     if args.step and args.step[0] in ACTIONS:
-        return manage(args, args.step)
+        return _manage(args, args.step)
     if args.again is not None:
         return _again(args)
     unknown = [name for name in args.step if name not in get_args(StepName)]
@@ -72,7 +80,7 @@ def calibrate(args: argparse.Namespace) -> int:
         anew=args.anew,
     )
     ended: list[StepEnded] = []
-    with bar() as show:
+    with show_bar() as show:
 
         def hear(event: Event) -> None:
             if isinstance(event, StepEnded):
@@ -88,23 +96,25 @@ def calibrate(args: argparse.Namespace) -> int:
     return _say_end(result)
 
 
-def _there(args: argparse.Namespace, request: CalibrateRequest, hear: OnEvent) -> CaptureResult:
+def _there(
+    args: argparse.Namespace, request: CalibrateRequest, hear: EventHandler
+) -> CaptureResult:
     """With the daemon's rig."""
-    with signals_to(signal.default_int_handler), connect_daemon(args) as client:
+    with send_signals_to(signal.default_int_handler), connect_daemon(args) as client:
         return client.calibrate(request, queue=args.queue, on_event=hear, answer=_asker(_never))
 
 
-def _here(args: argparse.Namespace, request: CalibrateRequest, hear: OnEvent) -> CaptureResult:
+def _here(args: argparse.Namespace, request: CalibrateRequest, hear: EventHandler) -> CaptureResult:
     """With the rig in this process; panels black and shutter closed on return."""
     from pdcd.capture.engine import Engine
 
-    engine = Engine.from_config(load(args.config))
-    with held_back(delivers=False) as interrupted:
+    engine = Engine.from_config(load_config(args.config))
+    with hold_signals(delivers=False) as interrupted:
         try:
             engine.start()
             return engine.calibrate(
                 request,
-                job=new_job_id(),
+                job=make_job_id(),
                 emit=hear,
                 cancelled=interrupted,
                 proceed=_asker(interrupted),
@@ -122,9 +132,9 @@ def _asker(given_up: Callable[[], bool]) -> Callable[[str], None]:
     """What has somebody at this terminal do something, and waits for Return."""
 
     def ask(text: str) -> None:
-        tell(f"{text}; then press Return")
+        tell_user(f"{text}; then press Return")
         while not given_up():
-            if select.select([sys.stdin], [], [], LOOK_S)[0]:
+            if select.select([sys.stdin], [], [], _LOOK_S)[0]:
                 sys.stdin.readline()
                 return
 
@@ -169,21 +179,21 @@ def _say_end(result: CaptureResult) -> int:
 
 def _again(args: argparse.Namespace) -> int:
     """Compute a calibration again; fails when a value differs from the one kept."""
-    from pdcd.capture.again import again
+    from pdcd.capture.again import recompute_calibration
 
     if args.step or args.anew or args.local or args.socket or args.scene or args.marks != "auto":
         raise ConfigError("--again goes alone: it needs no rig and takes all steps of the folder")
-    report = again(args.again)
+    report = recompute_calibration(args.again)
     items = ((item.name, item.identical) for item in report.items)
-    return say_compared(report, items, as_json=args.json)
+    return say_comparison(report, items, as_json=args.json)
 
 
-def manage(args: argparse.Namespace, words: Sequence[str]) -> int:
+def _manage(args: argparse.Namespace, words: Sequence[str]) -> int:
     """Do what the first of the words says with the calibrations of a configuration's bench."""
-    given = [name for name in NOT_WITH if getattr(args, name)]
+    given = [name for name in _NOT_WITH if getattr(args, name)]
     if given or args.marks != "auto":
         raise ConfigError(f"pdcd calibrate {words[0]} takes no --{(*given, 'marks')[0]}")
-    config = load(args.config)
+    config = load_config(args.config)
     action, *names = words
     if action == "list":
         if names:
@@ -200,7 +210,7 @@ def manage(args: argparse.Namespace, words: Sequence[str]) -> int:
 def _list(config: Config, *, as_json: bool) -> int:
     """All of them, the newest first."""
     used, trouble = _choice(config)
-    found = list(candidates(config))
+    found = list(list_candidates(config))
     rows = [["", "name", "ended", "steps", "fits this bench"]]
     for one in found:
         in_use = used is not None and used.folder == one.folder
@@ -214,7 +224,7 @@ def _list(config: Config, *, as_json: bool) -> int:
     if as_json:
         return DONE
     if not found:
-        say(f"no calibration is kept in {state_dir(config) / FOLDER}")
+        say(f"no calibration is kept in {find_state_dir(config) / CALIBRATIONS_FOLDER}")
     else:
         say_table(rows)
     if trouble:
@@ -228,10 +238,10 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
     """Write down which one is used from now on."""
     typed = config.calibration.use
     if name in ("none", "latest"):
-        pin(config, None if name == "latest" else name)
+        pin_calibration(config, None if name == "latest" else name)
     else:
-        at = place_of(config, name)
-        found = candidate(at, config, named=True)
+        at = find_calibration(config, name)
+        found = read_candidate(at, config, named=True)
         why = "it holds nothing that is whole" if found is None else found.why
         if found is None or why:
             raise ConfigError(
@@ -239,7 +249,7 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
                 hint="pdcd calibrate list says which ones fit",
             )
         name = found.name
-        pin(config, name)
+        pin_calibration(config, name)
     if as_json:
         say_json({"use": name, "rig": config.rig.name, "typed": typed})
         return DONE
@@ -258,11 +268,11 @@ def _use(config: Config, name: str, *, as_json: bool) -> int:
 
 def _forget(config: Config, name: str, *, yes: bool, as_json: bool) -> int:
     """Remove one for good, or the link to it."""
-    at = place_of(config, name)
+    at = find_calibration(config, name)
     what = "the link to" if at.is_symlink() else "for good"
-    if not yes and not agreed(f"remove {what} calibration {name}?", silent=as_json):
+    if not yes and not ask_consent(f"remove {what} calibration {name}?", silent=as_json):
         return DONE
-    forget(config, at)
+    forget_calibration(config, at)
     if as_json:
         say_json({"forgotten": name})
     else:
@@ -270,10 +280,10 @@ def _forget(config: Config, name: str, *, yes: bool, as_json: bool) -> int:
     return DONE
 
 
-def _choice(config: Config) -> tuple[Choice | None, str]:
+def _choice(config: Config) -> tuple[CalibrationChoice | None, str]:
     """What is used; or why nothing can be."""
     try:
-        return choice(config), ""
+        return choose_calibration(config), ""
     except ConfigError as err:
         return None, str(err)
 

@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pdcd.api.local import local
-from pdcd.api.progress import bar, tell
+from pdcd.api.progress import show_bar, tell_user
 from pdcd.api.rows import plan_rows
-from pdcd.api.signals import held_back, signals_to
-from pdcd.cli.daemon import connect_daemon, daemon_if_any, refuse_with_local
+from pdcd.api.signals import hold_signals, send_signals_to
+from pdcd.cli.daemon import connect_daemon, find_daemon, refuse_with_local
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say_json, say_result, say_table
-from pdcd.cli.request import arrays_of, request_of
-from pdcd.client import OnEvent
+from pdcd.cli.request import collect_array_files, parse_request_options
+from pdcd.client import EventHandler
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -24,12 +24,14 @@ from pdcd.protocol.result import CaptureResult
 def capture(args: argparse.Namespace) -> int:
     """Take a photo; the exit code tells how it ended."""
     refuse_with_local(args, "socket", "detach", "queue")
-    asked = request_of(args)
-    result = take(args, asked, arrays_of(args), detach=args.detach, queue=args.queue)
+    asked = parse_request_options(args)
+    result = capture_photo(
+        args, asked, collect_array_files(args), detach=args.detach, queue=args.queue
+    )
     return say_result(result, as_json=args.json)
 
 
-def take(
+def capture_photo(
     args: argparse.Namespace,
     request: CaptureRequest,
     files: Mapping[str, Path],
@@ -39,12 +41,12 @@ def take(
 ) -> CaptureResult:
     """Take a photo in this process or over the socket, as `args` say, with progress shown."""
     if args.local:
-        with bar("planning") as on_event:
+        with show_bar("planning") as on_event:
             return _capture_here(args.config, request, files, on_event)
     # A terminated command must end its job in good order, as an interrupted one does.
     with (
-        signals_to(signal.default_int_handler),
-        bar() as on_event,
+        send_signals_to(signal.default_int_handler),
+        show_bar() as on_event,
         connect_daemon(args) as client,
     ):
         return client.capture(request, arrays=files, detach=detach, queue=queue, on_event=on_event)
@@ -52,14 +54,14 @@ def take(
 
 def wait(args: argparse.Namespace) -> int:
     """Wait for the end of a job; the exit code tells how it ended."""
-    with bar() as on_event, connect_daemon(args) as client:
+    with show_bar() as on_event, connect_daemon(args) as client:
         result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
 
 
 def plan(args: argparse.Namespace) -> int:
     """Print what a capture would do, without doing it."""
-    summary = _plan(args, request_of(args), arrays_of(args))
+    summary = _plan(args, parse_request_options(args), collect_array_files(args))
     if args.json:
         say_json(summary)
         return DONE
@@ -74,19 +76,19 @@ def _plan(
     refuse_with_local(args, "socket")
     if not args.local and args.config is None:
         # One that goes away, or takes too long, has another bench than this process would plan for.
-        client = daemon_if_any(args)
+        client = find_daemon(args)
         if client is not None:
             with client:
                 return client.plan(request, arrays=files, queue=args.queue)
     with local(args.config) as bench:
         if bench.note:
-            tell(f"warning: {bench.note}")
+            tell_user(f"warning: {bench.note}")
         return bench.foresee(request, files)
 
 
 def _capture_here(
-    config: Path | None, request: CaptureRequest, files: Mapping[str, Path], on_event: OnEvent
+    config: Path | None, request: CaptureRequest, files: Mapping[str, Path], on_event: EventHandler
 ) -> CaptureResult:
     """Run one capture with the rig in this process; panels black and shutter closed on return."""
-    with held_back(delivers=False) as interrupted, local(config) as bench:
+    with hold_signals(delivers=False) as interrupted, local(config) as bench:
         return bench.take_until(interrupted, request, files, on_event, report=True)

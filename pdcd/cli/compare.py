@@ -8,20 +8,20 @@ from typing import Any
 
 import msgspec
 
-from pdcd.cli.capture import take
+from pdcd.cli.capture import capture_photo
 from pdcd.cli.daemon import refuse_with_local
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
-from pdcd.cli.request import arrays_of, request_of
+from pdcd.cli.request import collect_array_files, parse_request_options
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, figure_of, quality_of
+from pdcd.protocol.result import CaptureResult, quality_of, read_summary_value
 from pdcd.words import MethodName
 
-COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
+_COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
 """Ways of photographing that differ in more than how light is gathered."""
 
 
-FIGURES = {
+_FIGURES = {
     "codes": ("codes", "codes", ""),
     "raw_files": ("shots", "RAW files", ""),
     "exposure_s": ("exposure_s", "exposure", " s"),
@@ -39,14 +39,16 @@ in scene units."""
 def compare(args: argparse.Namespace) -> int:
     """Take the photo by all methods, one after the other; ends at the first that fails."""
     refuse_with_local(args, "socket")
-    asked, files = request_of(args), arrays_of(args)
+    asked, files = parse_request_options(args), collect_array_files(args)
     without_prior = {name: path for name, path in files.items() if name != "prior"}
     rows, results = [], []
-    for method in COMPARED:
-        result = take(args, by_method(asked, method), files if method == "coded" else without_prior)
+    for method in _COMPARED:
+        result = capture_photo(
+            args, _by_method(asked, method), files if method == "coded" else without_prior
+        )
         if result.state != "done":
             return say_result(result, as_json=args.json)
-        rows.append(compared_row(method, result))
+        rows.append(_compared_row(method, result))
         results.append(result)
     if args.json:
         say_json({"goal": asked.goal, "methods": rows})
@@ -60,7 +62,7 @@ def compare(args: argparse.Namespace) -> int:
     return DONE
 
 
-def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
+def _by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
     """The same request by another method, without what only codes on both panels can use."""
     if method == "coded":
         return request
@@ -68,10 +70,10 @@ def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
     return msgspec.structs.replace(request, method=method, pilot=0, prior=None, black_level="none")
 
 
-def compared_row(method: MethodName, result: CaptureResult) -> dict[str, Any]:
+def _compared_row(method: MethodName, result: CaptureResult) -> dict[str, Any]:
     """One method in figures: with `quality`, the verdict on the photo."""
     summary = result.summary
-    row = {name: figure_of(summary, key) for name, (key, _, _) in FIGURES.items()}
+    row = {name: read_summary_value(summary, key) for name, (key, _, _) in _FIGURES.items()}
     if summary.get("family") == "none":
         row["codes"] = None
     told = {"method": method, "job": result.job, "folder": result.folder}
@@ -79,7 +81,7 @@ def compared_row(method: MethodName, result: CaptureResult) -> dict[str, Any]:
 
 
 def _say(rows: Sequence[Mapping[str, Any]]) -> None:
-    shown = {name: (head, unit) for name, (_, head, unit) in FIGURES.items() if head}
+    shown = {name: (head, unit) for name, (_, head, unit) in _FIGURES.items() if head}
     table = [["method", *(head for head, _ in shown.values())]]
     for row in rows:
         cells = (_figure(row[name], unit) for name, (_, unit) in shown.items())

@@ -5,29 +5,29 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pdcd.bench.config import load
-from pdcd.bench.folders import socket_path
-from pdcd.client import Client, Unreachable
+from pdcd.bench.config import load_config
+from pdcd.bench.folders import find_socket_path
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import ConfigError
 
 
-def daemon_socket(args: argparse.Namespace) -> Path:
+def find_daemon_socket(args: argparse.Namespace) -> Path:
     """Path of the daemon's socket: as given, else as the configuration says."""
     given: Path | None = args.socket
-    return given if given is not None else socket_path(load(args.config))
+    return given if given is not None else find_socket_path(load_config(args.config))
 
 
 def connect_daemon(args: argparse.Namespace) -> Client:
     """A connection to the daemon. Raises Unreachable."""
-    return Client(daemon_socket(args))
+    return Client(find_daemon_socket(args))
 
 
-def daemon_if_any(args: argparse.Namespace, *, needed: bool = False) -> Client | None:
+def find_daemon(args: argparse.Namespace, *, needed: bool = False) -> Client | None:
     """A connection to the daemon, None where none answers. Raises Unreachable where its socket was
     named, or nothing else will do."""
     try:
         return connect_daemon(args)
-    except Unreachable:
+    except UnreachableError:
         if needed or args.socket is not None:
             raise
     return None

@@ -11,43 +11,45 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdcd.api.progress import bar, tell
+from pdcd.api.progress import show_bar, tell_user
 from pdcd.cli.output import say, say_result
-from pdcd.client import Client, Unreachable
-from pdcd.pages.report import write
+from pdcd.client import Client, UnreachableError
+from pdcd.pages.report import write_report
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.later import REPORT
+from pdcd.runs.folder import REPORT_FILE
 
-CONFIG = """\
+_CONFIG = """\
 # The default bench with a camera of 640 x 480 Bayer quads: enough to read the book.
 [camera]
 quads_per_cell = 10
 """
-CODES = 128
+_CODES = 128
 """Unless others are asked for."""
-START_S = 20.0
+_START_S = 20.0
 """Longest time the daemon may take to get ready on a slow machine."""
 
 
-def demo(args: argparse.Namespace) -> int:
+def run_demo(args: argparse.Namespace) -> int:
     """Start a daemon on the mock bench, photograph its scene's indirect light, show the run."""
     folder: Path = args.out.absolute()
     with tempfile.TemporaryDirectory(prefix="pdcd-demo-") as scratch:
         socket, config = Path(scratch) / "pdcd.sock", Path(scratch) / "demo.toml"
-        config.write_text(CONFIG)
-        tell(f"pdcd serve --config {config} --socket {socket}")
+        config.write_text(_CONFIG)
+        tell_user(f"pdcd serve --config {config} --socket {socket}")
         with _daemon(socket, folder, config, Path(scratch) / "daemon.log") as client:
-            request = CaptureRequest(goal="indirect", codes=args.codes or CODES, seed=args.seed)
-            tell(f"capture.start: indirect light, {request.codes} codes")
-            with bar() as on_event:
+            request = CaptureRequest(goal="indirect", codes=args.codes or _CODES, seed=args.seed)
+            tell_user(f"capture.start: indirect light, {request.codes} codes")
+            with show_bar() as on_event:
                 result = client.capture(request, on_event=on_event)
     code = say_result(result, as_json=False)
     if result.state == "done" and result.folder is not None:
         for name in result.files:
             say(f"  {name}")
         say("look at preview/white.png, preview/direct.png, preview/indirect.png")
-        report = Path(result.folder) / REPORT
-        say(f"all of it on one page: {report if REPORT in result.files else write(report.parent)}")
+        report = Path(result.folder) / REPORT_FILE
+        if REPORT_FILE not in result.files:
+            report = write_report(report.parent)
+        say(f"all of it on one page: {report}")
     return code
 
 
@@ -66,13 +68,13 @@ def _daemon(socket: Path, state: Path, config: Path, log: Path) -> Iterator[Clie
 
 def _connect(socket: Path, process: subprocess.Popen[bytes], log: Path) -> Client:
     """Wait for the daemon to answer. Raises Unreachable with its log when it does not."""
-    give_up_s = time.monotonic() + START_S
+    give_up_s = time.monotonic() + _START_S
     while True:
         try:
             return Client(socket)
-        except Unreachable:
+        except UnreachableError:
             if process.poll() is not None or time.monotonic() > give_up_s:
                 for line in log.read_text().split("\n"):
-                    tell(line)
+                    tell_user(line)
                 raise
         time.sleep(0.02)

@@ -6,49 +6,49 @@ import argparse
 import signal
 from collections.abc import Iterable
 
-from pdcd.bench.config import load
+from pdcd.bench.config import load_config
 from pdcd.bench.devices import Finding
-from pdcd.bench.registry import own_module
+from pdcd.bench.registry import import_driver_module
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.errors import ConfigError
 
 
-def display(args: argparse.Namespace) -> int:
+def diagnose_display(args: argparse.Namespace) -> int:
     """Look at the X server and at both panels; fails when anything must be mended."""
-    from pdcd.presenter.examine import examine
+    from pdcd.presenter.examine import examine_display
 
-    return _report(examine(load(args.config), args.display), as_json=args.json)
+    return _report(examine_display(load_config(args.config), args.display), as_json=args.json)
 
 
-def camera(args: argparse.Namespace) -> int:
+def diagnose_camera(args: argparse.Namespace) -> int:
     """Look at the camera on the USB, without a photo; fails when anything must be mended."""
     from pdcd.bench.clock import RealClock
     from pdcd.bench.devices import DriverContext
-    from pdcd.capture.bench_check import examine
+    from pdcd.capture.bench_check import examine_frame
 
     # By name, as it loads drivers: pdcd imports none of them.
-    doctor = own_module("ptp.doctor")
+    doctor = import_driver_module("ptp.doctor")
     # Cameras keep their own time, whatever clock the rest of the rig would run on.
-    config = load(args.config)
+    config = load_config(args.config)
     context = DriverContext(config=config, clock=RealClock())
-    findings = (*doctor.examine(context), *examine(config, args.raw))
+    findings = (*doctor.examine_ptp(context), *examine_frame(config, args.raw))
     return _report(findings, as_json=args.json)
 
 
-def trigger(args: argparse.Namespace) -> int:
+def diagnose_trigger(args: argparse.Namespace) -> int:
     """Click the shutter once, if that is asked for; fails when anything must be mended."""
-    from pdcd.api.signals import signals_to
-    from pdcd.bench.click import examine
+    from pdcd.api.signals import send_signals_to
+    from pdcd.bench.click import examine_shutter
 
-    config = load(args.config)
+    config = load_config(args.config)
     longest_s = config.limits.max_exposure_s
     if not 0.0 <= args.seconds <= longest_s:
         raise ConfigError(
             f"--seconds {args.seconds:g} is not between 0 and limits.max_exposure_s = {longest_s:g}"
         )
-    with signals_to(signal.default_int_handler):  # which closes the shutter on its way out
-        findings = list(examine(config, click=args.click, seconds=args.seconds))
+    with send_signals_to(signal.default_int_handler):  # which closes the shutter on its way out
+        findings = list(examine_shutter(config, click=args.click, seconds=args.seconds))
     return _report(findings, as_json=args.json)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 DONE = 0
-USAGE = 2
+_USAGE = 2
 """Wrong usage, configuration or request."""
 UNREACHABLE = 3
 """No daemon answers."""
@@ -17,15 +17,15 @@ CANCELLED = 130
 
 
 _CODES = {
-    "config": USAGE,
-    "request": USAGE,
-    "driver_unavailable": USAGE,  # a name that is unknown, or a package that is not installed
+    "config": _USAGE,
+    "request": _USAGE,
+    "driver_unavailable": _USAGE,  # a name that is unknown, or a package that is not installed
     "busy": BUSY,
     "denied": DENIED,
     "cancelled": CANCELLED,
 }
 
 
-def exit_code(kind: str | None) -> int:
+def exit_code_of(kind: str | None) -> int:
     """Exit code for an error of this `kind` (see `pdcd.errors`)."""
     return _CODES.get(kind or "", FAILED)

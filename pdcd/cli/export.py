@@ -11,32 +11,32 @@ from pdcd.cli.output import say, say_json
 from pdcd.errors import RequestError
 
 if TYPE_CHECKING:
-    from pdcd.pictures.written.export import Exported
+    from pdcd.pictures.written.export import ExportedFile
 
 
 def export(args: argparse.Namespace) -> int:
     """Write the files, all or none of which are new, and say what did not fit into them."""
-    from pdcd.files.put import put, refuse_taken
-    from pdcd.pictures.written.export import Asked, exported
-    from pdcd.runs.place import Place
+    from pdcd.files.put import check_name_free, write_atomic
+    from pdcd.pictures.written.export import ExportRequest, export_run_pictures
+    from pdcd.runs.place import HeldFolder
 
     if args.white_patch is not None and not all(0.0 <= at <= 1.0 for at in args.white_patch):
         raise RequestError("a white patch lies at 0 to 1 across and 0 to 1 down")
-    asked = Asked(
+    asked = ExportRequest(
         format=args.format,
         pictures=tuple(args.picture or ()),
         upright=args.upright,
         white_patch=None if args.white_patch is None else tuple(args.white_patch),
         span=None if args.range is None else tuple(args.range),
     )
-    files = exported(args.folder, asked, lambda: None)
-    with Place.at(args.out) as place:
+    files = export_run_pictures(args.folder, asked, lambda: None)
+    with HeldFolder.at(args.out) as place:
         where = str(place.real)
         if not args.force:
             for file in files:
-                refuse_taken(place.fd, file.name, where)
+                check_name_free(place.fd, file.name, where)
         for file in files:
-            put(place.fd, file.name, file.data, replace=args.force, shown=where)
+            write_atomic(place.fd, file.name, file.data, replace=args.force, shown=where)
     for file in files:
         if args.json:
             say_json(_told(file, where))
@@ -45,7 +45,7 @@ def export(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _told(file: Exported, where: str) -> dict[str, object]:
+def _told(file: ExportedFile, where: str) -> dict[str, object]:
     """One file as it was written."""
     black, white = file.span or (None, None)
     return {
@@ -61,7 +61,7 @@ def _told(file: Exported, where: str) -> dict[str, object]:
     }
 
 
-def _say(file: Exported, where: str) -> None:
+def _say(file: ExportedFile, where: str) -> None:
     width, height = file.size_px
     say(f"{where}/{file.name}: {width} x {height}")
     if file.span is not None:

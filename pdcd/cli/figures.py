@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import argparse
 
-from pdcd.api.progress import tell
+from pdcd.api.progress import tell_user
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json
-from pdcd.figures.catalog import figures_of
-from pdcd.figures.figure import FULL, QUICK
-from pdcd.figures.make import PAGE, make, open_processes
+from pdcd.figures.catalog import choose_figures
+from pdcd.figures.figure import FULL_MODE, QUICK_MODE
+from pdcd.figures.make import PAGE, make_paper_figures, open_processes
 
 
-def figures(args: argparse.Namespace) -> int:
+def take_figures(args: argparse.Namespace) -> int:
     """Make the figures; fails where one could not be made, or a number left its bounds."""
-    mode = FULL if args.full else QUICK
+    mode = FULL_MODE if args.full else QUICK_MODE
     folder = args.out.absolute()
     with open_processes(args.workers) as pool:
-        wanted = figures_of(args.number)
-        outcome = make(wanted, folder, mode, pool, plots=args.plots, tell=_tell_ahead)
+        wanted = choose_figures(args.number)
+        outcome = make_paper_figures(wanted, folder, mode, pool, plots=args.plots, tell=_tell_ahead)
     if args.json:
         said = {"page": str(folder / PAGE), "held": outcome.held}
         say_json({**said, "figures": outcome.made, "failed": outcome.failed})
@@ -35,7 +35,7 @@ def figures(args: argparse.Namespace) -> int:
 
 def _tell_ahead(taken: int, of: int, left_s: float | None) -> None:
     left = "" if left_s is None else f", about {_time(left_s)} left"
-    tell(f"{taken} of {of} captures{left}")
+    tell_user(f"{taken} of {of} captures{left}")
 
 
 def _time(seconds: float) -> str:

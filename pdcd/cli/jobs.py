@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from pdcd.api.progress import bar
+from pdcd.api.progress import show_bar
 from pdcd.cli.daemon import connect_daemon
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_result, say_table
 from pdcd.errors import ConfigError
-from pdcd.protocol.events import Event, fields, wire
+from pdcd.protocol.events import Event, encode_event, pick_event_fields
 from pdcd.protocol.messages import JobView
 
 
-def status(args: argparse.Namespace) -> int:
+def show_status(args: argparse.Namespace) -> int:
     """Print what the daemon is doing."""
     with connect_daemon(args) as client:
         answer = client.status()
@@ -43,7 +43,7 @@ def watch(args: argparse.Namespace) -> int:
         if args.json:
             result = client.wait(args.job, lambda event: _say_event(event, as_json=True))
         else:
-            with bar() as on_event:
+            with show_bar() as on_event:
                 result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
 
@@ -65,9 +65,9 @@ def cancel(args: argparse.Namespace) -> int:
 
 def _say_event(event: Event, *, as_json: bool) -> None:
     if as_json:
-        say_json(wire(event))
+        say_json(encode_event(event))
         return
-    told = fields(event).items()
+    told = pick_event_fields(event).items()
     words = " ".join(f"{k}={v}" for k, v in told if isinstance(v, str | int | float))
     say(f"{event.job} {event.type} {words}".rstrip())
 

@@ -12,12 +12,12 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
-from pdcd.cli.exits import CANCELLED, FAILED, UNREACHABLE, exit_code
+from pdcd.cli.exits import CANCELLED, FAILED, UNREACHABLE, exit_code_of
 from pdcd.cli.parser import build_parser
-from pdcd.errors import PdcdError, error_fields
-from pdcd.printable import lines
+from pdcd.errors import PdcdError, to_error_fields
+from pdcd.printable import to_indented_lines
 
-JOBS = ("capture", "transport", "calibrate")
+_JOBS = ("capture", "transport", "calibrate")
 """Commands that have one job done, and print how it ended."""
 
 
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except PdcdError as err:
-        return _fail(args, exit_code(err.kind), str(err), err.kind, err)
+        return _fail(args, exit_code_of(err.kind), str(err), err.kind, err)
     except KeyboardInterrupt:
         return _fail(args, CANCELLED, "interrupted", "cancelled")
     except BrokenPipeError:
@@ -61,12 +61,12 @@ def _fail(
     """Say what went wrong on stderr and, for scripts that asked for JSON, on stdout."""
     if args.json:
         told: dict[str, object] = {}
-        if args.command in JOBS:  # scripts find these three in every last line of a job
+        if args.command in _JOBS:  # scripts find these three in every last line of a job
             told = {"job": None, "state": "failed", "folder": None}
             if code == CANCELLED:
                 told["state"] = "cancelled"
-        told["error"] = {**error_fields(error or PdcdError(text)), "kind": kind}
+        told["error"] = {**to_error_fields(error or PdcdError(text)), "kind": kind}
         sys.stdout.write(json.dumps(told) + "\n")
         sys.stdout.flush()
-    sys.stderr.write(f"pdcd: {lines(text)}\n")
+    sys.stderr.write(f"pdcd: {to_indented_lines(text)}\n")
     return code

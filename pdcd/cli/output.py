@@ -11,19 +11,19 @@ from typing import Any
 
 import msgspec
 
-from pdcd.api.progress import tell
+from pdcd.api.progress import tell_user
 from pdcd.api.rows import summary_rows
-from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
+from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code_of
 from pdcd.errors import ConfigError, PdcdError
-from pdcd.printable import one_line
-from pdcd.protocol.result import CaptureResult, Quality, figure_of, quality_of
-from pdcd.runs.later import REPORT
+from pdcd.printable import to_one_line
+from pdcd.protocol.result import CaptureResult, Quality, quality_of, read_summary_value
+from pdcd.runs.folder import REPORT_FILE
 
 WIDTH = 80
 """Columns that are written to where no terminal says how many it has."""
-LABEL = 16
+_LABEL = 16
 """A column that is no wider is not broken."""
-WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+_WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 
 
 def say(text: str) -> None:
@@ -31,7 +31,7 @@ def say(text: str) -> None:
 
     What cannot be seen in it is escaped, for others wrote much of it.
     """
-    sys.stdout.write(one_line(text) + "\n")
+    sys.stdout.write(to_one_line(text) + "\n")
     sys.stdout.flush()
 
 
@@ -40,7 +40,7 @@ def say_json(value: object) -> None:
     say(msgspec.json.encode(value).decode())
 
 
-def say_compared(report: object, items: Iterable[tuple[str, bool]], *, as_json: bool) -> int:
+def say_comparison(report: object, items: Iterable[tuple[str, bool]], *, as_json: bool) -> int:
     """Print what was made again, each by its name and whether it is as it was, and return the exit
     code that goes with it."""
     found = list(items)
@@ -52,7 +52,7 @@ def say_compared(report: object, items: Iterable[tuple[str, bool]], *, as_json: 
     return DONE if all(identical for _, identical in found) else FAILED
 
 
-def width() -> int:
+def find_terminal_width() -> int:
     """Columns of the terminal that results go to."""
     if not sys.stdout.isatty():
         return WIDTH
@@ -66,21 +66,25 @@ def say_table(rows: Sequence[Sequence[str]]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    shown = [[one_line(cell) for cell in row] for row in rows]
+    shown = [[to_one_line(cell) for cell in row] for row in rows]
     table = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
     least = 2 * (len(shown[0]) - 1)
     for column in zip(*shown, strict=True):
         wide = max(map(len, column))
         longest = max(len(word) for cell in column for word in cell.split(" "))
-        whole = wide <= LABEL or wide == longest
+        whole = wide <= _LABEL or wide == longest
         table.add_column(no_wrap=whole, overflow="fold")
         least += wide if whole else longest
     for row in shown:
-        if least > width():  # a path in the last column, which may be long; sentences may not
-            room = max(width() - (least - longest), LABEL)
-            row[-1] = "\n".join(textwrap.wrap(row[-1], room, **WHOLE_WORDS))
+        if (
+            least > find_terminal_width()
+        ):  # a path in the last column, which may be long; sentences may not
+            room = max(find_terminal_width() - (least - longest), _LABEL)
+            row[-1] = "\n".join(textwrap.wrap(row[-1], room, **_WHOLE_WORDS))
         table.add_row(*map(Text, row))
-    console = Console(width=max(width(), least), color_system=None, force_jupyter=False)
+    console = Console(
+        width=max(find_terminal_width(), least), color_system=None, force_jupyter=False
+    )
     with console.capture() as captured:
         console.print(table)
     for line in captured.get().splitlines():
@@ -90,7 +94,9 @@ def say_table(rows: Sequence[Sequence[str]]) -> None:
 def say_text(text: str) -> None:
     """Print a sentence in lines no longer than the terminal is wide, all but the first a little
     further in."""
-    for line in textwrap.wrap(one_line(text), width(), subsequent_indent="  ", **WHOLE_WORDS):
+    for line in textwrap.wrap(
+        to_one_line(text), find_terminal_width(), subsequent_indent="  ", **_WHOLE_WORDS
+    ):
         say(line)
 
 
@@ -106,9 +112,9 @@ def say_result(result: CaptureResult, *, as_json: bool) -> int:
             device=result.error.get("device"),
             hint=result.error.get("hint"),
         )
-        tell(f"pdcd: {error}")
+        tell_user(f"pdcd: {error}")
     if result.state == "failed":
-        return exit_code((result.error or {}).get("kind"))
+        return exit_code_of((result.error or {}).get("kind"))
     return CANCELLED if result.state == "cancelled" else DONE
 
 
@@ -117,7 +123,7 @@ def _say_plainly(result: CaptureResult) -> None:
     quality = quality_of(result.summary)
     if quality is not None:
         rows.append(["verdict", quality.verdict])
-    rows += summary_rows(partial(figure_of, result.summary))
+    rows += summary_rows(partial(read_summary_value, result.summary))
     if result.folder is not None:
         rows.append(["folder", result.folder])
     for label, name in (("to look at", "preview/{}.png"), ("to measure", "linear/{}.tif")):
@@ -127,21 +133,21 @@ def _say_plainly(result: CaptureResult) -> None:
     for label, file in (("T to look at", "preview/transport.png"), ("T", "transport.npz")):
         if file in result.files:
             rows.append([label, f"{result.folder}/{file}"])
-    if REPORT in result.files:
-        rows.append(["report", f"{result.folder}/{REPORT}"])
+    if REPORT_FILE in result.files:
+        rows.append(["report", f"{result.folder}/{REPORT_FILE}"])
     say_table(rows)
     say_notes(result)
 
 
-def agreed(question: str, *, silent: bool) -> bool:
+def ask_consent(question: str, *, silent: bool) -> bool:
     """Whether somebody at this terminal agrees. Raises ConfigError where nobody is there to ask, or
     who reads the output is no person (`silent`)."""
     if silent or not sys.stdin.isatty():
         raise ConfigError("nobody is there to agree", hint="say --yes")
-    tell(f"{question} [y/N]")
+    tell_user(f"{question} [y/N]")
     if sys.stdin.readline().strip().lower() in ("y", "yes"):
         return True
-    tell("nothing was removed")
+    tell_user("nothing was removed")
     return False
 
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, get_args
 
 import msgspec
 
-from pdcd.api.progress import tell
-from pdcd.api.signals import signals_to
-from pdcd.bench.config import load
-from pdcd.cli.daemon import daemon_if_any
+from pdcd.api.progress import tell_user
+from pdcd.api.signals import send_signals_to
+from pdcd.bench.config import load_config
+from pdcd.cli.daemon import find_daemon
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import BusyError, Cancelled, ConfigError
 from pdcd.words import MovingName
 
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     from pdcd.bench.tables import Config
     from pdcd.panels.frames import Frames
 
-MOCK = "mock"
-NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only: nothing to see"
-"""What to say where the driver is `MOCK`, lest one look for a window."""
+_MOCK = "mock"
+_NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only: nothing to see"
+"""What to say where the driver is `_MOCK`, lest one look for a window."""
 
-SIDES = "left: projector", "right: mask"
-MOST_S = 1e9
+_SIDES = "left: projector", "right: mask"
+_MOST_S = 1e9
 """Longest time to show a pattern for; who wants it for ever leaves `--seconds` out."""
-LOOP_S = 60.0
+_LOOP_S = 60.0
 """Length of one pass of `pdcd show --loop`; a few black refreshes lie between two."""
 
 
-def show(args: argparse.Namespace) -> int:
+def show_pattern(args: argparse.Namespace) -> int:
     """Hold a pattern until Ctrl-C or for some time: by the daemon where one answers, as the panels
     are its own, else in this process."""
-    if args.seconds is not None and not 0.0 <= args.seconds <= MOST_S:
-        raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {MOST_S:g}")
-    client = daemon_if_any(args, needed=args.detach)
+    if args.seconds is not None and not 0.0 <= args.seconds <= _MOST_S:
+        raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {_MOST_S:g}")
+    client = find_daemon(args, needed=args.detach)
     if client is None:
         return _show_here(args)
     with client:
@@ -60,37 +60,37 @@ def _show_there(args: argparse.Namespace, client: Client) -> int:
         say_json(shown)
     else:
         say(f"{_picture(shown.pattern, shown.index)}: job {shown.job}")
-    if client.hello.drivers.get("display") == MOCK:
-        tell(NOTHING_TO_SEE + "; pdcd show without a daemon draws them")
+    if client.hello.drivers.get("display") == _MOCK:
+        tell_user(_NOTHING_TO_SEE + "; pdcd show without a daemon draws them")
     if args.pattern == "black":
         return DONE
     if args.detach:
-        tell(f"it stays: pdcd cancel {shown.job}, or pdcd show black, ends it")
+        tell_user(f"it stays: pdcd cancel {shown.job}, or pdcd show black, ends it")
         return DONE
-    with signals_to(signal.default_int_handler):
+    with send_signals_to(signal.default_int_handler):
         try:
-            tell("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
+            tell_user("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
             if args.seconds is None:
                 client.wait(shown.job)
             else:
                 client.call("capture.wait", {"job": shown.job}, timeout_s=args.seconds)
         except KeyboardInterrupt:
             client.cancel(shown.job)
-        except Unreachable:
+        except UnreachableError:
             if args.seconds is None:
                 raise
             client.cancel(shown.job)  # its time is over; a daemon that has gone is told apart here
         else:
-            tell("ended by another command")
+            tell_user("ended by another command")
     return DONE
 
 
 def _show_here(args: argparse.Namespace) -> int:
     """Drive the panels from this process."""
     from pdcd.capture.rig import Rig
-    from pdcd.capture.show import loop_frames, pattern_frames, pixel_frames
+    from pdcd.capture.show import make_loop_frames, make_pattern_frames, make_pixel_frames
 
-    config = load(args.config)
+    config = load_config(args.config)
     # A lost refresh is no reason to stop showing.
     config = msgspec.structs.replace(
         config, rig=msgspec.structs.replace(config.rig, on_miss="flag")
@@ -99,16 +99,16 @@ def _show_here(args: argparse.Namespace) -> int:
     grid = rig.grid
     moving = args.loop or args.pattern in get_args(MovingName)
     if args.loop:
-        frames = loop_frames(grid, config, LOOP_S)
+        frames = make_loop_frames(grid, config, _LOOP_S)
     elif moving:
-        frames = pixel_frames(args.pattern, config, LOOP_S)
+        frames = make_pixel_frames(args.pattern, config, _LOOP_S)
     elif args.pattern != "black":
-        frames = pattern_frames(args.pattern, args.index, grid, config)
+        frames = make_pattern_frames(args.pattern, args.index, grid, config)
     else:
         frames = None
     if args.json:
         say_json({"pattern": "loop" if args.loop else args.pattern, "index": args.index})
-    if config.display.driver == MOCK:
+    if config.display.driver == _MOCK:
         _draw(args, config, frames)
         return DONE
     end_s = time.monotonic() + (args.seconds if args.seconds is not None else float("inf"))
@@ -116,7 +116,7 @@ def _show_here(args: argparse.Namespace) -> int:
         rig.display.connect()
         if frames is None:
             return DONE
-        tell("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
+        tell_user("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
         if moving:
             _play(rig.display, frames, end_s)
         else:
@@ -143,20 +143,20 @@ def _draw(args: argparse.Namespace, config: Config, frames: Frames | None) -> No
     import numpy as np
 
     from pdcd.bench.placed import panels_of
-    from pdcd.capture.show import sheet
-    from pdcd.pictures.written.picture_files import strip, write_png
+    from pdcd.capture.show import draw_sheet
+    from pdcd.pictures.written.picture_files import draw_caption, write_png
 
     what = "all codes" if args.loop else _picture(args.pattern, args.index)
     sizes = [f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask)]
-    tell("{}: would be on a projector of {} and a mask of {}".format(what, *sizes))
+    tell_user("{}: would be on a projector of {} and a mask of {}".format(what, *sizes))
     if frames is None:
-        tell(NOTHING_TO_SEE)
+        tell_user(_NOTHING_TO_SEE)
         return
     name = "loop" if args.loop else args.pattern
     path = args.out if args.out is not None else Path(f"show-{name}.png")
-    drawn = sheet(frames, panels_of(config))
-    notes = [f"{side} of {size}" for side, size in zip(SIDES, sizes, strict=True)]
-    write_png(path, np.concatenate([drawn, strip(drawn.shape[1], what, notes, ())]))
+    drawn = draw_sheet(frames, panels_of(config))
+    notes = [f"{side} of {size}" for side, size in zip(_SIDES, sizes, strict=True)]
+    write_png(path, np.concatenate([drawn, draw_caption(drawn.shape[1], what, notes, ())]))
     say(str(path))
 
 
@@ -170,14 +170,14 @@ def _picture(pattern: str, index: int) -> str:
     return f"{name} on the projector, its complement on the mask"
 
 
-def timing(args: argparse.Namespace) -> int:
+def measure_timing(args: argparse.Namespace) -> int:
     """Show random codes and tell how regular they were; fails when refreshes were missed."""
-    from pdcd.presenter.timing import histogram, measure
+    from pdcd.presenter.timing import draw_histogram, measure_refreshes
 
-    found = measure(load(args.config), args.frames)
+    found = measure_refreshes(load_config(args.config), args.frames)
     missed = int(found.missed.sum())
     if args.out is not None:
-        histogram(found, args.out)
+        draw_histogram(found, args.out)
     if args.json:
         times = {name: {"p50_ms": a, "p99_ms": b, "max_ms": c} for name, a, b, c in found.table()}
         ready = found.ready

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
-from pdcd.cli.typed import COMMANDS, SHARED, WHEN, share
+from pdcd.cli.typed import COMMANDS, SHARED, WHEN, parse_share
 from pdcd.version import __version__
 from pdcd.words import GoalName, MovingName, PatternName, StepName
 
@@ -23,46 +23,46 @@ EXIT_CODES = (
 LISTED = "list_"
 """What the names of filters of the list itself begin with. Those of a command behind it have their
 own: one that was typed before the command must not be lost."""
-PATTERNS = (*get_args(PatternName), *get_args(MovingName))
-WORDS = {
-    "<patterns>": ", ".join(PATTERNS),
+_PATTERNS = (*get_args(PatternName), *get_args(MovingName))
+_WORDS = {
+    "<patterns>": ", ".join(_PATTERNS),
     "<steps>": ", ".join(get_args(StepName)),
     "<when>": WHEN,
 }
 """What stands in the table for words that are at home elsewhere."""
 
-How = dict[str, Any]
+_How = dict[str, Any]
 """What argparse's `add_argument` takes."""
 
 
-TYPES: dict[str, Callable[[str], Any]] = {
+_TYPES: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("FILE", "DIR", "PATH", "PNG", "FOLDER"), Path),
     **dict.fromkeys(("N", "ROW"), int),
     **dict.fromkeys(("S", "E", "X", "BLACK"), float),
-    "SHARE": share,
+    "SHARE": parse_share,
 }
 """Type of a value by the (first) word that stands for it; a text where it is none of these."""
-CHOICES = {"GOAL": get_args(GoalName), "PATTERN": PATTERNS}
+_CHOICES = {"GOAL": get_args(GoalName), "PATTERN": _PATTERNS}
 """What a value may be, by the word that stands for it."""
 
 
-class Row(NamedTuple):
+class ArgumentRow(NamedTuple):
     """One row of a table: its first columns, all the text behind them, and rows below it."""
 
     first: str
     text: str
-    below: list[Row]
+    below: list[ArgumentRow]
 
 
 @functools.cache
-def rows_of(table: str) -> list[Row]:
+def _rows_of(table: str) -> list[ArgumentRow]:
     """The rows of a table (see `pdcd.cli.typed`), which nobody changes."""
-    for word, meant in WORDS.items():
+    for word, meant in _WORDS.items():
         table = table.replace(word, meant)
-    found: list[Row] = []
+    found: list[ArgumentRow] = []
     for line in re.sub(r"\n {10,}", " ", table).strip("\n").splitlines():
         first, _, text = line.strip().partition("  ")
-        row = Row(first, text.strip(), [])
+        row = ArgumentRow(first, text.strip(), [])
         if line.startswith(" "):
             found[-1].below.append(row)
         elif line:
@@ -84,11 +84,11 @@ def build_parser(typed: Sequence[str] | None = None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pdcd {__version__}")
     parser.set_defaults(json=False)
-    _add_commands(parser, rows_of(COMMANDS), "command", typed, required=True)
+    _add_commands(parser, _rows_of(COMMANDS), "command", typed, required=True)
     return parser
 
 
-class CommandParser(argparse.ArgumentParser):
+class _CommandParser(argparse.ArgumentParser):
     """The parser of a command."""
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
@@ -101,7 +101,7 @@ class CommandParser(argparse.ArgumentParser):
 
 def _add_commands(
     parser: argparse.ArgumentParser,
-    rows: list[Row],
+    rows: list[ArgumentRow],
     dest: str,
     typed: Sequence[str] | None,
     *,
@@ -109,7 +109,7 @@ def _add_commands(
 ) -> None:
     """Add commands of one word, each with its options and those of two words that begin with it."""
     below = parser.add_subparsers(
-        parser_class=CommandParser, dest=dest, required=required, metavar="COMMAND"
+        parser_class=_CommandParser, dest=dest, required=required, metavar="COMMAND"
     )
     for row in rows:
         name, _, more = row.first.partition(" ")
@@ -141,7 +141,10 @@ def _add_commands(
 
 
 def _add_options(
-    parser: argparse.ArgumentParser, rows: list[Row], before: str = "", how: How | None = None
+    parser: argparse.ArgumentParser,
+    rows: list[ArgumentRow],
+    before: str = "",
+    how: _How | None = None,
 ) -> None:
     """Add options. before : what their names in the namespace begin with. how : for all of them."""
     for row in rows:
@@ -149,7 +152,7 @@ def _add_options(
         if what.startswith("@"):
             _add_shared(parser, what[1:], words, how)
         elif what not in ("usage", "more"):
-            names, told = read_option(row.first)
+            names, told = _read_option(row.first)
             if before:
                 told["dest"] = before + (told.get("dest") or names[-1].lstrip("-"))
             said = [row.text]
@@ -160,7 +163,7 @@ def _add_options(
 
 
 def _add_shared(
-    parser: argparse.ArgumentParser, name: str, words: list[str], how: How | None
+    parser: argparse.ArgumentParser, name: str, words: list[str], how: _How | None
 ) -> None:
     """Add lines that several commands share, or fields of a request."""
     if name in ("photo", "fields"):
@@ -171,19 +174,19 @@ def _add_shared(
             return
         told = dict(word.split("=") for word in words)
         request.add_goal(parser, told.get("goal"))
-        _add_options(parser, [Row("@client", "", []), Row("@local", "", [])])
-        request.add_fields(parser, without=told.get("without", ""))
+        _add_options(parser, [ArgumentRow("@client", "", []), ArgumentRow("@local", "", [])])
+        request.add_request_fields(parser, without=told.get("without", ""))
         return
     if name == "again":  # what was typed before the command counts where it is not typed again
         name, how = "runs", {"default": argparse.SUPPRESS}
-    (rows,) = (row.below for row in rows_of(SHARED) if row.first == name)
+    (rows,) = (row.below for row in _rows_of(SHARED) if row.first == name)
     _add_options(parser, rows, LISTED if words else "", how)
 
 
-def read_option(text: str) -> tuple[list[str], How]:
+def _read_option(text: str) -> tuple[list[str], _How]:
     """Names of an option or an argument, and what argparse takes of it; see `pdcd.cli.typed`."""
     words = text.split()
-    how: How = {}
+    how: _How = {}
     if ">" in words:
         *words, _, how["dest"] = words
     if "!" in words:
@@ -196,11 +199,11 @@ def read_option(text: str) -> tuple[list[str], How]:
         return names, how | {"action": "store_false" if off else "store_true"}
     optional, again = value.startswith("["), "..." in value
     values = value.strip("[]").replace("...", "").split()
-    kind = TYPES.get(values[0], str)
+    kind = _TYPES.get(values[0], str)
     if values[0].startswith("{"):
         how["choices"] = tuple(values[0].strip("{}").split(","))
     else:
-        how |= {"type": kind, "metavar": values[0], "choices": CHOICES.get(values[0])}
+        how |= {"type": kind, "metavar": values[0], "choices": _CHOICES.get(values[0])}
     if len(values) > 1:
         how |= {"metavar": tuple(values), "nargs": len(values)}
     elif optional:
@@ -214,13 +217,13 @@ def read_option(text: str) -> tuple[list[str], How]:
     return names, how
 
 
-def commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+def list_subparsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
     """The parsers of all commands below one, each before those of its own, as they were added."""
     for action in parser._actions:  # noqa: SLF001
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for below in action.choices.values():
                 yield below
-                yield from commands(below)
+                yield from list_subparsers(below)
 
 
 def actions_of(parser: argparse.ArgumentParser) -> list[argparse.Action]:

@@ -10,20 +10,20 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 from typing import Any
 
-from pdcd.cli.typed import share
+from pdcd.cli.typed import parse_share
 from pdcd.errors import ConfigError
 from pdcd.protocol.about import GROUPS
-from pdcd.protocol.fields import Field, FieldError, fields_of, request_fields
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, in_words
+from pdcd.protocol.fields import Field, FieldError, fields_of, list_request_fields
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, is_prior_in_words
 
-Group = argparse._ActionsContainer  # noqa: SLF001
+_Group = argparse._ActionsContainer  # noqa: SLF001
 
 
-def add_fields(parser: argparse.ArgumentParser, *, without: Container[str] = ()) -> None:
+def add_request_fields(parser: argparse.ArgumentParser, *, without: Container[str] = ()) -> None:
     """Add all fields of a photo but its goal and some, in their groups."""
     fields = [
         field
-        for field in request_fields().values()
+        for field in list_request_fields().values()
         if field.name != "goal" and field.name not in without
     ]
     for name, (title, text) in GROUPS.items():
@@ -31,12 +31,12 @@ def add_fields(parser: argparse.ArgumentParser, *, without: Container[str] = ())
         if in_group:
             group = parser.add_argument_group(title, text)
             for field in in_group:
-                add_field(group, field)
+                add_request_field(group, field)
 
 
 def add_goal(parser: argparse.ArgumentParser, only: str | None = None) -> None:
     """Add the goal, which has no option: it comes first, unless there is `only` one."""
-    goal = request_fields()["goal"]
+    goal = list_request_fields()["goal"]
     if only is not None:
         parser.set_defaults(goal=only)
         return
@@ -47,12 +47,12 @@ def add_goal(parser: argparse.ArgumentParser, only: str | None = None) -> None:
 
 def add_named(parser: argparse.ArgumentParser, names: Sequence[str]) -> None:
     """Add fields of a photo or of a calibration by their names."""
-    fields = {**fields_of(CalibrateRequest), **request_fields()}
+    fields = {**fields_of(CalibrateRequest), **list_request_fields()}
     for name in names:
-        add_field(parser, fields[name])
+        add_request_field(parser, fields[name])
 
 
-def add_field(group: Group, field: Field) -> None:
+def add_request_field(group: _Group, field: Field) -> None:
     """Add one field. What is not typed is left as the request has it."""
     if field.kind == "choice" and "true" in field.takes:
         _add_switched(group, field)
@@ -65,13 +65,13 @@ def option_of(field: Field) -> str:
     return "--" + (field.about.option or field.name).replace("_", "-")
 
 
-def request_of(args: argparse.Namespace) -> CaptureRequest:
+def parse_request_options(args: argparse.Namespace) -> CaptureRequest:
     """Check what was typed against the types of a request. Raises ConfigError.
 
-    Its files are left out: see `arrays_of`.
+    Its files are left out: see `collect_array_files`.
     """
     values, faults = {}, []
-    for name, field in request_fields().items():
+    for name, field in list_request_fields().items():
         given = getattr(args, name, None)
         if given is not None and not _is_file(field, given):
             try:
@@ -83,17 +83,17 @@ def request_of(args: argparse.Namespace) -> CaptureRequest:
     return CaptureRequest(**values)
 
 
-def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
+def collect_array_files(args: argparse.Namespace) -> dict[str, Path]:
     """The files that were named, by the request's field; this command opens them itself."""
     return {
         name: Path(given)
-        for name, field in request_fields().items()
+        for name, field in list_request_fields().items()
         if (given := getattr(args, name, None)) is not None and _is_file(field, given)
     }
 
 
 def _is_file(field: Field, given: Any) -> bool:
-    return field.kind == "array" or (field.kind == "prior" and not in_words(given))
+    return field.kind == "array" or (field.kind == "prior" and not is_prior_in_words(given))
 
 
 def _value(field: Field, given: Any) -> Any:
@@ -105,7 +105,7 @@ def _value(field: Field, given: Any) -> Any:
     return given
 
 
-def _add_switched(group: Group, field: Field) -> None:
+def _add_switched(group: _Group, field: Field) -> None:
     """Add a field that takes true, false or a word: two switches, and an option for the words."""
     one_of = group.add_mutually_exclusive_group()
     dashed = field.name.replace("_", "-")
@@ -141,7 +141,9 @@ def _how(field: Field) -> dict[str, Any]:
 
 def _number(field: Field) -> Callable[[str], int | float | str]:
     """Reads a number, or one of the words in its place; argparse reports the ValueError."""
-    read: Callable[[str], int | float] = int if field.whole else share if field.share else float
+    read: Callable[[str], int | float] = (
+        int if field.whole else parse_share if field.share else float
+    )
 
     def number(text: str) -> int | float | str:
         return text if text in field.words else read(text)
@@ -166,7 +168,7 @@ def _help(field: Field) -> str:
 
 def _goals(names: Sequence[str]) -> str:
     """Some goals in words; most of them by those that are left out."""
-    others = [goal for goal in request_fields()["goal"].words if goal not in names]
+    others = [goal for goal in list_request_fields()["goal"].words if goal not in names]
     if len(others) < len(names):
         return f"all goals but {', '.join(others)}"
     return f"goal{'s' * (len(names) > 1)} {', '.join(names)}"

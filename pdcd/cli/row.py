@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 
+from pdcd.arrays import Floats
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say_json, say_table, say_text
-from pdcd.pictures.row import Floats, matrix_row
+from pdcd.pictures.row import read_matrix_row
 from pdcd.pictures.written.picture_files import write_png
-from pdcd.runs.later import row_name
+from pdcd.runs.folder import name_row_file
 
 
-def row(args: argparse.Namespace) -> int:
+def draw_matrix_row(args: argparse.Namespace) -> int:
     """Write the picture; print least, mean and largest weight, as wanted and as realised."""
     down, right = args.cell
-    found = matrix_row(args.folder, (down, right), args.photo)
-    path = args.out or args.folder / row_name(found.photo, (down, right))
+    found = read_matrix_row(args.folder, (down, right), args.photo)
+    path = args.out or args.folder / name_row_file(found.photo, (down, right))
     write_png(path, found.picture((down, right)))
     figures = {"wanted": _figures(found.wanted), "realised": _figures(found.realised)}
     if args.json:

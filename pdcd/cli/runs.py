@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from pdcd.api.progress import tell
-from pdcd.api.rows import error_words, summary_rows
-from pdcd.bench.config import load
-from pdcd.bench.folders import state_dir
-from pdcd.cli.daemon import daemon_if_any
+from pdcd.api.progress import tell_user
+from pdcd.api.rows import describe_error, summary_rows
+from pdcd.bench.config import load_config
+from pdcd.bench.folders import find_state_dir
+from pdcd.cli.daemon import find_daemon
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import (
     WIDTH,
-    agreed,
+    ask_consent,
     say,
     say_json,
     say_table,
@@ -30,56 +30,59 @@ from pdcd.cli.output import (
 from pdcd.cli.parser import LISTED
 from pdcd.cli.typed import WHEN
 from pdcd.errors import ConfigError, DecodeError
-from pdcd.printable import one_line
+from pdcd.printable import to_one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
-from pdcd.protocol.fields import request_fields
+from pdcd.protocol.fields import list_request_fields
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
-from pdcd.runs.index import at, find, named, one
-from pdcd.runs.later import REPORT
+from pdcd.runs.folder import REPORT_FILE, read_manifest
+from pdcd.runs.index import iterate_run_pages, make_name_query, pick_run, read_run_at
 from pdcd.runs.record import Manifest
 
 if TYPE_CHECKING:
-    from pdcd.runs.prune import Unwanted
+    from pdcd.runs.prune import UnwantedRun
 
-UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
-NEWEST = 50
+_UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
+_NEWEST = 50
 """Runs that are listed where not all are asked for."""
-COLUMNS = ("job", "came out", "goal", "codes", "exposure", "error")
-WIDTHS = (21, 10, 12, 5, 8, 8)
+_COLUMNS = ("job", "came out", "goal", "codes", "exposure", "error")
+_WIDTHS = (21, 10, 12, 5, 8, 8)
 """Of the columns; with two spaces between them they are no wider than a terminal."""
-FINISHED = ("done", "partial", "damaged")
+_FINISHED = ("done", "partial", "damaged")
 
 
-def list_runs(args: argparse.Namespace) -> int:
+def print_runs(args: argparse.Namespace) -> int:
     """Print the newest runs that are like that, or all, the newest last."""
     everything: bool = args.list_all
-    query = query_of(args, LISTED, newest=MOST_RUNS if everything else NEWEST, previews=everything)
+    query = parse_run_query(
+        args, LISTED, newest=MOST_RUNS if everything else _NEWEST, previews=everything
+    )
     found: list[RunEntry] = []
-    for page in pages(args, query):
+    for page in list_run_pages(args, query):
         found += page.runs
-        if not everything and len(found) >= NEWEST:
-            del found[NEWEST:]
+        if not everything and len(found) >= _NEWEST:
+            del found[_NEWEST:]
             break
     found.reverse()
     if args.json:
         for run in found:
             say_json(run)
         return DONE
-    say_runs(found)
-    tell(f"{len(found)} runs in {page.state_folder}")
-    tell("error: against the known truth, or +- what the photo itself expects, as a share of RMS")
+    _say_runs(found)
+    tell_user(f"{len(found)} runs in {page.state_folder}")
+    tell_user(
+        "error: against the known truth, or +- what the photo itself expects, as a share of RMS"
+    )
     _tell_limits(page)
     return DONE
 
 
-def show(args: argparse.Namespace) -> int:
+def show_run(args: argparse.Namespace) -> int:
     """Print all that is known of a run."""
-    run = run_of(args)
+    run = _run_of(args)
     try:
         manifest = read_manifest(Path(run.folder)) if run.state in ("done", "partial") else None
     except DecodeError as err:
-        tell(f"pdcd: {err}")
+        tell_user(f"pdcd: {err}")
         manifest = None
     if args.json:
         more: dict[str, Any] = {}
@@ -99,11 +102,11 @@ def show(args: argparse.Namespace) -> int:
     return DONE
 
 
-def export(args: argparse.Namespace) -> int:
+def export_run(args: argparse.Namespace) -> int:
     """Write pictures of a run, as `pdcd export` does."""
     from pdcd.cli.export import export as write
 
-    args.folder = Path(run_of(args).folder)
+    args.folder = Path(_run_of(args).folder)
     return write(args)
 
 
@@ -113,34 +116,36 @@ def verify(args: argparse.Namespace) -> int:
     from pdcd.cli.verify import verify_runs
 
     if args.run_name:
-        args.folder = [Path(run_of(args, name).folder) for name in args.run_name]
+        args.folder = [Path(_run_of(args, name).folder) for name in args.run_name]
     else:
-        query = query_of(args, "", newest=MOST_RUNS)
+        query = parse_run_query(args, "", newest=MOST_RUNS)
         args.folder = [
             Path(run.folder)
-            for page in pages(args, query)
+            for page in list_run_pages(args, query)
             for run in page.runs
-            if run.state in FINISHED
+            if run.state in _FINISHED
         ]
         if not args.folder:
-            tell("no finished run is like that: nothing was verified")
+            tell_user("no finished run is like that: nothing was verified")
     args.manifest_sha256 = None
     return verify_runs(args)
 
 
-def run_of(args: argparse.Namespace, text: str | None = None) -> RunEntry:
+def _run_of(args: argparse.Namespace, text: str | None = None) -> RunEntry:
     """The run that was named by its job, its name or its folder.
 
     Raises RequestError when there is none, or more than one of that name.
     """
-    refuse_before(args)
+    check_option_order(args)
     asked: str = args.run_name if text is None else text
     if "/" in asked or Path(asked).is_dir():
-        return at(Path(asked))
-    return one([run for page in pages(args, named(asked)) for run in page.runs], asked)
+        return read_run_at(Path(asked))
+    return pick_run(
+        [run for page in list_run_pages(args, make_name_query(asked)) for run in page.runs], asked
+    )
 
 
-def refuse_before(args: argparse.Namespace) -> None:
+def check_option_order(args: argparse.Namespace) -> None:
     """Raise ConfigError for options of the list in front of a command that has its own."""
     for name, value in vars(args).items():
         if name.startswith(LISTED) and value:
@@ -151,16 +156,18 @@ def refuse_before(args: argparse.Namespace) -> None:
             )
 
 
-def query_of(
+def parse_run_query(
     args: argparse.Namespace, before: str, *, newest: int, previews: bool = False
 ) -> RunQuery:
     """What was typed as filters; `before` is what their names begin with. Raises ConfigError."""
     if not before:
-        refuse_before(args)
+        check_option_order(args)
     typed: dict[str, Any] = {
         name: getattr(args, before + name) for name in ("goal", "since", "tags", "failed")
     }
-    since: datetime | None = None if typed["since"] is None else moment(typed["since"], "--since")
+    since: datetime | None = (
+        None if typed["since"] is None else parse_moment(typed["since"], "--since")
+    )
     try:
         return msgspec.convert(
             {
@@ -173,21 +180,21 @@ def query_of(
             RunQuery,
         )
     except msgspec.ValidationError as err:
-        raise ConfigError(f"--tag: it takes {request_fields()['tags'].takes}") from err
+        raise ConfigError(f"--tag: it takes {list_request_fields()['tags'].takes}") from err
 
 
-def pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page, None, None]:
+def list_run_pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page, None, None]:
     """Page after page of the runs: below the folder that was named, else of the daemon, else where
     captures of this user go that need no daemon."""
     if args.state_dir is not None:
         folder = args.state_dir.absolute()
         if not folder.is_dir():
             raise ConfigError(f"{folder} is no folder", hint="--state-dir names that of the runs")
-        yield from find(folder, query)
+        yield from iterate_run_pages(folder, query)
         return
-    client = daemon_if_any(args)
+    client = find_daemon(args)
     if client is None:
-        yield from find(state_dir(load(args.config)).absolute(), query)
+        yield from iterate_run_pages(find_state_dir(load_config(args.config)).absolute(), query)
         return
     with client:
         while True:
@@ -198,9 +205,9 @@ def pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page, None, No
             query = msgspec.structs.replace(query, before=page.more)
 
 
-def say_runs(found: list[RunEntry]) -> None:
+def _say_runs(found: list[RunEntry]) -> None:
     """Print a table of runs; what people said of one, and why it failed, in lines below it."""
-    _say_row(COLUMNS)
+    _say_row(_COLUMNS)
     for run in found:
         _say_row(
             (
@@ -209,14 +216,14 @@ def say_runs(found: list[RunEntry]) -> None:
                 run.goal or "?",
                 "" if run.codes is None else str(run.codes),
                 "" if run.exposure_s is None else f"{run.exposure_s:.4g} s",
-                error_words(run),
+                describe_error(run),
             )
         )
         said = [run.name or "", *(f"#{tag}" for tag in run.tags), *run.note.split()]
-        words = one_line(" ".join(filter(None, said)))
+        words = to_one_line(" ".join(filter(None, said)))
         if words:
             say("    " + textwrap.shorten(words, WIDTH - 4, placeholder=" ..."))
-        why = one_line(", ".join(filter(None, (run.reason, _beside(run)))))
+        why = to_one_line(", ".join(filter(None, (run.reason, _beside(run)))))
         for line in textwrap.wrap(why, WIDTH - 4, max_lines=3, placeholder=" ..."):
             say("    " + line)
 
@@ -229,15 +236,17 @@ def _beside(run: RunEntry) -> str | None:
 
 
 def _say_row(cells: tuple[str, ...]) -> None:
-    shown = (one_line(cell).ljust(width) for cell, width in zip(cells, WIDTHS, strict=True))
+    shown = (to_one_line(cell).ljust(width) for cell, width in zip(cells, _WIDTHS, strict=True))
     say("  ".join(shown).rstrip())
 
 
 def _tell_limits(page: Page) -> None:
     for folder in page.closed:
-        tell(f"not looked into: {page.state_folder}/{folder}")
+        tell_user(f"not looked into: {page.state_folder}/{folder}")
     if page.cut:
-        tell("there are more names than are looked at: some runs may be missing from this list")
+        tell_user(
+            "there are more names than are looked at: some runs may be missing from this list"
+        )
 
 
 def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
@@ -266,7 +275,7 @@ def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
     if manifest is not None:
         size = sum(record.size_bytes for record in manifest.files.values())
         rows.append(["files", f"{len(manifest.files)}, {size / 2**20:.1f} MiB"])
-        report = Path(run.folder) / REPORT
+        report = Path(run.folder) / REPORT_FILE
         rows.append(["report", str(report) if report.is_file() else None])
     return [[str(label), value] for label, value in rows if value]
 
@@ -276,13 +285,13 @@ def _asked(manifest: Manifest) -> str:
     usual = msgspec.to_builtins(CaptureRequest(goal="white"))
     apart = {"goal", "name", "tags", "note", "out"}
     return ", ".join(
-        f"{key} {json_words(value)}"
+        f"{key} {_json_words(value)}"
         for key, value in manifest.request.items()
         if key not in apart and value != usual.get(key)
     )
 
 
-def json_words(value: object) -> str:
+def _json_words(value: object) -> str:
     """A value of a request in few letters: a word as it is, all else as JSON."""
     if isinstance(value, str):
         return value
@@ -302,18 +311,18 @@ def _local(utc: str | None) -> str | None:
 
 def prune(args: argparse.Namespace) -> int:
     """Say which runs are to go, ask, and remove them; fails when one of them could not be."""
-    from pdcd.runs.prune import remove, unwanted
+    from pdcd.runs.prune import find_unwanted_runs, remove_run
 
     _check_prune(args)
-    older = None if args.older_than is None else moment(args.older_than, "--older-than")
-    query = query_of(args, "", newest=1)
+    older = None if args.older_than is None else parse_moment(args.older_than, "--older-than")
+    query = parse_run_query(args, "", newest=1)
     # Of the daemon only where its runs lie is asked: they are removed with the rights of this user.
-    with closing(pages(args, query)) as found:
+    with closing(list_run_pages(args, query)) as found:
         state = Path(next(found).state_folder)
     going = list(
-        unwanted(
+        find_unwanted_runs(
             state,
-            query_of(args, "", newest=1000),
+            parse_run_query(args, "", newest=1000),
             older_than=older,
             leftovers=args.failed,
             keep=args.keep or 0,
@@ -324,21 +333,21 @@ def prune(args: argparse.Namespace) -> int:
     if args.dry_run or not going:
         _say_unwanted(going, as_json=args.json)
         return DONE
-    if not args.yes and not agreed(f"remove {len(going)} runs for good?", silent=args.json):
+    if not args.yes and not ask_consent(f"remove {len(going)} runs for good?", silent=args.json):
         return DONE
-    gone = [remove(state, each) for each in reversed(going)]
+    gone = [remove_run(state, each) for each in reversed(going)]
     _say_unwanted(gone, as_json=args.json)
     for each in gone:
         if not args.json and not each.removed:
             say(f"kept {each.run.job}: {each.why}")
     removed = [each for each in gone if each.removed]
-    tell(f"removed {len(removed)} of {len(gone)} runs, {_size(removed)}")
+    tell_user(f"removed {len(removed)} of {len(gone)} runs, {_size(removed)}")
     return DONE if len(removed) == len(gone) else FAILED
 
 
 def _check_prune(args: argparse.Namespace) -> None:
     """Raise ConfigError unless it was said which runs are to go."""
-    refuse_before(args)
+    check_option_order(args)
     if args.keep is not None and args.keep < 0:
         raise ConfigError(f"--keep {args.keep} is less than nothing")
     if args.older_than is None and args.keep is None and not args.failed:
@@ -348,25 +357,25 @@ def _check_prune(args: argparse.Namespace) -> None:
         )
 
 
-def _say_going(going: list[Unwanted], state: Path) -> None:
+def _say_going(going: list[UnwantedRun], state: Path) -> None:
     if not going:
         say(f"nothing to remove in {state}")
         return
     say(f"to be removed from {state}, the oldest first:")
-    say_runs([each.run for each in reversed(going)])
+    _say_runs([each.run for each in reversed(going)])
     say(f"{len(going)} runs, {_size(going)}")
 
 
-def _say_unwanted(runs: list[Unwanted], *, as_json: bool) -> None:
+def _say_unwanted(runs: list[UnwantedRun], *, as_json: bool) -> None:
     for each in runs if as_json else ():
         say_json(each)
 
 
-def _size(runs: list[Unwanted]) -> str:
+def _size(runs: list[UnwantedRun]) -> str:
     return f"{sum(each.size_bytes for each in runs) / 2**20:.1f} MiB"
 
 
-def moment(text: str, option: str, now: datetime | None = None) -> datetime:
+def parse_moment(text: str, option: str, now: datetime | None = None) -> datetime:
     """The moment in UTC; a date without a zone is one of this machine's.
 
     Raises ConfigError, which names the `option`.
@@ -375,7 +384,7 @@ def moment(text: str, option: str, now: datetime | None = None) -> datetime:
     ago = re.fullmatch(r"(\d{1,6})([smhdw])", text)
     try:
         if ago is not None:
-            return now - timedelta(**{UNITS[ago[2]]: int(ago[1])})
+            return now - timedelta(**{_UNITS[ago[2]]: int(ago[1])})
         # A moment without a zone is taken for one of this machine's.
         return datetime.fromisoformat(text).astimezone(UTC)
     except (ValueError, OverflowError) as err:

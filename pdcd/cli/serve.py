@@ -27,15 +27,15 @@ def _serve(args: argparse.Namespace, child: Child[Any]) -> int:
 
     import msgspec
 
-    from pdcd.bench.config import load
+    from pdcd.bench.config import load_config
     from pdcd.capture.engine import Engine
-    from pdcd.server.daemon import run
+    from pdcd.server.daemon import run_daemon
 
     gc.enable()
 
-    settings = load(args.config)
+    settings = load_config(args.config)
     if args.state_dir is not None:
         server = msgspec.structs.replace(settings.server, state_dir=str(args.state_dir.absolute()))
         settings = msgspec.structs.replace(settings, server=server)
     engine = partial(Engine.with_child, child=child)
-    return run(settings, socket=args.socket, engine_factory=engine, verbose=args.verbose)
+    return run_daemon(settings, socket=args.socket, engine_factory=engine, verbose=args.verbose)

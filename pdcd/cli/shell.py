@@ -1,4 +1,4 @@
-r"""`pdcd version`, `completion SHELL`, `man`: what is told of the program itself.
+r"""`pdcd version`, `completion SHELL`, `print_manual`: what is told of the program itself.
 
 The manual page has the help of every command as it is printed. Only macros of man(7) that every
 formatter knows are used: TH, SH, nf, fi.
@@ -12,14 +12,14 @@ from functools import partial
 from pathlib import Path
 
 from pdcd.cli.exits import DONE
-from pdcd.cli.parser import actions_of, build_parser, commands
+from pdcd.cli.parser import actions_of, build_parser, list_subparsers
 from pdcd.errors import ConfigError
-from pdcd.extras import install_hint
+from pdcd.extras import suggest_install
 from pdcd.version import __version__
 
-WIDTH = 72
+_WIDTH = 72
 """Columns of the help: a formatter puts some in front of it."""
-FILES = """\
+_FILES = """\
 $XDG_CONFIG_HOME/pdcd/pdcd.toml  the configuration; ~/.config without that variable
 $XDG_STATE_HOME/pdcd             runs and calibrations; ~/.local/state without that variable
 $XDG_RUNTIME_DIR/pdcd.sock       the daemon's socket
@@ -27,28 +27,28 @@ $XDG_RUNTIME_DIR/pdcd.sock       the daemon's socket
 """
 
 
-def version(args: argparse.Namespace) -> int:
+def print_version(args: argparse.Namespace) -> int:
     """Print the version."""
     sys.stdout.write(f"pdcd {__version__}\n")
     return DONE
 
 
-def completion(args: argparse.Namespace) -> int:
+def print_completion(args: argparse.Namespace) -> int:
     """Print the script for a shell. Raises ConfigError where the library for it is missing."""
-    sys.stdout.write(script(args.shell))
+    sys.stdout.write(make_completion_script(args.shell))
     return DONE
 
 
-def script(shell: str) -> str:
+def make_completion_script(shell: str) -> str:
     """The script for bash, zsh or fish."""
     try:
         import shtab
     except ImportError as err:
         raise ConfigError(
-            "the Python package shtab is not installed", hint=install_hint("shtab")
+            "the Python package shtab is not installed", hint=suggest_install("shtab")
         ) from err
     parser = build_parser()
-    for each in (parser, *commands(parser)):
+    for each in (parser, *list_subparsers(parser)):
         for action in actions_of(each):
             if action.type is Path:
                 kind = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
@@ -57,13 +57,13 @@ def script(shell: str) -> str:
     return made.rstrip("\n") + "\n"
 
 
-def man(args: argparse.Namespace) -> int:
+def print_manual(args: argparse.Namespace) -> int:
     """Print the manual page."""
-    sys.stdout.write(page())
+    sys.stdout.write(make_manual_page())
     return DONE
 
 
-def page() -> str:
+def make_manual_page() -> str:
     """The manual page: pdcd(1)."""
     parser = build_parser()
     parts = [
@@ -73,10 +73,10 @@ def page() -> str:
         ".SH DESCRIPTION",
         "Results go to the standard output, progress and errors to the standard error.",
     ]
-    for each in (parser, *commands(parser)):
-        each.formatter_class = partial(argparse.HelpFormatter, width=WIDTH)
+    for each in (parser, *list_subparsers(parser)):
+        each.formatter_class = partial(argparse.HelpFormatter, width=_WIDTH)
         parts += [f".SH {_text(each.prog.upper())}", *_as_it_is(each.format_help())]
-    return "\n".join([*parts, ".SH FILES", *_as_it_is(FILES)]) + "\n"
+    return "\n".join([*parts, ".SH FILES", *_as_it_is(_FILES)]) + "\n"
 
 
 def _as_it_is(text: str) -> list[str]:

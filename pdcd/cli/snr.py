@@ -11,17 +11,17 @@ import msgspec
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_table, say_text
 from pdcd.sensor import snr as model
-from pdcd.sensor.appendix import PrintedRow, appendix_rows
+from pdcd.sensor.appendix import PrintedRow, compute_appendix_rows
 from pdcd.sensor.profile import SensorProfile, load_profile
 
-THERMAL_TERMS: dict[model.Thermal, str] = {
+_THERMAL_TERMS: dict[model.Thermal, str] = {
     "paper": "paper's thermal term",
     "shot": "dark shot noise",
 }
-"""How tables call the two conventions of `pdcd.sensor.snr`."""
+"""How tables call the two conventions of `pdcd.sensor.print_snr`."""
 
 
-class BreakEven(msgspec.Struct, frozen=True):
+class _BreakEven(msgspec.Struct, frozen=True):
     """Where the mask stops paying; `read_noise_e` is None where both never meet."""
 
     light: float
@@ -32,16 +32,16 @@ class BreakEven(msgspec.Struct, frozen=True):
     verdict: str
 
 
-def snr(args: argparse.Namespace) -> int:
+def print_snr(args: argparse.Namespace) -> int:
     """Print the appendix' table, then SNRs and break-even read noises of one sensor."""
     profile = load_profile(args.profile)
     iso: int = profile.isos[0] if args.iso is None else args.iso
-    pixel = model.sensor_pixel(
+    pixel = model.make_sensor_pixel(
         profile, iso, codes=args.codes, exposure_s=args.exposure, signal_e=args.signal
     )
-    rows = model.sensor_rows(profile, iso, pixel, args.transmission)
-    even = break_even_rows(pixel, args.transmission)
-    appendix = appendix_rows()
+    rows = model.compute_sensor_rows(profile, iso, pixel, args.transmission)
+    even = list_break_even_rows(pixel, args.transmission)
+    appendix = compute_appendix_rows()
     if args.json:
         say_json(
             {
@@ -51,7 +51,7 @@ def snr(args: argparse.Namespace) -> int:
                 "iso": iso,
                 "pixel": pixel,
                 "transmission": args.transmission,
-                "opening_limit_db": model.opening_limit_db(pixel.codes),
+                "opening_limit_db": model.compute_opening_limit_db(pixel.codes),
                 "rows": rows,
                 "break_even": even,
             }
@@ -65,15 +65,15 @@ def snr(args: argparse.Namespace) -> int:
     return DONE
 
 
-def break_even_rows(pixel: model.Pixel, transmission: float) -> list[BreakEven]:
+def list_break_even_rows(pixel: model.SnrPixel, transmission: float) -> list[_BreakEven]:
     """Break-even read noises of each light, mask (ideal, LCD, the user's), goal and convention."""
     masks = sorted({1.0, model.LCD_TRANSMISSION, transmission}, reverse=True)
     made = []
     for light, of in ((1.0, pixel), (model.DIM, pixel.dimmed())):
-        for mask, goal, thermal in product(masks, model.GOALS, model.THERMALS):
+        for mask, goal, thermal in product(masks, model.SNR_GOALS, model.THERMALS):
             read_noise_e = model.break_even_read_noise_e(of, goal, thermal, mask)
             kept = read_noise_e if 0.0 < read_noise_e < math.inf else None
-            made.append(BreakEven(light, mask, goal, thermal, kept, _verdict(read_noise_e)))
+            made.append(_BreakEven(light, mask, goal, thermal, kept, _verdict(read_noise_e)))
     return made
 
 
@@ -102,7 +102,7 @@ def _say_appendix(rows: tuple[PrintedRow, ...]) -> None:
 
 def _say_sensor(
     profile: SensorProfile,
-    pixel: model.Pixel,
+    pixel: model.SnrPixel,
     rows: tuple[model.SensorRow, ...],
     transmission: float,
 ) -> None:
@@ -116,14 +116,14 @@ def _say_sensor(
             ["mask-less photos", f"{pixel.codes}, {rate_hz:.3g} a second"],
             [
                 "independent codes",
-                f"{pixel.codes / model.SHIFTS:g}: at random, unequal opening alone limits indirect "
-                f"light to {model.opening_limit_db(pixel.codes):.1f} dB",
+                f"{pixel.codes / model.SHIFTS_PER_CODE:g}: at random, unequal opening alone limits "
+                f"indirect light to {model.compute_opening_limit_db(pixel.codes):.1f} dB",
             ],
         ]
     )
     say("")
     table = [["procedure", "light", "ISO", "signal", "additive"]]
-    table[0] += [f"SNR, {THERMAL_TERMS[thermal]}" for thermal in model.THERMALS]
+    table[0] += [f"SNR, {_THERMAL_TERMS[thermal]}" for thermal in model.THERMALS]
     for row in rows:
         table.append(
             [row.procedure, f"{row.light:g}", str(row.iso)]
@@ -136,14 +136,14 @@ def _say_sensor(
     )
 
 
-def _say_break_even(rows: list[BreakEven]) -> None:
+def _say_break_even(rows: list[_BreakEven]) -> None:
     say("the mask stops paying (read noise, the same in all photos)")
     table = [["light", "mask passes"]]
     table[0] += [
-        f"{goal} goal, {THERMAL_TERMS[thermal]}"
-        for goal, thermal in product(model.GOALS, model.THERMALS)
+        f"{goal} goal, {_THERMAL_TERMS[thermal]}"
+        for goal, thermal in product(model.SNR_GOALS, model.THERMALS)
     ]
-    columns = len(model.GOALS) * len(model.THERMALS)
+    columns = len(model.SNR_GOALS) * len(model.THERMALS)
     for start in range(0, len(rows), columns):
         first = rows[start]
         verdicts = [row.verdict.replace("below", "<") for row in rows[start : start + columns]]

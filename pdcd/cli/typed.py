@@ -32,7 +32,7 @@ transport  capture:capture  photograph entries of the transport matrix
 compare  compare:compare  take a photo by every method, side by side
   usage                       [OPTIONS] GOAL
   @photo without=method
-demo  demo:demo  start a daemon on the mock bench and take one photo with it
+demo  demo:run_demo  start a daemon on the mock bench and take one photo with it
   --out DIR=demo
   @fields codes seed
 plan  capture:plan  say what a capture would do, without doing it
@@ -40,7 +40,7 @@ plan  capture:plan  say what a capture would do, without doing it
   @photo without=out
   @queue
 
-status  jobs:status  say what the daemon is doing
+status  jobs:show_status  say what the daemon is doing
   @client
 watch  jobs:watch  follow a job to its end, or all jobs until interrupted
   job [JOB]
@@ -51,23 +51,23 @@ cancel  jobs:cancel  end a job: the one named, else the running one
 wait  capture:wait  wait for a job and report it as capture does
   job JOB
   @client
-web  web:web  serve a page for the person at the bench, to this machine alone
+web  web:serve_web  serve a page for the person at the bench, to this machine alone
   @config
   @socket
   --state-dir DIR             where the daemon keeps its runs
   --host ADDRESS=127.0.0.1    of the loopback interface
   --port N=8137               0 takes a free one
 
-drivers  tools:drivers  list drivers and why some are unavailable
+drivers  tools:print_drivers  list drivers and why some are unavailable
   @json
 doctor  -  say what of the bench is fit to work, and what not
-doctor display  doctor:display  look at the X server and at both panels
+doctor display  doctor:diagnose_display  look at the X server and at both panels
   @device
   --display :N                X server; default: the configuration's
-doctor camera  doctor:camera  look at the camera on the USB; nothing is exposed
+doctor camera  doctor:diagnose_camera  look at the camera on the USB; nothing is exposed
   @device
   --raw FILE                  a photo of it: tells its frame and orientation
-doctor trigger  doctor:trigger  look at the shutter, and click it if told to
+doctor trigger  doctor:diagnose_trigger  look at the shutter, and click it if told to
   @device
   --click                     open the shutter, and close it again
   --seconds S=1.0             hold it open
@@ -87,7 +87,7 @@ calibrate  calibrate:calibrate  have the bench measure itself
   @queue
   @local
   @client
-show  panels:show  show a pattern on both panels, without a camera
+show  panels:show_pattern  show a pattern on both panels, without a camera
   pattern [PATTERN]=grid      one of <patterns>
   --index N=0                 which code
   --loop                      all codes over and over: see through the mask
@@ -95,19 +95,19 @@ show  panels:show  show a pattern on both panels, without a camera
   --seconds S                 end by itself
   --detach                    leave it on the daemon's panels and return
   @client
-timing  panels:timing  measure how regularly the panels show codes
+timing  panels:measure_timing  measure how regularly the panels show codes
   --frames N=3000             refreshes to show
   --out PNG                   write histograms of the times
   --config FILE               where the panels are named
   @json
-config  tools:config  try the configuration without a device, print it, or print its JSON Schema
+config  tools:examine_config  try the configuration without a device, print it or its JSON Schema
   action {check,show,schema}
   --config FILE               instead of the usual file
-virtual-camera  tools:virtual_camera  be a Canon EOS 450D on the network
+virtual-camera  tools:run_virtual_camera  be a Canon EOS 450D on the network
   --port N=15740              0 takes a free one
   --scene KIND=chart          a scene of the mock bench
   --small                     files of 192 x 128 samples
-snr  snr:snr  compare one coded photo with many photos without a mask
+snr  snr:print_snr  compare one coded photo with many photos without a mask
   --profile NAME=modern       sensor: a name or the path of a .toml file
   --iso N                     of the coded photo; default: the profile's lowest
   --codes N=512               codes as the paper counts them, four to a code pair, each a mask-less
@@ -118,16 +118,16 @@ snr  snr:snr  compare one coded photo with many photos without a mask
   --transmission SHARE=1.0    light that the open mask lets through, as a share of 1 or in %
   @json
 
-runs  runs:list_runs  list runs on disk, and do things with them
+runs  runs:print_runs  list runs on disk, and do things with them
   usage                       [OPTIONS] [show|export|verify|prune]
   @runs
   @filters of=list
   --all > list_all            every run on disk, and the quick looks of previews; default: the
                               newest 50 captures
-runs show  runs:show  say all that is known of a run
+runs show  runs:show_run  say all that is known of a run
   @run
   @again
-runs export  runs:export  write pictures of a run for other programs
+runs export  runs:export_run  write pictures of a run for other programs
   @run
   @export
   @again
@@ -163,13 +163,13 @@ report  report:report  make a page of a finished run, with its pictures
   folder FOLDER
   --out FILE                  default: report.html in the run's folder
   @json
-row  row:row  show which paths a finished run kept for one cell
+row  row:draw_matrix_row  show which paths a finished run kept for one cell
   folder FOLDER
   --cell ROW COLUMN !         counted from 0
   --photo NAME                default: the one that the answer rests on
   --out PNG                   default: row-PHOTO-ROW-COLUMN.png in FOLDER
   @json
-figures  figures:figures  take the paper's experiments again, as one page
+figures  figures:take_figures  take the paper's experiments again, as one page
   number [NUMBER ...]         such as 1, 12, table-1, appendix; default: all
   --out DIR !                 folder of the page
   --quick                     a coarser camera and fewer codes, some two minutes on two cores (the
@@ -179,14 +179,14 @@ figures  figures:figures  take the paper's experiments again, as one page
   --workers N                 processes; default: 2
   @json
 
-version  shell:version  print the version
-completion  shell:completion  print a script that completes commands
+version  shell:print_version  print the version
+completion  shell:print_completion  print a script that completes commands
   more                        Print a script by which a shell completes commands, options and files.
                               For bash into ~/.local/share/bash-completion/completions/pdcd, for zsh
                               into _pdcd in a folder of $fpath, for fish into
                               ~/.config/fish/completions/pdcd.fish.
   shell {bash,zsh,fish}
-man  shell:man  print the manual page
+man  shell:print_manual  print the manual page
 """
 
 SHARED = """
@@ -236,7 +236,7 @@ export
 """
 
 
-def share(text: str) -> float:
+def parse_share(text: str) -> float:
     """Read "1%" or "0.01"; argparse reports the ValueError of anything else."""
     number = text.removesuffix("%")
     return float(number) / (100.0 if number != text else 1.0)

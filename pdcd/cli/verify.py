@@ -9,7 +9,7 @@ from pdcd.bench.calibration import RECORD
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json
 from pdcd.errors import ConfigError
-from pdcd.runs.verify import Verified, verify
+from pdcd.runs.verify import VerifyReport, verify_run
 from pdcd.runs.verify_calibration import verify_calibration
 
 
@@ -22,7 +22,7 @@ def verify_runs(args: argparse.Namespace) -> int:
             hint="capture --json and capture.wait tell it as manifest_sha256",
         )
     found = [
-        (verify_calibration if (folder / RECORD).exists() else verify)(
+        (verify_calibration if (folder / RECORD).exists() else verify_run)(
             folder, manifest_sha256=sha256
         )
         for folder in args.folder
@@ -35,7 +35,7 @@ def verify_runs(args: argparse.Namespace) -> int:
     return DONE if all(run.whole for run in found) else FAILED
 
 
-def _say(run: Verified) -> None:
+def _say(run: VerifyReport) -> None:
     damaged = any(finding.what != "partial" for finding in run.findings)
     state = "whole  " if run.whole else "DAMAGED" if damaged else "PARTIAL"
     say(f"{state}  {run.folder}: {run.files} files, {run.size_bytes} bytes as they were")

@@ -6,31 +6,33 @@ import argparse
 import asyncio
 from pathlib import Path
 
-from pdcd.api.progress import tell
-from pdcd.bench.config import load
-from pdcd.bench.folders import state_dir
-from pdcd.cli.daemon import daemon_socket
+from pdcd.api.progress import tell_user
+from pdcd.bench.config import load_config
+from pdcd.bench.folders import find_state_dir
+from pdcd.cli.daemon import find_daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say
 from pdcd.errors import ConfigError
-from pdcd.extras import install_hint
+from pdcd.extras import suggest_install
 from pdcd.server import log
 
 
-def web(args: argparse.Namespace) -> int:
+def serve_web(args: argparse.Namespace) -> int:
     """Serve the page until interrupted; the address to be opened is printed once."""
-    log.to_stderr()
+    log.send_to_stderr()
     try:
-        from pdcd.web.serve import bound, run
+        from pdcd.web.serve import bind_loopback, run_page_server
     except ImportError as err:
-        raise ConfigError("pdcd web needs aiohttp", hint=install_hint("aiohttp")) from err
+        raise ConfigError("pdcd web needs aiohttp", hint=suggest_install("aiohttp")) from err
     given: Path | None = args.state_dir
-    state = state_dir(load(args.config)) if given is None else given
-    socket = daemon_socket(args)
+    state = find_state_dir(load_config(args.config)) if given is None else given
+    socket = find_daemon_socket(args)
 
     def opened(address: str) -> None:
         say(address)
-        tell("open that address in a browser here; it is good until Ctrl-C ends the page")
+        tell_user("open that address in a browser here; it is good until Ctrl-C ends the page")
 
-    asyncio.run(run(bound(args.host, args.port), socket, state.absolute(), opened))
+    asyncio.run(
+        run_page_server(bind_loopback(args.host, args.port), socket, state.absolute(), opened)
+    )
     return DONE

@@ -23,7 +23,7 @@ it."""
 LOOSE = 2.0
 """Most by which the weight of a cell's links is taken to be larger or smaller, where colourings are
 to differ: its cells then come in another order, and strong links still before weak ones."""
-REACH = 64
+COLOUR_REACH = 64
 """Cells, up and down, left and right, over which a cell looks around at the least."""
 RINGS = 4.0
 """Distances between cells of one colour, about the root of the number of colours, over which a cell
@@ -48,7 +48,7 @@ def colour_lattice(
     scene can meet the same colour over a whole region. Cells with known links go first, the
     strongest linked before all, while there is still choice. Each cell takes the colour of least
     crowding sum(1/d^4) over the cells d away that bear it, then the sign against the sum(sign/d).
-    It looks `REACH` cells around, or `RINGS`, so that the time is linear in the cells.
+    It looks `COLOUR_REACH` cells around, or `RINGS`, so that the time is linear in the cells.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class _Front:
         self._placed[cell] = sign
 
 
-def phase_lattice(
+def choose_phases(
     lattice: tuple[int, int], colour: NDArray[np.int64], phases: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
     """Give each cell one of some phases, which among cells of a colour alternate in every region.
@@ -251,7 +251,7 @@ def _behind(reach: tuple[int, int], along: tuple[float, float] | None) -> tuple[
 
 def _reach(colours: int) -> int:
     """How many cells away others are looked at, up and down, left and right."""
-    return max(REACH, math.ceil(RINGS * math.sqrt(colours)))
+    return max(COLOUR_REACH, math.ceil(RINGS * math.sqrt(colours)))
 
 
 def _kernels(reach: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -15,59 +15,64 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.alike import CHUNK, SIDE, Block, beyond, blocks
-from pdcd.codes.greyed import fits, greyed
-from pdcd.codes.woven import TIMES, parts_of, stretched, weaves
+from pdcd.arrays import Bools, Floats
+from pdcd.codes.alike import (
+    CELL_BLOCK_SIDE,
+    CHUNK_ENTRIES,
+    CellBlock,
+    split_into_cell_blocks,
+    sum_beyond_radius,
+)
+from pdcd.codes.greyed import can_make_grey_masks, make_grey_masks
+from pdcd.codes.woven import TIMES_LIT, can_make_joint_codes, count_stretches, make_stretched_codes
 
-Indices = NDArray[np.intp]
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+_Indices = NDArray[np.intp]
 
-SELDOM = 0.5
+_SELDOM = 0.5
 """Share of the codes that would bring most light in which a cell is lit. Half of them bring two
 thirds of the light, and leave room to choose what else is closed."""
-SELDOM_GREY = 0.6
+_SELDOM_GREY = 0.6
 """Before masks of grey levels cells are lit in the square root of the number of those codes, times
 this: the fewer are lit together, the less has to be made up for."""
-MOST_TIMES = TIMES + 1
+_MOST_TIMES = TIMES_LIT + 1
 """Where cells would be lit more often than so, stretches of them would cost light."""
-FEW_PARTS = 2
+_FEW_PARTS = 2
 """Stretches of a row or column up to which codes that are chosen together with masks err less, or
 as little, and let more light pass."""
-LEAST_LIGHT = 0.25
+_LEAST_LIGHT = 0.25
 """Cells are lit one by one where that leaves this share of the light, or more."""
-MOST = 2**22
+MOST_EVENED = 2**22
 """Codes times cells up to which more cells of the mask are closed."""
-FEW = 0.75
+_FEW = 0.75
 """Share of these that are still being changed below which the others are set aside."""
 
 
-def times_lit(count: int, cells: int, best: float, *, grey: bool = False) -> int:
-    """In how many of `count` codes each of so many cells is lit; `best` is the share of
-    codes that brings most light (`pdcd.recipes.programs.Far`), `grey` whether the mask may have
+def choose_times_lit(count: int, cells: int, best: float, *, grey: bool = False) -> int:
+    """In how many of `count` codes each of so many cells is lit; `best` is the share of codes that
+    brings most light (`pdcd.recipes.programs.LongRangeProgram`), `grey` whether the mask may have
     grey levels.
 
     With twice as many codes as cells, say, every cell can be lit alone, twice, and nothing
     errs; that is taken where it does not cost too much light.
     """
     alone = count // cells
-    if alone / count >= LEAST_LIGHT * best * (1.0 - best) ** (1.0 / best - 1.0):
+    if alone / count >= _LEAST_LIGHT * best * (1.0 - best) ** (1.0 / best - 1.0):
         return alone
-    if grey and fits(count, cells):
-        return max(1, round(math.sqrt(SELDOM_GREY * best * count)))
-    return max(1, round(SELDOM * best * count))
+    if grey and can_make_grey_masks(count, cells):
+        return max(1, round(math.sqrt(_SELDOM_GREY * best * count)))
+    return max(1, round(_SELDOM * best * count))
 
 
-def woven_fits(lattice: tuple[int, int], count: int, best: float) -> bool:
+def are_joint_codes_best(lattice: tuple[int, int], count: int, best: float) -> bool:
     """Whether codes and masks of grey levels are to be chosen together (`pdcd.codes.woven`): not
     where each cell is lit alone, nor where there are enough codes for short stretches."""
     cells = lattice[0] * lattice[1]
-    alone = times_lit(count, cells, best, grey=True) * cells <= count
-    few = _parts(lattice, count, best) <= FEW_PARTS
-    return few and not alone and weaves(count, cells)
+    alone = choose_times_lit(count, cells, best, grey=True) * cells <= count
+    few = _parts(lattice, count, best) <= _FEW_PARTS
+    return few and not alone and can_make_joint_codes(count, cells)
 
 
-def far_codes(
+def make_long_range_codes(
     lattice: tuple[int, int],
     count: int,
     best: float,
@@ -77,14 +82,14 @@ def far_codes(
 ) -> Bools:
     """Codes (K, L) that light each cell equally often, and as many cells in each code as can be.
 
-    The codes are split into as many shares as each cell is lit times (`times_lit`); all
+    The codes are split into as many shares as each cell is lit times (`choose_times_lit`); all
     cells are dealt out over the codes of each share by chance. Before masks of grey levels, where
     there are many codes, half light stretches of rows and columns (`pdcd.codes.woven`).
     """
     if grey and (parts := _parts(lattice, count, best)):
-        return stretched(lattice, count, parts, rng)
+        return make_stretched_codes(lattice, count, parts, rng)
     cells = lattice[0] * lattice[1]
-    times = times_lit(count, cells, best, grey=grey)
+    times = choose_times_lit(count, cells, best, grey=grey)
     codes = np.zeros((count, cells), dtype=np.bool_)
     for share in np.array_split(rng.permutation(count), times):
         codes[rng.permutation(share)[np.arange(cells) % share.size], rng.permutation(cells)] = True
@@ -94,26 +99,32 @@ def far_codes(
 def _parts(lattice: tuple[int, int], count: int, best: float) -> int:
     """Into how many stretches rows and columns are cut before masks of grey levels, or 0."""
     cells = lattice[0] * lattice[1]
-    few = count < cells and times_lit(count, cells, best, grey=True) <= MOST_TIMES
-    return parts_of(lattice, count) if few and fits(count, cells) else 0
+    few = count < cells and choose_times_lit(count, cells, best, grey=True) <= _MOST_TIMES
+    return count_stretches(lattice, count) if few and can_make_grey_masks(count, cells) else 0
 
 
-def opened(
-    lit: Bools | Floats, seen: Bools, lattice: tuple[int, int], radius: int, *, grey: bool = False
+def make_long_range_masks(
+    lit: Bools | Floats,
+    seen: Bools,
+    lattice: tuple[int, int],
+    radius: int,
+    *,
+    grey: bool = False,
 ) -> Bools | Floats:
-    """Where the mask is open, by `evened`, or how far, by `pdcd.codes.greyed`. Codes of grey levels
-    are those that were chosen together with masks.
+    """Where the mask is open, by `make_binary_masks`, or how far, by
+    `pdcd.codes.greyed.make_grey_masks`. Codes of grey levels are those that were chosen together
+    with masks.
 
     It has no grey levels where there is nothing to make up for, as each code lights one cell, nor
     where choosing them would take long.
     """
     count, cells = lit.shape
-    if grey and radius and fits(count, cells) and lit.sum(axis=1).max() > 1:
-        return greyed(lit, seen, lattice, radius, fine=lit.dtype != np.bool_)
-    return evened(lit > 0, seen, lattice, radius)
+    if grey and radius and can_make_grey_masks(count, cells) and lit.sum(axis=1).max() > 1:
+        return make_grey_masks(lit, seen, lattice, radius, fine=lit.dtype != np.bool_)
+    return make_binary_masks(lit > 0, seen, lattice, radius)
 
 
-def evened(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Bools:
+def make_binary_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Bools:
     """Where the mask is open, (K, L), so that far light is counted as evenly as can be had.
 
     Parameters
@@ -126,20 +137,24 @@ def evened(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Bo
     radius : cells along each axis
 
     Returns
-    -------
-    (K, L) bool, open only where `seen` is. It is `seen` with more than `MOST` codes times cells,
-    and for a radius of 0, where codes are lit half of the time and are even by themselves.
+    ------- (K, L) bool, open only where `seen` is. It is `seen` with more than `MOST_EVENED` codes
+    times cells, and for a radius of 0, where codes are lit half of the time and are even by
+    themselves.
     """
-    if radius == 0 or lit.size > MOST:
+    if radius == 0 or lit.size > MOST_EVENED:
         return seen
     bits = lit.astype(np.float64)
-    far = beyond(bits, lattice, radius)
-    cells = beyond(np.ones((1, lit.shape[1])), lattice, radius)[0]
+    far = sum_beyond_radius(bits, lattice, radius)
+    cells = sum_beyond_radius(np.ones((1, lit.shape[1])), lattice, radius)[0]
     open_ = seen.copy()
-    group: list[Block] = []
-    for block in blocks(bits, lattice, radius):
+    group: list[CellBlock] = []
+    for block in split_into_cell_blocks(bits, lattice, radius):
         # The matrices of small blocks take as much memory as those of large ones.
-        if group and (len(group) + 1) * max(block.cells.size, SIDE**2) * len(lit) > CHUNK:
+        if (
+            group
+            and (len(group) + 1) * max(block.cells.size, CELL_BLOCK_SIDE**2) * len(lit)
+            > CHUNK_ENTRIES
+        ):
             _choose(open_, group, far, cells)
             group = []
         group.append(block)
@@ -147,16 +162,21 @@ def evened(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Bo
     return open_
 
 
-def evening_bytes(count: int, cells: int) -> int:
-    """Bytes that `evened` takes for so many codes and cells beside what it is given."""
-    if count * cells > MOST:
+def binary_masks_bytes(count: int, cells: int) -> int:
+    """Bytes that `make_binary_masks` takes for so many codes and cells beside what it is given."""
+    if count * cells > MOST_EVENED:
         return 0
-    some = min(cells, max(1, CHUNK // count))
-    blocks = 2 + some // SIDE**2
-    return 62 * count * cells + 16 * blocks * count**2 + 104 * count * some + 24 * cells * SIDE**2
+    some = min(cells, max(1, CHUNK_ENTRIES // count))
+    blocks = 2 + some // CELL_BLOCK_SIDE**2
+    return (
+        62 * count * cells
+        + 16 * blocks * count**2
+        + 104 * count * some
+        + 24 * cells * CELL_BLOCK_SIDE**2
+    )
 
 
-def _choose(open_: Bools, blocks: list[Block], far: Floats, cells: Floats) -> None:
+def _choose(open_: Bools, blocks: list[CellBlock], far: Floats, cells: Floats) -> None:
     """Choose the codes in which the cells of some blocks are open; written into `open_`."""
     some = np.concatenate([block.cells for block in blocks])
     of = np.repeat(np.arange(len(blocks)), [block.cells.size for block in blocks])
@@ -166,7 +186,7 @@ def _choose(open_: Bools, blocks: list[Block], far: Floats, cells: Floats) -> No
 
 
 def _chosen(
-    together: Floats, of: Indices, wanted: Floats, far: Floats, cells: Floats, seen: Bools
+    together: Floats, of: _Indices, wanted: Floats, far: Floats, cells: Floats, seen: Bools
 ) -> Bools:
     """Codes in which some camera cells are open, (K, Y): one change at a time, the best first.
 
@@ -194,7 +214,7 @@ def _chosen(
     which = np.arange(cells.size)
     left = weight > 0.0
     while left.any():
-        if left.mean() < FEW:
+        if left.mean() < _FEW:
             which, of, cells, total, met, weight = (
                 x[left] for x in (which, of, cells, total, met, weight)
             )

@@ -13,36 +13,33 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.codes.alike import CHUNK, SIDE, Block, blocks
+from pdcd.arrays import Bools, Floats
+from pdcd.codes.alike import CELL_BLOCK_SIDE, CHUNK_ENTRIES, CellBlock, split_into_cell_blocks
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-
-OPEN = 0.5
+MEAN_OPEN_LEVEL = 0.5
 """Mean level over the share of codes in which a cell may be open at all: as much room upwards as
 downwards."""
-LEVELS = 256
+LEVEL_STEPS = 256
 """Levels are whole multiples of one part in so many."""
 MOST_WORK = 2**29
 """Codes squared times cells up to which levels are chosen: ten seconds."""
-STEPS = 300
+_STEPS = 300
 """Steps of descent. Twice as many change errors by a hundredth or two."""
-FINE = 2.0**18
-"""What is on the way is rounded to this part of a level, and `SUMS` is the largest sum of a row of
+_FINE = 2.0**18
+"""What is on the way is rounded to this part of a level, and `_SUMS` is the largest sum of a row of
 the matrix, in whole numbers: all products and their sums are then below 2^53, and exact."""
-SUMS = 2.0**32
-POWERS, WHOLE = 8, 2.0**12
+_SUMS = 2.0**32
+_POWERS, _WHOLE = 8, 2.0**12
 """The largest eigenvalue is sought in so many steps, with vectors of whole numbers up to this."""
 
 
-def fits(count: int, cells: int) -> bool:
+def can_make_grey_masks(count: int, cells: int) -> bool:
     """Whether levels are chosen for so many codes and cells."""
     return count**2 * cells <= MOST_WORK
 
 
-def greyed(
+def make_grey_masks(
     lit: Bools | Floats,
     seen: Bools,
     lattice: tuple[int, int],
@@ -67,28 +64,30 @@ def greyed(
     (K, L) float64, 0 where `seen` is not.
     """
     bits = lit.astype(np.float64)
-    level = OPEN * float(seen.mean())
+    level = MEAN_OPEN_LEVEL * float(seen.mean())
     counted = level * float(bits.sum()) / bits.shape[1]
     found = np.empty(seen.shape)
-    for group in _groups(blocks(bits, lattice, radius, fine=fine), len(lit)):
+    for group in _groups(split_into_cell_blocks(bits, lattice, radius, fine=fine), len(lit)):
         _level(found, group, seen, level, counted)
     return found
 
 
-def greying_bytes(count: int, cells: int) -> int:
-    """Bytes that `greyed` takes for so many codes and cells beside what it is given."""
-    some = min(cells, max(SIDE**2, CHUNK // count))
-    return 48 * count * cells + 40 * count**2 + 80 * count * some + 24 * cells * SIDE**2
+def grey_masks_bytes(count: int, cells: int) -> int:
+    """Bytes that `make_grey_masks` takes for so many codes and cells beside what it is given."""
+    some = min(cells, max(CELL_BLOCK_SIDE**2, CHUNK_ENTRIES // count))
+    return 48 * count * cells + 40 * count**2 + 80 * count * some + 24 * cells * CELL_BLOCK_SIDE**2
 
 
-def _groups(found: Iterator[Block], count: int) -> Iterator[list[Block]]:
+def _groups(found: Iterator[CellBlock], count: int) -> Iterator[list[CellBlock]]:
     """Blocks whose matrices fit into the caches of a processor together: at least one."""
-    most = max(1, CHUNK // count**2)
+    most = max(1, CHUNK_ENTRIES // count**2)
     while group := list(itertools.islice(found, most)):
         yield group
 
 
-def _level(found: Floats, group: list[Block], seen: Bools, level: float, counted: float) -> None:
+def _level(
+    found: Floats, group: list[CellBlock], seen: Bools, level: float, counted: float
+) -> None:
     """Choose the levels of some blocks, where each path from afar is to be counted that often;
     written into `found` (K, L)."""
     size = max(block.cells.size for block in group)
@@ -112,15 +111,15 @@ def _least(together: Floats, wanted: Floats, most: Floats, first: Floats) -> Flo
     within the bounds (Beck and Teboulle 2009, FISTA).
     """
     steepest = _steepest(together)[:, None, None]
-    now = _rounded(first, FINE)
+    now = _rounded(first, _FINE)
     ahead, pace = now, 1.0
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         slope = together @ ahead - wanted
-        after = _rounded(np.clip(ahead - slope / steepest, 0.0, most), FINE)
+        after = _rounded(np.clip(ahead - slope / steepest, 0.0, most), _FINE)
         faster = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace**2))
-        ahead = _rounded(after + (pace - 1.0) / faster * (after - now), FINE)
+        ahead = _rounded(after + (pace - 1.0) / faster * (after - now), _FINE)
         now, pace = after, faster
-    return _rounded(now, LEVELS)
+    return _rounded(now, LEVEL_STEPS)
 
 
 def _steepest(matrices: Floats) -> Floats:
@@ -131,15 +130,15 @@ def _steepest(matrices: Floats) -> Floats:
     give the largest sum of a row, are too high by a factor of 2 to 3.
     """
     vector = np.ones((*matrices.shape[:2], 1))
-    for _ in range(POWERS):
+    for _ in range(_POWERS):
         image = matrices @ vector
-        vector = 1.0 + np.rint(WHOLE * (image / image.max(axis=1, keepdims=True)))
+        vector = 1.0 + np.rint(_WHOLE * (image / image.max(axis=1, keepdims=True)))
     return np.asarray((matrices @ vector / vector).max(axis=(1, 2)))
 
 
 def _scale(matrix: Floats) -> float:
-    """The power of two that brings the largest sum of a row just below `SUMS`."""
-    return float(SUMS * 2.0 ** -np.frexp(matrix.sum(axis=1).max())[1])
+    """The power of two that brings the largest sum of a row just below `_SUMS`."""
+    return float(_SUMS * 2.0 ** -np.frexp(matrix.sum(axis=1).max())[1])
 
 
 def _rounded(values: Floats, parts: float) -> Floats:

@@ -9,12 +9,18 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.codes.colouring import colour_lattice, phase_lattice
-from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders, spread_codes, spread_size
+from pdcd.codes.colouring import choose_phases, colour_lattice
+from pdcd.codes.orders import (
+    count_spread_subspaces,
+    find_nearest_orders,
+    is_order,
+    make_hadamard_columns,
+    make_spread_codes,
+)
 from pdcd.errors import RequestError
 
 
-def hadamard(
+def make_hadamard_codes(
     lattice: tuple[int, int],
     count: int,
     p: float,
@@ -46,7 +52,7 @@ def hadamard(
     if p != 0.5:
         return _seldom(lattice, count, p, rng, links)
     check_order(count)
-    return coloured(count, *colour_lattice(lattice, count - 1, rng, links), rng)
+    return make_colouring_codes(count, *colour_lattice(lattice, count - 1, rng, links), rng)
 
 
 def _seldom(
@@ -60,7 +66,7 @@ def _seldom(
             f"hadamard codes light cells in 1/2, 1/4, 1/8 ... of the codes, not p = {p:g}",
             hint="take the family 'balanced' for other p",
         )
-    if not hadamard_fits(count, p):
+    if not can_make_hadamard_codes(count, p):
         least = 4**t
         below = 1 << (count.bit_length() - 1)
         near = [n for n in (below, 2 * below) if n >= least] or [least]
@@ -68,14 +74,14 @@ def _seldom(
             f"hadamard codes of p = {p:g} do not come in sets of K = {count}",
             hint=f"take {' or '.join(str(n) for n in near)} codes, or the family 'balanced'",
         )
-    spaces = spread_size(count.bit_length() - 1, t)
+    spaces = count_spread_subspaces(count.bit_length() - 1, t)
     colour, _ = colour_lattice(lattice, spaces, rng, links)
-    phase = phase_lattice(lattice, colour, 2**t, rng)
-    return spread_codes(count, t, rng.permutation(spaces)[colour], phase)
+    phase = choose_phases(lattice, colour, 2**t, rng)
+    return make_spread_codes(count, t, rng.permutation(spaces)[colour], phase)
 
 
-def hadamard_fits(count: int, p: float) -> bool:
-    """Whether `hadamard` can make `count` codes that light cells in the share p of them."""
+def can_make_hadamard_codes(count: int, p: float) -> bool:
+    """Whether there are `count` such codes that light cells in a share p of them."""
     if p == 0.5:
         return count >= 2 and is_order(count)
     mantissa, exponent = math.frexp(p)
@@ -85,24 +91,24 @@ def hadamard_fits(count: int, p: float) -> bool:
 def check_order(count: int) -> None:
     """Raise RequestError, naming the nearest numbers that work, if `count` codes cannot be made."""
     if count < 2 or not is_order(count):
-        near = " or ".join(str(n) for n in nearest_orders(count))
+        near = " or ".join(str(n) for n in find_nearest_orders(count))
         raise RequestError(
             f"hadamard codes do not come in sets of K = {count}", hint=f"take {near} codes"
         )
 
 
-def coloured(
+def make_colouring_codes(
     count: int, colour: NDArray[np.int64], sign: NDArray[np.int8], rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Return the codes (K, L) bool of a colouring: a shuffled Hadamard column for each colour."""
     # Shuffled, so that which cells lose their orthogonality when codes are lost does not follow
     # from the regular construction of the matrix.
     column = 1 + rng.permutation(count - 1)[: colour.max() + 1]
-    entries = hadamard_columns(count, column)
+    entries = make_hadamard_columns(count, column)
     return entries[:, colour] * sign > 0
 
 
-def prior_codes(
+def make_prior_codes(
     lattice: tuple[int, int],
     count: int,
     links: Any,
@@ -113,9 +119,9 @@ def prior_codes(
     """Give each cell a column of a Hadamard matrix that no cell strongly linked to it has.
 
     The error of a cell comes from the light of the cells that share its column, so a link counts by
-    its squared strength, besides the distance that `hadamard` goes by. Any prior will do: paths
-    that a pilot found (`pdcd.codes.pilot.links`), a whole transport matrix, or a guess that falls
-    off with distance.
+    its squared strength, besides the distance that `make_hadamard_codes` goes by. Any prior will
+    do: paths that a pilot found (`pdcd.codes.pilot.links`), a whole transport matrix, or a guess
+    that falls off with distance.
 
     Parameters
     ----------
@@ -134,7 +140,8 @@ def prior_codes(
     Returns
     -------
     (K, L) bool
-        Each cell lit in exactly K/2 codes, as `hadamard` makes them; without links the same bits.
+        Each cell lit in exactly K/2 codes, as `make_hadamard_codes` makes them; without links the
+        same bits.
 
     Raises
     ------
@@ -143,11 +150,13 @@ def prior_codes(
         lattice, are negative or are not finite.
     """
     check_order(count)
-    known = symmetric(links, lattice[0] * lattice[1])
-    return coloured(count, *colour_lattice(lattice, count - 1, rng, known, apart=apart), rng)
+    known = symmetrise_links(links, lattice[0] * lattice[1])
+    return make_colouring_codes(
+        count, *colour_lattice(lattice, count - 1, rng, known, apart=apart), rng
+    )
 
 
-def symmetric(links: Any, cells: int) -> Any:
+def symmetrise_links(links: Any, cells: int) -> Any:
     """Return links as a symmetric CSR array (L, L) float64 without diagonal or zeros.
 
     Raises

@@ -9,17 +9,19 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools
 from pdcd.errors import RequestError
 
 
-def bernoulli(
+def make_bernoulli_codes(
     lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Independent cells, lit with probability p (paper, section 5).
 
     With the complement as dual, p = 1/2 and the mean weight 1/4 divided out, one photo of K codes
     has the variance (S^2 + 2 Q) / K at a cell whose indirect paths sum to S and whose squares sum
-    to Q. The S^2 comes from cells being open an unequal number of times; `balanced` removes it.
+    to Q. The S^2 comes from cells being open an unequal number of times; `make_balanced_codes`
+    removes it.
 
     Returns
     -------
@@ -28,14 +30,14 @@ def bernoulli(
     return rng.random((count, lattice[0] * lattice[1])) < p
 
 
-def rademacher(
+def make_rademacher_codes(
     lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Independent signs +1 (lit) and -1 (dark), each with probability 1/2 (paper, section 3.2).
 
     A goal of signed codes shows each code and its negative, in two photos of which the difference
     is taken (eq. 10); the variance is then Q / K (eq. 7). In goals of unsigned codes the bits are
-    those of fair coins, and the variance is that of `bernoulli` with p = 1/2.
+    those of fair coins, and the variance is that of `make_bernoulli_codes` with p = 1/2.
 
     Returns
     -------
@@ -60,13 +62,13 @@ _MAX_COUNT = 65536
 """Largest number of codes that a hint proposes; requests allow no more."""
 
 
-def balanced(
+def make_balanced_codes(
     lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Independent random permutations of pK ones and (1-p)K zeros, one permutation a cell.
 
     Equal on-counts make the diagonal of the probing matrix exact and take the S^2 term out of the
-    variance of `bernoulli`: at p = 1/2 with the complement as dual, Q / (K - 1) is left.
+    variance of `make_bernoulli_codes`: at p = 1/2 with the complement as dual, Q / (K - 1) is left.
 
     Returns
     -------
@@ -103,11 +105,10 @@ def _advice(p: float, count: int) -> str:
     return f"take {' or '.join(near)} codes"
 
 
-Indices = NDArray[np.intp]
-Bools = NDArray[np.bool_]
+_Indices = NDArray[np.intp]
 
 
-def chained(codes: Bools, partner: Indices, rng: np.random.Generator) -> Bools:
+def make_partner_codes(codes: Bools, partner: _Indices, rng: np.random.Generator) -> Bools:
     """Balanced codes (K, L), of which each cell is lit with its partner as often as can be had.
 
     Parameters
@@ -124,7 +125,7 @@ def chained(codes: Bools, partner: Indices, rng: np.random.Generator) -> Bools:
     count, on = len(codes), int(codes[:, 0].sum())
     chosen = codes.copy()
     whole, more = divmod(on * on, count)
-    often: Indices = np.where(rng.random(codes.shape[1]) < more / count, whole + 1, whole)
+    often: _Indices = np.where(rng.random(codes.shape[1]) < more / count, whole + 1, whole)
     last = _closing(partner)
     for cells in _outwards(partner, last):
         drawn = _beside(chosen[:, partner[cells]], often[cells], on, rng)
@@ -136,7 +137,7 @@ def chained(codes: Bools, partner: Indices, rng: np.random.Generator) -> Bools:
     return chosen
 
 
-def _closing(partner: Indices) -> dict[int, int]:
+def _closing(partner: _Indices) -> dict[int, int]:
     """Of each ring of partners the cell that closes it, and the one it is begun with, plus 1."""
     seen = np.zeros(partner.size, dtype=np.intp)
     found = {}
@@ -150,7 +151,7 @@ def _closing(partner: Indices) -> dict[int, int]:
     return found
 
 
-def _outwards(partner: Indices, last: dict[int, int]) -> Iterator[Indices]:
+def _outwards(partner: _Indices, last: dict[int, int]) -> Iterator[_Indices]:
     """All cells but those where chains end and rings begin, after their partners."""
     done = partner < 0
     done[[first - 1 for first in last.values()]] = True
@@ -162,7 +163,7 @@ def _outwards(partner: Indices, last: dict[int, int]) -> Iterator[Indices]:
         left = left[~ready]
 
 
-def _beside(other: Bools, often: Indices, on: int, rng: np.random.Generator) -> Bools:
+def _beside(other: Bools, often: _Indices, on: int, rng: np.random.Generator) -> Bools:
     """Columns (K, B) of so many ones that have so many (B,) in common with others (K, B)."""
     order = np.argsort(rng.random(other.shape) + 2.0 * ~other, axis=0)
     place = np.arange(len(other))[:, None]
@@ -173,7 +174,7 @@ def _beside(other: Bools, often: Indices, on: int, rng: np.random.Generator) -> 
 
 
 def _between(
-    both: Bools, often: Indices, otherwise: Bools, on: int, rng: np.random.Generator
+    both: Bools, often: _Indices, otherwise: Bools, on: int, rng: np.random.Generator
 ) -> Bools:
     """A column (K,) that has so many ones (2,) in common with either of two (K, 2); `otherwise`
     where there is none, or the two are one."""

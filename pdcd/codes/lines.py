@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import check_order, prior_codes
-from pdcd.codes.orders import hadamard_columns
+from pdcd.arrays import Bools
+from pdcd.codes.hadamard import check_order, make_prior_codes
+from pdcd.codes.orders import make_hadamard_columns
 from pdcd.errors import RequestError
 
-Bools = NDArray[np.bool_]
 
-
-def matched_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Bools:
+def make_matched_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Bools:
     """Hadamard codes of which the cells of a row do not share any, where K allows it.
 
     A camera cell sees light from somewhere on its row, which one depends on the depth. So what is
@@ -29,11 +27,11 @@ def matched_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator
     near = np.abs(np.subtract.outer(np.arange(cols), np.arange(cols)))
     line = scipy.sparse.csr_array(((near > 0) & (near < count - 1)).astype(np.float64))
     links = scipy.sparse.kron(scipy.sparse.eye_array(rows), line, format="csr")
-    codes = prior_codes((rows, cols), count, links, rng).reshape(count, rows, cols)
+    codes = make_prior_codes((rows, cols), count, links, rng).reshape(count, rows, cols)
     return np.concatenate([codes[:, :, :-1].reshape(count, -1), codes[:, :, -1]], axis=1)
 
 
-def comb_codes(
+def make_comb_codes(
     lattice: tuple[int, int], count: int, period: int, rng: np.random.Generator
 ) -> Bools:
     """Codes (K, L) that light one cell of each row, or some that are `period` apart: a comb.
@@ -60,7 +58,7 @@ def comb_codes(
     return codes.reshape(count, -1)
 
 
-def row_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Bools:
+def make_row_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Bools:
     """Codes (K, L) that are the same all along each row: a column of a Hadamard matrix for each.
 
     The constant column is one of them: shown together with their complements all K do. With at
@@ -71,5 +69,5 @@ def row_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) ->
     rows, cols = lattice
     column = rng.permutation(count)[np.arange(rows) % count]
     sign = rng.choice(np.array([-1, 1], dtype=np.int8), rows)
-    bits = hadamard_columns(count, column) * sign > 0
+    bits = make_hadamard_columns(count, column) * sign > 0
     return np.repeat(bits, cols, axis=1)

@@ -9,20 +9,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import hadamard
-from pdcd.codes.independent import balanced, bernoulli, rademacher
-from pdcd.codes.singer import singer
+from pdcd.codes.hadamard import make_hadamard_codes
+from pdcd.codes.independent import make_balanced_codes, make_bernoulli_codes, make_rademacher_codes
+from pdcd.codes.singer import make_projective_plane_codes
 from pdcd.errors import RequestError
 
-Family = Callable[[tuple[int, int], int, float, np.random.Generator], NDArray[np.bool_]]
+_Family = Callable[[tuple[int, int], int, float, np.random.Generator], NDArray[np.bool_]]
 """(lattice, count K, p, rng) -> (K, L) bool: which cells the projector lights in each code."""
 
-FAMILIES: dict[str, Family] = {
-    "bernoulli": bernoulli,
-    "rademacher": rademacher,
-    "balanced": balanced,
-    "hadamard": hadamard,
-    "singer": singer,
+CODE_FAMILIES: dict[str, _Family] = {
+    "bernoulli": make_bernoulli_codes,
+    "rademacher": make_rademacher_codes,
+    "balanced": make_balanced_codes,
+    "hadamard": make_hadamard_codes,
+    "singer": make_projective_plane_codes,
 }
 
 
@@ -63,7 +63,7 @@ def make_codes(
     Parameters
     ----------
     family : str
-        A key of `FAMILIES`.
+        A key of `CODE_FAMILIES`.
     lattice : (rows, cols)
         Cells of the patterns.
     count : int
@@ -73,8 +73,8 @@ def make_codes(
         p(1-p) on average); m = i keeps direct light and the fraction p of indirect light (p on
         the diagonal, p^2 elsewhere). Paper, section 5.
     p : float
-        Share of codes in which a cell is lit, 0 < p < 1; for `singer` codes the share of indirect
-        light that m = i keeps, which is slightly more.
+        Share of codes in which a cell is lit, 0 < p < 1; for `make_projective_plane_codes` codes
+        the share of indirect light that m = i keeps, which is slightly more.
     seed : int
         Non-negative; one seed always gives the same codes.
 
@@ -86,7 +86,7 @@ def make_codes(
     _check(family, lattice, count, dual, p, seed)
     # The bit generator is named because default_rng may change it and old runs must replay.
     rng = np.random.Generator(np.random.PCG64(seed))
-    primal = FAMILIES[family](lattice, count, p, rng)
+    primal = CODE_FAMILIES[family](lattice, count, p, rng)
     return Codes(
         primal=primal,
         dual=primal if dual == "same" else ~primal,
@@ -116,7 +116,7 @@ def _check(
         raise RequestError(f"seed {seed} is negative", hint="take a seed of 0 or more")
     if dual not in ("complement", "same"):
         raise RequestError(f"unknown dual {dual!r}", hint="take 'complement' or 'same'")
-    if family not in FAMILIES:
+    if family not in CODE_FAMILIES:
         raise RequestError(
-            f"unknown code family {family!r}", hint=f"take one of {', '.join(FAMILIES)}"
+            f"unknown code family {family!r}", hint=f"take one of {', '.join(CODE_FAMILIES)}"
         )

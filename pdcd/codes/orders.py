@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 
-ROWS = 64
+_ROWS = 64
 """Rows of a matrix whose entries are looked up together; bounds the memory."""
 
 
@@ -31,7 +31,7 @@ def is_order(order: int) -> bool:
     return _factors(order) is not None
 
 
-def nearest_orders(order: int) -> tuple[int, ...]:
+def find_nearest_orders(order: int) -> tuple[int, ...]:
     """Nearest orders of at least 2 below and above `order`, itself one or not, for `order` >= 1."""
     below = next((n for n in range(order - 1, 1, -1) if is_order(n)), None)
     # A power of two lies in that range, and every power of two is an order.
@@ -39,7 +39,7 @@ def nearest_orders(order: int) -> tuple[int, ...]:
     return (above,) if below is None else (below, above)
 
 
-def hadamard_columns(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
+def make_hadamard_columns(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
     """Columns of a Hadamard matrix.
 
     Parameters
@@ -61,7 +61,7 @@ def hadamard_columns(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
     """
     factors = _factors(order)
     if factors is None:
-        near = " or ".join(str(n) for n in nearest_orders(max(order, 1)))
+        near = " or ".join(str(n) for n in find_nearest_orders(max(order, 1)))
         raise RequestError(
             f"no Hadamard matrix of order {order} can be built", hint=f"take the order {near}"
         )
@@ -127,9 +127,9 @@ def _circulant(character: NDArray[np.int8], column: NDArray[np.int64]) -> NDArra
     """
     q = character.size
     found = np.empty((q, column.size), dtype=np.int8)
-    for start in range(0, q, ROWS):
-        row = np.arange(start, min(start + ROWS, q))[:, None]
-        found[start : start + ROWS] = character[(row - column) % q]
+    for start in range(0, q, _ROWS):
+        row = np.arange(start, min(start + _ROWS, q))[:, None]
+        found[start : start + _ROWS] = character[(row - column) % q]
     return found
 
 
@@ -164,8 +164,8 @@ def _paley_two(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
     return columns
 
 
-def spread_size(n: int, t: int) -> int:
-    """How many subspaces `partial_spread` makes."""
+def count_spread_subspaces(n: int, t: int) -> int:
+    """How many subspaces `make_partial_spread` makes."""
     size = 0
     while n >= 2 * t:
         size += 1 << (n - t)
@@ -173,7 +173,7 @@ def spread_size(n: int, t: int) -> int:
     return size + (n >= t)
 
 
-def partial_spread(n: int, t: int) -> NDArray[np.int64]:
+def make_partial_spread(n: int, t: int) -> NDArray[np.int64]:
     """Subspaces of dimension t of F_2^n, any two of which meet in 0 alone.
 
     Beutelspacher's construction (1975): in F_2^t x F_(2^m) with n = t + m, the graphs of
@@ -201,7 +201,7 @@ def partial_spread(n: int, t: int) -> NDArray[np.int64]:
     return np.concatenate(parts) if parts else np.zeros((0, t), dtype=np.int64)
 
 
-def spread_codes(
+def make_spread_codes(
     count: int, t: int, space: NDArray[np.int64], phase: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Codes of cells with given subspaces and phases.
@@ -219,7 +219,7 @@ def spread_codes(
         Each cell lit in K / 2^t codes.
     """
     code = np.arange(count)
-    basis = partial_spread(int(math.log2(count)), t)
+    basis = make_partial_spread(int(math.log2(count)), t)
     used, which = np.unique(space, return_inverse=True)
     seen = np.zeros((count, used.size), dtype=np.int16)
     for j in range(t):

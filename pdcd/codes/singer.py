@@ -21,7 +21,7 @@ LARGEST = 31
 """Largest order q of the planes made here; its codes come in sets of 993."""
 
 
-def singer(
+def make_projective_plane_codes(
     lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Give each cell a line of a projective plane; cells with the same line keep far apart.
@@ -46,7 +46,7 @@ def singer(
     RequestError
         There is no plane of that order here, or `count` is no multiple of v.
     """
-    lines, q = line_count(p), round(1.0 / p) - 1
+    lines, q = count_plane_lines(p), round(1.0 / p) - 1
     if count % lines:
         near = [n for n in (count // lines * lines, -(-count // lines) * lines) if n]
         raise RequestError(
@@ -54,7 +54,7 @@ def singer(
             hint=f"take {' or '.join(str(n) for n in near)} codes",
         )
     on = np.zeros(lines, dtype=np.bool_)
-    on[list(difference_set(q))] = True
+    on[list(make_difference_set(q))] = True
     sets = []
     for _ in range(count // lines):
         colour, _ = colour_lattice(lattice, lines, rng)
@@ -63,7 +63,7 @@ def singer(
     return np.concatenate(sets)
 
 
-def line_count(p: float) -> int:
+def count_plane_lines(p: float) -> int:
     """Codes in a set, v = q^2 + q + 1, for the share p = 1/(q+1) of indirect light.
 
     Raises
@@ -82,7 +82,7 @@ def line_count(p: float) -> int:
 
 
 @cache
-def difference_set(q: int) -> tuple[int, ...]:
+def make_difference_set(q: int) -> tuple[int, ...]:
     """Singer's difference set (1938): q + 1 numbers below v = q^2 + q + 1.
 
     Every number 1 .. v - 1 is the difference of exactly one pair of them, modulo v. They are the

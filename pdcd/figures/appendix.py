@@ -6,47 +6,61 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from pdcd.figures.figure import Figure, Line, Mode, Number, Photos, Plot, Take
-from pdcd.sensor.appendix import EXPOSURE_S, PrintedRow, appendix_pixel, appendix_rows
+from pdcd.figures.figure import (
+    BoundedNumber,
+    FigureMode,
+    FigurePlot,
+    FigureTake,
+    Line,
+    PaperFigure,
+    Photos,
+)
+from pdcd.sensor.appendix import EXPOSURE_S, PrintedRow, compute_appendix_rows, make_appendix_pixel
 from pdcd.sensor.profile import load_profile
-from pdcd.sensor.snr import Pixel, Reading, masked_sum, primal_dual_photo, short_photo
+from pdcd.sensor.snr import (
+    SnrPixel,
+    SnrReading,
+    compute_masked_sum,
+    compute_primal_dual_photo,
+    compute_short_photo,
+)
 
 
-def takes(mode: Mode) -> dict[str, Take]:
+def takes(mode: FigureMode) -> dict[str, FigureTake]:
     """Nothing is photographed: these are formulas."""
     return {}
 
 
-def shown(mode: Mode, photos: Photos) -> Iterator[Plot | Number]:
+def shown(mode: FigureMode, photos: Photos) -> Iterator[FigurePlot | BoundedNumber]:
     """Every number that the appendix prints, and what becomes of them with less light and with
     better sensors."""
     yield _over_time()
     yield _over_noise()
-    yield from map(number_of, appendix_rows())
+    yield from map(_number_of, compute_appendix_rows())
 
 
-def number_of(row: PrintedRow) -> Number:
+def _number_of(row: PrintedRow) -> BoundedNumber:
     """A printed number, to be met to its last digit: rounded, or cut where the paper cut it."""
     digits = len(row.printed.partition(".")[2])
     step, printed = 10.0**-digits, float(row.printed)
     least = printed if row.truncated else printed - 0.5 * step
     most = printed + step if row.truncated else printed + 0.5 * step
-    return Number(row.quantity, row.ours, least, most, paper=row.printed)
+    return BoundedNumber(row.quantity, row.ours, least, most, paper=row.printed)
 
 
-def _over_time() -> Plot:
+def _over_time() -> FigurePlot:
     mark2 = load_profile("mark2")
     quiet_e, base_e = mark2.row(1600).read_noise_e, mark2.row(50).read_noise_e
     shares = np.geomspace(0.003, 1.0, 60)
-    pixels = [appendix_pixel().dimmed(float(share)) for share in shares]
-    readings: dict[str, Callable[[Pixel], Reading]] = {
-        "coded photo, ISO 50": lambda p: primal_dual_photo(p, base_e, "paper"),
-        "coded photo, ISO 1600": lambda p: primal_dual_photo(p, quiet_e, "paper"),
-        "masked sum, ISO 50": lambda p: masked_sum(p, base_e, "paper"),
-        "masked sum, ISO 1600": lambda p: masked_sum(p, quiet_e, "paper"),
-        "single mask-less photo, ISO 1600": lambda p: short_photo(p, quiet_e, "paper"),
+    pixels = [make_appendix_pixel().dimmed(float(share)) for share in shares]
+    readings: dict[str, Callable[[SnrPixel], SnrReading]] = {
+        "coded photo, ISO 50": lambda p: compute_primal_dual_photo(p, base_e, "paper"),
+        "coded photo, ISO 1600": lambda p: compute_primal_dual_photo(p, quiet_e, "paper"),
+        "masked sum, ISO 50": lambda p: compute_masked_sum(p, base_e, "paper"),
+        "masked sum, ISO 1600": lambda p: compute_masked_sum(p, quiet_e, "paper"),
+        "single mask-less photo, ISO 1600": lambda p: compute_short_photo(p, quiet_e, "paper"),
     }
-    return Plot(
+    return FigurePlot(
         "time",
         "512 codes, EOS-1D Mark II",
         "exposure in all, s",
@@ -62,20 +76,20 @@ def _over_time() -> Plot:
     )
 
 
-def _over_noise() -> Plot:
+def _over_noise() -> FigurePlot:
     noises_e = np.geomspace(0.5, 40.0, 60)
     lines, marks = [], []
     for index, share in enumerate((1.0, 0.1, 0.01)):
-        pixel = appendix_pixel().dimmed(share)
+        pixel = make_appendix_pixel().dimmed(share)
         gain_db = [
-            primal_dual_photo(pixel, float(e), "shot").snr_db
-            - masked_sum(pixel, float(e), "shot").snr_db
+            compute_primal_dual_photo(pixel, float(e), "shot").snr_db
+            - compute_masked_sum(pixel, float(e), "shot").snr_db
             for e in noises_e
         ]
         lines.append(Line(noises_e, gain_db, f"{EXPOSURE_S * share:g} s", colour=index))
     for name in ("modern", "450d", "mark2"):
         marks.append((min(row.read_noise_e for row in load_profile(name).rows), name))
-    return Plot(
+    return FigurePlot(
         "noise",
         "What one coded photo gains over the masked sum",
         "read noise of a photo, electrons",
@@ -88,7 +102,7 @@ def _over_noise() -> Plot:
     )
 
 
-FIGURE = Figure(
+FIGURE = PaperFigure(
     "appendix",
     "One coded photo against many photos without a mask",
     see=(

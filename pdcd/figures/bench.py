@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.bench.reading import TIMES, emit
+from pdcd.bench.reading import TOML_TIME_TYPES, format_toml
 from pdcd.bench.tables import (
     BenchConfig,
     CalibrationConfig,
@@ -28,27 +28,32 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.bench.truth import TrueCamera, TruePanel, TrueSensor, Truth
-from pdcd.figures.figure import Mode, Take
-from pdcd.panels.map import matrix
+from pdcd.bench.truth import BenchTruth, TrueCamera, TruePanel, TrueSensor
+from pdcd.figures.figure import FigureMode, FigureTake
+from pdcd.panels.map import to_map_matrix
 from pdcd.panels.placing import Placing
 
-PROJECTOR_PX, MASK_PX = (1024, 768), (1600, 1200)
-FILLED = 0.94
+PROJECTOR_PX, _MASK_PX = (1024, 768), (1600, 1200)
+_FILLED = 0.94
 """Share of the frame's height that the field takes."""
-CAMERA_TURN_DEG, MASK_TURN_DEG, MASK_SCALE = -1.2, 0.3, 1.02
-LENS = (0.008, 0.0)
-BLUR_QUADS = 0.5
-SAMPLES = 2
+_CAMERA_TURN_DEG, _MASK_TURN_DEG, _MASK_SCALE = -1.2, 0.3, 1.02
+_LENS = (0.008, 0.0)
+_BLUR_QUADS = 0.5
+_SAMPLES = 2
 """Points along either side of a quad at which the light is looked at."""
-PROJECTOR: dict[str, Any] = {"skew_s": 4e-4, "rise_s": 1.5e-3, "fall_s": 2.2e-3, "contrast": 1500.0}
-MASK: dict[str, Any] = {"skew_s": 2e-3, "rise_s": 2e-3, "fall_s": 3e-3, "contrast": 400.0}
+_PROJECTOR: dict[str, Any] = {
+    "skew_s": 4e-4,
+    "rise_s": 1.5e-3,
+    "fall_s": 2.2e-3,
+    "contrast": 1500.0,
+}
+_MASK: dict[str, Any] = {"skew_s": 2e-3, "rise_s": 2e-3, "fall_s": 3e-3, "contrast": 400.0}
 """Panels as they were measured. A slower mask would still be open when the next code is lit."""
-REMAINDER_PX = 4.0
+_REMAINDER_PX = 4.0
 """Misregistration that the bench is believed to have at most, in projector pixels."""
 
-TRUE_CAMERA_TURN_DEG, TRUE_CAMERA_SHIFT_PX = 0.02, (0.3, -0.2)
-TRUE_MASK_TURN_DEG, TRUE_MASK_OFFSET_PX = 0.01, (1.6, -1.1)
+_TRUE_CAMERA_TURN_DEG, _TRUE_CAMERA_SHIFT_PX = 0.02, (0.3, -0.2)
+_TRUE_MASK_TURN_DEG, _TRUE_MASK_OFFSET_PX = 0.01, (1.6, -1.1)
 """What the truth adds to what is believed."""
 BORDER_PX = 2.0
 """Border of the field in which nothing is compared, in projector pixels: the panels are misplaced
@@ -56,14 +61,14 @@ by about half of that, so that along one side the mask is closed where the proje
 the camera's own quads such a line is seen, and would be most of the error of a good photo."""
 
 
-def bench_of(take: Take, mode: Mode, folder: Path) -> Config:
+def make_figure_config(take: FigureTake, mode: FigureMode, folder: Path) -> Config:
     """The configuration of a capture, whose runs and whose truth go below `folder`."""
     grid = take.grid or mode.grid
     scene = SceneConfig(kind=take.scene, grid=grid, options=dict(take.options))
     rig = RigConfig(
         name="figures",
         arrangement="off-axis" if take.off_axis else "coaxial",
-        misregistration_px=0.0 if take.perfect else REMAINDER_PX,
+        misregistration_px=0.0 if take.perfect else _REMAINDER_PX,
     )
     config = Config(
         rig=rig,
@@ -72,14 +77,14 @@ def bench_of(take: Take, mode: Mode, folder: Path) -> Config:
             profile="450d",
             frame_quads=mode.quads,
             place=_camera(mode.quads, 0.0, (0.0, 0.0)),
-            blur_quads=BLUR_QUADS,
+            blur_quads=_BLUR_QUADS,
             f_number=take.f_number or "auto",
         ),
-        projector=PanelConfig(size_px=PROJECTOR_PX, **({} if take.perfect else PROJECTOR)),
+        projector=PanelConfig(size_px=PROJECTOR_PX, **({} if take.perfect else _PROJECTOR)),
         mask=(
-            PanelConfig(size_px=MASK_PX)
+            PanelConfig(size_px=_MASK_PX)
             if take.perfect
-            else PanelConfig(size_px=MASK_PX, place=_mask(0.0), **MASK)
+            else PanelConfig(size_px=_MASK_PX, place=_mask(0.0), **_MASK)
         ),
         calibration=CalibrationConfig(use="none"),
         limits=LimitsConfig(min_free_bytes=0, max_exposure_s=3600.0),
@@ -88,33 +93,35 @@ def bench_of(take: Take, mode: Mode, folder: Path) -> Config:
     if take.perfect:
         return config
     path = folder / "truth.toml"
-    path.write_text(emit(msgspec.to_builtins(_truth(mode), builtin_types=TIMES), {}))
+    path.write_text(
+        format_toml(msgspec.to_builtins(_truth(mode), builtin_types=TOML_TIME_TYPES), {})
+    )
     return msgspec.structs.replace(config, bench=BenchConfig(truth=str(path)))
 
 
-def _truth(mode: Mode) -> Truth:
+def _truth(mode: FigureMode) -> BenchTruth:
     """What the bench really is."""
-    return Truth(
+    return BenchTruth(
         projector=TruePanel(skew_s=0.0005, rise_s=0.00152, fall_s=0.0022, contrast=1400.0),
         mask=TruePanel(
             skew_s=0.0021,
             rise_s=0.00202,
             fall_s=0.00306,
             contrast=420.0,
-            offset_px=TRUE_MASK_OFFSET_PX,
-            place=_mask(TRUE_MASK_TURN_DEG),
+            offset_px=_TRUE_MASK_OFFSET_PX,
+            place=_mask(_TRUE_MASK_TURN_DEG),
         ),
         camera=TrueCamera(
-            place=_camera(mode.quads, TRUE_CAMERA_TURN_DEG, TRUE_CAMERA_SHIFT_PX),
-            blur_quads=1.2 * BLUR_QUADS,
-            samples=SAMPLES,
+            place=_camera(mode.quads, _TRUE_CAMERA_TURN_DEG, _TRUE_CAMERA_SHIFT_PX),
+            blur_quads=1.2 * _BLUR_QUADS,
+            samples=_SAMPLES,
         ),
         sensor=TrueSensor(read_noise=1.1, prnu=0.004),
     )
 
 
 def _mask(more_deg: float) -> Placing:
-    return Placing(turn_deg=MASK_TURN_DEG + more_deg, scale=MASK_SCALE)
+    return Placing(turn_deg=_MASK_TURN_DEG + more_deg, scale=_MASK_SCALE)
 
 
 def _camera(quads: tuple[int, int], more_deg: float, shift_px: tuple[float, float]) -> Placing:
@@ -123,8 +130,8 @@ def _camera(quads: tuple[int, int], more_deg: float, shift_px: tuple[float, floa
     shift_px : of the camera's picture on the field, in projector pixels.
     """
     width, height = PROJECTOR_PX
-    px_per_quad = height / (FILLED * quads[1])
-    angle = math.radians(CAMERA_TURN_DEG + more_deg)
+    px_per_quad = height / (_FILLED * quads[1])
+    angle = math.radians(_CAMERA_TURN_DEG + more_deg)
     turned = px_per_quad * np.array(
         [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
     )
@@ -133,4 +140,4 @@ def _camera(quads: tuple[int, int], more_deg: float, shift_px: tuple[float, floa
     middle = np.array([width, height]) / 2.0 + shift_px
     whole[:2, 2] = middle - turned @ (np.array(quads) / 2.0)
     to_field = np.diag([1.0 / width, 1.0 / height, 1.0]) @ whole
-    return Placing(homography=matrix(to_field), radial=LENS)
+    return Placing(homography=to_map_matrix(to_field), radial=_LENS)

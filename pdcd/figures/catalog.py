@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from pdcd.errors import ConfigError
 from pdcd.figures import appendix, fig01, fig05, fig07, fig08, fig09, fig10, fig11, fig12, tables
-from pdcd.figures.figure import Figure
+from pdcd.figures.figure import PaperFigure
 
-FIGURES: dict[str, Figure] = {
+FIGURES: dict[str, PaperFigure] = {
     one.number: one
     for one in (
         *(module.FIGURE for module in (fig01, fig05, fig07, fig08, fig09, fig10, fig11, fig12)),
@@ -20,7 +20,7 @@ FIGURES: dict[str, Figure] = {
 """In the order of the page."""
 
 
-def figures_of(numbers: Sequence[str]) -> list[Figure]:
+def choose_figures(numbers: Sequence[str]) -> list[PaperFigure]:
     """These figures in the order of the page; none named is all. Raises ConfigError."""
     unknown = [number for number in numbers if number not in FIGURES]
     if unknown:

@@ -12,31 +12,30 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bytes
 from pdcd.errors import ConfigError
-from pdcd.extras import install_hint
-from pdcd.figures.figure import Panel, Plot, Row
+from pdcd.extras import suggest_install
+from pdcd.figures.figure import FigurePanel, FigurePlot, PanelRow
 from pdcd.pictures.written.looks import LEVEL, LEVEL_PERCENT
-from pdcd.pictures.written.picture_files import strip
-from pdcd.pictures.written.previews import coded
+from pdcd.pictures.written.picture_files import draw_caption
+from pdcd.pictures.written.previews import encode_gamma
 
-Bytes = NDArray[np.uint8]
-
-LEAST_PX = 480
+_LEAST_PX = 480
 """Width of a picture, at least: what is narrower is enlarged, so that its strip can be read."""
-STRIP_PX = 600
+_STRIP_PX = 600
 """Width of picture from which on the strip grows with it."""
 SHOWN = (0.0, 0.25, 1.0)
 """Of the scale of greys, linear."""
-RIM = 0.008
+_RIM = 0.008
 """Share of the width that is cut off at each side, where quads see only a part of the field."""
 UNKNOWN = 60
 """Grey of what no quad of the camera shows."""
-DPI, SIZE_IN = 110, (5.6, 3.8)
+_DPI, _SIZE_IN = 110, (5.6, 3.8)
 PALETTE = ("#1b6ca8", "#d1495b", "#2e933c", "#8d5a97", "#e08e0b", "#555555", "#17a2a2")
 """Colours of the lines of a plot."""
 
 
-def draw_row(row: Row) -> list[Bytes]:
+def draw_row(row: PanelRow) -> list[Bytes]:
     """All panels of a row as they are to be seen, (H, W, 3) uint8 each, with their strips."""
     usual = white_of(row.panels[0].image) or 1.0
     return [_drawn(panel, panel.white or usual) for panel in row.panels]
@@ -49,12 +48,12 @@ def white_of(image: NDArray[Any]) -> float:
     return float(np.percentile(np.abs(known), LEVEL_PERCENT)) / LEVEL if known.size else 0.0
 
 
-def _drawn(panel: Panel, white: float) -> Bytes:
+def _drawn(panel: FigurePanel, white: float) -> Bytes:
     if panel.kind == "grey":
         pixels = _coloured(np.asarray(panel.image, np.uint8))
-        factor = max(-(-LEAST_PX // pixels.shape[1]), 1)  # whole, so that all squares are alike
+        factor = max(-(-_LEAST_PX // pixels.shape[1]), 1)  # whole, so that all squares are alike
         return _with_strip(pixels.repeat(factor, axis=0).repeat(factor, axis=1), panel.caption, ())
-    rim = max(round(RIM * panel.image.shape[1]), 1)
+    rim = max(round(_RIM * panel.image.shape[1]), 1)
     image = _coloured(np.asarray(panel.image, np.float32)[rim:-rim, rim:-rim])
     linear = np.nan_to_num(image) / np.float32(white)
     if panel.signed:
@@ -62,12 +61,12 @@ def _drawn(panel: Panel, white: float) -> Bytes:
         pixels = np.rint(255.0 * np.clip(0.5 + 0.5 * linear, 0.0, 1.0)).astype(np.uint8)
         marks = tuple((round(255 * (0.5 + 0.5 * g)), f"{g * white:.2g}") for g in (-1.0, 0.0, 1.0))
     else:
-        pixels = coded(linear)
-        marks = tuple((int(coded(np.float32(g))), f"{g * white:.2g}") for g in SHOWN)
+        pixels = encode_gamma(linear)
+        marks = tuple((int(encode_gamma(np.float32(g))), f"{g * white:.2g}") for g in SHOWN)
     pixels[~np.isfinite(image).all(axis=-1)] = UNKNOWN
     height, width = pixels.shape[:2]
-    if width < LEAST_PX:
-        size_px = LEAST_PX, round(height * LEAST_PX / width)
+    if width < _LEAST_PX:
+        size_px = _LEAST_PX, round(height * _LEAST_PX / width)
         pixels = np.asarray(cv2.resize(pixels, size_px, interpolation=cv2.INTER_CUBIC), np.uint8)
     return _with_strip(pixels, panel.caption, marks)
 
@@ -80,8 +79,8 @@ def _with_strip(pixels: Bytes, caption: str, marks: tuple[tuple[int, str], ...])
     plain = caption.encode("ascii", "replace").decode()
     notes = ["scene units"] if marks else [""]
     width = pixels.shape[1]
-    times = max(round(width / STRIP_PX), 1)  # so that it can be read where the picture is shrunk
-    below = strip(-(-width // times), plain, notes, marks)
+    times = max(round(width / _STRIP_PX), 1)  # so that it can be read where the picture is shrunk
+    below = draw_caption(-(-width // times), plain, notes, marks)
     below = below.repeat(times, axis=0).repeat(times, axis=1)[:, :width]
     return np.concatenate([pixels, below])
 
@@ -93,25 +92,25 @@ def check_plots() -> None:
     except ImportError as err:
         raise ConfigError(
             "plots need matplotlib",
-            hint=f"{install_hint('matplotlib')}, or leave plots out: --no-plots",
+            hint=f"{suggest_install('matplotlib')}, or leave plots out: --no-plots",
         ) from err
 
 
-def draw_plot(plot: Plot) -> bytes:
+def draw_plot(plot: FigurePlot) -> bytes:
     """A plot as the bytes of a PNG file. Raises ConfigError without matplotlib."""
     check_plots()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SIZE_IN, layout="constrained")
+    figure = Figure(figsize=_SIZE_IN, layout="constrained")
     FigureCanvasAgg(figure)
     _fill(figure.add_subplot(), plot)
     file = io.BytesIO()
-    figure.savefig(file, dpi=DPI, format="png", metadata={"Software": None})
+    figure.savefig(file, dpi=_DPI, format="png", metadata={"Software": None})
     return file.getvalue()
 
 
-def _fill(axes: Any, plot: Plot) -> None:
+def _fill(axes: Any, plot: FigurePlot) -> None:
     """Everything of a plot on axes of matplotlib, labels small."""
     axes.grid(alpha=0.3)
     axes.tick_params(labelsize=8)

@@ -12,84 +12,97 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.figures.figure import Figure, Line, Mode, Number, Panel, Photo, Photos, Plot, Row, Take
+from pdcd.figures.figure import (
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigurePhoto,
+    FigurePlot,
+    FigureTake,
+    Line,
+    PanelRow,
+    PaperFigure,
+    Photos,
+)
 
-PLACE = 0.525
+_PLACE = 0.525
 """Where the row lies, as a share of the field's height: across rod, wax, book, mirror and globe."""
-PARTS: dict[str, tuple[float, float]] = {
+_PARTS: dict[str, tuple[float, float]] = {
     "caustics of the glass rod: streaks": (0.0, 0.20),
     "wax: a band along the diagonal": (0.12, 0.42),
     "book: a fan to either side": (0.38, 0.66),
     "mirror: lines across": (0.64, 0.98),
 }
 """Magnified parts, as shares of the field's width."""
-LINES = {"wax": 0.25, "book": 0.46, "mirror": 0.76}
+_LINES = {"wax": 0.25, "book": 0.46, "mirror": 0.76}
 """Camera cells of which a line is drawn, as shares of the field's width."""
-DEEPEST = 1e-3
+_DEEPEST = 1e-3
 """Share of the brightest entries that is still shown."""
 
 
-def row_of(mode: Mode) -> int:
+def _row_of(mode: FigureMode) -> int:
     """The row of cells that is photographed."""
-    return int(PLACE * mode.grid[0])
+    return int(_PLACE * mode.grid[0])
 
 
-def takes(mode: Mode) -> dict[str, Take]:
+def takes(mode: FigureMode) -> dict[str, FigureTake]:
     """The slice, and the scene itself."""
-    row = row_of(mode)
+    row = _row_of(mode)
     return {
         # A still-life under one row of light has detail within its cells: a cell of many values is
         # measured as its mean, which lies some per cent beside what its own transport says.
-        "slice": Take("still-life", "transport", {"rows": (row, row)}, bound=0.11, said="S-matrix"),
-        "scene": Take("still-life", "white", said="all light"),
+        "slice": FigureTake(
+            "still-life", "transport", {"rows": (row, row)}, bound=0.11, said="S-matrix"
+        ),
+        "scene": FigureTake("still-life", "white", said="all light"),
     }
 
 
-def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
+def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
     """The scene with its row marked, the slice beside its truth, and four parts of it."""
-    found, truth = entries(photos["slice"])
+    found, truth = average_entries(photos["slice"])
     top, cols = float(np.percentile(truth.diagonal(), 95.0)), mode.grid[1]
-    marked = mark_row(photos["scene"].image, row_of(mode), mode.grid[0])
+    marked = _mark_row(photos["scene"].image, _row_of(mode), mode.grid[0])
     whole = (
-        Panel(marked, "the scene, row marked"),
-        Panel(shades(found, top), "slice, measured", kind="grey"),
-        Panel(shades(truth, top), "slice, truth", kind="grey"),
+        FigurePanel(marked, "the scene, row marked"),
+        FigurePanel(_shades(found, top), "slice, measured", kind="grey"),
+        FigurePanel(_shades(truth, top), "slice, truth", kind="grey"),
     )
-    yield Row(whole, "Brightness of the slice goes by the logarithm, over three decades")
+    yield PanelRow(whole, "Brightness of the slice goes by the logarithm, over three decades")
     parts = []
-    for words, (left, right) in PARTS.items():
+    for words, (left, right) in _PARTS.items():
         part = slice(int(left * cols), int(np.ceil(right * cols)))
-        parts.append(Panel(shades(found[part, part], top), words, kind="grey"))
-    yield Row(tuple(parts), "Parts of the measured slice")
+        parts.append(FigurePanel(_shades(found[part, part], top), words, kind="grey"))
+    yield PanelRow(tuple(parts), "Parts of the measured slice")
     yield _profile(found, truth, cols)
 
     near = np.abs(np.subtract.outer(*2 * (np.arange(len(found)),))) <= 1
     share, true = (float(one[near].sum() / one.sum()) for one in (found, truth))
     what = "share of light within one cell of the diagonal"
-    yield Number(what, share, true - 0.03, true + 0.03, percent=True)
+    yield BoundedNumber(what, share, true - 0.03, true + 0.03, percent=True)
     far = float(np.corrcoef(found[~near], truth[~near])[0, 1])
-    yield Number("correlation with the truth further off the diagonal", far, least=0.95)
+    yield BoundedNumber("correlation with the truth further off the diagonal", far, least=0.95)
     # Off the diagonal a path and its way back carry the same light through the same colours; what
     # is left is noise, and detail within cells.
     back = float(np.sum(found[~near] * found.T[~near]) / np.sum(np.square(found)[~near]))
-    yield Number("a path and its way back, correlated, further off", back, least=0.9)
+    yield BoundedNumber("a path and its way back, correlated, further off", back, least=0.9)
 
 
-def entries(photo: Photo) -> tuple[NDArray[Any], NDArray[Any]]:
+def average_entries(photo: FigurePhoto) -> tuple[NDArray[Any], NDArray[Any]]:
     """Measured and true entries in one grey, (C, J); 0 where nothing is known."""
     if photo.transport is None or photo.transport_truth is None:
         raise ValueError("no entries were photographed")
     return np.nan_to_num(photo.transport).mean(axis=-1), photo.transport_truth.mean(axis=-1)
 
 
-def shades(entries: NDArray[Any], top: float) -> NDArray[np.uint8]:
-    """Entries as pixels by the logarithm: `top` is white, `DEEPEST` of it black."""
-    share = np.log10(np.maximum(entries / top, DEEPEST)) / np.log10(DEEPEST)
+def _shades(entries: NDArray[Any], top: float) -> NDArray[np.uint8]:
+    """Entries as pixels by the logarithm: `top` is white, `_DEEPEST` of it black."""
+    share = np.log10(np.maximum(entries / top, _DEEPEST)) / np.log10(_DEEPEST)
     drawn: NDArray[np.uint8] = np.rint(255.0 * np.clip(1.0 - share, 0.0, 1.0)).astype(np.uint8)
     return drawn
 
 
-def mark_row(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
+def _mark_row(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
     """A picture with thin lines above and below one row of cells."""
     shown = np.array(image)
     bright = np.float32(np.nanpercentile(image, 99.0)) * np.array([1.0, 0.8, 0.1], np.float32)
@@ -99,14 +112,14 @@ def mark_row(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
     return shown
 
 
-def _profile(found: NDArray[Any], truth: NDArray[Any], cols: int) -> Plot:
+def _profile(found: NDArray[Any], truth: NDArray[Any], cols: int) -> FigurePlot:
     lines = []
-    for index, (words, at) in enumerate(LINES.items()):
+    for index, (words, at) in enumerate(_LINES.items()):
         cell, label = int(at * cols), f"camera cell {int(at * cols)}, {words}"
         x = np.arange(len(truth[cell]))
         lines.append(Line(x, truth[cell], style="--", colour=index))
         lines.append(Line(x, found[cell], label, colour=index))
-    return Plot(
+    return FigurePlot(
         "rows",
         "Rows of the slice: measured (line), truth (dashed)",
         "projector cell",
@@ -117,7 +130,7 @@ def _profile(found: NDArray[Any], truth: NDArray[Any], cols: int) -> Plot:
     )
 
 
-FIGURE = Figure(
+FIGURE = PaperFigure(
     "5",
     "A slice of the transport matrix",
     see=(

@@ -14,64 +14,64 @@ import numpy as np
 from pdcd.figures.draw import white_of
 from pdcd.figures.figure import (
     CODERS,
-    Figure,
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigurePlot,
+    FigureTake,
     Image,
     Line,
-    Mode,
-    Number,
-    Panel,
+    PanelRow,
+    PaperFigure,
     Photos,
-    Plot,
-    Row,
-    Take,
     take_coded,
 )
-from pdcd.figures.places import patch
+from pdcd.figures.places import average_patch
 
-SCENE = "milky-bottle"
-PRINTED = {2: 64, 4: 128, 8: 256, 16: 512}
+_SCENE = "milky-bottle"
+_PRINTED = {2: 64, 4: 128, 8: 256, 16: 512}
 """1/p -> codes as printed."""
-BOUNDS = {2: 0.026, 4: 0.03, 8: 0.037, 16: 0.046}
+_BOUNDS = {2: 0.026, 4: 0.03, 8: 0.037, 16: 0.046}
 """Of the error of our photos: it grows as fewer paths share the light."""
 POINTS = {"milk": (0.50, 0.42), "wall": (0.16, 0.34)}
 """(x, y) on the field: in the milk above the label, and on a tile of the wall."""
 
 
-def takes(mode: Mode) -> dict[str, Take]:
+def list_fig08_takes(mode: FigureMode) -> dict[str, FigureTake]:
     """All light, and four shares of the indirect with either codes."""
-    found = {"white": Take(SCENE, "white", said="all light")}
+    found = {"white": FigureTake(_SCENE, "white", said="all light")}
     # Each cell is lit in exactly p of the codes; the coins of the paper are not so even.
-    for below, printed in PRINTED.items():
+    for below, printed in _PRINTED.items():
         found[f"1/{below}, ours"] = take_coded(
             "ours",
-            SCENE,
+            _SCENE,
             "fraction",
             printed,
             {"p": 1.0 / below, "family": "balanced"},
             all_codes=True,
-            bound=BOUNDS[below],
+            bound=_BOUNDS[below],
             said="every cell lit equally often",
         )
         found[f"1/{below}, paper"] = take_coded(
-            "paper", SCENE, "fraction", printed, {"p": 1.0 / below}, all_codes=True
+            "paper", _SCENE, "fraction", printed, {"p": 1.0 / below}, all_codes=True
         )
     return found
 
 
-def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
+def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
     """Photos from all light to the least indirect, and two points of them over p."""
     white = photos["white"].image
     level = white_of(white)
     for by, (_, words) in CODERS.items():
         coded = [
-            Panel(photos[f"1/{below}, {by}"].image, f"direct + 1/{below} indirect", level)
-            for below in PRINTED
+            FigurePanel(photos[f"1/{below}, {by}"].image, f"direct + 1/{below} indirect", level)
+            for below in _PRINTED
         ]
-        yield Row((Panel(white, "direct + indirect", level), *coded), words)
-    shares = np.array([1.0, *(1.0 / below for below in PRINTED)])
-    taken = {by: [photos[f"1/{below}, {by}"] for below in PRINTED] for by in CODERS}
-    ours, papers = (points([white, *(one.image for one in taken[by])]) for by in CODERS)
-    truth = points([photos["white"].truth, *(one.truth for one in taken["ours"])])
+        yield PanelRow((FigurePanel(white, "direct + indirect", level), *coded), words)
+    shares = np.array([1.0, *(1.0 / below for below in _PRINTED)])
+    taken = {by: [photos[f"1/{below}, {by}"] for below in _PRINTED] for by in CODERS}
+    ours, papers = (read_points([white, *(one.image for one in taken[by])]) for by in CODERS)
+    truth = read_points([photos["white"].truth, *(one.truth for one in taken["ours"])])
     yield _plot(shares, ours, papers, truth)
     for name, values in ours.items():
         slope, start = _line(shares, values)
@@ -79,21 +79,26 @@ def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
         share, true = slope / (slope + start), true_slope / (true_slope + true_start)
         # Without indirect light the line would be flat; the milk's falls to less than half.
         what = f"{name}: indirect share of all light, from the line"
-        yield Number(what, share, true - 0.02, true + 0.02, percent=True)
+        yield BoundedNumber(what, share, true - 0.02, true + 0.02, percent=True)
         what = f"{name}: direct light at p = 0, over the true one"
-        yield Number(what, start / true_start, 0.95, 1.05)
+        yield BoundedNumber(what, start / true_start, 0.95, 1.05)
     lit = [
         float(one.summary["codes"]) * p for one, p in zip(taken["ours"], shares[1:], strict=True)
     ]
     what = "codes in which a cell is lit, largest over smallest"
-    yield Number(what, max(lit) / min(lit), 1.0, 1.0)
+    yield BoundedNumber(what, max(lit) / min(lit), 1.0, 1.0)
     bright = [float(np.nanmean(one.image)) for one in taken["ours"]]
-    yield Number("mean brightness at p = 1/16 over that at 1/2", bright[-1] / bright[0], 0.3, 1.0)
+    yield BoundedNumber(
+        "mean brightness at p = 1/16 over that at 1/2", bright[-1] / bright[0], 0.3, 1.0
+    )
 
 
-def points(images: Sequence[Image]) -> dict[str, Any]:
+def read_points(images: Sequence[Image]) -> dict[str, Any]:
     """Brightness of both points in pictures, an array each, green channel."""
-    return {name: np.array([patch(image, at) for image in images]) for name, at in POINTS.items()}
+    return {
+        name: np.array([average_patch(image, at) for image in images])
+        for name, at in POINTS.items()
+    }
 
 
 def _line(shares: Any, values: Any) -> tuple[float, float]:
@@ -102,7 +107,9 @@ def _line(shares: Any, values: Any) -> tuple[float, float]:
     return float(slope), float(start)
 
 
-def _plot(shares: Any, ours: dict[str, Any], papers: dict[str, Any], truth: dict[str, Any]) -> Plot:
+def _plot(
+    shares: Any, ours: dict[str, Any], papers: dict[str, Any], truth: dict[str, Any]
+) -> FigurePlot:
     lines = []
     for index, name in enumerate(POINTS):
         slope, start = _line(shares, ours[name])
@@ -113,7 +120,7 @@ def _plot(shares: Any, ours: dict[str, Any], papers: dict[str, Any], truth: dict
             Line(shares, truth[name], style="_", colour="black"),
             Line([0.0], [start], style="s", colour=index),
         ]
-    return Plot(
+    return FigurePlot(
         "points",
         "Two points of the scene (black dashes: the truth)",
         "share p of indirect light",
@@ -125,12 +132,12 @@ def _plot(shares: Any, ours: dict[str, Any], papers: dict[str, Any], truth: dict
     )
 
 
-FIGURE = Figure(
+FIGURE = PaperFigure(
     "8",
     "Direct light enhanced: less and less of the indirect",
     see="The veil of milk fades from left to right, and the label comes out; the wall stays.",
     paper="64, 128, 256 and 512 codes, as many more as p is smaller.",
     unlike="a drawn bottle stands for the cola bottle.",
-    takes=takes,
+    takes=list_fig08_takes,
     shown=shown,
 )

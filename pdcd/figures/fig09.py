@@ -18,49 +18,53 @@ from numpy.typing import NDArray
 from pdcd.figures.figure import (
     CODERS,
     LIKE_THE_PAPER,
-    Figure,
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigurePlot,
+    FigureTake,
     Image,
     Line,
-    Mode,
-    Number,
-    Panel,
+    PanelRow,
+    PaperFigure,
     Photos,
-    Plot,
-    Row,
-    Take,
     take_coded,
 )
-from pdcd.virtual.scene.presets.chart import BLOCKS, bars
+from pdcd.virtual.scene.presets.chart import BLOCKS, list_chart_bars
 
-SCENE = "chart-in-milk"
-BESIDE = (0, -1)
+CHART_SCENE = "chart-in-milk"
+_BESIDE = (0, -1)
 """One cell to the left: Table 2 has n = m + 1."""
-PRINTED = 1024
-CELL = 8.0 / 3.0 / 64.0
+_PRINTED = 1024
+_CELL = 8.0 / 3.0 / 64.0
 """Width of a cell in the units of `BLOCKS`, 64 to a row."""
 
 
-def takes(mode: Mode) -> dict[str, Take]:
+def list_fig09_takes(mode: FigureMode) -> dict[str, FigureTake]:
     """A floodlit photo, and (c) and (d) by our codes and by the paper's."""
-    found = {"white": Take(SCENE, "white", LIKE_THE_PAPER, bound=0.022, said="floodlit")}
+    found = {
+        "white": FigureTake(CHART_SCENE, "white", LIKE_THE_PAPER, bound=0.022, said="floodlit")
+    }
     # Coins err by what the milk sends back, which is all there is in the tank. From beside comes
     # little light, less with the paper's p: there noise is most of the error.
     bounds = {"ours": (0.042, mode.bound(0.057, 0.11)), "paper": (0.26, 0.48)}
-    c, d = {"p": _p(mode)}, {"p": _p(mode), "shift": BESIDE}
+    c, d = {"p": _p(mode)}, {"p": _p(mode), "shift": _BESIDE}
     for by, (of_c, of_d) in bounds.items():
-        found[f"{by} c"] = take_coded(by, SCENE, "fraction", PRINTED, c, bound=of_c, said="(c), {}")
+        found[f"{by} c"] = take_coded(
+            by, CHART_SCENE, "fraction", _PRINTED, c, bound=of_c, said="(c), {}"
+        )
         found[f"{by} d"] = take_coded(
-            by, SCENE, "off-diagonal", PRINTED, d, bound=of_d, said="(d), {}"
+            by, CHART_SCENE, "off-diagonal", _PRINTED, d, bound=of_d, said="(d), {}"
         )
     return found
 
 
-def _p(mode: Mode) -> float:
+def _p(mode: FigureMode) -> float:
     """Share of the rest that (c) and (d) keep."""
     return 1.0 / 8.0 if mode.quick else 1.0 / 16.0
 
 
-def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
+def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
     """Floodlit, (c), (d) and (e), by either codes and in truth."""
     white, p = photos["white"], _p(mode)
     c, d = photos["ours c"], photos["ours d"]
@@ -70,34 +74,34 @@ def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
     }
     known["the truth"] = _pictures(white.truth, c.truth, d.truth, p)
     for title, pictures in known.items():
-        panels = [Panel(image, words, _top(image)) for words, image in pictures.items()]
-        yield Row(tuple(panels), title)
+        panels = [FigurePanel(image, words, _top(image)) for words, image in pictures.items()]
+        yield PanelRow(tuple(panels), title)
     ours, truth = (
-        [contrasts(image) for image in known[words].values()]
+        [measure_contrasts(image) for image in known[words].values()]
         for words in ("our codes", "the truth")
     )
     yield _plot(ours, truth)
     # The chart was made so that floodlit it shows less than an eighth of its contrast.
-    yield Number("contrast of the widest bars, floodlit", ours[0][0], 0.02, 0.125)
-    yield Number("the same in (c)", ours[1][0], 0.25, 0.65)
+    yield BoundedNumber("contrast of the widest bars, floodlit", ours[0][0], 0.02, 0.125)
+    yield BoundedNumber("the same in (c)", ours[1][0], 0.25, 0.65)
     # Ink is a seventeenth of paper: without milk the bars have 0.89.
-    yield Number("the same in (e), de-scattered", ours[3][0], 0.75, 1.05)
-    yield Number("contrast in (e) over floodlit", ours[3][0] / ours[0][0], least=8.0)
+    yield BoundedNumber("the same in (e), de-scattered", ours[3][0], 0.75, 1.05)
+    yield BoundedNumber("contrast in (e) over floodlit", ours[3][0] / ours[0][0], least=8.0)
     off = abs(ours[3][0] - truth[3][0])
-    yield Number("error of that contrast against the truth", off, most=0.02)
+    yield BoundedNumber("error of that contrast against the truth", off, most=0.02)
     clear = known["the truth"]["(e) de-scattered"]
     for words, most in (("our codes", 0.053), ("the paper's codes", None)):
         error = _rms(known[words]["(e) de-scattered"] - clear) / _rms(clear)
-        yield Number(f"RMS error of (e), {words}", error, most=most, percent=True)
+        yield BoundedNumber(f"RMS error of (e), {words}", error, most=most, percent=True)
 
 
-def _plot(ours: list[list[float]], truth: list[list[float]]) -> Plot:
-    width = [one[2] / CELL for one in BLOCKS]
+def _plot(ours: list[list[float]], truth: list[list[float]]) -> FigurePlot:
+    width = [one[2] / _CELL for one in BLOCKS]
     lines = []
     for index, (number, words) in enumerate({0: "floodlit", 1: "(c)", 3: "(e)"}.items()):
         lines.append(Line(width, ours[number], words, "o-", index))
         lines.append(Line(width, truth[number], style=":", colour=index))
-    return Plot(
+    return FigurePlot(
         "contrast",
         "Bars of the chart",
         "width of a bar, cells of 64 to a row",
@@ -118,12 +122,12 @@ def _pictures(white: Image, direct: Image, beside: Image, p: float) -> dict[str,
     }
 
 
-def contrasts(image: Image) -> list[float]:
+def measure_contrasts(image: Image) -> list[float]:
     """Contrast of the bars of each block of the chart in a picture (H, W, 3) of the field; NaN
     where the picture is too coarse to have pixels in them."""
     grey = image.mean(axis=-1)
     found = []
-    for ink, gap in bars():
+    for ink, gap in list_chart_bars():
         dark, light = (_inside(grey, area) for area in (ink, gap))
         found.append((light - dark) / (light + dark))
     return found
@@ -147,7 +151,7 @@ def _rms(image: Image) -> float:
     return float(np.sqrt(np.nanmean(np.square(image))))
 
 
-FIGURE = Figure(
+FIGURE = PaperFigure(
     "9",
     "A resolution chart in milky water",
     see="Floodlit, the milk hides the chart; in (e), the difference of two photos, even the fine"
@@ -155,6 +159,6 @@ FIGURE = Figure(
     paper="1024 codes for each of two photos, p = 1/16, a relay lens of 220 mm.",
     unlike="The milk is a veil, a blur and a near glow of fixed shape: no light is traced through"
     " it. The tank stands square to the camera and fills most of the field.",
-    takes=takes,
+    takes=list_fig09_takes,
     shown=shown,
 )

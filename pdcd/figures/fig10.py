@@ -15,20 +15,30 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.figures.figure import Figure, Image, Mode, Number, Panel, Photos, Row, Take, take_coded
-from pdcd.figures.places import share_in
-from pdcd.virtual.scene.presets.ball_book import on_pages, on_wax
-from pdcd.virtual.scene.presets.canvas import Raster
+from pdcd.figures.figure import (
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigureTake,
+    Image,
+    PanelRow,
+    PaperFigure,
+    Photos,
+    take_coded,
+)
+from pdcd.figures.places import fit_share
+from pdcd.virtual.scene.presets.ball_book import draw_pages, draw_wax
+from pdcd.virtual.scene.presets.canvas import FrameRaster
 
-SCENE = "ball-wax-book"
-PRINTED = 128
+BALL_SCENE = "ball-wax-book"
+_PRINTED = 128
 PERIOD = 4
 """Cells from one stripe to the next, the narrowest there is: soft light is even over them."""
-SPOTS = 97.0
+_SPOTS = 97.0
 """Per cent of the pages' pixels that are darker than a spot, in indirect light."""
 
 
-def takes(mode: Mode) -> dict[str, Take]:
+def takes(mode: FigureMode) -> dict[str, FigureTake]:
     """White and direct light, and the four striped photos by our codes and by the paper's.
 
     The answer of the latter is sharp light, of which quarter windows, whose stripes have no sharp
@@ -36,57 +46,65 @@ def takes(mode: Mode) -> dict[str, Take]:
     """
     striped = {"period": PERIOD}
     return {
-        "direct": take_coded("ours", SCENE, "direct", PRINTED, bound=0.04),
-        "ours": take_coded("ours", SCENE, "split", PRINTED, striped, bound=0.35),
-        "paper": take_coded("paper", SCENE, "split", PRINTED, striped, bound=0.45),
+        "direct": take_coded("ours", BALL_SCENE, "direct", _PRINTED, bound=0.04),
+        "ours": take_coded("ours", BALL_SCENE, "split", _PRINTED, striped, bound=0.35),
+        "paper": take_coded("paper", BALL_SCENE, "split", _PRINTED, striped, bound=0.45),
     }
 
 
-def shown(mode: Mode, photos: Photos) -> Iterator[Row | Number]:
+def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | BoundedNumber]:
     """All, direct and indirect light; sharp and soft light by either codes and in truth."""
     direct, ours, paper = photos["direct"], photos["ours"], photos["paper"]
     scene = {**direct.pictures, "indirect": ours.pictures["indirect"]}
     captions = {"white": "(a) white", "direct": "(b) direct", "indirect": "(c) indirect"}
-    yield Row.of(scene, captions, "one scene")
+    yield PanelRow.of(scene, captions, "one scene")
     for pictures, title in (
         (ours.pictures, "our codes"),
         (paper.pictures, "the paper's codes"),
         (ours.truths, "the truth"),
     ):
         white = 2.0 * float(np.nanpercentile(pictures["low"], 99.0))
-        sharp = Panel(pictures["high"], "(d) sharp: largest - smallest", white)
-        yield Row((sharp, Panel(pictures["low"], "(e) soft: 2 x smallest", white)), title)
+        sharp = FigurePanel(pictures["high"], "(d) sharp: largest - smallest", white)
+        yield PanelRow(
+            (sharp, FigurePanel(pictures["low"], "(e) soft: 2 x smallest", white)), title
+        )
 
-    raster = Raster(ours.image.shape[:2])
-    spots, pages = spots_of(ours.truths["indirect"]), on_pages(raster)
+    raster = FrameRaster(ours.image.shape[:2])
+    spots, pages = find_spots(ours.truths["indirect"]), draw_pages(raster)
     for what, name, where, least in (
-        ("soft share of the wax", "low", on_wax(raster), 0.7),
+        ("soft share of the wax", "low", draw_wax(raster), 0.7),
         ("soft share of the pages", "low", pages & ~spots, 0.6),
         ("sharp share of spots", "high", spots, 0.5),
     ):
-        yield Number(f"{what}, our codes", share(ours.pictures, name, where), least=least)
+        yield BoundedNumber(
+            f"{what}, our codes", measure_area_share(ours.pictures, name, where), least=least
+        )
     # Four photos under stripes add up to all indirect light.
-    brightness = share_in(ours.pictures["indirect"], ours.truths["indirect"])
-    yield Number("indirect light of the striped photos over its truth", brightness, 0.93, 1.07)
+    brightness = fit_share(ours.pictures["indirect"], ours.truths["indirect"])
+    yield BoundedNumber(
+        "indirect light of the striped photos over its truth", brightness, 0.93, 1.07
+    )
     for name, light in (("high", "sharp"), ("low", "soft")):
         for photo, words in ((ours, "our codes"), (paper, "the paper's")):
-            yield Number(f"RMS error of {light} light, {words}", photo.errors[name], percent=True)
+            yield BoundedNumber(
+                f"RMS error of {light} light, {words}", photo.errors[name], percent=True
+            )
 
 
-def spots_of(indirect: Image) -> NDArray[np.bool_]:
+def find_spots(indirect: Image) -> NDArray[np.bool_]:
     """Where the ball's spots lie on the pages, by the true indirect light (H, W, 3)."""
-    pages = on_pages(Raster(indirect.shape[:2]))
+    pages = draw_pages(FrameRaster(indirect.shape[:2]))
     grey = np.where(pages, np.nan_to_num(indirect.mean(axis=-1)), 0.0)
-    spots: NDArray[np.bool_] = grey > np.percentile(grey[pages], SPOTS)
+    spots: NDArray[np.bool_] = grey > np.percentile(grey[pages], _SPOTS)
     return spots
 
 
-def share(pictures: Mapping[str, Image], name: str, where: NDArray[np.bool_]) -> float:
+def measure_area_share(pictures: Mapping[str, Image], name: str, where: NDArray[np.bool_]) -> float:
     """What of the indirect light of an area is in one picture."""
     return float(np.nansum(pictures[name][where]) / np.nansum(pictures["indirect"][where]))
 
 
-FIGURE = Figure(
+FIGURE = PaperFigure(
     "10",
     "Sharp and soft indirect light",
     see="The ball's spots are in (d), the glow of the wax and of the facing page in (e).",

@@ -18,81 +18,85 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures.figure import (
-    Figure,
-    Grid,
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigurePhoto,
+    FigurePlot,
+    FigureTake,
+    GridShape,
     Line,
-    Mode,
-    Number,
-    Panel,
-    Photo,
+    PanelRow,
+    PaperFigure,
     Photos,
-    Plot,
-    Row,
-    Take,
     take_coded,
 )
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import Array
 
-SCENE = "off-axis-box"
-DEPTHS = {"b": -2.0, "c": -1.0, "d": -0.5, "e": 0.0, "f": 0.5, "g": 2.0}
+BOX_SCENE = "off-axis-box"
+_DEPTHS = {"b": -2.0, "c": -1.0, "d": -0.5, "e": 0.0, "f": 0.5, "g": 2.0}
 """Disparity of the box's front, in cells, from far to near; that of (e) is blocked."""
-BOUNDS = {"b": 0.07, "c": 0.063, "d": 0.31, "e": 0.105, "f": 0.37, "g": 0.05}
-HALF_BLOCKED = {"d": 0.45, "f": 0.5}
+_BOUNDS = {"b": 0.07, "c": 0.063, "d": 0.31, "e": 0.105, "f": 0.37, "g": 0.05}
+_HALF_BLOCKED = {"d": 0.45, "f": 0.5}
 """Half-blocked fronts differ by twice the share of a cell that panels are misplaced by, which is
 larger of the full page's smaller cells; where (e) is blocked there is least light to be wrong
 about."""
-MISPLACED = 0.15
+_MISPLACED = 0.15
 """Cells by which the bench's panels may lie off where it believes them: 2 of 21 projector pixels,
 and what a map that is linear in each cell leaves."""
 
 
-def takes(mode: Mode) -> dict[str, Take]:
+def list_fig11_takes(mode: FigureMode) -> dict[str, FigureTake]:
     """The box at six depths, and at the blocked one by the paper's codes as well."""
-    bounds = {n: mode.bound(BOUNDS[n], HALF_BLOCKED.get(n, BOUNDS[n])) for n in DEPTHS}
-    found = {n: _take("ours", d, bounds[n], white=n == "e") for n, d in DEPTHS.items()}
-    return {**found, "paper": _take("paper", DEPTHS["e"], 0.35, white=False)}
+    bounds = {n: mode.bound(_BOUNDS[n], _HALF_BLOCKED.get(n, _BOUNDS[n])) for n in _DEPTHS}
+    found = {n: _take("ours", d, bounds[n], white=n == "e") for n, d in _DEPTHS.items()}
+    return {**found, "paper": _take("paper", _DEPTHS["e"], 0.35, white=False)}
 
 
-def _take(by: str, disparity: float, bound: float, *, white: bool) -> Take:
+def _take(by: str, disparity: float, bound: float, *, white: bool) -> FigureTake:
     options, said = (
         {"disparity": disparity, "painted": True},
         f"front at {disparity:+g} cells, {{}}",
     )
     return take_coded(
-        by, SCENE, "keyed", 512, {"white": white}, options=options, off_axis=True, bound=bound,
+        by, BOX_SCENE, "keyed", 512, {"white": white}, options=options, off_axis=True, bound=bound,
         said=said,
     )  # fmt: skip
 
 
-def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
+def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
     """Six photos in one scale, their truth, and what is left of the front."""
     blocked, papers = photos["e"], photos["paper"]
     white = float(np.nanpercentile(blocked.pictures["white"], 99.5))
     other = (
-        Panel(blocked.pictures["white"], "(e) in white light", white),
-        Panel(blocked.image, "(e) our codes", white),
-        Panel(papers.image, "(e) the paper's codes", white),
+        FigurePanel(blocked.pictures["white"], "(e) in white light", white),
+        FigurePanel(blocked.image, "(e) our codes", white),
+        FigurePanel(papers.image, "(e) the paper's codes", white),
     )
-    yield Row(other, "the plane of the box's front blocked")
-    taken = [Panel(photos[n].image, f"({n}) {d:+g} cells", white) for n, d in DEPTHS.items()]
-    true = [Panel(photos[n].truth, f"({n}) truth", white) for n in DEPTHS]
+    yield PanelRow(other, "the plane of the box's front blocked")
+    taken = [FigurePanel(photos[n].image, f"({n}) {d:+g} cells", white) for n, d in _DEPTHS.items()]
+    true = [FigurePanel(photos[n].truth, f"({n}) truth", white) for n in _DEPTHS]
     for panels, title in ((taken, "a box that comes nearer, the same codes"), (true, "the truth")):
-        yield Row(tuple(panels[:3]), title)
-        yield Row(tuple(panels[3:]))
-    found = {name: left(photos[name], disparity) for name, disparity in DEPTHS.items()}
+        yield PanelRow(tuple(panels[:3]), title)
+        yield PanelRow(tuple(panels[3:]))
+    found = {
+        name: measure_direct_left(photos[name], disparity) for name, disparity in _DEPTHS.items()
+    }
     yield _plot(found)
-    for name, disparity in DEPTHS.items():
+    for name, disparity in _DEPTHS.items():
         what = f"({name}) direct light left of the front at {disparity:+g} cells"
-        least, most = (_kept(abs(disparity) + off) for off in (-MISPLACED, MISPLACED))
-        yield Number(what, found[name], least - 0.06, most + 0.06)
-    yield Number("(e) the same, the paper's codes", left(papers, DEPTHS["e"]))
+        least, most = (_kept(abs(disparity) + off) for off in (-_MISPLACED, _MISPLACED))
+        yield BoundedNumber(what, found[name], least - 0.06, most + 0.06)
+    yield BoundedNumber(
+        "(e) the same, the paper's codes", measure_direct_left(papers, _DEPTHS["e"])
+    )
 
 
-def _plot(found: dict[str, float]) -> Plot:
+def _plot(found: dict[str, float]) -> FigurePlot:
     fine = np.linspace(-2.2, 2.2, 400)
-    return Plot(
+    return FigurePlot(
         "left",
         "The box's front",
         "disparity of the box's front, in cells",
@@ -100,7 +104,7 @@ def _plot(found: dict[str, float]) -> Plot:
         "Direct light left of the box's front, by how far from the plane it is.",
         (
             Line(fine, [_kept(abs(d)) for d in fine], "by geometry"),
-            Line(list(DEPTHS.values()), list(found.values()), "photos", "o", 1),
+            Line(list(_DEPTHS.values()), list(found.values()), "photos", "o", 1),
         ),
     )
 
@@ -110,7 +114,7 @@ def _kept(disparity: float) -> float:
     return float(np.clip((disparity - 0.25) / 0.5, 0.0, 1.0))
 
 
-def left(photo: Photo, disparity: float) -> float:
+def measure_direct_left(photo: FigurePhoto, disparity: float) -> float:
     """Direct light left of the front of a box in a keyed photo, over what there is of it.
 
     Indirect light of the front, which stays, is taken off as the scene has it.
@@ -127,12 +131,12 @@ def left(photo: Photo, disparity: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _front(grid: Grid, disparity: float) -> tuple[NDArray[np.bool_], Array, Array]:
+def _front(grid: GridShape, disparity: float) -> tuple[NDArray[np.bool_], Array, Array]:
     """Cells (N,) that see the lit front, as those around them do; direct and all light (N, 3)."""
     options = {"disparity": disparity, "painted": True}
-    scene = build_scene(SceneConfig(kind=SCENE, grid=grid, options=options))
+    scene = build_scene(SceneConfig(kind=BOX_SCENE, grid=grid, options=options))
     lit = np.ones((1, scene.cells))
-    parts = [e for e in scene.effects if isinstance(e, Displaced)]
+    parts = [e for e in scene.effects if isinstance(e, DisplacedEffect)]
     direct: Array = np.stack([e.apply(lit)[0] for e in parts], axis=-1)
     moved = parts[0].displacement[:, 1].reshape(grid)
     on = np.isclose(moved, disparity, atol=1e-6)
@@ -142,7 +146,7 @@ def _front(grid: Grid, disparity: float) -> tuple[NDArray[np.bool_], Array, Arra
     return inside.ravel(), direct, scene.white()
 
 
-FIGURE = Figure(
+FIGURE = PaperFigure(
     "11",
     "Light keyed by depth",
     see="The box is there at all depths but one: at (e), where its front lies in the blocked plane,"
@@ -150,6 +154,6 @@ FIGURE = Figure(
     paper="The probing matrix of indirect photos (512 codes), one RAW photo a depth.",
     unlike="The front is flat and square to the camera, so that it fades as a whole; the paper's"
     " box is seen aslant. Its edges lie at edges of cells.",
-    takes=takes,
+    takes=list_fig11_takes,
     shown=shown,
 )

@@ -15,41 +15,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.figures.figure import (
-    Figure,
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigurePhoto,
+    FigurePlot,
+    FigureTake,
     Image,
     Line,
-    Mode,
-    Number,
-    Panel,
-    Photo,
+    PanelRow,
+    PaperFigure,
     Photos,
-    Plot,
-    Row,
-    Take,
     take_coded,
 )
-from pdcd.figures.places import share_in
-from pdcd.virtual.scene.presets.canvas import WIDTH, Raster
-from pdcd.virtual.scene.presets.vase import on_glass
+from pdcd.figures.places import fit_share
+from pdcd.virtual.scene.presets.canvas import FRAME_WIDTH, FrameRaster
+from pdcd.virtual.scene.presets.vase import draw_mirror
 
-SCENES = {
+_SCENES = {
     "disco-ball": ("Ball of mirrors", 512),
     "glass-and-balls": ("Styrofoam in a glass", 512),
     "milky-bottle": ("Milky water", 512),
     "mirror-and-vase": ("Mirror and vase", 1024),
 }
 """Kind of scene: its title, and the codes that the paper prints for it."""
-FIRST, MIRROR = "disco-ball", "mirror-and-vase"
-ROW_Y = -0.05
+FIRST, MIRROR_SCENE = "disco-ball", "mirror-and-vase"
+_ROW_Y = -0.05
 """Height of the drawing frame at which the mirror is looked at: through its middle."""
-PICTURES = {"white": "white light", "indirect": "indirect, one photo", "direct": "direct"}
+_PICTURES = {"white": "white light", "indirect": "indirect, one photo", "direct": "direct"}
 
 
-def takes(mode: Mode) -> dict[str, Take]:
+def list_fig12_takes(mode: FigureMode) -> dict[str, FigureTake]:
     """Each scene by our codes and by the paper's, of the same number; the latter of the first scene
     only where it has to be quick."""
     found = {}
-    for kind, (_, printed) in SCENES.items():
+    for kind, (_, printed) in _SCENES.items():
         # White light less what is indirect: the camera's noise of both, and a mirror's few paths.
         found[f"{kind}, ours"] = take_coded("ours", kind, "direct", printed, bound=0.034)
         if not mode.quick or kind == FIRST:
@@ -57,60 +57,62 @@ def takes(mode: Mode) -> dict[str, Take]:
     return found
 
 
-def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
+def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
     """Three photos of each scene, and the mirror's brightness along a line."""
-    for kind, (title, _) in SCENES.items():
+    for kind, (title, _) in _SCENES.items():
         ours, theirs = photos[f"{kind}, ours"], photos.get(f"{kind}, paper's")
         # Errors of codes spread to both sides; light that codes let through would be all there.
         what = f"{kind}: indirect light left in the direct picture"
-        yield Number(what, left(ours), -0.03, 0.03, percent=True)
+        yield BoundedNumber(what, measure_indirect_left(ours), -0.03, 0.03, percent=True)
         for photo, words in ((ours, "our codes"), (theirs, "the paper's codes")):
             if photo is not None:
                 yield _row(photo.pictures, f"{title}: {words}")
                 what = f"{kind}: RMS error of indirect light, {words}"
-                yield Number(what, photo.errors["indirect"], percent=True)
-    glass = photos[f"{MIRROR}, ours"]
-    share, true = retro(glass.pictures), retro(glass.truths)
+                yield BoundedNumber(what, photo.errors["indirect"], percent=True)
+    glass = photos[f"{MIRROR_SCENE}, ours"]
+    share, true = measure_mirror_share(glass.pictures), measure_mirror_share(glass.truths)
     # Wall and table seen in the glass are a fifth of white and more: not black.
-    yield Number("direct share of the light of the mirror", share, 0.15, 0.6)
-    yield Number("its error against the truth", abs(share - true), most=0.01)
+    yield BoundedNumber("direct share of the light of the mirror", share, 0.15, 0.6)
+    yield BoundedNumber("its error against the truth", abs(share - true), most=0.01)
     yield _plot(glass)
 
 
-def _row(pictures: Mapping[str, Image], title: str) -> Row:
-    white, indirect, direct = Row.of(pictures, PICTURES, title).panels
+def _row(pictures: Mapping[str, Image], title: str) -> PanelRow:
+    white, indirect, direct = PanelRow.of(pictures, _PICTURES, title).panels
     top = float(np.nanpercentile(indirect.image, 99.5))
-    return Row((white, Panel(indirect.image, f"{indirect.caption}, brighter", top), direct), title)
+    return PanelRow(
+        (white, FigurePanel(indirect.image, f"{indirect.caption}, brighter", top), direct), title
+    )
 
 
-def left(photo: Photo) -> float:
+def measure_indirect_left(photo: FigurePhoto) -> float:
     """Indirect light in the direct picture, over all indirect light, as the least-squares share of
     the true indirect picture in what is wrong with the direct one."""
-    return share_in(photo.pictures["direct"] - photo.truths["direct"], photo.truths["indirect"])
+    return fit_share(photo.pictures["direct"] - photo.truths["direct"], photo.truths["indirect"])
 
 
-def retro(pictures: Mapping[str, Image]) -> float:
+def measure_mirror_share(pictures: Mapping[str, Image]) -> float:
     """Share of the light of the mirror that is in the direct picture."""
-    glass = glass_of(pictures["white"])
+    glass = find_glass(pictures["white"])
     return float(np.nansum(pictures["direct"][glass]) / np.nansum(pictures["white"][glass]))
 
 
-def glass_of(image: Image) -> NDArray[np.bool_]:
+def find_glass(image: Image) -> NDArray[np.bool_]:
     """Where the mirror is in a picture (H, W, 3) of the field, without its rim."""
-    return on_glass(Raster(image.shape[:2]), -0.06)
+    return draw_mirror(FrameRaster(image.shape[:2]), -0.06)
 
 
-def _plot(photo: Photo) -> Plot:
+def _plot(photo: FigurePhoto) -> FigurePlot:
     """The brightness of the three pictures along a line through the mirror."""
     height, width = photo.image.shape[:2]
-    middle = round((ROW_Y / 2.0 + 0.5) * height)
-    x = ((np.arange(width) + 0.5) / width - 0.5) * WIDTH
+    middle = round((_ROW_Y / 2.0 + 0.5) * height)
+    x = ((np.arange(width) + 0.5) / width - 0.5) * FRAME_WIDTH
     part, lines = x < 0.0, []
-    for index, (name, words) in enumerate(PICTURES.items()):
+    for index, (name, words) in enumerate(_PICTURES.items()):
         light = photo.pictures[name][middle - 2 : middle + 3].mean(axis=(0, 2))
         lines.append(Line(x[part], light[part], words, colour=index))
-    glass = np.flatnonzero(glass_of(photo.image)[middle])
-    return Plot(
+    glass = np.flatnonzero(find_glass(photo.image)[middle])
+    return FigurePlot(
         "mirror",
         "A line through the mirror",
         "place in the picture; grey: the glass of the mirror",
@@ -124,7 +126,7 @@ def _plot(photo: Photo) -> Plot:
     )
 
 
-FIGURE = Figure(
+FIGURE = PaperFigure(
     "12",
     "Four scenes in white, indirect and direct light",
     see="Spots, caustics, milk and mirror images are in the indirect photos and not in the direct"
@@ -132,6 +134,6 @@ FIGURE = Figure(
     paper="512 codes (mirror and vase: 1024) in one exposure of 30 s.",
     unlike="The glass throws a caustic but bends no sight; the bottle's milk is a veil and a blur;"
     " the vase has a dark rim a cell wide, where cells take a step for a steep slope.",
-    takes=takes,
+    takes=list_fig12_takes,
     shown=shown,
 )

@@ -20,14 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from pdcd.words import GoalName
 
 Image = NDArray[np.floating]
-Grid = tuple[int, int]
+GridShape = tuple[int, int]
 
 PRINTED = 4
 """Codes that the paper counts for each independent one: its four sub-shifts."""
 
 
 @dataclass(frozen=True)
-class Mode:
+class FigureMode:
     """How finely figures are taken.
 
     grid : rows and columns of cells; the paper's codes have 48 x 64.
@@ -39,7 +39,7 @@ class Mode:
     """
 
     name: str
-    grid: Grid
+    grid: GridShape
     quads: tuple[int, int]
     width_px: int
     quick: bool
@@ -55,15 +55,15 @@ class Mode:
         return min(asked, max(asked // self.thrift, self.least_codes))
 
 
-QUICK = Mode("quick", (30, 40), (336, 224), 320, True, thrift=4)
-FULL = Mode("full", (48, 64), (2145, 1428), 1280, False)
+QUICK_MODE = FigureMode("quick", (30, 40), (336, 224), 320, True, thrift=4)
+FULL_MODE = FigureMode("full", (48, 64), (2145, 1428), 1280, False)
 """The frame of the paper's camera, an EOS 450D."""
-TINY = Mode("tiny", (12, 16), (120, 80), 100, True, thrift=4, least_codes=16)
+TINY_MODE = FigureMode("tiny", (12, 16), (120, 80), 100, True, thrift=4, least_codes=16)
 """For tests, which look at numbers alone."""
 
 
 @dataclass(frozen=True)
-class Take:
+class FigureTake:
     """One capture: what stands before the bench, and what is asked, in the words of a request.
 
     scene, options : `[scene] kind` and `[scene.options]` of the configuration.
@@ -87,7 +87,7 @@ class Take:
     f_number: float | None = None
     all_codes: bool = False
     bound: float | None = None
-    grid: Grid | None = None
+    grid: GridShape | None = None
     said: str = ""
 
     @property
@@ -98,7 +98,7 @@ class Take:
 
 
 @dataclass(frozen=True, eq=False)
-class Photo:
+class FigurePhoto:
     """What a capture gave, on a raster of the field: upright, as the projector sees the scene.
 
     pictures : by the names that the run has (`white`, `direct`, the goal ...), answer first; each
@@ -117,7 +117,7 @@ class Photo:
     transport: Image | None
     transport_truth: Image | None
     summary: Mapping[str, Any]
-    grid: Grid
+    grid: GridShape
 
     @property
     def answer(self) -> str:
@@ -140,11 +140,11 @@ class Photo:
         return self.errors[self.answer]
 
 
-Photos = Mapping[str, Photo]
+Photos = Mapping[str, FigurePhoto]
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class FigurePanel:
     """One picture of a figure.
 
     image : (H, W, 3) or (H, W); linear light in scene units, or with `kind` "grey" the pixels
@@ -163,18 +163,20 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Row:
+class PanelRow:
     """Panels side by side, under one scale of brightness. title : above them; may be empty. small :
     many rows are shown on little room."""
 
-    panels: tuple[Panel, ...]
+    panels: tuple[FigurePanel, ...]
     title: str = ""
     small: bool = False
 
     @classmethod
-    def of(cls, pictures: Mapping[str, Image], captions: Mapping[str, str], title: str) -> Row:
+    def of(cls, pictures: Mapping[str, Image], captions: Mapping[str, str], title: str) -> PanelRow:
         """Some of the pictures of a photo, by their names, with a caption each."""
-        return cls(tuple(Panel(pictures[name], words) for name, words in captions.items()), title)
+        return cls(
+            tuple(FigurePanel(pictures[name], words) for name, words in captions.items()), title
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +192,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class Plot:
+class FigurePlot:
     """Lines over each other. name : part of the file's. x, y : labels of the axes, with units.
 
     scales : of x and y, as matplotlib has them; "symlog" is straight below a thousandth.
@@ -212,7 +214,7 @@ class Plot:
     y_range: tuple[float | None, float | None] = (None, None)
 
 
-class Number(msgspec.Struct, frozen=True):
+class BoundedNumber(msgspec.Struct, frozen=True):
     """One figure with the bounds that were stated before it was measured.
 
     what : in words, with the unit. value : None for what is no number. least, most : bounds, both
@@ -244,7 +246,7 @@ class Number(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class Figure:
+class PaperFigure:
     """One figure of the paper.
 
     number : as it is asked for: "1", "table-1", "appendix".
@@ -259,11 +261,11 @@ class Figure:
     see: str
     paper: str
     unlike: str
-    takes: Callable[[Mode], Mapping[str, Take]]
-    shown: Callable[[Mode, Photos], Iterator[Row | Plot | Number]]
+    takes: Callable[[FigureMode], Mapping[str, FigureTake]]
+    shown: Callable[[FigureMode, Photos], Iterator[PanelRow | FigurePlot | BoundedNumber]]
 
 
-def codes_printed(count: int) -> int:
+def count_independent_codes(count: int) -> int:
     """Independent codes of so many as the paper counts them. Every figure asks by that."""
     return max(count // PRINTED, 1)
 
@@ -271,7 +273,7 @@ def codes_printed(count: int) -> int:
 LIKE_THE_PAPER: Mapping[str, Any] = {"window": "quarter", "guards": "full", "black_level": "mask"}
 """Panels driven as in the paper: quarter windows, three refreshes a code, and a second photo with a
 black mask for what leaks through it. 512 printed codes then take 25.6 s a photo."""
-PAPERS_CODES: Mapping[str, Any] = {
+_PAPERS_CODES: Mapping[str, Any] = {
     **LIKE_THE_PAPER,
     "family": "bernoulli",
     "smooth": False,
@@ -280,11 +282,11 @@ PAPERS_CODES: Mapping[str, Any] = {
     "parts": 1,
 }
 """Coins, and one number to divide a photo by."""
-OUR_CODES: Mapping[str, Any] = {**LIKE_THE_PAPER, "pilot": 0, "parts": 1}
+_OUR_CODES: Mapping[str, Any] = {**LIKE_THE_PAPER, "pilot": 0, "parts": 1}
 """The same light, time and number of codes, by the codes and the decoding that are default here."""
 CODERS: Mapping[str, tuple[Mapping[str, Any], str]] = {
-    "ours": (OUR_CODES, "our codes"),
-    "paper": (PAPERS_CODES, "the paper's codes"),
+    "ours": (_OUR_CODES, "our codes"),
+    "paper": (_PAPERS_CODES, "the paper's codes"),
 }
 """Who makes the codes: what a request says of them, and the words for them."""
 
@@ -298,12 +300,12 @@ def take_coded(
     *,
     said: str = "{}",
     **fields: Any,
-) -> Take:
+) -> FigureTake:
     """A capture by one of `CODERS`.
 
     printed : codes, as the paper counts them. asked : what is asked beside that. said : `{}` in it
-    becomes the words for the codes. fields : others of `Take`.
+    becomes the words for the codes. fields : others of `FigureTake`.
     """
     codes, words = CODERS[by]
-    whole = {**codes, "codes": codes_printed(printed), **(asked or {})}
-    return Take(scene, goal, whole, said=said.format(words), **fields)
+    whole = {**codes, "codes": count_independent_codes(printed), **(asked or {})}
+    return FigureTake(scene, goal, whole, said=said.format(words), **fields)

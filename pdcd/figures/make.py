@@ -19,21 +19,35 @@ from pathlib import Path
 from pdcd.errors import Cancelled, ConfigError, disk_errors
 from pdcd.figures.catalog import FIGURES
 from pdcd.figures.draw import check_plots, draw_plot, draw_row
-from pdcd.figures.figure import PRINTED, Figure, Mode, Number, Plot, Row, Take
-from pdcd.figures.photo import photographs
-from pdcd.figures.record import Record, fingerprint_of, read_record, record_of, write_record
-from pdcd.files.images import png_of
-from pdcd.files.put import put_file
+from pdcd.figures.figure import (
+    PRINTED,
+    BoundedNumber,
+    FigureMode,
+    FigurePlot,
+    FigureTake,
+    PanelRow,
+    PaperFigure,
+)
+from pdcd.figures.photo import photograph_takes
+from pdcd.figures.record import (
+    PaperFigureRecord,
+    fingerprint_of,
+    read_record,
+    record_of,
+    write_record,
+)
+from pdcd.files.images import encode_png
+from pdcd.files.put import replace_file
 from pdcd.pages.render import render_page
 
 PAGE = "index.html"
 
 
 @dataclass
-class Outcome:
+class MakeOutcome:
     """made : figures in the order of the page. failed : number -> why, of those without a page."""
 
-    made: list[Record] = field(default_factory=list)
+    made: list[PaperFigureRecord] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -42,15 +56,15 @@ class Outcome:
         return not self.failed and all(made["held"] for made in self.made)
 
 
-def make(
-    figures: Sequence[Figure],
+def make_paper_figures(
+    figures: Sequence[PaperFigure],
     folder: Path,
-    mode: Mode,
+    mode: FigureMode,
     pool: Executor,
     *,
     plots: bool = True,
     tell: Callable[[int, int, float | None], None] = lambda taken, of, left_s: None,
-) -> Outcome:
+) -> MakeOutcome:
     """Make figures and the page of a folder; what is there, whole and unchanged stays.
 
     pool : where each figure is made; `open_processes`. plots : whether to draw plots, which needs
@@ -63,7 +77,7 @@ def make(
         check_plots()
     with disk_errors(str(folder)):
         (folder / "data").mkdir(parents=True, exist_ok=True)
-    outcome, inputs = Outcome(), fingerprint_of(mode, plots=plots)
+    outcome, inputs = MakeOutcome(), fingerprint_of(mode, plots=plots)
     waiting = {
         one.number: one for one in figures if read_record(folder, one.number, inputs) is None
     }
@@ -72,7 +86,7 @@ def make(
     begun_s, taken = time.monotonic(), 0
     # The dearest first, so that no process is left alone with one at the end.
     dearest = sorted(waiting.values(), key=lambda one: -sum(map(_cost, takes[one.number].values())))
-    jobs = {pool.submit(make_figure, one, folder, mode, inputs, plots): one for one in dearest}
+    jobs = {pool.submit(_make_figure, one, folder, mode, inputs, plots): one for one in dearest}
     if jobs:
         tell(0, of, None)
     _write_page(folder, mode, inputs, outcome, waiting)
@@ -90,13 +104,17 @@ def make(
     return outcome
 
 
-def _cost(take: Take) -> int:
+def _cost(take: FigureTake) -> int:
     """Roughly what a capture costs; of a slice of T every column is a photo."""
     return 512 if take.goal == "transport" else 64 + int(take.asked.get("codes", 32))
 
 
 def _write_page(
-    folder: Path, mode: Mode, inputs: str, outcome: Outcome, waiting: dict[str, Figure]
+    folder: Path,
+    mode: FigureMode,
+    inputs: str,
+    outcome: MakeOutcome,
+    waiting: dict[str, PaperFigure],
 ) -> None:
     """Write the page of all figures that are there, whoever asked for them."""
     left = {*waiting, *outcome.failed}
@@ -115,7 +133,7 @@ def _write_page(
         lost=sum(not one["held"] for one in stated),
         printed=PRINTED,
     )
-    put_file(folder / PAGE, text.encode())
+    replace_file(folder / PAGE, text.encode())
 
 
 @contextmanager
@@ -171,23 +189,25 @@ def _heard() -> None:
         raise Cancelled("nobody wants these figures any more")
 
 
-def make_figure(figure: Figure, folder: Path, mode: Mode, inputs: str, plots: bool) -> None:
+def _make_figure(
+    figure: PaperFigure, folder: Path, mode: FigureMode, inputs: str, plots: bool
+) -> None:
     """Take a figure's captures, draw it, write its pictures, and note it as made of these `inputs`.
 
     Raises PdcdError.
     """
     takes = figure.takes(mode)
     with _making:
-        photos = dict(photographs(takes, mode, _heard))
+        photos = dict(photograph_takes(takes, mode, _heard))
     shown = list(figure.shown(mode, photos))
     begin = f"fig-{figure.number}"
-    rows = (one for one in shown if isinstance(one, Row))
-    drawn = (one for one in shown if isinstance(one, Plot) and plots)
+    rows = (one for one in shown if isinstance(one, PanelRow))
+    drawn = (one for one in shown if isinstance(one, FigurePlot) and plots)
     record = record_of(
         figure,
         takes,
         photos,
-        [one for one in shown if isinstance(one, Number)],
+        [one for one in shown if isinstance(one, BoundedNumber)],
         fingerprint=inputs,
         mode=mode.name,
         rows=[_write_row(folder, f"{begin}-{k}", row) for k, row in enumerate(rows, 1)],
@@ -199,15 +219,15 @@ def make_figure(figure: Figure, folder: Path, mode: Mode, inputs: str, plots: bo
     write_record(folder, record)
 
 
-def _write_row(folder: Path, begin: str, row: Row) -> dict[str, object]:
+def _write_row(folder: Path, begin: str, row: PanelRow) -> dict[str, object]:
     pictures = []
     for letter, panel, pixels in zip("abcdefghijklm", row.panels, draw_row(row), strict=False):
         words = re.sub(r"[^a-z0-9]+", "-", panel.caption.lower()).strip("-")[:40]
         file = f"{begin}{letter}-{words}.png"
-        pictures.append(_write(folder, file, png_of(pixels), panel.caption))
+        pictures.append(_write(folder, file, encode_png(pixels), panel.caption))
     return {"title": row.title, "small": row.small, "pictures": pictures}
 
 
 def _write(folder: Path, file: str, data: bytes, caption: str) -> dict[str, str]:
-    put_file(folder / file, data)
+    replace_file(folder / file, data)
     return {"file": file, "caption": caption}

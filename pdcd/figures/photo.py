@@ -16,42 +16,42 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.api.arguments import asked
-from pdcd.api.bench import finished
+from pdcd.api.arguments import make_request
+from pdcd.api.bench import open_finished_run
 from pdcd.api.local import LocalBench, local
 from pdcd.api.run import Run
-from pdcd.capture.worker.truths import pictures_in_truth
+from pdcd.capture.worker.truths import compute_true_pictures
 from pdcd.errors import Cancelled, PdcdError
-from pdcd.figures.bench import BORDER_PX, PROJECTOR_PX, bench_of
-from pdcd.figures.figure import Mode, Photo, Take
+from pdcd.figures.bench import BORDER_PX, PROJECTOR_PX, make_figure_config
+from pdcd.figures.figure import FigureMode, FigurePhoto, FigureTake
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import TRANSPORT
-from pdcd.pictures.truth import TRUTH, entries, read_truth
-from pdcd.pictures.upright import Sampler, View
+from pdcd.pictures.truth import TRUTH, compute_true_entries, read_known_answer
+from pdcd.pictures.upright import FieldSampler, FieldView
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.scene import Scene
 
-Heard = Callable[[], None]
-ASPECT = 0.75
+_Heard = Callable[[], None]
+_ASPECT = 0.75
 """Height of the field over its width."""
 
 
-def photographs(
-    takes: Mapping[str, Take], mode: Mode, heard: Heard = lambda: None
-) -> Iterator[tuple[str, Photo]]:
+def photograph_takes(
+    takes: Mapping[str, FigureTake], mode: FigureMode, heard: _Heard = lambda: None
+) -> Iterator[tuple[str, FigurePhoto]]:
     """Take captures, with their names: those that share a bench (`Take.stands`) one after another.
 
     Runs go to a scratch folder, which is gone afterwards. `heard` is called now and then, and may
     raise to end the work. Raises PdcdError, whose message names the capture that failed.
     """
-    benches: dict[str, dict[str, Take]] = {}
+    benches: dict[str, dict[str, FigureTake]] = {}
     for name, take in takes.items():
         benches.setdefault(take.stands, {})[name] = take
     for some in benches.values():
         with tempfile.TemporaryDirectory(prefix="pdcd-figures-") as scratch:
             folder = Path(scratch)
-            config = bench_of(next(iter(some.values())), mode, folder)
+            config = make_figure_config(next(iter(some.values())), mode, folder)
             with local(config, folder=folder) as bench:
                 for name, take in some.items():
                     try:
@@ -63,7 +63,9 @@ def photographs(
                         raise PdcdError(said, device=err.device, hint=err.hint) from err
 
 
-def _photograph(bench: LocalBench, take: Take, mode: Mode, heard: Heard) -> Photo:
+def _photograph(
+    bench: LocalBench, take: FigureTake, mode: FigureMode, heard: _Heard
+) -> FigurePhoto:
     """Take one photo, as `Bench.capture` does, but without a report; the run is gone after it."""
     keywords = dict(take.asked)
     if "codes" in keywords:  # the paper's photos are one exposure each
@@ -72,25 +74,27 @@ def _photograph(bench: LocalBench, take: Take, mode: Mode, heard: Heard) -> Phot
             keywords["codes"] = mode.codes(keywords["codes"])
     if bench.optics is None:
         raise PdcdError("the bench of the figures is not one of pixels")
-    request, arrays = asked(take.goal, keywords, lambda: bench.grid)
-    run = finished(bench.take(request, arrays, on_event=lambda event: heard()))
+    request, arrays = make_request(take.goal, keywords, lambda: bench.grid)
+    run = open_finished_run(bench.take(request, arrays, on_event=lambda event: heard()))
     photo = _beside_truth(run, bench.optics, mode, heard)
     shutil.rmtree(run.folder)
     return photo
 
 
-def _beside_truth(run: Run, optics: OpticalBench, mode: Mode, heard: Heard) -> Photo:
+def _beside_truth(run: Run, optics: OpticalBench, mode: FigureMode, heard: _Heard) -> FigurePhoto:
     """A run beside what it would be, were it perfect, of the bench that it was taken of."""
     record = run.manifest.run
     recipe, cells = Darkroom(run.folder, record).recipe, record.cells
     if cells is None:
         raise PdcdError(f"{run.folder} does not say where its cells are")
-    sampler = Sampler(View.of(record, cells), (mode.width_px, round(mode.width_px * ASPECT)))
+    sampler = FieldSampler(
+        FieldView.of(record, cells), (mode.width_px, round(mode.width_px * _ASPECT))
+    )
     pictures, truths, errors = {}, {}, {}
     kept = {}
     if TRUTH in run.manifest.files:
-        kept[recipe.answer_name] = read_truth(run.checked(TRUTH).parent, cells).image
-    for name, truth in pictures_in_truth(recipe, optics, heard, kept).items():
+        kept[recipe.answer_name] = read_known_answer(run.checked(TRUTH).parent, cells).image
+    for name, truth in compute_true_pictures(recipe, optics, heard, kept).items():
         image = run.pictures[name]
         known = np.isfinite(image).all(axis=-1) & cells.known
         pictures[name] = _on_field(sampler, image, known)
@@ -98,7 +102,7 @@ def _beside_truth(run: Run, optics: OpticalBench, mode: Mode, heard: Heard) -> P
         errors[name] = _error(image, truth, optics.inside & known & _off_border(cells))
     transport, transport_truth = _transport(run, optics.scene)
     summary = msgspec.to_builtins(dict(run.summary))
-    return Photo(pictures, truths, errors, transport, transport_truth, summary, run.grid)
+    return FigurePhoto(pictures, truths, errors, transport, transport_truth, summary, run.grid)
 
 
 def _transport(run: Run, scene: Scene) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
@@ -107,10 +111,10 @@ def _transport(run: Run, scene: Scene) -> tuple[NDArray[Any] | None, NDArray[Any
     with np.load(run.checked(TRANSPORT)) as data:
         found = np.where(np.isfinite(data["sigma"]), data["transport"], np.nan)
         seen, lit = data["camera_cells"], data["projector_cells"]
-    return found, entries(scene, seen, lit)
+    return found, compute_true_entries(scene, seen, lit)
 
 
-def _on_field(sampler: Sampler, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
+def _on_field(sampler: FieldSampler, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
     seen, where = sampler(image, known)
     seen[~where] = np.nan
     return seen

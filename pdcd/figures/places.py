@@ -6,19 +6,19 @@ import numpy as np
 
 from pdcd.figures.figure import Image
 
-HALF = 0.012
+_HALF = 0.012
 """Half a side of the patch that is averaged, as a share of the field's width."""
 
 
-def patch(image: Image, at: tuple[float, float]) -> float:
+def average_patch(image: Image, at: tuple[float, float]) -> float:
     """Mean of the green of a small patch about a point of the field."""
     height, width = image.shape[:2]
-    half = max(round(HALF * width), 1)
+    half = max(round(_HALF * width), 1)
     x, y = round(at[0] * width), round(at[1] * height)
     return float(np.nanmean(image[y - half : y + half + 1, x - half : x + half + 1, 1]))
 
 
-def share_in(image: Image, of: Image) -> float:
+def fit_share(image: Image, of: Image) -> float:
     """How often a picture `of` is in an image of its shape, by least squares, where both are
     known."""
     known = np.isfinite(image) & np.isfinite(of)

@@ -6,12 +6,12 @@
     fig-1-*.png           pictures and plots
     data/fig-1.json       what the page says of a figure, with the fingerprint of its inputs
 
-A record has the texts of its `Figure`, and
+A record has the texts of its `PaperFigure`, and
 
     fingerprint, mode     of what it was made
     rows                  title, small, and pictures: file and caption of each
     plots                 file and caption of each
-    numbers               the fields of each `Number`
+    numbers               the fields of each `BoundedNumber`
     captures              `capture_told` of each
     seconds               wall time of its captures together, as their runs tell it
     held                  whether every number and error lies within its bounds
@@ -29,16 +29,27 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.figures.figure import Figure, Mode, Number, Photo, Photos, Take
-from pdcd.files.put import put_file
+from pdcd.figures.figure import (
+    BoundedNumber,
+    FigureMode,
+    FigurePhoto,
+    FigureTake,
+    PaperFigure,
+    Photos,
+)
+from pdcd.files.put import replace_file
 from pdcd.version import __version__
 
-Record = dict[str, Any]
+PaperFigureRecord = dict[str, Any]
 
 
 def record_of(
-    figure: Figure, takes: Mapping[str, Take], photos: Photos, numbers: list[Number], **more: Any
-) -> Record:
+    figure: PaperFigure,
+    takes: Mapping[str, FigureTake],
+    photos: Photos,
+    numbers: list[BoundedNumber],
+    **more: Any,
+) -> PaperFigureRecord:
     """The record of a figure; more : its other fields."""
     captures = [capture_told(name, takes[name], photos[name]) for name in takes]
     texts = ("number", "title", "see", "paper", "unlike")
@@ -52,11 +63,11 @@ def record_of(
     }
 
 
-def capture_told(name: str, take: Take, photo: Photo) -> dict[str, Any]:
+def capture_told(name: str, take: FigureTake, photo: FigurePhoto) -> dict[str, Any]:
     """A capture in figures. `error` is a share of the truth's RMS, of entries of T where these were
     photographed; `held` is whether it is within its `bound`, where it has one."""
     told = photo.summary
-    number = Number("", _error(photo), most=take.bound)
+    number = BoundedNumber("", _error(photo), most=take.bound)
     return {
         "name": name,
         "said": take.said,
@@ -72,7 +83,7 @@ def capture_told(name: str, take: Take, photo: Photo) -> dict[str, Any]:
     }
 
 
-def _error(photo: Photo) -> float:
+def _error(photo: FigurePhoto) -> float:
     if photo.transport is None:
         return photo.error
     if photo.transport_truth is None:
@@ -86,7 +97,7 @@ def _whole(value: Any) -> int | None:
     return int(value) if isinstance(value, int | float) else None
 
 
-def fingerprint_of(mode: Mode, *, plots: bool) -> str:
+def fingerprint_of(mode: FigureMode, *, plots: bool) -> str:
     """SHA-256 of all that figures depend on: the mode, and every line of the program."""
     whole = hashlib.sha256(f"{__version__} {np.__version__} {mode} {plots}".encode())
     for name in ("pdcd", "drivers"):
@@ -97,10 +108,10 @@ def fingerprint_of(mode: Mode, *, plots: bool) -> str:
     return whole.hexdigest()
 
 
-def read_record(folder: Path, number: str, fingerprint: str) -> Record | None:
+def read_record(folder: Path, number: str, fingerprint: str) -> PaperFigureRecord | None:
     """A figure as it was made of these inputs, if all of it is there; else None."""
     try:
-        found = msgspec.json.decode(_path(folder, number).read_bytes(), type=Record)
+        found = msgspec.json.decode(_path(folder, number).read_bytes(), type=PaperFigureRecord)
         files = [one["file"] for one in found["plots"]]
         files += [one["file"] for row in found["rows"] for one in row["pictures"]]
     except (OSError, msgspec.DecodeError, KeyError, TypeError):
@@ -109,9 +120,9 @@ def read_record(folder: Path, number: str, fingerprint: str) -> Record | None:
     return found if whole and found.get("fingerprint") == fingerprint else None
 
 
-def write_record(folder: Path, record: Record) -> None:
+def write_record(folder: Path, record: PaperFigureRecord) -> None:
     """Note that a figure is made; its pictures are there. Raises DiskError."""
-    put_file(_path(folder, record["number"]), msgspec.json.format(msgspec.json.encode(record)))
+    replace_file(_path(folder, record["number"]), msgspec.json.format(msgspec.json.encode(record)))
 
 
 def _path(folder: Path, number: str) -> Path:

@@ -15,8 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.figures.draw import white_of
-from pdcd.figures.figure import Figure, Grid, Mode, Number, Panel, Photos, Row, Take, take_coded
-from pdcd.virtual.scene.presets.canvas import WIDTH, Raster
+from pdcd.figures.figure import (
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigureTake,
+    GridShape,
+    PanelRow,
+    PaperFigure,
+    Photos,
+    take_coded,
+)
+from pdcd.virtual.scene.presets.canvas import FRAME_WIDTH, FrameRaster
 from pdcd.virtual.scene.presets.still_life import (
     MIRROR_FOOT,
     MIRROR_HALF,
@@ -27,23 +37,23 @@ from pdcd.virtual.scene.presets.still_life import (
 )
 from pdcd.words import FamilyName, GoalName
 
-SCENE = "still-life"
-PRINTED = 512
-SMALL = (24, 32)
-LEAST_SHARE = 0.05
+_SCENE = "still-life"
+_PRINTED = 512
+_SMALL = (24, 32)
+_LEAST_SHARE = 0.05
 """Of the white photo's brightness: what is darker than that is brightened to it."""
 
-HALF = 0.15
+_HALF = 0.15
 """Half width of the spot that the scene's mirror throws, without its rim."""
-TOP, FOOT = MIRROR_TOP + 0.02, MIRROR_FOOT - 0.02
+_TOP, _FOOT = MIRROR_TOP + 0.02, MIRROR_FOOT - 0.02
 """Heights of the drawing between which the spot is counted: a little within those of the mirror."""
-RADIUS = 2
-KERNEL = np.array([[0.0, -0.25, 0.0], [-0.25, 1.0, -0.25], [0.0, -0.25, 0.0]])
+_RADIUS = 2
+_KERNEL = np.array([[0.0, -0.25, 0.0], [-0.25, 1.0, -0.25], [0.0, -0.25, 0.0]])
 """The cell itself less its four neighbours."""
 
 
 @dataclass(frozen=True)
-class Asked:
+class TableRow:
     """A row of a table.
 
     words : what is written above. coins : the paper's codes for it, None where it needs none: its
@@ -60,7 +70,7 @@ class Asked:
     asked: Mapping[str, Any] = field(default_factory=dict)
 
 
-def rows_of_table_1(grid: Grid) -> tuple[Asked, ...]:
+def list_table_1_rows(grid: GridShape) -> tuple[TableRow, ...]:
     """The first table's rows, in its words.
 
     Quarter windows move codes by half a cell. Neighbours then mix, and a path by a mirror, which
@@ -68,85 +78,86 @@ def rows_of_table_1(grid: Grid) -> tuple[Asked, ...]:
     from what they are with whole windows. Rows 1 and 2 are cut where the truth, which knows light
     for whole cells, is soft.
     """
-    light, warp, cells = stripes(grid), by_the_mirror(grid), grid[0] * grid[1]
+    light, warp, cells = make_stripes(grid), map_mirror_paths(grid), grid[0] * grid[1]
     itself = np.arange(cells, dtype=np.float64).reshape(grid)
     return (
-        Asked(
+        TableRow(
             "conventional photo under a pattern, T i", "illuminated", 0.15, None,
             asked={"illumination": light},
         ),
-        Asked(
+        TableRow(
             "the same by a probing matrix, i_m in every row", "relit", 0.15, None,
             asked={"matrix": np.tile(light.ravel(), (cells, 1))},
         ),
-        Asked("the diagonal of T", "diagonal", 0.05, "rademacher"),
-        Asked(
+        TableRow("the diagonal of T", "diagonal", 0.05, "rademacher"),
+        TableRow(
             "an off-diagonal of T: light from the cell to the right", "off-diagonal", 0.90,
             "rademacher", asked={"shift": (0, 1)},
         ),
-        Asked(
+        TableRow(
             "one entry a row of T: the path by the mirror", "warped", 0.75, "rademacher",
             asked={"warp": warp},
         ),
-        Asked(
+        TableRow(
             "two entries a row: the path by the mirror, and half of the diagonal",
             "two-samples", 0.11, "rademacher",
             asked={"warp": warp, "warp_b": itself, "mix": (1.0, 0.5)},
         ),
-        Asked(
+        TableRow(
             "indirect light under a pattern, A o T under i", "indirect", 0.28,
             asked={"illumination": light},
         ),
     )  # fmt: skip
 
 
-def rows_of_table_2(grid: Grid) -> tuple[Asked, ...]:
+def list_table_2_rows(grid: GridShape) -> tuple[TableRow, ...]:
     """The second table's rows, in its words."""
     return (
-        Asked("direct, retro-reflection and back-scattering", "direct", 0.05),
-        Asked("all other indirect light", "indirect", 0.16),
-        Asked(
-            f"long-range indirect: from more than {RADIUS} cells away", "long-range", 0.55,
-            asked={"radius": RADIUS},
+        TableRow("direct, retro-reflection and back-scattering", "direct", 0.05),
+        TableRow("all other indirect light", "indirect", 0.16),
+        TableRow(
+            f"long-range indirect: from more than {_RADIUS} cells away", "long-range", 0.55,
+            asked={"radius": _RADIUS},
         ),
-        Asked(
-            f"short-range indirect: from within {RADIUS} cells", "short-range", 0.50,
-            asked={"radius": RADIUS},
+        TableRow(
+            f"short-range indirect: from within {_RADIUS} cells", "short-range", 0.50,
+            asked={"radius": _RADIUS},
         ),
-        Asked(
+        TableRow(
             "transport masking: no light from the mirror to the wall beside it", "blocked",
-            0.034, None, asked={"region_a": spot(grid), "region_b": mirror(grid)},
+            0.034, None, asked={"region_a": mark_mirror_spot(grid),
+            "region_b": mark_mirror_cells(grid)},
         ),
         # Misplaced panels let in direct light at the borders of cells: more where these are small.
-        Asked(
+        TableRow(
             "local de-scattering: direct less what came from the cell to the left",
             "descattered", 0.10, "rademacher", signed=True, full_bound=0.21,
             asked={"shift": (0, -1)},
         ),
-        Asked(
+        TableRow(
             "a filter: direct less a quarter of each neighbour", "filtered", 0.053,
-            "rademacher", signed=True, asked={"kernel": KERNEL},
+            "rademacher", signed=True, asked={"kernel": _KERNEL},
         ),
     )  # fmt: skip
 
 
-def grid_of(mode: Mode) -> Grid:
+def _grid_of(mode: FigureMode) -> GridShape:
     """Cells of the tables: the quick page has room for small pictures only."""
-    return min(mode.grid, SMALL) if mode.quick else mode.grid
+    return min(mode.grid, _SMALL) if mode.quick else mode.grid
 
 
-Rows = Callable[[Grid], tuple[Asked, ...]]
+_Rows = Callable[[GridShape], tuple[TableRow, ...]]
 
 
-def take_rows(rows: Rows, mode: Mode) -> dict[str, Take]:
+def _take_rows(rows: _Rows, mode: FigureMode) -> dict[str, FigureTake]:
     """All light, and a photo of every row; in the full page another by the paper's codes."""
-    grid = grid_of(mode)
-    found = {"white": Take(SCENE, "white", grid=grid, said="all light")}
-    for number, row in enumerate(rows(grid_of(mode)), 1):
+    grid = _grid_of(mode)
+    found = {"white": FigureTake(_SCENE, "white", grid=grid, said="all light")}
+    for number, row in enumerate(rows(_grid_of(mode)), 1):
         # What leaks is alike in both photos of a pair, and cancels; of few products it is little.
         leaks = {} if row.coins == "bernoulli" else {"black_level": "none"}
         bound = mode.bound(row.bound, row.full_bound or row.bound)
-        what = SCENE, row.goal, PRINTED
+        what = _SCENE, row.goal, _PRINTED
         found[f"row {number}"] = take_coded(
             "ours", *what, {**leaks, **row.asked}, grid=grid, bound=bound
         )
@@ -156,57 +167,57 @@ def take_rows(rows: Rows, mode: Mode) -> dict[str, Take]:
     return found
 
 
-def show_rows(rows: Rows, mode: Mode, photos: Photos) -> Iterator[Row | Number]:
+def _show_rows(rows: _Rows, mode: FigureMode, photos: Photos) -> Iterator[PanelRow | BoundedNumber]:
     """A row of pictures for each row of the table."""
     level = white_of(photos["white"].image)
-    for number, row in enumerate(rows(grid_of(mode)), 1):
+    for number, row in enumerate(rows(_grid_of(mode)), 1):
         ours, papers = photos[f"row {number}"], photos.get(f"row {number}, paper")
         images = {"photo": ours.image, "truth": ours.truth}
         if papers is not None:
             images["the paper's codes"] = papers.image
             what = f"row {number}: error of the paper's codes over ours"
-            yield Number(what, papers.error / ours.error, least=1.0)
-        white = max(white_of(ours.truth), LEAST_SHARE * level)
-        panels = [Panel(image, w, white, signed=row.signed) for w, image in images.items()]
-        yield Row(tuple(panels), f"Row {number}: {row.words}", small=True)
+            yield BoundedNumber(what, papers.error / ours.error, least=1.0)
+        white = max(white_of(ours.truth), _LEAST_SHARE * level)
+        panels = [FigurePanel(image, w, white, signed=row.signed) for w, image in images.items()]
+        yield PanelRow(tuple(panels), f"Row {number}: {row.words}", small=True)
 
 
-def spot(grid: Grid) -> NDArray[Any]:
+def mark_mirror_spot(grid: GridShape) -> NDArray[Any]:
     """Camera cells on which the mirror throws its light, (rows, cols), 0 or 1."""
-    drawing = Raster(grid)
-    inside = (np.abs(drawing.x - MIRROR_LANDS) < HALF) & (drawing.y > TOP) & (drawing.y < FOOT)
+    drawing = FrameRaster(grid)
+    inside = (np.abs(drawing.x - MIRROR_LANDS) < _HALF) & (drawing.y > _TOP) & (drawing.y < _FOOT)
     return inside.astype(np.float64)
 
 
-def mirror(grid: Grid) -> NDArray[Any]:
+def mark_mirror_cells(grid: GridShape) -> NDArray[Any]:
     """Projector cells that light the mirror, (rows, cols), 0 or 1."""
-    drawing = Raster(grid)
+    drawing = FrameRaster(grid)
     inside = np.abs(drawing.x - MIRROR_X) < MIRROR_HALF + 0.03
     inside &= (drawing.y > MIRROR_TOP - 0.04) & (drawing.y < MIRROR_FOOT + 0.04)
     return inside.astype(np.float64)
 
 
-def by_the_mirror(grid: Grid) -> NDArray[Any]:
+def map_mirror_paths(grid: GridShape) -> NDArray[Any]:
     """The projector cell whose light the mirror brings to each camera cell; -1 beside the spot."""
     rows, cols = grid
-    seen = MIRROR_X - (Raster(grid).x - MIRROR_LANDS) / SQUEEZE
-    column = np.floor((seen / WIDTH + 0.5) * cols)
+    seen = MIRROR_X - (FrameRaster(grid).x - MIRROR_LANDS) / SQUEEZE
+    column = np.floor((seen / FRAME_WIDTH + 0.5) * cols)
     cell = np.arange(rows)[:, None] * cols + column
-    return np.where(spot(grid) > 0.0, cell, -1.0)
+    return np.where(mark_mirror_spot(grid) > 0.0, cell, -1.0)
 
 
-def stripes(grid: Grid) -> NDArray[Any]:
+def make_stripes(grid: GridShape) -> NDArray[Any]:
     """An illumination of broad vertical stripes, (rows, cols), 0.15 or 1."""
     rows, cols = grid
     lit = (np.arange(cols) * 8 // cols) % 2 == 0
     return np.where(lit, 1.0, 0.15) * np.ones((rows, 1))
 
 
-TABLE_1 = Figure(
+TABLE_1 = PaperFigure(
     "table-1",
     "What probing matrices can ask for",
-    takes=partial(take_rows, rows_of_table_1),
-    shown=partial(show_rows, rows_of_table_1),
+    takes=partial(_take_rows, list_table_1_rows),
+    shown=partial(_show_rows, list_table_1_rows),
     see="Each photo looks like its truth; rows 1 and 2 are the same photo by two ways.",
     paper="a table of matrices; no photos of them are printed.",
     unlike=(
@@ -214,11 +225,11 @@ TABLE_1 = Figure(
         "that are not quite aligned, meet in a part of each cell only."
     ),
 )
-TABLE_2 = Figure(
+TABLE_2 = PaperFigure(
     "table-2",
     "Seven tasks by their probing matrices",
-    takes=partial(take_rows, rows_of_table_2),
-    shown=partial(show_rows, rows_of_table_2),
+    takes=partial(_take_rows, list_table_2_rows),
+    shown=partial(_show_rows, list_table_2_rows),
     see="Row 5 takes the mirror's light off the wall and leaves all else as it is.",
     paper="a table of matrices; Figures 1 and 8 to 12 show some of them.",
     unlike="distances in rows 3 and 4 are the larger of both.",

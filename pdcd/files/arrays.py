@@ -20,16 +20,16 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.files.opening import CHUNK_BYTES, Limits, Unsound
+from pdcd.files.opening import READ_CHUNK_BYTES, ArrayLimits, UnsoundFileError
 
-Floats = NDArray[np.float64]
+_Floats = NDArray[np.float64]
 
-NPY_MAGIC = b"\x93NUMPY"
+_NPY_MAGIC = b"\x93NUMPY"
 ZIP_MAGIC = b"PK\x03\x04"
 
-MAX_HEADER = 10_000
+_MAX_HEADER = 10_000
 """Characters of an .npy header, as numpy has it."""
-MAX_MEMBERS = 64
+_MAX_MEMBERS = 64
 """Members of an .npz file."""
 MAX_DIRECTORY_BYTES = 2**16
 """Size of an .npz file's directory."""
@@ -50,7 +50,7 @@ _DAMAGE = (
 )  # fmt: skip
 
 
-def read_npy(data: bytes, limits: Limits) -> Floats:
+def read_npy(data: bytes, limits: ArrayLimits) -> _Floats:
     """The array of an .npy file as float64, of any number of dimensions. Raises Unsound."""
     try:
         return _array(io.BytesIO(data), limits)
@@ -58,7 +58,7 @@ def read_npy(data: bytes, limits: Limits) -> Floats:
         raise _damaged(err) from err
 
 
-def members(data: bytes) -> tuple[str, ...]:
+def list_members(data: bytes) -> tuple[str, ...]:
     """Names of the arrays in an .npz file. Raises Unsound."""
     try:
         with _archive(data) as archive:
@@ -67,14 +67,14 @@ def members(data: bytes) -> tuple[str, ...]:
         raise _damaged(err) from err
 
 
-def read_npz(data: bytes, wanted: Mapping[str, Limits]) -> dict[str, Floats]:
+def read_npz(data: bytes, wanted: Mapping[str, ArrayLimits]) -> dict[str, _Floats]:
     """The wanted arrays of an .npz file by name, as float64. Raises Unsound."""
     try:
         with _archive(data) as archive:
             names = _names(archive)
             missing = [name for name in wanted if name not in names]
             if missing:
-                raise Unsound(
+                raise UnsoundFileError(
                     f"it holds no {' and no '.join(missing)}",
                     f"store {', '.join(wanted)} with numpy.savez",
                 )
@@ -91,37 +91,41 @@ def _archive(data: bytes) -> zipfile.ZipFile:
     """The archive, if it ends as those of numpy do and its directory is small."""
     end = data[-_END_BYTES:]
     if len(end) < _END_BYTES or end[:4] != _END or end[-2:] != b"\0\0":
-        raise Unsound("it is damaged: no .npz file ends like that", "write it with numpy.savez")
+        raise UnsoundFileError(
+            "it is damaged: no .npz file ends like that", "write it with numpy.savez"
+        )
     if data[-_END_BYTES - _END_64_BYTES :][:4] == _END_64:
-        raise Unsound("it is a zip archive of a larger kind", "write it with numpy.savez")
+        raise UnsoundFileError("it is a zip archive of a larger kind", "write it with numpy.savez")
     if int.from_bytes(end[12:16], "little") > MAX_DIRECTORY_BYTES:
-        raise Unsound("it holds too many files", f"store at most {MAX_MEMBERS} arrays")
+        raise UnsoundFileError("it holds too many files", f"store at most {_MAX_MEMBERS} arrays")
     return zipfile.ZipFile(io.BytesIO(data))
 
 
 def _names(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     listed = archive.infolist()
-    if not 0 < len(listed) <= MAX_MEMBERS:
-        raise Unsound(
-            f"it holds {len(listed)} arrays", f"store one to {MAX_MEMBERS} with numpy.savez"
+    if not 0 < len(listed) <= _MAX_MEMBERS:
+        raise UnsoundFileError(
+            f"it holds {len(listed)} arrays", f"store one to {_MAX_MEMBERS} with numpy.savez"
         )
     for info in listed:
         plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
         if not plain or info.flag_bits & 1:
-            raise Unsound("it is packed or locked in a way that is not read", "use numpy.savez")
+            raise UnsoundFileError(
+                "it is packed or locked in a way that is not read", "use numpy.savez"
+            )
     return {info.filename.removesuffix(".npy"): info for info in listed}
 
 
-def _member(name: str, stream: IO[bytes], limits: Limits) -> Floats:
+def _member(name: str, stream: IO[bytes], limits: ArrayLimits) -> _Floats:
     try:
         return _array(stream, limits)
-    except Unsound as err:
-        raise Unsound(f"`{name}`: {err.message}", err.hint) from err
+    except UnsoundFileError as err:
+        raise UnsoundFileError(f"`{name}`: {err.message}", err.hint) from err
     except _DAMAGE as err:
-        raise Unsound(f"`{name}`: {_damaged(err).message}", _damaged(err).hint) from err
+        raise UnsoundFileError(f"`{name}`: {_damaged(err).message}", _damaged(err).hint) from err
 
 
-def _array(stream: IO[bytes], limits: Limits) -> Floats:
+def _array(stream: IO[bytes], limits: ArrayLimits) -> _Floats:
     dtype, fortran, shape = _header(stream)
     size = limits.check(shape) * dtype.itemsize
     flat = np.frombuffer(_exactly(stream, size, limits), dtype=dtype)
@@ -134,57 +138,61 @@ def _array(stream: IO[bytes], limits: Limits) -> Floats:
 def _header(stream: IO[bytes]) -> tuple[np.dtype[Any], bool, tuple[int, ...]]:
     """Type, order and shape. The header is matched, not evaluated as numpy does it."""
     start = stream.read(8)
-    version = (start[6], start[7]) if len(start) == 8 and start.startswith(NPY_MAGIC) else None
+    version = (start[6], start[7]) if len(start) == 8 and start.startswith(_NPY_MAGIC) else None
     if version not in ((1, 0), (2, 0)):
-        raise Unsound("it is no .npy file of version 1.0 or 2.0", "write it with numpy.save")
+        raise UnsoundFileError(
+            "it is no .npy file of version 1.0 or 2.0", "write it with numpy.save"
+        )
     length = int.from_bytes(stream.read(2 * version[0]), "little")
-    if length > MAX_HEADER:
-        raise Unsound(f"its header has {length} characters", "write it with numpy.save")
+    if length > _MAX_HEADER:
+        raise UnsoundFileError(f"its header has {length} characters", "write it with numpy.save")
     text = stream.read(length).decode("latin-1").strip()
     found = dict(_ITEM.findall(text)) if _HEADER.fullmatch(text) else {}
     if found.keys() != {"descr", "fortran_order", "shape"}:
-        raise Unsound("its header is not that of real numbers", "store real numbers")
+        raise UnsoundFileError("its header is not that of real numbers", "store real numbers")
     dtype = np.dtype(found["descr"].strip("'\""))
     if dtype.kind not in "biuf":
-        raise Unsound(f"it holds {dtype}, not real numbers", "store real numbers")
+        raise UnsoundFileError(f"it holds {dtype}, not real numbers", "store real numbers")
     shape = tuple(int(side) for side in re.findall(r"\d+", found["shape"]))
     return dtype, found["fortran_order"] == "True", shape
 
 
-def check_finite(array: Floats) -> None:
+def check_finite(array: _Floats) -> None:
     """Raise Unsound for infinite values and for what is no number: no goal knows what they mean."""
     finite = np.isfinite(array)
     if not finite.all():
         first = ", ".join(map(str, np.argwhere(~finite)[0]))
-        raise Unsound(
+        raise UnsoundFileError(
             f"it has {finite.size - np.count_nonzero(finite)} values that are not finite, the "
             f"first at ({first})",
             "replace NaN and infinity by numbers",
         )
 
 
-def _exactly(stream: IO[bytes], size: int, limits: Limits) -> bytearray:
+def _exactly(stream: IO[bytes], size: int, limits: ArrayLimits) -> bytearray:
     """So many bytes and no more, without room for them before they have come."""
     data = bytearray()
     for piece in _pieces(stream, size):
         limits.alive()
         data += piece
     if len(data) < size:
-        raise Unsound(f"it ends after {len(data)} of {size} bytes", "write it again")
+        raise UnsoundFileError(f"it ends after {len(data)} of {size} bytes", "write it again")
     if stream.read(1):
-        raise Unsound("more bytes follow than its shape tells", "write it again")
+        raise UnsoundFileError("more bytes follow than its shape tells", "write it again")
     return data
 
 
 def _pieces(stream: IO[bytes], size: int) -> Iterator[bytes]:
-    while size > 0 and (piece := stream.read(min(CHUNK_BYTES, size))):
+    while size > 0 and (piece := stream.read(min(READ_CHUNK_BYTES, size))):
         size -= len(piece)
         yield piece
 
 
-def _damaged(err: BaseException) -> Unsound:
+def _damaged(err: BaseException) -> UnsoundFileError:
     why = " ".join(str(err).split())[:120] or type(err).__name__
-    return Unsound(f"it is damaged: {why}", "write it again with numpy.save or numpy.savez")
+    return UnsoundFileError(
+        f"it is damaged: {why}", "write it again with numpy.save or numpy.savez"
+    )
 
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -196,28 +204,28 @@ _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _KEPT = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 
 
-def read_png(data: bytes, limits: Limits) -> Floats:
+def _read_png(data: bytes, limits: ArrayLimits) -> _Floats:
     """A picture as grey values, (rows, columns) float64, full scale 1. Raises Unsound.
 
     Colours become grey, as OpenCV weighs them; transparency is ignored.
     """
     chunks = [(kind, body) for kind, body in _chunks(data) if kind in _KEPT]
     if not chunks or chunks[0][0] != b"IHDR" or len(chunks[0][1]) != 13:
-        raise Unsound("it is damaged: a PNG file begins otherwise")
+        raise UnsoundFileError("it is damaged: a PNG file begins otherwise")
     width, height, depth, colour, packing, filters, interlace = struct.unpack(
         ">IIBBBBB", chunks[0][1]
     )
     if colour not in _CHANNELS or depth not in (1, 2, 4, 8, 16) or packing or filters:
-        raise Unsound("it is damaged: there is no such PNG file")
+        raise UnsoundFileError("it is damaged: there is no such PNG file")
     if interlace:
-        raise Unsound("it is an interlaced PNG file", "save it without interlacing")
-    Limits(min(limits.elements, MAX_PIXELS)).check((height, width))
+        raise UnsoundFileError("it is an interlaced PNG file", "save it without interlacing")
+    ArrayLimits(min(limits.elements, MAX_PIXELS)).check((height, width))
     row_bytes = 1 + (width * _CHANNELS[colour] * depth + 7) // 8
     _check_pixels(b"".join(body for kind, body in chunks if kind == b"IDAT"), height * row_bytes)
     limits.alive()
     image = _decoded(PNG_MAGIC + b"".join(_packed(kind, body) for kind, body in chunks))
     if image is None or image.shape != (height, width):
-        raise Unsound("it is damaged: it cannot be decoded")
+        raise UnsoundFileError("it is damaged: it cannot be decoded")
     full = {"uint8": 255.0, "uint16": 65535.0}[str(image.dtype)]
     return np.asarray(image.astype(np.float64) / full)
 
@@ -228,13 +236,13 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     while True:
         head = data[at : at + 8]
         if len(head) < 8:
-            raise Unsound("it is damaged: it ends too early")
+            raise UnsoundFileError("it is damaged: it ends too early")
         length, kind = int.from_bytes(head[:4], "big"), head[4:]
         body, check = data[at + 8 : at + 8 + length], data[at + 8 + length : at + 12 + length]
         if len(body) < length or len(check) < 4:
-            raise Unsound("it is damaged: it ends too early")
+            raise UnsoundFileError("it is damaged: it ends too early")
         if zlib.crc32(kind + body) != int.from_bytes(check, "big"):
-            raise Unsound("it is damaged: a checksum is wrong")
+            raise UnsoundFileError("it is damaged: a checksum is wrong")
         yield kind, body
         if kind == b"IEND":
             return
@@ -248,9 +256,9 @@ def _check_pixels(packed: bytes, size: int) -> None:
         # One byte more than there may be, so that nothing is unpacked for the sake of its size.
         found = len(unpack.decompress(packed, size + 1))
     except zlib.error as err:
-        raise Unsound(f"it is damaged: {err}") from err
+        raise UnsoundFileError(f"it is damaged: {err}") from err
     if found != size:
-        raise Unsound(f"it is damaged: its pixels take {size} bytes, {found} are there")
+        raise UnsoundFileError(f"it is damaged: its pixels take {size} bytes, {found} are there")
 
 
 def _packed(kind: bytes, body: bytes) -> bytes:
@@ -267,29 +275,29 @@ def _decoded(data: bytes) -> NDArray[np.generic] | None:
         return None
 
 
-def read_array(data: bytes, name: str, limits: Limits) -> Floats:
+def read_array(data: bytes, name: str, limits: ArrayLimits) -> _Floats:
     """A two-dimensional array of finite numbers, (rows, columns) float64.
 
     Taken are .npy, .npz with one array or one of that `name`, and PNG: grey, full scale 1. Raises
     Unsound.
     """
     if data.startswith(PNG_MAGIC):
-        return read_png(data, limits)
-    if data.startswith(NPY_MAGIC):
+        return _read_png(data, limits)
+    if data.startswith(_NPY_MAGIC):
         array = read_npy(data, limits)
     elif data.startswith(ZIP_MAGIC):
-        held = members(data)
+        held = list_members(data)
         if name not in held and len(held) != 1:
-            raise Unsound(
+            raise UnsoundFileError(
                 f"it holds {len(held)} arrays, none of which is called {name}",
                 f"store it as {name} with numpy.savez",
             )
         (array,) = read_npz(data, {name if name in held else held[0]: limits}).values()
     else:
-        raise Unsound(
+        raise UnsoundFileError(
             "it is neither .npy nor .npz nor PNG",
             "pictures of other kinds are not read: convert them to PNG, or use numpy.save",
         )
     if array.ndim != 2:
-        raise Unsound(f"it has {array.ndim} dimensions, not 2", "give rows and columns")
+        raise UnsoundFileError(f"it has {array.ndim} dimensions, not 2", "give rows and columns")
     return array

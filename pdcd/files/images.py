@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-STRIP_BYTES = 8192
+_STRIP_BYTES = 8192
 """A strip has as many rows as fit into that, at least one."""
 _SHORT, _LONG = 3, 4
 _SIZES = {_SHORT: 2, _LONG: 4}
@@ -22,11 +22,11 @@ _UNCOMPRESSED, _INTERLEAVED = 1, 1
 _HEADER_BYTES = 8
 
 
-def around(image: NDArray[np.float32]) -> tuple[bytes, bytes]:
+def make_tiff_ends(image: NDArray[np.float32]) -> tuple[bytes, bytes]:
     """What a file has before and after the numbers of an (h, w, 3) float32 picture."""
     height, width, channels = image.shape
     row_bytes = width * channels * 4
-    rows = min(max(STRIP_BYTES // row_bytes, 1), height)
+    rows = min(max(_STRIP_BYTES // row_bytes, 1), height)
     starts = np.arange(0, height, rows)
     sizes = np.minimum(height - starts, rows) * row_bytes
     offsets = _HEADER_BYTES + starts * row_bytes
@@ -65,7 +65,7 @@ def _directory(entries: list[tuple[int, int, list[int]]], start: int) -> bytes:
     return struct.pack("<H", len(entries)) + listed + bytes(4) + values
 
 
-def png_of(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+def encode_png(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     """An (H, W, 3) RGB picture as the content of a PNG file of as many bits a colour."""
     _, data = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
     return data.tobytes()

@@ -17,11 +17,11 @@ from pathlib import Path
 from pdcd.errors import DecodeError
 from pdcd.files.opening import kind_of
 
-MAX_PARTS = 16
+MAX_NAME_PARTS = 16
 """Deepest file of a folder: parts of its name."""
 MAX_ENTRIES = 1_000_000
 """Most files and folders that are listed."""
-CHUNK_BYTES = 2**22
+HASH_CHUNK_BYTES = 2**22
 """Bytes hashed between two signs of life."""
 
 WAY = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -33,7 +33,7 @@ def path_of(descriptor: int) -> Path:
     return Path(f"/proc/self/fd/{descriptor}")
 
 
-def fault_of(name: str) -> str | None:
+def find_name_fault(name: str) -> str | None:
     """What is wrong with a file's name in a manifest, None if it leads to a file inside."""
     try:
         parts = name.encode().split(b"/")
@@ -47,13 +47,13 @@ def fault_of(name: str) -> str | None:
         return "its name has empty parts"
     if any(ord(letter) < 0x20 or ord(letter) == 0x7F for letter in name):
         return "its name has control characters"
-    if len(parts) > MAX_PARTS or any(len(part) > 255 for part in parts):
+    if len(parts) > MAX_NAME_PARTS or any(len(part) > 255 for part in parts):
         return "its name is too long"
     return None
 
 
 @contextmanager
-def opened(folder: Path) -> Iterator[int]:
+def open_folder(folder: Path) -> Iterator[int]:
     """Descriptor of a folder, for as long as the context lasts. Raises OSError and ValueError."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -62,13 +62,13 @@ def opened(folder: Path) -> Iterator[int]:
         os.close(descriptor)
 
 
-def listing(folder: int) -> dict[str, str]:
+def list_folder(folder: int) -> dict[str, str]:
     """All that lies in a folder and below: relative name -> "file", "folder", "FIFO" ...
 
     Raises DecodeError when that is too much, and OSError.
     """
     found: dict[str, str] = {}
-    _list(folder, "", found, MAX_PARTS)
+    _list(folder, "", found, MAX_NAME_PARTS)
     return found
 
 
@@ -89,7 +89,7 @@ def _list(folder: int, prefix: str, found: dict[str, str], depth: int) -> None:
 
 
 @contextmanager
-def opened_file(folder: int, name: str) -> Iterator[int]:
+def open_inner_file(folder: int, name: str) -> Iterator[int]:
     """Descriptor of a regular file of a folder, to be read, while the context lasts.
 
     Raises DecodeError when it is no regular file or a link leads to it, and OSError.
@@ -112,12 +112,12 @@ def opened_file(folder: int, name: str) -> Iterator[int]:
         yield hold(str(path_of(found)), os.O_RDONLY | os.O_NONBLOCK, None)
 
 
-def read_file(folder: int, name: str, most_bytes: int) -> bytes:
+def read_inner_file(folder: int, name: str, most_bytes: int) -> bytes:
     """Contents of a regular file of a folder.
 
     Raises DecodeError when it is none or longer than that, and OSError.
     """
-    with opened_file(folder, name) as descriptor:
+    with open_inner_file(folder, name) as descriptor:
         # One byte more than allowed tells a longer file, one that still grows as well.
         size = os.fstat(descriptor).st_size
         if size <= most_bytes:
@@ -128,13 +128,13 @@ def read_file(folder: int, name: str, most_bytes: int) -> bytes:
         raise DecodeError(f"it has {size} bytes, more than the {most_bytes} allowed")
 
 
-def hashed(descriptor: int, alive: Callable[[], object] = lambda: None) -> tuple[str, int]:
+def hash_open_file(descriptor: int, alive: Callable[[], object] = lambda: None) -> tuple[str, int]:
     """SHA-256, hexadecimal, and bytes of an open file, from where it stands. Raises OSError.
 
     `alive` is called now and then, and may raise to end the work.
     """
     digest, size = hashlib.sha256(), 0
-    while chunk := os.read(descriptor, CHUNK_BYTES):
+    while chunk := os.read(descriptor, HASH_CHUNK_BYTES):
         digest.update(chunk)
         size += len(chunk)
         alive()

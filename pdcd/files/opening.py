@@ -27,10 +27,10 @@ from pdcd.errors import RequestError
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 _LOOK = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
 
-CHUNK_BYTES = 2**20
+READ_CHUNK_BYTES = 2**20
 """Read at a time."""
 
-KINDS = {
+_KINDS = {
     stat.S_IFREG: "file",
     stat.S_IFDIR: "folder",
     stat.S_IFIFO: "FIFO",
@@ -43,7 +43,7 @@ KINDS = {
 
 def kind_of(mode: int) -> str:
     """What a thing with this `st_mode` is called: "file", "folder", "FIFO" ..."""
-    return KINDS.get(stat.S_IFMT(mode), "thing")
+    return _KINDS.get(stat.S_IFMT(mode), "thing")
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def open_beneath(folder: Path, name: str, asker: Asker) -> int:
     """
     parts = name.split("/")
     if "\0" in name or not all(parts) or {".", ".."} & {*parts}:
-        raise Unsound(
+        raise UnsoundFileError(
             f"{name!r} is no name below the folder of arrays",
             "give a relative path without . and .., or pass the file itself",
         )
@@ -111,7 +111,7 @@ def open_beneath(folder: Path, name: str, asker: Asker) -> int:
     return _sure(descriptor)
 
 
-def contents(descriptor: int, limits: Limits) -> bytes:
+def read_contents(descriptor: int, limits: ArrayLimits) -> bytes:
     """All of a regular file, wherever its offset stands. Raises Unsound.
 
     The size is looked at before anything is read. What the file grows by meanwhile is left out.
@@ -121,21 +121,23 @@ def contents(descriptor: int, limits: Limits) -> bytes:
         _check_regular(found)
         size = found.st_size
         if size > limits.file_bytes:
-            raise Unsound(
+            raise UnsoundFileError(
                 f"it has {size} bytes; at most {limits.file_bytes} are read for such an array",
                 "give one value for each cell, or one for each pair of them in a matrix",
             )
         data = bytearray()
         while len(data) < size:
             limits.alive()
-            piece = os.pread(descriptor, min(CHUNK_BYTES, size - len(data)), len(data))
+            piece = os.pread(descriptor, min(READ_CHUNK_BYTES, size - len(data)), len(data))
             if not piece:
-                raise Unsound("it became shorter while it was read", "let nobody write to it")
+                raise UnsoundFileError(
+                    "it became shorter while it was read", "let nobody write to it"
+                )
             data += piece
     except OSError as err:
         raise _refused(err) from err
     if not data:
-        raise Unsound("it is empty")
+        raise UnsoundFileError("it is empty")
     return bytes(data)
 
 
@@ -146,7 +148,7 @@ def _reopened(looked_at: int) -> int:
 
 def _check_passage(found: os.stat_result, asker: Asker) -> None:
     if stat.S_ISLNK(found.st_mode):
-        raise Unsound("its name leads through a symbolic link", "name the file itself")
+        raise UnsoundFileError("its name leads through a symbolic link", "name the file itself")
     if stat.S_ISDIR(found.st_mode) and not asker.may(found, 1):
         raise PermissionError(0, "you may not enter a folder on the way to it")
 
@@ -154,7 +156,9 @@ def _check_passage(found: os.stat_result, asker: Asker) -> None:
 def _check_regular(found: os.stat_result) -> None:
     if not stat.S_ISREG(found.st_mode):
         kind = kind_of(found.st_mode)
-        raise Unsound(f"it is a {kind}, not a regular file", "give a .npy, .npz or PNG file")
+        raise UnsoundFileError(
+            f"it is a {kind}, not a regular file", "give a .npy, .npz or PNG file"
+        )
 
 
 def _sure(descriptor: int) -> int:
@@ -167,12 +171,14 @@ def _sure(descriptor: int) -> int:
     return descriptor
 
 
-def _refused(err: Exception) -> Unsound:
+def _refused(err: Exception) -> UnsoundFileError:
     why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
-    return Unsound(f"it cannot be opened: {why}", "see whether it is there and may be read")
+    return UnsoundFileError(
+        f"it cannot be opened: {why}", "see whether it is there and may be read"
+    )
 
 
-class Unsound(Exception):  # noqa: N818 - reads as the state it reports
+class UnsoundFileError(Exception):
     """A file cannot be taken. `message` goes on from the file's name; `hint` says what to do.
 
     Callers know whose file it is, and turn this into the error of a request or of the
@@ -186,7 +192,7 @@ class Unsound(Exception):  # noqa: N818 - reads as the state it reports
 
 
 @dataclass(frozen=True)
-class Limits:
+class ArrayLimits:
     """How much one array may be.
 
     elements : the most numbers in it.
@@ -207,9 +213,9 @@ class Limits:
         for side in shape:
             count *= side
         if min(shape, default=1) < 1:
-            raise Unsound(f"it has the shape {_said(shape)}, which holds no number")
+            raise UnsoundFileError(f"it has the shape {_said(shape)}, which holds no number")
         if count > self.elements:
-            raise Unsound(
+            raise UnsoundFileError(
                 f"it has the shape {_said(shape)}; at most {self.elements} numbers are taken",
                 "give one value for each cell, or one for each pair of them in a matrix",
             )
@@ -227,7 +233,7 @@ Sendable = Path | str | bytes | NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Parcel:
+class _Parcel:
     """One array as an open descriptor, and the name of its file where it has one."""
 
     descriptor: int
@@ -235,7 +241,7 @@ class Parcel:
 
 
 @contextmanager
-def parcels(arrays: Mapping[str, Sendable]) -> Iterator[dict[str, Parcel]]:
+def open_parcels(arrays: Mapping[str, Sendable]) -> Iterator[dict[str, _Parcel]]:
     """Open files and put arrays into memory files, by field; all are closed in the end.
 
     Raises RequestError for a file that cannot be opened, and for what is no array of numbers.
@@ -244,7 +250,7 @@ def parcels(arrays: Mapping[str, Sendable]) -> Iterator[dict[str, Parcel]]:
         opened = {}
         for name, value in arrays.items():
             if isinstance(value, np.ndarray | bytes):
-                parcel = Parcel(_in_memory(name, value), None)
+                parcel = _Parcel(_in_memory(name, value), None)
             else:
                 parcel = _opened(name, Path(value))
             stack.callback(os.close, parcel.descriptor)
@@ -252,10 +258,10 @@ def parcels(arrays: Mapping[str, Sendable]) -> Iterator[dict[str, Parcel]]:
         yield opened
 
 
-def _opened(name: str, path: Path) -> Parcel:
+def _opened(name: str, path: Path) -> _Parcel:
     try:
-        return Parcel(open_own(path), path.name)
-    except Unsound as err:
+        return _Parcel(open_own(path), path.name)
+    except UnsoundFileError as err:
         raise RequestError(f"{name} ({path}): {err.message}", hint=err.hint) from err
 
 

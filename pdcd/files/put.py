@@ -10,7 +10,7 @@ from pathlib import Path
 from pdcd.errors import RequestError, disk_errors
 
 
-def put_file(path: Path, data: bytes) -> None:
+def replace_file(path: Path, data: bytes) -> None:
     """Write a file that can be made again, in the place of any that is there.
 
     Raises NoSpaceError, and DiskError for any other refusal of the disk. No half of it is left.
@@ -18,12 +18,14 @@ def put_file(path: Path, data: bytes) -> None:
     with disk_errors(str(path)):
         folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
-            put(folder, path.name, data, replace=True, shown=str(path.parent), durable=False)
+            write_atomic(
+                folder, path.name, data, replace=True, shown=str(path.parent), durable=False
+            )
         finally:
             os.close(folder)
 
 
-def put(
+def write_atomic(
     folder: int, name: str, data: bytes, *, replace: bool, shown: str, durable: bool = True
 ) -> None:
     """Write a file into an open folder, by its name only when it is complete.
@@ -52,7 +54,7 @@ def put(
             os.fsync(folder)
 
 
-def refuse_taken(folder: int, name: str, shown: str) -> None:
+def check_name_free(folder: int, name: str, shown: str) -> None:
     """Raise RequestError when a folder has something of that name."""
     try:
         os.stat(name, dir_fd=folder, follow_symlinks=False)
@@ -71,7 +73,7 @@ def _name(folder: int, unfinished: str, name: str, *, replace: bool, shown: str)
             os.link(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)
             return
         except FileExistsError:
-            refuse_taken(folder, name, shown)
+            check_name_free(folder, name, shown)
         except OSError:  # a disk without hard links
-            refuse_taken(folder, name, shown)
+            check_name_free(folder, name, shown)
     os.rename(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)

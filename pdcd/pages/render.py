@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from pdcd.printable import one_line
+from pdcd.printable import to_one_line
 from pdcd.version import __version__
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-STYLE = "page.css"
+_STYLE = "page.css"
 """What all pages have; each has another of its own name beside that."""
 
 
@@ -42,7 +42,7 @@ def render_page(template: str, scripts: Sequence[str] = (), **values: Any) -> st
     base.html. scripts : files of `assets/` that become its one script."""
     from markupsafe import Markup
 
-    style = _asset(STYLE) + _asset(template.replace(".html", ".css"))
+    style = _asset(_STYLE) + _asset(template.replace(".html", ".css"))
     script = _joined(tuple(scripts))
     policy = (
         f"default-src 'none'; script-src '{_digest(script)}'; style-src '{_digest(style)}'; "
@@ -77,7 +77,7 @@ def _environment() -> Environment:
 def _visible(value: object) -> object:
     """A value as text of one line without anything that cannot be seen; markup of templates as it
     is."""
-    return value if hasattr(value, "__html__") else one_line(str(value))
+    return value if hasattr(value, "__html__") else to_one_line(str(value))
 
 
 @functools.cache
@@ -96,7 +96,7 @@ def _digest(words: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(words.encode("utf-8")).digest()).decode()
 
 
-def json_in_page(told: Any) -> str:
+def encode_page_json(told: Any) -> str:
     """JSON for a script element, which ends no element and begins none; null for what is no
     number. The template marks it as safe."""
     data = msgspec.json.encode(told, enc_hook=lambda value: value.item()).decode()

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.map_soundness import covers, fewest_pixels
+from pdcd.panels.map_soundness import find_fewest_pixels, is_field_covered
 
-Atoms = NDArray[np.int32]
+_Atoms = NDArray[np.int32]
 
-PER_CELL = 4
+ATOMS_PER_CELL = 4
 """Atoms of a cell along an axis."""
 OUTSIDE = -1
 """Atom of a pixel whose centre lies beside the field."""
@@ -28,15 +28,15 @@ NEAR = 1e-9
 """A centre so few atoms before an edge lies on it: only rounding has kept it away."""
 BLOCK_PX = 1 << 17
 """Pixels whose places are worked out at a time, to bound the memory."""
-SURE_PX = 2.0
+_SURE_PX = 2.0
 """Pixels along a cell's side from which on one has its centre in it, however the cell is turned:
 the circle in a square of sqrt(2) holds one; the rest is for what a lens bends within a cell."""
-KEPT = 6
+_KEPT = 6
 """Geometries that are remembered: two panels, each with two grids, and the mask in fine atoms."""
 
 
-@lru_cache(maxsize=KEPT)
-def atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = PER_CELL) -> Atoms:
+@lru_cache(maxsize=_KEPT)
+def find_atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = ATOMS_PER_CELL) -> _Atoms:
     """Return the atom that the centre of each pixel lies in, (height, width, 2) int32, read-only.
 
     Parameters
@@ -73,21 +73,21 @@ def atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = PER_CELL) -> 
     return found
 
 
-@lru_cache(maxsize=2 * KEPT)
-def cells_shown(panel: PanelView, grid: tuple[int, int]) -> NDArray[np.bool_]:
+@lru_cache(maxsize=2 * _KEPT)
+def find_shown_cells(panel: PanelView, grid: tuple[int, int]) -> NDArray[np.bool_]:
     """Which cells of a grid any pixel of the panel shows, (rows, cols), read-only: neither those
     beyond the panel's edge, nor those that are smaller than its pixels and lie between them.
 
     It takes no time where panel and grid are upright, or where cells are so large that none can
-    miss all pixels of a panel that covers the field; else `atoms` are made.
+    miss all pixels of a panel that covers the field; else `find_atoms` are made.
     """
     axes = _axes(panel.map, grid)
     if axes is not None:
         shown = np.outer(*(_seen(a, n) for a, n in zip(axes[::-1], grid, strict=True)))
-    elif covers(panel.map) and (fewest_pixels(panel.map, grid) or 0.0) >= SURE_PX:
+    elif is_field_covered(panel.map) and (find_fewest_pixels(panel.map, grid) or 0.0) >= _SURE_PX:
         shown = np.ones(grid, dtype=np.bool_)
     else:
-        cell = atoms(panel, grid) // PER_CELL
+        cell = find_atoms(panel, grid) // ATOMS_PER_CELL
         inside = cell[cell[..., 0] >= 0]
         shown = np.zeros(grid, dtype=np.bool_)
         shown[inside[:, 1], inside[:, 0]] = True
@@ -102,8 +102,8 @@ def check_cells(panel: PanelView, grid: tuple[int, int]) -> None:
     Cells beyond the panel's edge may have no pixel, for no panel covers the field exactly: these
     stay dark, and nothing is known there.
     """
-    shown = cells_shown(panel, grid)
-    finer = (fewest_pixels(panel.map, grid) or 0.0) < 1.0 - NEAR
+    shown = find_shown_cells(panel, grid)
+    finer = (find_fewest_pixels(panel.map, grid) or 0.0) < 1.0 - NEAR
     if shown.all() or (shown.any() and not finer):
         return
     (rows, cols), (width, height) = grid, panel.size_px
@@ -117,7 +117,9 @@ def check_cells(panel: PanelView, grid: tuple[int, int]) -> None:
     )
 
 
-def _axes(map_: Map, grid: tuple[int, int], per_cell: int = PER_CELL) -> tuple[Atoms, Atoms] | None:
+def _axes(
+    map_: Map, grid: tuple[int, int], per_cell: int = ATOMS_PER_CELL
+) -> tuple[_Atoms, _Atoms] | None:
     """Atoms of the columns (w,) and of the rows (h,); None where they depend on each other."""
     _, skew, _, slant, _, _, *tilt, _ = map_.homography
     if any((skew, slant, *tilt, *map_.radial, *map_.tangential)) or map_.residual:
@@ -130,7 +132,7 @@ def _axes(map_: Map, grid: tuple[int, int], per_cell: int = PER_CELL) -> tuple[A
     return found[0], found[1]
 
 
-def _floor(places: NDArray[np.float64], cells: int, per_cell: int) -> Atoms:
+def _floor(places: NDArray[np.float64], cells: int, per_cell: int) -> _Atoms:
     """Places along an axis of the field -> atoms; `OUTSIDE` beside the field, and for NaN."""
     count = per_cell * cells
     atom = np.floor(places * count + NEAR)
@@ -138,8 +140,8 @@ def _floor(places: NDArray[np.float64], cells: int, per_cell: int) -> Atoms:
     return np.where(inside, atom, OUTSIDE).astype(np.int32)
 
 
-def _seen(atom: Atoms, cells: int) -> NDArray[np.bool_]:
+def _seen(atom: _Atoms, cells: int) -> NDArray[np.bool_]:
     """Which cells of an axis have a pixel, (cells,)."""
     found = np.zeros(cells, dtype=np.bool_)
-    found[atom[atom >= 0] // PER_CELL] = True
+    found[atom[atom >= 0] // ATOMS_PER_CELL] = True
     return found

@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from pdcd.errors import SyncError
 from pdcd.panels.frames import BLACK, FrameLog, Frames, check_row_times
 
-Rows = NDArray[np.int32]
-Seconds = NDArray[np.float64]
+_Rows = NDArray[np.int32]
+_Seconds = NDArray[np.float64]
 _Int = TypeVar("_Int", np.int32, np.int64)
 
 
 @dataclass(frozen=True)
-class Weights:
+class LitWeights:
     """Refreshes for which each pair of patterns was lit, and was to be lit, (G,) int64 each.
 
     `slots` (G,) holds the rows of `Frames`, guards included, that show each pair once.
@@ -40,7 +40,7 @@ class Weights:
 
     realised: NDArray[np.int64]
     planned: NDArray[np.int64]
-    slots: tuple[Rows, ...]
+    slots: tuple[_Rows, ...]
 
     @property
     def level(self) -> float | None:
@@ -51,13 +51,13 @@ class Weights:
         return float(self.realised[0] / self.planned[0]) if equal.all() else None
 
 
-def catch_up(frames: Frames, log: FrameLog, row_hz: float) -> Rows | None:
+def catch_up(frames: Frames, log: FrameLog, row_hz: float) -> _Rows | None:
     """Rows of `frames` to play next so that all codes have equal weights.
 
     Parameters
     ----------
     frames : what was to be shown.
-    log : all that was shown so far in this exposure, several passes joined by `joined`.
+    log : all that was shown so far in this exposure, several passes joined by `join_logs`.
     row_hz : rows a second: refresh rate of the panels, times their planes per refresh.
 
     Returns
@@ -71,7 +71,7 @@ def catch_up(frames: Frames, log: FrameLog, row_hz: float) -> Rows | None:
     SyncError
         The open mask met the light of another code: no further pass can undo that.
     """
-    weights = lit_weights(frames, log, row_hz)
+    weights = count_lit_weights(frames, log, row_hz)
     if weights.level is not None:
         return None if weights.level > 0.0 else np.arange(len(frames), dtype=np.int32)
     # The lowest whole multiple of the plan that no code has passed yet.
@@ -81,11 +81,11 @@ def catch_up(frames: Frames, log: FrameLog, row_hz: float) -> Rows | None:
     return np.concatenate(rounds)
 
 
-def _short(weights: Weights, short: NDArray[np.int64]) -> list[tuple[Rows, int]]:
+def _short(weights: LitWeights, short: NDArray[np.int64]) -> list[tuple[_Rows, int]]:
     return list(zip(weights.slots, short.tolist(), strict=True))
 
 
-def lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> Weights:
+def count_lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> LitWeights:
     """Weights of all pairs of patterns, as `catch_up` compares them.
 
     Raises SyncError, and ConfigError for rows with times of their own.
@@ -110,7 +110,7 @@ def lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> Weights:
     good = open_rows & ~dark
     realised = np.bincount(asked[good], minlength=len(pairs)).astype(np.int64)
     order = np.argsort(first)  # as the plan shows them
-    return Weights(
+    return LitWeights(
         realised=realised[order],
         planned=planned[order].astype(np.int64),
         slots=tuple(_slots(frames, lit[first[order]])),
@@ -118,12 +118,12 @@ def lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> Weights:
 
 
 def play_all(
-    play: Callable[[Rows], FrameLog], frames: Frames, *, on_miss: str, rounds: int, row_hz: float
+    play: Callable[[_Rows], FrameLog], frames: Frames, *, on_miss: str, rounds: int, row_hz: float
 ) -> FrameLog:
     """Play all frames and, under the policy "balance", whatever else makes their weights equal.
 
     For display drivers, whose `play(rows)` shows those rows of `frames` once, ends black, and logs
-    them; `streams` says what each panel is to carry, `joined` puts the passes together.
+    them; `streams` says what each panel is to carry, `join_logs` puts the passes together.
 
     All that is shown again lasts no longer than `rounds` more passes over all frames: a stall of
     seconds must not ask for hours. Raises SyncError when that is not enough.
@@ -138,11 +138,11 @@ def play_all(
                 hint="see why refreshes are missed; rig.retries allows more passes",
             )
         left -= more.size
-        log = joined([log, play(more)])
+        log = join_logs([log, play(more)])
     return log
 
 
-def streams(rows: Rows, mask_delay: int) -> tuple[Rows, Rows]:
+def streams(rows: _Rows, mask_delay: int) -> tuple[_Rows, _Rows]:
     """What projector and mask are sent, row by row: `rows`, one of them later by |mask_delay|.
 
     (R,) int32 each, R = len(rows) + |mask_delay|; `BLACK` where a panel waits for the other.
@@ -152,7 +152,7 @@ def streams(rows: Rows, mask_delay: int) -> tuple[Rows, Rows]:
     return (early, late) if mask_delay >= 0 else (late, early)
 
 
-def joined(logs: Sequence[FrameLog]) -> FrameLog:
+def join_logs(logs: Sequence[FrameLog]) -> FrameLog:
     """The log of several passes, in order, with a black row for the time between two of them."""
     whole = logs[0]
     for log in logs[1:]:
@@ -173,8 +173,8 @@ def joined(logs: Sequence[FrameLog]) -> FrameLog:
 
 
 def _times_with_gap(
-    before: FrameLog, after: FrameLog, first: Seconds | None, second: Seconds | None
-) -> Seconds | None:
+    before: FrameLog, after: FrameLog, first: _Seconds | None, second: _Seconds | None
+) -> _Seconds | None:
     """Times of the rows of two passes, none for the row between them; None where there are none."""
     if first is None and second is None:
         return None
@@ -244,7 +244,7 @@ def _find(
     return at, known[at] != seen
 
 
-def _slots(frames: Frames, rows: NDArray[np.int64]) -> list[Rows]:
+def _slots(frames: Frames, rows: NDArray[np.int64]) -> list[_Rows]:
     """All rows of the slots that hold these rows: same code, same sub-shift, without a break."""
     slot = np.append(0, np.cumsum((np.diff(frames.code) != 0) | (np.diff(frames.shift) != 0)))
     first = np.searchsorted(slot, slot[rows], side="left")

@@ -16,81 +16,81 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-Bits = NDArray[np.bool_]
+_Bits = NDArray[np.bool_]
 
-OCTAVES = (1.0, 1.23, 1.11, 0.97)
+_OCTAVES = (1.0, 1.23, 1.11, 0.97)
 """Weight of blocks of 1, 2, 4 and 8 times the side; no sum of them with signs is 0."""
-QUADS = 3.0
+_QUADS = 3.0
 """Quads of the camera to a block's side, at least: a camera sees such blocks sharply."""
-PIXELS = 5.0
+_PIXELS = 5.0
 """Pixels of the projector to it, at least."""
-MOST = 160
+_MOST = 160
 """Blocks along the longer side of the field: finer ones tell nothing more."""
-FEWEST = 16
+_FEWEST = 16
 """Blocks along the shorter side without which a pattern has too little in it to be found again."""
 TOO_FEW = (
-    f"the camera has quads for fewer than {FEWEST} blocks along a side of the field, "
-    f"{QUADS:g} quads each"
+    f"the camera has quads for fewer than {_FEWEST} blocks along a side of the field, "
+    f"{_QUADS:g} quads each"
 )
 
 
 @dataclass(frozen=True)
-class Blocks:
+class BlockPattern:
     """A pattern of (rows, cols) blocks over the field."""
 
     rows: int
     cols: int
 
     @classmethod
-    def of(cls, sizes_px: tuple[tuple[int, int], ...], quad_px: float) -> Blocks | None:
+    def of(cls, sizes_px: tuple[tuple[int, int], ...], quad_px: float) -> BlockPattern | None:
         """Blocks that panels of so many pixels (width, height) can draw, the projector first, and
         that quads of `quad_px` projector pixels can show; None where they would be too few."""
         (width, height), *_ = sizes_px
-        side = max(QUADS * quad_px, PIXELS, max(width, height) / MOST)
-        side = max(side, *(PIXELS / 2.0 * width / size[0] for size in sizes_px))
+        side = max(_QUADS * quad_px, _PIXELS, max(width, height) / _MOST)
+        side = max(side, *(_PIXELS / 2.0 * width / size[0] for size in sizes_px))
         cols, rows = (
             _apart(int(length / side), [size[axis] for size in sizes_px])
             for axis, length in enumerate((width, height))
         )
-        return cls(rows, cols) if min(rows, cols) >= FEWEST else None
+        return cls(rows, cols) if min(rows, cols) >= _FEWEST else None
 
     @cached_property
-    def bits(self) -> Bits:
+    def bits(self) -> _Bits:
         """(rows, cols), which are lit; the same everywhere and for ever."""
         total = np.zeros((self.rows, self.cols))
-        for octave, weight in enumerate(OCTAVES):
+        for octave, weight in enumerate(_OCTAVES):
             side = 2**octave
             rows, cols = -(-self.rows // side) + 1, -(-self.cols // side) + 1
-            signs = 2.0 * drawn_bits(f"look for panels {octave}", rows, cols) - 1.0
+            signs = 2.0 * hash_to_bits(f"look for panels {octave}", rows, cols) - 1.0
             large = signs.repeat(side, axis=0).repeat(side, axis=1)
             begin = side // 3  # edges of different octaves are not to meet
             total += weight * large[begin : begin + self.rows, begin : begin + self.cols]
         return np.asarray(total > 0.0)
 
-    def at(self, points: Floats) -> Bits:
+    def at(self, points: Floats) -> _Bits:
         """Whether points of the field (..., 2), x and y from 0 to 1, are lit; none beside it."""
         with np.errstate(invalid="ignore"):
             inside = np.all((points >= 0.0) & (points < 1.0), axis=-1)
         cell = np.where(inside[..., None], points * (self.cols, self.rows), 0.0).astype(np.int64)
-        lit: Bits = self.bits[cell[..., 1], cell[..., 0]] & inside
+        lit: _Bits = self.bits[cell[..., 1], cell[..., 0]] & inside
         return lit
 
-    def drawn(self, panel: Map) -> Bits:
+    def drawn(self, panel: Map) -> _Bits:
         """What a panel of such a map shows of them, (height, width)."""
         return self.at(panel.centres())
 
 
-def field_on(panel: Map) -> Bits:
+def find_field_pixels(panel: Map) -> _Bits:
     """The pixels of a panel that lie on the field, (height, width)."""
     points = panel.centres()
     with np.errstate(invalid="ignore"):
         return np.asarray(np.all((points >= 0.0) & (points < 1.0), axis=-1))
 
 
-def drawn_bits(name: str, rows: int, cols: int) -> Bits:
+def hash_to_bits(name: str, rows: int, cols: int) -> _Bits:
     """(rows, cols) bool that look random, and are the same for a name everywhere and for ever,
     unlike those of a generator of random numbers."""
     count = rows * cols
@@ -102,6 +102,6 @@ def drawn_bits(name: str, rows: int, cols: int) -> Bits:
 def _apart(count: int, lengths: list[int]) -> int:
     """So many blocks or a few less, whose edges meet the pixels of no panel in step: what rounding
     to whole pixels does to edges then comes to nothing on average."""
-    while count > FEWEST and any(gcd(count, length) > 1 for length in lengths):
+    while count > _FEWEST and any(gcd(count, length) > 1 for length in lengths):
         count -= 1
     return count

@@ -28,12 +28,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.patterns import Patterns, compact, levels_of
+from pdcd.arrays import Bools, Floats
+from pdcd.panels.patterns import Patterns, pack_levels, read_pattern_levels
 
-Floats = NDArray[np.float64]
 _Real = TypeVar("_Real", np.float32, np.float64)
 
-LEVELS = 256
+PANEL_LEVELS = 256
 """Levels of a panel."""
 
 
@@ -47,11 +47,11 @@ class Curve:
     def sent(self, light: Floats) -> Floats:
         """Light 0..1 of any shape -> the level whose light is nearest, over 255."""
         between = 0.5 * (self.light[1:] + self.light[:-1])
-        return np.searchsorted(between, light) / (LEVELS - 1.0)
+        return np.searchsorted(between, light) / (PANEL_LEVELS - 1.0)
 
     def given(self, sent: NDArray[_Real]) -> Floats:
         """What is sent, level / 255 -> light 0..1; in between it is rounded as drawing does."""
-        return self.of(np.rint(sent * (LEVELS - 1.0)).astype(np.uint8))
+        return self.of(np.rint(sent * (PANEL_LEVELS - 1.0)).astype(np.uint8))
 
     def of(self, level: NDArray[np.uint8]) -> Floats:
         """Levels 0..255 -> light 0..1."""
@@ -60,27 +60,27 @@ class Curve:
 
 Curves = tuple[Curve | None, Curve | None]
 """Of projector and mask; None where nobody said: what is sent is then taken as light."""
-UNKNOWN: Curves = (None, None)
+UNKNOWN_CURVES: Curves = (None, None)
 
 
 @lru_cache(maxsize=16)
-def power(gamma: float) -> Curve:
+def make_power_curve(gamma: float) -> Curve:
     """The curve ``(level / 255)^gamma``."""
-    return _curve((np.arange(LEVELS) / (LEVELS - 1.0)) ** gamma)
+    return _curve((np.arange(PANEL_LEVELS) / (PANEL_LEVELS - 1.0)) ** gamma)
 
 
 @lru_cache(maxsize=16)
-def table(lights: tuple[float, ...]) -> Curve:
+def make_table_curve(lights: tuple[float, ...]) -> Curve:
     """The curve through lights at evenly spaced levels, the first of 0, the last of 255; straight
-    lines between them. Check them first with `table_fault`."""
-    at = np.linspace(0.0, LEVELS - 1.0, len(lights))
-    return _curve(np.interp(np.arange(LEVELS), at, lights))
+    lines between them. Check them first with `find_table_fault`."""
+    at = np.linspace(0.0, PANEL_LEVELS - 1.0, len(lights))
+    return _curve(np.interp(np.arange(PANEL_LEVELS), at, lights))
 
 
-def table_fault(lights: Sequence[float]) -> str:
+def find_table_fault(lights: Sequence[float]) -> str:
     """What is wrong with the lights of a table, in words; "" for nothing."""
-    if not 2 <= len(lights) <= LEVELS:
-        return f"needs 2 to {LEVELS} lights, not {len(lights)}"
+    if not 2 <= len(lights) <= PANEL_LEVELS:
+        return f"needs 2 to {PANEL_LEVELS} lights, not {len(lights)}"
     found = np.array(lights, dtype=np.float64)
     if not np.isfinite(found).all() or found[0] != 0.0 or found[-1] != 1.0:
         return "must begin with 0, the light of black, and end with 1, that of white"
@@ -90,9 +90,11 @@ def table_fault(lights: Sequence[float]) -> str:
     return ""
 
 
-def light_of(patterns: Patterns, index: int, cells: int, curve: Curve | None) -> Floats:
+def compute_pattern_light(
+    patterns: Patterns, index: int, cells: int, curve: Curve | None
+) -> Floats:
     """Light of one pattern, (L,) float64."""
-    sent = levels_of(patterns, index, cells)
+    sent = read_pattern_levels(patterns, index, cells)
     if curve is None or patterns.dtype == np.uint8:
         return sent
     return curve.given(sent)
@@ -103,28 +105,27 @@ def _curve(light: Floats) -> Curve:
     return Curve(light)
 
 
-Bools = NDArray[np.bool_]
-Levels = Floats | Bools
-Both = tuple[Patterns, Patterns]
+_Levels = Floats | Bools
+_Both = tuple[Patterns, Patterns]
 
 COPIES = 16
 """Most copies of an exact sequence: steps become a sixteenth as large."""
-APART = 12
+_APART = 12
 """Levels by which the last but one copy may lie beside the nearest. Where light rises with the
 power 2.2 of the level, two a dozen steps to either side give a step more than twice the middle."""
-NEARER = 1e-6
+_NEARER = 1e-6
 """Light by which such a pair must come nearer, or the one with fewer steps between is taken."""
 
 
-def code_to_send(light: Levels, mask: Levels, curves: Curves) -> Both:
+def prepare_codes(light: _Levels, mask: _Levels, curves: Curves) -> _Both:
     """Codes of projector and mask, light 0..1 or bits (P, L) each, as what is sent for them."""
     return (
-        compact(_dithered(light, curves[0], mask > 0)),
-        compact(_dithered(mask, curves[1], light > 0)),
+        pack_levels(_dithered(light, curves[0], mask > 0)),
+        pack_levels(_dithered(mask, curves[1], light > 0)),
     )
 
 
-def sequence_to_send(light: Levels, mask: Levels, curves: Curves, room: int) -> Both:
+def prepare_sequence(light: _Levels, mask: _Levels, curves: Curves, room: int) -> _Both:
     """The same of an exact sequence that is shown `room` times; where it has grey levels, as up to
     so many copies, one after the other: (copies * P, L)."""
     both = ((light, curves[0]), (mask, curves[1]))
@@ -139,36 +140,36 @@ def sequence_to_send(light: Levels, mask: Levels, curves: Curves, room: int) -> 
             last = _last_two(each[0], mixed, curve)
             # Not in the copies in which the other panel is off: their product would not cancel.
             mixed = np.roll(np.concatenate([mixed[:-2], last]), panel * (copies // 2), axis=0)
-        sent.append(compact(mixed.reshape(-1, levels.shape[1])))
+        sent.append(pack_levels(mixed.reshape(-1, levels.shape[1])))
     return sent[0], sent[1]
 
 
-def _last_two(light: Levels, sent: Levels, curve: Curve) -> Floats:
+def _last_two(light: _Levels, sent: _Levels, curve: Curve) -> Floats:
     """What to send last, (2, L), for the sum of all copies `sent` (n, L) to be n times `light`."""
     grey = (light > 0.0) & (light < 1.0)
     before = curve.given(np.asarray(sent[:-2], np.float64))
     left: Floats = len(sent) * light - before.sum(axis=0)
-    middle = np.rint(curve.sent(0.5 * left) * (LEVELS - 1.0))
+    middle = np.rint(curve.sent(0.5 * left) * (PANEL_LEVELS - 1.0))
     found, least = sent[-2:].astype(np.float64), np.full(light.shape, np.inf)
-    for apart in sorted(range(-APART, APART + 1), key=abs):
-        first = np.clip(middle + apart, 0.0, LEVELS - 1.0) / (LEVELS - 1.0)
+    for apart in sorted(range(-_APART, _APART + 1), key=abs):
+        first = np.clip(middle + apart, 0.0, PANEL_LEVELS - 1.0) / (PANEL_LEVELS - 1.0)
         rest = left - curve.given(first)
         second = curve.sent(rest)
         error = np.abs(rest - curve.given(second))
-        better = grey & (error < least - NEARER)
+        better = grey & (error < least - _NEARER)
         least = np.where(better, error, least)
         found = np.where(better, np.stack([first, second]), found)
     return found
 
 
-def _rounds(light: Levels, curve: Curve | None) -> bool:
+def _rounds(light: _Levels, curve: Curve | None) -> bool:
     """Whether levels must be rounded: no bits, and of a panel of which something is known."""
     if curve is None or light.dtype == np.bool_:
         return False
     return not bool(np.all((light == 0.0) | (light == 1.0)))
 
 
-def _dithered(light: Levels, curve: Curve | None, meets: Bools) -> Levels:
+def _dithered(light: _Levels, curve: Curve | None, meets: Bools) -> _Levels:
     """What to send for light (P, L), over 255; `meets` (P, L) says which account a cell is in."""
     if curve is None or not _rounds(light, curve):
         return light

@@ -17,13 +17,13 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Pair = tuple[float, float]
+from pdcd.arrays import Floats
+
+_Pair = tuple[float, float]
 
 
-def straightened(near: Floats, radial: Pair, tangential: Pair) -> Floats:
+def correct_distortion(near: Floats, radial: _Pair, tangential: _Pair) -> Floats:
     """Seen points (..., 2) -> straight ones, (..., 2)."""
     (k1, k2), (p1, p2) = radial, tangential
     x, y = near[..., 0], near[..., 1]
@@ -36,7 +36,7 @@ def straightened(near: Floats, radial: Pair, tangential: Pair) -> Floats:
     return straight
 
 
-def slope(near: Floats, radial: Pair, tangential: Pair) -> Floats:
+def compute_distortion_slope(near: Floats, radial: _Pair, tangential: _Pair) -> Floats:
     """How straight points move with seen ones: (..., 2, 2), d(straight) / d(seen)."""
     (k1, k2), (p1, p2) = radial, tangential
     x, y = near[..., 0], near[..., 1]
@@ -49,7 +49,7 @@ def slope(near: Floats, radial: Pair, tangential: Pair) -> Floats:
     return found
 
 
-def fold(radial: Pair) -> float:
+def find_fold_radius(radial: _Pair) -> float:
     """The distance from the centre at which the radial part folds; infinite where it never does.
 
     Beyond it a straight point may be seen twice, and only the one within is on the picture.
@@ -61,11 +61,11 @@ def fold(radial: Pair) -> float:
     return float(np.sqrt(folds.min())) if folds.size else float("inf")
 
 
-Nodes = tuple[tuple[tuple[float, float], ...], ...]
+ResidualNodes = tuple[tuple[tuple[float, float], ...], ...]
 """(rows, cols) of (right, down) in pixels, evenly over the device, its edges included."""
 
 
-class Residual:
+class MapResidual:
     """The displacement of each point of a device, in pixels (right, down)."""
 
     def __init__(self, nodes: Floats, size_px: tuple[int, int]) -> None:
@@ -128,9 +128,9 @@ class Residual:
 
 
 @lru_cache(maxsize=16)
-def residual_of(nodes: Nodes, size_px: tuple[int, int]) -> Residual:
+def make_residual(nodes: ResidualNodes, size_px: tuple[int, int]) -> MapResidual:
     """The residual through nodes as a map holds them."""
-    return Residual(np.array(nodes, dtype=np.float64), size_px)
+    return MapResidual(np.array(nodes, dtype=np.float64), size_px)
 
 
 def _cubic(powers: Floats, at: Floats) -> Floats:

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import atoms, check_cells
+from pdcd.panels.atoms import check_cells, find_atoms
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.map import PanelView
-from pdcd.panels.patterns import bytes_of, check_binary, fit, pack_planes
-from pdcd.panels.windows import ATOMS, GUARDS, windows
+from pdcd.panels.patterns import check_binary, has_cell_count, pack_planes, read_pattern_bytes
+from pdcd.panels.windows import ATOMS, GUARDS, find_window_kind
 
-FULL = 255
+WHITE_BYTE = 255
 """A pixel at full light."""
-KEPT = 8
+_KEPT = 8
 """Geometries that are remembered: both panels under four sub-shifts."""
 
 
@@ -50,26 +50,28 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
     patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
     if frames.of_pixels:
         if index == WHITE:
-            return np.full((height, width), FULL, dtype=np.uint8)
-        return bytes_of(patterns, index, width * height).reshape(height, width)
-    opening = windows(frames.window)
+            return np.full((height, width), WHITE_BYTE, dtype=np.uint8)
+        return read_pattern_bytes(patterns, index, width * height).reshape(height, width)
+    opening = find_window_kind(frames.window)
     if index == WHITE:
-        return np.where(_cells(panel, frames.grid, "whole", 0) >= 0, np.uint8(FULL), np.uint8(0))
+        return np.where(
+            _cells(panel, frames.grid, "whole", 0) >= 0, np.uint8(WHITE_BYTE), np.uint8(0)
+        )
     shift = int(frames.shift[row]) if opening.shifted else 0
     rows, cols = frames.lattice
-    levels = np.append(bytes_of(patterns, index, rows * cols), np.uint8(0))
+    levels = np.append(read_pattern_bytes(patterns, index, rows * cols), np.uint8(0))
     return np.asarray(levels[_cells(panel, frames.grid, frames.window, shift)])
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=_KEPT)
 def _cells(panel: PanelView, grid: tuple[int, int], window: str, shift: int) -> NDArray[np.int32]:
     """Code cell that each pixel shows under a sub-shift, (height, width); -1: black."""
-    atom = atoms(panel, grid)
+    atom = find_atoms(panel, grid)
     lit = atom[..., 0] >= 0
-    opening = windows(window)
+    opening = find_window_kind(window)
     moved = np.array([shift & 1, shift >> 1], dtype=np.int32)  # across, down
     if panel.mask and opening.shifted:
-        at = atoms(panel, grid, ATOMS) + ATOMS // 2 * moved
+        at = find_atoms(panel, grid, ATOMS) + ATOMS // 2 * moved
         guard = GUARDS[window]
         lit &= ((at % ATOMS >= guard) & (at % ATOMS < ATOMS - guard)).all(axis=-1)
         cell = at // ATOMS
@@ -86,7 +88,9 @@ def check_fit(frames: Frames, panel: PanelView) -> None:
         check_cells(panel, frames.grid)
         return
     width, height = panel.size_px
-    if not fit(frames.dual_patterns if panel.mask else frames.primal_patterns, width * height):
+    if not has_cell_count(
+        frames.dual_patterns if panel.mask else frames.primal_patterns, width * height
+    ):
         raise ConfigError(
             f"patterns of pixels that are not the {panel.role}'s {width} x {height}",
             device=panel.role,

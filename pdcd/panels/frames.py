@@ -18,7 +18,7 @@ WHITE = -2
 """Pattern index of a fully lit (projector) or fully open (mask) panel."""
 
 
-PIXELS = "pixels"
+PIXEL_WINDOW = "pixels"
 """Window of frames whose patterns are pictures of the panels' own pixels."""
 
 
@@ -73,7 +73,7 @@ class Frames:
     @property
     def of_pixels(self) -> bool:
         """Whether patterns are pictures of the panels' own pixels."""
-        return self.window == PIXELS
+        return self.window == PIXEL_WINDOW
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class FrameLog:
         return primal, rows if self.dual_asked is None else self.dual_asked
 
 
-def second_bucket(frames: Frames) -> Frames:
+def invert_mask_patterns(frames: Frames) -> Frames:
     """The same frames with the mask's patterns inverted, through the same windows.
 
     A sensor of two buckets gathers light that a pattern keeps out of the first one in the second.

@@ -2,10 +2,10 @@
 
 Positions are measured in cells of the scene's grid. Under sub-shift `l` the whole code lattice is
 moved towards the origin by half a cell along columns (bit 0) and rows (bit 1); a mask cell opens
-either as a whole or only in its middle (`pdcd.panels.windows`; by half and half: "quarter" window,
-the paper's robust coding). Everything is a product of two axes, and within a cell each axis falls
-into a few pieces ("atoms") on which nothing changes. So the optics never need more than 4 fields of
-the projector and 4 or 16 of the mask, however fine the panels' pixels are.
+either as a whole or only in its middle (`pdcd.panels.windows`; by half and half: "quarter"
+window, the paper's robust coding). Everything is a product of two axes, and within a cell each axis
+falls into a few pieces ("atoms") on which nothing changes. So the optics never need more than 4
+fields of the projector and 4 or 16 of the mask, however fine the panels' pixels are.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.windows import MOVED, Windows, windows
+from pdcd.arrays import Floats
+from pdcd.panels.windows import MOVED, WindowKind, find_window_kind
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Floats = NDArray[np.float64]
 
-SHIFTS = 4
+SUB_SHIFTS = 4
 """Sub-shifts of one code in quarter-window mode."""
 
 
@@ -78,12 +78,12 @@ class Lattice:
     @cached_property
     def fields(self) -> int:
         """Number of primal fields, and of sub-shifts: 1 or 4."""
-        return SHIFTS if self.opening.shifted else 1
+        return SUB_SHIFTS if self.opening.shifted else 1
 
     @cached_property
-    def opening(self) -> Windows:
+    def opening(self) -> WindowKind:
         """What of a mask cell opens."""
-        return windows(self.window)
+        return find_window_kind(self.window)
 
     @cached_property
     def dual_fields(self) -> int:
@@ -221,7 +221,7 @@ class Lattice:
         return csr_array((areas, (rows, columns)), shape=shape)
 
 
-def _atoms(kind: Windows, offset: float) -> list[tuple[float, int, int, int]]:
+def _atoms(kind: WindowKind, offset: float) -> list[tuple[float, int, int, int]]:
     """Pieces of one axis of a cell: (width, primal half, strip of the mask, lattice step).
 
     The lattice step is how many cells further the mask's code cell lies than the scene's.
@@ -245,7 +245,7 @@ def _atoms(kind: Windows, offset: float) -> list[tuple[float, int, int, int]]:
     return pieces
 
 
-def _pieces(kind: Windows, offset: float) -> tuple[Piece, ...]:
+def _pieces(kind: WindowKind, offset: float) -> tuple[Piece, ...]:
     """The same pieces of one axis, those in one strip put together."""
     found: list[Piece] = []
     low = 0.0

@@ -14,6 +14,7 @@ Bayer quad. A point of the device goes to the field in two steps:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -22,20 +23,22 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pdcd.arrays import Floats
 from pdcd.panels import distortion as lens
-from pdcd.panels.distortion import Nodes, Residual, residual_of
+from pdcd.panels.distortion import MapResidual, ResidualNodes, make_residual
 
-Floats = NDArray[np.float64]
-
-Matrix = tuple[float, float, float, float, float, float, float, float, float]
+MapMatrix = tuple[float, float, float, float, float, float, float, float, float]
 """3 x 3, row by row."""
 
 PIECE = 2**12
 """Points worked on at a time: what is in between stays in the processor's cache."""
-STEPS = 50
+_STEPS = 50
 """Most steps of Newton's method; from the homography's inverse a usual lens takes four."""
-CLOSE_PX = 1e-6
+_CLOSE_PX = 1e-6
 """A step shorter than that was the last: each squares the error of the one before."""
+_NODE_PX, _LEAST_NODES = 8.0, 48
+"""Pixels between places at which maps are asked, and how many these are along a side at least: a
+lens bends by less than a hundredth of a pixel between them."""
 
 
 class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -47,20 +50,22 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     tangential : p1, p2, in the same unit.
     residual : displacement in pixels before the homography; () where there is none.
 
-    Any numbers make a map; `pdcd.panels.map_soundness.check` says which of them can be used.
+    Any numbers make a map; `pdcd.panels.map_soundness.check_map` says which of them can be used.
     """
 
     size_px: tuple[int, int]
-    homography: Matrix
+    homography: MapMatrix
     radial: tuple[float, float] = (0.0, 0.0)
     tangential: tuple[float, float] = (0.0, 0.0)
-    residual: Nodes = ()
+    residual: ResidualNodes = ()
 
     @classmethod
     def filling(cls, size_px: tuple[int, int]) -> Map:
         """The map of a device whose pixels are spread evenly over the field, upright."""
         width, height = size_px
-        return cls(size_px=size_px, homography=matrix(np.diag([1.0 / width, 1.0 / height, 1.0])))
+        return cls(
+            size_px=size_px, homography=to_map_matrix(np.diag([1.0 / width, 1.0 / height, 1.0]))
+        )
 
     def to_field(self, points_px: ArrayLike) -> Floats:
         """Points of the device (..., 2) as (x, y) in pixels -> of the field, (..., 2) float64.
@@ -118,7 +123,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     def then(self, of_field: ArrayLike) -> Map:
         """The map followed by a homography (3, 3) from field to field."""
         whole = np.asarray(of_field, dtype=np.float64) @ self._matrix
-        return msgspec.structs.replace(self, homography=matrix(whole))
+        return msgspec.structs.replace(self, homography=to_map_matrix(whole))
 
     def flipped(self, flip: Literal["horizontal", "vertical"]) -> Map:
         """The same device, its pictures stored mirrored: left and right exchanged, or top and
@@ -152,7 +157,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return msgspec.structs.replace(
             self,
             size_px=(width // side, height // side),
-            homography=matrix(self._matrix @ np.diag([side, side, 1.0])),
+            homography=to_map_matrix(self._matrix @ np.diag([side, side, 1.0])),
             residual=tuple(map(tuple, nodes)),
         )
 
@@ -163,12 +168,12 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         unit = size_px[1] / self.size_px[1]
         (k1, k2), (p1, p2) = self.radial, self.tangential
         right, down = turn @ (p2, p1) * unit
-        nodes: Nodes = ()
+        nodes: ResidualNodes = ()
         if self.residual:
             nodes = _turned(np.array(self.residual, dtype=np.float64), turn)
         return Map(
             size_px=size_px,
-            homography=matrix(self._matrix @ old_from_new),
+            homography=to_map_matrix(self._matrix @ old_from_new),
             radial=(k1 * unit**2, k2 * unit**4),
             tangential=(float(down), float(right)),
             residual=nodes,
@@ -186,8 +191,8 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return 1.0 if g * 0.5 * width + h * 0.5 * height + i > 0.0 else -1.0
 
     @property
-    def _residual(self) -> Residual | None:
-        return residual_of(self.residual, self.size_px) if self.residual else None
+    def _residual(self) -> MapResidual | None:
+        return make_residual(self.residual, self.size_px) if self.residual else None
 
     @property
     def _through(self) -> bool:
@@ -209,49 +214,51 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             return points
         centre, half = self._centre
         near = (points - centre) / half
-        straight = lens.straightened(near, self.radial, self.tangential)
+        straight = lens.correct_distortion(near, self.radial, self.tangential)
         straight *= half
         straight += centre
         return straight
 
-    def _straight(self, points: Floats, residual: Residual | None) -> Floats:
+    def _straight(self, points: Floats, residual: MapResidual | None) -> Floats:
         """Points (n, 2) without distortion, in pixels."""
         straight = self._through_lens(points)
         return straight if residual is None else straight + residual.at(points)
 
-    def _slope(self, points: Floats, residual: Residual | None) -> tuple[Floats, Floats]:
+    def _slope(self, points: Floats, residual: MapResidual | None) -> tuple[Floats, Floats]:
         """The same, and how it moves with the points, (n, 2, 2)."""
         centre, half = self._centre
         straight = self._through_lens(points)
-        slope = lens.slope((points - centre) / half, self.radial, self.tangential)
+        slope = lens.compute_distortion_slope(
+            (points - centre) / half, self.radial, self.tangential
+        )
         if residual is None:
             return straight, slope
         more, steeper = residual.slope(points)
         return straight + more, slope + steeper
 
-    def _bent(self, wanted: Floats, residual: Residual | None) -> Floats:
+    def _bent(self, wanted: Floats, residual: MapResidual | None) -> Floats:
         """The points (n, 2) that are ``wanted`` without distortion; NaN where none is found."""
         centre, half = self._centre
         found = wanted.copy()
         left = np.flatnonzero(np.isfinite(wanted).all(axis=-1))
         sure = np.zeros(len(wanted), dtype=np.bool_)
         with np.errstate(all="ignore"):  # far outside the device the distortion may fold
-            for _ in range(STEPS):
+            for _ in range(_STEPS):
                 straight, slope = self._slope(found[left], residual)
                 step, upright = _solved(slope, wanted[left] - straight)
                 found[left] += step
-                close = (np.abs(step) < CLOSE_PX).all(axis=-1)
+                close = (np.abs(step) < _CLOSE_PX).all(axis=-1)
                 sure[left[close]] = upright[close]
                 left = left[~close]
                 if left.size == 0:
                     break
             # Beyond the fold of a distortion, a root may be found that is not the point's.
-            sure &= np.hypot(*((found - centre) / half).T) < lens.fold(self.radial)
+            sure &= np.hypot(*((found - centre) / half).T) < lens.find_fold_radius(self.radial)
         found[~sure] = np.nan
         return found
 
 
-def matrix(values: ArrayLike) -> Matrix:
+def to_map_matrix(values: ArrayLike) -> MapMatrix:
     """A (3, 3) matrix as a map holds it, its largest entry below by convention: [2, 2] is 1."""
     flat = np.asarray(values, dtype=np.float64).reshape(3, 3)
     if flat[2, 2] != 0.0:
@@ -261,7 +268,7 @@ def matrix(values: ArrayLike) -> Matrix:
     return a, b, c, d, e, f, g, h, i
 
 
-def between(source: Map, target: Map, points_px: ArrayLike) -> Floats:
+def map_between(source: Map, target: Map, points_px: ArrayLike) -> Floats:
     """Points of one device -> the points of another that lie on the same place of the field."""
     return target.from_field(source.to_field(points_px))
 
@@ -302,7 +309,7 @@ def _solved(slope: Floats, wanted: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     return solved, (det > 0.0) & (a + d > 0.0)
 
 
-def _turned(nodes: Floats, turn: Floats) -> Nodes:
+def _turned(nodes: Floats, turn: Floats) -> ResidualNodes:
     """Nodes (rows, cols, 2) and their displacements under a flip or a quarter turn."""
     down_first = nodes if turn[0, 0] != 0.0 else nodes.swapaxes(0, 1)
     signs = turn.sum(axis=1)  # where the new axes, right and down, run backwards
@@ -326,3 +333,29 @@ class PanelView:
     def mask(self) -> bool:
         """Whether it is the mask, which has windows and blocks light."""
         return self.role == "mask"
+
+
+def find_pixels_on(device: Map, other: Map, edge_px: float = 0.0) -> NDArray[np.bool_]:
+    """Pixels of a device, (height, width), all of which lie on another one, and not within
+    `edge_px` of its edge, in its own pixels; below zero: nor further beyond it.
+
+    device, other : maps to one field.
+    """
+    width, height = device.size_px
+    x, y = (
+        np.linspace(0.0, n, 1 + max(math.ceil(n / _NODE_PX), _LEAST_NODES)) for n in (width, height)
+    )
+    nodes = map_between(device, other, np.stack(np.meshgrid(x, y), axis=-1))
+    at = _interpolate_nodes(_interpolate_nodes(nodes, height).swapaxes(0, 1), width).swapaxes(0, 1)
+    with np.errstate(invalid="ignore"):  # no number where the other one has no such place
+        on = np.asarray((at >= edge_px) & (at <= np.array(other.size_px) - edge_px))
+    inside = np.asarray(on.all(axis=-1))
+    return np.asarray(inside[1:, 1:] & inside[1:, :-1] & inside[:-1, 1:] & inside[:-1, :-1])
+
+
+def _interpolate_nodes(nodes: Floats, size: int) -> Floats:
+    """Values at the ends of pixels, (size + 1, ...), of values at nodes evenly along them."""
+    place = np.linspace(0.0, len(nodes) - 1.0, size + 1)
+    first = np.minimum(place.astype(np.int64), len(nodes) - 2)
+    share = (place - first).reshape(-1, *(1,) * (nodes.ndim - 1))
+    return np.asarray((1.0 - share) * nodes[first] + share * nodes[first + 1])

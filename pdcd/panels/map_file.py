@@ -18,35 +18,35 @@ import msgspec
 import numpy as np
 
 from pdcd.errors import ConfigError, disk_errors
-from pdcd.files.arrays import members, read_npz
-from pdcd.files.opening import Limits, Unsound, contents, open_own
-from pdcd.panels.map import Map, matrix
-from pdcd.panels.map_soundness import MAX_NODES, check
-from pdcd.printable import one_line
+from pdcd.files.arrays import list_members, read_npz
+from pdcd.files.opening import ArrayLimits, UnsoundFileError, open_own, read_contents
+from pdcd.panels.map import Map, to_map_matrix
+from pdcd.panels.map_soundness import MAX_NODES, check_map
+from pdcd.printable import to_one_line
 
-NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}")
+_NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}")
 """What a device may be called in a file."""
-MAX_MAPS = 12
+_MAX_MAPS = 12
 """Maps in a file."""
 
 _SHAPES = {"size_px": (2,), "homography": (3, 3), "radial": (2,), "tangential": (2,)}
 _NUMBERS = {**{key: int(np.prod(s)) for key, s in _SHAPES.items()}, "residual": 2 * MAX_NODES**2}
-_FILE = Limits(MAX_MAPS * sum(_NUMBERS.values()))
+_FILE = ArrayLimits(_MAX_MAPS * sum(_NUMBERS.values()))
 
 
-def table(map_: Map) -> dict[str, Any]:
+def to_map_table(map_: Map) -> dict[str, Any]:
     """A map as a table of plain values, which TOML and JSON know."""
     plain: dict[str, Any] = msgspec.to_builtins(map_)
     return plain
 
 
-def from_table(given: Mapping[str, Any], device: str) -> Map:
+def from_map_table(given: Mapping[str, Any], device: str) -> Map:
     """The map that a table holds. Raises ConfigError for what is none, or cannot be used."""
     try:
         found = msgspec.convert(given, type=Map)
     except msgspec.ValidationError as err:
         raise ConfigError(f"this is no map: {err}", device=device) from err
-    return check(found, device)
+    return check_map(found, device)
 
 
 def save_maps(path: Path | str, maps: Mapping[str, Map]) -> None:
@@ -56,13 +56,15 @@ def save_maps(path: Path | str, maps: Mapping[str, Map]) -> None:
     NoSpaceError or DiskError where the disk refuses.
     """
     path = Path(path)
-    if not 0 < len(maps) <= MAX_MAPS:
-        raise ConfigError(f"{len(maps)} maps for one file; it holds 1 to {MAX_MAPS}")
+    if not 0 < len(maps) <= _MAX_MAPS:
+        raise ConfigError(f"{len(maps)} maps for one file; it holds 1 to {_MAX_MAPS}")
     arrays: dict[str, Any] = {}
     for device, map_ in maps.items():
-        if not NAME.fullmatch(device):
-            raise ConfigError(f"{one_line(repr(device))} is no name of a device in a file of maps")
-        for key, value in table(check(map_, device)).items():
+        if not _NAME.fullmatch(device):
+            raise ConfigError(
+                f"{to_one_line(repr(device))} is no name of a device in a file of maps"
+            )
+        for key, value in to_map_table(check_map(map_, device)).items():
             if np.any(np.array(value)):  # what is zero throughout is left out
                 shape = (3, 3) if key == "homography" else np.shape(value)
                 arrays[f"{device}.{key}"] = np.array(value, dtype=np.float64).reshape(shape)
@@ -89,11 +91,11 @@ def load_maps(path: Path | str) -> dict[str, Map]:
     try:
         descriptor = open_own(path)
         try:
-            data = contents(descriptor, _FILE)
+            data = read_contents(descriptor, _FILE)
         finally:
             os.close(descriptor)
         return _maps(data)
-    except Unsound as err:
+    except UnsoundFileError as err:
         raise _unreadable(path, err.message) from err
     except ConfigError as err:
         raise _unreadable(path, err.message, err.device) from err
@@ -109,41 +111,41 @@ def load_map(path: Path | str, device: str) -> Map:
 
 def _maps(data: bytes) -> dict[str, Map]:
     """The maps in the bytes of a file."""
-    held: dict[str, dict[str, Limits]] = {}
-    for name in members(data):
+    held: dict[str, dict[str, ArrayLimits]] = {}
+    for name in list_members(data):
         device, _, key = name.rpartition(".")
-        if not NAME.fullmatch(device) or key not in _NUMBERS:
-            raise Unsound(f"{name!r} is not of a map")
-        held.setdefault(device, {})[key] = Limits(_NUMBERS[key])
-    if len(held) > MAX_MAPS:
-        raise Unsound(f"it holds {len(held)} maps; at most {MAX_MAPS} are read")
+        if not _NAME.fullmatch(device) or key not in _NUMBERS:
+            raise UnsoundFileError(f"{name!r} is not of a map")
+        held.setdefault(device, {})[key] = ArrayLimits(_NUMBERS[key])
+    if len(held) > _MAX_MAPS:
+        raise UnsoundFileError(f"it holds {len(held)} maps; at most {_MAX_MAPS} are read")
     return {device: _map(data, device, keys) for device, keys in held.items()}
 
 
-def _map(data: bytes, device: str, keys: Mapping[str, Limits]) -> Map:
+def _map(data: bytes, device: str, keys: Mapping[str, ArrayLimits]) -> Map:
     """One map of a file."""
     missing = [key for key in ("size_px", "homography") if key not in keys]
     if missing:
-        raise Unsound(f"the {device} has no {' and no '.join(missing)}")
+        raise UnsoundFileError(f"the {device} has no {' and no '.join(missing)}")
     found = read_npz(data, {f"{device}.{key}": limits for key, limits in keys.items()})
     arrays = {name.rpartition(".")[2]: array for name, array in found.items()}
     for key, array in arrays.items():
         wanted = _SHAPES.get(key, (*array.shape[:2], 2))
         if array.shape != wanted:
-            raise Unsound(f"`{device}.{key}` has the shape {array.shape}, not {wanted}")
+            raise UnsoundFileError(f"`{device}.{key}` has the shape {array.shape}, not {wanted}")
     width, height = arrays["size_px"].tolist()
     if not (width.is_integer() and height.is_integer()):
-        raise Unsound(f"`{device}.size_px` is {width} x {height}: not whole pixels")
+        raise UnsoundFileError(f"`{device}.size_px` is {width} x {height}: not whole pixels")
     plain: dict[str, Any] = {key: array.tolist() for key, array in arrays.items()}
     plain |= {
-        "size_px": (int(width), int(height)), "homography": matrix(arrays["homography"]),
+        "size_px": (int(width), int(height)), "homography": to_map_matrix(arrays["homography"]),
     }  # fmt: skip
-    return from_table(plain, device)
+    return from_map_table(plain, device)
 
 
 def _unreadable(path: Path | str, why: str, device: str | None = None) -> ConfigError:
     return ConfigError(
-        one_line(f"the maps of {path} cannot be used: {why}"),
+        to_one_line(f"the maps of {path} cannot be used: {why}"),
         device=device,
         hint="give a file that a calibration or pdcd.panels.map_file.save_maps wrote",
     )

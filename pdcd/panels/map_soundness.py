@@ -9,45 +9,48 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 
-SAMPLES = 33
+_SAMPLES = 33
 """Points a side at which a map is looked at, the device's corners included; more where a residual
 has many nodes."""
-PER_NODE = 4
+_PER_NODE = 4
 """Points from one node of a residual to the next."""
 MAX_NODES = 32
 """Nodes of a residual a side: what needs more is not smooth."""
-MAX_SIDE_PX = 2**16
+_MAX_SIDE_PX = 2**16
 """Pixels of a device a side."""
-FARTHEST = 100.0
+_FARTHEST = 100.0
 """A device whose corner lies further off than so many widths of the field is not on this bench."""
 LEAST_SHARE = 0.25
 """Share of the field that a panel must cover: cells beyond it never get light."""
 
 
-def check(map_: Map, device: str) -> Map:
+def check_map(map_: Map, device: str) -> Map:
     """The map itself. Raises ConfigError where it is not finite, singular, folded or beyond all
     measure; `device` is whose it is."""
     width, height = map_.size_px
     numbers = [*map_.homography, *map_.radial, *map_.tangential]
-    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
-        raise _unsound(device, f"has {width} x {height} pixels; 1 to {MAX_SIDE_PX} a side are read")
+    if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX):
+        raise _unsound(
+            device, f"has {width} x {height} pixels; 1 to {_MAX_SIDE_PX} a side are read"
+        )
     if not np.isfinite(numbers).all():
         raise _unsound(device, "has numbers that are not finite")
     nodes = _nodes(map_, device)
     full = np.array(map_.homography).reshape(3, 3)
     if not np.isfinite(full).all() or np.linalg.matrix_rank(full) < 3:
         raise _unsound(device, "has a singular homography")
-    samples = max(SAMPLES, PER_NODE * (max(nodes.shape[:2]) - 1) + 1)
+    samples = max(_SAMPLES, _PER_NODE * (max(nodes.shape[:2]) - 1) + 1)
     x, y = np.meshgrid(np.linspace(0.0, width, samples), np.linspace(0.0, height, samples))
     points = np.stack([x, y], axis=-1)
     with np.errstate(all="ignore"):
         field, turned = map_.to_field(points), np.linalg.det(map_.jacobian(points))
     if not np.isfinite(field).all():
         raise _unsound(device, "sends part of the device beyond infinity")
-    if np.abs(field).max() > FARTHEST:
+    if np.abs(field).max() > _FARTHEST:
         raise _unsound(device, f"places a corner {np.abs(field).max():.3g} fields away")
     if not (turned > 0.0).all() and not (turned < 0.0).all():
         raise _unsound(device, "folds: some places of the field have two pixels")
@@ -58,7 +61,7 @@ def check(map_: Map, device: str) -> Map:
 
 
 @lru_cache(maxsize=32)
-def share(map_: Map, points: int = 64) -> float:
+def compute_field_share(map_: Map, points: int = 64) -> float:
     """The share of the field that the device covers, 0 to 1, by so many points a side."""
     middle = (np.arange(points) + 0.5) / points
     at = map_.from_field(np.stack(np.meshgrid(middle, middle), axis=-1))
@@ -69,7 +72,7 @@ def share(map_: Map, points: int = 64) -> float:
 def check_share(map_: Map, device: str, least: float = LEAST_SHARE) -> Map:
     """The map itself. Raises ConfigError where the device misses the field, or covers less of it
     than ``least``; 0: where it misses the field only."""
-    covered = share(map_)
+    covered = compute_field_share(map_)
     if covered == 0.0:
         raise _unsound(device, "places it beside the field")
     if covered < least:
@@ -106,28 +109,26 @@ def _unsound(device: str, what: str) -> ConfigError:
     )
 
 
-Floats = NDArray[np.float64]
-
-CELL_SAMPLES = 64
+_CELL_SAMPLES = 64
 """Cells a side, at most, at which a map is looked at."""
-EDGE_POINTS = 257
+_EDGE_POINTS = 257
 """Points along each edge of the field at which a device is asked whether it reaches so far."""
 SHORT_PX = 0.5
 """A device that ends so little within the field has pixels as good as everywhere."""
 
 
-def cell_centres(grid: tuple[int, int]) -> Floats:
+def list_cell_centres(grid: tuple[int, int]) -> Floats:
     """Centres of some cells on the field, (n, 2), first and last rows and columns among them."""
     down, right = (_centres(cells) for cells in grid)
     return np.stack(np.meshgrid(right, down), axis=-1).reshape(-1, 2)
 
 
-def on_device(map_: Map, points_px: Floats) -> NDArray[np.bool_]:
+def find_points_on_device(map_: Map, points_px: Floats) -> NDArray[np.bool_]:
     """Which points (n, 2) lie on the device's pixels; NaN does not."""
     return np.asarray(np.all((points_px >= 0.0) & (points_px <= map_.size_px), axis=-1))
 
 
-def pixels_across(map_: Map, points_px: Floats, grid: tuple[int, int]) -> tuple[float, float]:
+def measure_cell_sides(map_: Map, points_px: Floats, grid: tuple[int, int]) -> tuple[float, float]:
     """Fewest and most pixels along a cell's side at points of the device, (n, 2); 0 of no points.
 
     The directions are those in which a step of one pixel leads furthest, and least far.
@@ -141,18 +142,18 @@ def pixels_across(map_: Map, points_px: Floats, grid: tuple[int, int]) -> tuple[
 
 
 @lru_cache(maxsize=32)
-def fewest_pixels(map_: Map, grid: tuple[int, int]) -> float | None:
+def find_fewest_pixels(map_: Map, grid: tuple[int, int]) -> float | None:
     """Fewest pixels along the side of a cell that lies on the device; None where none does."""
-    points = map_.from_field(cell_centres(grid))
-    points = points[on_device(map_, points)]
-    return pixels_across(map_, points, grid)[0] if len(points) else None
+    points = map_.from_field(list_cell_centres(grid))
+    points = points[find_points_on_device(map_, points)]
+    return measure_cell_sides(map_, points, grid)[0] if len(points) else None
 
 
-def covers(map_: Map) -> bool:
+def is_field_covered(map_: Map) -> bool:
     """Whether the device has pixels all over the field. One without holes does where it reaches
     all of the field's border."""
-    along = np.linspace(0.0, 1.0, EDGE_POINTS)
-    ends = np.zeros(EDGE_POINTS), np.ones(EDGE_POINTS)
+    along = np.linspace(0.0, 1.0, _EDGE_POINTS)
+    ends = np.zeros(_EDGE_POINTS), np.ones(_EDGE_POINTS)
     border = [np.stack(pair, axis=-1) for end in ends for pair in ((along, end), (end, along))]
     at = map_.from_field(np.concatenate(border))
     with np.errstate(invalid="ignore"):
@@ -162,5 +163,5 @@ def covers(map_: Map) -> bool:
 
 def _centres(cells: int) -> Floats:
     """Centres of some cells along one side of the field, the first and the last among them."""
-    some = np.unique(np.linspace(0, cells - 1, min(cells, CELL_SAMPLES)).round())
+    some = np.unique(np.linspace(0, cells - 1, min(cells, _CELL_SAMPLES)).round())
     return np.asarray((some + 0.5) / cells)

@@ -23,43 +23,43 @@ from pdcd.errors import ConfigError
 Patterns = NDArray[np.uint8] | NDArray[np.float32]
 
 
-def pack(on: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def pack_bits(on: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """(P, L) bool -> packed patterns."""
     return np.packbits(on, axis=1)
 
 
-def compact(levels: NDArray[np.float64] | NDArray[np.bool_]) -> Patterns:
+def pack_levels(levels: NDArray[np.float64] | NDArray[np.bool_]) -> Patterns:
     """(P, L) levels 0..1 -> packed bits when they are all 0 or 1, else float32."""
     if levels.dtype == np.bool_ or np.all((levels == 0.0) | (levels == 1.0)):
-        return pack(levels.astype(np.bool_))
+        return pack_bits(levels.astype(np.bool_))
     return levels.astype(np.float32)
 
 
-def none() -> NDArray[np.uint8]:
+def make_empty_patterns() -> NDArray[np.uint8]:
     """No patterns at all, for panels that are black or white throughout."""
     return np.zeros((0, 0), dtype=np.uint8)
 
 
-def fit(patterns: Patterns, cells: int) -> bool:
+def has_cell_count(patterns: Patterns, cells: int) -> bool:
     """Whether patterns are over so many cells; none at all are over any number."""
     width = -(-cells // 8) if patterns.dtype == np.uint8 else cells
     return len(patterns) == 0 or patterns.shape[1:] == (width,)
 
 
-def grey_bytes(levels: Patterns) -> NDArray[np.uint8]:
+def to_grey_bytes(levels: Patterns) -> NDArray[np.uint8]:
     """Grey levels as panels of 8 bits get them, uint8 of the same shape: 255 is full light."""
     return np.asarray(np.rint(levels * 255.0), dtype=np.uint8)
 
 
-def bytes_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.uint8]:
+def read_pattern_bytes(patterns: Patterns, index: int, cells: int) -> NDArray[np.uint8]:
     """One pattern as panels of 8 bits get it, (L,) uint8: 255 is full light."""
     row = patterns[index]
     if row.dtype == np.uint8:
         return np.unpackbits(row.view(np.uint8), count=cells) * np.uint8(255)
-    return grey_bytes(row)
+    return to_grey_bytes(row)
 
 
-def levels_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.float64]:
+def read_pattern_levels(patterns: Patterns, index: int, cells: int) -> NDArray[np.float64]:
     """One pattern as levels, (L,) float64."""
     row = patterns[index]
     if row.dtype == np.uint8:
@@ -67,7 +67,7 @@ def levels_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.float64]
     return np.asarray(row, dtype=np.float64)
 
 
-PLANES = 24
+BIT_PLANES = 24
 """Bit planes of one RGB picture."""
 
 
@@ -86,11 +86,11 @@ def pack_planes(planes: NDArray[np.bool_], order: str = "GRB") -> NDArray[np.uin
     (..., 3) uint8, red, green and blue last. Raises ConfigError.
     """
     colours = _colours(order)
-    if len(planes) > PLANES:
+    if len(planes) > BIT_PLANES:
         raise ConfigError(
-            f"{len(planes)} planes do not fit one picture", hint=f"give at most {PLANES}"
+            f"{len(planes)} planes do not fit one picture", hint=f"give at most {BIT_PLANES}"
         )
-    full = np.zeros((PLANES, *planes.shape[1:]), dtype=np.uint8)
+    full = np.zeros((BIT_PLANES, *planes.shape[1:]), dtype=np.uint8)
     full[: len(planes)] = planes
     weights = (1 << np.arange(8)).astype(np.uint8)
     values = np.tensordot(weights, full.reshape(3, 8, *planes.shape[1:]), axes=(0, 1))

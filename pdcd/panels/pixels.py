@@ -2,7 +2,7 @@
 
 Codes repeat, blacks repeat: a run of thousands of refreshes has a few hundred distinct pictures. A
 picture is a panel's pixels as sums of the three colour channels, 0..765, so that a pixel of a wrong
-colour counts as the light it really gives; `FULL` is white.
+colour counts as the light it really gives; `WHITE_SUM` is white.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
 
-FULL = 765
+WHITE_SUM = 765
 """Level of a white pixel: three channels of 255."""
 
 BLACK_PICTURE = -1
 """Index of a picture without any light; it is not stored."""
 
-Box = tuple[int, int, int, int]
+PanelBox = tuple[int, int, int, int]
 """x, y, width, height in pixels."""
 
-Picture = NDArray[np.uint16]
+PanelImage = NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class PanelPictures:
     """
 
     size_px: tuple[int, int]
-    pictures: tuple[Picture, ...]
+    pictures: tuple[PanelImage, ...]
     index: NDArray[np.int32]
 
     def levels(self, index: int) -> NDArray[np.float64]:
         """Share of full light of every pixel, (height, width), of a picture or of black."""
         if index == BLACK_PICTURE:
             return np.zeros((self.size_px[1], self.size_px[0]))
-        return self.pictures[index] / FULL
+        return self.pictures[index] / WHITE_SUM
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownPictures:
     """What both panels showed, one picture each for every refresh of the frame log."""
 
     projector: PanelPictures
@@ -58,7 +58,7 @@ class Shown:
         return int(self.projector.index.size)
 
 
-def picture(screen: NDArray[np.uint8], box: Box) -> Picture:
+def crop_panel(screen: NDArray[np.uint8], box: PanelBox) -> PanelImage:
     """One panel out of a grab of the screen, (H, W, 3) uint8.
 
     Raises ConfigError when the grab does not hold the panel.
@@ -80,7 +80,7 @@ class Recorder:
     def __init__(self, projector_px: tuple[int, int], mask_px: tuple[int, int]) -> None:
         self._panels = (_Panel(projector_px), _Panel(mask_px))
 
-    def add(self, projector: Picture, mask: Picture) -> None:
+    def add(self, projector: PanelImage, mask: PanelImage) -> None:
         """Keep one refresh; the arrays may be used again afterwards."""
         for panel, shown in zip(self._panels, (projector, mask), strict=True):
             panel.add(shown)
@@ -90,10 +90,10 @@ class Recorder:
         for panel in self._panels:
             panel.index.append(BLACK_PICTURE)
 
-    def shown(self) -> Shown:
+    def shown(self) -> ShownPictures:
         """Everything so far."""
         projector, mask = (panel.pictures() for panel in self._panels)
-        return Shown(projector, mask)
+        return ShownPictures(projector, mask)
 
 
 class _Panel:
@@ -102,10 +102,10 @@ class _Panel:
     def __init__(self, size_px: tuple[int, int]) -> None:
         self._size_px = size_px
         self._known: dict[bytes, int] = {}
-        self._kept: list[Picture] = []
+        self._kept: list[PanelImage] = []
         self.index: list[int] = []
 
-    def add(self, shown: Picture) -> None:
+    def add(self, shown: PanelImage) -> None:
         if not shown.any():
             self.index.append(BLACK_PICTURE)
             return

@@ -8,14 +8,12 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import ConfigError
-from pdcd.panels.map import Map, Matrix, matrix
+from pdcd.panels.map import Map, MapMatrix, to_map_matrix
 from pdcd.panels.map_file import load_map
-from pdcd.panels.map_soundness import check
-
-Floats = NDArray[np.float64]
+from pdcd.panels.map_soundness import check_map
 
 
 class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,7 +32,7 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Size of the device's picture, over that of the field."""
     offset_px: tuple[float, float] = (0.0, 0.0)
     """Shift of the device's picture (right, down), in projector pixels."""
-    homography: Matrix | None = None
+    homography: MapMatrix | None = None
     """3 x 3, row by row, of (x, y, 1); `homography_from` says from what to what."""
     homography_from: Literal["pixels", "field"] = "pixels"
     """"pixels": from the device's pixels (of a camera: Bayer quads), whose first one covers 0 to 1,
@@ -63,7 +61,7 @@ def _by_hand_defaults() -> tuple[tuple[str, object], ...]:
     return tuple((f.name, f.default) for f in msgspec.structs.fields(Placing) if f.name != "map")
 
 
-def placed(
+def make_placed_map(
     placing: Placing, size_px: tuple[int, int], projector_px: tuple[int, int], device: str
 ) -> Map:
     """The map of a device that is placed by hand.
@@ -93,9 +91,9 @@ def _worked_out(
         usable = bool(np.isfinite(given).all()) and np.linalg.matrix_rank(given) == 3
         if placing.homography_from == "field" and usable:
             given = np.asarray(np.linalg.inv(given), dtype=np.float64)
-        lens = msgspec.structs.replace(filling, homography=matrix(given))
+        lens = msgspec.structs.replace(filling, homography=to_map_matrix(given))
     bent = msgspec.structs.replace(lens, radial=placing.radial, tangential=placing.tangential)
-    return check(bent, device)
+    return check_map(bent, device)
 
 
 def check_once(placing: Placing, device: str) -> None:
@@ -114,7 +112,7 @@ def check_once(placing: Placing, device: str) -> None:
 
 def _given(given: str | Map, size_px: tuple[int, int], device: str) -> Map:
     """The map of a file or a table, if it is one of a device of that size."""
-    found = load_map(given, device) if isinstance(given, str) else check(given, device)
+    found = load_map(given, device) if isinstance(given, str) else check_map(given, device)
     if found.size_px != tuple(size_px):
         wide, high = found.size_px
         raise ConfigError(
@@ -153,13 +151,13 @@ def _turn(degrees: float) -> tuple[float, float]:
     )
 
 
-SINGULAR = 1e-9
+_SINGULAR = 1e-9
 """Determinant over the cube of the largest entry below which there is no inverse."""
-HORIZON = 1e-6
+_HORIZON = 1e-6
 """The same of the depth of a point."""
 
 
-def through(matrix: tuple[float, ...], points: Floats) -> Floats:
+def project_points(matrix: tuple[float, ...], points: Floats) -> Floats:
     """Points (n, 2) of one field, 0 to 1 across and down, on the other: (n, 2).
 
     matrix : nine numbers, row by row, for (x, y, 1).
@@ -169,11 +167,11 @@ def through(matrix: tuple[float, ...], points: Floats) -> Floats:
     """
     homography = np.array(matrix, dtype=np.float64).reshape(3, 3)
     scale = float(np.abs(homography).max())
-    if not np.isfinite(scale) or scale == 0.0 or abs(np.linalg.det(homography / scale)) < SINGULAR:
+    if not np.isfinite(scale) or scale == 0.0 or abs(np.linalg.det(homography / scale)) < _SINGULAR:
         raise ValueError("the homography has no inverse")
     places = np.column_stack([points, np.ones(len(points))]) @ homography.T
     depth = places[:, 2] / scale
-    if not (np.all(depth > HORIZON) or np.all(depth < -HORIZON)):
+    if not (np.all(depth > _HORIZON) or np.all(depth < -_HORIZON)):
         raise ValueError("the homography takes a part of the field to infinity")
     found: Floats = places[:, :2] / places[:, 2:]
     return found

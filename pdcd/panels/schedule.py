@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import Patterns, none
+from pdcd.panels.patterns import Patterns, make_empty_patterns
 from pdcd.words import ScheduleName
 
 SLOTS: dict[ScheduleName, tuple[tuple[bool, ...], tuple[bool, ...]]] = {
@@ -52,7 +52,7 @@ SLOTS: dict[ScheduleName, tuple[tuple[bool, ...], tuple[bool, ...]]] = {
 """Refreshes of one code in which projector and mask show it; they are black in the others."""
 
 
-def slot_rows(schedule: ScheduleName) -> int:
+def count_slot_rows(schedule: ScheduleName) -> int:
     """Refreshes of one code."""
     return len(SLOTS[schedule][0])
 
@@ -78,7 +78,7 @@ def build_frames(
     primal_black, dual_black : keep that panel black, for the shots that measure leaks.
     """
     lattice = Lattice(grid, window)
-    primal, dual = (none(), none()) if pairs is None else pairs
+    primal, dual = (make_empty_patterns(), make_empty_patterns()) if pairs is None else pairs
     for patterns in (primal, dual):
         width = -(-lattice.lattice_cells // 8) if patterns.dtype == np.uint8 else None
         if pairs is not None and patterns.shape[1] != (width or lattice.lattice_cells):

@@ -32,7 +32,7 @@ GUARDS: dict[str, int] = {"quarter": 4, "side-5/8": 3, "side-3/4": 2, "side-7/8"
 """Atoms from the edge of a cell to that of its window, of windows that need sub-shifts; widest
 guard first."""
 
-NEAR_PX = 1e-6
+_NEAR_PX = 1e-6
 """An edge this near to that of a pixel lies on it."""
 
 PLACED, MOVED, LOWER, UPPER = range(4)
@@ -40,7 +40,7 @@ PLACED, MOVED, LOWER, UPPER = range(4)
 
 
 @dataclass(frozen=True)
-class Windows:
+class WindowKind:
     """One kind of window.
 
     guard : way from the edge of a cell to that of its window, in cells.
@@ -89,21 +89,21 @@ class Windows:
 
 
 @lru_cache
-def windows(name: str) -> Windows:
+def find_window_kind(name: str) -> WindowKind:
     """Windows by their name; frames of pixels have whole cells."""
     if name not in GUARDS:
-        return Windows("whole", 0.0, 1)
+        return WindowKind("whole", 0.0, 1)
     guard = GUARDS[name]
-    return Windows(name, guard / ATOMS, 2 if guard == ATOMS // 4 else 4)
+    return WindowKind(name, guard / ATOMS, 2 if guard == ATOMS // 4 else 4)
 
 
-def whole_pixels(name: str, panel: PanelView, grid: tuple[int, int]) -> bool:
+def is_on_whole_pixels(name: str, panel: PanelView, grid: tuple[int, int]) -> bool:
     """Whether all strips of all cells end at the edges of a panel's pixels.
 
     Overlapping windows need it: a pixel more or less in one is light that nobody counts. Half
     windows and whole cells do not, as every pixel is in one window.
     """
-    if windows(name).kinds < 4:
+    if find_window_kind(name).kinds < 4:
         return True
     map_ = panel.map
     _, skew, _, slant, _, _, *tilt, _ = map_.homography
@@ -113,14 +113,14 @@ def whole_pixels(name: str, panel: PanelView, grid: tuple[int, int]) -> bool:
         points = np.full((ATOMS * cells + 1, 2), 0.5)
         points[:, axis] = np.arange(ATOMS * cells + 1) / (ATOMS * cells)
         edges = map_.from_field(points)[:, axis]
-        number = strip_numbers(name, np.arange(ATOMS * cells, dtype=np.int32))
+        number = number_strips(name, np.arange(ATOMS * cells, dtype=np.int32))
         ends = edges[1:-1][np.diff(number) > 0]
-        if np.abs(ends - np.rint(ends)).max() > NEAR_PX:
+        if np.abs(ends - np.rint(ends)).max() > _NEAR_PX:
             return False
     return True
 
 
-def strip_numbers(name: str, atom: NDArray[np.int32]) -> NDArray[np.int32]:
+def number_strips(name: str, atom: NDArray[np.int32]) -> NDArray[np.int32]:
     """Number of the strip that each atom lies in along an axis, for windows under sub-shifts.
 
     atom : whole numbers, `ATOMS` to a cell, from the field's edge. Strips
@@ -139,9 +139,11 @@ def strip_numbers(name: str, atom: NDArray[np.int32]) -> NDArray[np.int32]:
     return found
 
 
-def strip_of(name: str, number: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Kind of each strip, and number of its code cell; of `strip_numbers`."""
-    kinds = windows(name).kinds
+def split_strip_numbers(
+    name: str, number: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Kind of each strip, and number of its code cell; of `number_strips`."""
+    kinds = find_window_kind(name).kinds
     cell, at = np.divmod(number, kinds)
     order = [MOVED, PLACED] if kinds == 2 else [MOVED, LOWER, PLACED, UPPER]
     return np.array(order)[at], cell

@@ -16,59 +16,63 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.stops import stop_of
-from pdcd.pictures.combine import direct_taken_out, white_of
-from pdcd.pictures.exposed import Ambient, Exposed, Print
-from pdcd.pictures.learn import Learned
-from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
-from pdcd.pictures.picture import Barred, Errors, Picture, barred, pictures_of, sigma_of
-from pdcd.pictures.sigma import beside_weight, measured, single_of_photos
-from pdcd.pictures.to_cells import (
-    Averaged,
-    all_counted,
-    average_apart,
-    average_shots,
-    halve,
-    mean_image,
-    seen_cells,
+from pdcd.pictures.combine import find_removed_direct, list_white_photos
+from pdcd.pictures.exposed import AmbientLight, ComputedShot, ExposedShot
+from pdcd.pictures.learn import PilotFindings
+from pdcd.pictures.photos import NO_SMOOTH_MODELS, fit_smooth_models, make_corrected_photos
+from pdcd.pictures.picture import (
+    Errors,
+    Picture,
+    PictureWithErrors,
+    combine_photos,
+    compute_sigma,
+    with_error_bars,
 )
-from pdcd.pictures.to_quads import share_out
-from pdcd.pictures.weights import Shown, weigh_cells
-from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
+from pdcd.pictures.sigma import (
+    compute_neighbour_weight,
+    estimate_photo_quad_errors,
+    measure_error_bars,
+)
+from pdcd.pictures.to_cells import (
+    AveragedShots,
+    are_all_quads_used,
+    average_image,
+    average_shots,
+    average_unmixed,
+    choose_part_cells,
+    find_seen_cells,
+)
+from pdcd.pictures.to_quads import spread_errors
+from pdcd.pictures.weights import RealisedShot, weigh_cells
+from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
 from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
-    from pdcd.pictures.border_light import SeenBorders
+    from pdcd.pictures.border_light import BorderMeasurement
 
-Floats = NDArray[np.float64]
-Photos = Callable[[Recipe, Mapping[str, Exposed], CellMap], dict[str, Picture]]
+_Photos = Callable[[Recipe, Mapping[str, ExposedShot], CellMap], dict[str, Picture]]
 """Scales and corrects the photos of a recipe."""
 
-LEAST_APART = 1e-4
-"""Share of the field in which panels draw different cells below which nobody could see it."""
-
-UNSURE_DIRECT = 0.5
+_UNSURE_DIRECT = 0.5
 """Share of the direct light that slow panels let through by which that may be more or less than the
 realised matrix says: 0.3 of 0.6 % before a stranger's fold, where rows are set last."""
 
-LEAST_KEPT = 0.5
-"""Share of direct light that must go through its own cells for the photos to tell how much there
-is."""
 
-
-def barred_pictures(
+def make_pictures_with_errors(
     record: RunRecord,
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    learned: Learned | None,
+    shots: Mapping[str, ExposedShot],
+    learned: PilotFindings | None,
     cells: CellMap,
     alive: Callable[[], None],
-    borders: SeenBorders | None = None,
+    borders: BorderMeasurement | None = None,
     room: Floats | None = None,
-) -> dict[str, Barred]:
+) -> dict[str, PictureWithErrors]:
     """All pictures of a recipe with sensor and code error: of what the parts show, if there are
     enough; and with what all parts get wrong alike, as far as it is known.
 
@@ -76,49 +80,49 @@ def barred_pictures(
     the light along borders of cells tells, if there is one; all parts have the same of it, and of
     the light of the `room`, (N, 3), that a dark photo tells.
     """
-    averaged, told, coarse = None, NOTHING_TOLD, None
+    averaged, told, coarse = None, NO_SMOOTH_MODELS, None
     by_codes: dict[str, Floats] = {}
-    if len(part_numbers(recipe)) >= FEWEST_PARTS:
+    if len(list_parts(recipe)) >= FEWEST_PARTS:
         used = _used(recipe, shots)
         averaged = average_shots(used, cells)
         coarse = None if borders is None else _averaged_borders(borders, shots, cells)
         if record.smooth:
             light = averaged
-            if not all_counted(cells):
+            if not are_all_quads_used(cells):
                 light = average_shots(used, cells, all_quads=True)
-            told = told_by_parts(
-                recipe, light.shots, learned, light.cells, seen=seen_cells(cells),
+            told = fit_smooth_models(
+                recipe, light.shots, learned, light.cells, seen=find_seen_cells(cells),
                 normalise=record.normalise, alive=alive, room=room,
             )  # fmt: skip
 
     def photos(
         part: Recipe,
-        shots: Mapping[str, Exposed],
+        shots: Mapping[str, ExposedShot],
         cells: CellMap,
-        borders: SeenBorders | None = None,
+        borders: BorderMeasurement | None = None,
     ) -> dict[str, Picture]:
-        return corrected_photos(
+        return make_corrected_photos(
             part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth,
             alive=alive, told=told, borders=borders, room=room,
         )  # fmt: skip
 
     scaled = photos(recipe, shots, cells, borders)
     alive()
-    whole = pictures_of(recipe, scaled)
+    whole = combine_photos(recipe, scaled)
     if averaged is not None:
-        images = part_images(recipe, averaged, partial(photos, borders=coarse))
-        by_codes = single_of_photos(recipe, shots, scaled, cells)
-        single = of_pictures(recipe, scaled, by_codes)
-        bars = barred_by_parts(whole, images, cells, single)
+        images = _part_images(recipe, averaged, partial(photos, borders=coarse))
+        by_codes = estimate_photo_quad_errors(recipe, shots, scaled, cells)
+        single = combine_picture_errors(recipe, scaled, by_codes)
+        bars = add_part_errors(whole, images, cells, single)
     else:
-        bars = barred_alone(recipe, whole)
+        bars = add_known_errors(recipe, whole)
     normalise = record.normalise
     bars = with_beside_light(bars, recipe, shots, scaled, by_codes, learned, cells, normalise)
-    bars = with_direct_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
-    bars = with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
+    bars = _with_direct_light(bars, recipe, shots, scaled, cells, borders, normalise=normalise)
+    bars = _with_stop_errors(bars, recipe, scaled, _stop_sigmas(record, recipe), cells)
     if record.panels is None:
         return bars
-    return without_blind(with_misplaced_light(bars, recipe, scaled, record, cells), record, cells)
+    return _without_blind(_with_misplaced_light(bars, recipe, scaled, record, cells), record, cells)
 
 
 def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, float]]:
@@ -135,13 +139,13 @@ def _stop_sigmas(record: RunRecord, recipe: Recipe) -> dict[str, tuple[float, fl
     return found
 
 
-def with_stop_errors(
-    pictures: Mapping[str, Barred],
+def _with_stop_errors(
+    pictures: Mapping[str, PictureWithErrors],
     recipe: Recipe,
     photos: Mapping[str, Picture],
     stops: Mapping[str, tuple[float, float]],
     cells: CellMap,
-) -> dict[str, Barred]:
+) -> dict[str, PictureWithErrors]:
     """Pictures whose code error knows how far stops may be off that were compared on the scene: all
     photos of one stop are too bright, or too dark, alike.
 
@@ -164,49 +168,51 @@ def with_stop_errors(
     return found
 
 
-def _more_error(picture: Barred, error: Floats, cells: CellMap) -> Barred:
+def _more_error(picture: PictureWithErrors, error: Floats, cells: CellMap) -> PictureWithErrors:
     """A picture with one more error (h, w, 3) that neighbours share."""
     code = np.hypot(picture.code, error).astype(picture.code.dtype)
     of_cells = picture.of_cells
     if of_cells is not None:
-        of_cells = np.hypot(of_cells, mean_image(error, cells).reshape(of_cells.shape))
-    made = barred(Picture(picture.image, picture.sensor), code, picture.kind)
+        of_cells = np.hypot(of_cells, average_image(error, cells).reshape(of_cells.shape))
+    made = with_error_bars(Picture(picture.image, picture.sensor), code, picture.kind)
     return replace(made, of_cells=of_cells)
 
 
-def _of_cells(picture: Barred, cells: CellMap) -> Errors:
+def _of_cells(picture: PictureWithErrors, cells: CellMap) -> Errors:
     """The code error of means over cells, (rows, cols, 3)."""
     if picture.of_cells is not None:
         return picture.of_cells
-    return mean_image(picture.code, cells).reshape(*cells.grid, -1)
+    return average_image(picture.code, cells).reshape(*cells.grid, -1)
 
 
 def _averaged_borders(
-    borders: SeenBorders, shots: Mapping[str, Exposed], cells: CellMap
-) -> SeenBorders:
+    borders: BorderMeasurement, shots: Mapping[str, ExposedShot], cells: CellMap
+) -> BorderMeasurement:
     """What a photo of the light along borders tells, as the averaged shots have it."""
     alike = next(iter(shots.values()))
     light, dark = borders.light, np.zeros(cells.frame, np.bool_)
-    photo = Print(light.light, light.variance, dark, alike.realised, {})
-    of_near = Print(borders.indirect, light.variance, dark, alike.realised, {})
+    photo = ComputedShot(light.light, light.variance, dark, alike.realised, {})
+    of_near = ComputedShot(borders.indirect, light.variance, dark, alike.realised, {})
     found = average_shots({"": photo, "near": of_near}, cells).shots
-    averaged = Ambient(found[""].light, np.zeros(found[""].light.shape))
+    averaged = AmbientLight(found[""].light, np.zeros(found[""].light.shape))
     return replace(borders, light=averaged, indirect=found["near"].light)
 
 
-def _used(recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:
+def _used(recipe: Recipe, shots: Mapping[str, ExposedShot]) -> dict[str, ExposedShot]:
     """The shots of a recipe's photos."""
     names = dict.fromkeys(name for photo in recipe.photos for _, name in photo.shots)
     return {name: shots[name] for name in names}
 
 
-def part_images(recipe: Recipe, averaged: Averaged, photos: Photos) -> dict[str, list[Floats]]:
+def _part_images(
+    recipe: Recipe, averaged: AveragedShots, photos: _Photos
+) -> dict[str, list[Floats]]:
     """Every picture as each part alone makes it, (rows, cols, 3) in scene units, on the quads of
     the camera that its shots are averaged for."""
     found: dict[str, list[Floats]] = {name: [] for name in recipe.pictures}
-    for number in part_numbers(recipe):
-        part = only_parts(recipe, {number})
-        made = pictures_of(part, photos(part, averaged.shots, averaged.cells))
+    for number in list_parts(recipe):
+        part = select_parts(recipe, {number})
+        made = combine_photos(part, photos(part, averaged.shots, averaged.cells))
         for name, picture in made.items():
             image = picture.image.copy()
             image.reshape(-1, image.shape[2])[averaged.unseen] = 0.0
@@ -214,25 +220,25 @@ def part_images(recipe: Recipe, averaged: Averaged, photos: Photos) -> dict[str,
     return found
 
 
-def barred_by_parts(
+def add_part_errors(
     pictures: Mapping[str, Picture],
     parts: Mapping[str, list[Floats]],
     cells: CellMap,
     single: Mapping[str, Floats],
-) -> dict[str, Barred]:
+) -> dict[str, PictureWithErrors]:
     """Pictures whose sigma is the sensor's, with the code error that their parts show.
 
-    parts : of `part_images`. single : what quads err by beside their cell, or half of one, as of
-    `pdcd.pictures.sigma.single_of_photos`, where anything is known of it.
+    parts : of `_part_images`. single : what quads err by beside their cell, or half of one, as of
+    `pdcd.pictures.sigma.estimate_photo_quad_errors`, where anything is known of it.
     """
-    found, parted = {}, halve(cells)
+    found, parted = {}, choose_part_cells(cells)
     for name, picture in pictures.items():
-        seen = average_apart(picture, parted)
+        seen = average_unmixed(picture, parted)
         code, of_cells = _code_of_parts(seen, parts[name], cells.grid)
         more = single.get(name)
         both = code if more is None else np.hypot(code, more)
-        of_quads = share_out(both, picture, seen.image, parted)
-        found[name] = replace(barred(picture, of_quads, "measured"), of_cells=of_cells)
+        of_quads = spread_errors(both, picture, seen.image, parted)
+        found[name] = replace(with_error_bars(picture, of_quads, "measured"), of_cells=of_cells)
     return found
 
 
@@ -241,12 +247,12 @@ def _code_of_parts(
 ) -> tuple[Errors, Errors]:
     """Code error of a picture on cells by what its parts show, (rows, cols, 3); where these are of
     half cells, that of means over whole ones comes second."""
-    code = measured(seen, parts).code
+    code = measure_error_bars(seen, parts).code
     if seen.image.shape[0] == grid[0]:
         return code, code
     sigma = np.sqrt(_of_halves(seen.sigma**2) / 4.0)
     whole = Picture(_of_halves(seen.image), sigma)
-    return code, measured(whole, [_of_halves(one) for one in parts]).code
+    return code, measure_error_bars(whole, [_of_halves(one) for one in parts]).code
 
 
 def _of_halves(image: NDArray[np.floating]) -> Floats:
@@ -255,7 +261,9 @@ def _of_halves(image: NDArray[np.floating]) -> Floats:
     return np.asarray(image.reshape(rows, 2, cols, 2, -1).mean(axis=(1, 3)), dtype=np.float64)
 
 
-def barred_alone(recipe: Recipe, pictures: Mapping[str, Picture]) -> dict[str, Barred]:
+def add_known_errors(
+    recipe: Recipe, pictures: Mapping[str, Picture]
+) -> dict[str, PictureWithErrors]:
     """Pictures of too few parts to tell what their codes err: of that their sigma has nothing."""
     coded = {p.name for p in recipe.photos if any(_is_coded(recipe, name) for _, name in p.shots)}
     found = {}
@@ -263,7 +271,7 @@ def barred_alone(recipe: Recipe, pictures: Mapping[str, Picture]) -> dict[str, B
         rule = recipe.pictures[name]
         photos = rule.photos if isinstance(rule, Extremes) else [one for _, one in rule]
         none: Errors = np.zeros_like(picture.sigma)
-        found[name] = barred(picture, none, "sensor" if coded & set(photos) else "whole")
+        found[name] = with_error_bars(picture, none, "sensor" if coded & set(photos) else "whole")
     return found
 
 
@@ -274,28 +282,32 @@ def _is_coded(recipe: Recipe, shot: str) -> bool:
 
 
 def with_beside_light(
-    pictures: Mapping[str, Barred],
+    pictures: Mapping[str, PictureWithErrors],
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
+    shots: Mapping[str, ExposedShot],
     photos: Mapping[str, Picture],
     by_codes: Mapping[str, Floats],
-    learned: Learned | None,
+    learned: PilotFindings | None,
     cells: CellMap,
     normalise: NormaliseName = "auto",
-) -> dict[str, Barred]:
+) -> dict[str, PictureWithErrors]:
     """Pictures whose code error knows of light from right beside each cell, which all parts get
     wrong alike (`pdcd.pictures.beside`). What chance makes of it is no error of means over cells.
 
-    photos : scaled ones. by_codes : of `single_of_photos`. learned : of a pilot, if any.
+    photos : scaled ones. by_codes : of `estimate_photo_quad_errors`. learned : of a pilot, if any.
     """
     each = [weigh_cells(photo, shots, normalise) for photo in recipe.photos]
-    weighed = [(one, weight) for one in each if (weight := beside_weight(one, cells.grid))]
+    weighed = [
+        (one, weight) for one in each if (weight := compute_neighbour_weight(one, cells.grid))
+    ]
     if not weighed:
         return dict(pictures)
-    from pdcd.pictures.beside import beside_errors  # most photos are taken through whole cells
+    from pdcd.pictures.beside import (
+        estimate_neighbour_errors,  # most photos are taken through whole cells
+    )
 
     single = [shots[name] for name in recipe.stack if name in shots]
-    errors = beside_errors(weighed, photos, single, by_codes, learned, cells)
+    errors = estimate_neighbour_errors(weighed, photos, single, by_codes, learned, cells)
     found = dict(pictures)
     for name, error in errors.items():
         for one, made in _with_photo_error(found, recipe, name, error.of_quads).items():
@@ -304,7 +316,7 @@ def with_beside_light(
     return found
 
 
-def of_pictures(
+def combine_picture_errors(
     recipe: Recipe, photos: Mapping[str, Picture], errors: Mapping[str, Floats]
 ) -> dict[str, Floats]:
     """Errors of photos (rows, cols, 3) -> of the pictures that are made of those, by name."""
@@ -313,36 +325,36 @@ def of_pictures(
     none = np.zeros_like(next(iter(errors.values())))
     alone = {name: errors.get(name, none) for name in photos}
     return {
-        name: np.asarray(sigma_of(rule, photos, alone))
+        name: np.asarray(compute_sigma(rule, photos, alone))
         for name, rule in recipe.pictures.items()
         if not isinstance(rule, Extremes)
     }
 
 
-def with_direct_light(
-    pictures: Mapping[str, Barred],
+def _with_direct_light(
+    pictures: Mapping[str, PictureWithErrors],
     recipe: Recipe,
-    shots: Mapping[str, Shown],
+    shots: Mapping[str, RealisedShot],
     photos: Mapping[str, Picture],
     cells: CellMap,
-    borders: SeenBorders | None = None,
+    borders: BorderMeasurement | None = None,
     *,
     normalise: NormaliseName = "auto",
-) -> dict[str, Barred]:
+) -> dict[str, PictureWithErrors]:
     """Pictures whose code error knows of direct light that was taken out of a photo of indirect
     light, and may be wrong, in all parts alike: along the borders of whole cells that both panels
     draw in two places (`pdcd.pictures.border_light.BorderLight.error`), or what slow panels let
-    through (`UNSURE_DIRECT`).
+    through (`_UNSURE_DIRECT`).
 
     photos : scaled ones. borders : what a photo of this light tells, if there is one.
     """
-    white, found = white_of(recipe), dict(pictures)
+    white, found = list_white_photos(recipe), dict(pictures)
     for photo in recipe.photos:
-        share, light = direct_taken_out(photo, recipe, shots, cells, normalise=normalise)
+        share, light = find_removed_direct(photo, recipe, shots, cells, normalise=normalise)
         if light is not None:
             error: Floats = light.error(photos[photo.name], photos[white[-1]], borders)
         elif share is not None:
-            error = UNSURE_DIRECT * np.abs(share)[..., None] * photos[white[-1]].image
+            error = _UNSURE_DIRECT * np.abs(share)[..., None] * photos[white[-1]].image
         else:
             continue
         for name, made in _with_photo_error(found, recipe, photo.name, error).items():
@@ -351,8 +363,8 @@ def with_direct_light(
 
 
 def _with_photo_error(
-    pictures: Mapping[str, Barred], recipe: Recipe, photo: str, error: Errors
-) -> dict[str, Barred]:
+    pictures: Mapping[str, PictureWithErrors], recipe: Recipe, photo: str, error: Errors
+) -> dict[str, PictureWithErrors]:
     """Of the pictures those that a photo is a part of, with its error (h, w, 3) in their code
     error; what they know of means over cells is left out."""
     found = {}
@@ -360,7 +372,9 @@ def _with_photo_error(
         part = _part_of(recipe, name, photo)
         if part:
             code = np.hypot(picture.code, part * error).astype(picture.code.dtype)
-            found[name] = barred(Picture(picture.image, picture.sensor), code, picture.kind)
+            found[name] = with_error_bars(
+                Picture(picture.image, picture.sensor), code, picture.kind
+            )
     return found
 
 
@@ -372,7 +386,7 @@ def _part_of(recipe: Recipe, picture: str, photo: str) -> float:
     return sum((abs(weight) for weight, one in rule if one == photo), 0.0)
 
 
-def _with_means(picture: Barred, error: Floats, cells: CellMap) -> Floats | None:
+def _with_means(picture: PictureWithErrors, error: Floats, cells: CellMap) -> Floats | None:
     """The code error of a picture's means over cells, with that of the quads at their borders."""
     if picture.of_cells is None:
         return None
@@ -380,48 +394,40 @@ def _with_means(picture: Barred, error: Floats, cells: CellMap) -> Floats | None
     return np.asarray(np.hypot(picture.of_cells, more))
 
 
-def with_misplaced_light(
-    pictures: Mapping[str, Barred],
+def _with_misplaced_light(
+    pictures: Mapping[str, PictureWithErrors],
     recipe: Recipe,
     photos: Mapping[str, Picture],
     record: RunRecord,
     cells: CellMap,
-) -> dict[str, Barred]:
+) -> dict[str, PictureWithErrors]:
     """Pictures whose code error knows of direct light that goes through wrong cells because the
     mask lies elsewhere (`pdcd.pictures.misplaced`), where they are made of a photo of indirect
     light, and a white one tells how much light there is.
 
     photos : scaled ones.
     """
-    from pdcd.pictures.misplaced import direct_lost, lost_by_quad  # few runs have looked
+    from pdcd.pictures.misplaced import estimate_misplaced_light  # few runs have looked
 
-    white, found, look = white_of(recipe), dict(pictures), record.panels
+    white, found = list_white_photos(recipe), dict(pictures)
     windows = {shot.name: shot.window for shot in record.shots}
     for photo in recipe.photos:
-        if photo.wanted.uniform != (0.0, 1.0) or not white or look is None:
-            continue
-        window = windows.get(photo.shots[0][1], "whole")
-        lost = direct_lost(record, window)
-        if lost.rms < LEAST_APART:
-            continue
-        all_light = photos[white[-1]].image
-        if lost.mean > 1.0 - LEAST_KEPT:  # the photos do not tell any more how much there is
-            error = lost.rms * look.direct * np.abs(all_light)
-        else:
-            share = lost_by_quad(record, window, cells)[..., None]
-            direct = np.abs(all_light - photos[photo.name].image)
-            error = share / np.maximum(1.0 - share, LEAST_KEPT) * direct
-        found |= _with_photo_error(found, recipe, photo.name, error)
+        if photo.wanted.uniform == (0.0, 1.0) and white:
+            window = windows.get(photo.shots[0][1], "whole")
+            images = photos[white[-1]].image, photos[photo.name].image
+            error = estimate_misplaced_light(record, window, cells, *images)
+            if error is not None:
+                found |= _with_photo_error(found, recipe, photo.name, error)
     return found
 
 
-def without_blind(
-    pictures: Mapping[str, Barred], record: RunRecord, cells: CellMap
-) -> dict[str, Barred]:
+def _without_blind(
+    pictures: Mapping[str, PictureWithErrors], record: RunRecord, cells: CellMap
+) -> dict[str, PictureWithErrors]:
     """Pictures of which nothing is known where quads see a place beside the mask's picture."""
-    from pdcd.pictures.misplaced import beside_mask  # few runs have looked
+    from pdcd.pictures.misplaced import find_quads_beside_mask  # few runs have looked
 
-    beside = beside_mask(record, cells)
+    beside = find_quads_beside_mask(record, cells)
     if beside is None or not beside.any():
         return dict(pictures)
 

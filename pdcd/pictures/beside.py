@@ -1,8 +1,8 @@
 """Light from right beside each cell, which no spread of parts shows: how wrong it makes a photo.
 
 Windows of parts of a cell take some of it for direct light, and some of the cell's own for indirect
-(`pdcd.pictures.sigma.beside_weight`). How much light that is, a pilot tells; where quads get theirs
-by few ways, as in rough stone, chance makes it more in one and less in the next.
+(`pdcd.pictures.sigma.compute_neighbour_weight`). How much light that is, a pilot tells; where quads
+get theirs by few ways, as in rough stone, chance makes it more in one and less in the next.
 """
 
 from __future__ import annotations
@@ -12,41 +12,39 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.learn import Learned
+from pdcd.arrays import Floats
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.pictures.learn import PilotFindings
 from pdcd.pictures.picture import Errors, Picture
-from pdcd.pictures.smooth import REACH
-from pdcd.pictures.to_cells import Sample, average, mean_image, sample
-from pdcd.pictures.to_quads import share_out
+from pdcd.pictures.smooth import HALF_LIGHT_CELLS
+from pdcd.pictures.to_cells import QuadSample, average_image, average_picture, sample_quads
+from pdcd.pictures.to_quads import spread_errors
 from pdcd.pictures.weights import CellWeights
-from pdcd.probing.deviation import row_deviations
+from pdcd.probing.deviation import compute_row_deviations
 from pdcd.sensor.cells import CellMap
-
-Floats = NDArray[np.float64]
 
 USUAL = 0.02
 """Light from one of the eight cells around, over all indirect light, where no pilot tells: between
 the virtual scenes with little of it (0.1 to 1 %) and those with much (2 to 7 %)."""
-UNEVEN = 1.3
+_UNEVEN = 1.3
 """Root of the mean square of what the eight send, over its mean: 1.05 to 2.5 before the virtual
 scenes."""
-COUNTED = 2
+_COUNTED = 2
 """Cells away up to which the codes of parts count all light alike: they are told apart."""
-OF_WINDOWS = (5 / 8) ** 2 + 3 * (1 / 8) ** 2
+_OF_WINDOWS = (5 / 8) ** 2 + 3 * (1 / 8) ** 2
 """Along an axis, variance of weights between cells over that between quarter windows: five eighths
 of it all is between two code cells, and an eighth between each of three others."""
-AROUND = 9
+_AROUND = 9
 """Side, in cells, of the square over which ways of light are told."""
-LEAST_TOLD = 1e-6
+_LEAST_TOLD = 1e-6
 """Share of what photos differ by below which that is rounding."""
-FEWEST_SHOTS = 4
+_FEWEST_SHOTS = 4
 """Photos of single codes that tell anything, room light and direct light taken off."""
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class NeighbourError:
     """Standard deviation of a photo by light from right beside its cells: of means over cells,
     (rows, cols, C), and of quads, (h, w, C)."""
 
@@ -54,14 +52,14 @@ class Beside:
     of_quads: Errors
 
 
-def beside_errors(
+def estimate_neighbour_errors(
     weighed: Sequence[tuple[CellWeights, float]],
     photos: Mapping[str, Picture],
-    single: Sequence[Exposed],
+    single: Sequence[ExposedShot],
     by_codes: Mapping[str, Floats],
-    learned: Learned | None,
+    learned: PilotFindings | None,
     cells: CellMap,
-) -> dict[str, Beside]:
+) -> dict[str, NeighbourError]:
     """The error of photos that cannot tell light from right beside a cell from direct light, by
     name; for `pdcd.pictures.bars`.
 
@@ -71,36 +69,39 @@ def beside_errors(
     or not at all, so that its variance goes with how much is mistaken where a quad looks; that of
     even light goes with the square.
 
-    weighed : photos that have a `pdcd.pictures.sigma.beside_weight`, and that. photos : scaled
-    ones. single : photos of single codes. by_codes : what single quads of photos err by codes, of
-    cells or halves (`pdcd.pictures.sigma.single_errors`). learned : of a pilot, if any.
+    weighed : photos that have a `pdcd.pictures.sigma.compute_neighbour_weight`, and that. photos :
+    scaled ones. single : photos of single codes. by_codes : what single quads of photos err by
+    codes, of cells or halves (`pdcd.pictures.sigma.estimate_quad_errors`). learned : of a pilot, if
+    any.
     """
-    found, picked = {}, sample(single, cells, within=True)
-    ways = single_ways(single, picked, learned)
+    found, picked = {}, sample_quads(single, cells, within=True)
+    ways = estimate_quad_paths(single, picked, learned)
     for weights, weight in weighed:
         name = weights.photo.name
         photo = photos[name]
-        seen = average(photo, cells).image
-        light = np.maximum(mean_image(photo.image, cells), 0.0)
+        seen = average_picture(photo, cells).image
+        light = np.maximum(average_image(photo.image, cells), 0.0)
         near = USUAL * light
         if learned is not None and learned.near.any():
             near = learned.near
-        even = (UNEVEN * weight * near).reshape(seen.shape)
+        even = (_UNEVEN * weight * near).reshape(seen.shape)
         by_chance = np.zeros_like(near)
         if name in by_codes:
-            _, variance, _ = row_deviations(
+            _, variance, _ = compute_row_deviations(
                 weights.realised, weights.photo.wanted, float(np.mean(weights.cells_s))
             )
-            far = _mean_square(by_codes[name], cells.grid) * OF_WINDOWS**2 / variance.mean()
-            rest = np.maximum(ways - picked.around(far, AROUND), 0.0)
+            far = _mean_square(by_codes[name], cells.grid) * _OF_WINDOWS**2 / variance.mean()
+            rest = np.maximum(ways - picked.around(far, _AROUND), 0.0)
             by_chance = np.sqrt(np.sqrt(0.5) * weight * _share_mistaken() * rest)
         # Where chance has taken light away a quad is darker than its error tells.
         image = scipy.ndimage.uniform_filter(photo.image, (3, 3, 1), mode="nearest")
         usual = Picture(image, photo.sigma)
-        chance = share_out(by_chance.reshape(seen.shape), usual, seen, cells)
-        places = beside_places(weights, cells)[..., None]
-        of_quads = np.hypot(places * share_out(even, photo, seen, cells), np.sqrt(places) * chance)
-        found[name] = Beside(even, of_quads)
+        chance = spread_errors(by_chance.reshape(seen.shape), usual, seen, cells)
+        places = map_neighbour_light(weights, cells)[..., None]
+        of_quads = np.hypot(
+            places * spread_errors(even, photo, seen, cells), np.sqrt(places) * chance
+        )
+        found[name] = NeighbourError(even, of_quads)
     return found
 
 
@@ -114,13 +115,13 @@ def _mean_square(errors: Floats, grid: tuple[int, int]) -> Floats:
 def _share_mistaken() -> float:
     """Light from one of the eight cells around and from the cell itself, over all light from near
     but that."""
-    side = np.arange(-COUNTED, COUNTED + 1)
-    light = 1.0 / (1.0 + (side[:, None] ** 2 + side**2) / REACH**2)
-    beside = light[COUNTED - 1 : COUNTED + 2, COUNTED - 1 : COUNTED + 2].sum() - 1.0
+    side = np.arange(-_COUNTED, _COUNTED + 1)
+    light = 1.0 / (1.0 + (side[:, None] ** 2 + side**2) / HALF_LIGHT_CELLS**2)
+    beside = light[_COUNTED - 1 : _COUNTED + 2, _COUNTED - 1 : _COUNTED + 2].sum() - 1.0
     return float((beside / 8.0 + 1.0) / (light.sum() - 1.0))
 
 
-def beside_places(weights: CellWeights, cells: CellMap) -> Floats:
+def map_neighbour_light(weights: CellWeights, cells: CellMap) -> Floats:
     """How much light is mistaken where a quad looks, over the mean of all, (h, w); () where the
     camera does not tell pieces of cells.
 
@@ -138,7 +139,9 @@ def beside_places(weights: CellWeights, cells: CellMap) -> Floats:
     return cells.gather(np.tile(mistaken, cells.grid), fine.cuts)
 
 
-def single_ways(shots: Sequence[Exposed], picked: Sample, learned: Learned | None = None) -> Floats:
+def estimate_quad_paths(
+    shots: Sequence[ExposedShot], picked: QuadSample, learned: PilotFindings | None = None
+) -> Floats:
     """Squares of the light that single quads get along each way by itself, summed over all ways,
     (N, C): how grainy indirect light is within a cell. 0 where nothing tells.
 
@@ -150,7 +153,7 @@ def single_ways(shots: Sequence[Exposed], picked: Sample, learned: Learned | Non
     shots : photos of single codes, one cell's code unlike another's. picked : some quads.
     """
     grid = picked.grid
-    if len(shots) < FEWEST_SHOTS or not picked.pairs.size:
+    if len(shots) < _FEWEST_SHOTS or not picked.pairs.size:
         return np.zeros((grid[0] * grid[1], 3))
     lit_s = np.stack([shot.realised.left.mean(axis=1) @ shot.realised.right for shot in shots])
     opened = np.array([float(shot.realised.open_s.mean()) for shot in shots])
@@ -169,14 +172,14 @@ def single_ways(shots: Sequence[Exposed], picked: Sample, learned: Learned | Non
     square = np.sum(apart**2, axis=0) - np.tensordot(room, apart, 1) ** 2
     square -= np.einsum("kq,kqc->qc", own[:, cell], apart) ** 2
     square -= 0.5 * np.einsum("kq,kqc->qc", spare, noise[:, here] + noise[:, there])
-    weight = picked.of_pairs(each[cell, None], cell, AROUND)
-    told = picked.of_pairs(square, cell, AROUND)
-    sure = weight > LEAST_TOLD * np.trace(mixed)
+    weight = picked.of_pairs(each[cell, None], cell, _AROUND)
+    told = picked.of_pairs(square, cell, _AROUND)
+    sure = weight > _LEAST_TOLD * np.trace(mixed)
     if not sure.any():
         return np.zeros_like(told)
     found = np.broadcast_to(told.sum(axis=0) / weight.sum(axis=0), told.shape).copy()
     np.divide(told, weight, out=found, where=sure)  # elsewhere it is as in these
     if learned is not None:  # known paths, as by mirrors, are none of those that wander
         known = np.stack([one.multiply(one).sum(axis=1) for one in learned.paths], axis=1)
-        found -= picked.around(known, AROUND)
+        found -= picked.around(known, _AROUND)
     return np.asarray(np.maximum(found, 0.0))

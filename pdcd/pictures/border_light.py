@@ -19,39 +19,38 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.pictures.exposed import Ambient
+from pdcd.arrays import Floats
+from pdcd.pictures.exposed import AmbientLight
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.to_quads import Weights
-from pdcd.probing.borders import Strips
+from pdcd.pictures.to_quads import QuadWeights
+from pdcd.probing.borders import BorderStrips
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
-Floats = NDArray[np.float64]
-
-ROUNDS = 4
+_ROUNDS = 4
 """Times that direct light is told from a photo without what got into it: of a share of a third, a
 hundredth is left."""
-MAP_QUADS = 0.02
+_MAP_QUADS = 0.02
 """Quads by which the camera's map may be off across a border."""
-ROUGH = 0.8
+_ROUGH = 0.8
 """What direct light differs within a quad, over what it differs between the quads around: 0.7 to
 0.9 before five virtual scenes with detail finer than quads."""
-EDGES_OFF = 0.05
+_EDGES_OFF = 0.05
 """Share of this light that is unsure everywhere: pixels have edges and gaps of their own."""
-SEEN_OFF = 0.03
+_SEEN_OFF = 0.03
 """The same of light that was photographed, edges and all: by how long panels show it."""
-LEAST_SHARE = 1e-3
+_LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
-BESIDE, INNER = np.ones((5, 5)), np.zeros((5, 5))
-BESIDE[1:-1, 1:-1], INNER[1:-1, 1:-1] = 0.0, 1.0
-INNER[2, 2] = 0.0
+_BESIDE, _INNER = np.ones((5, 5)), np.zeros((5, 5))
+_BESIDE[1:-1, 1:-1], _INNER[1:-1, 1:-1] = 0.0, 1.0
+_INNER[2, 2] = 0.0
 """Which parts of a cell are lit in either photo: those beside its borders, those next to these."""
-INDIRECT_OFF = 0.5
+_INDIRECT_OFF = 0.5
 """Share of the indirect light of the photo beside that is unsure: from nearer more may come."""
 
 
 @dataclass(frozen=True)
-class SeenBorders:
+class BorderMeasurement:
     """What a photo of the strips alone tells (`pdcd.planning.border_photo`).
 
     light : of each kind of them within a second, of quads, less the indirect light that got in.
@@ -60,7 +59,7 @@ class SeenBorders:
     (x, y). leak : what a closed mask lets through of the light of lit pixels.
     """
 
-    light: Ambient
+    light: AmbientLight
     indirect: Floats
     reach: tuple[float, float]
     leak: float = 0.0
@@ -71,7 +70,7 @@ class SeenBorders:
         down, right = (_rings(reach) for reach in self.reach[::-1])
         beside, inner = (
             self.leak * cells.gather(np.tile(lit, cells.grid), (down, right))[..., None] * direct
-            for lit in (BESIDE, INNER)
+            for lit in (_BESIDE, _INNER)
         )
         return self.light.light - (beside - inner), self.indirect - inner
 
@@ -87,16 +86,16 @@ class BorderLight:
     """The strips of a photo as a camera sees them.
 
     strips, lit_s : the strips, and for how long each piece of the field is lit through the mask of
-    another cell (`pdcd.probing.borders.Strips.lit_s`). weight_s : () or (h, w), of the quads.
+    another cell (`pdcd.probing.borders.BorderStrips.lit_s`). weight_s : () or (h, w), of the quads.
     """
 
-    strips: tuple[Strips, ...]
+    strips: tuple[BorderStrips, ...]
     lit_s: tuple[Floats, ...]
     weight_s: Floats
     cells: CellMap
 
     @classmethod
-    def of(cls, realised: Factors, weights: Weights, cells: CellMap) -> BorderLight | None:
+    def of(cls, realised: Factors, weights: QuadWeights, cells: CellMap) -> BorderLight | None:
         """That of a photo; None where both panels draw all borders alike, or nobody looked."""
         if not realised.apart:
             return None
@@ -126,7 +125,9 @@ class BorderLight:
                 )
         return np.asarray(found / self.weight_s.reshape(*self.weight_s.shape, 1))
 
-    def take_out(self, photo: Picture, white: Picture, seen: SeenBorders | None = None) -> Picture:
+    def take_out(
+        self, photo: Picture, white: Picture, seen: BorderMeasurement | None = None
+    ) -> Picture:
         """A photo of indirect light, and its error bar by the sensor, without this light: as a
         photo of it was `seen`, or as direct light is around. There, where nothing is known of the
         white photo the other stays as it is."""
@@ -138,13 +139,15 @@ class BorderLight:
             return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
         known = np.isfinite(white.sigma)
         both, light = white.image - photo.image, np.zeros(photo.image.shape)
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             light = self.light(both + light)
         image = photo.image - np.where(known, light, 0.0)
         noise = share[..., None] * np.where(known, white.sigma, 0.0)
         return Picture(image, np.hypot(photo.sigma, noise).astype(photo.sigma.dtype))
 
-    def error(self, photo: Picture, white: Picture, seen: SeenBorders | None = None) -> Floats:
+    def error(
+        self, photo: Picture, white: Picture, seen: BorderMeasurement | None = None
+    ) -> Floats:
         """Standard deviation of a photo without this light, (h, w, C), by what was taken out: by
         how long it was open in the photo of it, and by indirect light that got into that; or by
         what the camera's map may be off, and what direct light may differ within a quad.
@@ -155,10 +158,10 @@ class BorderLight:
         if seen is None:
             return self._off(white.image - photo.image, share)
         gain, light, indirect = self._seen(photo, white, share, seen)
-        return np.asarray(gain * np.hypot(SEEN_OFF * light, INDIRECT_OFF * indirect))
+        return np.asarray(gain * np.hypot(_SEEN_OFF * light, _INDIRECT_OFF * indirect))
 
     def _seen(
-        self, photo: Picture, white: Picture, share: Floats, seen: SeenBorders
+        self, photo: Picture, white: Picture, share: Floats, seen: BorderMeasurement
     ) -> tuple[Floats, Floats, Floats]:
         """The gain of each quad, (h, w, 1), and what was seen of light along borders and of
         indirect light, without what a closed mask lets through of direct light."""
@@ -169,10 +172,10 @@ class BorderLight:
         """Light in each quad of the photo, over that of a photo of strips within a second, (h, w):
         by how long they were open there; where nobody knows of one, as long as others on
         average."""
-        area = area_of(self.strips, self.cells)
+        area = compute_strip_shares(self.strips, self.cells)
         usual = float((share * self.weight_s).sum() / area.sum()) / self.weight_s
-        gain = np.divide(share, area, out=np.zeros_like(area), where=area > LEAST_SHARE)
-        return np.where(area > LEAST_SHARE, gain, usual)
+        gain = np.divide(share, area, out=np.zeros_like(area), where=area > _LEAST_SHARE)
+        return np.where(area > _LEAST_SHARE, gain, usual)
 
     def _off(self, direct: NDArray[np.floating], share: Floats) -> Floats:
         """Standard deviation of what was taken out by itself, (h, w, C)."""
@@ -181,20 +184,20 @@ class BorderLight:
             one, other = (np.roll(lit, by, axis=1 - strips.axis) for by in (1, -1))
             slope = 0.5 * self.cells.gather(one - other, strips.cuts)
             width = strips.step * float(np.sqrt(1.0 / self.cells.quad_cells))
-            moved += (slope * (MAP_QUADS / width)) ** 2
+            moved += (slope * (_MAP_QUADS / width)) ** 2
         moved = np.sqrt(moved) / self.weight_s
         off = np.empty(direct.shape)
         for channel in range(direct.shape[2]):
             here = direct[..., channel]
             mean = scipy.ndimage.uniform_filter(here, 3, mode="nearest")
             square = scipy.ndimage.uniform_filter(here * here, 3, mode="nearest") - mean * mean
-            rough = ROUGH * np.sqrt(np.maximum(square, 0.0))
-            edges = np.hypot(share * rough, EDGES_OFF * share * here)
+            rough = _ROUGH * np.sqrt(np.maximum(square, 0.0))
+            edges = np.hypot(share * rough, _EDGES_OFF * share * here)
             off[..., channel] = np.hypot(edges, moved * here)
         return off
 
 
-def area_of(strips: tuple[Strips, ...], cells: CellMap) -> Floats:
+def compute_strip_shares(strips: tuple[BorderStrips, ...], cells: CellMap) -> Floats:
     """Share of what each quad sees that strips take, (h, w)."""
     area = np.zeros(cells.frame)
     for each in strips:

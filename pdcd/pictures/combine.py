@@ -7,39 +7,36 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.picture import Picture, pictures_of, summed
-from pdcd.pictures.to_cells import mean_image
+from pdcd.arrays import Bools, Floats
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.pictures.picture import Picture, combine_photos, sum_weighted
+from pdcd.pictures.to_cells import average_image
 from pdcd.pictures.to_quads import (
-    Weights,
-    add_by_light,
-    direct_share,
-    quads_outside,
+    QuadWeights,
+    add_missing_light,
+    compute_direct_share,
+    find_quads_outside,
     weigh_quads,
 )
-from pdcd.pictures.weights import CellWeights, Shown, weigh_cells
+from pdcd.pictures.weights import CellWeights, RealisedShot, weigh_cells
 from pdcd.probing.realised import Factors
-from pdcd.recipes.recipe import Photo, Recipe
-from pdcd.sensor.bands import in_bands, planar
+from pdcd.recipes.recipe import Recipe, RecipePhoto
+from pdcd.sensor.bands import make_planar_image, run_in_bands
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
-    from pdcd.pictures.border_light import BorderLight, SeenBorders
+    from pdcd.pictures.border_light import BorderLight, BorderMeasurement
 
-LEAST_OPEN = 1e-6
+_LEAST_OPEN = 1e-6
 """Time of an open mask over a photo's weight that is none: black exposures are as long as others,
 to rounding."""
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-
-def combine(
+def combine_shots(
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
+    shots: Mapping[str, ExposedShot],
     cells: CellMap,
     added: Mapping[str, Floats] | None = None,
     *,
@@ -59,22 +56,22 @@ def combine(
     leave cells open unequally often, as the paper's random codes do. Either way each quad's weight
     is that of the windows that it saw (`pdcd.pictures.to_quads.weigh_quads`).
 
-    Direct light that is known to be in a photo of indirect light is taken out (`take_out_direct`),
-    where there is a white photo.
+    Direct light that is known to be in a photo of indirect light is taken out
+    (`remove_direct_light`), where there is a white photo.
     """
-    photos = scaled_photos(recipe, shots, cells, added, normalise=normalise)
-    return pictures_of(recipe, photos)
+    photos = make_scaled_photos(recipe, shots, cells, added, normalise=normalise)
+    return combine_photos(recipe, photos)
 
 
-def scaled_photos(
+def make_scaled_photos(
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
+    shots: Mapping[str, ExposedShot],
     cells: CellMap,
     added: Mapping[str, Floats] | None = None,
     *,
     normalise: NormaliseName = "auto",
 ) -> dict[str, Picture]:
-    """Every photo of a recipe divided by its weight; arguments as of `combine`."""
+    """Every photo of a recipe divided by its weight; arguments as of `combine_shots`."""
     weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
     return scale_photos(recipe, weights, shots, cells, added or {})
 
@@ -82,10 +79,10 @@ def scaled_photos(
 def scale_photos(
     recipe: Recipe,
     weights: Mapping[str, CellWeights],
-    shots: Mapping[str, Exposed],
+    shots: Mapping[str, ExposedShot],
     cells: CellMap,
     added: Mapping[str, Floats],
-    borders: SeenBorders | None = None,
+    borders: BorderMeasurement | None = None,
     room: Floats | None = None,
 ) -> dict[str, Picture]:
     """The same of photos whose cells are weighed already; `borders` were seen in a photo, and so
@@ -93,8 +90,8 @@ def scale_photos(
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
     strips: dict[str, BorderLight] = {}
-    white = white_of(recipe)
-    outside = quads_outside(cells)
+    white = list_white_photos(recipe)
+    outside = find_quads_outside(cells)
     for photo in recipe.photos:
         of_quads = weigh_quads(weights[photo.name], cells)
         taken = [(sign, shots[name]) for sign, name in photo.shots]
@@ -108,51 +105,51 @@ def scale_photos(
                 strips[photo.name] = border
                 if borders is not None:  # what blur and misplaced panels let through was seen
                     realised = replace(realised, coaxial=np.sum(realised.left * realised.right, 0))
-            share = direct_share(realised, of_quads, cells)
+            share = compute_direct_share(realised, of_quads, cells)
             if share is not None:
                 direct[photo.name] = share
     for name, share in direct.items():
-        scaled[name] = take_out_direct(scaled[name], scaled[white[-1]], share)
+        scaled[name] = remove_direct_light(scaled[name], scaled[white[-1]], share)
     for name, border in strips.items():
         scaled[name] = border.take_out(scaled[name], scaled[white[-1]], borders)
     return scaled
 
 
-def share_taken_out(
-    photo: Photo,
+def compute_removed_share(
+    photo: RecipePhoto,
     recipe: Recipe,
-    shots: Mapping[str, Shown],
+    shots: Mapping[str, RealisedShot],
     cells: CellMap,
     *,
     normalise: NormaliseName = "auto",
 ) -> Floats | None:
-    """The share of the direct light that `scaled_photos` takes out of a photo, (h, w); None where
-    it takes out none."""
-    share, border = direct_taken_out(photo, recipe, shots, cells, normalise=normalise)
+    """The share of the direct light that `make_scaled_photos` takes out of a photo, (h, w); None
+    where it takes out none."""
+    share, border = find_removed_direct(photo, recipe, shots, cells, normalise=normalise)
     if border is None:
         return share
     return border.share() + (0.0 if share is None else share)
 
 
-def direct_taken_out(
-    photo: Photo,
+def find_removed_direct(
+    photo: RecipePhoto,
     recipe: Recipe,
-    shots: Mapping[str, Shown],
+    shots: Mapping[str, RealisedShot],
     cells: CellMap,
     *,
     normalise: NormaliseName = "auto",
 ) -> tuple[Floats | None, BorderLight | None]:
-    """The share of the direct light that `scaled_photos` takes out of a photo amid cells, (h, w),
-    and the light along their borders that it takes out; None each where it takes out none."""
-    if not _unmixes(photo, white_of(recipe)):
+    """The share of the direct light that `make_scaled_photos` takes out of a photo amid cells,
+    (h, w), and the light along their borders that it takes out; None each where it takes none."""
+    if not _unmixes(photo, list_white_photos(recipe)):
         return None, None
     weights = weigh_cells(photo, shots, normalise)
     of_quads = weigh_quads(weights, cells)
-    share = direct_share(weights.realised, of_quads, cells)
+    share = compute_direct_share(weights.realised, of_quads, cells)
     return share, _border_of(weights.realised, of_quads, cells)
 
 
-def _border_of(realised: Factors, of_quads: Weights, cells: CellMap) -> BorderLight | None:
+def _border_of(realised: Factors, of_quads: QuadWeights, cells: CellMap) -> BorderLight | None:
     if not realised.apart:
         return None
     from pdcd.pictures.border_light import BorderLight  # most benches have no such borders
@@ -160,30 +157,33 @@ def _border_of(realised: Factors, of_quads: Weights, cells: CellMap) -> BorderLi
     return BorderLight.of(realised, of_quads, cells)
 
 
-def _unmixes(photo: Photo, white: list[str]) -> bool:
+def _unmixes(photo: RecipePhoto, white: list[str]) -> bool:
     """Whether direct light is taken out of a photo: of indirect light, beside one of all light."""
     return bool(white) and photo.wanted.uniform == (0.0, 1.0)
 
 
-def white_of(recipe: Recipe) -> list[str]:
+def list_white_photos(recipe: Recipe) -> list[str]:
     """Names of the photos of all light."""
     return [photo.name for photo in recipe.photos if photo.wanted.uniform == (1.0, 1.0)]
 
 
 def _scaled(
-    taken: Sequence[tuple[float, Exposed]],
-    weights: Weights,
+    taken: Sequence[tuple[float, ExposedShot]],
+    weights: QuadWeights,
     more: Floats | None,
     outside: Bools | None,
 ) -> Picture:
     """A signed sum of shots over its weight, `more` added; unknown `outside` the field."""
     first = taken[0][1]
     shape = *first.saturated.shape, 3
-    image, sigma = planar(shape), planar(shape, first.variance_at(slice(0, 1)).dtype)
+    image, sigma = (
+        make_planar_image(shape),
+        make_planar_image(shape, first.variance_at(slice(0, 1)).dtype),
+    )
 
     def band(rows: slice) -> None:
         weight = weights.quads_s[rows, :, None] if weights.quads_s.ndim else weights.quads_s
-        error = np.sqrt(summed((1.0, shot.variance_at(rows)) for _, shot in taken))
+        error = np.sqrt(sum_weighted((1.0, shot.variance_at(rows)) for _, shot in taken))
         error /= weight.astype(error.dtype)
         unknown = np.logical_or.reduce([shot.saturated[rows] for _, shot in taken])
         for lost in (weights.blind, outside):
@@ -191,14 +191,14 @@ def _scaled(
                 unknown |= lost[rows]
         np.copyto(error, np.inf, where=unknown[..., None])
         sigma[rows] = error
-        light = summed((sign, shot.light_at(rows)) for sign, shot in taken) / weight
+        light = sum_weighted((sign, shot.light_at(rows)) for sign, shot in taken) / weight
         if more is not None:
             light += more[rows]
         if outside is not None:
             np.copyto(light, 0.0, where=outside[rows, :, None])
         image[rows] = light
 
-    in_bands(image.shape[0], band)
+    run_in_bands(image.shape[0], band)
     return Picture(image, sigma)
 
 
@@ -206,13 +206,13 @@ def _without_room(photo: Picture, weights: CellWeights, room: Floats, cells: Cel
     """A photo without the room's light, (N, 3) of cells in a second, for as long as its mask was
     open beyond what black exposures take off. Quads of a cell have it as they have light."""
     opened = weights.realised.open_s / weights.cells_s
-    if not (np.abs(opened) > LEAST_OPEN).any():
+    if not (np.abs(opened) > _LEAST_OPEN).any():
         return photo
-    light = mean_image(photo.image, cells)
-    return add_by_light(photo, light, -opened[:, None] * room, cells, weights.realised.fine)
+    light = average_image(photo.image, cells)
+    return add_missing_light(photo, light, -opened[:, None] * room, cells, weights.realised.fine)
 
 
-def take_out_direct(photo: Picture, white: Picture, share: Floats) -> Picture:
+def remove_direct_light(photo: Picture, white: Picture, share: Floats) -> Picture:
     """A photo of indirect light, and its error bar, without the direct light that got into it.
 
     Slow panels, and black that is not black, let a share r of the direct light through: so says the
@@ -220,9 +220,13 @@ def take_out_direct(photo: Picture, white: Picture, share: Floats) -> Picture:
     both over their weights. So I = (C - r W) / (1 - r). Where nothing is known of the white photo
     the other stays as it is.
 
-    share : (h, w) of the direct light that the photo has (`pdcd.pictures.to_quads.direct_share`).
+    share : (h, w) of the direct light that the photo has
+    (`pdcd.pictures.to_quads.compute_direct_share`).
     """
-    image, sigma = planar(photo.image.shape), planar(photo.sigma.shape, photo.sigma.dtype)
+    image, sigma = (
+        make_planar_image(photo.image.shape),
+        make_planar_image(photo.sigma.shape, photo.sigma.dtype),
+    )
 
     def band(rows: slice) -> None:
         known = np.isfinite(white.sigma[rows])
@@ -231,5 +235,5 @@ def take_out_direct(photo: Picture, white: Picture, share: Floats) -> Picture:
         noise = r * np.where(known, white.sigma[rows], 0.0)
         sigma[rows] = np.hypot(photo.sigma[rows], noise) / (1.0 - r)
 
-    in_bands(photo.image.shape[0], band)
+    run_in_bands(photo.image.shape[0], band)
     return Picture(image, sigma)

@@ -14,64 +14,62 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import on_field, panels_from
+from pdcd.bench.placed import place_panels
 from pdcd.bench.stops import Stop, stop_of
 from pdcd.errors import DecodeError
-from pdcd.panels.map_soundness import covers
-from pdcd.panels.patterns import Patterns, none
-from pdcd.panels.placing import placed
-from pdcd.pictures.bars import barred_pictures
-from pdcd.pictures.combine import share_taken_out
-from pdcd.pictures.exposed import Ambient, Exposed, Negative, refuse_unlike
-from pdcd.pictures.leaks import Dark, Means
-from pdcd.pictures.learn import Learned, learn
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.software import software_sums, summed_matrices
-from pdcd.pictures.to_cells import average_with_bars, light_apart, mean_light
-from pdcd.pictures.transport import Sliced, sliced
-from pdcd.pictures.upright import View
-from pdcd.pictures.weights import Matrix, Shown, realised_photo
-from pdcd.probing.borders import Strips, drawn_apart_share, find_strips
-from pdcd.probing.deviation import Deviation, deviation
-from pdcd.probing.realised import Factors, bench_factors, collect, shared
-from pdcd.recipes.arrays import target_with
-from pdcd.recipes.make import possible, recipe_of
-from pdcd.recipes.parts import taken_parts
-from pdcd.recipes.recipe import Photo, Recipe, Shot
+from pdcd.panels.patterns import Patterns, make_empty_patterns
+from pdcd.pictures.bars import make_pictures_with_errors
+from pdcd.pictures.combine import compute_removed_share
+from pdcd.pictures.exposed import AmbientLight, ExposedShot, RawShot, refuse_unlike
+from pdcd.pictures.leaks import DarkPhotoLight, ShotMeans
+from pdcd.pictures.learn import PilotFindings, learn_paths
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.software import sum_stack_matrices, sum_stack_shots
+from pdcd.pictures.to_cells import average_shot, average_with_errors, unmix_cells
+from pdcd.pictures.transport import TransportSlice, solve_transport_slice
+from pdcd.pictures.upright import FieldView, place_quads
+from pdcd.pictures.weights import RealisedMatrix, RealisedShot, sum_realised_matrices
+from pdcd.probing.borders import BorderStrips, compute_cell_mismatch_share, find_strips
+from pdcd.probing.deviation import Deviation, measure_deviation
+from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors, divide_factors
+from pdcd.recipes.arrays import make_target
+from pdcd.recipes.make import make_recipe, narrow_to_shots
+from pdcd.recipes.parts import select_complete_parts
+from pdcd.recipes.recipe import Recipe, RecipePhoto, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
+from pdcd.sensor.raw import RawFrame, compute_rgb_variance, read_raw, to_rgb
 from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
-    from pdcd.pictures.border_light import SeenBorders
+    from pdcd.pictures.border_light import BorderMeasurement
 
-Alive = Callable[[], None]
+_Alive = Callable[[], None]
 
-REFRESH_BYTES = 2048
+_REFRESH_BYTES = 2048
 """Of a RAW file, read in the time that the matrix of one refresh takes; roughly."""
-MOST_STRETCHES = 8
+_MOST_STRETCHES = 8
 """Stretches of a cell's border of which it is told, at most, how far panels draw it apart."""
-MAKING = 2.0
+_MAKING = 2.0
 """Work of making pictures, over that of the matrices of all their refreshes; roughly."""
 
 
 @dataclass(frozen=True)
-class Decoded:
+class DecodedRun:
     """All pictures of a run by name, the answer first, and the shots they were made from."""
 
     recipe: Recipe
-    shots: dict[str, Exposed]
-    pictures: dict[str, Barred]
+    shots: dict[str, ExposedShot]
+    pictures: dict[str, PictureWithErrors]
     """On the camera's own quads, (h, w, 3)."""
     cells: CellMap
-    view: View
+    view: FieldView
     """How the camera saw the field, for pictures that are to be upright on it."""
-    sums: dict[str, Exposed] = field(default_factory=dict)
+    sums: dict[str, ExposedShot] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
     apart: Mapping[str, float] = field(default_factory=dict)
     """Share of the field in which the panels showed different cells, of shots of whole cells."""
@@ -79,40 +77,42 @@ class Decoded:
     """Quads of the camera that one of the pictures is the mean of, each way."""
 
     @property
-    def answer(self) -> Barred:
+    def answer(self) -> PictureWithErrors:
         """The picture that was asked for."""
         return self.pictures[self.recipe.answer_name]
 
     @cached_property
-    def transport(self) -> Sliced | None:
+    def transport(self) -> TransportSlice | None:
         """Entries of T, where these were photographed. Raises DecodeError."""
         if self.recipe.target.goal.name != "transport":
             return None
-        return sliced(self.recipe, self.shots, self.cells)
+        return solve_transport_slice(self.recipe, self.shots, self.cells)
 
-    def takes_out(self, photo: Photo, normalise: NormaliseName) -> bool:
+    def takes_out(self, photo: RecipePhoto, normalise: NormaliseName) -> bool:
         """Whether direct light was taken out of a photo: not where there was too much of it."""
         shots = {**self.shots, **self.sums}
-        share = share_taken_out(photo, self.recipe, shots, self.cells, normalise=normalise)
+        share = compute_removed_share(photo, self.recipe, shots, self.cells, normalise=normalise)
         return share is not None
 
-    def apart_in(self, photo: Photo) -> float:
+    def apart_in(self, photo: RecipePhoto) -> float:
         """Share of the field in which the panels showed different cells in all shots of a photo."""
         return min(self.apart.get(name, 0.0) for _, name in photo.shots)
 
     @cached_property
-    def cell_means(self) -> Barred:
+    def cell_means(self) -> PictureWithErrors:
         """The answer's means over the cells, (rows, cols, 3)."""
-        return average_with_bars(self.answer, self.cells)
+        return average_with_errors(self.answer, self.cells)
 
-    def deviations(self, alive: Alive = lambda: None) -> dict[str, Deviation]:
+    def deviations(self, alive: _Alive = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one.
 
         `alive` is called now and then, and may raise to end the work.
         """
         shots = {**self.shots, **self.sums}
         return {
-            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive, self.apart_in(p))
+            p.name: measure_deviation(
+                sum_realised_matrices(p.shots, shots), p.wanted, alive, self.apart_in(p)
+            )
             for p in self.recipe.photos
         }
 
@@ -128,10 +128,10 @@ class Darkroom:
         self._folder = folder
         self._side = 1
         self._table = FrameTable(folder)
-        self._matrices: dict[str, Matrix] = {}
-        self._exposed: dict[str, Exposed] = {}
-        self._dark: dict[str, Dark] = {}
-        self._learned: tuple[tuple[int, int, bool], Learned] | None = None
+        self._matrices: dict[str, RealisedMatrix] = {}
+        self._exposed: dict[str, ExposedShot] = {}
+        self._dark: dict[str, DarkPhotoLight] = {}
+        self._learned: tuple[tuple[int, int, bool], PilotFindings] | None = None
         self._like: tuple[str, int] | None = None
         self.replan(record)
 
@@ -150,7 +150,7 @@ class Darkroom:
         self._record = record
         self._stored = read_patterns(self._folder)
         arrays = {k[5:]: array for k, array in self._stored.items() if k.startswith("goal.")}
-        self._recipe = recipe_of(target_with(record.goal, record.grid, arrays), record.how)
+        self._recipe = make_recipe(make_target(record.goal, record.grid, arrays), record.how)
         self._planned = {shot.name: shot for shot in self._recipe.shots}
 
     def coarsen(self, side: int) -> None:
@@ -167,7 +167,7 @@ class Darkroom:
         """One more shot was taken."""
         self._record = msgspec.structs.replace(self._record, shots=(*self._record.shots, shot))
 
-    def learned(self, watch: Watch | None = None) -> Learned | None:
+    def learned(self, watch: Watch | None = None) -> PilotFindings | None:
         """What the photos of a pilot tell so far; None for a run without one."""
         how = self._record.how
         if not how.pilot:
@@ -179,33 +179,35 @@ class Darkroom:
             self._learned = key, self._learn(shots, dark)
         return self._learned[1]
 
-    def _learn(self, shots: Mapping[str, Exposed], dark: DarkPhoto | None) -> Learned:
+    def _learn(self, shots: Mapping[str, ExposedShot], dark: DarkPhoto | None) -> PilotFindings:
         cells, bits = self._cells(), self._bits("pilot")
         taken = [shots[name] for name in self._recipe.stack if name in shots]
-        seen = light_apart(taken, cells)
-        off = None if dark is None else light_apart([self.ambient(dark)], cells)
+        seen = unmix_cells(taken, cells)
+        off = None if dark is None else unmix_cells([self.ambient(dark)], cells)
         panels = [shot.realised for shot in taken]
-        return learn(self._record.grid, panels, bits, self._record.how.codes, seen, off)
+        return learn_paths(self._record.grid, panels, bits, self._record.how.codes, seen, off)
 
-    def matrices(self) -> tuple[Recipe, dict[str, Shown]]:
+    def matrices(self) -> tuple[Recipe, dict[str, RealisedShot]]:
         """What the panels did in every shot and sum, without a look at the RAW files."""
-        shots: dict[str, Shown] = {s.name: self._matrix(s, Watch()) for s in self._record.shots}
-        recipe = taken_parts(self._recipe, shots)
-        sums = summed_matrices(recipe, shots, self._stack_bits()) if self._sums_up(shots) else {}
+        shots: dict[str, RealisedShot] = {
+            s.name: self._matrix(s, Watch()) for s in self._record.shots
+        }
+        recipe = select_complete_parts(self._recipe, shots)
+        sums = sum_stack_matrices(recipe, shots, self._stack_bits()) if self._sums_up(shots) else {}
         return recipe, {**shots, **sums}
 
-    def decoded(self, watch: Watch | None = None, *, partly: bool = False) -> Decoded:
+    def decoded(self, watch: Watch | None = None, *, partly: bool = False) -> DecodedRun:
         """The pictures that the shots taken so far make, all of the recipe's or of whole parts.
 
         partly : shots may be missing: the pictures that can be made without them, if any. Raises
         DecodeError where there are none.
         """
         watch = watch or Watch()
-        making = MAKING * sum(shot.refreshes for shot in self._record.shots)
+        making = _MAKING * sum(shot.refreshes for shot in self._record.shots)
         watch.expect(making)
         shots = self._shots(watch)
         cells = self._cells()
-        recipe = (possible if partly else taken_parts)(self._recipe, shots)
+        recipe = (narrow_to_shots if partly else select_complete_parts)(self._recipe, shots)
         if not recipe.pictures:
             raise DecodeError(
                 "no picture can be made of the shots that are there", hint="capture again"
@@ -214,37 +216,40 @@ class Darkroom:
         with watch.piece(making) as alive:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
             learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
-            pictures = barred_pictures(
+            pictures = make_pictures_with_errors(
                 self._record, recipe, {**shots, **sums}, learned, cells, alive, *self._seen()
             )
-        view = View.of(self._record, cells)
-        return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
+        view = FieldView.of(self._record, cells)
+        return DecodedRun(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
 
-    def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed]]:
+    def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, ExposedShot]]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
         shots = self._shots(watch)
-        recipe = possible(self._recipe, shots)
+        recipe = narrow_to_shots(self._recipe, shots)
         return recipe, {**shots, **self._sums(recipe, shots)}
 
-    def means(self, watch: Watch) -> tuple[Recipe, Means]:
+    def means(self, watch: Watch) -> tuple[Recipe, ShotMeans]:
         """The same on cells, as far as the answer is made of them."""
         recipe, shots = self.exposed(watch)
-        return recipe, Means.of(recipe, shots, self._cells())
+        return recipe, ShotMeans.of(recipe, shots, self._cells())
 
-    def dark_means(self, photo: DarkPhoto) -> Dark:
+    def dark_means(self, photo: DarkPhoto) -> DarkPhotoLight:
         """What got into a dark photo within a second, on cells."""
         if photo.raw not in self._dark:
-            self._dark[photo.raw] = Dark.of(mean_light(self.ambient(photo), self._cells()))
+            self._dark[photo.raw] = DarkPhotoLight.of(
+                average_shot(self.ambient(photo), self._cells())
+            )
         return self._dark[photo.raw]
 
     def widest_strip(self, watch: Watch) -> float:
         """Largest share of a quad in which both panels show different cells."""
-        from pdcd.pictures.border_light import area_of  # most benches have no such borders
+        # most benches have no such borders
+        from pdcd.pictures.border_light import compute_strip_shares
 
         self._shots(watch)
-        return float(area_of(self._strips, self._cells()).max())
+        return float(compute_strip_shares(self._strips, self._cells()).max())
 
-    def ambient(self, photo: DarkPhoto) -> Ambient:
+    def ambient(self, photo: DarkPhoto) -> AmbientLight:
         """What got into a dark photo, over the time for which it shows each of its states."""
         return self._ambient_of(self._dark_frame(photo), photo)
 
@@ -256,14 +261,16 @@ class Darkroom:
         )
         return frame if self._side == 1 else frame.binned(self._side)
 
-    def _ambient_of(self, frame: RawFrame, photo: DarkPhoto) -> Ambient:
+    def _ambient_of(self, frame: RawFrame, photo: DarkPhoto) -> AmbientLight:
         profile, iso = self._record.profile, photo.iso
         factors, signal = self._to_units(iso, photo.f_number) / photo.phase_s, frame.planes
         of_quads = factors / frame.side
-        variance = rgb_variance(signal, profile, iso, photo.exposure_s, of_quads, np.float64)
-        return Ambient(to_rgb(signal, factors), np.asarray(variance, np.float64))
+        variance = compute_rgb_variance(
+            signal, profile, iso, photo.exposure_s, of_quads, np.float64
+        )
+        return AmbientLight(to_rgb(signal, factors), np.asarray(variance, np.float64))
 
-    def _seen(self) -> tuple[SeenBorders | None, NDArray[np.float64] | None]:
+    def _seen(self) -> tuple[BorderMeasurement | None, NDArray[np.float64] | None]:
         """What photos tell of the light along borders, and of the room's, (N, 3); None of what was
         not photographed, and of a room that is dark."""
         photo, borders = self._record.room, None
@@ -272,17 +279,17 @@ class Darkroom:
             borders = self._seen_borders(self._record.borders)
         return borders, None if room is None or not room.seen else room.light
 
-    def _seen_borders(self, photo: BorderPhoto) -> SeenBorders:
+    def _seen_borders(self, photo: BorderPhoto) -> BorderMeasurement:
         """The former. Of quads that are saturated there nobody knows it."""
-        from pdcd.pictures.border_light import SeenBorders  # most benches have no such borders
+        from pdcd.pictures.border_light import BorderMeasurement  # as above
 
         frame, inner = self._dark_frame(photo), self.ambient(photo.inner)
         lit = self._ambient_of(frame, photo)
         lit.variance[frame.saturated] = np.inf
-        seen = Ambient(lit.light - inner.light, lit.variance + inner.variance)
+        seen = AmbientLight(lit.light - inner.light, lit.variance + inner.variance)
         indirect = inner.light - self.ambient(photo.dark).light
         leak = 1.0 / (self._record.mask.contrast or math.inf)
-        return SeenBorders(seen, indirect, photo.reach, leak)
+        return BorderMeasurement(seen, indirect, photo.reach, leak)
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""
@@ -294,32 +301,32 @@ class Darkroom:
         return np.asarray(gain * true**2 / full / np.array(self._record.responsivity_e))
 
     def _apart(self) -> dict[str, float]:
-        """What `Decoded.apart` says."""
+        """What `DecodedRun.apart` says."""
         whole = [shot.name for shot in self._record.shots if shot.window == "whole"]
         return dict.fromkeys(whole, self._drawn_apart) if whole else {}
 
     @cached_property
     def _drawn_apart(self) -> float:
         """Share of the field in which the panels draw different cells: of all shots of the run."""
-        panels = panels_from(self._record.projector, self._record.mask)
-        return drawn_apart_share(panels.projector, panels.mask, self._record.grid)
+        panels = place_panels(self._record.projector, self._record.mask)
+        return compute_cell_mismatch_share(panels.projector, panels.mask, self._record.grid)
 
     @cached_property
-    def _strips(self) -> tuple[Strips, ...]:
+    def _strips(self) -> tuple[BorderStrips, ...]:
         """Where whole cells of both panels do not meet, as finely as the camera sees them."""
-        panels = panels_from(self._record.projector, self._record.mask)
-        fine = min(max(1, math.ceil(self._cells().quad_cells ** -0.5 - 1e-6)), MOST_STRETCHES)
+        panels = place_panels(self._record.projector, self._record.mask)
+        fine = min(max(1, math.ceil(self._cells().quad_cells ** -0.5 - 1e-6)), _MOST_STRETCHES)
         return find_strips(panels.projector, panels.mask, self._record.grid, fine)
 
-    def _sums_up(self, shots: Mapping[str, Shown]) -> bool:
+    def _sums_up(self, shots: Mapping[str, RealisedShot]) -> bool:
         """Whether all photos are there that the recipe's sums want."""
         return bool(self._recipe.sums) and all(name in shots for name in self._recipe.stack)
 
-    def _sums(self, recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:
-        """Weighted sums of single photos, as `Decoded.sums` has them."""
+    def _sums(self, recipe: Recipe, shots: Mapping[str, ExposedShot]) -> dict[str, ExposedShot]:
+        """Weighted sums of single photos, as `DecodedRun.sums` has them."""
         if not self._sums_up(shots):
             return {}
-        return software_sums(recipe, shots, self._stack_bits(), self._cells())
+        return sum_stack_shots(recipe, shots, self._stack_bits(), self._cells())
 
     def _stack_bits(self) -> NDArray[np.bool_]:
         return self._bits("pilot" if self._record.how.pilot else "photos")
@@ -341,13 +348,13 @@ class Darkroom:
     def _pair(self, shot: Shot) -> tuple[Patterns, Patterns]:
         """Patterns of a shot; none for a white one."""
         if shot.white:
-            return none(), none()
+            return make_empty_patterns(), make_empty_patterns()
         primal, dual = self._patterns(shot.program)
         if shot.only is None:
             return primal, dual
         return primal[shot.only : shot.only + 1], dual[shot.only : shot.only + 1]
 
-    def _matrix(self, shot: ShotRecord, alive: Alive) -> Matrix:
+    def _matrix(self, shot: ShotRecord, alive: _Alive) -> RealisedMatrix:
         if shot.name not in self._matrices:
             record, projector = self._record, self._record.projector
             if record.room is not None:  # it has the light of the projector's black
@@ -355,7 +362,7 @@ class Darkroom:
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=record.grid)
             alive()
-            chunks = bench_factors(
+            chunks = compute_bench_factors(
                 frames,
                 log,
                 projector,
@@ -364,13 +371,15 @@ class Darkroom:
                 close_ns=shot.close_ns,
                 fine=True,
             )
-            realised = collect(_watched(chunks, alive))
-            if _level(shot) != 1.0:
-                realised = shared(realised, _level(shot))
-            self._matrices[shot.name] = Matrix(realised, shot.missed if shot.level is None else 0)
+            realised = collect_factors(_watched(chunks, alive))
+            if (shot.level or 1.0) != 1.0:
+                realised = divide_factors(realised, (shot.level or 1.0))
+            self._matrices[shot.name] = RealisedMatrix(
+                realised, shot.missed if shot.level is None else 0
+            )
         return self._matrices[shot.name]
 
-    def _shots(self, watch: Watch) -> dict[str, Exposed]:
+    def _shots(self, watch: Watch) -> dict[str, ExposedShot]:
         unread = [shot for shot in self._record.shots if shot.name not in self._exposed]
         watch.expect(sum(map(_reading, unread)))
         # Files are unpacked by one core each, while another works on what the panels did.
@@ -392,40 +401,26 @@ class Darkroom:
             saturation_dn=self._record.profile.saturation_dn(shot.iso),
         )
 
-    def _develop(self, shot: ShotRecord, file: Future[RawFrame], alive: Alive) -> Exposed:
+    def _develop(self, shot: ShotRecord, file: Future[RawFrame], alive: _Alive) -> ExposedShot:
         """A shot out of its RAW file, and what the panels did in it."""
         profile, shown = self._record.profile, self._matrix(shot, alive)
         raw = file.result()
         self._check(shot, raw)
         raw = raw if self._side == 1 else raw.binned(self._side)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
-        factors = self._to_units(shot.iso, shot.f_number) / _level(shot)
+        factors = self._to_units(shot.iso, shot.f_number) / (shot.level or 1.0)
         realised = shown.realised
         if shot.window == "whole":
             realised = replace(realised, apart=self._strips)
-        return Negative(raw, profile, shot.iso, exposure_s, factors, realised, shown.missed)
+        return RawShot(raw, profile, shot.iso, exposure_s, factors, realised, shown.missed)
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
         """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""
-        cells = self._record.cells or self._placed(raw.frame)
+        cells = self._record.cells or place_quads(self._record, raw.frame)
         if self._record.cells is None:
             self._record = msgspec.structs.replace(self._record, cells=cells)
         self._like = self._like or (raw.model, raw.flip)
         refuse_unlike(shot.raw, raw, cells.frame, self._like)
-
-    def _placed(self, frame: tuple[int, int]) -> CellMap:
-        """Where the quads of the run's frames lie."""
-        record = self._record
-        map_ = placed(record.camera_place, frame[::-1], record.projector.size_px, "camera")
-        panels = panels_from(record.projector, record.mask)
-        views = (panels.projector, panels.mask)
-        return CellMap(
-            grid=record.grid,
-            frame=frame,
-            map=on_field(map_, record.projector),
-            blur_quads=record.blur_quads,
-            panels=tuple(view.map for view in views if not covers(view.map)),
-        )
 
     def _cells(self) -> CellMap:
         """Where the quads lie; known from the first photo on."""
@@ -437,14 +432,10 @@ class Darkroom:
 
 def _reading(shot: ShotRecord) -> float:
     """Work of reading a shot, in refreshes."""
-    return shot.refreshes + shot.size_bytes / REFRESH_BYTES
+    return shot.refreshes + shot.size_bytes / _REFRESH_BYTES
 
 
-def _level(shot: ShotRecord) -> float:
-    return shot.level or 1.0
-
-
-def _watched(chunks: Iterator[Factors], alive: Alive) -> Iterator[Factors]:
+def _watched(chunks: Iterator[Factors], alive: _Alive) -> Iterator[Factors]:
     for chunk in chunks:
         alive()
         yield chunk

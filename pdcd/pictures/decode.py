@@ -12,35 +12,35 @@ import msgspec
 import numpy as np
 
 from pdcd.errors import ConfigError, DecodeError, PdcdError, disk_errors
-from pdcd.pictures.darkroom import Darkroom, Decoded
-from pdcd.pictures.transport import Sliced, picture_of
+from pdcd.pictures.darkroom import Darkroom, DecodedRun
+from pdcd.pictures.transport import TransportSlice, draw_transport_slice
 from pdcd.pictures.written.picture_files import write_png, write_tiff
 from pdcd.pictures.written.previews import write_previews
 from pdcd.protocol.plan_summary import Goal
 from pdcd.runs.folder import sha256_of
-from pdcd.runs.verify import PROBE, whole_manifest
+from pdcd.runs.verify import PROBE, read_whole_manifest
 from pdcd.watch import Watch
 
 TRANSPORT = "transport.npz"
 TRANSPORT_PICTURE = "preview/transport.png"
 
 
-class Compared(msgspec.Struct, frozen=True):
+class ComparedFile(msgspec.Struct, frozen=True):
     """One picture: its path in the run folder, and whether it came out the same, byte by byte."""
 
     name: str
     identical: bool
 
 
-class Comparison(msgspec.Struct, frozen=True):
+class RunComparison(msgspec.Struct, frozen=True):
     """What came out when a run was decoded again."""
 
     identical: bool
     """Whether all pictures did."""
-    files: tuple[Compared, ...]
+    files: tuple[ComparedFile, ...]
 
 
-def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
+def write_pictures(folder: Path, decoded: DecodedRun) -> tuple[str, ...]:
     """Write linear/*.tif, probe.npz and preview/*.png below `folder`; returns warnings.
 
     The TIFFs have the camera's own geometry and resolution, `probe.npz` has means over the cells.
@@ -73,7 +73,7 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
         return warnings
 
 
-def _write_transport(folder: Path, found: Sliced, goal: Goal) -> None:
+def _write_transport(folder: Path, found: TransportSlice, goal: Goal) -> None:
     with (folder / TRANSPORT).open("wb") as file:
         np.savez(
             file,
@@ -87,11 +87,11 @@ def _write_transport(folder: Path, found: Sliced, goal: Goal) -> None:
     where = "all of T"
     if goal.rows is not None:
         where = f"T: camera row {goal.rows[1]}, projector row {goal.rows[0]}"
-    write_png(folder / TRANSPORT_PICTURE, picture_of(found, where))
+    write_png(folder / TRANSPORT_PICTURE, draw_transport_slice(found, where))
 
 
 @contextmanager
-def record_errors(folder: Path) -> Iterator[None]:
+def convert_record_errors(folder: Path) -> Iterator[None]:
     """Turn whatever a forged record makes of the decoding into DecodeError.
 
     Sound bytes may hold a record that no capture would write: shots that the goal does not have,
@@ -110,15 +110,18 @@ def record_errors(folder: Path) -> Iterator[None]:
         ) from err
 
 
-def decode_folder(folder: Path, watch: Watch | None = None) -> Comparison:
+def decode_folder(folder: Path, watch: Watch | None = None) -> RunComparison:
     """Decode a finished run again and compare with the TIFFs it holds.
 
     `watch` is told how far it is. Raises DecodeError when the folder is not a finished run, or when
     anything of it has changed (`pdcd.runs.verify`); nothing is decoded then.
     """
     watch = watch or Watch()
-    run = whole_manifest(folder, alive=watch).run
-    with record_errors(folder), tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch:
+    run = read_whole_manifest(folder, alive=watch).run
+    with (
+        convert_record_errors(folder),
+        tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch,
+    ):
         decoded = Darkroom(folder, run).decoded(watch)
         again = Path(scratch)
         for name in ("linear", "preview"):
@@ -128,9 +131,9 @@ def decode_folder(folder: Path, watch: Watch | None = None) -> Comparison:
         for path in sorted((again / "linear").iterdir()):
             kept = folder / "linear" / path.name
             same = kept.is_file() and sha256_of(kept) == sha256_of(path)
-            files.append(Compared(f"linear/{path.name}", same))
+            files.append(ComparedFile(f"linear/{path.name}", same))
         if (again / TRANSPORT).is_file():
             kept = folder / TRANSPORT
             same = kept.is_file() and sha256_of(kept) == sha256_of(again / TRANSPORT)
-            files.append(Compared(TRANSPORT, same))
-    return Comparison(all(file.identical for file in files), tuple(files))
+            files.append(ComparedFile(TRANSPORT, same))
+    return RunComparison(all(file.identical for file in files), tuple(files))

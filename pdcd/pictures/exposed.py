@@ -8,22 +8,21 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import DecodeError
 from pdcd.probing.realised import Factors
-from pdcd.sensor.bands import banded
+from pdcd.sensor.bands import fill_in_bands
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import ALL, RawFrame, rgb_variance, to_rgb
+from pdcd.sensor.raw import WHOLE_AXIS, RawFrame, compute_rgb_variance, to_rgb
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Errors = NDArray[np.floating]
+_Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""
 
 LARGE_QUADS = 2**18
 """Quads from which error bars are held in single precision."""
 
 
-class Lit(Protocol):
+class FrameLight(Protocol):
     """Light of a frame and its variance, (h, w, 3) each."""
 
     @property
@@ -32,13 +31,13 @@ class Lit(Protocol):
         ...
 
     @property
-    def variance(self) -> Errors:
+    def variance(self) -> _Errors:
         """Of that."""
         ...
 
 
 @dataclass(frozen=True)
-class Ambient:
+class AmbientLight:
     """What gets in through an open mask before a black projector within a second, in scene units
     times seconds, and its variance: (h, w, 3) each."""
 
@@ -46,7 +45,7 @@ class Ambient:
     variance: Floats
 
 
-class Exposed(Protocol):
+class ExposedShot(Protocol):
     """A shot whose light can be had, whole or in pieces.
 
     light : (h, w, 3) float64
@@ -65,7 +64,7 @@ class Exposed(Protocol):
         ...
 
     @property
-    def variance(self) -> Errors:
+    def variance(self) -> _Errors:
         """See above."""
         ...
 
@@ -89,44 +88,44 @@ class Exposed(Protocol):
         """See above."""
         ...
 
-    def light_at(self, rows: slice, columns: slice = ALL) -> Floats:
+    def light_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> Floats:
         """Light of some rows and columns of quads."""
         ...
 
-    def variance_at(self, rows: slice, columns: slice = ALL) -> Errors:
+    def variance_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> _Errors:
         """Its variance."""
         ...
 
 
 @dataclass(frozen=True)
-class Print:
-    """A shot whose light is worked out, as a sum of others or one that was foreseen; `Exposed`."""
+class ComputedShot:
+    """A shot whose light is worked out, as a sum or as foreseen; see `ExposedShot`."""
 
     light: Floats
-    variance: Errors
+    variance: _Errors
     saturated: Bools
     realised: Factors
     exif: dict[str, object]
     missed: int = 0
 
-    def light_at(self, rows: slice, columns: slice = ALL) -> Floats:
+    def light_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> Floats:
         """Light of some rows and columns of quads."""
         return self.light[rows, columns]
 
-    def variance_at(self, rows: slice, columns: slice = ALL) -> Errors:
+    def variance_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> _Errors:
         """Its variance."""
         return self.variance[rows, columns]
 
 
 @dataclass(frozen=True)
-class Negative:
+class RawShot:
     """A shot as its RAW file has it; light and variance are worked out when they are asked for.
 
     A camera's frame of light with its variance takes four times as much memory as its samples, and
     a run has dozens; what is worked out piece by piece stays in the cache.
 
     raw : the samples. profile : of the sensor. exposure_s : as timed by the bench. factors : (3,),
-    from DN to scene units times seconds. The rest as of `Exposed`.
+    from DN to scene units times seconds. The rest as of `ExposedShot`.
     """
 
     raw: RawFrame
@@ -140,12 +139,12 @@ class Negative:
     @property
     def light(self) -> Floats:
         """All of it, made anew every time."""
-        return banded((*self.raw.frame, 3), np.float64, self.light_at)
+        return fill_in_bands((*self.raw.frame, 3), np.float64, self.light_at)
 
     @property
-    def variance(self) -> Errors:
+    def variance(self) -> _Errors:
         """All of it, made anew every time."""
-        return banded((*self.raw.frame, 3), self._precision, self.variance_at)
+        return fill_in_bands((*self.raw.frame, 3), self._precision, self.variance_at)
 
     @property
     def saturated(self) -> Bools:
@@ -157,14 +156,14 @@ class Negative:
         """What the RAW file says of itself."""
         return self.raw.exif()
 
-    def light_at(self, rows: slice, columns: slice = ALL) -> Floats:
+    def light_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> Floats:
         """Light of some rows and columns of quads."""
         return to_rgb(self.raw.signal(rows, columns), self.factors)
 
-    def variance_at(self, rows: slice, columns: slice = ALL) -> Errors:
+    def variance_at(self, rows: slice, columns: slice = WHOLE_AXIS) -> _Errors:
         """Its variance by the sensor model."""
         signal, factors = self.raw.signal(rows, columns), self.factors / self.raw.side
-        return rgb_variance(
+        return compute_rgb_variance(
             signal, self.profile, self.iso, self.exposure_s, factors, self._precision
         )
 

@@ -17,46 +17,44 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.panels.blocks import Blocks
+from pdcd.arrays import Bools, Floats
+from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map
-from pdcd.pictures.raster import HERE, Affine, Raster
+from pdcd.pictures.raster import HERE, AffineMap, FieldRaster
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-REACHES_PX = (50.0, 16.0, 6.0, 4.0)
+_REACHES_PX = (50.0, 16.0, 6.0, 4.0)
 """How far windows look for the pattern, round by round, in projector pixels."""
-BLOCKS = 10
+WINDOW_BLOCKS = 10
 """Side of a window in blocks."""
-WINDOWS = (9, 12)
+_WINDOWS = (9, 12)
 """Windows down and across the raster."""
-LEVEL = 4.0
+_LEVEL = 4.0
 """Standard deviation in blocks of the mean that is taken off: light that is spread, and shade."""
-SEEN = 0.75
+_SEEN = 0.75
 """Share of a window's points that must be known."""
-ALIKE = 0.35
+_ALIKE = 0.35
 """Correlation from which a window has found its place."""
 FEWEST = 12
 """Windows that must agree on where a pattern is."""
-AGREE = 0.4
+_AGREE = 0.4
 """Share of the windows that find anything which must agree."""
-SCALES = tuple(1.07**step for step in range(-8, 5))
-TURNS_DEG = (-6.0, -3.0, 0.0, 3.0, 6.0)
-COARSE = 96
+_SCALES = tuple(1.07**step for step in range(-8, 5))
+_TURNS_DEG = (-6.0, -3.0, 0.0, 3.0, 6.0)
+_COARSE = 96
 """Points of the raster in the search for a pattern that lies anywhere, along the longer side."""
-SURE = 9.0
+_SURE = 9.0
 """Its highest correlation over the standard deviation of all of them from which it is found."""
 
-PATCH = 3
+_PATCH = 3
 """Side in blocks of the patches that tell how sure a place is: what a scene does to the pattern in
 one of them has little to do with another."""
 
-OVERLAP = 2.0
+_OVERLAP = 2.0
 """Windows that tell as much as one by itself: they lie over each other."""
 
-FINER = 3
+_FINER = 3
 """Points to a step of the pattern, along either axis."""
-NODES = 49
+_NODES = 49
 """Nodes along either axis between which a bent map is followed by splines."""
 
 FLIPS: dict[str, tuple[float, float]] = {
@@ -68,7 +66,7 @@ FLIPS: dict[str, tuple[float, float]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundPattern:
     """A pattern that was found.
 
     map : where it is. centres : (n, 2), of the windows that agree. left : (n, 2), what each of
@@ -76,7 +74,7 @@ class Found:
     the photo comes and goes with it. number : (n,), which windows of the raster they are.
     """
 
-    map: Affine
+    map: AffineMap
     centres: Floats
     left: Floats
     contrast: Floats
@@ -88,14 +86,14 @@ class Found:
         return np.asarray(self.map(self.centres) + self.left)
 
 
-class Finder:
+class PatternFinder:
     """Looks on a raster for blocks as a panel draws them whose map this is."""
 
-    def __init__(self, blocks: Blocks, raster: Raster, panel: Map) -> None:
+    def __init__(self, blocks: BlockPattern, raster: FieldRaster, panel: Map) -> None:
         self._blocks, self._raster, self._panel = blocks, raster, panel
         width, height = raster.size_px
         self._block_px = float(np.sqrt(width * height / (blocks.cols * blocks.rows)))
-        self._level_px = LEVEL * self._block_px
+        self._level_px = _LEVEL * self._block_px
         self._step = min(raster.pitch / 2.0, self._block_px / 6.0)
         self._steps = [
             _beside(round(raster.size_px[axis] / self._step), panel.size_px[axis])
@@ -107,7 +105,7 @@ class Finder:
         """The pattern at steps of `_step` as the panel's pixels show it, as sharp as the raster: -1
         and 1, 0 beside."""
         x, y = (
-            (np.arange(FINER * self._steps[axis]) + 0.5) / (FINER * self._steps[axis])
+            (np.arange(_FINER * self._steps[axis]) + 0.5) / (_FINER * self._steps[axis])
             for axis in (0, 1)
         )
         picture = 2.0 * self._blocks.drawn(self._panel) - 1.0
@@ -115,7 +113,7 @@ class Finder:
         on = np.all((pixel >= 0) & (pixel < self._panel.size_px), axis=-1)
         pixel = np.where(on[..., None], pixel, 0)
         fine = np.where(on, picture[pixel[..., 1], pixel[..., 0]], 0.0)
-        image = _blocks_of(fine, FINER)
+        image = _blocks_of(fine, _FINER)
         blurred: Floats = scipy.ndimage.gaussian_filter(
             image, 0.5 * self._raster.pitch / self._step, mode="constant"
         )
@@ -132,35 +130,35 @@ class Finder:
         )
         return found
 
-    def find(self, seen: Floats, known: Bools, believed: Affine = HERE) -> Found | None:
+    def find(self, seen: Floats, known: Bools, believed: AffineMap = HERE) -> FoundPattern | None:
         """Where the pattern is in a picture on the raster; None where it is nowhere to be found."""
         flat = _flat(seen, known, self._level_px / self._raster.pitch)
         found = self._refined(flat, seen, known, believed)
         if found is None:
             for start in self._anywhere(flat, known):
-                found = self._refined(flat, seen, known, start, REACHES_PX[0] * 0.7)
+                found = self._refined(flat, seen, known, start, _REACHES_PX[0] * 0.7)
                 if found is not None:
                     break
         return found
 
     def _refined(
-        self, flat: Floats, seen: Floats, known: Bools, start: Affine, reach_px: float = 0.0
-    ) -> Found | None:
+        self, flat: Floats, seen: Floats, known: Bools, start: AffineMap, reach_px: float = 0.0
+    ) -> FoundPattern | None:
         """Windows look closer and closer around where they have it; None where they disagree."""
         now, found = start, None
-        for reach in (reach_px or REACHES_PX[0], *REACHES_PX[1:]):
+        for reach in (reach_px or _REACHES_PX[0], *_REACHES_PX[1:]):
             windows = list(self._windows(flat, known, now, reach))
             if len(windows) < FEWEST:
                 return None
             number, centre, off, alike = (np.array(part) for part in zip(*windows, strict=True))
-            good = alike > ALIKE
+            good = alike > _ALIKE
             better, agree = _agreed(centre[good], now(centre[good]) + off[good], reach)
-            if better is None or agree.sum() < max(FEWEST, AGREE * good.sum()):
+            if better is None or agree.sum() < max(FEWEST, _AGREE * good.sum()):
                 return None
             kept = np.flatnonzero(good)[agree]
             left = now(centre[kept]) + off[kept] - better(centre[kept])
             contrast = self._contrast(seen, known, better, number[kept])
-            found = Found(better, centre[kept], left, contrast, number[kept])
+            found = FoundPattern(better, centre[kept], left, contrast, number[kept])
             now = better
         return found
 
@@ -168,10 +166,10 @@ class Finder:
     def _corners(self) -> tuple[NDArray[np.int64], int]:
         """Upper left corners of the windows, (n, 2) rows and columns, and their side, in points."""
         rows, cols = self._raster.shape
-        side = min(round(BLOCKS * self._block_px / self._raster.pitch), min(rows, cols) // 3)
+        side = min(round(WINDOW_BLOCKS * self._block_px / self._raster.pitch), min(rows, cols) // 3)
         down, across = (
             np.linspace(0, length - side, count).round().astype(np.int64)
-            for length, count in zip((rows, cols), WINDOWS, strict=True)
+            for length, count in zip((rows, cols), _WINDOWS, strict=True)
         )
         return np.stack(np.meshgrid(down, across, indexing="ij"), axis=-1).reshape(-1, 2), side
 
@@ -181,7 +179,7 @@ class Finder:
         return slice(down, down + side), slice(across, across + side)
 
     def _windows(
-        self, flat: Floats, known: Bools, now: Affine, reach_px: float
+        self, flat: Floats, known: Bools, now: AffineMap, reach_px: float
     ) -> Iterator[tuple[int, Floats, Floats, float]]:
         """Number and centre of each window that shows something, by how much the pattern is further
         on than `now` says, in projector pixels of the pattern, and the correlation there."""
@@ -190,7 +188,7 @@ class Finder:
         reach = int(np.ceil(reach_px / raster.pitch))
         for number, (down, across) in enumerate(corners.tolist()):
             cut = self._cut(number)
-            if known[cut].mean() < SEEN or not flat[cut].any():
+            if known[cut].mean() < _SEEN or not flat[cut].any():
                 continue
             span = np.arange(-reach, side + reach) + 0.5
             at = np.stack(np.meshgrid(across + span, down + span), axis=-1)
@@ -200,7 +198,7 @@ class Finder:
             yield number, centre, now.linear @ (off * raster.pitch), alike
 
     def _contrast(
-        self, seen: Floats, known: Bools, now: Affine, numbers: NDArray[np.int64]
+        self, seen: Floats, known: Bools, now: AffineMap, numbers: NDArray[np.int64]
     ) -> Floats:
         """Of the pattern in windows of a picture that was not flattened, (n,)."""
         points, found = self._raster.points(), []
@@ -214,12 +212,12 @@ class Finder:
             found.append(depth / level if level > 0.0 else 0.0)
         return np.array(found)
 
-    def variance(self, seen: Floats, known: Bools, map_: Affine, places: Floats) -> Floats:
+    def variance(self, seen: Floats, known: Bools, map_: AffineMap, places: Floats) -> Floats:
         """Variance of where the pattern was found, (n,) square pixels, right and down together, at
         `places` of the field (n, 2): by how much patches of the picture, each by itself, would have
         the map otherwise. `map_` is where it was found."""
         raster, points = self._raster, self._raster.points()
-        block = np.floor(points / (PATCH * self._block_px)).astype(np.int64)
+        block = np.floor(points / (_PATCH * self._block_px)).astype(np.int64)
         inside = known & np.all((points >= 0.0) & (points < raster.size_px), axis=-1)
         level = self._level_px / raster.pitch
 
@@ -245,7 +243,7 @@ class Finder:
         return np.asarray(np.einsum("ni,ij,nj->n", wanted, across + along, wanted))
 
     def left_at(
-        self, seen: Floats, known: Bools, found: Found, there: Affine
+        self, seen: Floats, known: Bools, found: FoundPattern, there: AffineMap
     ) -> tuple[float, float]:
         """Contrast of the pattern at another place than where it was found, beside what is there by
         the found one: the mean of windows, and its standard deviation.
@@ -257,7 +255,7 @@ class Finder:
         for number in range(len(self._corners[0])):
             cut = self._cut(number)
             good = known[cut]
-            if good.mean() < SEEN:
+            if good.mean() < _SEEN:
                 continue
             at = points[cut][good]
             light = seen[cut][good]
@@ -267,7 +265,7 @@ class Finder:
                 parts.append(part / level)
         if len(parts) < FEWEST:
             return 0.0, np.inf
-        return float(np.mean(parts)), float(np.std(parts) / np.sqrt(len(parts) / OVERLAP))
+        return float(np.mean(parts)), float(np.std(parts) / np.sqrt(len(parts) / _OVERLAP))
 
     def _coarse(self, pitch: float) -> _Coarse:
         blurred = scipy.ndimage.gaussian_filter(
@@ -277,24 +275,24 @@ class Finder:
         step = self._raster.size_px[0] / self._steps[0]
         return _Coarse(blurred[::every, ::every], every * step, 0.5 * step)
 
-    def _anywhere(self, flat: Floats, known: Bools) -> list[Affine]:
+    def _anywhere(self, flat: Floats, known: Bools) -> list[AffineMap]:
         """Where all of a pattern may be, the likeliest first."""
         raster = self._raster
-        step = max(1, max(raster.shape) // COARSE)
+        step = max(1, max(raster.shape) // _COARSE)
         rows, cols = (length // step for length in raster.shape)
         coarse = _blocks_of(np.where(known, flat, 0.0), step)
         points = _blocks_of(raster.points(), step)
         size = scipy.fft.next_fast_len(2 * max(rows, cols), real=True)
         spectrum = scipy.fft.rfft2(coarse, (size, size))
         middle = 0.5 * np.array(raster.size_px)
-        found: list[tuple[float, Affine]] = []
+        found: list[tuple[float, AffineMap]] = []
         smooth = self._coarse(step * raster.pitch)
         for flip in FLIPS.values():
-            for turn in np.radians(TURNS_DEG):
+            for turn in np.radians(_TURNS_DEG):
                 turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-                for scale in SCALES:
+                for scale in _SCALES:
                     linear = np.diag(flip) @ turned / scale
-                    start = Affine(linear, middle - linear @ middle)
+                    start = AffineMap(linear, middle - linear @ middle)
                     pattern = smooth.shown(start(points))
                     product = spectrum * np.conj(scipy.fft.rfft2(pattern, (size, size)))
                     fit = scipy.fft.irfft2(product, (size, size))
@@ -302,9 +300,9 @@ class Finder:
                     sure = float(fit[at] / fit.std())
                     down, across = (k - size if k > size // 2 else k for k in map(int, at))
                     moved = np.array([across, down], dtype=np.float64) * step * raster.pitch
-                    found.append((sure, Affine(linear, start.shift - linear @ moved)))
+                    found.append((sure, AffineMap(linear, start.shift - linear @ moved)))
         found.sort(key=lambda one: -one[0])
-        return [start for sure, start in found[:3] if sure > SURE]
+        return [start for sure, start in found[:3] if sure > _SURE]
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +329,7 @@ def _affine_base(at: Floats, size_px: tuple[int, int]) -> Floats:
 def _beside(count: int, pixels: int) -> int:
     """So many steps or a few more, which do not keep step with the pixels: else all edges would be
     found to the same side."""
-    while gcd(FINER * count, pixels) > FINER:
+    while gcd(_FINER * count, pixels) > _FINER:
         count += 1
     return count
 
@@ -341,7 +339,7 @@ def _pixels(panel: Map, x: Floats, y: Floats) -> Floats:
     what a lens bends is smooth."""
     if not (panel.residual or any(panel.radial) or any(panel.tangential)):
         return panel.from_field(np.stack(np.meshgrid(x, y), axis=-1))
-    nodes = [np.linspace(0.0, 1.0, NODES)] * 2
+    nodes = [np.linspace(0.0, 1.0, _NODES)] * 2
     at = panel.from_field(np.stack(np.meshgrid(*nodes), axis=-1))
     at = np.where(np.isfinite(at), at, -1e6)
     return np.stack(
@@ -402,7 +400,7 @@ def _top(line: Floats, at: int) -> float:
     return float(0.5 * (before - after) / bend) if bend < 0.0 else 0.0
 
 
-def _agreed(centres: Floats, places: Floats, reach_px: float) -> tuple[Affine | None, Bools]:
+def _agreed(centres: Floats, places: Floats, reach_px: float) -> tuple[AffineMap | None, Bools]:
     """The affine map that most windows agree on, and which do."""
     count = len(centres)
     if count < FEWEST:
@@ -424,4 +422,4 @@ def _agreed(centres: Floats, places: Floats, reach_px: float) -> tuple[Affine | 
             return None, best
         made = np.linalg.lstsq(ones[best], places[best], rcond=None)[0]
         best = np.hypot(*(ones @ made - places).T) < tolerance
-    return Affine(made[:2].T.copy(), made[2].copy()), best
+    return AffineMap(made[:2].T.copy(), made[2].copy()), best

@@ -13,48 +13,45 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.to_cells import CellLight, mean_light
-from pdcd.pictures.weights import Shown, weigh_cells
-from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule
+from pdcd.arrays import Bools, Floats
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.pictures.to_cells import CellLight, average_shot
+from pdcd.pictures.weights import RealisedShot, weigh_cells
+from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, Rule
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-SURE = 5.0
+_SURE = 5.0
 """Mean of a leak over its standard error from which it is there, and not the sensor's noise."""
 
 
 @dataclass(frozen=True)
-class Dark:
+class DarkPhotoLight:
     """Light of cells in scene units, (N, 3), and its variance."""
 
     light: Floats
     variance: Floats
 
     @classmethod
-    def of(cls, found: CellLight) -> Dark:
+    def of(cls, found: CellLight) -> DarkPhotoLight:
         """Of the means of a dark photo."""
         return cls(found.light, found.error**2)
 
-    def less(self, other: Dark) -> Dark:
+    def less(self, other: DarkPhotoLight) -> DarkPhotoLight:
         """What is left without another."""
-        return Dark(self.light - other.light, self.variance + other.variance)
+        return DarkPhotoLight(self.light - other.light, self.variance + other.variance)
 
     @property
     def seen(self) -> bool:
         """Whether there is light beyond the sensor's noise."""
         known = np.isfinite(self.variance)
         light, variance = self.light[known], self.variance[known]
-        return bool(abs(light.sum()) > SURE * np.sqrt(variance.sum()))
+        return bool(abs(light.sum()) > _SURE * np.sqrt(variance.sum()))
 
 
 @dataclass(frozen=True)
-class Answer:
+class LeakAnswer:
     """The answer of cells with leaks in it, its variance by the sensor, (N, 3) each; and what it
     takes of a leak that shines through an open mask, and of one through a closed mask: (N, 1) each.
     Only `seen` cells count. gross : (2, N, 1), what photos that count for it and such that count
@@ -67,49 +64,49 @@ class Answer:
     seen: Bools
     gross: Floats
 
-    def ambient(self, dark: Dark) -> float:
+    def ambient(self, dark: DarkPhotoLight) -> float:
         """RMS error by the light of an open mask before a black projector, over the RMS of the
         answer without it; 0 where it does not stand above the noise."""
         return self._error([(self.open, dark)])
 
-    def changed(self, before: Dark, after: Dark) -> float:
+    def changed(self, before: DarkPhotoLight, after: DarkPhotoLight) -> float:
         """The same of what such light changed, had all that counts for the answer got it as it was
         before, and all that counts against it as it was after, or the other way round."""
         most, between = self.gross.max(axis=0), (before.less(after), after.less(before))
         return max(self._error([(most, dark)]) for dark in between)
 
-    def mask(self, dark: Dark) -> float:
+    def mask(self, dark: DarkPhotoLight) -> float:
         """The same of a closed mask before a lit projector."""
         return self._error([(self.closed, dark)])
 
-    def both(self, ambient: Dark, mask: Dark) -> float:
+    def both(self, ambient: DarkPhotoLight, mask: DarkPhotoLight) -> float:
         """The same of the two together, as far as each is there."""
         parts = [(self.open, ambient), (self.closed, mask)]
         return self._error([part for part in parts if self._error([part])])
 
-    def most(self, dark: Dark) -> float:
+    def most(self, dark: DarkPhotoLight) -> float:
         """The same of a dark photo of which nobody knows what is whose: at most."""
         return self._error([(np.maximum(abs(self.open), abs(self.closed)), dark)])
 
-    def floor(self, *darks: Dark) -> float:
+    def floor(self, *darks: DarkPhotoLight) -> float:
         """The least error that such dark photos, seen through any panel, tell from noise."""
         share = np.maximum(abs(self.open), abs(self.closed))
         return self._figures([(share, dark) for dark in darks])[1]
 
-    def rms(self, dark: Dark) -> float:
+    def rms(self, dark: DarkPhotoLight) -> float:
         """RMS of the answer without the leak of an open mask, and without the sensor's noise."""
         leak = (self.open * dark.light)[self.seen]
         noise = float(np.mean(self.variance[self.seen] + (self.open**2 * dark.variance)[self.seen]))
         square = float(np.mean((self.image[self.seen] - leak) ** 2)) - noise
-        return float(np.sqrt(max(square, SURE * noise / np.sqrt(leak.size))))
+        return float(np.sqrt(max(square, _SURE * noise / np.sqrt(leak.size))))
 
-    def _error(self, parts: list[tuple[Floats, Dark]]) -> float:
+    def _error(self, parts: list[tuple[Floats, DarkPhotoLight]]) -> float:
         if not parts:
             return 0.0
         error, floor, mean = self._figures(parts)
         return error if mean > floor else 0.0
 
-    def _figures(self, parts: list[tuple[Floats, Dark]]) -> tuple[float, float, float]:
+    def _figures(self, parts: list[tuple[Floats, DarkPhotoLight]]) -> tuple[float, float, float]:
         """RMS and least sure mean of a leak, and its mean, over the RMS of the answer without it.
 
         The sensor's noise, whose square does not vanish in a mean, is taken off.
@@ -122,35 +119,35 @@ class Answer:
         least = max(noise / leak.size, np.finfo(np.float64).tiny)
         rms = np.sqrt(max(true, least))
         power = max(float(np.mean(leak**2) - np.mean(variance)), 0.0)
-        sure = SURE * np.sqrt(variance.sum()) / leak.size
+        sure = _SURE * np.sqrt(variance.sum()) / leak.size
         return float(np.sqrt(power) / rms), float(sure / rms), float(abs(leak.mean()) / rms)
 
 
 @dataclass(frozen=True, eq=False)
-class Means:
+class ShotMeans:
     """The shots of an answer on cells.
 
     panels : what the panels did in them. light : what their cells got. seen : (N,), cells that any
     quad sees.
     """
 
-    panels: Mapping[str, Shown]
+    panels: Mapping[str, RealisedShot]
     light: Mapping[str, CellLight]
     seen: Bools
 
     @classmethod
-    def of(cls, recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Means:
-        """Those that `answers_of` asks for."""
+    def of(cls, recipe: Recipe, shots: Mapping[str, ExposedShot], cells: CellMap) -> ShotMeans:
+        """Those that `make_leak_answers` asks for."""
         used = _answer_photos(recipe)
         photos = [photo for photo in recipe.photos if photo.name in used]
         names = dict.fromkeys(name for photo in photos for _, name in photo.shots)
-        light = {name: mean_light(shots[name], cells) for name in names}
+        light = {name: average_shot(shots[name], cells) for name in names}
         return cls(shots, light, cells.seen())
 
 
-def answers_of(
-    recipe: Recipe, means: Means, lit_s: Mapping[str, float], *, normalise: NormaliseName
-) -> list[Answer]:
+def make_leak_answers(
+    recipe: Recipe, means: ShotMeans, lit_s: Mapping[str, float], *, normalise: NormaliseName
+) -> list[LeakAnswer]:
     """The answer of a recipe without corrections, on cells. Where it is made of the largest and
     smallest of photos, which a leak hardly parts, the pictures beside it, too.
 
@@ -164,8 +161,8 @@ def answers_of(
     return [_of_rule(rule, found) for rule in _answer_rules(recipe)]
 
 
-def noise_of(
-    recipe: Recipe, means: Means, dark: Dark, *, normalise: NormaliseName
+def predict_photo_variances(
+    recipe: Recipe, means: ShotMeans, dark: DarkPhotoLight, *, normalise: NormaliseName
 ) -> dict[str, float]:
     """Variance that each photo of a recipe brings into the answer once black exposures have taken
     the ambient light of `dark` off it, over the square of the answer's RMS. Of an answer that is a
@@ -177,7 +174,7 @@ def noise_of(
     """
     if isinstance(recipe.answer, Extremes):
         return {}
-    answer = answers_of(recipe, means, {}, normalise=normalise)[0]
+    answer = make_leak_answers(recipe, means, {}, normalise=normalise)[0]
     photos, found = {photo.name: photo for photo in recipe.photos}, {}
     seen = means.seen
     for share, name in recipe.answer:
@@ -205,8 +202,8 @@ def _photos(rule: Rule) -> tuple[str, ...]:
 
 
 def _of_photo(
-    photo: Photo, means: Means, lit_s: Mapping[str, float], normalise: NormaliseName
-) -> Answer:
+    photo: RecipePhoto, means: ShotMeans, lit_s: Mapping[str, float], normalise: NormaliseName
+) -> LeakAnswer:
     weights = weigh_cells(photo, means.panels, normalise)
     weight = weights.cells_s.reshape(-1, 1)
     light, noise, dark_s = np.zeros(()), np.zeros(()), 0.0
@@ -219,18 +216,18 @@ def _of_photo(
         dark_s += sign * max(0.0, lit_s.get(name, 0.0) - lit)
     opened = weights.realised.open_s.reshape(-1, 1)
     closed = np.full_like(opened, dark_s)
-    return Answer(
+    return LeakAnswer(
         light / weight, noise / weight**2, opened / weight, closed / weight, means.seen, gross
     )
 
 
-def _of_rule(rule: Rule, photos: Mapping[str, Answer]) -> Answer:
+def _of_rule(rule: Rule, photos: Mapping[str, LeakAnswer]) -> LeakAnswer:
     taken = [photos[name] for name in _photos(rule)]
     seen = taken[0].seen
     if isinstance(rule, Extremes):
         images = np.stack([photo.image for photo in taken])
         share, squares = rule.largest + rule.smallest, rule.largest**2 + rule.smallest**2
-        return Answer(
+        return LeakAnswer(
             rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0),
             squares * np.mean([photo.variance for photo in taken], axis=0),
             share * np.mean([photo.open for photo in taken], axis=0),
@@ -244,7 +241,7 @@ def _of_rule(rule: Rule, photos: Mapping[str, Answer]) -> Answer:
         photo.gross[::-1] if other else photo.gross
         for photo, other in zip(taken, against, strict=True)
     ]
-    return Answer(
+    return LeakAnswer(
         np.tensordot(shares, [photo.image for photo in taken], 1),
         np.tensordot(shares**2, [photo.variance for photo in taken], 1),
         np.tensordot(shares, [photo.open for photo in taken], 1),

@@ -8,43 +8,41 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.codes.pilot.codes import MATCHED, SCOUTS
 from pdcd.codes.pilot.links import (
     SHARP,
-    Worth,
-    correction,
+    PilotPrediction,
+    compute_path_correction,
     estimate_links,
+    estimate_sharpness,
     match_links,
-    sharpness,
-    widened,
-    worth,
+    predict_pilot_errors,
+    widen_links,
 )
-from pdcd.codes.pilot.scene_light import near_light
+from pdcd.codes.pilot.scene_light import estimate_adjacent_light
 from pdcd.pictures.to_cells import CellLight
 from pdcd.probing.realised import Factors
-from pdcd.probing.wanted import Wanted
+from pdcd.probing.wanted import WantedMatrix
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Paths: TypeAlias = "tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, scipy.sparse.csr_array]"
+_Paths: TypeAlias = "tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, scipy.sparse.csr_array]"
 
 
 @dataclass(frozen=True)
-class Learned:
+class PilotFindings:
     """Paths found by a pilot, or what its scouts saw.
 
     links : sparse (N, N), of all channels together; paths : the same for R, G, B.
     worth : predicted errors with and without the pilot; if it does not pay, the paths are empty.
         None where only the scouts were taken, which find no paths, and after a short pilot, whose
         scouts alone tell whether it pays.
-    sharpness : of the light in the scouts (`pdcd.codes.pilot.links.sharpness`).
+    sharpness : of the light in the scouts (`pdcd.codes.pilot.links.estimate_sharpness`).
     """
 
     links: scipy.sparse.csr_array
-    paths: Paths
-    worth: Worth | None
+    paths: _Paths
+    worth: PilotPrediction | None
     sharpness: float
     near: Floats
     """(N, 3), light that each cell gets from one of those right beside it, on average
@@ -61,7 +59,7 @@ class Learned:
         return self.links.nnz > 0 and (self.worth is None or self.worth.pays)
 
 
-def stack_photos(
+def scale_code_photos(
     taken: Sequence[Factors],
     bits: Bools,
     seen: CellLight,
@@ -70,14 +68,14 @@ def stack_photos(
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
     taken : what the panels did in each of K photos. bits : (K, N), their codes. seen : light of
-    their cells (`pdcd.pictures.to_cells.light_apart`). Each is divided by its own time of open mask
+    their cells (`pdcd.pictures.to_cells.unmix_cells`). Each is divided by its own time of open mask
     and lit projector.
 
     `ambient` light, of one dark photo, is taken off for the time for which the mask was open. Its
     own noise is the same in all photos, and no part of their standard deviation: it comes third, as
     variance (N, 3).
     """
-    weights = times_s(taken, bits)[:, None, None]
+    weights = code_times_s(taken, bits)[:, None, None]
     photos, sigmas = seen.light, seen.error
     if ambient is None:
         return photos / weights, sigmas / weights, None
@@ -87,41 +85,43 @@ def stack_photos(
     return (photos - opened * dark) / weights, sigmas / weights, common
 
 
-def learn(
+def learn_paths(
     grid: tuple[int, int],
     taken: Sequence[Factors],
     bits: Bools,
     total: int,
     seen: CellLight,
     ambient: CellLight | None = None,
-) -> Learned:
+) -> PilotFindings:
     """Find the strong far paths in the pilot photos, `total` codes being spent in all.
 
-    Others as of `stack_photos`; `bits` may be of more photos, those to come. With the scouts alone,
-    only look whether there may be any.
+    Others as of `scale_code_photos`; `bits` may be of more photos, those to come. With the scouts
+    alone, only look whether there may be any.
     """
     bits = bits[: len(taken)]
-    photos, sigma, common = stack_photos(taken, bits, seen, ambient)
+    photos, sigma, common = scale_code_photos(taken, bits, seen, ambient)
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)
     taken_off = None if common is None else np.sum(common, axis=1) / 9.0
-    sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first], taken_off=taken_off)
+    sharp = estimate_sharpness(
+        bits[first], grey[first], sigma=grey_sigma[first], taken_off=taken_off
+    )
 
     def with_paths(
-        links: scipy.sparse.csr_array, paths: Paths, predicted: Worth | None = None
-    ) -> Learned:
+        links: scipy.sparse.csr_array, paths: _Paths, predicted: PilotPrediction | None = None
+    ) -> PilotFindings:
         known = np.stack([(one @ bits.T.astype(np.float64)).T for one in paths], axis=2)
-        near = near_light(bits, photos - known, grid) + _beside(paths, grid)
-        return Learned(links, paths, predicted, sharp, near)
+        near = estimate_adjacent_light(bits, photos - known, grid) + _beside(paths, grid)
+        return PilotFindings(links, paths, predicted, sharp, near)
 
     none = scipy.sparse.csr_array((bits.shape[1], bits.shape[1]))
     if len(taken) == SCOUTS:
         return with_paths(none, (none, none, none))
     if len(taken) in MATCHED:
         links, red, green, blue = match_links(bits, photos, grid, sigma=sigma)
-        return with_paths(widened(links, grid), (red, green, blue))
+        return with_paths(widen_links(links, grid), (red, green, blue))
     links = estimate_links(bits, grey, grid, sigma=grey_sigma)
-    predicted = worth(bits, grey, links, total, sigma=grey_sigma)
+    predicted = predict_pilot_errors(bits, grey, links, total, sigma=grey_sigma)
     if not predicted.pays:
         return with_paths(none, (none, none, none), predicted)
     if np.array_equal(photos[..., 0], photos[..., 1]):
@@ -132,7 +132,7 @@ def learn(
     return with_paths(links, (red, green, blue), predicted)
 
 
-def _beside(paths: Paths, grid: tuple[int, int]) -> Floats:
+def _beside(paths: _Paths, grid: tuple[int, int]) -> Floats:
     """Light by known paths from the eight cells around each, the mean of the eight, (N, 3)."""
     found = np.zeros((grid[0] * grid[1], len(paths)))
     for channel, one in enumerate(paths):
@@ -144,8 +144,8 @@ def _beside(paths: Paths, grid: tuple[int, int]) -> Floats:
     return found
 
 
-def corrections(
-    learned: Learned, realised: Factors, weight_s: float | Floats, wanted: Wanted
+def compute_path_corrections(
+    learned: PilotFindings, realised: Factors, weight_s: float | Floats, wanted: WantedMatrix
 ) -> Floats:
     """What to add to a picture of what is wanted for the paths found, (N, 3), in scene units.
 
@@ -153,11 +153,15 @@ def corrections(
     """
     left, right = realised.left, realised.right
     return np.stack(
-        [correction(left, right, weight_s, p, _kept(wanted, p)) for p in learned.paths], axis=1
+        [
+            compute_path_correction(left, right, weight_s, p, _kept(wanted, p))
+            for p in learned.paths
+        ],
+        axis=1,
     )
 
 
-def known_light(learned: Learned, wanted: Wanted) -> Floats:
+def compute_path_light(learned: PilotFindings, wanted: WantedMatrix) -> Floats:
     """Light by the paths found in a picture of what is wanted, (N, 3), in scene units."""
     light = np.zeros((wanted.cells, len(learned.paths)))
     for channel, one in enumerate(learned.paths):
@@ -166,13 +170,13 @@ def known_light(learned: Learned, wanted: Wanted) -> Floats:
     return light
 
 
-def _kept(wanted: Wanted, paths: scipy.sparse.csr_array) -> Floats:
+def _kept(wanted: WantedMatrix, paths: scipy.sparse.csr_array) -> Floats:
     """Wanted weight of each path, in the order of their entries."""
     row, column = paths.tocoo().coords
     return wanted.pairs(row.astype(np.int64), column.astype(np.int64))
 
 
-def times_s(realised: Sequence[Factors], bits: Bools) -> Floats:
+def code_times_s(realised: Sequence[Factors], bits: Bools) -> Floats:
     """`time_s` of several photos, (K,), by their codes (K, N). Codes that light no cell, as there
     are on grids of a few cells, are taken to be shown as long as the others on average."""
     times: Floats = np.array([time_s(*one) for one in zip(realised, bits, strict=True)])

@@ -14,45 +14,47 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pdcd.bench.placed import panels_from
+from pdcd.arrays import Bools, Floats
+from pdcd.bench.placed import place_panels
 from pdcd.bench.tables import PanelConfig
-from pdcd.panels.blocks import Blocks
-from pdcd.panels.map import Map
-from pdcd.panels.overlap import lies_on
-from pdcd.panels.windows import Windows, windows
-from pdcd.pictures.found_blocks import BLOCKS, FEWEST, FLIPS, Finder, Found
-from pdcd.pictures.raster import HERE, Affine, Raster
-from pdcd.probing.cell_size import leak, leak_rms, own_share
+from pdcd.panels.blocks import BlockPattern
+from pdcd.panels.map import Map, find_pixels_on
+from pdcd.panels.windows import WindowKind, find_window_kind
+from pdcd.pictures.found_blocks import FEWEST, FLIPS, WINDOW_BLOCKS, FoundPattern, PatternFinder
+from pdcd.pictures.raster import HERE, AffineMap, FieldRaster
+from pdcd.probing.cell_size import compute_leak, compute_leak_rms, compute_own_share
 from pdcd.runs.record import PanelLook, RunRecord, Six
 from pdcd.sensor.cells import CellMap
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-LIT = 0.03
+_LIT = 0.03
 """Share of the bright quads' light in the photo of all light below which a quad tells nothing."""
-NOISE_PX = 0.5
+_NOISE_PX = 0.5
 """Standard deviation of a window's place by which nothing is said of the mask, at least."""
-SURE_PX = 0.1
+_SURE_PX = 0.1
 """Error with which blocks are found, in projector pixels, or in quads where these are larger."""
-SIGMAS = 3.0
+_SIGMAS = 3.0
 """Standard deviations of its own that a look may be off by."""
-IN_PLACE = 4.0
+_IN_PLACE = 4.0
 """Standard deviations from which a pattern's light comes from a place."""
-LEAST_IN_PLACE = 0.01
+_LEAST_IN_PLACE = 0.01
 """Share of all light that is enough of it."""
-AWAY = 8.0
+_AWAY = 8.0
 """Blocks between two places from which patterns have nothing in common, large blocks included."""
-EDGE_PX, EDGE_QUADS = 0.5, 0.25
+_EDGE_PX, _EDGE_QUADS = 0.5, 0.25
 """How far a quad may reach beyond the mask's edge, in projector pixels or of its side: an edge is
 found to a third of either, and the quad has most of its light."""
-POINTS = 9
+_POINTS = 9
 """Places along either axis of the field at which the panels are compared."""
-UNSURE_QUADS = 1.0
+_LEAST_APART = 1e-4
+"""Share of the field in which panels draw different cells below which nobody could see it."""
+_LEAST_KEPT = 0.5
+"""Share of direct light that must go through its own cells for the photos to tell how much there
+is."""
+_UNSURE_QUADS = 1.0
 """How unsure it is where in a window a quad looks."""
-IN_QUAD = 4
+_IN_QUAD = 4
 """Places along either side of a quad at which its light comes from."""
 
 
@@ -69,9 +71,9 @@ class BlockPhotos:
     known: Bools
 
 
-def panel_look(
+def find_panel_places(
     photos: BlockPhotos,
-    blocks: Blocks,
+    blocks: BlockPattern,
     camera: Map,
     panels: tuple[Map, Map],
     size_px: tuple[int, int],
@@ -81,17 +83,17 @@ def panel_look(
     camera, panels : maps of quads, and of the pixels of projector and mask, as they are believed.
     size_px : (width, height) of the field in projector pixels.
     """
-    lit = photos.known & (photos.white > LIT * np.percentile(photos.white, 95.0))
+    lit = photos.known & (photos.white > _LIT * np.percentile(photos.white, 95.0))
     lit &= photos.white > 0.0
-    raster = Raster.of(size_px, quad_px(camera, size_px))
+    raster = FieldRaster.of(size_px, quad_px(camera, size_px))
     safe = np.where(lit, photos.white, 1.0)
 
     def sampled(light: Floats) -> tuple[Floats, Bools]:
         return raster.sample(np.where(lit, light / safe, 0.0), lit, camera)
 
-    of_mask, through = Finder(blocks, raster, panels[1]), sampled(photos.mask)
+    of_mask, through = PatternFinder(blocks, raster, panels[1]), sampled(photos.mask)
     mask = of_mask.find(*through)
-    finder, seen = Finder(blocks, raster, panels[0]), sampled(photos.projector)
+    finder, seen = PatternFinder(blocks, raster, panels[0]), sampled(photos.projector)
     projector = finder.find(*seen, HERE if mask is None else mask.map)
     if mask is not None and projector is not None:
         block_px = size_px[0] / blocks.cols
@@ -110,11 +112,11 @@ def panel_look(
     variance = of_mask.variance(*through, mask.map, mask.map.inverse()(places))
     variance += finder.variance(*seen, projector.map, projector.map.inverse()(places))
     # Of a window that is the error of all of them together, and that of fewer blocks.
-    of_window = variance[len(places) // 2] * max(1.0, blocks.rows * blocks.cols / BLOCKS**2)
-    noise = max(NOISE_PX**2, float(of_window))
+    of_window = variance[len(places) // 2] * max(1.0, blocks.rows * blocks.cols / WINDOW_BLOCKS**2)
+    noise = max(_NOISE_PX**2, float(of_window))
     contrast = np.median(projector.contrast[one] / np.maximum(mask.contrast[other], 1e-3))
     return PanelLook(
-        mask=_six(Affine(fit[:2].T, fit[2])),
+        mask=_six(AffineMap(fit[:2].T, fit[2])),
         camera=_six(projector.map),
         rest_px=float(np.sqrt(max(rest**2 - noise, 0.0))),
         sigma_px=float(np.sqrt(variance.max())),
@@ -124,7 +126,11 @@ def panel_look(
 
 
 def _is_of_the_scene(
-    finder: Finder, seen: tuple[Floats, Bools], projector: Found, mask: Found, block_px: float
+    finder: PatternFinder,
+    seen: tuple[Floats, Bools],
+    projector: FoundPattern,
+    mask: FoundPattern,
+    block_px: float,
 ) -> bool:
     """Whether the projector's pattern is found mirrored, turned or blocks away, and yet some of its
     light comes from where the mask's is: a mirror in the scene makes such light, a panel does not.
@@ -132,10 +138,10 @@ def _is_of_the_scene(
     between = projector.map.after(mask.map.inverse()).linear
     apart = projector.map(mask.centres) - mask.map(mask.centres)
     turned_over = between[0, 0] <= 0.0 or between[1, 1] <= 0.0
-    if not turned_over and np.median(np.hypot(*apart.T)) < AWAY * block_px:
+    if not turned_over and np.median(np.hypot(*apart.T)) < _AWAY * block_px:
         return False
     left, spread = finder.left_at(*seen, projector, mask.map)
-    return left > max(IN_PLACE * spread, LEAST_IN_PLACE)
+    return left > max(_IN_PLACE * spread, _LEAST_IN_PLACE)
 
 
 def quad_px(camera: Map, size_px: tuple[int, int]) -> float:
@@ -144,14 +150,14 @@ def quad_px(camera: Map, size_px: tuple[int, int]) -> float:
     return float(np.sqrt(abs(np.linalg.det(slope)) * size_px[0] * size_px[1]))
 
 
-def cell_px(record: RunRecord) -> float:
+def mean_cell_px(record: RunRecord) -> float:
     """Side of a cell of codes in projector pixels, of one that is not square the mean."""
     width, height = record.projector.field_size_px
     return float(np.sqrt(width * height / (record.grid[0] * record.grid[1])))
 
 
 @dataclass(frozen=True)
-class Lie:
+class Misplacement:
     """How a picture lies against where it is believed to, in words' terms.
 
     flip : "none", "horizontal", "vertical" or "both", which is half a turn. turn_deg : clockwise.
@@ -167,10 +173,12 @@ class Lie:
     most_px: float
 
 
-def lie_of(six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)) -> Lie:
-    """How a picture lies by its affine map; `known_px` of its shift is no news."""
-    map_ = affine(six)
-    off = off_px(six, size_px, known_px)
+def measure_misplacement(
+    six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
+) -> Misplacement:
+    """How a picture lies by its affine map; `known_shift_px` of its shift is no news."""
+    map_ = make_affine_map(six)
+    off = field_shifts_px(six, size_px, known_px)
     lengths = np.hypot(off[:, 0], off[:, 1])
     turns = {}
     for flip, signs in FLIPS.items():
@@ -180,7 +188,7 @@ def lie_of(six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (
     flip = min(turns, key=lambda one: abs(turns[one]))
     middle = 0.5 * np.array(size_px)
     right, down = (map_(middle) - middle - known_px).tolist()
-    return Lie(
+    return Misplacement(
         flip=flip,
         turn_deg=float(turns[flip]),
         scale=float(np.sqrt(abs(np.linalg.det(map_.linear)))),
@@ -190,36 +198,36 @@ def lie_of(six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (
     )
 
 
-def off_px(
+def field_shifts_px(
     six: Six, size_px: tuple[int, int], known_px: tuple[float, float] = (0.0, 0.0)
 ) -> Floats:
     """By how much places all over the field lie further right and down, (n, 2)."""
-    return _off_px(six, _places(size_px), known_px)
+    return _shifts_px(six, _places(size_px), known_px)
 
 
-def _off_px(six: Six, places: Floats, known_px: tuple[float, float]) -> Floats:
+def _shifts_px(six: Six, places: Floats, known_px: tuple[float, float]) -> Floats:
     """The same of places (..., 2)."""
     flat = places.reshape(-1, 2)
-    return np.asarray(affine(six)(flat) - flat - known_px).reshape(places.shape)
+    return np.asarray(make_affine_map(six)(flat) - flat - known_px).reshape(places.shape)
 
 
 def _places(size_px: tuple[int, int]) -> Floats:
     """Places all over the field, (n, 2)."""
-    along = (np.arange(POINTS) + 0.5) / POINTS
+    along = (np.arange(_POINTS) + 0.5) / _POINTS
     return np.stack(np.meshgrid(*(along * length for length in size_px)), axis=-1).reshape(-1, 2)
 
 
 def _sure(off: Floats, record: RunRecord, look: PanelLook) -> Floats:
     """Of offsets (..., 2) what is beyond the error of finding them, and beyond the noise of the
     look, which adds to them as squares do."""
-    least_px, noise_px = SURE_PX * max(_quad_px(record), 1.0), SIGMAS * look.sigma_px
+    least_px, noise_px = _SURE_PX * max(_quad_px(record), 1.0), _SIGMAS * look.sigma_px
     length = np.hypot(off[..., 0], off[..., 1])
     beyond = np.sqrt(np.maximum(length**2 - noise_px**2, 0.0))
     share = np.minimum(beyond, np.maximum(length - least_px, 0.0)) / np.maximum(length, 1e-9)
     return np.asarray(off * share[..., None])
 
 
-def known_px(mask: PanelConfig) -> tuple[float, float]:
+def known_shift_px(mask: PanelConfig) -> tuple[float, float]:
     """By how much further right and down the mask's picture is known to lie: a point of the field
     is seen through the mask at that point plus `offset_px`."""
     right, down = mask.offset_px
@@ -227,7 +235,7 @@ def known_px(mask: PanelConfig) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Lost:
+class LostDirectLight:
     """Direct light that goes through wrong cells, over all of it: the mean over the field, and the
     root of the mean square over the camera's quads. Photos of indirect light have it in units of
     the weight of indirect light."""
@@ -236,48 +244,66 @@ class Lost:
     rms: float = 0.0
 
 
-def direct_lost(record: RunRecord, window: str) -> Lost:
+def estimate_lost_direct(record: RunRecord, window: str) -> LostDirectLight:
     """What is lost through such windows because the mask lies elsewhere; none where nobody looked,
     or the look tells nothing."""
     look = record.panels
     if look is None or look.mask is None:
-        return Lost()
+        return LostDirectLight()
     size_px = record.projector.field_size_px
-    if lie_of(look.mask, size_px).flip != "none":
-        return Lost(1.0, 1.0)
-    side, cell = windows(window).side, cell_px(record)
-    offset, spread = (
-        _sure(off_px(look.mask, size_px, known_px(record.mask)), record, look),
-        _spread_px(record, look),
-    )
+    if measure_misplacement(look.mask, size_px).flip != "none":
+        return LostDirectLight(1.0, 1.0)
+    side, cell = find_window_kind(window).side, mean_cell_px(record)
+    offset = field_shifts_px(look.mask, size_px, known_shift_px(record.mask))
+    spread = _spread_px(record, look)
     blur, none = record.mask.blur_px, np.zeros(1)
-    right, down = offset.T
-    mean = leak(cell, side, (right, down), spread) - leak(cell, side, (none, none), blur)
+    right, down = _sure(offset, record, look).T
+    mean = compute_leak(cell, side, (right, down), spread) - compute_leak(
+        cell, side, (none, none), blur
+    )
     found, usual = (
-        leak_rms(cell, side, off, blurred, _quad_px(record))
+        compute_leak_rms(cell, side, off, blurred, _quad_px(record))
         for off, blurred in (((right, down), spread), ((none, none), blur))
     )
     square = np.mean(np.maximum(found**2 - usual**2, 0.0))
-    return Lost(float(np.clip(mean.mean(), 0.0, 1.0)), float(np.sqrt(square)))
+    return LostDirectLight(float(np.clip(mean.mean(), 0.0, 1.0)), float(np.sqrt(square)))
 
 
-def lost_by_quad(record: RunRecord, window: str, cells: CellMap) -> Floats:
-    """What `direct_lost` is the mean of, at each quad (h, w): it lies along the edges of windows,
-    where fine quads see it in full. Error bars ask, of runs whose mask is not mirrored."""
-    look, size_px = record.panels, record.projector.field_size_px
-    kind, cell = windows(window), cell_px(record)
-    if look is None or look.mask is None or lie_of(look.mask, size_px).flip != "none":
-        raise ValueError("no blocks tell how far the mask lies elsewhere")
+def estimate_misplaced_light(
+    record: RunRecord, window: str, cells: CellMap, white: Floats, indirect: Floats
+) -> Floats | None:
+    """Direct light, (h, w, 3), that got into a photo of indirect light through wrong cells; None
+    where that is hardly any. Error bars add it.
+
+    window : of the photo's shots. white, indirect : scaled pictures (h, w, 3).
+    """
+    look, lost = record.panels, estimate_lost_direct(record, window)
+    if look is None or look.mask is None or lost.rms < _LEAST_APART:
+        return None
+    if lost.mean > 1.0 - _LEAST_KEPT:  # the photos do not tell any more how much there is
+        return np.asarray(lost.rms * look.direct * np.abs(white))
+    share = estimate_lost_by_quad(record, look, look.mask, window, cells)[..., None]
+    return np.asarray(share / np.maximum(1.0 - share, _LEAST_KEPT) * np.abs(white - indirect))
+
+
+def estimate_lost_by_quad(
+    record: RunRecord, look: PanelLook, mask: Six, window: str, cells: CellMap
+) -> Floats:
+    """What `estimate_lost_direct` is the mean of, at each quad (h, w): it lies along the edges of
+    windows, where fine quads see it in full. mask : where the look found the mask's picture, which
+    is not mirrored."""
+    size_px = record.projector.field_size_px
+    kind, cell = find_window_kind(window), mean_cell_px(record)
     places = cells.centres * size_px
     # The mask's picture lies further right and down by so much; light on it, further left and up.
-    offset = -_off_px(look.mask, places, known_px(record.mask))
+    offset = -_shifts_px(mask, places, known_shift_px(record.mask))
     places += offset
-    pixel = quad_px(panels_from(record.projector, record.mask).mask.map, size_px)
+    pixel = quad_px(place_panels(record.projector, record.mask).mask.map, size_px)
     blur, spread = (
         float(np.hypot(px, np.hypot(1.0, pixel) / np.sqrt(12.0)))
         for px in (record.mask.blur_px, _spread_px(record, look))
     )  # the edges of cells and windows lie at those of pixels
-    of_quad = _quad_px(record) * ((np.arange(IN_QUAD) + 0.5) / IN_QUAD - 0.5)
+    of_quad = _quad_px(record) * ((np.arange(_IN_QUAD) + 0.5) / _IN_QUAD - 0.5)
     kept, usually_kept = np.ones(cells.frame), np.ones(cells.frame)
     for axis, count in enumerate(record.grid[::-1]):
         ats = places[..., axis] * (count * cell / size_px[axis]) + of_quad[:, None, None]
@@ -285,20 +311,22 @@ def lost_by_quad(record: RunRecord, window: str, cells: CellMap) -> Floats:
         kept *= _own(kind, cell, ats, off, spread).mean(axis=0)
         usually_kept *= _own(kind, cell, ats, 0.0, blur).mean(axis=0)
     square = np.maximum((1.0 - kept) ** 2 - (1.0 - usually_kept) ** 2, 0.0)
-    smear = float(np.hypot(cells.blur_quads, UNSURE_QUADS))
+    smear = float(np.hypot(cells.blur_quads, _UNSURE_QUADS))
     beside = scipy.ndimage.gaussian_filter(square, smear)
     return np.asarray(np.sqrt(np.maximum(square, beside)))
 
 
 def _own(
-    kind: Windows, cell_px: float, at_px: Floats, offset_px: ArrayLike, blur_px: float
+    kind: WindowKind, cell_px: float, at_px: Floats, offset_px: ArrayLike, blur_px: float
 ) -> Floats:
-    """`own_share` of places on the mask, over the windows that show them."""
+    """`compute_own_share` of places on the mask, over the windows that show them."""
     share, shown = np.zeros(at_px.shape), np.zeros(at_px.shape)
     for moved in (0.0, 0.5) if kind.shifted else (0.0,):
         place = (at_px / cell_px + moved) % 1.0
         opens = (place >= kind.guard) & (place <= 1.0 - kind.guard)
-        share += np.where(opens, own_share(cell_px, place * cell_px, offset_px, blur_px), 0.0)
+        share += np.where(
+            opens, compute_own_share(cell_px, place * cell_px, offset_px, blur_px), 0.0
+        )
         shown += opens
     return np.asarray(share / np.maximum(shown, 1.0))
 
@@ -315,7 +343,7 @@ def _spread_px(record: RunRecord, look: PanelLook) -> float:
     return float(np.hypot(record.mask.blur_px, look.rest_px))
 
 
-def beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
+def find_quads_beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
     """Quads (h, w) that see a place beside the mask's picture, as blocks showed it: no light comes
     from there, whatever the scene has. None where nobody looked, or the look tells nothing.
 
@@ -324,25 +352,25 @@ def beside_mask(record: RunRecord, cells: CellMap) -> Bools | None:
     look = record.panels
     if look is None or look.mask is None or look.camera is None or not look.upright:
         return None
-    mask = panels_from(record.projector, record.mask).mask.map
+    mask = place_panels(record.projector, record.mask).mask.map
     size_px = record.projector.field_size_px
-    drawn = affine(look.mask).inverse().after(affine(look.camera))
+    drawn = make_affine_map(look.mask).inverse().after(make_affine_map(look.camera))
     to_drawn = np.eye(3)
     to_drawn[:2, :2], to_drawn[:2, 2] = drawn.linear, drawn.shift
     scale = np.diag([*size_px, 1.0])
     seen = cells.filled.then(np.linalg.inv(scale) @ to_drawn @ scale)
-    edge_px = max(EDGE_QUADS * quad_px(cells.filled, size_px), EDGE_PX)
-    beside = ~lies_on(seen, mask, -edge_px / quad_px(mask, size_px))
+    edge_px = max(_EDGE_QUADS * quad_px(cells.filled, size_px), _EDGE_PX)
+    beside = ~find_pixels_on(seen, mask, -edge_px / quad_px(mask, size_px))
     return np.asarray(beside & cells.known)
 
 
-def affine(six: Six) -> Affine:
+def make_affine_map(six: Six) -> AffineMap:
     """The map that six numbers stand for."""
     table = np.array(six, dtype=np.float64).reshape(2, 3)
-    return Affine(table[:, :2], table[:, 2])
+    return AffineMap(table[:, :2], table[:, 2])
 
 
-def _six(map_: Affine) -> Six:
+def _six(map_: AffineMap) -> Six:
     (a, b), (d, e) = map_.linear.tolist()
     c, f = map_.shift.tolist()
     return a, b, c, d, e, f

@@ -11,34 +11,29 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pdcd.arrays import Bools, Floats
 from pdcd.pictures.combine import scale_photos
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.learn import Learned, corrections, known_light
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.pictures.learn import PilotFindings, compute_path_corrections, compute_path_light
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.shares import Bools
-from pdcd.pictures.smooth import Coded, colour_correction, shares_of_parts
-from pdcd.pictures.to_cells import mean_image, seen_cells
-from pdcd.pictures.to_quads import add_by_light, bring_to_quads
+from pdcd.pictures.smooth import CodedImage, compute_colour_correction, estimate_smooth_shares
+from pdcd.pictures.to_cells import average_image, find_seen_cells
+from pdcd.pictures.to_quads import add_missing_light, expand_to_quads
 from pdcd.pictures.weights import CellWeights, weigh_cells
-from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
-from pdcd.recipes.recipe import Photo, Recipe
+from pdcd.recipes.parts import FEWEST_PARTS, list_parts, select_parts
+from pdcd.recipes.recipe import Recipe, RecipePhoto
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
-    from pdcd.pictures.border_light import SeenBorders
-
-Floats = NDArray[np.float64]
+    from pdcd.pictures.border_light import BorderMeasurement
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class SmoothModel:
     """What the parts of a photo tell of its smooth light: the light of cells, (N, C), without the
     paths that are known, and the shares of each kind, (P,)
-    (`pdcd.pictures.smooth.shares_of_parts`).
+    (`pdcd.pictures.smooth.estimate_smooth_shares`).
 
     Parts are corrected by the light of all of them, as their own errs by much more.
     """
@@ -47,32 +42,32 @@ class Told:
     shares: Floats
 
 
-NOTHING_TOLD: Mapping[str, Told] = MappingProxyType({})
+NO_SMOOTH_MODELS: Mapping[str, SmoothModel] = MappingProxyType({})
 
 
-def corrected_photos(
+def make_corrected_photos(
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    learned: Learned | None,
+    shots: Mapping[str, ExposedShot],
+    learned: PilotFindings | None,
     cells: CellMap,
     *,
     normalise: NormaliseName,
     smooth: bool,
     alive: Callable[[], None] = lambda: None,
-    told: Mapping[str, Told] = NOTHING_TOLD,
-    borders: SeenBorders | None = None,
+    told: Mapping[str, SmoothModel] = NO_SMOOTH_MODELS,
+    borders: BorderMeasurement | None = None,
     room: Floats | None = None,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
     Parameters
     ----------
-    recipe, shots, normalise : as of `pdcd.pictures.combine.combine`.
+    recipe, shots, normalise : as of `pdcd.pictures.combine.combine_shots`.
     learned : paths that a pilot found, whose error in photos is known.
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
         of far light. What is missing of a cell is shared out among its quads as they have light.
     alive : called now and then, and may raise to end the work.
-    told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves,
+    told : by the parts of photos, by their names (`fit_smooth_models`); others tell by themselves,
         where any quad sees them.
     borders : what a photo of the light along borders of cells tells, if there is one.
     room : (N, 3), what gets through an open mask before a black projector in a second, where a dark
@@ -80,7 +75,7 @@ def corrected_photos(
     """
     weights = {photo.name: weigh_cells(photo, shots, normalise) for photo in recipe.photos}
     missing = {
-        name: bring_to_quads(wrong, cells, weights[name].realised.fine)
+        name: expand_to_quads(wrong, cells, weights[name].realised.fine)
         for name, wrong in _missing(recipe, weights, learned).items()
     }
     photos = scale_photos(recipe, weights, shots, cells, missing, borders, room)
@@ -88,12 +83,12 @@ def corrected_photos(
         if not smooth or not _holds_smooth_light(photo):
             continue
         before, weighed = photos[photo.name], weights[photo.name]
-        seen = seen_cells(cells)
-        light = _with_unseen(mean_image(before.image, cells), seen)
+        seen = find_seen_cells(cells)
+        light = _with_unseen(average_image(before.image, cells), seen)
         more = _missing_smooth(
             weighed, light, learned, cells.grid, seen, told.get(photo.name), alive
         )
-        after = add_by_light(before, light, more, cells, weighed.realised.fine)
+        after = add_missing_light(before, light, more, cells, weighed.realised.fine)
         photos[photo.name] = after
         if "direct" in photos and not photo.beyond:
             # Of a pair: its codes err by as much the other way.
@@ -103,39 +98,42 @@ def corrected_photos(
     return photos
 
 
-def told_by_parts(
+def fit_smooth_models(
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    learned: Learned | None,
+    shots: Mapping[str, ExposedShot],
+    learned: PilotFindings | None,
     cells: CellMap,
     *,
     seen: Bools | None = None,
     normalise: NormaliseName,
     alive: Callable[[], None] = lambda: None,
     room: Floats | None = None,
-) -> Mapping[str, Told]:
-    """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
+) -> Mapping[str, SmoothModel]:
+    """What the parts of photos tell of the smooth light that `make_corrected_photos` corrects them
+    for.
 
     Arguments as there; nothing is told of photos that are not split, nor by fewer parts than
     measure the error bars. Means of cells do (`pdcd.pictures.to_cells.average_shots`). seen : cells
     (N,) that any quad of the camera sees, None for all.
     """
-    numbers = part_numbers(recipe)
+    numbers = list_parts(recipe)
     if len(numbers) < FEWEST_PARTS:
-        return NOTHING_TOLD
-    recipes = [recipe, *(only_parts(recipe, {part}) for part in numbers)]
+        return NO_SMOOTH_MODELS
+    recipes = [recipe, *(select_parts(recipe, {part}) for part in numbers)]
     pictures = [
-        corrected_photos(one, shots, learned, cells, normalise=normalise, smooth=False, room=room)
+        make_corrected_photos(
+            one, shots, learned, cells, normalise=normalise, smooth=False, room=room
+        )
         for one in recipes
     ]
     found = {}
-    of_map = seen_cells(cells)
+    of_map = find_seen_cells(cells)
     for photo, *parts in zip(*(one.photos for one in recipes), strict=True):
         if len(parts[0].shots) == len(photo.shots) or not _holds_smooth_light(photo):
             continue
         weights = [weigh_cells(one, shots, normalise) for one in (photo, *parts)]
         light = [
-            _with_unseen(mean_image(made[photo.name].image, cells), of_map) for made in pictures
+            _with_unseen(average_image(made[photo.name].image, cells), of_map) for made in pictures
         ]
         told = _told_of(weights, light, learned, cells.grid, seen, alive)
         if told is not None:
@@ -143,17 +141,17 @@ def told_by_parts(
     return found
 
 
-def _holds_smooth_light(photo: Photo) -> bool:
+def _holds_smooth_light(photo: RecipePhoto) -> bool:
     """Whether a photo is of indirect light, or of far light, by codes."""
     return bool(photo.beyond) or (photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0))
 
 
 def _missing(
-    recipe: Recipe, weights: Mapping[str, CellWeights], learned: Learned | None
+    recipe: Recipe, weights: Mapping[str, CellWeights], learned: PilotFindings | None
 ) -> dict[str, Floats]:
     """What cells get wrong of the paths that a pilot found, (N, 3) a photo."""
     return {
-        photo.name: corrections(
+        photo.name: compute_path_corrections(
             learned, weights[photo.name].realised, weights[photo.name].cells_s, photo.wanted
         )
         for photo in recipe.photos
@@ -169,20 +167,20 @@ def _with_unseen(light: Floats, seen: Bools | None) -> Floats:
     return light
 
 
-def _without_paths(light: Floats, photo: Photo, learned: Learned | None) -> Floats:
+def _without_paths(light: Floats, photo: RecipePhoto, learned: PilotFindings | None) -> Floats:
     """Light of cells (N, C) without that of the paths that are known."""
     if learned is None or not photo.paths:
         return light
-    return light - known_light(learned, photo.wanted)
+    return light - compute_path_light(learned, photo.wanted)
 
 
 def _missing_smooth(
     weights: CellWeights,
     light: Floats,
-    learned: Learned | None,
+    learned: PilotFindings | None,
     grid: tuple[int, int],
     seen: Bools | None,
-    told: Told | None,
+    told: SmoothModel | None,
     alive: Callable[[], None],
 ) -> Floats:
     """What is missing of the light of cells, (N, C), for their smooth light."""
@@ -190,7 +188,7 @@ def _missing_smooth(
     rest, shares = _without_paths(light, photo, learned), None
     if told is not None:
         rest, shares = told.light, told.shares
-    return colour_correction(
+    return compute_colour_correction(
         realised.left, realised.right, weights.cells_s, rest, grid, alive, photo.beyond, shares,
         seen,
     )  # fmt: skip
@@ -199,11 +197,11 @@ def _missing_smooth(
 def _told_of(
     weights: Sequence[CellWeights],
     light: Sequence[Floats],
-    learned: Learned | None,
+    learned: PilotFindings | None,
     grid: tuple[int, int],
     seen: Bools | None,
     alive: Callable[[], None],
-) -> Told | None:
+) -> SmoothModel | None:
     """What the parts of a photo tell of its smooth light; None of a dark one.
 
     weights, light : of the photo and of each of its parts, in that order; (N, C) each.
@@ -213,8 +211,8 @@ def _told_of(
         for weighed, one in zip(weights, light, strict=True)
     ]
     coded = [
-        Coded(one.realised.left, one.realised.right, one.cells_s, left.mean(axis=1))
+        CodedImage(one.realised.left, one.realised.right, one.cells_s, left.mean(axis=1))
         for one, left in zip(weights, rest, strict=True)
     ]
-    shares = shares_of_parts(coded[0], coded[1:], grid, weights[0].photo.beyond, alive, seen)
-    return None if shares is None else Told(rest[0], shares)
+    shares = estimate_smooth_shares(coded[0], coded[1:], grid, weights[0].photo.beyond, alive, seen)
+    return None if shares is None else SmoothModel(rest[0], shares)

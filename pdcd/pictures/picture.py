@@ -9,13 +9,13 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.recipes.recipe import Extremes, Recipe, Rule
-from pdcd.sensor.bands import banded
+from pdcd.sensor.bands import fill_in_bands
 
-Floats = NDArray[np.float64]
 Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""
-Kind = Literal["measured", "sensor", "whole"]
+_Kind = Literal["measured", "sensor", "whole"]
 """How the error by codes is known: by the spread of parts; not at all, so that sigma is without it;
 or there is none, as of a white photo."""
 
@@ -36,7 +36,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Barred(Picture):
+class PictureWithErrors(Picture):
     """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, 3) each, float64 or,
     where the frame is large, float32.
 
@@ -46,13 +46,15 @@ class Barred(Picture):
 
     sensor: Errors
     code: Errors
-    kind: Kind
+    kind: _Kind
     of_cells: Errors | None = None
 
 
-def barred(picture: Picture, code: Errors, kind: Kind) -> Barred:
+def with_error_bars(picture: Picture, code: Errors, kind: _Kind) -> PictureWithErrors:
     """A picture whose sigma is the sensor's, completed by the code error (h, w, 3)."""
-    return Barred(picture.image, _together(picture.sigma, code), picture.sigma, code, kind)
+    return PictureWithErrors(
+        picture.image, _together(picture.sigma, code), picture.sigma, code, kind
+    )
 
 
 def _together(sensor: Errors, code: Errors) -> Errors:
@@ -66,19 +68,21 @@ def _together(sensor: Errors, code: Errors) -> Errors:
         squares += code[rows] * code[rows]
         return np.sqrt(squares, out=squares)
 
-    return banded(sensor.shape, sensor.dtype, total)
+    return fill_in_bands(sensor.shape, sensor.dtype, total)
 
 
-def pictures_of(recipe: Recipe, photos: Mapping[str, Picture]) -> dict[str, Picture]:
+def combine_photos(recipe: Recipe, photos: Mapping[str, Picture]) -> dict[str, Picture]:
     """All pictures that the recipe makes of scaled photos, the answer first."""
     sigmas = {name: photo.sigma for name, photo in photos.items()}
     return {
-        name: Picture(_image_of(rule, photos), sigma_of(rule, photos, sigmas))
+        name: Picture(_image_of(rule, photos), compute_sigma(rule, photos, sigmas))
         for name, rule in recipe.pictures.items()
     }
 
 
-def sigma_of(rule: Rule, photos: Mapping[str, Picture], sigmas: Mapping[str, Errors]) -> Errors:
+def compute_sigma(
+    rule: Rule, photos: Mapping[str, Picture], sigmas: Mapping[str, Errors]
+) -> Errors:
     """Standard deviation of a picture, from those of its photos, which are independent."""
     if isinstance(rule, Extremes):
         return _sigma_of_extremes(rule, photos, sigmas)
@@ -87,9 +91,11 @@ def sigma_of(rule: Rule, photos: Mapping[str, Picture], sigmas: Mapping[str, Err
     first = sigmas[rule[0][1]]
 
     def sigma(rows: slice) -> Errors:
-        return np.asarray(np.sqrt(summed((c * c, sigmas[name][rows] ** 2) for c, name in rule)))
+        return np.asarray(
+            np.sqrt(sum_weighted((c * c, sigmas[name][rows] ** 2) for c, name in rule))
+        )
 
-    return banded(first.shape, first.dtype, sigma)
+    return fill_in_bands(first.shape, first.dtype, sigma)
 
 
 def _image_of(rule: Rule, photos: Mapping[str, Picture]) -> Floats:
@@ -99,13 +105,13 @@ def _image_of(rule: Rule, photos: Mapping[str, Picture]) -> Floats:
         for image in images[1:]:
             np.maximum(largest, image, out=largest)
             np.minimum(smallest, image, out=smallest)
-        return summed([(rule.largest, largest), (rule.smallest, smallest)])
+        return sum_weighted([(rule.largest, largest), (rule.smallest, smallest)])
     first = photos[rule[0][1]].image
     if len(rule) == 1 and rule[0][0] == 1.0:
         return first
     terms = [(c, photos[name].image) for c, name in rule]
-    return banded(
-        first.shape, first.dtype, lambda rows: summed((c, image[rows]) for c, image in terms)
+    return fill_in_bands(
+        first.shape, first.dtype, lambda rows: sum_weighted((c, image[rows]) for c, image in terms)
     )
 
 
@@ -133,7 +139,7 @@ def _sigma_of_extremes(
     return found
 
 
-def summed(terms: Iterable[tuple[float, NDArray[_F]]]) -> NDArray[_F]:
+def sum_weighted(terms: Iterable[tuple[float, NDArray[_F]]]) -> NDArray[_F]:
     """Weighted sum of equally shaped arrays, in order, of their own type; a single one with the
     weight 1 is not copied."""
     (first, array), *rest = terms

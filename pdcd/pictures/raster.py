@@ -10,22 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-MARGIN = 0.12
+_MARGIN = 0.12
 """Share of the field's sides by which the raster reaches beyond them: a camera that looks beside
 where it is believed to still sees the field there."""
-MOST = 520
+_MOST = 520
 """Points of the raster along the longer side."""
 
 
 @dataclass(frozen=True, eq=False)
-class Affine:
+class AffineMap:
     """``x @ linear.T + shift``, from points of the raster to points of the pattern, both in
     projector pixels of the field."""
 
@@ -36,21 +33,21 @@ class Affine:
         """Points (..., 2)."""
         return np.asarray(points @ self.linear.T + self.shift)
 
-    def inverse(self) -> Affine:
+    def inverse(self) -> AffineMap:
         """From the pattern to the raster."""
         back = np.linalg.inv(self.linear)
-        return Affine(np.asarray(back, np.float64), np.asarray(-back @ self.shift, np.float64))
+        return AffineMap(np.asarray(back, np.float64), np.asarray(-back @ self.shift, np.float64))
 
-    def after(self, first: Affine) -> Affine:
+    def after(self, first: AffineMap) -> AffineMap:
         """This one of what `first` makes of a point."""
-        return Affine(self.linear @ first.linear, self.linear @ first.shift + self.shift)
+        return AffineMap(self.linear @ first.linear, self.linear @ first.shift + self.shift)
 
 
-HERE = Affine(np.eye(2), np.zeros(2))
+HERE = AffineMap(np.eye(2), np.zeros(2))
 
 
 @dataclass(frozen=True, eq=False)
-class Raster:
+class FieldRaster:
     """Points of the field at which photos are looked at; pitch and places in projector pixels."""
 
     size_px: tuple[int, int]
@@ -59,10 +56,10 @@ class Raster:
     begin: Floats
 
     @classmethod
-    def of(cls, size_px: tuple[int, int], quad_px: float) -> Raster:
+    def of(cls, size_px: tuple[int, int], quad_px: float) -> FieldRaster:
         """For a projector of (width, height) and quads of that side."""
-        pitch = max(quad_px, max(size_px) / MOST)
-        reach = np.ceil(MARGIN * np.array(size_px) / pitch)
+        pitch = max(quad_px, max(size_px) / _MOST)
+        reach = np.ceil(_MARGIN * np.array(size_px) / pitch)
         cols, rows = (np.round(np.array(size_px) / pitch) + 2 * reach).astype(int)
         return cls(size_px, pitch, (int(rows), int(cols)), -reach * pitch)
 

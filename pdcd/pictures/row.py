@@ -9,24 +9,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import ConfigError
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.decode import record_errors
-from pdcd.pictures.weights import Shown, divided_by_row, realised_photo
-from pdcd.pictures.written.picture_files import blocks, strip
+from pdcd.pictures.decode import convert_record_errors
+from pdcd.pictures.weights import RealisedShot, is_divided_by_row, sum_realised_matrices
+from pdcd.pictures.written.picture_files import draw_caption, draw_value_table
 from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.probing.realised import Factors
-from pdcd.recipes.recipe import Photo
-from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.patterns import NAME as CODES
-from pdcd.runs.verify import whole_manifest
+from pdcd.recipes.recipe import RecipePhoto
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
+from pdcd.runs.patterns import CODES_FILE as CODES
+from pdcd.runs.verify import read_whole_manifest
 from pdcd.words import NormaliseName
 
-Floats = NDArray[np.float64]
-
-WIDTH_PX = 960
+_WIDTH_PX = 960
 """Least width of a picture of a row."""
-BETWEEN = (29, 95, 168)
+_BETWEEN = (29, 95, 168)
 """Colour of what parts wanted and realised."""
 
 
@@ -54,26 +53,26 @@ class MatrixRow:
         low = -top if self.wanted.min() < 0.0 else 0.0
         rows, cols = self.wanted.shape
         shown = np.concatenate([self.wanted, np.zeros((rows, 1)), self.realised], axis=1)
-        drawn = blocks((shown - low) / (top - low), WIDTH_PX)
+        drawn = draw_value_table((shown - low) / (top - low), _WIDTH_PX)
         side = len(drawn) // rows
-        drawn[:, side * cols : side * (cols + 1)] = BETWEEN
+        drawn[:, side * cols : side * (cols + 1)] = _BETWEEN
         title = f"paths to cell {cell[0]} {cell[1]}, photo {self.photo}"
         marks = [(round(255 * s), f"{low + s * (top - low):.2g}") for s in (0.0, 0.25, 0.5, 1.0)]
         notes = ("left: weights as wanted", "right: as realised")
-        return np.concatenate([drawn, strip(drawn.shape[1], title, notes, marks)])
+        return np.concatenate([drawn, draw_caption(drawn.shape[1], title, notes, marks)])
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class WeighedMatrix:
     """A photo's realised matrix, and what its rows are divided by, in seconds: one number (), or
     that of each camera cell (N,)."""
 
-    photo: Photo
+    photo: RecipePhoto
     realised: Factors
     weight_s: Floats
 
 
-def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) -> MatrixRow:
+def read_matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) -> MatrixRow:
     """Row of a finished run's realised probing matrix.
 
     Parameters
@@ -89,20 +88,20 @@ def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) ->
     ConfigError
         There is no such cell or photo.
     """
-    record = whole_manifest(folder, (CODES, FRAMES)).run
+    record = read_whole_manifest(folder, (CODES, FRAMES)).run
     rows, cols = record.grid
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
         raise ConfigError(
             f"there is no cell {cell[0]} {cell[1]} in a grid of {rows} x {cols}",
             hint=f"rows count from 0 to {rows - 1}, columns from 0 to {cols - 1}",
         )
-    with record_errors(folder):
+    with convert_record_errors(folder):
         recipe, shots = Darkroom(folder, record).matrices()
     photos = {p.name: p for p in recipe.photos}
     name = recipe.main if photo is None else photo
     if name not in photos:
         raise ConfigError(f"there is no photo {name}", hint=f"known: {', '.join(photos)}")
-    found = weighed(photos[name], shots, record.normalise)
+    found = weigh_matrix(photos[name], shots, record.normalise)
     n = cell[0] * cols + cell[1]
     realised = found.realised
     row = realised.left[:, n] @ realised.right
@@ -112,12 +111,14 @@ def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) ->
     return MatrixRow(name, wanted.reshape(rows, cols), row.reshape(rows, cols))
 
 
-def weighed(photo: Photo, shots: Mapping[str, Shown], normalise: NormaliseName) -> Weighed:
+def weigh_matrix(
+    photo: RecipePhoto, shots: Mapping[str, RealisedShot], normalise: NormaliseName
+) -> WeighedMatrix:
     """What the panels really did in a photo, and what its picture was divided by."""
-    realised = realised_photo(photo.shots, shots)
+    realised = sum_realised_matrices(photo.shots, shots)
     weight = np.array(weight_s(realised, photo.wanted))
-    if divided_by_row(photo, shots, normalise):
+    if is_divided_by_row(photo, shots, normalise):
         inner, norm = row_weights_s(realised, photo.wanted)
         own = np.divide(inner, norm, out=np.zeros_like(inner), where=norm > 0.0)
         weight = np.where(inner > 0.0, own, weight)
-    return Weighed(photo, realised, weight)
+    return WeighedMatrix(photo, realised, weight)

@@ -13,29 +13,27 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from pdcd.arrays import Bools, Floats
 
-DETAIL = np.array([[-1.0, 2.0, -1.0], [2.0, -4.0, 2.0], [-1.0, 2.0, -1.0]]) / 4.0
+_DETAIL = np.array([[-1.0, 2.0, -1.0], [2.0, -4.0, 2.0], [-1.0, 2.0, -1.0]]) / 4.0
 """Keeps what changes from cell to cell, and nothing of a plane."""
-AROUND = 5
+_AROUND = 5
 """Side, in cells, of the square over which the strength of detail is averaged."""
-DARK = 0.01
+_DARK = 0.01
 """Share of the mean light that all cells are taken to have beside their own."""
-LEAST = 1e-6
+_LEAST = 1e-6
 """Least strength of detail, over its mean: cells without light tell nothing."""
-LESS_SURE = 4.0
+_LESS_SURE = 4.0
 """How many times further shares may be from the usual ones where parts tell."""
 FROM, TO = -1.0, 2.0
 """Shares are within, where parts tell. What the model has too much of one kind of light may be made
 up for by another."""
-ROUNDS = 2
+_ROUNDS = 2
 """How often the strength of what the shares leave is looked at."""
 
 
-def shares_by_detail(
+def fit_shares_to_detail(
     light: Floats,
     missing: Floats,
     grid: tuple[int, int],
@@ -53,7 +51,7 @@ def shares_by_detail(
     return np.clip(_likeliest(*told, usual, sure), 0.0, 1.0)
 
 
-def shares_by_parts(
+def fit_shares_to_parts(
     light: Floats,
     missing: Floats,
     lacking: Sequence[Floats],
@@ -67,14 +65,14 @@ def shares_by_parts(
 
     lacking : of each part, (N,), what it lacks of the whole, times its weight over that of the
     whole. patterns : of each, (P, N), what it would lack of it of each kind of light, times the
-    same. Others as of `shares_by_detail`.
+    same. Others as of `fit_shares_to_detail`.
     """
-    level = light + DARK * light.mean()
+    level = light + _DARK * light.mean()
     wrong = np.stack(lacking) / level  # (B, N)
     known = np.stack(patterns, axis=1) / level  # (P, B, N)
     precision, told = _by_detail(light, missing, grid, seen)
     shares = usual
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         # What the shares leave is noise, and light that no pattern has.
         left = wrong - np.tensordot(shares, known, 1)
         scale = _over_strength(np.mean(left**2, axis=0).reshape(grid), seen)
@@ -84,7 +82,7 @@ def shares_by_parts(
             precision + more,
             told + np.einsum("pbn,bn->p", scaled, wrong * scale),
             usual,
-            LESS_SURE * sure,
+            _LESS_SURE * sure,
         )
     return np.clip(shares, FROM, TO)
 
@@ -96,7 +94,7 @@ def _by_detail(
     shares, (P,). Detail is taken as normal with the strength it has around each cell."""
     # Relative to the light of each cell: a surface that is twice as bright shows twice the pattern,
     # and its texture must not be taken for one.
-    level = light + DARK * light.mean()
+    level = light + _DARK * light.mean()
     lacking = -_detail(np.log(level), grid)
     inner = None
     if seen is not None:  # with all that the detail is made of
@@ -107,7 +105,7 @@ def _by_detail(
 
 
 def _detail(image: Floats, grid: tuple[int, int]) -> Floats:
-    detail: Floats = scipy.ndimage.convolve(image.reshape(grid), DETAIL, mode="nearest").ravel()
+    detail: Floats = scipy.ndimage.convolve(image.reshape(grid), _DETAIL, mode="nearest").ravel()
     return detail
 
 
@@ -115,15 +113,15 @@ def _over_strength(squares: Floats, seen: Bools | None) -> Floats:
     """One over the strength around each cell, (N,), of what has these squares, (rows, cols); 0 of
     cells that are not seen, and everywhere where there is none."""
     if seen is None:
-        strength = scipy.ndimage.uniform_filter(squares, AROUND).ravel()
-        floor = LEAST * float(strength.mean())
+        strength = scipy.ndimage.uniform_filter(squares, _AROUND).ravel()
+        floor = _LEAST * float(strength.mean())
     else:
         known = seen.reshape(squares.shape).astype(np.float64)
         counted, total = (
-            scipy.ndimage.uniform_filter(one, AROUND).ravel() for one in (known, squares * known)
+            scipy.ndimage.uniform_filter(one, _AROUND).ravel() for one in (known, squares * known)
         )
         strength = np.divide(total, counted, out=np.zeros_like(total), where=seen)
-        floor = LEAST * float(strength[seen].mean()) if seen.any() else 0.0
+        floor = _LEAST * float(strength[seen].mean()) if seen.any() else 0.0
     if not floor > 0.0:
         return np.zeros_like(strength)
     scale = 1.0 / np.sqrt(np.maximum(strength, floor))

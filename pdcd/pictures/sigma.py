@@ -15,38 +15,36 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.picture import Barred, Picture, barred, summed
-from pdcd.pictures.smooth import beside
-from pdcd.pictures.to_cells import Sample, average, halve, sample
+from pdcd.arrays import Floats
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.pictures.picture import Picture, PictureWithErrors, sum_weighted, with_error_bars
+from pdcd.pictures.smooth import average_neighbour_weights
+from pdcd.pictures.to_cells import QuadSample, average_picture, choose_part_cells, sample_quads
 from pdcd.pictures.weights import CellWeights
-from pdcd.recipes.parts import part_numbers
+from pdcd.recipes.parts import list_parts
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 
-Floats = NDArray[np.float64]
-
-CONFIDENCE = 0.95
+_CONFIDENCE = 0.95
 """Share of pixels whose true value is to lie within image +- 1.96 sigma."""
-NEIGHBOURS_PX = 3
+_NEIGHBOURS_PX = 3
 """Side of the square of pixels whose spreads are pooled."""
-LEAST = 0.1
+_LEAST = 0.1
 """Least square of a pixel's error over that of its neighbourhood. More covers more of what parts
 get wrong alike, and widens the error bars of pixels that do not err."""
-DARK = 1e-3
+_DARK = 1e-3
 """Mean square of the light, over that of all cells, below which a cell is dark."""
-ROUNDED = 1e-6
+_ROUNDED = 1e-6
 """Share of the mean below which a sum over cells is rounding."""
-MOST_TOLD = 0.5
+_MOST_TOLD = 0.5
 """Share of half cells with two quads or more from which these tell what single quads err by."""
-LEAST_BESIDE = 0.15
+_LEAST_BESIDE = 0.15
 """Weight that is off, in paths of one cell, below which it is the chance of codes: a photo of whole
 cells has none but that."""
 
 
-def measured(picture: Picture, parts: Sequence[Floats]) -> Barred:
+def measure_error_bars(picture: Picture, parts: Sequence[Floats]) -> PictureWithErrors:
     """A picture with the code error that the spread of its parts, (h, w, 3) each, shows.
 
     The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
@@ -56,7 +54,7 @@ def measured(picture: Picture, parts: Sequence[Floats]) -> Barred:
 
     Parts may also agree by chance: where all of them count a single path equally often, or never,
     it is wrong in all and none differs. So a pixel amid errors above the average has no less than
-    the share `LEAST` of their mean square.
+    the share `_LEAST` of their mean square.
 
     A pixel saturated in any part keeps its infinite sigma.
     """
@@ -67,17 +65,17 @@ def measured(picture: Picture, parts: Sequence[Floats]) -> Barred:
         seen, least = variance[..., channel], noise[..., channel]
         expected = _expected(seen, least, picture.image[..., channel])
         ratio, freedom = _moderated(seen / expected, len(parts) - 1)
-        tail = (1.0 - CONFIDENCE) / 2.0
+        tail = (1.0 - _CONFIDENCE) / 2.0
         wider = scipy.special.stdtrit(freedom, tail) / scipy.special.ndtri(tail)
         square = np.maximum(wider**2 * ratio * expected - least, 0.0)
-        square = np.maximum(square, LEAST * _strong_around(square))
+        square = np.maximum(square, _LEAST * _strong_around(square))
         code[..., channel] = np.sqrt(square)
-    return barred(picture, code, "measured")
+    return with_error_bars(picture, code, "measured")
 
 
 def _strong_around(square: Floats) -> Floats:
     """Mean of squares (h, w) over each neighbourhood where it is above that of all; else 0."""
-    around: Floats = scipy.ndimage.uniform_filter(square, NEIGHBOURS_PX, mode="nearest")
+    around: Floats = scipy.ndimage.uniform_filter(square, _NEIGHBOURS_PX, mode="nearest")
     return np.where(around > square.mean(), around, 0.0)
 
 
@@ -90,7 +88,7 @@ def _expected(variance: Floats, noise: Floats, image: Floats) -> Floats:
     total = float(square.sum())
     share = max(float(np.sum(variance - noise)), 0.0) / total if total > 0.0 else 0.0
     expected = noise + share * square
-    floor = DARK * float(expected.mean())
+    floor = _DARK * float(expected.mean())
     return np.maximum(expected, floor if floor > 0.0 else 1.0)
 
 
@@ -103,7 +101,7 @@ def _moderated(variance: Floats, freedom: int) -> tuple[Floats, float]:
     neighbourhood like an inverse chi-square, whose scatter follows from the mean and variance of
     the logarithms; Smyth 2004.)
     """
-    square = np.full((NEIGHBOURS_PX, NEIGHBOURS_PX), NEIGHBOURS_PX**-2.0)
+    square = np.full((_NEIGHBOURS_PX, _NEIGHBOURS_PX), _NEIGHBOURS_PX**-2.0)
     pool = scipy.ndimage.convolve(variance, square, mode="nearest")
     seen = (variance > 0.0) & (pool > 0.0)
     if not seen.any():
@@ -129,42 +127,42 @@ def _inverse_trigamma(value: float) -> float:
     return x
 
 
-def single_of_photos(
+def estimate_photo_quad_errors(
     recipe: Recipe,
-    shots: Mapping[str, Exposed],
+    shots: Mapping[str, ExposedShot],
     photos: Mapping[str, Picture],
     cells: CellMap,
 ) -> dict[str, Floats]:
     """What the codes of all photos that have any get wrong of single quads beside their cell, or
-    half of one where parts are told of halves (`single_errors`), by name.
+    half of one where parts are told of halves (`estimate_quad_errors`), by name.
 
     photos : scaled ones. Nothing is told where each cell has a quad of its own.
     """
-    parted = halve(cells)
+    parted = choose_part_cells(cells)
     found: dict[str, Floats] = {}
     used = [shots[name] for name in {name for photo in recipe.photos for _, name in photo.shots}]
-    picked = sample(used, parted)
-    if parted is not cells and picked.share_told() < MOST_TOLD:  # blur mixes halves everywhere
-        picked = sample(used, cells)
+    picked = sample_quads(used, parted)
+    if parted is not cells and picked.share_told() < _MOST_TOLD:  # blur mixes halves everywhere
+        picked = sample_quads(used, cells)
     if not picked.share_told():
         return {}
-    numbers = part_numbers(recipe)
+    numbers = list_parts(recipe)
     for photo in recipe.photos:
         light, noise = [], []
         for number in numbers:
             names = {shot.name for shot in recipe.shots if shot.part == number}
             taken = [(sign, shots[name]) for sign, name in photo.shots if name in names]
             if taken:
-                light.append(summed((sign, picked.take(one.light_at)) for sign, one in taken))
-                noise.append(summed((1.0, picked.take(one.variance_at)) for _, one in taken))
+                light.append(sum_weighted((sign, picked.take(one.light_at)) for sign, one in taken))
+                noise.append(sum_weighted((1.0, picked.take(one.variance_at)) for _, one in taken))
         if light:
-            images = average(photos[photo.name], parted).image
-            found[photo.name] = single_errors(light, noise, picked, images)
+            images = average_picture(photos[photo.name], parted).image
+            found[photo.name] = estimate_quad_errors(light, noise, picked, images)
     return found
 
 
-def single_errors(
-    light: Sequence[Floats], noise: Sequence[Floats], picked: Sample, images: Floats
+def estimate_quad_errors(
+    light: Sequence[Floats], noise: Sequence[Floats], picked: QuadSample, images: Floats
 ) -> Floats:
     """What single quads err by codes beside the mean of their cell, (rows, cols, C), by how they
     differ from it in the parts of a photo; without the sensor's noise.
@@ -176,7 +174,7 @@ def single_errors(
     count, mean = len(light), np.mean(light, axis=0)
     number = np.maximum(picked.sums(np.ones((picked.cell.size, 1))), 1.0)
     level = picked.sums(mean) / number
-    floor = DARK * np.mean(level**2, axis=0)
+    floor = _DARK * np.mean(level**2, axis=0)
     lit = level > np.sqrt(floor)
     square = np.zeros_like(mean)
     for part in light:
@@ -186,10 +184,10 @@ def single_errors(
     spare = np.maximum(number - 1.0, 0.0) / number  # of each cell's mean it knows nothing
     square -= spare[picked.cell] * np.mean(noise, axis=0)
     # In proportion to light; what is dark beside the others errs as little.
-    all_light = picked.sums(spare[picked.cell] * (level**2 + floor)[picked.cell], NEIGHBOURS_PX)
+    all_light = picked.sums(spare[picked.cell] * (level**2 + floor)[picked.cell], _NEIGHBOURS_PX)
     # Means over squares leave rounding where no quad was picked.
-    told = all_light > ROUNDED * all_light.mean(axis=0)
-    all_square = picked.sums(square, NEIGHBOURS_PX)
+    told = all_light > _ROUNDED * all_light.mean(axis=0)
+    all_square = picked.sums(square, _NEIGHBOURS_PX)
     over = np.broadcast_to(all_square.sum(axis=0) / all_light.sum(axis=0), told.shape).copy()
     np.divide(all_square, all_light, out=over, where=told)
     pieces = images.shape[0] // picked.grid[0]
@@ -197,7 +195,7 @@ def single_errors(
     return np.asarray(np.sqrt(over / count) * np.abs(images))
 
 
-def beside_weight(weights: CellWeights, grid: tuple[int, int]) -> float:
+def compute_neighbour_weight(weights: CellWeights, grid: tuple[int, int]) -> float:
     """How much light from one of the cells around is worth in the error of a photo that cannot tell
     it from direct light: what is lacking of all eight, and what is there of the cell's own, whose
     size nobody knows. 0 where that is the chance of codes, and of photos that do not want all other
@@ -214,8 +212,11 @@ def beside_weight(weights: CellWeights, grid: tuple[int, int]) -> float:
     diagonal, off = uniform
     realised, cells_s = weights.realised, weights.cells_s
     lacking = sum(
-        off - share for share in beside(realised.left, realised.right, cells_s, grid).values()
+        off - share
+        for share in average_neighbour_weights(
+            realised.left, realised.right, cells_s, grid
+        ).values()
     )
     own = float(np.mean(realised.row_sums_s[1] / cells_s)) - diagonal
     weight = float(np.hypot(lacking, own))
-    return 0.0 if weight < LEAST_BESIDE else weight
+    return 0.0 if weight < _LEAST_BESIDE else weight

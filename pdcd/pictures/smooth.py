@@ -20,33 +20,32 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from pdcd.pictures.shares import Bools, shares_by_detail, shares_by_parts
+from pdcd.arrays import Bools, Floats
+from pdcd.pictures.shares import fit_shares_to_detail, fit_shares_to_parts
 
-Floats = NDArray[np.float64]
-Spread = Callable[[Floats], Floats]
+_Spread = Callable[[Floats], Floats]
 
-REACH = 2.0
+HALF_LIGHT_CELLS = 2.0
 """Cells over which near light falls to one half; far off it falls with the square."""
-USUAL = np.array([0.0, 0.1])
+_USUAL = np.array([0.0, 0.1])
 """Shares of far and of near light that are removed where the image tells nothing. Larger ones gain
 more on some scenes; but where light stays near and codes are nearly exact, they do harm."""
-SURE = np.array([0.25, 0.2])
+_SURE = np.array([0.25, 0.2])
 """Standard deviations of these: how much the image must tell to be believed."""
-ROUNDS = 8
+_ROUNDS = 8
 """Steps of the scaling that makes the model's row sums the image; each leaves half the error."""
-CHUNK = 2**22
+_CHUNK = 2**22
 """Numbers transformed at once."""
-FAR_SPREADS = ((np.inf, 1.0), (5.0, 1.0), (2.0, 2.0))
+_FAR_SPREADS = ((np.inf, 1.0), (5.0, 1.0), (2.0, 2.0))
 """Of photos of far light: cells over which light falls, and the power of what falls with the
 square. Their codes are random and few, so that all of light's ways count."""
-FAR_USUAL, FAR_SURE = np.array([0.4, 0.3, 0.1]), np.array([0.3, 0.2, 0.15])
-"""As `USUAL` and `SURE`."""
+_FAR_USUAL, _FAR_SURE = np.array([0.4, 0.3, 0.1]), np.array([0.3, 0.2, 0.15])
+"""As `_USUAL` and `_SURE`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Coded:
+class CodedImage:
     """A photo, or a part of it: factors of its realised probing matrix, (R, N) each, the weight
     that it was divided by, and its image, (N,)."""
 
@@ -56,7 +55,7 @@ class Coded:
     image: Floats
 
 
-def colour_correction(
+def compute_colour_correction(
     left: Floats,
     right: Floats,
     weight: float | Floats,
@@ -67,20 +66,22 @@ def colour_correction(
     shares: Floats | None = None,
     seen: Bools | None = None,
 ) -> Floats:
-    """The same as `smooth_correction` for an image in colour: (N, C) float64.
+    """The same as `compute_smooth_correction` for an image in colour: (N, C) float64.
 
     What is missing of its grey is shared out among the channels as each cell has them: smooth light
     takes on the colour of where it arrives.
     """
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
-    missing = smooth_correction(left, right, weight, grey, grid, alive, beyond, shares, seen)
+    missing = compute_smooth_correction(
+        left, right, weight, grey, grid, alive, beyond, shares, seen
+    )
     share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
     more: Floats = light * share[:, None]
     return more
 
 
-def smooth_correction(
+def compute_smooth_correction(
     left: Floats,
     right: Floats,
     weight: float | Floats,
@@ -110,24 +111,24 @@ def smooth_correction(
     beyond : the radius of an image of far light, which the model then has none of from nearer; 0
         for indirect light.
     shares : of each kind of light to remove (`_spreads`), where parts told them
-        (`shares_of_parts`); else the image tells.
+        (`estimate_smooth_shares`); else the image tells.
     seen : (N,) bool, cells whose light is known; None for all.
     """
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
         return np.zeros_like(light)
-    codes = Coded(left, right, weight, image)
+    codes = CodedImage(left, right, weight, image)
     missing = _patterns(codes, light, _spreads(codes, grid, beyond), alive)
     if shares is None:
-        shares = shares_by_detail(light, missing, grid, *_before(beyond), seen)
+        shares = fit_shares_to_detail(light, missing, grid, *_before(beyond), seen)
         if beyond:  # The patterns are much alike: together they are no more than all of it.
             shares = shares / max(1.0, float(shares.sum()))
     return np.asarray(shares @ missing)
 
 
-def shares_of_parts(
-    whole: Coded,
-    parts: Sequence[Coded],
+def estimate_smooth_shares(
+    whole: CodedImage,
+    parts: Sequence[CodedImage],
     grid: tuple[int, int],
     beyond: int = 0,
     alive: Callable[[], None] = lambda: None,
@@ -138,7 +139,7 @@ def shares_of_parts(
 
     Each part has codes of its own and gets other amounts wrong of smooth light. All photograph the
     same, so texture drops out of their differences, and what is left tells far more than the detail
-    of the image, which counts too. `beyond` and `seen` as of `smooth_correction`.
+    of the image, which counts too. `beyond` and `seen` as of `compute_smooth_correction`.
     """
     light = np.maximum(whole.image, 0.0)
     if light.size < 2 or not light.any():
@@ -150,29 +151,36 @@ def shares_of_parts(
         counts = part.weight / whole.weight
         lacking.append(counts * (whole.image - part.image))
         patterns.append(counts * (_patterns(part, light, kinds, alive) - missing))
-    return shares_by_parts(light, missing, lacking, patterns, grid, *_before(beyond), seen)
+    return fit_shares_to_parts(light, missing, lacking, patterns, grid, *_before(beyond), seen)
 
 
 def _before(beyond: int) -> tuple[Floats, Floats]:
     """Shares before anything is told, and their standard deviations."""
-    return (FAR_USUAL, FAR_SURE) if beyond else (USUAL, SURE)
+    return (_FAR_USUAL, _FAR_SURE) if beyond else (_USUAL, _SURE)
 
 
-def _spreads(codes: Coded, grid: tuple[int, int], beyond: int) -> list[tuple[Spread, Spread]]:
+def _spreads(
+    codes: CodedImage, grid: tuple[int, int], beyond: int
+) -> list[tuple[_Spread, _Spread]]:
     """Kinds of smooth light, each with what of it is to be counted: far and near light, or, beyond
     a radius, each way in which it may fall off."""
     if beyond:
-        ways = [_spread(_far_kernel(grid, *way, beyond), grid) for way in FAR_SPREADS]
+        ways = [_spread(_far_kernel(grid, *way, beyond), grid) for way in _FAR_SPREADS]
         return [(way, way) for way in ways]
     kernel = _kernel(grid)
     counted = kernel.copy()
-    for (row, col), share in beside(codes.left, codes.right, codes.weight, grid).items():
+    for (row, col), share in average_neighbour_weights(
+        codes.left, codes.right, codes.weight, grid
+    ).items():
         counted[-row, -col] *= share
     return [(_evenly, _evenly), (_spread(kernel, grid), _spread(counted, grid))]
 
 
 def _patterns(
-    codes: Coded, light: Floats, kinds: Sequence[tuple[Spread, Spread]], alive: Callable[[], None]
+    codes: CodedImage,
+    light: Floats,
+    kinds: Sequence[tuple[_Spread, _Spread]],
+    alive: Callable[[], None],
 ) -> Floats:
     """What the codes miss of light of each kind, (P, N)."""
     own = codes.left, codes.right, codes.weight
@@ -184,8 +192,8 @@ def _missing(
     right: Floats,
     weight: float | Floats,
     light: Floats,
-    spread: Spread,
-    counted: Spread,
+    spread: _Spread,
+    counted: _Spread,
     alive: Callable[[], None],
 ) -> Floats:
     """What the codes miss of light that is all spread like that: (N,).
@@ -193,12 +201,12 @@ def _missing(
     `counted` is the same spread with what of it is to be counted.
     """
     part = np.sqrt(light / spread(np.ones_like(light)).max())
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         arriving = spread(part)
         seen = np.divide(light, arriving, out=np.zeros_like(light), where=arriving > 0.0)
         part = np.sqrt(part * seen)
     realised = np.zeros_like(light)
-    step = max(1, CHUNK // (4 * light.size))
+    step = max(1, _CHUNK // (4 * light.size))
     for start in range(0, left.shape[0], step):
         alive()
         chunk = slice(start, start + step)
@@ -213,7 +221,7 @@ def _evenly(light: Floats) -> Floats:
     return spread
 
 
-def beside(
+def average_neighbour_weights(
     left: Floats, right: Floats, weight: float | Floats, grid: tuple[int, int]
 ) -> dict[tuple[int, int], float]:
     """Weight with which cells on average see those beside them, (rows, columns) off.
@@ -241,7 +249,7 @@ def _kernel(grid: tuple[int, int]) -> Floats:
         np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64)
         for size in _padded(grid)
     )
-    kernel: Floats = 1.0 / (1.0 + (row[:, None] ** 2 + col**2) / REACH**2)
+    kernel: Floats = 1.0 / (1.0 + (row[:, None] ** 2 + col**2) / HALF_LIGHT_CELLS**2)
     kernel[0, 0] = 0.0
     return kernel
 
@@ -262,7 +270,7 @@ def _padded(grid: tuple[int, int]) -> tuple[int, ...]:
     return tuple(scipy.fft.next_fast_len(2 * size - 1, real=True) for size in grid)
 
 
-def _spread(kernel: Floats, grid: tuple[int, int]) -> Spread:
+def _spread(kernel: Floats, grid: tuple[int, int]) -> _Spread:
     """Sums over all other cells by a kernel of offsets, as a product of Fourier transforms."""
     rows, cols = grid
     height, width = kernel.shape

@@ -5,22 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.learn import times_s
-from pdcd.pictures.to_quads import MixedCodes, bring_to_quads
-from pdcd.pictures.weights import Matrix, Shown
+from pdcd.arrays import Bools, Floats
+from pdcd.pictures.exposed import ComputedShot, ExposedShot
+from pdcd.pictures.learn import code_times_s
+from pdcd.pictures.to_quads import MixedCodes, expand_to_quads
+from pdcd.pictures.weights import RealisedMatrix, RealisedShot
 from pdcd.probing.realised import Factors
-from pdcd.recipes.alternatives import Fitted, Masked
+from pdcd.recipes.alternatives import FittedWeights, MaskedWeights
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-
-def summed_matrices(recipe: Recipe, shots: Mapping[str, Shown], bits: Bools) -> dict[str, Matrix]:
+def sum_stack_matrices(
+    recipe: Recipe, shots: Mapping[str, RealisedShot], bits: Bools
+) -> dict[str, RealisedMatrix]:
     """Realised probing matrix of every weighted sum of a recipe over its stack: the sum of the
     photos' own, each of its rows under the weight of the cell.
 
@@ -36,9 +35,9 @@ def summed_matrices(recipe: Recipe, shots: Mapping[str, Shown], bits: Bools) -> 
     }
 
 
-def software_sums(
-    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, cells: CellMap
-) -> dict[str, Exposed]:
+def sum_stack_shots(
+    recipe: Recipe, shots: Mapping[str, ExposedShot], bits: Bools, cells: CellMap
+) -> dict[str, ExposedShot]:
     """Every weighted sum of a recipe over its stack, as if it had been exposed that way.
 
     The variance is exact, photos being independent. Cells without any weight are as unknown as
@@ -52,7 +51,7 @@ def software_sums(
     }
 
 
-def _weights(recipe: Recipe, taken: Sequence[Shown], bits: Bools) -> dict[str, Floats]:
+def _weights(recipe: Recipe, taken: Sequence[RealisedShot], bits: Bools) -> dict[str, Floats]:
     """Weight of each cell of each photo, (K, N), by the name of the sum.
 
     Each photo is first scaled from its own time to the mean time of all: with the time of one
@@ -62,13 +61,13 @@ def _weights(recipe: Recipe, taken: Sequence[Shown], bits: Bools) -> dict[str, F
     return {name: weigh(bits) * equal[:, None] for name, weigh in recipe.sums.items()}
 
 
-def _equal(taken: Sequence[Shown], bits: Bools) -> Floats:
+def _equal(taken: Sequence[RealisedShot], bits: Bools) -> Floats:
     """Mean time of all photos over that of each, (K,)."""
-    times = times_s([shot.realised for shot in taken], bits)
+    times = code_times_s([shot.realised for shot in taken], bits)
     return np.asarray(times.mean() / times)
 
 
-def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:
+def _matrix(taken: Sequence[RealisedShot], weights: Floats) -> RealisedMatrix:
     coaxial, open_s = np.zeros(weights.shape[1]), np.zeros(weights.shape[1])
     for weight, shot in zip(weights, taken, strict=True):
         coaxial += weight * shot.realised.coaxial
@@ -76,20 +75,20 @@ def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:
     left = [weight * shot.realised.left for weight, shot in zip(weights, taken, strict=True)]
     right = [shot.realised.right for shot in taken]
     realised = Factors(np.concatenate(left), np.concatenate(right), coaxial, open_s)
-    return Matrix(realised, sum(shot.missed for shot in taken))
+    return RealisedMatrix(realised, sum(shot.missed for shot in taken))
 
 
 def _sum(
-    taken: Sequence[Exposed],
+    taken: Sequence[ExposedShot],
     weights: Floats,
     mixed: MixedCodes,
-    weigh: Fitted | Masked,
+    weigh: FittedWeights | MaskedWeights,
     equal: Floats,
-) -> Exposed:
+) -> ExposedShot:
     """``sum_k w_k * photo_k``."""
     first = taken[0].variance
     light, variance = np.zeros(first.shape), np.zeros_like(first)
-    saturated = bring_to_quads(np.logical_not(weights.any(axis=0)), mixed.cells, None)
+    saturated = expand_to_quads(np.logical_not(weights.any(axis=0)), mixed.cells, None)
     for photo, (weight, shot) in enumerate(zip(weights, taken, strict=True)):
         of_quads = mixed.weigh_quads(weight, photo, weigh, equal)
         saturated = saturated | (shot.saturated & (of_quads != 0.0))
@@ -97,7 +96,7 @@ def _sum(
         squared = (of_quads**2).astype(variance.dtype)
         variance += squared[..., None] * shot.variance
     shown = _matrix(taken, weights)
-    return Print(
+    return ComputedShot(
         light=light,
         variance=variance,
         saturated=saturated,

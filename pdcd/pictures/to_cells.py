@@ -5,7 +5,7 @@ these means is worked out without the map of the camera.
 
 A mean over a cell's area holds light of its neighbours wherever quads lie across its borders: a
 part that is small where a cell has many quads, and a third where it has three a side. Where that
-matters the light of cells is told apart (`Apart`).
+matters the light of cells is told apart (`_Apart`).
 """
 
 from __future__ import annotations
@@ -18,42 +18,39 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats, Indices
 from pdcd.panels.map import Map
-from pdcd.pictures.exposed import Exposed, Lit, Print
-from pdcd.pictures.picture import Barred, Picture
+from pdcd.pictures.exposed import ComputedShot, ExposedShot, FrameLight
+from pdcd.pictures.picture import Picture, PictureWithErrors
 from pdcd.sensor.cells import CellMap
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-
-LEAST_PURE = 0.05
+_LEAST_PURE = 0.05
 """Share of a cell's area that quads must see which see nothing else, for these alone to tell of it:
 where all quads do, texture at the edges of cells looks like light from next to them."""
-LEAST_WHOLE = 0.2
+_LEAST_WHOLE = 0.2
 """The same for a mean that stands for the whole cell, or half of one."""
-AMID_QUADS = 2.5
+_AMID_QUADS = 2.5
 """Quads from the edges of a cell from which on those tell of it alone whose cells are fine enough:
 how much a lens blurs nobody may have said, and direct light of the next cell looks like indirect
 light from there."""
-UNMIXED = 3
+_UNMIXED = 3
 """Quads so far apart see nothing of each other by a blur that nobody may have said."""
-STEPS = 12
+_STEPS = 12
 """After so many, a mixture of half a cell with its neighbours is parted to a thousandth."""
-FINE = 1.6
+_FINE = 1.6
 """Quads along a side of half a cell, beyond what a blur smears, from which parts are averaged over
 halves: of fewer, too few see one half alone."""
-COARSE = 1.45
+_COARSE = 1.45
 """The same where each half is seen by some that see nothing else, as upright ones of three a cell
 do."""
-MANY = 400
+_MANY = 400
 """Quads in a cell, or in half of one, from which those that see another as well do not count: they
 lessen what the codes err by 1 % or less."""
-SAMPLED = 4
+_SAMPLED = 4
 """Quads along a side of what sees a cell alone that tell what single quads err by."""
-APART = 3.5
+_APART = 3.5
 """Standard deviations of a blur from which two quads have hardly any light in common: 5 %."""
-SMEARED = 3.0
+_SMEARED = 3.0
 """Standard deviations of a blur that count as smeared."""
 
 
@@ -66,24 +63,26 @@ class CellLight:
     error: Floats
 
 
-def seen_cells(cells: CellMap) -> Bools | None:
+def find_seen_cells(cells: CellMap) -> Bools | None:
     """Cells that any quad sees, (N,); None for all."""
     seen = cells.seen()
     return None if seen.all() else seen
 
 
-def mean_image(image: NDArray[np.floating], cells: CellMap, known: Bools | None = None) -> Floats:
+def average_image(
+    image: NDArray[np.floating], cells: CellMap, known: Bools | None = None
+) -> Floats:
     """Means of an image (h, w, C) over cells, (N, C), of `known` quads (h, w), None for all; 0 of
     cells that are seen by none."""
     return cells.mean(image, known)
 
 
-def mean_light(shot: Lit, cells: CellMap) -> CellLight:
+def average_shot(shot: FrameLight, cells: CellMap) -> CellLight:
     """Means of a shot over cells, of quads that see their neighbours, too."""
     return CellLight(cells.mean(shot.light), cells.error_of_mean(shot.variance))
 
 
-def average(picture: Picture, cells: CellMap) -> Picture:
+def average_picture(picture: Picture, cells: CellMap) -> Picture:
     """Means of a picture over cells, (rows, cols, 3) float64, and the error of these means by the
     errors of single quads; infinite where too little of a cell is known.
 
@@ -98,25 +97,25 @@ def average(picture: Picture, cells: CellMap) -> Picture:
     return Picture(image.reshape(shape), sigma.reshape(shape))
 
 
-def average_with_bars(picture: Barred, cells: CellMap) -> Barred:
+def average_with_errors(picture: PictureWithErrors, cells: CellMap) -> PictureWithErrors:
     """The same of a picture with its whole error: (rows, cols, 3) float64 each.
 
     The sensor's part gets less by averaging. The error of the codes does not: quads of a cell share
     it, but for what `Barred.of_cells` knows.
     """
-    coarse = average(Picture(picture.image, picture.sensor), cells)
+    coarse = average_picture(Picture(picture.image, picture.sensor), cells)
     code = picture.of_cells
     if code is None:
         code, _ = _means(picture.code, _known(picture, cells), cells)
         code = code.reshape(coarse.image.shape)
     sigma = np.hypot(coarse.sigma, code)
-    return Barred(coarse.image, sigma, coarse.sigma, code, picture.kind)
+    return PictureWithErrors(coarse.image, sigma, coarse.sigma, code, picture.kind)
 
 
-def average_apart(picture: Picture, cells: CellMap) -> Picture:
-    """Means of a picture over cells as of `average`, with the error that sensor noise leaves in
-    them where cells are told apart as in the parts of the picture (`average_shots`)."""
-    coarse = average(picture, cells)
+def average_unmixed(picture: Picture, cells: CellMap) -> Picture:
+    """Means of a picture over cells as of `average_picture`, with the error that sensor noise
+    leaves in them where cells are told apart as in the parts of the picture (`average_shots`)."""
+    coarse = average_picture(picture, cells)
     known: Bools = np.asarray(np.isfinite(picture.sigma).all(axis=-1))
     parting = _part_neighbours(cells, None if known.all() else known)
     seen = np.flatnonzero(np.isfinite(coarse.sigma).all(axis=-1))
@@ -149,7 +148,7 @@ def _known(picture: Picture, cells: CellMap) -> Bools | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Apart:
+class _Apart:
     """How cells are told apart: which quads count (h, w), and whether what they mix is parted."""
 
     cells: CellMap
@@ -174,7 +173,9 @@ class Apart:
         return more * error
 
 
-def tell_apart(known: Bools, cells: CellMap, wanted: Indices, least: float = LEAST_PURE) -> Apart:
+def _tell_apart(
+    known: Bools, cells: CellMap, wanted: Indices, least: float = _LEAST_PURE
+) -> _Apart:
     """How the light of some cells is told from that of their neighbours.
 
     By quads amid a cell, or at least by those that see one alone, where each cell has enough of
@@ -185,39 +186,39 @@ def tell_apart(known: Bools, cells: CellMap, wanted: Indices, least: float = LEA
     that is enough.
     """
     alone = known & cells.single
-    for used in (alone & amid(cells), alone):
+    for used in (alone & _amid(cells), alone):
         share = cells.mean(used[..., None].astype(np.float64))[wanted]
         if share.min(initial=1.0) >= least:
-            return Apart(cells, known, used, pure=True)
-    return Apart(cells, known, known, pure=False)
+            return _Apart(cells, known, used, pure=True)
+    return _Apart(cells, known, known, pure=False)
 
 
-def amid(cells: CellMap) -> Bools:
+def _amid(cells: CellMap) -> Bools:
     """(h, w), quads that tell of a cell alone whatever a lens blurs; none where cells have few."""
-    if AMID_QUADS * cells.quad_cells**0.5 >= 0.5 or not cells.quad_cells:
+    if _AMID_QUADS * cells.quad_cells**0.5 >= 0.5 or not cells.quad_cells:
         return np.zeros(cells.frame, np.bool_)
-    return cells.amid(AMID_QUADS)
+    return cells.amid(_AMID_QUADS)
 
 
-def light_of_cells(
-    taken: Sequence[Lit],
+def unmix_some_cells(
+    taken: Sequence[FrameLight],
     known: Bools,
     cells: CellMap,
     wanted: Indices,
-    least: float = LEAST_WHOLE,
+    least: float = _LEAST_WHOLE,
 ) -> CellLight:
     """Light of some cells in K photos, (K, C, 3), told from that of their neighbours.
 
     known : (h, w), quads that count. wanted : (C,), numbers of the cells.
     """
-    apart = tell_apart(known, cells, wanted, least)
+    apart = _tell_apart(known, cells, wanted, least)
     light = [apart.mean(shot.light)[wanted] for shot in taken]
     middle = int(wanted[wanted.size // 2])
     error = [apart.error(shot.variance, middle)[wanted] for shot in taken]
     return CellLight(np.stack(light), np.stack(error))
 
 
-def light_apart(taken: Sequence[Lit], cells: CellMap) -> CellLight:
+def unmix_cells(taken: Sequence[FrameLight], cells: CellMap) -> CellLight:
     """Light of all cells in K photos, (K, N, 3), told from that of their neighbours where quads see
     both: else direct light of a neighbour looks like a sharp path from there."""
     if cells.blocks is not None:  # then no quad sees two
@@ -225,7 +226,7 @@ def light_apart(taken: Sequence[Lit], cells: CellMap) -> CellLight:
         return CellLight(light, np.array([cells.error_of_mean(shot.variance) for shot in taken]))
     seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
     photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
-    found = light_of_cells(taken, all_known, cells, seen, LEAST_PURE)
+    found = unmix_some_cells(taken, all_known, cells, seen, _LEAST_PURE)
     photos[:, seen], sigmas[:, seen] = found.light, found.error
     return CellLight(photos, sigmas)
 
@@ -234,29 +235,29 @@ def _part(means: Floats, cells: CellMap, known: Bools) -> Floats:
     """Means over cells (N, C) of quads that mix cells -> values of cells, by Van Cittert's steps:
     what cells of these values would look like is subtracted from what was seen."""
     values = means.copy()
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         values += means - cells.mean(cells.spread(values), known)
     return values
 
 
 @dataclass(frozen=True, eq=False)
-class Averaged:
+class AveragedShots:
     """Shots as a camera with one quad a cell would have taken them, or one with four.
 
     shots : of that camera, without variance. cells : its map. unseen : its quads, counted row by
     row, that the real camera does not see.
     """
 
-    shots: Mapping[str, Exposed]
+    shots: Mapping[str, ExposedShot]
     cells: CellMap
     unseen: Indices
 
 
 def average_shots(
-    shots: Mapping[str, Exposed], cells: CellMap, *, all_quads: bool = False
-) -> Averaged:
+    shots: Mapping[str, ExposedShot], cells: CellMap, *, all_quads: bool = False
+) -> AveragedShots:
     """Shots as a camera with one quad a cell would have taken them, or one with four where cells
-    are halved (`halve`).
+    are halved (`choose_part_cells`).
 
     Quads that are saturated in any shot do not count, but where too little of a cell is left all
     of it does. Cells that no quad sees are as bright as the mean of the others. There is no
@@ -265,9 +266,13 @@ def average_shots(
     The light of cells is told from that of their neighbours, where quads see both: the codes err
     differently in both, and a mean of the two would err less than either.
 
-    all_quads : cells are whole where halves would be told by few of their quads (`all_counted`).
+    all_quads : cells are whole where halves would be told by few of their quads
+    (`are_all_quads_used`).
     """
-    grid, cells = cells.grid, cells if all_quads and not all_counted(cells) else halve(cells)
+    grid, cells = (
+        cells.grid,
+        cells if all_quads and not are_all_quads_used(cells) else choose_part_cells(cells),
+    )
     alike = CellMap.block(grid, grid)
     if cells.grid != grid:
         height, width = cells.grid
@@ -279,21 +284,23 @@ def average_shots(
     nothing, dark = np.zeros(shape), np.zeros(cells.grid, np.bool_)
     parting = _part_neighbours(cells, known)
 
-    def coarse(shot: Exposed) -> Print:
+    def coarse(shot: ExposedShot) -> ComputedShot:
         whole = _whole(shot.light, cells)
         light, sure = _means(whole, known, cells)
         if parting is not None:
             light[sure] = parting.mean(whole)[sure]
         if unseen.any() and not unseen.all():
             light[unseen] = light[~unseen].mean(axis=0)
-        return Print(light.reshape(shape), nothing, dark, shot.realised, shot.exif, shot.missed)
+        return ComputedShot(
+            light.reshape(shape), nothing, dark, shot.realised, shot.exif, shot.missed
+        )
 
     averaged = {name: coarse(shot) for name, shot in shots.items()}
-    return Averaged(averaged, alike, np.flatnonzero(unseen))
+    return AveragedShots(averaged, alike, np.flatnonzero(unseen))
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class QuadSample:
     """Some quads of each cell that see nothing else.
 
     rows, columns : of the frame, of which the quads `picked` (R, C) count. cell : (Q,), which one
@@ -335,17 +342,20 @@ class Sample:
         return np.asarray(mean.reshape(values.shape))
 
 
-def sample(shots: Sequence[Exposed], cells: CellMap, *, within: bool = False) -> Sample:
-    """Some quads of each cell that no shot saturates, for `pdcd.pictures.sigma.single_errors` and,
-    well `within` cells that are fine enough, for `pdcd.pictures.beside.single_ways`."""
+def sample_quads(
+    shots: Sequence[ExposedShot], cells: CellMap, *, within: bool = False
+) -> QuadSample:
+    """Some quads of each cell that no shot saturates, for
+    `pdcd.pictures.sigma.estimate_quad_errors` and, well `within` cells that are fine enough, for
+    `pdcd.pictures.beside.estimate_quad_paths`."""
     side = cells.quad_cells**-0.5 if cells.quad_cells else 1.0
-    step = max(1, int((side - 2.0 * SMEARED * cells.blur_quads) / SAMPLED))
-    apart = max(int(np.clip(side / 4.0, 1.0, UNMIXED)), int(np.ceil(APART * cells.blur_quads)))
+    step = max(1, int((side - 2.0 * _SMEARED * cells.blur_quads) / _SAMPLED))
+    apart = max(int(np.clip(side / 4.0, 1.0, _UNMIXED)), int(np.ceil(_APART * cells.blur_quads)))
     rows = slice(step // 2, cells.frame[0], step)
     columns = np.arange(cells.frame[1])
     columns = columns[(columns % step == 0) | within & ((columns - apart) % step == 0)]
     whole = cells.known & cells.single
-    if within and (inner := whole & amid(cells)).any():
+    if within and (inner := whole & _amid(cells)).any():
         whole = inner
     known = whole[rows][:, columns]
     for shot in shots:
@@ -363,10 +373,10 @@ def sample(shots: Sequence[Exposed], cells: CellMap, *, within: bool = False) ->
     both = (first >= 0) & (second >= 0)
     pairs = np.stack([first[both], second[both]])
     pairs = pairs[:, cell[pairs[0]] == cell[pairs[1]]]
-    return Sample(rows, columns, known, cell, pairs, cells.grid)
+    return QuadSample(rows, columns, known, cell, pairs, cells.grid)
 
 
-def halve(cells: CellMap) -> CellMap:
+def choose_part_cells(cells: CellMap) -> CellMap:
     """The map of what parts are averaged over: of half cells each way where quads are so fine that
     many lie in one, and else of cells.
 
@@ -374,39 +384,39 @@ def halve(cells: CellMap) -> CellMap:
     that are much like those beyond it, through a mask that is not: a mean over the whole cell would
     know nothing of either.
     """
-    if cells.blocks is not None or _half_side(cells) < COARSE:
+    if cells.blocks is not None or _half_side(cells) < _COARSE:
         return cells
     rows, cols = cells.grid
     halves = msgspec.structs.replace(cells, grid=(2 * rows, 2 * cols))
-    if _half_side(cells) < FINE:
+    if _half_side(cells) < _FINE:
         alone = (halves.known & halves.single)[..., None].astype(np.float64)
         seen = halves.mean(alone)[halves.seen()]
-        if seen.min(initial=1.0) < LEAST_WHOLE:
+        if seen.min(initial=1.0) < _LEAST_WHOLE:
             return cells
     return halves
 
 
-def all_counted(cells: CellMap) -> bool:
+def are_all_quads_used(cells: CellMap) -> bool:
     """Whether all quads count where parts are told of half cells: of few those in the middle of a
     cell do not, of three a side five of nine."""
-    return cells.blocks is not None or not COARSE <= _half_side(cells) < FINE
+    return cells.blocks is not None or not _COARSE <= _half_side(cells) < _FINE
 
 
 def _half_side(cells: CellMap) -> float:
     """Quads along a side of half a cell, beyond what a blur smears."""
     side = 0.5 * cells.quad_cells**-0.5 if cells.quad_cells else 0.0
-    return side - SMEARED * cells.blur_quads
+    return side - _SMEARED * cells.blur_quads
 
 
-def _part_neighbours(cells: CellMap, known: Bools | None) -> Apart | None:
+def _part_neighbours(cells: CellMap, known: Bools | None) -> _Apart | None:
     """How cells are told apart in the parts of a photo, of `known` quads (h, w), None for all; None
     where no quad sees two cells, or so few do that it makes no odds."""
-    if cells.quad_cells * MANY < 1.0 and cells.quad_cells and not cells.blur_quads:
+    if cells.quad_cells * _MANY < 1.0 and cells.quad_cells and not cells.blur_quads:
         return None
     if cells.single[cells.known].all():
         return None
     good = cells.known if known is None else known & cells.known
-    return tell_apart(good, cells, np.flatnonzero(cells.seen(known)))
+    return _tell_apart(good, cells, np.flatnonzero(cells.seen(known)))
 
 
 def _whole(light: Floats, cells: CellMap) -> Floats:

@@ -12,29 +12,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.pictures.picture import Errors, Picture
 from pdcd.pictures.weights import CellWeights
-from pdcd.probing.fine import Fine
+from pdcd.probing.fine import PieceWeights
 from pdcd.probing.realised import Factors
-from pdcd.recipes.alternatives import ALL_DARK, Fitted, Masked, Mixture
-from pdcd.sensor.bands import OfRows, banded, in_bands, planar
+from pdcd.recipes.alternatives import ALL_DARK, CodeMixture, FittedWeights, MaskedWeights
+from pdcd.sensor.bands import OfRows, fill_in_bands, make_planar_image, run_in_bands
 from pdcd.sensor.cells import CellMap
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-BLIND = 1e-3
+_BLIND = 1e-3
 """Share of the mean light of all windows below which one counts as never open."""
-BRIGHTEST = 4.0
+_BRIGHTEST = 4.0
 """Most that a quad is taken to be brighter than its cell, where an error is shared out by light."""
 LEAST_DIRECT = 1e-4
 """Share of the direct light below which none is taken out: nobody could see it."""
-MOST_DIRECT = 0.5
+_MOST_DIRECT = 0.5
 """Share from which the photo tells too little of indirect light to be mended so."""
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class QuadWeights:
     """What the quads of a photo are divided by, in seconds: () or (h, w) float64, all > 0.
 
     blind : (h, w), quads whose windows were never open for light that the photo is to keep; None
@@ -45,12 +43,12 @@ class Weights:
     blind: Bools | None
 
 
-def quads_outside(cells: CellMap) -> Bools | None:
+def find_quads_outside(cells: CellMap) -> Bools | None:
     """(h, w), quads that lie not wholly within the field; None where all do."""
     return None if cells.known.all() else ~cells.known
 
 
-def weigh_quads(weights: CellWeights, cells: CellMap) -> Weights:
+def weigh_quads(weights: CellWeights, cells: CellMap) -> QuadWeights:
     """What to divide the quads of a photo by.
 
     That of its cell, times the light of the windows that the quad saw over that of its cell. So
@@ -62,7 +60,7 @@ def weigh_quads(weights: CellWeights, cells: CellMap) -> Weights:
     blind = None if shut is None else cells.spread(shut)
     weight = own
     if own.ndim:
-        weight = bring_to_quads(own, cells, fine)
+        weight = expand_to_quads(own, cells, fine)
     if fine is not None:
         light, sure = weights.window_light()
         if light is not None:
@@ -76,17 +74,17 @@ def weigh_quads(weights: CellWeights, cells: CellMap) -> Weights:
         blind = None
     if weight.ndim and not (weight > 0.0).all():  # outside the field
         weight = np.where(weight > 0.0, weight, float(own.flat[0]))
-    return Weights(weight, blind)
+    return QuadWeights(weight, blind)
 
 
-def _of_windows(light: Floats, fine: Fine, cells: CellMap) -> tuple[Floats, Bools]:
+def _of_windows(light: Floats, fine: PieceWeights, cells: CellMap) -> tuple[Floats, Bools]:
     """Light of what each quad saw over that of its cell, (h, w), and where that is none."""
     # A camera with one quad a cell: what it sees is the mean over each cell.
     alike = CellMap.block(cells.grid, cells.grid)
     mean = alike.gather(light, fine.cuts)
     seen = cells.gather(light, fine.cuts)
     around = _bring_rows(mean.ravel(), cells, fine)
-    least = BLIND * float(mean.mean())
+    least = _BLIND * float(mean.mean())
     closed, known = np.empty(cells.frame, np.bool_), cells.known
 
     def ratio(rows: slice) -> Floats:
@@ -95,10 +93,12 @@ def _of_windows(light: Floats, fine: Fine, cells: CellMap) -> tuple[Floats, Bool
         closed[rows] = known[rows] & ~lit
         return np.divide(here, level, out=np.ones_like(here), where=lit)
 
-    return banded(cells.frame, np.float64, ratio), closed
+    return fill_in_bands(cells.frame, np.float64, ratio), closed
 
 
-def bring_to_quads(values: NDArray[Any], cells: CellMap, fine: Fine | None) -> NDArray[Any]:
+def expand_to_quads(
+    values: NDArray[Any], cells: CellMap, fine: PieceWeights | None
+) -> NDArray[Any]:
     """What is known of cells, (N, ...) -> of quads, (h, w, ...); bool values stay so.
 
     Where every window has a code of its own (`fine`) nothing changes at the edges of cells, so that
@@ -109,7 +109,7 @@ def bring_to_quads(values: NDArray[Any], cells: CellMap, fine: Fine | None) -> N
     return cells.spread(values)
 
 
-def _bring_rows(values: Floats, cells: CellMap, fine: Fine | None) -> OfRows:
+def _bring_rows(values: Floats, cells: CellMap, fine: PieceWeights | None) -> OfRows:
     """The same of one value a cell, (N,), some rows of quads at a time."""
     if fine is not None and fine.smooth:
         return cells.smooth_rows(values)
@@ -117,29 +117,29 @@ def _bring_rows(values: Floats, cells: CellMap, fine: Fine | None) -> OfRows:
     return lambda rows: whole[rows]
 
 
-def direct_share(realised: Factors, weights: Weights, cells: CellMap) -> Floats | None:
+def compute_direct_share(realised: Factors, weights: QuadWeights, cells: CellMap) -> Floats | None:
     """Share of the direct light that a photo of indirect light has, (h, w); None where it is not
     worth a correction, or beyond one."""
     level = float(np.mean(weights.quads_s))
     largest = float(np.abs(realised.coaxial).max()) / level
-    if not LEAST_DIRECT < largest < MOST_DIRECT:
+    if not LEAST_DIRECT < largest < _MOST_DIRECT:
         return None
     fine = None if cells.map is None else realised.fine
     if fine is None:
-        seen = bring_to_quads(realised.coaxial, cells, None)
+        seen = expand_to_quads(realised.coaxial, cells, None)
     else:
         seen = cells.gather(fine.coaxial, fine.cuts)
     share = seen / weights.quads_s
-    return share if float(np.abs(share).max()) < MOST_DIRECT else None
+    return share if float(np.abs(share).max()) < _MOST_DIRECT else None
 
 
-def add_by_light(
-    picture: Picture, light: Floats, more: Floats, cells: CellMap, fine: Fine | None
+def add_missing_light(
+    picture: Picture, light: Floats, more: Floats, cells: CellMap, fine: PieceWeights | None
 ) -> Picture:
     """A picture with what is missing of its cells, (N, C), shared out among their quads as these
     have light. Sigma stays: what is missing is a small part of the picture.
 
-    light : (N, C), that of the picture on cells. fine : as of `bring_to_quads`.
+    light : (N, C), that of the picture on cells. fine : as of `expand_to_quads`.
     """
     whole = cells.known.all()
     lit = [_by_light(picture.image[..., c], light[:, c], cells) for c in range(light.shape[1])]
@@ -153,10 +153,10 @@ def add_by_light(
             np.copyto(out, 0.0, where=~cells.known[rows, :, None])
         return out
 
-    return Picture(banded(picture.image.shape, np.float64, corrected), picture.sigma)
+    return Picture(fill_in_bands(picture.image.shape, np.float64, corrected), picture.sigma)
 
 
-def share_out(error: Errors, picture: Picture, light: Floats, cells: CellMap) -> Errors:
+def spread_errors(error: Errors, picture: Picture, light: Floats, cells: CellMap) -> Errors:
     """Errors of cells (rows, cols, 3) -> of quads (h, w, 3), in proportion to the quads' light.
 
     light : (rows, cols, 3), that of the picture on cells.
@@ -164,18 +164,18 @@ def share_out(error: Errors, picture: Picture, light: Floats, cells: CellMap) ->
     channels = range(error.shape[2])
     shares = [_by_light(picture.image[..., c], light[..., c].ravel(), cells) for c in channels]
     errors = [cells.smooth_rows(error[..., c].ravel()) for c in channels]
-    out = planar(picture.sigma.shape, picture.sigma.dtype)
+    out = make_planar_image(picture.sigma.shape, picture.sigma.dtype)
 
     def band(rows: slice) -> None:
         for channel, (share, brought) in enumerate(zip(shares, errors, strict=True)):
             np.multiply(share(rows), brought(rows), out=out[rows, :, channel], casting="same_kind")
 
-    in_bands(out.shape[0], band)
+    run_in_bands(out.shape[0], band)
     return out
 
 
 def _by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> OfRows:
-    """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `BRIGHTEST`: how an
+    """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `_BRIGHTEST`: how an
     error that is in proportion to light lies on the quads of a cell. 1 where the cells are dark.
 
     It is told for some rows of quads at a time.
@@ -190,7 +190,7 @@ def _by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> 
             share = here / level
         else:
             share = np.divide(here, level, out=np.ones(here.shape), where=level > 0.0)
-        return np.clip(share, 0.0, BRIGHTEST, out=share)
+        return np.clip(share, 0.0, _BRIGHTEST, out=share)
 
     return some
 
@@ -203,7 +203,7 @@ class MixedCodes:
 
     cells: CellMap
     bits: Bools
-    mixture: Mixture | None
+    mixture: CodeMixture | None
 
     @classmethod
     def of(cls, bits: Bools, cells: CellMap) -> MixedCodes:
@@ -216,10 +216,10 @@ class MixedCodes:
             codes += lit
             squares += lit * lit
             dark += lit < ALL_DARK
-        return cls(cells, bits, Mixture(len(bits), codes, squares, dark))
+        return cls(cells, bits, CodeMixture(len(bits), codes, squares, dark))
 
     def weigh_quads(
-        self, of_cells: Floats, photo: int, weigh: Fitted | Masked, equal: Floats
+        self, of_cells: Floats, photo: int, weigh: FittedWeights | MaskedWeights, equal: Floats
     ) -> Floats:
         """Weights of quads in a photo, (h, w), from those of cells, (N,), that `weigh` makes of the
         codes; `equal` are factors of the photos, (K,)."""

@@ -18,27 +18,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import DecodeError
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.to_cells import light_of_cells
-from pdcd.pictures.written.picture_files import strip
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.pictures.to_cells import unmix_some_cells
+from pdcd.pictures.written.picture_files import draw_caption
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.transport import Slice, s_matrix
+from pdcd.recipes.transport import Slice, make_s_matrix
 from pdcd.sensor.cells import CellMap
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-LEAST_PX = 640
+_LEAST_PX = 640
 """Width of the picture of a slice, at least."""
-BRIGHT_PERCENT = 99.8
-LEAST_GREY = 1e-4
+_BRIGHT_PERCENT = 99.8
+_LEAST_GREY = 1e-4
 """Of the brightest entries: what the picture of a slice shows at most."""
-GREYS = (0.0001, 0.001, 0.01, 0.1, 1.0)
+_GREYS = (0.0001, 0.001, 0.01, 0.1, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Sliced:
+class TransportSlice:
     """Entries of T.
 
     entries, sigma : (C, J, 3), light that camera cell n receives of projector cell j at full light,
@@ -73,20 +71,22 @@ class Sliced:
         return float(np.sqrt(off / total)) if total else np.inf
 
 
-def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Sliced:
+def solve_transport_slice(
+    recipe: Recipe, shots: Mapping[str, ExposedShot], cells: CellMap
+) -> TransportSlice:
     """The slice of a recipe of `pdcd.recipes.transport`, whose shots are all there.
 
     Raises DecodeError where the projector gave a cell no light of its own.
     """
     part = Slice.of(recipe.target.goal, recipe.target.grid)
     taken = [shots[shot.name] for shot in recipe.shots]
-    lit: Bools = np.asarray(s_matrix(part.lit.size).any(axis=1))
+    lit: Bools = np.asarray(make_s_matrix(part.lit.size).any(axis=1))
     bright = [bool(np.all(lit[shot.only])) for shot in recipe.shots]
     gathered, shown, opened, uneven = _sides(taken, part, bright)
     known = ~np.logical_or.reduce([shot.saturated for shot in taken])
     sure = cells.seen(known)[part.seen] & (gathered > 0.0).all(axis=0)
     scale = np.divide(1.0, gathered, out=np.zeros_like(gathered), where=gathered > 0.0)
-    found = light_of_cells(taken, known, cells, part.seen)
+    found = unmix_some_cells(taken, known, cells, part.seen)
     light, error = found.light * scale[..., None], found.error * scale[..., None]
     system = np.concatenate([shown, opened[:, None]], axis=1)
     if np.linalg.matrix_rank(system) < system.shape[1]:
@@ -102,11 +102,11 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
     sigma = np.sqrt(np.einsum("jk,kcx->cjx", solved**2, error**2))
     sigma[~sure] = np.inf
     share = common / total if total > 0.0 else 0.0
-    return Sliced(entries, sigma, part.seen, part.lit, len(taken), uneven, share)
+    return TransportSlice(entries, sigma, part.seen, part.lit, len(taken), uneven, share)
 
 
 def _sides(
-    taken: list[Exposed], part: Slice, lit: list[bool]
+    taken: list[ExposedShot], part: Slice, lit: list[bool]
 ) -> tuple[Floats, Floats, Floats, float]:
     """Both sides of the realised matrices: what cells gather (K, C), of mean 1 in each photo, what
     the projector showed (K, J) and for how long the mask was open (K,), both in seconds, and how
@@ -135,18 +135,18 @@ def _sides(
     return np.array(gathered), np.array(shown), np.array(opened), off / most
 
 
-def picture_of(found: Sliced, title: str) -> NDArray[np.uint8]:
+def draw_transport_slice(found: TransportSlice, title: str) -> NDArray[np.uint8]:
     """A slice to look at, (H, W, 3) uint8: camera cells down, projector cells to the right.
 
-    Brightness goes by the logarithm, from the noise or `LEAST_GREY` of the brightest entries on, so
-    that direct light, bands and single paths are all to be seen. What is not known is black.
+    Brightness goes by the logarithm, from the noise or `_LEAST_GREY` of the brightest entries on,
+    so that direct light, bands and single paths are all to be seen. What is not known is black.
     """
     known = np.isfinite(found.sigma)
     grey = found.entries[known.all(axis=2)]
-    top = float(np.percentile(grey, BRIGHT_PERCENT)) if grey.size else 1.0
+    top = float(np.percentile(grey, _BRIGHT_PERCENT)) if grey.size else 1.0
     top = max(top, np.finfo(np.float64).tiny)
     noise = float(np.median(found.sigma[known])) if grey.size else 0.0
-    low = min(max(noise / top, LEAST_GREY), 0.1)
+    low = min(max(noise / top, _LEAST_GREY), 0.1)
 
     def coded(share: Floats | float) -> NDArray[np.uint8]:
         """Share of the brightest entries -> pixel."""
@@ -154,8 +154,8 @@ def picture_of(found: Sliced, title: str) -> NDArray[np.uint8]:
         return np.asarray(np.rint(255.0 * np.minimum(shade, 1.0)), np.uint8)
 
     drawn = np.where(known, coded(found.entries / top), np.uint8(0))
-    factor = max(-(-LEAST_PX // drawn.shape[1]), 1)
+    factor = max(-(-_LEAST_PX // drawn.shape[1]), 1)
     drawn = drawn.repeat(factor, axis=0).repeat(factor, axis=1)
-    marks = [(int(coded(g)), f"{g * top:.2g}") for g in GREYS if g >= low]
+    marks = [(int(coded(g)), f"{g * top:.2g}") for g in _GREYS if g >= low]
     notes = ["down: camera cells", "right: projector cells", f"{found.photos} photos"]
-    return np.concatenate([drawn, strip(drawn.shape[1], title, notes, marks)])
+    return np.concatenate([drawn, draw_caption(drawn.shape[1], title, notes, marks)])

@@ -9,30 +9,28 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import Config
 from pdcd.errors import DecodeError, disk_errors
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.to_cells import mean_image
-from pdcd.pictures.to_quads import bring_to_quads
-from pdcd.probing.wanted import Wanted
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.to_cells import average_image
+from pdcd.pictures.to_quads import expand_to_quads
+from pdcd.probing.wanted import WantedMatrix
 from pdcd.recipes.recipe import Extremes, Recipe
-from pdcd.runs.patterns import stored_arrays
+from pdcd.runs.patterns import read_stored_arrays
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import shrunk
-from pdcd.virtual.optics.needed import optics_of
+from pdcd.sensor.raw import shrink_image
+from pdcd.virtual.optics.needed import choose_optics
 from pdcd.virtual.scene.scene import Scene
 
 TRUTH = "truth.npz"
 """What the answer is in truth, in the folder of a run of a virtual scene."""
-BLOCK = 256
+TRUTH_BLOCK_ROWS = 256
 """Rows of the wanted matrix taken together; bounds the memory."""
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownAnswer:
     """The answer in truth, in scene units, and where it can be compared.
 
     On a bench of cells `image` is (N, 3) and `seen` (N,), of cells, to be compared with means over
@@ -45,7 +43,7 @@ class Known:
     of_cells: bool
 
     def rms_errors(
-        self, picture: Barred, means: Barred, cells: CellMap
+        self, picture: PictureWithErrors, means: PictureWithErrors, cells: CellMap
     ) -> tuple[float | None, float | None]:
         """RMS error of the answer over the RMS of the truth: of its quads, and of its means over
         the cells, where they are known. None where the truth is dark, or nothing is known."""
@@ -55,27 +53,29 @@ class Known:
             return by_cells, by_cells  # a quad is a cell
         return _rms_error(picture, *self.on_quads(cells)), by_cells
 
-    def binned(self, side: int) -> Known:
+    def binned(self, side: int) -> KnownAnswer:
         """The same on squares of `side` x `side` quads."""
         if self.of_cells or side == 1:
             return self
-        image = shrunk(self.image.astype(np.float32), side)
-        return Known(image, shrunk(self.seen.astype(np.float32), side) == 1.0, of_cells=False)
+        image = shrink_image(self.image.astype(np.float32), side)
+        return KnownAnswer(
+            image, shrink_image(self.seen.astype(np.float32), side) == 1.0, of_cells=False
+        )
 
     def on_cells(self, cells: CellMap) -> Floats:
         """Means over the cells, (rows, cols, 3) float64; NaN where a cell cannot be compared."""
         seen = self.seen if self.of_cells else cells.seen(self.seen)
-        image = self.image if self.of_cells else mean_image(self.image, cells, self.seen)
+        image = self.image if self.of_cells else average_image(self.image, cells, self.seen)
         return np.where(seen[:, None], image, np.nan).reshape(*cells.grid, 3).astype(np.float64)
 
     def on_quads(self, cells: CellMap) -> tuple[NDArray[np.floating], Bools]:
         """The same on the camera's quads, (h, w, 3) and (h, w)."""
         if not self.of_cells:
             return self.image, self.seen
-        return bring_to_quads(self.image, cells, None), bring_to_quads(self.seen, cells, None)
+        return expand_to_quads(self.image, cells, None), expand_to_quads(self.seen, cells, None)
 
 
-def _rms_error(found: Barred, truth: NDArray[np.floating], seen: Bools) -> float | None:
+def _rms_error(found: PictureWithErrors, truth: NDArray[np.floating], seen: Bools) -> float | None:
     """`truth` as the picture's image, and where it can be compared."""
     known = seen & np.isfinite(found.sigma).all(axis=-1)
     image, truth = found.image[known], truth[known]
@@ -83,7 +83,7 @@ def _rms_error(found: Barred, truth: NDArray[np.floating], seen: Bools) -> float
     return float(np.sqrt(np.sum((image - truth) ** 2) / scale)) if scale else None
 
 
-def write_truth(folder: Path, known: Known) -> None:
+def write_known_answer(folder: Path, known: KnownAnswer) -> None:
     """Keep it in a run folder, in single precision. Raises NoSpaceError, or DiskError for any other
     refusal of the disk."""
     with disk_errors(str(folder)), (folder / TRUTH).open("wb") as file:
@@ -91,25 +91,25 @@ def write_truth(folder: Path, known: Known) -> None:
         np.savez(file, image=image, seen=known.seen, of_cells=np.array(known.of_cells))
 
 
-def read_truth(folder: Path, cells: CellMap) -> Known:
-    """What `write_truth` kept, of a run with that map of its cells. Raises DecodeError."""
-    kept = stored_arrays(folder / TRUTH)
+def read_known_answer(folder: Path, cells: CellMap) -> KnownAnswer:
+    """What `write_known_answer` kept, of a run with that map of its cells. Raises DecodeError."""
+    kept = read_stored_arrays(folder / TRUTH)
     image, seen, of_cells = (kept.get(name, np.zeros(0)) for name in ("image", "seen", "of_cells"))
     shape = (cells.grid[0] * cells.grid[1],) if of_cells.any() else cells.frame
     fits = (image.shape, seen.shape) == ((*shape, 3), shape)
     if not fits or image.dtype != np.float32 or seen.dtype != np.bool_:
         raise DecodeError(f"{folder / TRUTH} does not fit the run", hint="restore it from a copy")
-    return Known(image, seen, of_cells=bool(of_cells.any()))
+    return KnownAnswer(image, seen, of_cells=bool(of_cells.any()))
 
 
-def known_answer(
+def find_known_answer(
     config: Config,
     scene: Scene | None,
     recipe: Recipe,
     windows: Iterable[str],
     cells: CellMap | None,
     alive: Callable[[], None] = lambda: None,
-) -> Known | None:
+) -> KnownAnswer | None:
     """The truth of a recipe's answer; None where nobody knows it.
 
     windows : of the recipe's shots. cells : the map of the camera's frame. `alive` is called now
@@ -117,19 +117,21 @@ def known_answer(
     """
     if scene is None or cells is None:
         return None
-    optics = optics_of(config, scene, ("whole", *windows))
+    optics = choose_optics(config, scene, ("whole", *windows))
     if optics is None:
-        return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
+        return KnownAnswer(compute_true_answer(scene, recipe, alive), cells.seen(), of_cells=True)
     if optics.frame != cells.frame or isinstance(recipe.answer, Extremes):
         return None  # only what is linear in a scene's effects can be told on a bench of pixels
     meant, grid = recipe.wanted if recipe.meant is None else recipe.meant, recipe.target.grid
     if not optics.tells(meant, grid):
         return None
-    image = optics.wanted(lambda part: answer(part, recipe, alive), meant, alive, grid=grid)
-    return Known(image, optics.inside_of(grid), of_cells=False)
+    image = optics.wanted(
+        lambda part: compute_true_answer(part, recipe, alive), meant, alive, grid=grid
+    )
+    return KnownAnswer(image, optics.inside_of(grid), of_cells=False)
 
 
-def answer(
+def compute_true_answer(
     scene: Scene, recipe: Recipe, alive: Callable[[], None] = lambda: None
 ) -> NDArray[np.float64]:
     """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light.
@@ -138,16 +140,16 @@ def answer(
     """
     rule = recipe.answer
     if recipe.meant is not None:
-        return probe(scene, recipe.meant, alive)
+        return apply_probing_matrix(scene, recipe.meant, alive)
     if not isinstance(rule, Extremes):
-        return probe(scene, recipe.wanted, alive)
+        return apply_probing_matrix(scene, recipe.wanted, alive)
     wanted = {photo.name: photo.wanted for photo in recipe.photos}
-    images = np.stack([probe(scene, wanted[name], alive) for name in rule.photos])
+    images = np.stack([apply_probing_matrix(scene, wanted[name], alive) for name in rule.photos])
     return np.asarray(rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0))
 
 
-def probe(
-    scene: Scene, wanted: Wanted, alive: Callable[[], None] = lambda: None
+def apply_probing_matrix(
+    scene: Scene, wanted: WantedMatrix, alive: Callable[[], None] = lambda: None
 ) -> NDArray[np.float64]:
     """``(Pi o T) 1`` with the wanted matrix itself, (N, 3), in scene units, without ambient light.
 
@@ -166,9 +168,9 @@ def probe(
         image += scene.photo(camera, projector, np.sum(camera * projector, axis=0), nothing)
     if not banded.squares().any():
         return image
-    for start in range(0, scene.cells, BLOCK):
+    for start in range(0, scene.cells, TRUTH_BLOCK_ROWS):
         alive()
-        stop = min(start + BLOCK, scene.cells)
+        stop = min(start + TRUTH_BLOCK_ROWS, scene.cells)
         rows = banded.rows(start, stop)
         pick = np.zeros((stop - start, scene.cells))
         here = np.arange(stop - start), np.arange(start, stop)
@@ -177,12 +179,14 @@ def probe(
     return image
 
 
-def entries(scene: Scene, seen: NDArray[np.int64], lit: NDArray[np.int64]) -> NDArray[np.float64]:
+def compute_true_entries(
+    scene: Scene, seen: NDArray[np.int64], lit: NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Entries of T between camera cells `seen` (C,) and projector cells `lit` (J,), (C, J, 3)."""
     found = np.empty((seen.size, lit.size, 3))
-    for start in range(0, lit.size, BLOCK):
-        some = lit[start : start + BLOCK]
+    for start in range(0, lit.size, TRUTH_BLOCK_ROWS):
+        some = lit[start : start + TRUTH_BLOCK_ROWS]
         light = np.zeros((some.size, scene.cells))
         light[np.arange(some.size), some] = 1.0
-        found[:, start : start + BLOCK] = scene.apply(light)[:, seen].transpose(1, 0, 2)
+        found[:, start : start + TRUTH_BLOCK_ROWS] = scene.apply(light)[:, seen].transpose(1, 0, 2)
     return found

@@ -15,23 +15,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Singles
+from pdcd.bench.placed import map_to_field, place_panels
 from pdcd.panels.map import Map
+from pdcd.panels.map_soundness import is_field_covered
+from pdcd.panels.placing import make_placed_map
 from pdcd.runs.record import RunRecord
-from pdcd.sensor.bands import in_bands
+from pdcd.sensor.bands import run_in_bands
 from pdcd.sensor.cells import CellMap
 
-Singles = NDArray[np.float32]
-Bools = NDArray[np.bool_]
-
-STEP_PX, LEAST_STEPS = 16, 64
+_STEP_PX, _LEAST_STEPS = 16, 64
 """The map is worked out every so many pixels, and at no fewer places; straight lines between them
 are off by less than a hundredth of a quad."""
-HALF = 0.5
+_HALF = 0.5
 """Share of a pixel that must be known for the pixel to be known."""
 
 
 @dataclass(frozen=True)
-class View:
+class FieldView:
     """Where the camera stood, and what the field looks like.
 
     map : from the camera's quads to the field.
@@ -44,7 +45,7 @@ class View:
     white_patch: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, record: RunRecord, cells: CellMap) -> View:
+    def of(cls, record: RunRecord, cells: CellMap) -> FieldView:
         """The view of a run by the map of its photos."""
         width, height = record.projector.field_size_px
         return cls(cells.filled, width / height, record.white_patch)
@@ -67,17 +68,17 @@ class View:
         return float(np.hypot(*quads[:, 0])), float(np.hypot(*quads[:, 1]))
 
 
-def all_known(*values: NDArray[np.floating]) -> Bools:
+def find_known_pixels(*values: NDArray[np.floating]) -> Bools:
     """Where all of the values (h, w, 3) are finite in every channel, (h, w) bool."""
     # A product with ones is much faster than `all` along a short axis.
     sums = [value @ np.ones(value.shape[-1], value.dtype) for value in values]
     return np.asarray(np.logical_and.reduce([np.isfinite(s) for s in sums]), dtype=np.bool_)
 
 
-class Sampler:
+class FieldSampler:
     """Samples pictures of one camera on one raster of the field."""
 
-    def __init__(self, view: View, size_px: tuple[int, int]) -> None:
+    def __init__(self, view: FieldView, size_px: tuple[int, int]) -> None:
         """`size_px`: (width, height) of the raster."""
         cols, rows = view.map.size_px
         across, down = view.quads()
@@ -101,7 +102,7 @@ class Sampler:
         def band(rows: slice) -> None:
             light[rows] = cv2.copyTo(np.ascontiguousarray(image[rows], np.float32), mask[rows])
 
-        in_bands(len(light), band)
+        run_in_bands(len(light), band)
         seen, weight = self._weighed(known)
         picture = self._sampled(light)
         picture *= weight[..., None]
@@ -111,7 +112,7 @@ class Sampler:
         """Where a picture on the field is known, and what it is to be multiplied by there."""
         if self._last is None or not np.array_equal(self._last[0], known):
             share = self._sampled(known.astype(np.float32))
-            seen: Bools = self._inside & (share >= HALF)
+            seen: Bools = self._inside & (share >= _HALF)
             weight = np.divide(np.float32(1.0), share, out=np.zeros_like(share), where=seen)
             self._last = known, seen, weight  # pictures of one run mostly know the same quads
         return self._last[1:]
@@ -136,7 +137,7 @@ def _places(map_: Map, size_px: tuple[int, int]) -> Singles:
 
 def _nodes(length_px: int) -> NDArray[np.float64]:
     """Places from the centre of the first to that of the last pixel."""
-    return np.linspace(0.5, length_px - 0.5, max(-(-length_px // STEP_PX), LEAST_STEPS) + 1)
+    return np.linspace(0.5, length_px - 0.5, max(-(-length_px // _STEP_PX), _LEAST_STEPS) + 1)
 
 
 def _between(nodes: Singles, at: NDArray[np.float64], length_px: int) -> Singles:
@@ -147,3 +148,19 @@ def _between(nodes: Singles, at: NDArray[np.float64], length_px: int) -> Singles
     rest = (along - first).astype(np.float32)[:, None, None]
     found: Singles = nodes[first] * (1 - rest) + nodes[first + 1] * rest
     return found
+
+
+def place_quads(record: RunRecord, frame: tuple[int, int]) -> CellMap:
+    """Where the quads of a run's frames of (h, w) lie, as it is configured. The darkroom asks when
+    the first photo has told how large a frame is."""
+    map_ = make_placed_map(record.camera_place, frame[::-1], record.projector.size_px, "camera")
+    panels = place_panels(record.projector, record.mask)
+    return CellMap(
+        grid=record.grid,
+        frame=frame,
+        map=map_to_field(map_, record.projector),
+        blur_quads=record.blur_quads,
+        panels=tuple(
+            view.map for view in (panels.projector, panels.mask) if not is_field_covered(view.map)
+        ),
+    )

@@ -7,20 +7,17 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import DecodeError
 from pdcd.probing.deviation import row_weights_s, weight_s
-from pdcd.probing.fine import Fine, summed
-from pdcd.probing.realised import Factors, signed_sum
-from pdcd.recipes.recipe import Combination, Photo
+from pdcd.probing.fine import PieceWeights, sum_piece_weights
+from pdcd.probing.realised import Factors, sum_signed_factors
+from pdcd.recipes.recipe import Combination, RecipePhoto
 from pdcd.words import NormaliseName
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-
-class Shown(Protocol):
+class RealisedShot(Protocol):
     """What the panels really did in a shot; no light is needed to know it."""
 
     @property
@@ -35,7 +32,7 @@ class Shown(Protocol):
 
 
 @dataclass(frozen=True)
-class Matrix:
+class RealisedMatrix:
     """What the panels did in a shot whose light nobody asked for."""
 
     realised: Factors
@@ -52,11 +49,11 @@ class CellWeights:
     shown : the fine sums of its shots, where these are known.
     """
 
-    photo: Photo
+    photo: RecipePhoto
     realised: Factors
     cells_s: Floats
     shut: Bools | None
-    shown: tuple[Fine | None, ...]
+    shown: tuple[PieceWeights | None, ...]
 
     def window_light(self) -> tuple[Floats | None, bool]:
         """Light of the photo that each piece of the cells let through, up to a factor, and whether
@@ -67,41 +64,48 @@ class CellWeights:
             if (light >= 0.0).all() and light.any():
                 return light, True
         # What is wanted differs from path to path, or has signs: all light speaks for it.
-        whole = summed((1.0, fine) for fine in self.shown)
+        whole = sum_piece_weights((1.0, fine) for fine in self.shown)
         if whole is None or not whole.light.any():
             return None, False
         return whole.light, False
 
 
-def weigh_cells(photo: Photo, shots: Mapping[str, Shown], normalise: NormaliseName) -> CellWeights:
-    """What the cells of a photo are divided by; `normalise` as of `pdcd.pictures.combine.combine`.
+def weigh_cells(
+    photo: RecipePhoto, shots: Mapping[str, RealisedShot], normalise: NormaliseName
+) -> CellWeights:
+    """What the cells of a photo are divided by; `normalise` as of
+    `pdcd.pictures.combine.combine_shots`.
 
     Raises DecodeError for a photo that has no light on the paths it is to keep.
     """
-    realised = realised_photo(photo.shots, shots)
-    own, shut = _row_weights(photo, realised, divided_by_row(photo, shots, normalise))
+    realised = sum_realised_matrices(photo.shots, shots)
+    own, shut = _row_weights(photo, realised, is_divided_by_row(photo, shots, normalise))
     shown = tuple(shots[name].realised.fine for _, name in photo.shots)
     return CellWeights(photo, realised, own, shut, shown)
 
 
-def divided_by_row(photo: Photo, shots: Mapping[str, Shown], normalise: NormaliseName) -> bool:
+def is_divided_by_row(
+    photo: RecipePhoto, shots: Mapping[str, RealisedShot], normalise: NormaliseName
+) -> bool:
     """Whether each cell of a photo is divided by its own weight; see `pdcd.pictures.combine`."""
     if normalise == "auto":
         return photo.row_weights or any(shots[name].missed for _, name in photo.shots)
     return normalise == "row"
 
 
-def realised_photo(terms: Combination, shots: Mapping[str, Shown]) -> Factors:
+def sum_realised_matrices(terms: Combination, shots: Mapping[str, RealisedShot]) -> Factors:
     """Realised probing matrix of a signed sum of shots."""
-    return signed_sum((sign, shots[name].realised) for sign, name in terms)
+    return sum_signed_factors((sign, shots[name].realised) for sign, name in terms)
 
 
-def cell_weights_s(photo: Photo, realised: Factors, *, by_row: bool) -> Floats:
+def _cell_weights_s(photo: RecipePhoto, realised: Factors, *, by_row: bool) -> Floats:
     """What to divide the cells of a photo by: one number (), or that of each cell's row (N,)."""
     return _row_weights(photo, realised, by_row)[0]
 
 
-def _row_weights(photo: Photo, realised: Factors, by_row: bool) -> tuple[Floats, Bools | None]:
+def _row_weights(
+    photo: RecipePhoto, realised: Factors, by_row: bool
+) -> tuple[Floats, Bools | None]:
     """Weights of cells, () or (N,), and which cells were never open for what they are to keep."""
     common = weight_s(realised, photo.wanted)
     if not common > 0.0:

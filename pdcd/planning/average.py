@@ -20,13 +20,13 @@ from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.defaults import readout_s
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.pairs import pairs_of
-from pdcd.planning.plan import Plan, chosen_together
-from pdcd.printable import percent
+from pdcd.planning.pairs import make_pattern_pairs
+from pdcd.planning.plan import Plan, has_joint_codes
+from pdcd.printable import to_percent
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.parts import FEWEST_PARTS
-from pdcd.recipes.recipe import Combination, Extremes, Photo
+from pdcd.recipes.recipe import Combination, Extremes, RecipePhoto
 from pdcd.watch import Watch
 
 NOISE = 0.018
@@ -39,13 +39,14 @@ MOST_S = 600.0
 """Most seconds that this adds, files included: nobody who asked for nothing waits longer."""
 
 
-def noise_of_plan(
+def predict_plan_noise(
     plan: Plan, variances: Mapping[str, float], taken: Plan, names: Iterable[str]
 ) -> float:
     """RMS noise of a whole plan, over the RMS of its answer.
 
-    variances : of each photo, as `pdcd.pictures.leaks.noise_of` has them for the shots `names` of
-    the plan `taken`, which is this one or that before it. They fall with the refreshes.
+    variances : of each photo, as `pdcd.pictures.leaks.predict_photo_variances` has them for the
+    shots `names` of the plan `taken`, which is this one or that before it. They fall with the
+    refreshes.
     """
     there, total = frozenset(names), 0.0
     photos = {photo.name: photo for photo in plan.recipe.photos}
@@ -57,7 +58,7 @@ def noise_of_plan(
     return math.sqrt(total)
 
 
-def averaged(
+def extend_for_noise(
     plan: Plan,
     noise: float,
     request: CaptureRequest,
@@ -95,7 +96,7 @@ def _rule(plan: Plan) -> Combination:
     return () if isinstance(rule, Extremes) else rule
 
 
-def _refreshes(plan: Plan, photo: Photo, names: frozenset[str] | None) -> int:
+def _refreshes(plan: Plan, photo: RecipePhoto, names: frozenset[str] | None) -> int:
     """Refreshes of the lit shots of a photo, of all or of those with these names."""
     own = {name for _, name in photo.shots}
     return sum(
@@ -122,7 +123,7 @@ def _shown(plan: Plan, times: int, request: CaptureRequest, config: Config, watc
     # Photos that are not of codes, as the white one of direct light, have no parts; and codes that
     # were chosen together with masks would err alike in all of them.
     alike = any(
-        chosen_together(program, lattice, how.coded, how.family)
+        has_joint_codes(program, lattice, how.coded, how.family)
         for program in plan.recipe.programs.values()
     )
     split = len(_rule(plan)) == 1 and times * how.parts >= FEWEST_PARTS and not alike
@@ -131,14 +132,14 @@ def _shown(plan: Plan, times: int, request: CaptureRequest, config: Config, watc
         how = msgspec.structs.replace(how, codes=codes, parts=parts)
     else:
         how = msgspec.structs.replace(how, repeat=times)
-    recipe = recipe_of(plan.recipe.target, how)
+    recipe = make_recipe(plan.recipe.target, how)
     family = how.family or config.schedule.family
     bytes_ = memory_bytes(recipe, how, family, lattice, plan.passes, config)
     check_memory(bytes_, config, plan.grid)
     patterns = plan.patterns
     if split:
         curves, passes = plan.curves, plan.passes
-        more = pairs_of(
+        more = make_pattern_pairs(
             recipe, how, family, lattice,
             p=request.p, seed=request.seed, watch=watch, curves=curves, passes=passes,
         )  # fmt: skip
@@ -154,13 +155,13 @@ def _noted(plan: Plan, noise: float, times: int) -> Plan:
 
 def _told(plan: Plan, noise: float, times: int, seconds: float) -> str:
     """What was decided, what it costs, and what is left to do where it is not enough."""
-    limit, left = f"limit {percent(NOISE)}", noise / math.sqrt(times)
-    text = f"noise: ambient light would leave {percent(noise)} of the picture ({limit})"
+    limit, left = f"limit {to_percent(NOISE)}", noise / math.sqrt(times)
+    text = f"noise: ambient light would leave {to_percent(noise)} of the picture ({limit})"
     if times > 1:
         exposures = plan.how.parts * plan.how.repeat
         text += (
             f": {times} times as many exposures, which are {exposures} of codes beside their black "
-            f"ones, {seconds:.3g} s more, leave {percent(left)}"
+            f"ones, {seconds:.3g} s more, leave {to_percent(left)}"
         )
     if left > NOISE:
         text += (

@@ -9,47 +9,49 @@ from functools import lru_cache
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.bench.placed import panels_from, panels_of, plane_on_field
+from pdcd.bench.placed import map_plane_to_field, panels_of, place_panels
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError, RequestError
-from pdcd.panels.atoms import cells_shown, check_cells
-from pdcd.panels.map_soundness import fewest_pixels
-from pdcd.panels.windows import ATOMS, GUARDS, whole_pixels, windows
-from pdcd.planning.plan import windowed
-from pdcd.planning.schedule_fit import lag_by_rows_s, schedule_leak, times_measured
+from pdcd.panels.atoms import check_cells, find_shown_cells
+from pdcd.panels.map_soundness import find_fewest_pixels
+from pdcd.panels.windows import ATOMS, GUARDS, find_window_kind, is_on_whole_pixels
+from pdcd.planning.plan import is_windowed
+from pdcd.planning.schedule_fit import compute_schedule_leak, has_measured_times, scan_out_lags_s
 from pdcd.probing.borders import (
-    drawn_apart_px,
-    drawn_apart_share,
-    nearest_grid,
+    cell_mismatch_px,
+    compute_cell_mismatch_share,
+    find_nearest_grid,
 )
-from pdcd.probing.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
+from pdcd.probing.cell_size import (
+    MaskAlignment,
+    compute_bench_leak,
+    find_cell_below_leak,
+    find_largest_window,
+)
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.goals import OFF_AXIS
-from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
+from pdcd.recipes.goals import OFF_AXIS_GOALS
+from pdcd.recipes.off_axis import KeyedProgram, KeyedRangeProgram, RowProgram
 from pdcd.recipes.recipe import Recipe
 from pdcd.words import ScheduleName
 
-Floats = NDArray[np.float64]
-
-WHOLE_CELL_LIMIT = 0.001
+_WHOLE_CELL_LIMIT = 0.001
 """Misregistration in cells up to which whole cells are worth more than quarter windows: they let
 about that share of the direct light into an indirect photo, whose own light is often ten times
 weaker."""
 
 
-MOST_APART = 0.05
+_MOST_APART = 0.05
 """Share of the field in which both panels may draw different cells of a whole window: as much was
 measured (decision 0069)."""
 
 
-BLUR_LEAK = 1.6
+_BLUR_LEAK = 1.6
 """Share of the direct light that blur brings into an indirect photo under whole cells, over its
 standard deviation in cells (`pdcd.probing.cell_size`)."""
 
 
-def shares_of_cell(config: Config, cell_px: float) -> tuple[float, float]:
+def scale_errors_to_cells(config: Config, cell_px: float) -> tuple[float, float]:
     """Misregistration of the panels, and blur on the mask, in cells."""
     return config.rig.misregistration_px / cell_px, config.mask.blur_px / cell_px
 
@@ -61,9 +63,9 @@ def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 
     """
     window = asked
     if asked == "auto":
-        leak = misregistration_cells + BLUR_LEAK * blur_cells
-        window = "whole" if leak <= WHOLE_CELL_LIMIT else "quarter"
-    guard = windows(window).guard
+        leak = misregistration_cells + _BLUR_LEAK * blur_cells
+        window = "whole" if leak <= _WHOLE_CELL_LIMIT else "quarter"
+    guard = find_window_kind(window).guard
     if guard and misregistration_cells > guard:
         raise ConfigError(
             f"misregistration of {misregistration_cells:.2f} cells is more than {window} windows "
@@ -77,9 +79,9 @@ def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 
 
 MOST_LEAK = 0.005
 """Share of the direct light that cells of "auto" let into an indirect photo at most."""
-LEAST_CELL_PX, LEAST_MASK_PX = 2.0, 4.0
+_LEAST_CELL_PX, _LEAST_MASK_PX = 2.0, 4.0
 """Pixels of projector and mask that a cell has at least."""
-MOST_CELLS = 256 * 192
+MOST_AUTO_CELLS = 256 * 192
 """Cells of "auto" at most: more take long to plan and decode, and few scenes have such detail."""
 
 
@@ -92,41 +94,42 @@ def with_grid(config: Config) -> Config:
     return msgspec.structs.replace(config, schedule=schedule)
 
 
-def meeting_of(config: Config) -> Meeting | None:
+def find_meeting(config: Config) -> MaskAlignment | None:
     """How light and mask meet; None where nobody measured it."""
     e95_px, blur_px = config.rig.misregistration_px, config.mask.blur_px
     if e95_px == 0.0 and blur_px == 0.0:
         return None
-    across = fewest_pixels(panels_of(config).mask.map, config.projector.field_size_px[::-1])
-    return Meeting(e95_px, blur_px, 1.0 / across if across else 0.0)
+    across = find_fewest_pixels(panels_of(config).mask.map, config.projector.field_size_px[::-1])
+    return MaskAlignment(e95_px, blur_px, 1.0 / across if across else 0.0)
 
 
-def window_for(
+def choose_grid_window(
     asked: str, config: Config, grid: tuple[int, int], *, taken_out: bool = False
 ) -> str:
     """Window of cells of a grid: as asked for; or whole cells where nothing gets from one to the
     next, else the quarter. `taken_out`: what gets through along borders that the panels' pixels
     draw in two places is photographed and taken out; whole cells then may have such borders, up to
-    `MOST_APART` of the field.
+    `_MOST_APART` of the field.
 
-    Larger windows are for who asks for them (`larger_window` tells which fits). They need a mask
-    whose pixels end where they end: one more or less is light that nobody counts, and where in a
-    cell a quad was open how often, nobody knows better than the camera's map. Raises ConfigError.
+    Larger windows are for who asks for them (`find_larger_window` tells which fits). They need a
+    mask whose pixels end where they end: one more or less is light that nobody counts, and where in
+    a cell a quad was open how often, nobody knows better than the camera's map. Raises ConfigError.
     """
     width_px, height_px = config.projector.field_size_px
     cell_px = min(width_px / grid[1], height_px / grid[0])
-    misregistration, blur = shares_of_cell(config, cell_px)
+    misregistration, blur = scale_errors_to_cells(config, cell_px)
     panels = panels_of(config)
     if asked == "auto":
         apart_px = _apart_px(config.projector, config.mask, grid)
         # Of a mask whose place was measured, and not its blur, nobody knows what that lets by.
-        unknown = config.mask.place.map is not None and meeting_of(config) is None
+        unknown = config.mask.place.map is not None and find_meeting(config) is None
         taken_out = taken_out and not unknown
         if apart_px and not (
-            taken_out and drawn_apart_share(panels.projector, panels.mask, grid) <= MOST_APART
+            taken_out
+            and compute_cell_mismatch_share(panels.projector, panels.mask, grid) <= _MOST_APART
         ):
             misregistration = max(misregistration, apart_px / cell_px)
-    elif not whole_pixels(asked, panels.mask, grid):
+    elif not is_on_whole_pixels(asked, panels.mask, grid):
         raise ConfigError(
             f"the edges of {asked} windows do not lie on those of the mask's pixels in {grid[0]} x "
             f"{grid[1]} cells",
@@ -139,15 +142,15 @@ def window_for(
 
 @lru_cache(maxsize=8)
 def _apart_px(projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]) -> float:
-    """`drawn_apart_px` of the panels of a bench; a search for a plan asks for it at every step."""
-    panels = panels_from(projector, mask)
-    return drawn_apart_px(panels.projector, panels.mask, grid, projector.field_size_px)
+    """`cell_mismatch_px` of the panels of a bench; a search for a plan asks for it often."""
+    panels = place_panels(projector, mask)
+    return cell_mismatch_px(panels.projector, panels.mask, grid, projector.field_size_px)
 
 
-def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
+def find_larger_window(config: Config, grid: tuple[int, int]) -> str | None:
     """The largest window beyond the quarter that keeps off other cells' light, as measured, and
     whose edges the mask's pixels have; None where none does, or nobody measured."""
-    meeting = meeting_of(config)
+    meeting = find_meeting(config)
     if meeting is None:
         return None
     width_px, height_px = config.projector.field_size_px
@@ -155,15 +158,16 @@ def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
     fitting = (
         name
         for name in reversed(GUARDS)
-        if windows(name).kinds == 4
-        and windows(name).side <= largest_window(meeting, cell_px)
-        and float(leak_of(meeting, cell_px, windows(name).side)) <= WHOLE_CELL_LIMIT
-        and whole_pixels(name, mask, grid)
+        if find_window_kind(name).kinds == 4
+        and find_window_kind(name).side <= find_largest_window(meeting, cell_px)
+        and float(compute_bench_leak(meeting, cell_px, find_window_kind(name).side))
+        <= _WHOLE_CELL_LIMIT
+        and is_on_whole_pixels(name, mask, grid)
     )
     return next(fitting, None)
 
 
-def reasons_for(
+def explain_bench_fit(
     config: Config,
     grid: tuple[int, int],
     window: str,
@@ -171,12 +175,12 @@ def reasons_for(
     mask_lag_s: float | None,
 ) -> tuple[str, ...]:
     """Why cells, window and schedule are what they are; nothing on a bench that nobody measured."""
-    told = [*field_reasons(config, grid), *blind_reasons(config, grid)]
-    meeting = meeting_of(config)
+    told = [*_field_reasons(config, grid), *_blind_reasons(config, grid)]
+    meeting = find_meeting(config)
     if meeting is not None:
         width, height = config.projector.field_size_px
         cell_px = min(width / grid[1], height / grid[0])
-        leak = float(leak_of(meeting, cell_px, windows(window).side))
+        leak = float(compute_bench_leak(meeting, cell_px, find_window_kind(window).side))
         told.append(
             f"cells of {cell_px:.3g} projector pixels: the panels meet within "
             f"{meeting.e95_px:.2g} px (95 % of the field), blur is {meeting.blur_px:.2g} px"
@@ -185,16 +189,16 @@ def reasons_for(
             f"window {window}: {100.0 * leak:.2g} % of the direct light leaks into an indirect "
             "photo"
         )
-        larger = larger_window(config, grid)
+        larger = find_larger_window(config, grid)
         if larger is not None and window == "quarter":
-            gain = windows(larger).area / windows(window).area
+            gain = find_window_kind(larger).area / find_window_kind(window).area
             told.append(
                 f"--window {larger} has {gain:.3g} times the light, and fits how the panels meet"
             )
-    told += border_reasons(config, grid, window)
-    if times_measured(config) and mask_lag_s is not None and schedule != "none":
-        leak = schedule_leak(config, schedule, mask_lag_s)
-        low_s, high_s = lag_by_rows_s(config)
+    told += _border_reasons(config, grid, window)
+    if has_measured_times(config) and mask_lag_s is not None and schedule != "none":
+        leak = compute_schedule_leak(config, schedule, mask_lag_s)
+        low_s, high_s = scan_out_lags_s(config)
         told.append(
             f"schedule {schedule}: the mask follows by {1e3 * (mask_lag_s + low_s):.2g} to "
             f"{1e3 * (mask_lag_s + high_s):.2g} ms; {100.0 * leak:.2g} % of a code's light "
@@ -203,11 +207,11 @@ def reasons_for(
     return tuple(told)
 
 
-def border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterator[str]:
+def _border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterator[str]:
     """What follows from cells that do not end with the pixels of both panels."""
     panels = panels_of(config)
-    apart = drawn_apart_share(panels.projector, panels.mask, grid)
-    if apart <= WHOLE_CELL_LIMIT:
+    apart = compute_cell_mismatch_share(panels.projector, panels.mask, grid)
+    if apart <= _WHOLE_CELL_LIMIT:
         return
     if window == "whole":
         yield (
@@ -215,7 +219,7 @@ def border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterat
             "and as much of the direct light gets into an indirect photo; beside a white photo one "
             "more is taken of these places alone, and their light is taken out"
         )
-    better = nearest_grid(panels.projector, panels.mask, grid)
+    better = find_nearest_grid(panels.projector, panels.mask, grid)
     if better is not None and better != grid:
         yield (
             f"cells of {grid[0]} x {grid[1]} do not end on the pixels of both panels; "
@@ -223,17 +227,17 @@ def border_reasons(config: Config, grid: tuple[int, int], window: str) -> Iterat
         )
 
 
-def wandered_reasons(recipe: Recipe, window: str) -> Iterator[str]:
+def explain_wandering_light(recipe: Recipe, window: str) -> Iterator[str]:
     """What small windows do with light that wanders within a cell, where photos are told apart by
     codes (decision 0055)."""
-    if window != "whole" and any(windowed(program) for program in recipe.programs.values()):
+    if window != "whole" and any(is_windowed(program) for program in recipe.programs.values()):
         yield (
             f"window {window}: of light that wanders half a cell or more within its own cell, a "
             "part counts as indirect; where much does, as in wax or glass, take smaller cells"
         )
 
 
-def plane_reasons(config: Config) -> tuple[str, ...]:
+def explain_bit_planes(config: Config) -> tuple[str, ...]:
     """How long the bit planes of a refresh are; nothing where panels show one row a refresh."""
     display = config.display
     if display.planes_per_refresh == 1:
@@ -247,24 +251,24 @@ def plane_reasons(config: Config) -> tuple[str, ...]:
 
 
 def _auto_grid(config: Config) -> tuple[int, int] | None:
-    meeting = meeting_of(config)
+    meeting = find_meeting(config)
     if meeting is None:
         return None
     width, height = config.projector.field_size_px
     # A cell of the projector's own pixels; the mask may have fewer of them.
-    across = fewest_pixels(panels_of(config).mask.map, (height, width)) or 1.0
+    across = find_fewest_pixels(panels_of(config).mask.map, (height, width)) or 1.0
     least_px = max(
-        smallest_cell_for(meeting, MOST_LEAK),
-        LEAST_CELL_PX,
-        LEAST_MASK_PX / across,
-        math.sqrt(width * height / MOST_CELLS),
+        find_cell_below_leak(meeting, MOST_LEAK),
+        _LEAST_CELL_PX,
+        _LEAST_MASK_PX / across,
+        math.sqrt(width * height / MOST_AUTO_CELLS),
     )
     if not np.isfinite(least_px):
         return None
     return max(1, int(height / least_px)), max(1, int(width / least_px))
 
 
-def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
+def resolve_window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
     """Part of a mask cell that opens. Raises ConfigError for cells that the panels cannot show."""
     width_px, height_px = config.projector.field_size_px
     cell_px = min(height_px / grid[0], width_px / grid[1])
@@ -274,9 +278,9 @@ def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             device="projector",
             hint="use a coarser scene grid",
         )
-    refuse_blind(config, grid)
+    _refuse_blind(config, grid)
     asked = request.window or config.schedule.window
-    return window_for(asked, config, grid, taken_out=_takes_out(request))
+    return choose_grid_window(asked, config, grid, taken_out=_takes_out(request))
 
 
 def _takes_out(request: CaptureRequest) -> bool:
@@ -286,12 +290,12 @@ def _takes_out(request: CaptureRequest) -> bool:
     return request.goal in ("indirect", "direct") and request.white is not False and own
 
 
-def on_bench(request: CaptureRequest, config: Config) -> CaptureRequest:
+def add_bench_plane(request: CaptureRequest, config: Config) -> CaptureRequest:
     """The request with the bench's own plane, where it asks for depths and names none.
 
     Raises RequestError for depths on a coaxial bench, which has none.
     """
-    if request.goal not in OFF_AXIS:
+    if request.goal not in OFF_AXIS_GOALS:
         return request
     rig = config.rig
     if rig.arrangement != "off-axis":
@@ -302,40 +306,40 @@ def on_bench(request: CaptureRequest, config: Config) -> CaptureRequest:
     own = request.plane is None and request.disparities is None and request.warp is None
     if request.goal == "epipolar" or not own or rig.plane is None:
         return request
-    return msgspec.structs.replace(request, plane=plane_on_field(rig.plane, config.projector))
+    return msgspec.structs.replace(request, plane=map_plane_to_field(rig.plane, config.projector))
 
 
-def depth_reasons(recipe: Recipe, codes: int, window: str) -> Iterator[str]:
+def explain_depth_codes(recipe: Recipe, codes: int, window: str) -> Iterator[str]:
     """Why the codes of depths are what they are, a line for each kind; `codes` of a part."""
     rows, columns = recipe.target.grid
     programs = {type(program): program for program in recipe.programs.values()}
-    if Keyed in programs:
+    if KeyedProgram in programs:
         shared = "none" if codes > columns + 1 else f"none nearer than {codes - 1} cells"
         yield f"codes: of the cells of a row {shared} share a code: other depths stay as they are"
-    comb = programs.get(KeyedRange)
-    if isinstance(comb, KeyedRange):
+    comb = programs.get(KeyedRangeProgram)
+    if isinstance(comb, KeyedRangeProgram):
         closed = comb.high - comb.low + 1
         text = f"codes: a comb of period {comb.period}, closed for {closed} disparities"
         if comb.period < columns + 1 + closed:
             text += f"; depths that are {comb.period} cells apart are blocked together"
         yield text + f"; {100.0 / comb.period:.2g} % of the light, and a photo of other rows"
-    elif Rows in programs:
+    elif RowProgram in programs:
         exact = "exact" if codes >= rows else f"{codes} codes for {rows} rows are not exact"
         beside = "" if window == "whole" else "; windows see half of the next rows with each row"
         yield f"codes: one for each row, {exact}{beside}"
 
 
-OBLONG = 1.1
+_OBLONG = 1.1
 """Sides of a cell, one over the other, from which on it is said to be oblong."""
 
 
-def field_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
+def _field_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
     """Where the field lies in the projector's picture; nothing where nobody measured it."""
     if config.projector.field_px is None:
         return
     (left, top, wide, high), (width, height) = config.projector.field_px, config.projector.size_px
     across, down = wide / grid[1], high / grid[0]
-    oblong = ", oblong" if max(across, down) > OBLONG * min(across, down) else ""
+    oblong = ", oblong" if max(across, down) > _OBLONG * min(across, down) else ""
     yield (
         f"field of {wide} x {high} of the projector's {width} x {height} pixels, from ({left}, "
         f"{top}) on, which projector, mask and camera share; cells of {across:.4g} x {down:.4g} "
@@ -343,11 +347,11 @@ def field_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
     )
 
 
-def blind_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
+def _blind_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
     """Cells that have no pixel on a panel, of each panel with such cells."""
     panels = panels_of(config)
     for view in (panels.projector, panels.mask):
-        blind = 1.0 - float(cells_shown(view, grid).mean())
+        blind = 1.0 - float(find_shown_cells(view, grid).mean())
         if blind > 0.0:
             yield (
                 f"{100.0 * blind:.2g} % of the cells have no pixel on the {view.role}: nothing is "
@@ -355,13 +359,13 @@ def blind_reasons(config: Config, grid: tuple[int, int]) -> Iterator[str]:
             )
 
 
-def refuse_blind(config: Config, grid: tuple[int, int]) -> None:
+def _refuse_blind(config: Config, grid: tuple[int, int]) -> None:
     """Raise ConfigError for cells that the panels cannot show, or none of which has pixels on both:
     before any light, and not when a display is to show them."""
     panels = panels_of(config)
     for view in (panels.projector, panels.mask):
         check_cells(view, grid)
-    if not (cells_shown(panels.projector, grid) & cells_shown(panels.mask, grid)).any():
+    if not (find_shown_cells(panels.projector, grid) & find_shown_cells(panels.mask, grid)).any():
         raise ConfigError(
             f"none of {grid[0]} x {grid[1]} cells has pixels on both panels",
             device="mask",

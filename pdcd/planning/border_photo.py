@@ -23,35 +23,35 @@ from numpy.typing import NDArray
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
-from pdcd.panels.frames import BLACK, PIXELS, Frames
-from pdcd.panels.patterns import pack
-from pdcd.planning.panel_look import rows_of, white_shot
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, Frames
+from pdcd.panels.patterns import pack_bits
+from pdcd.planning.panel_look import count_block_rows, find_white_shot
 from pdcd.planning.plan import Plan
 from pdcd.probing.borders import (
     LEAST_APART,
     BorderPixels,
-    border_reach,
-    drawn_apart_share,
+    compute_cell_mismatch_share,
     find_border_pixels,
+    measure_border_reach,
 )
 
-Bits = NDArray[np.bool_]
+_Bits = NDArray[np.bool_]
 
 LIT, INNER, DARK = "look-borders", "look-borders-inner", "look-borders-dark"
 """The photos, as their RAW files are called."""
 
-LOOK_S = 0.2
+BORDER_PHOTO_S = 0.2
 """Time for which strips of each of sixteen kinds are shown, at most."""
-MARGIN_PX, BLURRED = 0.25, 2.0
+_MARGIN_PX, _BLURRED = 0.25, 2.0
 """Projector pixels by which a panel may lie elsewhere than it is believed to, at least; and how far
 what it shows is spread, over its blur."""
-MOST_REACH = 1.0 / 3.0
+_MOST_REACH = 1.0 / 3.0
 """Of a cell: pixels next to those beside a border lie beside the border across from there, else."""
-SHORTER = 3
+_SHORTER = 3
 """How much shorter the other two are: there is little in them that noise could matter to."""
 
 
-def wanted(plan: Plan, config: Config) -> bool:
+def is_border_photo_needed(plan: Plan, config: Config) -> bool:
     """Whether a plan takes a photo of indirect light through whole cells that do not meet, beside a
     white one."""
     shots = {shot.name: shot for shot in plan.recipe.shots}
@@ -62,24 +62,24 @@ def wanted(plan: Plan, config: Config) -> bool:
         for _, name in photo.shots
         if name in shots
     )
-    if white_shot(plan) is None or not any(plan.window_of(s) == "whole" for s in through):
+    if find_white_shot(plan) is None or not any(plan.window_of(s) == "whole" for s in through):
         return False
     panels = panels_of(config)
     views = panels.projector, panels.mask, plan.grid
     return (
-        max(border_reach(*views, _margin_px(config))) <= MOST_REACH
-        and drawn_apart_share(*views) >= LEAST_APART
+        max(measure_border_reach(*views, _margin_px(config))) <= _MOST_REACH
+        and compute_cell_mismatch_share(*views) >= LEAST_APART
     )
 
 
 def _margin_px(config: Config) -> float:
     """Projector pixels beyond the pixels of both panels at which light gets through."""
-    return max(MARGIN_PX, config.rig.misregistration_px) + BLURRED * config.mask.blur_px
+    return max(_MARGIN_PX, config.rig.misregistration_px) + _BLURRED * config.mask.blur_px
 
 
-def due(plan: Plan, taken: Collection[str]) -> bool:
+def is_border_photo_due(plan: Plan, taken: Collection[str]) -> bool:
     """Whether the photo comes next: after the white one, which sets how long it is shown."""
-    white = white_shot(plan)
+    white = find_white_shot(plan)
     return white is not None and white.name in taken
 
 
@@ -99,8 +99,8 @@ class BorderFrames:
         panels = panels_of(config)
         pixels = find_border_pixels(panels.projector, panels.mask, plan.grid, _margin_px(config))
         pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
-        most = max(2, round(LOOK_S * plan.row_hz))
-        rows = max(1, min(most, int(rows_of(plan) / max(widest, 1e-6))))
+        most = max(2, round(BORDER_PHOTO_S * plan.row_hz))
+        rows = max(1, min(most, int(count_block_rows(plan) / max(widest, 1e-6))))
         return cls(pixels, rows, pause, plan.row_hz)
 
     def phase_s(self, name: str) -> float:
@@ -110,7 +110,7 @@ class BorderFrames:
     def frames(self, name: str) -> Frames:
         """Refreshes of a photo."""
         shown = zip(*self.pixels.of_kinds(inner=name == INNER), strict=True)
-        patterns = [pack(np.stack(kinds).reshape(len(kinds), -1)) for kinds in shown]
+        patterns = [pack_bits(np.stack(kinds).reshape(len(kinds), -1)) for kinds in shown]
         rows = self._rows(name)
         each = np.full((len(patterns[0]), rows + self.pause), BLACK, dtype=np.int32)
         each[:, :rows] = np.arange(len(each))[:, None]
@@ -125,8 +125,8 @@ class BorderFrames:
             guard=index == BLACK,
             grid=(1, 1),
             lattice=(1, 1),
-            window=PIXELS,
+            window=PIXEL_WINDOW,
         )
 
     def _rows(self, name: str) -> int:
-        return self.rows if name == LIT else max(1, self.rows // SHORTER)
+        return self.rows if name == LIT else max(1, self.rows // _SHORTER)

@@ -2,9 +2,9 @@
 
 Candidates are numbers of codes on a ladder, few first, under each schedule of one to three
 refreshes a code that keeps codes apart at the mask's measured lag. Each is looked at once
-(`pdcd.planning.rehearse` for a known scene, `pdcd.planning.guess` for any other); ISO, passes and
-the number of equal exposures then follow by arithmetic. The wanted error is met in the shortest
-total time; a given time is spent on the smallest error.
+(`pdcd.planning.rehearse` for a known scene, `pdcd.planning.guess` for any other); ISO,
+passes and the number of equal exposures then follow by arithmetic. The wanted error is met in the
+shortest total time; a given time is spent on the smallest error.
 """
 
 from __future__ import annotations
@@ -16,72 +16,78 @@ from itertools import product
 import msgspec
 import numpy as np
 
-from pdcd.codes.pilot.codes import pilot_share
-from pdcd.codes.pilot.matching import MOST_CELLS
+from pdcd.codes.pilot.codes import choose_pilot_count
+from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS
 from pdcd.errors import RequestError
-from pdcd.pictures.learn import Learned
-from pdcd.planning.code_counts import LADDER, counts_of, family_of, most_repeats, parts_of
-from pdcd.planning.guess import GOALS, Prior, guess
-from pdcd.planning.guided import by_prior, guidable
-from pdcd.planning.look import looking, resolve_black_level
+from pdcd.pictures.learn import PilotFindings
+from pdcd.planning.code_counts import (
+    LADDER,
+    count_parts,
+    find_code_family,
+    find_most_repeats,
+    list_code_counts,
+)
+from pdcd.planning.guess import GUESSABLE_GOALS, ScenePrior, guess_plan
+from pdcd.planning.guided import can_be_guided, follow_prior
+from pdcd.planning.look import resolve_black_level, with_leak_probe
 from pdcd.planning.make import ExposureLimitError, make_plan
 from pdcd.planning.memory import MemoryLimitError
-from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
+from pdcd.planning.outlook import Alive, ErrorEstimate, PlanForecast, RigSetting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
-from pdcd.planning.rehearse import rehearse
-from pdcd.planning.schedule_fit import choose_schedule, lag_rows, tolerant
+from pdcd.planning.rehearse import simulate_plan
+from pdcd.planning.schedule_fit import choose_schedule, convert_lag_to_rows, list_tolerant_schedules
 from pdcd.protocol.plan_summary import Prediction
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.recipes.off_axis import FewCodesError
 from pdcd.virtual.scene.scene import Scene
 from pdcd.watch import Watch
 from pdcd.words import BlackLevel, ScheduleName
 
-CONFIDENCE = 0.95
+_CONFIDENCE = 0.95
 """With which probability a wanted error is kept unless the request says otherwise."""
 
-STALLED = 0.8
+_STALLED = 0.8
 """Least error of the codes on the last rungs of the ladder, over that before, from which more codes
 do not help: what is left comes from the panels."""
 
-PATIENCE = 6
+_PATIENCE = 6
 """Rungs that are given to lower the error: eight times as many codes."""
 
-PILOT_PAYS = 0.5
+_PILOT_PAYS = 0.5
 """Error with a pilot, over that without, from which its many RAW files are worth taking."""
 
-NEGLIGIBLE = 0.1
+_NEGLIGIBLE = 0.1
 """Error of the codes, over the least error of the sensor, below which more codes do not matter."""
 
-PILOTED = ("indirect", "direct", "short-range")
+_PILOTED = ("indirect", "direct", "short-range")
 """Goals that a pilot helps."""
 
 
 @dataclass(frozen=True)
-class Choice:
+class PlanChoice:
     """A plan in all its parts, what is foreseen of one exposure of it, and its total time."""
 
     plan: Plan
-    estimate: Estimate
+    estimate: ErrorEstimate
     iso: int
     seconds: float
 
 
-def choose(
+def choose_plan(
     request: CaptureRequest,
-    setting: Setting,
+    setting: RigSetting,
     grid: tuple[int, int],
     scene: Scene | None,
-    given: Given = NOTHING,
+    given: Given = NO_ARRAYS,
     watch: Watch | None = None,
-) -> Choice:
+) -> PlanChoice:
     """The plan that a request with a wanted error or a time comes to, its prediction included.
 
     Parameters
     ----------
-    request : one for which `wants_choice` holds.
+    request : one for which `is_search_needed` holds.
     setting : the rig.
     grid : rows and columns of cells.
     scene : what stands before the rig, where that is known; `request.prior` goes before it.
@@ -98,7 +104,7 @@ def choose(
     known = _known(request, prior, scene)
     search = _Search(request, given, setting, grid, known, prior, watch or Watch())
     best = search.run()
-    confidence = request.confidence or CONFIDENCE
+    confidence = request.confidence or _CONFIDENCE
     prediction = Prediction(
         error=best.estimate.error(best.plan.how.repeat),
         code=best.estimate.code,
@@ -110,22 +116,24 @@ def choose(
     )
     plan = replace(best.plan, iso=best.iso, prediction=prediction)
     if plan.how.black_level == "none":
-        plan = looking(plan, resolve_black_level(request, setting.config).look)
+        plan = with_leak_probe(plan, resolve_black_level(request, setting.config).look)
     return replace(best, plan=plan)
 
 
-def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | None) -> Scene | Prior:
+def _known(
+    request: CaptureRequest, given: GivenPrior | None, scene: Scene | None
+) -> Scene | ScenePrior:
     """What the scene is taken to be. Raises RequestError."""
     if given is not None and given.scene is not None:
         return given.scene
     if scene is not None:
         return scene
-    if request.goal not in GOALS or _elsewhere(request):
+    if request.goal not in GUESSABLE_GOALS or _elsewhere(request):
         raise RequestError(
             f"the error of the goal {request.goal} cannot be foreseen for an unknown scene",
             hint="give a transport matrix as prior, or the number of codes",
         )
-    return Prior()
+    return ScenePrior()
 
 
 def _elsewhere(request: CaptureRequest) -> bool:
@@ -140,20 +148,20 @@ class _Search:
         self,
         request: CaptureRequest,
         arrays: Given,
-        setting: Setting,
+        setting: RigSetting,
         grid: tuple[int, int],
-        prior: Scene | Prior,
+        prior: Scene | ScenePrior,
         given: GivenPrior | None,
         watch: Watch,
     ) -> None:
         self.request, self.arrays, self.setting, self.grid = request, arrays, setting, grid
         self.prior, self.given, self.watch = prior, given, watch
-        self.confidence = request.confidence or CONFIDENCE
-        self.most = most_repeats(request)
-        self.best: Choice | None = None
+        self.confidence = request.confidence or _CONFIDENCE
+        self.most = find_most_repeats(request)
+        self.best: PlanChoice | None = None
         self.refused: RequestError | None = None
-        self.closest: Choice | None = None
-        self.learned: dict[tuple[int, str], Learned] = {}
+        self.closest: PlanChoice | None = None
+        self.learned: dict[tuple[int, str], PilotFindings] = {}
 
     @property
     def prior_name(self) -> str:
@@ -162,12 +170,12 @@ class _Search:
             return self.given.name
         return f"scene {self.prior.name}" if isinstance(self.prior, Scene) else str(self.prior)
 
-    def run(self) -> Choice:
+    def run(self) -> PlanChoice:
         """The best candidate. Raises RequestError when none will do."""
         self._climb_all("codes", list(product((None,), self._blacks(), self._schedules())))
         plain = self.best
         if self._takes_pilot() and (plain is None or self.request.seconds is not None):
-            coarse = self.grid[0] * self.grid[1] <= MOST_CELLS
+            coarse = self.grid[0] * self.grid[1] <= MOST_MATCHING_CELLS
             kinds = (True, False) if coarse else (False,)
             blacks = self._blacks() if plain is None else (plain.plan.how.black_level,)
             self._climb_all("pilots", list(product(kinds, blacks, self._schedules())))
@@ -175,7 +183,7 @@ class _Search:
             raise self._refusal()
         if plain is not None and self.best.plan.how.pilot:
             kept = self._bound(self.best) / self._bound(plain)
-            return self.best if kept < PILOT_PAYS else plain
+            return self.best if kept < _PILOT_PAYS else plain
         return self.best
 
     def _climb_all(
@@ -192,10 +200,10 @@ class _Search:
         """Schedules to look at: the one asked for, or all that keep codes apart at the mask's
         measured lag, with few refreshes first."""
         config = self.setting.config
-        lag, jitter = lag_rows(config, self.setting.mask_lag_s)
+        lag, jitter = convert_lag_to_rows(config, self.setting.mask_lag_s)
         if self.request.guards is not None:
             return (choose_schedule(self.request.guards, lag, jitter),)
-        found = tolerant(lag, jitter)
+        found = list_tolerant_schedules(lag, jitter)
         instant = not any(p.rise_s or p.fall_s for p in (config.projector, config.mask))
         # Nothing is left to keep apart where panels in step switch at once.
         return found[:1] if instant and found[0] == "none" else found
@@ -205,7 +213,7 @@ class _Search:
         Before a scene that is not known the leak's error is not known, either."""
         config = self.setting.config
         blacks = resolve_black_level(self.request, config)
-        if blacks.look is None or isinstance(self.prior, Prior):
+        if blacks.look is None or isinstance(self.prior, ScenePrior):
             return (blacks.level,)
         ambient = config.projector.contrast is not None or self.prior.ambient is not None
         if config.mask.contrast is None:
@@ -243,10 +251,10 @@ class _Search:
                 return
             errors.append(estimate.code)
             sensor = estimate.sensor
-            if estimate.code < NEGLIGIBLE * estimate.sensor / self.most**0.5:
+            if estimate.code < _NEGLIGIBLE * estimate.sensor / self.most**0.5:
                 return
-            if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > STALLED * min(
-                errors[:-PATIENCE]
+            if len(errors) > _PATIENCE and min(errors[-_PATIENCE:]) > _STALLED * min(
+                errors[:-_PATIENCE]
             ):
                 return
 
@@ -263,9 +271,9 @@ class _Search:
             guards=schedule,
             black_level=black,
         )
-        (family, _), parts = family_of(self.request), parts_of(self.request)
-        for count in counts_of(self.request):
-            share = 0 if by_map is None else pilot_share(count, by_map=by_map, parts=parts)
+        (family, _), parts = find_code_family(self.request), count_parts(self.request)
+        for count in list_code_counts(self.request):
+            share = 0 if by_map is None else choose_pilot_count(count, by_map=by_map, parts=parts)
             if by_map is not None and not share:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
@@ -278,22 +286,22 @@ class _Search:
                 return  # and more codes take more
             except FewCodesError:
                 continue
-            if self.given is not None and guidable(plan):
-                plan = by_prior(plan, self.given, request.seed)
+            if self.given is not None and can_be_guided(plan):
+                plan = follow_prior(plan, self.given, request.seed)
             yield plan
 
     def _takes_pilot(self) -> bool:
         """Whether a pilot may help: it guides Hadamard codes, before a scene that is known, unless
         a prior does so."""
-        fits = self.request.goal in PILOTED and family_of(self.request)[0] == "hadamard"
+        fits = self.request.goal in _PILOTED and find_code_family(self.request)[0] == "hadamard"
         own = not _elsewhere(self.request)
         return fits and own and isinstance(self.prior, Scene) and self.given is None
 
-    def _outlook(self, plan: Plan) -> Outlook:
-        if isinstance(self.prior, Prior):
-            return guess(plan, self.setting, self.prior)
+    def _outlook(self, plan: Plan) -> PlanForecast:
+        if isinstance(self.prior, ScenePrior):
+            return guess_plan(plan, self.setting, self.prior)
         normalise = self.request.normalise or self.setting.config.schedule.normalise
-        return rehearse(
+        return simulate_plan(
             plan,
             self.setting,
             self.prior,
@@ -303,7 +311,7 @@ class _Search:
             known=self.learned,
         )
 
-    def _settle(self, plan: Plan) -> Estimate:
+    def _settle(self, plan: Plan) -> ErrorEstimate:
         """Try ISOs, passes and repetitions of one plan; returns its plainest estimate."""
         outlook = self._outlook(plan)
         limit_s = self.setting.config.limits.max_exposure_s
@@ -324,12 +332,12 @@ class _Search:
                 break
         return plainest or outlook.judge(self.setting.isos[0], 1)
 
-    def _consider(self, plan: Plan, estimate: Estimate, iso: int, passes: int) -> None:
+    def _consider(self, plan: Plan, estimate: ErrorEstimate, iso: int, passes: int) -> None:
         """Keep this candidate if it is the best so far."""
 
-        def choice(repeat: int) -> Choice:
+        def choice(repeat: int) -> PlanChoice:
             whole = plan.scaled(passes, repeat)
-            return Choice(whole, estimate, iso, _seconds(whole))
+            return PlanChoice(whole, estimate, iso, _seconds(whole))
 
         if self.request.error is not None:
             most = choice(self.most)
@@ -347,7 +355,7 @@ class _Search:
         if fits and (self.best is None or self._bound(found) < self._bound(self.best)):
             self.best = found
 
-    def _bound(self, choice: Choice) -> float:
+    def _bound(self, choice: PlanChoice) -> float:
         return choice.estimate.bound(self.confidence, choice.plan.how.repeat)
 
     def _most_repeats(self, plan: Plan) -> int:

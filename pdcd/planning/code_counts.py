@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fractions import Fraction
 
-from pdcd.codes.hadamard import hadamard_fits
-from pdcd.codes.singer import line_count
+from pdcd.codes.hadamard import can_make_hadamard_codes
+from pdcd.codes.singer import count_plane_lines
 from pdcd.errors import RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.words import FamilyName
@@ -18,46 +18,46 @@ LADDER = tuple(sorted(k * 2**n for k in (8, 12) for n in range(10)))
 MOST_REPEATS = 64
 """Exposures of one photo beyond which RAW files pile up for little."""
 
-MOST_PARTS = 1000
+_MOST_PARTS = 1000
 """Largest denominator of a share p of lit cells that balanced codes are fitted to."""
 
 
-def family_of(request: CaptureRequest) -> tuple[FamilyName, int]:
+def find_code_family(request: CaptureRequest) -> tuple[FamilyName, int]:
     """The code family, and what its number of codes must be a multiple of."""
     p = request.p
     family: FamilyName = "hadamard" if p is None or p == 0.5 else "balanced"
     family = request.family or family
     if family == "singer" and p is not None:
-        return family, line_count(p)
-    share = Fraction(0.5 if p is None else p).limit_denominator(MOST_PARTS)
+        return family, count_plane_lines(p)
+    share = Fraction(0.5 if p is None else p).limit_denominator(_MOST_PARTS)
     return family, share.denominator if family == "balanced" else 1
 
 
-def parts_of(request: CaptureRequest) -> int:
+def count_parts(request: CaptureRequest) -> int:
     """In how many parts a request wants its codes."""
     return request.parts if isinstance(request.parts, int) else 1
 
 
-def most_repeats(request: CaptureRequest) -> int:
+def find_most_repeats(request: CaptureRequest) -> int:
     """How often a photo may be taken: one in parts only once (`pdcd.planning.make`)."""
-    return MOST_REPEATS if parts_of(request) == 1 else 1
+    return MOST_REPEATS if count_parts(request) == 1 else 1
 
 
-def counts_of(request: CaptureRequest) -> Iterator[int]:
+def list_code_counts(request: CaptureRequest) -> Iterator[int]:
     """Numbers of codes that the family can have, each once, few first: those of the ladder, or the
     next multiples of what it needs; as many in each part where the request names parts."""
-    family, step = family_of(request)
-    parts = parts_of(request)
+    family, step = find_code_family(request)
+    parts = count_parts(request)
     for count in dict.fromkeys(-(-rung // step) * step for rung in LADDER):
-        if family != "hadamard" or hadamard_fits(count, request.p or 0.5):
+        if family != "hadamard" or can_make_hadamard_codes(count, request.p or 0.5):
             yield parts * count
 
 
-NEAR = 0.25
+_NEAR = 0.25
 """How far from the number that the rule gives another one is looked for, over that number."""
 
 
-def as_bright(codes: int, request: CaptureRequest) -> int:
+def scale_code_count(codes: int, request: CaptureRequest) -> int:
     """Codes in which matched cells are lit as often as in `codes` at p = 1/2: ``codes / (2 p)``.
 
     The nearest number is taken for which cells can be lit in exactly a share p of the codes, if
@@ -70,7 +70,7 @@ def as_bright(codes: int, request: CaptureRequest) -> int:
         )
     rule = 0.5 * codes / request.p
     nearest = max(1, round(rule))
-    for away in range(int(NEAR * rule) + 1):
+    for away in range(int(_NEAR * rule) + 1):
         for count in (nearest - away, nearest + away):
             lit = request.p * count
             if round(lit) >= 1 and abs(lit - round(lit)) <= 1e-9 * count:

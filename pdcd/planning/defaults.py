@@ -17,54 +17,54 @@ import msgspec
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.codes.hadamard import hadamard_fits
-from pdcd.codes.pilot.codes import SCOUTS, pilot_share
-from pdcd.codes.pilot.matching import MOST_CELLS
+from pdcd.codes.hadamard import can_make_hadamard_codes
+from pdcd.codes.pilot.codes import SCOUTS, choose_pilot_count
+from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.schedule import slot_rows
-from pdcd.planning.bench_fit import window_of
-from pdcd.planning.schedule_fit import RANGES, schedule_of
+from pdcd.panels.schedule import count_slot_rows
+from pdcd.planning.bench_fit import resolve_window
+from pdcd.planning.schedule_fit import RANGES, resolve_schedule
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.parts import FEWEST_PARTS
-from pdcd.recipes.programs import Far
+from pdcd.recipes.programs import LongRangeProgram
 from pdcd.words import FamilyName
 
-GOALS = ("indirect", "direct")
+_GOALS = ("indirect", "direct")
 """Goals that get parts and a pilot unasked; others take them when asked. `RANGES` get a pilot and
 `FEWEST_PARTS`, as more parts would leave codes too dense for the radius."""
-PARTED = (
+_PARTED = (
     "fraction", "split", "diagonal", "warped", "two-samples", "descattered", "filtered",
 )  # fmt: skip
 """Goals that get parts alone unasked."""
-SPENT = (
+_SPENT = (
     "until_error", "repeat", "error", "confidence", "seconds", "prior", "exposure_s", "method",
     "equal_brightness",
 )  # fmt: skip
 """Fields of which any one says how exposures are to be spent: such a request gets what it names."""
-NAMED = (*SPENT, "codes", "family", "pilot", "parts", "smooth")
+_NAMED = (*_SPENT, "codes", "family", "pilot", "parts", "smooth")
 """The same of what is shown in all: a request that names none of these may get more light."""
-CHOSEN = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
+_CHOSEN = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
 """Fields that follow from the error or the time and are not to be given beside it."""
-FAR_LEFT = 0.75
+_FAR_LEFT = 0.75
 """Weight of far light that codes of four parts must leave, over that of one exposure: cells are lit
 in one code of each part at the least, which for a large radius is too often."""
-FAMILIES: tuple[FamilyName, ...] = ("hadamard", "balanced", "bernoulli", "rademacher")
+_FAMILIES: tuple[FamilyName, ...] = ("hadamard", "balanced", "bernoulli", "rademacher")
 """Families whose codes may be split so: any two cells meet equally often."""
-PARTS = (8, 7, 6, 5, 4)
+_PARTS = (8, 7, 6, 5, 4)
 """Numbers of parts that are tried, the better ones first. More of them measure no better, and leave
 each with fewer codes."""
-FEWEST_CODES = 16
+_FEWEST_CODES = 16
 """Codes that a part has at least."""
-LEFT_OUT = 8
+_LEFT_OUT = 8
 """Of so many codes one may be left out for the others to be split evenly."""
-LITTLE = 0.25
+_LITTLE = 0.25
 """Time that the files of all further parts may take, over the exposure of the codes."""
-LOOK = 1.0
+_LOOK = 1.0
 """The same of the first photos of a pilot: what they may find is worth more than noise."""
-FEWEST = 64
+_FEWEST = 64
 """Codes of which four are spent on a look: of fewer, the others would miss them."""
-READOUT_S = 3.0
+_READOUT_S = 3.0
 """What a RAW file is taken to cost before a camera of which nothing is known yet."""
 
 
@@ -81,7 +81,7 @@ class Defaults:
     otherwise: CaptureRequest | None = None
 
 
-def wants_choice(request: CaptureRequest) -> bool:
+def is_search_needed(request: CaptureRequest) -> bool:
     """Whether a request leaves its parameters to a search (`pdcd.planning.choose`). Raises
     RequestError when it contradicts itself."""
     asked = [name for name in ("error", "seconds") if getattr(request, name) is not None]
@@ -100,7 +100,7 @@ def wants_choice(request: CaptureRequest) -> bool:
     defaults = CaptureRequest(goal=request.goal)
     given = [
         name
-        for name in CHOSEN
+        for name in _CHOSEN
         if getattr(request, name) != getattr(defaults, name) and getattr(request, name) != 0
     ]
     given += ["parts"] if request.parts == "auto" else []
@@ -122,15 +122,15 @@ def wants_choice(request: CaptureRequest) -> bool:
     return True
 
 
-def asks_for_camera(request: CaptureRequest) -> bool:
+def is_camera_needed(request: CaptureRequest) -> bool:
     """Whether the plan of a request depends on what a RAW file costs."""
     return "auto" in (request.parts, request.pilot) or "auto" in _left_open(request)
 
 
-def may_average(request: CaptureRequest, config: Config) -> bool:
+def can_average(request: CaptureRequest, config: Config) -> bool:
     """Whether everything may be shown more often against the noise of ambient light."""
-    plain = _names_none(request, NAMED)
-    return plain and request.goal in GOALS and config.camera.noise != "none"
+    plain = _names_none(request, _NAMED)
+    return plain and request.goal in _GOALS and config.camera.noise != "none"
 
 
 def resolve_defaults(
@@ -175,13 +175,13 @@ def readout_s(config: Config, camera: CameraInfo | None) -> float:
     if config.camera.readout_s is not None:
         return config.camera.readout_s
     told = None if camera is None else camera.readout_s
-    return READOUT_S if told is None else told
+    return _READOUT_S if told is None else told
 
 
 def _left_open(request: CaptureRequest) -> tuple[int | str, int | str]:
     """Pilot and parts of a request: their number, or "auto" where the program decides."""
-    fits = request.goal in (*GOALS, *RANGES, *PARTED) and request.family in (None, *FAMILIES)
-    usual: int | str = "auto" if fits and _names_none(request, SPENT) else 0
+    fits = request.goal in (*_GOALS, *RANGES, *_PARTED) and request.family in (None, *_FAMILIES)
+    usual: int | str = "auto" if fits and _names_none(request, _SPENT) else 0
     pilot = usual if request.pilot is None else request.pilot
     parts = (usual or 1) if request.parts is None else request.parts
     return pilot, parts
@@ -204,7 +204,7 @@ class _Costs:
     family: FamilyName
     coded_s: float
     file_s: float
-    tried: tuple[int, ...] = PARTS
+    tried: tuple[int, ...] = _PARTS
     radius: int | None = None
     p: float = 0.5
     far_alone: bool = False
@@ -224,7 +224,7 @@ class _Costs:
     def split(self, codes: int) -> tuple[int, int]:
         """How many of so many codes are shown, and in how many parts: all of them, or a few less
         where those cannot be shared out; all in 1 where no fewer can."""
-        for count in range(codes, codes - codes // LEFT_OUT - 1, -1):
+        for count in range(codes, codes - codes // _LEFT_OUT - 1, -1):
             parts = self.parts(count)
             if parts > 1:
                 return count, parts
@@ -233,7 +233,7 @@ class _Costs:
     def fits(self, codes: int, parts: int) -> bool:
         """Whether there are codes for so many parts."""
         each, rest = divmod(codes, parts)
-        if rest or each < FEWEST_CODES or self.family not in FAMILIES:
+        if rest or each < _FEWEST_CODES or self.family not in _FAMILIES:
             return False
         return self.whole(each)
 
@@ -243,19 +243,19 @@ class _Costs:
             return True
         if self.p != 0.5:  # balanced codes
             return codes % 2 == 0 and (self.p * codes).is_integer() and self.p * codes >= 1.0
-        return hadamard_fits(codes, 0.5) if self.family == "hadamard" else codes % 2 == 0
+        return can_make_hadamard_codes(codes, 0.5) if self.family == "hadamard" else codes % 2 == 0
 
     def far_enough(self, codes: int, parts: int) -> bool:
         """Whether codes in so many parts keep nearly as much far light as in one exposure."""
         if self.radius is None:
             return True
         whole, split = (_far_weight(count, self.radius) for count in (codes, codes // parts))
-        return split >= FAR_LEFT * whole
+        return split >= _FAR_LEFT * whole
 
     @property
     def most_s(self) -> float:
         """Time that the files of further parts may take."""
-        return LITTLE * self.coded_s
+        return _LITTLE * self.coded_s
 
 
 def _costs(
@@ -267,9 +267,9 @@ def _costs(
 ) -> _Costs:
     codes = request.codes or config.schedule.codes
     far_alone = request.goal == "long-range" and bool(request.radius)
-    window = "whole" if far_alone else window_of(request, config, grid)
+    window = "whole" if far_alone else resolve_window(request, config, grid)
     fields = Lattice(grid, window).fields
-    rows = slot_rows(schedule_of(request, config, mask_lag_s))
+    rows = count_slot_rows(resolve_schedule(request, config, mask_lag_s))
     # Beside the file, each exposure waits on black before its codes and after them.
     more_s = 2.0 * config.rig.settle_s + config.trigger.lag_s
     return _Costs(
@@ -277,7 +277,7 @@ def _costs(
         family=request.family or config.schedule.family,
         coded_s=codes * fields * rows / config.row_hz,
         file_s=readout_s(config, camera) + more_s,
-        tried=(FEWEST_PARTS,) if request.goal in RANGES else PARTS,
+        tried=(FEWEST_PARTS,) if request.goal in RANGES else _PARTS,
         radius=request.radius if request.goal in RANGES else None,
         p=request.p if request.p is not None and request.goal == "fraction" else 0.5,
         far_alone=far_alone,
@@ -286,9 +286,9 @@ def _costs(
 
 
 def _far_weight(codes: int, radius: int) -> float:
-    """Weight of far light in a photo of so many codes (`pdcd.recipes.programs.Far`), with cells lit
-    in the share of codes that comes nearest to the best (`pdcd.planning.pairs`)."""
-    p = Far(radius).p
+    """Weight of far light in a photo of so many codes (`pdcd.recipes.programs.LongRangeProgram`),
+    with cells lit in the share of codes that comes nearest to the best (`pdcd.planning.pairs`)."""
+    p = LongRangeProgram(radius).p
     lit = max(1, round(p * codes)) / codes
     return float(lit * (1.0 - lit) ** round(1.0 / p - 1.0))
 
@@ -309,7 +309,7 @@ def _without_pilot(
 def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Defaults:
     """A short pilot, and what is done instead when its scouts see nothing."""
     named = request.parts if isinstance(request.parts, int) else 1
-    share = pilot_share(costs.codes, by_map=True, parts=named)
+    share = choose_pilot_count(costs.codes, by_map=True, parts=named)
     left, used = costs.codes - SCOUTS, costs.codes - share
     counts = [n for n in range(left, used - 1, -1) if not n % named and costs.whole(n // named)]
     first, reason = named, "one exposure" if named == 1 else f"{named} exposures, as asked for"
@@ -336,7 +336,7 @@ def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts
 def _elsewhere(request: CaptureRequest) -> bool:
     """Whether a goal that may keep each cell's own light keeps that of other cells instead."""
     matched = request.shift is not None or request.warp is not None
-    return matched and request.goal in (*GOALS, "fraction", "split")
+    return matched and request.goal in (*_GOALS, "fraction", "split")
 
 
 def _no_pilot(
@@ -346,20 +346,20 @@ def _no_pilot(
     that are asked for, or "auto"."""
     cells = grid[0] * grid[1]
     look_s = SCOUTS * costs.file_s
-    fits = request.goal in (*GOALS, *RANGES) and costs.family == "hadamard"
+    fits = request.goal in (*_GOALS, *RANGES) and costs.family == "hadamard"
     if not fits or request.prior is not None:
         return "as it helps indirect, direct, far and near light, with hadamard codes and no prior"
     if costs.elsewhere:
         return "as it looks for paths beside those of each cell with itself"
     named = parts if isinstance(parts, int) else 1
-    share = pilot_share(costs.codes, by_map=True, parts=named)
-    few = named > 1 and costs.codes - share < named * FEWEST_CODES
-    if costs.codes < FEWEST or not share or few:
+    share = choose_pilot_count(costs.codes, by_map=True, parts=named)
+    few = named > 1 and costs.codes - share < named * _FEWEST_CODES
+    if costs.codes < _FEWEST or not share or few:
         within = f" in {named} parts" * (named > 1)
         return f"as {costs.codes} codes{within} are too few to spend some on a look"
-    if cells > MOST_CELLS:
-        return f"as it maps at most {MOST_CELLS} cells and there are {cells}"
-    if look_s > LOOK * costs.coded_s:
+    if cells > MOST_MATCHING_CELLS:
+        return f"as it maps at most {MOST_MATCHING_CELLS} cells and there are {cells}"
+    if look_s > _LOOK * costs.coded_s:
         return (
             f"as a look with {SCOUTS} photos would take {look_s:.2g} s for their files beside "
             f"{costs.coded_s:.3g} s of codes"
@@ -388,7 +388,7 @@ def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, int, str]:
 
 def _one_exposure(codes: int, costs: _Costs) -> str:
     """Why codes are not split."""
-    few = codes - codes // LEFT_OUT
+    few = codes - codes // _LEFT_OUT
     found = [
         (count, parts)
         for count in range(codes, few - 1, -1)

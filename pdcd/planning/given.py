@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.files.arrays import read_array
-from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath
-from pdcd.protocol.fields import ARRAYS
-from pdcd.protocol.request import CaptureRequest, Sent, in_words
-from pdcd.recipes.arrays import Given, most_elements, of_rows
+from pdcd.files.opening import ArrayLimits, Asker, UnsoundFileError, open_beneath, read_contents
+from pdcd.protocol.fields import ARRAY_FIELDS
+from pdcd.protocol.request import CaptureRequest, SentArray, is_prior_in_words
+from pdcd.recipes.arrays import Given, convert_rows, count_most_elements
 from pdcd.virtual.scene.matrix import read_transport
 
 KEPT_NUMBERS = 4096
@@ -32,58 +32,64 @@ KEPT_NUMBERS = 4096
 
 
 @dataclass(frozen=True)
-class Source:
+class FileSource:
     """Where the content of one file comes from, and what it is called; None: it has no name."""
 
-    content: Callable[[Limits], bytes]
+    content: Callable[[ArrayLimits], bytes]
     file: str | None = None
 
 
-def from_descriptor(descriptor: int, file: str | None = None) -> Source:
+def make_descriptor_source(descriptor: int, file: str | None = None) -> FileSource:
     """Of an open file, which the caller closes."""
-    return Source(lambda limits: contents(descriptor, limits), file)
+    return FileSource(lambda limits: read_contents(descriptor, limits), file)
 
 
-def from_folder(folder: Path, name: str, asker: Asker) -> Source:
+def make_folder_source(folder: Path, name: str, asker: Asker) -> FileSource:
     """Of a file by its name below a folder, if the asker could read it as well."""
-    return Source(lambda limits: _closed_after(open_beneath(folder, name, asker), limits), name)
+    return FileSource(lambda limits: _closed_after(open_beneath(folder, name, asker), limits), name)
 
 
-def from_text(text: str, file: str | None = None) -> Source:
+def make_text_source(text: str, file: str | None = None) -> FileSource:
     """Of its base64."""
 
-    def decoded(limits: Limits) -> bytes:
+    def decoded(limits: ArrayLimits) -> bytes:
         try:
             return base64.b64decode(text, validate=True)
         except (binascii.Error, ValueError) as err:
-            raise Unsound("it is not base64", "encode the whole of a .npy or PNG file") from err
+            raise UnsoundFileError(
+                "it is not base64", "encode the whole of a .npy or PNG file"
+            ) from err
 
-    return Source(decoded, file)
+    return FileSource(decoded, file)
 
 
-def file_fields(request: CaptureRequest) -> dict[str, str | Sent]:
+def list_file_fields(request: CaptureRequest) -> dict[str, str | SentArray]:
     """The fields of a request that come as files, by descriptor, text or name."""
     found = {
-        name: value for name in ARRAYS if isinstance(value := getattr(request, name), str | Sent)
+        name: value
+        for name in ARRAY_FIELDS
+        if isinstance(value := getattr(request, name), str | SentArray)
     }
     prior = request.prior
-    if prior is not None and not in_words(prior):
+    if prior is not None and not is_prior_in_words(prior):
         found["prior"] = prior
     return found
 
 
-def long_rows(request: CaptureRequest) -> dict[str, int]:
+def find_long_fields(request: CaptureRequest) -> dict[str, int]:
     """The fields with more than `KEPT_NUMBERS` numbers in rows, and how many."""
     rows = {
-        name: value for name in ARRAYS if isinstance(value := getattr(request, name), tuple | list)
+        name: value
+        for name in ARRAY_FIELDS
+        if isinstance(value := getattr(request, name), tuple | list)
     }
     counts = {name: sum(map(len, value)) for name, value in rows.items()}
     return {name: count for name, count in counts.items() if count > KEPT_NUMBERS}
 
 
-def read_given(
+def read_request_arrays(
     request: CaptureRequest,
-    sources: Mapping[str, Source],
+    sources: Mapping[str, FileSource],
     grid: tuple[int, int],
     alive: Callable[[], None] = lambda: None,
 ) -> tuple[CaptureRequest, Given]:
@@ -102,30 +108,30 @@ def read_given(
     Raises RequestError.
     """
     given: dict[str, NDArray[np.float64]] = {}
-    noted: dict[str, Sent] = {}
-    for name in long_rows(request):
-        given[name] = of_rows(name, getattr(request, name))
-        noted[name] = Sent(sha256=hashlib.sha256(given[name].tobytes()).hexdigest())
+    noted: dict[str, SentArray] = {}
+    for name in find_long_fields(request):
+        given[name] = convert_rows(name, getattr(request, name))
+        noted[name] = SentArray(sha256=hashlib.sha256(given[name].tobytes()).hexdigest())
     for name, source in sources.items():
-        limits = Limits(most_elements(name, grid), alive)
+        limits = ArrayLimits(count_most_elements(name, grid), alive)
         try:
             data = source.content(limits)
             if name == "prior":
-                from pdcd.planning.prior import GRID  # few requests have one
+                from pdcd.planning.prior import PRIOR_GRID  # few requests have one
 
                 given[name], own = read_transport(data, limits)
-                given[GRID] = np.array([own], dtype=np.float64)
+                given[PRIOR_GRID] = np.array([own], dtype=np.float64)
             else:
                 given[name] = read_array(data, name, limits)
-        except Unsound as err:
+        except UnsoundFileError as err:
             called = f"{name} ({source.file})" if source.file else name
             raise RequestError(f"{called}: {err.message}", hint=err.hint) from err
-        noted[name] = Sent(file=source.file, sha256=hashlib.sha256(data).hexdigest())
+        noted[name] = SentArray(file=source.file, sha256=hashlib.sha256(data).hexdigest())
     return msgspec.structs.replace(request, **noted), given
 
 
-def _closed_after(descriptor: int, limits: Limits) -> bytes:
+def _closed_after(descriptor: int, limits: ArrayLimits) -> bytes:
     try:
-        return contents(descriptor, limits)
+        return read_contents(descriptor, limits)
     finally:
         os.close(descriptor)

@@ -9,50 +9,50 @@ import numpy as np
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.panels.lattice import Lattice
-from pdcd.planning.plan import Pair, beyond, chosen_together
-from pdcd.protocol.plan_summary import How
+from pdcd.planning.plan import PatternPair, has_joint_codes, is_long_range
+from pdcd.protocol.plan_summary import CaptureScheme
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Recipe
 
-PANELS = ("projector", "mask")
+_PANELS = ("projector", "mask")
 
 
-def grey_panels(pairs: Iterable[Pair]) -> tuple[str, ...]:
+def find_grey_panels(pairs: Iterable[PatternPair]) -> tuple[str, ...]:
     """Which panels are sent anything but black and white."""
     grey = [[part.dtype != np.uint8 for part in pair] for pair in pairs]
-    return tuple(name for n, name in enumerate(PANELS) if any(pair[n] for pair in grey))
+    return tuple(name for n, name in enumerate(_PANELS) if any(pair[n] for pair in grey))
 
 
-def grey_reasons(pairs: Iterable[Pair], config: Config) -> Iterator[str]:
+def explain_grey_levels(pairs: Iterable[PatternPair], config: Config) -> Iterator[str]:
     """What grey levels are sent by, a line for each panel that shows any."""
-    for name in grey_panels(pairs):
+    for name in find_grey_panels(pairs):
         panel: PanelConfig = getattr(config, name)
         if panel.lut is not None:
             yield f"grey levels of the {name}: 8 bits, by a table of {len(panel.lut)} lights"
         elif panel.gamma is not None:
             yield f"grey levels of the {name}: 8 bits, gamma {panel.gamma:g}"
-        elif unsaid(panel, config):
-            yield unknown(name)
+        elif is_grey_light_unknown(panel, config):
+            yield describe_unknown_response(name)
 
 
-def grey_warnings(pairs: Iterable[Pair], config: Config) -> Iterator[str]:
+def list_grey_warnings(pairs: Iterable[PatternPair], config: Config) -> Iterator[str]:
     """What the user of a finished run must know of its grey levels."""
-    for name in grey_panels(pairs):
-        if unsaid(getattr(config, name), config):
-            yield unknown(name)
+    for name in find_grey_panels(pairs):
+        if is_grey_light_unknown(getattr(config, name), config):
+            yield describe_unknown_response(name)
 
 
-def unsaid(panel: PanelConfig, config: Config) -> bool:
+def is_grey_light_unknown(panel: PanelConfig, config: Config) -> bool:
     """Whether nobody said what light a panel's grey levels give, and it may be anything."""
-    return panel.gamma is None and panel.lut is None and not as_described(config)
+    return panel.gamma is None and panel.lut is None and not is_mock_as_configured(config)
 
 
-def as_described(config: Config) -> bool:
+def is_mock_as_configured(config: Config) -> bool:
     """Whether the panels are those of a mock bench that is as its configuration says."""
     return config.display.driver == "mock" and config.bench.truth is None
 
 
-def unknown(name: str) -> str:
+def describe_unknown_response(name: str) -> str:
     """That nobody said what light a panel's grey levels give."""
     return (
         f"the {name} shows grey levels, and what light they give is not known: they are taken as "
@@ -61,18 +61,18 @@ def unknown(name: str) -> str:
     )
 
 
-def grey_masks(request: CaptureRequest, config: Config) -> bool:
+def can_use_grey_masks(request: CaptureRequest, config: Config) -> bool:
     """Whether masks of far light may have grey levels: as asked for, else where the mask can show
     them and it is known what light they give."""
     return not _black_and_white(config) if request.grey_masks is None else request.grey_masks
 
 
-def mask_reasons(
-    recipe: Recipe, how: How, request: CaptureRequest, config: Config, rig: Lattice
+def explain_long_range_masks(
+    recipe: Recipe, how: CaptureScheme, request: CaptureRequest, config: Config, rig: Lattice
 ) -> Iterator[str]:
     """Why masks of far light have grey levels or none, where nobody asked for either; and why they
     open whole cells where those of other codes do not."""
-    far = [program for program in recipe.programs.values() if beyond(program)]
+    far = [program for program in recipe.programs.values() if is_long_range(program)]
     if not far:
         return
     if rig.window != "whole":
@@ -82,7 +82,7 @@ def mask_reasons(
         yield "masks of far light: " + (
             f"black and white, as {why}" if why else "grey levels, which count it more evenly"
         )
-    if any(chosen_together(program, rig, how.coded, how.family) for program in far):
+    if any(has_joint_codes(program, rig, how.coded, how.family) for program in far):
         yield "codes of far light: grey levels, chosen together with the masks"
 
 
@@ -90,6 +90,6 @@ def _black_and_white(config: Config) -> str:
     """Why masks of far light have no grey levels; "" where they may have some."""
     if config.display.planes_per_refresh > 1:
         return "bit planes show no grey levels"
-    if unsaid(config.mask, config):
+    if is_grey_light_unknown(config.mask, config):
         return "it is not known what light the mask's grey levels give: run pdcd calibrate response"
     return ""

@@ -20,17 +20,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdcd.planning.metering import TARGET
-from pdcd.planning.outlook import Estimate, Setting
+from pdcd.planning.outlook import ErrorEstimate, RigSetting
 from pdcd.planning.plan import COINS, Plan
-from pdcd.planning.rehearse import foreseen
+from pdcd.planning.rehearse import predict_probing_matrix
 from pdcd.probing.deviation import weight_s
 
-GOALS = ("white", "indirect", "direct", "fraction")
+GUESSABLE_GOALS = ("white", "indirect", "direct", "fraction")
 """Goals whose errors a guess can tell."""
 
 
 @dataclass(frozen=True)
-class Prior:
+class ScenePrior:
     """What is assumed of an unknown scene.
 
     paths : N_eff, cells that the indirect light of one cell comes from, in effect.
@@ -50,24 +50,24 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Guess:
-    """A plan before a scene of which only a `Prior` is known; see the module for the formulas.
+class PlanGuess:
+    """A plan before a scene of which only a `ScenePrior` is known; see the module for the formulas.
 
     leak : direct light that gets into a photo of indirect light, as a share of the direct light,
         by the panels' own timing and contrast.
     """
 
     plan: Plan
-    setting: Setting
-    prior: Prior
+    setting: RigSetting
+    prior: ScenePrior
     leak: float
 
-    def judge(self, iso: int, passes: int) -> Estimate:
+    def judge(self, iso: int, passes: int) -> ErrorEstimate:
         """Errors at that ISO. The light is taken to suffice: metering is taken to find it."""
         cells = self.plan.grid[0] * self.plan.grid[1]
         signal, code, sensor = self._parts(self._relative_noise(iso, passes))
         code, sensor = code / signal, sensor / signal
-        return Estimate(
+        return ErrorEstimate(
             code=code,
             sensor=sensor,
             code_var=2.0 * code**4 / cells,
@@ -127,18 +127,20 @@ class Guess:
         return float(np.sqrt(np.mean(variance / samples / signal_dn**2)))
 
 
-def guess(plan: Plan, setting: Setting, prior: Prior) -> Guess:
-    """Foresee a plan by a prior; its goal must be one of `GOALS`."""
+def guess_plan(plan: Plan, setting: RigSetting, prior: ScenePrior) -> PlanGuess:
+    """Foresee a plan by a prior; its goal must be one of `GUESSABLE_GOALS`."""
     leak = 0.0
     photo = plan.recipe.coded
     if photo is not None and plan.recipe.target.goal.name in ("indirect", "direct"):
         shot = next(s for s in plan.recipe.shots if s.name == photo.shots[0][1])
-        matrix = foreseen(plan, shot, setting.config)
+        matrix = predict_probing_matrix(plan, shot, setting.config)
         left = matrix.coaxial.copy()
         signs = {name: sign for sign, name in photo.shots}
         for black in plan.recipe.shots:
             dark = black.primal_black or black.dual_black
             if dark and black.program == shot.program and not black.copy_of:
-                left += signs[black.name] * foreseen(plan, black, setting.config).coaxial
+                left += (
+                    signs[black.name] * predict_probing_matrix(plan, black, setting.config).coaxial
+                )
         leak = float(np.sqrt(np.mean(left**2))) / weight_s(matrix, photo.wanted)
-    return Guess(plan, setting, prior, leak)
+    return PlanGuess(plan, setting, prior, leak)

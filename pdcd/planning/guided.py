@@ -13,12 +13,12 @@ from pdcd.bench.tables import Config
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.codes.pilot.links import SHARP
 from pdcd.panels.lattice import Lattice
-from pdcd.pictures.learn import Learned
+from pdcd.pictures.learn import PilotFindings
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.pairs import linked_pairs
+from pdcd.planning.pairs import make_linked_pairs
 from pdcd.planning.plan import Plan
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import Coded, Program, Signed, within
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.programs import CodedProgram, Program, SignedProgram, find_inner_program
 from pdcd.runs.record import ShotRecord
 from pdcd.watch import Watch
 
@@ -31,15 +31,15 @@ def with_links(
 ) -> Plan:
     """The same plan with Hadamard codes that keep linked cells (sparse (N, N)) apart; a `watch` may
     end the work."""
-    return replace(plan, patterns={**plan.patterns, **linked_pairs(plan, links, seed, watch)})
+    return replace(plan, patterns={**plan.patterns, **make_linked_pairs(plan, links, seed, watch)})
 
 
-def by_prior(plan: Plan, prior: GivenPrior, seed: int) -> Plan:
-    """The same `guidable` plan with codes that keep cells apart which the prior links."""
+def follow_prior(plan: Plan, prior: GivenPrior, seed: int) -> Plan:
+    """The same `can_be_guided` plan with codes that keep cells apart which the prior links."""
     return replace(with_links(plan, prior.links, seed), prior=prior.name)
 
 
-def guidable(plan: Plan) -> bool:
+def can_be_guided(plan: Plan) -> bool:
     """Whether a plan has Hadamard codes which pair each cell with itself, as links assume it."""
     coded = [p for p in plan.recipe.programs.values() if p.coded and p.p == 0.5]
     fits = bool(coded) and all(_own(program) for program in coded)
@@ -47,14 +47,14 @@ def guidable(plan: Plan) -> bool:
 
 
 def _own(program: Program) -> bool:
-    program = within(program)
-    if isinstance(program, Signed):
+    program = find_inner_program(program)
+    if isinstance(program, SignedProgram):
         return all(partner is None for _, partner in program.taps)
-    return isinstance(program, Coded) and program.partner is None
+    return isinstance(program, CodedProgram) and program.partner is None
 
 
 @dataclass(frozen=True)
-class Piloted:
+class PilotOutcome:
     """What became of a plan when the photos of its pilot were looked at.
 
     outcome : "stopped" where its scouts see no sharp paths, and the rest of its codes go to the
@@ -67,16 +67,16 @@ class Piloted:
     told: str
 
 
-def after_pilot(
+def decide_after_pilot(
     plan: Plan,
-    learned: Learned,
+    learned: PilotFindings,
     shots: Sequence[ShotRecord],
     *,
     scouts: bool,
     seed: int,
     limit_s: float,
     watch: Watch,
-) -> Piloted | None:
+) -> PilotOutcome | None:
     """The plan to go on by after a look at a pilot, or at its `scouts` alone; None where these say
     that it is to go on as it is.
 
@@ -87,18 +87,18 @@ def after_pilot(
     outcome: Literal["stopped", "guided", "no use"]
     unasked = plan.unasked
     if scouts:
-        plan, outcome = stopped(plan, seed, limit_s), "stopped"
+        plan, outcome = end_pilot(plan, seed, limit_s), "stopped"
     elif learned.pays:
         plan, outcome = with_links(plan, learned.links, seed, watch), "guided"
     else:
         outcome = "no use"
     if not unasked:
-        return Piloted(plan, outcome, "")
+        return PilotOutcome(plan, outcome, "")
     told = _pilot_words(plan, learned, shots)
-    return Piloted(replace(plan, reasons=(*plan.reasons, f"pilot: {told}")), outcome, told)
+    return PilotOutcome(replace(plan, reasons=(*plan.reasons, f"pilot: {told}")), outcome, told)
 
 
-def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
+def end_pilot(plan: Plan, seed: int, limit_s: float) -> Plan:
     """The plan that is left of one with a pilot when that ends with its scouts.
 
     The codes of all further pilot photos go to the coded photo, as far as there is a Hadamard
@@ -118,7 +118,7 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
     primal, dual = plan.patterns["pilot"]
     short = replace(
         plan,
-        recipe=recipe_of(plan.recipe.target, how),
+        recipe=make_recipe(plan.recipe.target, how),
         how=how,
         exact_passes=exact,
         patterns={**plan.patterns, "pilot": (primal[:SCOUTS], dual[:SCOUTS])},
@@ -127,7 +127,7 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
     return with_links(short, scipy.sparse.csr_array((cells, cells)), seed)
 
 
-def resumed(full: Plan, ended: Plan, config: Config, sharpness: float) -> Plan:
+def resume_pilot(full: Plan, ended: Plan, config: Config, sharpness: float) -> Plan:
     """The plan of a pilot that goes on after all, once ambient light is known.
 
     full : as it was before its scouts ended it. ended : what became of it, with its black
@@ -135,7 +135,7 @@ def resumed(full: Plan, ended: Plan, config: Config, sharpness: float) -> Plan:
     RequestError where it would take too much memory.
     """
     how = msgspec.structs.replace(full.how, black_level=ended.how.black_level, late=True)
-    recipe = recipe_of(full.recipe.target, how)
+    recipe = make_recipe(full.recipe.target, how)
     lattice, family = Lattice(full.grid, full.window), how.family or config.schedule.family
     bytes_ = memory_bytes(recipe, how, family, lattice, full.passes, config)
     check_memory(bytes_, config, full.grid)
@@ -158,7 +158,7 @@ def resumed(full: Plan, ended: Plan, config: Config, sharpness: float) -> Plan:
     )
 
 
-def _pilot_words(plan: Plan, learned: Learned, shots: Sequence[ShotRecord]) -> str:
+def _pilot_words(plan: Plan, learned: PilotFindings, shots: Sequence[ShotRecord]) -> str:
     """What a pilot that nobody asked for found, what follows, and what it cost."""
     single = [s for s in shots if s.name in plan.recipe.stack]
     cost_s = sum((s.close_ns - s.open_ns) * 1e-9 for s in single)

@@ -20,46 +20,46 @@ from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import none
-from pdcd.panels.schedule import slot_rows
+from pdcd.panels.patterns import make_empty_patterns
+from pdcd.panels.schedule import count_slot_rows
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.plan import Look, Plan
-from pdcd.printable import percent
-from pdcd.protocol.plan_summary import Leaks
+from pdcd.planning.plan import LeakProbe, Plan
+from pdcd.printable import to_percent
+from pdcd.protocol.plan_summary import LeakErrors
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import ShotRecord
 from pdcd.words import BlackLevel
 
-LIMIT = 0.01
+_LIMIT = 0.01
 """RMS error of the answer by leaks that is borne where no error was asked for."""
-LOOK_S = 0.25
+_LOOK_S = 0.25
 """Time for which a dark photo shows each of its two states."""
 
 
 @dataclass(frozen=True)
-class BlackLevels:
+class _BlackLevels:
     """What is asked of black exposures: those that are taken in any case, and a look or none."""
 
     level: BlackLevel
-    look: Look | None
+    look: LeakProbe | None
 
 
 def resolve_black_level(
     request: CaptureRequest, config: Config, *, average: bool = False
-) -> BlackLevels:
+) -> _BlackLevels:
     """Black exposures of a request, which may `average` against the noise of ambient light; "auto"
     begins without any, and looks. Entries of the transport matrix have an unknown of their own for
     what comes whatever is shown."""
     asked = request.black_level or config.schedule.black_level
     if asked != "auto":
-        return BlackLevels(asked, None)
+        return _BlackLevels(asked, None)
     if request.goal == "transport":
-        return BlackLevels("none", None)
-    wanted = request.error or request.until_error or LIMIT
+        return _BlackLevels("none", None)
+    wanted = request.error or request.until_error or _LIMIT
     may_add = request.seconds is None
-    return BlackLevels("none", Look(wanted, may_add=may_add, average=average and may_add))
+    return _BlackLevels("none", LeakProbe(wanted, may_add=may_add, average=average and may_add))
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ class DarkFrames:
 
     @classmethod
     def of(cls, plan: Plan) -> DarkFrames:
-        """Those of a plan: each state for `LOOK_S`, and no longer than the answer's shots."""
+        """Those of a plan: each state for `_LOOK_S`, and no longer than the answer's shots."""
         shot = plan.last_exposed
-        rows = min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(shot))
+        rows = min(max(2, round(_LOOK_S * plan.row_hz)), plan.refreshes(shot))
         pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
         return cls(shot, rows, pause, plan.grid, plan.row_hz)
 
@@ -99,8 +99,8 @@ class DarkFrames:
         if lit:
             primal[-self.rows :] = WHITE
         return Frames(
-            primal_patterns=none(),
-            dual_patterns=none(),
+            primal_patterns=make_empty_patterns(),
+            dual_patterns=make_empty_patterns(),
             primal_index=primal,
             dual_index=dual,
             shift=np.zeros(primal.size, dtype=np.uint8),
@@ -112,7 +112,7 @@ class DarkFrames:
         )
 
 
-def needed(leaks: Leaks) -> BlackLevel:
+def choose_black_level(leaks: LeakErrors) -> BlackLevel:
     """Which black exposures bring the error by leaks below its limit."""
     ambient, mask = leaks.ambient or 0.0, leaks.mask or 0.0
     if leaks.both <= leaks.limit:
@@ -122,24 +122,27 @@ def needed(leaks: Leaks) -> BlackLevel:
     return "mask" if ambient <= leaks.limit else "both"
 
 
-def quiet(plan: Plan, leaks: Leaks) -> Plan:
+def note_harmless_leaks(plan: Plan, leaks: LeakErrors) -> Plan:
     """The same plan after a look that calls for nothing."""
     text = f"black exposures: none, after a look at a dark photo: {_said(leaks)}"
     return replace(plan, look=None, leaks=leaks, reasons=_reasons(plan, text))
 
 
-def with_blacks(plan: Plan, leaks: Leaks, config: Config, taken: Sequence[ShotRecord]) -> Plan:
-    """The same plan with the black exposures that are `needed` for all its photos; codes stay.
+def with_black_exposures(
+    plan: Plan, leaks: LeakErrors, config: Config, taken: Sequence[ShotRecord]
+) -> Plan:
+    """The same plan with the black exposures that are `choose_black_level` for all its photos;
+    codes stay.
 
     taken : the shots so far. A black exposure lasts as long as the shot it belongs to, whatever
     became of the plan after that was taken. Raises RequestError where none can be added.
     """
-    level = needed(leaks)
+    level = choose_black_level(leaks)
     if plan.look is not None and not plan.look.may_add:
         raise RequestError("the time asked for leaves no room for them")
     plan = _as_taken(plan, config, taken)
     how = msgspec.structs.replace(plan.how, black_level=level)
-    recipe = recipe_of(plan.recipe.target, how)
+    recipe = make_recipe(plan.recipe.target, how)
     lattice = Lattice(plan.grid, plan.window)
     family = how.family or config.schedule.family
     bytes_ = memory_bytes(recipe, how, family, lattice, plan.passes, config)
@@ -166,7 +169,9 @@ def _as_taken(plan: Plan, config: Config, taken: Sequence[ShotRecord]) -> Plan:
     for record in taken:
         shot = planned.get(record.name)
         if shot is not None and shot.white:
-            plan = replace(plan, white_slots=(record.refreshes - delay) // slot_rows(plan.schedule))
+            plan = replace(
+                plan, white_slots=(record.refreshes - delay) // count_slot_rows(plan.schedule)
+            )
     even = all(
         record.level == 1.0 and record.refreshes - delay == plan.refreshes(planned[record.name])
         for record in taken
@@ -177,13 +182,13 @@ def _as_taken(plan: Plan, config: Config, taken: Sequence[ShotRecord]) -> Plan:
     return plan
 
 
-def looking(plan: Plan, look: Look | None) -> Plan:
+def with_leak_probe(plan: Plan, look: LeakProbe | None) -> Plan:
     """The same plan with a look to come, and a line about it."""
     bare = replace(plan, look=look)
     return bare if look is None else replace(bare, reasons=_reasons(bare, _foretold(bare, look)))
 
 
-def _foretold(plan: Plan, look: Look) -> str:
+def _foretold(plan: Plan, look: LeakProbe) -> str:
     dark_s = DarkFrames.of(plan).seconds + plan.delay_s + 2.0 * plan.settle_s
     then = "are added" if look.may_add else "would be needed, which a warning says"
     return (
@@ -193,18 +198,20 @@ def _foretold(plan: Plan, look: Look) -> str:
     )
 
 
-def _said(leaks: Leaks) -> str:
-    limit = f"(limit {percent(leaks.limit)})"
+def _said(leaks: LeakErrors) -> str:
+    limit = f"(limit {to_percent(leaks.limit)})"
     if not leaks.both:
         return (
-            f"no ambient light and no leak, of which {percent(leaks.floor)} of the picture would "
-            f"have been seen {limit}"
+            f"no ambient light and no leak, of which {to_percent(leaks.floor)} of the picture "
+            f"would have been seen {limit}"
         )
     if leaks.ambient is None or leaks.mask is None:
-        return f"ambient light and leaks make at most {percent(leaks.both)} of the picture {limit}"
+        return (
+            f"ambient light and leaks make at most {to_percent(leaks.both)} of the picture {limit}"
+        )
     return (
-        f"ambient light and a leaking projector make {percent(leaks.ambient)} of the picture, a "
-        f"leaking mask {percent(leaks.mask)} {limit}"
+        f"ambient light and a leaking projector make {to_percent(leaks.ambient)} of the picture, a "
+        f"leaking mask {to_percent(leaks.mask)} {limit}"
     )
 
 

@@ -16,35 +16,40 @@ from pdcd.codes.pilot.codes import MATCHED, SCOUTS
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import check_binary
-from pdcd.panels.schedule import slot_rows
+from pdcd.panels.schedule import count_slot_rows
 from pdcd.planning.bench_fit import (
-    depth_reasons,
-    on_bench,
-    plane_reasons,
-    reasons_for,
-    wandered_reasons,
-    window_of,
+    add_bench_plane,
+    explain_bench_fit,
+    explain_bit_planes,
+    explain_depth_codes,
+    explain_wandering_light,
+    resolve_window,
 )
-from pdcd.planning.defaults import may_average, resolve_defaults
-from pdcd.planning.grey import grey_masks, grey_reasons, mask_reasons, unsaid
-from pdcd.planning.guided import by_prior, guidable
-from pdcd.planning.look import looking, resolve_black_level
+from pdcd.planning.defaults import can_average, resolve_defaults
+from pdcd.planning.grey import (
+    can_use_grey_masks,
+    explain_grey_levels,
+    explain_long_range_masks,
+    is_grey_light_unknown,
+)
+from pdcd.planning.guided import can_be_guided, follow_prior
+from pdcd.planning.look import resolve_black_level, with_leak_probe
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.pairs import pairs_of, resolve_family, white_slots
-from pdcd.planning.plan import Look, Pair, Plan, shows_codes, windowed
-from pdcd.planning.schedule_fit import RANGES, schedule_of
-from pdcd.protocol.plan_summary import How
+from pdcd.planning.pairs import count_white_slots, make_pattern_pairs, resolve_family
+from pdcd.planning.plan import LeakProbe, PatternPair, Plan, has_code_mask, is_windowed
+from pdcd.planning.schedule_fit import RANGES, resolve_schedule
+from pdcd.protocol.plan_summary import CaptureScheme
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.arrays import NOTHING, Given, target_of
-from pdcd.recipes.isolation import FAMILIES as ISOLATION
+from pdcd.recipes.arrays import NO_ARRAYS, Given, read_target
+from pdcd.recipes.isolation import ISOLATION_FAMILIES as ISOLATION
 from pdcd.recipes.isolation import check_isolation
-from pdcd.recipes.make import draft_of, finished
-from pdcd.recipes.parts import check_parts, part_codes
+from pdcd.recipes.make import finish_recipe, make_draft_recipe
+from pdcd.recipes.parts import check_parts, count_part_codes
 from pdcd.recipes.recipe import Recipe
 from pdcd.watch import Watch
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
-FAR = ("relit", *RANGES)
+_FAR = ("relit", *RANGES)
 """Goals that may take photos of far light."""
 
 
@@ -53,7 +58,7 @@ class ExposureLimitError(RequestError):
 
 
 @dataclass(frozen=True)
-class Decisions:
+class _Decisions:
     """All that is decided of a plan before its codes are made.
 
     recipe, how : what is photographed, and how. family : also of a recipe without codes.
@@ -63,14 +68,14 @@ class Decisions:
 
     request: CaptureRequest
     recipe: Recipe
-    how: How
+    how: CaptureScheme
     family: FamilyName
     lattice: Lattice
     schedule: ScheduleName
     passes: int
     memory_bytes: int
     smooth: bool
-    look: Look | None
+    look: LeakProbe | None
 
 
 def plan_request(
@@ -79,7 +84,7 @@ def plan_request(
     grid: tuple[int, int],
     camera: CameraInfo | None,
     mask_lag_s: float | None,
-    given: Given = NOTHING,
+    given: Given = NO_ARRAYS,
     watch: Watch | None = None,
 ) -> Plan:
     """The plan of a request that names no error and no time: what it leaves open is resolved, and
@@ -87,11 +92,11 @@ def plan_request(
 
     `camera` is None where it was not asked yet. The plan is of a pilot that goes on, where nobody
     asked for that; `otherwise` is what is done when its scouts see no sharp paths. Raises
-    RequestError as `plan_for`.
+    RequestError as `plan_with_prior`.
     """
     found = resolve_defaults(request, config, grid, camera, mask_lag_s)
-    average, unasked = may_average(request, config), found.otherwise is not None
-    plan = plan_for(found.request, config, grid, mask_lag_s, given, watch, average=average)
+    average, unasked = can_average(request, config), found.otherwise is not None
+    plan = plan_with_prior(found.request, config, grid, mask_lag_s, given, watch, average=average)
     plan = replace(plan, unasked=unasked, reasons=(*plan.reasons, *found.reasons))
     if found.otherwise is None:
         return plan
@@ -101,12 +106,12 @@ def plan_request(
     return replace(plan, memory_bytes=needed, otherwise=other)
 
 
-def plan_for(
+def plan_with_prior(
     request: CaptureRequest,
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
-    given: Given = NOTHING,
+    given: Given = NO_ARRAYS,
     watch: Watch | None = None,
     *,
     average: bool = False,
@@ -131,7 +136,7 @@ def plan_for(
             "a prior and a pilot are both asked for",
             hint="give one: a pilot learns what a prior tells",
         )
-    if not guidable(plan):
+    if not can_be_guided(plan):
         raise RequestError(
             f"a prior cannot guide the codes of goal {request.goal}, family {plan.family}",
             hint="it guides hadamard codes of the goals indirect, direct, diagonal, split and "
@@ -139,7 +144,7 @@ def plan_for(
         )
     from pdcd.planning.prior import load_prior  # few requests have one
 
-    return by_prior(plan, load_prior(request.prior, grid, given), request.seed)
+    return follow_prior(plan, load_prior(request.prior, grid, given), request.seed)
 
 
 def make_plan(
@@ -147,7 +152,7 @@ def make_plan(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
-    given: Given = NOTHING,
+    given: Given = NO_ARRAYS,
     watch: Watch | None = None,
     *,
     compared: bool = False,
@@ -161,7 +166,7 @@ def make_plan(
     (`How.woven`). `average` : whether everything may be shown more often against the noise of
     ambient light. Raises RequestError when the request contradicts itself, the rig, or the limits.
     """
-    decided = decide(request, config, grid, mask_lag_s, given, compared=compared, average=average)
+    decided = _decide(request, config, grid, mask_lag_s, given, compared=compared, average=average)
     plan = _with_codes(decided, config, mask_lag_s, watch or Watch())
     if plan.how.coded:
         return plan
@@ -170,7 +175,7 @@ def make_plan(
     return replace(plan, otherwise=otherwise)
 
 
-def decide(
+def _decide(
     request: CaptureRequest,
     config: Config,
     grid: tuple[int, int],
@@ -179,23 +184,23 @@ def decide(
     *,
     compared: bool = False,
     average: bool = False,
-) -> Decisions:
+) -> _Decisions:
     """Resolve a request against the configuration; no codes are made. As `make_plan`, whose errors
     it raises."""
-    request = on_bench(request, config)
+    request = add_bench_plane(request, config)
     blacks = resolve_black_level(request, config, average=average)
     how = _how(request, config, blacks.level, compared=compared)
-    draft = draft_of(target_of(request, given, grid), how)
+    draft = make_draft_recipe(read_target(request, given, grid), how)
     smoothable = _smoothable(draft, request)
-    lattice = Lattice(grid, window_of(request, config, grid))
-    schedule = schedule_of(request, config, mask_lag_s)
+    lattice = Lattice(grid, resolve_window(request, config, grid))
+    schedule = resolve_schedule(request, config, mask_lag_s)
     family = resolve_family(request.family, config.schedule.family, draft, how)
     _check_family(family, how, draft)
     coded = any(program.coded for program in draft.programs.values())
     known = family if coded or family in ISOLATION else None
     how = msgspec.structs.replace(how, family=known)
-    recipe = finished(draft, how)
-    slot_s = slot_rows(schedule) / config.row_hz
+    recipe = finish_recipe(draft, how)
+    slot_s = count_slot_rows(schedule) / config.row_hz
     check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot_s)
     needed = memory_bytes(recipe, how, family, lattice, passes, config)
@@ -203,7 +208,7 @@ def decide(
     # Far light has no Hadamard codes; balanced ones stand in for them.
     far = draft.coded is None and family == "balanced" and request.family is None
     usual = family == "hadamard" or far
-    return Decisions(
+    return _Decisions(
         request=request,
         recipe=recipe,
         how=how,
@@ -217,11 +222,13 @@ def decide(
     )
 
 
-def _with_codes(decided: Decisions, config: Config, mask_lag_s: float | None, watch: Watch) -> Plan:
+def _with_codes(
+    decided: _Decisions, config: Config, mask_lag_s: float | None, watch: Watch
+) -> Plan:
     """The plan with its codes made. Raises RequestError for exposures that last too long."""
     request, recipe, how = decided.request, decided.recipe, decided.how
     lattice, passes, curves = decided.lattice, decided.passes, curves_of(config)
-    patterns = pairs_of(
+    patterns = make_pattern_pairs(
         recipe,
         how,
         decided.family,
@@ -235,16 +242,16 @@ def _with_codes(decided: Decisions, config: Config, mask_lag_s: float | None, wa
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
             check_binary(*pair)
-    slots = (part_codes(how.coded, how.parts) or how.codes) * passes
+    slots = (count_part_codes(how.coded, how.parts) or how.codes) * passes
     plan = Plan(
         recipe=recipe,
         how=how,
         patterns=patterns,
-        p=next((p.p for p in recipe.programs.values() if shows_codes(p)), 0.5),
+        p=next((p.p for p in recipe.programs.values() if has_code_mask(p)), 0.5),
         window=lattice.window,
         schedule=decided.schedule,
         passes=passes,
-        white_slots=white_slots(recipe, patterns, lattice, slots, curves),
+        white_slots=count_white_slots(recipe, patterns, lattice, slots, curves),
         row_hz=config.row_hz,
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
@@ -255,37 +262,39 @@ def _with_codes(decided: Decisions, config: Config, mask_lag_s: float | None, wa
         smooth=decided.smooth,
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
-    return looking(plan, decided.look)
+    return with_leak_probe(plan, decided.look)
 
 
 def _reasons(
-    decided: Decisions, patterns: dict[str, Pair], config: Config, mask_lag_s: float | None
+    decided: _Decisions, patterns: dict[str, PatternPair], config: Config, mask_lag_s: float | None
 ) -> Iterator[str]:
     """Why cells, window, schedule and codes are what they are, a line each."""
     request, recipe, how, lattice = decided.request, decided.recipe, decided.how, decided.lattice
     yield from _brightness(request, how)
-    yield from reasons_for(config, lattice.grid, lattice.window, decided.schedule, mask_lag_s)
-    yield from plane_reasons(config)
-    yield from wandered_reasons(recipe, lattice.window)
-    yield from grey_reasons(patterns.values(), config)
-    yield from mask_reasons(recipe, how, request, config, lattice)
-    yield from depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window)
+    yield from explain_bench_fit(config, lattice.grid, lattice.window, decided.schedule, mask_lag_s)
+    yield from explain_bit_planes(config)
+    yield from explain_wandering_light(recipe, lattice.window)
+    yield from explain_grey_levels(patterns.values(), config)
+    yield from explain_long_range_masks(recipe, how, request, config, lattice)
+    yield from explain_depth_codes(recipe, count_part_codes(how.coded, how.parts), lattice.window)
 
 
 def _how(
     request: CaptureRequest, config: Config, black_level: BlackLevel, *, compared: bool
-) -> How:
+) -> CaptureScheme:
     """How to photograph, before the family is settled; `compared` as of `make_plan`. Raises
     RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     if request.equal_brightness:
-        from pdcd.planning.code_counts import as_bright  # few requests ask for it
+        from pdcd.planning.code_counts import scale_code_count  # few requests ask for it
 
-        total = as_bright(total, request)
+        total = scale_code_count(total, request)
     parts, grey = check_parts(request), _grey_masks(request, config)
     # Parts would err alike; and many plans that are compared would take minutes.
-    woven = grey and parts == 1 and not compared and not unsaid(config.projector, config)
-    how = How(
+    woven = (
+        grey and parts == 1 and not compared and not is_grey_light_unknown(config.projector, config)
+    )
+    how = CaptureScheme(
         codes=total,
         pilot=request.pilot if isinstance(request.pilot, int) else 0,
         parts=parts,
@@ -303,21 +312,21 @@ def _how(
             f"a pilot of {how.pilot} leaves none of {total} codes",
             hint="the pilot's codes are counted among all: ask for more codes or a smaller pilot",
         )
-    part_codes(how.coded, how.parts)
+    count_part_codes(how.coded, how.parts)
     return how
 
 
 def _grey_masks(request: CaptureRequest, config: Config) -> bool:
     """Whether masks of far light may have grey levels. Raises RequestError."""
-    if request.grey_masks is not None and request.goal not in FAR:
+    if request.grey_masks is not None and request.goal not in _FAR:
         raise RequestError(
             f"goal {request.goal} takes no photo of far light, which grey masks are for",
             hint="leave out grey_masks",
         )
-    return request.goal in FAR and grey_masks(request, config)
+    return request.goal in _FAR and can_use_grey_masks(request, config)
 
 
-def _brightness(request: CaptureRequest, how: How) -> tuple[str, ...]:
+def _brightness(request: CaptureRequest, how: CaptureScheme) -> tuple[str, ...]:
     """Why there are that many codes."""
     if not request.equal_brightness or request.p is None:
         return ()
@@ -339,7 +348,7 @@ def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
     return found
 
 
-def _check_family(family: FamilyName, how: How, draft: Recipe) -> None:
+def _check_family(family: FamilyName, how: CaptureScheme, draft: Recipe) -> None:
     """Refuse what a family of codes cannot do."""
     if how.pilot and family != "hadamard" and draft.coded is not None:  # far light needs none
         raise RequestError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
@@ -364,7 +373,7 @@ def _passes(
     request: CaptureRequest,
     config: Config,
     recipe: Recipe,
-    how: How,
+    how: CaptureScheme,
     lattice: Lattice,
     slot_s: float,
 ) -> int:
@@ -374,7 +383,7 @@ def _passes(
     made to be refused.
     """
     programs = recipe.programs.values()
-    in_windows = any(windowed(program) for program in programs)
+    in_windows = any(is_windowed(program) for program in programs)
     shown = how.coded or how.codes  # a pilot of all codes leaves none, and shows them itself
     one_pass_s = shown * slot_s * (lattice.fields if in_windows else 1)
     if any(program.coded for program in programs):

@@ -7,24 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.stops import STOP_SIGMA
-from pdcd.panels.curve import light_of
-from pdcd.panels.patterns import none
-from pdcd.planning.memory import exact_pairs
-from pdcd.planning.plan import ShotSequence, beyond
-from pdcd.recipes.programs import Blocks, SignedBlocks
+from pdcd.panels.curve import compute_pattern_light
+from pdcd.panels.patterns import make_empty_patterns
+from pdcd.planning.memory import count_exact_pairs
+from pdcd.planning.plan import ShotSequence, is_long_range
+from pdcd.recipes.programs import BlockProgram, SignedBlockProgram
 from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.profile import SensorProfile, variance_dn2
+from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.raw import RawFrame
 
-Floats = NDArray[np.float64]
-
-MOST_TIMES = 4
+_MOST_TIMES = 4
 """How often at most: such a photo takes a few seconds."""
-PATCHES = 4
+_PATCHES = 4
 """Parts of a frame along each side in which the light of two stops is compared."""
-MASKED_DN = 0.05
+_MASKED_DN = 0.05
 """Standard deviation of a black level that a masked border of 100 000 samples shows."""
 
 TARGET = 0.6
@@ -33,10 +32,10 @@ TARGET = 0.6
 USABLE = (0.02, 0.95)
 """A test exposure whose brightest sample lies outside tells too little: too dark, or clipped."""
 
-METER_PAIRS = 16
+_METER_PAIRS = 16
 """Pairs of patterns in a test exposure: enough that every cell has light in some."""
 
-METER_FAR = 8
+_METER_FAR = 8
 """Of codes of far light a test shows one in so many, if that is more. Each lights few cells, so
 that few codes have far more light at some place, or less, than all of them: a photo of 512 codes
 came out at four tenths of its light."""
@@ -47,16 +46,16 @@ multiplied by more: sharp paths would be taken for more than they are."""
 
 MAX_TESTS = 6
 
-BRIGHTEST = 0.85
+_BRIGHTEST = 0.85
 """Where the brightest sample may lie of a photo that shares the stop of others. Its own test showed
 the same light, so that it may come closer to saturation than what is foreseen by few codes."""
 
-DIMMEST, DIMMEST_SINGLE = 0.2, 0.05
+_DIMMEST, _DIMMEST_SINGLE = 0.2, 0.05
 """Share of saturation that the brightest sample of a photo of codes must reach to share the stop
 of the others, and one of a single code: below, read noise would count."""
 
 
-def metered_pairs(shot: ShotSequence) -> tuple[int, Floats]:
+def choose_test_pairs(shot: ShotSequence) -> tuple[int, Floats]:
     """Pairs of patterns in a test exposure, and how much more light the shot gathers: (rows, cols).
 
     Few codes open some cells more often than others. So each cell is told by the time its mask was
@@ -69,11 +68,15 @@ def metered_pairs(shot: ShotSequence) -> tuple[int, Floats]:
     same = np.full(shot.grid, float(shot.passes))
     if program is not None and not program.coded:
         # Copies of a sequence differ by no more than the rounding of their levels.
-        once = exact_pairs(program) if isinstance(program, Blocks | SignedBlocks) else of_shot
+        once = (
+            count_exact_pairs(program)
+            if isinstance(program, BlockProgram | SignedBlockProgram)
+            else of_shot
+        )
         return (once, same * (of_shot // once)) if of_shot > once else (of_shot, same)
-    pairs = METER_PAIRS
-    if program is not None and beyond(program):
-        pairs = max(METER_PAIRS, of_shot // METER_FAR)
+    pairs = _METER_PAIRS
+    if program is not None and is_long_range(program):
+        pairs = max(_METER_PAIRS, of_shot // _METER_FAR)
     if pairs >= of_shot:
         return of_shot, same
     whole, test = _open(shot, of_shot), _open(shot, pairs)
@@ -84,11 +87,11 @@ def metered_pairs(shot: ShotSequence) -> tuple[int, Floats]:
 def _open(shot: ShotSequence, pairs: int) -> Floats:
     """Pairs, each weighted by the lit share of all cells, in which a cell is open: (rows, cols)."""
     lattice = shot.lattice
-    primal, dual = shot.pair or (none(), none())
+    primal, dual = shot.pair or (make_empty_patterns(), make_empty_patterns())
     total = np.zeros(lattice.lattice_cells)
     for k in range(pairs):
-        lit = float(light_of(primal, k, total.size, shot.curves[0]).mean())
-        total += lit * light_of(dual, k, total.size, shot.curves[1])
+        lit = float(compute_pattern_light(primal, k, total.size, shot.curves[0]).mean())
+        total += lit * compute_pattern_light(dual, k, total.size, shot.curves[1])
     table = total.reshape(lattice.shape)
     if lattice.fields == 1:
         return table
@@ -97,7 +100,7 @@ def _open(shot: ShotSequence, pairs: int) -> Floats:
     return (rows[:, :-1] + rows[:, 1:]) / 2.0
 
 
-def leading_shot(planned: Sequence[Shot]) -> Shot:
+def pick_leading_shot(planned: Sequence[Shot]) -> Shot:
     """The shot whose light sets the aperture of a run: the first of codes, whose time is fixed by
     their number; else the first of a single one, else the first."""
     shots = [shot for shot in planned if not shot.of_leaks]
@@ -106,22 +109,22 @@ def leading_shot(planned: Sequence[Shot]) -> Shot:
     return (codes or lit or shots or planned)[0]
 
 
-def white_slots_at(per_slot: float, planned: int) -> int:
+def fit_white_slots(per_slot: float, planned: int) -> int:
     """Slots of a white shot at the stop of the codes, each of which brings the brightest sample up
     to `per_slot` of saturation: as many as are planned, or fit. A slot is on and off as a code's,
     so that what panels' edges add or take is the same share of either."""
     return max(1, min(planned, int(TARGET / max(per_slot, 1e-9) + 1e-6)))
 
 
-def shares_stop(shot: Shot, expected: float, slots: int) -> bool:
+def can_share_stop(shot: Shot, expected: float, slots: int) -> bool:
     """Whether a shot can be taken at the stop of the others, where its brightest sample is expected
     at that share of saturation; white shots of one of their `slots`."""
     if shot.white:
-        return expected / slots <= BRIGHTEST
-    return (DIMMEST if shot.only is None else DIMMEST_SINGLE) <= expected <= BRIGHTEST
+        return expected / slots <= _BRIGHTEST
+    return (_DIMMEST if shot.only is None else _DIMMEST_SINGLE) <= expected <= _BRIGHTEST
 
 
-def next_aperture(
+def choose_next_aperture(
     apertures: tuple[float, ...], now: float, peak: float, expected: float
 ) -> tuple[float, bool]:
     """The aperture to use next, and whether the test exposure was good enough to trust it.
@@ -134,15 +137,15 @@ def next_aperture(
     expected : the brightest sample of the real exposure at that f-number, by the same measure.
     """
     if peak >= USABLE[1]:
-        return at_least(apertures, now * 4.0), now >= max(apertures)
+        return pick_aperture(apertures, now * 4.0), now >= max(apertures)
     if peak < USABLE[0] and now > min(apertures):
         brighter = now * np.sqrt(max(peak, 1e-4) / 0.3)
-        return at_least(apertures, float(brighter)), False
+        return pick_aperture(apertures, float(brighter)), False
     wanted = now * np.sqrt(max(expected, 1e-9) / TARGET)
-    return at_least(apertures, float(wanted)), True
+    return pick_aperture(apertures, float(wanted)), True
 
 
-def peak_share(
+def measure_peak_share(
     planes: NDArray[np.float32],
     saturated: NDArray[np.bool_],
     saturation_dn: float,
@@ -153,7 +156,7 @@ def peak_share(
     return float(planes.max()) / saturation_dn
 
 
-def expected_share(
+def predict_peak_share(
     planes: NDArray[np.float32], ratio: Floats, saturation_dn: float, cells: CellMap
 ) -> float:
     """Brightest sample of the real exposure, as a share of saturation; may be more than 1.
@@ -161,21 +164,21 @@ def expected_share(
     Parameters
     ----------
     planes : (4, h, w), the test exposure in DN above black.
-    ratio : (rows, cols) of `metered_pairs`.
+    ratio : (rows, cols) of `choose_test_pairs`.
     cells : which quads see which cell. What is outside the field does not count.
     """
     return float((planes * cells.spread(ratio.ravel())).max()) / saturation_dn
 
 
-def at_least(apertures: tuple[float, ...], f_number: float) -> float:
+def pick_aperture(apertures: tuple[float, ...], f_number: float) -> float:
     """The widest aperture that is no wider than wanted; the narrowest there is otherwise."""
     return min((a for a in apertures if a >= f_number), default=max(apertures))
 
 
-def times_shown(wider: float, narrower: float) -> int:
+def count_stop_repeats(wider: float, narrower: float) -> int:
     """How often the narrower of two stops is shown what the wider one is shown once, to compare
     them: light goes with the number, and a dim photo is as unsure as its black level."""
-    return min(MOST_TIMES, max(1, round((narrower / wider) ** 2)))
+    return min(_MOST_TIMES, max(1, round((narrower / wider) ** 2)))
 
 
 def compare_stops(
@@ -186,7 +189,7 @@ def compare_stops(
     tell more than what is engraved.
 
     All that is not saturated in either counts. Beside the noise of the samples each photo's black
-    level is unsure: of a masked border by `MASKED_DN`, else by what is lost in cutting it to whole
+    level is unsure: of a masked border by `_MASKED_DN`, else by what is lost in cutting it to whole
     numbers. And a wide stop darkens corners that a narrow one does not: how far parts of the frame
     differ counts, too.
     """
@@ -195,8 +198,8 @@ def compare_stops(
     for raw in (one, other):
         planes = np.where(good, raw.planes.astype(np.float64), 0.0)
         total = float(planes.sum())
-        noise = float(variance_dn2(planes, profile, iso, exposure_s).sum())
-        black_dn = MASKED_DN if raw.masked else 12.0**-0.5
+        noise = float(compute_variance_dn2(planes, profile, iso, exposure_s).sum())
+        black_dn = _MASKED_DN if raw.masked else 12.0**-0.5
         square = noise + (black_dn * 4.0 * float(good.sum())) ** 2
         if not total > 0.0 or square > (STOP_SIGMA * total) ** 2:
             return None
@@ -210,6 +213,6 @@ def compare_stops(
 
 
 def _of_patches(light: Floats) -> Floats:
-    """Sums over `PATCHES` x `PATCHES` parts of a frame."""
-    parts = (np.array_split(row, PATCHES, axis=1) for row in np.array_split(light, PATCHES))
+    """Sums over `_PATCHES` x `_PATCHES` parts of a frame."""
+    parts = (np.array_split(row, _PATCHES, axis=1) for row in np.array_split(light, _PATCHES))
     return np.array([part.sum() for row in parts for part in row])

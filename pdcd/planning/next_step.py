@@ -9,12 +9,12 @@ from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
 
-Step = Literal["scouts", "pilot", "dark"] | Shot | None
+_Step = Literal["scouts", "pilot", "dark"] | Shot | None
 """To look at the scouts of a pilot, or at all of its photos; to take a dark photo; to take a shot;
 or nothing more."""
 
 
-def next_step(plan: Plan, taken: Collection[str], *, looked: bool, fresh: bool) -> Step:
+def choose_next_step(plan: Plan, taken: Collection[str], *, looked: bool, fresh: bool) -> _Step:
     """What a run does next.
 
     taken : names of the shots it has. looked : whether it had its look at a dark photo. fresh :
@@ -22,30 +22,32 @@ def next_step(plan: Plan, taken: Collection[str], *, looked: bool, fresh: bool) 
     """
     late = plan.how.late
     if fresh and (late or not looked):  # a look comes after all that a pilot may change
-        if scouted(plan, len(taken)) and not late:  # without ambient light these see enough
+        if (
+            has_first_pilot_photos(plan, len(taken)) and not late
+        ):  # without ambient light these see enough
             return "scouts"
-        if piloted(plan, len(taken)):
+        if is_pilot_complete(plan, len(taken)):
             return "pilot"
-    if not looked and due(plan, taken):
+    if not looked and is_dark_photo_due(plan, taken):
         return "dark"
     # Others come along with their exposures.
     wanted = (shot for shot in plan.recipe.shots if not shot.beside)
     return next((shot for shot in wanted if shot.name not in taken), None)
 
 
-def scouted(plan: Plan, taken: int) -> bool:
+def has_first_pilot_photos(plan: Plan, taken: int) -> bool:
     """Whether the scouts of a pilot, and no more, are among the first `taken` shots of a plan."""
     return plan.how.pilot > SCOUTS and taken == _position(plan, plan.recipe.stack[SCOUTS - 1]) + 1
 
 
-def piloted(plan: Plan, taken: int) -> bool:
+def is_pilot_complete(plan: Plan, taken: int) -> bool:
     """Whether a pilot is complete after the first `taken` shots, and has codes left to guide."""
     if plan.how.pilot <= SCOUTS or not plan.how.coded:
         return False
     return taken == _position(plan, plan.recipe.stack[-1]) + 1
 
 
-def due(plan: Plan, taken: Collection[str]) -> bool:
+def is_dark_photo_due(plan: Plan, taken: Collection[str]) -> bool:
     """Whether a plan wants a dark photo, and the shots that it is held against are there: all of
     them, or those of the first part."""
     if plan.look is None:
@@ -53,7 +55,7 @@ def due(plan: Plan, taken: Collection[str]) -> bool:
     return all(shot.name in taken for shot in plan.recipe.shots if shot.part <= 1)
 
 
-def completes_part(plan: Plan, shot: Shot) -> bool:
+def is_last_of_part(plan: Plan, shot: Shot) -> bool:
     """Whether a shot is the last one of a part, so that there is an answer to look at."""
     # A shot beside another one comes with that.
     own = [s for s in plan.recipe.shots if s.part == shot.part and not s.beside]

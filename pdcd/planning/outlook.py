@@ -8,19 +8,18 @@ from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.planning.metering import TARGET, USABLE, at_least
-from pdcd.sensor.profile import SensorProfile, variance_dn2
+from pdcd.planning.metering import TARGET, USABLE, pick_aperture
+from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 
-Floats = NDArray[np.float64]
 Alive = Callable[[], None]
 
 
 @dataclass(frozen=True)
-class Setting:
+class RigSetting:
     """What of a rig bears on the error."""
 
     config: Config
@@ -40,7 +39,7 @@ class Setting:
         if self.config.camera.f_number != "auto":
             return self.config.camera.f_number
         wanted = float(np.sqrt(peak_e / (TARGET * self.full_e(iso))))
-        return at_least(self.camera.f_numbers, wanted)
+        return pick_aperture(self.camera.f_numbers, wanted)
 
     def full_e(self, iso: int) -> float:
         """Electrons at which a sample counts as saturated."""
@@ -50,11 +49,11 @@ class Setting:
         """Variance of single samples; a mock camera without noise still rounds."""
         if self.config.camera.noise == "none":
             return np.full(signal_dn.shape, 1.0 / 12.0)
-        return variance_dn2(signal_dn, self.profile, iso, exposure_s)
+        return compute_variance_dn2(signal_dn, self.profile, iso, exposure_s)
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ErrorEstimate:
     """Relative RMS errors of one exposure of each shot, and how far chance moves them.
 
     code, sensor : over the RMS of the true picture.
@@ -86,9 +85,9 @@ class Estimate:
         return float(np.sqrt(self.error(repeat) ** 2 + above))
 
 
-class Outlook(Protocol):
+class PlanForecast(Protocol):
     """What is foreseen for one plan."""
 
-    def judge(self, iso: int, passes: int) -> Estimate:
+    def judge(self, iso: int, passes: int) -> ErrorEstimate:
         """Errors at that ISO, with the codes shown `passes` times in each exposure."""
         ...

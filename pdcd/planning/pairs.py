@@ -6,45 +6,51 @@ from typing import cast
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from pdcd.codes.far import far_codes
-from pdcd.codes.hadamard import hadamard, hadamard_fits, prior_codes
-from pdcd.codes.independent import chained
-from pdcd.codes.lines import comb_codes, matched_codes, row_codes
+from pdcd.arrays import Bools
+from pdcd.codes.far import make_long_range_codes
+from pdcd.codes.hadamard import can_make_hadamard_codes, make_hadamard_codes, make_prior_codes
+from pdcd.codes.independent import make_partner_codes
+from pdcd.codes.lines import make_comb_codes, make_matched_codes, make_row_codes
 from pdcd.codes.make import make_codes
-from pdcd.codes.pilot.codes import pilot_codes
-from pdcd.codes.woven import woven
+from pdcd.codes.pilot.codes import make_pilot_codes
+from pdcd.codes.woven import make_joint_codes
 from pdcd.errors import RequestError
-from pdcd.panels.curve import UNKNOWN, Curves, code_to_send, sequence_to_send
+from pdcd.panels.curve import UNKNOWN_CURVES, Curves, prepare_codes, prepare_sequence
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.plan import (
     COINS,
-    Pair,
+    PatternPair,
     Plan,
-    chosen_together,
-    lattice_of,
-    mean_light,
-    shows_codes,
-    windowed,
+    average_pair_light,
+    find_code_lattice,
+    has_code_mask,
+    has_joint_codes,
+    is_windowed,
 )
-from pdcd.protocol.plan_summary import How
-from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
-from pdcd.recipes.partners import far_partners, partner_links
-from pdcd.recipes.parts import coin_signs, part_codes, part_seed
-from pdcd.recipes.programs import Coded, Far, Levels, Program, extended, on_lattice, within
+from pdcd.protocol.plan_summary import CaptureScheme
+from pdcd.recipes.off_axis import KeyedProgram, KeyedRangeProgram, RowProgram
+from pdcd.recipes.partners import link_partners, list_distant_partners
+from pdcd.recipes.parts import count_part_codes, derive_part_seed, randomise_signs
+from pdcd.recipes.programs import (
+    CodedProgram,
+    Levels,
+    LongRangeProgram,
+    Program,
+    extend_partners,
+    extend_values,
+    find_inner_program,
+)
 from pdcd.recipes.recipe import Recipe
 from pdcd.watch import Watch
 from pdcd.words import FamilyName
 
-Bools = NDArray[np.bool_]
-
-FEWEST_LIT = 16
+_FEWEST_LIT = 16
 """Codes that light a cell from which on Hadamard ones serve cells matched with others."""
 
 
 def resolve_family(
-    asked: FamilyName | None, default: FamilyName, draft: Recipe, how: How
+    asked: FamilyName | None, default: FamilyName, draft: Recipe, how: CaptureScheme
 ) -> FamilyName:
     """The family asked for. Where codes must be lit in another share than 1/2 that Hadamard codes
     cannot do with this number, balanced ones stand in for them unless they were asked for by name;
@@ -52,29 +58,29 @@ def resolve_family(
     cells matched with others that are lit in few codes: there are too few Hadamard columns to keep
     the cells' own light apart, and chains of balanced ones do (`pdcd.codes.independent`)."""
     family = asked or default
-    main = next((p.p for p in draft.programs.values() if shows_codes(p)), 0.5)
-    lines = any(isinstance(p, KeyedRange) for p in draft.programs.values())
+    main = next((p.p for p in draft.programs.values() if has_code_mask(p)), 0.5)
+    lines = any(isinstance(p, KeyedRangeProgram) for p in draft.programs.values())
     if family != "hadamard" or main == 0.5 or asked is not None or lines:
         return family
-    inner = [within(program) for program in draft.programs.values()]
-    elsewhere = any(isinstance(p, Coded) and p.partner is not None for p in inner)
-    few = elsewhere and main * how.coded < FEWEST_LIT
-    fits = how.parts == 1 and not few and hadamard_fits(how.coded, main)
+    inner = [find_inner_program(program) for program in draft.programs.values()]
+    elsewhere = any(isinstance(p, CodedProgram) and p.partner is not None for p in inner)
+    few = elsewhere and main * how.coded < _FEWEST_LIT
+    fits = how.parts == 1 and not few and can_make_hadamard_codes(how.coded, main)
     return family if fits else "balanced"
 
 
-def pairs_of(
+def make_pattern_pairs(
     recipe: Recipe,
-    how: How,
+    how: CaptureScheme,
     family: FamilyName,
     lattice: Lattice,
     *,
     p: float | None,
     seed: int,
     watch: Watch,
-    curves: Curves = UNKNOWN,
+    curves: Curves = UNKNOWN_CURVES,
     passes: int = 1,
-) -> dict[str, Pair]:
+) -> dict[str, PatternPair]:
     """Patterns of every program, as they are sent to panels with these curves; each part of a split
     photo has codes of its own.
 
@@ -86,63 +92,63 @@ def pairs_of(
     watch.expect(float(len(recipe.programs)))
     for name, program in recipe.programs.items():
         part = part_of.get(name, 0)
-        own_seed = part_seed(seed, how.parts, part)
+        own_seed = derive_part_seed(seed, how.parts, part)
         bits: Levels
         if not program.coded:
             bits = np.zeros((0, 0), dtype=np.bool_)
         elif name == "pilot":
-            bits = pilot_codes(lattice.grid, how.pilot, seed)
+            bits = make_pilot_codes(lattice.grid, how.pilot, seed)
         else:
-            count = part_codes(how.coded, how.parts)
+            count = count_part_codes(how.coded, how.parts)
             bits = _bits(program, lattice, family, count, p, own_seed, watch)
         if part and family == "hadamard" and program.p == 0.5:
-            bits = coin_signs(bits > 0, own_seed)
+            bits = randomise_signs(bits > 0, own_seed)
         patterns[name] = _compiled(program, recipe, lattice, bits, curves, slots)
         watch.did(1.0)
     return patterns
 
 
-def linked_pairs(
+def make_linked_pairs(
     plan: Plan, links: scipy.sparse.csr_array, seed: int, watch: Watch | None = None
-) -> dict[str, Pair]:
+) -> dict[str, PatternPair]:
     """Patterns of the programs that Hadamard codes can serve which keep linked cells (N, N) apart;
     `links` is sparse. A `watch` may end the work."""
     alive = watch or Watch()
     lattice = Lattice(plan.grid, plan.window)
     between = _onto_lattice(lattice, links)
     part_of = {shot.program: shot.part for shot in plan.recipe.shots}
-    count = part_codes(plan.how.coded, plan.how.parts)
+    count = count_part_codes(plan.how.coded, plan.how.parts)
     found = {}
     for name, program in plan.recipe.programs.items():
         alive()
-        if windowed(program) and program.p == 0.5:
+        if is_windowed(program) and program.p == 0.5:
             part = part_of.get(name, 0)
             # The generator is the one that `make_codes` takes, so that no links give the usual
             # codes.
-            own_seed = part_seed(seed, plan.how.parts, part)
+            own_seed = derive_part_seed(seed, plan.how.parts, part)
             rng = np.random.Generator(np.random.PCG64(own_seed))
             # Parts in which the same cells share columns err alike by chance, and their spread then
             # shows nothing of it.
-            bits = prior_codes(lattice.shape, count, between, rng, apart=part > 0)
+            bits = make_prior_codes(lattice.shape, count, between, rng, apart=part > 0)
             if part:
-                bits = coin_signs(bits, own_seed)
+                bits = randomise_signs(bits, own_seed)
             found[name] = _compiled(program, plan.recipe, lattice, bits, plan.curves, 1)
     return found
 
 
-def white_slots(
+def count_white_slots(
     recipe: Recipe,
-    patterns: dict[str, Pair],
+    patterns: dict[str, PatternPair],
     lattice: Lattice,
     slots: int,
-    curves: Curves = UNKNOWN,
+    curves: Curves = UNKNOWN_CURVES,
 ) -> int:
     """Slots of a white shot: as the goal itself, all; beside a coded one, as many as gather about
     its light, which keeps the camera at one setting."""
     for name, program in recipe.programs.items():
-        if shows_codes(program):
-            cells = lattice_of(program, lattice).lattice_cells
-            slots = round(slots * mean_light(patterns[name], cells, curves))
+        if has_code_mask(program):
+            cells = find_code_lattice(program, lattice).lattice_cells
+            slots = round(slots * average_pair_light(patterns[name], cells, curves))
             break
     return max(1, slots)
 
@@ -160,24 +166,24 @@ def _bits(
     lines = _line_codes(program, lattice, family, count, seed)
     if lines is not None:
         return lines
-    share, inner = program.p, within(program)
-    own = lattice_of(program, lattice)
+    share, inner = program.p, find_inner_program(program)
+    own = find_code_lattice(program, lattice)
     rng = np.random.Generator(np.random.PCG64(seed))
-    if isinstance(inner, Far) and inner.radius and family not in COINS:
-        if chosen_together(program, lattice, count, family):
-            return woven(own.shape, count, inner.radius, seed, watch)
-        return far_codes(own.shape, count, share, rng, grey=inner.grey)
-    if share != 0.5 and p is None and not isinstance(inner, Coded):
+    if isinstance(inner, LongRangeProgram) and inner.radius and family not in COINS:
+        if has_joint_codes(program, lattice, count, family):
+            return make_joint_codes(own.shape, count, inner.radius, seed, watch)
+        return make_long_range_codes(own.shape, count, share, rng, grey=inner.grey)
+    if share != 0.5 and p is None and not isinstance(inner, CodedProgram):
         # The best share of lit cells, rounded to what balanced codes can do.
         share = max(1, round(share * count)) / count
         family = "bernoulli" if family in COINS else "balanced"
-    far = far_partners(program, lattice.grid) if family == "hadamard" else ()
-    links = partner_links(far, lattice)
+    far = list_distant_partners(program, lattice.grid) if family == "hadamard" else ()
+    links = link_partners(far, lattice)
     if links is not None:
-        return hadamard(own.shape, count, share, rng, links)
+        return make_hadamard_codes(own.shape, count, share, rng, links)
     bits = make_codes(family, own.shape, count, dual="same", p=share, seed=seed).primal
-    if family == "balanced" and isinstance(inner, Coded) and inner.partner is not None:
-        return chained(bits, on_lattice(inner.partner, own), rng)
+    if family == "balanced" and isinstance(inner, CodedProgram) and inner.partner is not None:
+        return make_partner_codes(bits, extend_partners(inner.partner, own), rng)
     return bits
 
 
@@ -189,33 +195,33 @@ def _line_codes(
     Raises RequestError for a family that cannot do what the program needs.
     """
     rng = np.random.Generator(np.random.PCG64(seed))
-    if isinstance(program, KeyedRange):
+    if isinstance(program, KeyedRangeProgram):
         if family != "hadamard":
             raise RequestError(
                 f"{family} codes cannot key a range of depths", hint="leave out the family"
             )
-        return comb_codes(lattice.shape, count, program.period, rng)
-    if family == "hadamard" and isinstance(program, Keyed):
-        return matched_codes(lattice.shape, count, rng)
-    if family == "hadamard" and isinstance(program, Rows):
-        return row_codes(lattice.shape, count, rng)
+        return make_comb_codes(lattice.shape, count, program.period, rng)
+    if family == "hadamard" and isinstance(program, KeyedProgram):
+        return make_matched_codes(lattice.shape, count, rng)
+    if family == "hadamard" and isinstance(program, RowProgram):
+        return make_row_codes(lattice.shape, count, rng)
     return None
 
 
 def _compiled(
     program: Program, recipe: Recipe, lattice: Lattice, bits: Levels, curves: Curves, slots: int
-) -> Pair:
+) -> PatternPair:
     """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
-    own = lattice_of(program, lattice)
+    own = find_code_lattice(program, lattice)
     # Only codes that come in levels are given to the program that takes them.
     primal, dual = program.pairs(cast(Bools, bits), own)
     # A pilot looks at the whole scene: it learns paths, not the picture.
-    if recipe.target.light is not None and shows_codes(program):
-        primal = primal * extended(recipe.target.light, own)
+    if recipe.target.light is not None and has_code_mask(program):
+        primal = primal * extend_values(recipe.target.light, own)
     if program.coded:
-        return code_to_send(primal, dual, curves)
+        return prepare_codes(primal, dual, curves)
     # Exact sequences are shown over and over, for as long as codes would take.
-    return sequence_to_send(primal, dual, curves, slots // len(primal))
+    return prepare_sequence(primal, dual, curves, slots // len(primal))
 
 
 def _onto_lattice(lattice: Lattice, links: scipy.sparse.csr_array) -> scipy.sparse.csr_array:

@@ -14,42 +14,46 @@ import numpy as np
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
-from pdcd.panels.blocks import Blocks, field_on
-from pdcd.panels.frames import PIXELS, Frames
-from pdcd.panels.patterns import pack
-from pdcd.planning.plan import Plan, shows_codes
+from pdcd.panels.blocks import BlockPattern, find_field_pixels
+from pdcd.panels.frames import PIXEL_WINDOW, Frames
+from pdcd.panels.patterns import pack_bits
+from pdcd.planning.plan import Plan, has_code_mask
 from pdcd.recipes.recipe import Shot
 
-LOOK_S = 0.5
+_LOOK_S = 0.5
 """Time for which a photo of blocks is shown, at most: that of the white shot if that is shorter."""
-WHITE, PROJECTOR, MASK = ("look-white", "look-projector", "look-mask")
+WHITE_BLOCK_PHOTO, PROJECTOR_BLOCK_PHOTO, MASK_BLOCK_PHOTO = (
+    "look-white",
+    "look-projector",
+    "look-mask",
+)
 """The photos, as their RAW files are called; the first only where a run has no white shot."""
 
 
-def wanted(plan: Plan, config: Config) -> bool:
+def is_panel_check_needed(plan: Plan, config: Config) -> bool:
     """Whether it matters to the photos of a plan that both panels lie alike, and a look can tell:
     off the axis direct light comes from elsewhere."""
     if not config.rig.look_at_panels or config.rig.arrangement == "off-axis":
         return False
-    return any(shows_codes(program) for program in plan.recipe.programs.values())
+    return any(has_code_mask(program) for program in plan.recipe.programs.values())
 
 
-def white_shot(plan: Plan) -> Shot | None:
+def find_white_shot(plan: Plan) -> Shot | None:
     """The shot of a plan with all light, over which the photos of blocks are held."""
     return next((s for s in plan.recipe.shots if s.all_light and not s.beside), None)
 
 
-def due(plan: Plan, taken: Collection[str]) -> bool:
+def is_panel_check_due(plan: Plan, taken: Collection[str]) -> bool:
     """Whether the look comes next: after the white shot, where there is one."""
-    white = white_shot(plan)
+    white = find_white_shot(plan)
     return white is None or white.name in taken
 
 
-def rows_of(plan: Plan) -> int:
+def count_block_rows(plan: Plan) -> int:
     """Refreshes of each photo: at the aperture of the shot it is held against it gets no more light
     than that, which was metered."""
-    shot = white_shot(plan) or plan.last_exposed
-    most = max(2, round(LOOK_S * plan.row_hz))
+    shot = find_white_shot(plan) or plan.last_exposed
+    most = max(2, round(_LOOK_S * plan.row_hz))
     return max(1, min(most, int(plan.refreshes(shot) * plan.light_share(shot))))
 
 
@@ -58,15 +62,20 @@ class BlockFrames:
     """What the photos show: `blocks` for so many `rows`."""
 
     config: Config
-    blocks: Blocks
+    blocks: BlockPattern
     rows: int
 
     def frames(self, name: str) -> Frames:
         """Refreshes of a photo. Panels show nothing beside the field, as in white shots."""
         panels, patterns = panels_of(self.config), []
-        for panel, blocks_on in ((panels.projector, PROJECTOR), (panels.mask, MASK)):
-            shown = self.blocks.drawn(panel.map) if name == blocks_on else field_on(panel.map)
-            patterns.append(pack(shown.reshape(1, -1)))
+        for panel, blocks_on in (
+            (panels.projector, PROJECTOR_BLOCK_PHOTO),
+            (panels.mask, MASK_BLOCK_PHOTO),
+        ):
+            shown = (
+                self.blocks.drawn(panel.map) if name == blocks_on else find_field_pixels(panel.map)
+            )
+            patterns.append(pack_bits(shown.reshape(1, -1)))
         index = np.zeros(self.rows, dtype=np.int32)
         return Frames(
             primal_patterns=patterns[0],
@@ -78,5 +87,5 @@ class BlockFrames:
             guard=np.zeros(self.rows, dtype=np.bool_),
             grid=(1, 1),
             lattice=(1, 1),
-            window=PIXELS,
+            window=PIXEL_WINDOW,
         )

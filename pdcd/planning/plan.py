@@ -8,29 +8,36 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from pdcd.codes.far import woven_fits
+from pdcd.codes.far import are_joint_codes_best
 from pdcd.codes.orders import is_order
 from pdcd.codes.pilot.codes import SCOUTS
-from pdcd.panels.curve import UNKNOWN, Curves, light_of
+from pdcd.panels.curve import UNKNOWN_CURVES, Curves, compute_pattern_light
 from pdcd.panels.frames import Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns
-from pdcd.panels.schedule import SLOTS, build_frames, slot_rows
-from pdcd.protocol.plan_summary import How, Leaks, PilotCost, PlanSummary, Prediction, ShotSummary
-from pdcd.recipes.parts import repeated
-from pdcd.recipes.programs import Far, Floodlit, Program, within
+from pdcd.panels.schedule import SLOTS, build_frames, count_slot_rows
+from pdcd.protocol.plan_summary import (
+    CaptureScheme,
+    LeakErrors,
+    PilotCost,
+    PlanSummary,
+    Prediction,
+    ShotSummary,
+)
+from pdcd.recipes.parts import repeat_shots
+from pdcd.recipes.programs import FloodlitProgram, LongRangeProgram, Program, find_inner_program
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.record import DarkPhoto
 from pdcd.words import FamilyName, ScheduleName
 
-Pair = tuple[Patterns, Patterns]
+PatternPair = tuple[Patterns, Patterns]
 
 COINS: tuple[FamilyName, ...] = ("bernoulli", "rademacher")
 """Families of which every cell is lit by chance in every code."""
 
 
 @dataclass(frozen=True)
-class Look:
+class LeakProbe:
     """A dark photo that decides on black exposures (`pdcd.planning.look`).
 
     limit : RMS error by leaks, relative to the answer, from which they are wanted. may_add : else a
@@ -53,7 +60,7 @@ class ShotSequence:
     """
 
     program: Program | None
-    pair: Pair | None
+    pair: PatternPair | None
     grid: tuple[int, int]
     window: str
     schedule: ScheduleName
@@ -97,7 +104,9 @@ class ShotSequence:
             return rows / row_hz
         lattice, primal, curve = self.lattice, self.pair[0], self.curves[0]
         cells, count = lattice.lattice_cells, len(primal)
-        levels = sum(float(light_of(primal, k, cells, curve).mean()) for k in range(count))
+        levels = sum(
+            float(compute_pattern_light(primal, k, cells, curve).mean()) for k in range(count)
+        )
         return rows * lattice.fields * levels / row_hz
 
 
@@ -106,9 +115,9 @@ class Plan:
     """All that the engine needs to know; `frames` builds the refreshes of a shot on demand."""
 
     recipe: Recipe
-    how: How
+    how: CaptureScheme
     """What the recipe was made by, beside its target."""
-    patterns: dict[str, Pair]
+    patterns: dict[str, PatternPair]
     """Projector and mask patterns of each program, as they are sent."""
     p: float
     window: str
@@ -132,11 +141,11 @@ class Plan:
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
     """Why cells, window, schedule and parts are what they are, a line each."""
-    curves: Curves = UNKNOWN
+    curves: Curves = UNKNOWN_CURVES
     """What light both panels make of what they are sent."""
-    look: Look | None = None
+    look: LeakProbe | None = None
     """Which leaks to look for; None where black exposures are settled."""
-    leaks: Leaks | None = None
+    leaks: LeakErrors | None = None
     """What was found."""
     dark: DarkPhoto | None = None
     """The photo whose ambient light is taken off the photos of a pilot."""
@@ -166,7 +175,7 @@ class Plan:
             passes=passes,
             white_slots=self.white_slots * passes // self.passes,
             how=msgspec.structs.replace(self.how, repeat=repeat),
-            recipe=repeated(self.recipe, repeat),
+            recipe=repeat_shots(self.recipe, repeat),
         )
 
     @property
@@ -176,7 +185,7 @@ class Plan:
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
-        coded = not shot.white and windowed(self.recipe.programs[shot.program])
+        coded = not shot.white and is_windowed(self.recipe.programs[shot.program])
         return self.window if coded else "whole"
 
     def passes_of(self, shot: Shot) -> int:
@@ -222,17 +231,17 @@ class Plan:
         """Number of refreshes of a shot, without building them."""
         fields = 1 if shot.white else Lattice(self.grid, self.window_of(shot)).fields
         slots = self.pairs_of(shot) * self.passes_of(shot) * fields
-        return slots * slot_rows(self.schedule)
+        return slots * count_slot_rows(self.schedule)
 
     def light_share(self, shot: Shot) -> float:
         """Mean share of a floodlit exposure of the same length that a path keeps."""
-        duty = 1.0 / slot_rows(self.schedule)
+        duty = 1.0 / count_slot_rows(self.schedule)
         if shot.primal_black or shot.dual_black:
             return 0.0
         if shot.white:
             return duty
         lattice = Lattice(self.grid, self.window_of(shot))
-        kept = mean_light(self.patterns[shot.program], lattice.lattice_cells, self.curves)
+        kept = average_pair_light(self.patterns[shot.program], lattice.lattice_cells, self.curves)
         return duty * kept * lattice.opening.area
 
     @property
@@ -336,12 +345,12 @@ class Plan:
         )
 
 
-def shows_codes(program: Program) -> bool:
+def has_code_mask(program: Program) -> bool:
     """Whether the mask of a program shows codes."""
-    return program.coded and not isinstance(program, Floodlit)
+    return program.coded and not isinstance(program, FloodlitProgram)
 
 
-def windowed(program: Program) -> bool:
+def is_windowed(program: Program) -> bool:
     """Whether a program runs in the rig's window mode: where the mask shows codes, but for light
     from beyond a radius.
 
@@ -349,32 +358,39 @@ def windowed(program: Program) -> bool:
     direct light stays with its own code. Where no light from within a radius gets in, there is none
     to be kept apart; and windows of whole cells have the border of that radius where it is wanted.
     """
-    return shows_codes(program) and not beyond(program)
+    return has_code_mask(program) and not is_long_range(program)
 
 
-def lattice_of(program: Program, rig: Lattice) -> Lattice:
+def find_code_lattice(program: Program, rig: Lattice) -> Lattice:
     """Where the code cells of a program lie: on the lattice of the rig, or whole cells."""
-    return rig if windowed(program) else Lattice(rig.grid)
+    return rig if is_windowed(program) else Lattice(rig.grid)
 
 
-def beyond(program: Program) -> bool:
+def is_long_range(program: Program) -> bool:
     """Whether a program keeps light from beyond a radius alone."""
-    inner = within(program)
-    return isinstance(inner, Far) and inner.radius > 0
+    inner = find_inner_program(program)
+    return isinstance(inner, LongRangeProgram) and inner.radius > 0
 
 
-def chosen_together(program: Program, rig: Lattice, count: int, family: FamilyName | None) -> bool:
+def has_joint_codes(program: Program, rig: Lattice, count: int, family: FamilyName | None) -> bool:
     """Whether so many codes of a program are chosen together with its masks."""
-    inner = within(program)
-    if not isinstance(inner, Far) or not inner.woven or not beyond(program) or family in COINS:
+    inner = find_inner_program(program)
+    if (
+        not isinstance(inner, LongRangeProgram)
+        or not inner.woven
+        or not is_long_range(program)
+        or family in COINS
+    ):
         return False
-    return woven_fits(lattice_of(program, rig).shape, count, inner.p)
+    return are_joint_codes_best(find_code_lattice(program, rig).shape, count, inner.p)
 
 
-def mean_light(pair: Pair, cells: int, curves: Curves = UNKNOWN) -> float:
+def average_pair_light(pair: PatternPair, cells: int, curves: Curves = UNKNOWN_CURVES) -> float:
     """Mean over pairs and paths of the product of both panels' light."""
     primal, dual = (
-        np.array([light_of(patterns, k, cells, curve).mean() for k in range(len(patterns))])
+        np.array(
+            [compute_pattern_light(patterns, k, cells, curve).mean() for k in range(len(patterns))]
+        )
         for patterns, curve in zip(pair, curves, strict=True)
     )
     return float(np.mean(primal * dual))

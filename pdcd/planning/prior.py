@@ -18,18 +18,18 @@ import numpy as np
 import scipy
 
 from pdcd.errors import RequestError
-from pdcd.protocol.request import Sent
-from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.virtual.scene.matrix import matrix_effects
-from pdcd.virtual.scene.presets import builder_of, kinds
+from pdcd.protocol.request import SentArray
+from pdcd.recipes.arrays import NO_ARRAYS, Given
+from pdcd.virtual.scene.matrix import split_into_effects
+from pdcd.virtual.scene.presets import find_builder, list_presets
 from pdcd.virtual.scene.scene import Scene
 
-MOST_CELLS = 6144
+MOST_PRIOR_CELLS = 6144
 """Cells beyond which the paths between all pairs of them, 300 MB here, are too many to hold."""
-FAINT = 1e-3
+_FAINT = 1e-3
 """Share of the strength between neighbours below which a decay counts as none."""
-FORMS = "give an .npz file with a transport matrix, scene:NAME or decay:CELLS"
-GRID = "prior.grid"
+_FORMS = "give an .npz file with a transport matrix, scene:NAME or decay:CELLS"
+PRIOR_GRID = "prior.grid"
 """Beside the transport "prior", the array [[rows, columns]] of its own grid."""
 
 
@@ -47,12 +47,14 @@ class GivenPrior:
     scene: Scene | None
 
 
-def load_prior(prior: str | Sent, grid: tuple[int, int], given: Given = NOTHING) -> GivenPrior:
+def load_prior(
+    prior: str | SentArray, grid: tuple[int, int], given: Given = NO_ARRAYS
+) -> GivenPrior:
     """The prior that a request names, for a rig of that grid.
 
     Parameters
     ----------
-    given : with the transport "prior", (N, N), and its `GRID`, where the prior is a file.
+    given : with the transport "prior", (N, N), and its `PRIOR_GRID`, where the prior is a file.
 
     Raises
     ------
@@ -61,22 +63,22 @@ def load_prior(prior: str | Sent, grid: tuple[int, int], given: Given = NOTHING)
         many cells.
     """
     cells = grid[0] * grid[1]
-    if cells > MOST_CELLS:
+    if cells > MOST_PRIOR_CELLS:
         raise RequestError(
-            f"a prior for {cells} cells has too many paths; the most is {MOST_CELLS} cells",
+            f"a prior for {cells} cells has too many paths; the most is {MOST_PRIOR_CELLS} cells",
             hint="leave out the prior, or use a coarser grid",
         )
     if isinstance(prior, str) and prior.startswith("decay:"):
         return _decay(prior.removeprefix("decay:"), grid)
     if isinstance(prior, str) and prior.startswith("scene:"):
         scene = _preset(prior.removeprefix("scene:"), grid)
-        return GivenPrior(f"scene {scene.name}", links_of(scene), scene)
+        return GivenPrior(f"scene {scene.name}", sum_scene_links(scene), scene)
     file = prior if isinstance(prior, str) else prior.file or "without a name"
     scene = _file(Path(file).name, given, grid)
-    return GivenPrior(f"file {Path(file).name}", links_of(scene), scene)
+    return GivenPrior(f"file {Path(file).name}", sum_scene_links(scene), scene)
 
 
-def links_of(scene: Scene) -> scipy.sparse.csr_array:
+def sum_scene_links(scene: Scene) -> scipy.sparse.csr_array:
     """Paths of a scene between different cells, mean of R, G, B: sparse CSR (N, N)."""
     paths = np.zeros((scene.cells, scene.cells))
     for effect in scene.effects:
@@ -99,27 +101,27 @@ def _decay(text: str, grid: tuple[int, int]) -> GivenPrior:
     row, column = np.divmod(np.arange(grid[0] * grid[1]), grid[1])
     strength = np.exp(-np.hypot(row[:, None] - row, column[:, None] - column) / length)
     np.fill_diagonal(strength, 0.0)
-    strength[strength < FAINT * np.exp(-1.0 / length)] = 0.0
+    strength[strength < _FAINT * np.exp(-1.0 / length)] = 0.0
     return GivenPrior(f"decay {length:g} cells", scipy.sparse.csr_array(strength), None)
 
 
 def _preset(name: str, grid: tuple[int, int]) -> Scene:
-    build = builder_of(name)
+    build = find_builder(name)
     if build is None:
         raise RequestError(
             f"the prior scene:{name} is no preset scene",
-            hint=f"one of {', '.join(kinds())}",
+            hint=f"one of {', '.join(list_presets())}",
         )
     return build(grid, {})
 
 
 def _file(name: str, given: Given, grid: tuple[int, int]) -> Scene:
     if "prior" not in given:
-        raise RequestError(f"there is no prior {name}", hint=FORMS)
-    rows, columns = given[GRID].astype(int).ravel().tolist()
+        raise RequestError(f"there is no prior {name}", hint=_FORMS)
+    rows, columns = given[PRIOR_GRID].astype(int).ravel().tolist()
     if (rows, columns) != grid:
         raise RequestError(
             f"the prior {name} is of {rows} x {columns} cells, the rig of {grid[0]} x {grid[1]}",
             hint="give a transport matrix over the rig's cells",
         )
-    return Scene(Path(name).stem, grid, matrix_effects(given["prior"]))
+    return Scene(Path(name).stem, grid, split_into_effects(given["prior"]))

@@ -15,23 +15,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pdcd.arrays import Floats
 from pdcd.bench.tables import Config
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.panels.balance import streams
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.panels.patterns import levels_of
-from pdcd.pictures.combine import combine, scaled_photos
-from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.learn import Learned, learn
-from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
-from pdcd.pictures.to_cells import light_apart
-from pdcd.pictures.truth import answer
-from pdcd.planning.guided import stopped, with_links
-from pdcd.planning.metering import TARGET, metered_pairs
-from pdcd.planning.outlook import Alive, Estimate, Floats, Setting
+from pdcd.panels.patterns import read_pattern_levels
+from pdcd.pictures.combine import combine_shots, make_scaled_photos
+from pdcd.pictures.exposed import ComputedShot, ExposedShot
+from pdcd.pictures.learn import PilotFindings, learn_paths
+from pdcd.pictures.photos import NO_SMOOTH_MODELS, fit_smooth_models, make_corrected_photos
+from pdcd.pictures.to_cells import unmix_cells
+from pdcd.pictures.truth import compute_true_answer
+from pdcd.planning.guided import end_pilot, with_links
+from pdcd.planning.metering import TARGET, choose_test_pairs
+from pdcd.planning.outlook import Alive, ErrorEstimate, RigSetting
 from pdcd.planning.plan import Plan
-from pdcd.probing.panel import apart_s
-from pdcd.probing.realised import Factors, bench_factors, collect
+from pdcd.probing.panel import vblank_lag_s
+from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors
 from pdcd.recipes.recipe import Extremes, Recipe, Shot
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.scene.scene import Scene
@@ -39,20 +40,20 @@ from pdcd.words import NormaliseName
 
 
 @dataclass(frozen=True)
-class Rehearsal:
+class PlanSimulation:
     """A plan before a known scene, every shot without noise and its codes shown once.
 
     recipe : what of the plan's recipe the answer needs, in single exposures.
     light : (rows, cols, 3) of each shot, scene units times seconds.
     metered_e : electrons at f/1 that metering expects of the brightest sample of each program. Its
         test exposure shows few of the codes, so that this is not quite what there will be.
-    added : what a pilot and smooth light correct, as `combine` takes it.
+    added : what a pilot and smooth light correct, as `combine_shots` takes it.
     truth : (rows, cols, 3), scene units.
     """
 
     plan: Plan
     recipe: Recipe
-    setting: Setting
+    setting: RigSetting
     normalise: NormaliseName
     light: dict[str, Floats]
     realised: dict[str, Factors]
@@ -60,7 +61,7 @@ class Rehearsal:
     added: dict[str, Floats]
     truth: Floats
 
-    def judge(self, iso: int, passes: int) -> Estimate:
+    def judge(self, iso: int, passes: int) -> ErrorEstimate:
         """Errors at that ISO, with the codes shown `passes` times in each exposure."""
         shots, headroom = {}, np.inf
         for shot in self.recipe.shots:
@@ -69,13 +70,13 @@ class Rehearsal:
             shots[shot.name] = self._exposed(shot, passes, iso, f)
             headroom = min(headroom, TARGET * self.setting.full_e(iso) * f**2 / max(peak_e, 1e-9))
         cells = CellMap.block(self.plan.grid, self.plan.grid)
-        pictures = combine(self.recipe, shots, cells, self.added, normalise=self.normalise)
+        pictures = combine_shots(self.recipe, shots, cells, self.added, normalise=self.normalise)
         picture = pictures[self.recipe.answer_name]
         total = float(np.sum(self.truth**2)) or 1.0
         code2 = (picture.image - self.truth) ** 2
         # A cell whose windows never open for the wanted light has no sigma that says anything.
         sensor2 = np.where(np.isfinite(picture.sigma), picture.sigma, 0.0) ** 2
-        return Estimate(
+        return ErrorEstimate(
             code=float(np.sqrt(code2.sum() / total)),
             sensor=float(np.sqrt(sensor2.sum() / total)),
             code_var=0.0,
@@ -84,25 +85,25 @@ class Rehearsal:
             headroom=headroom,
         )
 
-    def _exposed(self, shot: Shot, passes: int, iso: int, f_number: float) -> Exposed:
+    def _exposed(self, shot: Shot, passes: int, iso: int, f_number: float) -> ExposedShot:
         light = passes * self.light[shot.name]
         exposure_s = passes * self.plan.exposure_s(shot)
         variance = _variance(light, self.setting, iso, f_number, exposure_s)
         once = self.realised[shot.name]
         many = Factors(passes * once.left, once.right, passes * once.coaxial, passes * once.open_s)
-        return Print(light, variance, np.zeros(light.shape[:2], np.bool_), many, {})
+        return ComputedShot(light, variance, np.zeros(light.shape[:2], np.bool_), many, {})
 
 
-def rehearse(
+def simulate_plan(
     plan: Plan,
-    setting: Setting,
+    setting: RigSetting,
     scene: Scene,
     *,
     normalise: NormaliseName,
     seed: int,
     alive: Alive = lambda: None,
-    known: dict[tuple[int, str], Learned] | None = None,
-) -> Rehearsal:
+    known: dict[tuple[int, str], PilotFindings] | None = None,
+) -> PlanSimulation:
     """Take all photos of a plan without noise.
 
     Parameters
@@ -131,7 +132,7 @@ def rehearse(
     for shot in recipe.shots:
         if shot.program not in metered_e:
             metered_e[shot.program] = _metered_e(plan, shot, setting, scene)
-    return Rehearsal(
+    return PlanSimulation(
         plan=plan,
         recipe=recipe,
         setting=setting,
@@ -140,18 +141,18 @@ def rehearse(
         realised=realised,
         metered_e=metered_e,
         added=_added(plan, recipe, rehearsed, learned, normalise),
-        truth=answer(scene, plan.recipe, alive).reshape(*plan.grid, 3),
+        truth=compute_true_answer(scene, plan.recipe, alive).reshape(*plan.grid, 3),
     )
 
 
 def _by_pilot(
     plan: Plan,
-    setting: Setting,
+    setting: RigSetting,
     rehearsed: dict[str, tuple[Floats, Factors]],
     take: Callable[[Iterable[Shot]], None],
     seed: int,
-    known: dict[tuple[int, str], Learned] | None,
-) -> tuple[Plan, Learned]:
+    known: dict[tuple[int, str], PilotFindings] | None,
+) -> tuple[Plan, PilotFindings]:
     """What a plan becomes by its pilot, and what that finds; as a run does it."""
     key = plan.how.pilot, plan.schedule
     learned = None if known is None else known.get(key)
@@ -165,7 +166,7 @@ def _by_pilot(
         if known is not None and learned.worth is None:  # which goes by the number of codes
             known[key] = learned
     if not learned.promising:
-        return stopped(plan, seed, setting.config.limits.max_exposure_s), learned
+        return end_pilot(plan, seed, setting.config.limits.max_exposure_s), learned
     return (with_links(plan, learned.links, seed) if learned.pays else plan), learned
 
 
@@ -179,7 +180,7 @@ def _bare(recipe: Recipe) -> Recipe:
     return replace(recipe, photos=photos, shots=shots, pictures={recipe.answer_name: rule})
 
 
-def foreseen(
+def predict_probing_matrix(
     plan: Plan,
     shot: Shot,
     config: Config,
@@ -194,8 +195,8 @@ def foreseen(
     frames = plan.frames(shot, pairs=pairs)
     settle_ns = round(plan.settle_s * 1e9)
     log = _on_time(frames, config, settle_ns)
-    return collect(
-        bench_factors(
+    return collect_factors(
+        compute_bench_factors(
             frames,
             log,
             config.projector,
@@ -211,7 +212,7 @@ def _photo(
     plan: Plan, shot: Shot, config: Config, scene: Scene, pairs: int | None = None
 ) -> tuple[Floats, Factors]:
     """Light of a shot, (rows, cols, 3) in scene units times seconds, and its probing matrix."""
-    matrix = foreseen(plan, shot, config, pairs, scene.displacement)
+    matrix = predict_probing_matrix(plan, shot, config, pairs, scene.displacement)
     light = scene.photo(matrix.left, matrix.right, matrix.coaxial, matrix.open_s, matrix.displaced)
     return light.reshape(*plan.grid, 3), matrix
 
@@ -219,7 +220,7 @@ def _photo(
 def _on_time(frames: Frames, config: Config, start_ns: int) -> FrameLog:
     """The log of a display that misses nothing, both panels at the rate of the slower one."""
     period_ns = 1e9 / config.row_hz
-    apart_ns = apart_s(config.projector, config.mask) * 1e9
+    apart_ns = vblank_lag_s(config.projector, config.mask) * 1e9
     rows = np.arange(len(frames), dtype=np.int32)
     primal_rows, dual_rows = streams(rows, config.mask_delay_rows)
     count = primal_rows.size
@@ -244,8 +245,8 @@ def _on_time(frames: Frames, config: Config, start_ns: int) -> FrameLog:
 
 
 def _learned(
-    plan: Plan, setting: Setting, photos: dict[str, tuple[Floats, Factors]], seed: int
-) -> Learned:
+    plan: Plan, setting: RigSetting, photos: dict[str, tuple[Floats, Factors]], seed: int
+) -> PilotFindings:
     """What a pilot would find in its photos, with noise drawn from the sensor model."""
     rng = np.random.default_rng([seed, 2])
     iso = min(setting.isos)
@@ -256,21 +257,21 @@ def _learned(
         light, matrix = photos[shot.name]
         variance = _variance(light, setting, iso, f_number, plan.exposure_s(shot))
         noisy = light + np.sqrt(variance) * rng.standard_normal(light.shape)
-        shots[shot.name] = Print(noisy, variance, np.zeros(plan.grid, np.bool_), matrix, {})
+        shots[shot.name] = ComputedShot(noisy, variance, np.zeros(plan.grid, np.bool_), matrix, {})
     cells = plan.grid[0] * plan.grid[1]
     primal = plan.patterns["pilot"][0]
-    bits = np.array([levels_of(primal, k, cells) > 0.5 for k in range(len(primal))])
+    bits = np.array([read_pattern_levels(primal, k, cells) > 0.5 for k in range(len(primal))])
     taken = [shots[name] for name in plan.recipe.stack if name in shots]
-    seen = light_apart(taken, CellMap.block(plan.grid, plan.grid))
+    seen = unmix_cells(taken, CellMap.block(plan.grid, plan.grid))
     panels = [shot.realised for shot in taken]
-    return learn(plan.grid, panels, bits, plan.how.codes, seen)
+    return learn_paths(plan.grid, panels, bits, plan.how.codes, seen)
 
 
 def _added(
     plan: Plan,
     recipe: Recipe,
     rehearsed: dict[str, tuple[Floats, Factors]],
-    learned: Learned | None,
+    learned: PilotFindings | None,
     normalise: NormaliseName,
 ) -> dict[str, Floats]:
     """What decoding will add to coded photos: for a pilot's paths, and for smooth light."""
@@ -280,33 +281,33 @@ def _added(
     cells = CellMap.block(plan.grid, plan.grid)
     dark = np.zeros((*plan.grid, 3))
     shots = {
-        name: Print(light, dark, dark[..., 0] > 0.0, matrix, {})
+        name: ComputedShot(light, dark, dark[..., 0] > 0.0, matrix, {})
         for name, (light, matrix) in rehearsed.items()
     }
-    plain = scaled_photos(recipe, shots, cells, normalise=normalise)
-    told = NOTHING_TOLD
+    plain = make_scaled_photos(recipe, shots, cells, normalise=normalise)
+    told = NO_SMOOTH_MODELS
     if plan.smooth:
-        told = told_by_parts(recipe, shots, learned, cells, normalise=normalise)
-    corrected = corrected_photos(
+        told = fit_smooth_models(recipe, shots, learned, cells, normalise=normalise)
+    corrected = make_corrected_photos(
         recipe, shots, learned, cells, normalise=normalise, smooth=plan.smooth, told=told
     )
     return {name: corrected[name].image - plain[name].image for name in names}
 
 
-def _metered_e(plan: Plan, shot: Shot, setting: Setting, scene: Scene) -> float:
+def _metered_e(plan: Plan, shot: Shot, setting: RigSetting, scene: Scene) -> float:
     """Electrons at f/1 that metering expects of the brightest sample of a shot."""
-    pairs, ratio = metered_pairs(plan.sequence(shot))
+    pairs, ratio = choose_test_pairs(plan.sequence(shot))
     light, _ = _photo(plan, shot, setting.config, scene, pairs)
     return _peak_e(light * ratio[..., None], setting)
 
 
-def _peak_e(light: Floats, setting: Setting) -> float:
+def _peak_e(light: Floats, setting: RigSetting) -> float:
     """Electrons of the brightest sample at f/1."""
     return float((light * setting.camera.responsivity_e).max())
 
 
 def _variance(
-    light: Floats, setting: Setting, iso: int, f_number: float, exposure_s: float
+    light: Floats, setting: RigSetting, iso: int, f_number: float, exposure_s: float
 ) -> Floats:
     """Variance of developed light (rows, cols, 3), in its own unit squared."""
     gain = setting.profile.row(iso).gain_e_per_dn

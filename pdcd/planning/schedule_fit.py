@@ -8,19 +8,19 @@ import numpy as np
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
-from pdcd.probing.pulses import Answer, kept_apart
+from pdcd.probing.pulses import PanelResponse, compute_code_separation
 from pdcd.protocol.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
 
 RANGES = ("long-range", "short-range")
 """Goals of light by its range."""
-FIELD_POINTS = 9
+_FIELD_POINTS = 9
 """Points a side of the field at which the panels' rows are compared."""
-JITTERS = 4.0
+_JITTERS = 4.0
 """Standard deviations of jitter that a lag must stay away from the ends of what is tolerated."""
 QUIET = 0.005
 """Share of a code's light in its neighbours at which a schedule is as good as any."""
-FAR_QUIET = 0.0005
+_FAR_QUIET = 0.0005
 """The same for far light: each of its paths shines through the mask in so few codes that what is
 left of one code in the next counts a hundred times as much."""
 BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "full", "wide")
@@ -29,15 +29,19 @@ from all rows counts alike then, whenever these are set, of which a calibration 
 the difference between both panels."""
 
 
-def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+def resolve_schedule(
+    request: CaptureRequest, config: Config, mask_lag_s: float | None
+) -> ScheduleName:
     """Refreshes of a code, as asked for or as the rig has them."""
     asked = config.schedule.guards if request.guards is None else request.guards
-    if asked == "auto" and times_measured(config):
-        return quietest(config, mask_lag_s, FAR_QUIET if request.goal in RANGES else QUIET)
-    return choose_schedule(asked, *lag_rows(config, mask_lag_s))
+    if asked == "auto" and has_measured_times(config):
+        return find_quietest_schedule(
+            config, mask_lag_s, _FAR_QUIET if request.goal in RANGES else QUIET
+        )
+    return choose_schedule(asked, *convert_lag_to_rows(config, mask_lag_s))
 
 
-def asks_for_lag(request: CaptureRequest, config: Config) -> bool:
+def is_lag_needed(request: CaptureRequest, config: Config) -> bool:
     """Whether the plan of a request depends on the lag of the mask."""
     asked = config.schedule.guards if request.guards is None else request.guards
     return asked == "auto"
@@ -60,16 +64,18 @@ def choose_schedule(
     if asked is False:
         return "none"
     if asked == "auto":
-        found = tolerant(mask_lag_rows, jitter_rows)
+        found = list_tolerant_schedules(mask_lag_rows, jitter_rows)
         return "lag" if "lag" in found else "lead" if "lead" in found else "full"
     return asked
 
 
-def tolerant(mask_lag_rows: float | None, jitter_rows: float = 0.0) -> tuple[ScheduleName, ...]:
+def list_tolerant_schedules(
+    mask_lag_rows: float | None, jitter_rows: float = 0.0
+) -> tuple[ScheduleName, ...]:
     """Schedules that keep codes apart at that lag, those of the fewest refreshes first."""
     if mask_lag_rows is None:
         return ("full",)
-    margin = JITTERS * jitter_rows
+    margin = _JITTERS * jitter_rows
     low, high = mask_lag_rows - margin, mask_lag_rows + margin
     found: list[ScheduleName] = []
     if low == high == 0.0:
@@ -83,18 +89,18 @@ def tolerant(mask_lag_rows: float | None, jitter_rows: float = 0.0) -> tuple[Sch
     return (*found, "full")
 
 
-def lag_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, float]:
-    """Lag of the mask and its jitter in rows of frames, as `tolerant` takes them: that of the
-    middle of all rows of pixels; how far the others are from it counts as jitter."""
+def convert_lag_to_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, float]:
+    """Lag of the mask and its jitter in rows of frames, as `list_tolerant_schedules` takes them:
+    that of the middle of all rows of pixels; how far the others are from it counts as jitter."""
     jitter_s = math.hypot(config.projector.jitter_s, config.mask.jitter_s)
-    first_s, last_s = lag_by_rows_s(config)
-    jitter_s += 0.5 * (last_s - first_s) / JITTERS
+    first_s, last_s = scan_out_lags_s(config)
+    jitter_s += 0.5 * (last_s - first_s) / _JITTERS
     if mask_lag_s is None:
         return None, jitter_s * config.row_hz
     return (mask_lag_s + 0.5 * (first_s + last_s)) * config.row_hz, jitter_s * config.row_hz
 
 
-def lag_by_rows_s(config: Config) -> tuple[float, float]:
+def scan_out_lags_s(config: Config) -> tuple[float, float]:
     """Least and largest lag of the mask over the field that scan-out adds to `skew_s`, in seconds.
 
     Rows of a panel are set one after the other; where it lies decides which of them meet.
@@ -102,7 +108,7 @@ def lag_by_rows_s(config: Config) -> tuple[float, float]:
     if not config.projector.scan_s and not config.mask.scan_s:
         return 0.0, 0.0
     panels = panels_of(config)
-    at = (np.arange(FIELD_POINTS) + 0.5) / FIELD_POINTS
+    at = (np.arange(_FIELD_POINTS) + 0.5) / _FIELD_POINTS
     points = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
     delays = []
     for view, panel in ((panels.projector, config.projector), (panels.mask, config.mask)):
@@ -113,29 +119,33 @@ def lag_by_rows_s(config: Config) -> tuple[float, float]:
     return float(np.nanmin(lag_s)), float(np.nanmax(lag_s))
 
 
-def times_measured(config: Config) -> bool:
+def has_measured_times(config: Config) -> bool:
     """Whether rise and fall of both panels are known."""
     return all(p.rise_s > 0.0 and p.fall_s > 0.0 for p in (config.projector, config.mask))
 
 
-def quietest(config: Config, mask_lag_s: float | None, quiet: float = QUIET) -> ScheduleName:
+def find_quietest_schedule(
+    config: Config, mask_lag_s: float | None, quiet: float = QUIET
+) -> ScheduleName:
     """The schedule of the fewest refreshes that lets no more than `quiet` of a code's light into
     its neighbours; where none does, the best.
 
     Where the lag is not known, as `choose_schedule` has it.
     """
     if mask_lag_s is None:
-        return choose_schedule("auto", *lag_rows(config, mask_lag_s))
-    leaks = {name: schedule_leak(config, name, mask_lag_s) for name in BY_COST}
+        return choose_schedule("auto", *convert_lag_to_rows(config, mask_lag_s))
+    leaks = {name: compute_schedule_leak(config, name, mask_lag_s) for name in BY_COST}
     fitting = [name for name in BY_COST if leaks[name] <= quiet]
     return fitting[0] if fitting else min(BY_COST, key=lambda name: leaks[name])
 
 
-def schedule_leak(config: Config, schedule: ScheduleName, mask_lag_s: float) -> float:
+def compute_schedule_leak(config: Config, schedule: ScheduleName, mask_lag_s: float) -> float:
     """Light of a code in its neighbours under a schedule, over its own, at the worst row."""
-    projector, mask = (Answer(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
+    projector, mask = (PanelResponse(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
     worst = 0.0
-    for row_s in lag_by_rows_s(config):
-        kept = kept_apart(schedule, projector, mask, mask_lag_s + row_s, 1.0 / config.row_hz)
+    for row_s in scan_out_lags_s(config):
+        kept = compute_code_separation(
+            schedule, projector, mask, mask_lag_s + row_s, 1.0 / config.row_hz
+        )
         worst = max(worst, kept.leak)
     return worst

@@ -18,7 +18,7 @@ if _library is not None and _library.is_file():
 os.environ.setdefault("LP_NUM_THREADS", "0")
 
 if __name__ == "__main__":
-    from pdcd.presenter.process import main
+    from pdcd.presenter.process import run_display_process
 
     faulthandler.enable()  # a crash inside a library tells where it was
-    raise SystemExit(main(int(sys.argv[1])))
+    raise SystemExit(run_display_process(int(sys.argv[1])))

@@ -14,49 +14,55 @@ from numpy.typing import NDArray
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
-from pdcd.child import LOOK_S, LineClosedError, LineSilentError, module_command, start
+from pdcd.child import (
+    LOOK_INTERVAL_S,
+    LineClosedError,
+    LineSilentError,
+    make_module_command,
+    start_child,
+)
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.panels.frames import BLACK, Frames
-from pdcd.panels.pixels import Picture
+from pdcd.panels.pixels import PanelImage
 from pdcd.presenter.messages import (
     HEAD_SIZE,
     LOG_COLUMNS,
     REPLIES,
     Black,
+    DisplayReply,
+    DisplayRequest,
     Failed,
     Head,
     Load,
-    Mode,
     Open,
+    PanelMode,
     Play,
     Quit,
     Ready,
-    Reply,
-    Request,
     Show,
-    share,
+    copy_to_shared_memory,
 )
-from pdcd.presenter.options import options_of
-from pdcd.presenter.xconnection import connect, disconnect
-from pdcd.presenter.xgrab import PICTURES, room
+from pdcd.presenter.options import read_x11_options
+from pdcd.presenter.xconnection import close_x_connection, open_x_connection
+from pdcd.presenter.xgrab import PICTURES, reserve_pictures
 
-START_S = 30.0
+_START_S = 30.0
 """How long opening the panels may take: libraries, windows, and 30 frames for each time source."""
 LOAD_S = 20.0
 """Bound of handing over all patterns, which takes 0.1 s for 65536 codes."""
-LEAD_IN = 2
+_LEAD_IN = 2
 """Black refreshes before the first row: they give it a vblank to be timed against."""
 
-Rows = NDArray[np.int32]
+RowNumbers = NDArray[np.int32]
 Log = NDArray[np.int64]
 
-COMMAND = module_command("pdcd.presenter")
+_COMMAND = make_module_command("pdcd.presenter")
 _lost = partial(DeviceLost, device="display")
 
 
-def opening(config: Config) -> Open:
+def make_open_request(config: Config) -> Open:
     """What the display process is asked to open. Raises ConfigError."""
-    options = options_of(config)
+    options = read_x11_options(config)
     if config.rig.clock != "real":
         raise ConfigError(
             "real panels keep real time", device="display", hint='set rig.clock = "real"'
@@ -64,8 +70,8 @@ def opening(config: Config) -> Open:
     panels, display = panels_of(config), config.display
     return Open(
         options,
-        Mode(panels.projector.map, config.projector.refresh_hz),
-        Mode(panels.mask.map, config.mask.refresh_hz),
+        PanelMode(panels.projector.map, config.projector.refresh_hz),
+        PanelMode(panels.mask.map, config.mask.refresh_hz),
         display.plane_order if display.planes_per_refresh > 1 else None,
     )
 
@@ -77,17 +83,17 @@ class DisplayProcess:
     """
 
     def __init__(self, request: Open, alive: Callable[[], object] = lambda: None) -> None:
-        self._child = start(COMMAND, REPLIES, what="the display process", error=_lost)
+        self._child = start_child(_COMMAND, REPLIES, what="the display process", error=_lost)
         self._line = self._child.line
         self._pulse = alive
         self._display = request.options.display
         self._hang_s = request.options.hang_s
         self._grab = request.options.grab_px is not None
         self._sizes_px = request.projector.size_px, request.mask.size_px
-        self.pictures: list[Picture] = []
+        self.pictures: list[PanelImage] = []
         """With option `grab_px`: what projector and mask showed in the last pass."""
         try:
-            reply = self._ask(request, START_S)
+            reply = self._ask(request, _START_S)
         except BaseException:
             self.kill()
             raise
@@ -115,17 +121,17 @@ class DisplayProcess:
                 "shift", "code", "guard",
             )
         }  # fmt: skip
-        fd, slots, _ = share(arrays)
+        fd, slots, _ = copy_to_shared_memory(arrays)
         self._ask(Load(slots, frames.grid, frames.lattice, frames.window), LOAD_S, fd)
 
     def show(self, row: int) -> None:
         """Hold one row of the loaded frames."""
-        self._ask(Show(row), self._hang_s + LOOK_S)
+        self._ask(Show(row), self._hang_s + LOOK_INTERVAL_S)
 
     def play(
         self,
-        primal: Rows,
-        dual: Rows,
+        primal: RowNumbers,
+        dual: RowNumbers,
         progress: Callable[[int, int], None],
         cancelled: Callable[[], bool],
         *,
@@ -146,18 +152,18 @@ class DisplayProcess:
         them. Raises Cancelled; SyncError after `abort`; DeviceLost when the process hangs, after
         killing it.
         """
-        planes, lead = primal.shape[1], LEAD_IN
+        planes, lead = primal.shape[1], _LEAD_IN
         before, after = np.full((lead, planes), BLACK, np.int32), np.full((1, planes), BLACK)
         count = lead + len(primal) + 1
         head = np.zeros(HEAD_SIZE, dtype=np.int64)
         head[Head.FIRST] = lead - (stalls_from or 0)
-        fd, slots, arrays = share(
+        fd, slots, arrays = copy_to_shared_memory(
             {
                 "head": head,
                 "primal": np.concatenate([before, primal, after], dtype=np.int32),
                 "dual": np.concatenate([before, dual, after], dtype=np.int32),
                 "log": np.zeros((count, LOG_COLUMNS), dtype=np.int64),
-                **(room(count, self._sizes_px) if self._grab else {}),
+                **(reserve_pictures(count, self._sizes_px) if self._grab else {}),
             }
         )
         head = arrays["head"]
@@ -190,7 +196,7 @@ class DisplayProcess:
             except PdcdError:
                 self.kill()
         # Its windows went with it, and the screen's own black shows; if there is still a screen.
-        disconnect(connect(self._display))
+        close_x_connection(open_x_connection(self._display))
 
     def close(self) -> None:
         """Black, then end the process."""
@@ -215,7 +221,7 @@ class DisplayProcess:
     ) -> None:
         """Wait for the end of a pass; tell how far it is, and see that it goes on."""
         seen, seen_s, asked_to_stop = -1, time.monotonic(), False
-        while not self._line.wait(LOOK_S):
+        while not self._line.wait(LOOK_INTERVAL_S):
             shown = int(head[Head.SHOWN])
             if shown != seen:
                 seen, seen_s = shown, time.monotonic()
@@ -227,7 +233,7 @@ class DisplayProcess:
                     hint="see the X server's log; the next job starts it anew",
                 )
             if not asked_to_stop:
-                done = min(max(0, shown - LEAD_IN), count - LEAD_IN - 1)
+                done = min(max(0, shown - _LEAD_IN), count - _LEAD_IN - 1)
                 progress(done, int(head[Head.MISSED]))
                 if cancelled():
                     head[Head.STOP] = 1
@@ -241,11 +247,11 @@ class DisplayProcess:
         with suppress(PdcdError):  # why the pass was told to stop is what counts
             self._reply(self._hang_s)
 
-    def _ask(self, message: Request, within_s: float, fd: int | None = None) -> Reply:
+    def _ask(self, message: DisplayRequest, within_s: float, fd: int | None = None) -> DisplayReply:
         self._send(message, fd)
         return self._reply(within_s)
 
-    def _send(self, message: Request, fd: int | None = None) -> None:
+    def _send(self, message: DisplayRequest, fd: int | None = None) -> None:
         try:
             self._line.send(message, fd)
         except LineClosedError:
@@ -256,7 +262,7 @@ class DisplayProcess:
             if fd is not None:
                 os.close(fd)
 
-    def _reply(self, within_s: float | None = None) -> Reply:
+    def _reply(self, within_s: float | None = None) -> DisplayReply:
         """Take one reply; a failure becomes the error it stands for.
 
         Where the wait is broken off, by a signal, say, the process is killed: nobody is left for

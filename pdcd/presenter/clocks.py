@@ -19,27 +19,27 @@ from pdcd.errors import DeviceLost
 from pdcd.presenter.xconnection import ServerLost
 from pdcd.presenter.xpresent import KIND_MSC, KIND_PIXMAP, PresentEvents
 
-WARM_UP_FRAMES = 30
-ROUNDS = 3
+_WARM_UP_FRAMES = 30
+_ROUNDS = 3
 """How often a source that keeps the period, but not every refresh, is tried."""
-PERIOD_TOLERANCE = 0.02
+_PERIOD_TOLERANCE = 0.02
 """Largest relative error of the period of a source that is believed."""
-SPIN_NS = 50_000
+_SPIN_NS = 50_000
 """A process of real-time priority wakes up to this late: the rest is spent looking at the clock."""
-LATE = 0.25
+_LATE = 0.25
 """Part of a refresh by which a swap may follow its vblank and still count as in time."""
 EARLY_NS = 2_000_000
 """Vblanks that servers make up scatter by a millisecond; those earlier still are waited for."""
-VBLANK_TRIES = 4
+_VBLANK_TRIES = 4
 """Vblanks that may be late in a row; then the grid they are measured against has moved."""
-EVENT_TIMEOUT_S = 0.5
-SETTLED_S = 0.05
+_EVENT_TIMEOUT_S = 0.5
+_SETTLED_S = 0.05
 """Three refreshes: no swap is under way when none was shown for so long."""
 
-Swap = Callable[[], None]
+_Swap = Callable[[], None]
 
 
-class Source(Protocol):
+class TimeSource(Protocol):
     """One way to know when a frame was shown.
 
     queues : two frames handed over in one go are shown at two vblanks.
@@ -72,14 +72,14 @@ class Completions:
     name = "present-complete"
     queues = True
 
-    def __init__(self, events: PresentEvents, swap: Swap) -> None:
+    def __init__(self, events: PresentEvents, swap: _Swap) -> None:
         self._events = events
         self._swap = swap
         self.ns = self.msc = self.flipped = 0
 
     def sync(self) -> None:
         """Let swaps that nobody waited for be shown: black panels, say."""
-        while self._events.wait(KIND_PIXMAP, SETTLED_S):
+        while self._events.wait(KIND_PIXMAP, _SETTLED_S):
             pass
 
     def put(self) -> None:
@@ -88,7 +88,7 @@ class Completions:
 
     def shown(self) -> None:
         """Take the oldest completion."""
-        if not self._events.wait(KIND_PIXMAP, EVENT_TIMEOUT_S):
+        if not self._events.wait(KIND_PIXMAP, _EVENT_TIMEOUT_S):
             raise DeviceLost("swaps are not reported as shown", device="display", hint=_OTHER)
         self.ns, self.msc = self._events.ns, self._events.msc
         self.flipped = self._events.flipped
@@ -104,7 +104,7 @@ class Vblanks:
     name = "present-msc"
     queues = False
 
-    def __init__(self, events: PresentEvents, swap: Swap, finish: Swap, period_ns: float) -> None:
+    def __init__(self, events: PresentEvents, swap: _Swap, finish: _Swap, period_ns: float) -> None:
         self._events = events
         self._swap = swap
         self._finish = finish
@@ -128,8 +128,8 @@ class Vblanks:
 
     def shown(self) -> None:
         """Swap at the next vblank; one that has just passed is left to go by."""
-        msc, late_ns = self.msc + 1, round(LATE * self._period_ns)
-        for _ in range(VBLANK_TRIES):
+        msc, late_ns = self.msc + 1, round(_LATE * self._period_ns)
+        for _ in range(_VBLANK_TRIES):
             self._ask(msc)
             msc = self._events.msc
             # Servers without a screen answer for a vblank up to half a refresh before it comes.
@@ -140,14 +140,14 @@ class Vblanks:
             msc += 1
         ns, msc = self._events.ns, self._events.msc
         if due_ns - now_ns > EARLY_NS:
-            sleep_until(due_ns)
+            wait_until_ns(due_ns)
             ns = due_ns
         self._swap()
         self.ns, self.msc = ns, msc
 
     def _ask(self, msc: int) -> None:
         self._events.ask(msc)
-        if not self._events.wait(KIND_MSC, EVENT_TIMEOUT_S):
+        if not self._events.wait(KIND_MSC, _EVENT_TIMEOUT_S):
             raise DeviceLost("no vblanks are reported", device="display", hint=_OTHER)
 
 
@@ -157,7 +157,7 @@ class SwapReturns:
     name = "swap"
     queues = False
 
-    def __init__(self, swap: Swap, finish: Swap, period_ns: float) -> None:
+    def __init__(self, swap: _Swap, finish: _Swap, period_ns: float) -> None:
         self._swap = swap
         self._finish = finish
         self._period_ns = period_ns
@@ -187,7 +187,7 @@ class ProcessorClock:
     name = "clock"
     queues = False
 
-    def __init__(self, swap: Swap, finish: Swap, period_ns: float) -> None:
+    def __init__(self, swap: _Swap, finish: _Swap, period_ns: float) -> None:
         self._swap = swap
         self._finish = finish
         self._period_ns = period_ns
@@ -207,9 +207,9 @@ class ProcessorClock:
         """Swap at the next point of the grid that is not past."""
         elapsed = (time.monotonic_ns() - self._start_ns) / self._period_ns
         # One that passed this very moment counts as met.
-        self.msc = max(self.msc + 1, int(np.ceil(elapsed - LATE)))
+        self.msc = max(self.msc + 1, int(np.ceil(elapsed - _LATE)))
         due_ns = self._start_ns + round(self.msc * self._period_ns)
-        sleep_until(due_ns)
+        wait_until_ns(due_ns)
         self._swap()
         self.ns = due_ns
 
@@ -217,13 +217,13 @@ class ProcessorClock:
 _OTHER = "choose another time_source in [display.options]"
 
 
-class FreeRunning:
+class FreeRunningSource:
     """No pace at all: each frame as soon as the last one is drawn, to see how fast that goes."""
 
     name = "free"
     queues = False
 
-    def __init__(self, swap: Swap, finish: Swap) -> None:
+    def __init__(self, swap: _Swap, finish: _Swap) -> None:
         self._swap = swap
         self._finish = finish
         self.ns = self.msc = self.flipped = 0
@@ -242,25 +242,27 @@ class FreeRunning:
         self.msc += 1
 
 
-def sleep_until(t_ns: int) -> None:
+def wait_until_ns(t_ns: int) -> None:
     """Sleep, then spin: a sleep alone wakes too late."""
     while (left_ns := t_ns - time.monotonic_ns()) > 0:
-        if left_ns > SPIN_NS:
-            time.sleep((left_ns - SPIN_NS) * 1e-9)
+        if left_ns > _SPIN_NS:
+            time.sleep((left_ns - _SPIN_NS) * 1e-9)
 
 
-def probe(source: Source, frame: Callable[[], None], period_ns: float) -> float | None:
+def measure_period_ns(
+    source: TimeSource, frame: Callable[[], None], period_ns: float
+) -> float | None:
     """Show 30 black frames; the source's period in ns, or None when it does not deliver.
 
     A source delivers when it counts every frame once, give or take a few that came late on a busy
     machine, and its period is the nominal one within 2 %. One that keeps the period while most
     frames came late is asked again: a moment's load must not lead to a worse source.
     """
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         stamps, counts = [], []
         try:
             source.sync()
-            for _ in range(WARM_UP_FRAMES):
+            for _ in range(_WARM_UP_FRAMES):
                 frame()
                 source.put()
                 source.shown()
@@ -274,7 +276,7 @@ def probe(source: Source, frame: Callable[[], None], period_ns: float) -> float 
         if np.any(steps <= 0) or np.any(ticks < 0):
             return None
         found = float((stamps[-1] - stamps[0]) / max(counts[-1] - counts[0], 1))
-        if abs(found / period_ns - 1.0) > PERIOD_TOLERANCE:
+        if abs(found / period_ns - 1.0) > _PERIOD_TOLERANCE:
             return None
         if np.mean(ticks == 1) >= 0.5:
             return found

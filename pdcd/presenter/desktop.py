@@ -14,9 +14,9 @@ from typing import Any
 from Xlib import X, error
 
 from pdcd.errors import ConfigError
-from pdcd.presenter.xconnection import answering
+from pdcd.presenter.xconnection import guard_x_calls
 
-SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
+_SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Desktop:
     asleep: bool = False
 
 
-def look(display: Any) -> Desktop:
+def inspect_desktop(display: Any) -> Desktop:
     """Ask the server; changes nothing. Raises DeviceLost when it goes away."""
-    with answering(display):
+    with guard_x_calls(display):
         number = display.get_default_screen()
         power, asleep = _power(display)
         return Desktop(
@@ -50,7 +50,7 @@ def look(display: Any) -> Desktop:
         )
 
 
-def faults(desktop: Desktop, display_name: str) -> list[ConfigError]:
+def list_desktop_faults(desktop: Desktop, display_name: str) -> list[ConfigError]:
     """Everything that must be changed before codes are shown, each with what to do."""
     found = []
     if desktop.compositor is not None:
@@ -92,14 +92,14 @@ def faults(desktop: Desktop, display_name: str) -> list[ConfigError]:
     return found
 
 
-def software(renderer: str) -> bool:
+def is_software_renderer(renderer: str) -> bool:
     """Whether this name of a renderer (GL_RENDERER) is one that draws on the processor."""
-    return any(name in renderer.lower() for name in SOFTWARE_RENDERERS)
+    return any(name in renderer.lower() for name in _SOFTWARE_RENDERERS)
 
 
-def check(display: Any) -> None:
-    """Raise the first of `faults`, if there is one."""
-    for fault in faults(look(display), display.get_display_name()):
+def check_desktop(display: Any) -> None:
+    """Raise the first of `list_desktop_faults`, if there is one."""
+    for fault in list_desktop_faults(inspect_desktop(display), display.get_display_name()):
         raise fault
 
 

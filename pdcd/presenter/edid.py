@@ -14,7 +14,7 @@ from Xlib import X
 from Xlib.ext import randr
 from Xlib.protocol import rq
 
-BLOCK = 128
+_BLOCK = 128
 """Bytes of the base block."""
 
 _WORDS = 256
@@ -59,7 +59,7 @@ def parse_edid(data: bytes) -> Edid | None:
     Damaged means: too short, another header, or a sum of the base block that is not 0 modulo 256.
     Cheap adapters answer with such blocks, and a wrong name is worse than none.
     """
-    if len(data) < BLOCK or not data.startswith(_HEADER) or sum(data[:BLOCK]) % 256:
+    if len(data) < _BLOCK or not data.startswith(_HEADER) or sum(data[:_BLOCK]) % 256:
         return None
     # The maker's id is big-endian, three letters of five bits; all else is little-endian.
     (letters,) = struct.unpack_from(">H", data, 8)

@@ -20,29 +20,29 @@ from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.map import Map
 from pdcd.presenter import desktop
 from pdcd.presenter.client import DisplayProcess
-from pdcd.presenter.messages import Mode, Open, Ready
-from pdcd.presenter.options import VERIFIED, Options, SourceName, options_of
+from pdcd.presenter.messages import Open, PanelMode, Ready
+from pdcd.presenter.options import VERIFIED, SourceName, X11Options, read_x11_options
 from pdcd.presenter.outputs import (
     Output,
-    Pair,
+    OutputPair,
     check_nominal,
     check_rates,
     find_pair,
-    overlap,
+    has_overlap,
     place_pair,
     read_outputs,
 )
-from pdcd.presenter.xconnection import answering, connect, disconnect
+from pdcd.presenter.xconnection import close_x_connection, guard_x_calls, open_x_connection
 
 TURNED_HINT = (
     "the server may copy what it would else flip, so times may not be verified; flip and turn_deg "
     "under [projector.place] and [mask.place] do the same"
 )
-NOMINAL_HZ = 60.0
+_NOMINAL_HZ = 60.0
 """Assumed where neither a configuration nor the server knows a rate."""
 
 
-def examine(config: Config, display_name: str | None = None) -> Iterator[Finding]:
+def examine_display(config: Config, display_name: str | None = None) -> Iterator[Finding]:
     """Yield findings; `config` names the panels where its display driver is x11.
 
     Takes about five seconds, during which both panels are black. Raises nothing of its own: what
@@ -51,12 +51,12 @@ def examine(config: Config, display_name: str | None = None) -> Iterator[Finding
     options = None
     if config.display.driver == "x11":
         try:
-            options = options_of(config)
+            options = read_x11_options(config)
         except ConfigError as err:
             yield _fault("configuration", err)
     display_name = display_name or (options.display if options else None)
     try:
-        display = connect(display_name)
+        display = open_x_connection(display_name)
     except PdcdError as err:
         yield _fault("X server", err)
         yield _unknown("outputs", "there is no X server")
@@ -67,10 +67,10 @@ def examine(config: Config, display_name: str | None = None) -> Iterator[Finding
     except PdcdError as err:
         yield _fault("X server", err)
     finally:
-        disconnect(display)
+        close_x_connection(display)
 
 
-def _examine(display: Any, config: Config, options: Options | None) -> Iterator[Finding]:
+def _examine(display: Any, config: Config, options: X11Options | None) -> Iterator[Finding]:
     info = display.display.info
     name = display.get_display_name()
     screen = display.screen()
@@ -87,7 +87,7 @@ def _examine(display: Any, config: Config, options: Options | None) -> Iterator[
     else:
         yield _panels(pair)
     yield _rates(pair)
-    faults = desktop.faults(desktop.look(display), name)
+    faults = desktop.list_desktop_faults(desktop.inspect_desktop(display), name)
     for found in faults:
         yield _fault("desktop", found)
     if not faults:
@@ -122,11 +122,13 @@ def _outputs(outputs: tuple[Output, ...]) -> Iterator[Finding]:
         yield Finding("output", "fault", "none is connected", "check cables and power")
 
 
-def _pair(outputs: tuple[Output, ...], config: Config, options: Options | None) -> Pair | None:
+def _pair(
+    outputs: tuple[Output, ...], config: Config, options: X11Options | None
+) -> OutputPair | None:
     """The panels of the configuration, or else the only two outputs that are on."""
     if options is None:
         on = [o for o in outputs if o.connected and o.on]
-        return Pair(on[0], on[1]) if len(on) == 2 and not overlap(on[0], on[1]) else None
+        return OutputPair(on[0], on[1]) if len(on) == 2 and not has_overlap(on[0], on[1]) else None
     projector = options.projector, config.projector.size_px
     mask = options.mask, config.mask.size_px
     if options.positions_px is not None:
@@ -139,13 +141,13 @@ def _pair(outputs: tuple[Output, ...], config: Config, options: Options | None) 
     return pair
 
 
-def _panels(pair: Pair | None) -> Finding:
+def _panels(pair: OutputPair | None) -> Finding:
     if pair is None:
         return _unknown("panels", "not named", "give --config with an x11 display in it")
     return Finding("panels", "good", f"{pair.projector.name} and {pair.mask.name}")
 
 
-def _rates(pair: Pair | None) -> Finding:
+def _rates(pair: OutputPair | None) -> Finding:
     if pair is None:
         return _unknown("lockstep", "there are no two panels")
     first_hz, second_hz = pair.projector.refresh_hz, pair.mask.refresh_hz
@@ -163,7 +165,7 @@ def _rates(pair: Pair | None) -> Finding:
 
 def _occupied(display: Any) -> bool:
     """Whether any window is shown on the screen."""
-    with answering(display):
+    with guard_x_calls(display):
         for window in display.screen().root.query_tree().children:
             try:
                 attributes = window.get_attributes()
@@ -175,10 +177,12 @@ def _occupied(display: Any) -> bool:
     return False
 
 
-def _opened(name: str, pair: Pair, config: Config, options: Options | None) -> Iterator[Finding]:
+def _opened(
+    name: str, pair: OutputPair, config: Config, options: X11Options | None
+) -> Iterator[Finding]:
     """What the display process finds, with each time source in turn."""
     if options is None:
-        options = Options(projector=pair.projector.name, mask=pair.mask.name)
+        options = X11Options(projector=pair.projector.name, mask=pair.mask.name)
     allowed, sources = options.allow_software, []
     readies: dict[SourceName, Ready] = {}
     failed = PdcdError("no time source")
@@ -204,7 +208,7 @@ def _opened(name: str, pair: Pair, config: Config, options: Options | None) -> I
         return
     best = next(iter(readies.values()))
     renderer = best.identity["renderer"]
-    if desktop.software(renderer):
+    if desktop.is_software_renderer(renderer):
         state_: Literal["warning", "fault"] = "warning" if allowed else "fault"
         hint = "install the graphics card's driver; for tests: allow_software = true"
         yield Finding("renderer", state_, f"software: {renderer}", hint)
@@ -220,13 +224,13 @@ def _no_time(source: str, err: PdcdError) -> Finding:
     return Finding(f"time by {source}", "warning", "does not deliver")
 
 
-def _open(options: Options, pair: Pair, config: Config) -> Ready:
+def _open(options: X11Options, pair: OutputPair, config: Config) -> Ready:
     """Open both panels, black, and close them again."""
     configured = config.display.driver == "x11"
     panels = []
     for output, table in ((pair.projector, config.projector), (pair.mask, config.mask)):
-        rate = table.refresh_hz if configured else output.refresh_hz or NOMINAL_HZ
-        panels.append(Mode(Map.filling(output.size), rate))
+        rate = table.refresh_hz if configured else output.refresh_hz or _NOMINAL_HZ
+        panels.append(PanelMode(Map.filling(output.size), rate))
     presenter = DisplayProcess(Open(options, panels[0], panels[1]))
     try:
         return presenter.ready

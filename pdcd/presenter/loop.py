@@ -12,16 +12,16 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from pdcd.presenter.clocks import Source, sleep_until
+from pdcd.presenter.clocks import TimeSource, wait_until_ns
 from pdcd.presenter.messages import Column, Head
 
-MARGIN = 0.5
+_MARGIN = 0.5
 """Part of a refresh after which a code is no longer handed over for the coming vblank."""
 
 
 # As plain numbers, which are an index in half the time.
-NS, MSC, PUT_NS, SWAP_NS, CPU_NS, FLIPPED = (int(column) for column in Column)
-SHOWN, MISSED, SPOILT = int(Head.SHOWN), int(Head.MISSED), int(Head.SPOILT)
+_NS, _MSC, _PUT_NS, _SWAP_NS, _CPU_NS, _FLIPPED = (int(column) for column in Column)
+_SHOWN, _MISSED, _SPOILT = int(Head.SHOWN), int(Head.MISSED), int(Head.SPOILT)
 
 
 class Loop:
@@ -38,7 +38,7 @@ class Loop:
 
     def __init__(
         self,
-        source: Source,
+        source: TimeSource,
         draw: Callable[[int], None],
         opens: Sequence[bool],
         period_ns: float,
@@ -60,7 +60,7 @@ class Loop:
         # Single numbers go into plain memory much faster than into an array.
         log, head = log_array.data, head_array.data
         source, draw, opens = self._source, self._draw, self._opens
-        margin_ns = MARGIN * self._period_ns
+        margin_ns = _MARGIN * self._period_ns
         count, put, missed, open_now = len(opens), 0, 0, False
         source.sync()
         last_msc = 0
@@ -73,34 +73,34 @@ class Loop:
                     now_ns = time.monotonic_ns()
                     if now_ns - source.ns > margin_ns:
                         gone = int((now_ns - source.ns) / self._period_ns) + 1
-                        sleep_until(source.ns + int((gone + 0.05) * self._period_ns))
-                log[n, PUT_NS] = time.monotonic_ns()
+                        wait_until_ns(source.ns + int((gone + 0.05) * self._period_ns))
+                log[n, _PUT_NS] = time.monotonic_ns()
                 draw(n)
                 source.put()
-                log[n, SWAP_NS] = time.monotonic_ns()
+                log[n, _SWAP_NS] = time.monotonic_ns()
                 put += 1
                 if opening and source.queues and put < count and not opens[put]:
                     # The black that ends a code goes with it: not this process but the display
                     # system then sees to it that the code lasts one refresh.
-                    log[put, PUT_NS] = time.monotonic_ns()
+                    log[put, _PUT_NS] = time.monotonic_ns()
                     draw(put)
                     source.put()
-                    log[put, SWAP_NS] = time.monotonic_ns()
+                    log[put, _SWAP_NS] = time.monotonic_ns()
                     put += 1
                     opening = False
                 open_now = opening
             source.shown()
-            log[n, NS] = source.ns
-            log[n, MSC] = source.msc
-            log[n, CPU_NS] = time.thread_time_ns()
-            log[n, FLIPPED] = source.flipped
+            log[n, _NS] = source.ns
+            log[n, _MSC] = source.msc
+            log[n, _CPU_NS] = time.thread_time_ns()
+            log[n, _FLIPPED] = source.flipped
             if n:
                 missed += source.msc - last_msc - 1
                 if source.msc - last_msc > 1 and opens[n - 1]:
-                    head[SPOILT] += 1
+                    head[_SPOILT] += 1
             last_msc = source.msc
-            head[MISSED] = missed
-            head[SHOWN] = n + 1
+            head[_MISSED] = missed
+            head[_SHOWN] = n + 1
             if self._stop():
                 return False
             stall_ns = self._stalls_ns.get(n - first)

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from pdcd.child import Codec
 from pdcd.panels.map import Map
-from pdcd.presenter.options import Options
+from pdcd.presenter.options import X11Options
 
-ALIGN_BYTES = 64
+_ALIGN_BYTES = 64
 """Each array starts on a cache line."""
 
 
-class Mode(msgspec.Struct, frozen=True):
+class PanelMode(msgspec.Struct, frozen=True):
     """What a panel must be: where its pixels lie on the field, and its nominal refresh."""
 
     map: Map
@@ -50,9 +50,9 @@ class Rect(msgspec.Struct, frozen=True):
 class Open(msgspec.Struct, frozen=True, tag=True):
     """Open both panels, black, and measure."""
 
-    options: Options
-    projector: Mode
-    mask: Mode
+    options: X11Options
+    projector: PanelMode
+    mask: PanelMode
     plane_order: str | None = None
     """Colours of bit planes, where a refresh shows 24 rows; None where it shows one."""
 
@@ -130,13 +130,13 @@ class Failed(msgspec.Struct, frozen=True, tag=True):
     alive: bool
 
 
-Request = Open | Load | Play | Show | Black | Quit
-Reply = Ready | Done | Failed
+DisplayRequest = Open | Load | Play | Show | Black | Quit
+DisplayReply = Ready | Done | Failed
 
 _encode = msgspec.msgpack.Encoder().encode
-REPLIES: Codec[Reply] = Codec(_encode, msgspec.msgpack.Decoder(Reply).decode)
+REPLIES: Codec[DisplayReply] = Codec(_encode, msgspec.msgpack.Decoder(DisplayReply).decode)
 """What the driver hears."""
-REQUESTS: Codec[Request] = Codec(_encode, msgspec.msgpack.Decoder(Request).decode)
+REQUESTS: Codec[DisplayRequest] = Codec(_encode, msgspec.msgpack.Decoder(DisplayRequest).decode)
 """What the process hears."""
 
 
@@ -178,30 +178,32 @@ class Column(enum.IntEnum):
 LOG_COLUMNS = len(Column)
 
 
-def layout(arrays: Mapping[str, NDArray[Any]]) -> tuple[list[Slot], int]:
+def lay_out_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[list[Slot], int]:
     """Places of the arrays, one after the other, and the bytes of them all."""
     slots, offset = [], 0
     for name, array in arrays.items():
         slots.append(Slot(name, array.dtype.str, array.shape, offset))
-        offset += -(-array.nbytes // ALIGN_BYTES) * ALIGN_BYTES
-    return slots, max(offset, ALIGN_BYTES)
+        offset += -(-array.nbytes // _ALIGN_BYTES) * _ALIGN_BYTES
+    return slots, max(offset, _ALIGN_BYTES)
 
 
-def share(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, list[Slot], dict[str, NDArray[Any]]]:
+def copy_to_shared_memory(
+    arrays: Mapping[str, NDArray[Any]],
+) -> tuple[int, list[Slot], dict[str, NDArray[Any]]]:
     """Copy arrays into new shared memory; returns its descriptor, their places and the copies.
 
     The caller closes the descriptor; the copies stay valid.
     """
-    slots, size = layout(arrays)
+    slots, size = lay_out_arrays(arrays)
     fd = os.memfd_create("pdcd", os.MFD_CLOEXEC)
     os.ftruncate(fd, size)
-    views = attach(fd, slots)
+    views = map_shared_arrays(fd, slots)
     for name, array in arrays.items():
         views[name][...] = array
     return fd, slots, views
 
 
-def attach(fd: int, slots: list[Slot]) -> dict[str, NDArray[Any]]:
+def map_shared_arrays(fd: int, slots: list[Slot]) -> dict[str, NDArray[Any]]:
     """Map the arrays behind a descriptor, writable; the descriptor may be closed afterwards."""
     memory = mmap.mmap(fd, os.fstat(fd).st_size)
     found = {}

@@ -14,12 +14,12 @@ from pdcd.errors import ConfigError
 SourceName = Literal["auto", "present-complete", "present-msc", "swap", "clock", "free"]
 VERIFIED: tuple[SourceName, ...] = ("present-complete",)
 """Sources that prove presentation, frame by frame, where every frame was a page flip."""
-LayoutName = Literal["span", "windows"]
+_LayoutName = Literal["span", "windows"]
 
-RefreshNumber = Annotated[str, Meta(pattern=r"^[0-9]+$")]
+_RefreshNumber = Annotated[str, Meta(pattern=r"^[0-9]+$")]
 
 
-class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class X11Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """[display.options]: which outputs, in which windows, on which clock."""
 
     projector: str
@@ -28,7 +28,7 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """The same of the mask."""
     display: str | None = None
     """X display (":7"); unset: $DISPLAY."""
-    layout: LayoutName = "span"
+    layout: _LayoutName = "span"
     """One window over the whole X screen, or one window for each output."""
     time_source: SourceName = "auto"
     """Where presentation times come from; "auto" takes the best that delivers, "free" keeps no
@@ -45,13 +45,13 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Where on the X screen a virtual bench has its projector and its mask (x, y): they are looked
     at after every refresh, and a mock camera's photo is made of the pixels that were really there.
     For tests, on servers without a graphics card, at small sizes."""
-    stalls_ms: dict[RefreshNumber, Annotated[float, Meta(ge=0.0)]] = field(default_factory=dict)
+    stalls_ms: dict[_RefreshNumber, Annotated[float, Meta(ge=0.0)]] = field(default_factory=dict)
     """Fault injection, for tests: refresh of an exposure -> how long the loop sleeps after it."""
     stall_exposures: Annotated[int, Meta(ge=0)] = 0
     """Fault injection: how many exposures have these stalls, from the first on; 0 is all."""
 
 
-def options_of(config: Config) -> Options:
+def read_x11_options(config: Config) -> X11Options:
     """[display.options] of the driver x11. Raises ConfigError."""
     if config.display.driver != "x11":
         raise ConfigError(
@@ -63,7 +63,7 @@ def options_of(config: Config) -> Options:
         )
     return read_options(
         config.display.options,
-        Options,
+        X11Options,
         table="display.options",
         device="display",
         hint="docs/display.md lists the options of the driver x11",

@@ -17,12 +17,12 @@ from Xlib.ext import randr
 from pdcd.bench.checks import RATE_TOLERANCE
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.edid import Edid, read_edid
-from pdcd.presenter.xconnection import answering
+from pdcd.presenter.xconnection import guard_x_calls
 
-Size = tuple[int, int]
+_Size = tuple[int, int]
 """(width, height) in pixels."""
 
-NOMINAL_TOLERANCE = 0.02
+_NOMINAL_TOLERANCE = 0.02
 """Largest relative error of a mode's rate against the configured one: 59.94 passes for 60."""
 
 
@@ -54,7 +54,7 @@ class Output:
         return self.width > 0
 
     @property
-    def size(self) -> Size:
+    def size(self) -> _Size:
         """Width and height in pixels."""
         return self.width, self.height
 
@@ -71,7 +71,7 @@ class Output:
 
 
 @dataclass(frozen=True)
-class Pair:
+class OutputPair:
     """Projector and mask, fit to run in lockstep."""
 
     projector: Output
@@ -107,7 +107,7 @@ def read_outputs(display: Any) -> tuple[Output, ...]:
         raise ConfigError(
             "the X server has no RandR extension", device="display", hint="see systemd/xorg.conf"
         )
-    with answering(display):
+    with guard_x_calls(display):
         root = display.screen().root
         resources = root.xrandr_get_screen_resources()
         modes, at = {}, 0
@@ -137,12 +137,12 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
         crtc.height,
         name,
         mode_hz(mode["dot_clock"], mode["h_total"], mode["v_total"], mode["flags"]),
-        turned(crtc.rotation),
+        describe_rotation(crtc.rotation),
         edid,
     )
 
 
-def turned(rotation: int) -> str:
+def describe_rotation(rotation: int) -> str:
     """RandR's rotation of an output in words; empty where the output is upright."""
     words = {
         randr.Rotate_90: "rotated by 90 degrees",
@@ -202,10 +202,10 @@ def find_output(outputs: Sequence[Output], wanted: str, role: str) -> Output:
 def find_pair(
     outputs: Sequence[Output],
     *,
-    projector: tuple[str, Size],
-    mask: tuple[str, Size],
+    projector: tuple[str, _Size],
+    mask: tuple[str, _Size],
     rate_tolerance: float = RATE_TOLERANCE,
-) -> Pair:
+) -> OutputPair:
     """Projector and mask, each asked for by (name or serial, size in pixels), fit for lockstep.
 
     Raises
@@ -221,7 +221,7 @@ def find_pair(
         output = find_output(outputs, wanted, role)
         _check_mode(output, size, role)
         found.append(output)
-    pair = Pair(found[0], found[1])
+    pair = OutputPair(found[0], found[1])
     _check_apart(pair)
     check_rates(pair.projector.refresh_hz, pair.mask.refresh_hz, rate_tolerance)
     return pair
@@ -230,10 +230,10 @@ def find_pair(
 def place_pair(
     outputs: Sequence[Output],
     *,
-    projector: tuple[str, Size],
-    mask: tuple[str, Size],
+    projector: tuple[str, _Size],
+    mask: tuple[str, _Size],
     positions_px: tuple[tuple[int, int], tuple[int, int]],
-) -> Pair:
+) -> OutputPair:
     """Both panels as parts of larger outputs, at given places of the X screen.
 
     For servers with one output for all (Xvfb): each panel must lie within the output that it names.
@@ -253,7 +253,7 @@ def place_pair(
                 hint="mend [display.options] positions_px, or make the X screen larger",
             )
         found.append(part)
-    pair = Pair(found[0], found[1])
+    pair = OutputPair(found[0], found[1])
     _check_apart(pair)
     return pair
 
@@ -277,7 +277,7 @@ def check_rates(
         )
 
 
-def check_nominal(pair: Pair, *, projector_hz: float, mask_hz: float) -> None:
+def check_nominal(pair: OutputPair, *, projector_hz: float, mask_hz: float) -> None:
     """Refuse modes of another rate than the configured ones; rates that are unknown pass.
 
     Raises ConfigError.
@@ -287,7 +287,7 @@ def check_nominal(pair: Pair, *, projector_hz: float, mask_hz: float) -> None:
         ("mask", pair.mask, mask_hz),
     ):
         found_hz = output.refresh_hz
-        if found_hz is not None and abs(found_hz - wanted_hz) > NOMINAL_TOLERANCE * wanted_hz:
+        if found_hz is not None and abs(found_hz - wanted_hz) > _NOMINAL_TOLERANCE * wanted_hz:
             width, height = output.size
             raise ConfigError(
                 f"{output.name} runs at {found_hz:.4f} Hz, not {wanted_hz:g} Hz",
@@ -297,7 +297,7 @@ def check_nominal(pair: Pair, *, projector_hz: float, mask_hz: float) -> None:
             )
 
 
-def overlap(first: Output, second: Output) -> bool:
+def has_overlap(first: Output, second: Output) -> bool:
     """Whether two outputs show any common pixel of the X screen."""
     return (
         first.x < second.x + second.width
@@ -307,8 +307,8 @@ def overlap(first: Output, second: Output) -> bool:
     )
 
 
-def _check_apart(pair: Pair) -> None:
-    if overlap(pair.projector, pair.mask):
+def _check_apart(pair: OutputPair) -> None:
+    if has_overlap(pair.projector, pair.mask):
         raise ConfigError(
             f"both panels show the same part of the screen: {pair.projector}; {pair.mask}",
             device="display",
@@ -316,7 +316,7 @@ def _check_apart(pair: Pair) -> None:
         )
 
 
-def _check_mode(output: Output, size: Size, role: str) -> None:
+def _check_mode(output: Output, size: _Size, role: str) -> None:
     if output.size != size:
         width, height = size
         raise ConfigError(
@@ -342,7 +342,7 @@ class Watcher:
             | randr.RRCrtcChangeNotifyMask
             | randr.RROutputChangeNotifyMask
         )
-        with answering(display):
+        with guard_x_calls(display):
             display.screen().root.xrandr_select_input(mask)
             # A round trip: from here on nothing is missed, and nothing old is waiting.
             display.sync()
@@ -362,7 +362,7 @@ class Watcher:
         if not self._poller.poll(0):
             return False
         found = False
-        with answering(self._display):
+        with guard_x_calls(self._display):
             while self._display.pending_events():
                 self._display.next_event()
                 found = True

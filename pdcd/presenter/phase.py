@@ -14,26 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.presenter.messages import Rect
-from pdcd.presenter.xconnection import answering, connect, disconnect
+from pdcd.presenter.xconnection import close_x_connection, guard_x_calls, open_x_connection
 from pdcd.presenter.xpresent import KIND_MSC, PresentEvents
 
-SAMPLES = 20
-FIRST_SAMPLES = 8
+_SAMPLES = 20
+_FIRST_SAMPLES = 8
 """By then a server's timer mostly shows; the other samples are not waited for."""
-STEP = 2
+_STEP = 2
 """Refreshes between two samples of one output."""
-TIMEOUT_S = 0.5
-STEADY_NS = 100_000.0
+_TIMEOUT_S = 0.5
+_STEADY_NS = 100_000.0
 """Scatter of a screen's vblank stamps stays below this: the kernel takes them from the scan-out. A
 server that makes vblanks up does so by a timer of whole milliseconds (`present_fake.c` of xserver
 21.1), which scatters by 290 us at least."""
 
-Stamps = NDArray[np.int64]
+_Stamps = NDArray[np.int64]
 """(S, 2): ns and msc of some vblanks of one output."""
 
 
 @dataclass(frozen=True)
-class Phase:
+class VblankPhase:
     """Two outputs against each other.
 
     period_s : refresh of projector and mask.
@@ -48,16 +48,16 @@ class Phase:
     slip_s: float | None
 
 
-def made_up(stamps: Stamps) -> bool:
+def is_from_timer(stamps: _Stamps) -> bool:
     """Whether these come from the server's timer and from no screen."""
     period, at_ns = _line(stamps)
     expected = at_ns + (stamps[:, 1] - stamps[-1, 1]) * period
-    return float(np.std(stamps[:, 0] - expected)) > STEADY_NS
+    return float(np.std(stamps[:, 0] - expected)) > _STEADY_NS
 
 
-def compare(projector: Stamps, mask: Stamps) -> Phase | None:
+def compare_vblanks(projector: _Stamps, mask: _Stamps) -> VblankPhase | None:
     """Periods and phase by straight lines through the stamps; None where no screen was counted."""
-    if made_up(projector) or made_up(mask):
+    if is_from_timer(projector) or is_from_timer(mask):
         return None
     lines = [_line(s) for s in (projector, mask)]
     (first, first_ns), (second, second_ns) = lines
@@ -67,30 +67,30 @@ def compare(projector: Stamps, mask: Stamps) -> Phase | None:
     apart = (second_ns - at_ns) % second - (first_ns - at_ns) % first
     lag = (apart + 0.5 * period) % period - 0.5 * period
     slip_s = None if first == second else 1e-9 / abs(1.0 / first - 1.0 / second)
-    return Phase((first * 1e-9, second * 1e-9), lag * 1e-9, slip_s)
+    return VblankPhase((first * 1e-9, second * 1e-9), lag * 1e-9, slip_s)
 
 
-def measure(name: str, panels: tuple[Rect, Rect]) -> Phase | None:
+def measure_vblank_phase(name: str, panels: tuple[Rect, Rect]) -> VblankPhase | None:
     """Ask an X server about both outputs; takes a second.
 
     None where it cannot tell. Raises DeviceLost when the server goes away.
     """
     found = _sample_windows(name, panels)
-    return None if found is None else compare(*found)
+    return None if found is None else compare_vblanks(*found)
 
 
-def _line(stamps: Stamps) -> tuple[float, float]:
+def _line(stamps: _Stamps) -> tuple[float, float]:
     """Period and time of one vblank, in ns, by least squares."""
     origin_ns, count = stamps[-1]
     period, offset = np.polyfit(stamps[:, 1] - count, (stamps[:, 0] - origin_ns).astype(float), 1)
     return float(period), float(origin_ns + offset)
 
 
-def _sample_windows(name: str, panels: tuple[Rect, Rect]) -> tuple[Stamps, Stamps] | None:
+def _sample_windows(name: str, panels: tuple[Rect, Rect]) -> tuple[_Stamps, _Stamps] | None:
     """Vblanks by windows on both outputs, as a server tells them."""
-    display = connect(name)
+    display = open_x_connection(name)
     try:
-        with answering(display):
+        with guard_x_calls(display):
             windows = [_window(display, place) for place in panels]
             display.sync()
         projector, mask = (PresentEvents(name, int(window.id)) for window in windows)
@@ -100,7 +100,7 @@ def _sample_windows(name: str, panels: tuple[Rect, Rect]) -> tuple[Stamps, Stamp
             projector.close()
             mask.close()
     finally:
-        disconnect(display)
+        close_x_connection(display)
 
 
 def _window(display: Any, place: Rect) -> Any:
@@ -110,17 +110,17 @@ def _window(display: Any, place: Rect) -> Any:
     )
 
 
-def _sample(both: tuple[PresentEvents, PresentEvents]) -> tuple[Stamps, Stamps] | None:
+def _sample(both: tuple[PresentEvents, PresentEvents]) -> tuple[_Stamps, _Stamps] | None:
     """Vblanks of both outputs, one after the other; None where none come."""
     stamps: tuple[list[tuple[int, int]], ...] = ([], [])
-    for number in range(SAMPLES + 1):
+    for number in range(_SAMPLES + 1):
         for events in both:
-            events.ask(events.msc + STEP if number else 0)
+            events.ask(events.msc + _STEP if number else 0)
         for events, seen in zip(both, stamps, strict=True):
-            if not events.wait(KIND_MSC, TIMEOUT_S):
+            if not events.wait(KIND_MSC, _TIMEOUT_S):
                 return None
             seen.append((events.ns, events.msc))
-        if number == FIRST_SAMPLES and made_up(np.array(stamps[0][1:], dtype=np.int64)):
+        if number == _FIRST_SAMPLES and is_from_timer(np.array(stamps[0][1:], dtype=np.int64)):
             return None
     # The first was answered at once, between two vblanks.
     projector, mask = (np.array(seen[1:], dtype=np.int64) for seen in stamps)

@@ -9,14 +9,14 @@ from pdcd.presenter import desktop
 from pdcd.presenter.messages import Open, Rect
 from pdcd.presenter.outputs import (
     Output,
-    Pair,
+    OutputPair,
     Watcher,
     check_nominal,
     find_pair,
     place_pair,
     read_outputs,
 )
-from pdcd.presenter.xconnection import answering, connect
+from pdcd.presenter.xconnection import guard_x_calls, open_x_connection
 
 
 class Places:
@@ -28,20 +28,20 @@ class Places:
 
     def __init__(self, name: str | None, request: Open) -> None:
         self._request = request
-        self._display: Any = connect(name)
+        self._display: Any = open_x_connection(name)
         self.name = str(self._display.get_display_name())
-        desktop.check(self._display)
+        desktop.check_desktop(self._display)
         self._pair = self._find()
         rates_hz = request.projector.refresh_hz, request.mask.refresh_hz
         check_nominal(self._pair, projector_hz=rates_hz[0], mask_hz=rates_hz[1])
         screen = self._display.screen()
-        with answering(self._display):
+        with guard_x_calls(self._display):
             self.screen_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))
             # The screen's own black: what shows when this process, and its windows, are gone.
             screen.root.change_attributes(background_pixel=screen.black_pixel)
             screen.root.clear_area()
             self._display.sync()
-        self._watcher = Watcher(connect(name))
+        self._watcher = Watcher(open_x_connection(name))
         self._moved = False
 
     @property
@@ -74,7 +74,7 @@ class Places:
         return self._watcher.fileno()
 
     def changed(self) -> bool:
-        """Whether outputs changed since the start; `check` says what to make of it."""
+        """Whether outputs changed since the start; `check_desktop` says what to make of it."""
         self._moved = self._watcher.changed() or self._moved
         return self._moved
 
@@ -92,7 +92,7 @@ class Places:
                 hint="restore the modes; the next job opens the panels anew",
             )
 
-    def _find(self) -> Pair:
+    def _find(self) -> OutputPair:
         options = self._request.options
         projector = (options.projector, self._request.projector.size_px)
         mask = (options.mask, self._request.mask.size_px)

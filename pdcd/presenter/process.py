@@ -12,24 +12,26 @@ import glfw
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.child import Line, LineClosedError, ignore_signals
+from pdcd.child import LineClosedError, MessageLine, ignore_signals
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.map import PanelView
 from pdcd.presenter import desktop, realtime
 from pdcd.presenter.clocks import (
     Completions,
-    FreeRunning,
+    FreeRunningSource,
     ProcessorClock,
-    Source,
     SwapReturns,
+    TimeSource,
     Vblanks,
-    probe,
+    measure_period_ns,
 )
 from pdcd.presenter.loop import Loop
 from pdcd.presenter.messages import (
     REQUESTS,
     Black,
+    DisplayReply,
+    DisplayRequest,
     Done,
     Failed,
     Head,
@@ -38,24 +40,22 @@ from pdcd.presenter.messages import (
     Play,
     Quit,
     Ready,
-    Reply,
-    Request,
     Show,
-    attach,
+    map_shared_arrays,
 )
-from pdcd.presenter.phase import Phase, measure
+from pdcd.presenter.phase import VblankPhase, measure_vblank_phase
 from pdcd.presenter.places import Places
-from pdcd.presenter.windows import Windows
+from pdcd.presenter.windows import PanelWindows
 from pdcd.presenter.xgrab import Grabs
 from pdcd.presenter.xpresent import PresentEvents
 
 logger = logging.getLogger(__name__)
 
-PROBES = 5
+_PROBES = 5
 """How often time sources are asked before none is said to deliver."""
 IDLE_S = 0.25
 """How often the process looks at its windows while it waits."""
-HEADS = int(Head.SHOWN), int(Head.STOP), int(Head.SPOILT)
+_HEADS = int(Head.SHOWN), int(Head.STOP), int(Head.SPOILT)
 """As plain numbers, for what is looked at after every refresh."""
 SOURCES = ("present-complete", "present-msc", "swap", "clock")
 """From best to worst."""
@@ -78,10 +78,10 @@ class Presenter:
         views = (
             PanelView("projector", request.projector.map), PanelView("mask", request.mask.map),
         )  # fmt: skip
-        self._windows = Windows(
+        self._windows = PanelWindows(
             options.layout, places.screen_px, places.panels, views, request.plane_order
         )
-        if desktop.software(self._windows.renderer) and not options.allow_software:
+        if desktop.is_software_renderer(self._windows.renderer) and not options.allow_software:
             raise ConfigError(
                 f"the renderer is software ({self._windows.renderer})",
                 device="display",
@@ -94,7 +94,7 @@ class Presenter:
         self._frames: Frames | None = None
         self._grabs = self._grabber(name, request)
         self._windows.black()
-        phase = measure(name, places.panels)
+        phase = measure_vblank_phase(name, places.panels)
         self.ready = Ready(
             lag_s=None if phase is None or places.drifts else phase.lag_s,
             source=self._source.name,
@@ -109,7 +109,7 @@ class Presenter:
                 "memory locked": realtime.lock_memory(),
             },
         )
-        realtime.freeze_garbage()
+        realtime.stop_garbage_collection()
 
     def load(self, message: Load, arrays: dict[str, NDArray[Any]]) -> None:
         """Take over patterns; the panels stay as they are."""
@@ -141,7 +141,7 @@ class Presenter:
     def play(self, message: Play, arrays: dict[str, NDArray[Any]]) -> None:
         """Show the rows asked for; the log and how far it got are in the shared arrays."""
         options, frames = self._options, self._frames
-        head, shown, stopped, spoilt = arrays["head"].data, *HEADS
+        head, shown, stopped, spoilt = arrays["head"].data, *_HEADS
         if frames is None:
             raise ConfigError("no frames are loaded", device="display", hint="call load first")
         abort = message.abort
@@ -153,7 +153,7 @@ class Presenter:
             grabs.begin(arrays)
 
         def stop() -> bool:
-            realtime.dead_mans_switch(patience_s)
+            realtime.arm_dead_mans_switch(patience_s)
             if grabs is not None:
                 grabs.take(head[shown] - 1)
             if head[stopped] or (abort and head[spoilt]):
@@ -167,11 +167,11 @@ class Presenter:
         opens = (np.append(frames.dual_index, BLACK)[dual] != BLACK).any(axis=1).tolist()
         windows.prepare(arrays["primal"], dual)
         loop = Loop(self._source, windows.draw, opens, self._period_ns, stop, stalls_ns)
-        realtime.dead_mans_switch(patience_s)
+        realtime.arm_dead_mans_switch(patience_s)
         try:
             loop.run(arrays["log"], arrays["head"], int(head[Head.FIRST]))
         finally:
-            realtime.dead_mans_switch(0.0)
+            realtime.arm_dead_mans_switch(0.0)
             self._windows.black()
         self._windows.check()
         self._places.check()
@@ -204,7 +204,7 @@ class Presenter:
             name, ((*projector[0], *projector[1]), (*mask[0], *mask[1])), self._windows.settle
         )
 
-    def _find_source(self, nominal_ns: float) -> tuple[Source, float]:
+    def _find_source(self, nominal_ns: float) -> tuple[TimeSource, float]:
         """The best time source that delivers, and its period in ns.
 
         Where none does, a machine that is busy for a moment may be why: they are asked again.
@@ -212,7 +212,7 @@ class Presenter:
         """
         windows, events = self._windows, self._events
 
-        def make(name: str) -> Source:
+        def make(name: str) -> TimeSource:
             if name == "present-complete":
                 return Completions(events, windows.swap)
             if name == "present-msc":
@@ -220,16 +220,16 @@ class Presenter:
             if name == "swap":
                 return SwapReturns(windows.swap, windows.finish, nominal_ns)
             if name == "free":
-                return FreeRunning(windows.swap, windows.finish)
+                return FreeRunningSource(windows.swap, windows.finish)
             return ProcessorClock(windows.swap, windows.finish, nominal_ns)
 
         asked = self._options.time_source
         names = SOURCES if asked == "auto" else (asked,)
-        for name in names * PROBES:
+        for name in names * _PROBES:
             source = make(name)
             if name == "free":
                 return source, nominal_ns
-            period_ns = probe(source, windows.draw_black, nominal_ns)
+            period_ns = measure_period_ns(source, windows.draw_black, nominal_ns)
             if period_ns is not None:
                 return source, period_ns
         raise DeviceLost(
@@ -239,7 +239,7 @@ class Presenter:
         )
 
 
-def serve(line: Line[Request]) -> None:
+def serve_display(line: MessageLine[DisplayRequest]) -> None:
     """Answer requests until `Quit` or until the other end is gone; black in either case."""
     gone = select.poll()
     gone.register(line, select.POLLHUP)
@@ -280,23 +280,23 @@ def serve(line: Line[Request]) -> None:
             presenter.close()
 
 
-def _answer(presenter: Presenter, message: Request, fd: int | None) -> None:
+def _answer(presenter: Presenter, message: DisplayRequest, fd: int | None) -> None:
     if isinstance(message, Load) and fd is not None:
-        presenter.load(message, attach(fd, message.slots))
+        presenter.load(message, map_shared_arrays(fd, message.slots))
     elif isinstance(message, Play) and fd is not None:
-        presenter.play(message, attach(fd, message.slots))
+        presenter.play(message, map_shared_arrays(fd, message.slots))
     elif isinstance(message, Show):
         presenter.show(message.row)
     elif isinstance(message, Black | Quit):
         presenter.black()
 
 
-def main(fd: int) -> int:
+def run_display_process(fd: int) -> int:
     """Run the process on one end of a line; its exit status."""
     ignore_signals()
-    line = Line.at(fd, REQUESTS)
+    line = MessageLine.at(fd, REQUESTS)
     try:
-        serve(line)
+        serve_display(line)
     except PdcdError as err:
         return _report(line, _failed(err, alive=False))
     except Exception as err:
@@ -310,7 +310,7 @@ def _failed(err: PdcdError, *, alive: bool) -> Failed:
     return Failed(err.kind, where + err.message, err.hint, alive)
 
 
-def _report(line: Line[Request], message: Reply) -> int:
+def _report(line: MessageLine[DisplayRequest], message: DisplayReply) -> int:
     try:
         line.send(message)
     except LineClosedError:
@@ -318,7 +318,7 @@ def _report(line: Line[Request], message: Reply) -> int:
     return 1
 
 
-def _phase_text(phase: Phase | None) -> str:
+def _phase_text(phase: VblankPhase | None) -> str:
     if phase is None:
         return "not measured: no vblanks of two screens"
     projector, mask = (f"{1.0 / period_s:.3f} Hz" for period_s in phase.period_s)

@@ -8,7 +8,7 @@ import os
 import signal
 from pathlib import Path
 
-MCL_TOUCHED = 1 | 2 | 4
+_MCL_TOUCHED = 1 | 2 | 4
 """MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT of sys/mman.h."""
 
 
@@ -37,20 +37,20 @@ def lock_memory() -> str:
     die, and its windows stay lit for so long.
     """
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(MCL_TOUCHED):
+    if libc.mlockall(_MCL_TOUCHED):
         reason = os.strerror(ctypes.get_errno())
         return f"no: {reason}; the service needs LimitMEMLOCK=infinity"
     return "yes"
 
 
-def freeze_garbage() -> None:
+def stop_garbage_collection() -> None:
     """No collection runs from here on; what lives now is never looked at again."""
     gc.collect()
     gc.disable()
     gc.freeze()
 
 
-def dead_mans_switch(seconds: float) -> None:
+def arm_dead_mans_switch(seconds: float) -> None:
     """End this process unless called again within that time; 0 disarms.
 
     The kernel does it, so a loop that hangs inside a library goes too: its windows vanish with it

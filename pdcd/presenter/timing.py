@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
-from pdcd.extras import install_hint
+from pdcd.extras import suggest_install
 from pdcd.panels.frames import BLACK, Frames
-from pdcd.panels.patterns import pack
-from pdcd.presenter.client import DisplayProcess, Log, opening
+from pdcd.panels.patterns import pack_bits
+from pdcd.presenter.client import DisplayProcess, Log, make_open_request
 from pdcd.presenter.messages import Column, Ready
 
-PATTERNS = 64
+_PATTERNS = 64
 """Different codes that are shown in turn."""
-QUANTILES = (50.0, 99.0, 100.0)
-INK, DPI = "#1b6ca8", 110
+_QUANTILES = (50.0, 99.0, 100.0)
+_INK, _DPI = "#1b6ca8", 110
 """Of the histogram: as the plots in docs/plots."""
 
 
 @dataclass(frozen=True)
-class Timing:
+class RefreshTiming:
     """Refreshes of one run, (R,) each but `ready` and `first_draw_s`.
 
     interval_s : from each refresh to the next. missed : refreshes lost before each. late_s : from
@@ -42,7 +42,7 @@ class Timing:
     first_draw_s: float
 
     @classmethod
-    def of(cls, log: Log, ready: Ready) -> Timing:
+    def of(cls, log: Log, ready: Ready) -> RefreshTiming:
         """The figures of a log."""
         ns, put_ns = log[:, Column.NS], log[1:, Column.PUT_NS]
         spans_ns = (
@@ -66,34 +66,34 @@ class Timing:
         )
         found = []
         for name, seconds in rows:
-            p50, p99, most = (float(q) * 1e3 for q in np.percentile(seconds, QUANTILES))
+            p50, p99, most = (float(q) * 1e3 for q in np.percentile(seconds, _QUANTILES))
             found.append((name, p50, p99, most))
         return found
 
 
-def measure(config: Config, refreshes: int) -> Timing:
+def measure_refreshes(config: Config, refreshes: int) -> RefreshTiming:
     """Show random codes with guards for so many refreshes. Raises what the display raises."""
-    presenter = DisplayProcess(opening(config))
+    presenter = DisplayProcess(make_open_request(config))
     try:
         planes = config.display.planes_per_refresh
-        presenter.load(random_codes(config.code_grid()))
-        rows = np.arange(refreshes * planes, dtype=np.int32) % (3 * PATTERNS)
+        presenter.load(make_random_codes(config.code_grid()))
+        rows = np.arange(refreshes * planes, dtype=np.int32) % (3 * _PATTERNS)
         sent = rows.reshape(refreshes, planes)
         log = presenter.play(sent, sent, lambda *_: None, lambda: False)
-        return Timing.of(log, presenter.ready)
+        return RefreshTiming.of(log, presenter.ready)
     finally:
         presenter.close()
 
 
-def random_codes(grid: tuple[int, int]) -> Frames:
+def make_random_codes(grid: tuple[int, int]) -> Frames:
     """64 random codes and their complements, three refreshes each: [P P P] and [0 M 0]."""
-    on = np.random.default_rng(0).random((PATTERNS, grid[0] * grid[1])) < 0.5
-    row = np.arange(3 * PATTERNS)
+    on = np.random.default_rng(0).random((_PATTERNS, grid[0] * grid[1])) < 0.5
+    row = np.arange(3 * _PATTERNS)
     guard = row % 3 != 1
     index = (row // 3).astype(np.int32)
     return Frames(
-        primal_patterns=pack(on),
-        dual_patterns=pack(~on),
+        primal_patterns=pack_bits(on),
+        dual_patterns=pack_bits(~on),
         primal_index=index,
         dual_index=np.where(guard, BLACK, index).astype(np.int32),
         shift=np.zeros(row.size, dtype=np.uint8),
@@ -105,19 +105,21 @@ def random_codes(grid: tuple[int, int]) -> Frames:
     )
 
 
-def histogram(timing: Timing, path: Path) -> None:
+def draw_histogram(timing: RefreshTiming, path: Path) -> None:
     """Write the intervals and the processor time as a picture. Raises ConfigError."""
     try:
         from matplotlib.figure import Figure
     except ImportError as err:
-        raise ConfigError("a histogram needs matplotlib", hint=install_hint("matplotlib")) from err
+        raise ConfigError(
+            "a histogram needs matplotlib", hint=suggest_install("matplotlib")
+        ) from err
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     for axes, seconds, label in (
         (left, timing.interval_s, "refresh to refresh / ms"),
         (right, timing.cpu_s, "processor time of a refresh / ms"),
     ):
-        axes.hist(seconds * 1e3, bins=80, log=True, color=INK)
+        axes.hist(seconds * 1e3, bins=80, log=True, color=_INK)
         axes.set_xlabel(label, fontsize=9)
         axes.set_ylabel("refreshes", fontsize=9)
         axes.tick_params(labelsize=8)
@@ -127,4 +129,4 @@ def histogram(timing: Timing, path: Path) -> None:
         f"time source {timing.ready.source}",
         fontsize=10,
     )
-    figure.savefig(path, dpi=DPI)
+    figure.savefig(path, dpi=_DPI)

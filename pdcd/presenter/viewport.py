@@ -20,20 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import atoms
+from pdcd.panels.atoms import find_atoms
 from pdcd.panels.draw import check_fit
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.map import PanelView
-from pdcd.panels.patterns import PLANES, grey_bytes
-from pdcd.panels.windows import ATOMS, strip_numbers, windows
+from pdcd.panels.patterns import BIT_PLANES, to_grey_bytes
+from pdcd.panels.windows import ATOMS, find_window_kind, number_strips
 
-COVER = """#version 330 core
+_COVER = """#version 330 core
 void main() {  // one triangle over the whole viewport
     gl_Position = vec4(4 * (gl_VertexID & 1) - 1, 4 * (gl_VertexID >> 1) - 1, 0.0, 1.0);
 }
 """
 
-PIECES = """
+_PIECES = """
 // What each piece shows. Pixel (x, y) is piece (x - 1, y - 1); the first ones are beside the field.
 const int CELLS = 0, HALVES = 1, WINDOWS = 2, STRIPS = 4, NONE = -1, WHITE = -2;
 uniform usampler2D patterns;  // four bytes a texel, first byte lowest
@@ -86,7 +86,7 @@ void main() {
 }
 """
 
-PANEL = """
+_PANEL = """
 uniform usampler2D table;  // which pixel of the pieces each pixel of the panel shows
 uniform sampler2D pieces;
 out vec4 shown;
@@ -124,12 +124,12 @@ class Viewport:
         self._viewport = (*corner, *panel.size_px)
         self._units = {name: unit + n for n, name in enumerate(("patterns", "table", "pieces"))}
         self._textures: dict[str, moderngl.Texture] = {}
-        self._room = PLANES if plane_order else 4  # whole numbers come to shaders in fours
+        self._room = BIT_PLANES if plane_order else 4  # whole numbers come to shaders in fours
         # Constants cost nothing where uniforms are read for every pixel.
         version = "#version 330 core\n#define"
         groups, where = f"GROUPS {self._room // 4}", f"CORNER ivec2({corner[0]}, {corner[1]})"
-        self._first = context.program(COVER, f"{version} {groups}\n{PIECES}")
-        self._second = context.program(COVER, f"{version} {where}\n{PANEL}")
+        self._first = context.program(_COVER, f"{version} {groups}\n{_PIECES}")
+        self._second = context.program(_COVER, f"{version} {where}\n{_PANEL}")
         self._first["patterns"] = self._units["patterns"]
         self._second["table"], self._second["pieces"] = unit + 1, unit + 2
         if plane_order:
@@ -153,12 +153,12 @@ class Viewport:
         patterns = frames.dual_patterns if mask else frames.primal_patterns
         index = frames.dual_index if mask else frames.primal_index
         grey = patterns.dtype != np.uint8
-        self._upload(grey_bytes(patterns) if grey else patterns)
+        self._upload(to_grey_bytes(patterns) if grey else patterns)
         width, height = self._panel.size_px
         grid, cols, kind = frames.grid, frames.lattice[1], CELLS
         if frames.of_pixels:  # every pixel is a cell, wherever the panel lies
             grid, cols, kind = (height, width), width, PIXELS
-        elif windows(frames.window).shifted:
+        elif find_window_kind(frames.window).shifted:
             kind = HALVES
             if mask:
                 kind = WINDOWS if frames.window == "quarter" else STRIPS
@@ -230,7 +230,7 @@ class Viewport:
     def _place(self, grid: tuple[int, int], kind: int, window: str) -> None:
         """Make the table of a geometry, and the small picture that it copies from."""
         self._geometry = None
-        rows, cols = (1 + pieces_along(cells, kind) for cells in grid)
+        rows, cols = (1 + count_pieces(cells, kind) for cells in grid)
         largest = max(rows, cols, *self._panel.size_px)
         if largest > self._largest:
             raise ConfigError(
@@ -239,7 +239,7 @@ class Viewport:
                 device=self._panel.role,
                 hint="use a coarser grid",
             )
-        self._texture("table", table_of(self._panel, grid, kind, window)[::-1])
+        self._texture("table", build_pixel_table(self._panel, grid, kind, window)[::-1])
         pieces = self._texture("pieces", np.zeros((rows, cols, 4), dtype=np.uint8), "f1")
         if self._canvas is not None:
             self._canvas.release()
@@ -266,23 +266,25 @@ class Viewport:
         return int(self._context.info["GL_MAX_TEXTURE_SIZE"])
 
 
-def pieces_along(cells: int, kind: int) -> int:
+def count_pieces(cells: int, kind: int) -> int:
     """How many pieces there are along an axis."""
     windows_ = {WINDOWS: 2 * cells + 1, STRIPS: 4 * cells + 1}
     return {CELLS: cells, HALVES: 2 * cells, PIXELS: cells, **windows_}[kind]
 
 
-def table_of(panel: PanelView, grid: tuple[int, int], kind: int, window: str) -> NDArray[Any]:
+def build_pixel_table(
+    panel: PanelView, grid: tuple[int, int], kind: int, window: str
+) -> NDArray[Any]:
     """Which pixel of the small picture each pixel of a panel copies, (height, width, 2): across and
     down, 0 beside the field; uint8 where that is enough, else uint16."""
     if kind == PIXELS:
         number = np.stack(np.meshgrid(*(np.arange(1, n + 1) for n in panel.size_px)), axis=-1)
     elif kind == STRIPS:
-        atom = atoms(panel, grid, ATOMS)
-        number = np.where(atom < 0, 0, strip_numbers(window, atom) + 1)
+        atom = find_atoms(panel, grid, ATOMS)
+        number = np.where(atom < 0, 0, number_strips(window, atom) + 1)
     else:
-        atom = atoms(panel, grid)
+        atom = find_atoms(panel, grid)
         piece = {CELLS: atom >> 2, HALVES: atom >> 1, WINDOWS: (atom + 1) >> 1}[kind]
         number = np.where(atom < 0, 0, piece + 1)
-    largest = max(pieces_along(cells, kind) for cells in grid)
+    largest = max(count_pieces(cells, kind) for cells in grid)
     return number.astype(np.uint8 if largest <= np.iinfo(np.uint8).max else np.uint16)

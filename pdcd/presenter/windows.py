@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from pdcd.errors import DeviceLost
 from pdcd.panels.frames import Frames
 from pdcd.panels.map import PanelView
-from pdcd.panels.patterns import PLANES
+from pdcd.panels.patterns import BIT_PLANES
 from pdcd.presenter.messages import Rect
 from pdcd.presenter.viewport import UNITS, Viewport
 
-GL_DITHER = 0x0BD0
+_GL_DITHER = 0x0BD0
 
 
-class Windows:
+class PanelWindows:
     """Both panels in one window over the whole X screen ("span"), or each in its own ("windows").
 
     Only a window that covers the whole screen is shown by page flips. With two windows the mask's
@@ -39,7 +39,7 @@ class Windows:
         views: tuple[PanelView, PanelView],
         plane_order: str | None,
     ) -> None:
-        self.planes = PLANES if plane_order else 1
+        self.planes = BIT_PLANES if plane_order else 1
         self._handles: list[Any] = []
         self._contexts: list[moderngl.Context] = []
         self._panels_of: list[list[Viewport]] = []
@@ -178,7 +178,7 @@ class Windows:
         glfw.make_context_current(handle)
         glfw.swap_interval(interval)
         context = moderngl.create_context(require=330)
-        context.disable_direct(GL_DITHER)
+        context.disable_direct(_GL_DITHER)
         self._contexts.append(context)
         self._panels_of.append([])
         # Two frames, so that neither buffer holds anything else when the window appears.

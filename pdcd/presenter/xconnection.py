@@ -17,7 +17,7 @@ from Xlib.display import Display
 from pdcd.errors import ConfigError, DeviceLost
 
 
-def connect(name: str | None = None) -> Any:
+def open_x_connection(name: str | None = None) -> Any:
     """Open a connection (an `Xlib.display.Display`) to `name`, or to $DISPLAY.
 
     Raises ConfigError when no server is named, DeviceLost when it does not answer.
@@ -42,10 +42,10 @@ def connect(name: str | None = None) -> Any:
         with contextlib.redirect_stdout(sys.stderr):
             return Display(name)
     except (error.DisplayError, error.ConnectionClosedError, OSError) as err:
-        raise lost(name, str(err)) from err
+        raise make_server_lost(name, str(err)) from err
 
 
-def disconnect(display: Any) -> None:
+def close_x_connection(display: Any) -> None:
     """Close a connection, whatever its state."""
     with contextlib.suppress(error.ConnectionClosedError, OSError):
         display.close()
@@ -54,12 +54,12 @@ def disconnect(display: Any) -> None:
 
 
 @contextlib.contextmanager
-def answering(display: Any) -> Iterator[None]:
+def guard_x_calls(display: Any) -> Iterator[None]:
     """Raise DeviceLost when the server goes away meanwhile."""
     try:
         yield
     except (error.ConnectionClosedError, OSError) as err:
-        raise lost(display.get_display_name(), str(err)) from err
+        raise make_server_lost(display.get_display_name(), str(err)) from err
 
 
 def _knock(number: int) -> None:
@@ -74,7 +74,7 @@ class ServerLost(DeviceLost):
     """The X server itself is gone, and not only what was asked of it."""
 
 
-def lost(name: str, why: str) -> ServerLost:
+def make_server_lost(name: str, why: str) -> ServerLost:
     """Return the error of a server that does not answer."""
     return ServerLost(
         f"the X server {name} does not answer: {why}",

@@ -20,15 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.panels.pixels import Box, Picture, picture
-from pdcd.presenter.xconnection import answering, connect, disconnect, lost
+from pdcd.panels.pixels import PanelBox, PanelImage, crop_panel
+from pdcd.presenter.xconnection import (
+    close_x_connection,
+    guard_x_calls,
+    make_server_lost,
+    open_x_connection,
+)
 
 Pixels = NDArray[np.uint8]
 
 PICTURES = ("projector_pictures", "mask_pictures")
 """Names of the shared arrays, (refreshes, height, width) uint16: sums of the colour channels."""
 
-MOST_BYTES = 2**31
+MOST_GRAB_BYTES = 2**31
 """A longer run than this many bytes of pictures is refused."""
 
 _ZPIXMAP = 2
@@ -49,15 +54,15 @@ class RootGrabber:
     """
 
     def __init__(self, display_name: str | None = None) -> None:
-        look = connect(display_name)
+        look = open_x_connection(display_name)
         try:
-            with answering(look):
+            with guard_x_calls(look):
                 screen, format_ = look.screen(), _pixel_format(look)
                 self._root = int(screen.root.id)
                 self.size_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))
                 self._name = str(look.get_display_name())
         finally:
-            disconnect(look)
+            close_x_connection(look)
         if format_ != _SUPPORTED:
             raise ConfigError(
                 f"the X screen has pixels of another form: depth and masks are {format_}",
@@ -68,7 +73,7 @@ class RootGrabber:
         self._connection = self._xcb.xcb_connect(self._name.encode(), None)
         if self._xcb.xcb_connection_has_error(self._connection):
             self.close()
-            raise lost(self._name, "connection refused")
+            raise make_server_lost(self._name, "connection refused")
 
     def grab(self, box: tuple[int, int, int, int] | None = None) -> Pixels:
         """Pixels of `box` (x, y, width, height), or of the whole screen as it was at first.
@@ -89,7 +94,7 @@ class RootGrabber:
         try:
             if reply is None:
                 if error.value is None:
-                    raise lost(self._name, "it ended while being asked for pixels")
+                    raise make_server_lost(self._name, "it ended while being asked for pixels")
                 raise _outside(x, y, width, height)
             size = width * height * 4
             held = (ctypes.c_uint8 * size).from_address(reply + _REPLY_HEADER)
@@ -163,13 +168,15 @@ def _library() -> _Library:
 # Pictures of both panels, refresh by refresh.
 
 
-def room(count: int, sizes_px: tuple[tuple[int, int], tuple[int, int]]) -> dict[str, Picture]:
+def reserve_pictures(
+    count: int, sizes_px: tuple[tuple[int, int], tuple[int, int]]
+) -> dict[str, PanelImage]:
     """Empty arrays for the pictures of `count` refreshes of panels (width, height).
 
     Raises ConfigError when they would be too large.
     """
     size = sum(2 * count * width * height for width, height in sizes_px)
-    if size > MOST_BYTES:
+    if size > MOST_GRAB_BYTES:
         raise ConfigError(
             f"pictures of {count} refreshes would take {size / 2**30:.1f} GiB",
             device="display",
@@ -189,7 +196,9 @@ class Grabs:
     what was swapped.
     """
 
-    def __init__(self, name: str, boxes: tuple[Box, Box], settle: Callable[[], None]) -> None:
+    def __init__(
+        self, name: str, boxes: tuple[PanelBox, PanelBox], settle: Callable[[], None]
+    ) -> None:
         self._grabber = RootGrabber(name)
         self._boxes = boxes
         self._settle = settle
@@ -206,4 +215,4 @@ class Grabs:
         self._settle()
         screen = self._grabber.grab()
         for out, box in zip(self._into, self._boxes, strict=True):
-            out[number] = picture(screen, box)
+            out[number] = crop_panel(screen, box)

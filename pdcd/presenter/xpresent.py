@@ -12,7 +12,7 @@ import time
 from typing import Any
 
 from pdcd.errors import DeviceLost
-from pdcd.presenter.xconnection import lost
+from pdcd.presenter.xconnection import make_server_lost
 
 COMPLETE_NOTIFY = 1
 COMPLETE_MASK = 2
@@ -62,7 +62,7 @@ class PresentEvents:
             ) from err
         self._connection = self._xcb.xcb_connect(display.encode(), None)
         if self._xcb.xcb_connection_has_error(self._connection):
-            raise lost(display, "connection refused")
+            raise make_server_lost(display, "connection refused")
         self._window = window
         extension = _Extension.in_dll(self._present, "xcb_present_id")
         # The server answers no event before it knows which version the client speaks.
@@ -119,7 +119,7 @@ class PresentEvents:
                 continue
             # A server that is gone wakes the poll and sends no event.
             if woken and self._xcb.xcb_connection_has_error(self._connection):
-                raise lost(self._display, "it ended the connection")
+                raise make_server_lost(self._display, "it ended the connection")
             left_ms = (deadline_ns - time.monotonic_ns()) * 1e-6
             if left_ms <= 0:
                 return False

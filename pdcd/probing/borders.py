@@ -17,15 +17,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.atoms import NEAR, PER_CELL
+from pdcd.arrays import Floats
+from pdcd.panels.atoms import ATOMS_PER_CELL, NEAR
 from pdcd.panels.map import Map, PanelView
 
-Floats = NDArray[np.float64]
-Grid = tuple[int, int]
+_Grid = tuple[int, int]
 
-BORDERS = 48
+_BORDERS = 48
 """Borders that are looked at along either axis, evenly."""
-POINTS = 12
+_POINTS = 12
 """Places along each of them."""
 ACROSS = 32
 """Places across it at each of those."""
@@ -33,30 +33,30 @@ GOLDEN = 0.6180339887498949
 """Places along borders must not keep step with the pixels."""
 PLASTIC = 0.7548776662466927
 """The same of places all over the field: steps along x, its square along y (Roberts' R2)."""
-PLACES = 2**14
+_PLACES = 2**14
 """Places all over the field."""
-STEPS = 10
+_STEPS = 10
 """Halvings by which the place is found at which a panel goes over from one cell to the next."""
-EDGES = 8
+_EDGES = 8
 """Pieces on either side of a border within reach of a pixel."""
-SPLIT, LINES = 4, 2
+_SPLIT, _LINES = 4, 2
 """Of panels that do not lie straight: pieces into which each is split along a border, as strips are
 steps there, and places in each that are looked at."""
-MOST_REACH = 0.45
+_MOST_REACH = 0.45
 """Of a cell: borders that are drawn further away are those of other cells."""
 LEAST_APART = 1e-4
 """Share of the field in which panels draw different cells below which nobody could see it."""
 APART = 4
 """Rows or columns of cells whose strips are told of together: of neighbours one only, so that no
 pixel sees what it lights itself, and little light comes from elsewhere."""
-ON_EDGE = NEAR / PER_CELL
+_ON_EDGE = NEAR / ATOMS_PER_CELL
 """Cells before a border at which a centre lies on it, as panels draw it."""
-PIECE = 2**11
+_PIECE = 2**11
 """Places that are looked at together."""
 
 
-def drawn_apart_px(
-    projector: PanelView, mask: PanelView, grid: Grid, projector_px: tuple[int, int]
+def cell_mismatch_px(
+    projector: PanelView, mask: PanelView, grid: _Grid, projector_px: tuple[int, int]
 ) -> float:
     """Largest distance from a border of cells, in projector pixels, at which both panels show
     different cells.
@@ -80,22 +80,22 @@ def drawn_apart_px(
     return worst
 
 
-def drawn_apart_share(projector: PanelView, mask: PanelView, grid: Grid) -> float:
+def compute_cell_mismatch_share(projector: PanelView, mask: PanelView, grid: _Grid) -> float:
     """Share of the field, 0 to 1, in which the panels show different cells; places where one of
     them shows none count as the same.
 
     projector, mask : as they are believed to lie. grid : rows and columns of cells.
     """
     apart = 0
-    for part in _pieces(PLACES):
+    for part in _pieces(_PLACES):
         points = np.outer(np.arange(part.start, part.stop), (PLASTIC, PLASTIC**2)) % 1.0
         first, second = (_cells(view.map, points, grid) for view in (projector, mask))
         apart += int(np.count_nonzero((first >= 0) & (second >= 0) & (first != second)))
-    return apart / PLACES
+    return apart / _PLACES
 
 
 @dataclass(frozen=True, eq=False)
-class Strips:
+class BorderStrips:
     """Strips along the borders of one direction in which both panels show different cells.
 
     axis : 0 of borders between columns of cells, 1 between rows.
@@ -118,7 +118,7 @@ class Strips:
         """How wide a piece is across a border, in cells."""
         return self.cuts[1 - self.axis][1]
 
-    def of_field(self, grid: Grid) -> float:
+    def of_field(self, grid: _Grid) -> float:
         """Share of the field that the strips take."""
         along = grid[self.axis] * (len(self.cuts[self.axis]) - 1)
         return float(self.share.sum()) * self.step / (grid[1 - self.axis] * along)
@@ -128,7 +128,7 @@ class Strips:
         """Numbers of the pieces that have a strip, ascending."""
         return np.unique(self.piece)
 
-    def centres(self, grid: Grid) -> Floats:
+    def centres(self, grid: _Grid) -> Floats:
         """Where those pieces lie on the field, (pieces, 2): x and y of their centres."""
         (down, right), across = self.cuts, grid[1] * (len(self.cuts[1]) - 1)
         row, column = np.divmod(self.pieces, across)
@@ -139,11 +139,11 @@ class Strips:
             found.append((cell + middles[part]) / cells)
         return np.stack(found, axis=-1)
 
-    def area(self, grid: Grid) -> Floats:
+    def area(self, grid: _Grid) -> Floats:
         """Share of each piece that strips take: (pieces down, pieces right)."""
         return self._table(self.share, grid)
 
-    def lit_s(self, left: Floats, right: Floats, grid: Grid) -> Floats:
+    def lit_s(self, left: Floats, right: Floats, grid: _Grid) -> Floats:
         """Mean time for which points of each piece are lit as one cell and seen as the other.
 
         left, right : (R, N), of a realised matrix. Returned: (pieces down, pieces right).
@@ -157,14 +157,16 @@ class Strips:
         time_s = np.where(self.ahead, before[self.border], behind[self.border]) * self.share
         return self._table(time_s, grid)
 
-    def _table(self, values: Floats, grid: Grid) -> Floats:
+    def _table(self, values: Floats, grid: _Grid) -> Floats:
         """Sums over the strips of each piece."""
         down, right = (side * (len(cuts) - 1) for side, cuts in zip(grid, self.cuts, strict=True))
         found = np.bincount(self.piece, values, minlength=down * right)
         return np.asarray(found, dtype=np.float64).reshape(down, right)
 
 
-def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) -> tuple[Strips, ...]:
+def find_strips(
+    projector: PanelView, mask: PanelView, grid: _Grid, fine: int
+) -> tuple[BorderStrips, ...]:
     """Where the panels show different cells along the borders of cells, to a thousandth of a
     pixel; nothing where that is nowhere, or where a pixel is as large as a cell.
 
@@ -173,7 +175,7 @@ def find_strips(projector: PanelView, mask: PanelView, grid: Grid, fine: int) ->
     """
     maps = projector.map, mask.map
     straight = all(map(_lies_straight, maps))
-    fine, lines = (fine, 1) if straight else (SPLIT * fine, LINES)
+    fine, lines = (fine, 1) if straight else (_SPLIT * fine, _LINES)
     found = [_strips(axis, *maps, grid, fine, lines) for axis in (0, 1)]
     taken = sum(strips.of_field(grid) for strips in found if strips is not None)
     if taken < LEAST_APART:
@@ -209,7 +211,7 @@ class BorderPixels:
 
 
 def find_border_pixels(
-    projector: PanelView, mask: PanelView, grid: Grid, margin_px: float
+    projector: PanelView, mask: PanelView, grid: _Grid, margin_px: float
 ) -> BorderPixels:
     """The pixels that strips along borders are made of, for a photo of their light
     (`pdcd.planning.border_photo`).
@@ -217,11 +219,11 @@ def find_border_pixels(
     projector, mask : as they are believed to lie. margin_px : projector pixels by which one of them
     may lie elsewhere.
     """
-    reach = border_reach(projector, mask, grid, margin_px)
+    reach = measure_border_reach(projector, mask, grid, margin_px)
     found = [np.zeros(view.size_px[::-1], dtype=np.uint16) for view in (projector, mask)]
     inner = np.zeros_like(found[0])
     for view, kinds in zip((projector, mask), found, strict=True):
-        place = view.map.centres() * grid[::-1] + ON_EDGE
+        place = view.map.centres() * grid[::-1] + _ON_EDGE
         with np.errstate(invalid="ignore"):
             inside = np.all((place >= 0.0) & (place < grid[::-1]), axis=-1)
         own = np.floor(np.where(inside[..., None], place, 0.0)).astype(np.int64)
@@ -241,8 +243,8 @@ def find_border_pixels(
     return BorderPixels(found[0], inner, found[1], reach)
 
 
-def border_reach(
-    projector: PanelView, mask: PanelView, grid: Grid, margin_px: float
+def measure_border_reach(
+    projector: PanelView, mask: PanelView, grid: _Grid, margin_px: float
 ) -> tuple[float, float]:
     """How far from a border a pixel may lie that reaches into a strip there, in cells (x, y)."""
     half = [_half_px(view.map, np.ones(2)) for view in (projector, mask)]
@@ -257,7 +259,7 @@ def _bit(cell: NDArray[np.int64]) -> NDArray[np.uint16]:
     return bit
 
 
-def nearest_grid(projector: PanelView, mask: PanelView, grid: Grid) -> Grid | None:
+def find_nearest_grid(projector: PanelView, mask: PanelView, grid: _Grid) -> _Grid | None:
     """The nearest rows and columns of cells that end on pixels of both panels, the finer of two
     that are as near; None where panels do not fill the field, or none is within a factor of 2."""
     sizes = [view.size_px[::-1] for view in (projector, mask) if _fills(view.map)]
@@ -289,17 +291,17 @@ def _lies_straight(map_: Map) -> bool:
 
 
 def _strips(
-    axis: int, projector: Map, mask: Map, grid: Grid, fine: int, lines: int
-) -> Strips | None:
+    axis: int, projector: Map, mask: Map, grid: _Grid, fine: int, lines: int
+) -> BorderStrips | None:
     """The strips of one direction of borders; None where pixels are as large as cells."""
     across, along = (grid[1], grid[0]) if axis == 0 else grid
     ones = np.ones(2)
     # The outermost pieces stay empty, so that strips may be moved by one.
     half = max(float(_half_px(m, ones)[axis]) for m in (projector, mask))
-    reach = half * across * EDGES / (EDGES - 1.001)
-    if across < 2 or reach > MOST_REACH:
+    reach = half * across * _EDGES / (_EDGES - 1.001)
+    if across < 2 or reach > _MOST_REACH:
         return None
-    steps = np.linspace(0.0, reach, EDGES + 1)
+    steps = np.linspace(0.0, reach, _EDGES + 1)
     whole = tuple((np.arange(fine + 1.0) / fine).tolist())
     edges = (*steps.tolist(), *(1.0 - steps[::-1]).tolist())
     cuts = (whole, edges) if axis == 0 else (edges, whole)
@@ -319,8 +321,8 @@ def _strips(
     taken = np.minimum(high, ends[1:]) - np.maximum(low, ends[:-1])
     line, part = np.nonzero(taken > 0.0)
     share = taken[line, part] / (steps[1] * lines)
-    pieces = 2 * EDGES + 1
-    piece = border[line] * pieces + part - EDGES
+    pieces = 2 * _EDGES + 1
+    piece = border[line] * pieces + part - _EDGES
     if axis == 0:
         number = stretch[line] * (across * pieces) + piece
         at = stretch[line] // fine * (across - 1) + border[line] - 1
@@ -328,7 +330,7 @@ def _strips(
         number = piece * (along * fine) + stretch[line]
         at = (border[line] - 1) * along + stretch[line] // fine
     ahead = (first < second)[there][line]
-    return Strips(axis, cuts, number, share, at, ahead)
+    return BorderStrips(axis, cuts, number, share, at, ahead)
 
 
 def _turns(
@@ -339,12 +341,12 @@ def _turns(
     low, high = np.full(len(points), -reach), np.full(len(points), reach)
     size = np.array(map_.size_px)
     at = points.copy()
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         middle = 0.5 * (low + high)
         at[:, axis] = (border + middle) / across
         pixel = np.floor(map_.from_field(at))
         on = np.all((pixel >= 0.0) & (pixel < size), axis=1)
-        behind = map_.to_field(pixel + 0.5)[:, axis] * across + ON_EDGE >= border
+        behind = map_.to_field(pixel + 0.5)[:, axis] * across + _ON_EDGE >= border
         low, high = np.where(behind, low, middle), np.where(behind, middle, high)
         low[~on] = np.nan
     return np.asarray(0.5 * (low + high))
@@ -352,21 +354,21 @@ def _turns(
 
 def _pieces(count: int) -> Iterator[slice]:
     """So many places, a few at a time: a plan of a small grid takes no more memory than this."""
-    for start in range(0, count, PIECE):
-        yield slice(start, min(start + PIECE, count))
+    for start in range(0, count, _PIECE):
+        yield slice(start, min(start + _PIECE, count))
 
 
-def _beside(axis: int, grid: Grid, size: Floats) -> tuple[Floats, Floats]:
+def _beside(axis: int, grid: _Grid, size: Floats) -> tuple[Floats, Floats]:
     """Points (n, 2) of the field on the borders of cells along an axis, and how far beside them to
     look, (n,), -1 to 1 and never 0."""
     count = grid[1 - axis]
     if count < 2:
         return np.empty((0, 2)), np.empty(0)
-    chosen = np.unique(np.linspace(1, count - 1, min(BORDERS, count - 1)).round()) / count
-    along = (np.arange(chosen.size * POINTS) * GOLDEN) % 1.0
+    chosen = np.unique(np.linspace(1, count - 1, min(_BORDERS, count - 1)).round()) / count
+    along = (np.arange(chosen.size * _POINTS) * GOLDEN) % 1.0
     off = (np.arange(ACROSS) + 0.5) * 2.0 / ACROSS - 1.0
-    points = np.empty((chosen.size * POINTS, ACROSS, 2))
-    points[..., axis] = np.repeat(chosen, POINTS)[:, None]
+    points = np.empty((chosen.size * _POINTS, ACROSS, 2))
+    points[..., axis] = np.repeat(chosen, _POINTS)[:, None]
     points[..., 1 - axis] = along[:, None]
     return points.reshape(-1, 2), np.tile(off, len(along))
 
@@ -382,13 +384,13 @@ def _half_px(map_: Map, size: Floats) -> Floats:
     return np.asarray(0.5 * ((np.abs(right) + np.abs(down)) * size).max(axis=0))
 
 
-def _cells(map_: Map, points: Floats, grid: Grid) -> NDArray[np.int64]:
+def _cells(map_: Map, points: Floats, grid: _Grid) -> NDArray[np.int64]:
     """The cell that a panel shows at points of the field, (n,); -1 where it shows none."""
     width, height = map_.size_px
     pixel = np.floor(map_.from_field(points))
     with np.errstate(invalid="ignore"):
         on = np.all((pixel >= 0.0) & (pixel < (width, height)), axis=1, keepdims=True)
     centre = map_.to_field(np.where(on, pixel, 0.0) + 0.5)
-    cell = np.floor(centre * grid[::-1] + ON_EDGE).astype(np.int64)
+    cell = np.floor(centre * grid[::-1] + _ON_EDGE).astype(np.int64)
     shown = on[:, 0] & np.all((cell >= 0) & (cell < grid[::-1]), axis=1)
     return np.where(shown, cell[:, 1] * grid[1] + cell[:, 0], -1)

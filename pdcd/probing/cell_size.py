@@ -24,29 +24,28 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pdcd.arrays import Floats
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-BLURS = 2.5
+_BLURS = 2.5
 """A guard keeps off so many standard deviations of the blur: at a window's edge, 0.6 % of the light
 is then a neighbour's, further in less."""
-WHOLE, HALF = 1.0, 0.5
+_WHOLE, HALF = 1.0, 0.5
 """Shares of a cell's side that windows have: the whole cell, or a quarter of its area."""
-TABLE_PX = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+_TABLE_PX = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 """Cells of the printed table."""
-STEP_PX = 1.0 / 64.0
+_STEP_PX = 1.0 / 64.0
 """How finely the smallest cell for a given leak is looked for."""
-LARGEST_PX = 64.0
+_LARGEST_PX = 64.0
 """The largest that is looked at."""
-PLACES = 48
-"""Places along a window at which `leak_rms` looks."""
+_PLACES = 48
+"""Places along a window at which `compute_leak_rms` looks."""
 
 
 @dataclass(frozen=True)
-class Meeting:
+class MaskAlignment:
     """How well light and mask meet on a bench, in projector pixels.
 
     e95_px : offset that 95 % of the field stay below, its length.
@@ -77,10 +76,10 @@ class Meeting:
     @property
     def guard_px(self) -> float:
         """The guard that this bench needs: e95 + 2.5 s, between a window and the next cell."""
-        return self.e95_px + BLURS * self.spread_px
+        return self.e95_px + _BLURS * self.spread_px
 
 
-def leak(
+def compute_leak(
     cell_px: ArrayLike, window: ArrayLike, offset_px: tuple[ArrayLike, ArrayLike], blur_px: float
 ) -> Floats:
     """Direct light in an indirect photo, over the weight of indirect light; 0 to 1.
@@ -95,28 +94,29 @@ def leak(
     return np.asarray(1.0 - kept[0] * kept[1])
 
 
-def leak_of(meeting: Meeting, cell_px: ArrayLike, window: ArrayLike) -> Floats:
-    """`leak` of a bench, its offset along the diagonal: the worst that 95 % of the field have."""
+def compute_bench_leak(meeting: MaskAlignment, cell_px: ArrayLike, window: ArrayLike) -> Floats:
+    """`compute_leak` of a bench, its offset along the diagonal: the worst that 95 % of the field
+    have."""
     along = meeting.e95_px / np.sqrt(2.0)
-    return leak(cell_px, window, (along, along), meeting.spread_px)
+    return compute_leak(cell_px, window, (along, along), meeting.spread_px)
 
 
-def leak_rms(
+def compute_leak_rms(
     cell_px: float,
     window: float,
     offset_px: tuple[Floats, Floats],
     blur_px: float,
     quad_px: float = 0.0,
 ) -> Floats:
-    """Root of the mean square over the camera's quads of what `leak` is the mean of: leaks lie
-    along the edges of cells, where fine quads see them in full. offset_px : (n,) either way;
+    """Root of the mean square over the camera's quads of what `compute_leak` is the mean of: leaks
+    lie along the edges of cells, where fine quads see them in full. offset_px : (n,) either way;
     returns (n,). quad_px : side of a quad; one that sees two windows has its share of both.
     """
-    at = cell_px * (0.5 + window * ((np.arange(PLACES) + 0.5) / PLACES - 0.5))
-    of_quad = int(np.clip(round(quad_px / (cell_px * window) * PLACES), 1, PLACES))
+    at = cell_px * (0.5 + window * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5))
+    of_quad = int(np.clip(round(quad_px / (cell_px * window) * _PLACES), 1, _PLACES))
 
     def own(off: Floats) -> Floats:
-        share = own_share(cell_px, at, off[:, None], blur_px)
+        share = compute_own_share(cell_px, at, off[:, None], blur_px)
         return np.asarray(scipy.ndimage.uniform_filter1d(share, of_quad, axis=1, mode="wrap"))
 
     across, down = (own(np.asarray(off, dtype=np.float64)) for off in offset_px)
@@ -124,7 +124,9 @@ def leak_rms(
     return np.asarray(np.sqrt(np.mean(lost**2, axis=(1, 2))))
 
 
-def own_share(cell_px: float, at_px: Floats, offset_px: ArrayLike, blur_px: float) -> Floats:
+def compute_own_share(
+    cell_px: float, at_px: Floats, offset_px: ArrayLike, blur_px: float
+) -> Floats:
     """Share of the light that is a cell's own along one axis, at places from 0 at the cell's edge
     to `cell_px`; places and offsets broadcast."""
     spread = max(blur_px, 1e-6 * cell_px)
@@ -138,7 +140,7 @@ def guard_px(cell_px: float, window: float) -> float:
     return 0.5 * cell_px * (1.0 - window)
 
 
-def largest_window(meeting: Meeting, cell_px: float) -> float:
+def find_largest_window(meeting: MaskAlignment, cell_px: float) -> float:
     """The largest share of a cell's side that leaves the guard which the bench needs.
 
     0 where the cell is too small for any window.
@@ -146,23 +148,23 @@ def largest_window(meeting: Meeting, cell_px: float) -> float:
     return max(0.0, 1.0 - 2.0 * meeting.guard_px / cell_px)
 
 
-def smallest_cell_px(meeting: Meeting) -> float:
+def smallest_cell_px(meeting: MaskAlignment) -> float:
     """Side of the smallest cell, in projector pixels, whose half window keeps the guard
     e95 + 2.5 s."""
     return 2.0 * meeting.guard_px / (1.0 - HALF)
 
 
-def smallest_cell_for(meeting: Meeting, most_leak: float) -> float:
+def find_cell_below_leak(meeting: MaskAlignment, most_leak: float) -> float:
     """Side of the smallest cell that leaks at most ``most_leak`` by half windows, in projector
-    pixels, in steps of 1/64 px; infinite where none up to `LARGEST_PX` does."""
-    cells = np.arange(STEP_PX, LARGEST_PX + STEP_PX, STEP_PX)
-    too_much = np.flatnonzero(leak_of(meeting, cells, HALF) > most_leak)
+    pixels, in steps of 1/64 px; infinite where none up to `_LARGEST_PX` does."""
+    cells = np.arange(_STEP_PX, _LARGEST_PX + _STEP_PX, _STEP_PX)
+    too_much = np.flatnonzero(compute_bench_leak(meeting, cells, HALF) > most_leak)
     first = int(too_much[-1]) + 1 if too_much.size else 0
     return float(cells[first]) if first < cells.size else float("inf")
 
 
 @dataclass(frozen=True)
-class Row:
+class CellSizeRow:
     """One line of the table: a cell, and its leak with whole cells and with half windows."""
 
     cell_px: float
@@ -172,29 +174,29 @@ class Row:
     """Whether half windows leave the guard that the bench needs."""
 
 
-def table(meeting: Meeting) -> list[Row]:
+def list_cell_leaks(meeting: MaskAlignment) -> list[CellSizeRow]:
     """What cells of some sizes leak on this bench."""
-    cells = np.asarray(TABLE_PX, dtype=np.float64)
-    whole, half = (leak_of(meeting, cells, window) for window in (WHOLE, HALF))
+    cells = np.asarray(_TABLE_PX, dtype=np.float64)
+    whole, half = (compute_bench_leak(meeting, cells, window) for window in (_WHOLE, HALF))
     enough = guard_px(1.0, HALF) * cells >= meeting.guard_px
     rows = zip(cells.tolist(), whole.tolist(), half.tolist(), enough.tolist(), strict=True)
-    return [Row(*row) for row in rows]
+    return [CellSizeRow(*row) for row in rows]
 
 
-def printed(meeting: Meeting) -> list[str]:
+def format_cell_leaks(meeting: MaskAlignment) -> list[str]:
     """The table as lines of text, its smallest cell last."""
     lines = [
         f"offset {meeting.e95_px:.2f} px, blur {meeting.blur_px:.2f} px: a guard of "
         f"{meeting.guard_px:.2f} px is needed",
         f"{'cell':>8} {'whole cells':>12} {'half windows':>13}",
     ]
-    for row in table(meeting):
+    for row in list_cell_leaks(meeting):
         mark = "" if row.keeps_guard else "  guard too small"
         lines.append(
             f"{row.cell_px:>5g} px {100 * row.whole:>10.2f} % {100 * row.half:>11.2f} %{mark}"
         )
     smallest = smallest_cell_px(meeting)
-    at_most = 100 * float(leak_of(meeting, smallest, HALF)) if smallest > 0.0 else 0.0
+    at_most = 100 * float(compute_bench_leak(meeting, smallest, HALF)) if smallest > 0.0 else 0.0
     lines.append(
         f"smallest cell with half windows: {smallest:.2f} px, which leaks {at_most:.2f} % of "
         "direct light"

@@ -1,8 +1,8 @@
 """A wanted matrix that depends on the shift between two cells alone: a filter with many taps.
 
-Few taps are as well a sum of `pdcd.probing.wanted.Match`. But a sum over pairs of parts grows with
-their square, and a kernel over a whole grid has four times as many taps as there are cells. Here
-all sums over shifts are convolutions, done by FFT: O(N log N) for each image.
+Few taps are as well a sum of `pdcd.probing.wanted.MatchPart`. But a sum over pairs of parts grows
+with their square, and a kernel over a whole grid has four times as many taps as there are cells.
+Here all sums over shifts are convolutions, done by FFT: O(N log N) for each image.
 
 Wanted weights along epipolar lines: rows of cells of a rectified rig.
 """
@@ -14,14 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.wanted import Floats, Grid, Indices, Near, Part
+from pdcd.arrays import Floats, Indices
+from pdcd.probing.wanted import Grid, MatrixPart, NearPart
 
-IMAGES = 16
+_IMAGES = 16
 """Images that are convolved together; bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
-class Kernel:
+class KernelPart:
     """``taps[n - m]``, the difference counted in (rows, columns) from the centre of `taps`, an
     array with odd sides; 0 beyond it. `grid` is (rows, columns)."""
 
@@ -36,26 +37,26 @@ class Kernel:
     def others(self, images: Floats) -> Floats:
         """See `Part.others`."""
         own = self.taps[self._centre]
-        return np.asarray(convolved(images, self.taps, self.grid) - own * images)
+        return np.asarray(filter_images(images, self.taps, self.grid) - own * images)
 
     def entries(self, column: Indices) -> Floats:
         """See `Part.entries`."""
         found = self._at(np.arange(column.size), np.maximum(column, 0))
         return np.where(column >= 0, found, 0.0)
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
-        if isinstance(other, Kernel):
+        if isinstance(other, KernelPart):
             shared = self.taps * _cut(other.taps, self.taps.shape)
-        elif isinstance(other, Near):
+        elif isinstance(other, NearPart):
             side = 2 * other.radius + 1
             shared = self.taps * _cut(np.ones((side, side)), self.taps.shape)
-        elif isinstance(other, SameRow):
+        elif isinstance(other, SameRowPart):
             shared = np.zeros_like(self.taps)
             shared[self._centre[0]] = self.taps[self._centre[0]]
         else:
             return other.overlap(self, weights)
-        return np.asarray(Kernel(self.grid, shared).others(weights[None])[0])
+        return np.asarray(KernelPart(self.grid, shared).others(weights[None])[0])
 
     def product(self) -> None:
         """See `Part.product`: it is none."""
@@ -75,7 +76,7 @@ class Kernel:
         return np.where(inside, found, 0.0)
 
 
-def convolved(images: Floats, taps: Floats, shape: Grid) -> Floats:
+def filter_images(images: Floats, taps: Floats, shape: Grid) -> Floats:
     """``sum over m of taps[n - m] images_rm``, (R, L) float64, for images (R, L) over `shape`.
 
     `taps` has odd sides; its centre is the difference (0, 0). Nothing lies beyond the border.
@@ -90,11 +91,11 @@ def convolved(images: Floats, taps: Floats, shape: Grid) -> Floats:
     )
     spectrum = scipy.fft.rfft2(taps, full)
     out = np.empty(images.shape)
-    for start in range(0, len(images), IMAGES):
-        some = images[start : start + IMAGES].reshape(-1, *shape)
+    for start in range(0, len(images), _IMAGES):
+        some = images[start : start + _IMAGES].reshape(-1, *shape)
         whole = scipy.fft.irfft2(scipy.fft.rfft2(some, full) * spectrum, full)
         inner = whole[:, up : up + shape[0], left : left + shape[1]]
-        out[start : start + IMAGES] = inner.reshape(len(some), -1)
+        out[start : start + _IMAGES] = inner.reshape(len(some), -1)
     return out
 
 
@@ -111,7 +112,7 @@ def _cut(taps: NDArray[np.float64], shape: tuple[int, ...]) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class SameRow:
+class SameRowPart:
     """1 where camera cell and projector cell lie in one row, on one epipolar line."""
 
     grid: Grid
@@ -131,11 +132,11 @@ class SameRow:
         row = np.arange(column.size) // self.grid[1]
         return np.where((column >= 0) & (column // self.grid[1] == row), 1.0, 0.0)
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
-        if isinstance(other, SameRow):
+        if isinstance(other, SameRowPart):
             return np.asarray(self.others(weights[None])[0])
-        if isinstance(other, Near):
+        if isinstance(other, NearPart):
             lines = _sums(weights.reshape(self.grid), other.radius)
             return np.asarray(lines.ravel() - weights)
         return other.overlap(self, weights)

@@ -14,12 +14,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.realised import Factors, blocks
-from pdcd.probing.wanted import Wanted
+from pdcd.arrays import Floats
+from pdcd.probing.realised import Factors, split_into_blocks
+from pdcd.probing.wanted import WantedMatrix
 
-Floats = NDArray[np.float64]
-
-IMAGES = 32
+_IMAGES = 32
 """Rows of the factors that go through a wanted matrix together."""
 EXACT_CELLS = 1024
 """Most cells at which every single pair is looked at, for the largest deviation."""
@@ -43,7 +42,7 @@ class Deviation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     off_max: float | None = None
 
 
-def row_weights_s(realised: Factors, wanted: Wanted) -> tuple[Floats, Floats]:
+def row_weights_s(realised: Factors, wanted: WantedMatrix) -> tuple[Floats, Floats]:
     """Inner products of wanted and realised, and of wanted with itself, row by row, (N,) each.
 
     The diagonal of the realised matrix is `coaxial`: what direct light sees.
@@ -59,7 +58,7 @@ def row_weights_s(realised: Factors, wanted: Wanted) -> tuple[Floats, Floats]:
     return inner, own**2 + wanted.squares()
 
 
-def weight_s(realised: Factors, wanted: Wanted) -> float:
+def weight_s(realised: Factors, wanted: WantedMatrix) -> float:
     """Least-squares factor between a realised and a wanted matrix, in seconds.
 
     Direct light in one photo with indirect is one entry of a row against N - 1, so that factor
@@ -86,13 +85,13 @@ def weight_s(realised: Factors, wanted: Wanted) -> float:
     return float(inner.sum()) / total if total > 0.0 else float(realised.open_s.mean())
 
 
-def _light_weight_s(realised: Factors, wanted: Wanted) -> float:
+def _light_weight_s(realised: Factors, wanted: WantedMatrix) -> float:
     """Light of all paths but those of direct light over what it was to be, in seconds."""
     kept = realised.total_s - realised.trace_s
     return kept / float(wanted.others(np.ones((1, wanted.cells))).sum())
 
 
-def _matched_weight_s(realised: Factors, wanted: Wanted, partner: NDArray[np.int64]) -> float:
+def _matched_weight_s(realised: Factors, wanted: WantedMatrix, partner: NDArray[np.int64]) -> float:
     """Light that matched cells got over what they were to get, in seconds."""
     there = np.flatnonzero(partner >= 0)
     right = realised.right[:, partner[there]]
@@ -102,13 +101,13 @@ def _matched_weight_s(realised: Factors, wanted: Wanted, partner: NDArray[np.int
     return float(got.sum()) / float(wanted.entries(partner).sum())
 
 
-def deviation(
+def measure_deviation(
     realised: Factors,
-    wanted: Wanted,
+    wanted: WantedMatrix,
     alive: Callable[[], None] = lambda: None,
     apart: float = 0.0,
 ) -> Deviation:
-    """Compare the two, as exactly as `row_deviations`; `alive` may raise to end the work.
+    """Compare the two, as exactly as `compute_row_deviations`; `alive` may raise to end the work.
 
     apart : share of the field in which both panels show different cells
     (`pdcd.probing.borders`). Direct light has the weight of other paths there; it is counted in the
@@ -116,7 +115,7 @@ def deviation(
     """
     weight = weight_s(realised, wanted)
     scale = weight if weight != 0.0 else 1.0
-    mean, variance, diagonal = row_deviations(realised, wanted, scale, alive)
+    mean, variance, diagonal = compute_row_deviations(realised, wanted, scale, alive)
     square = mean**2 + variance
     direct = float(diagonal.mean())
     if apart > 0.0 and wanted.uniform is not None:
@@ -132,9 +131,9 @@ def deviation(
     )
 
 
-def row_deviations(
+def compute_row_deviations(
     realised: Factors,
-    wanted: Wanted,
+    wanted: WantedMatrix,
     weight: float,
     alive: Callable[[], None] = lambda: None,
 ) -> tuple[Floats, Floats, Floats]:
@@ -163,11 +162,11 @@ def row_deviations(
     level = np.concatenate([realised.right.mean(axis=1), projector.mean(axis=1)])
     own = np.empty(cells)
     covariance = np.zeros((level.size, level.size))
-    for here in blocks(cells):
+    for here in split_into_blocks(cells):
         alive()
         right = np.concatenate([realised.right[:, here], projector[:, here]]) - level[:, None]
         covariance += right @ right.T
-    for here in blocks(cells):
+    for here in split_into_blocks(cells):
         alive()
         left = np.concatenate([realised.left[:, here] / weight, -camera[:, here]])
         right = np.concatenate([realised.right[:, here], projector[:, here]]) - level[:, None]
@@ -188,18 +187,20 @@ def row_deviations(
     return mean, np.maximum(square / others, 0.0), diagonal
 
 
-def _inner(left: Floats, right: Floats, wanted: Wanted, level: Floats | float = 0.0) -> Floats:
+def _inner(
+    left: Floats, right: Floats, wanted: WantedMatrix, level: Floats | float = 0.0
+) -> Floats:
     """``sum over m != n of (left.T @ (right - level))_nm W_nm``, (N,), for levels (R,)."""
     total = np.zeros(wanted.cells)
     levels = np.broadcast_to(level, len(right))
-    for start in range(0, len(right), IMAGES):
-        some = slice(start, start + IMAGES)
+    for start in range(0, len(right), _IMAGES):
+        some = slice(start, start + _IMAGES)
         lit = wanted.others(right[some] - levels[some, None])
         total += np.einsum("rn,rn->n", left[some], lit)
     return total
 
 
-def _largest(realised: Factors, wanted: Wanted, weight: float) -> float:
+def _largest(realised: Factors, wanted: WantedMatrix, weight: float) -> float:
     """Largest deviation of any path off the diagonal, by a look at all of them."""
     error = realised.dense() / weight - wanted.dense()
     np.fill_diagonal(error, 0.0)

@@ -38,15 +38,13 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats, Indices
 from pdcd.panels.lattice import Lattice, Overlap, Piece
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Fine:
+class PieceWeights:
     """Of every piece of the cells, (rows * P, cols * Q) float64 each, all in seconds.
 
     cuts : where each cell is cut along rows and columns, 0 and 1 included.
@@ -62,9 +60,9 @@ class Fine:
     own: Floats
     coaxial: Floats
 
-    def scaled(self, factor: float) -> Fine:
+    def scaled(self, factor: float) -> PieceWeights:
         """The same times a number."""
-        return Fine(
+        return PieceWeights(
             self.cuts, self.smooth, factor * self.light, factor * self.own, factor * self.coaxial
         )
 
@@ -73,9 +71,9 @@ class Fine:
         return diagonal * self.coaxial + off * (self.light - self.own)
 
 
-def summed(terms: Iterable[tuple[float, Fine | None]]) -> Fine | None:
+def sum_piece_weights(terms: Iterable[tuple[float, PieceWeights | None]]) -> PieceWeights | None:
     """Weighted sum; None where any is missing, or where cells are cut in different ways."""
-    total: Fine | None = None
+    total: PieceWeights | None = None
     for factor, fine in terms:
         if fine is None or (total is not None and total.cuts != fine.cuts):
             return None
@@ -84,8 +82,8 @@ def summed(terms: Iterable[tuple[float, Fine | None]]) -> Fine | None:
     return total
 
 
-def _plus(one: Fine, other: Fine) -> Fine:
-    return Fine(
+def _plus(one: PieceWeights, other: PieceWeights) -> PieceWeights:
+    return PieceWeights(
         one.cuts,
         one.smooth,
         one.light + other.light,
@@ -94,8 +92,8 @@ def _plus(one: Fine, other: Fine) -> Fine:
     )
 
 
-class FineSums:
-    """Gathers `Fine` of one chunk of an exposure."""
+class PieceSums:
+    """Gathers `PieceWeights` of one chunk of an exposure."""
 
     def __init__(self, lattice: Lattice) -> None:
         self._lattice = lattice
@@ -125,10 +123,10 @@ class FineSums:
                 seen = lattice.stepped(masks[live[:, field], field], step)
                 self._own[i, j] += np.einsum("rij,rij->ij", seen, lights[live[:, field]])
 
-    def fine(self) -> Fine:
+    def fine(self) -> PieceWeights:
         """All that was added."""
         cuts = tuple((0.0, *(p.high for p in axis[:-1]), 1.0) for axis in self._pieces)
-        return Fine(
+        return PieceWeights(
             (cuts[0], cuts[1]),
             self._lattice.opening.shifted,
             *(self._image(table) for table in (self._light, self._own, self._coaxial)),
@@ -144,12 +142,12 @@ class FineSums:
         return keys.index((strip, step))
 
 
-def cut_by_windows(lattice: Lattice) -> bool:
+def is_cut_by_windows(lattice: Lattice) -> bool:
     """Whether windows cut the cells at all."""
     return any(len(axis) > 1 for axis in lattice.pieces)
 
 
-REACH = 9.0
+GAUSSIAN_REACH = 9.0
 """Standard deviations beyond which nothing of a Gaussian is left that float64 would notice."""
 
 
@@ -205,11 +203,8 @@ class Blur:
 
         first, last = lit[:, None], lit[:, None] + 1.0 / halves
         found = both(high - first) - both(low - first) - both(high - last) + both(low - last)
-        near = (high > first - REACH * sigma) & (low < last + REACH * sigma)
+        near = (high > first - GAUSSIAN_REACH * sigma) & (low < last + GAUSSIAN_REACH * sigma)
         return np.asarray(np.where(near, found, 0.0) / (piece.high - piece.low))
-
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -14,18 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.grey import curve_of
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.curve import Curve
 
-Floats = NDArray[np.float64]
-
-SHORTEST_S = 1e-300
+_SHORTEST_S = 1e-300
 """Time constants below this one jump as it does; their rates would leave the range of float64."""
 
 
 @dataclass(frozen=True)
-class Panel:
+class PanelOptics:
     """Optics of one panel: time constants in s, black over white, delay of the light in ns, and the
     light of what is sent; None: it is taken as light."""
 
@@ -36,13 +35,13 @@ class Panel:
     curve: Curve | None = None
 
     @classmethod
-    def from_config(cls, config: PanelConfig) -> Panel:
+    def from_config(cls, config: PanelConfig) -> PanelOptics:
         """The panel that [projector] or [mask] describes."""
         leak = 0.0 if config.contrast is None else 1.0 / config.contrast
         skew_ns = round(config.skew_s * 1e9)
         return cls(config.rise_s, config.fall_s, leak, skew_ns, curve_of(config))
 
-    def later(self, delay_ns: int) -> Panel:
+    def later(self, delay_ns: int) -> PanelOptics:
         """The panel as those of its rows behave that come so much later."""
         return replace(self, skew_ns=self.skew_ns + delay_ns) if delay_ns else self
 
@@ -53,10 +52,10 @@ class Panel:
         if self.rise_s == self.fall_s == 0.0:
             taus = []
         # A zero constant beside a finite one: that field is always zero, any rate will do.
-        return np.array([0.0] + [1.0 / max(t, SHORTEST_S) if t > 0.0 else 1.0 for t in taus])
+        return np.array([0.0] + [1.0 / max(t, _SHORTEST_S) if t > 0.0 else 1.0 for t in taus])
 
 
-def apart_s(projector: PanelConfig, mask: PanelConfig) -> float:
+def vblank_lag_s(projector: PanelConfig, mask: PanelConfig) -> float:
     """By how much the mask's vblank follows the projector's nearest one; negative: it leads."""
     period_s = 1.0 / min(projector.refresh_hz, mask.refresh_hz)
     return (mask.phase_s - projector.phase_s + 0.5 * period_s) % period_s - 0.5 * period_s
@@ -94,7 +93,7 @@ class Trajectory:
 
     def __init__(
         self,
-        panel: Panel,
+        panel: PanelOptics,
         starts_ns: NDArray[np.int64],
         pixels: int,
         targets: Callable[[int], Floats],
@@ -168,7 +167,7 @@ class Trajectory:
             self._state = level + left @ fields[1:]
 
 
-class Recent:
+class RecentSpans:
     """The latest spans of a trajectory, to be taken more than once until they are forgotten."""
 
     def __init__(self, track: Trajectory) -> None:
@@ -208,7 +207,7 @@ class Recent:
             self._fields, self._first = self._fields[gone:].copy(), self._first + gone
 
 
-class Kept:
+class StoredSpans:
     """All spans of a trajectory, to be taken in any order and more than once."""
 
     def __init__(self, track: Trajectory) -> None:
@@ -234,7 +233,7 @@ class Kept:
         return self._fields[start:stop]
 
 
-def decay_integral(rate: Floats, duration_s: Floats) -> Floats:
+def compute_decay_integral(rate: Floats, duration_s: Floats) -> Floats:
     """Integral of exp(-rate t) over 0..duration, elementwise; the duration where the rate is 0.
 
     `expm1` keeps full precision for intervals far shorter than the time constant.

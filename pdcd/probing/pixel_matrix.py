@@ -18,14 +18,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.panels.curve import Curve
 from pdcd.panels.frames import FrameLog, check_row_times
-from pdcd.panels.pixels import BLACK_PICTURE, PanelPictures, Shown
-from pdcd.probing.panel import Panel, Trajectory, offset_cells
-from pdcd.probing.realised import Factors, Floats
-from pdcd.probing.spans import span_starts, span_weights
+from pdcd.panels.pixels import BLACK_PICTURE, PanelPictures, ShownPictures
+from pdcd.probing.panel import PanelOptics, Trajectory, offset_cells
+from pdcd.probing.realised import Factors
+from pdcd.probing.spans import compute_span_weights, find_span_starts
 
 
 @dataclass(frozen=True)
@@ -115,8 +116,8 @@ def _gathered(
     return scipy.sparse.csr_array(cells @ ones)
 
 
-def pixel_factors(
-    shown: Shown,
+def compute_pixel_factors(
+    shown: ShownPictures,
     log: FrameLog,
     projector: PanelConfig,
     mask: PanelConfig,
@@ -142,11 +143,11 @@ def pixel_factors(
     check_row_times(log)
     _check(shown, log, projector, mask)
     places = _Places(grid, projector.size_px, mask.size_px, offset_cells(projector, mask, grid))
-    primal, dual = Panel.from_config(projector), Panel.from_config(mask)
+    primal, dual = PanelOptics.from_config(projector), PanelOptics.from_config(mask)
     ends_ns = int(log.end_ns[0]), int(log.end_ns[1])
     lit, opened = shown.projector.index, shown.mask.index
-    p_rows, p_start_ns = span_starts(lit, log.primal_ns, ends_ns[0], primal, open_ns)
-    d_rows, d_start_ns = span_starts(opened, log.dual_ns, ends_ns[1], dual, open_ns)
+    p_rows, p_start_ns = find_span_starts(lit, log.primal_ns, ends_ns[0], primal, open_ns)
+    d_rows, d_start_ns = find_span_starts(opened, log.dual_ns, ends_ns[1], dual, open_ns)
     p_track = Trajectory(
         primal,
         p_start_ns,
@@ -160,7 +161,7 @@ def pixel_factors(
         height * width,
         lambda s: np.pad(_light(shown.mask, d_rows[s], dual.curve), (0, 1)).ravel(),
     )
-    weights, opens = span_weights(
+    weights, opens = compute_span_weights(
         primal, dual, p_start_ns, d_start_ns, exposure_ns=close_ns - open_ns
     )
     yield from _chunks(places, p_track, d_track, weights, opens, spans=len(p_rows))
@@ -186,7 +187,7 @@ def _chunks(
         )
 
 
-def _check(shown: Shown, log: FrameLog, projector: PanelConfig, mask: PanelConfig) -> None:
+def _check(shown: ShownPictures, log: FrameLog, projector: PanelConfig, mask: PanelConfig) -> None:
     """Raise ConfigError when pictures and log differ in number, pictures and panels in size, or
     panels are described by more than pixels that all answer alike."""
     if len(shown) != len(log):

@@ -17,20 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.panels.schedule import SLOTS
 from pdcd.words import ScheduleName
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-
-SHORTEST_S = 1e-7
+_SHORTEST_S = 1e-7
 """Time constants below this one are taken as it: nothing that a camera sees tells them apart."""
-CODES = 12
+_CODES = 12
 """Codes in a cycle, to foretell what of one gets into the others: the far ones get nothing."""
 
 
 @dataclass(frozen=True)
-class Answer:
+class PanelResponse:
     """How a panel answers, in s: first order, or two such answers at once.
 
     tail, slower : the share `tail` of the light rises and falls `slower` times as slowly.
@@ -54,7 +52,7 @@ class Answer:
         ]
 
 
-def mean_light(answer: Answer, on: Bools, refresh_s: float) -> Floats:
+def compute_pulse_light(answer: PanelResponse, on: Bools, refresh_s: float) -> Floats:
     """Mean light of one panel, 0..1. on : (..., n) whether it is asked for white, by refresh."""
     found = np.zeros(())
     for share, rise, fall in answer.parts:
@@ -64,8 +62,13 @@ def mean_light(answer: Answer, on: Bools, refresh_s: float) -> Floats:
     return np.asarray(found)
 
 
-def mean_product(
-    projector: Answer, mask: Answer, lit: Bools, opened: Bools, late_s: ArrayLike, refresh_s: float
+def compute_pulse_product(
+    projector: PanelResponse,
+    mask: PanelResponse,
+    lit: Bools,
+    opened: Bools,
+    late_s: ArrayLike,
+    refresh_s: float,
 ) -> Floats:
     """Mean of the product of both panels, 0..1, the mask's light `late_s` after the projector's.
 
@@ -101,7 +104,7 @@ class _Course:
     def of(
         cls, on: Bools, rise_s: float | Floats, fall_s: float | Floats, refresh_s: float
     ) -> _Course:
-        rise, fall = (np.maximum(tau, SHORTEST_S)[..., None] for tau in (rise_s, fall_s))
+        rise, fall = (np.maximum(tau, _SHORTEST_S)[..., None] for tau in (rise_s, fall_s))
         rate = np.where(on, 1.0 / rise, 1.0 / fall)
         kept, level = np.exp(-rate * refresh_s), on.astype(np.float64)
         # Over all refreshes what it begins with is multiplied and added to: there is one beginning
@@ -148,7 +151,7 @@ def _faded(rate: Floats, length_s: float | Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Kept:
+class CodeSeparation:
     """How well a schedule keeps codes apart.
 
     leak : light of one code that gets through the masks of all others, over that through its own.
@@ -159,18 +162,22 @@ class Kept:
     light: float
 
 
-def kept_apart(
-    schedule: ScheduleName, projector: Answer, mask: Answer, late_s: float, refresh_s: float
-) -> Kept:
+def compute_code_separation(
+    schedule: ScheduleName,
+    projector: PanelResponse,
+    mask: PanelResponse,
+    late_s: float,
+    refresh_s: float,
+) -> CodeSeparation:
     """How a schedule keeps a code apart from codes that share no cell with it; perfect blacks."""
     lit, opened = (np.asarray(side, dtype=np.bool_) for side in SLOTS[schedule])
-    codes = np.arange(CODES)
-    light, opening = np.zeros((2, CODES, CODES, lit.size), dtype=np.bool_)
+    codes = np.arange(_CODES)
+    light, opening = np.zeros((2, _CODES, _CODES, lit.size), dtype=np.bool_)
     light[:, 0], opening[codes, codes] = lit, opened  # the first code's light, each code's mask
-    asked = light.reshape(CODES, -1), opening.reshape(CODES, -1)
-    through = mean_product(projector, mask, asked[0], asked[1], late_s, refresh_s)
+    asked = light.reshape(_CODES, -1), opening.reshape(_CODES, -1)
+    through = compute_pulse_product(projector, mask, asked[0], asked[1], late_s, refresh_s)
     own = float(through[0])
-    return Kept(
+    return CodeSeparation(
         leak=float(through[1:].sum()) / own if own > 0.0 else float("inf"),
-        light=own * CODES * lit.size,
+        light=own * _CODES * lit.size,
     )

@@ -2,9 +2,9 @@
 
 ``Pi_hat = sum over time of m(t) i(t)^T dt`` (eq. 4 and 5 of the paper, as an integral). With
 first-order panels each pair of overlapping spans contributes a few rank-1 terms whose weights have
-a closed form, so the whole exposure is ``Pi_hat = U^T W V`` with U, V the fields of the spans and
-W a sparse matrix of weights. `factors` yields it in chunks of bounded memory, already reduced to
-the scene's cells; nothing of the size of (panel pixels) squared is ever made.
+a closed form, so the whole exposure is ``Pi_hat = U^T W V`` with U, V the fields of the spans and W
+a sparse matrix of weights. `compute_factors` yields it in chunks of bounded memory, already reduced
+to the scene's cells; nothing of the size of (panel pixels) squared is ever made.
 
 Two views of the same matrix leave here. Smooth transport sees cell averages: ``left^T right``,
 N x N. Direct light comes back at the point it fell on and sees the panels' sub-cell structure:
@@ -21,29 +21,36 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.panels.lattice import Lattice, Overlap
-from pdcd.probing.borders import Strips
-from pdcd.probing.fine import Beams, Blur, Fine, FineSums, cut_by_windows, summed
-from pdcd.probing.panel import Panel, Recent, Trajectory, blur_cells, offset_cells
+from pdcd.probing.borders import BorderStrips
+from pdcd.probing.fine import (
+    Beams,
+    Blur,
+    PieceSums,
+    PieceWeights,
+    is_cut_by_windows,
+    sum_piece_weights,
+)
+from pdcd.probing.panel import PanelOptics, RecentSpans, Trajectory, blur_cells, offset_cells
 from pdcd.probing.spans import (
     ALL_AT_ONCE,
     Band,
-    Times,
-    bands_of,
-    frame_spans,
-    met,
-    span_weights,
-    target,
+    SpanTimes,
+    compute_span_light,
+    compute_span_weights,
+    find_frame_spans,
+    meet_spans,
+    split_into_bands,
 )
 
-Floats = NDArray[np.float64]
-Bands = tuple[Band, ...]
+_Bands = tuple[Band, ...]
 
-BLOCK = 1024
+CELL_BLOCK = 1024
 """Cells looked at together, or some more; bounds the memory beside the factors."""
-CHUNK_BYTES = 8 * 2**20
+FIELD_CHUNK_BYTES = 8 * 2**20
 """Largest field array of a chunk: bounds the memory and stays in the cache."""
 
 
@@ -68,9 +75,9 @@ class Factors:
     right: Floats
     coaxial: Floats
     open_s: Floats
-    fine: Fine | None = None
+    fine: PieceWeights | None = None
     displaced: Floats | None = None
-    apart: tuple[Strips, ...] = ()
+    apart: tuple[BorderStrips, ...] = ()
 
     @cached_property
     def total_s(self) -> float:
@@ -88,7 +95,7 @@ class Factors:
         cells = self.left.shape[1]
         level = self.right.sum(axis=1)[:, None]
         sums, own = np.empty(cells), np.empty(cells)
-        for here in blocks(cells):
+        for here in split_into_blocks(cells):
             left = self.left[:, here]
             sums[here] = np.sum(left * level, axis=0)
             own[here] = np.sum(left * self.right[:, here], axis=0)
@@ -99,24 +106,24 @@ class Factors:
         return self.left.T @ self.right
 
 
-def blocks(cells: int) -> Iterator[slice]:
-    """All cells, in blocks of `BLOCK` to twice as many: numpy sums single columns in another order
-    than several."""
-    starts = [*range(0, max(cells - BLOCK, 1), BLOCK), cells]
+def split_into_blocks(cells: int) -> Iterator[slice]:
+    """All cells, in blocks of `CELL_BLOCK` to twice as many: numpy sums single columns in another
+    order than several."""
+    starts = [*range(0, max(cells - CELL_BLOCK, 1), CELL_BLOCK), cells]
     return (slice(start, stop) for start, stop in itertools.pairwise(starts))
 
 
-def factors(
+def compute_factors(
     frames: Frames,
     log: FrameLog,
-    primal: Panel,
-    dual: Panel,
+    primal: PanelOptics,
+    dual: PanelOptics,
     *,
     open_ns: int,
     close_ns: int,
     offset_cells: tuple[float, float] = (0.0, 0.0),
     fine: bool = False,
-    bands: tuple[Bands, Bands] = (ALL_AT_ONCE, ALL_AT_ONCE),
+    bands: tuple[_Bands, _Bands] = (ALL_AT_ONCE, ALL_AT_ONCE),
     blur_cells: tuple[float, float] = (0.0, 0.0),
     displacement: Floats | None = None,
 ) -> Iterator[Factors]:
@@ -141,13 +148,13 @@ def factors(
     lattice = Lattice(frames.grid, frames.window, offset_cells)
     exposed = _Exposed(frames, lattice, log, primal, dual, open_ns, close_ns)
     blur = Blur(lattice, blur_cells) if any(blur_cells) else None
-    finely = fine and cut_by_windows(lattice)
+    finely = fine and is_cut_by_windows(lattice)
     beams = None if displacement is None else Beams(lattice, displacement)
     sides = [exposed.side(band, primal_side=True) for band in bands[0]]
     gates = [exposed.side(band, primal_side=False) for band in bands[1]]
     fields = sides[0].track.fields
     widest = lattice.dual_fields * (lattice.lattice_cells + 1) * 8
-    step = max(1, CHUNK_BYTES // (widest * fields))
+    step = max(1, FIELD_CHUNK_BYTES // (widest * fields))
     # All bands of a chunk are looked at before the next one, so that the mask is followed once.
     for start in range(0, len(sides[0].starts), step):
         stop = min(start + step, len(sides[0].starts))
@@ -168,9 +175,9 @@ class _Side:
     """One band of a panel: its pixels among all, when its spans start, and what they show."""
 
     band: Band
-    panel: Panel
-    starts: Times
-    track: Recent
+    panel: PanelOptics
+    starts: SpanTimes
+    track: RecentSpans
 
 
 @dataclass(frozen=True)
@@ -180,8 +187,8 @@ class _Exposed:
     frames: Frames
     lattice: Lattice
     log: FrameLog
-    primal: Panel
-    dual: Panel
+    primal: PanelOptics
+    dual: PanelOptics
     open_ns: int
     close_ns: int
 
@@ -193,22 +200,24 @@ class _Exposed:
         )
         panel = (self.primal if primal_side else self.dual).later(band.delay_ns)
         end_ns = int(log.end_ns[0 if primal_side else 1])
-        rows, starts = frame_spans(self.frames, shown, at, end_ns, panel, self.open_ns, primal_side)
+        rows, starts = find_frame_spans(
+            self.frames, shown, at, end_ns, panel, self.open_ns, primal_side
+        )
         pixels = lattice.fields * lattice.cells
         if not primal_side:
             pixels = lattice.dual_fields * (lattice.lattice_cells + 1)
         asked = self._asked[0 if primal_side else 1]
         track = Trajectory(panel, starts, band.count(pixels), lambda s: asked(rows[s])[band.pixels])
-        return _Side(band, panel, starts, Recent(track))
+        return _Side(band, panel, starts, RecentSpans(track))
 
     @cached_property
     def _asked(self) -> tuple[Callable[[int], Floats], Callable[[int], Floats]]:
         """Light that a row asks of all pixels of either panel; bands ask for the same ones."""
 
-        def of(panel: Panel, primal_side: bool) -> Callable[[int], Floats]:
+        def of(panel: PanelOptics, primal_side: bool) -> Callable[[int], Floats]:
             wide = self.lattice.dual_fields * (self.lattice.lattice_cells + 1) * 8
-            return lru_cache(CHUNK_BYTES // wide + 8)(
-                lambda row: target(
+            return lru_cache(FIELD_CHUNK_BYTES // wide + 8)(
+                lambda row: compute_span_light(
                     self.frames, self.lattice, row, panel.curve, primal_side=primal_side
                 )
             )
@@ -223,22 +232,22 @@ class _Exposed:
     def through(
         self, right: Floats, side: _Side, gates: list[_Side], start: int, stop: int
     ) -> tuple[Floats, NDArray[np.bool_], Floats]:
-        """`met` of all bands of the mask: left (R, D), alive, open_s (D,)."""
+        """`meet_spans` of all bands of the mask: left (R, D), alive, open_s (D,)."""
         exposure_ns = self.close_ns - self.open_ns
         part = [
-            span_weights(
+            compute_span_weights(
                 side.panel, gate.panel, side.starts, gate.starts, exposure_ns=exposure_ns,
                 spans=(start, stop),
             )
             for gate in gates
         ]  # fmt: skip
         if len(gates) == 1 and isinstance(gates[0].band.pixels, slice):
-            return met(right, gates[0].track, part[0][0], part[0][1].sum(axis=0))
+            return meet_spans(right, gates[0].track, part[0][0], part[0][1].sum(axis=0))
         count = sum(gate.track.pixels for gate in gates)
         left, open_s = np.zeros((len(right), count)), np.zeros(count)
         always = np.ones((len(right), 1))
         for gate, (weights, opens) in zip(gates, part, strict=True):
-            some, alive, opened = met(always, gate.track, weights, opens.sum(axis=0))
+            some, alive, opened = meet_spans(always, gate.track, weights, opens.sum(axis=0))
             index = np.arange(count)[gate.band.pixels]
             left[np.ix_(np.flatnonzero(alive), index)] = some
             open_s[gate.band.pixels] = opened
@@ -246,7 +255,7 @@ class _Exposed:
         return left[both], both, open_s
 
 
-def bench_factors(
+def compute_bench_factors(
     frames: Frames,
     log: FrameLog,
     projector: PanelConfig,
@@ -257,27 +266,27 @@ def bench_factors(
     fine: bool = False,
     displacement: Floats | None = None,
 ) -> Iterator[Factors]:
-    """`factors` of panels as a configuration describes them: misregistration, rows that are set one
-    after the other, and blur included."""
-    return factors(
+    """`compute_factors` of panels as a configuration describes them: misregistration, rows that are
+    set one after the other, and blur included."""
+    return compute_factors(
         frames,
         log,
-        Panel.from_config(projector),
-        Panel.from_config(mask),
+        PanelOptics.from_config(projector),
+        PanelOptics.from_config(mask),
         open_ns=open_ns,
         close_ns=close_ns,
         offset_cells=offset_cells(projector, mask, frames.grid),
         fine=fine,
         bands=(
-            bands_of(projector, projector, Lattice(frames.grid, frames.window), mask=False),
-            bands_of(mask, projector, Lattice(frames.grid, frames.window), mask=True),
+            split_into_bands(projector, projector, Lattice(frames.grid, frames.window), mask=False),
+            split_into_bands(mask, projector, Lattice(frames.grid, frames.window), mask=True),
         ),
         blur_cells=blur_cells(projector, mask, frames.grid),
         displacement=displacement,
     )
 
 
-def collect(chunks: Iterable[Factors]) -> Factors:
+def collect_factors(chunks: Iterable[Factors]) -> Factors:
     """One `Factors` from all chunks; of rank at most N, whatever the number of codes was.
 
     No more than N rows of factors are kept at a time, so that long exposures take no more memory
@@ -286,9 +295,9 @@ def collect(chunks: Iterable[Factors]) -> Factors:
     parts: list[Factors] = []
     coaxial, open_s, displaced = [], [], []
     matrix: Floats | None = None
-    fine: list[Fine | None] = []
+    fine: list[PieceWeights | None] = []
     for chunk in chunks:
-        fine = [summed((1.0, part) for part in (*fine, chunk.fine))]
+        fine = [sum_piece_weights((1.0, part) for part in (*fine, chunk.fine))]
         coaxial.append(chunk.coaxial)
         open_s.append(chunk.open_s)
         if chunk.displaced is not None:
@@ -306,17 +315,17 @@ def collect(chunks: Iterable[Factors]) -> Factors:
     else:
         left = np.concatenate([p.left for p in parts])
         right = np.concatenate([p.right for p in parts])
-    moved = sum_of(displaced) if displaced else None
+    moved = sum_arrays(displaced) if displaced else None
     finely = fine[0] if fine else None
-    return Factors(left, right, sum_of(coaxial), sum_of(open_s), finely, moved)
+    return Factors(left, right, sum_arrays(coaxial), sum_arrays(open_s), finely, moved)
 
 
-def sum_of(arrays: Iterable[Floats]) -> Floats:
+def sum_arrays(arrays: Iterable[Floats]) -> Floats:
     """Sum of equally shaped arrays, in order."""
     return np.asarray(np.sum(list(arrays), axis=0))
 
 
-def shared(whole: Factors, level: float) -> Factors:
+def divide_factors(whole: Factors, level: float) -> Factors:
     """The realised matrix of a photo that was divided by a number."""
     fine = None if whole.fine is None else whole.fine.scaled(1.0 / level)
     return Factors(
@@ -324,7 +333,7 @@ def shared(whole: Factors, level: float) -> Factors:
     )
 
 
-def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
+def sum_signed_factors(terms: Iterable[tuple[float, Factors]]) -> Factors:
     """Realised matrix of a sum and difference of photos (black-level shots, eq. 10)."""
     pairs = list(terms)
     if [sign for sign, _ in pairs] == [1.0]:
@@ -332,9 +341,9 @@ def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
     return Factors(
         np.concatenate([sign * f.left for sign, f in pairs]),
         np.concatenate([f.right for _, f in pairs]),
-        sum_of(sign * f.coaxial for sign, f in pairs),
-        sum_of(sign * f.open_s for sign, f in pairs),
-        summed((sign, f.fine) for sign, f in pairs),
+        sum_arrays(sign * f.coaxial for sign, f in pairs),
+        sum_arrays(sign * f.open_s for sign, f in pairs),
+        sum_piece_weights((sign, f.fine) for sign, f in pairs),
         apart=pairs[0][1].apart if all(f.apart for _, f in pairs) else (),
     )
 
@@ -357,7 +366,7 @@ def _chunk(
     masks = left.reshape(-1, lattice.dual_fields, lattice.lattice_cells + 1)
     lights = right.reshape(-1, lattice.fields, cells)
     coaxial = np.zeros(lattice.grid)
-    fine = FineSums(lattice) if finely else None
+    fine = PieceSums(lattice) if finely else None
     for o, mask, light in _meetings(lattice, masks, lights, blur):
         live = mask.any(axis=1)  # a window is shut under the other sub-shifts
         if not live.all():

@@ -17,21 +17,30 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import placed_panel
+from pdcd.arrays import Floats
+from pdcd.bench.placed import place_panel
 from pdcd.bench.tables import PanelConfig
-from pdcd.panels.curve import Curve, light_of
+from pdcd.panels.curve import Curve, compute_pattern_light
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.map import Map
 from pdcd.panels.windows import LOWER, MOVED, PLACED, UPPER
-from pdcd.probing.panel import Kept, Panel, Recent, Trajectory, decay_integral
+from pdcd.probing.panel import (
+    PanelOptics,
+    RecentSpans,
+    StoredSpans,
+    Trajectory,
+    compute_decay_integral,
+)
 
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
+SpanTimes = NDArray[np.int64]
 
 
-def met(
-    right: Floats, d_track: Trajectory | Recent | Kept, rows: scipy.sparse.csr_array, opens: Floats
+def meet_spans(
+    right: Floats,
+    d_track: Trajectory | RecentSpans | StoredSpans,
+    rows: scipy.sparse.csr_array,
+    opens: Floats,
 ) -> tuple[Floats, NDArray[np.bool_], Floats]:
     """What some spans of the projector meet on the mask, pixel by pixel of either.
 
@@ -40,7 +49,8 @@ def met(
     right : (spans * fields, P) float64
         Their fields, as `Trajectory.take` gives them.
     d_track : the mask's; it is asked for those spans that overlap these ones, in order.
-    rows, opens : the rows of both results of `span_weights` for these spans, `opens` summed.
+    rows, opens : the rows of both results of `compute_span_weights` for these spans, `opens`
+    summed.
 
     Returns
     -------
@@ -65,15 +75,15 @@ def met(
     return left[alive], alive, opens[columns] @ dual
 
 
-def frame_spans(
+def find_frame_spans(
     frames: Frames,
     shown: NDArray[np.int32],
-    start_ns: Times,
+    start_ns: SpanTimes,
     end_ns: int,
-    panel: Panel,
+    panel: PanelOptics,
     open_ns: int,
     primal_side: bool,
-) -> tuple[list[int], Times]:
+) -> tuple[list[int], SpanTimes]:
     """Rows of `frames` that start a span (-1 is black) and when, (S,) int64 ns from the opening.
 
     shown, start_ns, end_ns : of one panel, as its log has them.
@@ -84,13 +94,13 @@ def frame_spans(
     index = np.append(asked, BLACK)[shown]  # a row of -1 is black too
     # The sub-shift moves patterns only: uniform panels look the same under all of them.
     key = np.where(index >= 0, index * 4 + np.append(frames.shift, 0)[shown], index)
-    changes, starts = span_starts(key, start_ns, end_ns, panel, open_ns)
+    changes, starts = find_span_starts(key, start_ns, end_ns, panel, open_ns)
     return [int(shown[c]) if c >= 0 else -1 for c in changes], starts
 
 
-def span_starts(
-    content: NDArray[np.int32], start_ns: Times, end_ns: int, panel: Panel, open_ns: int
-) -> tuple[list[int], Times]:
+def find_span_starts(
+    content: NDArray[np.int32], start_ns: SpanTimes, end_ns: int, panel: PanelOptics, open_ns: int
+) -> tuple[list[int], SpanTimes]:
     """Refreshes that change what a panel shows, and when its light does, in ns from the opening.
 
     `content` (F,) names what each refresh shows; `BLACK` is black. The first span and all black
@@ -104,7 +114,7 @@ def span_starts(
     return rows, np.maximum(starts, 0)
 
 
-def target(
+def compute_span_light(
     frames: Frames, lattice: Lattice, row: int, curve: Curve | None, *, primal_side: bool
 ) -> Floats:
     """Light that one span asks of every pixel of a panel with that curve, (P,)."""
@@ -115,16 +125,16 @@ def target(
             return np.full(lattice.fields * lattice.cells, float(which == WHITE))
         return lattice.dual_field_uniform(float(which == WHITE)).ravel()
     patterns = frames.primal_patterns if primal_side else frames.dual_patterns
-    pattern = light_of(patterns, which, lattice.lattice_cells, curve)
+    pattern = compute_pattern_light(patterns, which, lattice.lattice_cells, curve)
     place = lattice.primal_field_values if primal_side else lattice.dual_field_values
     return place(pattern, int(frames.shift[row])).ravel()
 
 
-def span_weights(
-    primal: Panel,
-    dual: Panel,
-    p_start_ns: Times,
-    d_start_ns: Times,
+def compute_span_weights(
+    primal: PanelOptics,
+    dual: PanelOptics,
+    p_start_ns: SpanTimes,
+    d_start_ns: SpanTimes,
     *,
     exposure_ns: int,
     spans: tuple[int, int] | None = None,
@@ -151,10 +161,12 @@ def span_weights(
     entries, opens = [], []
     for b, d_rate in enumerate(d_rates):
         before_d = np.exp(-d_rate * d_age_s)
-        opens.append((p - first, d * d_rates.size + b, before_d * decay_integral(d_rate, length_s)))
+        opens.append(
+            (p - first, d * d_rates.size + b, before_d * compute_decay_integral(d_rate, length_s))
+        )
         for a, p_rate in enumerate(p_rates):
             before = before_d * np.exp(-p_rate * p_age_s)
-            value = before * decay_integral(np.asarray(p_rate + d_rate), length_s)
+            value = before * compute_decay_integral(np.asarray(p_rate + d_rate), length_s)
             entries.append(((p - first) * p_rates.size + a, d * d_rates.size + b, value))
     columns = d_start_ns.size * d_rates.size
     return (
@@ -185,11 +197,11 @@ class Band:
 
 ALL_AT_ONCE = (Band(0, slice(None)),)
 
-STRIP_CENTRES = {PLACED: 0.5, MOVED: 0.0, LOWER: 0.25, UPPER: 0.75}
+_STRIP_CENTRES = {PLACED: 0.5, MOVED: 0.0, LOWER: 0.25, UPPER: 0.75}
 """Centre of a strip from the edge of the code cell that it is numbered by."""
 
 
-def band_delays_ns(scan_s: float, bands: int) -> Times:
+def band_delays_ns(scan_s: float, bands: int) -> SpanTimes:
     """When each band of rows is set, after the first one of all, (bands,) int64 in ns.
 
     scan_s : from the first row until the last one; negative: from the last row until the first.
@@ -200,7 +212,7 @@ def band_delays_ns(scan_s: float, bands: int) -> Times:
     return np.rint(1e9 * (scan_s * step if scan_s > 0 else -scan_s * (1.0 - step))).astype(np.int64)
 
 
-def bands_of(
+def split_into_bands(
     panel: PanelConfig, projector: PanelConfig, lattice: Lattice, *, mask: bool
 ) -> tuple[Band, ...]:
     """The fields of a panel (`pdcd.panels.lattice`), in bands that come equally late.
@@ -211,7 +223,7 @@ def bands_of(
     count = min(panel.scan_bands, height)
     if panel.scan_s == 0.0 or count == 1:
         return ALL_AT_ONCE
-    map_ = placed_panel(panel, "mask" if mask else "projector", projector)
+    map_ = place_panel(panel, "mask" if mask else "projector", projector)
     rows = _rows(map_, _mask_centres(lattice) if mask else _lit_centres(lattice))
     band = rows * count // height
     if mask:  # the rest of the panel stays black: no matter when
@@ -242,7 +254,7 @@ def _mask_centres(lattice: Lattice) -> NDArray[np.float64]:
     """Centres of the mask's strips, (dual_fields, L, 2), as x, y of the field."""
     places = []
     for field in range(lattice.dual_fields):
-        strips = (STRIP_CENTRES[strip] for strip in lattice.strips(field))
+        strips = (_STRIP_CENTRES[strip] for strip in lattice.strips(field))
         down, right = (np.arange(n) + at for n, at in zip(lattice.shape, strips, strict=True))
         places.append(_grid(down, right, lattice.grid))
     return np.stack(places)

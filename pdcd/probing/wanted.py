@@ -17,16 +17,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from pdcd.arrays import Floats, Indices
+
 Grid = tuple[int, int]
 
-BLOCK = 512
+WANTED_BLOCK = 512
 """Gained of a matrix without structure that are looked at together; bounds the memory."""
 
 
-class Part(Protocol):
-    """One part P of a wanted matrix. All but `Full` answer in O(N) for each image."""
+class MatrixPart(Protocol):
+    """One part P of a wanted matrix. All but `FullPart` answer in O(N) for each image."""
 
     def rows(self, start: int, stop: int) -> Floats:
         """Rows start..stop-1, (stop - start, N)."""
@@ -40,7 +40,7 @@ class Part(Protocol):
         """Return P_nm at m = column_n, (N,); 0 where that is -1."""
         ...
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """Return ``sum over m != n of P_nm other_nm weights_m``, (N,), for weights (N,)."""
         ...
 
@@ -50,7 +50,7 @@ class Part(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Outer:
+class OuterPart:
     """``camera_n * projector_m``: a region, an illumination, a product of both."""
 
     camera: Floats
@@ -70,7 +70,7 @@ class Outer:
         """See `Part.entries`."""
         return np.where(column >= 0, self.camera * self.projector[column], 0.0)
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
         return np.asarray(self.camera * other.others((self.projector * weights)[None])[0])
 
@@ -79,7 +79,7 @@ class Outer:
         return self.camera, self.projector
 
 
-class Uniform(Outer):
+class UniformPart(OuterPart):
     """The same weight for all pairs of N cells."""
 
     def __init__(self, cells: int) -> None:
@@ -87,7 +87,7 @@ class Uniform(Outer):
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class MatchPart:
     """``delta(partner_n - m)``: one projector cell for each camera cell; -1 is none."""
 
     partner: Indices
@@ -111,7 +111,7 @@ class Match:
         """See `Part.entries`."""
         return np.where((column >= 0) & (column == self.partner), 1.0, 0.0)
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
         return np.where(self._apart, other.entries(self.partner) * weights[self.partner], 0.0)
 
@@ -126,7 +126,7 @@ class Match:
 
 
 @dataclass(frozen=True, eq=False)
-class Near:
+class NearPart:
     """1 where ``max(|rows|, |columns|)`` of n - m is at most `radius` cells (erratum X10)."""
 
     grid: Grid
@@ -151,9 +151,9 @@ class Near:
         near = np.maximum(np.abs(r - other_r), np.abs(c - other_c)) <= self.radius
         return np.where((column >= 0) & near, 1.0, 0.0)
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
-        if isinstance(other, Near):
+        if isinstance(other, NearPart):
             inner = self if self.radius <= other.radius else other
             return np.asarray(inner.others(weights[None])[0])
         return other.overlap(self, weights)
@@ -163,11 +163,11 @@ class Near:
 
 
 @dataclass(frozen=True, eq=False)
-class Gained:
+class GainPart:
     """Another part with each row times a weight of its camera cell (N,)."""
 
     camera: Floats
-    part: Part
+    part: MatrixPart
 
     def rows(self, start: int, stop: int) -> Floats:
         """Rows start..stop-1."""
@@ -181,7 +181,7 @@ class Gained:
         """See `Part.entries`."""
         return np.asarray(self.camera * self.part.entries(column))
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
         return np.asarray(self.camera * self.part.overlap(other, weights))
 
@@ -192,10 +192,10 @@ class Gained:
 
 
 @dataclass(frozen=True, eq=False)
-class Lit:
+class IlluminatedPart:
     """Another part with each column times the light of its projector cell (N,)."""
 
-    part: Part
+    part: MatrixPart
     projector: Floats
 
     def rows(self, start: int, stop: int) -> Floats:
@@ -210,7 +210,7 @@ class Lit:
         """See `Part.entries`."""
         return np.asarray(self.part.entries(column) * self.projector[column])
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
         return self.part.overlap(other, weights * self.projector)
 
@@ -221,7 +221,7 @@ class Lit:
 
 
 @dataclass(frozen=True, eq=False)
-class Full:
+class FullPart:
     """Any matrix, (N, N): everything about it is O(N^2)."""
 
     matrix: Floats
@@ -238,12 +238,12 @@ class Full:
         """See `Part.entries`."""
         return np.where(column >= 0, self.matrix[np.arange(column.size), column], 0.0)
 
-    def overlap(self, other: Part, weights: Floats) -> Floats:
+    def overlap(self, other: MatrixPart, weights: Floats) -> Floats:
         """See `Part.overlap`."""
         cells = weights.size
         total = np.empty(cells)
-        for start in range(0, cells, BLOCK):
-            stop = min(start + BLOCK, cells)
+        for start in range(0, cells, WANTED_BLOCK):
+            stop = min(start + WANTED_BLOCK, cells)
             both = self.matrix[start:stop] * other.rows(start, stop)
             both[np.arange(stop - start), np.arange(start, stop)] = 0.0
             total[start:stop] = both @ weights
@@ -254,7 +254,7 @@ class Full:
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class WantedMatrix:
     """``sum of weight * part``, each column times `light` where an illumination is given.
 
     With `by_direct` photos are scaled by the direct light they keep, with `by_light` by all light
@@ -262,7 +262,7 @@ class Wanted:
     """
 
     grid: Grid
-    parts: tuple[tuple[float, Part], ...]
+    parts: tuple[tuple[float, MatrixPart], ...]
     light: Floats | None = None
     by_direct: bool = False
     by_light: bool = False
@@ -315,8 +315,8 @@ class Wanted:
     def matched(self) -> Indices | None:
         """The partners (N,) of matched cells, where these are not the cells themselves and no cell
         has several."""
-        within = (part.part if isinstance(part, Gained) else part for _, part in self.parts)
-        matches = [part.partner for part in within if isinstance(part, Match)]
+        within = (part.part if isinstance(part, GainPart) else part for _, part in self.parts)
+        matches = [part.partner for part in within if isinstance(part, MatchPart)]
         if len(matches) != 1 or np.array_equal(matches[0], np.arange(self.cells)):
             return None
         return matches[0]
@@ -349,14 +349,14 @@ class Wanted:
         shape = (len(camera), self.cells)
         return np.reshape(camera, shape), np.reshape(projector, shape) * light
 
-    def banded(self) -> Wanted:
+    def banded(self) -> WantedMatrix:
         """The sum of all parts that are no products (`products`)."""
         kept = tuple((weight, part) for weight, part in self.parts if part.product() is None)
         return replace(self, parts=kept)
 
-    def under(self, light: Floats | None) -> Wanted:
+    def under(self, light: Floats | None) -> WantedMatrix:
         """The same under an illumination of the projector (N,)."""
-        return Wanted(self.grid, self.parts, light, self.by_direct, self.by_light)
+        return WantedMatrix(self.grid, self.parts, light, self.by_direct, self.by_light)
 
     @property
     def uniform(self) -> tuple[float, float] | None:
@@ -366,17 +366,17 @@ class Wanted:
         diagonal = other = 0.0
         everyone = np.arange(self.cells)
         for weight, part in self.parts:
-            if isinstance(part, Uniform):
+            if isinstance(part, UniformPart):
                 other += weight
                 diagonal += weight
-            elif isinstance(part, Match) and np.array_equal(part.partner, everyone):
+            elif isinstance(part, MatchPart) and np.array_equal(part.partner, everyone):
                 diagonal += weight
             else:
                 return None
         return diagonal, other
 
 
-def shifted(grid: Grid, shift: tuple[int, int]) -> Indices:
+def shift_cells(grid: Grid, shift: tuple[int, int]) -> Indices:
     """Partner of every cell under a shift (down, right), -1 beyond the border, (N,)."""
     r, c = np.divmod(np.arange(grid[0] * grid[1]), grid[1])
     r, c = r + shift[0], c + shift[1]

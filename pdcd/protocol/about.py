@@ -14,9 +14,9 @@ from msgspec import Meta
 
 from pdcd.words import GoalName
 
-GroupName = Literal["goal", "codes", "planning", "photo", "run", "calibration"]
+_GroupName = Literal["goal", "codes", "planning", "photo", "run", "calibration"]
 
-GROUPS: Mapping[GroupName, tuple[str, str]] = {
+GROUPS: Mapping[_GroupName, tuple[str, str]] = {
     "codes": ("codes", "how many, how they are made, and how they are spent"),
     "planning": ("planning", "codes and exposures by a wanted error or a time"),
     "photo": ("exposure and panels", "what is left out is as the configuration has it"),
@@ -31,8 +31,8 @@ GROUPS: Mapping[GroupName, tuple[str, str]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class About:
-    """What people are told of a field beside its text; `about` writes it.
+class FieldDescription:
+    """What people are told of a field beside its text; `describe_field` writes it.
 
     group : where it is shown. metavar : what stands for its value on the command line, or for each
     of its values. option : its name there where that is not the field's own. needed_by, taken_by :
@@ -41,7 +41,7 @@ class About:
     switched : help of the two switches of a field that takes true, false or a word.
     """
 
-    group: GroupName
+    group: _GroupName
     option: str = ""
     metavar: str | tuple[str, ...] = ""
     needed_by: Collection[GoalName] = ()
@@ -51,9 +51,9 @@ class About:
     switched: tuple[str, str] = ("", "")
 
 
-def about(
+def describe_field(
     text: str,
-    group: GroupName,
+    group: _GroupName,
     metavar: str | tuple[str, ...] = "",
     *,
     takes: str = "",
@@ -63,17 +63,17 @@ def about(
 
     text : what it is, without a capital or a full stop; also `description` of the JSON Schema.
     takes : what its values are, in words, where its type does not say it well. All else : fields of
-    `About`.
+    `FieldDescription`.
     """
-    extra: dict[str, object] = {"about": About(group=group, metavar=metavar, **more)}
+    extra: dict[str, object] = {"about": FieldDescription(group=group, metavar=metavar, **more)}
     if takes:
         extra["takes"] = takes
     return Meta(description=text, extra=extra)
 
 
-def array(
+def describe_array(
     text: str, *, needed_by: Collection[GoalName] = (), taken_by: Collection[GoalName] = ()
 ) -> Meta:
-    """Annotate a parameter of goals that is an array, as `about` does other fields."""
+    """Annotate a parameter of goals that is an array, as `describe_field` does other fields."""
     takes = "rows of numbers, or a file (.npy, .npz or grey PNG)"
-    return about(text, "goal", "FILE", takes=takes, needed_by=needed_by, taken_by=taken_by)
+    return describe_field(text, "goal", "FILE", takes=takes, needed_by=needed_by, taken_by=taken_by)

@@ -14,7 +14,7 @@ from pdcd.words import GoalName, VerdictName
 MOST_RUNS = 1000
 """Most runs of one page."""
 
-State = Literal[
+_State = Literal[
     "done", "partial", "failed", "cancelled", "unfinished", "running", "damaged", "foreign"
 ]
 
@@ -29,7 +29,7 @@ class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     job: str
-    state: State
+    state: _State
     folder: str
     kind: Literal["capture", "preview"] = "capture"
     name: str | None = None

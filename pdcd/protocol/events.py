@@ -9,8 +9,8 @@
     At any place instead: failed | cancelled
 
 The engine makes them and leaves the common fields at their defaults; the daemon numbers them, says
-when they happened, and sends them to its clients. log.jsonl of a run keeps all but `Queued`, the
-thinned ones (`THINNED`) and `Done`.
+when they happened, and sends them to its clients. log.jsonl of a run keeps all but `JobQueued`, the
+thinned ones (`THINNED`) and `JobDone`.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.bench.calibration import FigureRecord
-from pdcd.protocol.result import CaptureResult, Figure
+from pdcd.protocol.result import CaptureResult, SummaryValue
 from pdcd.words import GoalName, VerdictName
 
-Count = Annotated[int, Meta(ge=0)]
+EventCount = Annotated[int, Meta(ge=0)]
 ShotName = Annotated[str, Meta(min_length=1, description="exposure, as its RAW file is called")]
 
 
@@ -49,13 +49,13 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
         return str(self.__struct_config__.tag)
 
 
-class Queued(Event, frozen=True, kw_only=True, tag_field="type", tag="queued"):
+class JobQueued(Event, frozen=True, kw_only=True, tag_field="type", tag="queued"):
     """Admitted; always the first."""
 
-    ahead: Annotated[Count, Meta(description="jobs that wait before it")]
+    ahead: Annotated[EventCount, Meta(description="jobs that wait before it")]
 
 
-class Planning(Event, frozen=True, kw_only=True, tag_field="type", tag="planning"):
+class PlanningProgress(Event, frozen=True, kw_only=True, tag_field="type", tag="planning"):
     """How far the plan is: codes are made, or candidates for a wanted error are looked at."""
 
     stage: Annotated[str, Meta(description="what is worked on, in words")]
@@ -63,23 +63,23 @@ class Planning(Event, frozen=True, kw_only=True, tag_field="type", tag="planning
     total: Annotated[float, Meta(gt=0.0, description="all work known so far; it may grow")]
 
 
-class Started(Event, frozen=True, kw_only=True, tag_field="type", tag="started"):
+class JobStarted(Event, frozen=True, kw_only=True, tag_field="type", tag="started"):
     """The job has the rig."""
 
     goal: GoalName
 
 
-class Learning(Event, frozen=True, kw_only=True, tag_field="type", tag="learning"):
+class PilotLearning(Event, frozen=True, kw_only=True, tag_field="type", tag="learning"):
     """The photos of a pilot are looked at."""
 
     photos: Annotated[int, Meta(ge=1, description="how many there are so far")]
 
 
-class Armed(Event, frozen=True, kw_only=True, tag_field="type", tag="armed"):
+class ShotArmed(Event, frozen=True, kw_only=True, tag_field="type", tag="armed"):
     """Patterns are loaded, the camera is ready."""
 
     shot: ShotName
-    frames: Annotated[Count, Meta(description="refreshes to be shown in one pass")]
+    frames: Annotated[EventCount, Meta(description="refreshes to be shown in one pass")]
 
 
 class ShutterOpen(Event, frozen=True, kw_only=True, tag_field="type", tag="shutter_open"):
@@ -92,9 +92,9 @@ class Progress(Event, frozen=True, kw_only=True, tag_field="type", tag="progress
     """Codes are being shown."""
 
     shot: ShotName
-    frame: Annotated[Count, Meta(description="refreshes shown")]
-    frames: Annotated[Count, Meta(description="refreshes of the shot")]
-    missed: Annotated[Count, Meta(description="refreshes that came late so far")]
+    frame: Annotated[EventCount, Meta(description="refreshes shown")]
+    frames: Annotated[EventCount, Meta(description="refreshes of the shot")]
+    missed: Annotated[EventCount, Meta(description="refreshes that came late so far")]
 
 
 class ShutterClosed(Event, frozen=True, kw_only=True, tag_field="type", tag="shutter_closed"):
@@ -103,7 +103,7 @@ class ShutterClosed(Event, frozen=True, kw_only=True, tag_field="type", tag="shu
     shot: ShotName
 
 
-class Discarded(Event, frozen=True, kw_only=True, tag_field="type", tag="discarded"):
+class ShotDiscarded(Event, frozen=True, kw_only=True, tag_field="type", tag="discarded"):
     """Codes got unequal light, or the times of the exposure disagree: it is kept under another name
     and taken again."""
 
@@ -112,7 +112,7 @@ class Discarded(Event, frozen=True, kw_only=True, tag_field="type", tag="discard
     cause: Annotated[str, Meta(description="in words")]
 
 
-class Converging(Event, frozen=True, kw_only=True, tag_field="type", tag="converging"):
+class PartCompleted(Event, frozen=True, kw_only=True, tag_field="type", tag="converging"):
     """With `until_error`: a part is complete. `preview/running.png` is new."""
 
     part: Annotated[int, Meta(ge=1, description="parts taken so far")]
@@ -150,19 +150,19 @@ class StepEnded(Event, frozen=True, kw_only=True, tag_field="type", tag="step_en
 
     step: str
     verdict: VerdictName
-    photos: Count
+    photos: EventCount
     seconds: Annotated[float, Meta(ge=0.0, description="computing time")]
     figures: tuple[FigureRecord, ...]
     advice: tuple[str, ...]
 
 
-class Decoding(Event, frozen=True, kw_only=True, tag_field="type", tag="decoding"):
+class DecodingStarted(Event, frozen=True, kw_only=True, tag_field="type", tag="decoding"):
     """All shots are taken; pictures are made of them."""
 
-    shots: Annotated[Count, Meta(description="how many there are")]
+    shots: Annotated[EventCount, Meta(description="how many there are")]
 
 
-class Decoded(Event, frozen=True, kw_only=True, tag_field="type", tag="decoded"):
+class DecodingProgress(Event, frozen=True, kw_only=True, tag_field="type", tag="decoded"):
     """How far the making of pictures is: at the end, after a part, or of a pilot."""
 
     done: Annotated[float, Meta(ge=0.0, description="work done, in units of `total`")]
@@ -171,7 +171,7 @@ class Decoded(Event, frozen=True, kw_only=True, tag_field="type", tag="decoded")
     ]
 
 
-class Archived(Event, frozen=True, kw_only=True, tag_field="type", tag="archived"):
+class PicturesArchived(Event, frozen=True, kw_only=True, tag_field="type", tag="archived"):
     """The pictures are written; hashes, the manifest and the folder's final name follow."""
 
 
@@ -182,69 +182,69 @@ class _End(Event, frozen=True, kw_only=True):
     manifest_sha256: str | None = None
     error: dict[str, str | None] | None = None
     files: tuple[str, ...] = ()
-    summary: dict[str, Figure] = {}
+    summary: dict[str, SummaryValue] = {}
     warnings: tuple[str, ...] = ()
 
 
-class Done(_End, frozen=True, kw_only=True, tag_field="type", tag="done"):
+class JobDone(_End, frozen=True, kw_only=True, tag_field="type", tag="done"):
     """The run folder is complete."""
 
     state: Literal["done"] = "done"
 
 
-class Failed(_End, frozen=True, kw_only=True, tag_field="type", tag="failed"):
+class JobFailed(_End, frozen=True, kw_only=True, tag_field="type", tag="failed"):
     """The job ended by an error; panels are black and the shutter is closed."""
 
     state: Literal["failed"] = "failed"
 
 
-class Cancelled(_End, frozen=True, kw_only=True, tag_field="type", tag="cancelled"):
+class JobCancelled(_End, frozen=True, kw_only=True, tag_field="type", tag="cancelled"):
     """The job was ended by somebody; panels are black and the shutter is closed."""
 
     state: Literal["cancelled"] = "cancelled"
 
 
-Known = (
-    Queued
-    | Planning
-    | Started
-    | Learning
-    | Armed
+KnownEvent = (
+    JobQueued
+    | PlanningProgress
+    | JobStarted
+    | PilotLearning
+    | ShotArmed
     | ShutterOpen
     | Progress
     | ShutterClosed
-    | Discarded
-    | Converging
+    | ShotDiscarded
+    | PartCompleted
     | StepBegun
     | Attention
     | StepEnded
-    | Decoding
-    | Decoded
-    | Archived
-    | Done
-    | Failed
-    | Cancelled
+    | DecodingStarted
+    | DecodingProgress
+    | PicturesArchived
+    | JobDone
+    | JobFailed
+    | JobCancelled
 )
 """Every event that this version sends, in the order in which a job may tell them."""
 
 TYPES: Mapping[str, type[Event]] = MappingProxyType(
-    {str(kind.__struct_config__.tag): kind for kind in get_args(Known)}
+    {str(kind.__struct_config__.tag): kind for kind in get_args(KnownEvent)}
 )
 """The structs by the name of their type."""
 
-THINNED = (Planning, Progress, Decoded)
+THINNED = (PlanningProgress, Progress, DecodingProgress)
 """Come many times a second; of those the newest counts, so that any may be left out."""
 
-ENDS = (Done, Failed, Cancelled)
+ENDS = (JobDone, JobFailed, JobCancelled)
 """The last event of a job is one of these."""
 
-COMMON = frozenset(Event.__struct_fields__)
+COMMON_FIELDS = frozenset(Event.__struct_fields__)
 
 Emit = Callable[[Event], None]
 """Takes one event of the engine; must not block."""
 
 
-class Unknown(Event, frozen=True, kw_only=True):
+class UnknownEvent(Event, frozen=True, kw_only=True):
     """An event of a type that this version does not know, as a newer daemon may send it."""
 
     tag: str
@@ -257,12 +257,12 @@ class Unknown(Event, frozen=True, kw_only=True):
         return self.tag
 
 
-def end_of(result: CaptureResult) -> Done | Failed | Cancelled:
+def make_end_event(result: CaptureResult) -> JobDone | JobFailed | JobCancelled:
     """The last event of the job with that result. Raises KeyError while it has not ended."""
-    kinds: dict[str, type[Done | Failed | Cancelled]] = {
-        "done": Done,
-        "failed": Failed,
-        "cancelled": Cancelled,
+    kinds: dict[str, type[JobDone | JobFailed | JobCancelled]] = {
+        "done": JobDone,
+        "failed": JobFailed,
+        "cancelled": JobCancelled,
     }
     return kinds[result.state](
         job=result.job,
@@ -275,33 +275,34 @@ def end_of(result: CaptureResult) -> Done | Failed | Cancelled:
     )
 
 
-def read(wire: Mapping[str, Any]) -> Event:
-    """The event in JSON types as a struct; unknown fields are ignored, unknown types `Unknown`."""
+def decode_event(wire: Mapping[str, Any]) -> Event:
+    """The event in JSON types as a struct; unknown fields are ignored, unknown types
+    `UnknownEvent`."""
     kind = TYPES.get(str(wire.get("type")))
     if kind is not None:
         return msgspec.convert(wire, kind)
-    common = {name: wire[name] for name in COMMON if name in wire}
-    rest = {k: v for k, v in wire.items() if k not in COMMON and k != "type"}
-    return msgspec.convert({**common, "tag": str(wire.get("type")), "fields": rest}, Unknown)
+    common = {name: wire[name] for name in COMMON_FIELDS if name in wire}
+    rest = {k: v for k, v in wire.items() if k not in COMMON_FIELDS and k != "type"}
+    return msgspec.convert({**common, "tag": str(wire.get("type")), "fields": rest}, UnknownEvent)
 
 
-def fields(event: Event) -> dict[str, Any]:
+def pick_event_fields(event: Event) -> dict[str, Any]:
     """What an event says beside the common fields, in JSON types."""
-    if isinstance(event, Unknown):
+    if isinstance(event, UnknownEvent):
         return event.fields
     told: dict[str, Any] = msgspec.to_builtins(event)
-    return {key: value for key, value in told.items() if key not in COMMON and key != "type"}
+    return {key: value for key, value in told.items() if key not in COMMON_FIELDS and key != "type"}
 
 
-def wire(event: Event) -> dict[str, Any]:
+def encode_event(event: Event) -> dict[str, Any]:
     """The event in JSON types, as it goes over the socket."""
     head = {"job": event.job, "seq": event.seq, "type": event.type, "t_mono_ns": event.t_mono_ns}
-    return {**head, **fields(event)}
+    return {**head, **pick_event_fields(event)}
 
 
-def logged(event: Event, now_ns: int) -> dict[str, Any]:
+def to_log_entry(event: Event, now_ns: int) -> dict[str, Any]:
     """The event as log.jsonl has it: the time is what the event says, else `now_ns`."""
     head: dict[str, Any] = {"t_mono_ns": event.t_mono_ns or now_ns, "event": event.type}
     if event.job:
         head["job"] = event.job
-    return {**head, **fields(event)}
+    return {**head, **pick_event_fields(event)}

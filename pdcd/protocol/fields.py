@@ -16,18 +16,18 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import msgspec
 from msgspec import Meta
 
-from pdcd.protocol.about import About
-from pdcd.protocol.request import CaptureRequest, Sent
+from pdcd.protocol.about import FieldDescription
+from pdcd.protocol.request import CaptureRequest, SentArray
 
-KindName = Literal["switch", "choice", "number", "numbers", "words", "text", "array", "prior"]
+_KindName = Literal["switch", "choice", "number", "numbers", "words", "text", "array", "prior"]
 """A yes or no; one of some words; a number, or one of some words in its place; as many numbers as
 there are; any words; a text; an array; a prior, which is a text or an array."""
 
-Bounds = Mapping[str, float]
+_Bounds = Mapping[str, float]
 _S = TypeVar("_S", bound=msgspec.Struct)
 
 
-UNTOLD = About(group="run")
+UNTOLD = FieldDescription(group="run")
 """Of a field of which nothing is told beside its type."""
 
 
@@ -52,12 +52,12 @@ class Field:
     default: Any
     text: str
     takes: str
-    kind: KindName
+    kind: _KindName
     words: tuple[str, ...]
     whole: bool
     count: int
     share: bool
-    about: About
+    about: FieldDescription
 
     @property
     def label(self) -> str:
@@ -90,19 +90,23 @@ def fields_of(kind: type[msgspec.Struct]) -> Mapping[str, Field]:
     return {each.name: _field(each) for each in msgspec.structs.fields(kind)}
 
 
-def request_fields() -> Mapping[str, Field]:
+def list_request_fields() -> Mapping[str, Field]:
     """Those of a photo."""
     return fields_of(CaptureRequest)
 
 
-def needed_by(goal: str) -> tuple[str, ...]:
+def list_needed_fields(goal: str) -> tuple[str, ...]:
     """Parameters that a goal needs."""
-    return tuple(field.name for field in request_fields().values() if goal in field.about.needed_by)
+    return tuple(
+        field.name for field in list_request_fields().values() if goal in field.about.needed_by
+    )
 
 
-def taken_by(goal: str) -> tuple[str, ...]:
+def list_optional_fields(goal: str) -> tuple[str, ...]:
     """Parameters that a goal may be given besides."""
-    return tuple(field.name for field in request_fields().values() if goal in field.about.taken_by)
+    return tuple(
+        field.name for field in list_request_fields().values() if goal in field.about.taken_by
+    )
 
 
 def convert_struct(raw: Any, kind: type[_S]) -> _S:
@@ -151,9 +155,9 @@ def _field(told: msgspec.structs.FieldInfo) -> Field:
     )
 
 
-def _kind(options: list[Any], words: tuple[str, ...]) -> KindName:
+def _kind(options: list[Any], words: tuple[str, ...]) -> _KindName:
     bare = [_bare(option)[0] for option in options]
-    if Sent in bare:
+    if SentArray in bare:
         return "array" if any(get_origin(each) is tuple for each in bare) else "prior"
     if int in bare or float in bare:
         return "number"
@@ -190,7 +194,7 @@ def _is_row(kind: Any) -> bool:
     return get_origin(bare) is tuple and Ellipsis not in get_args(bare)
 
 
-def _bounds(kind: Any) -> Bounds:
+def _bounds(kind: Any) -> _Bounds:
     """Bounds of a number by the names that msgspec has for them."""
     names = ("gt", "ge", "lt", "le", "multiple_of")
     told = ((name, getattr(meta, name)) for meta in _bare(kind)[1] for name in names)
@@ -270,5 +274,7 @@ def _figure(number: float) -> str:
     return f"{number:d}" if isinstance(number, int) else f"{number:.12g}"
 
 
-ARRAYS = tuple(field.name for field in request_fields().values() if field.kind == "array")
+ARRAY_FIELDS = tuple(
+    field.name for field in list_request_fields().values() if field.kind == "array"
+)
 """Fields of a photo that are arrays; `prior` may be one."""

@@ -30,7 +30,7 @@ Tag = Annotated[
     ),
 ]
 """A word that runs are found by."""
-Note = Annotated[
+NoteText = Annotated[
     str,
     Meta(
         max_length=4096,

@@ -18,16 +18,16 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.bench.tables import Config
-from pdcd.errors import KINDS, PdcdError, ProtocolError, of_kind
+from pdcd.errors import KINDS, PdcdError, ProtocolError, make_error
 from pdcd.protocol import events
 from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import OwnerView, Preview, RigView, Role
+from pdcd.protocol.views import ClientRole, OwnerView, PreviewView, RigView
 from pdcd.words import JobKind, JobState, PatternName
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 PROTOCOL = (1, 0)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
@@ -39,7 +39,7 @@ MAX_FDS = 16
 """Descriptors that one connection may have sent and not yet named in a request, and the most that
 its unanswered requests may hold."""
 
-PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS, INTERNAL_ERROR = (
+PARSE_ERROR, _INVALID_REQUEST, METHOD_NOT_FOUND, _INVALID_PARAMS, _INTERNAL_ERROR = (
     -32700,
     -32600,
     -32601,
@@ -50,10 +50,10 @@ PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS, INTERNAL_ERROR =
 
 CODES: Mapping[str, int] = MappingProxyType(
     {
-        "protocol": INVALID_REQUEST,
-        "config": INVALID_PARAMS,
-        "request": INVALID_PARAMS,
-        "internal": INTERNAL_ERROR,
+        "protocol": _INVALID_REQUEST,
+        "config": _INVALID_PARAMS,
+        "request": _INVALID_PARAMS,
+        "internal": _INTERNAL_ERROR,
         # The range left to applications; the order is frozen, new kinds go to the end.
         "busy": -32001,
         "cancelled": -32002,
@@ -162,7 +162,7 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
     clock: ClockAnchor
 
 
-class Admitted(msgspec.Struct, frozen=True, kw_only=True):
+class Admission(msgspec.Struct, frozen=True, kw_only=True):
     """Answer of `capture.start`, `calibrate.start` and `calibrate.proceed`."""
 
     job: str
@@ -214,9 +214,9 @@ class GoalView(msgspec.Struct, frozen=True, kw_only=True):
     may: tuple[str, ...]
 
 
-class Described(msgspec.Struct, frozen=True):
-    """Answer of `rig.describe`: the rig, the JSON Schema of every message (`schema`), the goals by
-    name, and in words what the arrays among their parameters hold."""
+class RigDescription(msgspec.Struct, frozen=True):
+    """Answer of `rig.describe`: the rig, the JSON Schema of every message (`build_message_schema`),
+    the goals by name, and in words what the arrays among their parameters hold."""
 
     rig: RigView
     schema: dict[str, Any]
@@ -230,7 +230,7 @@ class Subscription(msgspec.Struct, frozen=True):
     jobs: Interest
 
 
-class Shown(msgspec.Struct, frozen=True):
+class ShowReply(msgspec.Struct, frozen=True):
     """Answer of `display.show`: what both panels show now, and the job that keeps them at it."""
 
     pattern: str
@@ -244,7 +244,7 @@ class Pong(msgspec.Struct, frozen=True):
     clock: ClockAnchor
 
 
-class Agreed(msgspec.Struct, frozen=True):
+class HelloReply(msgspec.Struct, frozen=True):
     """Answer of `hello`: the server's protocol version."""
 
     protocol: tuple[int, int]
@@ -275,29 +275,29 @@ class Method:
 
     params: type[msgspec.Struct]
     result: type[msgspec.Struct]
-    role: Role = Role.LOOK
+    role: ClientRole = ClientRole.LOOK
     takes_fds: bool = False
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
-        "hello": Method(HelloParams, Agreed),
+        "hello": Method(HelloParams, HelloReply),
         "ping": Method(NoParams, Pong),
         "rig.status": Method(NoParams, Status),
-        "rig.describe": Method(NoParams, Described),
+        "rig.describe": Method(NoParams, RigDescription),
         # It holds paths, ports, and who may do what: nothing that a mere onlooker needs.
-        "config.get": Method(NoParams, Config, Role.SHOOT),
-        "capture.plan": Method(PlanParams, PlanSummary, Role.SHOOT, takes_fds=True),
-        "capture.start": Method(StartParams, Admitted, Role.SHOOT, takes_fds=True),
+        "config.get": Method(NoParams, Config, ClientRole.SHOOT),
+        "capture.plan": Method(PlanParams, PlanSummary, ClientRole.SHOOT, takes_fds=True),
+        "capture.start": Method(StartParams, Admission, ClientRole.SHOOT, takes_fds=True),
         "capture.wait": Method(JobParams, CaptureResult),
         # Another user's job: administrators only (`pdcd.server.methods`).
-        "capture.cancel": Method(JobParams, CaptureResult, Role.SHOOT),
+        "capture.cancel": Method(JobParams, CaptureResult, ClientRole.SHOOT),
         "capture.list": Method(ListParams, JobList),
-        "calibrate.start": Method(CalibrateParams, Admitted, Role.SHOOT),
+        "calibrate.start": Method(CalibrateParams, Admission, ClientRole.SHOOT),
         # Another user's job: administrators only, as with capture.cancel.
-        "calibrate.proceed": Method(JobParams, Admitted, Role.SHOOT),
-        "display.show": Method(ShowParams, Shown, Role.SHOOT),
-        "preview.grab": Method(NoParams, Preview, Role.SHOOT),
+        "calibrate.proceed": Method(JobParams, Admission, ClientRole.SHOOT),
+        "display.show": Method(ShowParams, ShowReply, ClientRole.SHOOT),
+        "preview.grab": Method(NoParams, PreviewView, ClientRole.SHOOT),
         "events.subscribe": Method(SubscribeParams, Subscription),
         "events.unsubscribe": Method(NoParams, Subscription),
     }
@@ -305,7 +305,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 """Every method of the socket, by name."""
 
 
-def plain(value: object) -> Any:
+def to_wire_types(value: object) -> Any:
     """The value in JSON types; numpy's numbers become Python's. Raises TypeError otherwise."""
     return msgspec.to_builtins(value, enc_hook=_number)
 
@@ -318,28 +318,28 @@ def _number(value: object) -> int | float:
     raise TypeError(f"{type(value).__name__} cannot be sent as JSON")
 
 
-def error_object(error: PdcdError, code: int | None = None) -> ErrorObject:
+def make_error_object(error: PdcdError, code: int | None = None) -> ErrorObject:
     """The error as a reply carries it; `code` overrides the one of its kind."""
     data = ErrorData(kind=error.kind, device=error.device, hint=error.hint)
     return ErrorObject(CODES[error.kind] if code is None else code, error.message, data)
 
 
 @functools.cache
-def schema() -> dict[str, Any]:
+def build_message_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of every message, for `rig.describe`.
 
     Returns ``{"methods": {name: {"params", "result"}}, "notifications": {...}, "error", "kinds",
     "$defs"}``, where each leaf is a schema that refers into `$defs`.
     """
     leaves: list[object] = [t for m in METHODS.values() for t in (m.params, m.result)]
-    notifications: dict[str, object] = {"hello": Hello, "event": events.Known}
+    notifications: dict[str, object] = {"hello": Hello, "event": events.KnownEvent}
     leaves += [*notifications.values(), ErrorObject]
     schemas, definitions = msgspec.json.schema_components(leaves, ref_template="#/$defs/{name}")
     for kind in events.TYPES.values():
         # The engine leaves the common fields out; what is sent has all.
         sent = definitions[kind.__name__]
         sent["required"] = list(sent["properties"])
-        for name in events.COMMON:
+        for name in events.COMMON_FIELDS:
             sent["properties"][name].pop("default", None)
     made = iter(schemas)
     return {
@@ -361,7 +361,7 @@ def check_version(hello: Mapping[str, Any]) -> None:
         )
 
 
-def typed_reply(value: Any, kind: type[T]) -> T:
+def convert_reply(value: Any, kind: type[_T]) -> _T:
     """The value as that type. Raises ProtocolError when it is none."""
     try:
         return msgspec.convert(value, kind)
@@ -372,14 +372,14 @@ def typed_reply(value: Any, kind: type[T]) -> T:
 def read_event(message: Mapping[str, Any]) -> events.Event:
     """The event in a notification of the server. Raises ProtocolError when it is none."""
     try:
-        return events.read(message["params"])
+        return events.decode_event(message["params"])
     except msgspec.ValidationError as err:
         raise ProtocolError(f"the server sent what is no event: {err}") from err
 
 
-def error_of_wire(wire: Mapping[str, Any]) -> PdcdError:
+def decode_error(wire: Mapping[str, Any]) -> PdcdError:
     """The error of our own tree for an error on the wire; an unknown kind becomes the base."""
     data = wire.get("data") or {}
-    return of_kind(
+    return make_error(
         str(data.get("kind")), str(wire.get("message")), data.get("device"), data.get("hint")
     )

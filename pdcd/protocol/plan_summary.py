@@ -1,4 +1,5 @@
-"""A request once decided: what its shots depend on (`Goal`, `How`), and what its plan says."""
+"""A request once decided: what its shots depend on (`Goal`, `CaptureScheme`), and what its plan
+says."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     masked: bool | None = None
 
 
-class How(msgspec.Struct, frozen=True, kw_only=True):
+class CaptureScheme(msgspec.Struct, frozen=True, kw_only=True):
     """How a goal is photographed: with the goal, all that its shots and sums depend on.
 
     `family` is None where no codes are shown. The other fields are those of `CaptureRequest` with
@@ -105,7 +106,7 @@ class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
     stopped_seconds: float
 
 
-class Leaks(msgspec.Struct, frozen=True, kw_only=True):
+class LeakErrors(msgspec.Struct, frozen=True, kw_only=True):
     """What a dark photo showed, as RMS errors of the answer relative to its RMS (docs/leaks.md).
 
     `ambient`: light that is not the projector's, and what a black projector lets out; `mask`: what
@@ -167,5 +168,5 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     squared weights and how it is photographed."""
     black_level: BlackLevelName = "none"
     """Black exposures; "auto": decided once a dark photo was taken."""
-    leaks: Leaks | None = None
+    leaks: LeakErrors | None = None
     """What that photo showed."""

@@ -12,8 +12,8 @@ from typing import Annotated, Literal, TypeGuard, get_args
 import msgspec
 from msgspec import Meta
 
-from pdcd.protocol.about import about, array
-from pdcd.protocol.labels import MOST_TAGS, Label, Note, Tag
+from pdcd.protocol.about import describe_array, describe_field
+from pdcd.protocol.labels import MOST_TAGS, Label, NoteText, Tag
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -28,10 +28,10 @@ from pdcd.words import (
     WindowName,
 )
 
-Name = Annotated[str, Meta(max_length=4096)]
+_Name = Annotated[str, Meta(max_length=4096)]
 
 
-class Sent(
+class SentArray(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True
 ):
     """An array that comes as the content of a file: by descriptor, or within the line.
@@ -50,50 +50,50 @@ class Sent(
     """Of the content; written by whoever has read it."""
 
 
-Rows = tuple[tuple[float, ...], ...]
-Table = Name | Sent | Rows
+NumberRows = tuple[tuple[float, ...], ...]
+_Table = _Name | SentArray | NumberRows
 """Rows of numbers; the content of a file; or a name below the daemon's folder of arrays."""
 
 
-def in_words(prior: object) -> TypeGuard[str]:
+def is_prior_in_words(prior: object) -> TypeGuard[str]:
     """Whether a prior is said in words, and is no array or name of a file."""
     return isinstance(prior, str) and prior.startswith(("scene:", "decay:"))
 
 
-MOST_CELLS = 65536
+_MOST_CELLS = 65536
 """No panel has more pixels along a side; what the rig's own grid allows is less
 (`pdcd.recipes.bounds`)."""
-Step = Annotated[int, Meta(ge=-MOST_CELLS, le=MOST_CELLS)]
-Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
-Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
-Unit = Annotated[float, Meta(ge=0.0, le=1.0)]
-Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
-Plane = tuple[Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry]
-Place = tuple[Unit, Unit]
+_Step = Annotated[int, Meta(ge=-_MOST_CELLS, le=_MOST_CELLS)]
+_Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
+_Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
+_Unit = Annotated[float, Meta(ge=0.0, le=1.0)]
+_Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Plane = tuple[_Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry, _Entry]
+FieldPlace = tuple[_Unit, _Unit]
 """(x, y) on the field, from its upper left corner (`pdcd.panels.map`)."""
 
-MATCHED: tuple[GoalName, ...] = ("indirect", "direct", "fraction", "split")
+_MATCHED: tuple[GoalName, ...] = ("indirect", "direct", "fraction", "split")
 """Goals whose matched cell may be another than the cell itself."""
-RANGES_OF_DEPTH: tuple[GoalName, ...] = ("keyed", "stereo")
+_RANGES_OF_DEPTH: tuple[GoalName, ...] = ("keyed", "stereo")
 
 
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One wanted photo, as `capture.start` and `pdcd capture` take it.
 
     This is the one list of what can be asked for: name, type, bounds and default of each field,
-    what it is, and which goals take it (`about`). Fields that are None take the value of the rig's
-    configuration, or what `pdcd.planning.defaults` finds best.
+    what it is, and which goals take it (`describe_field`). Fields that are None take the value of
+    the rig's configuration, or what `pdcd.planning.defaults` finds best.
     """
 
-    goal: Annotated[GoalName, about("what to keep of the light", "goal")]
+    goal: Annotated[GoalName, describe_field("what to keep of the light", "goal")]
     codes: Annotated[
         Annotated[int, Meta(ge=1, le=65536)] | None,
-        about("independent pairs of codes, one for each panel", "codes", "K", common=True),
+        describe_field("independent pairs of codes, one for each panel", "codes", "K", common=True),
     ] = None
-    family: Annotated[FamilyName | None, about("how the codes are made", "codes")] = None
+    family: Annotated[FamilyName | None, describe_field("how the codes are made", "codes")] = None
     p: Annotated[
-        Share | None,
-        about(
+        _Share | None,
+        describe_field(
             "share of all other light to keep",
             "goal",
             "P",
@@ -102,26 +102,26 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ),
     ] = None
     shift: Annotated[
-        tuple[Step, Step] | None,
-        about(
+        tuple[_Step, _Step] | None,
+        describe_field(
             "cells down and right from each camera cell to the projector cell it is matched with",
             "goal",
             ("DOWN", "RIGHT"),
             needed_by=["off-diagonal", "descattered"],
-            taken_by=MATCHED,
+            taken_by=_MATCHED,
         ),
     ] = None
     equal_brightness: Annotated[
         bool,
-        about(
+        describe_field(
             "take as many times more codes as p is smaller than 1/2, so that light of the matched "
             "cell is as bright for any p",
             "codes",
         ),
     ] = False
     radius: Annotated[
-        Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None,
-        about(
+        Annotated[int, Meta(ge=0, le=_MOST_CELLS)] | None,
+        describe_field(
             "what counts as near, in cells",
             "goal",
             "CELLS",
@@ -129,37 +129,37 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ),
     ] = None
     mix: Annotated[
-        tuple[Weight, Weight] | None,
-        about("weights of the two warps", "goal", ("A", "B"), needed_by=["two-samples"]),
+        tuple[_Weight, _Weight] | None,
+        describe_field("weights of the two warps", "goal", ("A", "B"), needed_by=["two-samples"]),
     ] = None
     period: Annotated[
-        Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None,
-        about("cells from one stripe to the next", "goal", "CELLS", needed_by=["split"]),
+        Annotated[int, Meta(ge=4, le=_MOST_CELLS, multiple_of=4)] | None,
+        describe_field("cells from one stripe to the next", "goal", "CELLS", needed_by=["split"]),
     ] = None
     disparity: Annotated[
-        tuple[Step, Step] | None,
-        about(
+        tuple[_Step, _Step] | None,
+        describe_field(
             "lowest and highest disparity: cells to the right from where the camera sees a point "
             "to the projector cell that lights it; default: 0",
             "goal",
             ("LOW", "HIGH"),
-            taken_by=RANGES_OF_DEPTH,
+            taken_by=_RANGES_OF_DEPTH,
             one_is_both=True,
         ),
     ] = None
     plane: Annotated[
         Plane | None,
-        about(
+        describe_field(
             "homography from the camera's field to the projector's, row by row, of the plane that "
             "disparities count from; default: the rig's",
             "goal",
             "H",
-            taken_by=RANGES_OF_DEPTH,
+            taken_by=_RANGES_OF_DEPTH,
         ),
     ] = None
     keep: Annotated[
         KeepName | None,
-        about(
+        describe_field(
             "paths in the epipolar plane, which are those within rows of cells (default: in), or "
             "all others",
             "goal",
@@ -167,8 +167,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ),
     ] = None
     rows: Annotated[
-        tuple[Step, Step] | None,
-        about(
+        tuple[_Step, _Step] | None,
+        describe_field(
             "row of projector cells and row of camera cells; default: all of T",
             "goal",
             ("R", "R2"),
@@ -178,52 +178,56 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     masked: Annotated[
         bool | None,
-        about("close the mask but for the row of camera cells", "goal", taken_by=["transport"]),
+        describe_field(
+            "close the mask but for the row of camera cells", "goal", taken_by=["transport"]
+        ),
     ] = None
     illumination: Annotated[
-        Table | None,
-        array(
+        _Table | None,
+        describe_array(
             "light of the projector, 0 to 1",
             needed_by=["illuminated"],
             taken_by=[g for g in get_args(GoalName) if g not in ("illuminated", "transport")],
         ),
     ] = None
     disparities: Annotated[
-        Table | None,
-        array(
+        _Table | None,
+        describe_array(
             "cells to the right from each camera cell to the projector cell that disparities count "
             "from",
-            taken_by=RANGES_OF_DEPTH,
+            taken_by=_RANGES_OF_DEPTH,
         ),
     ] = None
     warp: Annotated[
-        Table | None,
-        array(
+        _Table | None,
+        describe_array(
             "projector cell of each camera cell, as row * columns + column, or -1",
             needed_by=["warped", "two-samples"],
-            taken_by=(*MATCHED, *RANGES_OF_DEPTH),
+            taken_by=(*_MATCHED, *_RANGES_OF_DEPTH),
         ),
     ] = None
-    warp_b: Annotated[Table | None, array("a second warp", needed_by=["two-samples"])] = None
+    warp_b: Annotated[_Table | None, describe_array("a second warp", needed_by=["two-samples"])] = (
+        None
+    )
     region_a: Annotated[
-        Table | None, array("camera cells of a region, 0 or 1", needed_by=["blocked"])
+        _Table | None, describe_array("camera cells of a region, 0 or 1", needed_by=["blocked"])
     ] = None
     region_b: Annotated[
-        Table | None, array("projector cells of a region, 0 or 1", needed_by=["blocked"])
+        _Table | None, describe_array("projector cells of a region, 0 or 1", needed_by=["blocked"])
     ] = None
     kernel: Annotated[
-        Table | None,
-        array(
+        _Table | None,
+        describe_array(
             "weights of shifts, an array with odd sides whose centre is the shift (0, 0)",
             needed_by=["filtered"],
         ),
     ] = None
     matrix: Annotated[
-        Table | None, array("weight of every pair of cells, N x N", needed_by=["relit"])
+        _Table | None, describe_array("weight of every pair of cells, N x N", needed_by=["relit"])
     ] = None
     method: Annotated[
         MethodName,
-        about(
+        describe_field(
             "one coded photo; a pair of them, with the mask's codes and with their complement; "
             "many photos through an open mask; or shifted checkers (nayar). The last two are there "
             "to compare with",
@@ -232,7 +236,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = "coded"
     pilot: Annotated[
         Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None,
-        about(
+        describe_field(
             "of the codes, how many to photograph one by one first, to learn which far cells are "
             "linked: 8, 12 or 16 in front of mirrors, which may be all of them, else a power of "
             "two from 32, with codes left; 0: none; auto: a few, where the first photos show that "
@@ -243,7 +247,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     parts: Annotated[
         Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None,
-        about(
+        describe_field(
             "exposures to split the codes over; from 4 on their spread measures the error of the "
             "codes, which is not in sigma else; auto: as many of 16 codes or more as are worth "
             "their files; default: auto, of goals that bear it",
@@ -252,8 +256,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ),
     ] = None
     until_error: Annotated[
-        Share | None,
-        about(
+        _Share | None,
+        describe_field(
             "take no more parts once RMS sigma over the picture's RMS is as low as that",
             "codes",
             "E",
@@ -262,15 +266,15 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     repeat: Annotated[
         int,
         Meta(ge=1, le=1024),
-        about(
+        describe_field(
             "equal exposures to add up: less sensor noise, the same error of the codes",
             "codes",
             "B",
         ),
     ] = 1
     error: Annotated[
-        Share | None,
-        about(
+        _Share | None,
+        describe_field(
             "wanted RMS error as a share of the picture's RMS; codes and exposures follow",
             "planning",
             "E",
@@ -279,11 +283,11 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     confidence: Annotated[
         Annotated[float, Meta(ge=0.5, lt=1.0)] | None,
-        about("probability with which that error is kept; default: 0.95", "planning", "C"),
+        describe_field("probability with which that error is kept; default: 0.95", "planning", "C"),
     ] = None
     seconds: Annotated[
         Annotated[float, Meta(gt=0.0, le=86400.0)] | None,
-        about(
+        describe_field(
             "time of all exposures; what gives the smallest error in it follows",
             "planning",
             "S",
@@ -291,8 +295,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ),
     ] = None
     prior: Annotated[
-        Name | Sent | None,
-        about(
+        _Name | SentArray | None,
+        describe_field(
             "what the scene is like, to guide the codes and foresee errors by: scene:NAME of a "
             "preset, decay:CELLS, or a transport matrix",
             "planning",
@@ -302,7 +306,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     smooth: Annotated[
         bool | None,
-        about(
+        describe_field(
             "correct indirect and far light for what codes get wrong of smooth light, by a model "
             "that the photo itself gives; default: with the family hadamard",
             "codes",
@@ -310,7 +314,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     grey_masks: Annotated[
         bool | None,
-        about(
+        describe_field(
             "let masks of long- and short-range light have grey levels, which count it more "
             "evenly, for less light; default: where the mask can show them and it is known what "
             "light they give",
@@ -318,21 +322,25 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ),
     ] = None
     seed: Annotated[
-        int, Meta(ge=0, lt=2**53), about("the same seed gives the same codes", "codes", "N")
+        int,
+        Meta(ge=0, lt=2**53),
+        describe_field("the same seed gives the same codes", "codes", "N"),
     ] = 0
     exposure_s: Annotated[
         Annotated[float, Meta(gt=0.0, le=3600.0)] | None,
-        about(
+        describe_field(
             "coded time in seconds: as many whole passes of the codes as fit",
             "photo",
             "S",
             option="exposure",
         ),
     ] = None
-    window: Annotated[WindowName | None, about("part of a mask cell that opens", "photo")] = None
+    window: Annotated[
+        WindowName | None, describe_field("part of a mask cell that opens", "photo")
+    ] = None
     guards: Annotated[
         bool | GuardsName | None,
-        about(
+        describe_field(
             "refreshes that keep a code apart from the next: 1 (none), 2 (both panels black; the "
             "mask black, before or after its code), 3 (tail, for slow masks; full) or 4 (wide, for "
             "panels set from opposite ends); auto: by the measured lag of the mask",
@@ -346,28 +354,28 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     black_level: Annotated[
         BlackLevelName | None,
-        about(
+        describe_field(
             "black exposures to take and subtract; auto: those that a dark photo calls for", "photo"
         ),
     ] = None
     normalise: Annotated[
         NormaliseName | None,
-        about(
+        describe_field(
             "divide a photo by one number, each cell by its own weight, or (auto) as it needs",
             "photo",
         ),
     ] = None
     white: Annotated[
         bool,
-        about(
+        describe_field(
             "take a white photo beside an indirect one, so that the run shows white, direct and "
             "indirect light",
             "photo",
         ),
     ] = True
     white_patch: Annotated[
-        Place | None,
-        about(
+        FieldPlace | None,
+        describe_field(
             "where on the field something white lies, to balance the previews by, from 0 0 at its "
             "upper left corner to 1 1; default: what is bright and nearly neutral",
             "photo",
@@ -376,7 +384,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     out: Annotated[
         str | None,
-        about(
+        describe_field(
             "make the run folder in DIR; over the socket, below the daemon's state folder",
             "run",
             "DIR",
@@ -384,14 +392,16 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = None
     name: Annotated[
         Label | None,
-        about("what to call the run; it need not be unique", "run", "TEXT", common=True),
+        describe_field("what to call the run; it need not be unique", "run", "TEXT", common=True),
     ] = None
     tags: Annotated[
         tuple[Tag, ...],
         Meta(max_length=MOST_TAGS),
-        about("words to find the run by", "run", "WORD", option="tag", common=True),
+        describe_field("words to find the run by", "run", "WORD", option="tag", common=True),
     ] = ()
-    note: Annotated[Note, about("whatever is to be remembered", "run", "TEXT", common=True)] = ""
+    note: Annotated[
+        NoteText, describe_field("whatever is to be remembered", "run", "TEXT", common=True)
+    ] = ""
 
 
 class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -401,20 +411,22 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     steps: Annotated[
         tuple[StepName, ...],
         Meta(max_length=len(get_args(StepName))),
-        about("what to measure; none: all that a bench needs", "calibration", "STEP"),
+        describe_field("what to measure; none: all that a bench needs", "calibration", "STEP"),
     ] = ()
     attended: Annotated[
         bool,
-        about(
+        describe_field(
             "whether somebody is there to put a card in front of the camera and say so; else it "
             "begins at once",
             "calibration",
         ),
     ] = False
-    subject: Annotated[SubjectName, about("what is in front of the camera", "calibration")] = "card"
+    subject: Annotated[
+        SubjectName, describe_field("what is in front of the camera", "calibration")
+    ] = "card"
     marks: Annotated[
         MarksName,
-        about(
+        describe_field(
             "what the geometry shows: dots on a card, or stripes; auto: dots on a card, stripes on "
             "a scene",
             "calibration",
@@ -422,7 +434,7 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     ] = "auto"
     anew: Annotated[
         bool,
-        about(
+        describe_field(
             "measure all steps, also those that a calibration found which stopped not long ago",
             "calibration",
         ),

@@ -21,17 +21,17 @@ class Quality(msgspec.Struct, frozen=True, kw_only=True):
     remarks: tuple[str, ...] = ()
 
 
-Figure = float | int | str | Quality | None
+SummaryValue = float | int | str | Quality | None
 """What the summary of a run holds."""
 
 
-def quality_of(summary: Mapping[str, Figure]) -> Quality | None:
+def quality_of(summary: Mapping[str, SummaryValue]) -> Quality | None:
     """The verdict in the summary of a run; None where it came to no picture."""
     found = summary.get("quality")
     return found if isinstance(found, Quality) else None
 
 
-def figure_of(summary: Mapping[str, Figure], name: str) -> float | int | str | None:
+def read_summary_value(summary: Mapping[str, SummaryValue], name: str) -> float | int | str | None:
     """A number or a word of the summary of a run; None for what is not known, and the verdict."""
     found = summary.get(name)
     return None if isinstance(found, Quality) else found
@@ -48,7 +48,7 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     """`kind`, `message`, `device`, `hint` of the failure, when `state` is failed or cancelled."""
     files: tuple[str, ...] = ()
     """Paths kept, relative to `folder` (of the unfinished folder when the job did not finish)."""
-    summary: dict[str, Figure] = {}
+    summary: dict[str, SummaryValue] = {}
     """codes, refreshes, exposure_s, missed_refreshes, rms_error_quads, rms_error_cells ... for the
     table; and `quality`, the verdict."""
     warnings: tuple[str, ...] = ()
@@ -57,11 +57,11 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     """Of a calibration: whether it came to its end and nothing is bad, so that it is in use."""
 
 
-def new_job_id() -> str:
+def make_job_id() -> str:
     """Name of a new job: UTC time to the second and four random hex digits."""
-    return f"{job_time(datetime.now(UTC))}-{secrets.token_hex(2)}"
+    return f"{format_job_time(datetime.now(UTC))}-{secrets.token_hex(2)}"
 
 
-def job_time(moment: datetime) -> str:
+def format_job_time(moment: datetime) -> str:
     """What the names of jobs of a moment begin with; they sort by time."""
     return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"

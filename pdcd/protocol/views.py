@@ -55,7 +55,7 @@ class RigView(msgspec.Struct, frozen=True, kw_only=True):
     scene: str | None = None
 
 
-class Preview(msgspec.Struct, frozen=True, kw_only=True):
+class PreviewView(msgspec.Struct, frozen=True, kw_only=True):
     """A quick photo on the daemon's disk."""
 
     path: str
@@ -64,7 +64,7 @@ class Preview(msgspec.Struct, frozen=True, kw_only=True):
     """Rows, columns, channels."""
 
 
-class Role(enum.IntEnum):
+class ClientRole(enum.IntEnum):
     """What a client may do; each role may all that the ones below it may."""
 
     LOOK = 1

@@ -22,22 +22,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import RequestError
 from pdcd.recipes.goals import Target
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
 ALL_DARK = 1e-3
 """Lit share of what a quad sees below which it counts as dark."""
-BLOCK_CELLS = 2
+_BLOCK_CELLS = 2
 """Side of a checker's blocks. Smaller ones assume less of the indirect light, but every cell then
 lies at the edge of its block, where real projectors are not sharp."""
 
 
-def masked_weights(bits: Bools) -> Floats:
+def compute_masked_weights(bits: Bools) -> Floats:
     """Weights of the paper's masked sum, ``1 - i_k`` (appendix): indirect light.
 
     Parameters
@@ -51,7 +48,7 @@ def masked_weights(bits: Bools) -> Floats:
     return np.where(bits, 0.0, 1.0)
 
 
-def fitted_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
+def fit_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
     """Weights that find given shares of direct and indirect light, by a line through the photos.
 
     For each cell, over its own code i_k: photo = indirect / 2 + direct * i_k, all other cells being
@@ -84,7 +81,7 @@ def fitted_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Mixture:
+class CodeMixture:
     """Codes as quads saw them that see several cells, summed up over the K photos: (h, w) each.
 
     codes, squares : sums of the lit share of what a quad sees, and of its square. dark : photos in
@@ -97,14 +94,14 @@ class Mixture:
     dark: Floats
 
 
-class Masked:
-    """`masked_weights`, for cells and for quads."""
+class MaskedWeights:
+    """`compute_masked_weights`, for cells and for quads."""
 
     def __call__(self, bits: Bools) -> Floats:
         """Weights of cells, (K, N)."""
-        return masked_weights(bits)
+        return compute_masked_weights(bits)
 
-    def mixed(self, lit: Floats, all_photos: Mixture) -> Floats:
+    def mixed(self, lit: Floats, all_photos: CodeMixture) -> Floats:
         """Weights in one photo of quads of which the share `lit` was: only where all was dark, and
         as much in all as if it were half of the photos."""
         half = 0.5 * all_photos.count
@@ -113,17 +110,17 @@ class Masked:
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """`fitted_weights`, for cells and for quads."""
+class FittedWeights:
+    """`fit_weights`, for cells and for quads."""
 
     direct: float
     indirect: float
 
     def __call__(self, bits: Bools) -> Floats:
         """Weights of cells, (K, N)."""
-        return fitted_weights(bits, direct=self.direct, indirect=self.indirect)
+        return fit_weights(bits, direct=self.direct, indirect=self.indirect)
 
-    def mixed(self, lit: Floats, all_photos: Mixture) -> Floats:
+    def mixed(self, lit: Floats, all_photos: CodeMixture) -> Floats:
         """Weights in one photo of quads of which the share `lit` was: by a line through the photos
         over that share."""
         count = all_photos.count
@@ -135,7 +132,7 @@ class Fitted:
         return np.asarray(self.direct * slope + 2.0 * self.indirect * at_dark)
 
 
-def checkers(grid: tuple[int, int], block: int = BLOCK_CELLS) -> Floats:
+def make_checkers(grid: tuple[int, int], block: int = _BLOCK_CELLS) -> Floats:
     """All different positions of a checker with blocks of `block` x `block` cells.
 
     Every cell is lit in half of the photos, and has every place within a block in some photo, lit
@@ -156,7 +153,7 @@ def checkers(grid: tuple[int, int], block: int = BLOCK_CELLS) -> Floats:
     )
 
 
-def shares(target: Target, method: str) -> tuple[float, float]:
+def find_light_shares(target: Target, method: str) -> tuple[float, float]:
     """How much of direct and of indirect light a goal asks for.
 
     Raises RequestError for goals that are more than that.

@@ -9,46 +9,45 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import RequestError
-from pdcd.protocol.fields import ARRAYS
+from pdcd.protocol.fields import ARRAY_FIELDS
 from pdcd.protocol.plan_summary import Goal
-from pdcd.protocol.request import CaptureRequest, Rows, Sent
-from pdcd.recipes.goals import MATRICES, PLANES, Target, check_target
+from pdcd.protocol.request import CaptureRequest, NumberRows, SentArray
+from pdcd.recipes.goals import MATRICES, PLANE_FIELDS, Target, check_target
 
-Floats = NDArray[np.float64]
 Given = Mapping[str, Floats]
 """Arrays by the request's field, read and finite, (rows, columns) float64."""
 
-NOTHING: Given = MappingProxyType({})
+NO_ARRAYS: Given = MappingProxyType({})
 
 MOST_ELEMENTS = 6144**2
 """Numbers in the largest array that is taken; 300 MB here. Pairs of cells of 64 x 96 cells."""
-FEWEST_ELEMENTS = 2**16
+_FEWEST_ELEMENTS = 2**16
 """Numbers that are read of any array, so that one of a wrong shape is refused by its shape."""
 
 
-def most_elements(name: str, grid: tuple[int, int]) -> int:
+def count_most_elements(name: str, grid: tuple[int, int]) -> int:
     """The most numbers that an array of this field can mean on a rig of that grid."""
     rows, columns = grid
-    if name in PLANES:
+    if name in PLANE_FIELDS:
         useful = rows * columns
     elif name == "kernel":
         useful = (2 * rows - 1) * (2 * columns - 1)
     else:
         useful = (rows * columns) ** 2
-    return min(max(useful, FEWEST_ELEMENTS), MOST_ELEMENTS)
+    return min(max(useful, _FEWEST_ELEMENTS), MOST_ELEMENTS)
 
 
-def of_rows(name: str, rows: Rows) -> Floats:
+def convert_rows(name: str, rows: NumberRows) -> Floats:
     """Rows of numbers as an array. Raises RequestError."""
     if len({len(row) for row in rows}) != 1:
         raise RequestError(f"{name} has rows of unequal length", hint="give a full rectangle")
     return np.array(rows, dtype=np.float64)
 
 
-def target_of(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> Target:
+def read_target(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> Target:
     """What a request asks for.
 
     Parameters
@@ -57,17 +56,17 @@ def target_of(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> T
 
     Raises RequestError, also for an array that nobody has read.
     """
-    arrays = {name: given[name] for name in ARRAYS if name in given}
-    for name in ARRAYS:
+    arrays = {name: given[name] for name in ARRAY_FIELDS if name in given}
+    for name in ARRAY_FIELDS:
         value = getattr(request, name)
         if name in arrays or value is None:
             continue
-        if isinstance(value, str | Sent):
+        if isinstance(value, str | SentArray):
             raise RequestError(
                 f"{name} was named, but not read", hint="hand the array over beside the request"
             )
-        arrays[name] = of_rows(name, value)
-    for name in PLANES:
+        arrays[name] = convert_rows(name, value)
+    for name in PLANE_FIELDS:
         if name in arrays and arrays[name].shape != grid:
             raise RequestError(
                 f"{name} is {' x '.join(map(str, arrays[name].shape))}, the grid is "
@@ -87,10 +86,10 @@ def target_of(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> T
         rows=request.rows,
         masked=request.masked,
     )
-    return check_target(target_with(goal, grid, arrays))
+    return check_target(make_target(goal, grid, arrays))
 
 
-def target_with(goal: Goal, grid: tuple[int, int], arrays: Mapping[str, Floats]) -> Target:
+def make_target(goal: Goal, grid: tuple[int, int], arrays: Mapping[str, Floats]) -> Target:
     """A goal over a grid with these arrays by name, planes of any shape; nothing is checked."""
-    planes = {name: a.ravel() for name, a in arrays.items() if name in PLANES}
+    planes = {name: a.ravel() for name, a in arrays.items() if name in PLANE_FIELDS}
     return Target(goal, grid, planes, {name: a for name, a in arrays.items() if name in MATRICES})

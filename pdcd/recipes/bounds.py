@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdcd.errors import RequestError
 from pdcd.protocol.plan_summary import Goal
 
-LEAST_P = 1.0 / 65536
+_LEAST_P = 1.0 / 65536
 """Least share of codes to light a cell in: once in the largest number of codes there is."""
 WEIGHTS = 1e-6, 1e6
 """Between these lies the largest weight of a mix, a kernel or a matrix. Only ratios of weights
@@ -31,10 +31,10 @@ def check_bounds(
     `matrices` are the goal's kernel and matrix, by name; of any shape.
     """
     where = f"on a grid of {grid[0]} x {grid[1]} cells"
-    if goal.p is not None and not LEAST_P <= goal.p <= 1.0 - LEAST_P:
+    if goal.p is not None and not _LEAST_P <= goal.p <= 1.0 - _LEAST_P:
         raise RequestError(
             f"p = {goal.p:g} lights cells never, or always",
-            hint=f"take p from {LEAST_P:.2g} to 1 - {LEAST_P:.2g}",
+            hint=f"take p from {_LEAST_P:.2g} to 1 - {_LEAST_P:.2g}",
         )
     if goal.radius is not None and goal.radius > max(grid):
         raise RequestError(

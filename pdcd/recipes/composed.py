@@ -11,99 +11,103 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import hadamard_fits
+from pdcd.arrays import Floats, Indices
+from pdcd.codes.hadamard import can_make_hadamard_codes
 from pdcd.probing.wanted import (
-    Full,
-    Gained,
-    Indices,
-    Match,
-    Near,
-    Outer,
-    Part,
-    Uniform,
-    Wanted,
+    FullPart,
+    GainPart,
+    MatchPart,
+    MatrixPart,
+    NearPart,
+    OuterPart,
+    UniformPart,
+    WantedMatrix,
 )
-from pdcd.recipes.factored import distinct_rows, factors_of, nonnegative_sides
-from pdcd.recipes.maker import Maker, itself
-from pdcd.recipes.partners import Partner, partner_of
-from pdcd.recipes.programs import Coded, Signed, SignedBlocks, SignedMatrix
+from pdcd.recipes.factored import factor_matrix, find_distinct_rows, find_nonnegative_sides
+from pdcd.recipes.maker import RecipeMaker, match_own_cells
+from pdcd.recipes.partners import Partner, describe_partners
+from pdcd.recipes.programs import (
+    CodedProgram,
+    SignedBlockProgram,
+    SignedMatrixProgram,
+    SignedProgram,
+)
 from pdcd.recipes.recipe import Combination
-from pdcd.recipes.structure import Structure, mostly_even, structure_of
+from pdcd.recipes.structure import Structure, find_nearest_product, find_structure
 
-Floats = NDArray[np.float64]
-
-FEW_ROWS = 8
+_FEW_ROWS = 8
 """Different rows of a matrix that are exact blocks before anything else is looked for: few blocks
 leave each path more light than codes do."""
-FEW_SIDES = 16
+_FEW_SIDES = 16
 """Rank of a rest up to which it is photographed exactly."""
-MOST_LINES = 4
+_MOST_LINES = 4
 """Matches that are told one by one."""
 _ORDER = {"matched": 1, "coded": 2}
 """Photos by which speaks for the codes of an answer; the last one does."""
-EQUAL = 1e-6
+_EQUAL = 1e-6
 """Weights closer than that, over the larger, are equal."""
 
 
-def composed(maker: Maker, codes: int) -> Combination:
+def compose_matrix(maker: RecipeMaker, codes: int) -> Combination:
     """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A."""
     matrix = maker.target.matrices["matrix"]
-    if _blocks(maker, matrix, min(FEW_ROWS, codes)):
+    if _blocks(maker, matrix, min(_FEW_ROWS, codes)):
         return ((1.0, "relit"),)
-    found = structure_of(matrix, maker.target.grid)
+    found = find_structure(matrix, maker.target.grid)
     if found.found:
         return _Composition(maker, found, codes).terms()
     if _blocks(maker, matrix, codes) or _product(maker, "relit", matrix, codes):
         return ((1.0, "relit"),)
     # With as many codes as cells signed ones count everything right.
     if codes < maker.target.cells:
-        found = mostly_even(matrix, maker.target.grid)
+        found = find_nearest_product(matrix, maker.target.grid)
     if found.found:
         return _Composition(maker, found, codes).terms()
     maker.say("anything", 1.0, "signed codes, two exposures: no structure was found")
-    maker.signed("relit", lambda positive: SignedMatrix(matrix, positive), (1.0, Full(matrix)))
+    maker.signed(
+        "relit", lambda positive: SignedMatrixProgram(matrix, positive), (1.0, FullPart(matrix))
+    )
     return ((1.0, "relit"),)
 
 
-def _blocks(maker: Maker, matrix: Floats, most: int) -> bool:
+def _blocks(maker: RecipeMaker, matrix: Floats, most: int) -> bool:
     """A photo of a matrix with few different rows and no negative weights, exactly, if it is one:
     of each row, all cells that have it."""
-    few = distinct_rows(matrix, most) if matrix.min() >= 0.0 else None
+    few = find_distinct_rows(matrix, most) if matrix.min() >= 0.0 else None
     if few is None:
         return False
     distinct, which = few
     camera = [(which == d).astype(np.float64) for d in range(len(distinct))]
     light = np.ones(maker.target.cells) if maker.target.light is None else maker.target.light
     maker.say(f"{len(distinct)} different rows", 1.0, _exact(len(distinct)))
-    wanted = maker.wanted((1.0, Full(matrix)))
+    wanted = maker.wanted((1.0, FullPart(matrix)))
     maker.exact("relit", wanted, camera, list(light * distinct / distinct.max()))
     return True
 
 
-def _product(maker: Maker, name: str, matrix: Floats, codes: int) -> bool:
+def _product(maker: RecipeMaker, name: str, matrix: Floats, codes: int) -> bool:
     """A photo of a matrix of low rank, exactly, if it is one."""
-    sides = factors_of(matrix, codes // 2)
+    sides = factor_matrix(matrix, codes // 2)
     if sides is None:
         return False
-    _sides(maker, name, *sides, [(1.0, Full(matrix))], share=1.0)
+    _sides(maker, name, *sides, [(1.0, FullPart(matrix))], share=1.0)
     return True
 
 
 def _sides(
-    maker: Maker,
+    maker: RecipeMaker,
     name: str,
     camera: Floats,
     projector: Floats,
-    parts: list[tuple[float, Part]],
+    parts: list[tuple[float, MatrixPart]],
     share: float,
 ) -> None:
     """A photo of ``camera.T @ projector``, (r, N) each, exactly, which is what `parts` are; in one
     exposure if sides without negative weights are found."""
     rank = len(camera)
     light = np.ones(maker.target.cells) if maker.target.light is None else maker.target.light
-    positive = None if _signs(camera, projector) else nonnegative_sides(camera, projector)
+    positive = None if _signs(camera, projector) else find_nonnegative_sides(camera, projector)
     if positive is not None:
         seen, lit = positive
         # Each product as bright as its panels allow: what one side loses the other gains.
@@ -113,13 +117,13 @@ def _sides(
         maker.exact(name, maker.wanted(*parts), list(seen / seen.max()), list(lit * light))
         return
     maker.say(f"rank {rank}, of both signs", share, f"{2 * rank} exact pairs, two exposures")
-    maker.signed(name, lambda sign: SignedBlocks(camera, projector * light, sign), *parts)
+    maker.signed(name, lambda sign: SignedBlockProgram(camera, projector * light, sign), *parts)
 
 
 def _signs(camera: Floats, projector: Floats) -> bool:
     """Whether a product of sides has negative weights, in a look at some of its rows."""
     some = camera[:, :: max(1, camera.shape[1] // 256)].T @ projector
-    return bool(some.min() < -EQUAL * some.max())
+    return bool(some.min() < -_EQUAL * some.max())
 
 
 def _exact(pairs: int) -> str:
@@ -145,7 +149,7 @@ class _Shares:
         )
         level = found.level**2 * float(both[0].sum() * both[1].sum())
         near = sum(
-            weight**2 * float(both[0] @ _whole(Near(found.grid, radius), both[1]))
+            weight**2 * float(both[0] @ _whole(NearPart(found.grid, radius), both[1]))
             for weight, radius in found.near
         )
         matches = tuple(
@@ -162,7 +166,7 @@ class _Shares:
         )  # fmt: skip
 
 
-def _whole(near: Near, image: Floats) -> Floats:
+def _whole(near: NearPart, image: Floats) -> Floats:
     """Sums of an image (N,) over the band, the cell itself among it."""
     return np.asarray(near.others(image[None])[0] + image)
 
@@ -170,7 +174,7 @@ def _whole(near: Near, image: Floats) -> Floats:
 class _Composition:
     """Turns a structure into photos, one part after the other."""
 
-    def __init__(self, maker: Maker, found: Structure, codes: int) -> None:
+    def __init__(self, maker: RecipeMaker, found: Structure, codes: int) -> None:
         self._maker, self._found, self._codes = maker, found, codes
         cells = maker.target.cells
         ones = np.ones(cells)
@@ -186,16 +190,16 @@ class _Composition:
         # A band is what far light leaves of all light.
         level = found.level + sum(weight for weight, _ in found.near)
         matches = list(zip(found.matches, self._shares.matches, strict=True))
-        if level > EQUAL * max(abs(found.level), EQUAL) and matches:
+        if level > _EQUAL * max(abs(found.level), _EQUAL) and matches:
             level = self._partners(level, matches)
-        if abs(level) > EQUAL * max(1.0, abs(found.level)):
+        if abs(level) > _EQUAL * max(1.0, abs(found.level)):
             self._white(level)
         for weight, radius in found.near:
             self._far(weight, radius)
         if len(found.camera):
             self._product("even", found.camera, found.projector, self._shares.even)
         rest = found.rest
-        few = None if rest is None else factors_of(rest, min(FEW_SIDES, self._codes // 2))
+        few = None if rest is None else factor_matrix(rest, min(_FEW_SIDES, self._codes // 2))
         if few is not None:
             self._product("blocks", few[0] * found.gain, few[1] * found.light, self._shares.rest)
             rest = None
@@ -205,7 +209,9 @@ class _Composition:
 
     def _product(self, name: str, camera: Floats, projector: Floats, share: float) -> None:
         sides = zip(camera, projector, strict=True)
-        _sides(self._maker, name, camera, projector, [(1.0, Outer(c, p)) for c, p in sides], share)
+        _sides(
+            self._maker, name, camera, projector, [(1.0, OuterPart(c, p)) for c, p in sides], share
+        )
         self._terms.append((1.0, name))
 
     def _partners(self, level: float, matches: list[tuple[tuple[float, Indices], float]]) -> float:
@@ -214,7 +220,7 @@ class _Composition:
         pick = max(range(len(matches)), key=lambda k: np.count_nonzero(matches[k][0][1] >= 0))
         (weight, partner), share = matches[pick]
         kept = 1.0 + weight / level
-        if kept < -EQUAL or np.count_nonzero(partner >= 0) < partner.size // 2:
+        if kept < -_EQUAL or np.count_nonzero(partner >= 0) < partner.size // 2:
             return level
         del matches[pick]
         maker, cells = self._maker, self._maker.target.cells
@@ -225,12 +231,14 @@ class _Composition:
             if alone.any():
                 self._even("unmatched", level, alone)
             gain = None if gain is None else np.where(there, gain, 0.0)
-        how = partner_of(partner, maker.target.grid)
-        everything = Uniform(cells) if there.all() else Outer(there.astype(float), np.ones(cells))
-        match = itself(maker.target) if how is None else Match(partner)
+        how = describe_partners(partner, maker.target.grid)
+        everything = (
+            UniformPart(cells) if there.all() else OuterPart(there.astype(float), np.ones(cells))
+        )
+        match = match_own_cells(maker.target) if how is None else MatchPart(partner)
         share += self._shares.level
         if kept <= 1.0:
-            left = 0.0 if abs(kept) <= EQUAL else kept
+            left = 0.0 if abs(kept) <= _EQUAL else kept
             maker.say(
                 f"all but {_words(how)}",
                 share,
@@ -238,7 +246,7 @@ class _Composition:
                 + f", and {100.0 * left:.3g} % of white" * (left > 0.0),
             )
             maker.coded(
-                "coded", Coded(how, True), (1.0, everything), (-1.0, match),
+                "coded", CodedProgram(how, True), (1.0, everything), (-1.0, match),
                 light=self._light, gain=gain,
             )  # fmt: skip
             self._terms.append((level * (1.0 - left), "coded"))
@@ -253,8 +261,8 @@ class _Composition:
         level: float,
         kept: float,
         how: Partner,
-        everything: Outer,
-        match: Match,
+        everything: OuterPart,
+        match: MatchPart,
         share: float,
         gain: Floats | None,
     ) -> float:
@@ -262,13 +270,13 @@ class _Composition:
         where p is none that they can have."""
         p = _lit(kept, self._codes)
         coded = (kept - 1.0) / (1.0 / p - 1.0)
-        coded = 1.0 if abs(coded - 1.0) <= EQUAL else coded
+        coded = 1.0 if abs(coded - 1.0) <= _EQUAL else coded
         self._maker.say(
             f"{_words(how)} and {100.0 / kept:.3g} % of the rest", share,
             f"codes lit with p = {p:.4g}, one exposure" + ", and white" * (coded < 1.0),
         )  # fmt: skip
         self._maker.coded(
-            "coded", Coded(how, False, p), (p, everything), (1.0 - p, match),
+            "coded", CodedProgram(how, False, p), (p, everything), (1.0 - p, match),
             light=self._light, gain=gain, by_direct=True, by_light=how is not None,
         )  # fmt: skip
         self._terms.append((level * coded / p, "coded"))
@@ -291,7 +299,9 @@ class _Composition:
         """Even light behind a gain, exactly; it leads what is there already."""
         ones = np.ones(gain.size)
         light = self._maker.lit(self._light)
-        wanted = Wanted(self._maker.target.grid, ((1.0, Gained(gain, Uniform(gain.size))),), light)
+        wanted = WantedMatrix(
+            self._maker.target.grid, ((1.0, GainPart(gain, UniformPart(gain.size))),), light
+        )
         self._maker.exact(name, wanted, [gain], [ones if light is None else light])
         self._terms.append((weight, name))
 
@@ -312,17 +322,19 @@ class _Composition:
         """Matched cells and the rest, by signed codes in one pair of exposures."""
         maker, grid = self._maker, self._maker.target.grid
         how = "signed codes, two exposures"
-        if len(matches) > MOST_LINES:
+        if len(matches) > _MOST_LINES:
             maker.say(f"{len(matches)} matched cells each", sum(s for _, s in matches), how)
         else:
             for (weight, partner), share in matches:
-                maker.say(f"{weight:.4g} times {_words(partner_of(partner, grid))}", share, how)
-        taps = tuple((weight, partner_of(partner, grid)) for (weight, partner), _ in matches)
-        parts = [(weight, Match(partner)) for (weight, partner), _ in matches]
+                maker.say(
+                    f"{weight:.4g} times {_words(describe_partners(partner, grid))}", share, how
+                )
+        taps = tuple((weight, describe_partners(partner, grid)) for (weight, partner), _ in matches)
+        parts = [(weight, MatchPart(partner)) for (weight, partner), _ in matches]
         self._terms.append((1.0, "matched"))
         if rest is None:
             maker.signed(
-                "matched", lambda positive: Signed(taps, positive), *parts,
+                "matched", lambda positive: SignedProgram(taps, positive), *parts,
                 light=self._light, gain=self._gain,
             )  # fmt: skip
             return
@@ -333,7 +345,8 @@ class _Composition:
             left[there, partner[there]] += weight
         maker.say("the rest", self._shares.rest, how + ", with those" * bool(taps))
         maker.signed(
-            "matched", lambda positive: SignedMatrix(left, positive, cells), (1.0, Full(left)),
+            "matched", lambda positive: SignedMatrixProgram(left, positive, cells), (1.0,
+            FullPart(left)),
             light=self._light, gain=self._gain,
         )  # fmt: skip
 
@@ -343,9 +356,9 @@ def _lit(kept: float, codes: int) -> float:
     others, or somewhat more: the largest one there are Hadamard codes for, else any."""
     for half in range(1, 17):
         p = 2.0**-half
-        if p * kept <= 1.0 + EQUAL and hadamard_fits(codes, p):
+        if p * kept <= 1.0 + _EQUAL and can_make_hadamard_codes(codes, p):
             return p
-    return max(1, int(codes / kept + EQUAL)) / codes
+    return max(1, int(codes / kept + _EQUAL)) / codes
 
 
 def _words(partner: Partner) -> str:

@@ -11,54 +11,53 @@ passes over the matrix at most.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from pdcd.arrays import Floats
 
-SAMPLE = 192
+_SAMPLE = 192
 """Rows and columns of the sample."""
-MOST_RANK = 6
+_MOST_RANK = 6
 """Largest rank that is sought; each more is one more product of two sides."""
-CELLS_A_RANK = 8
+_CELLS_A_RANK = 8
 """Cells that there must be for each rank: few cells are fitted by anything."""
-AGREE = 0.7
+_AGREE = 0.7
 """Share of the entries that must agree with a part."""
-ALIKE = 1e-6
+EQUAL_WEIGHTS = 1e-6
 """Weights that differ by less, over the largest one, are the same: numbers are given in single
 precision, or with a few digits."""
-NOISE = 1e-2
+_NOISE = 1e-2
 """Largest deviation, over the largest weight, of the entries that agree with a part, if the numbers
 are noisy."""
-ROUNDS = 60
+_ROUNDS = 60
 """Steps of each fit at most; a few do where few entries disagree."""
-BEYOND = 2.0
-"""Deviation, over that which the share `AGREE` stays within, from which an entry is trusted
+_BEYOND = 2.0
+"""Deviation, over that which the share `_AGREE` stays within, from which an entry is trusted
 little."""
-SLOW = 0.9
+_SLOW = 0.9
 """Deviation over that of the step before from which a fit gets no better."""
-PATIENCE = 6
+_PATIENCE = 6
 """Such steps that end it."""
-LEAST = 1e-13
+_LEAST = 1e-13
 """Weight of having no side at all, over that of the entries."""
-EXACT = 1e-12
+_EXACT = 1e-12
 """Deviation over the largest weight at which a fit can get no better."""
 
 
-def even_part(matrix: Floats) -> tuple[Floats, Floats] | None:
+def find_even_part(matrix: Floats) -> tuple[Floats, Floats] | None:
     """Sides of the even part of a matrix (N, N): camera and projector, (r, N) each.
 
-    Their products add up to it, with r of at most `MOST_RANK`; r is 0 where most entries are 0.
-    None where no part is agreed with by the share `AGREE` of all entries.
+    Their products add up to it, with r of at most `_MOST_RANK`; r is 0 where most entries are 0.
+    None where no part is agreed with by the share `_AGREE` of all entries.
 
     The same matrix always gives the same sides.
     """
     cells = len(matrix)
     largest = max(float(matrix.max()), -float(matrix.min()))
-    some = min(SAMPLE, cells)
+    some = min(_SAMPLE, cells)
     rng = np.random.Generator(np.random.PCG64(0))  # any rows and columns, but always the same
     rows, columns = (np.sort(rng.permutation(cells)[:some]) for _ in range(2))
     sample = matrix[np.ix_(rows, columns)]
-    if _agreed(np.abs(sample)) <= ALIKE * largest:
+    if _agreed(np.abs(sample)) <= EQUAL_WEIGHTS * largest:
         return np.zeros((0, cells)), np.zeros((0, cells))
     base = _basis(sample, largest)
     if base is None:
@@ -80,7 +79,7 @@ def _basis(sample: Floats, largest: float) -> Floats | None:
     noisy = None
     plain = np.linalg.svd(sample)[0]
     base, trust = np.zeros((len(sample), 0)), np.ones(sample.shape)
-    for rank in range(1, min(MOST_RANK, len(sample) // CELLS_A_RANK) + 1):
+    for rank in range(1, min(_MOST_RANK, len(sample) // _CELLS_A_RANK) + 1):
         # One side more, of all that is left: fits that trust few entries must not hide it. Or all
         # sides anew.
         rest = sample - base @ _asked(sample, base, trust)
@@ -88,9 +87,9 @@ def _basis(sample: Floats, largest: float) -> Floats | None:
         starts = [np.concatenate([base, more], axis=1), plain[:, :rank]]
         fits = [_fit(sample, start, largest) for start in starts[rank == 1 :]]
         base, trust, off = min(fits, key=lambda fit: fit[2])
-        if off <= ALIKE * largest:
+        if off <= EQUAL_WEIGHTS * largest:
             return base
-        if noisy is None and off <= NOISE * largest:
+        if noisy is None and off <= _NOISE * largest:
             noisy = base
     return noisy
 
@@ -100,7 +99,7 @@ def _fit(sample: Floats, base: Floats, largest: float) -> tuple[Floats, Floats, 
     trusted in its column, and by how much those that agree are off, at the worst row or column."""
     trust = np.ones(sample.shape)
     off, stuck = np.inf, 0
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         found = _asked(sample, base, trust)
         onto, _ = np.linalg.qr(found.T)
         size = np.abs(sample - base @ found)
@@ -110,8 +109,8 @@ def _fit(sample: Floats, base: Floats, largest: float) -> tuple[Floats, Floats, 
         trust = _trusted(size, _floor(size, largest))
         # Each row and each column must agree, not only most of them.
         before, off = off, max(float(_agreed_along(size, axis).max()) for axis in (0, 1))
-        stuck = stuck + 1 if off > SLOW * before else 0
-        if off <= EXACT * largest or stuck == PATIENCE:
+        stuck = stuck + 1 if off > _SLOW * before else 0
+        if off <= _EXACT * largest or stuck == _PATIENCE:
             break
     return base, trust, off
 
@@ -122,19 +121,19 @@ def _carried(seen: Floats, base: Floats, largest: float) -> Floats:
     What disagrees is judged for each column on its own.
     """
     trust = np.ones(seen.shape)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         found = _asked(seen, base, trust)
         size = np.abs(seen - base @ found)
         off = _agreed_along(size, 0)
         trust = _trusted(size, _floor(size, largest))
-        if off.max() <= EXACT * largest:
+        if off.max() <= _EXACT * largest:
             break
     return _asked(seen, base, trust)
 
 
 def _floor(size: Floats, largest: float) -> Floats:
     """What most entries of each column are off by, but no less than a fit can reach."""
-    return np.maximum(_agreed_along(size, 0), EXACT * largest)
+    return np.maximum(_agreed_along(size, 0), _EXACT * largest)
 
 
 def _trusted(size: Floats, usual: Floats) -> Floats:
@@ -142,7 +141,7 @@ def _trusted(size: Floats, usual: Floats) -> Floats:
 
     (Geman and McClure's weights: what is far off has no say.)
     """
-    return np.asarray((1.0 + (size / (BEYOND * usual)) ** 2) ** -2.0)
+    return np.asarray((1.0 + (size / (_BEYOND * usual)) ** 2) ** -2.0)
 
 
 def _asked(seen: Floats, base: Floats, trust: Floats) -> Floats:
@@ -154,17 +153,17 @@ def _asked(seen: Floats, base: Floats, trust: Floats) -> Floats:
     grams = (trust.T @ products).reshape(seen.shape[1], rank, rank)
     told = (trust * seen).T @ base
     scale = np.trace(grams, axis1=1, axis2=2)[:, None, None]
-    grams += LEAST * np.maximum(scale, LEAST) * np.eye(rank)  # what no entry tells stays 0
+    grams += _LEAST * np.maximum(scale, _LEAST) * np.eye(rank)  # what no entry tells stays 0
     return np.asarray(np.linalg.solve(grams, told[..., None])[..., 0].T)
 
 
 def _agreed_along(size: Floats, axis: int) -> Floats:
-    """The deviation that the share `AGREE` of each column (axis 0) or row (axis 1) stays within."""
-    place = int(AGREE * (size.shape[axis] - 1))
+    """The deviation within which `_AGREE` of each column (axis 0) or row (axis 1) stays."""
+    place = int(_AGREE * (size.shape[axis] - 1))
     return np.asarray(np.partition(size, place, axis=axis).take(place, axis=axis))
 
 
 def _agreed(size: Floats) -> float:
     """The same of all entries."""
-    place = int(AGREE * (size.size - 1))
+    place = int(_AGREE * (size.size - 1))
     return float(np.partition(size, place, axis=None)[place])

@@ -20,18 +20,18 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from pdcd.arrays import Floats
 
-RANK_TOLERANCE = 1e-10
+_RANK_TOLERANCE = 1e-10
 """Singular values below this share of the largest count as zero."""
 WHOLE_CELLS = 1024
 """Cells up to which all singular values are computed, in less than a second. Beyond, a sketch
 tells first how many there are: the product with a few random vectors has the same rank."""
-MORE = 8
+_MORE = 8
 """Random vectors beyond the largest rank that is looked for."""
 
 
-def distinct_rows(matrix: Floats, most: int) -> tuple[Floats, NDArray[np.int64]] | None:
+def find_distinct_rows(matrix: Floats, most: int) -> tuple[Floats, NDArray[np.int64]] | None:
     """The different rows of a matrix (N, N), sorted, (D, N), and which of them each row is, (N,).
 
     None where there are more than `most`; that is seen after as many rows.
@@ -50,7 +50,7 @@ def distinct_rows(matrix: Floats, most: int) -> tuple[Floats, NDArray[np.int64]]
     return rows, order.ravel()[which]
 
 
-def factors_of(matrix: Floats, most: int) -> tuple[Floats, Floats] | None:
+def factor_matrix(matrix: Floats, most: int) -> tuple[Floats, Floats] | None:
     """Sides of a matrix (N, N) of a rank D of at most `most`: (D, N) each, camera and projector.
 
     The matrix is ``camera.T @ projector``; both sides have equal norms. None for a higher rank.
@@ -63,7 +63,7 @@ def factors_of(matrix: Floats, most: int) -> tuple[Floats, Floats] | None:
             return None
         small, s, vt = np.linalg.svd(sketch.T @ matrix, full_matrices=False)
         u = sketch @ small
-    rank = int(np.sum(s > RANK_TOLERANCE * s[0]))
+    rank = int(np.sum(s > _RANK_TOLERANCE * s[0]))
     if rank > most:
         return None
     root = np.sqrt(s[:rank])
@@ -72,28 +72,28 @@ def factors_of(matrix: Floats, most: int) -> tuple[Floats, Floats] | None:
 
 def _sketch(matrix: Floats, most: int) -> Floats | None:
     """An orthonormal basis of the columns of a matrix, (N, D), or None when D is beyond `most`."""
-    count = min(most + MORE, len(matrix))
+    count = min(most + _MORE, len(matrix))
     rng = np.random.Generator(np.random.PCG64(0))  # any vectors will do, but always the same
     seen = matrix @ rng.standard_normal((len(matrix), count))
     # Any so many of these columns span as much as any others, so there is no need to choose them.
     size = np.abs(np.diag(np.linalg.qr(seen, mode="r")))
-    rank = int(np.sum(size > 0.1 * RANK_TOLERANCE * size.max()))
+    rank = int(np.sum(size > 0.1 * _RANK_TOLERANCE * size.max()))
     return None if rank > most else np.linalg.qr(seen[:, :rank])[0]
 
 
-ROUNDING = 1e-9
+_ROUNDING = 1e-9
 """Negative entries of a side, over its largest, that are rounding and are cut off."""
-STEPS = 400
+_STEPS = 400
 """Steps of the search from one start."""
-MENDING = 500
+_MENDING = 500
 """Steps that take negative entries from what the search has found."""
-STARTS = 3
+_STARTS = 3
 """Starts of the search."""
-MOST_CELLS = 384
+_MOST_CELLS = 384
 """Cells of each side that the search looks at; the others are checked afterwards."""
 
 
-def nonnegative_sides(camera: Floats, projector: Floats) -> tuple[Floats, Floats] | None:
+def find_nonnegative_sides(camera: Floats, projector: Floats) -> tuple[Floats, Floats] | None:
     """Sides (r, N) each with the same product, without negative entries; None: none were found.
 
     Both given sides must have full rank.
@@ -101,7 +101,7 @@ def nonnegative_sides(camera: Floats, projector: Floats) -> tuple[Floats, Floats
     for rows in _candidates(camera, projector):
         # New projector sides `rows`: what mixes them is fixed by what the old ones make of them.
         mix = np.linalg.lstsq(projector.T, rows.T, rcond=None)[0].T
-        if np.linalg.cond(mix) > 1.0 / ROUNDING:
+        if np.linalg.cond(mix) > 1.0 / _ROUNDING:
             continue
         sides = np.linalg.solve(mix.T, camera), mix @ projector
         if all(_is_positive(side) for side in sides):
@@ -119,9 +119,9 @@ def _candidates(camera: Floats, projector: Floats) -> Iterator[Floats]:
     yield _corners(camera, projector)
     onto = _corners(projector, camera)
     mix = np.linalg.lstsq(camera.T, onto.T, rcond=None)[0].T
-    if np.linalg.cond(mix) < 1.0 / ROUNDING:
+    if np.linalg.cond(mix) < 1.0 / _ROUNDING:
         yield np.linalg.solve(mix.T, projector)
-    for start in range(STARTS):
+    for start in range(_STARTS):
         yield _searched(camera, projector, start)
 
 
@@ -129,7 +129,7 @@ def _corners(camera: Floats, projector: Floats) -> Floats:
     """The r rows of the matrix that reach furthest from each other, of rows scaled to equal sums
     (successive projection; Araujo and others 2001)."""
     sums = camera.T @ projector.sum(axis=1)
-    usable = np.flatnonzero(sums > ROUNDING * np.abs(sums).max())
+    usable = np.flatnonzero(sums > _ROUNDING * np.abs(sums).max())
     points = (camera[:, usable] / sums[usable]).T  # coefficients of the rows in the old sides
     gram = projector @ projector.T
     root = np.linalg.cholesky(gram + np.eye(len(gram)) * np.trace(gram) * 1e-15)
@@ -148,11 +148,11 @@ def _searched(camera: Floats, projector: Floats, start: int) -> Floats:
     Phan 2009), on some of the cells."""
     rng = np.random.Generator(np.random.PCG64(start))
     cells = camera.shape[1]
-    some = np.sort(rng.permutation(cells)[:MOST_CELLS])
+    some = np.sort(rng.permutation(cells)[:_MOST_CELLS])
     matrix = np.maximum(camera[:, some].T @ projector[:, some], 0.0)
     rank = len(camera)
     left, right = rng.random((len(some), rank)), rng.random((rank, len(some)))
-    for _ in range(STEPS):
+    for _ in range(_STEPS):
         for target, one, other in ((matrix, left, right), (matrix.T, right.T, left.T)):
             products, grams = target @ other.T, other @ other.T
             for d in range(rank):
@@ -172,7 +172,7 @@ def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
 
     def negative(flat: Floats) -> tuple[float, Floats]:
         mixing = flat.reshape(rank, rank)
-        if not np.linalg.cond(mixing) < 1.0 / ROUNDING:
+        if not np.linalg.cond(mixing) < 1.0 / _ROUNDING:
             return np.inf, np.zeros_like(flat)
         lit = np.minimum(mixing @ projector, 0.0)
         inverse = np.linalg.inv(mixing).T
@@ -181,10 +181,10 @@ def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
         return float(np.sum(lit**2) + np.sum(seen**2)), 2.0 * slope.ravel()
 
     found = scipy.optimize.minimize(
-        negative, mix.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": MENDING}
+        negative, mix.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": _MENDING}
     )
     return np.asarray(found.x).reshape(rank, rank)
 
 
 def _is_positive(side: Floats) -> bool:
-    return bool(np.isfinite(side).all() and side.min() >= -ROUNDING * side.max())
+    return bool(np.isfinite(side).all() and side.min() >= -_ROUNDING * side.max())

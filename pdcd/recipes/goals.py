@@ -10,21 +10,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import RequestError
-from pdcd.protocol.fields import ARRAYS, needed_by, taken_by
+from pdcd.protocol.fields import ARRAY_FIELDS, list_needed_fields, list_optional_fields
 from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
-from pdcd.recipes.partners import Partner, check_depths, partner_of
+from pdcd.recipes.partners import Partner, check_depths, describe_partners
 from pdcd.words import GoalName
 
-Floats = NDArray[np.float64]
-Grid = tuple[int, int]
+_Grid = tuple[int, int]
 
 MATRICES = ("kernel", "matrix")
 """Parameters that are arrays of another shape than the grid."""
-PLANES = tuple(name for name in ARRAYS if name not in MATRICES)
+PLANE_FIELDS = tuple(name for name in ARRAY_FIELDS if name not in MATRICES)
 """Parameters with one value for each cell of the grid."""
 
 KEEPS: dict[GoalName, str] = {
@@ -52,7 +51,7 @@ KEEPS: dict[GoalName, str] = {
 """What each goal keeps. Which parameters it takes stands with each field of `CaptureRequest`. All
 goals but "illuminated" and "relit" may also be taken under an illumination (Table 1, row 7)."""
 
-OFF_AXIS = ("keyed", "epipolar", "stereo")
+OFF_AXIS_GOALS = ("keyed", "epipolar", "stereo")
 """Goals of benches whose camera is off the projector's axis."""
 
 
@@ -64,7 +63,7 @@ class Target:
     """
 
     goal: Goal
-    grid: Grid
+    grid: _Grid
     planes: Mapping[str, Floats] = field(default_factory=dict)
     matrices: Mapping[str, Floats] = field(default_factory=dict)
 
@@ -77,7 +76,7 @@ class Target:
     def partner(self) -> Partner:
         """The projector cell that each camera cell is matched with, by shift or warp, or itself."""
         if "warp" in self.planes:
-            return partner_of(self.planes["warp"].astype(np.int64), self.grid)
+            return describe_partners(self.planes["warp"].astype(np.int64), self.grid)
         return None if self.goal.shift in (None, (0, 0)) else self.goal.shift
 
     @property
@@ -91,11 +90,11 @@ def check_target(target: Target) -> Target:
     goal = target.goal
     if goal.name not in KEEPS:
         raise RequestError(f"unknown goal {goal.name!r}", hint=f"known goals: {', '.join(KEEPS)}")
-    needs = needed_by(goal.name)
+    needs = list_needed_fields(goal.name)
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    takes = (*needs, *taken_by(goal.name))
+    takes = (*needs, *list_optional_fields(goal.name))
     missing, spare = sorted({*needs} - given), sorted(given - {*takes})
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
@@ -111,7 +110,7 @@ def check_target(target: Target) -> Target:
         )
     check_bounds(target.goal, target.grid, target.matrices)
     _check_numbers(target)
-    if goal.name in OFF_AXIS:
+    if goal.name in OFF_AXIS_GOALS:
         check_depths(goal, target.grid, target.planes)
     for name, plane in target.planes.items():
         _check_plane(target, name, plane)

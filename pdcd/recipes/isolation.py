@@ -12,20 +12,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.wanted import Wanted
-from pdcd.recipes.programs import Bools, Floats, Pairs, Program
+from pdcd.probing.wanted import WantedMatrix
+from pdcd.recipes.programs import LevelPairs, Program
 from pdcd.recipes.recipe import Recipe
 from pdcd.words import FamilyName
 
-FAMILIES: tuple[FamilyName, ...] = ("isolation", "confocal")
+ISOLATION_FAMILIES: tuple[FamilyName, ...] = ("isolation", "confocal")
 """Names under which a request asks for all pairs of cells, or for those that are wanted only."""
 
-MAX_LEVELS = 50_000_000
+_MAX_LEVELS = 50_000_000
 """Most levels (pairs times cells) of one panel that are made; bounds the memory."""
 
-BLOCK = 256
+_BLOCK = 256
 """Rows of the wanted matrix looked at together."""
 
 
@@ -38,7 +39,7 @@ class Isolation:
     in their difference. With `confocal` only entries that are not 0 have a slot, else all do.
     """
 
-    wanted: Wanted
+    wanted: WantedMatrix
     positive: bool
     confocal: bool
     coded: bool = False
@@ -50,7 +51,7 @@ class Isolation:
             return self.wanted.cells**2
         return max(1, sum(int(np.count_nonzero(rows)) for _, rows in _blocks(self.wanted)))
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """One pair an entry, row by row; `bits` is not looked at."""
         camera, projector, entry = self._entries()
         if not entry.any():  # a single cell has no indirect light
@@ -75,8 +76,9 @@ class Isolation:
         return np.concatenate(camera), np.concatenate(projector), np.concatenate(entries)
 
 
-def isolated(recipe: Recipe, family: FamilyName) -> Recipe:
-    """The same recipe with every program replaced by path isolation, of one of `FAMILIES`."""
+def use_path_isolation(recipe: Recipe, family: FamilyName) -> Recipe:
+    """The same recipe with every program replaced by path isolation, of one of
+    `ISOLATION_FAMILIES`."""
     shots = {shot.name: shot for shot in recipe.shots}
     programs: dict[str, Program] = {}
     for photo in recipe.photos:
@@ -104,7 +106,7 @@ def _check(program: Isolation, slot_s: float, limit_s: float) -> None:
             f"the limit is {limit_s:g} s",
             hint="use codes, a coarser grid, or raise limits.max_exposure_s",
         )
-    if count * program.wanted.cells > MAX_LEVELS:
+    if count * program.wanted.cells > _MAX_LEVELS:
         raise RequestError(
             f"path isolation of {count} pairs of cells takes {count * slot_s:.0f} s a photo and "
             "more memory than is sensible",
@@ -112,6 +114,6 @@ def _check(program: Isolation, slot_s: float, limit_s: float) -> None:
         )
 
 
-def _blocks(wanted: Wanted) -> Iterator[tuple[int, Floats]]:
-    for start in range(0, wanted.cells, BLOCK):
-        yield start, wanted.rows(start, min(start + BLOCK, wanted.cells))
+def _blocks(wanted: WantedMatrix) -> Iterator[tuple[int, Floats]]:
+    for start in range(0, wanted.cells, _BLOCK):
+        yield start, wanted.rows(start, min(start + _BLOCK, wanted.cells))

@@ -8,24 +8,30 @@ from dataclasses import replace
 import numpy as np
 
 from pdcd.errors import RequestError
-from pdcd.protocol.plan_summary import How
-from pdcd.recipes.alternatives import Fitted, Masked, checkers, shares
-from pdcd.recipes.composed import composed
+from pdcd.protocol.plan_summary import CaptureScheme
+from pdcd.recipes.alternatives import FittedWeights, MaskedWeights, find_light_shares, make_checkers
+from pdcd.recipes.composed import compose_matrix
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
-from pdcd.recipes.isolation import FAMILIES as ISOLATION
-from pdcd.recipes.isolation import isolated
-from pdcd.recipes.maker import Maker
-from pdcd.recipes.parts import in_parts, paired, renamed, repeated, taken_parts
-from pdcd.recipes.programs import (
-    Blocks,
-    Floodlit,
+from pdcd.recipes.isolation import ISOLATION_FAMILIES as ISOLATION
+from pdcd.recipes.isolation import use_path_isolation
+from pdcd.recipes.maker import RecipeMaker
+from pdcd.recipes.parts import (
+    make_pairs_recipe,
+    rename_shots,
+    repeat_shots,
+    select_complete_parts,
+    split_into_parts,
 )
-from pdcd.recipes.recipe import Combination, Extremes, Photo, Recipe, Rule, Shot
-from pdcd.recipes.transport import transport
+from pdcd.recipes.programs import (
+    BlockProgram,
+    FloodlitProgram,
+)
+from pdcd.recipes.recipe import Combination, Extremes, Recipe, RecipePhoto, Rule, Shot
+from pdcd.recipes.transport import make_transport_recipe
 
 
-def recipe_of(target: Target, how: How) -> Recipe:
+def make_recipe(target: Target, how: CaptureScheme) -> Recipe:
     """The recipe for a target that `check_target` has passed.
 
     The same target and the same `how` always give the same recipe, so that a run is decoded as it
@@ -35,36 +41,36 @@ def recipe_of(target: Target, how: How) -> Recipe:
 
     Raises RequestError when the goal cannot be photographed like that.
     """
-    return finished(draft_of(target, how), how)
+    return finish_recipe(make_draft_recipe(target, how), how)
 
 
-def draft_of(target: Target, how: How) -> Recipe:
+def make_draft_recipe(target: Target, how: CaptureScheme) -> Recipe:
     """The same before family and repetitions are settled: its programs tell what they need."""
-    return in_parts(_whole(target, how), how.parts)
+    return split_into_parts(_whole(target, how), how.parts)
 
 
-def finished(draft: Recipe, how: How) -> Recipe:
+def finish_recipe(draft: Recipe, how: CaptureScheme) -> Recipe:
     """A draft with the family and the repetitions that were settled on."""
     if how.family in ISOLATION:
-        draft = isolated(draft, how.family)
-    recipe = repeated(draft, how.repeat)
-    return renamed(recipe) if how.late else recipe
+        draft = use_path_isolation(draft, how.family)
+    recipe = repeat_shots(draft, how.repeat)
+    return rename_shots(recipe) if how.late else recipe
 
 
-def _whole(target: Target, how: How) -> Recipe:
+def _whole(target: Target, how: CaptureScheme) -> Recipe:
     """The recipe in single exposures, each in one piece."""
     if target.goal.name == "transport":
-        return transport(target, how)
-    maker = Maker(target, how.black_level, grey=how.grey_masks, woven=how.woven)
+        return make_transport_recipe(target, how)
+    maker = RecipeMaker(target, how.black_level, grey=how.grey_masks, woven=how.woven)
     if how.method != "coded":
         if how.pilot:
             raise RequestError(f"method {how.method} takes no pilot", hint="leave it out")
         if how.method == "pairs":
-            return paired(maker, how.white, how.buckets)
+            return make_pairs_recipe(maker, how.white, how.buckets)
         return _multi_image(maker, how.codes) if how.method == "multi-image" else _nayar(maker)
     pictures: dict[str, Rule]
     if target.goal.name == "relit":
-        pictures = {"relit": composed(maker, how.coded // how.parts)}
+        pictures = {"relit": compose_matrix(maker, how.coded // how.parts)}
     else:
         pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
     recipe = Recipe(
@@ -80,7 +86,7 @@ def _whole(target: Target, how: How) -> Recipe:
     return recipe if how.coded else _pilot_alone(recipe)
 
 
-def _with_pilot(recipe: Recipe, how: How) -> Recipe:
+def _with_pilot(recipe: Recipe, how: CaptureScheme) -> Recipe:
     """The same with photos of single codes through an open mask before the shots of all codes."""
     helped = {"coded", "far"}
     if not helped & recipe.programs.keys() or recipe.target.goal.name == "fraction":
@@ -97,7 +103,7 @@ def _with_pilot(recipe: Recipe, how: How) -> Recipe:
     first = next(i for i, shot in enumerate(recipe.shots) if shot.program in helped)
     return replace(
         recipe,
-        programs={"pilot": Floodlit(), **recipe.programs},
+        programs={"pilot": FloodlitProgram(), **recipe.programs},
         shots=(*recipe.shots[:first], *stack, *recipe.shots[first:]),
         photos=tuple(replace(photo, paths=photo.name in helped) for photo in recipe.photos),
         stack=tuple(shot.name for shot in stack),
@@ -121,14 +127,14 @@ def _pilot_alone(recipe: Recipe) -> Recipe:
         recipe,
         programs={name: p for name, p in recipe.programs.items() if name != "coded"},
         shots=tuple(shot for shot in recipe.shots if shot.name != "coded"),
-        sums={"coded": Fitted(direct=0.0, indirect=1.0)},
+        sums={"coded": FittedWeights(direct=0.0, indirect=1.0)},
     )
 
 
-def _multi_image(maker: Maker, codes: int) -> Recipe:
+def _multi_image(maker: RecipeMaker, codes: int) -> Recipe:
     """Single codes through an open mask, one RAW file each, masked in software."""
     target = maker.target
-    direct, indirect = shares(target, "multi-image")
+    direct, indirect = find_light_shares(target, "multi-image")
     if codes < 2:
         raise RequestError("the method multi-image needs at least 2 codes")
     if maker.blacks:
@@ -142,28 +148,28 @@ def _multi_image(maker: Maker, codes: int) -> Recipe:
         "direct": (1.0, 0.0),
         "indirect": (0.0, 1.0),
     }
-    sums = {name: Fitted(direct=d, indirect=i) for name, (d, i) in kept.items()}
+    sums = {name: FittedWeights(direct=d, indirect=i) for name, (d, i) in kept.items()}
     return Recipe(
         target,
-        {"photos": Floodlit()},
+        {"photos": FloodlitProgram()},
         stack,
         tuple(
-            Photo(name, maker.kept(d, i), ((1.0, name),))
+            RecipePhoto(name, maker.kept(d, i), ((1.0, name),))
             for name, (d, i) in {**kept, "masked": (0.0, 1.0)}.items()
         ),
         {name: ((1.0, name),) for name in (*kept, "masked")},
         stack=tuple(shot.name for shot in stack),
-        sums={**sums, "masked": Masked()},
+        sums={**sums, "masked": MaskedWeights()},
     )
 
 
-def _nayar(maker: Maker) -> Recipe:
+def _nayar(maker: RecipeMaker) -> Recipe:
     """Checkers through an open mask; the answer is made of the largest and smallest photo."""
     target = maker.target
-    direct, indirect = shares(target, "nayar")
-    patterns = checkers(target.grid)
+    direct, indirect = find_light_shares(target, "nayar")
+    patterns = make_checkers(target.grid)
     names = tuple(f"checker-{k + 1}" for k in range(len(patterns)))
-    maker.programs["checkers"] = Blocks(np.ones_like(patterns), patterns)
+    maker.programs["checkers"] = BlockProgram(np.ones_like(patterns), patterns)
     everything = maker.kept(1.0, 1.0)
     for k, name in enumerate(names):
         shot = Shot(name, "checkers", only=k)
@@ -185,14 +191,14 @@ def _nayar(maker: Maker) -> Recipe:
     )
 
 
-def possible(recipe: Recipe, names: Container[str]) -> Recipe:
+def narrow_to_shots(recipe: Recipe, names: Container[str]) -> Recipe:
     """Return the recipe of the photos and pictures that the shots among `names` suffice for.
 
     Of a photo in parts, complete ones do; of repeated shots, as many repetitions as all shots of
     the photo have; and black exposures are done without where one is missing. Its pictures may be
     none, and the first one need not be the answer.
     """
-    recipe = taken_parts(recipe, names)
+    recipe = select_complete_parts(recipe, names)
     photos = []
     for photo in recipe.photos:
         terms = _terms(recipe, photo, names)
@@ -210,7 +216,7 @@ def possible(recipe: Recipe, names: Container[str]) -> Recipe:
     )
 
 
-def _terms(recipe: Recipe, photo: Photo, names: Container[str]) -> Combination:
+def _terms(recipe: Recipe, photo: RecipePhoto, names: Container[str]) -> Combination:
     """What is there of a photo; none where it cannot be made."""
     if any(name in recipe.sums for _, name in photo.shots):
         return photo.shots if all(name in names for name in recipe.stack) else ()

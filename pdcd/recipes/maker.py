@@ -7,22 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdcd.probing.wanted import Gained, Match, Near, Part, Uniform, Wanted
+from pdcd.arrays import Floats
+from pdcd.probing.wanted import GainPart, MatchPart, MatrixPart, NearPart, UniformPart, WantedMatrix
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import (
-    Behind,
-    Blocks,
-    Far,
-    Floats,
+    BlockProgram,
+    GainProgram,
+    IlluminatedProgram,
+    LongRangeProgram,
     Program,
-    Under,
 )
-from pdcd.recipes.recipe import Photo, Shot
+from pdcd.recipes.recipe import RecipePhoto, Shot
 from pdcd.words import BlackLevel
 
 # The other shots of each way to remove what black panels let through, as (sign, projector black,
 # mask black): mask leak, ambient light and projector leak, and both (limitations L1 to L3).
-BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
+_BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
     "none": (),
     "mask": ((-1.0, False, True),),
     "ambient": ((-1.0, True, False),),
@@ -30,7 +30,7 @@ BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
 }
 
 
-class Maker:
+class RecipeMaker:
     """Collects the programs, shots and photos of one recipe."""
 
     def __init__(
@@ -41,10 +41,10 @@ class Maker:
         """Whether masks of far light may have grey levels."""
         self.woven = woven
         """Whether its codes may have them, too."""
-        self.blacks = BLACKS[black_level]
+        self.blacks = _BLACKS[black_level]
         self.programs: dict[str, Program] = {}
         self.shots: list[Shot] = []
-        self.photos: list[Photo] = []
+        self.photos: list[RecipePhoto] = []
         self.split: list[str] = []
         """How a matrix is taken apart, a line a part."""
 
@@ -54,7 +54,9 @@ class Maker:
 
     def white(self) -> None:
         """A photo of everything: a floodlit shot, or the illumination through an open mask."""
-        wanted = Wanted(self.target.grid, ((1.0, Uniform(self.target.cells)),), self.target.light)
+        wanted = WantedMatrix(
+            self.target.grid, ((1.0, UniformPart(self.target.cells)),), self.target.light
+        )
         if self.target.light is None:
             self.photo("white", wanted, [(1.0, Shot("white", "", white=True))])
         else:
@@ -64,7 +66,7 @@ class Maker:
         self,
         name: str,
         program: Program,
-        *parts: tuple[float, Part],
+        *parts: tuple[float, MatrixPart],
         light: Floats | None = None,
         gain: Floats | None = None,
         by_direct: bool = False,
@@ -76,24 +78,26 @@ class Maker:
         wanted = self.wanted(*parts, light=light, gain=gain)
         wanted = replace(wanted, by_direct=by_direct, by_light=by_light)
         self.programs[name] = _seen(program, light, gain)
-        self.photo(name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, Far))
-        if isinstance(program, Far) and wanted.light is None and gain is None:
+        self.photo(
+            name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, LongRangeProgram)
+        )
+        if isinstance(program, LongRangeProgram) and wanted.light is None and gain is None:
             self.photos[-1] = replace(self.photos[-1], beyond=program.radius)
 
     def far(
         self, name: str, radius: int, *, light: Floats | None = None, gain: Floats | None = None
     ) -> None:
         """A photo of light from beyond a radius; `light` and `gain` as of `coded`."""
-        program = Far(radius, self.grey, self.woven)
-        everything = (1.0, Uniform(self.target.cells))
-        near = (-1.0, Near(self.target.grid, radius))
+        program = LongRangeProgram(radius, self.grey, self.woven)
+        everything = (1.0, UniformPart(self.target.cells))
+        near = (-1.0, NearPart(self.target.grid, radius))
         self.coded(name, program, everything, near, light=light, gain=gain)
 
     def signed(
         self,
         name: str,
         half: Callable[[bool], Program],
-        *parts: tuple[float, Part],
+        *parts: tuple[float, MatrixPart],
         light: Floats | None = None,
         gain: Floats | None = None,
         by_direct: bool = False,
@@ -107,21 +111,21 @@ class Maker:
         wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
         self.photo(name, wanted, shots)
 
-    def exact(self, name: str, wanted: Wanted, camera: list, projector: list) -> None:  # type: ignore[type-arg]
+    def exact(self, name: str, wanted: WantedMatrix, camera: list, projector: list) -> None:  # type: ignore[type-arg]
         """A photo of few exact, non-negative blocks."""
-        self.programs[name] = Blocks(np.array(camera), np.array(projector))
+        self.programs[name] = BlockProgram(np.array(camera), np.array(projector))
         self.photo(name, wanted, [(1.0, Shot(name, name))])
 
     def wanted(
         self,
-        *parts: tuple[float, Part],
+        *parts: tuple[float, MatrixPart],
         light: Floats | None = None,
         gain: Floats | None = None,
-    ) -> Wanted:
+    ) -> WantedMatrix:
         """A wanted matrix under the goal's illumination, and under `light` and behind `gain`."""
         if gain is not None:
-            parts = tuple((weight, Gained(gain, part)) for weight, part in parts)
-        return Wanted(self.target.grid, parts, self.lit(light))
+            parts = tuple((weight, GainPart(gain, part)) for weight, part in parts)
+        return WantedMatrix(self.target.grid, parts, self.lit(light))
 
     def lit(self, light: Floats | None) -> Floats | None:
         """The goal's illumination times another; None is full light."""
@@ -130,15 +134,15 @@ class Maker:
             return own if light is None else light
         return light * own
 
-    def kept(self, direct: float, indirect: float) -> Wanted:
+    def kept(self, direct: float, indirect: float) -> WantedMatrix:
         """The wanted matrix of these shares of direct and of indirect light."""
-        everything, same = Uniform(self.target.cells), itself(self.target)
+        everything, same = UniformPart(self.target.cells), match_own_cells(self.target)
         return self.wanted((indirect, everything), (direct - indirect, same))
 
     def photo(
         self,
         name: str,
-        wanted: Wanted,
+        wanted: WantedMatrix,
         shots: list[tuple[float, Shot]],
         row_weights: bool = False,
     ) -> None:
@@ -157,16 +161,16 @@ class Maker:
                 )
                 self.shots.append(extra)
                 terms.append((sign * black_sign, extra.name))
-        self.photos.append(Photo(name, wanted, tuple(terms), row_weights))
+        self.photos.append(RecipePhoto(name, wanted, tuple(terms), row_weights))
 
 
-def itself(target: Target) -> Match:
+def match_own_cells(target: Target) -> MatchPart:
     """Each camera cell with its own projector cell."""
-    return Match(np.arange(target.cells))
+    return MatchPart(np.arange(target.cells))
 
 
 def _seen(program: Program, light: Floats | None, gain: Floats | None) -> Program:
     """A program under an illumination and behind a gain, where there are any."""
     if light is not None:
-        program = Under(program, light)
-    return program if gain is None else Behind(program, gain)
+        program = IlluminatedProgram(program, light)
+    return program if gain is None else GainProgram(program, gain)

@@ -1,9 +1,9 @@
 """The goals of off-axis benches: light kept or blocked by the depth of what it fell on.
 
-`keyed` closes the mask at a camera cell whenever any of the projector cells is lit that would light
-it directly at the depths to block (Fig. 11 of the paper): of these nothing can arrive. `stereo` is
-white less that. `epipolar` tells paths within a row of cells, as all direct light is on a rectified
-bench, from those that change rows.
+`add_keyed` closes the mask at a camera cell whenever any of the projector cells is lit that would
+light it directly at the depths to block (Fig. 11 of the paper): of these nothing can arrive.
+`add_stereo` is white less that. `add_epipolar` tells paths within a row of cells, as all direct
+light is on a rectified bench, from those that change rows.
 """
 
 from __future__ import annotations
@@ -12,16 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdcd.arrays import Bools, Indices
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.convolved import SameRow
-from pdcd.probing.wanted import Indices, Match, Uniform
-from pdcd.recipes.maker import Maker
-from pdcd.recipes.partners import continued_places, matches, places_of
-from pdcd.recipes.programs import Bools, Pairs
+from pdcd.probing.convolved import SameRowPart
+from pdcd.probing.wanted import MatchPart, UniformPart
+from pdcd.recipes.maker import RecipeMaker
+from pdcd.recipes.partners import extend_places, find_match_places, find_matched_cells
+from pdcd.recipes.programs import LevelPairs
 from pdcd.recipes.recipe import Combination, Rule
 
-LEAST_PERIODS = 4
+_LEAST_PERIODS = 4
 """Least period of a comb over the disparities that it closes the mask for."""
 
 
@@ -30,13 +31,13 @@ class FewCodesError(RequestError):
 
 
 @dataclass(frozen=True, eq=False)
-class Keyed:
+class KeyedProgram:
     """Mask = complement of the code of each cell's match (0 there, p (1 - p) elsewhere).
 
     A cell without a match gets the complement of the code that its row has to spare, where codes
-    bring one (`pdcd.codes.lines.matched_codes`), else it is open.
+    bring one (`pdcd.codes.lines.make_matched_codes`), else it is open.
 
-    place : (N, 2) int64, of `pdcd.recipes.partners.places_of`.
+    place : (N, 2) int64, of `pdcd.recipes.partners.find_match_places`.
     """
 
     place: Indices
@@ -44,9 +45,11 @@ class Keyed:
     coded: bool = True
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """K pairs."""
-        partner = matches(continued_places(self.place, lattice), self.disparity, lattice.shape)
+        partner = find_matched_cells(
+            extend_places(self.place, lattice), self.disparity, lattice.shape
+        )
         row = np.arange(partner.size) // lattice.shape[1]
         cells, spare = bits[:, : partner.size], bits[:, partner.size :]
         none = spare[:, row] if spare.shape[1] else np.zeros_like(cells)
@@ -54,7 +57,7 @@ class Keyed:
 
 
 @dataclass(frozen=True, eq=False)
-class KeyedRange:
+class KeyedRangeProgram:
     """Mask = closed while a match of any of W disparities is lit by a comb (0 there, 1 in the rest
     of the row, 1 - W / period elsewhere).
 
@@ -73,9 +76,9 @@ class KeyedRange:
         """Share of codes in which a cell is lit."""
         return 1.0 / self.period
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
-        """K pairs; `bits` of `pdcd.codes.lines.comb_codes`."""
-        place, (rows, cols) = continued_places(self.place, lattice), lattice.shape
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
+        """K pairs; `bits` of `pdcd.codes.lines.make_comb_codes`."""
+        place, (rows, cols) = extend_places(self.place, lattice), lattice.shape
         # Of a match far off, or none: beyond the row, where no real cell is lit at that time.
         off = (place[:, 0] < 0) | (place[:, 0] >= rows)
         row = np.where(off, 0, place[:, 0])
@@ -93,7 +96,7 @@ class KeyedRange:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class RowProgram:
     """Codes h of rows, shown as they are and inverted: mask = the code of the row (K within it,
     K / 2 (1 + h h' / K) elsewhere), or the other way around (0 within it, K / 2 elsewhere where
     codes are orthogonal).
@@ -105,7 +108,7 @@ class Rows:
     coded: bool = True
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """2 K pairs. The code of a row is that of its first cell."""
         rows, cols = lattice.shape
         first = bits.reshape(-1, rows, cols)[:, :, :1]
@@ -114,7 +117,7 @@ class Rows:
         return lit, lit if self.same else ~lit
 
 
-def keyed(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+def add_keyed(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
     """All light but that which is direct at some depths."""
     kept = _keyed(maker, codes)
     if not white:
@@ -123,7 +126,7 @@ def keyed(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     return {"keyed": kept, "white": ((1.0, "white"),)}
 
 
-def stereo(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+def add_stereo(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
     """Light that is direct at some depths, and what else takes the same paths."""
     maker.white()
     kept = _keyed(maker, codes)
@@ -135,23 +138,23 @@ def stereo(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     }
 
 
-def epipolar(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+def add_epipolar(maker: RecipeMaker, white: bool, codes: int) -> dict[str, Rule]:
     """Paths within a row, by two shots; or all others, by one."""
     target = maker.target
-    line = SameRow(target.grid)
+    line = SameRowPart(target.grid)
     if target.goal.keep == "out":
-        maker.coded("epipolar", Rows(False), (1.0, Uniform(target.cells)), (-1.0, line))
+        maker.coded("epipolar", RowProgram(False), (1.0, UniformPart(target.cells)), (-1.0, line))
     else:
         # Windows that cut cells weigh points of one row otherwise than cells; direct light, which
         # is nearly all there is in a row, goes from point to point.
-        maker.signed("epipolar", Rows, (1.0, line), by_direct=True)
+        maker.signed("epipolar", RowProgram, (1.0, line), by_direct=True)
     if not white:
         return {"epipolar": ((1.0, "epipolar"),)}
     maker.white()
     return {"epipolar": ((1.0, "epipolar"),), "white": ((1.0, "white"),)}
 
 
-def _keyed(maker: Maker, codes: int) -> Combination:
+def _keyed(maker: RecipeMaker, codes: int) -> Combination:
     """The photos whose sum is all but some depths.
 
     A comb sees a little less of other rows than of the cell's own; a photo of other rows alone,
@@ -160,28 +163,28 @@ def _keyed(maker: Maker, codes: int) -> Combination:
     target = maker.target
     grid = target.grid
     low, high = target.goal.disparity or (0, 0)
-    place = places_of(target.goal, grid, target.planes)
+    place = find_match_places(target.goal, grid, target.planes)
     count = high - low + 1
-    everything, line = Uniform(target.cells), SameRow(grid)
-    blocked = [(-1.0, Match(matches(place, d, grid))) for d in range(low, high + 1)]
+    everything, line = UniformPart(target.cells), SameRowPart(grid)
+    blocked = [(-1.0, MatchPart(find_matched_cells(place, d, grid))) for d in range(low, high + 1)]
     if count == 1:
-        maker.coded("keyed", Keyed(place, low), (1.0, everything), *blocked, rows=True)
+        maker.coded("keyed", KeyedProgram(place, low), (1.0, everything), *blocked, rows=True)
         return ((1.0, "keyed"),)
-    least = LEAST_PERIODS * count
+    least = _LEAST_PERIODS * count
     if codes < least:
         raise FewCodesError(
             f"{codes} codes are too few to tell {count} disparities from others",
             hint=f"take at least {least} codes, best from {max(least, grid[1] + 1 + count)} on",
         )
-    period = period_of(codes, grid[1], count)
+    period = choose_comb_period(codes, grid[1], count)
     lost = count / period
-    program = KeyedRange(place, low, high, period)
-    maker.coded("other-rows", Rows(False), (1.0, everything), (-1.0, line))
+    program = KeyedRangeProgram(place, low, high, period)
+    maker.coded("other-rows", RowProgram(False), (1.0, everything), (-1.0, line))
     maker.coded("keyed", program, (1.0 - lost, everything), (lost, line), *blocked)
     return ((lost, "other-rows"), (1.0, "keyed"))
 
 
-def period_of(codes: int, columns: int, disparities: int) -> int:
+def choose_comb_period(codes: int, columns: int, disparities: int) -> int:
     """Codes in which a comb passes a row: as few as keep all its cells apart from all matches, and
     then as many as leave the fewest codes over; all of them where those are too few."""
     least = columns + 1 + disparities

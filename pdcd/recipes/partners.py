@@ -14,35 +14,35 @@ from collections.abc import Mapping
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import symmetric
+from pdcd.arrays import Floats, Indices
+from pdcd.codes.hadamard import symmetrise_links
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.placing import through
-from pdcd.probing.wanted import Grid, Indices, shifted
+from pdcd.panels.placing import project_points
+from pdcd.probing.wanted import Grid, shift_cells
 from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.programs import (
-    Coded,
+    CodedProgram,
     Program,
-    Signed,
-    SignedMatrix,
-    on_lattice,
-    within,
+    SignedMatrixProgram,
+    SignedProgram,
+    extend_partners,
+    find_inner_program,
 )
 
 Partner = Indices | tuple[int, int] | None
 """Of all cells: (N,) with -1 for none; a shift (down, right); or None, the cells themselves."""
 
-REACH = 3
+PARTNER_GUARD_CELLS = 3
 """Cells around a camera cell whose light must not meet the code of its partner. Partners no further
 off than that are kept apart from these by their distance."""
-OWN = 4.0
+_OWN = 4.0
 """Light of the cell itself over that of the cell beside it; further off it falls with the square of
 the distance."""
 
 
-def partner_of(cells: Indices, grid: Grid) -> Partner:
+def describe_partners(cells: Indices, grid: Grid) -> Partner:
     """The shortest way to say which partner each cell has, (N,): a shift or None where it is one.
 
     Codes over a lattice larger than the grid know how to go on with a shift.
@@ -52,29 +52,29 @@ def partner_of(cells: Indices, grid: Grid) -> Partner:
         return cells
     n, m = int(here[0]), int(cells[here[0]])
     shift = m // grid[1] - n // grid[1], m % grid[1] - n % grid[1]
-    if not np.array_equal(cells, shifted(grid, shift)):
+    if not np.array_equal(cells, shift_cells(grid, shift)):
         return cells
     return None if shift == (0, 0) else shift
 
 
-def cells_of(partner: Partner, grid: Grid) -> Indices:
+def list_partner_cells(partner: Partner, grid: Grid) -> Indices:
     """The partner of every cell, (N,), -1 for none."""
     if partner is None:
         return np.arange(grid[0] * grid[1])
-    return shifted(grid, partner) if isinstance(partner, tuple) else partner
+    return shift_cells(grid, partner) if isinstance(partner, tuple) else partner
 
 
-def far_partners(program: Program, grid: Grid) -> tuple[Indices | tuple[int, int], ...]:
+def list_distant_partners(program: Program, grid: Grid) -> tuple[Indices | tuple[int, int], ...]:
     """Partners in a program of codes that lie away from the cells themselves."""
-    inner = within(program)
+    inner = find_inner_program(program)
     found: list[Partner] = []
-    if isinstance(inner, Coded):
+    if isinstance(inner, CodedProgram):
         found = [inner.partner]
-    elif isinstance(inner, Signed):
+    elif isinstance(inner, SignedProgram):
         found = [partner for _, partner in inner.taps]
-    elif isinstance(inner, SignedMatrix):
+    elif isinstance(inner, SignedMatrixProgram):
         found = list(inner.partners)
-    return tuple(p for p in found if p is not None and _furthest(p, grid) > REACH)
+    return tuple(p for p in found if p is not None and _furthest(p, grid) > PARTNER_GUARD_CELLS)
 
 
 def _furthest(partner: Indices | tuple[int, int], grid: Grid) -> int:
@@ -87,7 +87,7 @@ def _furthest(partner: Indices | tuple[int, int], grid: Grid) -> int:
     return int(max(np.abs(down).max(initial=0), np.abs(right).max(initial=0)))
 
 
-def partner_links(
+def link_partners(
     partners: tuple[Indices | tuple[int, int], ...], lattice: Lattice
 ) -> scipy.sparse.csr_array | None:
     """Which code cells of a lattice must not share a column, where the mask shows each cell its
@@ -101,31 +101,29 @@ def partner_links(
     cells, (rows, cols) = lattice.lattice_cells, lattice.shape
     first, second, strength = [], [], []
     for partner in partners:
-        found = on_lattice(partner, lattice)
+        found = extend_partners(partner, lattice)
         n = np.flatnonzero(found >= 0)
-        for down in range(-REACH, REACH + 1):
-            for right in range(-REACH, REACH + 1):
+        for down in range(-PARTNER_GUARD_CELLS, PARTNER_GUARD_CELLS + 1):
+            for right in range(-PARTNER_GUARD_CELLS, PARTNER_GUARD_CELLS + 1):
                 row, col = n // cols + down, n % cols + right
                 inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
                 first.append(found[n[inside]])
                 second.append((row * cols + col)[inside])
                 off = down**2 + right**2
-                strength.append(np.full(int(inside.sum()), 1.0 / off if off else OWN))
+                strength.append(np.full(int(inside.sum()), 1.0 / off if off else _OWN))
     places = np.concatenate(first), np.concatenate(second)
-    return symmetric(
+    return symmetrise_links(
         scipy.sparse.csr_array((np.concatenate(strength), places), shape=(cells, cells)), cells
     )
 
 
-Floats = NDArray[np.float64]
-
-NOWHERE = -(2**40)
+NO_MATCH = -(2**40)
 """Row and column of a camera cell that has no match at any depth."""
-SOURCES = ("plane", "disparities", "warp")
+_SOURCES = ("plane", "disparities", "warp")
 """What tells the match of disparity 0; one of them at most."""
 
 
-def places_of(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> Indices:
+def find_match_places(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> Indices:
     """(row, column) of the match of disparity 0 of each camera cell, (N, 2) int64.
 
     `planes` holds the goal's arrays (N,) by name. Raises RequestError for a plane that cannot be.
@@ -135,7 +133,7 @@ def places_of(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> Indices:
     if goal.plane is not None:
         centres = np.stack([(col + 0.5) / cols, (row + 0.5) / rows], axis=1)
         try:
-            x, y = through(goal.plane, centres).T
+            x, y = project_points(goal.plane, centres).T
         except ValueError as err:
             raise RequestError(
                 f"plane: {err}",
@@ -148,13 +146,13 @@ def places_of(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> Indices:
     if "warp" in planes:
         warp = planes["warp"].astype(np.int64)
         there = np.stack(np.divmod(warp, cols), axis=1)
-        return np.where((warp >= 0)[:, None], there, NOWHERE)
+        return np.where((warp >= 0)[:, None], there, NO_MATCH)
     return np.stack([row, col], axis=1)
 
 
 def check_depths(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> None:
     """Refuse depths that no cell can have, or that are told twice. Raises RequestError."""
-    told = [name for name in SOURCES if name in planes or getattr(goal, name, None) is not None]
+    told = [name for name in _SOURCES if name in planes or getattr(goal, name, None) is not None]
     if len(told) > 1:
         raise RequestError(
             f"both {told[0]} and {told[1]} say where disparity 0 is", hint="give one of them"
@@ -174,22 +172,22 @@ def check_depths(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> None:
         return  # what is wrong with an array is said where all of them are checked
     if "warp" in planes or goal.name == "epipolar":
         return
-    found = places_of(goal, grid, planes)
-    if all((matches(found, d, grid) < 0).all() for d in range(low, high + 1)):
+    found = find_match_places(goal, grid, planes)
+    if all((find_matched_cells(found, d, grid) < 0).all() for d in range(low, high + 1)):
         raise RequestError(
             "no camera cell has a match on the projector at these depths",
             hint="disparities count cells to the right, a plane takes 0..1 to 0..1",
         )
 
 
-def matches(place: Indices, disparity: int, shape: Grid) -> Indices:
+def find_matched_cells(place: Indices, disparity: int, shape: Grid) -> Indices:
     """Cells of a grid at places (n, 2), so many to the right: (n,) int64, -1 beyond the grid."""
     row, col = place[:, 0], place[:, 1] + disparity
     inside = (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
     return np.where(inside, row * shape[1] + col, -1)
 
 
-def continued_places(place: Indices, lattice: Lattice) -> Indices:
+def extend_places(place: Indices, lattice: Lattice) -> Indices:
     """Places of all code cells, (L, 2): those of the grid, continued over its far edges."""
     inner, down, right = lattice.continued
     return np.asarray(place[inner] + np.stack([down, right], axis=1))

@@ -17,17 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.probing.wanted import Uniform
+from pdcd.probing.wanted import UniformPart
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.maker import Maker, itself
-from pdcd.recipes.programs import Coded
-from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule, Shot
+from pdcd.recipes.maker import RecipeMaker, match_own_cells
+from pdcd.recipes.programs import CodedProgram
+from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, Rule, Shot
 
 FEWEST_PARTS = 4
 """Parts from which on their spread says more than a model of the scene does."""
 
 
-def in_parts(recipe: Recipe, parts: int) -> Recipe:
+def split_into_parts(recipe: Recipe, parts: int) -> Recipe:
     """Return the recipe with every shot of codes taken in `parts` exposures, part by part.
 
     Programs and shots get the number of their part, from 1, behind the name of the program; shots
@@ -75,12 +75,12 @@ def check_parts(request: CaptureRequest) -> int:
     return parts
 
 
-def part_numbers(recipe: Recipe) -> tuple[int, ...]:
+def list_parts(recipe: Recipe) -> tuple[int, ...]:
     """Numbers of the parts of a recipe, ascending; none when no photo is split."""
     return tuple(sorted({shot.part for shot in recipe.shots if shot.part}))
 
 
-def only_parts(recipe: Recipe, wanted: Container[int]) -> Recipe:
+def select_parts(recipe: Recipe, wanted: Container[int]) -> Recipe:
     """Return the recipe of the photos that some parts alone make, with all that is not split."""
     shots = tuple(shot for shot in recipe.shots if not shot.part or shot.part in wanted)
     names = {shot.name for shot in shots}
@@ -91,25 +91,25 @@ def only_parts(recipe: Recipe, wanted: Container[int]) -> Recipe:
     return replace(recipe, shots=shots, photos=photos)
 
 
-def taken_parts(recipe: Recipe, names: Container[str]) -> Recipe:
+def select_complete_parts(recipe: Recipe, names: Container[str]) -> Recipe:
     """Return the recipe of the parts of which every shot is among `names`.
 
     All parts if none of them is complete, as then there is no photo yet.
     """
     complete = [
         part
-        for part in part_numbers(recipe)
+        for part in list_parts(recipe)
         if all(shot.name in names for shot in recipe.shots if shot.part == part)
     ]
-    return only_parts(recipe, complete) if complete else recipe
+    return select_parts(recipe, complete) if complete else recipe
 
 
-def part_seed(seed: int, parts: int, part: int) -> int:
+def derive_part_seed(seed: int, parts: int, part: int) -> int:
     """Seed of one part's codes: its own among all parts of all seeds; `seed` itself of a whole."""
     return seed * parts + max(part - 1, 0)
 
 
-def coin_signs(bits: NDArray[np.bool_], seed: int) -> NDArray[np.bool_]:
+def randomise_signs(bits: NDArray[np.bool_], seed: int) -> NDArray[np.bool_]:
     """Return codes (K, L), lit half of the time, with those of each cell inverted by a coin.
 
     Hadamard codes give cells that share a column opposite signs where they are neighbours. The
@@ -120,7 +120,7 @@ def coin_signs(bits: NDArray[np.bool_], seed: int) -> NDArray[np.bool_]:
     return bits ^ coins
 
 
-def part_codes(codes: int, parts: int) -> int:
+def count_part_codes(codes: int, parts: int) -> int:
     """Codes of each part. Raises RequestError when they cannot be shared out evenly."""
     if codes % parts:
         raise RequestError(
@@ -147,7 +147,7 @@ def _part(shot: Shot, part: int, by_name: Mapping[str, Shot]) -> Shot:
     return replace(shot, name=name, program=program, part=part, beside=beside)
 
 
-def repeated(recipe: Recipe, count: int) -> Recipe:
+def repeat_shots(recipe: Recipe, count: int) -> Recipe:
     """The same recipe with every shot that the answer rests on taken `count` times.
 
     A photo is then the sum of all its exposures. Shots of single codes (a pilot) and photos that
@@ -183,11 +183,11 @@ def _copies(name: str, count: int) -> list[str]:
 
 FLOODLIT = "floodlit"
 """The photo and picture of a white shot, beside the white picture of a pair."""
-KNOWN = ("indirect", "direct")
+_KNOWN = ("indirect", "direct")
 """Goals that a pair of exposures answers."""
 
 
-def paired(maker: Maker, white: bool, buckets: int = 1) -> Recipe:
+def make_pairs_recipe(maker: RecipeMaker, white: bool, buckets: int = 1) -> Recipe:
     """Two exposures for direct, indirect and all light; and with `white` a floodlit shot to hold
     their sum against.
 
@@ -195,18 +195,18 @@ def paired(maker: Maker, white: bool, buckets: int = 1) -> Recipe:
     that.
     """
     target = maker.target
-    if target.goal.name not in KNOWN or target.light is not None:
+    if target.goal.name not in _KNOWN or target.light is not None:
         raise RequestError(
-            f"method pairs does the goals {' and '.join(KNOWN)}, under full light",
+            f"method pairs does the goals {' and '.join(_KNOWN)}, under full light",
             hint="take the method coded",
         )
-    everything, same = Uniform(target.cells), itself(target)
+    everything, same = UniformPart(target.cells), match_own_cells(target)
     if white:
         maker.photo(
             FLOODLIT, maker.wanted((1.0, everything)), [(1.0, Shot("white", "", white=True))]
         )
-    maker.coded("coded", Coded(None, True), (1.0, everything), (-1.0, same))
-    maker.coded("same", Coded(None, False), (0.5, everything), (0.5, same))
+    maker.coded("coded", CodedProgram(None, True), (1.0, everything), (-1.0, same))
+    maker.coded("same", CodedProgram(None, False), (0.5, everything), (0.5, same))
     if buckets == 2:
         of = len("same")
         maker.shots = [
@@ -216,8 +216,8 @@ def paired(maker: Maker, white: bool, buckets: int = 1) -> Recipe:
     apart, together = maker.photos[-2], maker.photos.pop()
     less = tuple((-sign, name) for sign, name in apart.shots)
     maker.photos += [
-        Photo("white", maker.wanted((1.0, everything)), (*together.shots, *apart.shots)),
-        Photo("direct", maker.wanted((1.0, same)), (*together.shots, *less)),
+        RecipePhoto("white", maker.wanted((1.0, everything)), (*together.shots, *apart.shots)),
+        RecipePhoto("direct", maker.wanted((1.0, same)), (*together.shots, *less)),
     ]
     pictures: dict[str, Rule] = {
         "indirect": ((1.0, "coded"),),
@@ -231,15 +231,15 @@ def paired(maker: Maker, white: bool, buckets: int = 1) -> Recipe:
     return Recipe(target, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
 
 
-LATE = "-late"
+_LATE = "-late"
 """What the names of such shots end in."""
 
 
-def renamed(recipe: Recipe) -> Recipe:
+def rename_shots(recipe: Recipe) -> Recipe:
     """The same recipe with its shots of codes under other names; white ones, and photos of single
     codes, keep theirs."""
     new = {
-        shot.name: shot.name + LATE
+        shot.name: shot.name + _LATE
         for shot in recipe.shots
         if not shot.white and shot.name not in recipe.stack
     }

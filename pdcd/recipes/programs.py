@@ -12,18 +12,16 @@ from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.codes.far import opened
+from pdcd.arrays import Bools, Floats, Indices
+from pdcd.codes.far import make_long_range_masks
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.convolved import convolved
-from pdcd.probing.wanted import Indices, shifted
+from pdcd.probing.convolved import filter_images
+from pdcd.probing.wanted import shift_cells
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Levels = Floats | Bools
-L = TypeVar("L", Floats, Bools)
-Pairs = tuple[Levels, Levels]
+_L = TypeVar("_L", Floats, Bools)
+LevelPairs = tuple[Levels, Levels]
 """Levels 0..1 of projector and mask, (P, L) each."""
 
 
@@ -44,13 +42,13 @@ class Program(Protocol):
         """Share of codes in which a cell is to be lit."""
         ...
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """Levels of projector and mask, slot by slot."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class BlockProgram:
     """``sum_d camera_d projector_d^T``, exactly: D pairs of given levels, no codes (footnote 4)."""
 
     camera: Floats
@@ -58,13 +56,13 @@ class Blocks:
     coded: bool = False
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """The D pairs themselves; `bits` is not looked at."""
         return self.projector, self.camera
 
 
 @dataclass(frozen=True, eq=False)
-class Coded:
+class CodedProgram:
     """Mask = the code of each cell's partner (Pi = p there, p^2 elsewhere), or its complement
     (0 there, p (1 - p) elsewhere). Cells without a partner stay closed (eq. 8, section 5)."""
 
@@ -73,9 +71,9 @@ class Coded:
     p: float = 0.5
     coded: bool = True
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """K pairs."""
-        partner = on_lattice(self.partner, lattice)
+        partner = extend_partners(self.partner, lattice)
         mask = bits[:, partner] != self.complement
         return bits, mask & (partner >= 0)
 
@@ -98,50 +96,50 @@ class _Around:
 
 
 @dataclass(frozen=True, eq=False)
-class Under(_Around):
+class IlluminatedProgram(_Around):
     """Another program with the projector's levels times `light` (N,), 0..1."""
 
     light: Floats
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """As many pairs as the program makes."""
         primal, dual = self.program.pairs(bits, lattice)
-        return primal * extended(self.light, lattice), dual
+        return primal * extend_values(self.light, lattice), dual
 
 
 @dataclass(frozen=True, eq=False)
-class Behind(_Around):
+class GainProgram(_Around):
     """Another program with the mask's levels times `gain` (N,), 0..1."""
 
     gain: Floats
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """As many pairs as the program makes."""
         primal, dual = self.program.pairs(bits, lattice)
-        return primal, dual * extended(self.gain, lattice)
+        return primal, dual * extend_values(self.gain, lattice)
 
 
-def within(program: Program) -> Program:
+def find_inner_program(program: Program) -> Program:
     """What a program does beneath an illumination and a gain."""
-    while isinstance(program, Under | Behind):
+    while isinstance(program, IlluminatedProgram | GainProgram):
         program = program.program
     return program
 
 
 @dataclass(frozen=True, eq=False)
-class Floodlit:
+class FloodlitProgram:
     """The codes alone through an open mask, for photos that are masked in software."""
 
     coded: bool = True
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """K pairs."""
         return bits, np.ones_like(bits)
 
 
 @dataclass(frozen=True, eq=False)
-class Signed:
+class SignedProgram:
     """One half of ``sum_w weight_w Match(partner_w)`` by +-1 codes h: mask = the same sum over h
     (eq. 9), its positive part under i = (1 + h)/2 and its negative part under (1 - h)/2, or the
     other way around for the half that is subtracted."""
@@ -151,35 +149,35 @@ class Signed:
     coded: bool = True
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """2 K pairs; mask levels are scaled so that the largest is 1."""
         h = np.where(bits, 1.0, -1.0)
         mask = np.zeros_like(h)
         for weight, partner in self.taps:
-            where = on_lattice(partner, lattice)
+            where = extend_partners(partner, lattice)
             mask += weight * np.where(where >= 0, h[:, where], 0.0)
         return _halves(bits, mask, self.positive)
 
 
 @dataclass(frozen=True, eq=False)
-class Convolved:
-    """`Signed` with a tap for every shift: taps[w] pairs each cell n with n - w, w counted from the
-    centre of `taps` (odd sides). Its sums are made by FFT."""
+class ConvolvedProgram:
+    """`SignedProgram` with a tap for every shift: taps[w] pairs each cell n with n - w, w counted
+    from the centre of `taps` (odd sides). Its sums are made by FFT."""
 
     taps: Floats
     positive: bool
     coded: bool = True
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """2 K pairs; mask levels are scaled so that the largest is 1."""
         h = np.where(bits, 1.0, -1.0)
-        return _halves(bits, convolved(h, self.taps, lattice.shape), self.positive)
+        return _halves(bits, filter_images(h, self.taps, lattice.shape), self.positive)
 
 
 @dataclass(frozen=True, eq=False)
-class SignedMatrix:
-    """One half of any matrix A by +-1 codes: mask = A h (eq. 9), in two halves as `Signed`.
+class SignedMatrixProgram:
+    """One half of any matrix A by +-1 codes: mask = A h (eq. 9), in two halves as `SignedProgram`.
 
     Cells that share a column are counted for each other. Of direct light, which is mostly the
     strongest, this is taken off again: a multiple of a cell's own code in its mask makes the
@@ -193,7 +191,7 @@ class SignedMatrix:
     coded: bool = True
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """2 K pairs. The matrix is between scene cells, so codes beyond the grid do not enter."""
         h = np.where(bits, 1.0, -1.0)
         rows, cols = lattice.grid
@@ -201,11 +199,11 @@ class SignedMatrix:
         mask = inner @ self.matrix.T
         missing = self.matrix.diagonal() - np.mean(mask * inner, axis=0)
         mask += missing * inner
-        return _halves(bits, extended(mask, lattice), self.positive)
+        return _halves(bits, extend_values(mask, lattice), self.positive)
 
 
 @dataclass(frozen=True, eq=False)
-class SignedBlocks:
+class SignedBlockProgram:
     """One half of ``sum_d camera_d projector_d^T`` with values of both signs, exactly."""
 
     camera: Floats
@@ -214,7 +212,7 @@ class SignedBlocks:
     coded: bool = False
     p: float = 0.5
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
         """2 D pairs."""
         scaled = self.projector / np.abs(self.projector).max()
         plus, minus = np.maximum(scaled, 0.0), np.maximum(-scaled, 0.0)
@@ -223,7 +221,7 @@ class SignedBlocks:
 
 
 @dataclass(frozen=True, eq=False)
-class Far:
+class LongRangeProgram:
     """Mask = the complement of the code, dilated by a radius: exactly 0 within it, p (1 - p)^W
     elsewhere with W = (2 radius + 1)^2 (Table 2, row 3, in one photo), less what is closed so that
     all is counted alike (`pdcd.codes.far`)."""
@@ -240,17 +238,17 @@ class Far:
         """``1 / (W + 1)``, which makes the weight ``p (1 - p)^W`` largest."""
         return 1.0 / ((2 * self.radius + 1) ** 2 + 1)
 
-    def pairs(self, bits: Levels, lattice: Lattice) -> Pairs:
+    def pairs(self, bits: Levels, lattice: Lattice) -> LevelPairs:
         """K pairs; codes that are chosen together with masks come in levels."""
         side = 2 * self.radius + 1
         around = np.ones((side, side), dtype=np.uint8)
         lit = (bits > 0).reshape(-1, *lattice.shape).astype(np.uint8)
         near = np.stack([cv2.dilate(one, around) for one in lit]).astype(np.bool_)
         seen = ~near.reshape(len(bits), -1)
-        return bits, opened(bits, seen, lattice.shape, self.radius, grey=self.grey)
+        return bits, make_long_range_masks(bits, seen, lattice.shape, self.radius, grey=self.grey)
 
 
-def on_lattice(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> Indices:
+def extend_partners(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> Indices:
     """Partners of all code cells, (L,): of a warp (N,), a shift, or (None) the cells themselves.
 
     The lattice of quarter windows has one row and column more than the grid; they continue a warp
@@ -260,7 +258,7 @@ def on_lattice(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> I
     if partner is None:
         return np.arange(lattice.lattice_cells)
     if isinstance(partner, tuple):
-        return shifted(shape, partner)
+        return shift_cells(shape, partner)
     inner, down, right = lattice.continued
     target, cols = partner[inner], lattice.grid[1]
     tr, tc = target // cols + down, target % cols + right
@@ -268,12 +266,12 @@ def on_lattice(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> I
     return np.where(inside, tr * shape[1] + tc, -1)
 
 
-def extended(values: Floats, lattice: Lattice) -> Floats:
+def extend_values(values: Floats, lattice: Lattice) -> Floats:
     """Values over the grid (..., N) -> over the lattice (..., L), continued at the far edges."""
     return values[..., lattice.continued[0]]
 
 
-def _halves(bits: Bools, mask: Floats, positive: bool) -> Pairs:
+def _halves(bits: Bools, mask: Floats, positive: bool) -> LevelPairs:
     """Pairs (i+, m+), (i-, m-), or (i+, m-), (i-, m+) for the half that is subtracted; `mask` is
     written to."""
     largest = max(mask.max(), -mask.min())
@@ -282,7 +280,7 @@ def _halves(bits: Bools, mask: Floats, positive: bool) -> Pairs:
     return _pair_up(_in_turn(bits, ~bits), mask, positive)
 
 
-def _pair_up(lights: Levels, mask: Floats, positive: bool) -> Pairs:
+def _pair_up(lights: Levels, mask: Floats, positive: bool) -> LevelPairs:
     """Both pairs of a code follow each other, so that any few codes show what all of them do."""
     masks = np.empty((2 * len(mask), mask.shape[1]))
     signed = mask if positive else -mask
@@ -292,6 +290,6 @@ def _pair_up(lights: Levels, mask: Floats, positive: bool) -> Pairs:
     return lights, masks
 
 
-def _in_turn(first: L, second: L) -> L:
+def _in_turn(first: _L, second: _L) -> _L:
     """Rows of two arrays (K, N) in turn, (2 K, N)."""
     return np.stack([first, second], axis=1).reshape(-1, first.shape[1])

@@ -12,15 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import RequestError
-from pdcd.probing.wanted import Lit, Part, Wanted
-from pdcd.recipes.alternatives import Fitted, Masked
+from pdcd.probing.wanted import IlluminatedPart, MatrixPart, WantedMatrix
+from pdcd.recipes.alternatives import FittedWeights, MaskedWeights
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Program
 
-Floats = NDArray[np.float64]
 Combination = tuple[tuple[float, str], ...]
 """(coefficient, name) pairs."""
 
@@ -75,7 +74,7 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Photo:
+class RecipePhoto:
     """A signed sum of shots that is to have a wanted probing matrix, up to one scale.
 
     With `row_weights` each cell is divided by its own realised weight instead of the common one,
@@ -85,7 +84,7 @@ class Photo:
     """
 
     name: str
-    wanted: Wanted
+    wanted: WantedMatrix
     shots: Combination
     row_weights: bool = False
     beyond: int = 0
@@ -105,16 +104,16 @@ class Recipe:
     target: Target
     programs: dict[str, Program]
     shots: tuple[Shot, ...]
-    photos: tuple[Photo, ...]
+    photos: tuple[RecipePhoto, ...]
     pictures: dict[str, Rule]
     stack: tuple[str, ...] = ()
-    sums: dict[str, Fitted | Masked] = field(default_factory=dict)
-    meant: Wanted | None = None
+    sums: dict[str, FittedWeights | MaskedWeights] = field(default_factory=dict)
+    meant: WantedMatrix | None = None
     split: tuple[str, ...] = ()
     """How a wanted matrix is taken apart, in words, a line a part."""
 
     @property
-    def coded(self) -> Photo | None:
+    def coded(self) -> RecipePhoto | None:
         """The photo of all indirect light at once, where there is one."""
         return next((photo for photo in self.photos if photo.name == "coded"), None)
 
@@ -135,7 +134,7 @@ class Recipe:
         return rule.photos[-1] if isinstance(rule, Extremes) else rule[-1][1]
 
     @property
-    def wanted(self) -> Wanted:
+    def wanted(self) -> WantedMatrix:
         """The goal's own wanted matrix: that of the answer.
 
         Raises RequestError for answers that no single matrix gives.
@@ -150,7 +149,7 @@ class Recipe:
             for coefficient, name in self.answer
             for weight, part in photos[name].parts
         ]
-        return Wanted(self.target.grid, tuple(parts), light if alike else None)
+        return WantedMatrix(self.target.grid, tuple(parts), light if alike else None)
 
 
 def _same(light: Floats | None, other: Floats | None) -> bool:
@@ -160,6 +159,6 @@ def _same(light: Floats | None, other: Floats | None) -> bool:
     return np.array_equal(light, other)
 
 
-def _under(part: Part, light: Floats | None) -> Part:
+def _under(part: MatrixPart, light: Floats | None) -> MatrixPart:
     """A part of a photo that has a light of its own."""
-    return part if light is None else Lit(part, light)
+    return part if light is None else IlluminatedPart(part, light)

@@ -6,8 +6,8 @@ these can be photographed far better than an arbitrary matrix of which nothing i
 matrix is taken apart here; how the parts are photographed is in `pdcd.recipes.composed`.
 
 Nothing is lost: what no part explains is the rest, and parts and rest together are the matrix to
-`ALIKE` of its largest weight, which is checked. A part is only found where its weights are all
-alike: numbers that scatter stay in the rest.
+`EQUAL_WEIGHTS` of its largest weight, which is checked. A part is only found where its weights are
+all alike: numbers that scatter stay in the rest.
 """
 
 from __future__ import annotations
@@ -17,37 +17,36 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.probing.wanted import Indices, Near, shifted
-from pdcd.recipes.even import ALIKE, even_part
+from pdcd.arrays import Floats, Indices
+from pdcd.probing.wanted import NearPart, shift_cells
+from pdcd.recipes.even import EQUAL_WEIGHTS, find_even_part
 
-Floats = NDArray[np.float64]
-Grid = tuple[int, int]
+_Grid = tuple[int, int]
 
-BLOCK = 256
+_BLOCK = 256
 """Rows looked at together; bounds the memory beside the matrix and its rest."""
-SCATTER = 8.0
+_SCATTER = 8.0
 """Deviations of noisy numbers from a part, over that of most of them, that are still noise."""
-MOST_RADIUS = 16
+_MOST_RADIUS = 16
 """Largest radius of a near band, cells."""
-MOST_RINGS = 2
+_MOST_RINGS = 2
 """Different weights of the rings of a band; more are taps of a filter."""
-TINY = 1e-3
+_TINY = 1e-3
 """Share of what counts as equal by which exact numbers are rounded."""
-WHOLE = 0.9
+_WHOLE = 0.9
 """Share of the entries of a ring or of a shift that must have its weight."""
-MOST_TAPS = 255
+_MOST_TAPS = 255
 """Matched cells of a row, at most; with more of them codes do no better than for any matrix."""
-MOST_MATCHES = 16
+_MOST_MATCHES = 16
 """Matches that are no shifts."""
-SHIFTED = 0.25
+_SHIFTED = 0.25
 """Share of all cells that a shift must pair to be looked at."""
-FEW = 1.0 / 16.0, 4
+_FEW = 1.0 / 16.0, 4
 """Share of all cells, and number of them, that matched cells of one weight must have."""
-MOST_REST = 0.5
+_MOST_REST = 0.5
 """Share of the squared weights that may be left; with more, nothing was found."""
-ROUNDS = 20
+_ROUNDS = 20
 """Steps towards the product of two sides that is nearest to a matrix; of those that have most of
 it, each leaves less than a half of what the one before did."""
 
@@ -69,7 +68,7 @@ class Structure:
     camera, projector : sides of the even part, (r, N), where it is more than one level.
     """
 
-    grid: Grid
+    grid: _Grid
     gain: Floats
     light: Floats
     level: float = 0.0
@@ -89,7 +88,7 @@ class Structure:
         cells = self.gain.size
         total = np.full((stop - start, cells), self.level)
         for weight, radius in self.near:
-            total += weight * Near(self.grid, radius).rows(start, stop)
+            total += weight * NearPart(self.grid, radius).rows(start, stop)
         for weight, partner in self.matches:
             there = np.flatnonzero(partner[start:stop] >= 0)
             total[there, partner[start:stop][there]] += weight
@@ -101,7 +100,7 @@ class Structure:
         return total
 
 
-def structure_of(matrix: Floats, grid: Grid) -> Structure:
+def find_structure(matrix: Floats, grid: _Grid) -> Structure:
     """Take a matrix (N, N) apart. The same matrix always comes apart in the same way.
 
     It takes a few passes over the matrix, and holds one more of its size.
@@ -109,27 +108,29 @@ def structure_of(matrix: Floats, grid: Grid) -> Structure:
     ones = np.ones(len(matrix))
     whole = Structure(grid, ones, ones, rest=matrix)
     largest = max(float(matrix.max()), -float(matrix.min()))
-    sides = even_part(matrix)
+    sides = find_even_part(matrix)
     if sides is None or not largest > 0.0:
         return whole
     found = _scaled(matrix, _levelled(grid, *sides), largest)
     rest = _without_even(matrix, found, largest)
     noise = _usual(rest)
-    scale = ALIKE * max(abs(found.level), _largest(rest))
-    least = _Least(max(scale, SCATTER * noise), SCATTER * noise if noise > scale else TINY * scale)
+    scale = EQUAL_WEIGHTS * max(abs(found.level), _largest(rest))
+    least = _Least(
+        max(scale, _SCATTER * noise), _SCATTER * noise if noise > scale else _TINY * scale
+    )
     near = _near(rest, grid, least)
     for weight, radius in near:
         _subtract_near(rest, grid, weight, radius)
     matches = _matches(rest, grid, least)
     found = replace(found, near=near, matches=matches, rest=rest)
-    if _largest_left(found) <= ALIKE * largest:
+    if _largest_left(found) <= EQUAL_WEIGHTS * largest:
         found = replace(found, rest=None)
-    if not found.found or _left(found, matrix) > MOST_REST or not _is(found, matrix, largest):
+    if not found.found or _left(found, matrix) > _MOST_REST or not _is(found, matrix, largest):
         return whole
     return found
 
 
-def mostly_even(matrix: Floats, grid: Grid) -> Structure:
+def find_nearest_product(matrix: Floats, grid: _Grid) -> Structure:
     """Of scattered weights the one product of two sides that is nearest, where that is most of the
     matrix, and the rest; else all is the rest.
 
@@ -138,7 +139,7 @@ def mostly_even(matrix: Floats, grid: Grid) -> Structure:
     ones = np.ones(len(matrix))
     whole = Structure(grid, ones, ones, rest=matrix)
     camera = matrix.sum(axis=1)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         projector = camera @ matrix
         camera = matrix @ projector
         size = float(np.linalg.norm(camera))
@@ -146,13 +147,13 @@ def mostly_even(matrix: Floats, grid: Grid) -> Structure:
             return whole
         camera /= size
     projector = camera @ matrix
-    if float(projector @ projector) < (1.0 - MOST_REST) * float(np.sum(matrix**2)):
+    if float(projector @ projector) < (1.0 - _MOST_REST) * float(np.sum(matrix**2)):
         return whole
     rest = matrix - np.outer(camera, projector)
     return replace(whole, camera=camera[None], projector=projector[None], rest=rest)
 
 
-def _levelled(grid: Grid, camera: Floats, projector: Floats) -> Structure:
+def _levelled(grid: _Grid, camera: Floats, projector: Floats) -> Structure:
     """An even part (r, N) each as a level, with gain and light, where it is a product of two sides
     without a change of sign; else as it is."""
     cells = camera.shape[1]
@@ -164,7 +165,7 @@ def _levelled(grid: Grid, camera: Floats, projector: Floats) -> Structure:
         top = side[np.argmax(np.abs(side))]
         scaled = side / top
         level *= float(top)
-        scaled[np.abs(scaled) < ALIKE] = 0.0
+        scaled[np.abs(scaled) < EQUAL_WEIGHTS] = 0.0
         if scaled.min() < 0.0:
             return Structure(grid, ones, ones, camera=camera, projector=projector)
         sides.append(scaled)
@@ -177,24 +178,24 @@ def _scaled(matrix: Floats, found: Structure, largest: float) -> Structure:
     if not found.level:
         return found
     ones = np.ones(len(matrix))
-    some = slice(0, min(BLOCK, len(matrix)))
+    some = slice(0, min(_BLOCK, len(matrix)))
     off = np.abs(matrix[some] - found.rows(some.start, some.stop))
     noise = _usual(off)
-    if noise < ALIKE * largest:
+    if noise < EQUAL_WEIGHTS * largest:
         noise = 0.0
     sides = [found.gain, found.light]
     level = found.level
     for number, side in enumerate(sides):
         usual = float(np.median(side))
         spread = np.abs(side - usual)
-        if spread.max() <= max(ALIKE, SCATTER * noise / abs(level)) * usual:
+        if spread.max() <= max(EQUAL_WEIGHTS, _SCATTER * noise / abs(level)) * usual:
             sides[number] = ones
             level *= usual
-    level = _rounded(level, noise or TINY * ALIKE * largest)
+    level = _rounded(level, noise or _TINY * EQUAL_WEIGHTS * largest)
     gain, light = sides
     hidden = np.abs(matrix[gain == 0.0]).max(initial=0.0)
     hidden = max(hidden, np.abs(matrix[:, light == 0.0]).max(initial=0.0))
-    if hidden > ALIKE * largest:
+    if hidden > EQUAL_WEIGHTS * largest:
         camera, projector = level * gain[None], light[None].copy()
         return Structure(found.grid, ones, ones, camera=camera, projector=projector)
     return replace(found, gain=gain, light=light, level=level)
@@ -203,20 +204,20 @@ def _scaled(matrix: Floats, found: Structure, largest: float) -> Structure:
 def _without_even(matrix: Floats, found: Structure, largest: float) -> Floats:
     """What is left of a matrix beside its even part, over gain and light, (N, N)."""
     rest = np.empty_like(matrix)
-    for start in range(0, len(matrix), BLOCK):
-        here = slice(start, min(start + BLOCK, len(matrix)))
+    for start in range(0, len(matrix), _BLOCK):
+        here = slice(start, min(start + _BLOCK, len(matrix)))
         off = matrix[here] - found.rows(here.start, here.stop)
-        off[np.abs(off) <= ALIKE * largest] = 0.0
+        off[np.abs(off) <= EQUAL_WEIGHTS * largest] = 0.0
         weight = found.gain[here, None] * found.light
         rest[here] = np.divide(off, weight, out=np.zeros_like(off), where=weight > 0.0)
     return rest
 
 
-def _near(rest: Floats, grid: Grid, least: _Least) -> tuple[tuple[float, int], ...]:
+def _near(rest: Floats, grid: _Grid, least: _Least) -> tuple[tuple[float, int], ...]:
     """Bands around the diagonal: (weight, radius) each. Every ring of cells around a cell has one
     weight; the cell itself may have another."""
     rings: list[float] = []
-    for radius in range(1, min(MOST_RADIUS, max(grid) - 1) + 1):
+    for radius in range(1, min(_MOST_RADIUS, max(grid) - 1) + 1):
         weight = _ring(rest, grid, radius, least)
         if weight is None:
             break
@@ -226,10 +227,10 @@ def _near(rest: Floats, grid: Grid, least: _Least) -> tuple[tuple[float, int], .
         for k, here in enumerate(rings)
     ]
     bands = tuple((weight, radius) for weight, radius in steps if abs(weight) > least.off)
-    return bands if len(bands) <= MOST_RINGS else ()
+    return bands if len(bands) <= _MOST_RINGS else ()
 
 
-def _ring(rest: Floats, grid: Grid, radius: int, least: _Least) -> float | None:
+def _ring(rest: Floats, grid: _Grid, radius: int, least: _Least) -> float | None:
     """The one weight, other than 0, of all paths to cells `radius` cells off, else None."""
     weight = None
     span = range(-radius, radius + 1)
@@ -237,29 +238,29 @@ def _ring(rest: Floats, grid: Grid, radius: int, least: _Least) -> float | None:
         for right in span:
             if max(abs(down), abs(right)) != radius:
                 continue
-            partner = shifted(grid, (down, right))
+            partner = shift_cells(grid, (down, right))
             there = np.flatnonzero(partner >= 0)
             if not there.size:
                 continue
             seen = rest[there, partner[there]]
             if weight is None:
                 weight = float(np.median(seen))
-            if np.mean(np.abs(seen - weight) <= least.off) < WHOLE or abs(weight) <= least.off:
+            if np.mean(np.abs(seen - weight) <= least.off) < _WHOLE or abs(weight) <= least.off:
                 return None
     return None if weight is None else _rounded(weight, least.rounding)
 
 
-def _subtract_near(rest: Floats, grid: Grid, weight: float, radius: int) -> None:
-    for start in range(0, len(rest), BLOCK):
-        stop = min(start + BLOCK, len(rest))
-        rest[start:stop] -= weight * Near(grid, radius).rows(start, stop)
+def _subtract_near(rest: Floats, grid: _Grid, weight: float, radius: int) -> None:
+    for start in range(0, len(rest), _BLOCK):
+        stop = min(start + _BLOCK, len(rest))
+        rest[start:stop] -= weight * NearPart(grid, radius).rows(start, stop)
 
 
-def _matches(rest: Floats, grid: Grid, least: _Least) -> tuple[tuple[float, Indices], ...]:
+def _matches(rest: Floats, grid: _Grid, least: _Least) -> tuple[tuple[float, Indices], ...]:
     """Matched cells of equal weight, which are taken off the rest: first whole shifts, then cells
     from anywhere."""
     count = int(np.count_nonzero(np.abs(rest) > least.off))
-    if not count or count > MOST_TAPS * len(rest):
+    if not count or count > _MOST_TAPS * len(rest):
         return ()
     row, column = np.nonzero(np.abs(rest) > least.off)
     found = [*_shifts(rest, grid, row, column, least)]
@@ -271,7 +272,7 @@ def _matches(rest: Floats, grid: Grid, least: _Least) -> tuple[tuple[float, Indi
 
 
 def _shifts(
-    rest: Floats, grid: Grid, row: Indices, column: Indices, least: _Least
+    rest: Floats, grid: _Grid, row: Indices, column: Indices, least: _Least
 ) -> list[tuple[float, Indices]]:
     """Matches by a shift that most cells have; they are taken off the rest."""
     down = column // grid[1] - row // grid[1]
@@ -279,9 +280,9 @@ def _shifts(
     number = (down + grid[0]) * (2 * grid[1]) + right + grid[1]
     which, counts = np.unique(number, return_counts=True)
     found = []
-    for one in which[counts >= SHIFTED * len(rest)].tolist():
+    for one in which[counts >= _SHIFTED * len(rest)].tolist():
         shift = one // (2 * grid[1]) - grid[0], one % (2 * grid[1]) - grid[1]
-        partner = shifted(grid, shift)
+        partner = shift_cells(grid, shift)
         there = np.flatnonzero(partner >= 0)
         seen = rest[there, partner[there]]
         weight = float(np.median(seen[np.abs(seen) > least.off]))
@@ -300,12 +301,12 @@ def _anywhere(
 ) -> list[tuple[float, Indices]]:
     """Matches of equal weight with any cells; they are taken off the rest."""
     found: list[tuple[float, Indices]] = []
-    while row.size and len(found) < MOST_MATCHES:
+    while row.size and len(found) < _MOST_MATCHES:
         seen = rest[row, column]
         weight = _most_common(seen, least)
         same = np.flatnonzero(np.abs(seen - weight) <= least.off)
         rows, first = np.unique(row[same], return_index=True)
-        if rows.size < max(FEW[0] * len(rest), FEW[1]):
+        if rows.size < max(_FEW[0] * len(rest), _FEW[1]):
             break
         weight = _rounded(weight, least.rounding)
         partner = np.full(len(rest), -1)
@@ -364,7 +365,7 @@ def _rounded(weight: float, off: float) -> float:
 
 def _usual(rest: Floats) -> float:
     """What most entries that are not 0 exactly are off by, in a look at some rows."""
-    size = np.abs(rest[:: max(1, len(rest) // BLOCK)])
+    size = np.abs(rest[:: max(1, len(rest) // _BLOCK)])
     return float(np.median(size))
 
 
@@ -376,8 +377,8 @@ def _largest_left(found: Structure) -> float:
     """Largest weight of the rest in the matrix."""
     most = 0.0
     if found.rest is not None:
-        for start in range(0, len(found.rest), BLOCK):
-            here = slice(start, start + BLOCK)
+        for start in range(0, len(found.rest), _BLOCK):
+            here = slice(start, start + _BLOCK)
             weight = found.gain[here, None] * found.light
             most = max(most, float(np.abs(found.rest[here] * weight).max()))
     return most
@@ -388,17 +389,20 @@ def _left(found: Structure, matrix: Floats) -> float:
     if found.rest is None:
         return 0.0
     squares = 0.0
-    for start in range(0, len(matrix), BLOCK):
-        here = slice(start, start + BLOCK)
+    for start in range(0, len(matrix), _BLOCK):
+        here = slice(start, start + _BLOCK)
         weight = found.gain[here, None] * found.light
         squares += float(np.sum((found.rest[here] * weight) ** 2))
     return squares / float(np.einsum("nm,nm->", matrix, matrix))
 
 
 def _is(found: Structure, matrix: Floats, largest: float) -> bool:
-    """Whether parts and rest together are the matrix, to `ALIKE` of its largest weight."""
-    for start in range(0, len(matrix), BLOCK):
-        stop = min(start + BLOCK, len(matrix))
-        if np.abs(found.rows(start, stop) - matrix[start:stop]).max() > 2.0 * ALIKE * largest:
+    """Whether parts and rest together are the matrix, to `EQUAL_WEIGHTS` of its largest weight."""
+    for start in range(0, len(matrix), _BLOCK):
+        stop = min(start + _BLOCK, len(matrix))
+        if (
+            np.abs(found.rows(start, stop) - matrix[start:stop]).max()
+            > 2.0 * EQUAL_WEIGHTS * largest
+        ):
             return False
     return True

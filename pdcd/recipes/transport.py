@@ -10,21 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.codes.orders import hadamard_columns, is_order
+from pdcd.arrays import Bools, Indices
+from pdcd.codes.orders import is_order, make_hadamard_columns
 from pdcd.errors import RequestError
-from pdcd.probing.wanted import Outer, Wanted
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.probing.wanted import OuterPart, WantedMatrix
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.programs import Blocks
-from pdcd.recipes.recipe import Photo, Recipe, Shot
+from pdcd.recipes.programs import BlockProgram
+from pdcd.recipes.recipe import Recipe, RecipePhoto, Shot
 
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-
-PROGRAM = "lights"
-SPARE = 4
+_PROGRAM = "lights"
+_SPARE = 4
 MOST_PHOTOS = 1024
 """Photos of one slice; each is a RAW file."""
 
@@ -57,7 +54,7 @@ def check_slice(goal: Goal, grid: tuple[int, int], repeat: int = 1) -> None:
     if goal.masked and goal.rows is None:
         raise RequestError("all of T leaves no row to mask", hint="name rows, or leave out masked")
     count = Slice.of(goal, grid).lit.size
-    photos = repeat * photos_of(count)
+    photos = repeat * count_slice_photos(count)
     if photos > MOST_PHOTOS:
         raise RequestError(
             f"{count} projector cells take {photos} photos; the limit is {MOST_PHOTOS}",
@@ -65,27 +62,27 @@ def check_slice(goal: Goal, grid: tuple[int, int], repeat: int = 1) -> None:
         )
 
 
-def photos_of(cells: int) -> int:
+def count_slice_photos(cells: int) -> int:
     """Photos of so many projector cells: one less than the least Hadamard order that has a column
-    for each of them, one that is all ones, and `SPARE` that are left over.
+    for each of them, one that is all ones, and `_SPARE` that are left over.
 
     These tell what all photos have in common: with s of them the variance of an entry is 1 + 1 / s
     times that of a slice without such light.
     """
-    order = cells + 1 + SPARE
+    order = cells + 1 + _SPARE
     while not is_order(order):
         order += 1
     return order - 1
 
 
-def s_matrix(cells: int) -> Bools:
+def make_s_matrix(cells: int) -> Bools:
     """Which cells shine in which photo, (K, cells): of the S-matrix of order K the first columns,
     each lit in (K + 1) / 2 photos (Harwit and Sloane 1979)."""
-    columns = hadamard_columns(photos_of(cells) + 1, np.arange(1, cells + 1))
+    columns = make_hadamard_columns(count_slice_photos(cells) + 1, np.arange(1, cells + 1))
     return np.asarray((columns * columns[0])[1:] < 0)
 
 
-def transport(target: Target, how: How) -> Recipe:
+def make_transport_recipe(target: Target, how: CaptureScheme) -> Recipe:
     """The recipe of a slice: a photo for each pattern; as a picture, the scene under all its light.
 
     Raises RequestError as `check_slice`, and for ways of photographing that a slice does not know.
@@ -97,20 +94,20 @@ def transport(target: Target, how: How) -> Recipe:
         )
     check_slice(target.goal, target.grid, how.repeat)
     part = Slice.of(target.goal, target.grid)
-    lights = np.zeros((photos_of(part.lit.size), target.cells))
-    lights[:, part.lit] = s_matrix(part.lit.size)
+    lights = np.zeros((count_slice_photos(part.lit.size), target.cells))
+    lights[:, part.lit] = make_s_matrix(part.lit.size)
     seen, lit = np.zeros(target.cells), np.zeros(target.cells)
     seen[part.seen if target.goal.masked else slice(None)] = 1.0
     lit[part.lit] = 1.0
     names = tuple(f"light-{k + 1:04d}" for k in range(len(lights)))
     return Recipe(
         target,
-        {PROGRAM: Blocks(np.tile(seen, (len(lights), 1)), lights)},
-        tuple(Shot(name, PROGRAM, only=k) for k, name in enumerate(names)),
+        {_PROGRAM: BlockProgram(np.tile(seen, (len(lights), 1)), lights)},
+        tuple(Shot(name, _PROGRAM, only=k) for k, name in enumerate(names)),
         (
-            Photo(
+            RecipePhoto(
                 "lit",
-                Wanted(target.grid, ((1.0, Outer(seen, lit)),)),
+                WantedMatrix(target.grid, ((1.0, OuterPart(seen, lit)),)),
                 tuple((1.0, name) for name in names),
             ),
         ),

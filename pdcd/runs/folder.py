@@ -24,6 +24,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -33,28 +34,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.calibration import digest_line
+from pdcd.bench.calibration import format_digest_line
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
-from pdcd.files.inside import hashed, opened, opened_file, path_of, read_file
+from pdcd.files.inside import hash_open_file, open_folder, open_inner_file, path_of, read_inner_file
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns
-from pdcd.printable import one_line
-from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.printable import to_one_line
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
 from pdcd.runs.frame_table import append_frames
 from pdcd.runs.manifest import (
-    DIGEST,
     MANIFEST,
+    MANIFEST_DIGEST,
     MAX_MANIFEST_BYTES,
-    parsed,
-    written,
+    encode_manifest,
+    parse_manifest,
 )
-from pdcd.runs.patterns import NAME as CODES
-from pdcd.runs.place import UNFINISHED, Place
+from pdcd.runs.patterns import CODES_FILE as CODES
+from pdcd.runs.place import UNFINISHED, HeldFolder
 from pdcd.runs.record import FileRecord, Manifest
 from pdcd.version import __version__
 
 LOG = "log.jsonl"
 """What happened in a run, a line an event."""
+REPORT_FILE = "report.html"
+"""Everything of the run on one page; made after the run has ended, as rows of its matrix are: to
+look at, and nothing rests on them. No other file may come to lie in a run's folder later."""
+_LATER = re.compile(r"report\.html|row-[A-Za-z0-9._-]{1,64}-\d{1,6}-\d{1,6}\.png", re.ASCII)
 
 
 class RunFolder:
@@ -62,7 +67,7 @@ class RunFolder:
 
     def __init__(
         self,
-        parent: Place,
+        parent: HeldFolder,
         job: str,
         *,
         unfinished: str | None = None,
@@ -179,8 +184,10 @@ class RunFolder:
         `alive` is called for each file: a disk may take long. Returns the SHA-256 of the manifest.
         Raises what `create` raises; the folder then has no manifest.
         """
-        data = written(manifest)
-        return self.finish_with(data, MANIFEST, digest_line(data, MANIFEST), DIGEST, alive)
+        data = encode_manifest(manifest)
+        return self.finish_with(
+            data, MANIFEST, format_digest_line(data, MANIFEST), MANIFEST_DIGEST, alive
+        )
 
     def finish_with(
         self,
@@ -197,16 +204,16 @@ class RunFolder:
             for name in self.files():
                 if name.startswith("raw/"):
                     (self.path / name).chmod(0o440)
-                sync(self.path / name)
+                write_through(self.path / name)
                 alive()
             temporary = self.path / f"{record}.new"
             temporary.write_bytes(data)
-            sync(temporary)
+            write_through(temporary)
             temporary.rename(self.path / record)
             try:
                 for folder in (*self.path.iterdir(), self.path):
                     if folder.is_dir():
-                        sync(folder)
+                        write_through(folder)
                 self._name()
             except BaseException:
                 # A folder that did not get its name must not look finished from inside either.
@@ -261,8 +268,8 @@ class RunFolder:
         for name in self.files():
             if name.startswith(skip):
                 continue
-            with opened_file(self.fd, name) as descriptor:
-                found[name] = FileRecord(*hashed(descriptor, alive))
+            with open_inner_file(self.fd, name) as descriptor:
+                found[name] = FileRecord(*hash_open_file(descriptor, alive))
         return found
 
 
@@ -273,15 +280,15 @@ def read_manifest(folder: Path) -> Manifest:
     Whether it and the files are as they were is for `pdcd.runs.verify` to say.
     """
     try:
-        with opened(folder) as descriptor:
-            data = read_file(descriptor, MANIFEST, MAX_MANIFEST_BYTES)
+        with open_folder(folder) as descriptor:
+            data = read_inner_file(descriptor, MANIFEST, MAX_MANIFEST_BYTES)
     except (OSError, ValueError, DecodeError) as err:
         why = f": {err.message}" if isinstance(err, DecodeError) else ""
         raise DecodeError(
-            f"{one_line(str(folder))} has no readable {MANIFEST}{why}",
+            f"{to_one_line(str(folder))} has no readable {MANIFEST}{why}",
             hint=f"give the folder of a finished run; one that ends in {UNFINISHED} is not",
         ) from err
-    return parsed(data)
+    return parse_manifest(data)
 
 
 def write_patterns(
@@ -319,10 +326,20 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def sync(path: Path) -> None:
+def write_through(path: Path) -> None:
     """Have a file or a folder written through to the disk. Raises OSError."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def name_row_file(photo: str, cell: tuple[int, int]) -> str:
+    """File of the row of a probing matrix that belongs to a cell."""
+    return f"row-{photo}-{cell[0]}-{cell[1]}.png"
+
+
+def is_made_later(name: str) -> bool:
+    """Whether a file of that name, relative to the run's folder, may have been made later."""
+    return _LATER.fullmatch(name) is not None

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pdcd.errors import DecodeError
 from pdcd.panels.frames import BLACK, FrameLog, Frames, check_row_times
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import Patterns, fit
+from pdcd.panels.patterns import Patterns, has_cell_count
 from pdcd.runs.record import ShotRecord
 
-NAME = "frames.csv"
+FRAMES_FILE = "frames.csv"
 COLUMNS = (
     "shot", "refresh", "code", "shift", "guard", "primal_index", "dual_index",
     "primal_shown", "dual_shown", "t_primal_ns", "t_dual_ns", "skew_ns", "missed", "dropped",
@@ -57,7 +57,7 @@ def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
         writer.writerows((shot, *row) for row in listed)
 
 
-def read_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str, NDArray[Any]]:
+def read_frame_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str, NDArray[Any]]:
     """A whole table by column, an entry for each refresh: "shot" str, all others int64. Raises
     DecodeError for a damaged one."""
     try:
@@ -70,10 +70,10 @@ def read_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str, NDArr
             for name in wanted
         }
     except (OSError, KeyError, ValueError, OverflowError, csv.Error) as err:
-        raise unreadable(path, err) from err
+        raise make_table_error(path, err) from err
 
 
-def unreadable(path: Path, err: Exception) -> DecodeError:
+def make_table_error(path: Path, err: Exception) -> DecodeError:
     """The error of a damaged table."""
     return DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy")
 
@@ -82,7 +82,7 @@ class FrameTable:
     """Reads the table of one run folder, each line once, also while it still grows."""
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / NAME
+        self._path = folder / FRAMES_FILE
         self._heads: list[str] = []
         self._rows: dict[str, list[list[str]]] = {}
         self._read_bytes = 0
@@ -130,7 +130,7 @@ class FrameTable:
                 for column in COLUMNS[1:]
             }
         except (OSError, OverflowError, IndexError, KeyError, ValueError, csv.Error) as err:
-            raise unreadable(self._path, err) from err
+            raise make_table_error(self._path, err) from err
 
     def _read_on(self) -> None:
         """Sort the lines that came since the last time by their shots."""
@@ -155,7 +155,7 @@ def _frames(
     numbers, first = np.unique(_asked(table)[0], return_index=True)
     first = first[numbers >= 0]
     lattice = Lattice(grid, shot.window).shape
-    if not all(fit(patterns, lattice[0] * lattice[1]) for patterns in pair):
+    if not all(has_cell_count(patterns, lattice[0] * lattice[1]) for patterns in pair):
         raise DecodeError(
             f"the codes of shot {shot.name} are not over {lattice[0]} x {lattice[1]} cells",
             hint="restore codes.npz and the manifest from a copy",

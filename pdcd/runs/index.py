@@ -15,12 +15,21 @@ from pathlib import Path
 import msgspec
 
 from pdcd.errors import RequestError
-from pdcd.printable import one_line
+from pdcd.printable import to_one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
-from pdcd.protocol.result import job_time
+from pdcd.protocol.result import format_job_time
 from pdcd.runs.folder import read_manifest
-from pdcd.runs.look import bare_entry, damaged, entry_of
-from pdcd.runs.walk import Spot, Walk, is_job, opened_run, opened_state, spot_in, spot_of, walked
+from pdcd.runs.look import make_bare_entry, make_damaged_entry, read_run_entry
+from pdcd.runs.walk import (
+    RunSpot,
+    Walk,
+    is_job,
+    open_run_folder,
+    open_state_folder,
+    parse_spot,
+    require_spot,
+    walk_runs,
+)
 from pdcd.words import GoalName
 
 PAGE_BYTES = 2**26
@@ -29,7 +38,7 @@ ANSWER_BYTES = 2**19
 """Length of one page as JSON: it still fits into a line of the socket."""
 
 
-def search(state: Path, query: RunQuery, walk: Walk | None = None) -> Page:
+def search_runs(state: Path, query: RunQuery, walk: Walk | None = None) -> Page:
     """A page of the runs below a state folder.
 
     It may have fewer than `newest` runs, or none, and yet `more` to follow: what is read at a time
@@ -37,27 +46,27 @@ def search(state: Path, query: RunQuery, walk: Walk | None = None) -> Page:
     found in the state folder, where somebody has looked. Raises RequestError for a `before` that is
     none, DiskError when the folder cannot be read.
     """
-    walk = walked(state) if walk is None else walk
+    walk = walk_runs(state) if walk is None else walk
     wanted = list(_by_name(walk.spots, query))
     found: list[RunEntry] = []
     read, told, more = 0, 0, None
     if wanted:
-        with opened_state(state) as (top, owners):
+        with open_state_folder(state) as (top, owners):
             for number, spot in enumerate(wanted):
                 entry, size = _looked_at(top, spot, str(state / spot.path), owners)
                 read += size
-                if entry is not None and matches(entry, query):
+                if entry is not None and is_match(entry, query):
                     found.append(entry)
                     told += len(msgspec.json.encode(entry))
                 full = len(found) == query.newest or read > PAGE_BYTES or told > ANSWER_BYTES
                 if full and number + 1 < len(wanted):
                     more = spot.path
                     break
-    closed = tuple(one_line(path) for path in walk.closed[:10])
+    closed = tuple(to_one_line(path) for path in walk.closed[:10])
     return Page(state_folder=str(state), runs=found, more=more, closed=closed, cut=walk.cut)
 
 
-def runs(
+def find_runs(
     state: Path,
     *,
     newest: int | None = None,
@@ -82,54 +91,54 @@ def runs(
         previews=previews,
     )
     found: list[RunEntry] = []
-    for page in find(state, query):
+    for page in iterate_run_pages(state, query):
         found += page.runs
         if newest is not None and len(found) >= newest:
             return found[:newest]
     return found
 
 
-def find(state: Path, query: RunQuery) -> Iterator[Page]:
-    """Page after page of the runs below a state folder. Raises what `search` raises."""
-    walk = walked(state)
+def iterate_run_pages(state: Path, query: RunQuery) -> Iterator[Page]:
+    """Page after page of the runs below a state folder. Raises what `search_runs` raises."""
+    walk = walk_runs(state)
     while True:
-        page = search(state, query, walk)
+        page = search_runs(state, query, walk)
         yield page
         if page.more is None:
             return
         query = msgspec.structs.replace(query, before=page.more)
 
 
-def named(text: str) -> RunQuery:
+def make_name_query(text: str) -> RunQuery:
     """The query for what a person typed for a run: its job, or its name. Raises RequestError."""
     fields = {"job" if is_job(text) else "name": text, "previews": True}
     try:
         return msgspec.convert(fields, RunQuery)
     except msgspec.ValidationError as err:
         raise RequestError(
-            f"{one_line(text)[:200]!r} is no folder, no job and no name of a run",
+            f"{to_one_line(text)[:200]!r} is no folder, no job and no name of a run",
             hint="see pdcd runs",
         ) from err
 
 
-def one(found: Collection[RunEntry], text: str) -> RunEntry:
+def pick_run(found: Collection[RunEntry], text: str) -> RunEntry:
     """The run of these that a text means; of one job, the one that came furthest.
 
     Raises RequestError when there is none, or when several runs are called so.
     """
     jobs = sorted({entry.job for entry in found}, reverse=True)
     if not jobs:
-        raise RequestError(f"no run is called {one_line(text)!r}", hint="see pdcd runs")
+        raise RequestError(f"no run is called {to_one_line(text)!r}", hint="see pdcd runs")
     if len(jobs) > 1:
         raise RequestError(
-            f"{len(jobs)} runs are called {one_line(text)!r}",
+            f"{len(jobs)} runs are called {to_one_line(text)!r}",
             hint=f"name one by its job: {', '.join(jobs[:3])}{' ...' * (len(jobs) > 3)}",
         )
     order = ("done", "partial")
     return min(found, key=lambda e: order.index(e.state) if e.state in order else len(order))
 
 
-def matches(entry: RunEntry, query: RunQuery) -> bool:
+def is_match(entry: RunEntry, query: RunQuery) -> bool:
     """Whether a run is what is asked for, its time apart."""
     return (
         (query.goal is None or entry.goal == query.goal)
@@ -139,10 +148,10 @@ def matches(entry: RunEntry, query: RunQuery) -> bool:
     )
 
 
-def _by_name(spots: list[Spot], query: RunQuery) -> Iterator[Spot]:
+def _by_name(spots: list[RunSpot], query: RunQuery) -> Iterator[RunSpot]:
     """The runs that may be wanted, as far as their names tell."""
-    before = None if query.before is None else spot_of(query.before)
-    since = None if query.since is None else job_time(query.since)
+    before = None if query.before is None else require_spot(query.before)
+    since = None if query.since is None else format_job_time(query.since)
     for spot in spots:
         if since is not None and spot.job < since:
             return  # they go by time
@@ -153,34 +162,34 @@ def _by_name(spots: list[Spot], query: RunQuery) -> Iterator[Spot]:
 
 
 def _looked_at(
-    top: int, spot: Spot, path: str, owners: frozenset[int]
+    top: int, spot: RunSpot, path: str, owners: frozenset[int]
 ) -> tuple[RunEntry | None, int]:
     """A run, and the bytes that were read for it; None where it has gone meanwhile."""
-    bare = bare_entry(spot, path)
+    bare = make_bare_entry(spot, path)
     if spot.foreign:
         return bare, 0
     try:
-        with opened_run(top, spot.path, owners) as folder:
-            return entry_of(folder, spot, path)
+        with open_run_folder(top, spot.path, owners) as folder:
+            return read_run_entry(folder, spot, path)
     except FileNotFoundError:
         return None, 0
     except OSError as err:
-        return damaged(bare, err), 0
+        return make_damaged_entry(bare, err), 0
 
 
-def at(folder: Path) -> RunEntry:
+def read_run_at(folder: Path) -> RunEntry:
     """A run by its folder, wherever that lies and whatever it is called.
 
     Raises RequestError when there is no folder, DecodeError when it is no run.
     """
     real = Path(os.path.realpath(folder))
-    spot = spot_in(real.name)
+    spot = parse_spot(real.name)
     try:
         if spot is None:  # a copy under another name
-            spot = Spot(read_manifest(real).job, real.name)
-        with opened_state(real) as (there, _):
-            return entry_of(there, spot, str(real))[0]
+            spot = RunSpot(read_manifest(real).job, real.name)
+        with open_state_folder(real) as (there, _):
+            return read_run_entry(there, spot, str(real))[0]
     except OSError as err:
         raise RequestError(
-            f"cannot open {one_line(str(folder))}: {err.strerror}", hint="see pdcd runs"
+            f"cannot open {to_one_line(str(folder))}: {err.strerror}", hint="see pdcd runs"
         ) from err

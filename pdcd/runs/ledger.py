@@ -16,23 +16,23 @@ from typing import Any
 import msgspec
 
 from pdcd.errors import DecodeError, disk_errors
-from pdcd.files.inside import hashed, opened_file, read_file
+from pdcd.files.inside import hash_open_file, open_inner_file, read_inner_file
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.patterns import NAME as CODES
-from pdcd.runs.record import Count, FileRecord, MeterRecord, RunRecord, Sha256, ShotRecord
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
+from pdcd.runs.patterns import CODES_FILE as CODES
+from pdcd.runs.record import FileRecord, MeterRecord, RecordCount, RunRecord, Sha256, ShotRecord
 
-NAME = "ledger.jsonl"
-MAX_BYTES = 2**26
+LEDGER_FILE = "ledger.jsonl"
+MAX_LEDGER_BYTES = 2**26
 """Longest ledger that is read; a shot takes half a thousand bytes."""
 MAX_FIRST_BYTES = 2**20
 """Longest first line that is read where only that is wanted."""
-SYNC_S = 1.0
+_SYNC_S = 1.0
 """Least time between two times that the disk is waited for: shorter runs are made durable at their
 end, and a cut of the power costs no more than that."""
 
 
-class Begun(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="begun"):
+class RunStart(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="begun"):
     """What was known before the first exposure; the fields are those of the manifest."""
 
     job: str
@@ -47,7 +47,7 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="b
     config: dict[str, Any]
 
 
-class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="planned"):
+class _Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="planned"):
     """The record of the run, without its shots, and its codes: at first, and where a pilot changed
     the plan again."""
 
@@ -56,31 +56,31 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag=
     codes: FileRecord
 
 
-class Metered(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="metered"):
+class MeterEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="metered"):
     """A test exposure."""
 
     meter: MeterRecord
     file: FileRecord
 
 
-class Taken(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="taken"):
+class ShotEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="taken"):
     """A shot, and the piece of frames.csv that was written since the one before."""
 
     shot: ShotRecord
     frames: FileRecord
 
 
-class Warned(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="warned"):
+class WarningEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="warned"):
     """A warning, as the manifest has it."""
 
     text: str
 
 
-class Enough(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="enough"):
+class ConvergenceEntry(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="enough"):
     """The error asked for is reached: shots that are still planned are not wanted."""
 
 
-Entry = Begun | Planned | Metered | Taken | Warned | Enough
+LedgerEntry = RunStart | _Planned | MeterEntry | ShotEntry | WarningEntry | ConvergenceEntry
 
 
 class _Line(msgspec.Struct, frozen=True):
@@ -89,83 +89,83 @@ class _Line(msgspec.Struct, frozen=True):
     """Of the digest before, as text, and of the bytes of `said`."""
 
 
-class Ledger:
+class RunLedger:
     """Writes the ledger of a run that goes on. Every method raises NoSpaceError and DiskError."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._folder = folder
         self._digest = ""
-        self._frames_bytes: Count = 0
+        self._frames_bytes: RecordCount = 0
         self._synced_s = time.monotonic()
         self._unsynced: set[str] = set()
 
-    def begin(self, begun: Begun) -> None:
+    def begin(self, begun: RunStart) -> None:
         """The first line."""
         self._write(begun)
 
     def plan(self, plan: dict[str, Any], run: RunRecord) -> None:
         """The codes are stored, as the run is to go on by them."""
         self._unsynced.add(CODES)
-        self._write(Planned(plan=plan, run=run, codes=self._record(CODES)))
+        self._write(_Planned(plan=plan, run=run, codes=self._record(CODES)))
 
     def meter(self, meter: MeterRecord) -> None:
         """A test exposure was taken and looked at."""
         self._unsynced.add(meter.raw)
-        self._write(Metered(meter=meter, file=self._record(meter.raw)))
+        self._write(MeterEntry(meter=meter, file=self._record(meter.raw)))
 
     def take(self, shot: ShotRecord) -> None:
         """A shot was taken: its RAW file and its rows of frames.csv are there."""
         self._unsynced.update((shot.raw, FRAMES))
-        self._write(Taken(shot=shot, frames=self._piece()))
+        self._write(ShotEntry(shot=shot, frames=self._piece()))
 
     def warn(self, text: str) -> None:
         """A warning for the manifest."""
-        self._write(Warned(text=text))
+        self._write(WarningEntry(text=text))
 
     def enough(self) -> None:
         """No more shots are wanted."""
-        self._write(Enough())
+        self._write(ConvergenceEntry())
 
-    def _write(self, entry: Entry) -> None:
+    def _write(self, entry: LedgerEntry) -> None:
         said = msgspec.json.encode(entry)
         self._digest = _digest(self._digest, said)
         line = msgspec.json.encode(_Line(msgspec.Raw(said), self._digest)) + b"\n"
         with disk_errors(str(self._folder.where)):
-            with (self._folder.path / NAME).open("ab") as file:
+            with (self._folder.path / LEDGER_FILE).open("ab") as file:
                 file.write(line)
             self._sync_now_and_then()
 
     def _sync_now_and_then(self) -> None:
         """What the lines speak of is durable before they are."""
-        if time.monotonic() - self._synced_s < SYNC_S:
+        if time.monotonic() - self._synced_s < _SYNC_S:
             return
-        for name in (*sorted(self._unsynced), NAME):
-            with opened_file(self._folder.fd, name) as descriptor:
+        for name in (*sorted(self._unsynced), LEDGER_FILE):
+            with open_inner_file(self._folder.fd, name) as descriptor:
                 os.fsync(descriptor)
         self._unsynced.clear()
         self._synced_s = time.monotonic()
 
     def _record(self, name: str) -> FileRecord:
-        with opened_file(self._folder.fd, name) as descriptor:
-            return FileRecord(*hashed(descriptor))
+        with open_inner_file(self._folder.fd, name) as descriptor:
+            return FileRecord(*hash_open_file(descriptor))
 
     def _piece(self) -> FileRecord:
         """What was appended to frames.csv since the last shot."""
-        with opened_file(self._folder.fd, FRAMES) as descriptor:
+        with open_inner_file(self._folder.fd, FRAMES) as descriptor:
             os.lseek(descriptor, self._frames_bytes, os.SEEK_SET)
-            piece = FileRecord(*hashed(descriptor))
+            piece = FileRecord(*hash_open_file(descriptor))
         self._frames_bytes += piece.size_bytes
         return piece
 
 
-class Kept(msgspec.Struct, frozen=True, kw_only=True):
+class LedgerContents(msgspec.Struct, frozen=True, kw_only=True):
     """A ledger as it was found."""
 
-    begun: Begun
-    planned: Planned | None = None
+    begun: RunStart
+    planned: _Planned | None = None
     """As it was last; None where the run ended before its codes were stored."""
-    taken: tuple[Taken, ...] = ()
-    metered: tuple[Metered, ...] = ()
+    taken: tuple[ShotEntry, ...] = ()
+    metered: tuple[MeterEntry, ...] = ()
     warnings: tuple[str, ...] = ()
     enough: bool = False
 
@@ -178,44 +178,44 @@ class Kept(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self.planned.run, shots=shots)
 
 
-def read_ledger(folder: int) -> Kept:
+def read_ledger(folder: int) -> LedgerContents:
     """The ledger of a run folder, by its descriptor.
 
     A last line that was not written to its end is left out. Raises DecodeError when there is no
     ledger, or when any other line is damaged.
     """
     try:
-        data = read_file(folder, NAME, MAX_BYTES)
+        data = read_inner_file(folder, LEDGER_FILE, MAX_LEDGER_BYTES)
     except (OSError, DecodeError) as err:
         words = err.message if isinstance(err, DecodeError) else err.strerror
         raise DecodeError(
-            f"the run has no readable {NAME}: {words}",
+            f"the run has no readable {LEDGER_FILE}: {words}",
             hint="it may have ended before its first exposure; RAW files, if any, are in raw/",
         ) from err
     entries = _entries(data.split(b"\n"))
-    if not entries or not isinstance(entries[0], Begun):
+    if not entries or not isinstance(entries[0], RunStart):
         raise _damaged("it does not begin with the run")
-    kept = Kept(begun=entries[0])
+    kept = LedgerContents(begun=entries[0])
     for entry in entries[1:]:
         kept = _with(kept, entry)
     return kept
 
 
-def read_begun(folder: int) -> tuple[Begun, int]:
+def read_run_start(folder: int) -> tuple[RunStart, int]:
     """What a run folder's ledger begins with, and the bytes that were read for it.
 
     Raises DecodeError when there is no such line within `MAX_FIRST_BYTES`, and OSError.
     """
-    with opened_file(folder, NAME) as descriptor:
+    with open_inner_file(folder, LEDGER_FILE) as descriptor:
         data = os.pread(descriptor, MAX_FIRST_BYTES, 0)
     line, newline, _ = data.partition(b"\n")
     found = _entries([line, b""]) if newline else []
-    if not found or not isinstance(found[0], Begun):
+    if not found or not isinstance(found[0], RunStart):
         raise _damaged("it does not begin with the run")
     return found[0], len(data)
 
 
-def _entries(lines: list[bytes]) -> list[Entry]:
+def _entries(lines: list[bytes]) -> list[LedgerEntry]:
     digest, found = "", []
     # Behind the last newline lies nothing, or a line that was not written to its end.
     for number, line in enumerate(lines[:-1]):
@@ -224,26 +224,26 @@ def _entries(lines: list[bytes]) -> list[Entry]:
             digest = _digest(digest, bytes(read.said))
             if digest != read.sha256:
                 raise _damaged(f"line {number + 1} does not follow on the one before")
-            found.append(msgspec.json.decode(read.said, type=Entry))
+            found.append(msgspec.json.decode(read.said, type=LedgerEntry))
         except (msgspec.MsgspecError, ValueError, RecursionError) as err:
             raise _damaged(f"line {number + 1}: {err}") from err
     return found
 
 
-def _with(kept: Kept, entry: Entry) -> Kept:
+def _with(kept: LedgerContents, entry: LedgerEntry) -> LedgerContents:
     replace = msgspec.structs.replace
     match entry:
-        case Planned():
+        case _Planned():
             return replace(kept, planned=entry)
-        case Taken():
+        case ShotEntry():
             return replace(kept, taken=(*kept.taken, entry))
-        case Metered():
+        case MeterEntry():
             return replace(kept, metered=(*kept.metered, entry))
-        case Warned():
+        case WarningEntry():
             return replace(kept, warnings=(*kept.warnings, entry.text))
-        case Enough():
+        case ConvergenceEntry():
             return replace(kept, enough=True)
-        case Begun():
+        case RunStart():
             raise _damaged("it begins twice")
 
 
@@ -252,4 +252,4 @@ def _digest(before: str, said: bytes) -> str:
 
 
 def _damaged(why: str) -> DecodeError:
-    return DecodeError(f"{NAME} is damaged: {why}", hint="restore it from a copy")
+    return DecodeError(f"{LEDGER_FILE} is damaged: {why}", hint="restore it from a copy")

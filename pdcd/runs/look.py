@@ -11,22 +11,22 @@ from typing import Any, Literal
 
 import msgspec
 
-from pdcd.errors import DecodeError, of_kind
-from pdcd.files.inside import opened_file, read_file
+from pdcd.errors import DecodeError, make_error
+from pdcd.files.inside import open_inner_file, read_inner_file
 from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.labels import MOST_TAGS
 from pdcd.runs.folder import LOG
-from pdcd.runs.ledger import Begun, read_begun
+from pdcd.runs.ledger import RunStart, read_run_start
 from pdcd.runs.manifest import MANIFEST, OtherSchemaError, check_schema
 from pdcd.runs.place import UNFINISHED
-from pdcd.runs.walk import REMOVED, Spot
+from pdcd.runs.walk import REMOVED, RunSpot
 from pdcd.words import VerdictName
 
-MOST_BYTES = 16 * 2**20
+MOST_LISTED_BYTES = 16 * 2**20
 """Longest manifest that is read."""
-TAIL_BYTES = 2**16
+_TAIL_BYTES = 2**16
 """Read of the end of log.jsonl, whose last line says why a run failed."""
-LETTERS = {"note": 4096, "reason": 600, "taken": 600}
+_LETTERS = {"note": 4096, "reason": 600, "taken": 600}
 """Most that is told of texts, of others 80: those of forged manifests may be of any length."""
 
 
@@ -87,34 +87,34 @@ class _Last(msgspec.Struct):
     taken: str | None = None
 
 
-def entry_of(folder: int, spot: Spot, path: str) -> tuple[RunEntry, int]:
+def read_run_entry(folder: int, spot: RunSpot, path: str) -> tuple[RunEntry, int]:
     """A run as it lies in an open folder, and the bytes that were read for it.
 
     `path` is what people call the folder. Raises nothing for what is wrong with it.
     """
-    bare = bare_entry(spot, path)
+    bare = make_bare_entry(spot, path)
     if spot.ending.endswith(REMOVED):
         return _with(bare, state="unfinished", reason="its removal was not finished"), 0
     if spot.ending.endswith(UNFINISHED):
         return _unfinished(folder, bare, decoding="decoded" in spot.ending)
     try:
-        data = read_file(folder, MANIFEST, MOST_BYTES)
+        data = read_inner_file(folder, MANIFEST, MOST_LISTED_BYTES)
     except FileNotFoundError:
         return _with(bare, state="unfinished", reason="it has no manifest"), 0
     except (OSError, DecodeError) as err:
-        return damaged(bare, err), 0
+        return make_damaged_entry(bare, err), 0
     try:
         head = msgspec.json.decode(data, type=_Head)
         check_schema(head.schema)
     # Also of a name of unlucky bytes.
     except (ValueError, RecursionError, OtherSchemaError) as err:
-        return damaged(bare, err), len(data)
+        return make_damaged_entry(bare, err), len(data)
     if head.job != spot.job:
-        return damaged(bare, DecodeError("its manifest is of another run")), len(data)
+        return make_damaged_entry(bare, DecodeError("its manifest is of another run")), len(data)
     return _finished(bare, head), len(data)
 
 
-def bare_entry(spot: Spot, path: str) -> RunEntry:
+def make_bare_entry(spot: RunSpot, path: str) -> RunEntry:
     """What the name of a folder tells."""
     kind: Literal["capture", "preview"] = "preview" if spot.preview else "capture"
     if spot.foreign:
@@ -123,13 +123,13 @@ def bare_entry(spot: Spot, path: str) -> RunEntry:
     return RunEntry(job=spot.job, state="unfinished", folder=path, kind=kind)
 
 
-def damaged(bare: RunEntry, err: Exception) -> RunEntry:
+def make_damaged_entry(bare: RunEntry, err: Exception) -> RunEntry:
     """A run that cannot be read."""
     words = err.message if isinstance(err, DecodeError) else getattr(err, "strerror", None)
     return _with(bare, state="damaged", reason=f"{MANIFEST}: {words or err}")
 
 
-def being_filled(folder: int) -> bool | None:
+def is_being_filled(folder: int) -> bool | None:
     """Whether a run goes on in an open folder (see `RunFolder.create`); None: nobody can tell."""
     try:
         fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -169,11 +169,11 @@ def _unfinished(folder: int, bare: RunEntry, *, decoding: bool) -> tuple[RunEntr
     """A run without a manifest: what its ledger began with, and how its log ends."""
     size = 0
     try:
-        begun, size = read_begun(folder)
+        begun, size = read_run_start(folder)
         bare = _with(bare, **_begun(begun))
     except (OSError, DecodeError, msgspec.ValidationError):
         pass  # it may have ended before the first line
-    if being_filled(folder):
+    if is_being_filled(folder):
         return _with(bare, state="running"), size
     if decoding:
         return _with(bare, reason="a decoding that was not finished"), size
@@ -181,7 +181,7 @@ def _unfinished(folder: int, bare: RunEntry, *, decoding: bool) -> tuple[RunEntr
     if last is None or last.event not in ("failed", "cancelled"):
         why = "it ended without a word, as when it is killed or the power goes"
         return _with(bare, reason=why), size + more
-    why = str(of_kind(last.kind, last.message, last.device, last.hint))
+    why = str(make_error(last.kind, last.message, last.device, last.hint))
     ended: dict[str, Any] = {
         "state": last.event,
         "taken": last.taken,
@@ -190,7 +190,7 @@ def _unfinished(folder: int, bare: RunEntry, *, decoding: bool) -> tuple[RunEntr
     return _with(bare, **ended), size + more
 
 
-def _begun(begun: Begun) -> dict[str, Any]:
+def _begun(begun: RunStart) -> dict[str, Any]:
     """Fields of an entry that the first line of a ledger tells. Raises ValidationError."""
     asked = msgspec.convert(begun.request, _Asked)
     planned = msgspec.convert(begun.plan, _Planned)
@@ -215,13 +215,13 @@ def _labels(asked: _Asked) -> dict[str, Any]:
 def _last_line(folder: int) -> tuple[_Last | None, int]:
     """The last whole line of log.jsonl, and the bytes that were read; None where there is none."""
     try:
-        with opened_file(folder, LOG) as descriptor:
+        with open_inner_file(folder, LOG) as descriptor:
             size = os.fstat(descriptor).st_size
-            data = os.pread(descriptor, TAIL_BYTES, max(0, size - TAIL_BYTES))
+            data = os.pread(descriptor, _TAIL_BYTES, max(0, size - _TAIL_BYTES))
         lines = data.rsplit(b"\n", 2)
         return msgspec.json.decode(lines[-2], type=_Last), len(data)
     except (OSError, DecodeError, ValueError, RecursionError, IndexError):
-        return None, TAIL_BYTES
+        return None, _TAIL_BYTES
 
 
 def _cut(text: str, letters: int = 80) -> str:
@@ -231,5 +231,5 @@ def _cut(text: str, letters: int = 80) -> str:
 def _with(entry: RunEntry, **changes: Any) -> RunEntry:
     for key, value in changes.items():
         if isinstance(value, str):
-            changes[key] = _cut(value, LETTERS.get(key, 80))
+            changes[key] = _cut(value, _LETTERS.get(key, 80))
     return msgspec.structs.replace(entry, **changes)

@@ -14,17 +14,17 @@ from typing import Any
 import msgspec
 
 from pdcd.errors import ConfigError, DecodeError, PdcdError
-from pdcd.runs.provenance import versions
+from pdcd.runs.provenance import list_versions
 from pdcd.runs.record import SCHEMA_VERSION, Manifest
 
 MANIFEST = "capture.json"
-DIGEST = "capture.json.sha256"
+MANIFEST_DIGEST = "capture.json.sha256"
 
 MAX_MANIFEST_BYTES = 2**26
 """Longest manifest; each exposure takes one to two thousand bytes."""
 
 
-def written(manifest: Manifest) -> bytes:
+def encode_manifest(manifest: Manifest) -> bytes:
     """The manifest as capture.json has it. Raises PdcdError when it could not be read again."""
     data = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
     if len(data) > MAX_MANIFEST_BYTES:
@@ -39,7 +39,7 @@ class OtherSchemaError(DecodeError):
     """The manifest of a run that another version of pdcd has written; the run may be sound."""
 
 
-def parsed(data: bytes) -> Manifest:
+def parse_manifest(data: bytes) -> Manifest:
     """The manifest out of the bytes of capture.json. Raises DecodeError, whatever the bytes are:
     for a manifest of another schema OtherSchemaError, which names both."""
     try:
@@ -70,7 +70,7 @@ def _check_goal(told: dict[str, Any]) -> None:
 
 def _other_schema(schema: str) -> OtherSchemaError:
     return OtherSchemaError(
-        f"the manifest has schema {schema}; pdcd {versions()['pdcd']} reads schema "
+        f"the manifest has schema {schema}; pdcd {list_versions()['pdcd']} reads schema "
         f"{SCHEMA_VERSION}",
         hint="read the run with the pdcd that wrote it: its manifest has versions and git_commit",
     )

@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 
-NAME = "codes.npz"
-MAX_BYTES = 2**31
+CODES_FILE = "codes.npz"
+MAX_CODES_BYTES = 2**31
 """Most that its arrays may hold together: the codes of 65536 refreshes of 512 x 384 cells and more.
 A file of 1 MB may say that it holds a thousand times as much."""
 
 
 def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
     """The arrays of codes.npz, as `pdcd.runs.folder.RunFolder` stored them. Raises DecodeError."""
-    return stored_arrays(folder / NAME)
+    return read_stored_arrays(folder / CODES_FILE)
 
 
-def stored_arrays(path: Path) -> dict[str, NDArray[Any]]:
+def read_stored_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of an .npz file of a run, which may be damaged. Raises DecodeError."""
     try:
         with path.open("rb") as file, ZipFile(file) as archive:
             members = archive.infolist()
-            if sum(member.file_size for member in members) > MAX_BYTES:
-                raise ValueError(f"its arrays would take more than {MAX_BYTES} bytes")
+            if sum(member.file_size for member in members) > MAX_CODES_BYTES:
+                raise ValueError(f"its arrays would take more than {MAX_CODES_BYTES} bytes")
             found = {}
             for member in members:
                 with archive.open(member) as stream:

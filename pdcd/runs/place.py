@@ -21,13 +21,13 @@ from pdcd.runs.manifest import MANIFEST
 UNFINISHED = ".partial"
 """How the name of a run folder ends while it is being filled."""
 
-MAX_PARTS, MAX_PATH_BYTES = 64, 2048
+MAX_PATH_PARTS, MAX_PATH_BYTES = 64, 2048
 """Deepest folder, and longest path to it: what lies in a run must still have a path."""
 
-JOB_NAME = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]+")
+_JOB_NAME = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]+")
 """Folders of such names are runs; nobody else makes one and so takes the name of a run to come."""
 
-ASKED_WRONG = (
+_ASKED_WRONG = (
     errno.EACCES,
     errno.EEXIST,
     errno.EINVAL,
@@ -40,7 +40,7 @@ ASKED_WRONG = (
 """What the system says of a path that is wrong, as against a disk that fails."""
 
 
-class Place:
+class HeldFolder:
     """A folder held by its descriptor; closed by who opened it, or by the job it was given to.
 
     `fd` is the descriptor, `path` leads to the folder from within this process, `real` says where
@@ -53,7 +53,7 @@ class Place:
         self._bound = bound
 
     @classmethod
-    def below(cls, root: Path, out: str, *, make: bool = True) -> Place:
+    def below(cls, root: Path, out: str, *, make: bool = True) -> HeldFolder:
         """The folder `out` below `root`, as a client names it: absolute or relative to the root.
 
         Folders that are missing are made; without `make` the place is the deepest one that exists,
@@ -75,7 +75,7 @@ class Place:
             return cls._made(top, parts, (info.st_dev, info.st_ino), make=make)
 
     @classmethod
-    def at(cls, path: Path) -> Place:
+    def at(cls, path: Path) -> HeldFolder:
         """Any folder, as a user of this machine names it; it is made where it is missing.
 
         Links on the way to it are followed, now and not later. Raises what `below` raises.
@@ -87,7 +87,7 @@ class Place:
     @classmethod
     def _made(
         cls, top: int, parts: tuple[str, ...], bound: tuple[int, int] | None, *, make: bool
-    ) -> Place:
+    ) -> HeldFolder:
         """The place that the parts lead to from a folder, which is closed."""
         way = _descended(top, parts, make=make)
         try:
@@ -146,7 +146,7 @@ class Place:
             os.close(self._fd)
             self._fd = None
 
-    def __enter__(self) -> Place:
+    def __enter__(self) -> HeldFolder:
         return self
 
     def __exit__(self, *unused: object) -> None:
@@ -179,7 +179,7 @@ def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
             try:
                 below = os.open(name, WAY, dir_fd=at)
             except FileNotFoundError:
-                taken = next(filter(JOB_NAME.fullmatch, parts[number:]), None)
+                taken = next(filter(_JOB_NAME.fullmatch, parts[number:]), None)
                 if taken is not None:
                     raise _refused(f"{taken!r} is a name for runs") from None
                 if not make:
@@ -197,7 +197,7 @@ def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
 
 def _refuse_names(parts: tuple[str, ...]) -> None:
     """Raise RequestError for what no folder may be called, UnicodeError for what is no text."""
-    if len(parts) > MAX_PARTS or len("/".join(parts).encode()) > MAX_PATH_BYTES:
+    if len(parts) > MAX_PATH_PARTS or len("/".join(parts).encode()) > MAX_PATH_BYTES:
         raise _refused("the folder's path is too long")
     for name in parts:
         if name.endswith(UNFINISHED):
@@ -231,7 +231,7 @@ def _typed(out: str) -> Iterator[None]:
             try:
                 yield
             except OSError as err:
-                if err.errno not in ASKED_WRONG:
+                if err.errno not in _ASKED_WRONG:
                     raise
                 what = "a symbolic link or a file" if err.errno == errno.ENOTDIR else err.strerror
                 raise _refused(f"out is not a usable folder: {repr(out)[:200]}: {what}") from err

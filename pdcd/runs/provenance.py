@@ -11,12 +11,12 @@ from pathlib import Path
 from pdcd.version import __version__
 
 
-def utc_now() -> str:
+def format_utc_now() -> str:
     """The time of day, ISO 8601."""
     return datetime.now(UTC).isoformat()
 
 
-def versions() -> dict[str, str]:
+def list_versions() -> dict[str, str]:
     """Python and the packages that a result depends on, as this process found them first.
 
     Read once: a package that is upgraded later is not what this process runs.
@@ -31,7 +31,7 @@ def _versions() -> dict[str, str]:
     return {"python": platform.python_version(), "pdcd": __version__, **found}
 
 
-def git_commit() -> str | None:
+def find_git_commit() -> str | None:
     """Commit of the source tree that runs, or None where it is not a checkout."""
     git = Path(__file__).resolve().parents[2] / ".git"
     try:

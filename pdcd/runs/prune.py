@@ -18,20 +18,20 @@ import msgspec
 
 from pdcd.errors import BusyError, DiskError, PdcdError, RequestError, disk_errors
 from pdcd.protocol.entry import RunEntry, RunQuery
-from pdcd.protocol.result import job_time
-from pdcd.runs.index import find
+from pdcd.protocol.result import format_job_time
+from pdcd.runs.index import iterate_run_pages
 from pdcd.runs.place import UNFINISHED
-from pdcd.runs.walk import REMOVED, opened_run, opened_state
+from pdcd.runs.walk import REMOVED, open_run_folder, open_state_folder
 
-LEFTOVERS = ("failed", "cancelled", "unfinished")
+_LEFTOVERS = ("failed", "cancelled", "unfinished")
 """Runs without a manifest. Damaged ones and those made of a part are not among them: what they
 hold may be all that there is."""
-KEPT = ("running", "foreign")
+_KEPT = ("running", "foreign")
 """Never removed."""
 MOST_FILES = 1_000_000
 
 
-class Unwanted(msgspec.Struct, frozen=True, kw_only=True):
+class UnwantedRun(msgspec.Struct, frozen=True, kw_only=True):
     """A run that is to go, and what became of it."""
 
     run: RunEntry
@@ -41,32 +41,32 @@ class Unwanted(msgspec.Struct, frozen=True, kw_only=True):
     """Why it could not be removed."""
 
 
-def unwanted(
+def find_unwanted_runs(
     state: Path,
     query: RunQuery,
     *,
     older_than: datetime | None = None,
     leftovers: bool = False,
     keep: int = 0,
-) -> Iterator[Unwanted]:
+) -> Iterator[UnwantedRun]:
     """Which captures below a state folder would be removed, newest first.
 
     Of those that `query` finds: with `leftovers` only runs that failed, were cancelled or ended
     without a word; of them not the newest `keep`; of the rest those started before `older_than`.
     Raises DiskError when the folder cannot be read.
     """
-    limit = None if older_than is None else job_time(older_than)
+    limit = None if older_than is None else format_job_time(older_than)
     kept = 0
-    for page in find(state, msgspec.structs.replace(query, previews=False)):
+    for page in iterate_run_pages(state, msgspec.structs.replace(query, previews=False)):
         for run in page.runs:
-            if run.state in KEPT or (leftovers and run.state not in LEFTOVERS):
+            if run.state in _KEPT or (leftovers and run.state not in _LEFTOVERS):
                 continue
             kept += 1
             if kept > keep and (limit is None or run.job < limit):
-                yield Unwanted(run=run, size_bytes=_size(state, run))
+                yield UnwantedRun(run=run, size_bytes=_size(state, run))
 
 
-def remove(state: Path, one: Unwanted) -> Unwanted:
+def remove_run(state: Path, one: UnwantedRun) -> UnwantedRun:
     """Remove a run for good; returns what became of it. Raises nothing for what kept it."""
     path = os.path.relpath(one.run.folder, state)
     try:
@@ -91,7 +91,7 @@ def _held(state: Path, path: str) -> Iterator[tuple[int, str]]:
     above, _, name = path.rpartition("/")
     if ".." in path.split("/") or not name:
         raise RequestError("it does not lie in the folder of runs")
-    with opened_state(state) as (top, owners), opened_run(top, path, owners) as folder:
+    with open_state_folder(state) as (top, owners), open_run_folder(top, path, owners) as folder:
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -102,7 +102,7 @@ def _held(state: Path, path: str) -> Iterator[tuple[int, str]]:
                     "its disk has no locks, so that nobody can tell whether it is being filled",
                     hint="remove it by hand",
                 ) from err
-        with opened_run(top, above, owners) as parent:
+        with open_run_folder(top, above, owners) as parent:
             there = os.stat(name, dir_fd=parent, follow_symlinks=False)
             if not os.path.samestat(there, os.fstat(folder)):
                 raise BusyError("another folder has taken its name", hint="look again")
@@ -113,8 +113,8 @@ def _held(state: Path, path: str) -> Iterator[tuple[int, str]]:
 def _size(state: Path, run: RunEntry) -> int:
     """Bytes of all files of a run; what cannot be looked at is left out."""
     try:
-        with opened_state(state) as (top, owners):
-            with opened_run(top, os.path.relpath(run.folder, state), owners) as folder:
+        with open_state_folder(state) as (top, owners):
+            with open_run_folder(top, os.path.relpath(run.folder, state), owners) as folder:
                 return _measured(folder, None)
     except (OSError, DiskError):
         return 0

@@ -7,13 +7,13 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from pdcd.bench.stops import Scale, Stop
+from pdcd.bench.stops import AbsoluteScale, Stop
 from pdcd.bench.tables import NonNegative, PanelConfig
 from pdcd.errors import DecodeError
 from pdcd.panels.placing import Placing
-from pdcd.protocol.plan_summary import Goal, How
-from pdcd.protocol.request import Place
-from pdcd.protocol.result import Figure, Quality, quality_of
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
+from pdcd.protocol.request import FieldPlace
+from pdcd.protocol.result import Quality, SummaryValue, quality_of
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName
@@ -21,9 +21,9 @@ from pdcd.words import NormaliseName
 SCHEMA_VERSION = 1
 """Of the manifest; no other is read."""
 
-Count = Annotated[int, Meta(ge=0, le=2**62)]
+RecordCount = Annotated[int, Meta(ge=0, le=2**62)]
 Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
-Positive = Annotated[float, Meta(gt=0.0)]
+RecordPositive = Annotated[float, Meta(gt=0.0)]
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
 
 
@@ -31,7 +31,7 @@ class FileRecord(msgspec.Struct, frozen=True):
     """A file of a run folder as it was when the run ended."""
 
     sha256: Sha256
-    size_bytes: Count
+    size_bytes: RecordCount
 
 
 class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,20 +43,20 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     raw: str
     """Path in the run folder."""
     sha256: Sha256
-    size_bytes: Count
+    size_bytes: RecordCount
     iso: Annotated[int, Meta(ge=1)]
-    f_number: Positive
+    f_number: RecordPositive
     open_ns: Nanoseconds
     close_ns: Nanoseconds
     end_ns: tuple[Nanoseconds, Nanoseconds]
     """When projector and mask went black after the last refresh."""
-    refreshes: Count
-    missed: Count
+    refreshes: RecordCount
+    missed: RecordCount
     source: str
     verified: bool
-    planned_s: Positive | None = None
+    planned_s: RecordPositive | None = None
     """How long the shutter was to be open; None where nobody planned it."""
-    level: Positive | None = None
+    level: RecordPositive | None = None
     """How often each code was shown over how often it was to be; None where codes differ. The shot
     is divided by it, so that photos of several shots take the same share of each."""
 
@@ -66,7 +66,7 @@ class MeterRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     raw: str
     """Path in the run folder."""
-    f_number: Positive
+    f_number: RecordPositive
     peak: float | None
     """Its brightest sample, as a share of saturation; None for a dark photo."""
 
@@ -78,9 +78,9 @@ class DarkPhoto(msgspec.Struct, frozen=True, kw_only=True):
     """Path in the run folder."""
     sha256: Sha256
     iso: Annotated[int, Meta(ge=1)]
-    f_number: Positive
-    exposure_s: Positive
-    phase_s: Positive
+    f_number: RecordPositive
+    exposure_s: RecordPositive
+    phase_s: RecordPositive
     """For how long it shows each of its two states."""
 
 
@@ -134,7 +134,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Everything beside the RAW files, codes and frame log that the answer depends on."""
 
     goal: Goal
-    how: How
+    how: CaptureScheme
     """As planned; a run that met its target earlier has fewer parts among its shots."""
     smooth: bool
     normalise: NormaliseName
@@ -147,15 +147,15 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Of the camera, for `cells`."""
     projector: PanelConfig
     mask: PanelConfig
-    responsivity_e: tuple[Positive, Positive, Positive]
+    responsivity_e: tuple[RecordPositive, RecordPositive, RecordPositive]
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
     stops: tuple[Stop, ...] = ()
     """Stops of its photos: the run's own one, and those whose light was compared with that on the
     scene; sigma is of that. Of none the engraved number stands for 2^(k/6)."""
-    scale: Scale | None = None
+    scale: AbsoluteScale | None = None
     """What the scale of its pictures goes by."""
-    white_patch: Place | None = None
+    white_patch: FieldPlace | None = None
     """Of the previews; see `CaptureRequest`."""
     dark: DarkPhoto | None = None
     """The photo whose ambient light is taken off the photos of a pilot, which have no black
@@ -190,7 +190,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     run: RunRecord
     realised: dict[str, dict[str, float]]
     """Deviation of each photo's realised probing matrix from the wanted one."""
-    summary: dict[str, Figure]
+    summary: dict[str, SummaryValue]
     warnings: tuple[str, ...]
     versions: dict[str, str]
     git_commit: str | None

@@ -16,32 +16,44 @@ from typing import Literal
 
 import msgspec
 
-from pdcd.bench.calibration import digest_line
+from pdcd.bench.calibration import format_digest_line
 from pdcd.errors import DecodeError
-from pdcd.files.inside import fault_of, hashed, listing, opened, opened_file, read_file
-from pdcd.printable import one_line
+from pdcd.files.inside import (
+    find_name_fault,
+    hash_open_file,
+    list_folder,
+    open_folder,
+    open_inner_file,
+    read_inner_file,
+)
+from pdcd.printable import to_one_line
 from pdcd.protocol.result import quality_of
-from pdcd.runs.folder import LOG
-from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.later import made_later
-from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, OtherSchemaError, parsed
-from pdcd.runs.patterns import NAME as CODES
+from pdcd.runs.folder import LOG, is_made_later
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
+from pdcd.runs.manifest import (
+    MANIFEST,
+    MANIFEST_DIGEST,
+    MAX_MANIFEST_BYTES,
+    OtherSchemaError,
+    parse_manifest,
+)
+from pdcd.runs.patterns import CODES_FILE as CODES
 from pdcd.runs.record import FileRecord, Manifest
 
 PROBE = "probe.npz"
 """The answer over the cells, with its error."""
-NEEDED = (CODES, FRAMES, PROBE, LOG)
+_NEEDED = (CODES, FRAMES, PROBE, LOG)
 """Files that every run has, beside the RAW files of its shots."""
 MAX_FINDINGS, MAX_WORDS = 1000, 300
 """Most findings that are told of one folder, and most letters of each."""
 MAX_CELLS = 2**24
 """Most code cells of a run: more than any panel has pixels."""
 
-What = Literal["missing", "changed", "unknown", "manifest", "unreadable", "partial"]
-Alive = Callable[[], object]
+_What = Literal["missing", "changed", "unknown", "manifest", "unreadable", "partial"]
+_Alive = Callable[[], object]
 
 
-class Finding(msgspec.Struct, frozen=True):
+class FolderFinding(msgspec.Struct, frozen=True):
     """Something that is not as it was: which file of the folder, what is wrong, and how.
 
     missing: listed, but not there. changed: another content, or no regular file. unknown: there,
@@ -50,11 +62,11 @@ class Finding(msgspec.Struct, frozen=True):
     """
 
     path: str
-    what: What
+    what: _What
     detail: str
 
 
-class Verified(msgspec.Struct, frozen=True, kw_only=True):
+class VerifyReport(msgspec.Struct, frozen=True, kw_only=True):
     """What was found in a run folder; `whole` when nothing was."""
 
     folder: str
@@ -67,22 +79,22 @@ class Verified(msgspec.Struct, frozen=True, kw_only=True):
     """Files that are as the manifest says."""
     size_bytes: int
     """Of those, together."""
-    findings: tuple[Finding, ...]
+    findings: tuple[FolderFinding, ...]
     later: tuple[str, ...] = ()
-    """Files that were made after the run had ended, to look at (`pdcd.runs.later`). Nothing vouches
-    for them, and nothing rests on them."""
+    """Files that were made after the run had ended, to look at (`pdcd.runs.folder`). Nothing
+    vouches for them, and nothing rests on them."""
 
 
-def verify(folder: Path, *, manifest_sha256: str | None = None) -> Verified:
+def verify_run(folder: Path, *, manifest_sha256: str | None = None) -> VerifyReport:
     """Look at all of a run folder. Raises nothing for what is wrong with it.
 
     `manifest_sha256` is what the manifest is to have, where that is known from elsewhere.
     """
-    check = Check()
+    check = FolderCheck()
     check.look(folder, manifest_sha256, None)
     found = check.found
-    return Verified(
-        folder=one_line(str(folder)),
+    return VerifyReport(
+        folder=to_one_line(str(folder)),
         whole=not found,
         job=None if check.read is None else check.read.job,
         schema=None if check.read is None else check.read.schema,
@@ -94,8 +106,8 @@ def verify(folder: Path, *, manifest_sha256: str | None = None) -> Verified:
     )
 
 
-def whole_manifest(
-    folder: Path, names: Collection[str] | None = None, alive: Alive = lambda: None
+def read_whole_manifest(
+    folder: Path, names: Collection[str] | None = None, alive: _Alive = lambda: None
 ) -> Manifest:
     """The manifest of a run of which nothing has changed, or none of the files of those names.
 
@@ -105,15 +117,17 @@ def whole_manifest(
     return _manifest(folder, names, alive, ())
 
 
-def sound_manifest(folder: Path, names: Collection[str], alive: Alive = lambda: None) -> Manifest:
+def read_sound_manifest(
+    folder: Path, names: Collection[str], alive: _Alive = lambda: None
+) -> Manifest:
     """The same, also of a run of which shots are missing, which is else as it was."""
     return _manifest(folder, names, alive, ("partial",))
 
 
 def _manifest(
-    folder: Path, names: Collection[str] | None, alive: Alive, allowed: tuple[What, ...]
+    folder: Path, names: Collection[str] | None, alive: _Alive, allowed: tuple[_What, ...]
 ) -> Manifest:
-    check = Check(alive)
+    check = FolderCheck(alive)
     check.look(folder, None, names)
     if check.other_schema is not None:
         raise check.other_schema
@@ -122,17 +136,17 @@ def _manifest(
         first = found[0]
         more = f", and {len(found) - 1} more" if len(found) > 1 else ""
         raise DecodeError(
-            f"{one_line(str(folder))} is not a whole and unchanged run: {first.path}: "
+            f"{to_one_line(str(folder))} is not a whole and unchanged run: {first.path}: "
             f"{first.detail}{more}",
             hint="see pdcd verify; restore it from a copy",
         )
     return check.read
 
 
-class Check:
+class FolderCheck:
     """One walk through one folder."""
 
-    own = (MANIFEST, DIGEST)
+    own = (MANIFEST, MANIFEST_DIGEST)
     """What lists and vouches for all other files."""
     most_bytes = MAX_MANIFEST_BYTES
     folders = frozenset({"raw", "linear", "preview"})
@@ -140,28 +154,30 @@ class Check:
     none = "this is no finished run"
     """What is said where nothing lists the files."""
 
-    def __init__(self, alive: Alive = lambda: None) -> None:
+    def __init__(self, alive: _Alive = lambda: None) -> None:
         self._alive = alive
         self.read: Manifest | None = None
         self.other_schema: OtherSchemaError | None = None
         self.sha256: str | None = None
-        self.found: list[Finding] = []
+        self.found: list[FolderFinding] = []
         self.sound = 0
         self.size_bytes = 0
         self.later: list[str] = []
 
-    def find(self, name: str, what: What, detail: str) -> None:
+    def find(self, name: str, what: _What, detail: str) -> None:
         """Note what is wrong with a file."""
         if len(self.found) < MAX_FINDINGS:
             # A forged manifest may have words of any length.
-            self.found.append(Finding(one_line(name[:MAX_WORDS]), what, detail[:MAX_WORDS]))
+            self.found.append(
+                FolderFinding(to_one_line(name[:MAX_WORDS]), what, detail[:MAX_WORDS])
+            )
 
     def look(self, folder: Path, expected: str | None, names: Collection[str] | None) -> None:
         """Look at the manifest and at the files of those names, or at all that is there."""
         try:
             if folder.resolve().name.endswith(".partial"):
                 self.find(".", "manifest", "its name says that the run was not finished")
-            with opened(folder) as descriptor:
+            with open_folder(folder) as descriptor:
                 self.manifest(descriptor, expected)
                 self.files(descriptor, names)
         except (OSError, ValueError, RuntimeError, DecodeError) as err:
@@ -171,7 +187,7 @@ class Check:
         """Read the manifest, hold it against its digest and against itself."""
         name = self.own[0]
         try:
-            data = read_file(folder, name, self.most_bytes)
+            data = read_inner_file(folder, name, self.most_bytes)
         except FileNotFoundError:
             self.find(name, "missing", self.none)
             return
@@ -186,15 +202,15 @@ class Check:
     def understand(self, data: bytes, *, vouched: bool) -> None:
         """Hold the manifest against itself; `vouched` is whether there is a digest of it."""
         try:
-            self.read = parsed(data)
+            self.read = parse_manifest(data)
         except DecodeError as err:
             self.find(MANIFEST, "manifest", err.message)
             self.other_schema = err if isinstance(err, OtherSchemaError) else None
             return
         if not vouched:
-            self.find(DIGEST, "missing", "nothing vouches for the manifest")
+            self.find(MANIFEST_DIGEST, "missing", "nothing vouches for the manifest")
         if self.read.state == "partial":
-            missing = [one_line(name) for name in self.read.missing]
+            missing = [to_one_line(name) for name in self.read.missing]
             self.find(".", "partial", f"not all shots are there, missing: {', '.join(missing)}")
         for what in _contradictions(self.read):
             self.find(MANIFEST, "manifest", what)
@@ -202,9 +218,9 @@ class Check:
     def _digest(self, folder: int, data: bytes) -> bool:
         """Whether there is a digest; notes where it is another."""
         name, digest = self.own
-        wanted = digest_line(data, name)
+        wanted = format_digest_line(data, name)
         try:
-            if read_file(folder, digest, len(wanted)) != wanted:
+            if read_inner_file(folder, digest, len(wanted)) != wanted:
                 self.find(name, "manifest", f"it does not have the SHA-256 that {digest} holds")
         except FileNotFoundError:
             return False
@@ -214,7 +230,7 @@ class Check:
 
     def may_come_later(self, name: str) -> bool:
         """Whether a file may lie there without being listed."""
-        return made_later(name)
+        return is_made_later(name)
 
     @property
     def listed(self) -> Mapping[str, FileRecord] | None:
@@ -227,11 +243,11 @@ class Check:
         if listed is None:
             return
         if names is None:
-            self._compare(listed, listing(folder))
+            self._compare(listed, list_folder(folder))
         for name in sorted(listed) if names is None else names:
             if name not in listed:
                 self.find(name, "manifest", "the manifest does not list it")
-            elif fault_of(name) is None:
+            elif find_name_fault(name) is None:
                 self._file(folder, name, listed[name])
 
     def _compare(self, listed: Collection[str], there: dict[str, str]) -> None:
@@ -248,7 +264,7 @@ class Check:
 
     def _file(self, folder: int, name: str, wanted: FileRecord) -> None:
         try:
-            with opened_file(folder, name) as descriptor:
+            with open_inner_file(folder, name) as descriptor:
                 self._content(descriptor, name, wanted)
         except FileNotFoundError:
             self.find(name, "missing", "the manifest lists it")
@@ -260,7 +276,7 @@ class Check:
         size = os.fstat(descriptor).st_size
         if size != wanted.size_bytes:
             self.find(name, "changed", f"it has {size} bytes, not {wanted.size_bytes}")
-        elif hashed(descriptor, self._alive)[0] != wanted.sha256:
+        elif hash_open_file(descriptor, self._alive)[0] != wanted.sha256:
             self.find(name, "changed", "it does not have the SHA-256 that the manifest names")
         else:
             self.sound += 1
@@ -281,20 +297,24 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
         yield "its map of cells is of another grid"
     folded: dict[str, str] = {}
     for name in files:
-        fault = "it vouches for itself" if name in (MANIFEST, DIGEST) else fault_of(name)
+        fault = (
+            "it vouches for itself"
+            if name in (MANIFEST, MANIFEST_DIGEST)
+            else find_name_fault(name)
+        )
         if fault is not None:
-            yield f"file {one_line(name)!r}: {fault}"
+            yield f"file {to_one_line(name)!r}: {fault}"
         other = folded.setdefault(name.casefold(), name)
         if other != name:
-            yield f"{one_line(name)!r} and {one_line(other)!r} differ in case only"
+            yield f"{to_one_line(name)!r} and {to_one_line(other)!r} differ in case only"
     if quality_of(manifest.summary) is None:
         yield "it has no verdict"
     shots = [shot.name for shot in run.shots]
     if len(set(shots)) != len(shots):
         yield "it has two shots of one name"
-    for name in (*NEEDED, *(test.raw for test in manifest.meter)):
+    for name in (*_NEEDED, *(test.raw for test in manifest.meter)):
         if name not in files:
-            yield f"it does not list {one_line(name)!r}"
+            yield f"it does not list {to_one_line(name)!r}"
     borders = run.borders
     for photo, what in (
         (run.dark, "dark photo"),
@@ -305,12 +325,12 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
             yield f"its {what} and the list of files name another RAW file"
     for shot in run.shots:
         if shot.raw not in files or files[shot.raw].sha256 != shot.sha256:
-            yield f"shot {one_line(shot.name)!r} and the list of files name another RAW file"
+            yield f"shot {to_one_line(shot.name)!r} and the list of files name another RAW file"
         if not shot.open_ns < shot.close_ns:
-            yield f"shot {one_line(shot.name)!r} closed before it opened"
+            yield f"shot {to_one_line(shot.name)!r} closed before it opened"
 
 
-def _what(err: Exception) -> What:
+def _what(err: Exception) -> _What:
     # A link or a file where a folder is to be is refused by the system itself.
     changed = isinstance(err, DecodeError) or getattr(err, "errno", 0) in (ELOOP, ENOTDIR)
     return "changed" if changed else "unreadable"

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd.bench.calibration import DIGEST, MAX_RECORD_BYTES, RECORD, Calibration
-from pdcd.files.inside import fault_of
-from pdcd.printable import one_line
-from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.bench.calibration import CALIBRATION_DIGEST, MAX_RECORD_BYTES, RECORD, Calibration
+from pdcd.files.inside import find_name_fault
+from pdcd.printable import to_one_line
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
 from pdcd.runs.record import FileRecord
-from pdcd.runs.verify import Check, Verified
+from pdcd.runs.verify import FolderCheck, VerifyReport
 
 
-def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> Verified:
+def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> VerifyReport:
     """Look at all of a calibration folder. Raises nothing for what is wrong with it.
 
     `manifest_sha256` is what its record is to have, where that is known from elsewhere.
@@ -23,8 +23,8 @@ def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> V
     check = _CalibrationCheck()
     check.look(folder, manifest_sha256, None)
     record = check.record
-    return Verified(
-        folder=one_line(str(folder)),
+    return VerifyReport(
+        folder=to_one_line(str(folder)),
         whole=not check.found,
         job=None if record is None else record.name,
         schema=None if record is None else record.schema,
@@ -35,10 +35,10 @@ def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> V
     )
 
 
-class _CalibrationCheck(Check):
+class _CalibrationCheck(FolderCheck):
     """One walk through one calibration folder."""
 
-    own = (RECORD, DIGEST)
+    own = (RECORD, CALIBRATION_DIGEST)
     most_bytes = MAX_RECORD_BYTES
     folders = frozenset({"raw", "preview"})
     none = "this is no finished calibration"
@@ -46,19 +46,19 @@ class _CalibrationCheck(Check):
 
     @property
     def listed(self) -> Mapping[str, FileRecord] | None:
-        """See `Check`."""
+        """See `FolderCheck`."""
         if self.record is None:
             return None
         return {n: FileRecord(f.sha256, f.size_bytes) for n, f in self.record.files.items()}
 
     def may_come_later(self, name: str) -> bool:
-        """See `Check`: none."""
+        """See `FolderCheck`: none."""
         return False
 
     def understand(self, data: bytes, *, vouched: bool) -> None:
-        """See `Check`."""
+        """See `FolderCheck`."""
         if not vouched:
-            self.find(DIGEST, "missing", "nothing vouches for the record")
+            self.find(CALIBRATION_DIGEST, "missing", "nothing vouches for the record")
         try:
             self.record = msgspec.json.decode(data, type=Calibration)
         except (msgspec.MsgspecError, ValueError, RecursionError) as err:
@@ -71,9 +71,13 @@ class _CalibrationCheck(Check):
 def _contradictions(record: Calibration) -> Iterator[str]:
     """What the record says that cannot be true, in words."""
     for name in record.files:
-        fault = "it vouches for itself" if name in (RECORD, DIGEST) else fault_of(name)
+        fault = (
+            "it vouches for itself"
+            if name in (RECORD, CALIBRATION_DIGEST)
+            else find_name_fault(name)
+        )
         if fault is not None:
-            yield f"file {one_line(name)!r}: {fault}"
+            yield f"file {to_one_line(name)!r}: {fault}"
     photos = [photo for step in record.steps for photo in step.photos]
     if photos and FRAMES not in record.files:
         yield f"it does not list {FRAMES!r}"
@@ -81,6 +85,6 @@ def _contradictions(record: Calibration) -> Iterator[str]:
         yield "it has two photos of one name"
     for photo in photos:
         if photo.raw not in record.files or record.files[photo.raw].sha256 != photo.sha256:
-            yield f"photo {one_line(photo.name)!r} and the list of files name another RAW file"
+            yield f"photo {to_one_line(photo.name)!r} and the list of files name another RAW file"
         if not photo.open_ns < photo.close_ns:
-            yield f"photo {one_line(photo.name)!r} closed before it opened"
+            yield f"photo {to_one_line(photo.name)!r} closed before it opened"

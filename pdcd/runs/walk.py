@@ -13,15 +13,15 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from pdcd.bench.choosing import FOLDER as CALIBRATIONS
+from pdcd.bench.choosing import CALIBRATIONS_FOLDER as CALIBRATIONS
 from pdcd.errors import DiskError, RequestError
 from pdcd.files.inside import WAY
 
-DEPTH = 3
+_DEPTH = 3
 """Folders below the one given in which runs are looked for: `captures`, and what `out` named."""
 MOST_ENTRIES = 200_000
 """Names looked at before the search ends."""
-PREVIEWS = "preview"
+_PREVIEWS = "preview"
 """Folder of the quick looks, of which the daemon itself keeps the last few."""
 REMOVED = ".removed"
 """How the name of a run ends while it is being removed."""
@@ -33,7 +33,7 @@ _RUN = re.compile(
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
-class Spot(NamedTuple):
+class RunSpot(NamedTuple):
     """Where a run lies. Sorts by time."""
 
     job: str
@@ -47,28 +47,28 @@ class Spot(NamedTuple):
     @property
     def preview(self) -> bool:
         """Whether it is a quick look."""
-        return self.path.startswith(f"{PREVIEWS}/")
+        return self.path.startswith(f"{_PREVIEWS}/")
 
 
 class Walk(NamedTuple):
     """What was found: the runs, newest first, and the folders that could not be looked at."""
 
-    spots: list[Spot]
+    spots: list[RunSpot]
     closed: tuple[str, ...]
     cut: bool
     """Whether there are more names than are looked at."""
 
 
-def spot_in(path: str) -> Spot | None:
+def parse_spot(path: str) -> RunSpot | None:
     """The place of a run by its path relative to the state folder; None where no run is called
     so."""
     found = _RUN.fullmatch(path.rpartition("/")[2])
-    return None if found is None else Spot(found[1], path, found[2])
+    return None if found is None else RunSpot(found[1], path, found[2])
 
 
-def spot_of(path: str) -> Spot:
+def require_spot(path: str) -> RunSpot:
     """The same of a place in a list of runs. Raises RequestError when it is none."""
-    spot = spot_in(path)
+    spot = parse_spot(path)
     if spot is None:
         raise RequestError(
             f"{path[:200]!r} is no place in a list of runs", hint="give `more` of the page before"
@@ -78,17 +78,17 @@ def spot_of(path: str) -> Spot:
 
 def is_job(text: str) -> bool:
     """Whether a text is the name of a job."""
-    spot = spot_in(text)
+    spot = parse_spot(text)
     return spot is not None and spot.path == spot.job
 
 
-def walked(state: Path) -> Walk:
+def walk_runs(state: Path) -> Walk:
     """All run folders below a state folder; none where it is missing.
 
     Raises DiskError when the folder itself cannot be read.
     """
     try:
-        with opened_state(state) as (top, owners):
+        with open_state_folder(state) as (top, owners):
             return _walked(top, owners)
     except FileNotFoundError:
         return Walk([], (), False)
@@ -102,7 +102,7 @@ def walked(state: Path) -> Walk:
 
 def _walked(top: int, owners: frozenset[int]) -> Walk:
     """The same below an open folder; raises OSError when that cannot be listed."""
-    spots: list[Spot] = []
+    spots: list[RunSpot] = []
     closed: list[str] = []
     left, waiting = MOST_ENTRIES, [""]
     while waiting and left >= 0:
@@ -122,10 +122,10 @@ def _walked(top: int, owners: frozenset[int]) -> Walk:
                     except FileNotFoundError:  # it was renamed or removed just now
                         continue
                     if run is not None:
-                        spots.append(Spot(run[1], path, run[2], foreign))
+                        spots.append(RunSpot(run[1], path, run[2], foreign))
                     elif foreign:
                         closed.append(path)
-                    elif path.count("/") + 1 < DEPTH:
+                    elif path.count("/") + 1 < _DEPTH:
                         waiting.append(path)
         except OSError:
             if not place:
@@ -135,7 +135,7 @@ def _walked(top: int, owners: frozenset[int]) -> Walk:
 
 
 @contextmanager
-def opened_state(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
+def open_state_folder(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
     """Descriptor of a state folder, and who may have runs in it. Raises OSError."""
     top = os.open(state, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -146,7 +146,7 @@ def opened_state(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
 
 
 @contextmanager
-def opened_run(top: int, path: str, owners: frozenset[int]) -> Iterator[int]:
+def open_run_folder(top: int, path: str, owners: frozenset[int]) -> Iterator[int]:
     """Descriptor of a run folder by its path below the state folder. Raises OSError.
 
     Its owner is looked at again: a name may have come to mean something else.

@@ -12,18 +12,18 @@ from pdcd.sensor.profile import load_profile
 from pdcd.sensor.snr import (
     EXPOSED_SHARE,
     THERMALS,
-    Pixel,
     Procedure,
-    masked_sum,
-    primal_dual_photo,
-    short_photo,
+    SnrPixel,
+    compute_masked_sum,
+    compute_primal_dual_photo,
+    compute_short_photo,
 )
 
-PRINTED_CODES = 512
+_PRINTED_CODES = 512
 EXPOSURE_S = 30.0
-HIGHEST_DN = 3135.9
+_HIGHEST_DN = 3135.9
 """Highest intensity of the body's 12 bits."""
-BITS = 12
+_BITS = 12
 
 
 class PrintedRow(msgspec.Struct, frozen=True):
@@ -41,15 +41,15 @@ class PrintedRow(msgspec.Struct, frozen=True):
     note: str = ""
 
 
-def appendix_pixel() -> Pixel:
+def make_appendix_pixel() -> SnrPixel:
     """The appendix' pixel: 13 % of the highest intensity of the profile "mark2" at ISO 50."""
     mark2 = load_profile("mark2")
     # The profile counts in finer steps than the paper, whose gain is 26.03 e- per 12-bit DN.
-    gain_e_per_dn = mark2.row(50).gain_e_per_dn * float(2 ** (mark2.bits - BITS))
-    return Pixel(
-        signal_e=EXPOSED_SHARE * HIGHEST_DN * gain_e_per_dn,
+    gain_e_per_dn = mark2.row(50).gain_e_per_dn * float(2 ** (mark2.bits - _BITS))
+    return SnrPixel(
+        signal_e=EXPOSED_SHARE * _HIGHEST_DN * gain_e_per_dn,
         exposure_s=EXPOSURE_S,
-        codes=PRINTED_CODES,
+        codes=_PRINTED_CODES,
         dark_e_per_s=mark2.dark_e_per_s,
     )
 
@@ -58,7 +58,7 @@ def _ratio(
     quantity: str,
     printed: str,
     procedure: Procedure,
-    of: Pixel,
+    of: SnrPixel,
     read_noise_e: float,
     *,
     truncated: bool = False,
@@ -69,19 +69,19 @@ def _ratio(
     return PrintedRow(quantity, printed, paper, shot, truncated, note)
 
 
-def appendix_rows() -> tuple[PrintedRow, ...]:
+def compute_appendix_rows() -> tuple[PrintedRow, ...]:
     """Every number that the appendix computes, in its order, for the profile "mark2"."""
     mark2 = load_profile("mark2")
     base_e, quiet_e = mark2.row(50).read_noise_e, mark2.row(1600).read_noise_e
-    pixel = appendix_pixel()
+    pixel = make_appendix_pixel()
     dim = pixel.dimmed()
 
-    times = masked_sum(pixel, 1.0, "paper").additive_e
+    times = compute_masked_sum(pixel, 1.0, "paper").additive_e
     return (
         PrintedRow(
             "mean intensity, 12-bit DN",
             "407.66",
-            EXPOSED_SHARE * HIGHEST_DN,
+            EXPOSED_SHARE * _HIGHEST_DN,
             truncated=True,
             note="truncated; the electrons come from the unrounded value",
         ),
@@ -89,24 +89,26 @@ def appendix_rows() -> tuple[PrintedRow, ...]:
         _ratio(
             "photo, ISO 50, dB",
             "19.9",
-            primal_dual_photo,
+            compute_primal_dual_photo,
             pixel,
             base_e,
             note="thermal term: (rate x time)^2 = 56.25 e-^2 printed, rate x time = 7.5 correct",
         ),
         PrintedRow("photos in the masked sum", "256", pixel.used_photos),
         PrintedRow(
-            "electrons of a mask-less photo", "41.45", short_photo(pixel, 0.0, "paper").signal_e
+            "electrons of a mask-less photo",
+            "41.45",
+            compute_short_photo(pixel, 0.0, "paper").signal_e,
         ),
-        _ratio("mask-less photo, ISO 50, dB", "1.22", short_photo, pixel, base_e),
-        _ratio("mask-less photo, ISO 1600, dB", "7.4", short_photo, pixel, quiet_e),
+        _ratio("mask-less photo, ISO 50, dB", "1.22", compute_short_photo, pixel, base_e),
+        _ratio("mask-less photo, ISO 1600, dB", "7.4", compute_short_photo, pixel, quiet_e),
         PrintedRow("additive noise of the sum, times", "16", times),
         PrintedRow("additive noise, ISO 50, e-", "489.92", times * base_e),
         PrintedRow("additive noise, ISO 1600, e-", "62.4", times * quiet_e),
         _ratio(
             "masked sum, ISO 50, dB",
             "13.2",
-            masked_sum,
+            compute_masked_sum,
             pixel,
             base_e,
             truncated=True,
@@ -115,11 +117,11 @@ def appendix_rows() -> tuple[PrintedRow, ...]:
         _ratio(
             "masked sum, ISO 1600, dB",
             "19.4",
-            masked_sum,
+            compute_masked_sum,
             pixel,
             quiet_e,
             note="printed thermal term over all 30 s; the correct one over the summed 15 s",
         ),
-        _ratio("photo, 1/10 light, ISO 1600, dB", "15.1", primal_dual_photo, dim, quiet_e),
-        _ratio("masked sum, 1/10 light, ISO 1600, dB", "11.8", masked_sum, dim, quiet_e),
+        _ratio("photo, 1/10 light, ISO 1600, dB", "15.1", compute_primal_dual_photo, dim, quiet_e),
+        _ratio("masked sum, 1/10 light, ISO 1600, dB", "11.8", compute_masked_sum, dim, quiet_e),
     )

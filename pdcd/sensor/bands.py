@@ -13,31 +13,31 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Piece = TypeVar("Piece")
+_Piece = TypeVar("_Piece")
 OfRows = Callable[[slice], NDArray[Any]]
 """Makes some rows of a frame."""
 
-ROWS = 64
+BAND_ROWS = 64
 """Rows of a band."""
 THREADS = 2
 """NumPy, SciPy and OpenCV leave the interpreter to others while they compute."""
 
 
-def in_bands(rows: int, work: Callable[[slice], None]) -> None:
+def run_in_bands(rows: int, work: Callable[[slice], None]) -> None:
     """Call `work` with every band of a frame of so many rows; bands must not touch each other."""
-    bands = [slice(start, min(start + ROWS, rows)) for start in range(0, rows, ROWS)]
+    bands = [slice(start, min(start + BAND_ROWS, rows)) for start in range(0, rows, BAND_ROWS)]
     _each(bands, work, rows)
 
 
-def in_channels(image: NDArray[Any], work: Callable[[int], None]) -> None:
+def run_in_channels(image: NDArray[Any], work: Callable[[int], None]) -> None:
     """Call `work` with the number of every channel of an image (h, w, C); they must not touch each
     other's results. For what needs all rows at once, as sums over cells do."""
     _each(range(image.shape[2]), work, image.shape[0])
 
 
-def _each(pieces: Iterable[Piece], work: Callable[[Piece], None], rows: int) -> None:
+def _each(pieces: Iterable[_Piece], work: Callable[[_Piece], None], rows: int) -> None:
     """Call `work` with every piece of a frame of so many rows, on two cores where it is large."""
-    if rows <= THREADS * ROWS:
+    if rows <= THREADS * BAND_ROWS:
         for piece in pieces:
             work(piece)
         return
@@ -46,17 +46,17 @@ def _each(pieces: Iterable[Piece], work: Callable[[Piece], None], rows: int) -> 
             pass
 
 
-def banded(shape: tuple[int, ...], dtype: Any, make: OfRows) -> NDArray[Any]:
+def fill_in_bands(shape: tuple[int, ...], dtype: Any, make: OfRows) -> NDArray[Any]:
     """A frame (h, w, ...) whose bands `make` makes."""
-    out = planar(shape, dtype)
+    out = make_planar_image(shape, dtype)
 
     def fill(rows: slice) -> None:
         out[rows] = make(rows)
 
-    in_bands(shape[0], fill)
+    run_in_bands(shape[0], fill)
     return out
 
 
-def planar(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
+def make_planar_image(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
     """An empty image (h, w, ...) whose channels lie one after the other in memory."""
     return np.moveaxis(np.empty((*shape[2:], *shape[:2]), dtype), (-2, -1), (0, 1))

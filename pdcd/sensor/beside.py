@@ -8,21 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.map import Map
+from pdcd.panels.map import Map, find_pixels_on
 from pdcd.panels.map_soundness import SHORT_PX
-from pdcd.panels.overlap import lies_on
 
-REACH_SIGMAS = 2.0
+_REACH_SIGMAS = 2.0
 """Standard deviations of a blur within which a dark edge is seen: beyond, it takes 2 % at most."""
 
 
-def reached(camera: Map, panels: Sequence[Map], blur_quads: float) -> NDArray[np.bool_]:
+def find_covered_quads(camera: Map, panels: Sequence[Map], blur_quads: float) -> NDArray[np.bool_]:
     """Quads, (h, w), that look at pixels of all the panels, and whose blur reaches none beside.
 
     camera, panels : maps to one field. blur_quads : of the lens, standard deviation.
     """
-    good = np.logical_and.reduce([lies_on(camera, panel, -SHORT_PX) for panel in panels])
-    for _ in range(math.ceil(REACH_SIGMAS * blur_quads)):
+    good = np.logical_and.reduce([find_pixels_on(camera, panel, -SHORT_PX) for panel in panels])
+    for _ in range(math.ceil(_REACH_SIGMAS * blur_quads)):
         near = np.pad(good, 1, mode="edge")
         good = good & near[:-2, 1:-1] & near[2:, 1:-1] & near[1:-1, :-2] & near[1:-1, 2:]
     return np.asarray(good)

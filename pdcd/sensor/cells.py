@@ -1,8 +1,8 @@
 """Which quads of a camera's frame see which cells of the field: the one place that knows it.
 
 A quad is a Bayer quad: the pixel of all planes and pictures. `CellMap` says where the quads lie on
-the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the sums;
-its libraries take half a second to import, which commands that only name a map are spared.
+the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the
+sums; its libraries take half a second to import, which commands that only name a map are spared.
 """
 
 from __future__ import annotations
@@ -14,24 +14,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import DecodeError
 from pdcd.panels.map import Map
-from pdcd.sensor.bands import OfRows, banded, in_channels, planar
+from pdcd.sensor.bands import OfRows, fill_in_bands, make_planar_image, run_in_channels
 
 if TYPE_CHECKING:
     from scipy import sparse
 
     from pdcd.sensor.footprint import Cuts, Footprint
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-UNCUT: Cuts = ((0.0, 1.0), (0.0, 1.0))
-LEAST_SEEN = 0.05
+_UNCUT: Cuts = ((0.0, 1.0), (0.0, 1.0))
+_LEAST_SEEN = 0.05
 """Share of a cell's area below which quads that touch it tell nothing of it."""
-PURE = 1e-6
+_PURE = 1e-6
 """Share of a second cell, about, from which a quad counts as seeing two."""
-LEAST_KNOWN = 0.9
+_LEAST_KNOWN = 0.9
 """Share of what is seen of a cell that must be known; a cell with more saturated is unknown."""
 
 
@@ -107,7 +106,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     def inside(self) -> NDArray[np.float32] | None:
         """(h, w), share of a quad's light that comes from within the field; None where that is 1
         for all known quads."""
-        return _footprint(self, UNCUT).inside
+        return _footprint(self, _UNCUT).inside
 
     @property
     def centres(self) -> Floats:
@@ -126,13 +125,13 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         seen = self.gather(cells.reshape(*self.grid, *cells.shape[1:]))
         return seen > 0.5 if cells.dtype == np.bool_ else seen
 
-    def gather(self, values: NDArray[Any], cuts: Cuts = UNCUT) -> Floats:
+    def gather(self, values: NDArray[Any], cuts: Cuts = _UNCUT) -> Floats:
         """Values of pieces of cells, (R, C, ...) -> of quads, (h, w, ...): the mean over what each
         quad sees; 0 outside the field. `cuts` says where cells are cut into pieces."""
         seen = _footprint(self, cuts)
         if values.ndim == 2:
             return seen.gather(values)
-        out = planar((*self.frame, *values.shape[2:]))
+        out = make_planar_image((*self.frame, *values.shape[2:]))
         for at in np.ndindex(*values.shape[2:]):
             out[:, :, *at] = seen.gather(values[:, :, *at])
         return out
@@ -146,12 +145,12 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         parts = {at: _smooth(self, table[:, :, *at]) for at in np.ndindex(*cells.shape[1:])}
 
         def some(rows: slice) -> NDArray[Any]:
-            out = planar((rows.stop - rows.start, self.frame[1], *cells.shape[1:]))
+            out = make_planar_image((rows.stop - rows.start, self.frame[1], *cells.shape[1:]))
             for at, part in parts.items():
                 out[:, :, *at] = part(rows)
             return out
 
-        return banded((*self.frame, *cells.shape[1:]), np.float64, some)
+        return fill_in_bands((*self.frame, *cells.shape[1:]), np.float64, some)
 
     def smooth_rows(self, cells: NDArray[Any]) -> OfRows:
         """The same of one value a cell, (N,), some rows of quads at a time: (n, w)."""
@@ -186,11 +185,11 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     def seen(self, known: Bools | None = None) -> Bools:
         """(N,), cells of which enough is seen and, of that, known."""
         whole = self._area.ravel()
-        enough = whole * self.quad_cells >= LEAST_SEEN
+        enough = whole * self.quad_cells >= _LEAST_SEEN
         if known is None:
             return enough
-        seen = _footprint(self, UNCUT).collect(known & self.known).ravel()
-        return enough & (seen >= LEAST_KNOWN * whole)
+        seen = _footprint(self, _UNCUT).collect(known & self.known).ravel()
+        return enough & (seen >= _LEAST_KNOWN * whole)
 
     @property
     def quad_cells(self) -> float:
@@ -201,7 +200,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
     def _weighed(self, image: NDArray[Any], known: Bools | None, *, squares: bool) -> Floats:
         """Means over cells, or the root of the sum of weighted squares."""
-        shares = _footprint(self, UNCUT)
+        shares = _footprint(self, _UNCUT)
         good = self.known if known is None else known & self.known
         area = (self._area if known is None else shares.collect(good)).reshape(-1, 1)
         out, whole = np.empty((area.size, image.shape[2])), bool(good.all())
@@ -210,7 +209,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
             kept = image[..., channel] if whole else np.where(good, image[..., channel], 0.0)
             out[:, channel] = shares.collect(kept, squares=squares).ravel()
 
-        in_channels(image, channel_of)
+        run_in_channels(image, channel_of)
         if squares:
             np.sqrt(out, out=out)
         return np.divide(out, area, out=np.zeros_like(out), where=area > 0.0)
@@ -218,7 +217,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def _area(self) -> Floats:
         """Known quads that see each cell, (rows, cols), by their shares."""
-        shares = _footprint(self, UNCUT)
+        shares = _footprint(self, _UNCUT)
         return shares.collect(self.known) if self.panels else shares.area
 
     @property
@@ -237,53 +236,53 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
 @lru_cache(maxsize=4)
 def _footprint(cells: CellMap, cuts: Cuts) -> Footprint:
-    from pdcd.sensor.footprint import footprint
+    from pdcd.sensor.footprint import compute_footprint
 
-    return footprint(cells.filled, cells.frame, cells.grid, cuts, cells.blur_quads)
+    return compute_footprint(cells.filled, cells.frame, cells.grid, cuts, cells.blur_quads)
 
 
 @lru_cache(maxsize=4)
 def _known(cells: CellMap) -> Bools:
-    within = _footprint(cells, UNCUT).known
+    within = _footprint(cells, _UNCUT).known
     if not cells.panels:
         return within
-    from pdcd.sensor.beside import reached  # few benches need it
+    from pdcd.sensor.beside import find_covered_quads  # few benches need it
 
-    return within & reached(cells.filled, cells.panels, cells.blur_quads)
+    return within & find_covered_quads(cells.filled, cells.panels, cells.blur_quads)
 
 
 @lru_cache(maxsize=2)
 def _single(cells: CellMap) -> Bools:
     if cells.blocks is not None:
         return np.ones(cells.frame, np.bool_)
-    seen = _footprint(cells, UNCUT)
+    seen = _footprint(cells, _UNCUT)
     alone: Bools = np.ones(cells.frame, np.bool_)
     for at in np.indices(cells.grid).astype(np.float64):
-        alone &= seen.gather(at**2) - seen.gather(at) ** 2 < PURE
+        alone &= seen.gather(at**2) - seen.gather(at) ** 2 < _PURE
     return alone
 
 
 @lru_cache(maxsize=2)
 def _places(cells: CellMap) -> NDArray[np.float32]:
-    from pdcd.sensor.quad_places import places
+    from pdcd.sensor.quad_places import compute_quad_places
 
-    return places(cells.filled, cells.frame, cells.grid)
+    return compute_quad_places(cells.filled, cells.frame, cells.grid)
 
 
 @lru_cache(maxsize=2)
 def _lines(cells: CellMap) -> tuple[bool, sparse.csr_array, sparse.csr_array] | None:
-    from pdcd.sensor.quad_places import between_cells
+    from pdcd.sensor.quad_places import make_axis_weights
 
-    return between_cells(cells.filled, cells.frame, cells.grid)
+    return make_axis_weights(cells.filled, cells.frame, cells.grid)
 
 
 def _smooth(cells: CellMap, table: Floats) -> OfRows:
     lines = _lines(cells)
     if lines is None:
-        from pdcd.sensor.quad_places import bilinear
+        from pdcd.sensor.quad_places import interpolate_between_cells
 
         places, values = _places(cells), table.astype(np.float32)
-        return lambda rows: bilinear(values, places[:, rows])
+        return lambda rows: interpolate_between_cells(values, places[:, rows])
     turned, down, right = lines
     table = np.ascontiguousarray(table if turned else table.T)
     across = np.ascontiguousarray((right @ table).T)

@@ -98,7 +98,7 @@ def write_dng(
     Raises ConfigError for samples or numbers that no DNG can hold, NoSpaceError and DiskError. A
     file that could not be written whole is removed.
     """
-    data = dng_bytes(
+    data = encode_dng(
         samples, black=black, white=white, iso=iso, exposure_s=exposure_s, f_number=f_number,
         make=make, model=model, serial=serial, cfa=cfa, date=date or datetime.now(UTC),
         as_shot_neutral=as_shot_neutral, record=record,
@@ -116,7 +116,7 @@ def _write_whole(path: Path, data: bytes) -> RawFile:
     return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
 
 
-def write_photo(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFile:
+def write_photo_frame(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFile:
     """Write a photo that a camera of that name handed over; of a second bucket, beside it.
 
     The rig calls it with what `Readout.fetch` returned, so that every run has its RAW files.
@@ -125,7 +125,7 @@ def write_photo(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFi
     second = None
     if frame.second is not None:
         beside = path.with_name(f"{path.stem}-second{path.suffix}")
-        second = write_photo(frame.second, beside, model, serial)
+        second = write_photo_frame(frame.second, beside, model, serial)
     raw = write_dng(
         path,
         frame.samples,
@@ -143,7 +143,7 @@ def write_photo(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFi
     return replace(raw, second=second)
 
 
-def dng_bytes(
+def encode_dng(
     samples: NDArray[np.uint16],
     *,
     black: int | Sequence[int],

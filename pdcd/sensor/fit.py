@@ -8,18 +8,18 @@ import numpy as np
 
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
-from pdcd.panels.map_soundness import cell_centres, on_device, pixels_across
+from pdcd.panels.map_soundness import find_points_on_device, list_cell_centres, measure_cell_sides
 
-LEAST_SEEN = 0.5
+_LEAST_SEEN = 0.5
 """Share of the cells that the camera must see at least; what lies outside is no part of a photo."""
-WINDOW_QUADS = 2.0
+_WINDOW_QUADS = 2.0
 """Quads along a cell's side from which on its two quarter windows a side can be told apart."""
 _CLOSE = 1e-6
 """Edges that lie so near to each other, in cells, are the same."""
 
 
 @dataclass(frozen=True)
-class Fit:
+class FrameFit:
     """How a camera sees the grid of cells.
 
     frame : rows and columns of quads.
@@ -35,20 +35,20 @@ class Fit:
     aligned: bool
 
 
-def fit_of(map_: Map, grid: tuple[int, int]) -> Fit:
+def measure_frame_fit(map_: Map, grid: tuple[int, int]) -> FrameFit:
     """How the camera of that map sees a grid of so many rows and columns of cells."""
     width, height = map_.size_px
-    points = map_.from_field(cell_centres(grid))
-    inside = on_device(map_, points)
-    return Fit(
+    points = map_.from_field(list_cell_centres(grid))
+    inside = find_points_on_device(map_, points)
+    return FrameFit(
         frame=(height, width),
         seen=float(inside.mean()),
-        across=pixels_across(map_, points[inside], grid),
+        across=measure_cell_sides(map_, points[inside], grid),
         aligned=_aligned(map_, grid),
     )
 
 
-def check_fit(fit: Fit, window: str) -> None:
+def check_frame_fit(fit: FrameFit, window: str) -> None:
     """Raise ConfigError for a frame that cannot show what the cells do, naming what to change.
 
     window : "quarter" or "whole", that of the codes.
@@ -56,14 +56,14 @@ def check_fit(fit: Fit, window: str) -> None:
     frame = f"the camera's frame of {fit.frame[1]} x {fit.frame[0]} quads"
     if fit.seen == 0.0:
         raise _unfit(f"{frame} does not see the field", "mend [camera.place], or point the camera")
-    if fit.seen < LEAST_SEEN:
+    if fit.seen < _LEAST_SEEN:
         raise _unfit(
             f"{frame} sees {100.0 * fit.seen:.3g} % of the cells, less than "
-            f"{100.0 * LEAST_SEEN:g} %",
+            f"{100.0 * _LEAST_SEEN:g} %",
             "mend [camera.place] (a larger scale sees more), or move the camera back",
         )
     fewest = fit.across[0]
-    needed = WINDOW_QUADS if window == "quarter" else 1.0
+    needed = _WINDOW_QUADS if window == "quarter" else 1.0
     if fewest >= (1.0 if fit.aligned else needed) - _CLOSE:
         return
     what = "its quarter windows" if window == "quarter" and fewest >= 1.0 else "single cells"

@@ -17,22 +17,19 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats, Indices
 from pdcd.panels.map import Map
-from pdcd.sensor.quad_places import ROWS, SNAP, Nodes, upright
+from pdcd.sensor.quad_places import PLACE_ROWS, SNAP, PlaceNodes, find_upright_axes
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-
-REACH_SIGMAS = 4.0
+_REACH_SIGMAS = 4.0
 """How far blur is followed; what is beyond is less than a ten-thousandth."""
-THIN = 1e-6
+_THIN = 1e-6
 """Least width of a parallelogram's slope, over its length: 0 would be divided by."""
-TOUCH = 1e-6
+_TOUCH = 1e-6
 """Share of half a quad by which it may reach beyond the field and still lie in it, by rounding."""
-THREADS = 2
+_THREADS = 2
 """That work out a footprint: the sums of a band of rows leave the interpreter to others."""
-CLOSE = 1e-12
+_CLOSE = 1e-12
 """Of a cell: a place that is so near to an edge lies on it."""
 
 Cuts = tuple[tuple[float, ...], tuple[float, ...]]
@@ -115,7 +112,7 @@ class _Axes:
         return table.T if self.turned else table
 
 
-def footprint(
+def compute_footprint(
     map_: Map,
     frame: tuple[int, int],
     grid: tuple[int, int],
@@ -131,7 +128,7 @@ def footprint(
     cuts : where each cell is cut into pieces.
     blur_quads : standard deviation of the blur between field and sensor, in quads.
     """
-    lines = upright(map_, grid)
+    lines = find_upright_axes(map_, grid)
     if lines is None:
         return _scattered(map_, frame, grid, cuts, blur_quads)
     turned, (y, x) = lines  # along rows of quads, and along columns: start and step, in cells
@@ -156,7 +153,7 @@ def _axis(
     low, high = np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
     sigma = blur_quads * abs(step)
     edges = pieces.edges
-    first, number = pieces.touched(low - REACH_SIGMAS * sigma, high + REACH_SIGMAS * sigma)
+    first, number = pieces.touched(low - _REACH_SIGMAS * sigma, high + _REACH_SIGMAS * sigma)
     quad, piece = _expanded(first, number)
     lo, hi = low[quad], high[quad]
     share = _below_box(edges[piece + 1], lo, hi, sigma) - _below_box(edges[piece], lo, hi, sigma)
@@ -180,10 +177,10 @@ def _scattered(
     of_rows, of_cols = _Pieces(grid[0], cuts[0]), _Pieces(grid[1], cuts[1])
     pieces = of_rows.count, of_cols.count
     known, inside = np.empty(frame, np.bool_), np.empty(frame, np.float32)
-    nodes = Nodes(map_, frame, grid)
+    nodes = PlaceNodes(map_, frame, grid)
 
     def band(start: int) -> tuple[Indices, NDArray[np.int32], Floats]:
-        here = slice(start, min(start + ROWS, frame[0]))
+        here = slice(start, min(start + PLACE_ROWS, frame[0]))
         u, v = nodes.places(here)
         across, down = nodes.slopes(here)
         x = _Marginal.of(u.ravel(), across, blur_quads, of_cols)
@@ -193,8 +190,8 @@ def _scattered(
         inside[here] = sums.reshape(u.shape)
         return count, column, share
 
-    with ThreadPoolExecutor(THREADS) as pool:
-        counts, columns, shares = zip(*pool.map(band, range(0, frame[0], ROWS)), strict=True)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        counts, columns, shares = zip(*pool.map(band, range(0, frame[0], PLACE_ROWS)), strict=True)
     ends = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64)
     whole = scipy.sparse.csr_array(
         (np.concatenate(shares), np.concatenate(columns), ends.astype(np.int32)),
@@ -231,13 +228,13 @@ class _Marginal:
         reach = half
         if blur_quads > 0.0:
             sigma = 2.0 * blur_quads * np.hypot(*sides)
-            reach = half + REACH_SIGMAS * sigma
+            reach = half + _REACH_SIGMAS * sigma
         low, high = centre - reach, centre + reach
         edges = pieces.edges
         first, number = pieces.touched(low, high)
         alone = (number == 1) & (low >= edges[0]) & (high <= edges[-1])
-        known = (centre - (1.0 - TOUCH) * half >= edges[0]) & (
-            centre + (1.0 - TOUCH) * half <= edges[-1]
+        known = (centre - (1.0 - _TOUCH) * half >= edges[0]) & (
+            centre + (1.0 - _TOUCH) * half <= edges[-1]
         )
         return cls(centre, sides, sigma, edges, first, number, alone, known)
 
@@ -252,7 +249,7 @@ class _Marginal:
     def _below(self, edge: Floats, quad: Indices) -> Floats:
         x, one, other = edge - self.centre[quad], self.sides[0][quad], self.sides[1][quad]
         long = np.maximum(one, other)
-        short = np.maximum(np.minimum(one, other), THIN * long)
+        short = np.maximum(np.minimum(one, other), _THIN * long)
         sigma = None if self.sigma is None else self.sigma[quad]
         total = _twice(x + long + short, sigma) - _twice(x + long - short, sigma)
         total += _twice(x - long - short, sigma) - _twice(x - long + short, sigma)
@@ -270,7 +267,7 @@ class _Pieces:
 
     def touched(self, low: Floats, high: Floats) -> tuple[Indices, Indices]:
         """First piece between `low` and `high`, and how many there are; none outside."""
-        first, end = self._of(low), self._of(high - CLOSE)
+        first, end = self._of(low), self._of(high - _CLOSE)
         there = (high > 0.0) & (low < self.edges[-1])
         return first, np.where(there, end - first + 1, 0)
 

@@ -1,8 +1,8 @@
 """Image sensors: a profile of numbers per body, and the noise model that goes with it.
 
-One model serves four users: the mock camera draws photos from it (`expose`), decoding and planning
-take the variance of a sample from it (`variance_dn2`), and saturation is judged by it
-(`SensorProfile.saturation_dn`). Signals are in DN (digital numbers) above the black level or in
+One model serves four users: the mock camera draws photos from it (`expose_sensor`), decoding and
+planning take the variance of a sample from it (`compute_variance_dn2`), and saturation is judged by
+it (`SensorProfile.saturation_dn`). Signals are in DN (digital numbers) above the black level or in
 photo-electrons (e-).
 
 Model of one sample, with gain g in e- per DN::
@@ -151,7 +151,7 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return min(float(self.white_dn - self.black_dn), full_dn)
 
 
-def profile_names() -> tuple[str, ...]:
+def list_profiles() -> tuple[str, ...]:
     """Names of the profiles that come with pdcd."""
     return tuple(sorted({p.stem for folder in PROFILE_FOLDERS for p in folder.glob("*.toml")}))
 
@@ -186,16 +186,16 @@ def _profile_path(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
     if path.suffix == ".toml":
         return path
-    if str(name_or_path) not in profile_names():
+    if str(name_or_path) not in list_profiles():
         raise ConfigError(
             f"unknown sensor profile {str(name_or_path)!r}",
-            hint="give the path of a .toml file, or one of: " + ", ".join(profile_names()),
+            hint="give the path of a .toml file, or one of: " + ", ".join(list_profiles()),
         )
     named = (folder / f"{name_or_path}.toml" for folder in PROFILE_FOLDERS)
     return next(path for path in named if path.is_file())
 
 
-def expose(
+def expose_sensor(
     electrons: NDArray[np.float64],
     profile: SensorProfile,
     iso: int,
@@ -250,7 +250,7 @@ def _poisson(mean: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.
     return counts
 
 
-def variance_dn2(
+def compute_variance_dn2(
     signal_dn: ArrayLike, profile: SensorProfile, iso: int, exposure_s: float
 ) -> NDArray[np.float64]:
     """Variance of samples, in DN squared, from their signal.
@@ -263,7 +263,7 @@ def variance_dn2(
         Expected, or as the best guess measured, signal above black in DN. Negative ones (noise
         around a dark sample) count as 0.
     profile, iso, exposure_s
-        As for `expose`.
+        As for `expose_sensor`.
 
     Raises `ConfigError` when the profile has no such ISO. Clipping is not accounted for.
 

@@ -7,52 +7,55 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.panels.map import Map
-from pdcd.sensor.bands import in_bands
-
-Floats = NDArray[np.float64]
+from pdcd.sensor.bands import run_in_bands
 
 SNAP = 2.0**30
 """Edges of quads are rounded to this part of a cell: those on edges of pieces then lie on them."""
-ALIGNED = 1e-9
+_ALIGNED = 1e-9
 """Of the field: a map that turns a device by less over its whole size is not turned."""
-ROWS = 64
+PLACE_ROWS = 64
 """Rows of quads looked at together; bounds the memory."""
-NODE_PX, LEAST_NODES = 8, 64
+_NODE_PX, _LEAST_NODES = 8, 64
 """Distance of the quads whose places are worked out, and least number of them along a side where
 there are so many. Between them the error is below a hundredth of a quad for any usual lens."""
-NOWHERE = -1e3
+_NOWHERE = -1e3
 """Place, in fields, of quads that a map sends beyond infinity."""
 
 
-def places(map_: Map, frame: tuple[int, int], grid: tuple[int, int]) -> NDArray[np.float32]:
+def compute_quad_places(
+    map_: Map, frame: tuple[int, int], grid: tuple[int, int]
+) -> NDArray[np.float32]:
     """Where the centres of quads lie: (2, h, w) float32, across and down, in cells from the centre
     of the first one; far outside where the map has no place for them."""
     found = np.empty((2, *frame), dtype=np.float32)
-    nodes = Nodes(map_, frame, grid)
+    nodes = PlaceNodes(map_, frame, grid)
 
     def band(rows: slice) -> None:
         found[0, rows], found[1, rows] = nodes.places(rows)
         found[:, rows] -= np.float32(0.5)
 
-    in_bands(frame[0], band)
+    run_in_bands(frame[0], band)
     return found
 
 
-def bilinear(values: NDArray[np.float32], where: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Values of cells (rows, cols) at places of `places`, (h, w): bilinear between the centres of
-    cells, beyond the outermost ones as there."""
+def interpolate_between_cells(
+    values: NDArray[np.float32], where: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Values of cells (rows, cols) at places of `compute_quad_places`, (h, w): bilinear between the
+    centres of cells, beyond the outermost ones as there."""
     x, y = where
     seen = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(seen, dtype=np.float32)
 
 
-def between_cells(
+def make_axis_weights(
     map_: Map, frame: tuple[int, int], grid: tuple[int, int]
 ) -> tuple[bool, scipy.sparse.csr_array, scipy.sparse.csr_array] | None:
     """The same along the axes of an upright frame: whether it is a quarter turned, and sparse (h,
     cells), (w, cells); None for other frames."""
-    lines = upright(map_, grid)
+    lines = find_upright_axes(map_, grid)
     if lines is None:
         return None
     turned, (y, x) = lines
@@ -60,7 +63,7 @@ def between_cells(
     return turned, _between(frame[0], y, rows), _between(frame[1], x, cols)
 
 
-def upright(
+def find_upright_axes(
     map_: Map, grid: tuple[int, int]
 ) -> tuple[bool, tuple[tuple[float, float], tuple[float, float]]] | None:
     """Start and step in cells, along rows and columns of quads, of a frame whose axes are those of
@@ -70,11 +73,11 @@ def upright(
     a, b, c, d, e, f, g, h, _ = (number / map_.homography[8] for number in map_.homography)
     width, height = map_.size_px
     rows, cols = grid
-    if max(abs(g) * width, abs(h) * height) > ALIGNED:
+    if max(abs(g) * width, abs(h) * height) > _ALIGNED:
         return None
-    if max(abs(b) * height, abs(d) * width) <= ALIGNED:
+    if max(abs(b) * height, abs(d) * width) <= _ALIGNED:
         return False, ((f * rows, e * rows), (c * cols, a * cols))
-    if max(abs(a) * width, abs(e) * height) <= ALIGNED:
+    if max(abs(a) * width, abs(e) * height) <= _ALIGNED:
         return True, ((c * cols, b * cols), (f * rows, d * rows))
     return None
 
@@ -94,18 +97,18 @@ def _between(count: int, line: tuple[float, float], cells: int) -> scipy.sparse.
     return scipy.sparse.csr_array((both[kept], (rows, columns[kept])), shape=(count, cells))
 
 
-class Nodes:
+class PlaceNodes:
     """Places of quads, in cells, and how they move from quad to quad: worked out at some quads and
     interpolated between them."""
 
     def __init__(self, map_: Map, frame: tuple[int, int], grid: tuple[int, int]) -> None:
         rows, cols = (
-            np.linspace(0.5, side - 0.5, max(2, min(side, max(LEAST_NODES, side // NODE_PX))))
+            np.linspace(0.5, side - 0.5, max(2, min(side, max(_LEAST_NODES, side // _NODE_PX))))
             for side in frame
         )
         points = np.stack(np.meshgrid(cols, rows), axis=-1)
         size = np.array([grid[1], grid[0]])
-        self._place = np.nan_to_num(map_.to_field(points), nan=NOWHERE) * size
+        self._place = np.nan_to_num(map_.to_field(points), nan=_NOWHERE) * size
         self._slope = np.nan_to_num(map_.jacobian(points), nan=0.0) * size[:, None]
         self._down, self._right = _nodes(frame[0], rows.size), _nodes(frame[1], cols.size)
 

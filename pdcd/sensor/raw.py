@@ -23,17 +23,16 @@ import numpy as np
 import rawpy
 from numpy.typing import ArrayLike, NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import DecodeError
-from pdcd.sensor.bands import in_bands
-from pdcd.sensor.profile import SensorProfile, variance_dn2
-from pdcd.sensor.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, Tags, read_tags
-
-Floats = NDArray[np.float64]
+from pdcd.sensor.bands import run_in_bands
+from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
+from pdcd.sensor.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, TiffTags, read_tags
 
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 """How names of RAW files end, in lower case."""
 
-ALL = slice(None)
+WHOLE_AXIS = slice(None)
 """All rows, or all columns."""
 
 _LIBRAW_MIN_SIDE = 22
@@ -98,7 +97,7 @@ class RawFrame:
         """(4, h, w), samples minus black, signed, in DN; made anew every time."""
         return self.signal()
 
-    def signal(self, rows: slice = ALL, columns: slice = ALL) -> NDArray[np.float32]:
+    def signal(self, rows: slice = WHOLE_AXIS, columns: slice = WHOLE_AXIS) -> NDArray[np.float32]:
         """The same of some rows and columns of quads."""
         black = self.black.astype(np.float32)[:, None, None]
         return np.subtract(self.samples[:, rows, columns], black, dtype=np.float32)
@@ -114,14 +113,14 @@ class RawFrame:
         def band(some: slice) -> None:
             fine = slice(side * some.start, side * some.stop)
             good = ~self.saturated[fine]
-            share = shrunk(good.astype(np.float32), side)
+            share = shrink_image(good.astype(np.float32), side)
             for plane in range(4):
                 light = np.where(good, self.samples[plane, fine], np.float32(0.0))
-                mean = shrunk(light, side)
+                mean = shrink_image(light, side)
                 np.divide(mean, share, out=samples[plane, some], where=share > 0.0)
             saturated[some] = share < 0.5
 
-        in_bands(rows, band)
+        run_in_bands(rows, band)
         return replace(self, samples=samples, saturated=saturated, side=self.side * side)
 
     def exif(self) -> dict[str, object]:
@@ -195,7 +194,7 @@ class RawHead:
         return known.get(self.flip, f"flip {self.flip}")
 
 
-def read_head(path: Path, *, sha256: str | None = None) -> RawHead:
+def read_raw_head(path: Path, *, sha256: str | None = None) -> RawHead:
     """Size, orientation and camera of a RAW file, without its samples: some milliseconds.
 
     sha256 : what the file must have, as of `read_raw`. Raises DecodeError.
@@ -246,7 +245,7 @@ def _read_checked(path: Path, sha256: str | None, size_bytes: int | None) -> byt
 
 
 def _frame(
-    raw: rawpy.RawPy, path: Path, tags: Tags | None, saturation_dn: float | None
+    raw: rawpy.RawPy, path: Path, tags: TiffTags | None, saturation_dn: float | None
 ) -> RawFrame:
     """Planes and metadata of an open file; everything is copied, as LibRaw's memory goes away."""
     sizes = raw.sizes
@@ -284,7 +283,7 @@ def _frame(
             signal = np.subtract(here, levels[plane], dtype=np.float32)
             saturated[rows] |= signal >= limits[plane]
 
-    in_bands(height, band)
+    run_in_bands(height, band)
     return RawFrame(
         samples=samples,
         saturated=saturated,
@@ -312,7 +311,7 @@ def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, ...]) -> tuple[int, int]
 
 
 def _masked_black(
-    raw: rawpy.RawPy, tags: Tags | None, quad: list[tuple[int, int]]
+    raw: rawpy.RawPy, tags: TiffTags | None, quad: list[tuple[int, int]]
 ) -> NDArray[np.float64] | None:
     """Mean of the masked samples of each plane, hot ones left out; None without such a border.
 
@@ -359,7 +358,7 @@ def _quad(colours: str) -> list[tuple[int, int]]:
     return [red, (red[0], blue[1]), (blue[0], red[1]), blue]
 
 
-def shrunk(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+def shrink_image(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     """Means of squares of `side` x `side` pixels of (h, w) or (h, w, 3); `side` divides h and w."""
     size = values.shape[1] // side, values.shape[0] // side
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
@@ -382,7 +381,7 @@ def to_rgb(planes: NDArray[np.float32], factors: ArrayLike = (1.0, 1.0, 1.0)) ->
     return np.moveaxis(out, 0, -1)
 
 
-def rgb_variance(
+def compute_rgb_variance(
     planes: NDArray[np.float32],
     profile: SensorProfile,
     iso: int,
@@ -401,9 +400,9 @@ def rgb_variance(
         if dtype is np.float32:
             _variance_single(planes, which, profile, iso, exposure_s, factor, out[channel])
             continue
-        found = variance_dn2(planes[which[0]], profile, iso, exposure_s)
+        found = compute_variance_dn2(planes[which[0]], profile, iso, exposure_s)
         for more in which[1:]:
-            found += variance_dn2(planes[more], profile, iso, exposure_s)
+            found += compute_variance_dn2(planes[more], profile, iso, exposure_s)
             found /= 4.0
         np.multiply(found, factor * factor, out=out[channel])
     return np.moveaxis(out, 0, -1)
@@ -419,7 +418,9 @@ def _variance_single(
     out: NDArray[np.floating],
 ) -> None:
     """The same of one channel in single precision: the model is a straight line above black."""
-    dark, unit = variance_dn2([0.0, 1.0], profile, iso, exposure_s) * (factor / len(which)) ** 2
+    dark, unit = (
+        compute_variance_dn2([0.0, 1.0], profile, iso, exposure_s) * (factor / len(which)) ** 2
+    )
     np.maximum(planes[which[0]], np.float32(0.0), out=out)
     for more in which[1:]:
         out += np.maximum(planes[more], np.float32(0.0))

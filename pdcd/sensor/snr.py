@@ -27,9 +27,10 @@ Two conventions for `thermal`, the variance of the dark current:
 ``"shot"``
     rate x time, the variance of a Poisson count, over the photos that are really summed.
 
-Rounding to DN is left out, as in the paper: a read noise measured on black frames contains it.
-A code here is one of the paper's printed codes, of which four make one independent code pair
-(`SHIFTS`). Times are in s, charges in photo-electrons of one pixel (e-), variances in e-^2.
+Rounding to DN is left out, as in the paper: a read noise measured on black frames contains it. A
+code here is one of the paper's printed codes, of which four make one independent code pair
+(`SHIFTS_PER_CODE`). Times are in s, charges in photo-electrons of one pixel (e-), variances in
+e-^2.
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ from pdcd.sensor.profile import SensorProfile
 
 Thermal = Literal["paper", "shot"]
 THERMALS: tuple[Thermal, ...] = ("paper", "shot")
-Goal = Literal["masked", "signed"]
-GOALS: tuple[Goal, ...] = ("masked", "signed")
+SnrGoal = Literal["masked", "signed"]
+SNR_GOALS: tuple[SnrGoal, ...] = ("masked", "signed")
 
 EXPOSED_SHARE = 0.13
 """Mean of a well exposed photo over the highest signal (appendix, after ISO 2721:1982)."""
-SHIFTS = 4
+SHIFTS_PER_CODE = 4
 """Printed codes for one independent code: each is shown once per quarter of the mask's cell."""
 LCD_TRANSMISSION = 0.5
 """What the paper's LCD mask lets through, relative to its appendix' ideal mask ("about half")."""
@@ -59,7 +60,7 @@ DIM = 0.1
 """Exposure of the appendix' second pair of procedures, over that of the first."""
 
 
-class Pixel(msgspec.Struct, frozen=True, kw_only=True):
+class SnrPixel(msgspec.Struct, frozen=True, kw_only=True):
     """What both procedures share: one pixel, its light and its time.
 
     signal_e
@@ -97,14 +98,14 @@ class Pixel(msgspec.Struct, frozen=True, kw_only=True):
         """Mask-less photos that enter the masked sum, on average."""
         return self.codes / 2
 
-    def dimmed(self, share: float = DIM) -> Pixel:
+    def dimmed(self, share: float = DIM) -> SnrPixel:
         """The same pixel after `share` of the exposure and so of the light."""
         return msgspec.structs.replace(
             self, signal_e=share * self.signal_e, exposure_s=share * self.exposure_s
         )
 
 
-class Reading(msgspec.Struct, frozen=True):
+class SnrReading(msgspec.Struct, frozen=True):
     """Electrons of one photo or sum, its additive noise (standard deviation) and dark variance."""
 
     signal_e: float
@@ -118,13 +119,13 @@ class Reading(msgspec.Struct, frozen=True):
         return 10.0 * math.log10(self.signal_e / math.sqrt(variance_e2))
 
 
-Procedure = Callable[[Pixel, float, Thermal], Reading]
+Procedure = Callable[[SnrPixel, float, Thermal], SnrReading]
 """Takes the pixel, the read noise of one photo in e-, and the convention of the dark variance."""
 
 
-def primal_dual_photo(
-    pixel: Pixel, read_noise_e: float, thermal: Thermal, transmission: float = 1.0
-) -> Reading:
+def compute_primal_dual_photo(
+    pixel: SnrPixel, read_noise_e: float, thermal: Thermal, transmission: float = 1.0
+) -> SnrReading:
     """The one photo of a masked goal (the appendix' PDC).
 
     `transmission` is the share of the light that the open mask lets through; the appendix takes 1.
@@ -136,53 +137,53 @@ def primal_dual_photo(
             hint="give the share of the light that the open mask lets through",
         )
     dark_e2 = _thermal_e2(pixel, pixel.exposure_s, thermal)
-    return Reading(transmission * pixel.signal_e, read_noise_e, dark_e2)
+    return SnrReading(transmission * pixel.signal_e, read_noise_e, dark_e2)
 
 
-def primal_dual_pair(
-    pixel: Pixel, read_noise_e: float, thermal: Thermal, transmission: float = 1.0
-) -> Reading:
+def compute_primal_dual_pair(
+    pixel: SnrPixel, read_noise_e: float, thermal: Thermal, transmission: float = 1.0
+) -> SnrReading:
     """Difference of the two photos of a signed goal, half of the exposure each.
 
     Together they hold what one photo holds, for the appendix' even light. Raises as
-    `primal_dual_photo`.
+    `compute_primal_dual_photo`.
     """
-    photo = primal_dual_photo(pixel, read_noise_e, thermal, transmission)
+    photo = compute_primal_dual_photo(pixel, read_noise_e, thermal, transmission)
     return msgspec.structs.replace(photo, additive_e=math.sqrt(2.0) * read_noise_e)
 
 
-def short_photo(pixel: Pixel, read_noise_e: float, thermal: Thermal) -> Reading:
+def compute_short_photo(pixel: SnrPixel, read_noise_e: float, thermal: Thermal) -> SnrReading:
     """One of the mask-less photos (the appendix' MI), of those that hold the pixel's signal."""
     dark_e2 = _thermal_e2(pixel, pixel.exposure_s / pixel.codes, thermal)
-    return Reading(pixel.signal_e / pixel.used_photos, read_noise_e, dark_e2)
+    return SnrReading(pixel.signal_e / pixel.used_photos, read_noise_e, dark_e2)
 
 
-def masked_sum(pixel: Pixel, read_noise_e: float, thermal: Thermal) -> Reading:
+def compute_masked_sum(pixel: SnrPixel, read_noise_e: float, thermal: Thermal) -> SnrReading:
     """Sum of the mask-less photos whose code is open at the pixel: the appendix' masked sum."""
     summed_s = pixel.exposure_s if thermal == "paper" else pixel.exposure_s / 2
     additive_e = math.sqrt(pixel.used_photos) * read_noise_e
-    return Reading(pixel.signal_e, additive_e, _thermal_e2(pixel, summed_s, thermal))
+    return SnrReading(pixel.signal_e, additive_e, _thermal_e2(pixel, summed_s, thermal))
 
 
-def signed_sum(pixel: Pixel, read_noise_e: float, thermal: Thermal) -> Reading:
+def compute_signed_sum(pixel: SnrPixel, read_noise_e: float, thermal: Thermal) -> SnrReading:
     """Sum of all mask-less photos with weights 1 and -1; its noise depends on no sign."""
     dark_e2 = _thermal_e2(pixel, pixel.exposure_s, thermal)
-    return Reading(2.0 * pixel.signal_e, math.sqrt(pixel.codes) * read_noise_e, dark_e2)
+    return SnrReading(2.0 * pixel.signal_e, math.sqrt(pixel.codes) * read_noise_e, dark_e2)
 
 
-def opening_limit_db(codes: int) -> float:
+def compute_opening_limit_db(codes: int) -> float:
     """SNR, dB, that unequal opening allows a pixel of indirect light, whatever the sensor.
 
     With independent random codes each pixel is open in its own number of codes, which scales its
     indirect light S by a random gain: the S^2 / K part of the variance (S^2 + 2 Q) / K of the
-    one-shot estimate, K = codes / `SHIFTS` independent codes. Balanced and Hadamard codes are free
-    of it, and so is software that divides by the number of openings.
+    one-shot estimate, K = codes / `SHIFTS_PER_CODE` independent codes. Balanced and Hadamard codes
+    are free of it, and so is software that divides by the number of openings.
     """
-    return 10.0 * math.log10(math.sqrt(codes / SHIFTS))
+    return 10.0 * math.log10(math.sqrt(codes / SHIFTS_PER_CODE))
 
 
 def break_even_read_noise_e(
-    pixel: Pixel, goal: Goal, thermal: Thermal, transmission: float = 1.0
+    pixel: SnrPixel, goal: SnrGoal, thermal: Thermal, transmission: float = 1.0
 ) -> float:
     """Read noise, e-, at which primal-dual and mask-less photos have the same SNR.
 
@@ -194,11 +195,11 @@ def break_even_read_noise_e(
     Raises `ConfigError` when `transmission` is not in (0, 1].
     """
     if goal == "masked":
-        ours = primal_dual_photo(pixel, 0.0, thermal, transmission)
-        other, photos, others = masked_sum(pixel, 0.0, thermal), 1, pixel.used_photos
+        ours = compute_primal_dual_photo(pixel, 0.0, thermal, transmission)
+        other, photos, others = compute_masked_sum(pixel, 0.0, thermal), 1, pixel.used_photos
     else:
-        ours = primal_dual_pair(pixel, 0.0, thermal, transmission)
-        other, photos, others = signed_sum(pixel, 0.0, thermal), 2, float(pixel.codes)
+        ours = compute_primal_dual_pair(pixel, 0.0, thermal, transmission)
+        other, photos, others = compute_signed_sum(pixel, 0.0, thermal), 2, float(pixel.codes)
     gain = other.signal_e / ours.signal_e
     slope = others - gain**2 * photos
     if slope <= 0.0:
@@ -207,7 +208,7 @@ def break_even_read_noise_e(
     return math.sqrt(max(offset_e2, 0.0) / slope)
 
 
-def _thermal_e2(pixel: Pixel, time_s: float, thermal: Thermal) -> float:
+def _thermal_e2(pixel: SnrPixel, time_s: float, thermal: Thermal) -> float:
     dark_e = pixel.dark_e_per_s * time_s
     return dark_e**2 if thermal == "paper" else dark_e
 
@@ -232,9 +233,9 @@ def highest_signal_e(profile: SensorProfile, iso: int) -> float:
     return profile.saturation_dn(iso) * profile.row(iso).gain_e_per_dn
 
 
-def sensor_pixel(
+def make_sensor_pixel(
     profile: SensorProfile, iso: int, *, codes: int, exposure_s: float, signal_e: float | None
-) -> Pixel:
+) -> SnrPixel:
     """A pixel of this sensor; without `signal_e` as well exposed at this ISO as the appendix'.
 
     Raises `ConfigError` when a number makes no sense, the profile has no such ISO, or the signal
@@ -248,12 +249,12 @@ def sensor_pixel(
             f"a signal of {signal_e:.6g} e- saturates {profile.name!r} at ISO {iso}",
             hint=f"give at most {highest_e:.0f} e-, or choose a lower ISO",
         )
-    return Pixel(
+    return SnrPixel(
         signal_e=signal_e, exposure_s=exposure_s, codes=codes, dark_e_per_s=profile.dark_e_per_s
     )
 
 
-def quiet_iso(profile: SensorProfile, signal_e: float) -> int:
+def find_quiet_iso(profile: SensorProfile, signal_e: float) -> int:
     """The ISO of least read noise among those that hold the signal; the lowest of equals.
 
     Raises `ConfigError` when none holds it.
@@ -267,8 +268,8 @@ def quiet_iso(profile: SensorProfile, signal_e: float) -> int:
     return min(rows, key=lambda row: row.read_noise_e).iso
 
 
-def sensor_rows(
-    profile: SensorProfile, iso: int, pixel: Pixel, transmission: float = 1.0
+def compute_sensor_rows(
+    profile: SensorProfile, iso: int, pixel: SnrPixel, transmission: float = 1.0
 ) -> tuple[SensorRow, ...]:
     """The appendix' procedures on any sensor.
 
@@ -278,12 +279,12 @@ def sensor_rows(
     is not in (0, 1].
     """
     dim = pixel.dimmed()
-    photo = partial(primal_dual_photo, transmission=transmission)
-    pair = partial(primal_dual_pair, transmission=transmission)
-    dim_iso = quiet_iso(profile, dim.signal_e)
-    short_isos = sorted({iso, quiet_iso(profile, pixel.signal_e / pixel.used_photos)})
+    photo = partial(compute_primal_dual_photo, transmission=transmission)
+    pair = partial(compute_primal_dual_pair, transmission=transmission)
+    dim_iso = find_quiet_iso(profile, dim.signal_e)
+    short_isos = sorted({iso, find_quiet_iso(profile, pixel.signal_e / pixel.used_photos)})
 
-    def row(name: str, procedure: Procedure, of: Pixel, at: int) -> SensorRow:
+    def row(name: str, procedure: Procedure, of: SnrPixel, at: int) -> SensorRow:
         read_noise_e = profile.row(at).read_noise_e
         paper, shot = (procedure(of, read_noise_e, thermal) for thermal in THERMALS)
         return SensorRow(
@@ -298,12 +299,12 @@ def sensor_rows(
 
     return (
         row("photo", photo, pixel, iso),
-        *(row("mask-less photo", short_photo, pixel, at) for at in short_isos),
-        *(row("masked sum", masked_sum, pixel, at) for at in short_isos),
+        *(row("mask-less photo", compute_short_photo, pixel, at) for at in short_isos),
+        *(row("masked sum", compute_masked_sum, pixel, at) for at in short_isos),
         row("signed pair", pair, pixel, iso),
-        *(row("signed sum", signed_sum, pixel, at) for at in short_isos),
+        *(row("signed sum", compute_signed_sum, pixel, at) for at in short_isos),
         row("photo", photo, dim, dim_iso),
-        row("masked sum", masked_sum, dim, dim_iso),
+        row("masked sum", compute_masked_sum, dim, dim_iso),
         row("signed pair", pair, dim, dim_iso),
-        row("signed sum", signed_sum, dim, dim_iso),
+        row("signed sum", compute_signed_sum, dim, dim_iso),
     )

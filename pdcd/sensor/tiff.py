@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-MODEL, EXIF, SUB = 272, 34665, 330
+MODEL, _EXIF, _SUB = 272, 34665, 330
 DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME = 36867, 50830, 33434
 _DATA = ((273, 279), (324, 325), (513, 514))  # offsets and lengths of strips, tiles, a preview
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
@@ -18,11 +18,11 @@ _NUMBERS = {1: "B", 3: "H", 4: "I", 5: "II", 13: "I"}
 _ASCII = 2
 _MAX_DIRECTORIES = 64
 """Real files have fewer than ten; a damaged one may chain them without end."""
-_KEPT = {MODEL, EXIF, SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME}.union(*_DATA)
+_KEPT = {MODEL, _EXIF, _SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME}.union(*_DATA)
 
 
 @dataclass(frozen=True)
-class Tags:
+class TiffTags:
     """Tags of all directories of a file.
 
     directories : numbers or text of each tag this module knows, one dictionary a directory.
@@ -50,7 +50,7 @@ class Tags:
         return said[0] / said[1] if len(said) == 2 and said[1] else 0.0
 
 
-def read_tags(data: bytes) -> Tags | None:
+def read_tags(data: bytes) -> TiffTags | None:
     """The tags of a file's bytes; None for one that does not begin like TIFF. Never raises."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
     if order is None:
@@ -70,10 +70,10 @@ def read_tags(data: bytes) -> Tags | None:
         directory, end, after = _directory(order, data, start)
         found.append(directory)
         needs = max(needs, end)
-        for tag in (EXIF, SUB):
+        for tag in (_EXIF, _SUB):
             ahead.extend(v for v in directory.get(tag, ()) if isinstance(v, int))
         ahead.append(after)
-    return Tags(tuple(found), needs, canon)
+    return TiffTags(tuple(found), needs, canon)
 
 
 def _directory(

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from pdcd.bench.tables import ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.protocol.views import Role
-from pdcd.server.aside import aside
+from pdcd.protocol.views import ClientRole
+from pdcd.server.aside import call_in_thread
 
 logger = logging.getLogger(__name__)
 
@@ -75,8 +75,8 @@ class Access:
     `own` are the daemon's own user and root, for whom places are kept.
     """
 
-    uids: Mapping[int, Role]
-    gids: Mapping[int, Role]
+    uids: Mapping[int, ClientRole]
+    gids: Mapping[int, ClientRole]
     own: frozenset[int] = frozenset()
 
     @classmethod
@@ -85,26 +85,26 @@ class Access:
 
         Looks groups up by name, which may take long. Raises ConfigError for an unknown group.
         """
-        uids: dict[int, Role] = {}
-        gids: dict[int, Role] = {}
+        uids: dict[int, ClientRole] = {}
+        gids: dict[int, ClientRole] = {}
         for role, table in (
-            (Role.LOOK, config.look),
-            (Role.SHOOT, config.shoot),
-            (Role.ADMINISTER, config.administer),
+            (ClientRole.LOOK, config.look),
+            (ClientRole.SHOOT, config.shoot),
+            (ClientRole.ADMINISTER, config.administer),
         ):
             _raise_to(role, uids, table.uids)
             _raise_to(role, gids, map(_gid, table.groups))
-        _raise_to(Role.SHOOT, uids, config.allow_uids)
+        _raise_to(ClientRole.SHOOT, uids, config.allow_uids)
         address = sock.getsockname()
         if isinstance(address, str) and address:  # else abstract or unnamed: no file, no group
             found = Path(address).stat()
             if found.st_mode & stat.S_IWGRP:
-                _raise_to(Role.SHOOT, gids, [found.st_gid])
+                _raise_to(ClientRole.SHOOT, gids, [found.st_gid])
         own = frozenset({os.geteuid(), 0})
-        _raise_to(Role.ADMINISTER, uids, own)
+        _raise_to(ClientRole.ADMINISTER, uids, own)
         return cls(uids, gids, own)
 
-    def role(self, peer: Peer) -> Role | None:
+    def role(self, peer: Peer) -> ClientRole | None:
         """The highest role that the user or one of the groups gives; None: not served."""
         found = [self.gids[gid] for gid in {peer.gid, *peer.groups} if gid in self.gids]
         if peer.uid in self.uids:
@@ -112,7 +112,7 @@ class Access:
         return max(found, default=None)
 
 
-def _raise_to(role: Role, table: dict[int, Role], numbers: Iterable[int]) -> None:
+def _raise_to(role: ClientRole, table: dict[int, ClientRole], numbers: Iterable[int]) -> None:
     for number in numbers:
         table[number] = max(role, table.get(number, role))
 
@@ -162,7 +162,7 @@ class Names:
 
     async def _ask(self, uid: int) -> str:
         try:
-            name = await aside(self._look_up, uid)
+            name = await call_in_thread(self._look_up, uid)
             self._keep(uid, name)
             return name
         finally:

@@ -8,18 +8,18 @@ import threading
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
-P = ParamSpec("P")
-R = TypeVar("R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
-async def aside(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+async def call_in_thread(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
     """Make the call in a thread of its own and wait for what it returns or raises.
 
     A caller who waits no longer leaves the thread behind. It is no thread of a pool, so that one
     call that hangs does not hold up another, nor the end of the process.
     """
     loop = asyncio.get_running_loop()
-    done: asyncio.Future[R] = loop.create_future()
+    done: asyncio.Future[_R] = loop.create_future()
 
     def deliver(settle: Callable[[Any], None], value: object) -> None:
         if not done.cancelled():

@@ -7,7 +7,7 @@ import logging
 from collections import deque
 
 from pdcd.protocol.messages import Interest
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server.access import Peer
 from pdcd.server.stream import Stream
 
@@ -26,7 +26,7 @@ class Caller:
     `role` is what it may do, which is settled for as long as it is connected.
     """
 
-    def __init__(self, number: int, peer: Peer, role: Role, stream: Stream) -> None:
+    def __init__(self, number: int, peer: Peer, role: ClientRole, stream: Stream) -> None:
         self.number = number
         self.peer = peer
         self.role = role

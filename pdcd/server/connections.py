@@ -19,15 +19,15 @@ from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import BusyError, DeniedError, PdcdError, ProtocolError
 from pdcd.protocol.events import THINNED, Event
 from pdcd.protocol.messages import Hello
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server.access import Access, Names, Peer, peer_of
 from pdcd.server.callers import Caller
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.jobs import Job
 from pdcd.server.protocol import (
     Connection,
-    Fault,
-    Request,
+    RpcFault,
+    RpcRequest,
     encode_error,
     encode_notification,
     encode_reply,
@@ -42,13 +42,13 @@ LINGER_S = 2.0
 OPEN_REQUESTS = 64
 """Requests of one client that may be unanswered at a time."""
 
-CLOSE_S = 1.0
+_CLOSE_S = 1.0
 """How long new descriptors wait until those of answered requests are closed, in seconds."""
 
 KEPT_PLACES = 4
 """Places kept for root, and as many for the daemon's own user, when all others are taken."""
 
-ACCEPTS = 16
+_ACCEPTS = 16
 """Most clients that are accepted in one turn of the loop."""
 
 NO_ACCEPT_S = 1.0
@@ -62,7 +62,7 @@ class Service(Protocol):
         """The first words to a new client."""
         ...
 
-    async def handle(self, caller: Caller, request: Request) -> msgspec.Struct:
+    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
         ...
 
@@ -128,7 +128,7 @@ class Server:
 
     def _accept(self, service: Service) -> None:
         """Take those who wait; each is served by a task of its own."""
-        for _ in range(ACCEPTS):
+        for _ in range(_ACCEPTS):
             try:
                 sock, _ = self._sock.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
@@ -172,7 +172,7 @@ class Server:
             stream.close()
 
     async def _admit(
-        self, service: Service, stream: Stream, number: int, peer: Peer, role: Role
+        self, service: Service, stream: Stream, number: int, peer: Peer, role: ClientRole
     ) -> None:
         """Serve one who may come in, and close all that came in with it."""
         peer = dataclasses.replace(peer, user=await self._names.of(peer.uid))
@@ -290,10 +290,10 @@ async def _read(
             if not came.data:
                 return
             if came.fds:  # who has waited for an answer may send as many again
-                await descriptors.settle(CLOSE_S)
+                await descriptors.settle(_CLOSE_S)
             for item in machine.receive(came.data, lost=came.lost):
                 await caller.room()
-                if isinstance(item, Fault):
+                if isinstance(item, RpcFault):
                     logger.info("fault connection=%d error=%s", caller.number, item.error)
                     if item.line is not None:
                         caller.send(item.line)
@@ -314,7 +314,7 @@ async def _read(
 
 
 async def _answer(
-    service: Service, caller: Caller, request: Request, descriptors: Descriptors
+    service: Service, caller: Caller, request: RpcRequest, descriptors: Descriptors
 ) -> None:
     """Do one request and queue its answer, if it wants one."""
     try:
@@ -333,7 +333,7 @@ async def _answer(
     descriptors.release(request.fds)
 
 
-def _refuse_more(caller: Caller, request: Request) -> None:
+def _refuse_more(caller: Caller, request: RpcRequest) -> None:
     error = BusyError(
         f"{OPEN_REQUESTS} requests of this connection are unanswered",
         hint="wait for answers before asking more",

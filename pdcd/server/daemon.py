@@ -17,41 +17,41 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from socket import socket as Socket  # noqa: N812 - `socket` is a path here
 
-from pdcd.bench.folders import socket_path, state_dir
+from pdcd.bench.folders import find_socket_path, find_state_dir
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import ConfigError, DriverUnavailable, PdcdError
-from pdcd.protocol.events import ENDS, THINNED, Decoded, Event, Planning, Progress
+from pdcd.protocol.events import ENDS, THINNED, DecodingProgress, Event, PlanningProgress, Progress
 from pdcd.server import log
 from pdcd.server.access import Access
-from pdcd.server.aside import aside
+from pdcd.server.aside import call_in_thread
 from pdcd.server.connections import Server
 from pdcd.server.jobs import EngineLike, Job
-from pdcd.server.listening import claimed
-from pdcd.server.lock import held
+from pdcd.server.listening import open_listener
+from pdcd.server.lock import hold_lock_file
 from pdcd.server.methods import Methods
 from pdcd.server.notify import Notifier, watchdog_s
 from pdcd.server.runner import Runner
-from pdcd.server.worker import Worker
+from pdcd.server.worker import EngineThread
 
 logger = logging.getLogger(__name__)
 
-EngineFactory = Callable[[Config], EngineLike]
+_EngineFactory = Callable[[Config], EngineLike]
 
-EXIT_DONE, EXIT_CONFIG, EXIT_FAILED = 0, 2, 5
+_EXIT_DONE, _EXIT_CONFIG, _EXIT_FAILED = 0, 2, 5
 """Exit codes, as everywhere in pdcd."""
 
 GROUPS_S = 10.0
 """How long the groups of the configuration may be looked up, in seconds."""
 
-STATUS_INTERVAL_NS = 1_000_000_000
+_STATUS_INTERVAL_NS = 1_000_000_000
 """Least time between two progress lines to the service manager."""
 
 
-def run(
+def run_daemon(
     config: Config,
     *,
     socket: Path | None = None,
-    engine_factory: EngineFactory,
+    engine_factory: _EngineFactory,
     verbose: bool = False,
 ) -> int:
     """Serve until SIGTERM or SIGINT; returns the exit code.
@@ -61,35 +61,38 @@ def run(
     configuration is wrong, or another daemon has the socket or the state folder; 5: the rig could
     not be started.
     """
-    log.to_stderr(verbose=verbose)
+    log.send_to_stderr(verbose=verbose)
     return asyncio.run(_run(config, socket, engine_factory))
 
 
-async def _run(config: Config, socket: Path | None, engine_factory: EngineFactory) -> int:
+async def _run(config: Config, socket: Path | None, engine_factory: _EngineFactory) -> int:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     try:
-        await serve(config, socket=socket, engine_factory=engine_factory, stop=stop)
+        await serve_daemon(config, socket=socket, engine_factory=engine_factory, stop=stop)
     except PdcdError as err:
         logger.error("cannot serve: %s", err)
-        return EXIT_CONFIG if isinstance(err, ConfigError | DriverUnavailable) else EXIT_FAILED
-    return EXIT_DONE
+        return _EXIT_CONFIG if isinstance(err, ConfigError | DriverUnavailable) else _EXIT_FAILED
+    return _EXIT_DONE
 
 
-async def serve(
+async def serve_daemon(
     config: Config,
     *,
     socket: Path | None,
-    engine_factory: EngineFactory,
+    engine_factory: _EngineFactory,
     stop: asyncio.Event,
 ) -> None:
     """Serve until `stop` is set. Raises PdcdError when the socket or the rig cannot be had."""
     notifier = Notifier()
-    worker = Worker()
+    worker = EngineThread()
     try:
-        with claimed(socket or socket_path(config), config.server) as sock, _state(config):
+        with (
+            open_listener(socket or find_socket_path(config), config.server) as sock,
+            _state(config),
+        ):
             server = Server(sock, await _access(sock, config.server), config.limits)
             try:
                 notifier.send("STATUS=starting the rig")
@@ -114,7 +117,7 @@ def _state(config: Config) -> AbstractContextManager[None]:
     `pdcd capture --local` does not ask for it: runs never share a folder, and devices guard
     themselves.
     """
-    folder = state_dir(config)
+    folder = find_state_dir(config)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as err:
@@ -123,14 +126,14 @@ def _state(config: Config) -> AbstractContextManager[None]:
             hint="choose another by --state-dir or [server] state_dir",
         ) from err
     hint = "stop it first, or give this one --state-dir"
-    return held(folder / "daemon.lock", f"the state folder {folder}", hint)
+    return hold_lock_file(folder / "daemon.lock", f"the state folder {folder}", hint)
 
 
 async def _access(sock: Socket, config: ServerConfig) -> Access:
     """Who may do what. Raises ConfigError for groups that are not known, or not in time."""
     try:
         async with asyncio.timeout(GROUPS_S):
-            return await aside(Access.to, sock, config)
+            return await call_in_thread(Access.to, sock, config)
     except TimeoutError as err:
         raise ConfigError(
             f"the groups in [server] could not be looked up in {GROUPS_S:g} s",
@@ -141,7 +144,7 @@ async def _access(sock: Socket, config: ServerConfig) -> Access:
 async def _serve(
     config: Config,
     engine: EngineLike,
-    worker: Worker,
+    worker: EngineThread,
     server: Server,
     notifier: Notifier,
     stop: asyncio.Event,
@@ -160,11 +163,11 @@ async def _serve(
         worker,
         runner,
         description=await worker.call(engine.describe),
-        state_dir=state_dir(config),
+        state_dir=find_state_dir(config),
         connections=lambda: server.connections,
     )
     limit_s = watchdog_s()
-    watchdog = asyncio.create_task(feed(notifier, worker, limit_s)) if limit_s else None
+    watchdog = asyncio.create_task(tell_watchdog(notifier, worker, limit_s)) if limit_s else None
     try:
         server.open(methods)
         notifier.send("READY=1", "STATUS=idle")
@@ -177,7 +180,7 @@ async def _serve(
             await asyncio.gather(watchdog, return_exceptions=True)
 
 
-async def feed(notifier: Notifier, worker: Worker, limit_s: float) -> None:
+async def tell_watchdog(notifier: Notifier, worker: EngineThread, limit_s: float) -> None:
     """Tell the watchdog every third of its time (s) that both threads live; never returns.
 
     That this coroutine runs shows that the loop does; the worker must have beaten meanwhile.
@@ -203,15 +206,15 @@ class _Status:
         """Take note of an event of any job."""
         if isinstance(event, THINNED):
             now_ns = time.monotonic_ns()
-            if now_ns - self._last_ns < STATUS_INTERVAL_NS:
+            if now_ns - self._last_ns < _STATUS_INTERVAL_NS:
                 return
             self._last_ns = now_ns
         text = f"{job.kind} {event.job} {event.type}"
         if isinstance(event, Progress):
             text = f"{job.kind} {event.job} {event.frame}/{event.frames}"
-        elif isinstance(event, Planning):
+        elif isinstance(event, PlanningProgress):
             text = f"{job.kind} {event.job} planning {event.done / event.total:.0%}"
-        elif isinstance(event, Decoded):
+        elif isinstance(event, DecodingProgress):
             text = f"{job.kind} {event.job} decoding {event.done / event.total:.0%}"
         elif isinstance(event, ENDS):
             text = f"idle, last {job.kind} {event.job} {event.type}"

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable
 
 from pdcd.errors import BusyError, ProtocolError
 from pdcd.protocol.messages import MAX_FDS
-from pdcd.server.aside import aside
+from pdcd.server.aside import call_in_thread
 
 
-def close_aside(fds: tuple[int, ...]) -> asyncio.Task[None]:
+def _close_aside(fds: tuple[int, ...]) -> asyncio.Task[None]:
     """Close them in a thread: `close` may wait for a file system or a peer of the client's own."""
-    return asyncio.create_task(aside(_close_all, fds))
+    return asyncio.create_task(call_in_thread(_close_all, fds))
 
 
 class Descriptors:
@@ -29,7 +29,7 @@ class Descriptors:
     """
 
     def __init__(
-        self, closer: Callable[[tuple[int, ...]], asyncio.Task[None]] = close_aside
+        self, closer: Callable[[tuple[int, ...]], asyncio.Task[None]] = _close_aside
     ) -> None:
         self._closer = closer
         self._unclaimed: list[int] = []

@@ -12,19 +12,20 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from pdcd.arrays import Floats
 from pdcd.errors import RequestError
 from pdcd.files.opening import Asker
 from pdcd.planning.given import (
-    Source,
-    file_fields,
-    from_descriptor,
-    from_folder,
-    from_text,
-    long_rows,
-    read_given,
+    FileSource,
+    find_long_fields,
+    list_file_fields,
+    make_descriptor_source,
+    make_folder_source,
+    make_text_source,
+    read_request_arrays,
 )
-from pdcd.protocol.request import CaptureRequest, Sent
-from pdcd.recipes.arrays import NOTHING, Floats, Given, most_elements
+from pdcd.protocol.request import CaptureRequest, SentArray
+from pdcd.recipes.arrays import NO_ARRAYS, Given, count_most_elements
 from pdcd.server.access import Peer
 from pdcd.server.readers import Readers
 
@@ -54,10 +55,10 @@ class Intake:
         `descriptors` came with it, and stay the caller's. Raises RequestError for what cannot be
         taken, BusyError when too much waits already.
         """
-        fields, rows = file_fields(request), long_rows(request)
+        fields, rows = list_file_fields(request), find_long_fields(request)
         if not fields and not rows:
-            return request, NOTHING
-        size = 8 * (sum(rows.values()) + sum(most_elements(f, self._grid) for f in fields))
+            return request, NO_ARRAYS
+        size = 8 * (sum(rows.values()) + sum(count_most_elements(f, self._grid) for f in fields))
         ticket = object()
 
         def prepare() -> Callable[[Callable[[], None]], tuple[CaptureRequest, Given]]:
@@ -72,7 +73,7 @@ class Intake:
                 with own:  # closing a file may take as long as reading it
                     asker = Asker(peer.uid, frozenset({peer.gid, *peer.groups}))
                     made = {name: make(asker) for name, make in sources.items()}
-                    return read_given(request, made, self._grid, alive)
+                    return read_request_arrays(request, made, self._grid, alive)
 
             return read
 
@@ -90,10 +91,10 @@ class Intake:
         return not held or held + size <= HELD_BYTES
 
     def _sources(
-        self, fields: Mapping[str, str | Sent], descriptors: Sequence[int], own: ExitStack
-    ) -> dict[str, Callable[[Asker], Source]]:
+        self, fields: Mapping[str, str | SentArray], descriptors: Sequence[int], own: ExitStack
+    ) -> dict[str, Callable[[Asker], FileSource]]:
         """Where each field comes from, on whose behalf; descriptors of our own go to `own`."""
-        sources: dict[str, Callable[[Asker], Source]] = {}
+        sources: dict[str, Callable[[Asker], FileSource]] = {}
         for name, value in fields.items():
             if isinstance(value, str):
                 sources[name] = self._named(name, value)
@@ -108,9 +109,9 @@ class Intake:
                 # Ours, as the caller may close its own while a read still hangs.
                 copy = os.dup(descriptors[value.fd])
                 own.callback(os.close, copy)
-                sources[name] = _always(from_descriptor(copy, file))
+                sources[name] = _always(make_descriptor_source(copy, file))
             elif value.npy is not None and value.fd is None and value.sha256 is None:
-                sources[name] = _always(from_text(value.npy, file))
+                sources[name] = _always(make_text_source(value.npy, file))
             else:
                 raise RequestError(
                     f"{name} is neither a descriptor nor a file",
@@ -118,7 +119,7 @@ class Intake:
                 )
         return sources
 
-    def _named(self, name: str, value: str) -> Callable[[Asker], Source]:
+    def _named(self, name: str, value: str) -> Callable[[Asker], FileSource]:
         folder = self._folder
         if folder is None:
             raise RequestError(
@@ -127,14 +128,14 @@ class Intake:
             )
         if not value.isprintable():
             raise RequestError(f"{name}: {value[:80]!r} is no name of a file")
-        return lambda asker: from_folder(folder, value, asker)
+        return lambda asker: make_folder_source(folder, value, asker)
 
 
-def _always(source: Source) -> Callable[[Asker], Source]:
+def _always(source: FileSource) -> Callable[[Asker], FileSource]:
     return lambda asker: source
 
 
-def _label(name: str, value: Sent) -> str | None:
+def _label(name: str, value: SentArray) -> str | None:
     if value.file is not None and not value.file.isprintable():
         raise RequestError(f"{name}: {value.file[:80]!r} is no name of a file")
     return value.file

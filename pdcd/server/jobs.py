@@ -23,15 +23,15 @@ from typing import Protocol
 
 import msgspec
 
-from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, error_fields
+from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, to_error_fields
 from pdcd.protocol.events import Emit, Event
-from pdcd.protocol.messages import JobView, Shown, ShowParams
+from pdcd.protocol.messages import JobView, ShowParams, ShowReply
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
-from pdcd.protocol.views import OwnerView, Preview, RigView
-from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.runs.place import Place
+from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.views import OwnerView, PreviewView, RigView
+from pdcd.recipes.arrays import NO_ARRAYS, Given
+from pdcd.runs.place import HeldFolder
 from pdcd.words import JobKind, JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
@@ -69,7 +69,7 @@ class EngineLike(Protocol):
     ) -> PlanSummary:
         """What the capture would do; `given` are its arrays.
 
-        `emit` takes the events `Planning`; `cancelled` is asked as in a capture. Raises
+        `emit` takes the events `PlanningProgress`; `cancelled` is asked as in a capture. Raises
         RequestError or ConfigError when it cannot be done, Cancelled when it was cancelled.
         """
         ...
@@ -83,14 +83,14 @@ class EngineLike(Protocol):
         owner: OwnerView,
         emit: Emit,
         cancelled: Callable[[], bool],
-        parent: Place | None = None,
+        parent: HeldFolder | None = None,
         report: bool = False,
     ) -> CaptureResult:
         """Run one job to its end; a failure of the run is a result, not an exception. The run
         folder is made in `parent`; with `report` it gets its page, if that costs little.
 
-        `cancelled()` is asked at least ten times a second, which also proves that the thread
-        lives; `emit` takes the events of `pdcd.protocol.events`, all but `Queued` and the ends. On
+        `cancelled()` is asked at least ten times a second, which also proves that the thread lives;
+        `emit` takes the events of `pdcd.protocol.events`, all but `JobQueued` and the ends. On
         return the panels are black and the shutter is closed.
         """
         ...
@@ -114,7 +114,7 @@ class EngineLike(Protocol):
 
     def preview(
         self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]
-    ) -> Preview:
+    ) -> PreviewView:
         """Take a test photo, with the promises of `capture`. Raises the PdcdError that ended it."""
         ...
 
@@ -133,9 +133,9 @@ class Owner:
         return OwnerView(uid=self.uid, pid=self.pid, user=self.user)
 
 
-Request = CaptureRequest | ShowParams | CalibrateRequest
+JobRequest = CaptureRequest | ShowParams | CalibrateRequest
 """What a job was asked to do."""
-Answer = PlanSummary | Shown | Preview
+JobAnswer = PlanSummary | ShowReply | PreviewView
 """What the request that started a job is told, where that is more than its result."""
 
 
@@ -145,17 +145,17 @@ class Job:
 
     name: str
     kind: JobKind
-    request: Request
+    request: JobRequest
     owner: Owner
     detach: bool
     created_utc: str
     given: Given = field(default_factory=dict)
     """Arrays of the request; let go of at the end."""
-    place: Place | None = None
+    place: HeldFolder | None = None
     """Where its run is to go; held open until it has ended."""
     state: JobState = "queued"
     result: CaptureResult | None = None
-    answer: Answer | None = None
+    answer: JobAnswer | None = None
     given_up: bool = False
     """Of a show: its owner wants the panels for something else."""
     cancel_flag: threading.Event = field(default_factory=threading.Event)
@@ -212,14 +212,14 @@ class JobTable:
 
     def admit(
         self,
-        request: Request,
+        request: JobRequest,
         given: Given,
         owner: Owner,
         *,
         kind: JobKind = "capture",
         detach: bool,
         queue: bool,
-        place: Place | None = None,
+        place: HeldFolder | None = None,
     ) -> Job:
         """Take a job: it runs at once (state running) if the rig is free, else waits its turn.
 
@@ -291,7 +291,7 @@ class JobTable:
             return False
         self.queue.remove(job)
         error = Cancelled("cancelled before it began", hint="the rig was not touched")
-        self._end(job, CaptureResult(job=job.name, state="cancelled", error=error_fields(error)))
+        self._end(job, CaptureResult(job=job.name, state="cancelled", error=to_error_fields(error)))
         return True
 
     def owned_by(self, connection: int) -> list[Job]:
@@ -314,7 +314,7 @@ class JobTable:
     def _end(self, job: Job, result: CaptureResult) -> None:
         job.state = result.state
         job.result = result
-        job.given = NOTHING
+        job.given = NO_ARRAYS
         if job.place is not None:
             job.place.close()
         ended = self._ended.setdefault(job.kind, deque())
@@ -324,18 +324,18 @@ class JobTable:
 
     def _new_name(self) -> str:
         # Four random digits a second can meet by chance; the folder must not.
-        while (name := new_job_id()) in self._jobs:
+        while (name := make_job_id()) in self._jobs:
             pass
         return name
 
 
-def failed_result(job: Job, error: Exception) -> CaptureResult:
+def make_failed_result(job: Job, error: Exception) -> CaptureResult:
     """The result of a job whose engine call raised instead of returning one."""
     if not isinstance(error, PdcdError):
         message = f"{type(error).__name__}: {error}"
         error = PdcdError(message, hint="a fault of the program: see the daemon's log")
     state: JobState = "cancelled" if isinstance(error, Cancelled) else "failed"
-    return CaptureResult(job=job.name, state=state, error=error_fields(error))
+    return CaptureResult(job=job.name, state=state, error=to_error_fields(error))
 
 
 class Coalescer:

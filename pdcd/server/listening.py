@@ -12,8 +12,8 @@ from pathlib import Path
 
 from pdcd.bench.tables import ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.server.lock import held
-from pdcd.server.notify import FIRST_FD, listen_fds
+from pdcd.server.lock import hold_lock_file
+from pdcd.server.notify import FIRST_FD, count_listen_fds
 
 logger = logging.getLogger(__name__)
 
@@ -21,13 +21,13 @@ _UNIT = "use ListenStream=/run/pdcd.sock and Accept=no"
 
 
 @contextlib.contextmanager
-def claimed(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
+def open_listener(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
     """A listening socket: the one that was passed to us, else one bound at `path`.
 
     A socket file of ours is removed in the end; a passed one belongs to the service manager, who
     passes it once. Raises ConfigError when the path is taken or cannot be bound.
     """
-    passed = listen_fds()
+    passed = count_listen_fds()
     if passed:
         with _passed(passed) as sock:
             yield sock
@@ -41,7 +41,7 @@ def claimed(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
     lock = path.with_name(path.name + ".lock")
     with (
         # Between finding a stale socket and binding a new one, another daemon could do the same.
-        held(lock, f"the socket {path}", "stop it first, or give this one --socket"),
+        hold_lock_file(lock, f"the socket {path}", "stop it first, or give this one --socket"),
         socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock,
     ):
         _bind(sock, path, mode)

@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pdcd.errors import ConfigError
-from pdcd.printable import one_line
+from pdcd.printable import to_one_line
 
 _OPEN = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 @contextlib.contextmanager
-def held(path: Path, what: str, hint: str) -> Iterator[None]:
+def hold_lock_file(path: Path, what: str, hint: str) -> Iterator[None]:
     """Hold the lock at `path`, which is made and in the end removed.
 
     The kernel lets go of it when this process ends, however it does; a file that is left over
@@ -75,5 +75,5 @@ def _holder(fd: int) -> str:
     words = os.pread(fd, 64, 0).decode(errors="replace").split()
     if len(words) != 2:
         return "another daemon"  # it has not written its number yet
-    pid, uid = map(one_line, words)
+    pid, uid = map(to_one_line, words)
     return f"another daemon: process {pid} of uid {uid}"

@@ -11,7 +11,7 @@ import os
 import sys
 from types import TracebackType
 
-from pdcd.printable import lines, one_line
+from pdcd.printable import to_indented_lines, to_one_line
 
 _PRIORITY = {
     logging.DEBUG: 7,
@@ -30,15 +30,15 @@ class _Formatter(logging.Formatter):
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - of logging
         """The record's own line."""
-        return one_line(super().formatMessage(record))
+        return to_one_line(super().formatMessage(record))
 
     def formatException(self, ei: _ExcInfo) -> str:  # noqa: N802
         """The traceback, indented."""
-        return "  " + lines(super().formatException(ei))
+        return "  " + to_indented_lines(super().formatException(ei))
 
     def formatStack(self, stack_info: str) -> str:  # noqa: N802
         """The stack, indented."""
-        return "  " + lines(super().formatStack(stack_info))
+        return "  " + to_indented_lines(super().formatStack(stack_info))
 
 
 class _JournalFormatter(_Formatter):
@@ -62,7 +62,7 @@ class _Quiet(logging.Filter):
         return record.levelno >= logging.WARNING or getattr(record, "for_people", False)
 
 
-def to_stderr(*, verbose: bool = False) -> None:
+def send_to_stderr(*, verbose: bool = False) -> None:
     """Send the log of this process to stderr, in the form that its reader wants.
 
     A terminal is often that of the commands, too, and of their progress bar: it gets warnings and

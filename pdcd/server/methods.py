@@ -15,23 +15,28 @@ import msgspec
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
 from pdcd.protocol import messages
-from pdcd.protocol.fields import ARRAYS, needed_by, request_fields, taken_by
+from pdcd.protocol.fields import (
+    ARRAY_FIELDS,
+    list_needed_fields,
+    list_optional_fields,
+    list_request_fields,
+)
 from pdcd.protocol.messages import (
-    Admitted,
-    Agreed,
+    Admission,
     CalibrateParams,
     ClockAnchor,
-    Described,
     GoalView,
     Hello,
+    HelloReply,
     JobList,
     JobParams,
     ListParams,
     PlanParams,
     Pong,
+    RigDescription,
     RigState,
-    Shown,
     ShowParams,
+    ShowReply,
     StartParams,
     Status,
     SubscribeParams,
@@ -40,26 +45,26 @@ from pdcd.protocol.messages import (
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import Preview, RigView, Role
-from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.protocol.views import ClientRole, PreviewView, RigView
+from pdcd.recipes.arrays import NO_ARRAYS, Given
 from pdcd.recipes.goals import KEEPS
-from pdcd.runs.index import search
-from pdcd.runs.place import Place
-from pdcd.server.aside import aside
+from pdcd.runs.index import search_runs
+from pdcd.runs.place import HeldFolder
+from pdcd.server.aside import call_in_thread
 from pdcd.server.callers import Caller
 from pdcd.server.intake import Intake
 from pdcd.server.jobs import EngineLike, Job, Owner
-from pdcd.server.protocol import Request
+from pdcd.server.protocol import RpcRequest
 from pdcd.server.runner import Runner
-from pdcd.server.worker import Worker
+from pdcd.server.worker import EngineThread
 from pdcd.version import __version__
 
-OWNERS = frozenset({"capture.cancel", "calibrate.proceed"})
+_OWNERS = frozenset({"capture.cancel", "calibrate.proceed"})
 """What of another user's job only an administrator may do."""
 
-A = TypeVar("A", PlanSummary, Shown, Preview)
-P = ParamSpec("P")
-R = TypeVar("R")
+_A = TypeVar("_A", PlanSummary, ShowReply, PreviewView)
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 class Methods:
@@ -73,7 +78,7 @@ class Methods:
         self,
         config: Config,
         engine: EngineLike,
-        worker: Worker,
+        worker: EngineThread,
         runner: Runner,
         *,
         description: RigView,
@@ -132,7 +137,7 @@ class Methods:
             clock=_clock(),
         )
 
-    async def handle(self, caller: Caller, request: Request) -> msgspec.Struct:
+    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
         self._permit(caller, request)
         params = request.params
@@ -154,17 +159,17 @@ class Methods:
         caller.gone = True
         self._runner.drop(caller.number)
 
-    def _permit(self, caller: Caller, request: Request) -> None:
+    def _permit(self, caller: Caller, request: RpcRequest) -> None:
         """Raise DeniedError when this client may not do that: the one place that decides.
 
         Whose a job is, is told by the user for whom the kernel vouched, not by the connection.
         """
         needed = messages.METHODS[request.method].role
         what = request.method
-        if request.method in OWNERS and isinstance(request.params, JobParams):
+        if request.method in _OWNERS and isinstance(request.params, JobParams):
             owner = self._runner.table.get(request.params.job).owner
             if owner.uid != caller.peer.uid:
-                needed = Role.ADMINISTER
+                needed = ClientRole.ADMINISTER
                 what += f" of a job of {owner.user} (uid {owner.uid})"
         if caller.role < needed:
             raise DeniedError(
@@ -173,8 +178,8 @@ class Methods:
                 "[server.shoot] and [server.administer]",
             )
 
-    async def _hello(self, caller: Caller, params: msgspec.Struct) -> Agreed:
-        return Agreed(messages.PROTOCOL)
+    async def _hello(self, caller: Caller, params: msgspec.Struct) -> HelloReply:
+        return HelloReply(messages.PROTOCOL)
 
     async def _ping(self, caller: Caller, params: msgspec.Struct) -> Pong:
         return Pong(_clock())
@@ -191,11 +196,13 @@ class Methods:
             clock=_clock(),
         )
 
-    async def _describe(self, caller: Caller, params: msgspec.Struct) -> Described:
+    async def _describe(self, caller: Caller, params: msgspec.Struct) -> RigDescription:
         # During a job the last description must do: the engine's thread is taken.
         if self.state == "idle":
             self._description = await self._worker.call(self._engine.describe)
-        return Described(self._description, messages.schema(), _goals(), _arrays())
+        return RigDescription(
+            self._description, messages.build_message_schema(), _goals(), _arrays()
+        )
 
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
@@ -212,7 +219,7 @@ class Methods:
         )
         return await self._answer(job, PlanSummary)
 
-    def _start(self, caller: Caller, params: StartParams, given: Given) -> Admitted:
+    def _start(self, caller: Caller, params: StartParams, given: Given) -> Admission:
         if caller.gone and not params.detach:  # while its arrays were read
             raise Cancelled("the client has gone")
         if params.queue:
@@ -233,7 +240,7 @@ class Methods:
         except BaseException:
             place.close()
             raise
-        return Admitted(job=job.name, state=job.state)
+        return Admission(job=job.name, state=job.state)
 
     async def _wait(self, caller: Caller, params: JobParams) -> CaptureResult:
         return await self._runner.wait(params.job)
@@ -241,30 +248,30 @@ class Methods:
     async def _cancel(self, caller: Caller, params: JobParams) -> CaptureResult:
         return await self._runner.cancel(params.job)
 
-    async def _calibrate(self, caller: Caller, params: CalibrateParams) -> Admitted:
+    async def _calibrate(self, caller: Caller, params: CalibrateParams) -> Admission:
         if params.queue:
             self._refuse_many(caller)
         job = self._runner.start(
             params.request(),
-            NOTHING,
+            NO_ARRAYS,
             _owner(caller),
             kind="calibrate",
             detach=params.detach,
             queue=params.queue,
         )
-        return Admitted(job=job.name, state=job.state)
+        return Admission(job=job.name, state=job.state)
 
-    async def _proceed(self, caller: Caller, params: JobParams) -> Admitted:
+    async def _proceed(self, caller: Caller, params: JobParams) -> Admission:
         job = self._runner.proceed(params.job)
-        return Admitted(job=job.name, state=job.state)
+        return Admission(job=job.name, state=job.state)
 
     async def _list(self, caller: Caller, params: ListParams) -> JobList:
         found = None
         if params.find is not None:
-            found = await self._from_disk(search, self._state_dir, params.find)
+            found = await self._from_disk(search_runs, self._state_dir, params.find)
         return JobList([job.view() for job in self._runner.table.all()], found)
 
-    async def _from_disk(self, look: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    async def _from_disk(self, look: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
         """What a look at the disk returns or raises.
 
         A disk may be slow, or hang: the loop, the rig and who asks for jobs alone are not for
@@ -273,7 +280,7 @@ class Methods:
         """
         await self._listing.acquire()
         # Who leaves must not give the turn away while the disk is still looked at.
-        task = asyncio.create_task(aside(look, *args, **kwargs))
+        task = asyncio.create_task(call_in_thread(look, *args, **kwargs))
         task.add_done_callback(self._looked)
         return await asyncio.shield(task)
 
@@ -282,15 +289,17 @@ class Methods:
         if not task.cancelled():
             task.exception()  # asked for, even where nobody waits for it any more
 
-    async def _show(self, caller: Caller, params: ShowParams) -> Shown:
-        job = self._runner.start(params, NOTHING, _owner(caller), kind="show", detach=params.detach)
-        return await self._answer(job, Shown)
-
-    async def _preview(self, caller: Caller, params: msgspec.Struct) -> Preview:
+    async def _show(self, caller: Caller, params: ShowParams) -> ShowReply:
         job = self._runner.start(
-            CaptureRequest(goal="white"), NOTHING, _owner(caller), kind="preview"
+            params, NO_ARRAYS, _owner(caller), kind="show", detach=params.detach
         )
-        return await self._answer(job, Preview)
+        return await self._answer(job, ShowReply)
+
+    async def _preview(self, caller: Caller, params: msgspec.Struct) -> PreviewView:
+        job = self._runner.start(
+            CaptureRequest(goal="white"), NO_ARRAYS, _owner(caller), kind="preview"
+        )
+        return await self._answer(job, PreviewView)
 
     async def _subscribe(self, caller: Caller, params: SubscribeParams) -> Subscription:
         caller.interest = params.jobs
@@ -300,7 +309,7 @@ class Methods:
         caller.interest = "none"
         return Subscription(caller.interest)
 
-    async def _answer(self, job: Job, kind: type[A]) -> A:
+    async def _answer(self, job: Job, kind: type[_A]) -> _A:
         """The answer of a job that was started for it. Raises the error that the job ended by."""
         answer = await self._runner.answer(job.name)
         if not isinstance(answer, kind):
@@ -317,15 +326,15 @@ class Methods:
                 hint="wait until some have ended, or raise [limits] queued_per_user",
             )
 
-    def _place(self, out: str | None, *, make: bool = True) -> Place:
+    def _place(self, out: str | None, *, make: bool = True) -> HeldFolder:
         """The folder that a run is to go to, held open. Raises RequestError.
 
         What a client names must lie below the state folder; where runs go otherwise is the
         operator's.
         """
         if out is None and make:
-            return Place.at(self._state_dir / "captures")
-        return Place.below(self._state_dir, out or ".", make=make)
+            return HeldFolder.at(self._state_dir / "captures")
+        return HeldFolder.below(self._state_dir, out or ".", make=make)
 
 
 def _owner(caller: Caller) -> Owner:
@@ -335,13 +344,13 @@ def _owner(caller: Caller) -> Owner:
 
 def _goals() -> dict[str, GoalView]:
     return {
-        name: GoalView(keeps=keeps, needs=needed_by(name), may=taken_by(name))
+        name: GoalView(keeps=keeps, needs=list_needed_fields(name), may=list_optional_fields(name))
         for name, keeps in KEEPS.items()
     }
 
 
 def _arrays() -> dict[str, str]:
-    return {name: request_fields()[name].text for name in ARRAYS}
+    return {name: list_request_fields()[name].text for name in ARRAY_FIELDS}
 
 
 def _clock() -> ClockAnchor:

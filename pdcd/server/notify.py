@@ -11,7 +11,7 @@ import os
 import socket
 from collections.abc import Mapping
 
-from pdcd.printable import one_line
+from pdcd.printable import to_one_line
 
 logger = logging.getLogger(__name__)
 
@@ -35,7 +35,7 @@ class Notifier:
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sock:
                 # The manager reads slowly at times; the event loop must not wait for it.
                 sock.setblocking(False)
-                sock.sendto("\n".join(map(one_line, lines)).encode(), self._address)
+                sock.sendto("\n".join(map(to_one_line, lines)).encode(), self._address)
         except OSError as err:
             logger.warning("notify failed lines=%r error=%s", lines, err)
 
@@ -48,7 +48,7 @@ def watchdog_s(environ: Mapping[str, str] = os.environ) -> float | None:
     return int(usec) / 1e6 if usec.isdecimal() and int(usec) > 0 else None
 
 
-def listen_fds(environ: Mapping[str, str] = os.environ) -> int:
+def count_listen_fds(environ: Mapping[str, str] = os.environ) -> int:
     """How many sockets were passed to this process, from `FIRST_FD` on; 0 if none.
 
     LISTEN_PID guards against a variable that a parent has merely let us inherit.

@@ -1,7 +1,7 @@
 """The protocol without a socket: bytes in, typed requests and faults out; values in, lines out.
 
 `Connection` is the state machine of one client. It never raises on what a client sends: all that
-is wrong becomes a `Fault`, which says what to answer and whether the connection can go on.
+is wrong becomes a `RpcFault`, which says what to answer and whether the connection can go on.
 
 A request may name file descriptors that came with it. Which belong to which request is a matter of
 counting, so a client whose count is in doubt is parted from.
@@ -22,7 +22,7 @@ from pdcd.protocol.fields import FieldError, convert_struct
 from pdcd.protocol.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
 from pdcd.server.descriptors import Descriptors
 
-Id = str | int
+_Id = str | int
 """Request id. The limits below keep an echoed id exact in every client and the reply short."""
 
 _WireId = (
@@ -31,14 +31,14 @@ _WireId = (
 
 
 @dataclass(frozen=True)
-class Request:
+class RpcRequest:
     """A checked call; `id` is None for a notification, which gets no answer.
 
     `fds` are the descriptors that came for it. They are closed when it has been answered or given
     up, whoever still reads them: a thread needs duplicates of its own (`os.dup`).
     """
 
-    id: Id | None
+    id: _Id | None
     method: str
     params: msgspec.Struct
     fds: tuple[int, ...] = ()
@@ -46,7 +46,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Fault:
+class RpcFault:
     """Something wrong that a client sent.
 
     `line` is the answer, None when there is none to give (a faulty notification); `close` tells
@@ -88,12 +88,12 @@ class Connection:
         self.closed = False
         """True after a fault that ends the connection; all further bytes are ignored."""
 
-    def receive(self, data: bytes, *, lost: bool = False) -> list[Request | Fault]:
+    def receive(self, data: bytes, *, lost: bool = False) -> list[RpcRequest | RpcFault]:
         """Take the next bytes, of any cut, and return what they complete, in order.
 
         `lost` tells that more descriptors came with them than could be received.
         """
-        found: list[Request | Fault] = []
+        found: list[RpcRequest | RpcFault] = []
         if lost and not self.closed:
             found.append(self._part(_too_many()))
         self._rest += data
@@ -107,7 +107,7 @@ class Connection:
             del self._rest[: end + 1]
             # Blank lines are let pass: people type at this socket.
             if line.strip():
-                found.append(self._close_on(parse(line, self._descriptors)))
+                found.append(self._close_on(parse_line(line, self._descriptors)))
         if not self.closed and len(self._rest) >= self._max_line:
             error = ProtocolError(
                 f"a line is longer than {self._max_line} bytes",
@@ -121,12 +121,12 @@ class Connection:
             self._descriptors.drop_unclaimed()
         return found
 
-    def _part(self, error: PdcdError, code: int | None = None) -> Fault:
+    def _part(self, error: PdcdError, code: int | None = None) -> RpcFault:
         self.closed = True
-        return Fault(error, encode_error(None, error, code), True)
+        return RpcFault(error, encode_error(None, error, code), True)
 
-    def _close_on(self, item: Request | Fault) -> Request | Fault:
-        self.closed = isinstance(item, Fault) and item.close
+    def _close_on(self, item: RpcRequest | RpcFault) -> RpcRequest | RpcFault:
+        self.closed = isinstance(item, RpcFault) and item.close
         return item
 
 
@@ -137,8 +137,8 @@ def _too_many() -> ProtocolError:
     )
 
 
-def parse(line: bytes, descriptors: Descriptors | None = None) -> Request | Fault:
-    """Check one line, without its newline: a `Request`, or what is wrong with it.
+def parse_line(line: bytes, descriptors: Descriptors | None = None) -> RpcRequest | RpcFault:
+    """Check one line, without its newline: a `RpcRequest`, or what is wrong with it.
 
     The request's descriptors are taken from `descriptors`; those of a faulty one are closed.
     """
@@ -152,10 +152,10 @@ def parse(line: bytes, descriptors: Descriptors | None = None) -> Request | Faul
         error = ProtocolError(
             f"not a JSON text: {err}", hint="send one JSON-RPC 2.0 object a line, in UTF-8"
         )
-        return Fault(error, encode_error(None, error, messages.PARSE_ERROR), lost_count)
+        return RpcFault(error, encode_error(None, error, messages.PARSE_ERROR), lost_count)
     if isinstance(value, list):
         error = ProtocolError("batches are not supported", hint="send one object a line")
-        return Fault(error, encode_error(None, error), lost_count)
+        return RpcFault(error, encode_error(None, error), lost_count)
     try:
         envelope = msgspec.convert(value, _Envelope)
         if envelope.jsonrpc != "2.0":
@@ -165,11 +165,11 @@ def parse(line: bytes, descriptors: Descriptors | None = None) -> Request | Faul
             f"not a JSON-RPC 2.0 request: {err}",
             hint='a request is {"jsonrpc":"2.0","id":1,"method":"rig.status","params":{}}',
         )
-        return Fault(error, encode_error(_sound_id(value), error), lost_count)
+        return RpcFault(error, encode_error(_sound_id(value), error), lost_count)
     return _with_fds(envelope, held)
 
 
-def _with_fds(envelope: _Envelope, descriptors: Descriptors) -> Request | Fault:
+def _with_fds(envelope: _Envelope, descriptors: Descriptors) -> RpcRequest | RpcFault:
     """Check method and parameters of a sound envelope, and give it its descriptors."""
     enough = envelope.fds <= descriptors.unclaimed
     try:
@@ -177,12 +177,12 @@ def _with_fds(envelope: _Envelope, descriptors: Descriptors) -> Request | Fault:
     except PdcdError as err:
         return _fault(envelope, err, close=not enough)
     item = _typed(envelope, fds)
-    if isinstance(item, Fault):
+    if isinstance(item, RpcFault):
         descriptors.release(fds)
     return item
 
 
-def _sound_id(value: Any) -> Id | None:
+def _sound_id(value: Any) -> _Id | None:
     try:
         found = msgspec.convert(value, _IdOnly).id
     except ValueError:
@@ -190,7 +190,7 @@ def _sound_id(value: Any) -> Id | None:
     return None if isinstance(found, UnsetType) else found
 
 
-def _typed(envelope: _Envelope, fds: tuple[int, ...]) -> Request | Fault:
+def _typed(envelope: _Envelope, fds: tuple[int, ...]) -> RpcRequest | RpcFault:
     """Check method and parameters of a sound envelope."""
     close = False
     try:
@@ -213,19 +213,19 @@ def _typed(envelope: _Envelope, fds: tuple[int, ...]) -> Request | Fault:
             _agree(params.protocol)
     except PdcdError as err:
         return _fault(envelope, err, close=close)
-    return Request(_id_of(envelope), envelope.method, params, fds)
+    return RpcRequest(_id_of(envelope), envelope.method, params, fds)
 
 
 def _fault(
     envelope: _Envelope, error: PdcdError, code: int | None = None, *, close: bool = False
-) -> Fault:
+) -> RpcFault:
     """What a sound envelope that cannot be served is; a notification gets no answer."""
     request_id = _id_of(envelope)
     line = None if request_id is None else encode_error(request_id, error, code)
-    return Fault(error, line, close)
+    return RpcFault(error, line, close)
 
 
-def _id_of(envelope: _Envelope) -> Id | None:
+def _id_of(envelope: _Envelope) -> _Id | None:
     return None if isinstance(envelope.id, UnsetType) else envelope.id
 
 
@@ -269,14 +269,14 @@ def encode_line(message: Mapping[str, object]) -> bytes:
     return line
 
 
-def encode_reply(request_id: Id, result: object) -> bytes:
+def encode_reply(request_id: _Id, result: object) -> bytes:
     """The answer to a request. Raises ProtocolError when it does not fit into a line."""
     return encode_line({"jsonrpc": "2.0", "id": request_id, "result": result})
 
 
-def encode_error(request_id: Id | None, error: PdcdError, code: int | None = None) -> bytes:
+def encode_error(request_id: _Id | None, error: PdcdError, code: int | None = None) -> bytes:
     """The answer to a request that failed; id None where the id could not be read."""
-    body = messages.error_object(error, code)
+    body = messages.make_error_object(error, code)
     return encode_line({"jsonrpc": "2.0", "id": request_id, "error": body})
 
 

@@ -19,12 +19,12 @@ from typing import TypeVar
 
 from pdcd.errors import BusyError, RequestError
 
-T = TypeVar("T")
-Alive = Callable[[], None]
+_T = TypeVar("_T")
+_Alive = Callable[[], None]
 
 LIMIT_S = 10.0
 """Time for reading all arrays of one request, in seconds."""
-EACH, ALL = 2, 8
+EACH, ALL_READERS = 2, 8
 """Threads that read for one user, and for all."""
 
 
@@ -35,7 +35,9 @@ class _Over(Exception):  # noqa: N818 - reads as the state it reports
 class Readers:
     """Runs calls in threads that may be left behind. Used from one event loop."""
 
-    def __init__(self, *, each: int = EACH, total: int = ALL, limit_s: float = LIMIT_S) -> None:
+    def __init__(
+        self, *, each: int = EACH, total: int = ALL_READERS, limit_s: float = LIMIT_S
+    ) -> None:
         self._each, self._total, self._limit_s = each, total, limit_s
         self._busy: Counter[int] = Counter()
         self._lock = threading.Lock()
@@ -43,9 +45,9 @@ class Readers:
     async def run(
         self,
         uid: int,
-        prepare: Callable[[], Callable[[Alive], T]],
+        prepare: Callable[[], Callable[[_Alive], _T]],
         room: Callable[[], bool] = lambda: True,
-    ) -> T:
+    ) -> _T:
         """What a read returns or raises, for a user.
 
         Parameters
@@ -82,11 +84,11 @@ class Readers:
             over.set()
 
     def _started(
-        self, uid: int, function: Callable[[Alive], T]
-    ) -> tuple[asyncio.Future[T], threading.Event]:
+        self, uid: int, function: Callable[[_Alive], _T]
+    ) -> tuple[asyncio.Future[_T], threading.Event]:
         """Run the function in a thread; its future, and the event that tells it to end."""
         loop = asyncio.get_running_loop()
-        done: asyncio.Future[T] = loop.create_future()
+        done: asyncio.Future[_T] = loop.create_future()
         over = threading.Event()
 
         def alive() -> None:
@@ -121,11 +123,11 @@ class Readers:
             return True
 
 
-def _result(future: asyncio.Future[T], value: T) -> None:
+def _result(future: asyncio.Future[_T], value: _T) -> None:
     if not future.done():
         future.set_result(value)
 
 
-def _failure(future: asyncio.Future[T], error: BaseException) -> None:
+def _failure(future: asyncio.Future[_T], error: BaseException) -> None:
     if not future.done():
         future.set_exception(error)

@@ -9,37 +9,37 @@ from collections.abc import Callable
 
 import msgspec
 
-from pdcd.errors import Cancelled, PdcdError, of_kind
+from pdcd.errors import Cancelled, PdcdError, make_error
 from pdcd.protocol import events
 from pdcd.protocol.events import Event
-from pdcd.protocol.messages import Shown, ShowParams, plain
+from pdcd.protocol.messages import ShowParams, ShowReply, to_wire_types
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import Preview
+from pdcd.protocol.views import PreviewView
 from pdcd.recipes.arrays import Given
-from pdcd.runs.place import Place
+from pdcd.runs.place import HeldFolder
 from pdcd.server.jobs import (
     ENDED,
     PROGRESS_INTERVAL_NS,
-    Answer,
     Coalescer,
     EngineLike,
     Job,
+    JobAnswer,
+    JobRequest,
     JobTable,
     Owner,
-    Request,
-    failed_result,
+    make_failed_result,
 )
-from pdcd.server.worker import Worker
+from pdcd.server.worker import EngineThread
 from pdcd.words import JobKind
 
 logger = logging.getLogger(__name__)
 
-PROCEED_LOOK_S = 0.1
+_PROCEED_LOOK_S = 0.1
 """Time between two looks whether a calibration that waits for somebody is to end."""
 
-Publish = Callable[[Job, Event], None]
+_Publish = Callable[[Job, Event], None]
 """Takes an event of a job, in the loop's thread."""
 
 
@@ -49,7 +49,7 @@ class Runner:
     All methods are called from the event loop. `publish` must not block.
     """
 
-    def __init__(self, engine: EngineLike, worker: Worker, publish: Publish) -> None:
+    def __init__(self, engine: EngineLike, worker: EngineThread, publish: _Publish) -> None:
         self.table = JobTable()
         self._engine = engine
         self._worker = worker
@@ -62,14 +62,14 @@ class Runner:
 
     def start(
         self,
-        request: Request,
+        request: JobRequest,
         given: Given,
         owner: Owner,
         *,
         kind: JobKind = "capture",
         detach: bool = False,
         queue: bool = False,
-        place: Place | None = None,
+        place: HeldFolder | None = None,
     ) -> Job:
         """Take a job and return at once; a show of the same user ends for it.
 
@@ -102,7 +102,7 @@ class Runner:
             raise PdcdError(f"job {name} ended without a result")
         return job.result
 
-    async def answer(self, name: str) -> Answer:
+    async def answer(self, name: str) -> JobAnswer:
         """What a plan, a show or a preview is answered with, when it is known.
 
         Raises the error that the job ended by, Cancelled among them.
@@ -113,7 +113,7 @@ class Runner:
             await answered.wait()
         if job.answer is None:
             error = {} if job.result is None else job.result.error or {}
-            raise of_kind(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+            raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
         return job.answer
 
     async def cancel(self, name: str) -> CaptureResult:
@@ -154,7 +154,7 @@ class Runner:
         if job.state in ENDED:
             return  # cancelled in the very turn in which it was admitted
         ahead = list(self.table.queue).index(job) + 1 if job in self.table.queue else 0
-        self._tell(job, time.monotonic_ns(), events.Queued(ahead=ahead))
+        self._tell(job, time.monotonic_ns(), events.JobQueued(ahead=ahead))
         if job is self.table.running and self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run(job))
 
@@ -173,7 +173,7 @@ class Runner:
             except Exception as err:
                 if not isinstance(err, PdcdError):
                     logger.exception("engine raised job=%s", current.name)
-                result = failed_result(current, err)
+                result = make_failed_result(current, err)
             following = self.table.finish(current, result)
             self._announce_end(current, result)
             current = following
@@ -184,7 +184,7 @@ class Runner:
         try:
             if not job.cancel_flag.is_set():
                 await self._worker.call(self._engine.show, shown.pattern, shown.index)
-                job.answer = Shown(shown.pattern, shown.index, job.name)
+                job.answer = ShowReply(shown.pattern, shown.index, job.name)
                 self._answered[job.name].set()
                 if shown.pattern != "black":
                     await self._let_go[job.name].wait()
@@ -200,7 +200,7 @@ class Runner:
         job: Job,
         request: CaptureRequest | CalibrateRequest,
         loop: asyncio.AbstractEventLoop,
-    ) -> tuple[CaptureResult, Answer | None]:
+    ) -> tuple[CaptureResult, JobAnswer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
         thinned = _EventsToLoop(loop, lambda t_ns, event: self._tell(job, t_ns, event))
 
@@ -208,7 +208,7 @@ class Runner:
             self._worker.beat()
             # A copy by way of JSON types: what breaks the schema shall fail here, in the engine's
             # own call.
-            event = events.read(plain(event))
+            event = events.decode_event(to_wire_types(event))
             if isinstance(event, events.Attention):
                 job.proceed_flag.clear()  # before anybody can have heard of it
             thinned.emit(event)
@@ -218,11 +218,11 @@ class Runner:
             return job.cancel_flag.is_set()
 
         def proceed(text: str) -> None:
-            while not job.proceed_flag.wait(PROCEED_LOOK_S) and not cancelled():
+            while not job.proceed_flag.wait(_PROCEED_LOOK_S) and not cancelled():
                 pass
 
         engine, owner = self._engine, job.owner.view()
-        answer: PlanSummary | Preview | None = None
+        answer: PlanSummary | PreviewView | None = None
         result = CaptureResult(job=job.name, state="done")
         try:
             if isinstance(request, CalibrateRequest):
@@ -249,8 +249,8 @@ class Runner:
         if result.state not in ENDED:
             raise PdcdError(f"the engine returned in state {result.state}")
         # By way of JSON types, so that nothing unencodable gets as far as the socket.
-        told = None if answer is None else msgspec.convert(plain(answer), type(answer))
-        return msgspec.convert(plain(result), CaptureResult), told
+        told = None if answer is None else msgspec.convert(to_wire_types(answer), type(answer))
+        return msgspec.convert(to_wire_types(result), CaptureResult), told
 
     def _cancel(self, job: Job) -> None:
         if job.name in self._let_go:
@@ -262,7 +262,7 @@ class Runner:
         logger.info("%s ended job=%s state=%s", job.kind, job.name, result.state)
         for marks in (self._answered, self._ended, self._let_go):
             marks.pop(job.name).set()
-        self._tell(job, time.monotonic_ns(), events.end_of(result))
+        self._tell(job, time.monotonic_ns(), events.make_end_event(result))
 
     def _tell(self, job: Job, t_mono_ns: int, event: Event) -> None:
         self._publish(job, job.numbered(event, t_mono_ns))

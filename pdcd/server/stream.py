@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 from pdcd.protocol.messages import MAX_FDS
 
-READ_BYTES = 65536
+_READ_BYTES = 65536
 """Most that is taken from a socket at a time."""
 
 _CONTROL_BYTES = socket.CMSG_LEN(MAX_FDS * array.array("i").itemsize)
 
 
-class Received(NamedTuple):
+class ReceivedData(NamedTuple):
     """What came at a time: `data` is empty at the end of the stream. The receiver owns `fds`;
     `lost` tells that more of them came than could be taken."""
 
@@ -37,7 +37,7 @@ class Stream:
         self.is_cut = False
         """True once nothing more shall be read or written."""
 
-    async def receive(self) -> Received:
+    async def receive(self) -> ReceivedData:
         """Wait for bytes. Raises OSError when the connection broke."""
         # A client that never stops sending must not keep the loop from all else.
         await asyncio.sleep(0)
@@ -45,13 +45,13 @@ class Stream:
             try:
                 # Not recv_fds, which drops its flags in some versions of Python.
                 data, control, flags, _ = self._sock.recvmsg(
-                    READ_BYTES, _CONTROL_BYTES, socket.MSG_CMSG_CLOEXEC
+                    _READ_BYTES, _CONTROL_BYTES, socket.MSG_CMSG_CLOEXEC
                 )
             except (BlockingIOError, InterruptedError):
                 await self._readable()
             else:
-                return Received(data, _fds_in(control), bool(flags & socket.MSG_CTRUNC))
-        return Received(b"", [], False)
+                return ReceivedData(data, _fds_in(control), bool(flags & socket.MSG_CTRUNC))
+        return ReceivedData(b"", [], False)
 
     async def send(self, line: bytes) -> None:
         """Hand a line to the kernel, when it has room. Raises OSError when the client has gone."""
@@ -71,7 +71,7 @@ class Stream:
         """
         self.cut()
         with contextlib.suppress(OSError):
-            while self._sock.recv(READ_BYTES):  # it ends: after `cut` no more can come
+            while self._sock.recv(_READ_BYTES):  # it ends: after `cut` no more can come
                 pass
         self._sock.close()
 

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import ParamSpec, TypeVar
 
-P = ParamSpec("P")
-R = TypeVar("R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
-class Worker:
+class EngineThread:
     """Runs calls one after the other in one thread of its own."""
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Worker:
         if self._probe is None or self._probe.done():
             self._probe = self._pool.submit(self.beat)
 
-    async def call(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    async def call(self, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
         """Run the call in the thread and wait for what it returns or raises."""
         return await asyncio.wrap_future(self._pool.submit(function, *args, **kwargs))
 

@@ -1,6 +1,6 @@
 """What the verdict on a run looks at: its matrices, and some pixels of its pictures and shots.
 
-All that looks at pixels looks at some `PIXELS` of them, evenly spread, and at means over cells of
+All that looks at pixels looks at some `_PIXELS` of them, evenly spread, and at means over cells of
 those. So it takes the same few hundredths of a second for a frame of any size.
 """
 
@@ -13,28 +13,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.darkroom import Decoded
-from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.transport import Sliced
+from pdcd.arrays import Bools, Floats
+from pdcd.pictures.darkroom import DecodedRun
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.transport import TransportSlice
 from pdcd.probing.deviation import Deviation
-from pdcd.probing.realised import Factors, signed_sum
-from pdcd.recipes.recipe import Extremes, Photo, Recipe, Shot
+from pdcd.probing.realised import Factors, sum_signed_factors
+from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, Shot
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.placement import Sample
+from pdcd.verdict.placement import LightSample
 from pdcd.words import NormaliseName
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-PIXELS = 2**14
+_PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
-PER_CELL = 4
+PIXELS_PER_CELL = 4
 """The same for each cell, where that is more: of those that see the field."""
 
 
 @dataclass(frozen=True)
-class Thinned:
+class PixelSample:
     """Every `step`-th pixel, down and right; `cell` (n,) of each, -1 outside the field."""
 
     step: int
@@ -42,11 +40,11 @@ class Thinned:
     cells: int
 
     @classmethod
-    def of(cls, cells: CellMap) -> Thinned:
+    def of(cls, cells: CellMap) -> PixelSample:
         """Pixels of a frame, with the cell that the centre of each lies in."""
         (rows, cols), (height, width) = cells.grid, cells.frame
         field_share = max(float(np.mean(cells.known)), 1.0 / (height * width))
-        least = max(PIXELS, PER_CELL * rows * cols / field_share)
+        least = max(_PIXELS, PIXELS_PER_CELL * rows * cols / field_share)
         step = max(1, int(np.sqrt(height * width / least)))
         x, y = np.meshgrid(np.arange(step // 2, width, step), np.arange(step // 2, height, step))
         field = cells.filled.to_field(np.stack([x, y], axis=-1) + 0.5).reshape(-1, 2)
@@ -60,15 +58,15 @@ class Thinned:
         """(h, w, C) -> (n, C)."""
         return self._flat(image[self._each, self._each])
 
-    def light(self, shot: Exposed) -> Floats:
+    def light(self, shot: ExposedShot) -> Floats:
         """(n, C), light of a shot."""
         return self._flat(shot.light_at(self._each, self._each))
 
-    def variance(self, shot: Exposed) -> Floats:
+    def variance(self, shot: ExposedShot) -> Floats:
         """(n, C), its variance."""
         return self._flat(shot.variance_at(self._each, self._each))
 
-    def blown(self, shot: Exposed) -> NDArray[np.bool_]:
+    def blown(self, shot: ExposedShot) -> NDArray[np.bool_]:
         """(n,), where it is saturated."""
         return shot.saturated[self._each, self._each].ravel()
 
@@ -110,22 +108,24 @@ class Evidence:
     """
 
     recipe: Recipe
-    photos: tuple[Photo, ...]
+    photos: tuple[RecipePhoto, ...]
     names: tuple[str, ...]
     planned: Mapping[str, Shot]
-    shots: Mapping[str, Exposed]
-    panels: Mapping[str, Exposed]
-    pictures: Mapping[str, Barred]
-    answer: Barred
-    transport: Sliced | None
+    shots: Mapping[str, ExposedShot]
+    panels: Mapping[str, ExposedShot]
+    pictures: Mapping[str, PictureWithErrors]
+    answer: PictureWithErrors
+    transport: TransportSlice | None
     deviations: Mapping[str, Deviation]
     apart: Mapping[str, float]
-    takes_out: Callable[[Photo, NormaliseName], bool]
-    thin: Thinned
+    takes_out: Callable[[RecipePhoto, NormaliseName], bool]
+    thin: PixelSample
     field: Bools
 
     @classmethod
-    def of(cls, decoded: Decoded, cells: CellMap, deviations: Mapping[str, Deviation]) -> Evidence:
+    def of(
+        cls, decoded: DecodedRun, cells: CellMap, deviations: Mapping[str, Deviation]
+    ) -> Evidence:
         """That of a run that was decoded; `cells` is the map of its frame."""
         recipe = decoded.recipe
         rule = recipe.answer
@@ -144,7 +144,7 @@ class Evidence:
             deviations=deviations,
             apart={photo.name: decoded.apart_in(photo) for photo in photos},
             takes_out=decoded.takes_out,
-            thin=Thinned.of(cells),
+            thin=PixelSample.of(cells),
             field=cells.known,
         )
 
@@ -152,17 +152,17 @@ class Evidence:
         """Values of a picture (h, w, C) at the pixels of the field that are looked at, (n, C)."""
         return self.thin.inside(self.thin.pick(image))
 
-    def sample(self, terms: Iterable[tuple[float, str]]) -> Sample:
+    def sample(self, terms: Iterable[tuple[float, str]]) -> LightSample:
         """A signed sum of shots, by the means of its cells."""
         thin = self.thin
         shots = [(sign, self.shots[name]) for sign, name in terms]
         grey = sum((s * thin.light(e).mean(axis=1) for s, e in shots), np.zeros(len(thin.cell)))
         blown = np.logical_or.reduce([thin.blown(e) for _, e in shots])
-        realised: Factors = signed_sum((sign, shot.realised) for sign, shot in shots)
-        return Sample(thin.mean(grey, blown), realised)
+        realised: Factors = sum_signed_factors((sign, shot.realised) for sign, shot in shots)
+        return LightSample(thin.mean(grey, blown), realised)
 
 
-def _shots_of(photos: Iterable[Photo], decoded: Decoded) -> Iterator[str]:
+def _shots_of(photos: Iterable[RecipePhoto], decoded: DecodedRun) -> Iterator[str]:
     for photo in photos:
         for _, name in photo.shots:
             if name in decoded.shots:

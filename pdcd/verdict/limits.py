@@ -10,7 +10,7 @@ from pdcd.protocol.result import Quality
 
 
 @dataclass(frozen=True)
-class Limits:
+class VerdictLimits:
     """From which figure on a photo is doubtful, or bad. Shares are of 1."""
 
     saturated: tuple[float, float] = (0.002, 0.05)
@@ -81,7 +81,7 @@ class Limits:
     sums over many paths are not."""
 
 
-LIMITS = Limits()
+LIMITS = VerdictLimits()
 
 
 class Grade(IntEnum):
@@ -93,14 +93,14 @@ class Grade(IntEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class VerdictFinding:
     """One plain sentence with its figure, its limit and what to do."""
 
     grade: Grade
     text: str
 
 
-def verdict(findings: Iterable[Finding]) -> Quality:
+def combine_findings(findings: Iterable[VerdictFinding]) -> Quality:
     """The worst finding decides; reasons come worst first, remarks apart."""
     listed = sorted(findings, key=lambda f: -f.grade)
     worst = max((f.grade for f in listed), default=Grade.REMARK)
@@ -111,6 +111,6 @@ def verdict(findings: Iterable[Finding]) -> Quality:
     )
 
 
-def graded(value: float, limits: tuple[float, float]) -> Grade:
+def choose_grade(value: float, limits: tuple[float, float]) -> Grade:
     """REMARK below the first limit, DOUBTFUL from it on, BAD from the second on."""
     return Grade(int(value >= limits[0]) + int(value >= limits[1]))

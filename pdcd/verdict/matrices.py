@@ -8,20 +8,21 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from pdcd.pictures.weights import Shown, divided_by_row, realised_photo
-from pdcd.probing.convolved import SameRow
+from pdcd.arrays import Indices
+from pdcd.pictures.weights import RealisedShot, is_divided_by_row, sum_realised_matrices
+from pdcd.probing.convolved import SameRowPart
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
-from pdcd.probing.wanted import Full, Grid, Indices, Match, Part, Wanted
-from pdcd.recipes.recipe import Photo
+from pdcd.probing.wanted import FullPart, Grid, MatchPart, MatrixPart, WantedMatrix
+from pdcd.recipes.recipe import RecipePhoto
 from pdcd.runs.record import ShotRecord
 from pdcd.words import NormaliseName
 
-TOGETHER = 1
+_TOGETHER = 1
 """Cells by which the partners of neighbours may lie nearer or further apart than these."""
 
 
-def torn_share(photos: Iterable[Photo], shots: Sequence[ShotRecord]) -> float:
+def warp_tear_share(photos: Iterable[RecipePhoto], shots: Sequence[ShotRecord]) -> float:
     """Largest share of cells, of these photos, that share windows with others which are matched
     elsewhere; 0 where all their `shots` were shown through whole windows. Photos that keep other
     light, too, lose little.
@@ -35,14 +36,14 @@ def torn_share(photos: Iterable[Photo], shots: Sequence[ShotRecord]) -> float:
     share = 0.0
     for photo in photos:
         wanted = photo.wanted
-        alone = all(isinstance(part, Match) for _, part in wanted.parts)
+        alone = all(isinstance(part, MatchPart) for _, part in wanted.parts)
         parted = any(windows.get(name, "whole") != "whole" for _, name in photo.shots)
         if alone and parted and wanted.matched is not None:
-            share = max(share, torn(wanted.matched, wanted.grid))
+            share = max(share, count_torn_cells(wanted.matched, wanted.grid))
     return share
 
 
-def torn(partner: Indices, grid: Grid) -> float:
+def count_torn_cells(partner: Indices, grid: Grid) -> float:
     """Share of the cells with a partner, (N,), that touch one whose partner lies elsewhere."""
     rows, cols = grid
     there = (partner >= 0).reshape(grid)
@@ -51,27 +52,27 @@ def torn(partner: Indices, grid: Grid) -> float:
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         here = slice(0, rows - down), slice(max(0, -right), cols - max(0, right))
         next_ = slice(down, rows), slice(max(0, right), cols + min(0, right))
-        differ = np.abs(moved[:, *here] - moved[:, *next_]).max(axis=0, initial=0) > TOGETHER
+        differ = np.abs(moved[:, *here] - moved[:, *next_]).max(axis=0, initial=0) > _TOGETHER
         differ &= there[here] & there[next_]
         apart[here] |= differ
         apart[next_] |= differ
     return float(np.count_nonzero(apart & there)) / max(int(there.sum()), 1)
 
 
-def blocked_parts(wanted: Wanted) -> list[Part]:
+def list_blocked_parts(wanted: WantedMatrix) -> list[MatrixPart]:
     """The paths that a photo is to block: of matched cells, or of rows. Direct light of an off-axis
     bench takes one of these, and nobody knows which."""
-    return [p for w, p in wanted.parts if w < 0.0 and isinstance(p, Match | SameRow)]
+    return [p for w, p in wanted.parts if w < 0.0 and isinstance(p, MatchPart | SameRowPart)]
 
 
-def blocked_weight(realised: Factors, wanted: Wanted, weight_s: float) -> float:
-    """Mean weight in a photo of its `blocked_parts`, 0 where it has none.
+def compute_blocked_weight(realised: Factors, wanted: WantedMatrix, weight_s: float) -> float:
+    """Mean weight in a photo of its `list_blocked_parts`, 0 where it has none.
 
     weight_s : of a path with a wanted weight of 1, in seconds.
     """
     own = np.arange(wanted.cells)
     got = paths = 0.0
-    for part in blocked_parts(wanted):
+    for part in list_blocked_parts(wanted):
         diagonal = part.entries(own)
         through = np.einsum("rn,rn->n", realised.left, part.others(realised.right))
         got += float(np.sum(through + diagonal * realised.coaxial))
@@ -79,8 +80,8 @@ def blocked_weight(realised: Factors, wanted: Wanted, weight_s: float) -> float:
     return got / (paths * weight_s) if paths else 0.0
 
 
-def direct_weights(
-    photos: Sequence[Photo], panels: Mapping[str, Shown], normalise: NormaliseName
+def compute_direct_weight_errors(
+    photos: Sequence[RecipePhoto], panels: Mapping[str, RealisedShot], normalise: NormaliseName
 ) -> dict[str, float]:
     """Of photos that direct light alone scales, by one number for all cells, of those that keep a
     share of it beside other matched cells, and of an answer that is one photo of any weights: how
@@ -91,7 +92,7 @@ def direct_weights(
         power = float(np.mean(wanted**2))
         scaled = photo.wanted.by_direct and not photo.wanted.by_light
         alone = not photo.wanted.others(np.ones((1, wanted.size))).any()
-        full = [w * part.matrix for w, part in photo.wanted.parts if isinstance(part, Full)]
+        full = [w * part.matrix for w, part in photo.wanted.parts if isinstance(part, FullPart)]
         if full and len(photos) == 1:  # where hardly any direct light is wanted, what else is
             power, scaled = max(power, float(np.mean(full[0] ** 2))), power > 0.0
         elsewhere = photo.wanted.matched is not None
@@ -99,9 +100,9 @@ def direct_weights(
         counts = np.mean(wanted > 0.0) > 0.5 if elsewhere else scaled or alone
         if not counts or not power > 0.0:
             continue
-        if divided_by_row(photo, panels, normalise):
+        if is_divided_by_row(photo, panels, normalise):
             continue
-        realised = realised_photo(photo.shots, panels)
+        realised = sum_realised_matrices(photo.shots, panels)
         off = realised.coaxial / weight_s(realised, photo.wanted) - wanted
         found[photo.name] = float(np.sqrt(np.mean(off**2) / power))
     return found

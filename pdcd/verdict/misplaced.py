@@ -5,34 +5,38 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
-from pdcd.pictures.misplaced import Lie, Lost, cell_px, direct_lost, known_px, lie_of
-from pdcd.printable import percent
+from pdcd.pictures.misplaced import (
+    LostDirectLight,
+    Misplacement,
+    estimate_lost_direct,
+    known_shift_px,
+    mean_cell_px,
+    measure_misplacement,
+)
+from pdcd.printable import to_percent
 from pdcd.runs.record import PanelLook, RunRecord
-from pdcd.verdict.limits import LIMITS, Finding, Grade, Limits, graded
+from pdcd.verdict.limits import LIMITS, Grade, VerdictFinding, VerdictLimits, choose_grade
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-CALIBRATE = "run pdcd calibrate geometry"
-FLIPS = {
+_CALIBRATE = "run pdcd calibrate geometry"
+_FLIPS = {
     "horizontal": "mirrored left to right",
     "vertical": "mirrored top to bottom",
     "both": "turned by 180 degrees",
 }
-LEAST_DEG, LEAST_SCALE = 0.05, 0.002
+_LEAST_DEG, _LEAST_SCALE = 0.05, 0.002
 """Turn and change of size from which they are told."""
 HOPELESS = 0.5
 """Direct light that goes through wrong cells from which photos do not tell how much there is."""
-HARDLY = 0.05
+_HARDLY = 0.05
 """Share of direct light in a scene that is hardly any."""
 
 
-def unseen(look: PanelLook, *, measured: bool) -> Iterator[Finding]:
+def judge_unseen_panels(look: PanelLook, *, measured: bool) -> Iterator[VerdictFinding]:
     """Panels of which no photos tell where they lie. measured : whether a calibration does: where
     nobody could look, its word is taken. Too few quads are a remark: only toys have so few."""
     if look.mask is not None:
@@ -42,34 +46,34 @@ def unseen(look: PanelLook, *, measured: bool) -> Iterator[Finding]:
             return
         text = (
             f"nobody looked whether panels and camera lie where they are believed to: {look.why}; "
-            f"{CALIBRATE}"
+            f"{_CALIBRATE}"
         )
         if look.why == TOO_FEW:
-            yield Finding(Grade.REMARK, text)
+            yield VerdictFinding(Grade.REMARK, text)
             return
     elif look.mask_seen:
         text = (
             "nobody knows whether both panels lie alike: blocks on the projector are not seen in "
             "the scene, which has hardly any direct light, or the projector is out of focus or "
-            f"lies elsewhere; look at a plain card, or {CALIBRATE}"
+            f"lies elsewhere; look at a plain card, or {_CALIBRATE}"
         )
     else:
         text = (
             "nobody knows where the mask lies: blocks on it are not seen by the camera; look at "
-            f"its picture, its polarisers and the camera's focus, and {CALIBRATE}"
+            f"its picture, its polarisers and the camera's focus, and {_CALIBRATE}"
         )
-    yield Finding(Grade.DOUBTFUL, text)
+    yield VerdictFinding(Grade.DOUBTFUL, text)
 
 
-def mask_elsewhere(
+def judge_mask_place(
     look: PanelLook,
     mask: PanelConfig,
     size_px: tuple[int, int],
-    lost: Lost,
+    lost: LostDirectLight,
     share: float,
     side_px: float,
-    limits: Limits = LIMITS,
-) -> Iterator[Finding]:
+    limits: VerdictLimits = LIMITS,
+) -> Iterator[VerdictFinding]:
     """The mask's picture against the projector's.
 
     size_px : (width, height) of the field in projector pixels. share : RMS of that over the RMS of
@@ -78,27 +82,27 @@ def mask_elsewhere(
     """
     if look.mask is None:
         return
-    lie = lie_of(look.mask, size_px, known_px(mask))
-    grade = graded(share, limits.misplaced)
+    lie = measure_misplacement(look.mask, size_px, known_shift_px(mask))
+    grade = choose_grade(share, limits.misplaced)
     if lie.median_px >= 0.25 * side_px:
         grade = max(grade, Grade.DOUBTFUL)
-    if lie.flip != "none" or (lost.mean >= HOPELESS and look.direct > HARDLY):
+    if lie.flip != "none" or (lost.mean >= HOPELESS and look.direct > _HARDLY):
         grade = Grade.BAD
     if not grade:
         return
-    what = "all" if lie.flip != "none" else percent(lost.mean)
-    yield Finding(
+    what = "all" if lie.flip != "none" else to_percent(lost.mean)
+    yield VerdictFinding(
         grade,
         f"the mask's picture {_lies(lie)} [mask.place] says: {what} of the direct light goes "
-        f"through wrong cells, {percent(share)} of the answer (limit "
-        f"{percent(limits.misplaced[0])}), and a quarter of a cell is {0.25 * side_px:.3g} px; "
+        f"through wrong cells, {to_percent(share)} of the answer (limit "
+        f"{to_percent(limits.misplaced[0])}), and a quarter of a cell is {0.25 * side_px:.3g} px; "
         f"{_mend('mask', mask.place, lie)}",
     )
 
 
-def beside(
-    beside_mask: Bools, field: Bools, image: Floats, step: int, limits: Limits = LIMITS
-) -> Iterator[Finding]:
+def judge_field_beside_mask(
+    beside_mask: Bools, field: Bools, image: Floats, step: int, limits: VerdictLimits = LIMITS
+) -> Iterator[VerdictFinding]:
     """A part of the field that lies beside the mask's picture, from where no light comes.
 
     beside_mask, field : (h, w). image : the answer, (h, w, C). step : every so many quads are
@@ -119,24 +123,24 @@ def beside(
         if whole > 0.0:
             share = float(np.sqrt(np.nansum(square[tuple(near)][lost]) / whole))
     part = float(np.count_nonzero(beside_mask & field)) / max(int(np.count_nonzero(field)), 1)
-    yield Finding(
+    yield VerdictFinding(
         Grade.DOUBTFUL if share >= limits.beyond else Grade.REMARK,
-        f"{percent(part)} of the field lies beside the mask's picture, and nothing is known there: "
-        f"were it as bright as next to it, {percent(share)} of the answer would be missing (limit "
-        f"{percent(limits.beyond)}); {CALIBRATE}, or move the mask",
+        f"{to_percent(part)} of the field lies beside the mask's picture, and nothing is known "
+        f"there: were it as bright as next to it, {to_percent(share)} of the answer would be "
+        f"missing (limit {to_percent(limits.beyond)}); {_CALIBRATE}, or move the mask",
     )
 
 
-def camera_elsewhere(
+def judge_camera_place(
     look: PanelLook, place: Placing, size_px: tuple[int, int], side_px: float
-) -> Iterator[Finding]:
+) -> Iterator[VerdictFinding]:
     """What the camera sees against where it is believed to look; cells have sides of `side_px`."""
     if look.camera is None:
         return
-    lie = lie_of(look.camera, size_px)
+    lie = measure_misplacement(look.camera, size_px)
     if lie.flip == "none" and lie.median_px < 0.5 * side_px:
         return
-    yield Finding(
+    yield VerdictFinding(
         Grade.DOUBTFUL,
         f"what the camera sees {_lies(lie)} [camera.place] says, and half a cell is "
         f"{0.5 * side_px:.3g} px: quads count as seeing other cells than they do; "
@@ -144,14 +148,14 @@ def camera_elsewhere(
     )
 
 
-def _lies(lie: Lie) -> str:
+def _lies(lie: Misplacement) -> str:
     """Words that end in "where"."""
     right, down = lie.offset_px
-    parts = [FLIPS[lie.flip]] if lie.flip != "none" else []
-    if abs(lie.turn_deg) >= LEAST_DEG:
+    parts = [_FLIPS[lie.flip]] if lie.flip != "none" else []
+    if abs(lie.turn_deg) >= _LEAST_DEG:
         way = "clockwise" if lie.turn_deg > 0.0 else "anticlockwise"
         parts.append(f"turned {way} by {abs(lie.turn_deg):.2g} degrees")
-    if abs(lie.scale - 1.0) >= LEAST_SCALE:
+    if abs(lie.scale - 1.0) >= _LEAST_SCALE:
         parts.append(f"{lie.scale:.3f} times as large")
     across = f"{abs(right):.1f} px {'right' if right >= 0.0 else 'left'}"
     along = f"{abs(down):.1f} px {'down' if down >= 0.0 else 'up'}"
@@ -162,18 +166,18 @@ def _lies(lie: Lie) -> str:
     )
 
 
-def _mend(device: str, place: Placing, lie: Lie) -> str:
+def _mend(device: str, place: Placing, lie: Misplacement) -> str:
     """One thing to do, and what else does where places are given by hand."""
     if place.map is not None or place.homography is not None:
-        return CALIBRATE
+        return _CALIBRATE
     right, down = lie.offset_px
     keys = []
     if lie.flip == "none":
         before = place.offset_px
         keys.append(f"offset_px = [{before[0] + right:.1f}, {before[1] + down:.1f}]")
-        if abs(lie.turn_deg) >= LEAST_DEG:
+        if abs(lie.turn_deg) >= _LEAST_DEG:
             keys.append(f"turn_deg = {place.turn_deg + lie.turn_deg:.2f}")
-        if abs(lie.scale - 1.0) >= LEAST_SCALE:
+        if abs(lie.scale - 1.0) >= _LEAST_SCALE:
             keys.append(f"scale = {place.scale * lie.scale:.3f}")
     elif place.flip == "none":
         if lie.flip == "both":
@@ -182,29 +186,29 @@ def _mend(device: str, place: Placing, lie: Lie) -> str:
             keys.append(f'flip = "{lie.flip}"')
     else:
         keys.append("flip")
-    return f"{CALIBRATE}, or set {', '.join(keys)} in [{device}.place]"
+    return f"{_CALIBRATE}, or set {', '.join(keys)} in [{device}.place]"
 
 
-def is_measured(record: RunRecord) -> bool:
+def is_place_measured(record: RunRecord) -> bool:
     """Whether a calibration has measured where mask and camera lie."""
     return record.mask.place.map is not None and record.camera_place.map is not None
 
 
-def told(record: RunRecord, window: str) -> list[str]:
+def list_placement_warnings(record: RunRecord, window: str) -> list[str]:
     """What a user is to hear at once, before the other photos are taken; a share of the answer is
     not known yet, and is that of a scene with as much light of either kind as the blocks show."""
-    look, found = record.panels, list[Finding]()
+    look, found = record.panels, list[VerdictFinding]()
     if look is None:
         return []
-    size_px, lost = record.projector.field_size_px, direct_lost(record, window)
-    share = share_of(look.direct, lost.rms)
-    found += unseen(look, measured=is_measured(record))
-    found += mask_elsewhere(look, record.mask, size_px, lost, share, cell_px(record))
-    found += camera_elsewhere(look, record.camera_place, size_px, cell_px(record))
+    size_px, lost = record.projector.field_size_px, estimate_lost_direct(record, window)
+    share = predict_indirect_error(look.direct, lost.rms)
+    found += judge_unseen_panels(look, measured=is_place_measured(record))
+    found += judge_mask_place(look, record.mask, size_px, lost, share, mean_cell_px(record))
+    found += judge_camera_place(look, record.camera_place, size_px, mean_cell_px(record))
     return [finding.text for finding in found]
 
 
-def share_of(direct: float, lost: float) -> float:
+def predict_indirect_error(direct: float, lost: float) -> float:
     """Error of indirect light by direct light that was lost to it, in a scene with such a share of
     direct light."""
-    return lost * direct / max(1.0 - direct + lost * direct, HARDLY)
+    return lost * direct / max(1.0 - direct + lost * direct, _HARDLY)

@@ -20,32 +20,28 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats, Indices
 from pdcd.probing.realised import Factors
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-
-LIT = 0.1
+_LIT = 0.1
 """Share of the bright cells' light below which a cell tells nothing."""
-APART = 0.2
+_APART = 0.2
 """Least difference of two photos in the share of direct light that they keep, over that share."""
 PRODUCTS = 2**18
 """Products of factors that one fingerprint may take; of more, cells around the centre are left."""
-SIDE = 3
+_SIDE = 3
 """Side in cells of the square whose mean is taken off, so that fine detail remains."""
-WIDE = 5
+_WIDE = 5
 """Side in cells of the square over which chance is averaged."""
-FLAT = 0.01
+_FLAT = 0.01
 """Spread of a fingerprint over its mean below which it cannot be told from the light itself."""
-FEWEST = 64
+_FEWEST = 64
 """Cells without which nothing is said: chance looks like a pattern in a few."""
 
 
 @dataclass(frozen=True)
-class Sample:
+class LightSample:
     """Light of an exposure, or of several that were added, and what the panels did to it.
 
     light : (N,) grey, mean over each cell; NaN where no pixel sees the cell.
@@ -58,7 +54,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Fit:
+class PlacementFit:
     """How well photos fit a panel that lies in another way: the share of light that follows its
     codes (1: all; -1: all, by the inverse codes), and that over what chance makes of it."""
 
@@ -67,7 +63,7 @@ class Fit:
     over_chance: float
 
 
-def symmetries(grid: tuple[int, int]) -> dict[str, Indices]:
+def list_panel_symmetries(grid: tuple[int, int]) -> dict[str, Indices]:
     """The ways in which a panel may lie wrongly and still cover the field: the cell that is shown
     in the place of each, (N,). Quarter turns only where the grid is square."""
     cells = np.arange(grid[0] * grid[1]).reshape(grid)
@@ -86,7 +82,7 @@ def symmetries(grid: tuple[int, int]) -> dict[str, Indices]:
     return {name: np.ascontiguousarray(way.ravel()) for name, way in ways.items()}
 
 
-def direct_shares(samples: Sequence[Sample], grid: tuple[int, int]) -> Floats:
+def estimate_direct_shares(samples: Sequence[LightSample], grid: tuple[int, int]) -> Floats:
     """Share of direct light in all light, around every cell that is lit, (M,); M is 0 where the
     photos do not tell it.
 
@@ -101,34 +97,34 @@ def direct_shares(samples: Sequence[Sample], grid: tuple[int, int]) -> Floats:
     dd, oo = np.sum(direct**2, axis=0), np.sum(other**2, axis=0)
     do = np.sum(direct * other, axis=0)
     apart = dd * oo - do**2
-    known = (apart > APART**2 * dd * oo) & np.isfinite(light).all(axis=0)
-    if known.sum() < FEWEST:
+    known = (apart > _APART**2 * dd * oo) & np.isfinite(light).all(axis=0)
+    if known.sum() < _FEWEST:
         return np.zeros(0)
     safe = np.where(known, apart, 1.0)
     light = np.where(known, light, 0.0)
     dl, ol = np.sum(direct * light, axis=0), np.sum(other * light, axis=0)
     own, rest = (oo * dl - do * ol) / safe, (dd * ol - do * dl) / safe
     # The codes' errors change from cell to cell: around a cell they cancel.
-    around = [_low(np.where(known, part, 0.0).reshape(grid), WIDE) for part in (own, own + rest)]
+    around = [_low(np.where(known, part, 0.0).reshape(grid), _WIDE) for part in (own, own + rest)]
     total = around[1].ravel()
-    lit = known & (total > LIT * np.percentile(total[known], 90.0)) & (total > 0.0)
+    lit = known & (total > _LIT * np.percentile(total[known], 90.0)) & (total > 0.0)
     shares: Floats = around[0].ravel()[lit] / total[lit]
-    return shares if shares.size >= FEWEST else np.zeros(0)
+    return shares if shares.size >= _FEWEST else np.zeros(0)
 
 
-def fingerprints(sample: Sample, grid: tuple[int, int]) -> Iterator[Fit]:
+def fit_fingerprints(sample: LightSample, grid: tuple[int, int]) -> Iterator[PlacementFit]:
     """How the fine detail of one photo fits panels that are mirrored or turned; (N,) cells on
     `grid`. Nothing where its codes or its light do not tell."""
     block = _block(grid, len(sample.realised.left))
     cells = np.arange(grid[0] * grid[1]).reshape(grid)[block]
     here = cells.ravel()
     seen = _detail(sample.light, sample.reference, grid)
-    if here.size < FEWEST or seen is None:
+    if here.size < _FEWEST or seen is None:
         return
     light, lit = seen[0][block], seen[1][block]
     realised, opened = sample.realised, _other(sample.realised)
     level = float(opened[here].mean())
-    if lit.sum() < FEWEST or not level > 0.0:
+    if lit.sum() < _FEWEST or not level > 0.0:
         return
 
     def fine(weights: Floats) -> Floats:
@@ -137,7 +133,7 @@ def fingerprints(sample: Sample, grid: tuple[int, int]) -> Iterator[Fit]:
     # What is there also where panels lie as believed: codes that open cells unequally, or keep
     # direct light of some.
     base = [fine(realised.coaxial[here]), fine(opened[here])]
-    for name, way in symmetries(grid).items():
+    for name, way in list_panel_symmetries(grid).items():
         there = way[here]
         for mask, projector in ((here, there), (there, here)):
             shown = _products(realised, mask, projector)
@@ -145,7 +141,9 @@ def fingerprints(sample: Sample, grid: tuple[int, int]) -> Iterator[Fit]:
             yield from _fit(name, light[lit], fine(shown), moved)
 
 
-def stack_fingerprints(samples: Sequence[Sample], grid: tuple[int, int]) -> Iterator[Fit]:
+def fit_stack_fingerprints(
+    samples: Sequence[LightSample], grid: tuple[int, int]
+) -> Iterator[PlacementFit]:
     """The same for photos of one code each through an open mask: from photo to photo, a cell is
     bright when its own projector cell is. "as believed" comes first."""
     if len(samples) < 2:
@@ -153,15 +151,15 @@ def stack_fingerprints(samples: Sequence[Sample], grid: tuple[int, int]) -> Iter
     light = np.stack([s.light for s in samples])
     mean = light.mean(axis=0)
     known = np.isfinite(mean)
-    if known.sum() < FEWEST:
+    if known.sum() < _FEWEST:
         return
-    lit = known & (mean > LIT * np.percentile(mean[known], 90.0)) & (mean > 0.0)
-    if lit.sum() < FEWEST:
+    lit = known & (mean > _LIT * np.percentile(mean[known], 90.0)) & (mean > 0.0)
+    if lit.sum() < _FEWEST:
         return
     seen = (light[:, lit] / mean[lit] - 1.0).ravel()
     same = np.arange(grid[0] * grid[1])
     base = np.zeros((seen.size, 0))
-    for name, way in {"as believed": same, **symmetries(grid)}.items():
+    for name, way in {"as believed": same, **list_panel_symmetries(grid)}.items():
         codes = np.stack([_products(s.realised, same, way) for s in samples])[:, lit]
         level = codes.mean(axis=0)
         if not level.min() > 0.0:
@@ -205,14 +203,14 @@ def _detail(
     lit = np.isfinite(image)
     image = np.where(lit, image, 0.0)
     if reference is None:
-        below = _low(np.maximum(image, 0.0), WIDE)
+        below = _low(np.maximum(image, 0.0), _WIDE)
     else:
         below = reference.reshape(grid)
         lit &= np.isfinite(below)
         below = np.where(lit, below, 0.0)
     if not lit.any():
         return None
-    least = LIT * float(np.percentile(below[lit], 90.0))
+    least = _LIT * float(np.percentile(below[lit], 90.0))
     if not least > 0.0:
         return None
     lit &= below > least
@@ -224,7 +222,7 @@ def _detail(
 
 
 def _high(image: Floats) -> Floats:
-    return image - _low(image, SIDE)
+    return image - _low(image, _SIDE)
 
 
 def _low(image: Floats, side: int) -> Floats:
@@ -232,14 +230,14 @@ def _low(image: Floats, side: int) -> Floats:
     return smooth
 
 
-def _fit(name: str, seen: Floats, shown: Floats, base: Floats) -> Iterator[Fit]:
+def _fit(name: str, seen: Floats, shown: Floats, base: Floats) -> Iterator[PlacementFit]:
     """Least-squares share of `shown` in `seen`, (M,) each, beside what `base` (M, B) explains."""
     if base.size:
         both = np.stack([seen, shown], axis=1)
         seen, shown = (both - base @ np.linalg.lstsq(base, both, rcond=None)[0]).T
     power, light = float(shown @ shown), float(seen @ seen)
-    if power <= FLAT**2 * seen.size or not light > 0.0:
+    if power <= _FLAT**2 * seen.size or not light > 0.0:
         return
     inner = float(seen @ shown)
     chance = np.sqrt(light * power / seen.size)
-    yield Fit(name, inner / power, inner / float(chance))
+    yield PlacementFit(name, inner / power, inner / float(chance))

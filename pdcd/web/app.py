@@ -19,33 +19,33 @@ from pdcd.protocol.fields import FieldError, convert_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.web.asks import ENGINE_S, WAIT_S, Asks, Turns
-from pdcd.web.door import REQUEST_S, Door, Places, Refused
-from pdcd.web.news import News, TooMany
-from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, form_groups, page_files
-from pdcd.web.shelf import Shelf
+from pdcd.web.asks import ENGINE_S, WAIT_S, DaemonQueries, Turns
+from pdcd.web.door import REQUEST_S, BrowserAuth, Refusal, VisitorPlaces
+from pdcd.web.news import News, TooManyPagesError
+from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, list_form_groups, read_page_files
+from pdcd.web.shelf import RunShelf
 
 logger = logging.getLogger(__name__)
 
-MOST_BYTES = MAX_LINE - 4096
+MOST_BODY_BYTES = MAX_LINE - 4096
 """Longest body that asks for a photo: it still fits into a line to the daemon."""
 SMALL_BYTES = 4096
 """Longest body of all others."""
 LONG_S = ENGINE_S + INTAKE_TIMEOUT_S + WAIT_S
 """How long a request may take that waits for the rig."""
-WRITE_S = 10.0
+_WRITE_S = 10.0
 """How long a page may take to read what it is sent, in seconds."""
-DISK_AT_A_TIME = 4
+_DISK_AT_A_TIME = 4
 """Threads that read the disk."""
 
-STATUS: Mapping[str, int] = {"request": 400, "config": 400, "denied": 403, "busy": 409}
+_STATUS: Mapping[str, int] = {"request": 400, "config": 400, "denied": 403, "busy": 409}
 """Status of HTTP by kind of error; 500 for all others."""
 
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 @dataclass(frozen=True)
-class Wants:
+class _Wants:
     """What a POST asks of the daemon: method, parameters, and how long the answer may take."""
 
     params: type[msgspec.Struct]
@@ -54,36 +54,43 @@ class Wants:
     most_bytes: int = SMALL_BYTES
 
 
-WANTS: Mapping[str, Wants] = {
-    "plan": Wants(CaptureRequest, "capture.plan", ENGINE_S, MOST_BYTES),
-    "capture": Wants(CaptureRequest, "capture.start", INTAKE_TIMEOUT_S, MOST_BYTES),
-    "calibrate": Wants(CalibrateRequest, "calibrate.start", INTAKE_TIMEOUT_S),
-    "proceed": Wants(JobParams, "calibrate.proceed", INTAKE_TIMEOUT_S),
-    "cancel": Wants(JobParams, "capture.cancel", ENGINE_S),
-    "look": Wants(NoParams, "preview.grab", ENGINE_S),
+WANTS: Mapping[str, _Wants] = {
+    "plan": _Wants(CaptureRequest, "capture.plan", ENGINE_S, MOST_BODY_BYTES),
+    "capture": _Wants(CaptureRequest, "capture.start", INTAKE_TIMEOUT_S, MOST_BODY_BYTES),
+    "calibrate": _Wants(CalibrateRequest, "calibrate.start", INTAKE_TIMEOUT_S),
+    "proceed": _Wants(JobParams, "calibrate.proceed", INTAKE_TIMEOUT_S),
+    "cancel": _Wants(JobParams, "capture.cancel", ENGINE_S),
+    "look": _Wants(NoParams, "preview.grab", ENGINE_S),
 }
 """All that a page can have done, by the last part of the address."""
-DETACHED = ("capture", "calibrate")
+_DETACHED = ("capture", "calibrate")
 """Jobs that go on when the page is closed, or this server ends: the page can end them."""
 
 
 class Site:
     """The addresses of one server."""
 
-    def __init__(self, door: Door, places: Places, asks: Asks, news: News, shelf: Shelf) -> None:
+    def __init__(
+        self,
+        door: BrowserAuth,
+        places: VisitorPlaces,
+        asks: DaemonQueries,
+        news: News,
+        shelf: RunShelf,
+    ) -> None:
         """places : of the connections by which requests come."""
         self._places = places
         self._door = door
         self._asks = asks
         self._news = news
         self._shelf = shelf
-        self._files = page_files()
-        self._disk = Turns(DISK_AT_A_TIME, "the disk")
+        self._files = read_page_files()
+        self._disk = Turns(_DISK_AT_A_TIME, "the disk")
         self._refusals = 0
 
     def app(self) -> web.Application:
         """What the server serves."""
-        app = web.Application(middlewares=[self._keep], client_max_size=MOST_BYTES)
+        app = web.Application(middlewares=[self._keep], client_max_size=MOST_BODY_BYTES)
         for path, handler in (
             ("/", self._file),
             ("/events", self._events),
@@ -101,18 +108,18 @@ class Site:
         return app
 
     @web.middleware
-    async def _keep(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def _keep(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
         """Let in who may, and answer everybody else in one line."""
         try:
             response = await self._let_in(request, handler)
-        except Refused as no:
+        except Refusal as no:
             response = self._refused(no.status, no.why)
         except web.HTTPException as err:
             response = self._refused(err.status, err.reason)
-        except TooMany:
+        except TooManyPagesError:
             response = _error(503, "busy", "too many pages are open")
         except PdcdError as err:
-            status = STATUS.get(err.kind, 500)
+            status = _STATUS.get(err.kind, 500)
             response = _error(status, err.kind, err.message, err.device, err.hint)
         except ConnectionError as err:  # the client's Unreachable, or a browser that left
             response = _error(503, "unreachable", str(err))
@@ -135,7 +142,7 @@ class Site:
                            self._refusals, status, why)  # fmt: skip
         return _error(status, "refused", why)
 
-    async def _let_in(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def _let_in(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
         self._door.check_host(request)
         # The files of the page hold no secret, and a browser asks for them before it has the token.
         if handler not in (self._file, self._report):
@@ -146,7 +153,7 @@ class Site:
     async def _file(self, request: web.Request) -> web.StreamResponse:
         found = self._files.get(request.match_info.get("name", INDEX))
         if found is None:
-            raise Refused(404, "no such address")
+            raise Refusal(404, "no such address")
         kind, data = found
         return web.Response(body=data, content_type=kind, charset="utf-8")
 
@@ -169,7 +176,7 @@ class Site:
     async def _describe(self, request: web.Request) -> web.StreamResponse:
         """The rig, the goals, and the fields of what can be asked for."""
         told = await self._asks.ask("rig.describe", answer_s=ENGINE_S)
-        return _json({"rig": told["rig"], "goals": told["goals"], "groups": form_groups()})
+        return _json({"rig": told["rig"], "goals": told["goals"], "groups": list_form_groups()})
 
     async def _runs(self, request: web.Request) -> web.StreamResponse:
         return _json({"runs": await self._disk.do(self._shelf.runs)})
@@ -185,7 +192,7 @@ class Site:
     async def _ticket(self, request: web.Request) -> web.StreamResponse:
         job = request.match_info["job"]
         if not (await self._disk.do(self._shelf.run, job)).report:
-            raise Refused(404, "that run has no report")
+            raise Refusal(404, "that run has no report")
         return _json({"address": f"report/{job}/{self._door.ticket(job)}"})
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
@@ -206,21 +213,21 @@ class Site:
         name = request.path.rpartition("/")[2]
         wants = WANTS[name]
         if request.content_length is None:
-            raise Refused(411, "the body comes with its length")
+            raise Refusal(411, "the body comes with its length")
         if request.content_length > wants.most_bytes:
-            raise Refused(413, "the body is too long")
+            raise Refusal(413, "the body is too long")
         body = await request.read()
         try:
             asked = convert_struct(msgspec.json.decode(body), wants.params)
         except FieldError as err:
             raise RequestError(str(err)) from err
         except (ValueError, OverflowError, RecursionError) as err:
-            raise Refused(400, f"the body is not what it should be: {err}") from err
+            raise Refusal(400, f"the body is not what it should be: {err}") from err
         self._places.admit(request.transport, LONG_S)
         if isinstance(asked, JobParams) and name == "cancel":
             return _json(await self._asks.cancel(asked.job))
         params = msgspec.to_builtins(asked)
-        if name in DETACHED:
+        if name in _DETACHED:
             params["detach"] = True
         told = await self._asks.ask(wants.method, params, answer_s=wants.answer_s)
         if name == "plan":
@@ -229,7 +236,7 @@ class Site:
 
 
 async def _written(response: web.StreamResponse, data: bytes) -> None:
-    async with asyncio.timeout(WRITE_S):
+    async with asyncio.timeout(_WRITE_S):
         await response.write(data)
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from pdcd.client import Client
 from pdcd.errors import BusyError
-from pdcd.server.aside import aside
+from pdcd.server.aside import call_in_thread
 
 AT_A_TIME = 3
 """Questions at a time: the daemon has few places for the connections of one user."""
@@ -28,8 +28,8 @@ CONNECT_S = 5.0
 WAIT_S = 5.0
 """How long a call waits for its turn."""
 
-Params = Mapping[str, object]
-R = TypeVar("R")
+_Params = Mapping[str, object]
+_R = TypeVar("_R")
 
 
 class Turns:
@@ -40,7 +40,7 @@ class Turns:
         self._places = asyncio.Semaphore(places)
         self._what = what
 
-    async def do(self, function: Callable[..., R], *args: object) -> R:
+    async def do(self, function: Callable[..., _R], *args: object) -> _R:
         """What the call returns or raises. Raises BusyError where none of the places is free."""
         try:
             async with asyncio.timeout(WAIT_S):
@@ -51,7 +51,7 @@ class Turns:
             ) from err
         loop = asyncio.get_running_loop()
 
-        def held() -> R:
+        def held() -> _R:
             # Who leaves does not give the place away while the call still hangs.
             try:
                 return function(*args)
@@ -59,10 +59,10 @@ class Turns:
                 with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
                     loop.call_soon_threadsafe(self._places.release)
 
-        return await aside(held)
+        return await call_in_thread(held)
 
 
-class Asks:
+class DaemonQueries:
     """Asks the daemon on a socket; used from one event loop."""
 
     def __init__(self, socket: Path) -> None:
@@ -71,7 +71,7 @@ class Asks:
         self._kept = Turns(1, "the daemon")
 
     async def ask(
-        self, method: str, params: Params | None = None, *, answer_s: float = ANSWER_S
+        self, method: str, params: _Params | None = None, *, answer_s: float = ANSWER_S
     ) -> Any:
         """The answer, in JSON types. Raises the PdcdError that the daemon gave, BusyError where too
         much is asked at a time, and Unreachable."""
@@ -81,6 +81,6 @@ class Asks:
         """End a job; has a place kept for it, so that it need not wait for a plan."""
         return await self._kept.do(self._call, "capture.cancel", {"job": job}, ENGINE_S)
 
-    def _call(self, method: str, params: Params | None, answer_s: float) -> Any:
+    def _call(self, method: str, params: _Params | None, answer_s: float) -> Any:
         with Client(self._socket, CONNECT_S) as client:
             return client.call(method, params, timeout_s=answer_s)

@@ -22,7 +22,7 @@ REQUEST_S = 30.0
 """The same for a whole request with the token, its answer included."""
 
 
-class Refused(Exception):  # noqa: N818 - reads as the state it reports
+class Refusal(Exception):  # noqa: N818 - reads as the state it reports
     """A request that is not answered: the status of HTTP, and a word on why."""
 
     def __init__(self, status: int, why: str) -> None:
@@ -31,7 +31,7 @@ class Refused(Exception):  # noqa: N818 - reads as the state it reports
         self.why = why
 
 
-class Door:
+class BrowserAuth:
     """The rules for one server, which listens at `host` (an address of the loopback) and `port`."""
 
     def __init__(self, host: str, port: int) -> None:
@@ -47,13 +47,13 @@ class Door:
         """Refuse what means another host: a name of somebody else's that leads here. Raises
         Refused."""
         if request.headers.getall("Host", []) != [self.host]:
-            raise Refused(403, "another host is meant")
+            raise Refusal(403, "another host is meant")
 
     def check_token(self, request: web.Request) -> None:
         """Refuse who has no token. Raises Refused."""
         given = request.headers.getall("Authorization", [])
         if len(given) != 1 or not _same(given[0], f"Bearer {self._token}"):
-            raise Refused(401, "open the address that pdcd web printed")
+            raise Refusal(401, "open the address that pdcd web printed")
 
     def ticket(self, job: str) -> str:
         """What opens the report of one run without the token, as a tab of its own cannot show it.
@@ -65,14 +65,14 @@ class Door:
     def check_ticket(self, job: str, ticket: str) -> None:
         """Refuse who was not given the ticket of that run. Raises Refused."""
         if not _same(ticket, self.ticket(job)):
-            raise Refused(404, "no such address: open the report from the page")
+            raise Refusal(404, "no such address: open the report from the page")
 
 
 def _same(given: str, wanted: str) -> bool:
     return secrets.compare_digest(given.encode(errors="replace"), wanted.encode())
 
 
-class Places:
+class VisitorPlaces:
     """The connections of one server: strangers have few places and little time.
 
     A connection is a stranger until its request has shown the token. Where all places of strangers
@@ -120,10 +120,10 @@ class Places:
         )
 
 
-class Connection(web.RequestHandler):
+class VisitorConnection(web.RequestHandler):
     """A connection as the library serves it, in a place of its own."""
 
-    def __init__(self, places: Places, server: web.Server, **limits: object) -> None:
+    def __init__(self, places: VisitorPlaces, server: web.Server, **limits: object) -> None:
         super().__init__(server, loop=asyncio.get_running_loop(), **limits)  # type: ignore[arg-type]
         self._places = places
         self._place: asyncio.Transport | None = None

@@ -16,15 +16,15 @@ from typing import Any
 
 import msgspec
 
-from pdcd.api.progress import share_of, words_of
+from pdcd.api.progress import describe_event, read_share_done
 from pdcd.client import Client
 from pdcd.errors import PdcdError
-from pdcd.protocol.events import ENDS, THINNED, Event, Queued, Started, wire
-from pdcd.web.asks import CONNECT_S, Asks
+from pdcd.protocol.events import ENDS, THINNED, Event, JobQueued, JobStarted, encode_event
+from pdcd.web.asks import CONNECT_S, DaemonQueries
 
-RETRY_S = 1.0
+_RETRY_S = 1.0
 """Time between two attempts to reach the daemon, in seconds."""
-REMEMBERED = 100
+_REMEMBERED = 100
 """Events of the last job that a page is told when it opens."""
 UNREAD = 256
 """Messages that may wait for a page; then it is given up. Thinned ones only up to half of that."""
@@ -36,19 +36,19 @@ BEAT_S = 15.0
 BEAT = b": alive\n\n"
 
 
-class TooMany(Exception):  # noqa: N818 - reads as the state it reports
+class TooManyPagesError(Exception):
     """No more pages can be told news."""
 
 
 class News:
     """Collects what is new, and tells it to every page; used from one event loop."""
 
-    def __init__(self, socket: Path, asks: Asks) -> None:
+    def __init__(self, socket: Path, asks: DaemonQueries) -> None:
         self._socket = socket
         self._asks = asks
         self._loop = asyncio.get_running_loop()
         self._pages: set[asyncio.Queue[bytes | None]] = set()
-        self._events: deque[tuple[bool, dict[str, Any]]] = deque(maxlen=REMEMBERED)
+        self._events: deque[tuple[bool, dict[str, Any]]] = deque(maxlen=_REMEMBERED)
         self._here = False
         self._why = "not reached yet"
         self._visit = 0
@@ -84,7 +84,7 @@ class News:
         Raises TooMany.
         """
         if len(self._pages) >= PAGES:
-            raise TooMany
+            raise TooManyPagesError
         queue: asyncio.Queue[bytes | None] = asyncio.Queue()
         for message in (self._state(), *(event for _, event in self._events)):
             queue.put_nowait(_message(message))
@@ -134,16 +134,25 @@ class News:
 
     def _heard(self, event: Event) -> None:
         thinned = isinstance(event, THINNED)
-        done, total = share_of(event) or (None, 0.0)
+        done, total = read_share_done(event) or (None, 0.0)
         share = None if done is None or not total else done / total
-        message = {"what": "event", **wire(event), "words": words_of(event), "share": share}
-        if self._events and self._events[-1][1]["job"] != event.job and isinstance(event, Queued):
+        message = {
+            "what": "event",
+            **encode_event(event),
+            "words": describe_event(event),
+            "share": share,
+        }
+        if (
+            self._events
+            and self._events[-1][1]["job"] != event.job
+            and isinstance(event, JobQueued)
+        ):
             self._forget()
         if thinned and self._events and self._events[-1][0]:
             self._events.pop()
         self._events.append((thinned, message))
         self._tell(message, thinned=thinned)
-        if isinstance(event, (Queued, Started, *ENDS)):
+        if isinstance(event, (JobQueued, JobStarted, *ENDS)):
             self._look()
 
     def _forget(self) -> None:
@@ -181,7 +190,7 @@ class News:
             except (PdcdError, OSError) as err:
                 why = str(err)
             self._in_loop(self._gone, why)
-            self._ended.wait(RETRY_S)
+            self._ended.wait(_RETRY_S)
 
     def _follow(self, client: Client) -> None:
         with self._lock:

@@ -12,9 +12,9 @@ from importlib.resources import files
 from typing import Any
 
 from pdcd.protocol.about import GROUPS
-from pdcd.protocol.fields import Field, request_fields
+from pdcd.protocol.fields import Field, list_request_fields
 
-TYPES: Mapping[str, str] = {
+_TYPES: Mapping[str, str] = {
     "html": "text/html",
     "css": "text/css",
     "js": "text/javascript",
@@ -48,23 +48,23 @@ REPORTS = (
 reaches nothing. Anybody who may write into the state folder could have made it."""
 
 
-def page_files() -> dict[str, tuple[str, bytes]]:
+def read_page_files() -> dict[str, tuple[str, bytes]]:
     """Type and contents of every file of the page, by name."""
     found = {}
     for file in files("pdcd.web").joinpath("page").iterdir():
-        kind = TYPES.get(file.name.rpartition(".")[2])
+        kind = _TYPES.get(file.name.rpartition(".")[2])
         if kind is not None:
             found[file.name] = kind, file.read_bytes()
     return found
 
 
-def form_groups() -> list[dict[str, Any]]:
+def list_form_groups() -> list[dict[str, Any]]:
     """All fields but the goal, group by group: `title` and `fields`; parameters of goals first."""
     groups = []
     for name in sorted(GROUPS, key=lambda name: name != "goal"):
         fields = [
             _described(field)
-            for field in request_fields().values()
+            for field in list_request_fields().values()
             if field.about.group == name and field.name != "goal"
         ]
         if fields:

@@ -16,18 +16,18 @@ from aiohttp import web
 
 from pdcd.errors import ConfigError
 from pdcd.web.app import Site
-from pdcd.web.asks import Asks
-from pdcd.web.door import Connection, Door, Places
+from pdcd.web.asks import DaemonQueries
+from pdcd.web.door import BrowserAuth, VisitorConnection, VisitorPlaces
 from pdcd.web.news import News
-from pdcd.web.shelf import Shelf
+from pdcd.web.shelf import RunShelf
 
-BACKLOG = 64
+_BACKLOG = 64
 """Connections that wait to be accepted."""
 
 _library = logging.getLogger("pdcd.web.library")
 # It tells of every malformed request at length. Faults of ours are logged by ourselves.
 _library.disabled = True
-LIMITS: Mapping[str, object] = {
+SERVER_SETTINGS: Mapping[str, object] = {
     "access_log": None,
     "logger": _library,
     "lingering_time": 0.0,
@@ -39,7 +39,7 @@ LIMITS: Mapping[str, object] = {
 """What the library is told of each connection: sizes in bytes, and what it is kept from."""
 
 
-def bound(host: str, port: int) -> sockets.socket:
+def bind_loopback(host: str, port: int) -> sockets.socket:
     """A listening socket at an address of the loopback interface; port 0 takes a free one.
 
     Raises ConfigError for any other address, and where it cannot be had.
@@ -61,7 +61,7 @@ def bound(host: str, port: int) -> sockets.socket:
     try:
         sock.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
         sock.bind((str(address), port))
-        sock.listen(BACKLOG)
+        sock.listen(_BACKLOG)
         sock.setblocking(False)
     except (OSError, OverflowError) as err:
         sock.close()
@@ -73,21 +73,21 @@ def bound(host: str, port: int) -> sockets.socket:
 
 
 @asynccontextmanager
-async def serving(sock: sockets.socket, socket: Path, state: Path) -> AsyncIterator[Door]:
+async def serve_page(sock: sockets.socket, socket: Path, state: Path) -> AsyncIterator[BrowserAuth]:
     """Serve the page on a listening socket for as long as the context lasts.
 
     socket : the daemon's. state : its state folder, for the list of runs. The door that is given
     knows the address to be opened.
     """
     host, port = sock.getsockname()[:2]
-    door, places, asks = Door(host, port), Places(), Asks(socket)
+    door, places, asks = BrowserAuth(host, port), VisitorPlaces(), DaemonQueries(socket)
     news = News(socket, asks)
-    site = Site(door, places, asks, news, Shelf(state))
+    site = Site(door, places, asks, news, RunShelf(state))
     runner = web.AppRunner(site.app(), handle_signals=False, handler_cancellation=True)
     await runner.setup()
     if runner.server is None:
         raise RuntimeError("a runner that is set up has a server")
-    connection = partial(Connection, places, runner.server, **LIMITS)
+    connection = partial(VisitorConnection, places, runner.server, **SERVER_SETTINGS)
     server = await asyncio.get_running_loop().create_server(connection, sock=sock)
     news.start()
     try:
@@ -99,7 +99,7 @@ async def serving(sock: sockets.socket, socket: Path, state: Path) -> AsyncItera
         await runner.cleanup()
 
 
-async def run(
+async def run_page_server(
     sock: sockets.socket, socket: Path, state: Path, tell: Callable[[str], object]
 ) -> None:
     """Serve until SIGINT or SIGTERM; `tell` is given the address to be opened, once."""
@@ -107,6 +107,6 @@ async def run(
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    async with serving(sock, socket, state) as door:
+    async with serve_page(sock, socket, state) as door:
         tell(door.address)
         await stop.wait()

@@ -16,32 +16,32 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd.api.rows import error_words
-from pdcd.bench.choosing import FOLDER as CALIBRATIONS
+from pdcd.api.rows import describe_error
+from pdcd.bench.choosing import CALIBRATIONS_FOLDER as CALIBRATIONS
 from pdcd.errors import DecodeError, RequestError
-from pdcd.files.inside import read_file
+from pdcd.files.inside import read_inner_file
 from pdcd.protocol.entry import RunEntry
-from pdcd.runs.index import named, one, runs, search
-from pdcd.runs.later import REPORT
+from pdcd.runs.folder import REPORT_FILE
+from pdcd.runs.index import find_runs, make_name_query, pick_run, search_runs
 from pdcd.runs.place import UNFINISHED
-from pdcd.runs.walk import is_job, opened_run, opened_state
+from pdcd.runs.walk import is_job, open_run_folder, open_state_folder
 
-LISTED = 100
+_LISTED = 100
 """Runs in the list, the newest."""
-PICTURES = "preview"
+_PICTURES = "preview"
 """Folder of the pictures of a run."""
 MOST_REPORT_BYTES = 2**26
 MOST_PICTURE_BYTES = 2**25
-MOST_NAMED = 200
+_MOST_NAMED = 200
 """Pictures of one run that are looked at."""
-RUNNING = "running"
+_RUNNING = "running"
 """The picture of a run that still goes on."""
 
 _PICTURE = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _PICTURE_FILE = re.compile(rf"({_PICTURE.pattern})\.png")
 
 
-class Run(msgspec.Struct, frozen=True, kw_only=True):
+class ShelfRun(msgspec.Struct, frozen=True, kw_only=True):
     """A run as the page shows it; `entry` is null for a calibration. `error` is in words."""
 
     job: str
@@ -52,50 +52,50 @@ class Run(msgspec.Struct, frozen=True, kw_only=True):
     """Names of its pictures, the one of its goal first."""
 
 
-class Shelf:
+class RunShelf:
     """The runs below a state folder. All methods read the disk, so they are not for an event
     loop."""
 
     def __init__(self, state: Path) -> None:
         self._state = state
 
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[ShelfRun]:
         """The newest runs, the newest first. Raises DiskError where the folder cannot be read."""
-        found = runs(self._state, newest=LISTED)
+        found = find_runs(self._state, newest=_LISTED)
         return [
-            Run(
+            ShelfRun(
                 job=entry.job,
                 entry=entry,
                 report=self._has_report(self._place(entry)),
-                error=error_words(entry),
+                error=describe_error(entry),
             )
             for entry in found
         ]
 
-    def run(self, job: str) -> Run:
+    def run(self, job: str) -> ShelfRun:
         """One run, quick look or calibration, with its pictures.
 
-        Raises RequestError where there is none of that name, DiskError as `runs`.
+        Raises RequestError where there is none of that name, DiskError as `find_runs`.
         """
         entry, place = self._found(job)
         pictures = self._pictures(place, None if entry is None else entry.goal)
-        return Run(job=job, entry=entry, report=self._has_report(place), pictures=pictures)
+        return ShelfRun(job=job, entry=entry, report=self._has_report(place), pictures=pictures)
 
     def picture(self, job: str, name: str) -> bytes:
         """A picture of a run, PNG. Raises what `run` raises, or RequestError if it has none."""
         if not _PICTURE.fullmatch(name):
             raise RequestError("no picture is called that")
-        return self._file(job, f"{PICTURES}/{name}.png", MOST_PICTURE_BYTES)
+        return self._file(job, f"{_PICTURES}/{name}.png", MOST_PICTURE_BYTES)
 
     def report(self, job: str) -> bytes:
         """The report of a run, HTML. Raises what `run` raises, or RequestError if it has none."""
-        return self._file(job, REPORT, MOST_REPORT_BYTES)
+        return self._file(job, REPORT_FILE, MOST_REPORT_BYTES)
 
     def _file(self, job: str, name: str, most_bytes: int) -> bytes:
         _, place = self._found(job)
         try:
             with self._opened(place) as folder:
-                return read_file(folder, name, most_bytes)
+                return read_inner_file(folder, name, most_bytes)
         except (OSError, ValueError, DecodeError) as err:
             why = (err.strerror if isinstance(err, OSError) else None) or str(err)
             raise RequestError(f"{name} of {job} cannot be read: {why}") from err
@@ -110,7 +110,7 @@ class Shelf:
                     return None, place
             except OSError:
                 continue
-        entry = one(search(self._state, named(job)).runs, job)
+        entry = pick_run(search_runs(self._state, make_name_query(job)).runs, job)
         return entry, self._place(entry)
 
     def _place(self, entry: RunEntry) -> str:
@@ -120,15 +120,17 @@ class Shelf:
     def _opened(self, place: str) -> Iterator[int]:
         """Descriptor of a folder of ours below the state folder. Raises OSError."""
         with (
-            opened_state(self._state) as (top, owners),
-            opened_run(top, place, owners) as folder,
+            open_state_folder(self._state) as (top, owners),
+            open_run_folder(top, place, owners) as folder,
         ):
             yield folder
 
     def _has_report(self, place: str) -> bool:
         try:
             with self._opened(place) as folder:
-                return stat.S_ISREG(os.stat(REPORT, dir_fd=folder, follow_symlinks=False).st_mode)
+                return stat.S_ISREG(
+                    os.stat(REPORT_FILE, dir_fd=folder, follow_symlinks=False).st_mode
+                )
         except (OSError, ValueError):
             return False
 
@@ -136,11 +138,11 @@ class Shelf:
         """Names of pictures, the one of the goal first; none where they cannot be looked at."""
         names = []
         try:
-            with self._opened(f"{place}/{PICTURES}") as folder, os.scandir(folder) as entries:
-                for entry in islice(entries, MOST_NAMED):
+            with self._opened(f"{place}/{_PICTURES}") as folder, os.scandir(folder) as entries:
+                for entry in islice(entries, _MOST_NAMED):
                     found = _PICTURE_FILE.fullmatch(entry.name)
                     if found and entry.is_file(follow_symlinks=False):
                         names.append(found[1])
         except (OSError, ValueError):
             return ()
-        return tuple(sorted(names, key=lambda name: (name != goal, name == RUNNING, name)))
+        return tuple(sorted(names, key=lambda name: (name != goal, name == _RUNNING, name)))

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from pdcd.bench.calibration import Calibration, read_calibration
-from pdcd.bench.config import load
-from pdcd.bench.reading import emit
-from pdcd.capture.again import again
+from pdcd.bench.config import load_config
+from pdcd.bench.reading import format_toml
+from pdcd.capture.again import recompute_calibration
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import new_job_id
+from pdcd.protocol.result import make_job_id
 from tests.bench.measure import alone_in, peak_mib
 from tests.bench.tables import Aim, Section, Table, seconds
 from tests.places import ROOT
@@ -88,13 +88,13 @@ def taken(place: str, quads: list[int]) -> dict[str, Any]:
         "bench": {"truth": "truth.toml"},
         "server": {"state_dir": "state"},
     }
-    config.write_text(emit(belief))
-    (Path(place) / "truth.toml").write_text(emit(TRUTH))
-    engine = Engine.from_config(load(config))
+    config.write_text(format_toml(belief))
+    (Path(place) / "truth.toml").write_text(format_toml(TRUTH))
+    engine = Engine.from_config(load_config(config))
     engine.start()
     try:
         result = engine.calibrate(
-            CalibrateRequest(), job=new_job_id(), emit=lambda event: None, cancelled=lambda: False
+            CalibrateRequest(), job=make_job_id(), emit=lambda event: None, cancelled=lambda: False
         )
     finally:
         engine.stop()
@@ -120,7 +120,7 @@ def computed(folder: str) -> dict[str, float]:
     """The same calibration computed again: seconds and peak memory. Raises RuntimeError when it
     comes out different."""
     begun_s = time.perf_counter()
-    found = again(Path(folder))
+    found = recompute_calibration(Path(folder))
     if not found.identical:
         raise RuntimeError("the calibration comes out different")
     return {"seconds": time.perf_counter() - begun_s, "peak_mib": peak_mib()}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.ptp.codes import Operation
-from drivers.ptp.files import download, wait_for_photo
+from drivers.ptp.files import store_photo, wait_for_photo
 from drivers.virtual_camera import PlainFilm
 from tests.bench.measure import timed
 from tests.bench.tables import Aim, Section, Table, seconds
@@ -70,7 +70,7 @@ def run(*, quick: bool, folder: Path) -> Section:
 def _driver(rig: PtpRig, photo: Any, place: str, twice: bool) -> str:
     path = Path(place) / "photo.cr2"
     path.unlink(missing_ok=True)
-    raw = download(rig.camera, photo, path, twice=twice)
+    raw = store_photo(rig.camera, photo, path, twice=twice)
     return "" if raw is None else raw.sha256
 
 

@@ -18,11 +18,11 @@ import msgspec
 import pdcd
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, Unreachable
-from pdcd.planning.given import read_given
+from pdcd.client import Client, UnreachableError
+from pdcd.planning.given import read_request_arrays
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.runs.place import Place
+from pdcd.runs.place import HeldFolder
 from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
@@ -139,9 +139,9 @@ def capture_with(
 ) -> CaptureResult:
     """A finished capture; `files` are those of the request, by field."""
     sources = {name: from_path(path) for name, path in files.items()}
-    with Place.at(folder) as parent:
+    with HeldFolder.at(folder) as parent:
         result = engine.capture(
-            *read_given(request, sources, engine.grid),
+            *read_request_arrays(request, sources, engine.grid),
             job=job,
             emit=lambda _: None,
             cancelled=lambda: False,
@@ -178,6 +178,6 @@ def _connected(process: subprocess.Popen[bytes], folder: Path) -> Client:
     while process.poll() is None and time.perf_counter() < limit_s:
         try:
             return Client(folder / SOCKET, timeout_s=START_LIMIT_S)
-        except Unreachable:
+        except UnreachableError:
             time.sleep(POLL_S)
     raise RuntimeError(f"the daemon does not answer:\n{(folder / LOG).read_text()}")

@@ -18,7 +18,7 @@ import numpy as np
 
 from pdcd.panels.draw import draw
 from pdcd.panels.map import PanelView
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.presenter.viewport import Viewport
 from tests.panel_pixels import random_frames
 
@@ -53,7 +53,7 @@ def main() -> int:
 
 def _view(role: Role, bent: bool) -> PanelView:
     place = BENT[role] if bent else Placing()
-    return PanelView(role, placed(place, SIZES[role], SIZES["projector"], role))
+    return PanelView(role, make_placed_map(place, SIZES[role], SIZES["projector"], role))
 
 
 def _compare(

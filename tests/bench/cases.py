@@ -9,9 +9,9 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import pack
+from pdcd.panels.patterns import pack_bits
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel
+from pdcd.probing.panel import PanelOptics
 
 REFRESH_NS = 16_666_667
 START_NS = 50_000_000
@@ -29,18 +29,18 @@ COUNTS = (8, 32, 128, 512, 1024)
 class Bench:
     """How both panels behave; times in ns, the offset of the mask in cells (rows, cols)."""
 
-    primal: Panel
-    dual: Panel
+    primal: PanelOptics
+    dual: PanelOptics
     jitter_ns: int
     phase_ns: int
     offset_cells: tuple[float, float]
 
 
 BENCHES = {
-    "ideal": Bench(Panel(), Panel(), 0, 0, (0.0, 0.0)),
+    "ideal": Bench(PanelOptics(), PanelOptics(), 0, 0, (0.0, 0.0)),
     "defects": Bench(
-        Panel(0.001, 0.003, 1 / 2000, 2_000_000),
-        Panel(0.012, 0.005, 1 / 300, 5_000_000),
+        PanelOptics(0.001, 0.003, 1 / 2000, 2_000_000),
+        PanelOptics(0.012, 0.005, 1 / 300, 5_000_000),
         jitter_ns=400_000,
         phase_ns=1_234_567,
         offset_cells=(0.125, -0.25),
@@ -64,7 +64,11 @@ def make_case(grid: tuple[int, int], count: int, window: str, panels: str) -> Ca
     lattice = Lattice(grid, window)
     codes = make_codes("hadamard", lattice.shape, count, dual="complement", seed=SEED)
     frames = build_frames(
-        (pack(codes.primal), pack(codes.dual)), grid, window=window, schedule="full", passes=1
+        (pack_bits(codes.primal), pack_bits(codes.dual)),
+        grid,
+        window=window,
+        schedule="full",
+        passes=1,
     )
     bench = BENCHES[panels]
     log = _log(len(frames), bench)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.codes.make import Codes, make_codes
-from pdcd.pictures.smooth import colour_correction
+from pdcd.pictures.smooth import compute_colour_correction
 from pdcd.probing.realised import Factors
 from pdcd.virtual.scene.matrix import load_matrix
 from pdcd.virtual.scene.presets import PRESETS
@@ -104,7 +104,9 @@ def _ideal_errors(counts: tuple[int, ...], seeds: int) -> Errors:
                 photo = scene.photo(matrix.left, matrix.right, matrix.coaxial, matrix.open_s)
                 found = {family: photo / scale}
                 if family == BEST:
-                    more = colour_correction(matrix.left, matrix.right, scale, found[BEST], grid)
+                    more = compute_colour_correction(
+                        matrix.left, matrix.right, scale, found[BEST], grid
+                    )
                     found[CORRECTED] = found[BEST] + more
                 for name, image in found.items():
                     error = np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2))

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdcd.panels.map import Map
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 
 Floats = NDArray[np.float64]
 
 PROJECTOR_PX = (8, 6)
-MASK = placed(Placing(turn_deg=180.0, scale=1.1), (12, 9), PROJECTOR_PX, "mask")
-CAMERA = placed(
+MASK = make_placed_map(Placing(turn_deg=180.0, scale=1.1), (12, 9), PROJECTOR_PX, "mask")
+CAMERA = make_placed_map(
     Placing(turn_deg=-8.0, scale=1.2, offset_px=(0.2, -0.1), radial=(0.02, 0.0)),
     (15, 10),
     PROJECTOR_PX,

@@ -13,8 +13,8 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.virtual.scene.effects import Dense, Effect, LowRank, Sparse
-from pdcd.virtual.scene.kernel import Kernel
+from pdcd.virtual.scene.effects import DenseEffect, Effect, LowRankEffect, SparseEffect
+from pdcd.virtual.scene.kernel import KernelEffect
 from pdcd.virtual.scene.matrix import load_matrix
 from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import peak_mib, timed
@@ -45,7 +45,7 @@ SHARED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Fourier(Kernel):
+class Fourier(KernelEffect):
     """A kernel by the Fourier transform, also where two small products would be cheaper."""
 
     @cached_property
@@ -54,7 +54,7 @@ class Fourier(Kernel):
 
 
 @dataclass(frozen=True, eq=False)
-class Stencil(Kernel):
+class Stencil(KernelEffect):
     """A kernel by adding up shifted images, as far as its weights are worth it."""
 
     def _spread(self, images: Floats) -> Floats:
@@ -91,18 +91,18 @@ def _effect(subject: str) -> tuple[Effect, tuple[int, int]]:
         return next(effect for effect in effects if effect.name == name), GRID
     stored = load_matrix(ROOT / "tests" / "data" / f"{scene}.npz")
     np.fill_diagonal(stored.transport, 0.0)
-    return Dense(name, stored.transport), stored.grid
+    return DenseEffect(name, stored.transport), stored.grid
 
 
 def _forms(own: Effect) -> Iterator[tuple[str, Effect, int]]:
     """Name, effect and bytes of each form of an effect."""
     whole = own.dense()
-    yield "dense", Dense(own.name, whole), whole.nbytes
-    if not isinstance(own, Dense):
+    yield "dense", DenseEffect(own.name, whole), whole.nbytes
+    if not isinstance(own, DenseEffect):
         yield f"its own: {type(own).__name__}", own, _bytes(own)
     yield from _sparse(own.name, whole)
     yield from _low_rank(own.name, whole)
-    if isinstance(own, Kernel):
+    if isinstance(own, KernelEffect):
         parts = (own.name, own.grid, own.kernel, own.out, own.into)
         yield "Fourier", Fourier(*parts), own.kernel.nbytes
         for tolerance in TOLERANCES[:2]:
@@ -125,7 +125,7 @@ def _sparse(name: str, whole: Floats) -> Iterator[tuple[str, Effect, int]]:
             matrix = scipy.sparse.csr_array(np.where(kept, whole, 0.0))
             size = matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes
             label = f"sparse, {tolerance:.0e}" if tolerance else "sparse"
-            yield label, Sparse(name, matrix), size
+            yield label, SparseEffect(name, matrix), size
             before = count
 
 
@@ -141,7 +141,7 @@ def _low_rank(name: str, whole: Floats) -> Iterator[tuple[str, Effect, int]]:
         if rank == columns < len(whole):
             return
         a, b = basis @ (left[:, :rank] * values[:rank]), right[:rank].T.copy()
-        yield f"rank {rank}, {tolerance:.0e}", LowRank(name, a, b), a.nbytes + b.nbytes
+        yield f"rank {rank}, {tolerance:.0e}", LowRankEffect(name, a, b), a.nbytes + b.nbytes
 
 
 def _cut(kernel: Floats, tolerance: float) -> Floats:

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.panels.placing import Placing
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.truth import read_truth
-from pdcd.runs.verify import whole_manifest
+from pdcd.pictures.truth import read_known_answer
+from pdcd.runs.verify import read_whole_manifest
 from tests import world
 from tests.bench.captures import take_one
 from tests.bench.error_bars import SCENES as FEW
@@ -112,8 +112,8 @@ def take(config: Config, **fields: Any) -> tuple[Found, Found]:
     """Capture indirect light: all known quads, and those that see more than one cell. Raises
     RuntimeError where it fails."""
     _, _, folder = take_one(config, **fields)
-    decoded = Darkroom(folder, whole_manifest(folder).run).decoded()
-    truth, seen = read_truth(folder, decoded.cells).on_quads(decoded.cells)
+    decoded = Darkroom(folder, read_whole_manifest(folder).run).decoded()
+    truth, seen = read_known_answer(folder, decoded.cells).on_quads(decoded.cells)
     picture = decoded.answer
     known = seen & np.isfinite(picture.sigma).all(axis=-1)
 

@@ -24,8 +24,8 @@ import numpy as np
 
 from pdcd.bench.tables import Config
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.truth import read_truth
-from pdcd.runs.verify import whole_manifest
+from pdcd.pictures.truth import read_known_answer
+from pdcd.runs.verify import read_whole_manifest
 from tests import world
 from tests.bench.captures import take_one
 from tests.bench.error_bars import MATRICES, bench
@@ -64,9 +64,9 @@ class Taken:
 def take(config: Config, **fields: Any) -> Taken:
     """Capture indirect light. Raises RuntimeError where it fails."""
     _, result, folder = take_one(config, **fields)
-    record = whole_manifest(folder).run
+    record = read_whole_manifest(folder).run
     decoded = Darkroom(folder, record).decoded()
-    truth, seen = read_truth(folder, decoded.cells).on_quads(decoded.cells)
+    truth, seen = read_known_answer(folder, decoded.cells).on_quads(decoded.cells)
     made = decoded.answer
     known = seen & np.isfinite(made.sigma).all(axis=-1)
     off, sigma = made.image[known] - truth[known], made.sigma[known]

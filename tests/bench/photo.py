@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.realised import Factors, collect, factors
+from pdcd.probing.realised import Factors, collect_factors, compute_factors
 from pdcd.virtual.scene.presets import PRESETS
 from pdcd.virtual.scene.scene import Scene
 from tests.bench.cases import Case, make_case
@@ -19,7 +19,7 @@ SCENE = "open-book"
 
 def exposure(case: Case) -> Iterator[Factors]:
     """The chunks of a case's realised probing matrix."""
-    return factors(
+    return compute_factors(
         case.frames,
         case.log,
         case.bench.primal,
@@ -40,7 +40,7 @@ def streamed_photo(case: Case, scene: Scene) -> NDArray[np.float64]:
 
 def kept_photo(case: Case, scene: Scene) -> NDArray[np.float64]:
     """The same from the whole matrix, as decoding keeps it for its report."""
-    whole = collect(exposure(case))
+    whole = collect_factors(exposure(case))
     return scene.photo(whole.left, whole.right, whole.coaxial, whole.open_s)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from pdcd.codes.pilot.codes import MATCHED, pilot_share
+from pdcd.codes.pilot.codes import MATCHED, choose_pilot_count
 from pdcd.protocol.request import CaptureRequest
 from tests.bench import plots
 from tests.bench.captures import capture_with, config_for, opened
@@ -70,7 +70,11 @@ def _asked(scene: str, count: int, way: str) -> CaptureRequest | None:
         file = str(ROOT / "tests" / "data" / f"{scene}.npz")
         known = file if Path(file).exists() else f"scene:{scene}"
         return msgspec.structs.replace(base, prior=known)
-    share = count if way == SHORT and count in MATCHED else pilot_share(count, by_map=way == SHORT)
+    share = (
+        count
+        if way == SHORT and count in MATCHED
+        else choose_pilot_count(count, by_map=way == SHORT)
+    )
     return msgspec.structs.replace(base, pilot=share) if share else None
 
 

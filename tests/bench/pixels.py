@@ -17,10 +17,9 @@ from pdcd.panels.placing import Placing
 from pdcd.pictures import decode
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
-from pdcd.runs.later import REPORT
+from pdcd.runs.folder import REPORT_FILE, read_manifest
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.optics.products import PanelExposure
 from tests.bench.captures import PDCD, capture_with, config_for, opened
 from tests.bench.measure import REPEATS, alone, peak_mib, timed
 from tests.bench.photo import SCENE
@@ -103,7 +102,7 @@ def _reported(folder: str) -> dict[str, float]:
     """Seconds of `pdcd report`, and the size of what it writes."""
     words = [str(PDCD), "report", folder]
     took_s, _ = timed(lambda: subprocess.run(words, capture_output=True, check=True), 1)
-    return {"report_s": took_s, "report_mb": 1e-6 * (Path(folder) / REPORT).stat().st_size}
+    return {"report_s": took_s, "report_mb": 1e-6 * (Path(folder) / REPORT_FILE).stat().st_size}
 
 
 def config_of(frame: tuple[int, int], place: str) -> Config:
@@ -118,7 +117,7 @@ def take(frame: tuple[int, int], place: str, folder: str) -> dict[str, Any]:
     taken: dict[object, list[float]] = {}
     photo = OpticalBench.photo
 
-    def timed_photo(self: OpticalBench, exposure: Exposure) -> Any:
+    def timed_photo(self: OpticalBench, exposure: PanelExposure) -> Any:
         begun_s = time.perf_counter()
         found = photo(self, exposure)
         driven = bool(len(exposure.frames.primal_patterns))

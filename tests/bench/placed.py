@@ -18,23 +18,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import camera_map, frame_of
+from pdcd.bench.placed import compute_mock_frame, make_camera_map
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.exposed import Print
-from pdcd.pictures.photos import corrected_photos
-from pdcd.pictures.picture import Picture, pictures_of
-from pdcd.pictures.truth import answer
-from pdcd.planning.make import plan_for
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.pictures.exposed import ComputedShot
+from pdcd.pictures.photos import make_corrected_photos
+from pdcd.pictures.picture import Picture, combine_photos
+from pdcd.pictures.truth import compute_true_answer
+from pdcd.planning.make import plan_with_prior
 from pdcd.planning.plan import Plan
-from pdcd.probing.realised import bench_factors, collect
+from pdcd.probing.realised import collect_factors, compute_bench_factors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.effects import LowRank, coloured_direct
+from pdcd.virtual.scene.effects import LowRankEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import world
 
@@ -92,7 +92,7 @@ def place(rng: np.random.Generator, size_px: tuple[int, int], field_px: tuple[in
     aslant[2, :2] = rng.uniform(-0.03, 0.03, 2)
     keystone = np.linalg.inv(to_centre) @ aslant @ to_centre
     return Placing(
-        homography=placed(upright, size_px, field_px, "device").then(keystone).homography,
+        homography=make_placed_map(upright, size_px, field_px, "device").then(keystone).homography,
         radial=(float(rng.uniform(-0.01, 0.02)), float(rng.uniform(-0.002, 0.002))),
         tangential=(float(rng.uniform(-0.002, 0.002)), float(rng.uniform(-0.002, 0.002))),
     )
@@ -102,19 +102,20 @@ def flat(grid: tuple[int, int]) -> Scene:
     """The same direct and the same indirect light everywhere."""
     cells = grid[0] * grid[1]
     even = np.ones((cells, 1))
-    direct = coloured_direct(np.full((cells, 3), 0.5))
-    return Scene("flat", grid, (*direct, LowRank("even", 0.5 * even, even / cells)))
+    direct = make_direct_effects(np.full((cells, 3), 0.5))
+    return Scene("flat", grid, (*direct, LowRankEffect("even", 0.5 * even, even / cells)))
 
 
 def judge(config: Config, codes: int = 128) -> Found:
     """Take and decode the indirect photo of the configured scene and of a flat one."""
     scene = build_scene(config.scene)
-    plan = plan_for(CaptureRequest(goal="indirect", codes=codes, window="quarter", white=False),
+    plan = plan_with_prior(CaptureRequest(goal="indirect", codes=codes, window="quarter",
+    white=False),
                     config, scene.grid)  # fmt: skip
     picture, bench = indirect(config, plan, scene)
     inside = bench.inside & np.isfinite(picture.sigma).all(axis=-1)
     recipe = plan.recipe
-    truth = bench.wanted(lambda part: answer(part, recipe), recipe.wanted)[inside]
+    truth = bench.wanted(lambda part: compute_true_answer(part, recipe), recipe.wanted)[inside]
     error = np.sqrt(np.sum((picture.image[inside] - truth) ** 2) / np.sum(truth**2))
     even, bench = indirect(config, plan, flat(scene.grid))
     return Found(float(error), at_pitch(config, even, bench))
@@ -122,25 +123,27 @@ def judge(config: Config, codes: int = 128) -> Found:
 
 def indirect(config: Config, plan: Plan, scene: Scene) -> tuple[Picture, OpticalBench]:
     """The answer of a plan at the camera's own quads, decoded by what is believed."""
-    frame = frame_of(config, plan.grid)
+    frame = compute_mock_frame(config, plan.grid)
     bench = OpticalBench(config, scene, frame)
     shots = {}
     for shot in plan.recipe.shots:
         frames = plan.frames(shot)
         log = on_time(frames)
-        exposure = Exposure(frames, log, 0, int(log.end_ns.max()) + 50_000_000)
-        realised = collect(
-            bench_factors(
+        exposure = PanelExposure(frames, log, 0, int(log.end_ns.max()) + 50_000_000)
+        realised = collect_factors(
+            compute_bench_factors(
                 frames, log, config.projector, config.mask,
                 open_ns=0, close_ns=exposure.close_ns, fine=True,
             )
         )  # fmt: skip
         light = bench.photo(exposure)
         none = np.zeros(frame, dtype=np.bool_)
-        shots[shot.name] = Print(light, np.full(light.shape, 1e-12), none, realised, {})
-    cells = CellMap(grid=plan.grid, frame=frame, map=camera_map(config, frame))
-    photos = corrected_photos(plan.recipe, shots, None, cells, normalise="auto", smooth=plan.smooth)
-    return pictures_of(plan.recipe, photos)[plan.recipe.answer_name], bench
+        shots[shot.name] = ComputedShot(light, np.full(light.shape, 1e-12), none, realised, {})
+    cells = CellMap(grid=plan.grid, frame=frame, map=make_camera_map(config, frame))
+    photos = make_corrected_photos(
+        plan.recipe, shots, None, cells, normalise="auto", smooth=plan.smooth
+    )
+    return combine_photos(plan.recipe, photos)[plan.recipe.answer_name], bench
 
 
 def on_time(frames: Frames) -> FrameLog:
@@ -156,7 +159,7 @@ def at_pitch(config: Config, picture: Picture, bench: OpticalBench) -> float:
     """Largest mean of a part of the cells less the mean of all, over that."""
     cells = config.scene.grid or (1, 1)
     known = bench.inside & np.isfinite(picture.sigma).all(axis=-1)
-    places = camera_map(config, bench.frame).centres()[known] * (cells[1], cells[0])
+    places = make_camera_map(config, bench.frame).centres()[known] * (cells[1], cells[0])
     part = np.floor((places - np.floor(places)) * PARTS).astype(np.int64)
     folded = part[:, 1] * PARTS + part[:, 0]
     light = picture.image[..., 1][known]

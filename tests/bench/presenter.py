@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.panels.placing import Placing
-from pdcd.presenter.client import DisplayProcess, opening
-from pdcd.presenter.timing import Timing, measure, random_codes
+from pdcd.presenter.client import DisplayProcess, make_open_request
+from pdcd.presenter.timing import RefreshTiming, make_random_codes, measure_refreshes
 from tests import x11_rig
 from tests.bench.measure import REPEATS
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds
@@ -86,7 +86,7 @@ def _measure(*, quick: bool) -> tuple[list[Table], list[Aim]]:
             fastest, script = _in_turn(free, server, few, 0.0)
             _add(table, "pdcd, full size, free running", fastest)
             _add_script(table, "plain script, full size, free running", script, 0.0)
-            warped = measure(bent, few)
+            warped = measure_refreshes(bent, few)
             _add(table, "pdcd, full size, free running, warped", warped)
         with run(*QUARTER) as server:
             x11_rig.hurry(server)
@@ -94,12 +94,12 @@ def _measure(*, quick: bool) -> tuple[list[Table], list[Aim]]:
             fastest, script = _in_turn(_with(config, time_source="free"), server, frames, 0.0)
             _add(table, "pdcd, a quarter, free running", fastest)
             script_hz = _add_script(table, "plain script, a quarter, free running", script, 0.0)
-            again = measure(_with(bent, time_source="free"), few)
+            again = measure_refreshes(_with(bent, time_source="free"), few)
             _add(table, "pdcd, a quarter, free running, warped", again)
             paced, script = _in_turn(config, server, frames, 60.0)
             _add(table, "pdcd, a quarter, paced", paced)
             _add_script(table, "plain script, a quarter, paced", script, 60.0)
-            _add(table, "pdcd, a quarter, paced, warped", measure(bent, frames))
+            _add(table, "pdcd, a quarter, paced, warped", measure_refreshes(bent, frames))
             uploads = _uploads(config)
     ours_s, script_s = (float(np.median(s)) for s in (paced.cpu_s, script["cpu_s"]))
     first = paced.first_draw_s / float(np.percentile(paced.draw_s, 99))
@@ -125,7 +125,7 @@ def _configs(folder: Path, server: XServer) -> tuple[Config, Config]:
     )
 
 
-def _rate(found: Timing) -> float:
+def _rate(found: RefreshTiming) -> float:
     """Frames a second."""
     return float(found.interval_s.size / found.interval_s.sum())
 
@@ -136,7 +136,7 @@ def _with(config: Config, **options: Any) -> Config:
     return msgspec.structs.replace(config, display=display)
 
 
-def _add(table: Table, name: str, found: Timing) -> None:
+def _add(table: Table, name: str, found: RefreshTiming) -> None:
     paced = found.ready.source != "free"
     table.add(
         name,
@@ -151,14 +151,14 @@ def _add(table: Table, name: str, found: Timing) -> None:
 
 def _in_turn(
     config: Config, server: XServer, frames: int, hz: float
-) -> tuple[Timing, dict[str, NDArray[np.float64]]]:
+) -> tuple[RefreshTiming, dict[str, NDArray[np.float64]]]:
     """The loop's timing, and what the script tells of itself; `ROUNDS` times, frames of all."""
     sizes = [str(n) for n in (*server.projector_px, *server.mask_px)]
     each = frames // ROUNDS
     words = [sys.executable, "-m", "tests.bench.plain_display", str(each), str(hz), *sizes]
     ours, its = [], []
     for _ in range(ROUNDS):
-        ours.append(measure(config, each))
+        ours.append(measure_refreshes(config, each))
         done = subprocess.run(words, env=server.env(), capture_output=True, text=True, check=True)
         its.append({name: np.array(told) for name, told in json.loads(done.stdout).items()})
         its[-1]["interval_s"] = np.diff(its[-1].pop("stamps_s"))
@@ -167,7 +167,7 @@ def _in_turn(
         for name in ("interval_s", "missed", "late_s", "draw_s", "cpu_s")
     )
     first_s = max(one.first_draw_s for one in ours)
-    pooled = Timing(ours[0].ready, interval_s, missed, late_s, draw_s, cpu_s, first_s)
+    pooled = RefreshTiming(ours[0].ready, interval_s, missed, late_s, draw_s, cpu_s, first_s)
     return pooled, {name: np.concatenate([one[name] for one in its]) for name in its[0]}
 
 
@@ -199,10 +199,10 @@ def _spread(values_s: Sequence[float] | NDArray[np.float64]) -> str:
 def _uploads(config: Config) -> Table:
     """From the driver's call until the patterns of both panels are in textures."""
     table = Table("Time to hand over all patterns of a shot", ("codes", "cells", "MB", "time"))
-    presenter = DisplayProcess(opening(config))
+    presenter = DisplayProcess(make_open_request(config))
     try:
         for count in COUNTS:
-            few = random_codes(GRID)
+            few = make_random_codes(GRID)
             repeated = np.resize(few.primal_patterns, (count, few.primal_patterns.shape[1]))
             frames = type(few)(
                 **{**vars(few), "primal_patterns": repeated, "dual_patterns": repeated}

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.far import far_codes, woven_fits
+from pdcd.codes.far import are_joint_codes_best, make_long_range_codes
 from pdcd.codes.make import make_codes
-from pdcd.codes.woven import woven
+from pdcd.codes.woven import make_joint_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.pictures.smooth import colour_correction
-from pdcd.probing.wanted import Near
-from pdcd.recipes.programs import Far
+from pdcd.pictures.smooth import compute_colour_correction
+from pdcd.probing.wanted import NearPart
+from pdcd.recipes.programs import LongRangeProgram
 from pdcd.virtual.scene.matrix import load_matrix
 from pdcd.virtual.scene.presets import PRESETS
 from pdcd.virtual.scene.scene import Scene
@@ -107,7 +107,7 @@ def _errors(counts: tuple[int, ...], seeds: int) -> Errors:
     errors: dict[tuple[str, int, str, str], list[float]] = {}
     for name, scene in _scenes():
         transport = scene.dense()
-        near = Near(scene.grid, RADIUS).rows(0, scene.cells)
+        near = NearPart(scene.grid, RADIUS).rows(0, scene.cells)
         own = np.eye(scene.cells)
         truth = {
             "long-range": np.einsum("nm,cnm->nc", 1.0 - near, transport),
@@ -129,7 +129,7 @@ def _indirect(scene: Scene, transport: Floats, count: int, seed: int) -> Floats:
     left, right = codes.dual.astype(np.float64), codes.primal.astype(np.float64)
     weight = _mean(left, right)
     image = np.einsum("nm,cnm->nc", left.T @ right, transport) / weight
-    return np.asarray(image + colour_correction(left, right, weight, image, scene.grid))
+    return np.asarray(image + compute_colour_correction(left, right, weight, image, scene.grid))
 
 
 def _mean(left: Floats, right: Floats) -> float:
@@ -144,28 +144,30 @@ def _far(scene: Scene, transport: Floats, count: int, seed: int) -> dict[str, Fl
     found = {}
     for how, (light, mask) in _codes(scene.grid, count, seed).items():
         image, weight = _pictured(mask, light, scene, transport)
-        more = colour_correction(mask, light, weight, image, scene.grid, beyond=RADIUS)
+        more = compute_colour_correction(mask, light, weight, image, scene.grid, beyond=RADIUS)
         found[how] = image if how == HOW[0] else np.asarray(image + more)
     return found
 
 
 def _codes(grid: tuple[int, int], count: int, seed: int) -> dict[str, tuple[Floats, Floats]]:
     """Levels of projector and mask, (K, N) each, in every way of `HOW`."""
-    best = Far(RADIUS).p
+    best = LongRangeProgram(RADIUS).p
     share = max(1, round(best * count)) / count
     old = make_codes("balanced", grid, count, dual="same", p=share, seed=seed).primal
     size = 2 * RADIUS + 1
     kernel, images = np.ones((size, size)), old.reshape(-1, *grid).astype(np.float64)
     near = np.stack([cv2.dilate(image, kernel) for image in images]).reshape(old.shape)
     levels: dict[str, NDArray[np.bool_] | Floats] = {
-        how: far_codes(grid, count, best, np.random.default_rng(seed), grey=grey)
+        how: make_long_range_codes(grid, count, best, np.random.default_rng(seed), grey=grey)
         for how, grey in ((HOW[1], False), (HOW[2], True))
     }
-    together = woven_fits(grid, count, best)
-    levels[HOW[3]] = woven(grid, count, RADIUS, seed, lambda: None) if together else levels[HOW[2]]
+    together = are_joint_codes_best(grid, count, best)
+    levels[HOW[3]] = (
+        make_joint_codes(grid, count, RADIUS, seed, lambda: None) if together else levels[HOW[2]]
+    )
     found = {HOW[0]: (old.astype(np.float64), np.asarray(1.0 - near, np.float64))}
     for how, light in levels.items():
-        both = Far(RADIUS, how != HOW[1]).pairs(light, Lattice(grid, "whole"))
+        both = LongRangeProgram(RADIUS, how != HOW[1]).pairs(light, Lattice(grid, "whole"))
         found[how] = (both[0].astype(np.float64), both[1].astype(np.float64))
     return found
 
@@ -175,6 +177,6 @@ def _pictured(
 ) -> tuple[Floats, Floats]:
     """The picture (N, C), each cell over its own weight (N,)."""
     realised = left.T @ right
-    wanted = 1.0 - Near(scene.grid, RADIUS).rows(0, scene.cells)
+    wanted = 1.0 - NearPart(scene.grid, RADIUS).rows(0, scene.cells)
     weight = np.sum(realised * wanted, axis=1) / wanted.sum(axis=1)
     return np.einsum("nm,cnm->nc", realised, transport) / weight[:, None], weight

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from pdcd.pages.report import write
+from pdcd.pages.report import write_report
 from tests.browser import browser
 
 WIDTH_PX, HEIGHT_PX = 1000, 700
@@ -20,7 +20,7 @@ def main(folder: Path, out: Path) -> None:
     """Photograph the upper part of the page, with a cell clicked."""
     with browser() as tab:
         tab.page.set_viewport_size({"width": WIDTH_PX, "height": HEIGHT_PX})
-        page = tab.open(write(folder))
+        page = tab.open(write_report(folder))
         stage = page.locator("#stage").bounding_box()
         at = stage["x"] + 0.3 * stage["width"], stage["y"] + 0.4 * stage["height"]
         page.mouse.move(*at)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.realised import collect
+from pdcd.probing.realised import collect_factors
 from tests import oracles
 from tests.bench.cases import Case, make_case
 from tests.bench.measure import peak_mib, timed
@@ -72,7 +72,7 @@ def _measured(run: Callable[[], Realised], wanted: Realised, case: Case) -> dict
 
 
 def _closed_form(case: Case) -> Realised:
-    whole = collect(exposure(case))
+    whole = collect_factors(exposure(case))
     return whole.dense(), whole.coaxial
 
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.panel import Panel, decay_integral
+from pdcd.probing.panel import PanelOptics, compute_decay_integral
 from tests.oracles import Timeline
 
 Bools = NDArray[np.bool_]
@@ -38,7 +38,9 @@ def intervals(primal: Timeline, dual: Timeline, exposure_s: float) -> list[Inter
     ]
 
 
-def stepped(cuts: list[Interval], primal: Panel, dual: Panel, steps_per_s: float) -> Floats:
+def stepped(
+    cuts: list[Interval], primal: PanelOptics, dual: PanelOptics, steps_per_s: float
+) -> Floats:
     """Time steps by the midpoint rule, which is of second order: (P, P), mask by projector."""
     pixels = cuts[0][1].size
     masks, lights = _Block(pixels), _Block(pixels)
@@ -62,7 +64,7 @@ def stepped(cuts: list[Interval], primal: Panel, dual: Panel, steps_per_s: float
     return total
 
 
-def dense(cuts: list[Interval], primal: Panel, dual: Panel) -> Floats:
+def dense(cuts: list[Interval], primal: PanelOptics, dual: PanelOptics) -> Floats:
     """Exact integrals between changes: (P, P), mask by projector.
 
     Within one interval a panel is a constant and two decaying fields (pixels on their way to white
@@ -76,7 +78,7 @@ def dense(cuts: list[Interval], primal: Panel, dual: Panel) -> Floats:
         mask_fields, mask = _fields(dual, mask_on, mask, duration_s)
         light_fields, light = _fields(primal, light_on, light, duration_s)
         rates = _rates(dual)[:, None] + _rates(primal)[None, :]
-        weighted = decay_integral(rates, np.asarray(duration_s)) @ light_fields
+        weighted = compute_decay_integral(rates, np.asarray(duration_s)) @ light_fields
         for row in range(3):
             masks.add(mask_fields[row])
             lights.add(weighted[row])
@@ -109,17 +111,19 @@ class _Block:
         return rows
 
 
-def _response(panel: Panel, on: Bools) -> tuple[Floats, Floats]:
+def _response(panel: PanelOptics, on: Bools) -> tuple[Floats, Floats]:
     """Level that each pixel tends to, and its rate in 1/s."""
     return np.where(on, 1.0, panel.leak), 1.0 / np.where(on, panel.rise_s, panel.fall_s)
 
 
-def _rates(panel: Panel) -> Floats:
+def _rates(panel: PanelOptics) -> Floats:
     """Rates in 1/s of the three fields: constant, towards white, towards black."""
     return np.array([0.0, 1.0 / panel.rise_s, 1.0 / panel.fall_s])
 
 
-def _fields(panel: Panel, on: Bools, state: Floats, duration_s: float) -> tuple[Floats, Floats]:
+def _fields(
+    panel: PanelOptics, on: Bools, state: Floats, duration_s: float
+) -> tuple[Floats, Floats]:
     """Fields at the start of an interval, (3, P), and the state at its end, (P,)."""
     goal = np.where(on, 1.0, panel.leak)
     away = state - goal

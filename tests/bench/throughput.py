@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import rawpy
 
-from pdcd.codes.make import FAMILIES, make_codes
+from pdcd.codes.make import CODE_FAMILIES, make_codes
 from pdcd.panels.lattice import Lattice
 from pdcd.sensor.raw import read_raw
 from tests.bench import plots
@@ -26,7 +26,7 @@ SIZES_PX = ((1280, 960), (4272, 2848))
 BLACK_DN, WHITE_DN = 512, 16383
 MIB = 2**20
 
-TIMED = tuple(family for family in FAMILIES if family != "singer")
+TIMED = tuple(family for family in CODE_FAMILIES if family != "singer")
 """Singer sets are of other numbers of codes, and of lines that are only looked up."""
 
 CodeTimes = dict[tuple[str, tuple[int, int], int], float]

@@ -16,12 +16,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.far import far_codes
+from pdcd.codes.far import make_long_range_codes
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.pictures.smooth import Coded, shares_of_parts, smooth_correction
-from pdcd.recipes.parts import coin_signs, part_seed
-from pdcd.recipes.programs import Far
+from pdcd.pictures.smooth import CodedImage, compute_smooth_correction, estimate_smooth_shares
+from pdcd.recipes.parts import derive_part_seed, randomise_signs
+from pdcd.recipes.programs import LongRangeProgram
 
 GRID = (24, 32)
 N = GRID[0] * GRID[1]
@@ -71,25 +71,27 @@ def codes(radius: int, seed: int) -> list[Codes]:
     parts, count = PARTS[radius]
     found = []
     for part in range(1, parts + 1):
-        own = part_seed(seed, parts, part)
+        own = derive_part_seed(seed, parts, part)
         if radius:
-            lit = far_codes(GRID, count, Far(radius).p, np.random.default_rng(own), grey=True)
-            light, mask = Far(radius, True).pairs(lit, Lattice(GRID, "whole"))
+            lit = make_long_range_codes(
+                GRID, count, LongRangeProgram(radius).p, np.random.default_rng(own), grey=True
+            )
+            light, mask = LongRangeProgram(radius, True).pairs(lit, Lattice(GRID, "whole"))
         else:
             bits = make_codes("hadamard", GRID, count, dual="complement", seed=own).primal
-            light = coin_signs(bits, own)
+            light = randomise_signs(bits, own)
             mask = ~light
         found.append((light.astype(np.float64), mask.astype(np.float64)))
     return found
 
 
-def coded(some: Codes, image: Floats, wanted: Floats, radius: int) -> Coded:
+def coded(some: Codes, image: Floats, wanted: Floats, radius: int) -> CodedImage:
     """A photo by some codes; `image` is its light before it is divided."""
     light, mask = some
     weight = np.sum((mask.T @ light) * wanted, axis=1) / wanted.sum(axis=1)
     if not radius:
         weight = np.full(N, weight.mean())
-    return Coded(mask, light, weight, image / weight)
+    return CodedImage(mask, light, weight, image / weight)
 
 
 def errors(transport: Floats, some: list[Codes], radius: int, noise: float) -> list[float]:
@@ -104,10 +106,10 @@ def errors(transport: Floats, some: list[Codes], radius: int, noise: float) -> l
     parts = [coded(one, image, wanted, radius) for one, image in zip(some, photos, strict=True)]
     together = tuple(np.concatenate(side) for side in zip(*some, strict=True))
     whole = coded((together[0], together[1]), np.sum(photos, axis=0), wanted, radius)
-    shares = shares_of_parts(whole, parts, GRID, radius)
+    shares = estimate_smooth_shares(whole, parts, GRID, radius)
     found = [whole.image]
     for told in (None, shares):
-        more = smooth_correction(
+        more = compute_smooth_correction(
             whole.left, whole.right, whole.weight, whole.image, GRID, beyond=radius, shares=told
         )
         found.append(whole.image + more)

@@ -17,15 +17,15 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from drivers.mock.camera import true_profile
+from drivers.mock.camera import make_true_profile
 from pdcd.bench.calibration import read_calibration
-from pdcd.bench.config import load
-from pdcd.bench.measured import calibrated as with_latest
+from pdcd.bench.config import load_config
+from pdcd.bench.measured import apply_calibration as with_latest
 from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
-from pdcd.bench.truth import truth_of
+from pdcd.bench.truth import load_bench_truth
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.sensor.profile import load_profile
 from tests import world
 from tests.calibrated.compare import compared
@@ -84,12 +84,12 @@ def _one(seed: int, folder: Path, quads: Sequence[int], capture: bool) -> dict[s
         return {**entry, "error": result.error}
     record, _ = read_calibration(Path(result.folder))
     entry["computing_s"] = result.summary.get("computing_s")
-    true = truth_of(config).of(config)
-    sensor = true_profile(load_profile(config.camera.profile), truth_of(config).sensor)
+    true = load_bench_truth(config).of(config)
+    sensor = make_true_profile(load_profile(config.camera.profile), load_bench_truth(config).sensor)
     row = min(sensor.rows, key=lambda row: row.iso)
     entry |= compared(record, Path(result.folder), config, true, row)
     if capture:
-        entry |= _captures(load(folder / "bench.toml"), true)
+        entry |= _captures(load_config(folder / "bench.toml"), true)
     return entry
 
 
@@ -98,7 +98,7 @@ def _calibrated(config: Config) -> CaptureResult:
     engine.start()
     try:
         return engine.calibrate(
-            CalibrateRequest(), job=new_job_id(), emit=lambda event: None, cancelled=lambda: False
+            CalibrateRequest(), job=make_job_id(), emit=lambda event: None, cancelled=lambda: False
         )
     finally:
         engine.stop()
@@ -123,7 +123,7 @@ def _captures(calibrated: Config, true: Config) -> dict[str, float | None]:
         engine.start()
         try:
             result = engine.capture(
-                request, job=new_job_id(), emit=lambda event: None, cancelled=lambda: False
+                request, job=make_job_id(), emit=lambda event: None, cancelled=lambda: False
             )
             found[f"error {name}"] = result.summary.get("rms_error_quads")  # type: ignore[assignment]
             found[f"folder {name}"] = result.folder  # type: ignore[assignment]

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.calibration import MAPS, Calibration
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 from pdcd.panels.map_file import load_maps
-from pdcd.probing.pulses import Answer
+from pdcd.probing.pulses import PanelResponse
 from pdcd.sensor.profile import IsoRow
 from tests.e2e.calibration.timing_rig import leaks_of
 
@@ -74,7 +74,7 @@ def _maps(maps: dict[str, Map], believed: Config, true: Config) -> dict[str, flo
     panels = panels_of(true)
     quads = believed.camera.frame_quads
     assert quads is not None
-    camera = camera_map(true, quads[::-1])
+    camera = make_camera_map(true, quads[::-1])
     width, height = believed.projector.size_px
     across = np.linspace(MARGIN_PX, width - MARGIN_PX, POINTS)
     down = np.linspace(MARGIN_PX, height - MARGIN_PX, POINTS)
@@ -85,9 +85,9 @@ def _maps(maps: dict[str, Map], believed: Config, true: Config) -> dict[str, flo
     points, on_mask, on_camera = points[seen], on_mask[seen], on_camera[seen]
     return {
         "camera to projector px": _q95(
-            between(maps["camera"], maps["projector"], on_camera), points
+            map_between(maps["camera"], maps["projector"], on_camera), points
         ),
-        "mask to projector px": _q95(between(maps["mask"], maps["projector"], on_mask), points),
+        "mask to projector px": _q95(map_between(maps["mask"], maps["projector"], on_mask), points),
     }
 
 
@@ -119,7 +119,7 @@ def _lags_s(values: dict[str, object], maps: dict[str, Map], true: Config) -> tu
         )
         for panel, size_px in (("projector", true.projector.size_px), ("mask", true.mask.size_px))
     ]
-    said = _late(found[1], between(maps["projector"], maps["mask"], points))
+    said = _late(found[1], map_between(maps["projector"], maps["mask"], points))
     said = said - _late(found[0], points)
     delay = round(_number(values.get("display.mask_delay_refreshes", 0)))
 
@@ -133,10 +133,10 @@ def _lags_s(values: dict[str, object], maps: dict[str, Map], true: Config) -> tu
 def _leak_off(values: dict[str, object], said_s: Floats, real_s: Floats, true: Config) -> float:
     """The largest error of the leak of any schedule, the mean over all bands."""
     said = [
-        Answer(*(_number(values.get(f"{panel}.{key}")) for key in ("rise_s", "fall_s")))
+        PanelResponse(*(_number(values.get(f"{panel}.{key}")) for key in ("rise_s", "fall_s")))
         for panel in ("projector", "mask")
     ]
-    real = [Answer(panel.rise_s, panel.fall_s) for panel in (true.projector, true.mask)]
+    real = [PanelResponse(panel.rise_s, panel.fall_s) for panel in (true.projector, true.mask)]
     found, wanted = leaks_of(said[0], said[1], said_s), leaks_of(real[0], real[1], real_s)
     return max(abs(found[name] - wanted[name]) for name in wanted)
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.bench.config import load
-from pdcd.bench.reading import emit
+from pdcd.bench.config import load_config
+from pdcd.bench.reading import format_toml
 from pdcd.bench.tables import Config
 
 PROJECTOR_PX, MASK_PX = (1024, 768), (1600, 1200)
@@ -36,9 +36,9 @@ def drawn(seed: int, folder: Path, quads: tuple[int, int]) -> Config:
     truth = _truth(rng)
     for device in ("mask", "camera"):  # whoever hangs a device knows how
         belief[device]["place"] = {"flip": truth[device]["place"]["flip"]}
-    (folder / "truth.toml").write_text(emit(truth))
-    (folder / "bench.toml").write_text(emit(belief))
-    return load(folder / "bench.toml")
+    (folder / "truth.toml").write_text(format_toml(truth))
+    (folder / "bench.toml").write_text(format_toml(belief))
+    return load_config(folder / "bench.toml")
 
 
 def _truth(rng: np.random.Generator) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.upright import Sampler
+from pdcd.pictures.upright import FieldSampler
 from pdcd.runs.folder import read_manifest
 from tests.bench import plots
 
@@ -40,7 +40,7 @@ def entry_of(folder: Path) -> dict[str, Any]:
 def shown(folders: list[Path]) -> list[NDArray[np.floating]]:
     """The answers of runs on the field, (H, W, 3) in scene units, by the map of the last."""
     decoded = [Darkroom(folder, read_manifest(folder).run).decoded() for folder in folders]
-    sampler = Sampler(decoded[-1].view, SIZE_PX)
+    sampler = FieldSampler(decoded[-1].view, SIZE_PX)
     found = []
     for one in decoded:
         known = np.asarray(np.isfinite(one.answer.sigma).all(axis=-1))

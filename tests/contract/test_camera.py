@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.mock import Bench
+from drivers.mock import MockBench
 from pdcd.bench.devices import CameraSettings, RawFile, TimedShutter
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, ExposureError
@@ -116,7 +116,7 @@ class TestMockShutter(ShutterContract):
     """The mock bench's shutter, and what only a virtual bench can show."""
 
     def test_it_really_moves_between_the_command_and_the_promise(self, rig: Rig) -> None:
-        bench = Bench.of(rig._context)
+        bench = MockBench.of(rig._context)
         before = rig.clock.now_ns()
         sure = rig.shutter.open()
         assert bench.open_ns is not None and before <= bench.open_ns <= sure

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.bench.config import load
+from pdcd.bench.config import load_config
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.capture.rig import Rig
@@ -104,7 +104,7 @@ class Hardware:
         path = os.environ.get(BENCH)
         if path is None:
             pytest.skip(f"{BENCH} names no configuration of a bench")
-        rig = Rig(load(path))
+        rig = Rig(load_config(path))
         rig.shutter.connect()
         rig.readout.connect()
         yield rig

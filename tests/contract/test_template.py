@@ -17,7 +17,7 @@ from pdcd.bench.tables import PanelConfig, TriggerConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.placing import Placing
-from pdcd.sensor.dng import write_photo
+from pdcd.sensor.dng import write_photo_frame
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.contract.test_camera import ShutterContract
@@ -110,6 +110,6 @@ def test_samples_as_the_page_hands_them_over_become_a_file(tmp_path: Path) -> No
     exec(compile(code, str(PAGE), "exec", dont_inherit=True), names)
     samples = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32)
     photo = names["photo"](samples, 6.0, 0.25)
-    frame = read_raw(write_photo(photo, tmp_path / "photo.dng", "Acme", "7").path)
+    frame = read_raw(write_photo_frame(photo, tmp_path / "photo.dng", "Acme", "7").path)
     assert (frame.pattern, frame.iso, frame.exposure_s, frame.model) == ("BGGR", 200, 0.25, "Acme")
     np.testing.assert_array_equal(frame.samples[3], samples[::2, ::2])  # blue comes first

@@ -19,13 +19,13 @@ import pytest
 
 import drivers.ptp.eos
 from drivers.ptp.codes import Operation
-from drivers.virtual_camera import Script, VirtualUsb, WireFault, bench_backend
+from drivers.virtual_camera import FaultScript, ScriptedFault, VirtualUsb, make_bench_backend
 from pdcd.bench.clock import RealClock
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.figures.catalog import FIGURES, figures_of
-from pdcd.figures.figure import TINY
-from pdcd.figures.make import make, open_processes
+from pdcd.figures.catalog import FIGURES, choose_figures
+from pdcd.figures.figure import TINY_MODE
+from pdcd.figures.make import make_paper_figures, open_processes
 from pdcd.panels.draw import draw, draw_planes
 from pdcd.panels.frames import Frames
 from pdcd.panels.placing import Placing
@@ -38,15 +38,15 @@ from tests.panel_pixels import random_frames
 SHORT_B = 1024
 """Longer transfers are kept by their digest."""
 
-FAULTS: Mapping[str, Script | None] = {
+FAULTS: Mapping[str, FaultScript | None] = {
     "none": None,
-    "late-file": Script(file="late", late_s=25.0),
-    "truncated-file": Script(file="truncated"),
-    "no-file": Script(file="none"),
-    "deaf": Script(wire=(WireFault("deaf", Operation.EOS_BULB_END, 2),)),
-    "mute": Script(wire=(WireFault("mute", Operation.EOS_BULB_START),)),
-    "unplugged": Script(wire=(WireFault("unplug", Operation.EOS_BULB_END, 2),)),
-    "corrupt": Script(wire=(WireFault("corrupt", Operation.GET_PARTIAL_OBJECT),)),
+    "late-file": FaultScript(file="late", late_s=25.0),
+    "truncated-file": FaultScript(file="truncated"),
+    "no-file": FaultScript(file="none"),
+    "deaf": FaultScript(wire=(ScriptedFault("deaf", Operation.EOS_BULB_END, 2),)),
+    "mute": FaultScript(wire=(ScriptedFault("mute", Operation.EOS_BULB_START),)),
+    "unplugged": FaultScript(wire=(ScriptedFault("unplug", Operation.EOS_BULB_END, 2),)),
+    "corrupt": FaultScript(wire=(ScriptedFault("corrupt", Operation.GET_PARTIAL_OBJECT),)),
 }
 """What goes wrong with the virtual camera, by name."""
 
@@ -120,7 +120,7 @@ def _bytes_in_words(data: bytes) -> str:
 def play_faults(bench: Any, fault: str) -> None:
     """Put a camera with that fault on the virtual USB of `pdcd.local(...)`."""
     context = bench._engine._rig._context
-    backend = bench_backend(context, script=FAULTS[fault])
+    backend = make_bench_backend(context, script=FAULTS[fault])
     drivers.ptp.eos.EosCamera.of(context).session._backend = backend
 
 
@@ -238,7 +238,9 @@ def _only(frames: Frames, row: int) -> Frames:
 def make_figures(folder: Path, numbers: Sequence[str]) -> dict[str, Any]:
     """Figures in the smallest setting that there is, into a folder; what could not be made."""
     with open_processes(1) as pool:
-        outcome = make(figures_of(list(numbers)), folder, TINY, pool, plots=True)
+        outcome = make_paper_figures(
+            choose_figures(list(numbers)), folder, TINY_MODE, pool, plots=True
+        )
     return {"made": [made["number"] for made in outcome.made], "failed": outcome.failed}
 
 

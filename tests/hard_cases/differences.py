@@ -9,13 +9,13 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.panels.patterns import Patterns
 from pdcd.panels.schedule import build_frames
-from pdcd.pictures.combine import combine
-from pdcd.pictures.exposed import Print
+from pdcd.pictures.combine import combine_shots
+from pdcd.pictures.exposed import ComputedShot
 from pdcd.pictures.picture import Picture
-from pdcd.probing.panel import Panel
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.probing.panel import PanelOptics
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
@@ -45,7 +45,7 @@ def pictures(
     recipe: Recipe,
     transport: Floats,
     patterns: tuple[Patterns, Patterns],
-    panels: tuple[Panel, Panel] = (Panel(), Panel()),
+    panels: tuple[PanelOptics, PanelOptics] = (PanelOptics(), PanelOptics()),
     *,
     ambient: Fraction = Fraction(0),
     dtype: type[np.floating] = np.float64,
@@ -70,10 +70,10 @@ def pictures(
         light_s = [NS * (s + ambient * o) for s, o in zip(seen, opened, strict=True)]
         image = np.array([float(x) for x in light_s]).astype(dtype).astype(np.float64)
         image = image.reshape(*GRID, 1).repeat(3, axis=2)
-        shots[shot.name] = Print(
+        shots[shot.name] = ComputedShot(
             image, np.ones_like(image), np.zeros(GRID, bool), realised(frames, log, *panels), {}
         )
-    return combine(recipe, shots, CellMap.block(GRID, GRID))
+    return combine_shots(recipe, shots, CellMap.block(GRID, GRID))
 
 
 def direct_of(transport: Floats) -> Outcome:
@@ -82,7 +82,7 @@ def direct_of(transport: Floats) -> Outcome:
     Sixteen Hadamard codes separate twelve cells exactly: all error is arithmetic.
     """
     codes = bench_rig.pairs(make_codes("hadamard", GRID, 16, dual="complement", seed=2))
-    recipe = recipe_of(Target(Goal(name="direct"), GRID), How())
+    recipe = make_recipe(Target(Goal(name="direct"), GRID), CaptureScheme())
     want = [Fraction(d) for d in np.diag(transport).tolist()]
     errors = []
     for dtype in (np.float64, np.float32):
@@ -95,12 +95,14 @@ def weak_contrast() -> Outcome:
     """Indirect light with both panels at 50:1, under ambient light, by four photos (L3)."""
     codes = bench_rig.pairs(make_codes("hadamard", GRID, 16, dual="complement", seed=2))
     transport = bench_rig.transport()
-    panels = Panel(leak=1 / 50), Panel(leak=1 / 50)
+    panels = PanelOptics(leak=1 / 50), PanelOptics(leak=1 / 50)
     indirect = transport - np.diag(np.diag(transport))
     want = [sum(map(Fraction, row), Fraction()) for row in indirect.tolist()]
     errors = []
     for level in ("both", "none"):
-        recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(black_level=level, white=False))
+        recipe = make_recipe(
+            Target(Goal(name="indirect"), GRID), CaptureScheme(black_level=level, white=False)
+        )
         image = pictures(recipe, transport, codes, panels, ambient=Fraction(3, 10))["indirect"]
         errors.append(worst(image.image[..., 0], want, min(want)))
     return Outcome(*errors)
@@ -115,7 +117,7 @@ def rarely_lit() -> Outcome:
     p = Fraction(1, 16)
     codes = bench_rig.pairs(make_codes("balanced", GRID, 16, dual="same", p=float(p), seed=3))
     transport = bench_rig.transport()
-    recipe = recipe_of(Target(Goal(name="fraction", p=float(p)), GRID), How())
+    recipe = make_recipe(Target(Goal(name="fraction", p=float(p)), GRID), CaptureScheme())
     frames = build_frames(codes, GRID, window="whole", schedule="full", passes=1)
     matrix = exact(frames, log_of(frames)).matrix(Fraction(0), Fraction(0))
     weight = sum((matrix[n][n] for n in range(CELLS)), Fraction()) / CELLS

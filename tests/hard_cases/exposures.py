@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
-from pdcd.probing.panel import Panel
-from pdcd.probing.realised import Factors, collect, factors
+from pdcd.probing.panel import PanelOptics
+from pdcd.probing.realised import Factors, collect_factors, compute_factors
 
 Whole = NDArray[np.int64]
 REFRESH_NS = 16_666_667
@@ -78,9 +78,11 @@ def closing_ns(log: FrameLog) -> int:
     return int(log.end_ns.max()) + 30_000_000
 
 
-def realised(frames: Frames, log: FrameLog, primal: Panel, dual: Panel) -> Factors:
+def realised(frames: Frames, log: FrameLog, primal: PanelOptics, dual: PanelOptics) -> Factors:
     """The program's own realised matrix of an exposure from 0 to `closing_ns`."""
-    return collect(factors(frames, log, primal, dual, open_ns=0, close_ns=closing_ns(log)))
+    return collect_factors(
+        compute_factors(frames, log, primal, dual, open_ns=0, close_ns=closing_ns(log))
+    )
 
 
 def spans(frames: Frames, log: FrameLog) -> tuple[Whole, Whole, Whole]:

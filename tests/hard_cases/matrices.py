@@ -17,14 +17,14 @@ import numpy as np
 
 from pdcd.codes.make import make_codes
 from pdcd.codes.pilot.links import estimate_links
-from pdcd.pictures.combine import combine
-from pdcd.pictures.exposed import Print
+from pdcd.pictures.combine import combine_shots
+from pdcd.pictures.exposed import ComputedShot
 from pdcd.planning.make import make_plan
-from pdcd.probing.panel import Panel
+from pdcd.probing.panel import PanelOptics
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.programs import Blocks, SignedBlocks, SignedMatrix
+from pdcd.recipes.programs import BlockProgram, SignedBlockProgram, SignedMatrixProgram
 from pdcd.sensor.cells import CellMap
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
@@ -55,14 +55,14 @@ def _answer(program: type | None, **fields: Any) -> Floats:
         plan = make_plan(msgspec.convert(fields, CaptureRequest), config, GRID)
     if program is not None:
         assert all(isinstance(p, program) for p in plan.recipe.programs.values())
-    scene = Scene("test", GRID, matrix_effects(bench_rig.transport()))
+    scene = Scene("test", GRID, split_into_effects(bench_rig.transport()))
     shots = {}
     for shot in plan.recipe.shots:
         frames = plan.frames(shot)
-        got = realised(frames, log_of(frames), Panel(), Panel())
+        got = realised(frames, log_of(frames), PanelOptics(), PanelOptics())
         light = scene.photo(got.left, got.right, got.coaxial, got.open_s).reshape(*GRID, 3)
-        shots[shot.name] = Print(light, np.ones_like(light), np.zeros(GRID, bool), got, {})
-    pictures = combine(plan.recipe, shots, CellMap.block(GRID, GRID))
+        shots[shot.name] = ComputedShot(light, np.ones_like(light), np.zeros(GRID, bool), got, {})
+    pictures = combine_shots(plan.recipe, shots, CellMap.block(GRID, GRID))
     return pictures[plan.recipe.answer_name].image[..., 1].ravel()
 
 
@@ -80,7 +80,9 @@ def by_blocks() -> Outcome:
     """Condition 1e8 by its singular vectors, in two photos."""
     matrix = _ill_conditioned()
     return Outcome(
-        _against(_answer(SignedBlocks, goal="relit", matrix=matrix.tolist(), codes=64), matrix)
+        _against(
+            _answer(SignedBlockProgram, goal="relit", matrix=matrix.tolist(), codes=64), matrix
+        )
     )
 
 
@@ -88,7 +90,9 @@ def by_codes() -> Outcome:
     """Condition 1e8 by signed codes (eq. 9), fewer than its blocks would need."""
     matrix = _ill_conditioned()
     return Outcome(
-        _against(_answer(SignedMatrix, goal="relit", matrix=matrix.tolist(), codes=16), matrix)
+        _against(
+            _answer(SignedMatrixProgram, goal="relit", matrix=matrix.tolist(), codes=16), matrix
+        )
     )
 
 
@@ -96,7 +100,7 @@ def dependent_rows() -> Outcome:
     """Rows 1e-9 apart, each a block of its own."""
     matrix = _nearly_alike()
     return Outcome(
-        _against(_answer(Blocks, goal="relit", matrix=matrix.tolist(), codes=64), matrix)
+        _against(_answer(BlockProgram, goal="relit", matrix=matrix.tolist(), codes=64), matrix)
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel, decay_integral
+from pdcd.probing.panel import PanelOptics, compute_decay_integral
 from tests import bench_rig
 from tests.hard_cases.case import Case, Outcome, worst
 from tests.hard_cases.exposures import REFRESH_NS, log_of, realised, spans
@@ -31,7 +31,7 @@ NS = Decimal(1).scaleb(-9)
 class _Level:
     """One cell of a panel: where it is, and how it moves."""
 
-    panel: Panel
+    panel: PanelOptics
     now: Decimal
 
     def towards(self, on: bool) -> tuple[Decimal, Decimal, Decimal]:
@@ -63,7 +63,9 @@ def _stretch(mask: _Level, m: bool, light: _Level, i: bool, duration: Decimal) -
     return total
 
 
-def decimal_matrix(frames: Frames, log: FrameLog, primal: Panel, dual: Panel) -> list[Fraction]:
+def decimal_matrix(
+    frames: Frames, log: FrameLog, primal: PanelOptics, dual: PanelOptics
+) -> list[Fraction]:
     """Realised matrix in s, row by row, from 80 digits."""
     assert primal.skew_ns == dual.skew_ns == 0
     span_ns, m, i = spans(frames, log)
@@ -83,7 +85,9 @@ def decimal_matrix(frames: Frames, log: FrameLog, primal: Panel, dual: Panel) ->
     return out
 
 
-def error(primal: Panel, dual: Panel, *, refresh_ns: int = REFRESH_NS, phase_ns: int = 0) -> float:
+def error(
+    primal: PanelOptics, dual: PanelOptics, *, refresh_ns: int = REFRESH_NS, phase_ns: int = 0
+) -> float:
     """Largest error of the realised matrix, over its largest entry."""
     codes = make_codes("bernoulli", GRID, 4, dual="complement", seed=1)
     frames = build_frames(bench_rig.pairs(codes), GRID, window="whole", schedule="none", passes=1)
@@ -92,14 +96,14 @@ def error(primal: Panel, dual: Panel, *, refresh_ns: int = REFRESH_NS, phase_ns:
     return worst(realised(frames, log, primal, dual).dense(), want, max(want))
 
 
-def panels(primal: Panel, dual: Panel) -> Callable[[], Outcome]:
+def panels(primal: PanelOptics, dual: PanelOptics) -> Callable[[], Outcome]:
     """The case of two panels at 60 Hz, the mask 1.2 ms behind."""
     return lambda: Outcome(error(primal, dual, phase_ns=1_234_567))
 
 
 def billionth() -> Outcome:
     """Mask and projector change 1e-9 of a refresh apart, refreshes of one second."""
-    slow = Panel(0.3, 0.1, 1 / 300), Panel(0.2, 0.2, 1 / 50)
+    slow = PanelOptics(0.3, 0.1, 1 / 300), PanelOptics(0.2, 0.2, 1 / 50)
     return Outcome(error(*slow, refresh_ns=10**9, phase_ns=1))
 
 
@@ -109,7 +113,7 @@ def billionth_alone() -> Outcome:
     with localcontext() as context:
         context.prec = DIGITS
         want = [Fraction(_integral(1 / Decimal(r), Decimal(short_s))) for r in rates]
-    got = decay_integral(np.array(rates), np.array(short_s))
+    got = compute_decay_integral(np.array(rates), np.array(short_s))
     plain = (1.0 - np.exp(-np.array(rates) * short_s)) / np.array(rates)
     scale = min(want)
     return Outcome(worst(got, want, scale), worst(plain, want, scale))
@@ -125,7 +129,7 @@ def late_nanosecond() -> Outcome:
     frames = build_frames((one, one), (1, 1), window="whole", schedule="none", passes=1)
     hour_ns = 3_600_000_000_000
     log = log_of(frames, start_ns=hour_ns, phase_ns=REFRESH_NS - 1)
-    got = float(realised(frames, log, Panel(), Panel()).coaxial[0])
+    got = float(realised(frames, log, PanelOptics(), PanelOptics()).coaxial[0])
     start_s, end_s = (hour_ns + REFRESH_NS - 1) * 1e-9, (hour_ns + REFRESH_NS) * 1e-9
     return Outcome(abs(got * 1e9 - 1.0), abs((end_s - start_s) * 1e9 - 1.0))
 
@@ -134,21 +138,27 @@ _DECIMALS = "antiderivatives in 80 digits"
 _LARGEST = "of the largest entry"
 
 
-def _case(name: str, primal: Panel, dual: Panel) -> Case:
+def _case(name: str, primal: PanelOptics, dual: PanelOptics) -> Case:
     return Case(name, _LARGEST, _DECIMALS, 1e-14, panels(primal, dual))
 
 
 CASES = (
-    _case("equal time constants", Panel(0.004, 0.004), Panel(0.004, 0.004)),
+    _case("equal time constants", PanelOptics(0.004, 0.004), PanelOptics(0.004, 0.004)),
     _case(
         "time constants 1e-12 apart",
-        Panel(0.004, 0.004 * (1 + 1e-12), 1 / 500),
-        Panel(0.004 * (1 - 1e-12), 0.004, 1 / 300),
+        PanelOptics(0.004, 0.004 * (1 + 1e-12), 1 / 500),
+        PanelOptics(0.004 * (1 - 1e-12), 0.004, 1 / 300),
     ),
-    _case("rise of 1e-12 s", Panel(1e-12, 0.003, 1 / 500), Panel(0.012, 1e-12, 1 / 300)),
-    _case("no rise but a fall", Panel(0.0, 0.003), Panel(0.012, 0.0, 1 / 50)),
-    _case("time constants of 5e-324 s", Panel(5e-324, 5e-324), Panel(5e-324, 0.005)),
-    _case("rise and fall of a million seconds", Panel(1e6, 1e6, 0.5), Panel(1e6, 0.004, 0.5)),
+    _case(
+        "rise of 1e-12 s", PanelOptics(1e-12, 0.003, 1 / 500), PanelOptics(0.012, 1e-12, 1 / 300)
+    ),
+    _case("no rise but a fall", PanelOptics(0.0, 0.003), PanelOptics(0.012, 0.0, 1 / 50)),
+    _case("time constants of 5e-324 s", PanelOptics(5e-324, 5e-324), PanelOptics(5e-324, 0.005)),
+    _case(
+        "rise and fall of a million seconds",
+        PanelOptics(1e6, 1e6, 0.5),
+        PanelOptics(1e6, 0.004, 0.5),
+    ),
     Case(
         "panels 1e-9 of a refresh apart",
         _LARGEST,

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel
-from pdcd.virtual.scene.kernel import Kernel
+from pdcd.probing.panel import PanelOptics
+from pdcd.virtual.scene.kernel import KernelEffect
 from pdcd.virtual.scene.presets import PRESETS
 from pdcd.virtual.scene.radiosity import (
     Radiosity,
     Relief,
-    closed_exchange,
-    form_kernel,
-    limited,
-    radiosity,
+    compute_form_kernel,
+    limit_kernel,
+    make_radiosity_effects,
+    solve_exchange,
 )
 from tests import bench_rig, oracles
 from tests.hard_cases.case import Case, Floats, Outcome, worst
@@ -64,7 +64,7 @@ def _patches(relief: Relief) -> tuple[Radiosity, Floats]:
     """The exchange between patches of a relief of albedo 0.999, and the areas of the patches."""
     rows, cols = relief.height.shape
     albedo = np.full((rows * cols, 1), ALBEDO)
-    (effect,) = radiosity("test", relief, albedo, (np.ones(3),))
+    (effect,) = make_radiosity_effects("test", relief, albedo, (np.ones(3),))
     area = effect.down.T @ (1.0 / relief.cosine) @ effect.across
     return effect, np.asarray(area.ravel())
 
@@ -72,7 +72,7 @@ def _patches(relief: Relief) -> tuple[Radiosity, Floats]:
 def groove() -> Outcome:
     """Light between steep walls, against a solution with 64 bits of mantissa."""
     effect, area = _patches(_groove())
-    kernel = limited(form_kernel(_groove(), (12, 16)), area)
+    kernel = limit_kernel(compute_form_kernel(_groove(), (12, 16)), area)
     long_kernel = kernel.astype(np.longdouble)
     passed_on = long_kernel * (area.astype(np.longdouble) * np.longdouble(ALBEDO))
     want = _solved(np.eye(area.size, dtype=np.longdouble) - passed_on, long_kernel)
@@ -107,7 +107,7 @@ def enclosure() -> Outcome:
     walls = 64
     area = np.full(walls, 0.25)
     kernel = np.full((walls, walls), 1.0 / 16.0)
-    got = closed_exchange(kernel, area, np.full(walls, ALBEDO)) @ area
+    got = solve_exchange(kernel, area, np.full(walls, ALBEDO)) @ area
     want = 1 / (1 - Fraction(ALBEDO))
     bounces = float(np.sum(ALBEDO ** np.arange(1000)))
     return Outcome(worst(got, [want] * walls, want), worst(np.array([bounces]), [want], want))
@@ -124,7 +124,7 @@ def bright_spot() -> Outcome:
     kernel = (1.0 + uneven) / (1.0 + np.hypot(y, x)) ** 3
     into = np.ones(37 * 41)
     into[5 * 41 + 7] = 1e5
-    effect = Kernel("test", grid, kernel, np.ones(37 * 41), into)
+    effect = KernelEffect("test", grid, kernel, np.ones(37 * 41), into)
     assert not effect._factors, "the case is for the Fourier route"
     got = effect.apply(np.ones((1, 37 * 41)))[0]
     dense = effect.dense()
@@ -167,7 +167,7 @@ def preset(name: str) -> Outcome:
 def odd_whole() -> Outcome:
     """Realised matrix on odd grids with leaking panels, against fractions."""
     errors = []
-    panels = Panel(leak=1 / 300), Panel(leak=1 / 50)
+    panels = PanelOptics(leak=1 / 300), PanelOptics(leak=1 / 50)
     for grid in ODD_GRIDS:
         codes = make_codes("balanced", grid, 4, dual="complement", seed=1)
         frames = build_frames(
@@ -183,7 +183,7 @@ def odd_whole() -> Outcome:
 def odd_quarter() -> Outcome:
     """The same in quarter windows with slow panels, against matrix exponentials, pixel by pixel."""
     errors = []
-    primal, dual = Panel(0.001, 0.003, 1 / 500), Panel(0.012, 0.005, 1 / 50)
+    primal, dual = PanelOptics(0.001, 0.003, 1 / 500), PanelOptics(0.012, 0.005, 1 / 50)
     for grid in ((1, 1), (1, 5), (5, 1), (3, 5)):
         shape = Lattice(grid, "quarter").shape
         codes = make_codes("balanced", shape, 2, dual="complement", seed=1)

@@ -11,9 +11,9 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel
-from pdcd.probing.realised import Factors, collect, factors
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.probing.panel import PanelOptics
+from pdcd.probing.realised import Factors, collect_factors, compute_factors
+from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
@@ -22,7 +22,7 @@ from tests.hard_cases.exposures import Exact, closing_ns, exact, log_of, photo, 
 MANY = 100_000
 GRID = bench_rig.GRID
 CELLS = GRID[0] * GRID[1]
-PRIMAL, DUAL = Panel(leak=1 / 800), Panel(leak=1 / 300)
+PRIMAL, DUAL = PanelOptics(leak=1 / 800), PanelOptics(leak=1 / 300)
 NS = Fraction(1, 10**9)
 
 
@@ -44,12 +44,12 @@ def _exact_matrix() -> list[list[Fraction]]:
 def _parts() -> list[Factors]:
     """The exposure chunk by chunk, as the mock camera takes it."""
     frames, log, _ = _many()
-    return list(factors(frames, log, PRIMAL, DUAL, open_ns=0, close_ns=closing_ns(log)))
+    return list(compute_factors(frames, log, PRIMAL, DUAL, open_ns=0, close_ns=closing_ns(log)))
 
 
 @cache
 def _program_matrix() -> Floats:
-    return collect(_parts()).dense()
+    return collect_factors(_parts()).dense()
 
 
 @cache
@@ -87,7 +87,7 @@ def matrix_by_fsum() -> Outcome:
 def photograph() -> Outcome:
     """The mock's photo, chunk by chunk, each cell relative to itself."""
     transport = bench_rig.transport()
-    scene = Scene("test", GRID, matrix_effects(transport))
+    scene = Scene("test", GRID, split_into_effects(transport))
     got = np.zeros((CELLS, 3))
     for part in _parts():
         got += scene.photo(part.left, part.right, part.coaxial, part.open_s)

@@ -14,7 +14,7 @@ from typing import Any, get_args
 import msgspec
 
 from pdcd import words
-from pdcd.protocol.fields import ARRAYS, needed_by
+from pdcd.protocol.fields import ARRAY_FIELDS, list_needed_fields
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import KEEPS
 from tests.hostile import files
@@ -101,12 +101,12 @@ def _attack(rng: Random, folder: Path, grid: tuple[int, int]) -> Attack:
     goal = rng.choice(list(KEEPS))
     params: dict[str, Any] = {"goal": goal}
     made: list[int] = []
-    for name in needed_by(goal):
+    for name in list_needed_fields(goal):
         params[name] = _fitting(rng, name, grid)
     fields = [f for f in CaptureRequest.__struct_fields__ if f != "goal"]
     for name in rng.sample(fields, rng.randrange(0, 4)):
         params[name] = rng.choice(CHOICES[name]) if name in CHOICES else None
-    for name in {*ARRAYS, "prior"} & {*params}:
+    for name in {*ARRAY_FIELDS, "prior"} & {*params}:
         if rng.random() < 0.7:
             params[name] = _array(rng, name, folder, grid, made)
     if rng.random() < 0.15:
@@ -128,7 +128,7 @@ def _fitting(rng: Random, name: str, grid: tuple[int, int]) -> Any:
         return [[float(rng.randrange(-2, 3)) for _ in range(3)] for _ in range(3)]
     if name == "matrix":
         return [[rng.random() for _ in range(rows * columns)] for _ in range(rows * columns)]
-    if name in ARRAYS:
+    if name in ARRAY_FIELDS:
         return [[float(rng.randrange(2)) for _ in range(columns)] for _ in range(rows)]
     return rng.choice(CHOICES[name])
 

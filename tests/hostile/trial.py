@@ -15,18 +15,18 @@ from typing import Any, cast
 
 import msgspec
 
-from pdcd.bench.folders import state_dir
+from pdcd.bench.folders import find_state_dir
 from pdcd.bench.tables import LimitsConfig, ServerConfig
 from pdcd.capture.engine import Engine
-from pdcd.errors import PdcdError, error_fields
-from pdcd.protocol.messages import Admitted
-from pdcd.protocol.views import Role
+from pdcd.errors import PdcdError, to_error_fields
+from pdcd.protocol.messages import Admission
+from pdcd.protocol.views import ClientRole
 from pdcd.server.access import Peer
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.methods import Methods
-from pdcd.server.protocol import Fault, Request, parse
+from pdcd.server.protocol import RpcFault, RpcRequest, parse_line
 from pdcd.server.runner import Runner
-from pdcd.server.worker import Worker
+from pdcd.server.worker import EngineThread
 from tests import bench_rig
 from tests.hostile import files
 from tests.hostile.requests import Attack, attacks
@@ -40,7 +40,7 @@ class Caller:
     """As much of a caller as the methods look at."""
 
     peer: Peer
-    role: Role = Role.SHOOT
+    role: ClientRole = ClientRole.SHOOT
     number: int = 1
     gone: bool = False
     interest: str = "none"
@@ -73,7 +73,7 @@ def _methods(folder: Path) -> Iterator[tuple[Methods, Runner]]:
         server=ServerConfig(state_dir=str(folder / "state"), arrays=str(folder / "arrays")),
         limits=LimitsConfig(min_free_bytes=0, max_exposure_s=20.0),
     )
-    worker = Worker()
+    worker = EngineThread()
     engine = Engine.from_config(config)
     runner = Runner(engine, worker, lambda job, event: None)
     try:
@@ -85,7 +85,7 @@ def _methods(folder: Path) -> Iterator[tuple[Methods, Runner]]:
                 worker,
                 runner,
                 description=engine.describe(),
-                state_dir=state_dir(config),
+                state_dir=find_state_dir(config),
                 connections=lambda: 1,
             ),
             runner,
@@ -122,24 +122,24 @@ async def _one(methods: Methods, runner: Runner, attack: Attack) -> tuple[str, A
     held = Descriptors()
     held.receive(map(os.dup, attack.fds))
     try:
-        return await _answered(methods, runner, attack, parse(attack.line, held))
+        return await _answered(methods, runner, attack, parse_line(attack.line, held))
     finally:
         await held.end()
 
 
 async def _answered(
-    methods: Methods, runner: Runner, attack: Attack, request: Request | Fault
+    methods: Methods, runner: Runner, attack: Attack, request: RpcRequest | RpcFault
 ) -> tuple[str, Any]:
-    if isinstance(request, Fault):
+    if isinstance(request, RpcFault):
         return request.error.kind, request.error
     caller = cast(Any, Caller(Peer(os.getpid(), attack.uid, attack.uid, "eve")))
     try:
         answer = await methods.handle(caller, request)
     except PdcdError as err:
-        return err.kind, error_fields(err)
+        return err.kind, to_error_fields(err)
     except Exception as err:  # what the server would call internal
         return "internal", err
-    if not isinstance(answer, Admitted):
+    if not isinstance(answer, Admission):
         msgspec.json.encode(answer)
         return "done", None
     job = runner.table.get(answer.job)

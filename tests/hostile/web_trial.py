@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pdcd.web.door import Door
-from pdcd.web.serve import bound, serving
+from pdcd.web.door import BrowserAuth
+from pdcd.web.serve import bind_loopback, serve_page
 from pdcd.web.shelf import MOST_PICTURE_BYTES
 from tests.e2e.server._server_harness import daemon
 from tests.hostile.web_requests import JOB, Attack, Inside, attacks
@@ -48,7 +48,7 @@ def hostile_state(folder: Path) -> None:
         file.truncate(MOST_PICTURE_BYTES + 1)
 
 
-def inside_of(door: Door) -> Inside:
+def inside_of(door: BrowserAuth) -> Inside:
     """What whoever opened the printed address has."""
     return Inside(door.host, door.address.partition("#")[2])
 
@@ -107,9 +107,9 @@ async def trial(folder: Path, seed: int, count: int) -> Outcome:
     state.mkdir()
     hostile_state(state)
     async with daemon(folder) as running:
-        sock = bound("127.0.0.1", 0)
+        sock = bind_loopback("127.0.0.1", 0)
         host, port = sock.getsockname()
-        async with serving(sock, running.path, state) as door:
+        async with serve_page(sock, running.path, state) as door:
             inside = inside_of(door)
             await honest(host, port, inside)
             calls = len(running.engine.calls)

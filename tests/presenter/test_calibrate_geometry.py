@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from pdcd.bench.calibration import read_calibration
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.bench.tables import BenchConfig, CameraConfig, RigConfig, SceneConfig, TriggerConfig
-from pdcd.bench.truth import truth_of
+from pdcd.bench.truth import load_bench_truth
 from pdcd.calibration.light import metering
-from pdcd.capture.again import again
+from pdcd.capture.again import recompute_calibration
 from pdcd.capture.engine import Engine
-from pdcd.panels.map import between
+from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
 from pdcd.protocol.request import CalibrateRequest
 from tests import x11_rig
@@ -65,8 +65,8 @@ def test_maps_are_found_through_real_windows(
             cancelled=lambda: False,
         )
         assert result.state == "done", result.error
-        true = truth_of(config).of(config)
-        panels, camera = panels_of(true), camera_map(true, FRAME[::-1])
+        true = load_bench_truth(config).of(config)
+        panels, camera = panels_of(true), make_camera_map(true, FRAME[::-1])
         maps = load_maps(Path(str(result.folder)) / "maps.npz")
         width, height = config.projector.size_px
         x, y = np.meshgrid(
@@ -75,7 +75,7 @@ def test_maps_are_found_through_real_windows(
         places = np.stack([x, y], axis=-1).reshape(-1, 2)
         field = panels.projector.map.to_field(places)
         for name, map_ in (("mask", panels.mask.map), ("camera", camera)):
-            found = between(maps[name], maps["projector"], map_.from_field(field))
+            found = map_between(maps[name], maps["projector"], map_.from_field(field))
             assert np.percentile(np.hypot(*(found - places).T), 95.0) < NEAR_PX, name
         # From now on it is in use.
         assert engine._config.mask.place.map == maps["mask"]
@@ -86,5 +86,5 @@ def test_maps_are_found_through_real_windows(
     finally:
         engine.stop()
     assert heard.count("shutter_open") == heard.count("shutter_closed") >= 7
-    report = again(Path(str(result.folder)))
+    report = recompute_calibration(Path(str(result.folder)))
     assert report.identical, report

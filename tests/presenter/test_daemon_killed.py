@@ -22,7 +22,7 @@ import pytest
 from pdcd.bench.tables import RigConfig, TriggerConfig
 from pdcd.client import Client
 from pdcd.presenter.xgrab import RootGrabber
-from pdcd.protocol.events import ENDS, Cancelled, Done, Failed
+from pdcd.protocol.events import ENDS, JobCancelled, JobDone, JobFailed
 from pdcd.protocol.request import CaptureRequest
 from tests import x11_rig
 from tests.e2e.server.test_daemon_real import connect, daemon, last_event, wait_for_codes
@@ -127,7 +127,7 @@ def wait_until_gone(pid: int) -> None:
         os.close(watched)
 
 
-def end_of(client: Client, job: str) -> Done | Failed | Cancelled:
+def end_of(client: Client, job: str) -> JobDone | JobFailed | JobCancelled:
     """The last event of a job."""
     return next(e for e in client.events() if isinstance(e, ENDS) and e.job == job)
 
@@ -165,7 +165,7 @@ def test_a_killed_presenter_leaves_black_panels_a_closed_shutter_and_a_daemon(
             presenter = presenter_of(process.pid)
             lit_s.append(lit_after(lambda: os.kill(presenter, signal.SIGKILL), x_quarter))  # noqa: B023
             last = end_of(client, job)
-            assert isinstance(last, Failed) and last.error is not None
+            assert isinstance(last, JobFailed) and last.error is not None
             assert last.error["kind"] == "device_lost"
             box.hears(b"0")
             assert not x11_rig.root_pixels(x_quarter).any()
@@ -182,7 +182,7 @@ def test_the_next_capture_after_a_killed_presenter_works(
     with served(tmp_path, x_quarter, trigger) as (process, socket), connect(socket) as client:
         job = wait_for_codes(client)
         os.kill(presenter_of(process.pid), signal.SIGKILL)
-        assert isinstance(end_of(client, job), Failed)
+        assert isinstance(end_of(client, job), JobFailed)
         result = client.capture(NEXT)
         assert result.state == "done", result.error
         assert process.poll() is None
@@ -199,7 +199,7 @@ def test_a_killed_x_server_fails_the_job_and_the_daemon_goes_on(tmp_path: Path, 
         box.hears(b"01")
         os.kill(server.pid, signal.SIGKILL)
         last = end_of(client, job)
-        assert isinstance(last, Failed) and last.error is not None
+        assert isinstance(last, JobFailed) and last.error is not None
         assert last.error["kind"] == "device_lost"
         box.hears(b"0")
         assert last_event(tmp_path, job)["safe"] is False  # nobody can say what the panels show

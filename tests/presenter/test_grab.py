@@ -17,14 +17,14 @@ import pytest
 from numpy.typing import NDArray
 from Xlib import X
 
-from drivers.mock.bench import Bench
+from drivers.mock.bench import MockBench
 from pdcd.bench.tables import DisplayConfig, RigConfig, SceneConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, SyncError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import build_frames
-from pdcd.presenter.xconnection import connect, disconnect
-from pdcd.probing.pixel_matrix import pixel_factors
+from pdcd.presenter.xconnection import close_x_connection, open_x_connection
+from pdcd.probing.pixel_matrix import compute_pixel_factors
 from tests import bench_rig, lateness, x11_rig
 from tests.panel_pixels import from_pictures, planned, upright
 from tests.xserver import QUARTER, XServer, run
@@ -73,9 +73,9 @@ def rig_on(
         rig.disconnect()
 
 
-def expose(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
+def expose(rig: Rig, frames: Frames) -> tuple[MockBench, FrameLog]:
     """One exposure, without the camera's file."""
-    bench = Bench.of(rig._context)
+    bench = MockBench.of(rig._context)
     rig.display.load(frames)
     rig.shutter.open()
     log = rig.display.play(lambda *_: None, lambda: False)
@@ -84,7 +84,7 @@ def expose(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
     return bench, log
 
 
-def expose_evenly(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
+def expose_evenly(rig: Rig, frames: Frames) -> tuple[MockBench, FrameLog]:
     """The first of a few exposures in which every code was seen as long; skips where the machine
     itself was late meanwhile."""
     with lateness.watched() as machine:
@@ -125,7 +125,7 @@ def at(**cells: float) -> NDArray[np.float64]:
 @contextmanager
 def patch(server: XServer, x: int, y: int, width: int, height: int, level: int) -> Iterator[None]:
     """A patch of another program's over whatever is shown, in one grey level."""
-    display = connect(server.display)
+    display = open_x_connection(server.display)
     window = display.screen().root.create_window(
         x, y, width, height, 0, X.CopyFromParent,
         background_pixel=level * 0x010101, override_redirect=1,
@@ -138,7 +138,7 @@ def patch(server: XServer, x: int, y: int, width: int, height: int, level: int) 
         yield
     finally:
         window.destroy()
-        disconnect(display)
+        close_x_connection(display)
 
 
 @pytest.mark.parametrize("layout", ["span", "windows"])
@@ -187,7 +187,7 @@ def test_cells_that_do_not_divide_the_panels_make_the_photo_of_their_pixels(
                 found.levels(int(found.index[row])), plan.levels(int(plan.index[row]))
             )
     exposure = {"open_ns": int(log.dual_ns[0]), "close_ns": int(log.end_ns[1])}
-    (*_,) = pixel_factors(shown, log, config.projector, config.mask, grid=grid, **exposure)
+    (*_,) = compute_pixel_factors(shown, log, config.projector, config.mask, grid=grid, **exposure)
 
 
 def test_a_right_photo_and_wrong_pixels(tmp_path: Path, x_quarter: XServer) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.bench.config import show
+from pdcd.bench.config import format_config
 from pdcd.bench.tables import Config
-from pdcd.capture.show import loop_frames, pattern_frames
+from pdcd.capture.show import make_loop_frames, make_pattern_frames
 from pdcd.cli.main import main
-from pdcd.panels.patterns import levels_of
+from pdcd.panels.patterns import read_pattern_levels
 from tests import x11_rig
 from tests.xserver import XServer
 
@@ -20,7 +20,7 @@ from tests.xserver import XServer
 @pytest.fixture
 def file(tmp_path: Path, x_quarter: XServer) -> Path:
     path = tmp_path / "rig.toml"
-    path.write_text(show(x11_rig.config(tmp_path, x_quarter)), encoding="utf-8")
+    path.write_text(format_config(x11_rig.config(tmp_path, x_quarter)), encoding="utf-8")
     return path
 
 
@@ -46,16 +46,17 @@ def test_show_ends_by_itself_and_black(file: Path, x_quarter: XServer, words: li
 
 
 def test_the_alignment_grid_is_the_same_on_both_panels() -> None:
-    frames = pattern_frames("grid", 0, (48, 64), Config())
+    frames = make_pattern_frames("grid", 0, (48, 64), Config())
     np.testing.assert_array_equal(frames.primal_patterns, frames.dual_patterns)
-    assert levels_of(frames.primal_patterns, 0, 48 * 64).sum() == 6 * 64 + 8 * 48 - 6 * 8
+    assert read_pattern_levels(frames.primal_patterns, 0, 48 * 64).sum() == 6 * 64 + 8 * 48 - 6 * 8
 
 
 def test_the_loop_shows_indirect_light_only_for_the_time_asked() -> None:
-    frames = loop_frames((6, 8), Config(), 10.0)
+    frames = make_loop_frames((6, 8), Config(), 10.0)
     assert len(frames) / 60.0 == pytest.approx(10.0, rel=0.4)
     for index in range(len(frames.primal_patterns)):
         lit, seen = (
-            levels_of(p, index, 48) for p in (frames.primal_patterns, frames.dual_patterns)
+            read_pattern_levels(p, index, 48)
+            for p in (frames.primal_patterns, frames.dual_patterns)
         )
         assert not (lit * seen).any()

@@ -17,10 +17,10 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.panels.draw import draw, draw_planes
-from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
 from pdcd.panels.map import PanelView
-from pdcd.panels.patterns import pack
-from pdcd.panels.pixels import Box
+from pdcd.panels.patterns import pack_bits
+from pdcd.panels.pixels import PanelBox
 from pdcd.panels.placing import Placing
 from tests import lateness, x11_rig
 from tests.panel_pixels import planned, random_frames
@@ -40,7 +40,7 @@ BENT = {
     ),
 }
 """Mirrored, turned, distorted; both cover the field, and more."""
-ODD: tuple[Box, Box] = ((3, 2, 251, 187), (257, 1, 397, 299))
+ODD: tuple[PanelBox, PanelBox] = ((3, 2, 251, 187), (257, 1, 397, 299))
 """Panels of odd sizes at odd places of the screen."""
 
 
@@ -51,7 +51,7 @@ def shown(
     panels: dict[str, Any] | None = None,
     *,
     places: dict[str, Placing] | None = None,
-    boxes: tuple[Box, Box] | None = None,
+    boxes: tuple[PanelBox, PanelBox] | None = None,
     **more: Any,
 ) -> Iterator[tuple[X11Display, Screen]]:
     """A display, and what its screen should be compared by."""
@@ -82,7 +82,7 @@ class Screen:
 
     server: XServer
     views: tuple[PanelView, PanelView]
-    boxes: tuple[Box, Box] | None
+    boxes: tuple[PanelBox, PanelBox] | None
 
     def mismatches(self, frames: Frames, row: int) -> int:
         """Wrong pixels on both panels, and lit ones beside them."""
@@ -223,13 +223,15 @@ def test_pictures_of_a_panels_own_pixels(tmp_path: Path, x_quarter: XServer) -> 
     rng = np.random.default_rng(6)
     with shown(tmp_path, x_quarter, places=BENT, boxes=ODD) as (display, screen):
         pictures = [
-            pack(rng.random((3, view.size_px[0] * view.size_px[1])) < 0.5) for view in screen.views
+            pack_bits(rng.random((3, view.size_px[0] * view.size_px[1])) < 0.5)
+            for view in screen.views
         ]
         index = np.array([0, 1, 2, WHITE, BLACK, 0], dtype=np.int32)
         count = index.size
         frames = Frames(
             pictures[0], pictures[1], index, index[::-1].copy(), np.zeros(count, np.uint8),
-            np.arange(count, dtype=np.int32), np.zeros(count, np.bool_), (1, 1), (1, 1), PIXELS,
+            np.arange(count, dtype=np.int32), np.zeros(count, np.bool_), (1, 1), (1, 1),
+            PIXEL_WINDOW,
         )  # fmt: skip
         for row in range(count):
             display.show(only(frames, row))

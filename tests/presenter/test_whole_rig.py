@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import PanelConfig, RigConfig
-from pdcd.probing.panel import Panel
+from pdcd.probing.panel import PanelOptics
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor.raw import read_raw
@@ -20,7 +20,10 @@ from tests import bench_rig, oracles, whole_rig, x11_rig
 from tests.xserver import XServer
 
 REQUEST = CaptureRequest(goal="indirect", codes=12, window="whole", white=False, black_level="none")
-PRIMAL, DUAL = Panel(rise_s=0.001, fall_s=0.002), Panel(rise_s=0.003, fall_s=0.005, leak=1 / 400)
+PRIMAL, DUAL = (
+    PanelOptics(rise_s=0.001, fall_s=0.002),
+    PanelOptics(rise_s=0.003, fall_s=0.005, leak=1 / 400),
+)
 
 
 @pytest.mark.timeout(120)

@@ -21,13 +21,13 @@ from drivers.x11 import X11Display
 from pdcd.bench.devices import Display
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig
-from pdcd.capture.show import pattern_frames
+from pdcd.capture.show import make_pattern_frames
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.frames import BLACK
-from pdcd.presenter.client import DisplayProcess, opening
+from pdcd.presenter.client import DisplayProcess, make_open_request
 from pdcd.presenter.messages import Column
-from pdcd.presenter.timing import random_codes
-from pdcd.presenter.windows import Windows
+from pdcd.presenter.timing import make_random_codes
+from pdcd.presenter.windows import PanelWindows
 from pdcd.presenter.xgrab import RootGrabber
 from tests import x11_rig
 from tests.contract.test_display import GRID, DisplayContract, frames
@@ -349,7 +349,7 @@ def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
         display = x11_rig.display(x11_rig.config(tmp_path, server))
         try:
             assert display.connect().refresh_hz == pytest.approx(60.0, rel=0.02)
-            shown = pattern_frames("checker", 0, GRID, Config())
+            shown = make_pattern_frames("checker", 0, GRID, Config())
             display.show(shown)
             projector, mask, rest = x11_rig.panels(server)
         finally:
@@ -366,9 +366,9 @@ def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_the_first_code_costs_no_more_than_the_others(tmp_path: Path, x_quarter: XServer) -> None:
     """Whatever the graphics library compiles, it has compiled when the patterns are loaded."""
-    presenter = DisplayProcess(opening(x11_rig.config(tmp_path, x_quarter)))
+    presenter = DisplayProcess(make_open_request(x11_rig.config(tmp_path, x_quarter)))
     try:
-        presenter.load(random_codes(GRID))
+        presenter.load(make_random_codes(GRID))
         # Rows with both panels lit, all of other patterns, after one that is black.
         rows = np.append(BLACK, np.arange(1, 90, 3)).astype(np.int32)[:, None]
         log = presenter.play(rows, rows, lambda *_: None, lambda: False)
@@ -380,7 +380,7 @@ def test_the_first_code_costs_no_more_than_the_others(tmp_path: Path, x_quarter:
 
 
 def test_a_lost_graphics_context_is_a_lost_device() -> None:
-    windows = object.__new__(Windows)
+    windows = object.__new__(PanelWindows)
     windows._several = False
     windows._contexts = [SimpleNamespace(error="GL_CONTEXT_LOST")]  # type: ignore[list-item]
     with pytest.raises(DeviceLost, match="GL_CONTEXT_LOST"):

@@ -9,7 +9,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.protocol.events import Progress
 from tests.running_systemd.machine import PDCD, SLOW_S, Machine, wait_until
 
@@ -121,7 +121,7 @@ class Service:
         while True:
             try:
                 return Client(self.machine.inside("/run/pdcd.sock"), timeout_s=60.0)
-            except Unreachable:
+            except UnreachableError:
                 assert time.monotonic() < give_up_s, self.machine.journal("-n", "20")
                 time.sleep(0.05)
 

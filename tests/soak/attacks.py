@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
 
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import PdcdError
 from tests.hostile import files
 from tests.hostile.requests import attacks
@@ -140,7 +140,10 @@ def _hostile(daemon: Daemon, rng: Random) -> int:
     folder = daemon.bench.folder / "arrays"
     if not folder.exists():
         files.kinds(folder)
-    with suppress(Unreachable, PdcdError, OSError), Client(daemon.socket, timeout_s=20.0) as client:
+    with (
+        suppress(UnreachableError, PdcdError, OSError),
+        Client(daemon.socket, timeout_s=20.0) as client,
+    ):
         for attack in attacks(rng.randrange(2**31), 20, folder, GRID):
             line = attack.line + b"\n"
             sent = socket.send_fds(client._sock, [line], attack.fds)
@@ -190,7 +193,7 @@ def _vanish(daemon: Daemon, rng: Random) -> int:
     ]
     for _ in range(4):
         method, params = rng.choice(calls)
-        with suppress(PdcdError, Unreachable, OSError), Client(daemon.socket) as client:
+        with suppress(PdcdError, UnreachableError, OSError), Client(daemon.socket) as client:
             client._send(method, params)
             time.sleep(rng.uniform(0.0, 0.2))
     return 0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.virtual_camera import BULB_BODY, Body, VirtualUsb, chart_film
+from drivers.virtual_camera import BULB_BODY, CameraBody, VirtualUsb, make_chart_film
 from pdcd.bench import config as settings
 from pdcd.bench.clock import RealClock
 from pdcd.bench.tables import CameraConfig, RigConfig, ServerConfig, TriggerConfig
@@ -59,7 +59,7 @@ def _written(folder: Path, **tables: Any) -> Path:
     server = ServerConfig(state_dir=str(folder / "state"), arrays=str(folder / "arrays"))
     given = {"server": server, **tables}
     path = folder / "pdcd.toml"
-    path.write_text(settings.show(bench_rig.config(folder, grid=GRID, **given)))
+    path.write_text(settings.format_config(bench_rig.config(folder, grid=GRID, **given)))
     return path
 
 
@@ -142,7 +142,7 @@ def windows(folder: Path) -> Iterator[Bench]:
 @contextmanager
 def body(folder: Path) -> Iterator[Bench]:
     """An EOS body on a USB that this process lends, its bulb by USB too; in real time."""
-    usb = VirtualUsb(Body(RealClock(), chart_film((480, 720)), BULB_BODY))
+    usb = VirtualUsb(CameraBody(RealClock(), make_chart_film((480, 720)), BULB_BODY))
     listener = remote_usb.serve(usb, folder / USB)
     options = {"usb": "virtual"}
     config = _written(

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from drivers.ptp import shutter as ptp_shutter
-from pdcd.bench.config import load
+from pdcd.bench.config import load_config
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost
-from pdcd.server.daemon import run
+from pdcd.server.daemon import run_daemon
 from tests.remote_usb import RemoteUsb
 
 FAULT, CLOCK, USB = "fault.json", "clock", "usb"
@@ -89,7 +89,7 @@ def main(config: str, socket: str, where: str) -> int:
             vars(module)["datetime"] = stepped
     usb = folder / USB
     if usb.exists():
-        ptp_shutter.GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", str(usb))
+        ptp_shutter.PTP_GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", str(usb))
 
     def factory(config: Config) -> Engine:
         engine = Engine.with_child(config)
@@ -100,7 +100,7 @@ def main(config: str, socket: str, where: str) -> int:
             setattr(rig, role, Faulty(getattr(rig, role), role, folder / FAULT))
         return engine
 
-    return run(load(Path(config)), socket=Path(socket), engine_factory=factory)
+    return run_daemon(load_config(Path(config)), socket=Path(socket), engine_factory=factory)
 
 
 if __name__ == "__main__":

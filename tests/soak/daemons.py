@@ -13,7 +13,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from tests.places import ROOT
 from tests.soak import processes
 from tests.soak.benches import Bench
@@ -97,7 +97,7 @@ class Daemon:
         while True:
             try:
                 return Client(self.socket, timeout_s=20.0)
-            except (Unreachable, OSError):
+            except (UnreachableError, OSError):
                 if time.monotonic() > give_up_s or not self.alive:
                     raise
                 time.sleep(0.02)
@@ -110,7 +110,7 @@ class Daemon:
         try:
             with self.client() as client:
                 client.status()
-        except Unreachable as err:
+        except UnreachableError as err:
             raise RuntimeError(f"the daemon did not start: see {self.log.name}") from err
 
     def _listen(self) -> socket.socket:

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from random import Random
 
-from pdcd.client import Unreachable
+from pdcd.client import UnreachableError
 from pdcd.errors import PdcdError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.runs.verify import verify
+from pdcd.runs.verify import verify_run
 from tests.soak import processes
 from tests.soak.attacks import ATTACKS, Attack
 from tests.soak.benches import Bench
@@ -56,7 +56,7 @@ class Photographer:
         try:
             with self._daemon.client() as client:
                 self.result = client.capture(self._request, queue=True)
-        except (PdcdError, Unreachable, OSError) as err:
+        except (PdcdError, UnreachableError, OSError) as err:
             self.why = f"{type(err).__name__}: {err}"
 
     def wait(self, within_s: float) -> bool:
@@ -172,7 +172,7 @@ class Episode:
     def _idle(self, daemon: Daemon) -> None:
         """Wait until no job of any client is left."""
         until_s = time.monotonic() + 30.0
-        with suppress(PdcdError, Unreachable, OSError), daemon.client() as client:
+        with suppress(PdcdError, UnreachableError, OSError), daemon.client() as client:
             while client.status().state != "idle" and time.monotonic() < until_s:
                 time.sleep(0.02)
             self._promise(time.monotonic() < until_s, "the rig is not free 30 s after a photo")
@@ -223,7 +223,7 @@ class Episode:
             if (folder / "capture.json").exists() and folder.suffix != ".partial":
                 self._tally.folders += 1
                 try:
-                    found = verify(folder)
+                    found = verify_run(folder)
                     self._promise(found.whole, f"{folder.name} is not whole: {found}")
                 except PdcdError as err:
                     self._promise(False, f"{folder.name} is not sound: {err}")

@@ -12,7 +12,7 @@ import sys
 import time
 from contextlib import suppress
 
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import PdcdError
 
 EVERY_S = 0.1
@@ -23,7 +23,7 @@ def main(socket: str) -> None:
     took: list[float] = []
     stopped = False
     while not stopped:
-        with suppress(Unreachable, PdcdError, OSError), Client(socket) as client:
+        with suppress(UnreachableError, PdcdError, OSError), Client(socket) as client:
             while not stopped:
                 asked_s = time.monotonic()
                 client.status()

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.config import load
-from pdcd.bench.reading import emit
+from pdcd.bench.config import load_config
+from pdcd.bench.reading import format_toml
 from pdcd.bench.tables import Config
-from pdcd.panels.map import Map, Matrix
+from pdcd.panels.map import Map, MapMatrix
 from pdcd.panels.map_file import save_maps
 from tests.strangers.package.strangers_bench.facts import CAMERAS, ENGRAVED, Facts, PanelFacts
 from tests.strangers.package.strangers_bench.places import Place
@@ -57,7 +57,7 @@ def write_bench(facts: Facts, folder: Path, *, mirrored: bool = False) -> dict[s
     for name, table in (("sheet", sheet), ("truth", _typed(facts, folder))):
         table["server"] = {"state_dir": str(folder / f"state-{name}")}
         files[name] = folder / f"{name}.toml"
-        files[name].write_text(emit(table))
+        files[name].write_text(format_toml(table))
     return files
 
 
@@ -68,7 +68,7 @@ def grid_of(facts: Facts) -> tuple[int, int]:
 
 def read_config(file: Path) -> Config:
     """The configuration as pdcd reads it."""
-    return load(file)
+    return load_config(file)
 
 
 def true_maps(facts: Facts) -> dict[str, Map]:
@@ -112,7 +112,7 @@ def shared_field(facts: Facts, mask: Place, camera: Place) -> tuple[int, int, in
     return found
 
 
-def _nine(matrix: Floats) -> Matrix:
+def _nine(matrix: Floats) -> MapMatrix:
     a, b, c, d, e, f, g, h, i = (float(v) for v in matrix.ravel())
     return a, b, c, d, e, f, g, h, i
 

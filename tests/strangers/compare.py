@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pdcd
-from pdcd.bench.config import from_table
+from pdcd.bench.config import from_config_tables
 from pdcd.bench.placed import panels_of
-from pdcd.panels.atoms import PER_CELL, atoms
+from pdcd.panels.atoms import ATOMS_PER_CELL, find_atoms
 from tests.strangers.package.strangers_bench.world import World
 
 Floats = NDArray[np.float64]
@@ -53,10 +53,10 @@ class Compared:
 def cells_of(run: pdcd.Run) -> tuple[NDArray[np.int64], tuple[int, int]]:
     """The cell that each pixel of the projector shows in a run's codes, -1 for none, and the
     grid."""
-    config = from_table(dict(run.manifest.config), "the run's configuration")
-    atom = atoms(panels_of(config).projector, run.grid)
+    config = from_config_tables(dict(run.manifest.config), "the run's configuration")
+    atom = find_atoms(panels_of(config).projector, run.grid)
     lit = atom[..., 0] >= 0
-    cell = atom[..., 1] // PER_CELL * run.grid[1] + atom[..., 0] // PER_CELL
+    cell = atom[..., 1] // ATOMS_PER_CELL * run.grid[1] + atom[..., 0] // ATOMS_PER_CELL
     return np.where(lit, cell, -1).ravel().astype(np.int64), run.grid
 
 

@@ -18,7 +18,7 @@ from pdcd.bench.tables import CalibrationConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError
 from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import new_job_id
+from pdcd.protocol.result import make_job_id
 from pdcd.words import GoalName, StepName
 from tests.strangers import benches
 from tests.strangers.compare import compare
@@ -78,7 +78,7 @@ def calibrate(file: Path, folder: Path, stands: Stands, *steps: StepName) -> Ent
         engine.start()
         result = engine.calibrate(
             CalibrateRequest(steps=steps),
-            job=new_job_id(),
+            job=make_job_id(),
             emit=lambda event: None,
             cancelled=lambda: False,
         )

@@ -21,20 +21,20 @@ import pytest
 
 from pdcd import child as child_module
 from pdcd.child import (
-    LOOK_S,
+    LOOK_INTERVAL_S,
     PICKLES,
     SHORT_BYTES,
     WORDS,
     Codec,
-    Line,
     LineClosedError,
     LineSilentError,
-    bound_memory,
+    MessageLine,
+    end_with_parent,
     ignore_signals,
-    live_for_parent,
-    module_command,
-    single_threaded,
-    start,
+    limit_memory,
+    make_child_environment,
+    make_module_command,
+    start_child,
 )
 from pdcd.errors import DeviceLost, PdcdError
 from tests.child_rig import Children, Clock, stand_ins
@@ -47,9 +47,9 @@ def children(monkeypatch: pytest.MonkeyPatch) -> Iterator[Children]:
     yield from stand_ins(monkeypatch)
 
 
-def line_pair(codec: Codec[Any]) -> tuple[Line[Any], Line[Any]]:
+def line_pair(codec: Codec[Any]) -> tuple[MessageLine[Any], MessageLine[Any]]:
     first, second = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    return Line(first, codec), Line(second, codec)
+    return MessageLine(first, codec), MessageLine(second, codec)
 
 
 def descriptors() -> int:
@@ -129,13 +129,13 @@ def test_whoever_waits_is_asked_ten_times_a_second_and_no_longer_than_it_said(
 ) -> None:
     near, far = line_pair(WORDS)
     clock, signs_s = Clock(monkeypatch), []
-    looks_s = clock.silence(LOOK_S, deaf=True)
+    looks_s = clock.silence(LOOK_INTERVAL_S, deaf=True)
     with near, far:
         with pytest.raises(LineSilentError):
             near.receive(within_s=2.01, alive=lambda: signs_s.append(clock.now_s))
         assert clock.now_s == pytest.approx(102.05)
         assert max(np.diff(signs_s)) <= 0.1 and len(signs_s) >= 41
-        assert max(s for s in looks_s if s is not None) == LOOK_S <= 0.1
+        assert max(s for s in looks_s if s is not None) == LOOK_INTERVAL_S <= 0.1
         # The last look is no longer than what is left.
         assert looks_s[-1] == pytest.approx(0.01)
         with pytest.raises(LineSilentError):
@@ -181,7 +181,9 @@ def test_what_a_sign_of_life_raises_ends_the_wait_and_loses_nothing() -> None:
 def test_a_program_gets_its_end_of_the_line_and_nothing_of_the_terminal(
     children: Children,
 ) -> None:
-    made = start(("program", "word"), JSON, what="it", inherits=(7, 8), environment={"A": "1"})
+    made = start_child(
+        ("program", "word"), JSON, what="it", inherits=(7, 8), environment={"A": "1"}
+    )
     process = children.last
     assert process.command[:-1] == ["program", "word"] and process.inherits == (7, 8)
     assert process.how == {
@@ -207,24 +209,24 @@ def test_a_process_that_cannot_be_started_is_the_error_of_whoever_wants_it(
     before = descriptors()
     children.refusal = BlockingIOError(11, "Resource temporarily unavailable")
     with pytest.raises(PdcdError) as caught:
-        start(("program",), WORDS, what="the process that thinks")
+        start_child(("program",), WORDS, what="the process that thinks")
     told = "cannot start the process that thinks: Resource temporarily unavailable"
     assert caught.value.message == told and "too little memory" in str(caught.value.hint)
     with pytest.raises(DeviceLost, match="cannot start it"):
-        start(("program",), WORDS, what="it", error=DeviceLost)
+        start_child(("program",), WORDS, what="it", error=DeviceLost)
     assert descriptors() == before
     children.refusal = None
 
 
 def test_modules_of_the_current_folder_are_not_taken_for_ours() -> None:
-    assert module_command("pdcd.x") == (sys.executable, "-P", "-m", "pdcd.x")
+    assert make_module_command("pdcd.x") == (sys.executable, "-P", "-m", "pdcd.x")
 
 
 def test_threads_are_as_many_as_the_operator_says(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    assert single_threaded() == {**os.environ, "OMP_NUM_THREADS": "1"}
+    assert make_child_environment() == {**os.environ, "OMP_NUM_THREADS": "1"}
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    assert single_threaded() == os.environ
+    assert make_child_environment() == os.environ
 
 
 FOREVER = (sys.executable, "-I", "-S", "-c", "import time; time.sleep(600)")
@@ -232,7 +234,7 @@ FOREVER = (sys.executable, "-I", "-S", "-c", "import time; time.sleep(600)")
 
 @pytest.mark.parametrize("deaf", [True, False])
 def test_a_process_has_a_session_of_its_own_and_is_deaf_if_need_be(deaf: bool) -> None:
-    made = start(FOREVER, WORDS, what="it", deaf=deaf)
+    made = start_child(FOREVER, WORDS, what="it", deaf=deaf)
     try:
         assert os.getsid(made.pid) == made.pid
         fds = Path(f"/proc/{made.pid}/fd")
@@ -259,7 +261,7 @@ def test_a_process_has_a_session_of_its_own_and_is_deaf_if_need_be(deaf: bool) -
     ],
 )  # fmt: skip
 def test_how_it_ended_is_told_in_words(children: Children, status: int | None, words: str) -> None:
-    made = start(("program",), WORDS, what="it")
+    made = start_child(("program",), WORDS, what="it")
     children.last.die(status)
     assert made.how_it_ended() == words
     children.last.returncode = status or 0
@@ -270,7 +272,7 @@ def test_one_that_is_killed_does_not_hear_the_end_first(
     children: Children, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It would take that for its cue."""
-    made = start(("program",), WORDS, what="it")
+    made = start_child(("program",), WORDS, what="it")
     monkeypatch.setattr(
         children.last, "kill", lambda: children.last.done.append(made.line.fileno() >= 0)
     )
@@ -281,7 +283,7 @@ def test_one_that_is_killed_does_not_hear_the_end_first(
 
 
 def test_one_that_hears_the_end_is_waited_for_as_long_as_wanted(children: Children) -> None:
-    made = start(("program",), WORDS, what="it")
+    made = start_child(("program",), WORDS, what="it")
     far = children.last.line(WORDS)
     children.last.stubborn = True
     made.hang_up(0.5)
@@ -292,14 +294,14 @@ def test_one_that_hears_the_end_is_waited_for_as_long_as_wanted(children: Childr
 
 def test_those_whose_end_nobody_saw_are_buried_by_the_next_start() -> None:
     before = descriptors()
-    killed = [start(FOREVER, WORDS, what="it") for _ in range(3)]
+    killed = [start_child(FOREVER, WORDS, what="it") for _ in range(3)]
     for made in killed:
         made.kill(reap_s=0.0)
         made.kill(reap_s=0.0)
     for made in killed:
         with suppress(ChildProcessError):  # whose end was seen at once
             os.waitid(os.P_PID, made.pid, os.WEXITED | os.WNOWAIT)  # until the kernel has ended it
-    last = start(FOREVER, WORDS, what="it")
+    last = start_child(FOREVER, WORDS, what="it")
     assert [made.process.returncode for made in killed] == [-9] * 3
     last.kill()
     assert descriptors() == before
@@ -307,7 +309,7 @@ def test_those_whose_end_nobody_saw_are_buried_by_the_next_start() -> None:
 
 
 def test_a_wait_is_ended_by_the_death_of_the_other_side_from_another_thread() -> None:
-    made = start(FOREVER, WORDS, what="it")
+    made = start_child(FOREVER, WORDS, what="it")
     timer = threading.Timer(0.05, made.process.kill)
     timer.start()
     with pytest.raises(LineClosedError):
@@ -331,7 +333,7 @@ def test_memory_is_bounded_for_good(
         RLIMIT_DATA=2, RLIM_INFINITY=-1, getrlimit=lambda which: (7, hard),
         setrlimit=lambda which, pair: seen.append((which, pair)),
     ))  # fmt: skip
-    bound_memory(limit)
+    limit_memory(limit)
     assert seen == [(2, (most, most))]
 
 
@@ -353,7 +355,7 @@ def test_a_child_ends_with_its_parent_and_goes_first(
     ignored = [
         (number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     ]
-    live_for_parent()
+    end_with_parent()
     bound: list[object] = [(1, signal.SIGKILL, 0, 0, 0), ("/proc/self/oom_score_adj", "500")]
     assert seen == ignored + bound
     seen.clear()

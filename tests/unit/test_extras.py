@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pdcd import extras
-from pdcd.extras import OPTIONAL, TARGETS, install_hint
+from pdcd.extras import OPTIONAL, TARGETS, suggest_install
 from tests.places import ROOT
 
 OTHERS = re.compile(r"pip install ['\"]?pdcd|['\"`]pdcd\[|pdcd\[(?:dev|web|plots|cluster|gphoto2)")
@@ -41,16 +41,16 @@ def without_pip(monkeypatch: pytest.MonkeyPatch, python3: str | None) -> None:
 def test_beside_a_checkout_make_does_it(
     elsewhere: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(extras, "ROOT", tmp_path)
+    monkeypatch.setattr(extras, "SOURCE_ROOT", tmp_path)
     monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
     monkeypatch.chdir(tmp_path)
-    assert "pip" in install_hint("aiohttp"), "there is no Makefile"
+    assert "pip" in suggest_install("aiohttp"), "there is no Makefile"
     (tmp_path / "Makefile").write_text("# web: not yet\nnotebook:\n\ttrue\n")
-    assert "pip" in install_hint("aiohttp") and install_hint("jupyterlab") == "make notebook"
+    assert "pip" in suggest_install("aiohttp") and suggest_install("jupyterlab") == "make notebook"
     monkeypatch.chdir("/")
-    assert install_hint("jupyterlab") == f"make -C {tmp_path} notebook"
+    assert suggest_install("jupyterlab") == f"make -C {tmp_path} notebook"
     monkeypatch.setattr(sys, "prefix", str(elsewhere))
-    assert "pip" in install_hint("jupyterlab"), "make would fill another environment"
+    assert "pip" in suggest_install("jupyterlab"), "make would fill another environment"
 
 
 def test_the_makefile_has_what_is_named() -> None:
@@ -60,18 +60,18 @@ def test_the_makefile_has_what_is_named() -> None:
 
 
 def test_with_a_pip_of_its_own(elsewhere: Path) -> None:
-    assert install_hint("aiohttp") == f"'{elsewhere}/bin/python' -m pip install aiohttp"
+    assert suggest_install("aiohttp") == f"'{elsewhere}/bin/python' -m pip install aiohttp"
 
 
 def test_without_one_that_outside_does_it(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     without_pip(monkeypatch, "/usr/bin/python3")
     ends = f"-m pip --python '{elsewhere}/bin/python' install aiohttp"
-    assert install_hint("aiohttp") == f"python3 {ends}"
+    assert suggest_install("aiohttp") == f"python3 {ends}"
     # Active, it is python3 itself; nothing called so may be found, too.
     monkeypatch.setattr(sys, "_base_executable", "/opt/python")
     for found in (str(elsewhere / "bin/python3"), None):
         without_pip(monkeypatch, found)
-        assert install_hint("aiohttp") == f"/opt/python {ends}"
+        assert suggest_install("aiohttp") == f"/opt/python {ends}"
 
 
 def test_every_package_that_may_be_missing_is_in_an_extra() -> None:
@@ -101,7 +101,7 @@ def test_the_line_works_as_it_is_printed(tmp_path: Path, own_pip: bool) -> None:
         archive.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-any\n")
         archive.writestr(f"{info}/RECORD", "")
     environ = {**os.environ, "PYTHONPATH": str(ROOT), "PATH": f"{environment}/bin:/usr/bin:/bin"}
-    say = f"from pdcd.extras import install_hint; print(install_hint({str(wheel)!r}))"
+    say = f"from pdcd.extras import suggest_install; print(suggest_install({str(wheel)!r}))"
     told = subprocess.run([python, "-c", say], env=environ, capture_output=True, text=True)
     assert ("--python" in told.stdout) != own_pip, told.stderr
     environ.pop("PYTHONPATH")

@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.events import Decoded, Event
+from pdcd.protocol.events import DecodingProgress, Event
 from pdcd.protocol.request import CaptureRequest
 from pdcd.watch import Watch
 from tests import bench_rig
@@ -68,11 +68,11 @@ def test_every_decoding_goes_on_to_its_end(
     events: list[Event] = []
     result = engine.capture(request_, job="job", emit=events.append, cancelled=lambda: False)
     assert result.state == "done", result.error
-    stages: list[list[Decoded]] = []
+    stages: list[list[DecodingProgress]] = []
     before: Event | None = None
     for event in events:
-        if isinstance(event, Decoded):
-            if not isinstance(before, Decoded):
+        if isinstance(event, DecodingProgress):
+            if not isinstance(before, DecodingProgress):
                 stages.append([])
             stages[-1].append(event)
         before = event

@@ -9,8 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pdcd.bench.config import find
-from pdcd.bench.folders import socket_path, state_dir
+from pdcd.bench.config import find_config_file
+from pdcd.bench.folders import find_socket_path, find_state_dir
 from pdcd.bench.tables import Config
 from tests import world
 from tests.places import ROOT
@@ -37,8 +37,8 @@ def inside(variables: dict[str, str]) -> list[Path]:
 def test_tests_live_in_it() -> None:
     mine = Path(os.environ[world.MARK])
     assert not set(world.ABSENT) & set(os.environ)
-    assert find() is None
-    for path in (socket_path(Config()), state_dir(Config()), Path(tempfile.gettempdir())):
+    assert find_config_file() is None
+    for path in (find_socket_path(Config()), find_state_dir(Config()), Path(tempfile.gettempdir())):
         assert path.is_relative_to(mine)
 
 

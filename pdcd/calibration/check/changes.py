@@ -12,35 +12,33 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.check.moved import Moved
-from pdcd.calibration.figures import Figure, Verdict
+from pdcd.arrays import Floats
+from pdcd.calibration.check.moved import MapDrift
+from pdcd.calibration.figures import MeasuredFigure, Verdict
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-GOOD_PX, UNLIKE_PX, CAMERA_PX = 0.1, 0.15, 3.0
+_GOOD_PX, _UNLIKE_PX, _CAMERA_PX = 0.1, 0.15, 3.0
 """Registration that is good; what a similarity may leave; how far a camera may have been bumped, in
 projector pixels: its map is refitted, and no cell depends on it."""
-GOOD_S, REFIT_S = 0.1e-3, 0.5e-3
-GOOD_LAMP, REFIT_LAMP = 0.03, 0.15
-GOOD_CLOSED, REFIT_CLOSED = 0.10, 0.50
-DARKEST = 2e-4
+_GOOD_S, _REFIT_S = 0.1e-3, 0.5e-3
+_GOOD_LAMP, _REFIT_LAMP = 0.03, 0.15
+_GOOD_CLOSED, _REFIT_CLOSED = 0.10, 0.50
+DARKEST_MASK_SHARE = 2e-4
 """Light through the closed mask over that through the open one, below which it is black: a smaller
 share is hidden by noise, and changes are told over this one."""
-TOLD_SIGMAS = 3.0
+_TOLD_SIGMAS = 3.0
 """Standard deviations by which a change that is not known to its limit must differ from none."""
-FEWEST_DOTS, LEAST_DOTS = 30, 0.6
+_FEWEST_DOTS, _LEAST_DOTS = 30, 0.6
 """Dots, and share of the reference's dots, that must be found again."""
-LEAST_WHITE = 0.05
+_LEAST_WHITE = 0.05
 """White over that of the reference, below which there was no light."""
-UNEVEN = 0.1
+_UNEVEN = 0.1
 """Spread of white over its reference that another scene makes, and no lamp."""
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class BenchSnapshot:
     """What the five photos of a check say.
 
     camera : how the projector's dots lie from where the camera's map has them. mask : how those of
@@ -52,8 +50,8 @@ class Look:
     saturated : share of the white photo's lit quads that are saturated.
     """
 
-    camera: Moved
-    mask: Moved
+    camera: MapDrift
+    mask: MapDrift
     white: Floats
     closed: tuple[float, float]
     lag_s: tuple[float, float] | None
@@ -62,25 +60,25 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckFinding:
     """A figure with its verdict, and what it means for the user. sure : whether it is known well
     enough to be taken into account."""
 
-    figure: Figure
+    figure: MeasuredFigure
     advice: str
     sure: bool = True
 
 
 @dataclass(frozen=True, eq=False)
-class Checked:
+class CheckResult:
     """The verdict on a bench, and what a refit takes.
 
     camera, mask : how they moved. lamp : white now over then.
     """
 
-    findings: tuple[Finding, ...]
-    camera: Moved
-    mask: Moved
+    findings: tuple[CheckFinding, ...]
+    camera: MapDrift
+    mask: MapDrift
     lamp: float
 
     @property
@@ -89,7 +87,9 @@ class Checked:
         return max(finding.figure.verdict for finding in self.findings)
 
 
-def check(now: Look, then: Look, guard_px: float, refresh_s: float) -> Checked:
+def compare_snapshots(
+    now: BenchSnapshot, then: BenchSnapshot, guard_px: float, refresh_s: float
+) -> CheckResult:
     """Compare a look at the bench with that of its calibration.
 
     guard_px : of the cells that are to be used.
@@ -107,10 +107,10 @@ def check(now: Look, then: Look, guard_px: float, refresh_s: float) -> Checked:
     closed = _closed(now, then)
     findings = [
         _place("mask.place", apart, guard_px / 3.0, mask.unlike_px, culprit),
-        _place("camera.place", bumped, CAMERA_PX, camera.unlike_px, culprit),
+        _place("camera.place", bumped, _CAMERA_PX, camera.unlike_px, culprit),
         _lamp_finding(lamp, lamp_sigma, uneven),
         _graded(
-            "mask.contrast", closed, "", (GOOD_CLOSED, REFIT_CLOSED),
+            "mask.contrast", closed, "", (_GOOD_CLOSED, _REFIT_CLOSED),
             "the closed mask lets another share of the light through: look at the polarisers' "
             "angles, and calibrate the light",
         ),
@@ -119,11 +119,11 @@ def check(now: Look, then: Look, guard_px: float, refresh_s: float) -> Checked:
     if now.lag_s is not None:
         was = then.lag_s or (0.0, 0.0)
         lag = now.lag_s[0] - was[0], float(np.hypot(now.lag_s[1], was[1]))
-        findings.insert(2, _lag(lag, refresh_s, moved=apart[0] >= GOOD_PX))
-    return Checked(tuple(findings), camera, mask, lamp)
+        findings.insert(2, _lag(lag, refresh_s, moved=apart[0] >= _GOOD_PX))
+    return CheckResult(tuple(findings), camera, mask, lamp)
 
 
-def parts_of(light: Floats, shape: tuple[int, int] = (12, 16)) -> Floats:
+def average_parts(light: Floats, shape: tuple[int, int] = (12, 16)) -> Floats:
     """Mean light (h, w) of parts of a photo, (rows, cols): `Look.white`."""
     rows, cols = (
         np.array_split(np.arange(side), n) for side, n in zip(light.shape, shape, strict=True)
@@ -131,7 +131,7 @@ def parts_of(light: Floats, shape: tuple[int, int] = (12, 16)) -> Floats:
     return np.array([[light[np.ix_(row, col)].mean() for col in cols] for row in rows])
 
 
-def closed_share(
+def measure_closed_mask(
     dots: Floats, variance: Floats, white: Floats, places: Floats, radius_quads: float
 ) -> tuple[float, float]:
     """Light through the closed mask over that through the open one, and its sigma: `Look.closed`.
@@ -160,7 +160,7 @@ def closed_share(
 
 def _refuse_few(found: int, then: int, device: str) -> None:
     """Raise CalibrationError where too few of the reference's dots are there."""
-    if found < max(FEWEST_DOTS, LEAST_DOTS * then):
+    if found < max(_FEWEST_DOTS, _LEAST_DOTS * then):
         raise CalibrationError(
             f"only {found} of {then} dots of the {device} are found again",
             device=device,
@@ -169,7 +169,7 @@ def _refuse_few(found: int, then: int, device: str) -> None:
         )
 
 
-def _lamp(now: Look, then: Look) -> tuple[float, float, float]:
+def _lamp(now: BenchSnapshot, then: BenchSnapshot) -> tuple[float, float, float]:
     """White now over then, how uneven that is over the photo, and its standard deviation."""
     if now.saturated > 0.001:
         raise CalibrationError(
@@ -180,7 +180,7 @@ def _lamp(now: Look, then: Look) -> tuple[float, float, float]:
     lit = then.white > 0.25 * then.white.max()
     ratio = now.white[lit] / then.white[lit]
     lamp = float(np.median(ratio))
-    if not lamp > LEAST_WHITE:
+    if not lamp > _LEAST_WHITE:
         raise CalibrationError(
             f"there is next to no light: {max(lamp, 0.0):.1%} of the reference's",
             device="camera",
@@ -190,54 +190,54 @@ def _lamp(now: Look, then: Look) -> tuple[float, float, float]:
     return lamp, spread, 1.2533 * spread * lamp / float(np.sqrt(ratio.size))
 
 
-def _closed(now: Look, then: Look) -> tuple[float, float]:
+def _closed(now: BenchSnapshot, then: BenchSnapshot) -> tuple[float, float]:
     """Relative change of the light through the closed mask, and its standard deviation."""
-    least = max(then.closed[0], DARKEST)
+    least = max(then.closed[0], DARKEST_MASK_SHARE)
     change = (now.closed[0] - then.closed[0]) / least
-    times = now.closed[0] / then.closed[0] if least > DARKEST else 1.0
+    times = now.closed[0] / then.closed[0] if least > DARKEST_MASK_SHARE else 1.0
     return change, float(np.hypot(now.closed[1], times * then.closed[1])) / least
 
 
 def _culprit(bumped: float, apart: float, mask_in_photo: float) -> str:
     """Who moved, from how far projector and mask moved in the photo and against each other."""
-    if apart < GOOD_PX:
+    if apart < _GOOD_PX:
         return "the camera was bumped"
-    if bumped < GOOD_PX:
+    if bumped < _GOOD_PX:
         return "the mask moved"
-    return "the projector moved" if mask_in_photo < GOOD_PX else "more than one device moved"
+    return "the projector moved" if mask_in_photo < _GOOD_PX else "more than one device moved"
 
 
 def _place(
     name: str, moved: tuple[float, float], refit: float, unlike: float, culprit: str
-) -> Finding:
+) -> CheckFinding:
     """The verdict on a movement, in projector pixels at the worst corner."""
     finding = _graded(
-        name, moved, "px", (GOOD_PX, max(refit, GOOD_PX)), f"{culprit}: look at its mount"
+        name, moved, "px", (_GOOD_PX, max(refit, _GOOD_PX)), f"{culprit}: look at its mount"
     )
-    if unlike <= UNLIKE_PX:
+    if unlike <= _UNLIKE_PX:
         return finding
-    figure = Figure(
+    figure = MeasuredFigure(
         name,
         unlike,
         moved[1],
         "px",
-        f"at most {UNLIKE_PX:g} px beside a shift and a turn",
+        f"at most {_UNLIKE_PX:g} px beside a shift and a turn",
         Verdict.BAD,
     )
-    return Finding(
+    return CheckFinding(
         figure, f"calibrate the geometry anew: {culprit}, by more than a shift and a turn, or bent"
     )
 
 
-def _lag(lag: tuple[float, float], refresh_s: float, *, moved: bool) -> Finding:
+def _lag(lag: tuple[float, float], refresh_s: float, *, moved: bool) -> CheckFinding:
     """The verdict on the lag. Strips of a mask that moved may say nothing of it."""
     known = bool(np.isfinite(lag[0]))
     if moved and not known:
-        figure = Figure("mask.skew_s", *lag, "s", "known", Verdict.DOUBTFUL)
+        figure = MeasuredFigure("mask.skew_s", *lag, "s", "known", Verdict.DOUBTFUL)
         said = "it cannot be told while the mask lies elsewhere: check again then"
-        return Finding(figure, said, sure=False)
+        return CheckFinding(figure, said, sure=False)
     advice = _late(lag[0], refresh_s) if known else ""
-    return _graded("mask.skew_s", lag, "s", (GOOD_S, REFIT_S), advice)
+    return _graded("mask.skew_s", lag, "s", (_GOOD_S, _REFIT_S), advice)
 
 
 def _late(skew_s: float, refresh_s: float) -> str:
@@ -251,17 +251,19 @@ def _late(skew_s: float, refresh_s: float) -> str:
     return "calibrate the timing; let the panels warm up"
 
 
-def _lamp_finding(lamp: float, sigma: float, uneven: float) -> Finding:
+def _lamp_finding(lamp: float, sigma: float, uneven: float) -> CheckFinding:
     """The verdict on the lamp."""
-    if uneven > UNEVEN:
-        figure = Figure("lamp", lamp, sigma, "", f"even within {UNEVEN:.0%}", Verdict.DOUBTFUL)
+    if uneven > _UNEVEN:
+        figure = MeasuredFigure(
+            "lamp", lamp, sigma, "", f"even within {_UNEVEN:.0%}", Verdict.DOUBTFUL
+        )
         said = "this is not the scene of the reference: the lamp cannot be told"
-        return Finding(figure, said, sure=False)
+        return CheckFinding(figure, said, sure=False)
     advice = "look at the iris and the lamp's mode, then calibrate the light"
-    return _graded("lamp", (lamp - 1.0, sigma), "", (GOOD_LAMP, REFIT_LAMP), advice)
+    return _graded("lamp", (lamp - 1.0, sigma), "", (_GOOD_LAMP, _REFIT_LAMP), advice)
 
 
-def _settings(now: Mapping[str, str], then: Mapping[str, str]) -> Finding:
+def _settings(now: Mapping[str, str], then: Mapping[str, str]) -> CheckFinding:
     """The verdict on what must not have changed."""
     names = sorted(now.keys() | then.keys())
     other = [name for name in names if now.get(name) != then.get(name)]
@@ -269,13 +271,13 @@ def _settings(now: Mapping[str, str], then: Mapping[str, str]) -> Finding:
         f"{name} is {now.get(name, 'not told')}, was {then.get(name, 'not told')}" for name in other
     )
     verdict = Verdict.BAD if other else Verdict.GOOD
-    figure = Figure("settings", float(len(other)), 0.0, "", "none may differ", verdict)
-    return Finding(figure, f"set them back, or calibrate anew: {said}" if other else "")
+    figure = MeasuredFigure("settings", float(len(other)), 0.0, "", "none may differ", verdict)
+    return CheckFinding(figure, f"set them back, or calibrate anew: {said}" if other else "")
 
 
 def _graded(
     name: str, change: tuple[float, float], unit: str, limits: tuple[float, float], advice: str
-) -> Finding:
+) -> CheckFinding:
     """The verdict on a change and its sigma: good below the first limit, refitted below the
     second."""
     (value, sigma), (good, refit) = change, limits
@@ -283,7 +285,7 @@ def _graded(
     verdict = Verdict.GOOD if size < good else Verdict.DOUBTFUL if size < refit else Verdict.BAD
     if not np.isfinite([value, sigma]).all():
         verdict, advice = Verdict.BAD, "it could not be measured: take the photos again"
-    elif sigma > good and size < max(good, TOLD_SIGMAS * sigma):
+    elif sigma > good and size < max(good, _TOLD_SIGMAS * sigma):
         verdict, advice = Verdict.DOUBTFUL, "too noisy to be told: expose longer"
-    figure = Figure(name, value, sigma, unit, f"below {good:g} {unit}".rstrip(), verdict)
-    return Finding(figure, "" if verdict is Verdict.GOOD else advice, sure=sigma < good)
+    figure = MeasuredFigure(name, value, sigma, unit, f"below {good:g} {unit}".rstrip(), verdict)
+    return CheckFinding(figure, "" if verdict is Verdict.GOOD else advice, sure=sigma < good)

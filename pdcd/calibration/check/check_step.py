@@ -12,60 +12,79 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.check.changes import DARKEST, Checked, Finding, Look, check
-from pdcd.calibration.check.look import Exposure, kept, look, reference
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.preview import draw_arrows, write_lines
-from pdcd.calibration.registration.registration_step import cell_px
-from pdcd.calibration.script import Measured, Outcome, Script, Session
+from pdcd.calibration.check.changes import (
+    DARKEST_MASK_SHARE,
+    BenchSnapshot,
+    CheckFinding,
+    CheckResult,
+    compare_snapshots,
+)
+from pdcd.calibration.check.look import (
+    SnapshotExposure,
+    pack_snapshot,
+    take_snapshot,
+    unpack_snapshot,
+)
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.preview import draw_arrows, draw_text_lines
+from pdcd.calibration.registration.registration_step import code_cell_px
+from pdcd.calibration.script import CalibrationSession, ConfigValue, StepOutcome, StepScript
 from pdcd.probing.cell_size import HALF, guard_px
 
-TAKEN = "taken into account; "
+_TAKEN = "taken into account; "
 """What advice on changes that were taken into account begins with."""
 NO_LAG = (
     "the lag of the mask was not looked at: run pdcd calibrate timing, then check for a reference"
 )
-KEPT = "this look is the reference for checks to come: nothing was compared"
-AGAIN = "calibrate anew before the next session: what was found is more than can be allowed for"
+REFERENCE_KEPT = "this look is the reference for checks to come: nothing was compared"
+_AGAIN = "calibrate anew before the next session: what was found is more than can be allowed for"
 
 
-def check_bench(session: Session) -> Script:
+def check_bench(session: CalibrationSession) -> StepScript:
     """White, the room, dots of both panels, and strips where the timing was measured.
 
     What has changed a little is taken into account: maps and lag are refitted. What has changed
     more is said. Raises CalibrationError where photos say nothing at all.
     """
-    before = reference(session.arrays, session.config.projector.size_px)
-    exposure = Exposure(session.iso, session.f_number, session.full)
+    before = unpack_snapshot(session.arrays, session.config.projector.size_px)
+    exposure = SnapshotExposure(session.iso, session.f_number, session.full)
     if before is not None:
         iso, exposure = exposure.iso, before[1]
         if session.camera.isos and exposure.iso not in session.camera.isos:
-            exposure = Exposure(iso, session.f_number, exposure.refreshes)
-    now, said = yield from look(session, exposure)
+            exposure = SnapshotExposure(iso, session.f_number, exposure.refreshes)
+    now, said = yield from take_snapshot(session, exposure)
     said = said if now.lag_s is not None else NO_LAG
     if before is None:
-        return Outcome(
+        return StepOutcome(
             figures=(
-                Figure("check.dots", float(now.camera.count + now.mask.count), 0.0, ""),
-                Figure("check.closed", *now.closed, ""),
+                MeasuredFigure("check.dots", float(now.camera.count + now.mask.count), 0.0, ""),
+                MeasuredFigure("check.closed", *now.closed, ""),
             ),
-            arrays=kept(now, exposure),
-            advice=(KEPT, said) if said else (KEPT,),
+            arrays=pack_snapshot(now, exposure),
+            advice=(REFERENCE_KEPT, said) if said else (REFERENCE_KEPT,),
         )
-    found = check(now, before[0], guard_px(cell_px(session.on_field), HALF), session.refresh_s)
+    found = compare_snapshots(
+        now, before[0], guard_px(code_cell_px(session.on_field), HALF), session.refresh_s
+    )
     return _compared(session, found, now, before[0], said)
 
 
-def _compared(session: Session, found: Checked, now: Look, then: Look, said: str) -> Outcome:
+def _compared(
+    session: CalibrationSession,
+    found: CheckResult,
+    now: BenchSnapshot,
+    then: BenchSnapshot,
+    said: str,
+) -> StepOutcome:
     """Figures, advice, and what is refitted."""
-    refit, taken = Outcome(), frozenset[str]()
+    refit, taken = StepOutcome(), frozenset[str]()
     if found.verdict is Verdict.DOUBTFUL:
         refit, taken = _refitted(session, found, now, then)
     advice = []
     for name, text in ((each.figure.name, each.advice) for each in found.findings):
-        advice += [f"{name}: {TAKEN * (name in taken)}{text}"] if text else []
+        advice += [f"{name}: {_TAKEN * (name in taken)}{text}"] if text else []
     advice += [said] if said else []
-    advice += [AGAIN] if found.verdict is Verdict.BAD else []
+    advice += [_AGAIN] if found.verdict is Verdict.BAD else []
     return replace(
         refit,
         figures=tuple(finding.figure for finding in found.findings),
@@ -75,20 +94,20 @@ def _compared(session: Session, found: Checked, now: Look, then: Look, said: str
 
 
 def _refitted(
-    session: Session, found: Checked, now: Look, then: Look
-) -> tuple[Outcome, frozenset[str]]:
+    session: CalibrationSession, found: CheckResult, now: BenchSnapshot, then: BenchSnapshot
+) -> tuple[StepOutcome, frozenset[str]]:
     """Maps and words with what has changed a little and was surely measured, and the names of that.
 
     What a look says of places and of the lag is beside what was calibrated: once that is moved, the
     reference stands. Of light it knows what there was.
     """
-    changed: dict[str, Finding] = {
+    changed: dict[str, CheckFinding] = {
         finding.figure.name: finding
         for finding in found.findings
         if finding.figure.verdict is Verdict.DOUBTFUL and finding.sure
     }
     config, light = session.config, session.config.camera.responsivity_e
-    if then.closed[0] <= DARKEST or config.mask.contrast is None:
+    if then.closed[0] <= DARKEST_MASK_SHARE or config.mask.contrast is None:
         changed.pop("mask.contrast", None)
     if light is None:
         changed.pop("lamp", None)
@@ -97,23 +116,23 @@ def _refitted(
     if {"camera.place", "mask.place"} & changed.keys():
         for name, by in (("camera", found.camera), ("mask", found.mask)):
             maps[name] = session.found(name).then(by.of_field)
-            words[f"{name}.place.map"] = Measured("maps.npz")
+            words[f"{name}.place.map"] = ConfigValue("maps.npz")
     if "mask.skew_s" in changed:
         later = changed["mask.skew_s"].figure
-        words["mask.skew_s"] = Measured(config.mask.skew_s + later.value, later.sigma)
+        words["mask.skew_s"] = ConfigValue(config.mask.skew_s + later.value, later.sigma)
         arrays["timing.lag_s"] = session.arrays["timing.lag_s"] + later.value
     if "mask.contrast" in changed and config.mask.contrast is not None:
         more = 1.0 + changed["mask.contrast"].figure.value
-        words["mask.contrast"] = Measured(config.mask.contrast / more)
+        words["mask.contrast"] = ConfigValue(config.mask.contrast / more)
         arrays["check.closed"] = np.array(now.closed)
     if "lamp" in changed and light is not None:
-        words["camera.responsivity_e"] = Measured(tuple(each * found.lamp for each in light))
+        words["camera.responsivity_e"] = ConfigValue(tuple(each * found.lamp for each in light))
         arrays["check.white"] = now.white
     places = {f"{name}.place" for name in maps}
-    return Outcome(words=words, maps=maps, arrays=arrays), frozenset(changed.keys() | places)
+    return StepOutcome(words=words, maps=maps, arrays=arrays), frozenset(changed.keys() | places)
 
 
-def _draw(figure: Any, found: Checked, advice: list[str]) -> None:
+def _draw(figure: Any, found: CheckResult, advice: list[str]) -> None:
     """How camera and mask moved over the field, and what to do."""
     at = np.stack(np.meshgrid(*2 * [np.linspace(0.05, 0.95, 16)]), axis=-1).reshape(-1, 2)
     for axes, name in zip(figure.subplots(1, 2), ("camera", "mask"), strict=True):
@@ -122,4 +141,4 @@ def _draw(figure: Any, found: Checked, advice: list[str]) -> None:
         draw_arrows(axes, at, by(points) - points, f"how the {name} moved, in projector pixels")
     verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
     lines = [f"the bench is {verdict[found.verdict]}; lamp {found.lamp:.1%}"]
-    write_lines(figure, [*lines, *(text[:118] for text in advice)])
+    draw_text_lines(figure, [*lines, *(text[:118] for text in advice)])

@@ -13,80 +13,98 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.check.changes import Look, closed_share, parts_of
-from pdcd.calibration.check.moved import Moved, moved
+from pdcd.arrays import Floats
+from pdcd.calibration.check.changes import BenchSnapshot, average_parts, measure_closed_mask
+from pdcd.calibration.check.moved import MapDrift, fit_map_drift
 from pdcd.calibration.geometry.dots import DotGrid
-from pdcd.calibration.geometry.finding import find_again
-from pdcd.calibration.geometry.geometry_step import grids
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
-from pdcd.calibration.shown import Shown, still
-from pdcd.calibration.timing.delayed import ran_as
-from pdcd.calibration.timing.programmes import BLACKS, PULSES, WHITES, strip_photo, strips_on
+from pdcd.calibration.geometry.finding import find_known_dots
+from pdcd.calibration.geometry.geometry_step import make_dot_grids
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    PhotoRequest,
+    UserPrompt,
+    take_photo,
+)
+from pdcd.calibration.shown import PanelSequence, make_still_sequence
+from pdcd.calibration.timing.delayed import undo_mask_shift
+from pdcd.calibration.timing.programmes import (
+    BLACKS,
+    PULSES,
+    WHITES,
+    make_pulse_strips,
+    make_strip_sequence,
+)
 from pdcd.calibration.timing.strips import read_strips
-from pdcd.calibration.timing.timing_fit import Fit
-from pdcd.calibration.timing.timing_model import Model, Tail, Times
-from pdcd.calibration.window import shared
+from pdcd.calibration.timing.timing_fit import TimingFitter
+from pdcd.calibration.timing.timing_model import PanelTimes, StripModel, Tail
+from pdcd.calibration.window import find_shared_window
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 
-Floats = NDArray[np.float64]
-Arrays = Mapping[str, NDArray[Any]]
+_Arrays = Mapping[str, NDArray[Any]]
 
-GREEN = 1
-LEAST_LIGHT = 1e-3
+_GREEN = 1
+_LEAST_LIGHT = 1e-3
 """Largest strip over white, below which no strip was lit."""
-DOTS_END = 1.75
+_DOTS_END = 1.75
 """Radii from the middle of a dot at which its light has ended; dots are five radii apart."""
 
 
 @dataclass(frozen=True)
-class Exposure:
+class SnapshotExposure:
     """How a look is taken; f_number None where the lens is not set from here."""
 
     iso: int
     f_number: float | None
     refreshes: int
 
-    def photo(self, shown: Shown) -> Generator[Wanted | Ask, Taken | None, Taken]:
+    def photo(
+        self, shown: PanelSequence
+    ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, CalibrationPhoto]:
         """One photo so taken."""
-        return (yield from take(Wanted(shown, self.iso, self.f_number)))
+        return (yield from take_photo(PhotoRequest(shown, self.iso, self.f_number)))
 
 
-def look(
-    session: Session, exposure: Exposure
-) -> Generator[Wanted | Ask, Taken | None, tuple[Look, str]]:
+def take_snapshot(
+    session: CalibrationSession, exposure: SnapshotExposure
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[BenchSnapshot, str]]:
     """Four photos, and one of strips where the timing was measured; what they say, and why the lag
     is not known, where it is not."""
     projector, mask, camera = (session.found(name) for name in ("projector", "mask", "camera"))
     refreshes = exposure.refreshes
-    taken = yield from exposure.photo(session.in_step(still("white", refreshes, WHITE, WHITE)))
+    taken = yield from exposure.photo(
+        session.in_step(make_still_sequence("white", refreshes, WHITE, WHITE))
+    )
     white, said = session.photo(taken), taken.seen
-    taken = yield from exposure.photo(session.in_step(still("room", refreshes, BLACK, WHITE)))
+    taken = yield from exposure.photo(
+        session.in_step(make_still_sequence("room", refreshes, BLACK, WHITE))
+    )
     room = session.photo(taken)
-    of_projector, of_mask = grids(session)
+    of_projector, of_mask = make_dot_grids(session)
     sigma_px = 1.0 / _quads_per_px(projector, camera)
 
-    shown = still("dots-projector", refreshes, of_projector.dots(), WHITE)
+    shown = make_still_sequence("dots-projector", refreshes, of_projector.dots(), WHITE)
     photo = session.photo((yield from exposure.photo(session.in_step(shown))))
     index, quads, sigma = _again(white, photo, of_projector, projector, camera)
-    seen = between(camera, projector, quads)
-    bumped = moved(projector.size_px, seen, of_projector.centres(index), sigma_px * sigma)
+    seen = map_between(camera, projector, quads)
+    bumped = fit_map_drift(projector.size_px, seen, of_projector.centres(index), sigma_px * sigma)
     camera = camera.then(bumped.of_field)
 
-    shown = still("dots-mask", refreshes, WHITE, of_mask.dots())
+    shown = make_still_sequence("dots-mask", refreshes, WHITE, of_mask.dots())
     photo = session.photo((yield from exposure.photo(session.in_step(shown))))
     index, quads, sigma = _again(white, photo, of_mask, mask, camera)
-    believed = between(mask, projector, of_mask.centres(index))
-    seen = between(camera, projector, quads)
-    apart = moved(projector.size_px, believed, seen, sigma_px * sigma)
+    believed = map_between(mask, projector, of_mask.centres(index))
+    seen = map_between(camera, projector, quads)
+    apart = fit_map_drift(projector.size_px, believed, seen, sigma_px * sigma)
     # Also where dots are that were not found: their light is not what comes through black.
-    places = between(mask.then(apart.of_field), camera, of_mask.centres(_all(of_mask)))
-    closed = closed_share(
-        photo.light[..., GREEN], photo.variance[..., GREEN], white.light[..., GREEN],
+    places = map_between(mask.then(apart.of_field), camera, of_mask.centres(_all(of_mask)))
+    closed = measure_closed_mask(
+        photo.light[..., _GREEN], photo.variance[..., _GREEN], white.light[..., _GREEN],
         places[np.isfinite(places).all(axis=-1)],
-        DOTS_END * of_mask.radius_px * _quads_per_px(mask, camera),
+        _DOTS_END * of_mask.radius_px * _quads_per_px(mask, camera),
     )  # fmt: skip
 
     why, lag = "", None
@@ -97,13 +115,13 @@ def look(
         except CalibrationError as err:
             lag, why = (np.nan, np.nan), f"{err.message}: {err.hint}"
     open_s = refreshes * session.refresh_s
-    light = parts_of(white.light[..., GREEN] - room.light[..., GREEN]) / open_s
-    saturated = white.saturated_share(white.light[..., GREEN] > 0.25 * light.max() * open_s)
+    light = average_parts(white.light[..., _GREEN] - room.light[..., _GREEN]) / open_s
+    saturated = white.saturated_share(white.light[..., _GREEN] > 0.25 * light.max() * open_s)
     settings = _settings(session, exposure, said.iso, said.f_number)
-    return Look(bumped, apart, light, closed, lag, settings, saturated), why
+    return BenchSnapshot(bumped, apart, light, closed, lag, settings, saturated), why
 
 
-def kept(seen: Look, exposure: Exposure) -> dict[str, NDArray[Any]]:
+def pack_snapshot(seen: BenchSnapshot, exposure: SnapshotExposure) -> dict[str, NDArray[Any]]:
     """A look as arrays."""
     taken = [exposure.iso, exposure.f_number or 0.0, exposure.refreshes]
     arrays: dict[str, NDArray[Any]] = {
@@ -121,7 +139,9 @@ def kept(seen: Look, exposure: Exposure) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def reference(arrays: Arrays, size_px: tuple[int, int]) -> tuple[Look, Exposure] | None:
+def unpack_snapshot(
+    arrays: _Arrays, size_px: tuple[int, int]
+) -> tuple[BenchSnapshot, SnapshotExposure] | None:
     """A look that was kept and how it was taken; None where none was. Arrays that were kept in a
     file are float64, all of them. size_px : of the projector."""
     if "check.camera" not in arrays:
@@ -129,26 +149,26 @@ def reference(arrays: Arrays, size_px: tuple[int, int]) -> tuple[Look, Exposure]
     iso, f_number, refreshes = arrays["check.exposure"].tolist()
     closed, sigma = arrays["check.closed"].tolist()
     lag = arrays["check.lag_s"].tolist() if "check.lag_s" in arrays else None
-    then = Look(
-        Moved.kept(size_px, arrays["check.camera"]),
-        Moved.kept(size_px, arrays["check.mask"]),
+    then = BenchSnapshot(
+        MapDrift.kept(size_px, arrays["check.camera"]),
+        MapDrift.kept(size_px, arrays["check.mask"]),
         arrays["check.white"],
         (closed, sigma),
         lag and (lag[0], lag[1]),
         json.loads(arrays["check.settings"].astype(np.uint8).tobytes()),
     )
-    return then, Exposure(int(iso), f_number or None, int(refreshes))
+    return then, SnapshotExposure(int(iso), f_number or None, int(refreshes))
 
 
 def _again(
-    white: Photo, photo: Photo, grid: DotGrid, panel: Map, camera: Map
+    white: QuadPhoto, photo: QuadPhoto, grid: DotGrid, panel: Map, camera: Map
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Index, places in quads and their sigma of the dots that are there."""
     index = _all(grid)
-    quads = between(panel, camera, grid.centres(index))
+    quads = map_between(panel, camera, grid.centres(index))
     with np.errstate(invalid="ignore"):
         inside = ((quads > 0.0) & (quads < camera.size_px)).all(axis=-1)
-    index, quads, sigma = find_again(white, photo, grid, index[inside], quads[inside])
+    index, quads, sigma = find_known_dots(white, photo, grid, index[inside], quads[inside])
     return index, quads, np.hypot(*sigma.T) / np.sqrt(2.0)
 
 
@@ -157,41 +177,46 @@ def _all(grid: DotGrid) -> NDArray[np.int64]:
     return np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
 
 
-def _lag(session: Session, model: Model, times: Times) -> tuple[float, float]:
+def _lag(session: CalibrationSession, model: StripModel, times: PanelTimes) -> tuple[float, float]:
     """How much later the mask is than it was measured, and sigma. Raises CalibrationError."""
-    if not float(model.readings[0].value.max()) > LEAST_LIGHT:
+    if not float(model.readings[0].value.max()) > _LEAST_LIGHT:
         raise CalibrationError(
             "the timing strips are black",
             device="display",
             hint="look whether both panels show their strips",
         )
-    return Fit(model).later(times)
+    return TimingFitter(model).later(times)
 
 
 def _strips(
-    session: Session, exposure: Exposure, white_and_room: tuple[Photo, Photo], camera: Map
-) -> Generator[Wanted | Ask, Taken | None, tuple[Model, Times]]:
+    session: CalibrationSession,
+    exposure: SnapshotExposure,
+    white_and_room: tuple[QuadPhoto, QuadPhoto],
+    camera: Map,
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[StripModel, PanelTimes]]:
     """What strips say, and the times that were measured."""
     arrays, (projector, mask) = session.arrays, (session.found("projector"), session.found("mask"))
     lags = arrays["timing.lag_s"]
-    strips = strips_on(projector, 0, (*PULSES, WHITES, BLACKS), shared(mask, camera))
+    strips = make_pulse_strips(
+        projector, 0, (*PULSES, WHITES, BLACKS), find_shared_window(mask, camera)
+    )
     periods = exposure.refreshes // strips.programmes[0].of
-    shown = strip_photo("strips", strips, projector, mask, white=False, periods=periods)
+    shown = make_strip_sequence("strips", strips, projector, mask, white=False, periods=periods)
     taken = yield from exposure.photo(session.in_step(shown))
-    ran = ran_as(taken.ran, session.behind_rows, shown.refreshes)
+    ran = undo_mask_shift(taken.ran, session.behind_rows, shown.refreshes)
     (white, room), photo = white_and_room, session.photo(taken)
     read = read_strips(photo, white, camera, strips, bands=lags.size, gaps=False, room=room)
     on_mask, tail_share, slower = arrays.get("timing.tail", np.array([0.0, 0.0, 1.0]))
     tail = Tail(bool(on_mask), float(tail_share), float(slower)) if tail_share else None
     across_s = float(arrays.get("timing.across_s", 0.0))
-    times = Times(arrays["timing.taus_s"], arrays["timing.leaks"], lags, tail, across_s)
-    model = Model([read], [ran], session.refresh_s)
+    times = PanelTimes(arrays["timing.taus_s"], arrays["timing.leaks"], lags, tail, across_s)
+    model = StripModel([read], [ran], session.refresh_s)
     model.slope_s = float(np.polyfit(read.bands, lags, 1)[0]) if lags.size > 1 else 0.0
     return model, times
 
 
 def _settings(
-    session: Session, exposure: Exposure, told_iso: int, told_f: float | None
+    session: CalibrationSession, exposure: SnapshotExposure, told_iso: int, told_f: float | None
 ) -> dict[str, str]:
     """What must not change from a calibration to a session."""
     camera, fixed = session.camera, session.config.camera.f_number
@@ -210,5 +235,5 @@ def _settings(
 def _quads_per_px(panel: Map, camera: Map) -> float:
     """Quads of the photo to a pixel of the panel, in its middle."""
     middle = 0.5 * np.array([panel.size_px], dtype=np.float64)
-    ends = [between(panel, camera, middle + step) for step in ((-0.5, 0.0), (0.5, 0.0))]
+    ends = [map_between(panel, camera, middle + step) for step in ((-0.5, 0.0), (0.5, 0.0))]
     return float(np.hypot(*(ends[1] - ends[0])[0]))

@@ -5,23 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-Floats = NDArray[np.float64]
+from pdcd.arrays import Floats
 
-PARTS = (3, 4)
+_PARTS = (3, 4)
 """Rows and columns of parts of the picture in which what is left is looked at."""
-FEWEST = 4
+_FEWEST = 4
 """Points of a part that are looked at."""
-CAUCHY = 2.5
+_CAUCHY = 2.5
 """Error from which a point counts less, in standard deviations."""
-TO_SIGMA = 1.4826
+_TO_SIGMA = 1.4826
 """From the median of absolute deviations to a standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class MapDrift:
     """From where maps have points to where they are, in pixels of a picture, about its middle.
 
     size_px : (width, height). numbers : (4,) shift to the right and down, growth, and turn in rad,
@@ -36,9 +35,9 @@ class Moved:
     count: int
 
     @classmethod
-    def kept(cls, size_px: tuple[int, int], array: Floats) -> Moved:
+    def kept(cls, size_px: tuple[int, int], array: Floats) -> MapDrift:
         """One that was kept as an `array`."""
-        left = array[9:].reshape(*PARTS, 2)
+        left = array[9:].reshape(*_PARTS, 2)
         return cls(size_px, array[:4], array[4:8], left, int(array[8]))
 
     @property
@@ -74,9 +73,9 @@ class Moved:
         near = points - 0.5 * np.array(self.size_px)
         return np.asarray(points + _slopes(near) @ self.numbers)
 
-    def since(self, then: Moved) -> Moved:
+    def since(self, then: MapDrift) -> MapDrift:
         """What has changed since then, small as both are."""
-        return Moved(
+        return MapDrift(
             self.size_px,
             self.numbers - then.numbers,
             np.hypot(self.sigma, then.sigma),
@@ -85,7 +84,9 @@ class Moved:
         )
 
 
-def moved(size_px: tuple[int, int], believed: Floats, found: Floats, sigma: Floats) -> Moved:
+def fit_map_drift(
+    size_px: tuple[int, int], believed: Floats, found: Floats, sigma: Floats
+) -> MapDrift:
     """Points by the maps and where they are, (n, 2) each, fitted so that single ones count little.
 
     sigma : (n,) of a point; enlarged to what they really scatter.
@@ -101,20 +102,20 @@ def moved(size_px: tuple[int, int], believed: Floats, found: Floats, sigma: Floa
             numbers,
             jac=lambda v: flat,
             loss=loss,
-            f_scale=CAUCHY * scatter,
+            f_scale=_CAUCHY * scatter,
             x_scale="jac",
         )
         numbers = np.asarray(solved.x, dtype=np.float64)
-        scatter = max(1.0, TO_SIGMA * float(np.median(np.abs(solved.fun))))
+        scatter = max(1.0, _TO_SIGMA * float(np.median(np.abs(solved.fun))))
     spread = scatter * np.sqrt(np.diagonal(np.linalg.inv(solved.jac.T @ solved.jac)))
     rest = (wanted - slopes @ numbers) * sigma[:, None]
-    left = np.zeros((*PARTS, 2))
-    col, row = np.clip(believed / size_px * PARTS[::-1], 0, np.array(PARTS[::-1]) - 1e-6).T
-    for part in np.ndindex(PARTS):
+    left = np.zeros((*_PARTS, 2))
+    col, row = np.clip(believed / size_px * _PARTS[::-1], 0, np.array(_PARTS[::-1]) - 1e-6).T
+    for part in np.ndindex(_PARTS):
         inside = (row.astype(int) == part[0]) & (col.astype(int) == part[1])
-        if inside.sum() >= FEWEST:
+        if inside.sum() >= _FEWEST:
             left[part] = np.median(rest[inside], axis=0)
-    return Moved(size_px, numbers, spread, left, len(believed))
+    return MapDrift(size_px, numbers, spread, left, len(believed))
 
 
 def _slopes(near: Floats) -> Floats:

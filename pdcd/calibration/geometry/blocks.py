@@ -8,41 +8,41 @@ periods away. Blocks are as fine as the stripes, so light that comes round corne
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.geometry.phase import Decoded, PhaseCode, of_one_panel
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Bits, Shown
+from pdcd.arrays import Floats
+from pdcd.calibration.geometry.phase import DecodedQuads, PhaseCode, make_panel_sequence
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import Bits, PanelSequence
 from pdcd.errors import CalibrationError
-from pdcd.panels.blocks import drawn_bits
+from pdcd.panels.blocks import hash_to_bits
 
-Floats = NDArray[np.float64]
-
-MOST_PERIODS = 4
+_MOST_PERIODS = 4
 """Whole periods to either side that are looked for."""
-LEAST_AGREEMENT, SECOND = 0.4, 0.6
+_LEAST_AGREEMENT, _SECOND = 0.4, 0.6
 """Agreement from which the number is sure, and that of the second best, over the best."""
-MOST_QUADS = 200_000
+_MOST_QUADS = 200_000
 """Quads that are looked at."""
 
 
-def picture(code: PhaseCode) -> Bits:
+def draw_phase_code(code: PhaseCode) -> Bits:
     """(height, width) bool, blocks of half a period."""
     side = code.period_px // 2
     cols, rows = (-(-length // side) for length in code.size_px)
-    bits = drawn_bits(f"blocks of the {code.panel}", rows, cols)
+    bits = hash_to_bits(f"blocks of the {code.panel}", rows, cols)
     whole = np.kron(bits, np.ones((side, side), dtype=np.bool_))
     return whole[: code.size_px[1], : code.size_px[0]]
 
 
-def shown(code: PhaseCode, refreshes: int) -> Shown:
+def make_block_sequence(code: PhaseCode, refreshes: int) -> PanelSequence:
     """The photo of the blocks."""
     index = np.zeros(refreshes, dtype=np.int32)
-    return of_one_panel(f"blocks-{code.panel}", code.panel, picture(code)[None], index)
+    return make_panel_sequence(
+        f"blocks-{code.panel}", code.panel, draw_phase_code(code)[None], index
+    )
 
 
-def periods_off(
-    photo: Photo, half: Floats, seen: Decoded, code: PhaseCode, channel: int
+def find_period_error(
+    photo: QuadPhoto, half: Floats, seen: DecodedQuads, code: PhaseCode, channel: int
 ) -> tuple[int, int]:
     """By how many periods to the right and down the panel lies from where quads were said to see.
 
@@ -54,20 +54,20 @@ def periods_off(
     Raises CalibrationError where no number of periods agrees.
     """
     row, col = np.nonzero(seen.valid)
-    some = slice(None, None, max(1, len(row) // MOST_QUADS))
+    some = slice(None, None, max(1, len(row) // _MOST_QUADS))
     row, col = row[some], col[some]
     light = photo.light[row, col, channel] / half[row, col] - 1.0
     bright = np.clip(light, -1.0, 1.0)
     at = seen.panel_px[row, col]
-    blocks = np.where(picture(code), 1.0, -1.0)
-    steps = range(-MOST_PERIODS, MOST_PERIODS + 1)
+    blocks = np.where(draw_phase_code(code), 1.0, -1.0)
+    steps = range(-_MOST_PERIODS, _MOST_PERIODS + 1)
     agreement = {
         (right, down): _agreement(bright, blocks, at + code.period_px * np.array([right, down]))
         for down in steps
         for right in steps
     }
     best, second = sorted(agreement, key=lambda off: agreement[off], reverse=True)[:2]
-    if agreement[best] < LEAST_AGREEMENT or agreement[second] > SECOND * agreement[best]:
+    if agreement[best] < _LEAST_AGREEMENT or agreement[second] > _SECOND * agreement[best]:
         raise CalibrationError(
             f"the {code.panel}'s stripes cannot be numbered: a picture of blocks agrees by "
             f"{agreement[best]:.0%} with the maps in use, at best {best} periods away",

@@ -11,32 +11,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map
+from pdcd.arrays import Floats
+from pdcd.calibration.geometry.fit import FittedMap, PointPairs, fit_map
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-
-ACROSS = 96
+_ACROSS = 96
 """Places along the photo's width at which both panels are looked up."""
-COMPOSED_NODES = (10, 12)
+_COMPOSED_NODES = (10, 12)
 """Rows and columns of nodes of the composed residual: two residuals one after the other."""
-LEAST_PLACES = 200
+_LEAST_PLACES = 200
 """Places that must lie on both panels."""
-SURE_PX = 1e-3
+_SURE_PX = 1e-3
 """What the composed model itself cannot say better, in projector pixels."""
 
 
 @dataclass(frozen=True, eq=False)
-class Composed:
+class ComposedMaps:
     """mask : from mask pixels to projector pixels. through : both maps of the camera, whose errors
     are the composed map's."""
 
-    mask: Fitted
-    projector_of: Fitted
-    mask_of: Fitted
+    mask: FittedMap
+    projector_of: FittedMap
+    mask_of: FittedMap
 
     def sigma_px(self, mask_px: Floats) -> Floats:
         """Standard deviation of the mask's map at its pixels (n, 2), (n, 2), in projector pixels:
@@ -51,7 +49,7 @@ class Composed:
 
 
 @dataclass(frozen=True)
-class OneField:
+class FieldMaps:
     """The maps of all three devices to the projector's picture."""
 
     projector: Map
@@ -59,7 +57,7 @@ class OneField:
     camera: Map
 
 
-def compose(projector_of: Fitted, mask_of: Fitted) -> Composed:
+def compose_maps(projector_of: FittedMap, mask_of: FittedMap) -> ComposedMaps:
     """The map from mask to projector, out of the camera's maps to both.
 
     Raises CalibrationError where the camera sees too little that is on both panels.
@@ -67,7 +65,7 @@ def compose(projector_of: Fitted, mask_of: Fitted) -> Composed:
     frame = projector_of.map.size_px
     if mask_of.map.size_px != frame:
         raise ValueError("both maps must be of one camera")
-    step = frame[0] / ACROSS
+    step = frame[0] / _ACROSS
     x = np.arange(0.5 * step, frame[0], step)
     y = np.arange(0.5 * step, frame[1], step)
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -79,31 +77,31 @@ def compose(projector_of: Fitted, mask_of: Fitted) -> Composed:
             (on_projector, projector_of.target_size_px),
         ):
             both &= ((at >= 0.0) & (at <= size)).all(axis=-1)
-    if both.sum() < LEAST_PLACES:
+    if both.sum() < _LEAST_PLACES:
         raise CalibrationError(
             f"only {both.mean():.1%} of the photo shows both the mask and the projector's picture",
             device="mask",
             hint="move the projector's picture to where the camera sees through the mask",
         )
     # Their own errors are alike over long ways, so they say nothing about how to weigh them.
-    sigma = np.full((int(both.sum()), 2), SURE_PX)
-    pairs = Pairs(on_mask[both], on_projector[both], sigma)
+    sigma = np.full((int(both.sum()), 2), _SURE_PX)
+    pairs = PointPairs(on_mask[both], on_projector[both], sigma)
     fitted = fit_map(
-        pairs, mask_of.target_size_px, projector_of.target_size_px, "mask", nodes=COMPOSED_NODES
+        pairs, mask_of.target_size_px, projector_of.target_size_px, "mask", nodes=_COMPOSED_NODES
     )
-    return Composed(fitted, projector_of, mask_of)
+    return ComposedMaps(fitted, projector_of, mask_of)
 
 
-def one_field(composed: Composed) -> OneField:
+def make_field_maps(composed: ComposedMaps) -> FieldMaps:
     """Three maps to the projector's picture."""
-    return OneField(
+    return FieldMaps(
         projector=Map.filling(composed.projector_of.target_size_px),
         mask=composed.mask.map,
         camera=composed.projector_of.map,
     )
 
 
-def _covariance(projector_of: Fitted, mask_of: Fitted, places: Floats) -> Floats:
+def _covariance(projector_of: FittedMap, mask_of: FittedMap, places: Floats) -> Floats:
     """Covariance of the composed map at places of the photo, (n, 2, 2), projector pixels squared:
     P(M^-1(m)), so an error of M moves the place by its inverse slope."""
     across = projector_of.slope(places) @ np.linalg.inv(mask_of.slope(places))

@@ -1,9 +1,9 @@
 """Correspondences of an off-axis bench out of what a calibration measures.
 
 Two ways. Stripes on the scene itself tell for each quad which projector pixel lights it
-(`geometry.phase`): `disparities` makes of that what a request takes. A calibration with a
+(`geometry.phase`): `measure_disparities` makes of that what a request takes. A calibration with a
 card at some depth has the camera's map onto that card; against the map in use it gives the card's
-plane: `plane_between`.
+plane: `fit_card_plane`.
 """
 
 from __future__ import annotations
@@ -14,17 +14,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.geometry.phase import Decoded
+from pdcd.arrays import Bools, Floats
+from pdcd.calibration.geometry.phase import DecodedQuads
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
-from pdcd.panels.placing import through
+from pdcd.panels.placing import project_points
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-LEAST_SHARE = 0.25
+_LEAST_SHARE = 0.25
 """Share of a cell's quads that must be decoded."""
-PLACES = 24
+_PLACES = 24
 """Places along either axis of the field at which two maps are compared."""
 
 
@@ -49,12 +47,13 @@ class Disparities:
         return float(np.sqrt(np.mean(self.down[self.known] ** 2)))
 
     def as_asked(self) -> Floats:
-        """The array `disparities` of a request; cells without any are sent beyond the field."""
+        """The array `measure_disparities` of a request; cells without any are sent beyond the
+        field."""
         return np.where(self.known, np.nan_to_num(self.right), 2.0 * self.right.shape[1])
 
 
-def disparities(
-    decoded: Decoded, camera: Map, projector: Map, grid: tuple[int, int]
+def measure_disparities(
+    decoded: DecodedQuads, camera: Map, projector: Map, grid: tuple[int, int]
 ) -> Disparities:
     """The median of what the quads of each cell see.
 
@@ -80,7 +79,7 @@ def disparities(
     good = inside & decoded.valid & np.isfinite(there).all(axis=-1)
     all_of = np.bincount(cell[inside], minlength=rows * cols)
     moved = _medians(cell[good], (there - here)[good], rows * cols)
-    few = np.bincount(cell[good], minlength=rows * cols) < np.maximum(LEAST_SHARE * all_of, 1.0)
+    few = np.bincount(cell[good], minlength=rows * cols) < np.maximum(_LEAST_SHARE * all_of, 1.0)
     moved[few] = np.nan
     if few.all():
         raise CalibrationError(
@@ -89,7 +88,7 @@ def disparities(
     return Disparities(moved[:, 0].reshape(grid), moved[:, 1].reshape(grid))
 
 
-def plane_between(now: Map, then: Map) -> tuple[tuple[float, ...], float]:
+def fit_card_plane(now: Map, then: Map) -> tuple[tuple[float, ...], float]:
     """The plane of a card, as `plane` of a request or of [rig], and what it leaves, in fields.
 
     Parameters
@@ -99,7 +98,7 @@ def plane_between(now: Map, then: Map) -> tuple[tuple[float, ...], float]:
 
     Raises CalibrationError where the two have no field in common.
     """
-    step = (np.arange(PLACES) + 0.5) / PLACES
+    step = (np.arange(_PLACES) + 0.5) / _PLACES
     points = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
     places = then.to_field(now.from_field(points))
     good = np.isfinite(places).all(axis=1)
@@ -109,7 +108,7 @@ def plane_between(now: Map, then: Map) -> tuple[tuple[float, ...], float]:
     if found is None:
         raise CalibrationError("the two maps of the camera have no field in common")
     plane = tuple(float(v) for v in (found / found[2, 2]).ravel())
-    left = through(plane, points[good]) - places[good]
+    left = project_points(plane, points[good]) - places[good]
     return plane, float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 
 

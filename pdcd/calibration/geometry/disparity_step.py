@@ -6,22 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.bench.placed import on_field
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.geometry.disparity import Disparities, disparities
-from pdcd.calibration.geometry.geometry_step import finer
-from pdcd.calibration.geometry.striped import base_px, planes_of
+from pdcd.bench.placed import map_to_field
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.geometry.disparity import Disparities, measure_disparities
+from pdcd.calibration.geometry.geometry_step import compute_pixel_ratio
+from pdcd.calibration.geometry.striped import base_px, photograph_xor_code
 from pdcd.calibration.geometry.xor import XorCode
-from pdcd.calibration.script import Outcome, Script, Session
+from pdcd.calibration.script import CalibrationSession, StepOutcome, StepScript
 from pdcd.errors import CalibrationError
 
-KNOWN = 0.5
+_KNOWN = 0.5
 """Share of the cells that are matched, at least; the others are dark, in shadow or hidden."""
-OFF_ROWS, FAR_OFF_ROWS = 0.5, 2.0
+_OFF_ROWS, _FAR_OFF_ROWS = 0.5, 2.0
 """Cells by which light leaves its row: rows of cells are no epipolar lines, or not nearly."""
 
 
-def disparity(session: Session) -> Script:
+def calibrate_disparity(session: CalibrationSession) -> StepScript:
     """The projector's XOR codes on the scene, 40 photos for 1024 x 768 pixels. What each quad sees
     is averaged over the cells of the configuration, and kept for `--disparities`. Raises
     CalibrationError on a card."""
@@ -31,17 +31,17 @@ def disparity(session: Session) -> Script:
         )
     camera, projector = session.found("camera"), session.found("projector")
     size = session.config.projector.size_px
-    code = XorCode("projector", size, base_px(1.0 / finer(projector, camera)))
-    planes = yield from planes_of(session, code)
+    code = XorCode("projector", size, base_px(1.0 / compute_pixel_ratio(projector, camera)))
+    planes = yield from photograph_xor_code(session, code)
     # Of the cells of captures: they divide the field, wherever that lies.
     there = session.on_field.projector
-    found = disparities(
+    found = measure_disparities(
         planes.decoded(),
-        on_field(camera, there),
-        on_field(projector, there),
+        map_to_field(camera, there),
+        map_to_field(projector, there),
         session.config.code_grid(),
     )
-    return Outcome(
+    return StepOutcome(
         figures=_figures(found),
         arrays={"disparity.right": found.as_asked()},
         advice=_advice(found),
@@ -49,26 +49,26 @@ def disparity(session: Session) -> Script:
     )
 
 
-def _figures(found: Disparities) -> tuple[Figure, ...]:
+def _figures(found: Disparities) -> tuple[MeasuredFigure, ...]:
     share, off = float(found.known.mean()), found.off_rows_cells
     low, high = np.percentile(found.right[found.known], [1.0, 99.0]).tolist()
     return (
-        Figure(
-            "disparity.known", share, 0.0, "", f"at least {KNOWN:g}",
-            Verdict.GOOD if share >= KNOWN else Verdict.DOUBTFUL,
+        MeasuredFigure(
+            "disparity.known", share, 0.0, "", f"at least {_KNOWN:g}",
+            Verdict.GOOD if share >= _KNOWN else Verdict.DOUBTFUL,
         ),
-        Figure(
-            "disparity.off_rows", off, 0.0, "cells", f"at most {OFF_ROWS:g} cells",
-            Verdict.GOOD if off <= OFF_ROWS
-            else Verdict.DOUBTFUL if off <= FAR_OFF_ROWS else Verdict.BAD,
+        MeasuredFigure(
+            "disparity.off_rows", off, 0.0, "cells", f"at most {_OFF_ROWS:g} cells",
+            Verdict.GOOD if off <= _OFF_ROWS
+            else Verdict.DOUBTFUL if off <= _FAR_OFF_ROWS else Verdict.BAD,
         ),
-        Figure("disparity.low", low, 0.0, "cells"),
-        Figure("disparity.high", high, 0.0, "cells"),
+        MeasuredFigure("disparity.low", low, 0.0, "cells"),
+        MeasuredFigure("disparity.high", high, 0.0, "cells"),
     )  # fmt: skip
 
 
 def _advice(found: Disparities) -> tuple[str, ...]:
-    if found.off_rows_cells <= OFF_ROWS:
+    if found.off_rows_cells <= _OFF_ROWS:
         return ()
     return (
         f"light leaves its row by {found.off_rows_cells:.1f} cells: set up camera and projector "

@@ -15,18 +15,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.shown import Bits, Shown, still
+from pdcd.arrays import Floats
+from pdcd.calibration.shown import Bits, PanelSequence, make_still_sequence
 from pdcd.errors import CalibrationError
-from pdcd.panels.blocks import drawn_bits
+from pdcd.panels.blocks import hash_to_bits
 from pdcd.panels.frames import BLACK, WHITE
 
-Floats = NDArray[np.float64]
 PanelName = Literal["projector", "mask"]
 
-USUAL_PITCH_PX: dict[PanelName, int] = {"projector": 32, "mask": 40}
-LEAST_COLUMNS = 16
+_USUAL_PITCH_PX: dict[PanelName, int] = {"projector": 32, "mask": 40}
+_LEAST_COLUMNS = 16
 """Dots in a row that a small panel still has."""
-LEAST_ROWS, LEAST_PITCH_PX = 4, 8
+_LEAST_ROWS, _LEAST_PITCH_PX = 4, 8
 """Rows of dots on any panel, and pixels from one dot to the next."""
 PER_RADIUS = 5
 """Pitch over radius: neighbours' blurred edges stay apart, and holes fit between."""
@@ -50,9 +50,12 @@ class DotGrid:
 
         Raises CalibrationError for a panel that has too few pixels for dots.
         """
-        pitch = min(USUAL_PITCH_PX[panel], 2 * (size_px[0] // (2 * LEAST_COLUMNS)))
-        if pitch < LEAST_PITCH_PX or size_px[1] < LEAST_ROWS * pitch:
-            width, height = LEAST_COLUMNS * LEAST_PITCH_PX, LEAST_ROWS * max(pitch, LEAST_PITCH_PX)
+        pitch = min(_USUAL_PITCH_PX[panel], 2 * (size_px[0] // (2 * _LEAST_COLUMNS)))
+        if pitch < _LEAST_PITCH_PX or size_px[1] < _LEAST_ROWS * pitch:
+            width, height = (
+                _LEAST_COLUMNS * _LEAST_PITCH_PX,
+                _LEAST_ROWS * max(pitch, _LEAST_PITCH_PX),
+            )
             raise CalibrationError(
                 f"{size_px[0]} x {size_px[1]} pixels of the {panel} are too few for its dots",
                 device=panel,
@@ -63,7 +66,7 @@ class DotGrid:
     def __post_init__(self) -> None:
         if self.pitch_px < 4 * self.radius_px or self.radius_px < 2.0:
             raise ValueError("dots need a radius of 2 pixels and a pitch of 4 radii")
-        if min(self.shape) < LEAST_ROWS:
+        if min(self.shape) < _LEAST_ROWS:
             raise ValueError("a panel needs 4 x 4 dots at least")
 
     @property
@@ -94,9 +97,9 @@ class DotGrid:
         """The code, (rows - 1, columns - 1) bool: [j, i] is whether there is a hole amid the dots
         (i, j) to (i + 1, j + 1)."""
         rows, cols = self.shape
-        return drawn_bits(self.panel, rows - 1, cols - 1)
+        return hash_to_bits(self.panel, rows - 1, cols - 1)
 
-    def shown(self, refreshes: int) -> tuple[Shown, Shown, Shown]:
+    def shown(self, refreshes: int) -> tuple[PanelSequence, PanelSequence, PanelSequence]:
         """The three photos: white, black, dots; so many refreshes each. The other panel lets all
         light pass."""
         return (
@@ -105,11 +108,11 @@ class DotGrid:
             self._still("dots", refreshes, self.dots()),
         )
 
-    def _still(self, what: str, refreshes: int, picture: Bits | int) -> Shown:
+    def _still(self, what: str, refreshes: int, picture: Bits | int) -> PanelSequence:
         name = f"{what}-{self.panel}"
         if self.panel == "projector":
-            return still(name, refreshes, projector=picture, mask=WHITE)
-        return still(name, refreshes, projector=WHITE, mask=picture)
+            return make_still_sequence(name, refreshes, projector=picture, mask=WHITE)
+        return make_still_sequence(name, refreshes, projector=WHITE, mask=picture)
 
     def _discs(self, present: Bits, shift: float) -> Bits:
         """Discs at some places of the lattice, which is moved by so many pitches."""

@@ -11,39 +11,42 @@ from types import MappingProxyType
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pdcd.arrays import Bools, Floats, Indices
 from pdcd.calibration.geometry.dots import PER_RADIUS, DotGrid
-from pdcd.calibration.geometry.lattice import Place, counted, placed
-from pdcd.calibration.geometry.lit import BLUE, GREEN, OFFSETS_QUADS, RED, SURE, lit_by
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.series_faults import lit as lit_white
+from pdcd.calibration.geometry.lattice import find_lattice_place, index_dots
+from pdcd.calibration.geometry.lit import (
+    BLUE,
+    GREEN,
+    LIT_SIGMAS,
+    OFFSETS_QUADS,
+    RED,
+    find_panel_light,
+)
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.registration.series_faults import find_lit_quads as lit_white
 from pdcd.errors import CalibrationError
 from pdcd.words import SubjectName
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-
-TELLING_QUADS = 5.0
+_TELLING_QUADS = 5.0
 """Dots that lie nearer to each other than this may be too small to be told from their holes."""
-LEAST_DOTS = 60
+_LEAST_DOTS = 60
 """Dots below which neither their code nor a map is sure."""
-FLAT, EDGE, RING = 1.5, 2.1, 2.6
+_FLAT, _EDGE, RING = 1.5, 2.1, 2.6
 """Radii, in those of a dot: of the disc in which a centroid is taken in full, of its soft edge, and
 of the ring about it that tells the light between dots."""
-ROUNDS = 4
+_ROUNDS = 4
 """Times that the disc is put where the centroid was."""
-PEAK = 0.35
+_PEAK = 0.35
 """Share of the usual response of the matched filter from which it is a dot."""
-MOST_BLUR = 0.5
+_MOST_BLUR = 0.5
 """Blur over the radius of dots from which they are out of focus."""
-TEXTURE = 0.25
+_TEXTURE = 0.25
 """Deviation of the white light about a dot, over its mean, from which blur may move the dot."""
-MOST_TEXTURED = MappingProxyType({"card": 0.4, "scene": 0.9})
+_MOST_TEXTURED = MappingProxyType({"card": 0.4, "scene": 0.9})
 """Share of dots that may lie on texture."""
-CHUNK = 2_000_000
+_CHUNK = 2_000_000
 """Quads about dots that are worked on at a time."""
 
 
@@ -122,9 +125,9 @@ class _Centroids:
 
 
 def find_dots(
-    white: Photo,
-    black: Photo,
-    dots: Photo,
+    white: QuadPhoto,
+    black: QuadPhoto,
+    dots: QuadPhoto,
     grid: DotGrid,
     *,
     other: DotGrid | None = None,
@@ -138,12 +141,12 @@ def find_dots(
 
     Raises CalibrationError, which names the cause, where they cannot be found or told apart.
     """
-    lit = lit_by(white, black, grid.panel)
+    lit = find_panel_light(white, black, grid.panel)
     green = _ratio(white, black, dots, lit, GREEN)
     _check_shown(green.value, lit, grid)
     rough, radius = _rough(green.value, lit, grid)
     points, index, score = _told_apart(rough, radius, green, grid, other)
-    points, index = _trusted(points, index, radius, green, grid, MOST_TEXTURED[subject])
+    points, index = _trusted(points, index, radius, green, grid, _MOST_TEXTURED[subject])
     found: list[Dots] = []
     offsets = OFFSETS_QUADS[pattern]
     for channel in (RED, GREEN, BLUE):
@@ -153,8 +156,8 @@ def find_dots(
     return found[0], found[1], found[2]
 
 
-def find_again(
-    white: Photo, dots: Photo, grid: DotGrid, index: Indices, expected: Floats
+def find_known_dots(
+    white: QuadPhoto, dots: QuadPhoto, grid: DotGrid, index: Indices, expected: Floats
 ) -> tuple[Indices, Floats, Floats]:
     """Dots whose places are known nearly, in two photos only.
 
@@ -176,7 +179,7 @@ def find_again(
     near = expected + _moved_by(rough, expected, PER_RADIUS * radius)
     away, which = cKDTree(rough).query(near)
     good = away < 0.4 * PER_RADIUS * radius
-    if good.sum() < LEAST_DOTS:
+    if good.sum() < _LEAST_DOTS:
         raise _few(int(good.sum()), grid)
     found = _measured(ratio, rough[which[good]], radius, grid)
     seen = np.isfinite(found.sigma).all(axis=-1)
@@ -208,7 +211,7 @@ def _moved_by(rough: Floats, expected: Floats, pitch: float) -> Floats:
     return np.asarray(shifts[most][np.argmin(np.hypot(*shifts[most].T))])
 
 
-def _ratio(white: Photo, black: Photo, dots: Photo, lit: Bools, channel: int) -> _Ratio:
+def _ratio(white: QuadPhoto, black: QuadPhoto, dots: QuadPhoto, lit: Bools, channel: int) -> _Ratio:
     """R where the panel's light falls, else 0."""
     dark = black.light[..., channel]
     light = white.light[..., channel] - dark
@@ -248,7 +251,7 @@ def _rough(ratio: Floats, lit: Bools, grid: DotGrid) -> tuple[Floats, float]:
     _, _, stats, _ = cv2.connectedComponentsWithStats((smooth > bright).astype(np.uint8))
     areas = stats[1:, cv2.CC_STAT_AREA]
     areas = areas[areas >= 5]
-    if areas.size < LEAST_DOTS:
+    if areas.size < _LEAST_DOTS:
         raise _few(int(areas.size), grid)
     # Half of the dots' light lies in dots of at least this size, however many specks there are.
     ordered = np.sort(areas)
@@ -261,7 +264,7 @@ def _rough(ratio: Floats, lit: Bools, grid: DotGrid) -> tuple[Floats, float]:
     row, col = np.nonzero((matched == highest) & (matched > 0.0) & lit)
     response = matched[row, col]
     strongest = np.sort(response)[-min(response.size, grid.shape[0] * grid.shape[1]) :]
-    kept = response > PEAK * float(np.median(strongest))
+    kept = response > _PEAK * float(np.median(strongest))
     return np.stack([col[kept] + 0.5, row[kept] + 0.5], axis=-1), radius
 
 
@@ -273,18 +276,18 @@ def _told_apart(
     Raises where the code does not say which is which."""
     points = _centroids(ratio, rough, radius).at
     points = points[np.isfinite(points).all(axis=-1)]
-    count, which = counted(points)
-    if len(which) < LEAST_DOTS:
+    count, which = index_dots(points)
+    if len(which) < _LEAST_DOTS:
         raise _few(len(which), grid)
     points = points[which]
     count = count - count.min(axis=0)
     cells = _cells(ratio.light, points, count, radius)
-    place = placed(cells, grid.holes())
+    place = find_lattice_place(cells, grid.holes())
     if not place.sure:
-        _check_swapped(cells, place, grid, other)
+        _check_swapped(cells, grid, other)
         apart = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
         hint = "hold a flat matt card there, wholly lit, and see that nothing scales the picture"
-        if apart < TELLING_QUADS:
+        if apart < _TELLING_QUADS:
             hint = f"they lie {apart:.1f} quads apart: let the field fill the camera's frame"
         raise _untrusted(
             f"dots were found, but not which is which: they agree by {place.score:.0%} with the "
@@ -295,10 +298,8 @@ def _told_apart(
     return points, place.index(count), place.score
 
 
-def _check_swapped(cells: Floats, place: Place, grid: DotGrid, other: DotGrid | None) -> None:
-    if other is None:
-        return
-    if placed(cells, other.holes()).sure:
+def _check_swapped(cells: Floats, grid: DotGrid, other: DotGrid | None) -> None:
+    if other is not None and find_lattice_place(cells, other.holes()).sure:
         raise _untrusted(
             f"the dots of the {other.panel} are seen where the {grid.panel}'s were asked for",
             grid,
@@ -344,7 +345,7 @@ def _trusted(
     rows, cols = grid.shape
     inside = ((index >= 0) & (index < (cols, rows))).all(axis=-1)
     points, index = points[inside], index[inside]
-    even = _unevenness(ratio.light, points, radius) < TEXTURE
+    even = _unevenness(ratio.light, points, radius) < _TEXTURE
     if even.mean() < 1.0 - most:
         raise _untrusted(
             f"the texture is too strong: {1.0 - even.mean():.0%} of the dots lie on edges of it",
@@ -352,7 +353,7 @@ def _trusted(
             "put a flat matt card there, or calibrate on the scene: --scene",
         )
     points, index = points[even], index[even]
-    if len(points) < LEAST_DOTS:
+    if len(points) < _LEAST_DOTS:
         raise _few(len(points), grid)
     return points, index
 
@@ -375,10 +376,10 @@ def _measured(ratio: _Ratio, points: Floats, radius: float, grid: DotGrid) -> _C
         lost = ~(np.hypot(*(found.at - points).T) < radius)
     found.sigma[lost] = np.nan
     good = np.isfinite(found.sigma).all(axis=-1)
-    if good.sum() < LEAST_DOTS:
+    if good.sum() < _LEAST_DOTS:
         raise _few(int(good.sum()), grid)
     blur = float(np.median(found.blur[good] / found.radius[good]))
-    if blur > MOST_BLUR:
+    if blur > _MOST_BLUR:
         raise _untrusted(
             f"the dots are out of focus: their edges are blurred over {blur:.0%} of their radius",
             grid,
@@ -395,7 +396,7 @@ def _centroids(ratio: _Ratio, start: Floats, radius: float) -> _Centroids:
     corner = np.floor(start).astype(np.int64) - reach
     side = 2 * reach + 1
     whole = np.flatnonzero(((corner >= 0) & (corner + side <= (cols, rows))).all(axis=-1))
-    at_once = max(1, CHUNK // side**2)
+    at_once = max(1, _CHUNK // side**2)
     for first in range(0, len(whole), at_once):
         some = whole[first : first + at_once]
         down = corner[some, 1][:, None, None] + np.arange(side)[:, None]
@@ -412,11 +413,11 @@ def _centroid(patch: Floats, variance: Floats, start: Floats, radius: float) -> 
     middles = np.arange(patch.shape[1]) + 0.5
     at = start
     with np.errstate(all="ignore"):  # a patch without light has no centroid
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             across, down = middles - at[:, :1], middles - at[:, 1:]
             distance = np.sqrt(across[:, None, :] ** 2 + down[:, :, None] ** 2) / radius
-            weight = np.clip((EDGE - distance) / (EDGE - FLAT), 0.0, 1.0)
-            ring = (distance > EDGE) & (distance < RING)
+            weight = np.clip((_EDGE - distance) / (_EDGE - _FLAT), 0.0, 1.0)
+            ring = (distance > _EDGE) & (distance < RING)
             ground = (patch * ring).sum(axis=(1, 2)) / ring.sum(axis=(1, 2))
             dot = patch - ground[:, None, None]
             weighted = weight * dot
@@ -431,16 +432,15 @@ def _centroid(patch: Floats, variance: Floats, start: Floats, radius: float) -> 
         size = np.sqrt(total / np.pi)
         within = (weight * (dot * (1.0 - dot) + variance)).sum(axis=(1, 2))
         blur = within / (2.0 * np.sqrt(np.pi) * size)
-    dim = ~(total > SURE * np.sqrt(spread.sum(axis=(1, 2))))
+    dim = ~(total > LIT_SIGMAS * np.sqrt(spread.sum(axis=(1, 2))))
     found = np.column_stack([at, sigma_x, sigma_y, np.maximum(blur, 0.0), size])
     found[dim] = np.nan
     return found
 
 
 def _few(count: int, grid: DotGrid) -> CalibrationError:
-    rows, cols = grid.shape
     return _untrusted(
-        f"only {count} of {rows * cols} dots were found; {LEAST_DOTS} are needed",
+        f"only {count} of {np.prod(grid.shape)} dots were found; {_LEAST_DOTS} are needed",
         grid,
         "let mask and picture cover each other, and the camera see both; clear its way, and focus",
     )

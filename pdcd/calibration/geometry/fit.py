@@ -17,46 +17,44 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import CalibrationError, ConfigError
-from pdcd.panels.distortion import Nodes
-from pdcd.panels.map import Map, matrix
-from pdcd.panels.map_soundness import check
+from pdcd.panels.distortion import ResidualNodes
+from pdcd.panels.map import Map, to_map_matrix
+from pdcd.panels.map_soundness import check_map
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-NODES = (8, 10)
+_NODES = (8, 10)
 """Rows and columns of nodes of the residual."""
-START_SHARE = 0.01
+_START_SHARE = 0.01
 """Error, over the target's width, that a homography alone is allowed to leave: lenses bend."""
-LEAST_POINTS, LEAST_START = 20, 0.2
+_LEAST_POINTS, _LEAST_START = 20, 0.2
 """Points that a map needs, and the share of them that a homography alone must come near to."""
-LENS_LOSS_PX = 1.0
+_LENS_LOSS_PX = 1.0
 """Error from which the first fit counts points less: the residual is still in it."""
-LENS_POINTS = 2000
+_LENS_POINTS = 2000
 """Points, at most, that the first fit looks at."""
-NODE_SD_PX, BEND_SD_PX, LENS_SD = 2.0, 1.0, 0.3
+_NODE_SD_PX, _BEND_SD_PX, _LENS_SD = 2.0, 1.0, 0.3
 """What is likely before there is any light: nodes, their second differences, k1 and k2."""
-CAUCHY = 2.5
+_CAUCHY = 2.5
 """Median errors at which a point counts half."""
-RAYLEIGH = np.sqrt(2.0 * np.log(2.0))
+_RAYLEIGH = np.sqrt(2.0 * np.log(2.0))
 """Median length of an error in two axes, over the standard deviation in one."""
-SLIGHT = 0.05
+_SLIGHT = 0.05
 """Median error, in its sigmas, below which none is a worse one."""
-ROUNDS = 6
-INLIER_SIGMAS = 5.0
-LEAST_INLIER_PX = 0.05
+_ROUNDS = 6
+_INLIER_SIGMAS = 5.0
+_LEAST_INLIER_PX = 0.05
 """Error that makes no point an outlier, however well the others fit."""
-LENS = 10
+_LENS = 10
 """Numbers before those of the nodes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class PointPairs:
     """Points and where they lie.
 
     source_px, target_px : (n, 2), pixels of both devices.
@@ -69,7 +67,7 @@ class Pairs:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedMap:
     """A map from a source to a target, and how sure it is.
 
     map : from the source's pixels to the unit square that the target's pixels fill.
@@ -116,13 +114,13 @@ class Fitted:
 
 
 def fit_map(
-    pairs: Pairs,
+    pairs: PointPairs,
     source_size_px: tuple[int, int],
     target_size_px: tuple[int, int],
     device: str,
     *,
-    nodes: tuple[int, int] = NODES,
-) -> Fitted:
+    nodes: tuple[int, int] = _NODES,
+) -> FittedMap:
     """The map that fits the pairs best. Deterministic: the same pairs give the same map.
 
     Raises CalibrationError where no homography comes near most points, or the map folds.
@@ -132,17 +130,17 @@ def fit_map(
     unit = 0.5 * target_size_px[1]
     sigma = np.maximum(pairs.sigma_px, 1e-6) / unit
     start = _start(pairs, near, wanted, target_size_px, device)
-    lens = _lens(model, start, near, wanted, LENS_LOSS_PX / unit)
+    lens = _lens(model, start, near, wanted, _LENS_LOSS_PX / unit)
     numbers = np.concatenate([lens, np.zeros(2 * nodes[0] * nodes[1])])
     basis = model.basis(pairs.source_px)
     prior, expected = model.prior(numbers)
     scatter = 1.0
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         error = wanted - model.target(numbers, basis, near)
         lengths = np.hypot(*(error / sigma).T)
-        middle = max(float(np.median(lengths)), SLIGHT)
-        weight = 1.0 / (1.0 + (lengths / (CAUCHY * middle)) ** 2)
-        scatter = max(middle / RAYLEIGH, _together(model, near, error / sigma, lengths, nodes))
+        middle = max(float(np.median(lengths)), _SLIGHT)
+        weight = 1.0 / (1.0 + (lengths / (_CAUCHY * middle)) ** 2)
+        scatter = max(middle / _RAYLEIGH, _together(model, near, error / sigma, lengths, nodes))
         per = np.sqrt(weight)[:, None] / (sigma * max(scatter, 1.0))
         rows = (model.slopes(numbers, basis, near) * per[..., None]).reshape(-1, numbers.size)
         normal = rows.T @ rows + prior
@@ -153,7 +151,7 @@ def fit_map(
     covariance = np.asarray(np.linalg.inv(normal))
     error = wanted - model.target(numbers, basis, near)
     residual_px = error * unit
-    return Fitted(
+    return FittedMap(
         map=_sound(model.map(numbers), device),
         target_size_px=target_size_px,
         parameters=numbers,
@@ -175,7 +173,7 @@ def _together(
 
     They are taken together in pieces of half the distance of nodes, which no residual follows.
     """
-    good = lengths < INLIER_SIGMAS * np.median(lengths)
+    good = lengths < _INLIER_SIGMAS * np.median(lengths)
     wide = model.aspect
     rows, cols = 2 * nodes[0], 2 * nodes[1]
     row = np.clip((0.5 * near[good, 1] + 0.5) * rows, 0, rows - 1).astype(np.int64)
@@ -184,7 +182,7 @@ def _together(
     count = np.bincount(piece, minlength=rows * cols)
     sums = np.stack([np.bincount(piece, error[good, axis], rows * cols) for axis in (0, 1)])
     per = sums[:, count > 0] / np.sqrt(count[count > 0])
-    return float(np.median(np.hypot(*per))) / float(RAYLEIGH)
+    return float(np.median(np.hypot(*per))) / float(_RAYLEIGH)
 
 
 def mad_px(residual_px: Floats) -> float:
@@ -193,24 +191,24 @@ def mad_px(residual_px: Floats) -> float:
 
 
 def _inliers(residual_px: Floats) -> Bools:
-    limit = max(INLIER_SIGMAS * mad_px(residual_px) / float(RAYLEIGH), LEAST_INLIER_PX)
+    limit = max(_INLIER_SIGMAS * mad_px(residual_px) / float(_RAYLEIGH), _LEAST_INLIER_PX)
     found: Bools = np.hypot(residual_px[:, 0], residual_px[:, 1]) < limit
     return found
 
 
 def _start(
-    pairs: Pairs, near: Floats, wanted: Floats, target_size_px: tuple[int, int], device: str
+    pairs: PointPairs, near: Floats, wanted: Floats, target_size_px: tuple[int, int], device: str
 ) -> Floats:
     """H by MAGSAC, in half heights, its first eight numbers, and no distortion: (10,)."""
-    reach = START_SHARE * 2.0 * target_size_px[0] / target_size_px[1]
+    reach = _START_SHARE * 2.0 * target_size_px[0] / target_size_px[1]
     found, most = None, 0
     # OpenCV takes no sample of points that is mirrored, so a mirrored picture is turned over first.
-    for mirror in (np.eye(3), np.diag([-1.0, 1.0, 1.0])) if len(near) >= LEAST_POINTS else ():
+    for mirror in (np.eye(3), np.diag([-1.0, 1.0, 1.0])) if len(near) >= _LEAST_POINTS else ():
         points = near * np.diag(mirror)[:2]
         tried, kept = cv2.findHomography(points, wanted, cv2.USAC_MAGSAC, reach, maxIters=5000)
         if tried is not None and abs(tried[2, 2]) > 1e-9 and int(kept.sum()) > most:
             found, most = np.asarray(tried, dtype=np.float64) @ mirror, int(kept.sum())
-    if found is None or most < LEAST_START * len(near):
+    if found is None or most < _LEAST_START * len(near):
         raise CalibrationError(
             f"no flat picture of the {device} fits the {len(near)} points that were found",
             device=device,
@@ -222,13 +220,13 @@ def _start(
 
 def _lens(model: _Model, start: Floats, near: Floats, wanted: Floats, loss: float) -> Floats:
     """H and the lens, refined, (10,)."""
-    some = slice(None, None, max(1, len(near) // LENS_POINTS))
+    some = slice(None, None, max(1, len(near) // _LENS_POINTS))
     few, there = near[some], wanted[some]
 
     def errors(numbers: Floats) -> Floats:
         error = (model.through(numbers, model.straight(numbers, few)) - there) / loss
         # Where points lie in the middle only, nothing else holds the lens.
-        held = numbers[8:10] / LENS_SD * np.sqrt(len(few)) * 0.01
+        held = numbers[8:10] / _LENS_SD * np.sqrt(len(few)) * 0.01
         return np.concatenate([np.clip(error, -1e6, 1e6).ravel(), held])
 
     found = least_squares(errors, start, loss="soft_l1", x_scale="jac", max_nfev=100)
@@ -264,8 +262,8 @@ class _Model:
         return found
 
     def basis(self, source_px: Floats) -> Floats:
-        """See `basis_of`."""
-        return basis_of(source_px, self._source, self._nodes)
+        """See `compute_spline_basis`."""
+        return compute_spline_basis(source_px, self._source, self._nodes)
 
     def straight(self, numbers: Floats, near: Floats) -> Floats:
         """Points without the lens, the residual not yet added."""
@@ -284,7 +282,7 @@ class _Model:
         return self.through(numbers, self._bent(numbers, basis, near))
 
     def _bent(self, numbers: Floats, basis: Floats, near: Floats) -> Floats:
-        moved = basis @ numbers[LENS:].reshape(2, -1).T
+        moved = basis @ numbers[_LENS:].reshape(2, -1).T
         return np.asarray(self.straight(numbers, near) + moved)
 
     def slopes(self, numbers: Floats, basis: Floats, near: Floats) -> Floats:
@@ -304,8 +302,8 @@ class _Model:
             r2 = (near**2).sum(axis=1)
             along = (by * near).sum(axis=1)
             found[:, axis, 8], found[:, axis, 9] = along * r2, along * r2 * r2
-            found[:, axis, LENS : LENS + count] = by[:, :1] * basis
-            found[:, axis, LENS + count :] = by[:, 1:] * basis
+            found[:, axis, _LENS : _LENS + count] = by[:, :1] * basis
+            found[:, axis, _LENS + count :] = by[:, 1:] * basis
         return found
 
     def prior(self, numbers: Floats) -> tuple[Floats, Floats]:
@@ -313,13 +311,13 @@ class _Model:
         unit = 0.5 * self._source[1]
         rows, cols = self._nodes
         found = np.zeros((numbers.size, numbers.size))
-        found[8, 8] = found[9, 9] = LENS_SD**-2
-        bends = bends_of(self._nodes)
-        held = bends.T @ bends * (unit / BEND_SD_PX) ** 2
-        held += np.eye(rows * cols) * (unit / NODE_SD_PX) ** 2
+        found[8, 8] = found[9, 9] = _LENS_SD**-2
+        bends = compute_second_differences(self._nodes)
+        held = bends.T @ bends * (unit / _BEND_SD_PX) ** 2
+        held += np.eye(rows * cols) * (unit / _NODE_SD_PX) ** 2
         count = rows * cols
-        found[LENS : LENS + count, LENS : LENS + count] = held
-        found[LENS + count :, LENS + count :] = held
+        found[_LENS : _LENS + count, _LENS : _LENS + count] = held
+        found[_LENS + count :, _LENS + count :] = held
         return found, np.zeros(numbers.size)
 
     def map(self, numbers: Floats) -> Map:
@@ -332,22 +330,22 @@ class _Model:
         out = np.array([[unit, 0.0, 0.5 * self._target[0]], [0.0, unit, unit], [0.0, 0.0, 1.0]])
         full = np.append(numbers[:8], 1.0).reshape(3, 3)
         to_unit = np.diag([1.0 / self._target[0], 1.0 / self._target[1], 1.0])
-        right, down = (numbers[LENS:] * half).reshape(2, *self._nodes)
-        nodes: Nodes = tuple(
+        right, down = (numbers[_LENS:] * half).reshape(2, *self._nodes)
+        nodes: ResidualNodes = tuple(
             tuple((float(x), float(y)) for x, y in zip(*row, strict=True))
             for row in zip(right, down, strict=True)
         )
         return Map(
             size_px=(int(width), int(height)),
-            homography=matrix(to_unit @ out @ full @ into),
+            homography=to_map_matrix(to_unit @ out @ full @ into),
             radial=(float(numbers[8]), float(numbers[9])),
             residual=nodes,
         )
 
 
-def basis_of(points_px: Floats, size_px: ArrayLike, nodes: tuple[int, int]) -> Floats:
+def compute_spline_basis(points_px: Floats, size_px: ArrayLike, nodes: tuple[int, int]) -> Floats:
     """Displacement at points (n, 2) of a device by a node of 1: (n, nodes).
-    `pdcd.panels.distortion.Residual` is the same spline."""
+    `pdcd.panels.distortion.MapResidual` is the same spline."""
     rows, cols = nodes
     at = np.clip(points_px / np.asarray(size_px), 0.0, 1.0)
     across = CubicSpline(np.arange(cols), np.eye(cols))(at[:, 0] * (cols - 1))
@@ -355,7 +353,7 @@ def basis_of(points_px: Floats, size_px: ArrayLike, nodes: tuple[int, int]) -> F
     return np.asarray((along[:, :, None] * across[:, None, :]).reshape(len(at), -1))
 
 
-def bends_of(nodes: tuple[int, int]) -> Floats:
+def compute_second_differences(nodes: tuple[int, int]) -> Floats:
     """Second differences of nodes down and across, (k, nodes)."""
     down, across = (np.diff(np.eye(count), n=2, axis=0) for count in nodes)
     rows, cols = (np.eye(count) for count in nodes)
@@ -364,7 +362,7 @@ def bends_of(nodes: tuple[int, int]) -> Floats:
 
 def _sound(map_: Map, device: str) -> Map:
     try:
-        return check(map_, device)
+        return check_map(map_, device)
     except ConfigError as err:
         raise CalibrationError(
             f"{err.message}; points that far apart belong to no flat picture",

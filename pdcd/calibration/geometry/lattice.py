@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 from scipy.spatial import cKDTree
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from pdcd.arrays import Floats, Indices
 
-NEAR = 0.3
+_NEAR = 0.3
 """Share of a lattice step by which a dot may lie beside its foreseen place."""
-SEEDS = 9
+_SEEDS = 9
 """Dots from which counting is begun, one after the other, until most are counted."""
-ENOUGH = 0.6
+_ENOUGH = 0.6
 """Share of the dots that are counted in one go where nothing is amiss."""
 LEAST_SCORE, LEAST_LEAD = 0.6, 0.25
 """Agreement with the code that is wanted, and its lead on the second best place. Chance alone
@@ -37,7 +36,7 @@ SYMMETRIES: tuple[tuple[tuple[int, int], tuple[int, int]], ...] = (
 
 
 @dataclass(frozen=True)
-class Place:
+class LatticePlace:
     """Where counted dots lie in their grid: `index = symmetry @ counted + shift`.
 
     score : agreement with the code, 1 at best. lead : by how much it leads on the second best.
@@ -59,7 +58,7 @@ class Place:
         return found
 
 
-def counted(points: Floats) -> tuple[Indices, NDArray[np.intp]]:
+def index_dots(points: Floats) -> tuple[Indices, NDArray[np.intp]]:
     """Count dots (n, 2) along their lattice, from some dot on.
 
     Returns the counts (k, 2) of those that could be reached, right-handed in the photo, and which
@@ -73,7 +72,7 @@ def counted(points: Floats) -> tuple[Indices, NDArray[np.intp]]:
     middle = np.median(points, axis=0)
     order = np.argsort(np.sum((points - middle) ** 2, axis=1))
     best = nobody
-    for seed in order[:: max(1, len(order) // SEEDS)][:SEEDS].tolist():
+    for seed in order[:: max(1, len(order) // _SEEDS)][:_SEEDS].tolist():
         basis = _basis(points, tree, seed)
         if basis is None:
             continue
@@ -83,7 +82,7 @@ def counted(points: Floats) -> tuple[Indices, NDArray[np.intp]]:
                 np.array(list(found.keys()), dtype=np.int64),
                 np.array(list(found.values()), dtype=np.intp),
             )
-        if len(best[1]) > ENOUGH * len(points):
+        if len(best[1]) > _ENOUGH * len(points):
             break
     return best
 
@@ -117,7 +116,7 @@ def _walk(
             if (i + di, j + dj) in found:
                 continue
             step = di * right + dj * down
-            distance, dot = tree.query(here + step, distance_upper_bound=NEAR * np.hypot(*step))
+            distance, dot = tree.query(here + step, distance_upper_bound=_NEAR * np.hypot(*step))
             if not np.isfinite(distance) or dot in taken:
                 continue
             found[i + di, j + dj] = int(dot)
@@ -127,7 +126,7 @@ def _walk(
     return found
 
 
-def placed(cells: Floats, grid_code: NDArray[np.bool_]) -> Place:
+def find_lattice_place(cells: Floats, grid_code: NDArray[np.bool_]) -> LatticePlace:
     """The place in the code that counted cells fit best.
 
     cells : (rows, cols), from -1 (a hole) to 1 (white) amid four counted dots each, NaN where that
@@ -159,5 +158,5 @@ def placed(cells: Floats, grid_code: NDArray[np.bool_]) -> Place:
             best = top
             place = symmetry, np.array([right, down], dtype=np.int64) - least
     if total == 0.0 or not np.isfinite(best):
-        return Place(*place, 0.0, 0.0)
-    return Place(*place, best / total, (best - runner_up) / total)
+        return LatticePlace(*place, 0.0, 0.0)
+    return LatticePlace(*place, best / total, (best - runner_up) / total)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.photo import Photo
+from pdcd.arrays import Bools, Floats
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.errors import CalibrationError
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 RED, GREEN, BLUE = 0, 1, 2
 OFFSETS_QUADS = {
@@ -21,77 +18,79 @@ OFFSETS_QUADS = {
 """Where the samples of red, green (the mean of both) and blue lie about the middle of their quad,
 (right, down), by the camera's mosaic."""
 
-STEP = 4
+_STEP = 4
 """Quads between those that are looked at when a photo is judged as a whole."""
-LEAST_SNR = 4.0
+_LEAST_SNR = 4.0
 """Signal over noise of one quad below which a panel's light is too dim."""
-SURE = 5.0
+LIT_SIGMAS = 5.0
 """Standard deviations above which something is there."""
-LIT = 0.15
+_LIT = 0.15
 """Share of the brightest light at which a quad counts as lit by the panel."""
-LEAST_LIT = 0.02
+_LEAST_LIT = 0.02
 """Share of the frame that a panel must light."""
-SATURATED = 0.002
+_SATURATED = 0.002
 """Share of saturated quads that is borne: hot pixels, a glint."""
-MOST_AMBIENT = 1.0
+_MOST_AMBIENT = 1.0
 """Light of the room over light of the panel that is borne."""
 
 
-def lit_by(white: Photo, black: Photo, panel: str) -> Bools:
+def find_panel_light(white: QuadPhoto, black: QuadPhoto, panel: str) -> Bools:
     """Where the light of a panel falls, (h, w) bool: where white is brighter than black.
 
     Raises CalibrationError, which names the cause, where these photos tell nothing of the panel: no
     light at all, a panel that does not switch, too little light, too much, a lit room.
     """
-    values = [photo.light[::STEP, ::STEP, GREEN] for photo in (white, black)]
+    values = [photo.light[::_STEP, ::_STEP, GREEN] for photo in (white, black)]
     if not all(np.isfinite(one).all() for one in values) or white.frame != black.frame:
         raise _untrusted(
             "the photos have numbers that are not finite, or differ in size",
             panel,
             "take them again, all with one setting of the camera",
         )
-    noise = np.sqrt(white.variance[::STEP, ::STEP, GREEN] + black.variance[::STEP, ::STEP, GREEN])
+    noise = np.sqrt(
+        white.variance[::_STEP, ::_STEP, GREEN] + black.variance[::_STEP, ::_STEP, GREEN]
+    )
     light = values[0] - values[1]
     _check_saturated(white, panel)
     _check_light(values[0], light, noise, panel)
     brightest = float(np.percentile(light, 99.0))
-    some = light > LIT * brightest
+    some = light > _LIT * brightest
     share, snr = float(some.mean()), float(np.median((light / noise)[some]))
-    if snr < LEAST_SNR:
+    if snr < _LEAST_SNR:
         raise _untrusted(
             f"the {panel}'s light is too dim: {snr:.1f} times the noise of a quad",
             panel,
             "expose longer, open the lens, or raise the ISO",
         )
-    if share < LEAST_LIT:
+    if share < _LEAST_LIT:
         raise _untrusted(
             f"only {share:.1%} of the photo is lit by the {panel}",
             panel,
             "point the camera at the card; the panel's picture should fill most of the frame",
         )
     ambient = float(np.median(values[1][some]) / np.median(light[some]))
-    if ambient > MOST_AMBIENT:
+    if ambient > _MOST_AMBIENT:
         raise _untrusted(
             f"light that is not the {panel}'s is {ambient:.1f} times as strong as its own",
             panel,
             "switch off the room's lights, or shade the bench",
         )
-    whole: Bools = white.light[..., GREEN] - black.light[..., GREEN] > LIT * brightest
+    whole: Bools = white.light[..., GREEN] - black.light[..., GREEN] > _LIT * brightest
     return whole
 
 
 def _check_light(white: Floats, light: Floats, noise: Floats, panel: str) -> None:
     """Whether there is any light, and whether it is the panel's."""
     mean_noise = float(np.median(noise)) / np.sqrt(light.size)
-    if np.percentile(light / noise, 99.0) > SURE:
+    if np.percentile(light / noise, 99.0) > LIT_SIGMAS:
         return
-    if float(np.mean(white)) < SURE * mean_noise:
+    if float(np.mean(white)) < LIT_SIGMAS * mean_noise:
         raise _untrusted(
             "no light reaches the camera",
             "camera",
             "take off the lens cap, see that the shutter opens and the projector's lamp is on",
         )
-    if float(np.mean(light)) > SURE * mean_noise:
+    if float(np.mean(light)) > LIT_SIGMAS * mean_noise:
         raise _untrusted(
             f"the {panel}'s light is too dim to tell white from black in one quad",
             panel,
@@ -104,9 +103,9 @@ def _check_light(white: Floats, light: Floats, noise: Floats, panel: str) -> Non
     )
 
 
-def _check_saturated(white: Photo, panel: str) -> None:
+def _check_saturated(white: QuadPhoto, panel: str) -> None:
     share = white.saturated_share()
-    if share > SATURATED:
+    if share > _SATURATED:
         raise _untrusted(
             f"{share:.1%} of the photo is saturated",
             panel,

@@ -11,72 +11,71 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from pdcd.calibration.figures import Figure, Verdict
+from pdcd.arrays import Floats
+from pdcd.calibration.figures import MeasuredFigure, Verdict
 from pdcd.calibration.geometry.dots import DotGrid
 from pdcd.calibration.geometry.finding import RING, Dots
-from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map, mad_px
-from pdcd.calibration.geometry.phase import Decoded
+from pdcd.calibration.geometry.fit import FittedMap, PointPairs, fit_map, mad_px
+from pdcd.calibration.geometry.phase import DecodedQuads
 from pdcd.errors import CalibrationError
-from pdcd.panels.distortion import residual_of
-from pdcd.panels.map import Map, between
+from pdcd.panels.distortion import make_residual
+from pdcd.panels.map import Map, map_between
 from pdcd.words import SubjectName
 
-Floats = NDArray[np.float64]
-
-DISC = 3, 12
+_DISC = 3, 12
 """Rings and places in a ring at which a dot is looked at."""
-FLOOR_QUADS = 0.01
+_FLOOR_QUADS = 0.01
 """Error of a dot's place without any noise: quads are coarse, and so are the panel's pixels."""
-NEIGHBOURS = 2
+_NEIGHBOURS = 2
 """Dots to a side among which one must have been found for a place to count as seen."""
-LEAST_SEEN = MappingProxyType({"card": 0.9, "scene": 0.5})
+_LEAST_SEEN = MappingProxyType({"card": 0.9, "scene": 0.5})
 """Share of the dots in the frame that must be seen; what a scene hides the model bridges."""
-LEAST_IN_FRAME = 0.5
+_LEAST_IN_FRAME = 0.5
 """Share of all dots that must be in the frame."""
-BLOCK = 12
+_BLOCK = 12
 """Quads a side whose decoded places are taken together."""
-LEAST_IN_BLOCK = 0.25
-CLIPPED = 3.0 * 1.4826
-CLOSE_PX = 0.05
+_LEAST_IN_BLOCK = 0.25
+_CLIPPED = 3.0 * 1.4826
+_CLOSE_PX = 0.05
 
-SWAPPED = "the outputs are swapped: exchange the cables, or the outputs in the configuration"
+_SWAPPED = "the outputs are swapped: exchange the cables, or the outputs in the configuration"
 
-INLIERS = MappingProxyType({"card": 0.95, "scene": 0.8})
-MAD_PX, WORST_PX, RESIDUAL_PX, SIGMA_PX = 0.1, 0.3, 2.0, 0.05
+_INLIERS = MappingProxyType({"card": 0.95, "scene": 0.8})
+_MAD_PX, _WORST_PX, _RESIDUAL_PX, _SIGMA_PX = 0.1, 0.3, 2.0, 0.05
 """Accepted: share of inliers at least; median and 95th percentile of what the fit leaves, the
 residual's largest displacement and the map's own 95th percentile error at most."""
-SEEN, NEAR = 0.6, 0.05
+_SEEN, _NEAR = 0.6, 0.05
 """Share of the photo of a scene that has points near it, and how near, over its diagonal."""
-REFUSED, UNSURE = 3.0, 10.0
+_REFUSED, _UNSURE = 3.0, 10.0
 """Times the limit beyond which a map is not only doubtful; of how sure it is at the worst edge,
 which the rest of it says nothing of: half a pixel there."""
-APART_PX = 0.5
+_APART_PX = 0.5
 """Colours of a panel that lie further apart are worth a look at its convergence."""
 
 
-def fit_dots(dots: Dots, frame: tuple[int, int], subject: SubjectName = "card") -> Fitted:
+def fit_dots(dots: Dots, frame: tuple[int, int], subject: SubjectName = "card") -> FittedMap:
     """The map from quads to the panel's pixels, out of its dots in one colour.
 
     frame : rows and columns of the photo.
 
     A disc's centroid in a photo is not where its centre is seen, where the scale changes across it:
     that is worked out by the map itself, and taken off. Raises CalibrationError where the map
-    cannot be trusted; whether the panel is seen at all is for `check_seen` to say.
+    cannot be trusted; whether the panel is seen at all is for `check_dot_coverage` to say.
     """
     grid = dots.grid
     first = _fit_dots(dots, frame)
     seen = dots.camera_px - _disc_shift(first, dots.panel_px, grid.radius_px)
-    return accepted(_fit_dots(replace(dots, camera_px=seen), frame), grid.panel, subject)
+    return check_fitted_map(_fit_dots(replace(dots, camera_px=seen), frame), grid.panel, subject)
 
 
-def fit_decoded(
-    decoded: Decoded,
+def fit_decoded_quads(
+    decoded: DecodedQuads,
     size_px: tuple[int, int],
     panel: str,
     *,
     offset_quads: tuple[float, float] = (0.0, 0.0),
     subject: SubjectName = "card",
-) -> Fitted:
+) -> FittedMap:
     """The same out of stripes: means over blocks of what a first fit leaves are fitted again.
 
     offset_quads : of the colour's samples from the middle of their quad. subject : on a scene light
@@ -84,21 +83,21 @@ def fit_decoded(
     map cannot be trusted.
     """
     rows, cols = decoded.valid.shape
-    middle = BLOCK // 2
-    row, col = np.nonzero(decoded.valid[middle::BLOCK, middle::BLOCK])
-    row, col = row * BLOCK + middle, col * BLOCK + middle
-    some = Pairs(
+    middle = _BLOCK // 2
+    row, col = np.nonzero(decoded.valid[middle::_BLOCK, middle::_BLOCK])
+    row, col = row * _BLOCK + middle, col * _BLOCK + middle
+    some = PointPairs(
         np.stack([col + 0.5, row + 0.5], axis=-1) + offset_quads,
         decoded.panel_px[row, col],
         decoded.sigma_px[row, col],
     )
     size = (cols, rows)
     first = fit_map(some, size, size_px, panel)
-    blocks = _blocks(decoded, first, BLOCK, np.array(offset_quads))
-    return accepted(fit_map(blocks, size, size_px, panel), panel, subject)
+    blocks = _blocks(decoded, first, _BLOCK, np.array(offset_quads))
+    return check_fitted_map(fit_map(blocks, size, size_px, panel), panel, subject)
 
 
-def turned_against(found: Map, believed: Map) -> tuple[float, bool]:
+def compare_orientation(found: Map, believed: Map) -> tuple[float, bool]:
     """How a found map (from quads to the panel) differs from the believed one at the middle of the
     photo: turned clockwise by so many degrees, -180 to 180, and whether mirrored."""
     middle = 0.5 * np.array([found.size_px], dtype=np.float64)
@@ -111,7 +110,7 @@ def turned_against(found: Map, believed: Map) -> tuple[float, bool]:
     return float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0]))), False
 
 
-def check_believed(found: Map, believed: Map, panel: str, other: Map | None = None) -> None:
+def check_orientation(found: Map, believed: Map, panel: str, other: Map | None = None) -> None:
     """Raise CalibrationError for a panel that is seen mirrored, upside down or on its side, unlike
     what the configuration says; or just where the other panel is believed to be, and not this one.
 
@@ -122,9 +121,9 @@ def check_believed(found: Map, believed: Map, panel: str, other: Map | None = No
         raise CalibrationError(
             f"the {panel}'s picture is seen where that of the other panel is believed to be",
             device=panel,
-            hint=SWAPPED,
+            hint=_SWAPPED,
         )
-    turn, mirrored = turned_against(found, believed)
+    turn, mirrored = compare_orientation(found, believed)
     what = ""
     if mirrored:
         what = "mirrored"
@@ -141,12 +140,12 @@ def check_believed(found: Map, believed: Map, panel: str, other: Map | None = No
         )
 
 
-def believed_map(camera: Map, panel: Map) -> Map:
+def make_believed_map(camera: Map, panel: Map) -> Map:
     """The believed map from quads to the unit square of a panel's pixels, without lens and
     residual: exact at the middle of the photo, near enough elsewhere to compare with."""
     width, height = camera.size_px
     corners = np.array([[0.2, 0.2], [0.8, 0.2], [0.8, 0.8], [0.2, 0.8]]) * (width, height)
-    there = between(camera, panel, corners) / panel.size_px
+    there = map_between(camera, panel, corners) / panel.size_px
     rows = []
     for (x, y), (u, v) in zip(corners.tolist(), there.tolist(), strict=True):
         rows.append([x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y])
@@ -155,12 +154,12 @@ def believed_map(camera: Map, panel: Map) -> Map:
     return Map(size_px=camera.size_px, homography=(a, b, c, d, e, f, g, h, 1.0))
 
 
-def accepted(fitted: Fitted, panel: str, subject: SubjectName = "card") -> Fitted:
+def check_fitted_map(fitted: FittedMap, panel: str, subject: SubjectName = "card") -> FittedMap:
     """The map itself. Raises CalibrationError for one that is far beyond the limits."""
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
     inliers = _share_of_inliers(fitted, left, 1.0)
     worst = float(np.percentile(left, 95.0))
-    if 1.0 - inliers > REFUSED * (1.0 - INLIERS[subject]) or np.median(left) > REFUSED * MAD_PX:
+    if 1.0 - inliers > _REFUSED * (1.0 - _INLIERS[subject]) or np.median(left) > _REFUSED * _MAD_PX:
         raise CalibrationError(
             f"no smooth map fits: {1.0 - inliers:.0%} of the points lie elsewhere, the others "
             f"{np.median(left):.2f} pixels beside it, 5 % more than {worst:.2f}",
@@ -171,19 +170,19 @@ def accepted(fitted: Fitted, panel: str, subject: SubjectName = "card") -> Fitte
     return fitted
 
 
-def _share_of_inliers(fitted: Fitted, left_px: Floats, scale: float) -> float:
+def _share_of_inliers(fitted: FittedMap, left_px: Floats, scale: float) -> float:
     """Share of the points that the map leaves about as much of as of most, or no more than the
     worst may have: among points that fit far better these are no strangers."""
-    return float(np.mean(fitted.inlier | (left_px <= scale * WORST_PX)))
+    return float(np.mean(fitted.inlier | (left_px <= scale * _WORST_PX)))
 
 
-def figures(
-    fitted: Fitted,
+def list_map_figures(
+    fitted: FittedMap,
     panel: str,
     scale: float = 1.0,
     subject: SubjectName = "card",
-    beside: Fitted | None = None,
-) -> list[Figure]:
+    beside: FittedMap | None = None,
+) -> list[MeasuredFigure]:
     """How good a map is, each with its limit.
 
     scale : pixels of this panel to one of the projector. A finer panel's may be off by more of
@@ -192,7 +191,7 @@ def figures(
     """
     scale = max(1.0, scale)
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
-    count, least = len(left), INLIERS[subject]
+    count, least = len(left), _INLIERS[subject]
     inliers, middle = _share_of_inliers(fitted, left, scale), mad_px(fitted.residual_px)
     # Of a scene, points that lie elsewhere are light that went another way.
     worst = float(np.percentile(left if subject == "card" else left[fitted.inlier], 95.0))
@@ -200,20 +199,20 @@ def figures(
     if beside is not None:
         places = places[_within(beside.to_target(places), beside.target_size_px)]
     moved = float(
-        np.hypot(*residual_of(fitted.map.residual, fitted.map.size_px).at(places).T).max()
+        np.hypot(*make_residual(fitted.map.residual, fitted.map.size_px).at(places).T).max()
     )
     more = []
     if subject == "scene":  # where it is dark no photo tells, and none will
         share = _near_points(fitted, places)
-        more.append(_figure(f"{panel}.seen", share, 0.0, SEEN))
+        more.append(_figure(f"{panel}.seen", share, 0.0, _SEEN))
         places = fitted.source_px[fitted.inlier]
     own = float(np.percentile(fitted.sigma_px(places).max(axis=-1), 95.0))
     return [
         _figure(f"{panel}.inliers", inliers, np.sqrt(inliers * (1.0 - inliers) / count), least),
-        _figure(f"{panel}.fit_px", middle, middle / np.sqrt(count), scale * MAD_PX),
-        _figure(f"{panel}.fit_worst_px", worst, 3.0 * middle / np.sqrt(count), scale * WORST_PX),
-        _figure(f"{panel}.residual_px", moved, own, scale * RESIDUAL_PX),
-        _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), scale * SIGMA_PX, UNSURE),
+        _figure(f"{panel}.fit_px", middle, middle / np.sqrt(count), scale * _MAD_PX),
+        _figure(f"{panel}.fit_worst_px", worst, 3.0 * middle / np.sqrt(count), scale * _WORST_PX),
+        _figure(f"{panel}.residual_px", moved, own, scale * _RESIDUAL_PX),
+        _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), scale * _SIGMA_PX, _UNSURE),
         *more,
     ]
 
@@ -225,16 +224,16 @@ def _within(px: Floats, size_px: Sequence[int], margin: float = 0.0) -> NDArray[
     return np.asarray(inside.all(axis=-1))
 
 
-def _near_points(fitted: Fitted, places: Floats) -> float:
+def _near_points(fitted: FittedMap, places: Floats) -> float:
     """Share of places of the photo that have points near them."""
-    reach = NEAR * np.hypot(*fitted.map.size_px)
+    reach = _NEAR * np.hypot(*fitted.map.size_px)
     away, _ = cKDTree(fitted.source_px[fitted.inlier]).query(places)
     return float(np.mean(away < reach))
 
 
-def convergence(
-    colours: Sequence[Fitted], panel: str, beside: Sequence[Fitted] | None = None
-) -> tuple[Floats, list[Figure]]:
+def measure_convergence(
+    colours: Sequence[FittedMap], panel: str, beside: Sequence[FittedMap] | None = None
+) -> tuple[Floats, list[MeasuredFigure]]:
     """How far red and blue of a panel lie from green.
 
     colours : the maps in red, green and blue.
@@ -255,11 +254,11 @@ def convergence(
     for number, (name, other) in enumerate((("red", colours[0]), ("blue", colours[2]))):
         far = float(np.percentile(np.hypot(*found[:, number].T), 95.0))
         sigma = float(np.median(np.hypot(other.sigma_px(places), green.sigma_px(places))))
-        given.append(_figure(f"{panel}.{name}_apart_px", far, sigma, APART_PX))
+        given.append(_figure(f"{panel}.{name}_apart_px", far, sigma, _APART_PX))
     return found, given
 
 
-def _both_see(one: Fitted, other: Fitted | None) -> Floats:
+def _both_see(one: FittedMap, other: FittedMap | None) -> Floats:
     """Places (n, 2) over the photo that lie on a panel, and on the other one."""
     width, height = one.map.size_px
     places = np.stack(
@@ -270,7 +269,7 @@ def _both_see(one: Fitted, other: Fitted | None) -> Floats:
     return np.asarray(places)
 
 
-def _colours_apart(colours: Sequence[Fitted], places: Floats) -> Floats:
+def _colours_apart(colours: Sequence[FittedMap], places: Floats) -> Floats:
     """Red minus green and blue minus green at places (n, 2) of the photo, (n, 2, 2), in pixels of
     the panel.
 
@@ -287,8 +286,8 @@ def _times(slopes: NDArray[np.floating[Any]], vectors: Floats) -> Floats:
 
 
 def _figure(
-    name: str, value: float, sigma: float, limit: float, refused: float = REFUSED
-) -> Figure:
+    name: str, value: float, sigma: float, limit: float, refused: float = _REFUSED
+) -> MeasuredFigure:
     """A figure that must not exceed its limit, and is bad beyond `refused` times that; inliers must
     not fall below theirs."""
     if name.endswith(("inliers", "seen")):
@@ -298,22 +297,22 @@ def _figure(
         good, bad = value <= limit, value > refused * limit
         text, unit = f"at most {limit:.3g} px", "px"
     verdict = Verdict.GOOD if good else Verdict.BAD if bad else Verdict.DOUBTFUL
-    return Figure(name, value, float(sigma), unit, text, verdict)
+    return MeasuredFigure(name, value, float(sigma), unit, text, verdict)
 
 
-def _fit_dots(dots: Dots, frame: tuple[int, int]) -> Fitted:
+def _fit_dots(dots: Dots, frame: tuple[int, int]) -> FittedMap:
     """A map out of dots as they are; their errors are those of the photo."""
     grid, size = dots.grid, (frame[1], frame[0])
     slope = np.linalg.lstsq(
         np.column_stack([dots.camera_px, np.ones(len(dots.index))]), dots.panel_px, rcond=None
     )[0][:2]
-    sigma = np.sqrt((dots.sigma_px**2 + FLOOR_QUADS**2) @ slope**2)
-    return fit_map(Pairs(dots.camera_px, dots.panel_px, sigma), size, grid.size_px, grid.panel)
+    sigma = np.sqrt((dots.sigma_px**2 + _FLOOR_QUADS**2) @ slope**2)
+    return fit_map(PointPairs(dots.camera_px, dots.panel_px, sigma), size, grid.size_px, grid.panel)
 
 
-def _disc_shift(fitted: Fitted, panel_px: Floats, radius_px: float) -> Floats:
+def _disc_shift(fitted: FittedMap, panel_px: Floats, radius_px: float) -> Floats:
     """Centroids of discs in the photo, from where their centres are seen, (n, 2) in quads."""
-    rings, around = DISC
+    rings, around = _DISC
     radii = radius_px * np.sqrt((np.arange(rings) + 0.5) / rings)
     angles = 2.0 * np.pi * np.arange(around) / around
     steps = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -325,12 +324,12 @@ def _disc_shift(fitted: Fitted, panel_px: Floats, radius_px: float) -> Floats:
     return np.asarray((seen * area).sum(axis=1) / area.sum(axis=1) - middle)
 
 
-def check_seen(
-    fitted: Fitted,
+def check_dot_coverage(
+    fitted: FittedMap,
     dots: Dots,
     *,
     other: DotGrid | None = None,
-    beside: Fitted | None = None,
+    beside: FittedMap | None = None,
     subject: SubjectName = "card",
 ) -> None:
     """Raise CalibrationError where dots are not seen all over the part of a panel that the camera
@@ -351,11 +350,11 @@ def check_seen(
         inside = framed & _within(beside.to_target(places), beside.target_size_px, reach)
     found = np.zeros((rows, cols), dtype=np.bool_)
     found[dots.index[:, 1], dots.index[:, 0]] = True
-    padded = np.pad(found, NEIGHBOURS)
-    side = 2 * NEIGHBOURS + 1
+    padded = np.pad(found, _NEIGHBOURS)
+    side = 2 * _NEIGHBOURS + 1
     near = np.lib.stride_tricks.sliding_window_view(padded, (side, side)).mean(axis=(2, 3)) >= 0.2
     seen = float(near.ravel()[inside].mean()) if inside.any() else 0.0
-    if seen < LEAST_SEEN[subject]:
+    if seen < _LEAST_SEEN[subject]:
         _check_cut(dots, other)
         raise CalibrationError(
             f"dots are seen on {seen:.0%} only of the part of the {grid.panel} that the camera "
@@ -364,7 +363,7 @@ def check_seen(
             hint="something covers the field, or the card is too small: clear the way, use a "
             "larger card",
         )
-    if framed.mean() < LEAST_IN_FRAME:
+    if framed.mean() < _LEAST_IN_FRAME:
         raise CalibrationError(
             f"only {framed.mean():.0%} of the {grid.panel} lies in the camera's frame",
             device=grid.panel,
@@ -386,11 +385,11 @@ def _check_cut(dots: Dots, other: DotGrid | None) -> None:
             f"of the {grid.panel}'s picture, {grid.size_px[0]} x {grid.size_px[1]} pixels, only "
             f"the upper left {other.size_px[0]} x {other.size_px[1]} are seen",
             device=grid.panel,
-            hint=SWAPPED,
+            hint=_SWAPPED,
         )
 
 
-def _blocks(decoded: Decoded, first: Fitted, step: int, offset_quads: Floats) -> Pairs:
+def _blocks(decoded: DecodedQuads, first: FittedMap, step: int, offset_quads: Floats) -> PointPairs:
     """Means over blocks of what a first fit leaves, without outliers, at the mean place."""
     rows, cols = (side // step for side in decoded.valid.shape)
     whole = np.s_[: rows * step, : cols * step]
@@ -400,30 +399,30 @@ def _blocks(decoded: Decoded, first: Fitted, step: int, offset_quads: Floats) ->
     good = decoded.valid[whole] & np.isfinite(error).all(axis=-1)
     middle = np.median(error[good][:: max(1, step)], axis=0)
     spread = mad_px(error[good][:: max(1, step)] - middle)
-    good &= np.hypot(*np.moveaxis(error - middle, -1, 0)) < CLIPPED * spread + CLOSE_PX
+    good &= np.hypot(*np.moveaxis(error - middle, -1, 0)) < _CLIPPED * spread + _CLOSE_PX
 
     def sums(values: Floats) -> Floats:
         kept = np.where(good, values, 0.0).reshape(rows, step, cols, step)
         return np.asarray(kept.sum(axis=(1, 3)).ravel())
 
     count = sums(np.ones(good.shape))
-    enough = count >= LEAST_IN_BLOCK * step**2
+    enough = count >= _LEAST_IN_BLOCK * step**2
     per = 1.0 / np.maximum(count, 1.0)
     source = np.stack([sums(x) * per, sums(y) * per], axis=-1)[enough]
     moved = np.stack([sums(error[..., axis]) * per for axis in (0, 1)], axis=-1)[enough]
     variance = [sums(decoded.sigma_px[whole][..., axis] ** 2) * per**2 for axis in (0, 1)]
     sigma = np.sqrt(np.stack(variance, axis=-1)[enough])
-    return Pairs(source, first.to_target(source) + moved, sigma)
+    return PointPairs(source, first.to_target(source) + moved, sigma)
 
 
-def _on_panel(fitted: Fitted) -> Floats:
+def _on_panel(fitted: FittedMap) -> Floats:
     """Places of the photo, evenly over what it shows of the panel, (n, 2)."""
     at = (np.arange(12) + 0.5) / 12
     places = fitted.map.from_field(np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2))
     return np.asarray(places[_within(places, fitted.map.size_px)])
 
 
-def quads_per_px(fitted: Fitted) -> float:
+def quads_per_px(fitted: FittedMap) -> float:
     """Quads to a pixel of the panel, along a side, in the middle of the photo."""
     middle = 0.5 * np.array([fitted.map.size_px], dtype=np.float64)
     return float(1.0 / np.sqrt(abs(np.linalg.det(fitted.slope(middle)[0]))))

@@ -20,35 +20,34 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.calibration.geometry.dots import PanelName
-from pdcd.calibration.geometry.lit import GREEN, SURE
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Bits, Shown
+from pdcd.calibration.geometry.lit import GREEN, LIT_SIGMAS
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import Bits, PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Placed = tuple[Floats, Floats, Bools]
 """Pixels along an axis, (h, w), their standard deviations, and which are valid."""
 
-LEAST_MODULATION = 0.2
+_LEAST_MODULATION = 0.2
 """Depth of the stripes over their mean, below which a quad is left out."""
 LEAST_VALID = 0.02
 """Share of the frame that must be decoded."""
-MOST_BEYOND = 0.02
+_MOST_BEYOND = 0.02
 """Share of the decoded quads that may lie beyond the panel: noise at its edges."""
-WRAPPED, MOST_WRAPPED = 0.4, 0.05
+_WRAPPED, _MOST_WRAPPED = 0.4, 0.05
 """Difference from a belief, in periods, that is near to the next period, and the share of quads
 that may have it."""
-AROUND, AROUND_SHARE = 7, 0.9
+_AROUND, _AROUND_SHARE = 7, 0.9
 """Quads a side about each, and the share of them that must be valid: beside an edge of the picture,
 or of what covers it, blur moves the stripes."""
 AXES = ("x", "y")
 
 
 @dataclass(frozen=True, eq=False)
-class Decoded:
+class DecodedQuads:
     """What each quad of a photo sees.
 
     panel_px : (h, w, 2), x and y on the panel in pixels.
@@ -86,12 +85,14 @@ class PhaseCode:
         thresholds = (np.arange(self.levels) + 0.5) / self.levels
         return self._drawn(axis, 0.5 + 0.5 * np.cos(angle) > thresholds[:, None])
 
-    def shown(self, axis: int, repeats: int = 1) -> tuple[Shown, ...]:
+    def shown(self, axis: int, repeats: int = 1) -> tuple[PanelSequence, ...]:
         """The photos along an axis, each `levels * repeats` refreshes."""
         index = np.repeat(np.arange(self.levels, dtype=np.int32), repeats)
         name = f"sine-{AXES[axis]}"
         return tuple(
-            of_one_panel(f"{name}{step}-{self.panel}", self.panel, self.sine(axis, step), index)
+            make_panel_sequence(
+                f"{name}{step}-{self.panel}", self.panel, self.sine(axis, step), index
+            )
             for step in range(self.steps)
         )
 
@@ -101,19 +102,21 @@ class PhaseCode:
         return np.broadcast_to(lines, (len(lines), self.size_px[1], self.size_px[0]))
 
 
-def of_one_panel(name: str, panel: PanelName, patterns: Bits, index: NDArray[np.int32]) -> Shown:
+def make_panel_sequence(
+    name: str, panel: PanelName, patterns: Bits, index: NDArray[np.int32]
+) -> PanelSequence:
     """A photo in which one panel shows patterns while the other lets all light pass."""
     nothing, all_light = np.zeros((0, 0, 0), np.bool_), np.full_like(index, WHITE)
     if panel == "projector":
-        return Shown(name, patterns, nothing, index, all_light)
-    return Shown(name, nothing, patterns, all_light, index)
+        return PanelSequence(name, patterns, nothing, index, all_light)
+    return PanelSequence(name, nothing, patterns, all_light, index)
 
 
-def refuse_wrapped(found: Decoded, prior_px: Floats, code: PhaseCode) -> None:
+def check_periods(found: DecodedQuads, prior_px: Floats, code: PhaseCode) -> None:
     """Raise CalibrationError where the belief that numbered the periods was too far off."""
     away = np.abs(found.panel_px - prior_px)[found.valid].max(axis=-1) / code.period_px
-    far = float(np.mean(away > WRAPPED))
-    if far > MOST_WRAPPED:
+    far = float(np.mean(away > _WRAPPED))
+    if far > _MOST_WRAPPED:
         raise CalibrationError(
             f"the {code.panel} lies {np.median(away) * code.period_px:.1f} pixels beside its "
             f"stored map, {far:.0%} of it about half a period of the stripes or more",
@@ -136,7 +139,7 @@ class Sines:
         self.mean = np.zeros((0, 0))
         """(h, w), of all shifts: half of the light."""
 
-    def add(self, photo: Photo) -> None:
+    def add(self, photo: QuadPhoto) -> None:
         """The next shift."""
         if not self._step:
             self._z, self._turned = (np.zeros(photo.frame, np.complex128) for _ in range(2))
@@ -155,11 +158,13 @@ class Sines:
     def refuse_flat(self) -> None:
         """Raise CalibrationError where there is light, and most of it does not follow the
         stripes."""
-        lit = (self.mean > 0.0) & (self.mean * self.code.steps > SURE * np.sqrt(self._variance))
+        lit = (self.mean > 0.0) & (
+            self.mean * self.code.steps > LIT_SIGMAS * np.sqrt(self._variance)
+        )
         if not lit.any():
             return
         depth = np.abs(self._z[lit]) * (2.0 / self.code.steps) / self.mean[lit]
-        if np.median(depth) < LEAST_MODULATION:
+        if np.median(depth) < _LEAST_MODULATION:
             raise CalibrationError(
                 f"the light hardly follows the {self.code.panel}'s stripes: by "
                 f"{float(np.median(depth)):.0%} of it, at the median of the photo",
@@ -193,40 +198,40 @@ class Sines:
             )
             sigma = period / (2.0 * np.pi) * np.sqrt(along) / size
             depth = 2.0 / self.code.steps * size
-            valid = (depth > LEAST_MODULATION * self.mean) & (
-                size > SURE * np.sqrt(0.5 * self._variance)
+            valid = (depth > _LEAST_MODULATION * self.mean) & (
+                size > LIT_SIGMAS * np.sqrt(0.5 * self._variance)
             )
             valid &= np.isfinite(at)
         return at, sigma, valid & ~self._saturated
 
 
-def joined(axes: Sequence[Placed], code: PhaseCode) -> Decoded:
+def join_axes_on_panel(axes: Sequence[Placed], code: PhaseCode) -> DecodedQuads:
     """Both axes, if they make sense. Raises CalibrationError."""
-    found = both(axes, code)
+    found = join_axes(axes, code)
     panel_px, valid = found.panel_px, found.valid
     inside = ((panel_px >= 0.0) & (panel_px <= code.size_px)).all(axis=-1)
     # Half a period beyond is another one's number; a little is noise.
     near = ((panel_px > -1.0) & (panel_px < np.array(code.size_px) + 1.0)).all(axis=-1)
     beyond = float(np.mean(~np.asarray(near)[valid]))
-    if beyond > MOST_BEYOND:
+    if beyond > _MOST_BEYOND:
         raise CalibrationError(
             f"{beyond:.0%} of the stripes are decoded to places beyond the {code.panel}",
             device=code.panel,
             hint="the stored map is off by a period, or the patterns were not shown in order",
         )
-    return Decoded(panel_px, found.sigma_px, valid & inside)
+    return DecodedQuads(panel_px, found.sigma_px, valid & inside)
 
 
-def both(axes: Sequence[Placed], code: PhaseCode) -> Decoded:
+def join_axes(axes: Sequence[Placed], code: PhaseCode) -> DecodedQuads:
     """Both axes as they are, wherever they lie. Raises CalibrationError where few quads tell."""
     (x, sigma_x, valid_x), (y, sigma_y, valid_y) = axes
     valid = valid_x & valid_y
-    share = cv2.blur(valid.astype(np.float32), (AROUND, AROUND), borderType=cv2.BORDER_REPLICATE)
-    valid &= share >= AROUND_SHARE
+    share = cv2.blur(valid.astype(np.float32), (_AROUND, _AROUND), borderType=cv2.BORDER_REPLICATE)
+    valid &= share >= _AROUND_SHARE
     if valid.mean() < LEAST_VALID:
         raise CalibrationError(
             f"stripes are seen in {valid.mean():.1%} of the photo only",
             device=code.panel,
             hint="expose so that white is well lit and not saturated, focus, take off the lens cap",
         )
-    return Decoded(np.stack([x, y], axis=-1), np.stack([sigma_x, sigma_y], axis=-1), valid)
+    return DecodedQuads(np.stack([x, y], axis=-1), np.stack([sigma_x, sigma_y], axis=-1), valid)

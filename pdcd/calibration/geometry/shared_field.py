@@ -12,28 +12,25 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map
+from pdcd.panels.map import Map, find_pixels_on
 from pdcd.panels.map_soundness import SHORT_PX
-from pdcd.panels.overlap import lies_on
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Box = tuple[int, int, int, int]
+FieldBox = tuple[int, int, int, int]
 """Left, top, width and height in pixels of the projector."""
 
 MOST_PLACES = 1_500_000
 """Pixels that are searched one by one; of a larger picture, blocks of them."""
 ENOUGH = 0.5
 """Share of the projector's picture below which something is to be moved."""
-WHOLE_CELLS = 0.02
+_WHOLE_CELLS = 0.02
 """Share of the field that is given up so that its cells are of whole pixels."""
-ASIDE, LARGE = 0.05, 0.9
+_ASIDE, _LARGE = 0.05, 0.9
 """Shift, as a share of the picture, and size over the picture's from which there is no need to
 speak of either."""
-SIGMAS = 3.0
+_SIGMAS = 3.0
 """Standard deviations of a map by which the field keeps off a device's edge."""
 
 
@@ -45,12 +42,12 @@ class SharedField:
     given up for whole cells.
     """
 
-    box: Box
+    box: FieldBox
     share: float
     advice: tuple[str, ...] = ()
 
 
-def shared_field(
+def find_shared_field(
     size_px: tuple[int, int],
     devices: Mapping[str, Map],
     edges_px: Mapping[str, float],
@@ -69,14 +66,14 @@ def shared_field(
     Raises CalibrationError, in the words of the advice, where they share nothing.
     """
     picture = Map.filling(size_px)
-    good = {name: lies_on(picture, map_, edges_px[name]) for name, map_ in devices.items()}
+    good = {name: find_pixels_on(picture, map_, edges_px[name]) for name, map_ in devices.items()}
     all_of = np.logical_and.reduce(list(good.values()))
-    box = largest(all_of)
+    box = find_largest_box(all_of)
     share = box[2] * box[3] / (size_px[0] * size_px[1])
     told: list[str] = []
     if share < ENOUGH:
         for name, map_ in devices.items():
-            if (covered := float(good[name].mean())) < LARGE:
+            if (covered := float(good[name].mean())) < _LARGE:
                 told.append(_advice(name, map_, size_px, covered))
     if not box[2] * box[3]:
         raise CalibrationError(
@@ -84,7 +81,7 @@ def shared_field(
             device="mask",
             hint="; ".join(told) or "let the camera see the projector's picture through the mask",
         )
-    if grid is not None and (fitted := whole_cells(box, grid)) != box:
+    if grid is not None and (fitted := fit_whole_cells(box, grid)) != box:
         told.append(
             f"the field is {fitted[2]} x {fitted[3]} pixels and not {box[2]} x {box[3]}, so that "
             f"its {grid[0]} x {grid[1]} cells are of whole pixels"
@@ -100,10 +97,10 @@ def edge_px(sigma_px: float, own_px: float) -> float:
     sigma_px : standard deviation of the map in projector pixels. own_px : pixels of the device
     along one of the projector's.
     """
-    return SIGMAS * sigma_px * own_px - SHORT_PX
+    return _SIGMAS * sigma_px * own_px - SHORT_PX
 
 
-def largest(good: Bools) -> Box:
+def find_largest_box(good: Bools) -> FieldBox:
     """The largest rectangle of a picture (height, width) in which all is good; of none, an empty
     one. Of a large picture it is searched by blocks of pixels, and its sides are moved outwards
     as far as all is good then."""
@@ -118,7 +115,7 @@ def largest(good: Bools) -> Box:
     return _grown(good, (left, top, width, height)) if width * height else (0, 0, 0, 0)
 
 
-def _largest(good: Bools) -> Box:
+def _largest(good: Bools) -> FieldBox:
     """The same of single pixels: row by row, rectangles that end there, by a stack of the columns
     whose heights grow."""
     best, found = 0, (0, 0, 0, 0)
@@ -140,7 +137,7 @@ def _largest(good: Bools) -> Box:
     return found
 
 
-def _grown(good: Bools, box: Box) -> Box:
+def _grown(good: Bools, box: FieldBox) -> FieldBox:
     """A rectangle whose sides are moved outwards, one pixel at a time, while all is good."""
     left, top, width, height = box
     right, bottom = left + width, top + height
@@ -158,13 +155,13 @@ def _grown(good: Bools, box: Box) -> Box:
     return left, top, right - left, bottom - top
 
 
-def whole_cells(box: Box, grid: tuple[int, int]) -> Box:
+def fit_whole_cells(box: FieldBox, grid: tuple[int, int]) -> FieldBox:
     """The field in the middle of another whose cells are of whole pixels, where that gives up no
-    more than `WHOLE_CELLS` of it; else the same."""
+    more than `_WHOLE_CELLS` of it; else the same."""
     left, top, width, height = box
     rows, cols = grid
     wide, high = width // cols * cols, height // rows * rows
-    if wide * high < (1.0 - WHOLE_CELLS) * width * height:
+    if wide * high < (1.0 - _WHOLE_CELLS) * width * height:
         return box
     return left + (width - wide) // 2, top + (height - high) // 2, wide, high
 
@@ -187,12 +184,12 @@ def _advice(name: str, map_: Map, size_px: tuple[int, int], covered: float) -> s
         zoom = f"move the camera back or zoom it out, so that it sees {1.0 / math.sqrt(area):.2f} "
         zoom += "times as far"
     todo = [f"{what} {' and '.join(how)} (projector pixels)"] if how else []
-    todo += [zoom] if area < LARGE**2 else []
+    todo += [zoom] if area < _LARGE**2 else []
     return f"{said}: {'; '.join(todo) or 'let it stand upright'}"
 
 
 def _moves(by_px: Floats, size: Floats, scale: float) -> Iterator[str]:
     """Ways to move a device by so many projector pixels, right and down, in words."""
     for by, side, ways in zip(by_px, size, (("left", "right"), ("up", "down")), strict=True):
-        if abs(by) > ASIDE * side:
+        if abs(by) > _ASIDE * side:
             yield f"{abs(by):.0f} px {ways[int(by > 0.0)]}"

@@ -10,57 +10,61 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.calibration.geometry import blocks
-from pdcd.calibration.geometry.fit import Fitted
+from pdcd.calibration.geometry.fit import FittedMap
 from pdcd.calibration.geometry.lit import BLUE, GREEN, OFFSETS_QUADS, RED
-from pdcd.calibration.geometry.panel_map import fit_decoded
+from pdcd.calibration.geometry.panel_map import fit_decoded_quads
 from pdcd.calibration.geometry.phase import (
-    Decoded,
+    DecodedQuads,
     PhaseCode,
     Placed,
     Sines,
-    both,
-    joined,
-    refuse_wrapped,
+    check_periods,
+    join_axes,
+    join_axes_on_panel,
 )
 from pdcd.calibration.geometry.xor import XorCode, XorPlanes
-from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    PhotoRequest,
+    UserPrompt,
+    take_photo,
+)
 
-Floats = NDArray[np.float64]
-
-COLOURS = (RED, GREEN, BLUE)
-BASES_PX = (4, 8, 16, 32)
-BASE_QUADS = 3.5
+_COLOURS = (RED, GREEN, BLUE)
+_BASES_PX = (4, 8, 16, 32)
+_BASE_QUADS = 3.5
 """Base stripes of XOR codes: the narrowest that are so wide in a photo."""
 
 
 @dataclass(frozen=True, eq=False)
-class Striped:
+class DecodedStripes:
     """What stripes told of a panel in red, green and blue."""
 
-    seen: tuple[Decoded, ...]
+    seen: tuple[DecodedQuads, ...]
     pattern: str
 
-    def fitted(self, session: Session, code: PhaseCode) -> list[Fitted]:
+    def fitted(self, session: CalibrationSession, code: PhaseCode) -> list[FittedMap]:
         """The maps from quads to the panel. Raises CalibrationError."""
         offsets = OFFSETS_QUADS[self.pattern]
         return [
-            fit_decoded(
+            fit_decoded_quads(
                 seen,
                 code.size_px,
                 code.panel,
                 offset_quads=offsets[channel],
                 subject=session.subject,
             )
-            for channel, seen in zip(COLOURS, self.seen, strict=True)
+            for channel, seen in zip(_COLOURS, self.seen, strict=True)
         ]
 
 
-def by_maps(
-    session: Session, code: PhaseCode, near_px: Sequence[Floats]
-) -> Generator[Wanted | Ask, Taken | None, Striped]:
+def measure_stripes(
+    session: CalibrationSession, code: PhaseCode, near_px: Sequence[Floats]
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, DecodedStripes]:
     """Sines alone, and random blocks. They are numbered by the best of some beliefs, each (h, w, 2)
     pixels of the panel: those that most quads agree on, wherever all of them have moved to. Raises
     CalibrationError where none is near enough."""
@@ -72,48 +76,54 @@ def by_maps(
         beliefs.append(best + moved_px)
         axes.append(_placed(sines, beliefs[axis]))
         half = sines[GREEN].mean
-    seen = both([axis[GREEN] for axis in axes], code)
-    refuse_wrapped(seen, np.stack(beliefs, axis=-1), code)
-    taken = yield from take(Wanted(blocks.shown(code, code.levels * _repeats(session, code))))
-    off = blocks.periods_off(session.photo(taken), half, seen, code, GREEN)
+    seen = join_axes([axis[GREEN] for axis in axes], code)
+    check_periods(seen, np.stack(beliefs, axis=-1), code)
+    taken = yield from take_photo(
+        PhotoRequest(blocks.make_block_sequence(code, code.levels * _repeats(session, code)))
+    )
+    off = blocks.find_period_error(session.photo(taken), half, seen, code, GREEN)
     away_px = code.period_px * np.array(off)
     moved = [[(at + by, *rest) for at, *rest in a] for a, by in zip(axes, away_px, strict=True)]
-    return Striped(_joined(moved, code), pattern)
+    return DecodedStripes(_joined(moved, code), pattern)
 
 
-def by_xor(session: Session, code: XorCode) -> Generator[Wanted | Ask, Taken | None, Fitted]:
+def measure_xor_map(
+    session: CalibrationSession, code: XorCode
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, FittedMap]:
     """Whole pixels without any belief: a map that is near enough to number sines by. Raises
     CalibrationError."""
-    planes = yield from planes_of(session, code)
-    return fit_decoded(planes.decoded(), code.size_px, code.panel, subject=session.subject)
+    planes = yield from photograph_xor_code(session, code)
+    return fit_decoded_quads(planes.decoded(), code.size_px, code.panel, subject=session.subject)
 
 
-def planes_of(session: Session, code: XorCode) -> Generator[Wanted | Ask, Taken | None, XorPlanes]:
+def photograph_xor_code(
+    session: CalibrationSession, code: XorCode
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, XorPlanes]:
     """All photos of an XOR code."""
     planes = XorPlanes(code)
     for shown in code.shown(max(1, session.full)):
-        taken = yield from take(Wanted(shown))
+        taken = yield from take_photo(PhotoRequest(shown))
         planes.add(session.photo(taken))
     return planes
 
 
 def base_px(quads_per_px: float) -> int:
     """Width of the base stripes that a camera resolves of which a pixel has so many quads."""
-    return next((base for base in BASES_PX if base * quads_per_px >= BASE_QUADS), BASES_PX[-1])
+    return next((base for base in _BASES_PX if base * quads_per_px >= _BASE_QUADS), _BASES_PX[-1])
 
 
-def _repeats(session: Session, code: PhaseCode) -> int:
+def _repeats(session: CalibrationSession, code: PhaseCode) -> int:
     """How often a picture of a sine is shown, so that all of them last as long as white does."""
     return max(1, session.full // code.levels)
 
 
 def _sines(
-    session: Session, code: PhaseCode, axis: int
-) -> Generator[Wanted | Ask, Taken | None, tuple[list[Sines], str]]:
+    session: CalibrationSession, code: PhaseCode, axis: int
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[list[Sines], str]]:
     """The sums of an axis in the three colours, and the camera's mosaic."""
-    sums, pattern = [Sines(code, channel) for channel in COLOURS], ""
+    sums, pattern = [Sines(code, channel) for channel in _COLOURS], ""
     for shown in code.shown(axis, _repeats(session, code)):
-        taken = yield from take(Wanted(shown))
+        taken = yield from take_photo(PhotoRequest(shown))
         photo, pattern = session.photo(taken), taken.raw.pattern
         for of_colour in sums:
             of_colour.add(photo)
@@ -124,8 +134,8 @@ def _sines(
 def _placed(sines: Sequence[Sines], near_px: Floats) -> list[Placed]:
     """Pixels along an axis in the three colours: red and blue are where green is."""
     green = sines[GREEN].place(near_px)
-    return [green if c == GREEN else sines[c].place(green[0]) for c in COLOURS]
+    return [green if c == GREEN else sines[c].place(green[0]) for c in _COLOURS]
 
 
-def _joined(axes: Sequence[Sequence[Placed]], code: PhaseCode) -> tuple[Decoded, ...]:
-    return tuple(joined([axis[channel] for axis in axes], code) for channel in COLOURS)
+def _joined(axes: Sequence[Sequence[Placed]], code: PhaseCode) -> tuple[DecodedQuads, ...]:
+    return tuple(join_axes_on_panel([axis[channel] for axis in axes], code) for channel in _COLOURS)

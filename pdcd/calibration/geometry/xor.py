@@ -15,18 +15,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bools
 from pdcd.calibration.geometry.dots import PanelName
-from pdcd.calibration.geometry.lit import GREEN, SURE
-from pdcd.calibration.geometry.phase import AXES, LEAST_VALID, Decoded, of_one_panel
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Bits, Shown
+from pdcd.calibration.geometry.lit import GREEN, LIT_SIGMAS
+from pdcd.calibration.geometry.phase import AXES, LEAST_VALID, DecodedQuads, make_panel_sequence
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import Bits, PanelSequence
 from pdcd.errors import CalibrationError
 
-Bools = NDArray[np.bool_]
-
-MEDIAN = 5
+_MEDIAN = 5
 """Quads a side over which the median is taken."""
-LEAST_SURE = 0.5
+_LEAST_SURE = 0.5
 """Share of them whose bits are all clear."""
 
 
@@ -67,7 +66,7 @@ class XorCode:
         ]
         return np.array(planes, dtype=np.bool_)
 
-    def shown(self, refreshes: int) -> tuple[Shown, ...]:
+    def shown(self, refreshes: int) -> tuple[PanelSequence, ...]:
         """The photos in the order in which decoding wants them: each bit and its inverse."""
         index = np.zeros(refreshes, dtype=np.int32)
         found = []
@@ -76,7 +75,7 @@ class XorCode:
                 for inverse in (False, True):
                     title = f"xor-{name}{bit}{'-inverse' if inverse else ''}-{self.panel}"
                     picture = self._drawn(axis, line ^ inverse)
-                    found.append(of_one_panel(title, self.panel, picture, index))
+                    found.append(make_panel_sequence(title, self.panel, picture, index))
         return tuple(found)
 
     def _drawn(self, axis: int, line: Bools) -> Bits:
@@ -91,9 +90,9 @@ class XorPlanes:
         self.code = code
         self._planes: list[Bools] = []
         self._sure: Bools | None = None
-        self._lit: Photo | None = None
+        self._lit: QuadPhoto | None = None
 
-    def add(self, photo: Photo) -> None:
+    def add(self, photo: QuadPhoto) -> None:
         """The next photo: a bit, or the inverse of the one before."""
         if self._lit is None:
             self._lit = photo
@@ -101,24 +100,24 @@ class XorPlanes:
         lit, self._lit = self._lit, None
         difference = lit.light[..., GREEN] - photo.light[..., GREEN]
         noise = np.sqrt(lit.variance[..., GREEN] + photo.variance[..., GREEN])
-        clear = np.asarray(np.abs(difference) > SURE * noise)
+        clear = np.asarray(np.abs(difference) > LIT_SIGMAS * noise)
         for one in (lit, photo):
             clear &= True if one.saturated is None else ~one.saturated
         self._sure = clear if self._sure is None else self._sure & clear
         self._planes.append(difference > 0.0)
 
-    def decoded(self) -> Decoded:
+    def decoded(self) -> DecodedQuads:
         """What each quad sees, after the last photo. Raises CalibrationError where hardly any can
         be decoded."""
         code, places, first = self.code, [], 0
         for axis in (0, 1):
             number = _number(self._planes[first : first + code.bits(axis)], code)
             first += code.bits(axis)
-            smooth = cv2.medianBlur(number.astype(np.float32), MEDIAN)
+            smooth = cv2.medianBlur(number.astype(np.float32), _MEDIAN)
             places.append(smooth.astype(np.float64) + 0.5)
         panel_px = np.stack(places, axis=-1)
-        share = cv2.blur(np.asarray(self._sure, dtype=np.float32), (MEDIAN, MEDIAN))
-        good = (share >= LEAST_SURE) & (panel_px < code.size_px).all(axis=-1)
+        share = cv2.blur(np.asarray(self._sure, dtype=np.float32), (_MEDIAN, _MEDIAN))
+        good = (share >= _LEAST_SURE) & (panel_px < code.size_px).all(axis=-1)
         if good.mean() < LEAST_VALID:
             raise CalibrationError(
                 f"the code is seen in {good.mean():.1%} of the photo only",
@@ -128,7 +127,7 @@ class XorPlanes:
             )
         # A whole pixel is uniformly wrong by up to half of one.
         sigma = np.full(panel_px.shape, 1.0 / np.sqrt(12.0))
-        return Decoded(panel_px, sigma, np.asarray(good, dtype=np.bool_))
+        return DecodedQuads(panel_px, sigma, np.asarray(good, dtype=np.bool_))
 
 
 def _number(planes: list[Bools], code: XorCode) -> NDArray[np.int32]:

@@ -22,25 +22,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.figures import ROOM_GOOD, Figure, Verdict
-from pdcd.calibration.light.light_plan import Edges, LightPlan
-from pdcd.calibration.light.light_series import Series, Sums, series_of
-from pdcd.calibration.photo import Blocks, Photo
+from pdcd.arrays import Floats
+from pdcd.calibration.figures import ROOM_GOOD, MeasuredFigure, Verdict
+from pdcd.calibration.light.light_plan import LightPlan, PulseEdges
+from pdcd.calibration.light.light_series import LightSeries, LitMeans, make_light_series
+from pdcd.calibration.photo import BlockMeans, QuadPhoto
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-LAMP_GOOD = 0.01
-CONTRAST_LIMITS = {"projector": (500.0, 100.0), "mask": (200.0, 50.0)}
+_LAMP_GOOD = 0.01
+_CONTRAST_LIMITS = {"projector": (500.0, 100.0), "mask": (200.0, 50.0)}
 """White over black from which a panel is good, and below which it is bad."""
-SEEN_SIGMAS = 3.0
-ROOM_MIDDLE = 0.2
+_SEEN_SIGMAS = 3.0
+_ROOM_MIDDLE = 0.2
 """Of the lit part's width and height: where the room's light is taken. Towards the corners a
 projector's white is darker, and with it the unit of light; the room is not."""
 
 
 @dataclass(frozen=True)
-class Share:
+class _Share:
     """A share of white light, of all channels and of R, G, B, with standard deviations."""
 
     value: float
@@ -50,19 +49,19 @@ class Share:
     @property
     def seen(self) -> bool:
         """Whether it stands out of its error."""
-        return self.value > SEEN_SIGMAS * self.sigma
+        return self.value > _SEEN_SIGMAS * self.sigma
 
     @property
     def contrast(self) -> tuple[float, float]:
         """White over black and its standard deviation; where black is not seen, the least that it
         is, with no deviation."""
         if not self.seen:
-            return 1.0 / (max(self.value, 0.0) + SEEN_SIGMAS * self.sigma), 0.0
+            return 1.0 / (max(self.value, 0.0) + _SEEN_SIGMAS * self.sigma), 0.0
         return 1.0 / self.value, self.sigma / self.value**2
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class LightMeasurement:
     """What was measured.
 
     projector, mask : black over white: 1 / contrast of the configuration's tables.
@@ -74,9 +73,9 @@ class Light:
     lamp, lamp_sigma : WW-again over WW, less 1, and its standard deviation.
     """
 
-    projector: Share
-    mask: Share
-    room: Share | None
+    projector: _Share
+    mask: _Share
+    room: _Share | None
     mask_map: Floats
     rate: Floats
     rate_sigma: float
@@ -90,25 +89,25 @@ class Light:
             return None
         return self.room.value * albedo, self.room.sigma * albedo
 
-    def figures(self, albedo: float = 1.0) -> tuple[Figure, ...]:
+    def figures(self, albedo: float = 1.0) -> tuple[MeasuredFigure, ...]:
         """What to tell of it."""
         found = [
             _contrast("projector", self.projector, self.room is None),
             _contrast("mask", self.mask, False),
-            Figure(
+            MeasuredFigure(
                 "light.lamp_change",
                 self.lamp,
                 self.lamp_sigma,
                 "",
-                f"within {LAMP_GOOD:g}",
-                Verdict.GOOD if abs(self.lamp) <= LAMP_GOOD else Verdict.DOUBTFUL,
+                f"within {_LAMP_GOOD:g}",
+                Verdict.GOOD if abs(self.lamp) <= _LAMP_GOOD else Verdict.DOUBTFUL,
             ),
         ]
         ambient = self.ambient(albedo)
         if ambient is not None and self.room is not None:
             good = self.room.value <= ROOM_GOOD
             found.append(
-                Figure(
+                MeasuredFigure(
                     "scene.ambient",
                     *ambient,
                     "scene units",
@@ -119,9 +118,9 @@ class Light:
         return tuple(found)
 
 
-def _contrast(panel: str, share: Share, with_room: bool) -> Figure:
+def _contrast(panel: str, share: _Share, with_room: bool) -> MeasuredFigure:
     value, sigma = share.contrast
-    good, bad = CONTRAST_LIMITS[panel]
+    good, bad = _CONTRAST_LIMITS[panel]
     verdict = Verdict.GOOD if value >= good else Verdict.DOUBTFUL
     if value < bad:
         verdict = Verdict.BAD
@@ -130,17 +129,17 @@ def _contrast(panel: str, share: Share, with_room: bool) -> Figure:
         limit = "at least this: its black cannot be seen"
     if with_room:  # without it the contrast is higher: what is good is good
         verdict, limit = min(verdict, Verdict.DOUBTFUL), f"{good:g} or more; the room is in it"
-    return Figure(f"{panel}.contrast", value, sigma, "", limit, verdict)
+    return MeasuredFigure(f"{panel}.contrast", value, sigma, "", limit, verdict)
 
 
 def measure_light(
-    photos: Mapping[str, Photo | Blocks],
+    photos: Mapping[str, QuadPhoto | BlockMeans],
     plan: LightPlan,
     *,
-    edges: Edges | None = None,
+    edges: PulseEdges | None = None,
     black_sigma: float = 0.3,
     field: NDArray[np.bool_] | None = None,
-) -> Light:
+) -> LightMeasurement:
     """Contrasts and room light out of a series.
 
     Parameters
@@ -156,13 +155,13 @@ def measure_light(
     Raises CalibrationError: no light, a shutter that did not open, saturated, too dim, room lights,
     light that changed, a mask or a projector that does not block.
     """
-    series = series_of(photos, plan, edges or Edges(), black_sigma, field)
+    series = make_light_series(photos, plan, edges or PulseEdges(), black_sigma, field)
     mask = _mask(series)
     room = _room(series, mask.value)
     projector = _projector(series, mask.value)
     series.refuse_room(projector.value + (0.0 if room is None else room.value))
     brightest, noise = series.brightest()
-    return Light(
+    return LightMeasurement(
         projector=projector,
         mask=mask,
         room=room,
@@ -175,7 +174,7 @@ def measure_light(
     )
 
 
-def _mask(series: Series) -> Share:
+def _mask(series: LightSeries) -> _Share:
     """eps = (WB - BB) / (WW - BW), each over the time of its light."""
     through, white = series.through, series.whole
     times = series.lit_s / series.lit_long_s
@@ -184,7 +183,7 @@ def _mask(series: Series) -> Share:
     return _share(series, ratio, times * np.hypot(black, through.sigma), white)
 
 
-def _projector(series: Series, eps: float) -> Share:
+def _projector(series: LightSeries, eps: float) -> _Share:
     """delta of (BW - C) / M = delta L, or with the room's light of (BW - BB) / M."""
     left, white = series.left, series.whole
     times = series.lit_s / series.open_long_s
@@ -195,10 +194,10 @@ def _projector(series: Series, eps: float) -> Share:
     return _share(series, ratio / (1.0 + ratio), times * np.hypot(error, left.sigma), white)
 
 
-def _room(whole: Series, eps: float) -> Share | None:
+def _room(whole: LightSeries, eps: float) -> _Share | None:
     """A of (C - BB) / M = A L; a black mask takes nearly nothing of it away. None where nothing
     was covered."""
-    series = replace(whole, lit=whole.middle(ROOM_MIDDLE))
+    series = replace(whole, lit=whole.middle(_ROOM_MIDDLE))
     covered, white = series.covered, series.whole
     if covered is None:
         return None
@@ -209,18 +208,18 @@ def _room(whole: Series, eps: float) -> Share | None:
     return _share(series, ratio, times * np.hypot(error, covered.sigma), white)
 
 
-def _share(series: Series, ratio: Floats, error: Floats, white: Sums) -> Share:
+def _share(series: LightSeries, ratio: Floats, error: Floats, white: LitMeans) -> _Share:
     """Of R, G, B and all; `error` in units of the photos, common to all quads; what scales every
     share alike comes on top."""
     value = float(ratio[3])
     scale = np.hypot(series.edge_error, abs(series.lamp) / 2.0)
     sigma = float(np.hypot(error[3] / white.mean[3], value * scale))
     red, green, blue = (float(v) for v in ratio[:3])
-    return Share(value, sigma, (red, green, blue))
+    return _Share(value, sigma, (red, green, blue))
 
 
-def responsivity_of(
-    light: Light,
+def compute_responsivity(
+    light: LightMeasurement,
     *,
     gain_e_per_dn: tuple[float, float],
     f_number: float,

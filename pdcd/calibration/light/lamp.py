@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.photo import refuse_dark
+from pdcd.arrays import Floats
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.photo import check_brightness
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-LEAST_PHOTOS = 5
-FLICKER_LIMITS = (0.005, 0.03)
-DRIFT_LIMITS = (0.03, 0.15)
+_LEAST_PHOTOS = 5
+_FLICKER_LIMITS = (0.005, 0.03)
+_DRIFT_LIMITS = (0.03, 0.15)
 """Of an hour."""
 
 
@@ -31,12 +29,12 @@ class Lamp:
     flicker_sigma: float
     seconds: float
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[MeasuredFigure, ...]:
         """What to tell of it."""
-        drift, flicker = DRIFT_LIMITS[0], FLICKER_LIMITS[0]
+        drift, flicker = _DRIFT_LIMITS[0], _FLICKER_LIMITS[0]
         sure = abs(self.drift_per_h) - 2.0 * self.drift_sigma > drift
         return (
-            Figure(
+            MeasuredFigure(
                 "light.lamp_drift",
                 self.drift_per_h,
                 self.drift_sigma,
@@ -44,7 +42,7 @@ class Lamp:
                 f"within {drift:g}",
                 Verdict.DOUBTFUL if sure else Verdict.GOOD,
             ),
-            Figure(
+            MeasuredFigure(
                 "light.lamp_flicker",
                 self.flicker,
                 self.flicker_sigma,
@@ -55,7 +53,7 @@ class Lamp:
         )
 
 
-def lamp_of(times_s: Floats, levels: Floats, noise: float = 0.0) -> Lamp:
+def measure_lamp(times_s: Floats, levels: Floats, noise: float = 0.0) -> Lamp:
     """Drift and flicker out of photos of the same white picture.
 
     Parameters
@@ -67,14 +65,16 @@ def lamp_of(times_s: Floats, levels: Floats, noise: float = 0.0) -> Lamp:
     Raises CalibrationError: too few photos, a dark one, a lamp that is no constant light.
     """
     times_s, levels = np.asarray(times_s, np.float64), np.asarray(levels, np.float64)
-    if levels.size < LEAST_PHOTOS or np.ptp(times_s) <= 0.0:
+    if levels.size < _LEAST_PHOTOS or np.ptp(times_s) <= 0.0:
         raise CalibrationError(
             f"{levels.size} photos do not tell a lamp's drift",
             device="projector",
-            hint=f"take {LEAST_PHOTOS} or more, one after the other",
+            hint=f"take {_LEAST_PHOTOS} or more, one after the other",
         )
     middle = float(np.median(levels))
-    refuse_dark({f"{n + 1} of the series": float(v) for n, v in enumerate(levels)}, 0.3 * middle)
+    check_brightness(
+        {f"{n + 1} of the series": float(v) for n, v in enumerate(levels)}, 0.3 * middle
+    )
     relative = levels / middle
     at = times_s - times_s.mean()
     slope = float(at @ (relative - relative.mean()) / (at @ at))
@@ -89,7 +89,7 @@ def lamp_of(times_s: Floats, levels: Floats, noise: float = 0.0) -> Lamp:
         seconds=float(np.ptp(times_s)),
     )
     change = slope * lamp.seconds
-    if flicker > FLICKER_LIMITS[1] or abs(change) > DRIFT_LIMITS[1]:
+    if flicker > _FLICKER_LIMITS[1] or abs(change) > _DRIFT_LIMITS[1]:
         raise CalibrationError(
             f"the lamp is unstable: it flickers by {100.0 * flicker:.2g} % and changed by "
             f"{100.0 * change:+.2g} % in {lamp.seconds:.0f} s",

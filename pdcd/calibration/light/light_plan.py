@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.shown import PanelSequence
 from pdcd.panels.frames import BLACK, WHITE
 
 COVERED = ("C", "C-again")
@@ -27,7 +27,7 @@ class LightPlan:
     lead: int = 6
     refresh_s: float = 1.0 / 60.0
 
-    def photos(self) -> tuple[Shown, ...]:
+    def photos(self) -> tuple[PanelSequence, ...]:
         """The series, in the order in which to take it; the last two with the projector covered.
 
         All but BB are taken twice: light that changed, and a shutter that did not open, show there.
@@ -45,11 +45,11 @@ class LightPlan:
             self._shown("C-again", black, white, long),
         )
 
-    def _shown(self, name: str, projector: int, mask: int, times: int) -> Shown:
+    def _shown(self, name: str, projector: int, mask: int, times: int) -> PanelSequence:
         light = np.full(self.refreshes * times + 2 * self.lead, BLACK, np.int32)
         light[self.lead : -self.lead] = projector
         none = np.zeros((0, 0, 0), np.bool_)
-        return Shown(name, none, none, light, np.full(light.size, mask, np.int32))
+        return PanelSequence(name, none, none, light, np.full(light.size, mask, np.int32))
 
     def lit_s(self, times: int, excess_s: float = 0.0) -> float:
         """D: for how long a white projector gives its light; excess_s is its fall - rise."""
@@ -61,7 +61,7 @@ class LightPlan:
 
 
 @dataclass(frozen=True)
-class Edges:
+class PulseEdges:
     """What the panels' edges add to any time, fall - rise, in s, and its standard deviation.
 
     The series of `pdcd.calibration.sensor.body` measures the projector's; a few ms are usual.

@@ -9,45 +9,45 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.calibration.figures import ROOM_MOST
-from pdcd.calibration.light.light_plan import COVERED, Edges, LightPlan
+from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
 from pdcd.calibration.photo import (
     NO_LIGHT_SIGMAS,
-    Blocks,
-    Photo,
-    block_means,
-    blocks_of,
-    refuse_clipped,
-    refuse_dark,
-    steady,
-    within,
+    BlockMeans,
+    QuadPhoto,
+    average_blocks,
+    average_photo_blocks,
+    check_brightness,
+    check_clipping,
+    find_inliers,
+    shrink_marks,
 )
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-Marks = NDArray[np.bool_]
+_Marks = NDArray[np.bool_]
 
-LIT = 0.1
+_LIT = 0.1
 """Blocks with less of the brightest ones' light are no part of the picture."""
-LEAST_LIT = 0.1
-FIELD_LIT = 0.9
+_LEAST_LIT = 0.1
+_FIELD_LIT = 0.9
 """Shares of the photo, and of the field, that are lit."""
-BRIGHT = 0.95
+_BRIGHT = 0.95
 """Of the brightest ones' light: blocks above it say where a card is brightest, and how bright."""
-LEAST_BLOCKS = 12
+_LEAST_BLOCKS = 12
 """A smooth surface of six numbers is laid through at least so many."""
-LEAST_INNER = 0.25
+_LEAST_INNER = 0.25
 """Share of the lit blocks that lie within them, so that these can stand for all."""
-LEAST_SEEN = 1.0 / 500.0
+_LEAST_SEEN = 1.0 / 500.0
 """A mask of 500:1 must stand three standard deviations out of the error of black levels."""
-MOVES = 0.03
+_MOVES = 0.03
 """By which light may change within the series, of the projector's white and of the room."""
-MOVED_SIGMAS = 6.0
-LEAST_CONTRAST = 3.0
+_MOVED_SIGMAS = 6.0
+_LEAST_CONTRAST = 3.0
 
 _ROOM = "switch the room lights off"
 _BLOCKS = "see that the mask is not inverted: turn its polariser by 90 degrees"
-HINTS = {
+_HINTS = {
     "WW": "close the aperture, or show fewer refreshes",
     "BW": f"{_ROOM}; see that the projector's picture is not inverted",
     "WB": f"the mask does not block: {_BLOCKS}",
@@ -58,7 +58,7 @@ HINTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class LitMeans:
     """Means over the lit blocks.
 
     mean, sigma : (4,) float64 for R, G, B and all of them, and the standard deviation by noise.
@@ -69,13 +69,13 @@ class Sums:
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class LightSeries:
     """All photos by blocks. `lit` (rows, cols) are the blocks that are looked at."""
 
     plan: LightPlan
-    edges: Edges
-    blocks: Mapping[str, Blocks]
-    lit: Marks
+    edges: PulseEdges
+    blocks: Mapping[str, BlockMeans]
+    lit: _Marks
     black_sigma: float
 
     @cached_property
@@ -109,23 +109,23 @@ class Series:
         return self.edges.sigma_s / self.lit_s
 
     @cached_property
-    def whole(self) -> Sums:
+    def whole(self) -> LitMeans:
         """WW - BW."""
         return self._sums({"WW": 0.5, "WW-again": 0.5}, self.white)
 
     @cached_property
-    def through(self) -> Sums:
+    def through(self) -> LitMeans:
         """WB - BB."""
         return self._sums({"WB": 0.5, "WB-again": 0.5, "BB": -1.0})
 
     @cached_property
-    def left(self) -> Sums:
+    def left(self) -> LitMeans:
         """BW - C, or BW - BB where nothing was covered."""
         dark = {"BB": -1.0} if self.covered is None else {"C": -0.5, "C-again": -0.5}
         return self._sums({"BW": 0.5, "BW-again": 0.5} | dark)
 
     @cached_property
-    def covered(self) -> Sums | None:
+    def covered(self) -> LitMeans | None:
         """C - BB; None where nothing was covered."""
         if COVERED[0] not in self.blocks:
             return None
@@ -149,7 +149,7 @@ class Series:
         """Mean light of one photo."""
         return float(self.blocks[name].mean[self.lit].mean())
 
-    def middle(self, part: float) -> Marks:
+    def middle(self, part: float) -> _Marks:
         """Lit blocks in the middle of the lit ones: of their width and height `part`, at least one
         block."""
         rows, cols = np.nonzero(self.lit)
@@ -168,18 +168,18 @@ class Series:
         which part of the picture mask and frame leave to see.
         """
         total = self.white[self.lit].sum(axis=1)
-        few = float(np.sort(total)[-LEAST_BLOCKS:][0])
-        near = total >= min(BRIGHT * float(np.quantile(total, 0.98)), few)
+        few = float(np.sort(total)[-_LEAST_BLOCKS:][0])
+        near = total >= min(_BRIGHT * float(np.quantile(total, 0.98)), few)
         side = 1.0 / max(self.lit.shape)
         places = side * np.argwhere(self.lit)[near] - 0.5
         values, variance = self.white[self.lit][near], self.white_variance[self.lit][near]
-        if len(values) < LEAST_BLOCKS:
+        if len(values) < _LEAST_BLOCKS:
             mean = values.mean(axis=0)
             return mean, float(np.sqrt(variance.mean() / variance.size) / mean.mean())
         for _ in range(2):  # the second time without glints and dust
             terms = _surface(places, side)
             apart = values - terms @ (np.linalg.pinv(terms) @ values)
-            kept = steady(apart.mean(axis=1))
+            kept = find_inliers(apart.mean(axis=1))
             places, values, variance = places[kept], values[kept], variance[kept]
         solve = np.linalg.pinv(_surface(places, side))
         weights = _top_of(places, solve @ values.mean(axis=1)) @ solve
@@ -190,12 +190,12 @@ class Series:
     def _mix(self, signs: Mapping[str, float]) -> Floats:
         return np.asarray(sum(sign * self.blocks[name].mean for name, sign in signs.items()))
 
-    def _sums(self, signs: Mapping[str, float], values: Floats | None = None) -> Sums:
+    def _sums(self, signs: Mapping[str, float], values: Floats | None = None) -> LitMeans:
         values = self._mix(signs) if values is None else values
         variance = sum(sign**2 * self.blocks[name].variance for name, sign in signs.items())
         mean = values[self.lit].mean(axis=0)
         noise = np.asarray(variance)[self.lit].mean(axis=0) / self.lit.sum()
-        return Sums(np.append(mean, mean.mean()), np.sqrt(np.append(noise, noise.mean() / 3.0)))
+        return LitMeans(np.append(mean, mean.mean()), np.sqrt(np.append(noise, noise.mean() / 3.0)))
 
     def refuse_changes(self) -> None:
         """Raise CalibrationError where photos that are taken twice differ."""
@@ -203,9 +203,9 @@ class Series:
             if name not in self.blocks:
                 continue
             first, again = self.total(name), self.total(f"{name}-again")
-            noise = MOVED_SIGMAS * np.sqrt(2.0) * self.black_sigma
+            noise = _MOVED_SIGMAS * np.sqrt(2.0) * self.black_sigma
             larger = max(first, again)
-            if abs(again - first) <= MOVES * larger + noise:
+            if abs(again - first) <= _MOVES * larger + noise:
                 continue
             if min(first, again) < 0.2 * larger:
                 dark = name if first < again else f"{name}-again"
@@ -232,13 +232,13 @@ class Series:
     def refuse_leaks(self) -> None:
         """Raise CalibrationError where a panel hardly blocks, or more than all light is there."""
         white, times = float(self.whole.mean[3]), self.lit_s / self.lit_long_s
-        if times * float(self.through.mean[3]) > white / LEAST_CONTRAST:
+        if times * float(self.through.mean[3]) > white / _LEAST_CONTRAST:
             raise CalibrationError(
                 "the mask does not block: closed it lets more than a third of the light through",
                 device="mask",
                 hint=_BLOCKS,
             )
-        noise = MOVED_SIGMAS * np.hypot(self.black_sigma, float(self.left.sigma[3]))
+        noise = _MOVED_SIGMAS * np.hypot(self.black_sigma, float(self.left.sigma[3]))
         if float(self.left.mean[3]) < -noise:
             raise CalibrationError(
                 "with the projector covered there is more light than with its black",
@@ -258,34 +258,36 @@ class Series:
             )
 
 
-def series_of(
-    photos: Mapping[str, Photo | Blocks],
+def make_light_series(
+    photos: Mapping[str, QuadPhoto | BlockMeans],
     plan: LightPlan,
-    edges: Edges,
+    edges: PulseEdges,
     black_sigma: float,
-    field: Marks | None,
-) -> Series:
+    field: _Marks | None,
+) -> LightSeries:
     """Photos by blocks, checked. Raises CalibrationError: see `light.contrasts`."""
-    blocks: dict[str, Blocks] = {}
+    blocks: dict[str, BlockMeans] = {}
     for name in (shown.name for shown in plan.photos()):
         if name in COVERED and name not in photos:
             continue
         photo = photos[name]
-        blocks[name] = found = blocks_of(photo) if isinstance(photo, Photo) else photo
-        refuse_clipped(name, found, HINTS[name.removesuffix("-again")])
+        blocks[name] = found = (
+            average_photo_blocks(photo) if isinstance(photo, QuadPhoto) else photo
+        )
+        check_clipping(name, found, _HINTS[name.removesuffix("-again")])
     times = plan.lit_s(1) / plan.lit_s(plan.longer)
     _refuse_no_light(blocks, black_sigma, times)
     white = _white(plan, edges, blocks).sum(axis=2)
-    lit = white > LIT * float(np.quantile(white, 0.98))
+    lit = white > _LIT * float(np.quantile(white, 0.98))
     _refuse_unlit(lit, field)
-    series = Series(plan, edges, blocks, _wholly(lit), black_sigma)
+    series = LightSeries(plan, edges, blocks, _wholly(lit), black_sigma)
     series.refuse_changes()
     _refuse_dim(series)
     series.refuse_leaks()
     # Blocks with mirrors, dust or a hand in them are left out.
     steady_ones = series.lit.copy()
-    steady_ones[series.lit] = steady(series.mask_map[series.lit])
-    return Series(plan, edges, blocks, steady_ones, black_sigma)
+    steady_ones[series.lit] = find_inliers(series.mask_map[series.lit])
+    return LightSeries(plan, edges, blocks, steady_ones, black_sigma)
 
 
 def _surface(places: Floats, side: float = 0.0) -> Floats:
@@ -308,21 +310,21 @@ def _top_of(places: Floats, numbers: Floats) -> Floats:
     return np.asarray(_surface(inside[None])[0])
 
 
-def _wholly(lit: Marks) -> Marks:
+def _wholly(lit: _Marks) -> _Marks:
     """Blocks with light all about them: at the edge of the projector's picture the room's light
     fills a block, and the projector's only a part of it."""
-    inner = within(lit)
-    return inner if inner.sum() >= LEAST_INNER * lit.sum() else lit
+    inner = shrink_marks(lit)
+    return inner if inner.sum() >= _LEAST_INNER * lit.sum() else lit
 
 
-def _white(plan: LightPlan, edges: Edges, blocks: Mapping[str, Blocks]) -> Floats:
+def _white(plan: LightPlan, edges: PulseEdges, blocks: Mapping[str, BlockMeans]) -> Floats:
     """WW - BW of equal times, (rows, cols, 3)."""
     both, room = (0.5 * (blocks[name].mean + blocks[f"{name}-again"].mean) for name in ("WW", "BW"))
     share = plan.open_s(1, edges.mask_s) / plan.open_s(plan.longer, edges.mask_s)
     return np.asarray(both - share * room)
 
 
-def _refuse_no_light(blocks: Mapping[str, Blocks], black_sigma: float, times: float) -> None:
+def _refuse_no_light(blocks: Mapping[str, BlockMeans], black_sigma: float, times: float) -> None:
     """Raise CalibrationError where white photos show nothing."""
     levels = {n: float(np.quantile(blocks[n].mean, 0.98)) for n in ("WW", "WW-again")}
     noise = float(np.sqrt(np.median(blocks["BB"].variance)))
@@ -334,13 +336,13 @@ def _refuse_no_light(blocks: Mapping[str, Blocks], black_sigma: float, times: fl
             device="mask",
             hint=_BLOCKS,
         )
-    refuse_dark(levels, floor)
+    check_brightness(levels, floor)
 
 
-def _refuse_unlit(lit: Marks, field: Marks | None) -> None:
+def _refuse_unlit(lit: _Marks, field: _Marks | None) -> None:
     """Raise CalibrationError where the projector's light covers too little."""
     share = float(lit.mean())
-    if share < LEAST_LIT:
+    if share < _LEAST_LIT:
         raise CalibrationError(
             f"the projector's light is in {100.0 * share:.2g} % of the photo only",
             device="camera",
@@ -348,9 +350,9 @@ def _refuse_unlit(lit: Marks, field: Marks | None) -> None:
         )
     if field is None:
         return
-    inside = block_means(field.astype(np.float64)) > 0.99
+    inside = average_blocks(field.astype(np.float64)) > 0.99
     share = float(lit[inside].mean()) if inside.any() else 0.0
-    if share < FIELD_LIT:
+    if share < _FIELD_LIT:
         raise CalibrationError(
             f"{100.0 * (1.0 - share):.0f} % of the field gets no light",
             device="camera",
@@ -358,11 +360,11 @@ def _refuse_unlit(lit: Marks, field: Marks | None) -> None:
         )
 
 
-def _refuse_dim(series: Series) -> None:
+def _refuse_dim(series: LightSeries) -> None:
     """Raise CalibrationError where the black level's error hides what a mask lets through."""
     white = float(series.whole.mean[3])
     error = 3.0 * np.sqrt(1.5) * series.black_sigma * series.lit_s / series.lit_long_s / white
-    if error > LEAST_SEEN:
+    if error > _LEAST_SEEN:
         raise CalibrationError(
             f"too dim: white is {white:.3g} above black, which is known to {series.black_sigma:g}",
             device="camera",

@@ -10,61 +10,60 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import camera_map
+from pdcd.bench.placed import make_camera_map
 from pdcd.bench.stops import stop_of
-from pdcd.calibration.figures import Figure, Verdict, darken
-from pdcd.calibration.light.contrasts import Light, measure_light, responsivity_of
-from pdcd.calibration.light.lamp import lamp_of
-from pdcd.calibration.light.light_plan import COVERED, Edges, LightPlan
-from pdcd.calibration.light.metering import opened
-from pdcd.calibration.light.stop_series import Stops, measure_stops
+from pdcd.calibration.figures import MeasuredFigure, Verdict, describe_room_light
+from pdcd.calibration.light.contrasts import LightMeasurement, compute_responsivity, measure_light
+from pdcd.calibration.light.lamp import measure_lamp
+from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
+from pdcd.calibration.light.metering import choose_wide_aperture
+from pdcd.calibration.light.stop_series import ComparedStops, measure_stops
 from pdcd.calibration.photo import (
     BLOCK_QUADS,
-    Blocks,
-    Photo,
-    Seen,
-    block_means,
-    blocks_of,
-    refuse_settings,
+    BlockMeans,
+    QuadPhoto,
+    RawSettings,
+    average_blocks,
+    average_photo_blocks,
+    check_camera_settings,
 )
 from pdcd.calibration.script import (
-    Ask,
-    Measured,
-    Outcome,
-    Script,
-    Session,
-    Taken,
-    Wanted,
-    take,
+    CalibrationPhoto,
+    CalibrationSession,
+    ConfigValue,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    UserPrompt,
+    take_photo,
 )
-from pdcd.calibration.sensor.sensor_step import BLACK, EDGE, GAIN
-from pdcd.calibration.shown import Shown
-from pdcd.panels.map import Map, between
+from pdcd.calibration.sensor.sensor_step import BLACK_SIGMA_KEY, EDGE_KEY, GAIN_KEY
+from pdcd.calibration.shown import PanelSequence
+from pdcd.panels.map import Map, map_between
 
-Floats = NDArray[np.float64]
-Marks = NDArray[np.bool_]
+_Marks = NDArray[np.bool_]
 
-LIT = 60
+_LIT = 60
 """White refreshes of a photo of an open mask: a second."""
-LONG = 600
+_LONG = 600
 """Refreshes that the photos of closed panels take, or twice those of open ones."""
 LAMP_PHOTOS = 3
 """More photos of white, for the lamp."""
-UNKNOWN_CARD = 0.9, 0.05
+_UNKNOWN_CARD = 0.9, 0.05
 """Albedo of a white card of which nobody says anything, and its standard deviation: from paper to
 pressed PTFE."""
-SAID_SIGMA = 0.01
+_SAID_SIGMA = 0.01
 """The same where somebody said it."""
-BLACK_SIGMA_DN = 0.3
+_BLACK_SIGMA_DN = 0.3
 """Of a black level that was never measured; and below 0.1 nobody should believe."""
-LEAST_BLACK_DN = 0.1
-UNKNOWN_EDGE_S = 0.004
-GUESSED_GAIN = 0.2
+_LEAST_BLACK_DN = 0.1
+_UNKNOWN_EDGE_S = 0.004
+_GUESSED_GAIN = 0.2
 """Relative error of a gain out of a table."""
-FIELD_LIT = 0.9
+_FIELD_LIT = 0.9
 COVER = "cover the projector's lens with its cap; leave all else as it is"
 UNCOVER = "take the cap off the projector's lens again"
-ADVICE = {
+_ADVICE = {
     "projector.contrast": "black of the projector is bright: see that its picture mode is not "
     "dynamic, and darken the room",
     "mask.contrast": "the mask leaks: turn its polariser a little and calibrate light again",
@@ -84,36 +83,38 @@ class _Taking:
     their relative noise and the times of their beginning.
     """
 
-    session: Session
+    session: CalibrationSession
     f_number: float | None
-    blocks: dict[str, Blocks] = field(default_factory=dict)
+    blocks: dict[str, BlockMeans] = field(default_factory=dict)
     white: list[tuple[float, float, float]] = field(default_factory=list)
-    seen: dict[str, Seen] = field(default_factory=dict)
+    seen: dict[str, RawSettings] = field(default_factory=dict)
     open_s: dict[str, float] = field(default_factory=dict)
 
-    def photo(self, shown: Shown, covered: bool = False) -> Generator[Wanted | Ask, Taken, Photo]:
+    def photo(
+        self, shown: PanelSequence, covered: bool = False
+    ) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto, QuadPhoto]:
         """Take one photo."""
-        taken = yield from take(Wanted(shown, f_number=self.f_number, covered=covered))
+        taken = yield from take_photo(PhotoRequest(shown, f_number=self.f_number, covered=covered))
         self.seen[shown.name], self.open_s[shown.name] = taken.seen, taken.open_s
         photo = self.session.photo(taken)
         if shown.name.startswith(("WW", "lamp")):
-            blocks = blocks_of(photo)
+            blocks = average_photo_blocks(photo)
             level = float(blocks.mean.mean())
             noise = float(np.sqrt(blocks.variance.sum())) / blocks.mean.size / max(level, 1e-9)
             self.white.append((taken.open_ns * 1e-9, level, noise))
         return photo
 
 
-def light(session: Session) -> Script:
+def calibrate_light(session: CalibrationSession) -> StepScript:
     """Both panels white and black in all four ways, and white at every stop that may be used."""
-    f_number, full = opened(session, LIT)
-    longer = int(np.clip(LONG // full, 2, 8))
+    f_number, full = choose_wide_aperture(session, _LIT)
+    longer = int(np.clip(_LONG // full, 2, 8))
     plan = LightPlan(refreshes=full, longer=longer, refresh_s=session.refresh_s)
     taking = _Taking(session, f_number)
     series = [shown for shown in plan.photos() if shown.name not in COVERED]
     for shown in series:
         white = yield from taking.photo(shown)
-        taking.blocks[shown.name] = blocks_of(white)
+        taking.blocks[shown.name] = average_photo_blocks(white)
         for number in range(LAMP_PHOTOS if shown.name == "WW" else 0):
             yield from taking.photo(replace(shown, name=f"lamp-{number + 1}"))
     if session.helped:
@@ -126,63 +127,65 @@ def light(session: Session) -> Script:
         field=_field(session, white.frame) if "geometry" in session.done else None,
     )
     lit = _field_lit(session, white)
-    refuse_settings(taking.seen, iso=session.iso, f_number=f_number, open_s=taking.open_s)
-    stops = Stops()
+    check_camera_settings(taking.seen, iso=session.iso, f_number=f_number, open_s=taking.open_s)
+    stops = ComparedStops()
     if f_number is not None:
         stops = yield from measure_stops(session, f_number, full, _black_sigma(session))
     times, levels, noise = np.array(taking.white).T
     figures = (
         *found.figures(_card(session)[0]),
-        *lamp_of(times - times[0], levels, float(noise.max())).figures(),
+        *measure_lamp(times - times[0], levels, float(noise.max())).figures(),
         *stops.figures(),
         *lit,
     )
     return _outcome(session, found, white, stops, figures, f_number)
 
 
-def _card(session: Session) -> tuple[float, float]:
+def _card(session: CalibrationSession) -> tuple[float, float]:
     """The card's albedo, and its standard deviation."""
     said = session.config.calibration.card_albedo
-    return UNKNOWN_CARD if said is None else (said, SAID_SIGMA)
+    return _UNKNOWN_CARD if said is None else (said, _SAID_SIGMA)
 
 
-def _covered(plan: LightPlan, taking: _Taking) -> Generator[Wanted | Ask, Taken | None, None]:
+def _covered(
+    plan: LightPlan, taking: _Taking
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, None]:
     """The photos with the projector's lens covered."""
-    yield Ask(COVER)
+    yield UserPrompt(COVER)
     for shown in plan.photos():
         if shown.name in COVERED:
             photo = yield from taking.photo(shown, covered=True)
-            taking.blocks[shown.name] = blocks_of(photo)
-    yield Ask(UNCOVER)
+            taking.blocks[shown.name] = average_photo_blocks(photo)
+    yield UserPrompt(UNCOVER)
 
 
 def _outcome(
-    session: Session,
-    found: Light,
-    white: Photo,
-    stops: Stops,
-    figures: tuple[Figure, ...],
+    session: CalibrationSession,
+    found: LightMeasurement,
+    white: QuadPhoto,
+    stops: ComparedStops,
+    figures: tuple[MeasuredFigure, ...],
     f_number: float | None,
-) -> Outcome:
+) -> StepOutcome:
     """All figures and words."""
     words, arrays = {}, {}
     albedo, albedo_sigma = _card(session)
     for name, share in (("projector", found.projector), ("mask", found.mask)):
         contrast, error = share.contrast
-        words[f"{name}.contrast"] = Measured(contrast, error or None)
+        words[f"{name}.contrast"] = ConfigValue(contrast, error or None)
     fixed = session.config.camera.f_number
     number = f_number if f_number is not None or fixed == "auto" else fixed
     advice = [
-        darken(found.room.value)
+        describe_room_light(found.room.value)
         if f.name == "scene.ambient" and found.room is not None
-        else ADVICE[f.name]
+        else _ADVICE[f.name]
         for f in figures
         if f.verdict is not Verdict.GOOD
     ]
     if number is None:
         advice.append("the lens does not tell its f-number: set camera.f_number to what it says")
     else:
-        value, sigma = responsivity_of(
+        value, sigma = compute_responsivity(
             found,
             gain_e_per_dn=_gain(session),
             f_number=stop_of(number, stops.found).true,
@@ -190,11 +193,11 @@ def _outcome(
             albedo_sigma=albedo_sigma,
         )
         red, green, blue = value.tolist()
-        words["camera.stops"] = Measured(msgspec.to_builtins(stops.found))
-        words["camera.responsivity_e"] = Measured((red, green, blue), tuple(sigma.tolist()))
+        words["camera.stops"] = ConfigValue(msgspec.to_builtins(stops.found))
+        words["camera.responsivity_e"] = ConfigValue((red, green, blue), tuple(sigma.tolist()))
         figures = (
             *figures,
-            Figure("camera.responsivity_e", green, float(sigma[1]), "e-/s", "of green"),
+            MeasuredFigure("camera.responsivity_e", green, float(sigma[1]), "e-/s", "of green"),
         )
     if found.room is None and found.projector.seen:
         advice.append(
@@ -206,7 +209,7 @@ def _outcome(
         arrays["light.ambient"] = np.array(ambient)
     arrays["light.rate_dn"] = found.rate
     arrays["light.mask_leak"] = np.nan_to_num(found.mask_map)
-    return Outcome(
+    return StepOutcome(
         figures=figures,
         words=words,
         arrays=arrays,
@@ -215,66 +218,70 @@ def _outcome(
     )
 
 
-def _edges(session: Session) -> Edges:
+def _edges(session: CalibrationSession) -> PulseEdges:
     """What the panels' edges add: the projector's as measured with the sensor, else as believed."""
     projector, mask = session.config.projector, session.config.mask
     of_mask = mask.fall_s - mask.rise_s
-    known = session.arrays.get(EDGE)
+    known = session.arrays.get(EDGE_KEY)
     if known is None:
-        return Edges(projector.fall_s - projector.rise_s, of_mask, UNKNOWN_EDGE_S)
-    return Edges(float(known[0]), of_mask, float(known[1]))
+        return PulseEdges(projector.fall_s - projector.rise_s, of_mask, _UNKNOWN_EDGE_S)
+    return PulseEdges(float(known[0]), of_mask, float(known[1]))
 
 
-def _black_sigma(session: Session) -> float:
+def _black_sigma(session: CalibrationSession) -> float:
     """Standard deviation of one photo's black level in DN."""
-    known = session.arrays.get(BLACK)
-    return BLACK_SIGMA_DN if known is None else max(float(known[0]), LEAST_BLACK_DN)
+    known = session.arrays.get(BLACK_SIGMA_KEY)
+    return _BLACK_SIGMA_DN if known is None else max(float(known[0]), _LEAST_BLACK_DN)
 
 
-def _gain(session: Session) -> tuple[float, float]:
+def _gain(session: CalibrationSession) -> tuple[float, float]:
     """e- per DN, and its standard deviation."""
-    known = session.arrays.get(GAIN)
+    known = session.arrays.get(GAIN_KEY)
     if known is not None and not session.profile.estimated:
         return float(known[0]), float(known[1])
     gain = session.profile.row(session.iso).gain_e_per_dn
-    return gain, GUESSED_GAIN * gain if session.profile.estimated else 0.0
+    return gain, _GUESSED_GAIN * gain if session.profile.estimated else 0.0
 
 
-def _field(session: Session, frame: tuple[int, int]) -> Marks | None:
+def _field(session: CalibrationSession, frame: tuple[int, int]) -> _Marks | None:
     """Quads that see the field, (h, w); None where nobody has measured it."""
     panel = session.config.projector.place.map
     if not isinstance(panel, Map) or session.config.camera.place.map is None:
         return None
-    camera = camera_map(session.config, frame)
+    camera = make_camera_map(session.config, frame)
     (rows, cols), (left, top, wide, high) = frame, session.on_field.projector.field_box_px
     x, y = (np.arange(0, n, BLOCK_QUADS) + 0.5 * BLOCK_QUADS for n in (cols, rows))
-    places = between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    places = map_between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     with np.errstate(invalid="ignore"):
         inside = ((places >= (left, top)) & (places <= (left + wide, top + high))).all(axis=-1)
     blocks = inside.reshape(y.size, x.size)
     return np.asarray(blocks.repeat(BLOCK_QUADS, 0).repeat(BLOCK_QUADS, 1)[:rows, :cols])
 
 
-def _field_lit(session: Session, white: Photo) -> tuple[Figure, ...]:
+def _field_lit(session: CalibrationSession, white: QuadPhoto) -> tuple[MeasuredFigure, ...]:
     """How much of the field, where it was last found, gets light. That may have been long ago."""
     field = _field(session, white.frame)
     if field is None:
         return ()
     bright = white.light.sum(axis=2)
     share = float((bright[field] > 0.1 * np.quantile(bright, 0.98)).mean())
-    verdict = Verdict.GOOD if share >= FIELD_LIT else Verdict.DOUBTFUL
-    return (Figure("light.field_lit", share, 0.0, "", f"{FIELD_LIT:g} or more", verdict),)
+    verdict = Verdict.GOOD if share >= _FIELD_LIT else Verdict.DOUBTFUL
+    return (MeasuredFigure("light.field_lit", share, 0.0, "", f"{_FIELD_LIT:g} or more", verdict),)
 
 
-def _draw(figure: Any, found: Light, white: Photo) -> None:
+def _draw(figure: Any, found: LightMeasurement, white: QuadPhoto) -> None:
     """Light over the field, and the mask's contrast."""
-    bright = block_means(white.light.mean(axis=2))
+    bright = average_blocks(white.light.mean(axis=2))
     with np.errstate(divide="ignore", invalid="ignore"):
         contrast = 1.0 / found.mask_map
-    for axes, title, values, most in zip(
+    rows, cols = (BLOCK_QUADS * n for n in bright.shape)
+    for axes, title, unit, values, most in zip(
         figure.subplots(1, 2), ("light of a white card", "contrast of the mask"),
+        ("share of the brightest", "open over closed"),
         (bright / np.quantile(bright, 0.98), contrast), (1.0, 2.0 * found.mask.contrast[0]),
         strict=True,
     ):  # fmt: skip
-        figure.colorbar(axes.imshow(values, vmin=0.0, vmax=most), orientation="horizontal")
+        shown = axes.imshow(values, vmin=0.0, vmax=most, extent=(0, cols, rows, 0))
+        figure.colorbar(shown, orientation="horizontal", label=unit)
         axes.set_title(title, fontsize=10)
+        axes.set_xlabel("quads")

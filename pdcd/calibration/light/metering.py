@@ -4,34 +4,41 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted, take
-from pdcd.calibration.shown import Shown, still
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    take_photo,
+)
+from pdcd.calibration.shown import PanelSequence, make_still_sequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 
-FULL = 0.65
+FULL_SHARE = 0.65
 """Share of saturation that white light reaches after `Session.full` refreshes."""
 WISHED = 240
 """Refreshes that are wished for until then: long photos hold many pulses, and short ones less of
 what leaks through black."""
-LEAST, MOST = 67, 1200
+LEAST, MOST_WHITE_REFRESHES = 67, 1200
 """The range in which all steps work."""
-TRIAL = 12
+_TRIAL = 12
 """Refreshes of a trial photo."""
-OPEN = 13
+OPEN_REFRESHES = 13
 """Refreshes for which the mask is open before and after it."""
-TRIALS = 10
-FIRST_F_NUMBER = 8.0
-DARK = 0.004
+_TRIALS = 10
+_FIRST_F_NUMBER = 8.0
+_DARK = 0.004
 """Share of saturation below which a trial tells too little."""
-BRIGHT = 0.9
-BRIGHTEST = 99.8
+_BRIGHT = 0.9
+_BRIGHTEST = 99.8
 """Percentile of the samples that is kept out of saturation: specks of dust and hot pixels are not.
 """
 
 
-def meter(session: Session) -> Script:
+def meter_light(session: CalibrationSession) -> StepScript:
     """Find the aperture, and set `session.f_number` and `session.full`.
 
     Raises CalibrationError: no light, or too much or too little of it for any aperture.
@@ -40,24 +47,28 @@ def meter(session: Session) -> Script:
     fixed = session.config.camera.f_number
     if fixed != "auto":
         stops = [fixed] if stops else []
-    f_number = min(stops, key=lambda f: abs(np.log(f / FIRST_F_NUMBER))) if stops else None
-    refreshes = TRIAL
-    for trial in range(1, TRIALS + 1):
+    f_number = min(stops, key=lambda f: abs(np.log(f / _FIRST_F_NUMBER))) if stops else None
+    refreshes = _TRIAL
+    for trial in range(1, _TRIALS + 1):
         shown = _lit(f"meter-{trial}", refreshes)
-        taken = yield from take(Wanted(shown, session.iso, f_number))
+        taken = yield from take_photo(PhotoRequest(shown, session.iso, f_number))
         level = _brightest(session, taken)
-        if level > BRIGHT and (refreshes > 1 or _other(stops, f_number, 8.0) != f_number):
+        if level > _BRIGHT and (refreshes > 1 or _other(stops, f_number, 8.0) != f_number):
             darker = _other(stops, f_number, 4.0)
             refreshes = max(1, refreshes // 4) if darker == f_number else refreshes
             f_number = darker
             continue
-        if level < DARK and (refreshes < MOST or _other(stops, f_number, 0.2) != f_number):
+        if level < _DARK and (
+            refreshes < MOST_WHITE_REFRESHES or _other(stops, f_number, 0.2) != f_number
+        ):
             lighter = _other(stops, f_number, 0.25)
-            refreshes = min(MOST, refreshes * 8) if lighter == f_number else refreshes
+            refreshes = (
+                min(MOST_WHITE_REFRESHES, refreshes * 8) if lighter == f_number else refreshes
+            )
             f_number = lighter
             continue
         break
-    if level < DARK:
+    if level < _DARK:
         raise CalibrationError(
             f"white light of {refreshes} refreshes is {level:.2%} of saturation",
             device="camera",
@@ -72,19 +83,26 @@ def meter(session: Session) -> Script:
             device="camera",
             hint="close the lens, lower the ISO, or put a grey filter before it",
         )
-    verdict = Verdict.GOOD if session.full <= MOST else Verdict.DOUBTFUL
-    session.full = min(session.full, MOST)
-    return Outcome(
+    verdict = Verdict.GOOD if session.full <= MOST_WHITE_REFRESHES else Verdict.DOUBTFUL
+    session.full = min(session.full, MOST_WHITE_REFRESHES)
+    return StepOutcome(
         (
-            Figure("full_refreshes", float(session.full), 0.0, "", f"{LEAST} to {MOST}", verdict),
-            Figure("f_number", float(f_number or 0.0), 0.0, "f"),
+            MeasuredFigure(
+                "full_refreshes",
+                float(session.full),
+                0.0,
+                "",
+                f"{LEAST} to {MOST_WHITE_REFRESHES}",
+                verdict,
+            ),
+            MeasuredFigure("f_number", float(f_number or 0.0), 0.0, "f"),
         )
     )
 
 
-def opened(session: Session, least: int) -> tuple[float | None, int]:
-    """The widest aperture at which `FULL` takes so many refreshes at least, or the session's own;
-    and how many it takes there. Short photos are enough for what needs light alone."""
+def choose_wide_aperture(session: CalibrationSession, least: int) -> tuple[float | None, int]:
+    """The widest aperture at which `FULL_SHARE` takes so many refreshes at least, or the session's
+    own; and how many it takes there. Short photos are enough for what needs light alone."""
     set_to, fixed = session.f_number, session.config.camera.f_number
     if set_to is None or fixed != "auto":
         return set_to, session.full
@@ -95,22 +113,22 @@ def opened(session: Session, least: int) -> tuple[float | None, int]:
     return set_to, session.full
 
 
-def _lit(name: str, refreshes: int) -> Shown:
+def _lit(name: str, refreshes: int) -> PanelSequence:
     """White light of so many refreshes, through a mask that is open for longer: nobody knows yet by
     how many refreshes one panel is late."""
-    white = still(name, refreshes + 2 * OPEN, WHITE, WHITE)
-    white.projector_index[:OPEN] = white.projector_index[-OPEN:] = BLACK
+    white = make_still_sequence(name, refreshes + 2 * OPEN_REFRESHES, WHITE, WHITE)
+    white.projector_index[:OPEN_REFRESHES] = white.projector_index[-OPEN_REFRESHES:] = BLACK
     return white
 
 
 def _settled(stops: list[float], f_number: float | None, rate: float) -> tuple[float | None, int]:
     """The aperture at which `WISHED` refreshes or a few more are full, and how many are."""
     if f_number is None or not stops:
-        return f_number, int(FULL / rate)
-    wished = f_number * np.sqrt(WISHED * rate / FULL)
+        return f_number, int(FULL_SHARE / rate)
+    wished = f_number * np.sqrt(WISHED * rate / FULL_SHARE)
     slower = [stop for stop in stops if stop >= wished]
     chosen = slower[0] if slower else stops[-1]
-    return chosen, int(FULL / rate * (chosen / f_number) ** 2)
+    return chosen, int(FULL_SHARE / rate * (chosen / f_number) ** 2)
 
 
 def _other(stops: list[float], f_number: float | None, light: float) -> float | None:
@@ -122,7 +140,7 @@ def _other(stops: list[float], f_number: float | None, light: float) -> float | 
     return min(stops, key=lambda f: abs(np.log(f / wanted)))
 
 
-def _brightest(session: Session, taken: Taken) -> float:
+def _brightest(session: CalibrationSession, taken: CalibrationPhoto) -> float:
     """Light of the brightest samples, as a share of saturation."""
     full = session.profile.saturation_dn(taken.iso)
-    return max(float(np.percentile(plane, BRIGHTEST)) for plane in taken.raw.planes) / full
+    return max(float(np.percentile(plane, _BRIGHTEST)) for plane in taken.raw.planes) / full

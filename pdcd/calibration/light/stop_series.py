@@ -14,32 +14,38 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdcd.bench.stops import Stop, stop_of
-from pdcd.calibration.figures import Figure
-from pdcd.calibration.light.metering import FULL
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.figures import MeasuredFigure
+from pdcd.calibration.light.metering import FULL_SHARE
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    PhotoRequest,
+    UserPrompt,
+    take_photo,
+)
+from pdcd.calibration.shown import PanelSequence
 from pdcd.panels.frames import BLACK, WHITE
 
-PULSE, PAUSE = 4, 6
+_PULSE, _PAUSE = 4, 6
 """Refreshes of a pulse, and after it: a mask that is late by less than either meets its own."""
-FLASH = 2
+_FLASH = 2
 """The refresh of a pulse for which the projector alone is white in a short one: the mask is open
 before and after it, so that it may be early or late."""
-LEVEL = 0.4
+_LEVEL = 0.4
 """Share of saturation that a photo is to reach."""
-DIMMEST, BRIGHTEST = 0.06, 0.6
+_DIMMEST, _BRIGHTEST = 0.06, 0.6
 """Least and most share of saturation: some three stops either way."""
-MOST_PULSES = 12
+_MOST_PULSES = 12
 """Of two seconds."""
-LEAST_GOOD = 0.999
+_LEAST_GOOD = 0.999
 """Share of a photo without saturation from which it counts: hot pixels stay below."""
-AGAIN = "again"
+_AGAIN = "again"
 """The photo of the first stop once more, in the end: what the lamp did meanwhile."""
 
 
 @dataclass(frozen=True)
-class StopPhoto:
+class _StopPhoto:
     """One photo: of a stop, with so many pulses. short : of a flash of the projector each."""
 
     f_number: float
@@ -48,83 +54,83 @@ class StopPhoto:
     short: bool = False
 
 
-def stop_photos(
+def plan_stop_photos(
     f_numbers: tuple[float, ...], own: float, per_pulse: float, *, short: bool = False
-) -> tuple[StopPhoto, ...]:
+) -> tuple[_StopPhoto, ...]:
     """The photos that compare the stops of a lens with its `own` one, at which a pulse brings the
     share `per_pulse` of saturation. The first and the last are of that one."""
     kind = "flash" if short else "stop"
     photos = []
     for f_number in sorted(f_numbers):
         each = per_pulse * (own / f_number) ** 2
-        pulses = min(max(1, round(LEVEL / each)), MOST_PULSES)
-        if f_number != own and DIMMEST <= pulses * each <= BRIGHTEST:
-            photos.append(StopPhoto(f_number, pulses, f"{kind}-{f_number:g}", short))
+        pulses = min(max(1, round(_LEVEL / each)), _MOST_PULSES)
+        if f_number != own and _DIMMEST <= pulses * each <= _BRIGHTEST:
+            photos.append(_StopPhoto(f_number, pulses, f"{kind}-{f_number:g}", short))
     if not photos:
         return ()
-    pulses = min(max(1, round(LEVEL / per_pulse)), MOST_PULSES)
-    first = StopPhoto(own, pulses, f"{kind}-{own:g}", short)
-    return (first, *photos, StopPhoto(own, pulses, f"{first.name}-{AGAIN}", short))
+    pulses = min(max(1, round(_LEVEL / per_pulse)), _MOST_PULSES)
+    first = _StopPhoto(own, pulses, f"{kind}-{own:g}", short)
+    return (first, *photos, _StopPhoto(own, pulses, f"{first.name}-{_AGAIN}", short))
 
 
-def shown_of(photo: StopPhoto) -> Shown:
+def _shown_of(photo: _StopPhoto) -> PanelSequence:
     """What the panels show in it."""
-    mask = np.full(photo.pulses * (PULSE + PAUSE), BLACK, np.int32)
+    mask = np.full(photo.pulses * (_PULSE + _PAUSE), BLACK, np.int32)
     projector = mask.copy()
     for pulse in range(photo.pulses):
-        begin = pulse * (PULSE + PAUSE)
-        mask[begin:][:PULSE] = WHITE
-        first, count = (FLASH, 1) if photo.short else (0, PULSE)
+        begin = pulse * (_PULSE + _PAUSE)
+        mask[begin:][:_PULSE] = WHITE
+        first, count = (_FLASH, 1) if photo.short else (0, _PULSE)
         projector[begin + first :][:count] = WHITE
     nothing = np.zeros((0, 0, 0), np.bool_)
-    return Shown(photo.name, nothing, nothing, projector, mask)
+    return PanelSequence(photo.name, nothing, nothing, projector, mask)
 
 
 @dataclass(frozen=True)
-class Stops:
+class ComparedStops:
     """Stops that were compared, the one they were compared with first, whose sigma is 0."""
 
     found: tuple[Stop, ...] = ()
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[MeasuredFigure, ...]:
         """What to tell of them."""
         if not self.found:
             return ()
         away = [abs(2.0 * (s.true / stop_of(s.f_number).true - 1.0)) for s in self.found]
         return (
-            Figure("light.stops", float(len(self.found)), 0.0, ""),
-            Figure("light.stops_worst", max(away), 0.0, "", "of light, beside 2^(k/6)"),
+            MeasuredFigure("light.stops", float(len(self.found)), 0.0, ""),
+            MeasuredFigure("light.stops_worst", max(away), 0.0, "", "of light, beside 2^(k/6)"),
         )
 
 
 def measure_stops(
-    session: Session, own: float, full: int, black_sigma: float
-) -> Generator[Wanted | Ask, Taken | None, Stops]:
+    session: CalibrationSession, own: float, full: int, black_sigma: float
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, ComparedStops]:
     """Take the photos and compare; nothing where the lens is not set from here, or is to stay as it
-    is. own : stop at which white light of so many refreshes is `full` (`FULL` of saturation).
+    is. own : stop at which white light of so many refreshes is `full` (`FULL_SHARE` of saturation).
     black_sigma : standard deviation of a photo's black level, in DN."""
     f_numbers = session.camera.f_numbers
     if session.config.camera.f_number != "auto":
-        return Stops()
+        return ComparedStops()
     nominal = stop_of(own)
     found: tuple[Stop, ...] = (Stop(nominal.f_number, nominal.true, 0.0),)
     for short in (False, True):
         beside = min(found, key=lambda stop: stop.f_number) if short else found[0]
-        lit = 1 if short else PULSE
-        per_pulse = FULL * lit / full * (own / beside.f_number) ** 2
+        lit = 1 if short else _PULSE
+        per_pulse = FULL_SHARE * lit / full * (own / beside.f_number) ** 2
         left = tuple(f for f in f_numbers if not short or f < beside.f_number)
-        photos = stop_photos(left, beside.f_number, per_pulse, short=short)
+        photos = plan_stop_photos(left, beside.f_number, per_pulse, short=short)
         taken: dict[str, tuple[float, float, float]] = {}
         for photo in photos:
-            shown = session.in_step(shown_of(photo))
-            came = yield from take(Wanted(shown, f_number=photo.f_number))
+            shown = session.in_step(_shown_of(photo))
+            came = yield from take_photo(PhotoRequest(shown, f_number=photo.f_number))
             taken[photo.name] = _light(session.photo(came), photo.pulses, black_sigma)
-        found = (*found, *stops_of(photos, taken, beside))
-    return Stops(found if len(found) > 1 else ())
+        found = (*found, *_stops_of(photos, taken, beside))
+    return ComparedStops(found if len(found) > 1 else ())
 
 
-def stops_of(
-    photos: tuple[StopPhoto, ...],
+def _stops_of(
+    photos: tuple[_StopPhoto, ...],
     taken: Mapping[str, tuple[float, float, float]],
     beside: Stop,
 ) -> tuple[Stop, ...]:
@@ -142,14 +148,14 @@ def stops_of(
     found = []
     for photo in others:
         light, sigma, good = taken[photo.name]
-        if good < LEAST_GOOD or not light > 0.0:
+        if good < _LEAST_GOOD or not light > 0.0:
             continue
         true = beside.true * float(np.sqrt(reference / light))
         found.append(Stop(photo.f_number, true, float(np.sqrt(sigma**2 + noise))))
     return tuple(found)
 
 
-def _light(photo: Photo, pulses: int, black_sigma: float) -> tuple[float, float, float]:
+def _light(photo: QuadPhoto, pulses: int, black_sigma: float) -> tuple[float, float, float]:
     """Light of one pulse, its relative standard deviation, share that is not saturated."""
     total = float(photo.light.sum())
     noise = float(photo.variance.sum())

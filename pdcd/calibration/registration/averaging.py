@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from pdcd.arrays import Bools, Floats
 
-BOXES = 3
+_BOXES = 3
 """Box filters of one period each: together they leave 0.0007 of stripes that are 10 % longer."""
-BOX_NOISE = 0.55
+_BOX_NOISE = 0.55
 """Sum of the squared weights of three boxes along an axis, times their length: 11 / 20."""
-WHOLE = 0.995
+_WHOLE = 0.995
 """Share of lit quads that a place needs around it, by weight: stripes that are cut off pull it to
 one side, at 0.98 by 0.04 px of 16."""
 
 
-class Averaging:
+class StripeAverager:
     """Averages photos of one size over blocks of quads, then over stripes.
 
     lit : (h, w), the quads that count. white : (h, w) light with both panels white.
@@ -46,14 +44,14 @@ class Averaging:
     @property
     def noise(self) -> float:
         """Factor from the standard deviation of one quad to that of an average over stripes."""
-        return BOX_NOISE / self.period_quads
+        return _BOX_NOISE / self.period_quads
 
     def places(self, apart_quads: float) -> Floats:
         """A lattice of places with lit quads all around, (n, 2) in quads."""
         step = max(1, round(apart_quads / self.block))
         full = float(self.block**2)
         # The boxes must lie within the photo, and within what is lit.
-        good = self._inside() & (self._around >= WHOLE * full)
+        good = self._inside() & (self._around >= _WHOLE * full)
         rows, cols = np.nonzero(good[step // 2 :: step, step // 2 :: step])
         middle = np.stack([cols, rows], axis=-1) * step + step // 2
         return np.asarray((middle + 0.5) * self.block)
@@ -80,8 +78,8 @@ class Averaging:
         """Whole numbers of blocks that are one period on average; odd ones keep boxes centred."""
         period = self.period_quads / self.block
         below = int(np.floor((period - 1.0) / 2.0)) * 2 + 1
-        above = round((BOXES * period - BOXES * below) / 2.0)
-        return [below + 2 * (index < above) for index in range(BOXES)]
+        above = round((_BOXES * period - _BOXES * below) / 2.0)
+        return [below + 2 * (index < above) for index in range(_BOXES)]
 
     def _inside(self) -> Bools:
         """Blocks whose boxes lie within the photo."""

@@ -16,33 +16,32 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.geometry.fit import basis_of, bends_of
-from pdcd.calibration.registration.offsets import Offsets
+from pdcd.arrays import Floats
+from pdcd.calibration.geometry.fit import compute_second_differences, compute_spline_basis
+from pdcd.calibration.registration.offsets import MaskOffsets
 from pdcd.errors import CalibrationError
-from pdcd.panels.distortion import Residual
-from pdcd.panels.map import Map, between
-from pdcd.panels.map_soundness import check
+from pdcd.panels.distortion import MapResidual
+from pdcd.panels.map import Map, map_between
+from pdcd.panels.map_soundness import check_map
 
-Floats = NDArray[np.float64]
-
-NODES = (8, 10)
+_NODES = (8, 10)
 """Rows and columns of a correction, at least."""
-STIFF = 0.07
+_STIFF = 0.07
 """How far second differences of nodes may go, in pixels."""
-ROUNDS = 4
+_ROUNDS = 4
 """Reweighted solves."""
-CAUCHY = 2.5
+_CAUCHY = 2.5
 """Scale of the weights, in standard deviations."""
-TO_SIGMA = 1.4826
+_TO_SIGMA = 1.4826
 """From the median of absolute deviations to a standard deviation."""
-PATCHES, GROUPS = (12, 16), 10
+_PATCHES, _GROUPS = (12, 16), 10
 """Rows and columns of patches of a device; groups of them, each left out once for the errors."""
-FEWEST = 12
+_FEWEST = 12
 """Offsets that a correction takes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Correction:
+class MapCorrection:
     """A smooth field of displacements over a device.
 
     nodes, sigma : (rows, cols, 2) in projector pixels (right, down), evenly over the device, edges
@@ -58,16 +57,18 @@ class Correction:
 
     def at(self, points_px: Floats) -> Floats:
         """Displacement at points (n, 2) of the device, (n, 2) in projector pixels."""
-        return Residual(self.nodes, self.size_px).at(points_px)
+        return MapResidual(self.nodes, self.size_px).at(points_px)
 
     def sigma_at(self, points_px: Floats) -> Floats:
         """Its standard deviation there, (n, 2)."""
-        basis = basis_of(points_px, self.size_px, (self.nodes.shape[0], self.nodes.shape[1]))
+        basis = compute_spline_basis(
+            points_px, self.size_px, (self.nodes.shape[0], self.nodes.shape[1])
+        )
         found = [np.einsum("np,pq,nq->n", basis, each, basis) for each in self.covariance]
         return np.asarray(np.sqrt(np.stack(found, axis=-1)))
 
 
-def fitted(offsets: Offsets, mask: Map) -> Correction:
+def fit_map_correction(offsets: MaskOffsets, mask: Map) -> MapCorrection:
     """The smooth offset of the mask's map.
 
     Errors of the offsets are taken from `sigma_px`, enlarged to what they really scatter. Raises
@@ -75,15 +76,15 @@ def fitted(offsets: Offsets, mask: Map) -> Correction:
     """
     points = offsets.points_px
     good = np.isfinite(points).all(axis=-1) & np.isfinite(offsets.offset_px).all(axis=-1)
-    if good.sum() < FEWEST:
+    if good.sum() < _FEWEST:
         raise CalibrationError(
-            f"{good.sum()} offsets are too few for a correction; {FEWEST} are needed",
+            f"{good.sum()} offsets are too few for a correction; {_FEWEST} are needed",
             device="mask",
             hint="clear the field, and put a flat bright card across all of it",
         )
-    shape = nodes_of(mask)
-    basis = basis_of(points[good], mask.size_px, shape)
-    stiff = bends_of(shape) / STIFF
+    shape = _nodes_of(mask)
+    basis = compute_spline_basis(points[good], mask.size_px, shape)
+    stiff = compute_second_differences(shape) / _STIFF
     group = _groups(points[good], mask.size_px)
     solved = [
         _solved(basis, stiff, offsets.offset_px[good, axis], offsets.sigma_px[good, axis], group)
@@ -93,25 +94,25 @@ def fitted(offsets: Offsets, mask: Map) -> Correction:
     left = offsets.offset_px[good] - basis @ nodes
     covariance = np.stack([each for _, each in solved])
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
-    return Correction(
+    return MapCorrection(
         mask.size_px, nodes.reshape(*shape, 2), sigma.reshape(*shape, 2), covariance, left
     )
 
 
-def corrected(mask: Map, projector: Map, correction: Correction) -> Map:
+def correct_mask_map(mask: Map, projector: Map, correction: MapCorrection) -> Map:
     """The mask's map without the offset that was measured with it.
 
     Raises ConfigError (`pdcd.panels.map_soundness`) where the corrected map cannot be used.
     """
 
     def meant(points_px: Floats) -> Floats:
-        believed = between(mask, projector, points_px)
+        believed = map_between(mask, projector, points_px)
         return projector.to_field(believed - correction.at(points_px))
 
-    return bent_to(mask, meant, correction.nodes.shape[:2], "mask")
+    return adjust_map_residual(mask, meant, correction.nodes.shape[:2], "mask")
 
 
-def bent_to(
+def adjust_map_residual(
     map_: Map, meant: Callable[[Floats], Floats], shape: tuple[int, ...], device: str
 ) -> Map:
     """The map with another residual, so that its nodes lie where they are meant to.
@@ -126,7 +127,7 @@ def bent_to(
     through_lens = plain.to_field(points) @ back[:, :2].T + back[:, 2]
     moved = (straight - through_lens[:, :2] / through_lens[:, 2:]).reshape(*shape, 2)
     nodes = tuple(tuple((right, down) for right, down in row) for row in moved.tolist())
-    return check(msgspec.structs.replace(map_, residual=nodes), device)
+    return check_map(msgspec.structs.replace(map_, residual=nodes), device)
 
 
 def _solved(
@@ -139,39 +140,39 @@ def _solved(
     open where nothing was measured.
     """
     scatter, weight = np.maximum(sigma, 1e-6), np.ones(wanted.size)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         rows = basis * (np.sqrt(weight) / scatter)[:, None]
         meant = wanted * np.sqrt(weight) / scatter
         normal = rows.T @ rows + stiff.T @ stiff
         inverse = np.linalg.inv(normal)
         nodes = inverse @ (rows.T @ meant)
         left = wanted - basis @ nodes
-        spread = TO_SIGMA * float(np.median(np.abs(left)))
+        spread = _TO_SIGMA * float(np.median(np.abs(left)))
         # A few nodes are fitted to many offsets: what is left scatters as the offsets do.
         scatter = np.hypot(sigma, np.sqrt(max(0.0, spread**2 - float(np.median(sigma**2)))))
         scatter = np.maximum(scatter, 1e-6)
-        weight = 1.0 / (1.0 + (left / (CAUCHY * scatter)) ** 2)
+        weight = 1.0 / (1.0 + (left / (_CAUCHY * scatter)) ** 2)
     covariance = np.asarray(inverse, dtype=np.float64)
-    for number in range(GROUPS):
+    for number in range(_GROUPS):
         some = group == number
         without = normal - rows[some].T @ rows[some]
         change = np.linalg.solve(without, (rows[~some].T @ meant[~some])) - nodes
-        covariance = covariance + (GROUPS - 1) / GROUPS * np.outer(change, change)
+        covariance = covariance + (_GROUPS - 1) / _GROUPS * np.outer(change, change)
     return nodes, covariance
 
 
 def _groups(points: Floats, size_px: tuple[int, int]) -> NDArray[np.int64]:
     """Which of the groups each point is left out with: small patches of the device go together."""
-    rows, cols = PATCHES
+    rows, cols = _PATCHES
     col, row = np.floor(points / np.array(size_px) * (cols, rows)).astype(np.int64).T
-    return np.asarray((3 * row + 4 * col) % GROUPS)
+    return np.asarray((3 * row + 4 * col) % _GROUPS)
 
 
-def nodes_of(map_: Map) -> tuple[int, int]:
+def _nodes_of(map_: Map) -> tuple[int, int]:
     """Rows and columns of nodes: the map's own, or so many between them that none is moved."""
     own = np.shape(map_.residual)[:2] if map_.residual else (2, 2)
     gaps = [
-        (have - 1) * ceil((least - 1) / (have - 1)) for have, least in zip(own, NODES, strict=True)
+        (have - 1) * ceil((least - 1) / (have - 1)) for have, least in zip(own, _NODES, strict=True)
     ]
     return gaps[0] + 1, gaps[1] + 1
 

@@ -9,26 +9,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.offsets import GREEN
+from pdcd.arrays import Floats
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.registration.offsets import GREEN_CHANNEL
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-PARTS = (3, 4)
+_PARTS = (3, 4)
 """Rows and columns of the photo in which the depth is told apart."""
-LEAST_DEPTH = 0.02
+_LEAST_DEPTH = 0.02
 """Depth of stripes, over the mean light, below which there are none."""
-SURE = 10.0
+_SURE = 10.0
 """How far above noise and texture the stripes must stand, in standard deviations."""
-NEAR = 1.8
+_NEAR = 1.8
 """Factor by which the period may be another than it is thought to be."""
 
 
 @dataclass(frozen=True, eq=False)
-class Depth:
+class StripeDepth:
     """How deep stripes are: amplitude over mean light, 0 to about 1.27 of sharp ones.
 
     parts, sigma : (rows, cols) over the photo; NaN where no light is.
@@ -53,19 +51,19 @@ class Depth:
         """How ln M grows from the left edge to the right one, and from the top to the bottom:
         large where the plane of focus is tilted. NaN where a part of the field is dark."""
         logs = np.log(np.maximum(self.parts, 1e-6))
-        down, right = ((np.arange(n) + 0.5) / n - 0.5 for n in PARTS)
+        down, right = ((np.arange(n) + 0.5) / n - 0.5 for n in _PARTS)
         return (
             float((logs.mean(axis=0) * right).sum() / (right**2).sum()),
             float((logs.mean(axis=1) * down).sum() / (down**2).sum()),
         )
 
 
-def depth(photo: Photo, period_quads: float) -> Depth:
+def measure_stripe_depth(photo: QuadPhoto, period_quads: float) -> StripeDepth:
     """Depth of stripes in one photo, whichever way they run, of a period that is nearly known.
 
     Raises CalibrationError for a photo without light, saturated, or without stripes.
     """
-    seen, noise = photo.light[..., GREEN], photo.variance[..., GREEN]
+    seen, noise = photo.light[..., GREEN_CHANNEL], photo.variance[..., GREEN_CHANNEL]
     if not np.mean(seen) > 5.0 * np.sqrt(np.mean(noise) / seen.size) or not np.mean(seen) > 0.0:
         raise CalibrationError(
             "there is no light in the photo",
@@ -77,15 +75,15 @@ def depth(photo: Photo, period_quads: float) -> Depth:
             "the photo is saturated", device="camera", hint="expose less, or lower the ISO"
         )
     cycles = _cycles(seen, period_quads)
-    height, width = (side // parts for side, parts in zip(seen.shape, PARTS, strict=True))
-    found = np.full((2, *PARTS), np.nan)
-    for at in np.ndindex(PARTS):
+    height, width = (side // parts for side, parts in zip(seen.shape, _PARTS, strict=True))
+    found = np.full((2, *_PARTS), np.nan)
+    for at in np.ndindex(_PARTS):
         part = np.s_[at[0] * height :, at[1] * width :]
         light = seen[part][:height, :width]
         if light.mean() > 0.1 * seen.mean():
             found[:, *at] = _depth(light, noise[part][:height, :width], cycles)
-    depths = Depth(found[0], found[1])
-    if not depths.number > max(LEAST_DEPTH, SURE * depths.number_sigma):
+    depths = StripeDepth(found[0], found[1])
+    if not depths.number > max(_LEAST_DEPTH, _SURE * depths.number_sigma):
         raise CalibrationError(
             f"no stripes of about {period_quads:.1f} quads are seen: their depth is "
             f"{depths.number:.3f}",
@@ -109,7 +107,7 @@ def _cycles(light: Floats, period_quads: float) -> tuple[float, float]:
     power = np.abs(np.fft.rfft2(_windowed(light)[1]))
     down, right = np.fft.fftfreq(light.shape[0]), np.fft.rfftfreq(light.shape[1])
     ratio = period_quads * np.hypot(down[:, None], right)
-    power[(ratio < 1.0 / NEAR) | (ratio > NEAR)] = 0.0
+    power[(ratio < 1.0 / _NEAR) | (ratio > _NEAR)] = 0.0
     row, col = np.unravel_index(int(power.argmax()), power.shape)
     return float(down[row]), float(right[col])
 

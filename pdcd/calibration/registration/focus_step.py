@@ -7,80 +7,92 @@ from collections.abc import Generator
 
 import numpy as np
 
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.registration.focus import Depth, depth
-from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted, take
-from pdcd.calibration.shown import still
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.registration.focus import StripeDepth, measure_stripe_depth
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    UserPrompt,
+    take_photo,
+)
+from pdcd.calibration.shown import make_still_sequence
 from pdcd.panels.frames import WHITE
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 
-PHOTOS = 15
+_PHOTOS = 15
 """Photos of each panel, at most."""
-STILL = 3
+_STILL = 3
 """Photos alike after which nobody turns a ring."""
-ALIKE = 0.02
+_ALIKE = 0.02
 """Difference of depths that is none."""
-LEAST_QUADS = 6.0
+_LEAST_QUADS = 6.0
 """Quads of a period, at least."""
-NEAR_BEST, SHARP = 0.9, 0.6
+_NEAR_BEST, _SHARP = 0.9, 0.6
 """Depth over the best so far at which it may stay; depth of stripes that are sharp enough."""
-TILTED = 0.3
+_TILTED = 0.3
 """Change of ln depth over the field from which something is tilted."""
-RINGS = {
+_RINGS = {
     "mask": "the camera on the mask (the relay)",
     "projector": "the projector on the card",
 }
 
 
-def focus(session: Session) -> Script:
+def watch_focus(session: CalibrationSession) -> StepScript:
     """A photo of stripes, its number, and again: up to 15 of each panel, less where nobody turns.
 
     Raises CalibrationError where no stripes are seen at all.
     """
-    depths: dict[str, list[Depth]] = {}
-    for panel in RINGS:
+    depths: dict[str, list[StripeDepth]] = {}
+    for panel in _RINGS:
         depths[panel] = yield from _rounds(session, panel)
     figures, advice = [], []
     for panel, seen in depths.items():
         last, best = seen[-1].number, max(each.number for each in seen)
-        good = last >= NEAR_BEST * best and last >= SHARP
+        good = last >= _NEAR_BEST * best and last >= _SHARP
         figures.append(
-            Figure(
+            MeasuredFigure(
                 f"focus.{panel}", last, seen[-1].number_sigma, "",
-                f"at least {SHARP:g}, and {NEAR_BEST:.0%} of the best, {best:.3f}",
+                f"at least {_SHARP:g}, and {_NEAR_BEST:.0%} of the best, {best:.3f}",
                 Verdict.GOOD if good else Verdict.DOUBTFUL,
             )
         )  # fmt: skip
         if not good:
-            advice.append(f"focus {RINGS[panel]}: {last:.2f}, the best so far was {best:.2f}")
+            advice.append(f"focus {_RINGS[panel]}: {last:.2f}, the best so far was {best:.2f}")
         right, down = seen[-1].slope
-        if max(abs(right), abs(down)) > TILTED:
+        if max(abs(right), abs(down)) > _TILTED:
             advice.append(
                 f"sharpness of the {panel}'s stripes changes over the field: by {right:+.1f} from "
                 f"left to right and {down:+.1f} from top to bottom (logarithms): something is "
                 "tilted"
             )
-    return Outcome(figures=tuple(figures), advice=tuple(advice))
+    return StepOutcome(figures=tuple(figures), advice=tuple(advice))
 
 
-def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | None, list[Depth]]:
+def _rounds(
+    session: CalibrationSession, panel: str
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, list[StripeDepth]]:
     """Depths of one panel's upright stripes, until it is enough."""
     width, height = getattr(session.config, panel).size_px
     quads_a_px = _quads_a_px(session, panel)
-    half = max(2, int(np.ceil(0.5 * LEAST_QUADS / quads_a_px)))
+    half = max(2, int(np.ceil(0.5 * _LEAST_QUADS / quads_a_px)))
     bits = np.broadcast_to(np.arange(width) % (2 * half) < half, (height, width)).copy()
-    seen: list[Depth] = []
-    for number in range(1, PHOTOS + 1):
+    seen: list[StripeDepth] = []
+    for number in range(1, _PHOTOS + 1):
         sides = (bits, WHITE) if panel == "projector" else (WHITE, bits)
-        taken = yield from take(Wanted(still(f"{panel}-{number}", session.full, *sides)))
-        found = depth(session.photo(taken), 2 * half * quads_a_px)
+        taken = yield from take_photo(
+            PhotoRequest(make_still_sequence(f"{panel}-{number}", session.full, *sides))
+        )
+        found = measure_stripe_depth(session.photo(taken), 2 * half * quads_a_px)
         seen.append(found)
-        recent = [each.number for each in seen[-STILL:]]
+        recent = [each.number for each in seen[-_STILL:]]
         best = max(each.number for each in seen)
-        if len(seen) >= STILL and max(recent) - min(recent) < ALIKE * best:
+        if len(seen) >= _STILL and max(recent) - min(recent) < _ALIKE * best:
             break
-        yield Ask(
-            f"focus {RINGS[panel]}: now {found.number:.3f}, best so far {best:.3f} "
+        yield UserPrompt(
+            f"focus {_RINGS[panel]}: now {found.number:.3f}, best so far {best:.3f} "
             f"({found.number / best:.0%}); leave the ring where it is best to go on",
             found.number,
             best,
@@ -88,13 +100,13 @@ def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | Non
     return seen
 
 
-def _quads_a_px(session: Session, panel: str) -> float:
+def _quads_a_px(session: CalibrationSession, panel: str) -> float:
     """Quads of the photo to a pixel of the panel: by the maps, or as if its picture filled the
     frame."""
     camera, map_ = session.config.camera.place.map, getattr(session.config, panel).place.map
     if isinstance(camera, Map) and isinstance(map_, Map):
         middle = 0.5 * np.array(map_.size_px, dtype=np.float64)
-        ends = [between(map_, camera, middle + np.array([step, 0.0])) for step in (-0.5, 0.5)]
+        ends = [map_between(map_, camera, middle + np.array([step, 0.0])) for step in (-0.5, 0.5)]
         return float(np.hypot(*(ends[1] - ends[0])))
     frame = session.camera.frame_quads
     return frame[0] / getattr(session.config, panel).size_px[0] if frame is not None else 2.0

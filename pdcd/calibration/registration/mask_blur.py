@@ -3,8 +3,8 @@
 Blur by a Gaussian of standard deviation s leaves exp(-2 pi^2 s^2 n^2 / P^2) of the n-th harmonic of
 stripes. What else makes stripes shallow, contrast, ambient and global light, is the same for all
 periods and drops out of their ratio; what the mask's pixels leave is known
-(`registration.stripes.attenuation`). Of a triangle's harmonics, those of n = S - 1, S + 1 and
-so on cannot be told from the first by S photos: they are part of the model, too.
+(`registration.stripes.compute_pixel_attenuation`). Of a triangle's harmonics, those of n = S - 1, S
++ 1 and so on cannot be told from the first by S photos: they are part of the model, too.
 
 The blur between mask and camera does not count: photos are averaged over whole stripes.
 """
@@ -15,22 +15,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.registration.offsets import Series, nearest
-from pdcd.calibration.registration.stripes import Stripes, attenuation, slope_at
+from pdcd.arrays import Floats
+from pdcd.calibration.registration.offsets import StripeSeries, find_nearest
+from pdcd.calibration.registration.stripes import (
+    StripePlan,
+    compute_map_slope,
+    compute_pixel_attenuation,
+)
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 
-Floats = NDArray[np.float64]
-
-CELLS = (3, 4)
+_CELLS = (3, 4)
 """Rows and columns of the field in which blur is told apart."""
-HARMONICS = 31
+_HARMONICS = 31
 """Highest harmonic of the model."""
-VARIANCES_PX2 = np.concatenate([np.arange(-0.3, 2.0, 0.01), np.geomspace(2.0, 64.0, 120)])
+_VARIANCES_PX2 = np.concatenate([np.arange(-0.3, 2.0, 0.01), np.geomspace(2.0, 64.0, 120)])
 """Squared blurs at which the model is worked out; noise may lead a sharp bench below zero."""
-SURE = 5.0
+_SURE = 5.0
 """Depth of the fine stripes, over its error, without which blur cannot be told."""
 
 
@@ -63,9 +65,9 @@ class MaskBlur:
         return float(np.nanmax(self.by_cell_px))
 
 
-def blur(
-    coarse: Sequence[Series],
-    fine: Sequence[Series],
+def measure_mask_blur(
+    coarse: Sequence[StripeSeries],
+    fine: Sequence[StripeSeries],
     camera: Map,
     projector: Map,
     mask: Map,
@@ -93,21 +95,23 @@ def blur(
     return MaskBlur(np.array(values), np.array(sigmas), np.stack(cells, axis=-1))
 
 
-def _squares(coarse: Series, fine: Series, camera: Map, projector: Map, mask: Map) -> Floats:
+def _squares(
+    coarse: StripeSeries, fine: StripeSeries, camera: Map, projector: Map, mask: Map
+) -> Floats:
     """Squared blur at each place, (n,) in projector pixels^2; may be below zero by noise."""
     if coarse.stripes.axis != fine.stripes.axis:
         raise ValueError("blur needs two periods of the same stripes")
-    there = nearest(coarse.quads, fine.quads)
+    there = find_nearest(coarse.quads, fine.quads)
     depth, error = fine.modulation[there], (2.0 * fine.sigma / fine.share.mean(axis=1))[there]
-    if np.median(depth) < SURE * np.median(error):
+    if np.median(depth) < _SURE * np.median(error):
         raise CalibrationError(
             f"stripes of {fine.stripes.period_px} px are blurred away on the mask",
             device="mask",
             hint="focus the scene on the mask and the projector on the scene",
         )
     axis = coarse.stripes.axis
-    points = between(camera, mask, coarse.quads)
-    slope = slope_at(axis, projector, mask, points)
+    points = map_between(camera, mask, coarse.quads)
+    slope = compute_map_slope(axis, projector, mask, points)
     # Both may have been shown by maps of their own: what counts is each series' own phase.
     own = coarse.offset_px, fine.offset_px[there]
     models = [_model(each.stripes, slope, at) for each, at in zip((coarse, fine), own, strict=True)]
@@ -115,23 +119,27 @@ def _squares(coarse: Series, fine: Series, camera: Map, projector: Map, mask: Ma
     seen = np.log(np.maximum(depth, 1e-9) / coarse.modulation)
     # The more blur, the less is left of the fine stripes: the model falls.
     return np.array(
-        [np.interp(-one, -row, VARIANCES_PX2) for one, row in zip(seen, ratio, strict=True)]
+        [np.interp(-one, -row, _VARIANCES_PX2) for one, row in zip(seen, ratio, strict=True)]
     )
 
 
-def _model(stripes: Stripes, slope: Floats, offset_px: Floats) -> Floats:
+def _model(stripes: StripePlan, slope: Floats, offset_px: Floats) -> Floats:
     """Depth that stripes would have, but for one factor: (n, squared blurs)."""
     steps, period = stripes.steps, stripes.period_px
     phase = 2.0 * np.pi * offset_px[:, None] / period
-    found = np.zeros((len(slope), VARIANCES_PX2.size), dtype=np.complex128)
-    for n in range(1, HARMONICS + 1, 2):
+    found = np.zeros((len(slope), _VARIANCES_PX2.size), dtype=np.complex128)
+    for n in range(1, _HARMONICS + 1, 2):
         side = (n % steps == 1) - float(n % steps == steps - 1)
         if side == 0.0:
             continue
         # Below zero only the first harmonic grows: of others, nothing sensible would be left.
-        square = VARIANCES_PX2 if n == 1 else np.maximum(VARIANCES_PX2, 0.0)
+        square = _VARIANCES_PX2 if n == 1 else np.maximum(_VARIANCES_PX2, 0.0)
         left = np.exp(-2.0 * np.pi**2 * square * n**2 / period**2) / n**2
-        found += attenuation(stripes, slope, n)[:, None] * left * np.exp(1j * side * n * phase)
+        found += (
+            compute_pixel_attenuation(stripes, slope, n)[:, None]
+            * left
+            * np.exp(1j * side * n * phase)
+        )
     return np.abs(found)
 
 
@@ -145,9 +153,9 @@ def _robust_mean(values: Floats) -> tuple[float, float]:
 
 def _by_cell(squares: Floats, field: Floats) -> Floats:
     """Blur of each part of the field, (rows, cols)."""
-    rows, cols = CELLS
+    rows, cols = _CELLS
     cell = np.clip((field * (cols, rows)).astype(np.int64), 0, (cols - 1, rows - 1))
-    found = np.full(CELLS, np.nan)
+    found = np.full(_CELLS, np.nan)
     for row in range(rows):
         for col in range(cols):
             inside = squares[(cell[:, 0] == col) & (cell[:, 1] == row)]

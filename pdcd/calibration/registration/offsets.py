@@ -19,25 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from pdcd.calibration.photo import Photo
+from pdcd.arrays import Floats
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.registration import series_faults
-from pdcd.calibration.registration.averaging import Averaging
-from pdcd.calibration.registration.stripes import Stripes
+from pdcd.calibration.registration.averaging import StripeAverager
+from pdcd.calibration.registration.stripes import StripePlan
 from pdcd.calibration.window import WHOLE, Window
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+_Complex = NDArray[np.complex128]
 
-GREEN = 1
-PER_PERIOD = 8
+GREEN_CHANNEL = 1
+_PER_PERIOD = 8
 """Blocks of quads in a period, at least: photos are averaged over blocks before all else."""
-APART = 1.5
+_APART = 1.5
 """Periods from one measured place to the next: their boxes share little light."""
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class StripeSeries:
     """What one series of stripes says, at n places.
 
     quads : (n, 2) places in the camera's photo.
@@ -46,10 +46,10 @@ class Series:
     sigma : (n,) standard deviation of either part of `first`, by photon and read noise.
     """
 
-    stripes: Stripes
+    stripes: StripePlan
     quads: Floats
     share: Floats
-    first: Complex
+    first: _Complex
     sigma: Floats
 
     @property
@@ -69,7 +69,7 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Offsets:
+class MaskOffsets:
     """The offset of the mask's map at n places, in projector pixels.
 
     points_px : (n, 2) in pixels of the mask, by the maps as they were believed.
@@ -90,7 +90,7 @@ class Offsets:
         return self.quantile_px(0.95)
 
 
-class Gathering:
+class StripeSeriesBuilder:
     """A series under way: of each photo only its averages are kept.
 
     Parameters
@@ -104,8 +104,8 @@ class Gathering:
 
     def __init__(
         self,
-        stripes: Stripes,
-        white: Photo,
+        stripes: StripePlan,
+        white: QuadPhoto,
         camera: Map,
         projector: Map,
         *,
@@ -113,24 +113,25 @@ class Gathering:
     ) -> None:
         self._stripes, self._camera, self._projector = stripes, camera, projector
         self._window = window
-        by = white.light[..., GREEN]
-        self._lit = series_faults.lit(by, white.variance[..., GREEN])
-        series_faults.refuse_saturated(white.saturated, self._lit)
-        self._period = stripes.period_px * quads_per_px(stripes.axis, camera, projector)
-        block = max(1, int(self._period / PER_PERIOD))
-        self._averaging = Averaging(self._lit, by, self._period, block)
+        by = white.light[..., GREEN_CHANNEL]
+        self._lit = series_faults.find_lit_quads(by, white.variance[..., GREEN_CHANNEL])
+        series_faults.check_stripe_saturation(white.saturated, self._lit)
+        self._period = stripes.period_px * _quads_per_px(stripes.axis, camera, projector)
+        block = max(1, int(self._period / _PER_PERIOD))
+        self._averaging = StripeAverager(self._lit, by, self._period, block)
         self._stack: list[Floats] = []
         self._noise = np.zeros(self._averaging.count.shape)
 
-    def add(self, photo: Photo) -> None:
-        """The next photo, in the order of `pdcd.calibration.registration.stripes.patterns`. Raises
-        CalibrationError for a saturated one."""
-        series_faults.refuse_saturated(photo.saturated, self._lit)
-        self._stack.append(self._averaging.over_white(photo.light[..., GREEN]))
-        noise = self._averaging.over_white(photo.variance[..., GREEN], power=2)
+    def add(self, photo: QuadPhoto) -> None:
+        """The next photo, in the order of
+        `pdcd.calibration.registration.stripes.make_stripe_sequences`. Raises CalibrationError for a
+        saturated one."""
+        series_faults.check_stripe_saturation(photo.saturated, self._lit)
+        self._stack.append(self._averaging.over_white(photo.light[..., GREEN_CHANNEL]))
+        noise = self._averaging.over_white(photo.variance[..., GREEN_CHANNEL], power=2)
         self._noise += noise / self._stripes.steps
 
-    def series(self, *, placed: bool = False) -> Series:
+    def series(self, *, placed: bool = False) -> StripeSeries:
         """What all S photos say.
 
         placed : a longer period has already told where the mask's stripes are. Then the camera need
@@ -142,27 +143,27 @@ class Gathering:
         stripes, averaging, steps = self._stripes, self._averaging, self._stripes.steps
         if len(self._stack) != steps:
             raise ValueError(f"{len(self._stack)} photos of stripes; {steps} belong to the series")
-        places = averaging.places(APART * self._period)
-        series_faults.refuse_partial(places, self._camera, self._period, self._window)
+        places = averaging.places(_APART * self._period)
+        series_faults.check_window_coverage(places, self._camera, self._period, self._window)
         stack = [self._stack[place] for place in np.argsort(stripes.order)]
         turns = np.exp(2j * np.pi * np.arange(steps) / steps) / steps
         share = np.stack([averaging.at(averaging.smooth(each), places) for each in stack], axis=-1)
         variance = averaging.at(averaging.smooth(self._noise), places)
         # Of S photos' noise, half falls on either part of their first harmonic.
         sigma = np.sqrt(variance / (2.0 * steps)) * averaging.noise
-        found = Series(stripes, places, share, share @ turns, sigma)
-        series_faults.refuse_flat(share, found.first, sigma)
+        found = StripeSeries(stripes, places, share, share @ turns, sigma)
+        series_faults.check_stripe_contrast(share, found.first, sigma)
         if not placed:
             turning = np.tensordot(turns, np.stack(stack), 1)
             carrier = _carrier(stripes, self._camera, self._projector, averaging)
-            series_faults.refuse_mirrored(turning, carrier, found.first, averaging, places)
-        series_faults.refuse_changed(share, found.first, sigma)
+            series_faults.check_stripe_direction(turning, carrier, found.first, averaging, places)
+        series_faults.check_series_consistency(share, found.first, sigma)
         return found
 
 
-def offsets(
-    right: Series, down: Series, camera: Map, mask: Map, *, corrected: bool = False
-) -> Offsets:
+def measure_mask_offsets(
+    right: StripeSeries, down: StripeSeries, camera: Map, mask: Map, *, corrected: bool = False
+) -> MaskOffsets:
     """The offset of the mask's map, out of upright and lying stripes of one period.
 
     camera, mask : maps as believed.
@@ -179,30 +180,32 @@ def offsets(
         raise ValueError("the offset needs stripes of one period")
     period = right.stripes.period_px
     # Both series look at the same white photo, but a period may have more quads along one axis.
-    other = nearest(right.quads, down.quads)
-    points = between(camera, mask, right.quads)
+    other = find_nearest(right.quads, down.quads)
+    points = map_between(camera, mask, right.quads)
     found = np.stack([right.offset_px, down.offset_px[other]], axis=-1)
     sigma = np.stack([right.sigma_px, down.sigma_px[other]], axis=-1)
-    refuse = series_faults.refuse_other_stripe if corrected else series_faults.refuse_ambiguous
+    refuse = series_faults.check_same_stripe if corrected else series_faults.check_offset_range
     refuse(found, period)
-    return Offsets(points, found, sigma)
+    return MaskOffsets(points, found, sigma)
 
 
-def nearest(wanted: Floats, places: Floats) -> NDArray[np.intp]:
+def find_nearest(wanted: Floats, places: Floats) -> NDArray[np.intp]:
     """For each of some places (n, 2) the number of the nearest of others (m, 2), (n,)."""
     return np.asarray(cKDTree(places).query(wanted)[1])
 
 
-def quads_per_px(axis: int, camera: Map, projector: Map) -> float:
+def _quads_per_px(axis: int, camera: Map, projector: Map) -> float:
     """How many quads it is from one line of an axis of the projector's pixels to the next, in the
     middle of the camera's photo."""
     middle = 0.5 * np.array(camera.size_px, dtype=np.float64)
-    of_pixels = projector.jacobian(between(camera, projector, middle))
+    of_pixels = projector.jacobian(map_between(camera, projector, middle))
     px_by_quad = np.linalg.solve(of_pixels, camera.jacobian(middle))
     return float(1.0 / np.hypot(*px_by_quad[axis]))
 
 
-def _carrier(stripes: Stripes, camera: Map, projector: Map, averaging: Averaging) -> Complex:
+def _carrier(
+    stripes: StripePlan, camera: Map, projector: Map, averaging: StripeAverager
+) -> _Complex:
     """The stripes of the mask, as the maps have them, at each block of a photo: exp(2 pi i x/P).
 
     Worked out at every eighth block: between, places run evenly enough for a phase.
@@ -211,9 +214,9 @@ def _carrier(stripes: Stripes, camera: Map, projector: Map, averaging: Averaging
     every = 8
     y, x = (np.arange(-every, side + 2 * every, every) for side in (rows, cols))
     points = (np.stack(np.meshgrid(x, y), axis=-1) + 0.5) * averaging.block
-    coarse = between(camera, projector, points)[..., stripes.axis]
+    coarse = map_between(camera, projector, points)[..., stripes.axis]
     down, right = np.meshgrid(
         (np.arange(rows) - y[0]) / every, (np.arange(cols) - x[0]) / every, indexing="ij"
     )
-    place = series_faults.bilinear(coarse, down, right)
+    place = series_faults.interpolate_lattice(coarse, down, right)
     return np.asarray(np.exp(2j * np.pi * place / stripes.period_px))

@@ -7,48 +7,47 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from pdcd.calibration.registration.averaging import Averaging
+from pdcd.arrays import Bools, Floats
+from pdcd.calibration.registration.averaging import StripeAverager
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Bools = NDArray[np.bool_]
+_Complex = NDArray[np.complex128]
 
-DIM = 0.1
+_DIM = 0.1
 """Quads with less of the brightest white are not looked at."""
-LEAST_LIGHT = 5.0
+_LEAST_LIGHT = 5.0
 """White, over its standard deviation in one quad, below which there was no light."""
-MOST_SATURATED = 0.001
+_MOST_SATURATED = 0.001
 """Share of the lit quads that may be saturated: hot pixels and specks."""
-LEAST_DEPTH = 0.2
+_LEAST_DEPTH = 0.2
 """Modulation below which stripes tell nothing; 0.81 where all is sharp."""
-LEAST_SHARE = 0.6
+_LEAST_SHARE = 0.6
 """Share of the field, as far as the camera sees it, that must have been measured."""
-REACH = 2.5
+_REACH = 2.5
 """Periods from a measured place within which the field counts as measured: 1.5 of them are averaged
 over, 1 is half the way to where the next place would be."""
-AMBIGUOUS = 0.4
+_AMBIGUOUS = 0.4
 """Offsets beyond so many periods may be those of the next stripe."""
-OTHER_STRIPE_PX = 1.0
+_OTHER_STRIPE_PX = 1.0
 """By how much two periods may disagree: neighbours of 16 px stripes disagree by 2 px or more."""
-CHANGED = 0.012
+_CHANGED = 0.012
 """Part of the photos that no stripes explain, over the stripes' amplitude."""
-FOLLOWED = 0.3
+_FOLLOWED = 0.3
 """Depth of the mask's stripes where the maps have them, over the depth of the product: 1.57 with
 sharp photos; below, they run elsewhere."""
-CELLS = (12, 16)
+_CELLS = (12, 16)
 """Rows and columns that the field is divided into, to see how much of it was measured."""
 
 
-def lit(white: Floats, variance: Floats) -> Bools:
+def find_lit_quads(white: Floats, variance: Floats) -> Bools:
     """Which quads a white photo (h, w) lights. Raises CalibrationError where there is no light."""
     finite = np.isfinite(white)
     brightest = np.quantile(white[finite], 0.98) if finite.any() else 0.0
-    bright = finite & (white > DIM * brightest)
+    bright = finite & (white > _DIM * brightest)
     noise = np.sqrt(np.median(variance[bright])) if bright.any() else 0.0
-    if not brightest > LEAST_LIGHT * noise:
+    if not brightest > _LEAST_LIGHT * noise:
         raise CalibrationError(
             "there is no light: the photo with both panels white is black",
             device="camera",
@@ -57,10 +56,10 @@ def lit(white: Floats, variance: Floats) -> Bools:
     return bright
 
 
-def refuse_saturated(saturated: Bools | None, lit: Bools) -> None:
+def check_stripe_saturation(saturated: Bools | None, lit: Bools) -> None:
     """Raise CalibrationError where too many lit quads (h, w) are saturated."""
     share = 0.0 if saturated is None else float(np.mean(saturated[lit]))
-    if share > MOST_SATURATED:
+    if share > _MOST_SATURATED:
         raise CalibrationError(
             f"{share:.1%} of the lit part of a photo is saturated",
             device="camera",
@@ -68,12 +67,12 @@ def refuse_saturated(saturated: Bools | None, lit: Bools) -> None:
         )
 
 
-def refuse_partial(
+def check_window_coverage(
     places: Floats, camera: Map, period_quads: float, window: Window = WHOLE
 ) -> None:
     """Raise CalibrationError where places (n, 2) in quads leave too much of the field's window
     out."""
-    rows, cols = CELLS
+    rows, cols = _CELLS
     x, y = window.x((np.arange(cols) + 0.5) / cols), window.y((np.arange(rows) + 0.5) / rows)
     cells = camera.from_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     with np.errstate(invalid="ignore"):
@@ -81,17 +80,17 @@ def refuse_partial(
     share = 0.0
     if len(places) and in_photo.any():
         away = cKDTree(places).query(cells[in_photo])[0]
-        share = float(np.mean(away <= REACH * period_quads))
-    if share < LEAST_SHARE:
+        share = float(np.mean(away <= _REACH * period_quads))
+    if share < _LEAST_SHARE:
         raise CalibrationError(
             f"stripes could be measured on {share:.0%} of the field only; "
-            f"{LEAST_SHARE:.0%} are needed",
+            f"{_LEAST_SHARE:.0%} are needed",
             device="camera",
             hint="clear the field, and put a flat bright card across all of it",
         )
 
 
-def refuse_flat(share: Floats, first: Complex, sigma: Floats) -> None:
+def check_stripe_contrast(share: Floats, first: _Complex, sigma: Floats) -> None:
     """Raise CalibrationError where photos (n, S) over white have no stripes to speak of."""
     mean = share.mean(axis=1)
     level = float(np.median(mean))
@@ -109,14 +108,14 @@ def refuse_flat(share: Floats, first: Complex, sigma: Floats) -> None:
             "that of the white photo",
         )
     depth = 2.0 * np.abs(first) / np.maximum(mean, 1e-12)
-    seen = (depth > LEAST_DEPTH) & (np.abs(first) > LEAST_LIGHT * sigma)
+    seen = (depth > _LEAST_DEPTH) & (np.abs(first) > _LEAST_LIGHT * sigma)
     if seen.mean() > 0.9:
         return
     if level > 0.4:
         cause, device = "one of the panels shows no stripes", "display"
         hint = "`pdcd show` says what each output shows: look at both panels"
     else:
-        cause = f"the stripes do not modulate ({np.median(depth):.2f}, at least {LEAST_DEPTH})"
+        cause = f"the stripes do not modulate ({np.median(depth):.2f}, at least {_LEAST_DEPTH})"
         device = "mask"
         hint = (
             "focus the scene on the mask and the projector on the scene; "
@@ -125,8 +124,12 @@ def refuse_flat(share: Floats, first: Complex, sigma: Floats) -> None:
     raise CalibrationError(cause, device=device, hint=hint)
 
 
-def refuse_mirrored(
-    turning: Complex, carrier: Complex, first: Complex, averaging: Averaging, places: Floats
+def check_stripe_direction(
+    turning: _Complex,
+    carrier: _Complex,
+    first: _Complex,
+    averaging: StripeAverager,
+    places: Floats,
 ) -> None:
     """Raise CalibrationError where the mask's stripes run against their map, or not by it at all.
 
@@ -145,7 +148,7 @@ def refuse_mirrored(
             device="mask",
             hint="set mask.place.flip or turn_deg, or calibrate the geometry anew",
         )
-    if along < FOLLOWED * float(np.median(np.abs(first))):
+    if along < _FOLLOWED * float(np.median(np.abs(first))):
         raise CalibrationError(
             "the mask's stripes are not where the maps have them",
             device="mask",
@@ -153,7 +156,7 @@ def refuse_mirrored(
         )
 
 
-def refuse_changed(share: Floats, first: Complex, sigma: Floats) -> None:
+def check_series_consistency(share: Floats, first: _Complex, sigma: Floats) -> None:
     """Raise CalibrationError where the photos (n, S) of a series do not belong together."""
     steps = share.shape[1]
     # Stripes on stripes have odd harmonics only, however sharp: even ones tell as much of all else
@@ -163,7 +166,7 @@ def refuse_changed(share: Floats, first: Complex, sigma: Floats) -> None:
     left = (float(np.median(even)) / (steps / 2 - 1) - noise) * (steps - 3)
     amplitude = 2.0 * float(np.median(np.abs(first)))
     change = float(np.sqrt(max(0.0, left))) / amplitude
-    if change > CHANGED:
+    if change > _CHANGED:
         raise CalibrationError(
             f"the bench moved during the series, or its light changed: {change:.1%} of the stripes "
             "is not explained",
@@ -172,21 +175,21 @@ def refuse_changed(share: Floats, first: Complex, sigma: Floats) -> None:
         )
 
 
-def refuse_ambiguous(offset_px: Floats, period_px: int) -> None:
+def check_offset_range(offset_px: Floats, period_px: int) -> None:
     """Raise CalibrationError where offsets (n, 2) come near half a period."""
-    if np.mean(np.abs(offset_px).max(axis=-1) > AMBIGUOUS * period_px) > 0.01:
+    if np.mean(np.abs(offset_px).max(axis=-1) > _AMBIGUOUS * period_px) > 0.01:
         raise CalibrationError(
-            f"mask and projector are {AMBIGUOUS * period_px:.1f} px or more apart: stripes of "
+            f"mask and projector are {_AMBIGUOUS * period_px:.1f} px or more apart: stripes of "
             f"{period_px} px cannot tell which belong together",
             device="mask",
             hint="calibrate the geometry first",
         )
 
 
-def refuse_other_stripe(beside_px: Floats, period_px: int) -> None:
+def check_same_stripe(beside_px: Floats, period_px: int) -> None:
     """Raise CalibrationError where offsets (n, 2) are beside those that a longer period gave."""
     apart = float(np.median(np.abs(beside_px), axis=0).max())
-    if apart > OTHER_STRIPE_PX:
+    if apart > _OTHER_STRIPE_PX:
         raise CalibrationError(
             f"stripes of {period_px} px have mask and projector {apart:.1f} px further apart than "
             "longer ones, which took neighbours for each other",
@@ -195,6 +198,6 @@ def refuse_other_stripe(beside_px: Floats, period_px: int) -> None:
         )
 
 
-def bilinear(coarse: Floats, down: Floats, right: Floats) -> Floats:
+def interpolate_lattice(coarse: Floats, down: Floats, right: Floats) -> Floats:
     """Values of a lattice between its points, by their numbers down and right."""
     return np.asarray(ndimage.map_coordinates(coarse, [down, right], order=1, mode="nearest"))

@@ -16,23 +16,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.shown import Bits, Shown
+from pdcd.arrays import Floats
+from pdcd.calibration.shown import Bits, PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK
-from pdcd.panels.map import Map, between
-
-Floats = NDArray[np.float64]
+from pdcd.panels.map import Map, map_between
 
 MOVES = 8
 """Places within one pixel of the mask that the stripes take in a photo."""
-GUARD = 2
+_GUARD = 2
 """Refreshes with a dark projector before and after: the mask has settled, and is not yet black."""
 
 
 @dataclass(frozen=True)
-class Stripes:
+class StripePlan:
     """One series of photos.
 
     axis : 0, upright stripes, which measure to the right; 1, lying ones, which measure down.
@@ -61,29 +59,34 @@ class Stripes:
         return tuple(np.argsort(golden % 1.0).tolist())
 
 
-RULER = (Stripes(0, 16), Stripes(1, 16))
+RULER = (StripePlan(0, 16), StripePlan(1, 16))
 """What the offset is measured with."""
-FINE = (Stripes(0, 6, 6), Stripes(1, 6, 6))
+FINE = (StripePlan(0, 6, 6), StripePlan(1, 6, 6))
 """What tells blur, together with `RULER`; what measures on to 9 px from the edges of the field; and
 what finds offsets of more than half a period: 16 and 6 px agree again only 48 px on."""
-COARSER = (
+_COARSER = (
     (1.3, (RULER, FINE)),
-    (2.3, (RULER, (Stripes(0, 10, 6), Stripes(1, 10, 6)))),
-    (np.inf, ((Stripes(0, 32), Stripes(1, 32)), (Stripes(0, 14, 6), Stripes(1, 14, 6)))),
+    (2.3, (RULER, (StripePlan(0, 10, 6), StripePlan(1, 10, 6)))),
+    (
+        np.inf,
+        ((StripePlan(0, 32), StripePlan(1, 32)), (StripePlan(0, 14, 6), StripePlan(1, 14, 6))),
+    ),
 )
 """Stripes of both periods for masks whose pixels are up to so many of the projector's wide: finer
 ones such a mask hardly shows. 16 and 10 px agree again 80 px on, 32 and 14 px 224."""
 
 
-def periods_for(mask_px: float) -> tuple[tuple[Stripes, Stripes], tuple[Stripes, Stripes]]:
+def choose_stripe_periods(
+    mask_px: float,
+) -> tuple[tuple[StripePlan, StripePlan], tuple[StripePlan, StripePlan]]:
     """What to measure with, coarse and fine, for a mask whose pixels are so many of the projector's
     wide."""
-    return next(pairs for widest, pairs in COARSER if mask_px <= widest)
+    return next(pairs for widest, pairs in _COARSER if mask_px <= widest)
 
 
-def patterns(
-    stripes: Stripes, projector: Map, mask: Map, refreshes: int = MOVES
-) -> Iterator[Shown]:
+def make_stripe_sequences(
+    stripes: StripePlan, projector: Map, mask: Map, refreshes: int = MOVES
+) -> Iterator[PanelSequence]:
     """The S photos of a series in the order in which to take them, 8 patterns of the mask each.
 
     projector, mask : maps as they are believed.
@@ -94,19 +97,19 @@ def patterns(
     if refreshes < MOVES or refreshes % MOVES:
         raise ValueError(f"{refreshes} refreshes are no whole rounds of {MOVES} moves")
     places, move = _places(stripes.axis, projector, mask)
-    lit = projector_stripes(stripes, projector.size_px)[None]
+    lit = _projector_stripes(stripes, projector.size_px)[None]
     rounds = np.tile(np.arange(MOVES, dtype=np.int32), refreshes // MOVES)
-    around = np.full(GUARD, MOVES - 1, dtype=np.int32)
+    around = np.full(_GUARD, MOVES - 1, dtype=np.int32)
     mask_index = np.concatenate([around, rounds, around])
     projector_index = np.zeros(mask_index.size, dtype=np.int32)
-    projector_index[:GUARD] = projector_index[-GUARD:] = BLACK
+    projector_index[:_GUARD] = projector_index[-_GUARD:] = BLACK
     for step in stripes.order:
         moved: Floats = places - stripes.period_px * step / stripes.steps
-        opened = np.stack([_lit(moved + at * move, stripes.period_px) for at in moves_px()])
-        yield Shown(f"{stripes.name}-{step}", lit, opened, projector_index, mask_index)
+        opened = np.stack([_lit(moved + at * move, stripes.period_px) for at in _moves_px()])
+        yield PanelSequence(f"{stripes.name}-{step}", lit, opened, projector_index, mask_index)
 
 
-def projector_stripes(stripes: Stripes, size_px: tuple[int, int]) -> Bits:
+def _projector_stripes(stripes: StripePlan, size_px: tuple[int, int]) -> Bits:
     """What the projector shows, (height, width) bool: the first half of each period is lit."""
     width, height = size_px
     centres = np.arange((width, height)[stripes.axis], dtype=np.float64) + 0.5
@@ -114,14 +117,14 @@ def projector_stripes(stripes: Stripes, size_px: tuple[int, int]) -> Bits:
     return np.broadcast_to(lit if stripes.axis == 0 else lit[:, None], (height, width)).copy()
 
 
-def moves_px() -> Floats:
+def _moves_px() -> Floats:
     """By how many of its pixels the mask's stripes move in the refreshes of a round: forward
     through one pixel, from its middle to its middle."""
     spread: Floats = (np.arange(MOVES) + 0.5) / MOVES - 0.5
     return np.roll(spread, -(MOVES // 2))
 
 
-def attenuation(stripes: Stripes, slope: Floats, harmonic: int = 1) -> Floats:
+def compute_pixel_attenuation(stripes: StripePlan, slope: Floats, harmonic: int = 1) -> Floats:
     """What the mask's pixels leave of a harmonic of the stripes, (n,), 0 to 1.
 
     slope : (n, 2), how the place along the stripes' axis, in projector pixels, moves with a pixel
@@ -163,7 +166,7 @@ def _lit(places: Floats, period_px: int) -> Bits:
         return np.asarray(np.mod(places / period_px, 1.0) < 0.5)
 
 
-def slope_at(axis: int, projector: Map, mask: Map, points_px: Floats) -> Floats:
+def compute_map_slope(axis: int, projector: Map, mask: Map, points_px: Floats) -> Floats:
     """How the place along an axis of the projector moves with a pixel of the mask to the right and
     down, (n, 2), at points (n, 2) of the mask."""
     half = 0.5
@@ -171,7 +174,7 @@ def slope_at(axis: int, projector: Map, mask: Map, points_px: Floats) -> Floats:
     for side in (0, 1):
         step = np.zeros(2)
         step[side] = half
-        ends = (between(mask, projector, points_px + sign * step) for sign in (1.0, -1.0))
+        ends = (map_between(mask, projector, points_px + sign * step) for sign in (1.0, -1.0))
         first, second = ends
         ways.append((first - second)[:, axis])
     return np.stack(ways, axis=-1)

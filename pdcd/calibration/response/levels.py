@@ -23,44 +23,50 @@ from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.photo import NO_LIGHT_SIGMAS, Photo, refuse_clipped, refuse_dark, steady
+from pdcd.arrays import Floats
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.photo import (
+    NO_LIGHT_SIGMAS,
+    QuadPhoto,
+    check_brightness,
+    check_clipping,
+    find_inliers,
+)
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 
-Floats = NDArray[np.float64]
-Strips = NDArray[np.int32]
+_Strips = NDArray[np.int32]
 
-LEVELS = tuple(round(255.0 * k / 16.0) for k in range(17))
-ORDERS = 2
-NAMES = ("steps-a", "steps-b")
-NOWHERE = -1
-MARGIN = 0.25
+STRIP_LEVELS = tuple(round(255.0 * k / 16.0) for k in range(17))
+_ORDERS = 2
+_NAMES = ("steps-a", "steps-b")
+NO_STRIP = -1
+_MARGIN = 0.25
 """Of a strip's width at either side: what blur brings from the next one."""
-DITHER_CYCLE = 16
+_DITHER_CYCLE = 16
 """Refreshes after which every dithering in use begins anew."""
-APART = 8.0
+_APART = 8.0
 """Quads between places that are looked up in the maps."""
-LEAST_QUADS = 30
-LEAST_WHITE = 0.1
+_LEAST_QUADS = 30
+_LEAST_WHITE = 0.1
 """Light of a strip in the white photo, over the mean of all."""
-AGREE = 0.05
+_AGREE = 0.05
 """By which the two orders may differ, of full light."""
-DRIFT = 0.03
-MOST_BLACK = 0.9
+_DRIFT = 0.03
+_MOST_BLACK = 0.9
 """Black over white of a strip that is believed; a panel that shows no levels has 1."""
-DARK = 0.2
+_DARK = 0.2
 """Black over white beyond which something else than the panel gives light."""
-SMOOTH = 0.01
+_SMOOTH = 0.01
 """Of full light: how far a power law may be off and still be called one."""
-FALLS_SIGMAS = 5.0
-STEPS = (0.03, 0.97)
-GAMMAS = (0.1, 8.0)
-CLOSE = {"xatol": 1e-7}
+_FALLS_SIGMAS = 5.0
+_STEPS = (0.03, 0.97)
+_GAMMAS = (0.1, 8.0)
+_CLOSE = {"xatol": 1e-7}
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class LevelPhoto:
     """One photo of grey levels.
 
     name : of the photo. panel : which one shows `levels`; the other one is white around it.
@@ -74,22 +80,22 @@ class Steps:
     refreshes: int
 
 
-def orders() -> NDArray[np.int64]:
+def make_strip_orders() -> NDArray[np.int64]:
     """(2, 17): which level each strip shows, from left to right.
 
     Steps of 7 and 5 levels, modulo 17: neighbours differ much. Seen mirrored or shifted, the two
     orders give each level other light: they begin so that they are no mirrors of one another.
     """
-    strips = np.arange(len(LEVELS))
-    return np.stack([7 * strips % len(LEVELS), (5 * strips + 9) % len(LEVELS)])
+    strips = np.arange(len(STRIP_LEVELS))
+    return np.stack([7 * strips % len(STRIP_LEVELS), (5 * strips + 9) % len(STRIP_LEVELS)])
 
 
-def steps_photos(
+def plan_level_photos(
     panel: Literal["projector", "mask"],
     size_px: tuple[int, int],
     refreshes: int,
-    cycle: int = DITHER_CYCLE,
-) -> tuple[Steps, ...]:
+    cycle: int = _DITHER_CYCLE,
+) -> tuple[LevelPhoto, ...]:
     """White, black, and two photos of strips.
 
     size_px : (width, height) of the panel. refreshes : at least so many, made up to whole cycles of
@@ -97,47 +103,47 @@ def steps_photos(
     """
     held = -(-refreshes // cycle) * cycle
     width, height = size_px
-    strip = strips_of(np.arange(width) + 0.5, width)
-    levels = np.array(LEVELS, np.uint8)
+    strip = find_level_strip(np.arange(width) + 0.5, width)
+    levels = np.array(STRIP_LEVELS, np.uint8)
     photos = [
-        Steps(name, panel, np.full((height, width), level, np.uint8), held)
+        LevelPhoto(name, panel, np.full((height, width), level, np.uint8), held)
         for name, level in (("white", 255), ("black", 0))
     ]
-    for name, order in zip(NAMES, orders(), strict=True):
+    for name, order in zip(_NAMES, make_strip_orders(), strict=True):
         row = levels[order][strip]
-        photos.append(Steps(name, panel, np.tile(row, (height, 1)), held))
+        photos.append(LevelPhoto(name, panel, np.tile(row, (height, 1)), held))
     return tuple(photos)
 
 
-def strips_of(x: ArrayLike, width: int) -> Strips:
+def find_level_strip(x: ArrayLike, width: int) -> _Strips:
     """Strip of a place on the panel, in pixels from its left edge."""
-    found = np.floor(np.asarray(x) * len(LEVELS) / width)
-    return np.clip(found, 0, len(LEVELS) - 1).astype(np.int32)
+    found = np.floor(np.asarray(x) * len(STRIP_LEVELS) / width)
+    return np.clip(found, 0, len(STRIP_LEVELS) - 1).astype(np.int32)
 
 
-def strips_seen(camera: Map, panel: Map) -> Strips:
-    """Which strip each quad sees, (h, w) int32; `NOWHERE` beside the panel and near edges."""
+def find_seen_strips(camera: Map, panel: Map) -> _Strips:
+    """Which strip each quad sees, (h, w) int32; `NO_STRIP` beside the panel and near edges."""
     width, height = panel.size_px
     cols, rows = camera.size_px
-    x, y = (np.append(np.arange(0.5, n - 0.5, APART), n - 0.5) for n in (cols, rows))
-    places = between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    x, y = (np.append(np.arange(0.5, n - 0.5, _APART), n - 0.5) for n in (cols, rows))
+    places = map_between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     # Maps bend so little from one of these places to the next that lines between them do.
     quads = [np.interp(np.arange(n) + 0.5, v, np.arange(v.size)) for n, v in ((rows, y), (cols, x))]
-    found = np.full((rows, cols), NOWHERE, np.int32)
+    found = np.full((rows, cols), NO_STRIP, np.int32)
     across, down = (places[:, axis].reshape(y.size, x.size) for axis in (0, 1))
     for row in range(rows):
         where = [np.full(cols, quads[0][row]), quads[1]]
-        at = ndimage.map_coordinates(across, where, order=1) * len(LEVELS) / width
+        at = ndimage.map_coordinates(across, where, order=1) * len(STRIP_LEVELS) / width
         below = ndimage.map_coordinates(down, where, order=1)
         with np.errstate(invalid="ignore"):
-            inside = (at >= 0.0) & (at < len(LEVELS)) & (below > 0.0) & (below < height)
-            inside &= np.abs(at - np.floor(at) - 0.5) < 0.5 - MARGIN
+            inside = (at >= 0.0) & (at < len(STRIP_LEVELS)) & (below > 0.0) & (below < height)
+            inside &= np.abs(at - np.floor(at) - 0.5) < 0.5 - _MARGIN
         found[row, inside] = np.floor(at[inside]).astype(np.int32)
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class GreyResponse:
     """Light of grey levels of one panel.
 
     panel : which one.
@@ -170,43 +176,47 @@ class Response:
         nearer = wanted - light[above - 1] < light[above] - wanted
         return np.asarray(above - nearer, np.uint8)
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[MeasuredFigure, ...]:
         """What to tell of it."""
-        law = self.misfit <= SMOOTH
+        law = self.misfit <= _SMOOTH
         apart = max(self.channel_gammas) - min(self.channel_gammas)
         return (
-            Figure(
+            MeasuredFigure(
                 f"{self.panel}.gamma",
                 self.gamma,
                 self.gamma_sigma,
                 "",
-                f"a power law within {SMOOTH:g}",
+                f"a power law within {_SMOOTH:g}",
                 Verdict.GOOD if law else Verdict.DOUBTFUL,
             ),
-            Figure(f"{self.panel}.gamma_misfit", self.misfit, float(self.sigma.max()), "of white"),
-            Figure(f"{self.panel}.gamma_colours", apart, self.gamma_sigma, ""),
+            MeasuredFigure(
+                f"{self.panel}.gamma_misfit", self.misfit, float(self.sigma.max()), "of white"
+            ),
+            MeasuredFigure(f"{self.panel}.gamma_colours", apart, self.gamma_sigma, ""),
         )
 
 
-def response_of(photos: Mapping[str, Photo], strips: Strips, panel: str = "projector") -> Response:
+def measure_grey_response(
+    photos: Mapping[str, QuadPhoto], strips: _Strips, panel: str = "projector"
+) -> GreyResponse:
     """Light of the grey levels of one panel.
 
     Parameters
     ----------
-    photos : "white", "black", "steps-a" and "steps-b" of `steps_photos`, of one exposure.
-    strips : (h, w) of `strips_seen`.
+    photos : "white", "black", "steps-a" and "steps-b" of `plan_level_photos`, of one exposure.
+    strips : (h, w) of `find_seen_strips`.
     panel : its name in the configuration.
 
     Raises CalibrationError: no light, saturated, too dim, strips that are not in view, orders that
     disagree (mirrored, swapped, moved), levels that fall (inverted) or do nothing, a lamp that
     changed.
     """
-    for name in ("white", *NAMES):
-        refuse_clipped(name, photos[name], "close the aperture, or show fewer refreshes")
+    for name in ("white", *_NAMES):
+        check_clipping(name, photos[name], "close the aperture, or show fewer refreshes")
     by_strip, noise_of_strip = _ratios(photos, strips)
-    refuse_dark({name: float(r.max()) for name, r in zip(NAMES, by_strip, strict=True)}, 0.05)
+    check_brightness({name: float(r.max()) for name, r in zip(_NAMES, by_strip, strict=True)}, 0.05)
     # By level: (orders, levels, channels).
-    of_level = [np.argsort(order) for order in orders()]
+    of_level = [np.argsort(order) for order in make_strip_orders()]
     seen = np.stack([by_strip[n][strip] for n, strip in enumerate(of_level)])
     noise = np.stack([noise_of_strip[n][strip] for n, strip in enumerate(of_level)])
     _refuse(seen, noise)
@@ -216,12 +226,12 @@ def response_of(photos: Mapping[str, Photo], strips: Strips, panel: str = "proje
     whole = light.mean(axis=1)
     sigma = _errors(whole, np.sqrt((noise**2).mean(axis=(0, 2)) / 3.0), flat)
     _refuse_shape(whole, float(sigma.max()))
-    levels = np.array(LEVELS, np.float64)
+    levels = np.array(STRIP_LEVELS, np.float64)
     gamma, gamma_sigma, misfit = _power(
         levels, seen.mean(axis=2), np.sqrt((noise**2).mean(axis=2) / 3.0), flat
     )
     gammas = [_power(levels, seen[..., c], noise[..., c], flat)[0] for c in range(3)]
-    return Response(
+    return GreyResponse(
         panel=panel,
         levels=levels,
         light=whole,
@@ -234,45 +244,45 @@ def response_of(photos: Mapping[str, Photo], strips: Strips, panel: str = "proje
     )
 
 
-def _ratios(photos: Mapping[str, Photo], strips: Strips) -> tuple[Floats, Floats]:
+def _ratios(photos: Mapping[str, QuadPhoto], strips: _Strips) -> tuple[Floats, Floats]:
     """Light over white of each strip, and its standard deviation by noise: (orders, 17, 3)."""
     white = photos["white"]
-    ratio, noise, black, of_black = np.full((4, ORDERS, len(LEVELS), 3), np.nan)
-    inside = strips != NOWHERE
+    ratio, noise, black, of_black = np.full((4, _ORDERS, len(STRIP_LEVELS), 3), np.nan)
+    inside = strips != NO_STRIP
     level = float(white.light[inside].mean())
-    refuse_dark(
+    check_brightness(
         {"white": level},
         NO_LIGHT_SIGMAS
         * float(np.sqrt(white.variance[inside].mean()))
         / float(np.sqrt(inside.sum())),
     )
-    if any(float(photos[name].light[inside].mean()) > 1.1 * level for name in NAMES):
+    if any(float(photos[name].light[inside].mean()) > 1.1 * level for name in _NAMES):
         raise _inverted()
-    for strip in range(len(LEVELS)):
+    for strip in range(len(STRIP_LEVELS)):
         here = strips == strip
-        if here.sum() < LEAST_QUADS:
+        if here.sum() < _LEAST_QUADS:
             raise CalibrationError(
-                f"strip {strip + 1} of {len(LEVELS)} is seen by {int(here.sum())} quads",
+                f"strip {strip + 1} of {len(STRIP_LEVELS)} is seen by {int(here.sum())} quads",
                 device="camera",
                 hint="calibrate the geometry again; see that nothing covers the field",
             )
         whole = white.light[here]
-        if float(whole.mean()) < LEAST_WHITE * level:
+        if float(whole.mean()) < _LEAST_WHITE * level:
             raise CalibrationError(
-                f"strip {strip + 1} of {len(LEVELS)} is dark in the white photo",
+                f"strip {strip + 1} of {len(STRIP_LEVELS)} is dark in the white photo",
                 device="camera",
                 hint="take away what covers the field",
             )
-        for n, name in enumerate(NAMES):
+        for n, name in enumerate(_NAMES):
             part = photos[name].light[here]
-            kept = steady(part.sum(axis=1) / np.maximum(whole.sum(axis=1), 1e-9))
+            kept = find_inliers(part.sum(axis=1) / np.maximum(whole.sum(axis=1), 1e-9))
             ratio[n][strip], noise[n][strip] = _over_white(photos[name], white, here, kept)
             black[n][strip], of_black[n][strip] = _over_white(photos["black"], white, here, kept)
     return _as_if_even(ratio, noise, black, of_black)
 
 
 def _over_white(
-    photo: Photo, white: Photo, here: NDArray[np.bool_], kept: NDArray[np.bool_]
+    photo: QuadPhoto, white: QuadPhoto, here: NDArray[np.bool_], kept: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
     """Light over white of the kept quads of a strip, and its standard deviation by noise: (3,)."""
     sums = white.light[here][kept].sum(axis=0)
@@ -289,15 +299,15 @@ def _as_if_even(
 
     A level that gives the share l of the panel's light shows l + (1 - l) b, b the black there.
     """
-    left = (1.0 - ratio) / (1.0 - np.minimum(black, MOST_BLACK))  # 1 - l
-    even = 1.0 - np.minimum(black, MOST_BLACK).mean(axis=(0, 1))
+    left = (1.0 - ratio) / (1.0 - np.minimum(black, _MOST_BLACK))  # 1 - l
+    even = 1.0 - np.minimum(black, _MOST_BLACK).mean(axis=(0, 1))
     return 1.0 - left * even, np.hypot(noise, left * of_black)
 
 
 def _uneven(each: Floats, noise: Floats) -> float:
     """Relative error of the flat field: how the two orders of bright strips differ, beyond noise
     and beyond what all have in common."""
-    bright = (each.mean(axis=(0, 2)) > 0.2) & (np.arange(len(LEVELS)) < len(LEVELS) - 1)
+    bright = (each.mean(axis=(0, 2)) > 0.2) & (np.arange(len(STRIP_LEVELS)) < len(STRIP_LEVELS) - 1)
     middle = each[:, bright].mean(axis=0)
     apart = ((each[0] - each[1])[bright] / middle).mean(axis=1)
     by_noise = float(np.mean((noise[:, bright] / middle) ** 2)) * 2.0 / 3.0
@@ -310,7 +320,7 @@ def _errors(light: Floats, noise: Floats, flat: float) -> Floats:
     own = noise**2 + (flat * light) ** 2
     variance = own + light**2 * own[-1] + (1.0 - light) ** 2 * own[0]
     variance[[0, -1]] = 0.0
-    return np.asarray(np.sqrt(variance / ORDERS))
+    return np.asarray(np.sqrt(variance / _ORDERS))
 
 
 def _refuse(by_level: Floats, noise: Floats) -> None:
@@ -333,15 +343,15 @@ def _refuse(by_level: Floats, noise: Floats) -> None:
     bright = mean[0] > 0.3 * mean[0].max()
     scale = float(np.median(mean[1][bright] / mean[0][bright]))
     apart = np.abs(mean[1] / scale - mean[0])
-    noisy = FALLS_SIGMAS * np.sqrt(2.0) * float(noise.mean())
-    if float(np.median(apart)) > AGREE or np.mean(apart > AGREE + noisy) > 0.2:
+    noisy = _FALLS_SIGMAS * np.sqrt(2.0) * float(noise.mean())
+    if float(np.median(apart)) > _AGREE or np.mean(apart > _AGREE + noisy) > 0.2:
         raise CalibrationError(
             f"the two orders of strips disagree by {100.0 * float(apart.max()):.0f} % of white",
             device="projector",
             hint="the picture is mirrored or turned, out of focus, or not where the geometry has "
             "it: focus, and calibrate the geometry again",
         )
-    if abs(scale - 1.0) > DRIFT:
+    if abs(scale - 1.0) > _DRIFT:
         raise CalibrationError(
             f"the lamp changed by {100.0 * (scale - 1.0):+.2g} % between the photos",
             device="projector",
@@ -362,7 +372,7 @@ def _inverted() -> CalibrationError:
 def _refuse_black(mean: Floats) -> None:
     """Raise CalibrationError where black strips are bright."""
     share = float((mean[:, 0] / mean[:, -1]).mean())
-    if share > DARK:
+    if share > _DARK:
         raise CalibrationError(
             f"black strips have {100.0 * share:.0f} % of the light of white ones",
             device="camera",
@@ -372,17 +382,17 @@ def _refuse_black(mean: Floats) -> None:
 
 def _refuse_shape(light: Floats, sigma: float) -> None:
     """Raise CalibrationError where levels do not rise from black to white."""
-    limit = max(FALLS_SIGMAS * sigma, 0.02)
+    limit = max(_FALLS_SIGMAS * sigma, 0.02)
     if np.any(np.diff(light) < -limit):
         at = int(np.argmin(np.diff(light)))
         raise CalibrationError(
-            f"light falls from level {LEVELS[at]} to level {LEVELS[at + 1]}",
+            f"light falls from level {STRIP_LEVELS[at]} to level {STRIP_LEVELS[at + 1]}",
             device="projector",
             hint="switch dynamic contrast and picture modes off; see that the panel is not "
             "inverted",
         )
     between_ends = light[1:-1]
-    if np.mean((between_ends < STEPS[0]) | (between_ends > STEPS[1])) > 0.9:
+    if np.mean((between_ends < _STEPS[0]) | (between_ends > _STEPS[1])) > 0.9:
         raise CalibrationError(
             "the panel shows black and white only, no grey",
             device="projector",
@@ -400,8 +410,8 @@ def _power(
 
     def fitted(gamma: float) -> tuple[Floats, Floats]:
         """The law at its best black and span, (orders, levels), and the spans."""
-        law, spans = np.empty_like(by_level), np.empty(ORDERS)
-        for n in range(ORDERS):
+        law, spans = np.empty_like(by_level), np.empty(_ORDERS)
+        for n in range(_ORDERS):
             columns = np.stack([np.ones_like(grey), grey**gamma], axis=1)
             best = np.linalg.lstsq(columns / error[n][:, None], by_level[n] / error[n], rcond=None)
             law[n], spans[n] = columns @ best[0], best[0][1]
@@ -410,13 +420,13 @@ def _power(
     def misfits(log_gamma: float) -> float:
         return float(np.sum(((by_level - fitted(np.exp(log_gamma))[0]) / error) ** 2))
 
-    found = minimize_scalar(misfits, bounds=np.log(GAMMAS), method="bounded", options=CLOSE)
+    found = minimize_scalar(misfits, bounds=np.log(_GAMMAS), method="bounded", options=_CLOSE)
     gamma = float(np.exp(found.x))
     law, spans = fitted(gamma)
     # How the best law moves with gamma: its errors are all that black and span cannot take up.
     step = 1e-4
     slope = (fitted(gamma + step)[0] - fitted(gamma - step)[0]) / (2.0 * step)
-    freedom = by_level.size - 1 - 2 * ORDERS
+    freedom = by_level.size - 1 - 2 * _ORDERS
     chi2 = max(float(found.fun) / freedom, 1.0)
     sigma = float(np.sqrt(chi2 / np.sum((slope / error) ** 2)))
     return gamma, sigma, float(np.abs((by_level - law).mean(axis=0)).max() / spans.mean())

@@ -7,54 +7,61 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import camera_map
-from pdcd.calibration.light.metering import opened
-from pdcd.calibration.photo import Photo, Seen, refuse_settings
-from pdcd.calibration.preview import BLUE, RED, label
+from pdcd.bench.placed import make_camera_map
+from pdcd.calibration.light.metering import choose_wide_aperture
+from pdcd.calibration.photo import QuadPhoto, RawSettings, check_camera_settings
+from pdcd.calibration.preview import PLOT_BLUE, PLOT_RED, label_plot
 from pdcd.calibration.response.levels import (
-    Response,
-    Steps,
-    response_of,
-    steps_photos,
-    strips_seen,
+    GreyResponse,
+    LevelPhoto,
+    find_seen_strips,
+    measure_grey_response,
+    plan_level_photos,
 )
-from pdcd.calibration.script import Measured, Outcome, Script, Session, Wanted, take
-from pdcd.calibration.shown import Shown, still
+from pdcd.calibration.script import (
+    CalibrationSession,
+    ConfigValue,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    take_photo,
+)
+from pdcd.calibration.shown import PanelSequence, make_still_sequence
 from pdcd.panels.frames import WHITE
 
 HELD = 128
 """Refreshes for which a picture is held, at least: ways from grey to grey are slow."""
-PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
-LAW = 0.004
+_PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
+_LAW = 0.004
 """Misfit up to which a power law is taken: about half a step of 8 bits near white, at gamma 2.2."""
-BENT, COLOURED = 0.01, 0.1
+_BENT, _COLOURED = 0.01, 0.1
 """Misfit of a power law, and difference of the colours' gammas, worth a word."""
 
 
-def response(session: Session) -> Script:
+def calibrate_response(session: CalibrationSession) -> StepScript:
     """White, black, and strips of 17 levels in two orders, of each panel: eight photos."""
-    f_number, full = opened(session, HELD)
-    seen: dict[str, Seen] = {}
+    f_number, full = choose_wide_aperture(session, HELD)
+    seen: dict[str, RawSettings] = {}
     found = []
-    for panel, size in zip(PANELS, session.sizes, strict=True):
-        photos: dict[str, Photo] = {}
-        for steps in steps_photos(panel, size, full):
-            taken = yield from take(Wanted(shown_of(steps), f_number=f_number))
+    for panel, size in zip(_PANELS, session.sizes, strict=True):
+        photos: dict[str, QuadPhoto] = {}
+        for steps in plan_level_photos(panel, size, full):
+            taken = yield from take_photo(PhotoRequest(_shown_of(steps), f_number=f_number))
             photos[steps.name] = session.photo(taken)
             seen[taken.name] = taken.seen
-        refuse_settings(seen, iso=session.iso, f_number=f_number)
-        camera = camera_map(session.config, photos["white"].frame)
-        strips = strips_seen(camera, session.found(panel))
-        found.append(response_of(photos, strips, panel))
+        check_camera_settings(seen, iso=session.iso, f_number=f_number)
+        camera = make_camera_map(session.config, photos["white"].frame)
+        strips = find_seen_strips(camera, session.found(panel))
+        found.append(measure_grey_response(photos, strips, panel))
     arrays: dict[str, NDArray[np.generic]] = {}
     for one in found:
         arrays[f"{one.panel}.grey.levels"] = one.levels
         arrays[f"{one.panel}.grey.light"] = np.stack([one.light, one.sigma])
         arrays[f"{one.panel}.grey.level_for"] = one.level_for()
-    words: dict[str, Measured] = {}
+    words: dict[str, ConfigValue] = {}
     for one in found:
         words |= _words(one)
-    return Outcome(
+    return StepOutcome(
         words=words,
         figures=tuple(figure for one in found for figure in one.figures()),
         arrays=arrays,
@@ -63,42 +70,42 @@ def response(session: Session) -> Script:
     )
 
 
-def shown_of(steps: Steps) -> Shown:
+def _shown_of(steps: LevelPhoto) -> PanelSequence:
     """The photo of one picture of levels; the other panel is white."""
     name = f"{steps.panel}-{steps.name}"
     if steps.panel == "projector":
-        return still(name, steps.refreshes, steps.levels, WHITE)
-    return still(name, steps.refreshes, WHITE, steps.levels)
+        return make_still_sequence(name, steps.refreshes, steps.levels, WHITE)
+    return make_still_sequence(name, steps.refreshes, WHITE, steps.levels)
 
 
-def _words(found: Response) -> dict[str, Measured]:
+def _words(found: GreyResponse) -> dict[str, ConfigValue]:
     """What captures go by from now on: gamma where the panel follows it, else the table."""
-    law = found.misfit <= LAW
-    gamma = Measured(found.gamma, found.gamma_sigma) if law else Measured(None)
+    law = found.misfit <= _LAW
+    gamma = ConfigValue(found.gamma, found.gamma_sigma) if law else ConfigValue(None)
     lights = found.light_of()
     lights[[0, -1]] = 0.0, 1.0
     lut = None if law else tuple(np.round(lights, 6).tolist())
-    table = Measured(lut, None if law else float(found.sigma.max()))
+    table = ConfigValue(lut, None if law else float(found.sigma.max()))
     return {f"{found.panel}.gamma": gamma, f"{found.panel}.lut": table}
 
 
-def _advice(found: Response) -> tuple[str, ...]:
+def _advice(found: GreyResponse) -> tuple[str, ...]:
     """What to do about it."""
     told = []
-    if found.misfit > BENT:
+    if found.misfit > _BENT:
         told.append(
             f"grey of the {found.panel} follows no power law: it is sent by the measured table; "
             "see that picture modes are off"
         )
-    if max(found.channel_gammas) - min(found.channel_gammas) > COLOURED:
+    if max(found.channel_gammas) - min(found.channel_gammas) > _COLOURED:
         told.append(f"grey of the {found.panel} is coloured: take its colour temperature as native")
     return tuple(told)
 
 
-def _draw(figure: Any, found: list[Response]) -> None:
+def _draw(figure: Any, found: list[GreyResponse]) -> None:
     """Light over level of both panels, beside their power laws."""
     axes, grey = figure.subplots(), np.arange(256.0)
-    for one, colour in zip(found, (RED, BLUE), strict=True):
+    for one, colour in zip(found, (PLOT_RED, PLOT_BLUE), strict=True):
         text = f"{one.panel}: gamma {one.gamma:.3f} +- {one.gamma_sigma:.3f}"
         axes.plot(grey, (grey / 255.0) ** one.gamma, color=colour)
         axes.plot(
@@ -106,4 +113,4 @@ def _draw(figure: Any, found: list[Response]) -> None:
             label=f"{text}, off the law by {100.0 * one.misfit:.2g} %",
         )  # fmt: skip
     axes.legend(fontsize=8)
-    label(axes, "Light of grey levels", "level", "light")
+    label_plot(axes, "Light of grey levels", "level", "light")

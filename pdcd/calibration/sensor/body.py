@@ -16,46 +16,52 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.reading import emit
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark
-from pdcd.calibration.sensor.dose import Line, line_of
-from pdcd.calibration.sensor.transfer import PARTS, SIDE, Transfer, pair_of, transfer_of
-from pdcd.calibration.shown import Shown
+from pdcd.arrays import Floats
+from pdcd.bench.reading import format_toml
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.photo import BLACK_MOVES_DN, average_blocks, check_brightness
+from pdcd.calibration.sensor.dose import DoseLine, fit_dose_line
+from pdcd.calibration.sensor.transfer import (
+    PARTS,
+    VARIANCE_BLOCK_SIDE,
+    PhotonTransfer,
+    compare_plane_pair,
+    fit_photon_transfer,
+)
+from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.sensor.profile import IsoRow, SensorProfile
 
-Floats = NDArray[np.float64]
-Planes = NDArray[np.float32]
+_Planes = NDArray[np.float32]
 
 NAMES = ("R", "G1", "G2", "B")
-LADDER = (0.03, 0.06, 0.12, 0.2, 0.4, 0.6, 0.75, 0.9, 1.1, 1.3)
-TWICE = (0.2, 0.6)
+_LADDER = (0.03, 0.06, 0.12, 0.2, 0.4, 0.6, 0.75, 0.9, 1.1, 1.3)
+_TWICE = (0.2, 0.6)
 """Shares of the saturating dose; those that photon transfer needs twice."""
-LEAST_REFRESHES = 2
+_LEAST_REFRESHES = 2
 """Of a dose: a single refresh ends before the panel has risen."""
-TRANSFER_SHARE = 0.7
-BRIGHT, ALIKE = 0.98, 0.03
+_TRANSFER_SHARE = 0.7
+_BRIGHT, _ALIKE = 0.98, 0.03
 """Blocks within 3 % of the light that 98 % have at most stand for their plane in the doses."""
-LIT = 0.3
+_LIT = 0.3
 """Light of the darkest part of a block, over the brightest there is, from which it is lit."""
-EVEN = 0.1
+_EVEN = 0.1
 """Difference of light in a block, over the most, that lenses and lamps make; where a scene has no
 such blocks the most even quarter is taken."""
-ROUNDING_DN = 0.29
-DARK_LIMIT_DN = 30.0
+_ROUNDING_DN = 0.29
+_DARK_LIMIT_DN = 30.0
 """Of dark photos beside their black level; what the panels leak is a tenth of that."""
-LEAKED_DN = 1.5
-HOT_SIGMAS = 5.0
-ROOM_SHARE = 0.2
+_LEAKED_DN = 1.5
+_HOT_SIGMAS = 5.0
+_ROOM_SHARE = 0.2
 """Light without a dose, over saturation."""
-FLAT_LIMIT = 0.01
-LAMP_LIMIT = 0.01
+_FLAT_LIMIT = 0.01
+_LAMP_LIMIT = 0.01
 
 
 @dataclass(frozen=True)
-class BodyPlan:
+class SensorPlan:
     """What to show.
 
     full : white refreshes that just saturate the brightest quads at the f-number that is set. At
@@ -67,7 +73,7 @@ class BodyPlan:
     lead: int = 6
 
     def __post_init__(self) -> None:
-        if round(min(LADDER) * self.full) < LEAST_REFRESHES:
+        if round(min(_LADDER) * self.full) < _LEAST_REFRESHES:
             raise CalibrationError(
                 f"{self.full} refreshes saturate the camera: too few to be counted",
                 device="camera",
@@ -78,17 +84,17 @@ class BodyPlan:
     def doses(self) -> dict[str, int]:
         """White refreshes of each photo with light, by its name."""
         found = {}
-        for share in LADDER:
+        for share in _LADDER:
             count = round(share * self.full)
             found[f"dose-{count}"] = count
-            if share in TWICE:
+            if share in _TWICE:
                 found[f"dose-{count}-again"] = count
         return found
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Names of the photos that were taken twice."""
-        names = [f"dose-{round(share * self.full)}" for share in TWICE]
+        names = [f"dose-{round(share * self.full)}" for share in _TWICE]
         return tuple((name, f"{name}-again") for name in names)
 
     @property
@@ -96,21 +102,21 @@ class BodyPlan:
         """Of every photo."""
         return max(self.doses.values()) + 2 * self.lead
 
-    def photos(self) -> tuple[Shown, ...]:
+    def photos(self) -> tuple[PanelSequence, ...]:
         """The series, in the order in which to take it."""
         closed, opened = (np.full(self.refreshes, index, np.int32) for index in (BLACK, WHITE))
         none = np.zeros((0, 0, 0), np.bool_)
-        shown = [Shown(f"dark-{which}", none, none, closed, closed) for which in "ab"]
-        shown.append(Shown("base", none, none, closed, opened))
+        shown = [PanelSequence(f"dark-{which}", none, none, closed, closed) for which in "ab"]
+        shown.append(PanelSequence("base", none, none, closed, opened))
         for name, count in self.doses.items():
             light = closed.copy()
             light[self.lead : self.lead + count] = WHITE
-            shown.append(Shown(name, none, none, light, opened))
+            shown.append(PanelSequence(name, none, none, light, opened))
         return tuple(shown)
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class SensorMeasurement:
     """What was measured at one ISO, plane by plane (R, G1, G2, B).
 
     black_dn : (4,) float64, black level of the file; black_sigma : by how far it moves from photo
@@ -122,8 +128,8 @@ class Body:
     iso: int
     black_dn: Floats
     black_sigma: float
-    transfer: tuple[Transfer, ...]
-    lines: tuple[Line, ...]
+    transfer: tuple[PhotonTransfer, ...]
+    lines: tuple[DoseLine, ...]
     lamp: float
 
     @property
@@ -152,7 +158,7 @@ class Body:
         )
         return float(np.mean(values)), float(np.mean(sigmas))
 
-    def figures(self) -> tuple[Figure, ...]:
+    def figures(self) -> tuple[MeasuredFigure, ...]:
         """What to tell of it."""
         good, doubtful, bad = Verdict.GOOD, Verdict.DOUBTFUL, Verdict.BAD
         gains = [t.gain_e_per_dn for t in self.transfer]
@@ -163,29 +169,30 @@ class Body:
             full, reached = max(n.highest_dn for n in self.lines), doubtful
             limit = "at least this: no dose reached it"
         error = max(line.error for line in self.lines)
-        bent = bad if self.lamp <= LAMP_LIMIT else doubtful
-        flat = f"{FLAT_LIMIT:g}, lamp within {LAMP_LIMIT:g}"
+        bent = bad if self.lamp <= _LAMP_LIMIT else doubtful
+        flat = f"{_FLAT_LIMIT:g}, lamp within {_LAMP_LIMIT:g}"
         return (
-            Figure("sensor.black_dn", float(self.black_dn.mean()), self.black_sigma, "DN"),
-            Figure("sensor.gain_e_per_dn", *self.gain, "e-/DN", "planes within 5 %", alike),
-            Figure("sensor.read_noise_e", *self.read_noise, "e-", "not hidden by rounding", told),
-            Figure("sensor.saturation_dn", full, ROUNDING_DN, "DN", limit, reached),
-            Figure(
+            MeasuredFigure("sensor.black_dn", float(self.black_dn.mean()), self.black_sigma, "DN"),
+            MeasuredFigure("sensor.gain_e_per_dn", *self.gain, "e-/DN", "planes within 5 %", alike),
+            MeasuredFigure("sensor.read_noise_e", *self.read_noise, "e-", "not hidden by rounding",
+            told),
+            MeasuredFigure("sensor.saturation_dn", full, _ROUNDING_DN, "DN", limit, reached),
+            MeasuredFigure(
                 "sensor.linearity", error, self.lamp, "", flat,
-                good if error <= FLAT_LIMIT else bent,
+                good if error <= _FLAT_LIMIT else bent,
             ),
         )  # fmt: skip
 
 
-def measure_body(
-    photos: Mapping[str, Planes],
-    plan: BodyPlan,
+def measure_sensor(
+    photos: Mapping[str, _Planes],
+    plan: SensorPlan,
     *,
     iso: int,
     black_dn: Floats,
     dark_e: float = 0.0,
     masked: bool = False,
-) -> Body:
+) -> SensorMeasurement:
     """Black, gain, read noise, saturation and linearity out of a series.
 
     Parameters
@@ -198,7 +205,7 @@ def measure_body(
     dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise,
         and that of light that the panels leak.
     masked : whether `black_dn` is of the masked border. A number of the file may itself be off, so
-        that no more than `LEAKED_DN` above it counts as light.
+        that no more than `_LEAKED_DN` above it counts as light.
 
     Raises CalibrationError: no light, a shutter that did not open, light in dark photos, a black
     level that moves, saturated or dim flats, something that moved, samples that were filtered.
@@ -206,16 +213,18 @@ def measure_body(
     dark, again, base = (photos[name] for name in ("dark-a", "dark-b", "base"))
     shift, black_sigma = _refuse_dark_light(dark, again)
     lines, signal = _lines(photos, plan, base, dark)
-    leaked = np.clip(shift, 0.0, DARK_LIMIT_DN if masked else LEAKED_DN)
+    leaked = np.clip(shift, 0.0, _DARK_LIMIT_DN if masked else _LEAKED_DN)
     lit = [(photos[one], photos[other]) for one, other in plan.pairs]
     found = []
     for plane, line in enumerate(lines):
         found.append(
-            transfer_of(
+            fit_photon_transfer(
                 NAMES[plane],
-                pair_of(dark[plane], again[plane]),
-                tuple(pair_of(one[plane], other[plane], dark[plane]) for one, other in lit),
-                highest_dn=TRANSFER_SHARE * line.highest_dn,
+                compare_plane_pair(dark[plane], again[plane]),
+                tuple(
+                    compare_plane_pair(one[plane], other[plane], dark[plane]) for one, other in lit
+                ),
+                highest_dn=_TRANSFER_SHARE * line.highest_dn,
                 dark_e=dark_e,
                 leaked_dn=float(leaked[plane]),
             )
@@ -226,12 +235,12 @@ def measure_body(
         for a, b in plan.pairs
     )
     black = np.asarray(black_dn, np.float64) + shift
-    return Body(iso, black, black_sigma, tuple(found), lines, lamp)
+    return SensorMeasurement(iso, black, black_sigma, tuple(found), lines, lamp)
 
 
 def _lines(
-    photos: Mapping[str, Planes], plan: BodyPlan, base: Planes, dark: Planes
-) -> tuple[tuple[Line, ...], Floats]:
+    photos: Mapping[str, _Planes], plan: SensorPlan, base: _Planes, dark: _Planes
+) -> tuple[tuple[DoseLine, ...], Floats]:
     """The line of each plane, of its brightest evenly lit blocks, and their light, (4, doses)."""
     floor = _levels(base)
     first = photos[plan.pairs[0][0]]
@@ -249,7 +258,7 @@ def _lines(
     most = photos[max(plan.doses, key=lambda name: plan.doses[name])]
     full, noise = _levels(most), _spreads(most)
     lines = tuple(
-        line_of(
+        fit_dose_line(
             name,
             doses[order],
             signal[plane, order],
@@ -264,47 +273,54 @@ def _lines(
 
 def _brightest(light: Floats, even: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The brightest of the evenly lit blocks; all where there is no light."""
-    found = even & (light >= (1.0 - ALIKE) * np.quantile(light[even], BRIGHT))
+    found = even & (light >= (1.0 - _ALIKE) * np.quantile(light[even], _BRIGHT))
     return found if found.any() else np.ones_like(even)
 
 
-def _evenly_lit(light: Planes) -> NDArray[np.bool_]:
+def _evenly_lit(light: _Planes) -> NDArray[np.bool_]:
     """Blocks of one light: of others, as at the edge of the light, the brighter part saturates
     first. All of them where there is hardly any light."""
-    rows, cols = (length // SIDE for length in light.shape)
-    fine = block_means(light[: rows * SIDE, : cols * SIDE].astype(np.float64), SIDE // PARTS)
+    rows, cols = (length // VARIANCE_BLOCK_SIDE for length in light.shape)
+    fine = average_blocks(
+        light[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE].astype(np.float64),
+        VARIANCE_BLOCK_SIDE // PARTS,
+    )
     parts = fine.reshape(rows, PARTS, cols, PARTS)
     least, most = parts.min(axis=(1, 3)), parts.max(axis=(1, 3))
-    lit = least > LIT * float(np.quantile(most, BRIGHT))
+    lit = least > _LIT * float(np.quantile(most, _BRIGHT))
     if not lit.any():
         return np.ones(lit.shape, np.bool_)
     apart = 1.0 - least / np.where(lit, most, 1.0)
-    return np.asarray(lit & (apart <= max(EVEN, float(np.quantile(apart[lit], 0.25)))))
+    return np.asarray(lit & (apart <= max(_EVEN, float(np.quantile(apart[lit], 0.25)))))
 
 
-def _levels(planes: Planes) -> Floats:
+def _levels(planes: _Planes) -> Floats:
     """Means of blocks, (4, rows, cols) float64."""
-    return np.stack([block_means(plane.astype(np.float64), SIDE) for plane in planes])
+    return np.stack(
+        [average_blocks(plane.astype(np.float64), VARIANCE_BLOCK_SIDE) for plane in planes]
+    )
 
 
-def _spreads(planes: Planes) -> Floats:
+def _spreads(planes: _Planes) -> Floats:
     """Standard deviation within blocks, hot samples left out, (4, rows, cols) float64."""
     found = []
     for plane in planes.astype(np.float64):
-        rows, cols = plane.shape[0] // SIDE, plane.shape[1] // SIDE
-        blocks = plane[: rows * SIDE, : cols * SIDE].reshape(rows, SIDE, cols, SIDE)
+        rows, cols = plane.shape[0] // VARIANCE_BLOCK_SIDE, plane.shape[1] // VARIANCE_BLOCK_SIDE
+        blocks = plane[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE].reshape(
+            rows, VARIANCE_BLOCK_SIDE, cols, VARIANCE_BLOCK_SIDE
+        )
         low, high = np.quantile(blocks, (0.16, 0.84), axis=(1, 3))
         found.append(0.5 * (high - low))
     return np.stack(found)
 
 
-def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
+def _refuse_dark_light(dark: _Planes, again: _Planes) -> tuple[Floats, float]:
     """How far the dark photos lie from the black that was taken off, (4,) DN, and by how much the
     two differ."""
     levels = [np.array([_middle(plane) for plane in planes]) for planes in (dark, again)]
     apart = float(np.abs(levels[0] - levels[1]).max())
     shift = np.asarray(0.5 * (levels[0] + levels[1]), np.float64)
-    if float(np.abs(shift).max()) > DARK_LIMIT_DN:
+    if float(np.abs(shift).max()) > _DARK_LIMIT_DN:
         raise CalibrationError(
             f"dark photos lie {float(np.abs(shift).max()):.3g} DN above black: light comes in",
             device="mask",
@@ -324,22 +340,22 @@ def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
 def _middle(plane: NDArray[np.float32]) -> float:
     """Mean of the samples of a dark plane, hot ones left out."""
     low, middle, high = np.quantile(plane, (0.16, 0.5, 0.84))
-    kept = np.abs(plane - middle) <= HOT_SIGMAS * max(0.5 * float(high - low), 1.0)
+    kept = np.abs(plane - middle) <= _HOT_SIGMAS * max(0.5 * float(high - low), 1.0)
     return float(np.mean(plane[kept], dtype=np.float64))
 
 
-def _refuse_no_light(plan: BodyPlan, signal: Floats, dark: Planes) -> None:
+def _refuse_no_light(plan: SensorPlan, signal: Floats, dark: _Planes) -> None:
     """Raise CalibrationError where nothing, or one photo of the pairs, shows light."""
     spread = float(np.std(dark[1]))
     floor = max(0.05 * spread, 1.0)
-    refuse_dark({name: float(signal[:, n].max()) for n, name in enumerate(plan.doses)}, floor)
+    check_brightness({name: float(signal[:, n].max()) for n, name in enumerate(plan.doses)}, floor)
 
 
-def _refuse_room(base: Planes, lines: tuple[Line, ...]) -> None:
+def _refuse_room(base: _Planes, lines: tuple[DoseLine, ...]) -> None:
     """Raise CalibrationError where much light comes without the projector."""
     for plane, line in enumerate(lines):
         share = float(np.median(base[plane])) / line.highest_dn
-        if share > ROOM_SHARE:
+        if share > _ROOM_SHARE:
             raise CalibrationError(
                 f"without the projector plane {NAMES[plane]} is at {100.0 * share:.0f} % of "
                 "saturation",
@@ -355,8 +371,14 @@ def _mean(values: list[tuple[float, float]]) -> tuple[float, float]:
     return float(weights @ found[:, 0] / weights.sum()), float(weights.sum() ** -0.5)
 
 
-def profile_of(
-    body: Body, known: SensorProfile, *, name: str, description: str, source: str, base: str = ""
+def make_measured_profile(
+    body: SensorMeasurement,
+    known: SensorProfile,
+    *,
+    name: str,
+    description: str,
+    source: str,
+    base: str = "",
 ) -> SensorProfile:
     """The profile of this very body: what was measured, at its ISO, in a profile that was known.
 
@@ -393,7 +415,7 @@ def profile_of(
     )
 
 
-def profile_text(profile: SensorProfile) -> str:
+def format_profile(profile: SensorProfile) -> str:
     """A profile as the TOML file that `pdcd.sensor.profile.load_profile` reads."""
     table = msgspec.to_builtins(profile)
-    return f"# {profile.description}\n" + emit(table)
+    return f"# {profile.description}\n" + format_toml(table)

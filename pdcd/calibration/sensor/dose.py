@@ -11,26 +11,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-LINEAR_SHARES = (0.05, 0.95)
-STOPPED = 0.93
+_LINEAR_SHARES = (0.05, 0.95)
+_STOPPED = 0.93
 """Of the light that is due: below it the signal has stopped."""
-UNBENT = 0.99
+_UNBENT = 0.99
 """Of the light that is due: below it some quads have stopped."""
-LEAST_DOSES = 4
-DARK = 0.2
+_LEAST_DOSES = 4
+_DARK = 0.2
 """Of the light that is due: below it a photo is dark."""
-FALLEN = 0.9
+_FALLEN = 0.9
 """Of the light of a smaller dose: below it a photo lacks light."""
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class DoseLine:
     """How the signal of one plane goes with the dose.
 
     offset_refreshes, offset_sigma : what the panel's edges add.
@@ -51,9 +49,9 @@ class Line:
     clipped: bool
 
 
-def line_of(
+def fit_dose_line(
     plane: str, doses: Floats, signal: Floats, full_dn: float, base_dn: float, noise_dn: float
-) -> Line:
+) -> DoseLine:
     """Fit the line of one plane.
 
     Parameters
@@ -74,10 +72,10 @@ def line_of(
     slope = float(np.ptp(signal[low]) / np.ptp(doses[low]))
     _refuse_missing(plane, doses, signal, slope)
     last, due = full_dn - base_dn, slope * float(doses[-1])
-    stopped = last < STOPPED * due
-    highest = last if last < UNBENT * due else top / LINEAR_SHARES[1]
-    used = (signal >= LINEAR_SHARES[0] * highest) & (signal <= LINEAR_SHARES[1] * highest)
-    if used.sum() < LEAST_DOSES:
+    stopped = last < _STOPPED * due
+    highest = last if last < _UNBENT * due else top / _LINEAR_SHARES[1]
+    used = (signal >= _LINEAR_SHARES[0] * highest) & (signal <= _LINEAR_SHARES[1] * highest)
+    if used.sum() < _LEAST_DOSES:
         raise _few(plane, int(used.sum()))
     columns = np.stack([doses, np.ones_like(doses)], axis=1)[used] / signal[used, None]
     fit, *_ = np.linalg.lstsq(columns, np.ones(int(used.sum())), rcond=None)
@@ -85,7 +83,7 @@ def line_of(
     deviations[used] = signal[used] / (fit[0] * doses[used] + fit[1]) - 1.0
     scatter = float(np.sum(deviations[used] ** 2)) / max(int(used.sum()) - 2, 1)
     covariance = scatter * np.linalg.inv(columns.T @ columns)
-    return Line(
+    return DoseLine(
         offset_refreshes=float(fit[1] / fit[0]),
         offset_sigma=float(np.sqrt(covariance[1, 1]) / fit[0]),
         error=float(np.abs(deviations[used]).max()),
@@ -103,7 +101,7 @@ def _refuse_missing(plane: str, doses: Floats, signal: Floats, slope: float) -> 
     for dose, seen in zip(doses, signal, strict=True):
         smaller = float(signal[doses < dose].max(initial=0.0))
         due = max(min(slope * dose, top), smaller)
-        if seen < max(DARK * due, FALLEN * smaller):
+        if seen < max(_DARK * due, _FALLEN * smaller):
             raise CalibrationError(
                 f"plane {plane}: the photo of {dose:.0f} refreshes lacks light, {seen:.3g} DN of "
                 f"{due:.3g}: the shutter did not open, or not for all of them",

@@ -8,46 +8,60 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.light.metering import FULL, LEAST, opened
-from pdcd.calibration.photo import Seen, refuse_settings
-from pdcd.calibration.preview import CHANNELS, GREY, label
-from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
-from pdcd.calibration.sensor.body import NAMES, Body, BodyPlan, measure_body, profile_of
+from pdcd.calibration.light.metering import FULL_SHARE, LEAST, choose_wide_aperture
+from pdcd.calibration.photo import RawSettings, check_camera_settings
+from pdcd.calibration.preview import PLOT_CHANNELS, PLOT_GREY, label_plot
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    ConfigValue,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    take_photo,
+)
+from pdcd.calibration.sensor.body import (
+    NAMES,
+    SensorMeasurement,
+    SensorPlan,
+    make_measured_profile,
+    measure_sensor,
+)
 from pdcd.sensor.raw import RawFrame
 
-Floats = NDArray[np.float64]
-Planes = NDArray[np.float32]
+_Planes = NDArray[np.float32]
 
-SATURATING = 120
+_SATURATING = 120
 """White refreshes that shall saturate: the smallest dose is then four, and a photo takes 3 s."""
-PROFILE = "sensor.toml"
+_PROFILE = "sensor.toml"
 """File of the profile in the calibration's folder."""
-EDGE = "sensor.edge_s"
+EDGE_KEY = "sensor.edge_s"
 """Array (2,): what the projector's edges add to any time of white, fall - rise, and its sigma."""
-GAIN = "sensor.gain_e_per_dn"
+GAIN_KEY = "sensor.gain_e_per_dn"
 """Array (2,): the gain and its sigma."""
-BLACK = "sensor.black_sigma_dn"
+BLACK_SIGMA_KEY = "sensor.black_sigma_dn"
 """Array (1,): by how far the black level moves from photo to photo."""
 
 
-def sensor(session: Session) -> Script:
+def calibrate_sensor(session: CalibrationSession) -> StepScript:
     """Fourteen photos: black, and white light of counted refreshes until the sensor is full.
 
     The profile that comes out replaces the camera's.
     """
-    f_number, full = opened(session, round(FULL * SATURATING))
-    plan = BodyPlan(round(full / FULL))
+    f_number, full = choose_wide_aperture(session, round(FULL_SHARE * _SATURATING))
+    plan = SensorPlan(round(full / FULL_SHARE))
     film = Film()
-    seen: dict[str, Seen] = {}
+    seen: dict[str, RawSettings] = {}
     open_s: dict[str, float] = {}
     for shown in plan.photos():
-        taken = yield from take(Wanted(shown, f_number=f_number))
+        taken = yield from take_photo(PhotoRequest(shown, f_number=f_number))
         film.keep(taken)
         seen[shown.name], open_s[shown.name] = taken.seen, taken.open_s
-    refuse_settings(seen, iso=session.iso, f_number=f_number, open_s=open_s)
+    check_camera_settings(seen, iso=session.iso, f_number=f_number, open_s=open_s)
     known, iso = session.profile, session.iso
-    body = measure_body(
+    body = measure_sensor(
         film,
         plan,
         iso=iso,
@@ -55,7 +69,7 @@ def sensor(session: Session) -> Script:
         dark_e=known.dark_e_per_s * film.exposure_s,
         masked=film.masked,
     )
-    profile = profile_of(
+    profile = make_measured_profile(
         body,
         known,
         base=session.config.camera.profile,
@@ -67,13 +81,13 @@ def sensor(session: Session) -> Script:
     figures = body.figures()
     offset, sigma = body.offset_refreshes
     black = np.array([body.black_sigma])
-    return Outcome(
+    return StepOutcome(
         figures=figures,
-        words={"camera.profile": Measured(PROFILE)},
+        words={"camera.profile": ConfigValue(_PROFILE)},
         arrays={
-            EDGE: np.array([offset, sigma]) * session.refresh_s,
-            GAIN: np.array(body.gain),
-            BLACK: black,
+            EDGE_KEY: np.array([offset, sigma]) * session.refresh_s,
+            GAIN_KEY: np.array(body.gain),
+            BLACK_SIGMA_KEY: black,
         },
         profile=profile,
         advice=_advice(body),
@@ -81,7 +95,7 @@ def sensor(session: Session) -> Script:
     )
 
 
-def _keep_below(session: Session, believed_dn: float, found_dn: float) -> None:
+def _keep_below(session: CalibrationSession, believed_dn: float, found_dn: float) -> None:
     """Have later photos shorter where the sensor is full sooner than was believed."""
     if found_dn < believed_dn:
         session.full = max(LEAST, int(session.full * found_dn / believed_dn))
@@ -91,10 +105,10 @@ class _Frame(NamedTuple):
     """samples : (4, h, w) uint16, as the file has them. black : (4,) float32, their black level."""
 
     samples: NDArray[np.uint16]
-    black: Planes
+    black: _Planes
 
 
-class Film(Mapping[str, Planes]):
+class Film(Mapping[str, _Planes]):
     """Photos by name, as planes in DN minus black; held as the whole numbers of their files."""
 
     def __init__(self) -> None:
@@ -102,7 +116,7 @@ class Film(Mapping[str, Planes]):
         self._black: list[Floats] = []
         self.exposure_s, self.masked = 0.0, True
 
-    def keep(self, taken: Taken) -> None:
+    def keep(self, taken: CalibrationPhoto) -> None:
         """Hold one photo."""
         raw: RawFrame = taken.raw
         black = raw.black.astype(np.float32)
@@ -116,7 +130,7 @@ class Film(Mapping[str, Planes]):
         """(4,) what was taken off, on average."""
         return np.asarray(np.mean(self._black, axis=0), np.float64)
 
-    def __getitem__(self, name: str) -> Planes:
+    def __getitem__(self, name: str) -> _Planes:
         samples, black = self._frames[name]
         return samples.astype(np.float32) - black[:, None, None]
 
@@ -127,7 +141,7 @@ class Film(Mapping[str, Planes]):
         return len(self._frames)
 
 
-def _advice(body: Body) -> tuple[str, ...]:
+def _advice(body: SensorMeasurement) -> tuple[str, ...]:
     """What to do about it."""
     found = []
     for figure in body.figures():
@@ -147,19 +161,19 @@ def _advice(body: Body) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _draw(figure: Any, body: Body, plan: BodyPlan) -> None:
+def _draw(figure: Any, body: SensorMeasurement, plan: SensorPlan) -> None:
     """How far each dose is off its line, plane by plane."""
     doses = np.sort(np.array(list(plan.doses.values()), np.float64))
     axes = figure.subplots()
     for limit in (-0.01, 0.01):
-        axes.axhline(limit, color=GREY)
-    for name, line, colour in zip(NAMES, body.lines, CHANNELS, strict=True):
+        axes.axhline(limit, color=PLOT_GREY)
+    for name, line, colour in zip(NAMES, body.lines, PLOT_CHANNELS, strict=True):
         full = line.saturation_dn
         said = "not reached" if full is None else f"{full:.0f} DN above black"
         axes.plot(doses, line.deviations, "o-", color=colour, label=f"{name}: upper end {said}")
     axes.legend(fontsize=8)
     (gain, sigma), (read, _) = body.gain, body.read_noise
-    label(
+    label_plot(
         axes,
         "Linearity: light over the line through all doses, less 1\n"
         f"gain {gain:.4g} +- {sigma:.2g} e-/DN, read noise {read:.3g} e-",

@@ -24,36 +24,35 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.photo import block_means
+from pdcd.arrays import Floats
+from pdcd.calibration.photo import average_blocks
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-SIDE = 32
+VARIANCE_BLOCK_SIDE = 32
 """Samples along a block: 1024 of them tell a variance to 4.4 %, and hardly see vignetting."""
-LEAST_BLOCKS = 12
-PARTS, UNEVEN = 4, 0.5
+_LEAST_BLOCKS = 12
+PARTS, _UNEVEN = 4, 0.5
 """Parts of a block's side, and the difference of their light over its mean that is borne."""
-UNLIT = 0.02
+_UNLIT = 0.02
 """Share of the brightest light below which a block of a lit photo is beside the card, and tells no
 more than a dark photo."""
-CLIP_SIGMAS = 6.0
-ROUNDING_DN2 = 1.0 / 12.0
-LEAST_DARK_DN2 = 0.24
+_CLIP_SIGMAS = 6.0
+_ROUNDING_DN2 = 1.0 / 12.0
+_LEAST_DARK_DN2 = 0.24
 """Below it rounding to whole DN hides the read noise (EMVA 1288)."""
-DIM = 2.0
+_DIM = 2.0
 """Photon noise in the brighter pair, over that of the dark, from which a gain can be told."""
-ROUNDS = 6
+_ROUNDS = 6
 """Solves of the line, each weighted by the one before."""
-REJECT_SIGMAS, REJECT_SHARE = 5.0, 0.1
-EXCESS_CHI2 = 0.3
+_REJECT_SIGMAS, _REJECT_SHARE = 5.0, 0.1
+_EXCESS_CHI2 = 0.3
 """Variance of the blocks about the line, over what samples allow, beyond 1."""
-MOST_CORRELATION = 0.03
+_MOST_CORRELATION = 0.03
 """Of neighbouring samples' noise: 0 for samples as the sensor gave them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class _Pair:
     """Two photos of the same light, by blocks of one plane.
 
     mean, variance : (blocks,) float64, DN above black and DN^2, of one photo.
@@ -69,7 +68,7 @@ class Pair:
     correlation: float
 
 
-def pair_of(first: Floats, second: Floats, dark: Floats | None = None) -> Pair:
+def compare_plane_pair(first: Floats, second: Floats, dark: Floats | None = None) -> _Pair:
     """Compare two photos of one plane.
 
     Parameters
@@ -81,31 +80,31 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None) -> Pair:
     Raises CalibrationError where the plane has no block.
     """
     a, b = (np.asarray(plane, np.float64) for plane in (first, second))
-    means = [block_means(plane, SIDE) for plane in (a, b)]
+    means = [average_blocks(plane, VARIANCE_BLOCK_SIDE) for plane in (a, b)]
     base, ratio = np.zeros_like(means[0]), np.ones_like(means[0])
     if dark is not None:
-        base = block_means(np.asarray(dark, np.float64), SIDE)
+        base = average_blocks(np.asarray(dark, np.float64), VARIANCE_BLOCK_SIDE)
         light = [np.maximum(mean - base, 1e-3) for mean in means]
         ratio = np.clip(light[0] / light[1], 0.2, 5.0)
     d = _blocks(a) - ratio[:, None, :, None] * _blocks(b)
     d -= np.median(d, axis=(1, 3), keepdims=True)
     # Hot pixels and cosmic rays are left out.
     spread = 1.4826 * np.median(np.abs(d), axis=(1, 3), keepdims=True)
-    kept = np.abs(d) <= CLIP_SIGMAS * np.maximum(spread, 1.0)
+    kept = np.abs(d) <= _CLIP_SIGMAS * np.maximum(spread, 1.0)
     count = kept.sum(axis=(1, 3)).astype(np.float64)
     if dark is None:
         d = _centred(d, kept, (2, 3))
-        count *= 1.0 - 1.0 / (SIDE * d.shape[2])
+        count *= 1.0 - 1.0 / (VARIANCE_BLOCK_SIDE * d.shape[2])
     d = _centred(d, kept, (1, 3))
     both = 1.0 + ratio**2
     variance = (d**2).sum(axis=(1, 3)) / np.maximum(count - 1.0, 1.0) / both
-    square = float((d**2).sum()) / SIDE
-    beside = float((d[..., 1:] * d[..., :-1]).sum()) / (SIDE - 1)
+    square = float((d**2).sum()) / VARIANCE_BLOCK_SIDE
+    beside = float((d[..., 1:] * d[..., :-1]).sum()) / (VARIANCE_BLOCK_SIDE - 1)
     if dark is not None:
         light_a = means[0] - base
-        lit = light_a > UNLIT * np.quantile(light_a, 0.98)
+        lit = light_a > _UNLIT * np.quantile(light_a, 0.98)
         count = np.where(lit & _even(a, np.sqrt(variance)), count, 0.0)
-    return Pair(
+    return _Pair(
         mean=((means[0] - base) * (1.0 + ratio) / both).ravel(),
         variance=variance.ravel(),
         samples=count.ravel(),
@@ -123,8 +122,10 @@ def _centred(d: Floats, kept: NDArray[np.bool_], axis: tuple[int, int]) -> Float
 
 def _blocks(plane: Floats) -> Floats:
     """A plane as whole blocks, (rows, SIDE, cols, SIDE)."""
-    rows, cols = (length // SIDE for length in plane.shape)
-    return plane[: rows * SIDE, : cols * SIDE].reshape(rows, SIDE, cols, SIDE)
+    rows, cols = (length // VARIANCE_BLOCK_SIDE for length in plane.shape)
+    return plane[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE].reshape(
+        rows, VARIANCE_BLOCK_SIDE, cols, VARIANCE_BLOCK_SIDE
+    )
 
 
 def _even(light: Floats, noise: Floats) -> NDArray[np.bool_]:
@@ -133,15 +134,17 @@ def _even(light: Floats, noise: Floats) -> NDArray[np.bool_]:
 
     light : samples. noise : standard deviation of one, by blocks.
     """
-    part = SIDE // PARTS
+    part = VARIANCE_BLOCK_SIDE // PARTS
     rows, cols = noise.shape
-    parts = block_means(light[: rows * SIDE, : cols * SIDE], part).reshape(rows, PARTS, cols, PARTS)
+    parts = average_blocks(
+        light[: rows * VARIANCE_BLOCK_SIDE, : cols * VARIANCE_BLOCK_SIDE], part
+    ).reshape(rows, PARTS, cols, PARTS)
     apart = parts.max(axis=(1, 3)) - parts.min(axis=(1, 3))
-    return np.asarray(apart <= UNEVEN * parts.mean(axis=(1, 3)) + CLIP_SIGMAS * noise / part)
+    return np.asarray(apart <= _UNEVEN * parts.mean(axis=(1, 3)) + _CLIP_SIGMAS * noise / part)
 
 
 @dataclass(frozen=True)
-class Transfer:
+class PhotonTransfer:
     """Gain and noise of one plane.
 
     gain_e_per_dn, read_noise_e and their standard deviations. The read noise holds neither
@@ -158,15 +161,15 @@ class Transfer:
     rounded: bool
 
 
-def transfer_of(
+def fit_photon_transfer(
     plane: str,
-    dark: Pair,
-    lit: tuple[Pair, ...],
+    dark: _Pair,
+    lit: tuple[_Pair, ...],
     *,
     highest_dn: float,
     dark_e: float = 0.0,
     leaked_dn: float = 0.0,
-) -> Transfer:
+) -> PhotonTransfer:
     """Fit the line of one plane.
 
     Parameters
@@ -198,23 +201,23 @@ def transfer_of(
         )
     (dark_dn2, slope), covariance, chi2 = _line(plane, mean, variance, samples, good)
     level = max(float(np.median(pair.mean[pair.samples > 0])) for pair in lit)
-    if slope * level < DIM * dark_dn2:
+    if slope * level < _DIM * dark_dn2:
         raise CalibrationError(
             f"plane {plane}: the flat photos are too dim: {level:.3g} DN, of whose noise half is "
             "the camera's own",
             device="camera",
             hint="open the aperture, or show more refreshes",
         )
-    read_dn = float(np.sqrt(max(dark_dn2 - ROUNDING_DN2 - dark_e * slope**2, 1e-6)))
+    read_dn = float(np.sqrt(max(dark_dn2 - _ROUNDING_DN2 - dark_e * slope**2, 1e-6)))
     # read = sqrt(dark - 1/12) / K: how it moves with either number of the line.
     moves = np.array([0.5 / (read_dn * slope), -read_dn / slope**2])
-    return Transfer(
+    return PhotonTransfer(
         gain_e_per_dn=1.0 / slope,
         gain_sigma=float(np.sqrt(covariance[1, 1])) / slope**2,
         read_noise_e=read_dn / slope,
         read_sigma=float(np.sqrt(moves @ covariance @ moves)),
         chi2=chi2,
-        rounded=dark_dn2 < LEAST_DARK_DN2,
+        rounded=dark_dn2 < _LEAST_DARK_DN2,
     )
 
 
@@ -227,35 +230,35 @@ def _line(
     free, asked = np.maximum(samples - 1.0, 1.0), int(good.sum())
     for _ in range(2):
         model = np.maximum(variance, 0.05)
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             weights = np.where(good, 0.5 * free / model**2, 0.0)
             covariance = np.asarray(np.linalg.inv(columns.T @ (weights[:, None] * columns)))
             dark_dn2, slope = (covariance @ (columns.T @ (weights * variance))).tolist()
             model = np.maximum(dark_dn2 + slope * mean, 0.05)
         away = (variance - model) / (model * np.sqrt(2.0 / free))
         chi2 = float(np.mean(away[good] ** 2))
-        good = good & (np.abs(away) <= REJECT_SIGMAS)
-        if good.sum() < (1.0 - REJECT_SHARE) * asked or slope <= 0.0:
+        good = good & (np.abs(away) <= _REJECT_SIGMAS)
+        if good.sum() < (1.0 - _REJECT_SHARE) * asked or slope <= 0.0:
             raise _moved(plane, chi2)
     chi2 = float(np.mean(away[good] ** 2))
-    if chi2 > 1.0 + max(EXCESS_CHI2, 5.0 * float(np.sqrt(2.0 / good.sum()))):
+    if chi2 > 1.0 + max(_EXCESS_CHI2, 5.0 * float(np.sqrt(2.0 / good.sum()))):
         raise _moved(plane, chi2)
     return (dark_dn2, slope), covariance, chi2
 
 
-def _refuse(plane: str, dark: Pair, lit: tuple[Pair, ...], used: NDArray[np.bool_]) -> None:
+def _refuse(plane: str, dark: _Pair, lit: tuple[_Pair, ...], used: NDArray[np.bool_]) -> None:
     """Raise CalibrationError where pairs cannot tell a gain."""
     parts = sum(pair.samples.size for pair in lit)
-    if parts < LEAST_BLOCKS:
+    if parts < _LEAST_BLOCKS:
         raise CalibrationError(
             f"the frame is too small to tell a gain: {len(lit)} flat photos have {parts} parts to "
-            f"look at, and {LEAST_BLOCKS} are needed",
+            f"look at, and {_LEAST_BLOCKS} are needed",
             device="camera",
             hint="read out the whole sensor; a mock camera gets a finer frame by "
             "[camera] frame_quads",
         )
     many = sum(int((pair.samples > 0).sum()) for pair in lit)
-    if many < LEAST_BLOCKS:
+    if many < _LEAST_BLOCKS:
         raise CalibrationError(
             f"plane {plane}: only {many} parts of the flat photos are evenly lit",
             device="camera",
@@ -271,7 +274,7 @@ def _refuse(plane: str, dark: Pair, lit: tuple[Pair, ...], used: NDArray[np.bool
     worst = max(
         (pair.correlation - 5.0 / np.sqrt(pair.samples.sum()) for pair in (dark, *lit)), default=0.0
     )
-    if worst > MOST_CORRELATION:
+    if worst > _MOST_CORRELATION:
         raise CalibrationError(
             f"plane {plane}: noise of neighbouring samples is alike ({worst:.2g}): the samples "
             "were filtered",

@@ -8,26 +8,25 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Bits, Shown
-from pdcd.calibration.timing.strips import CLIPPED, COLOURS, FEWEST_QUADS
+from pdcd.arrays import Floats
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import Bits, PanelSequence
+from pdcd.calibration.timing.strips import CHANNEL_SHARES, CLIPPED, FEWEST_QUADS
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-
-CELLS = 32
+_CELLS = 32
 """Cells of the bar: a cycle of half a second at 60 Hz."""
-CORE = 0.2
+_CORE = 0.2
 """Left out of a cell on either side."""
-FAINTEST_SIGMAS = 20.0
+_FAINTEST_SIGMAS = 20.0
 """White over noise of a cell, at least."""
 
 
 @dataclass(frozen=True, eq=False)
-class CellLight:
+class BarLight:
     """Light of n cells over that of the projector's white, in B bands of the camera's rows.
 
     value, sigma : (B, n). bands : (B,) middle of each, 0 at the frame's top, 1 at its bottom.
@@ -42,32 +41,32 @@ class CellLight:
     room: Floats = field(default_factory=lambda: np.zeros((1, 1)))
 
 
-def bar_photo(
+def make_bar_sequence(
     name: str,
     projector: Map,
     refreshes: int,
     *,
-    cells: int = CELLS,
+    cells: int = _CELLS,
     window: Window = WHOLE,
-) -> Shown:
+) -> PanelSequence:
     """The bar over the height of the field and the width of the `window`; the mask is open
     throughout."""
     patterns = _bar(projector, cells, window)
     index = (np.arange(refreshes) % cells).astype(np.int32)
     none: Bits = np.zeros((0, 0, 0), dtype=np.bool_)
-    return Shown(name, patterns, none, index, np.full(refreshes, WHITE, dtype=np.int32))
+    return PanelSequence(name, patterns, none, index, np.full(refreshes, WHITE, dtype=np.int32))
 
 
 def read_bar(
-    photo: Photo,
-    white: Photo,
+    photo: QuadPhoto,
+    white: QuadPhoto,
     camera: Map,
     *,
-    cells: int = CELLS,
+    cells: int = _CELLS,
     bands: int = 1,
     window: Window = WHOLE,
-    room: Photo | None = None,
-) -> CellLight:
+    room: QuadPhoto | None = None,
+) -> BarLight:
     """How bright the cells are, over a photo in which all of the field was white.
 
     photo, white : of one size, that of the camera's map. room : as white, but with a black
@@ -82,7 +81,7 @@ def read_bar(
         x = window.across(centres[..., 0]) * cells
         top, bottom = max(0.1, window.top), min(0.9, window.bottom)
         seen = (centres[..., 1] >= top) & (centres[..., 1] < bottom)
-        seen &= (x >= 0.0) & (x < cells) & (np.abs(x - np.floor(x) - 0.5) < 0.5 - CORE)
+        seen &= (x >= 0.0) & (x < cells) & (np.abs(x - np.floor(x) - 0.5) < 0.5 - _CORE)
     rows = np.flatnonzero(seen.any(axis=1))
     if not rows.size:
         raise _unseen("the camera sees nothing of the bar")
@@ -107,11 +106,11 @@ def read_bar(
     value, sigma, beside = _over_white(photos, used, cell[used], size)
     middle = (first + (np.arange(bands) + 0.5) * (end - first) / bands) / len(seen)
     shape = bands, cells
-    return CellLight(value.reshape(shape), sigma.reshape(shape), middle, beside.reshape(shape))
+    return BarLight(value.reshape(shape), sigma.reshape(shape), middle, beside.reshape(shape))
 
 
 def _over_white(
-    photos: Sequence[Photo],
+    photos: Sequence[QuadPhoto],
     used: NDArray[np.bool_],
     cell: NDArray[np.int64],
     cells: int,
@@ -124,12 +123,12 @@ def _over_white(
     """
     sums = []
     for taken in photos:
-        for values, weights in ((taken.light, COLOURS), (taken.variance, COLOURS**2)):
+        for values, weights in ((taken.light, CHANNEL_SHARES), (taken.variance, CHANNEL_SHARES**2)):
             sums.append(np.bincount(cell, values[used] @ weights, minlength=cells))
     light, var, full, full_var, *room = (np.asarray(one, dtype=np.float64) for one in sums)
     beside, beside_var = room or (np.zeros(cells), np.zeros(cells))
     full, full_var = full - beside, full_var + beside_var
-    if (full < FAINTEST_SIGMAS * np.sqrt(np.maximum(full_var, 0.0))).any():
+    if (full < _FAINTEST_SIGMAS * np.sqrt(np.maximum(full_var, 0.0))).any():
         raise CalibrationError(
             "the white photo is dark where the bar runs",
             device="camera",

@@ -20,34 +20,33 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pdcd.calibration.shutter.bars import CellLight
+from pdcd.arrays import Floats
+from pdcd.calibration.shutter.bars import BarLight
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog
 
-Floats = NDArray[np.float64]
-
-REACH_S = 0.3
+_REACH_S = 0.3
 """How far the times of a shutter may be off those that are expected."""
-CHI2 = 3.0
+_CHI2 = 3.0
 """Largest reduced chi^2 that is believed."""
-FLAT = 5e-4
+_FLAT = 5e-4
 """Relative error of a cell beside noise: of the flat field, and of a pulse."""
-STEPS_A_REFRESH = 3
+_STEPS_A_REFRESH = 3
 """Of the coarse search."""
-EVENNESS = 0.03
+_EVENNESS = 0.03
 """A bar whose cells differ by less than this, over their mean, did not run: it had 30 pulses."""
-APART = 4.0
+_APART = 4.0
 """Cells, at least, between that in which the shutter opened and that in which it closed."""
-SHORTEST_S = 1e-7
-PLACES = (np.arange(8) + 0.5) / 8 - 0.5
+_SHORTEST_S = 1e-7
+_PLACES = (np.arange(8) + 0.5) / 8 - 0.5
 """Rows of a band that are looked at, in bands from its middle."""
-ROUNDS = 2
+_ROUNDS = 2
 """In which rows of a band are taken apart, by what the round before found of all bands."""
-TAU_STEP = 0.01
+_TAU_STEP = 0.01
 
 
 @dataclass(frozen=True)
-class Opened:
+class ShutterTimes:
     """One exposure, in s on the clock of the log; sigma is one standard deviation.
 
     chi2 : reduced, the worst of all bands. bands : (B,) middle of each band of the camera's rows,
@@ -88,13 +87,13 @@ class ShutterLag:
 
 
 def fit_shutter(
-    light: CellLight,
+    light: BarLight,
     log: FrameLog,
     about_s: tuple[float, float],
     taus_s: tuple[float, float],
     *,
     tau_sigma: float = 0.0,
-) -> Opened:
+) -> ShutterTimes:
     """Times at which the shutter opened and closed.
 
     Parameters
@@ -114,40 +113,40 @@ def fit_shutter(
     for number, band in enumerate(bands):
         start = _coarse(pulses, band, about_s, taus_s)
         opened[number], sigma[number], chi2[number] = _fine(pulses, band, start, taus_s)
-    for _ in range(ROUNDS if len(bands) > 1 else 0):
+    for _ in range(_ROUNDS if len(bands) > 1 else 0):
         # A projector that is set row by row, and blades, reach the rows of a band one by one.
-        rows_s = np.outer(PLACES, np.polyfit(np.arange(len(bands)), opened, 1)[0])
+        rows_s = np.outer(_PLACES, np.polyfit(np.arange(len(bands)), opened, 1)[0])
         for number, band in enumerate(bands):
             bands[number] = replace(band, rows_s=rows_s)
             opened[number], sigma[number], chi2[number] = _fine(
                 pulses, bands[number], opened[number], taus_s
             )
     if tau_sigma:
-        slower = (taus_s[0] * (1.0 + TAU_STEP), taus_s[1] * (1.0 + TAU_STEP))
+        slower = (taus_s[0] * (1.0 + _TAU_STEP), taus_s[1] * (1.0 + _TAU_STEP))
         for number, band in enumerate(bands):
             moved = _fine(pulses, band, opened[number], slower)[0]
-            own = (moved - opened[number]) / TAU_STEP * tau_sigma
+            own = (moved - opened[number]) / _TAU_STEP * tau_sigma
             sigma[number] = np.hypot(sigma[number], own)
     _check_inside(opened, pulses)
     _check_apart(opened, pulses)
     worst = float(chi2.max())
-    if worst > CHI2:
+    if worst > _CHI2:
         raise CalibrationError(
             f"no opening and closing explain the bar (reduced chi^2 {worst:.0f}, wanted below "
-            f"{CHI2:g})",
+            f"{_CHI2:g})",
             device="shutter",
             hint="measure the projector's rise and fall first; see that no refresh was lost, and "
             "that room lights are off",
         )
     mean = opened.mean(axis=0)
     spread = np.sqrt(np.mean(sigma**2, axis=0) / len(sigma))
-    return Opened(
+    return ShutterTimes(
         float(mean[0]), float(mean[1]), float(spread[0]), float(spread[1]), worst, light.bands,
         opened,
     )  # fmt: skip
 
 
-def lag_of(
+def estimate_shutter_lag(
     measured_s: Sequence[float], commanded_s: Sequence[float], sigma_s: Sequence[float]
 ) -> ShutterLag:
     """Lag and jitter out of several exposures, two or more: light against command.
@@ -178,9 +177,9 @@ class _Band:
     rows_s: Floats
 
     @classmethod
-    def of(cls, light: CellLight, number: int) -> _Band:
+    def of(cls, light: BarLight, number: int) -> _Band:
         value, noise = light.value[number], light.sigma[number]
-        errors = np.sqrt(noise**2 + (FLAT * value) ** 2 + (FLAT * 0.2 * value.max()) ** 2)
+        errors = np.sqrt(noise**2 + (_FLAT * value) ** 2 + (_FLAT * 0.2 * value.max()) ** 2)
         return cls(value, errors, light.room[min(number, len(light.room) - 1)], np.zeros((1, 2)))
 
 
@@ -203,7 +202,7 @@ class _Pulses:
 
     def given(self, at_s: Floats, taus_s: tuple[float, float]) -> Floats:
         """Seconds of light that each cell has given until some times, (times, cells)."""
-        r, f = (max(tau, SHORTEST_S) for tau in taus_s)
+        r, f = (max(tau, _SHORTEST_S) for tau in taus_s)
         since = np.asarray(at_s)[:, None] - self.start_s
         up = np.clip(since, 0.0, self.long_s)
         down = np.maximum(since - self.long_s, 0.0)
@@ -221,8 +220,8 @@ def _coarse(
     """The best pair of times on a grid."""
     value, errors, room = band.value, band.errors, band.room
     refresh = float(np.median(pulses.long_s))
-    reach = min(REACH_S, 0.5 * (pulses.cells - 1) * refresh)
-    steps = np.arange(-reach, reach + 1e-9, refresh / STEPS_A_REFRESH)
+    reach = min(_REACH_S, 0.5 * (pulses.cells - 1) * refresh)
+    steps = np.arange(-reach, reach + 1e-9, refresh / _STEPS_A_REFRESH)
     first, last = about_s[0] + steps, about_s[1] + steps
     model = pulses.given(last, taus_s)[None] - pulses.given(first, taus_s)[:, None]
     model += room * (last[None, :, None] - first[:, None, None])
@@ -261,11 +260,11 @@ def _fine(
     return start + np.asarray(solved.x[:2]) * refresh, sigma, chi2
 
 
-def _check_runs(light: CellLight) -> None:
+def _check_runs(light: BarLight) -> None:
     """Refuse cells that are all equally bright."""
     mean = light.value.mean(axis=1)
     uneven = np.ptp(light.value, axis=1) / np.maximum(mean, 1e-300)
-    if float(uneven.min()) < EVENNESS:
+    if float(uneven.min()) < _EVENNESS:
         raise CalibrationError(
             "the bar does not show: all cells are equally bright",
             device="shutter",
@@ -273,7 +272,7 @@ def _check_runs(light: CellLight) -> None:
         )
 
 
-def bar_cells(exposure_s: float, refresh_s: float, cells: tuple[int, int] = (24, 40)) -> int:
+def choose_bar_cells(exposure_s: float, refresh_s: float, cells: tuple[int, int] = (24, 40)) -> int:
     """How many cells a bar should have for an exposure: its cycle is then far from any whole part
     of the exposure, so that opening and closing fall into different cells."""
     counts = np.arange(cells[0], cells[1] + 1)
@@ -285,7 +284,7 @@ def _check_apart(opened: Floats, pulses: _Pulses) -> None:
     """Refuse exposures that opened and closed in the same cells: one time trades with the other."""
     refresh = float(np.median(pulses.long_s))
     rest = (opened[:, 1] - opened[:, 0]) / refresh % pulses.cells
-    if (np.minimum(rest, pulses.cells - rest) < APART).any():
+    if (np.minimum(rest, pulses.cells - rest) < _APART).any():
         raise CalibrationError(
             "the exposure lasted about a whole number of cycles of the bar",
             device="shutter",

@@ -12,20 +12,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.shown import Shown
-from pdcd.calibration.timing.timing_model import Ran
+from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.timing.timing_model import PhotoLog
 from pdcd.panels.frames import BLACK
 
-Rows = NDArray[np.int32]
+_Rows = NDArray[np.int32]
 
 
-def delayed(shown: Shown, rows: int, trail: int = 0) -> Shown:
+def shift_mask(shown: PanelSequence, rows: int, trail: int = 0) -> PanelSequence:
     """The photo with the mask `rows` refreshes later (negative: earlier) than it was, and `trail`
     black refreshes at its end."""
     first, second = _leads(rows)
     longest = shown.refreshes + abs(rows) + trail
 
-    def moved(index: Rows, lead: int) -> Rows:
+    def moved(index: _Rows, lead: int) -> _Rows:
         out = np.full(longest, BLACK, dtype=np.int32)
         out[lead : lead + index.size] = index
         return out
@@ -37,13 +37,13 @@ def delayed(shown: Shown, rows: int, trail: int = 0) -> Shown:
     )
 
 
-def ran_as(ran: Ran, rows: int, refreshes: int) -> Ran:
+def undo_mask_shift(ran: PhotoLog, rows: int, refreshes: int) -> PhotoLog:
     """What the display did in such a photo, told in the rows of the photo as it was planned:
     `refreshes` of them."""
     first, second = _leads(rows)
     log = ran.log
 
-    def planned(shown: Rows, lead: int) -> Rows:
+    def planned(shown: _Rows, lead: int) -> _Rows:
         row = shown - lead
         return np.where((row >= 0) & (row < refreshes), row, BLACK).astype(np.int32)
 
@@ -54,7 +54,7 @@ def ran_as(ran: Ran, rows: int, refreshes: int) -> Ran:
         primal_asked=None,
         dual_asked=None,
     )
-    return Ran(log, ran.open_ns, ran.close_ns)
+    return PhotoLog(log, ran.open_ns, ran.close_ns)
 
 
 def _leads(rows: int) -> tuple[int, int]:

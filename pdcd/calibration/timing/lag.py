@@ -17,43 +17,41 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.figures import ROOM_GOOD, Figure, Verdict
+from pdcd.arrays import Floats
+from pdcd.calibration.figures import ROOM_GOOD, MeasuredFigure, Verdict
 from pdcd.calibration.timing.programmes import COARSE
-from pdcd.calibration.timing.strips import Readings
+from pdcd.calibration.timing.strips import StripReadings
 from pdcd.calibration.timing.timing_faults import (
     PEAK,
     STRAY,
-    causes_of,
-    refuse_references,
-    refuse_slow,
-    refuse_unexplained,
-    room_light,
-    room_of,
+    check_panel_speed,
+    check_reference_strips,
+    check_timing_fit,
+    explain_misfit,
+    make_room_light_error,
+    measure_room_light,
 )
-from pdcd.calibration.timing.timing_fit import Fit, Fitted
-from pdcd.calibration.timing.timing_model import COMMON, TAUS, Model, Ran, Tail
+from pdcd.calibration.timing.timing_fit import FittedTiming, TimingFitter
+from pdcd.calibration.timing.timing_model import COMMON_PARAMETERS, TAUS, PhotoLog, StripModel, Tail
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
-from pdcd.probing.pulses import Answer, Kept, kept_apart
+from pdcd.probing.pulses import CodeSeparation, PanelResponse, compute_code_separation
 from pdcd.words import ScheduleName
 
-Floats = NDArray[np.float64]
-
-ROUNDS = 3
-CHI2 = 2.0
+_ROUNDS = 3
+_CHI2 = 2.0
 """Largest reduced chi^2 of a fit that is good."""
-MENDS = 0.7
+_MENDS = 0.7
 """Share of chi^2 that a second answer must leave at most, to be one."""
-STEEP_S = 2e-4
+_STEEP_S = 2e-4
 """Slope of the lag over a band from which on it is looked at within bands, too."""
-LAG_LIMIT_S = 0.15e-3
-TAU_LIMIT = 0.06
+_LAG_LIMIT_S = 0.15e-3
+_TAU_LIMIT = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Timing:
+class MeasuredTiming:
     """What was found. All times in s; sigma is one standard deviation.
 
     bands : (B,) middle of each band on the field, y from 0 to 1.
@@ -87,7 +85,7 @@ class Timing:
     light: Floats
     apart_s: float
     refresh_s: float
-    answers: tuple[Answer, Answer]
+    answers: tuple[PanelResponse, PanelResponse]
 
     @property
     def beside_s(self) -> float:
@@ -102,9 +100,9 @@ class Timing:
         middle = self.line_s[0] + 0.5 * self.line_s[1]
         return -round((self.apart_s + middle) / self.refresh_s)
 
-    def kept(self, schedule: ScheduleName, late_s: float) -> Kept:
+    def kept(self, schedule: ScheduleName, late_s: float) -> CodeSeparation:
         """What a schedule lets through at a lag, that of the log included."""
-        return kept_apart(schedule, *self.answers, late_s, self.refresh_s)
+        return compute_code_separation(schedule, *self.answers, late_s, self.refresh_s)
 
     def panel_words(self, mask: Map) -> tuple[float, float]:
         """``skew_s`` and ``scan_s`` of [mask] in the configuration's words, all of it put down to
@@ -117,32 +115,34 @@ class Timing:
         first, last = (self.line_s[0] + self.line_s[1] * float(y) for y in ends)
         return min(first, last), last - first
 
-    def figures(self) -> list[Figure]:
+    def figures(self) -> list[MeasuredFigure]:
         """The figures of the fit, with limits and verdicts; a lag of more than half a refresh is no
         fault, for it is taken out."""
         found = []
         for name, value, sigma in zip(TAUS, self.taus_s, self.taus_sigma_s, strict=True):
-            good = sigma < TAU_LIMIT * value
+            good = sigma < _TAU_LIMIT * value
             verdict = Verdict.GOOD if good else Verdict.DOUBTFUL
-            found.append(Figure(name, float(value), float(sigma), "s", "known to 6 %", verdict))
+            found.append(
+                MeasuredFigure(name, float(value), float(sigma), "s", "known to 6 %", verdict)
+            )
         at = np.array([1.0, 0.5])
         middle, sigma = float(at @ self.line_s), float(np.sqrt(at @ self.line_covariance @ at))
-        known = bool((self.lag_sigma_s < LAG_LIMIT_S).all())
+        known = bool((self.lag_sigma_s < _LAG_LIMIT_S).all())
         found += [
-            Figure(
+            MeasuredFigure(
                 "mask.skew_s", middle, sigma, "s", "each band known to 0.15 ms",
                 Verdict.GOOD if known else Verdict.DOUBTFUL,
             ),
-            Figure(
+            MeasuredFigure(
                 "mask.scan_s", self.line_s[1], float(np.sqrt(self.line_covariance[1, 1])), "s",
                 "each band within 0.15 ms of a line",
-                Verdict.GOOD if self.beside_s < LAG_LIMIT_S else Verdict.DOUBTFUL,
+                Verdict.GOOD if self.beside_s < _LAG_LIMIT_S else Verdict.DOUBTFUL,
             ),
-            Figure(
-                "timing.chi2", self.chi2, 0.0, "", f"below {CHI2:g}, without a second answer",
-                Verdict.DOUBTFUL if self.tail is not None or self.chi2 > CHI2 else Verdict.GOOD,
+            MeasuredFigure(
+                "timing.chi2", self.chi2, 0.0, "", f"below {_CHI2:g}, without a second answer",
+                Verdict.DOUBTFUL if self.tail is not None or self.chi2 > _CHI2 else Verdict.GOOD,
             ),
-            Figure(
+            MeasuredFigure(
                 "timing.room", self.room, 0.0, "of white", f"at most {ROOM_GOOD:g}",
                 Verdict.GOOD if self.room <= ROOM_GOOD else Verdict.DOUBTFUL,
             ),
@@ -150,7 +150,9 @@ class Timing:
         return found
 
 
-def fit_timing(readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float) -> Timing:
+def fit_timing(
+    readings: Sequence[StripReadings], ran: Sequence[PhotoLog], refresh_s: float
+) -> MeasuredTiming:
     """Times of both panels, out of one photo or more.
 
     Parameters
@@ -161,19 +163,19 @@ def fit_timing(readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: floa
     Raises CalibrationError: room light, panels that do not answer as first-order
     panels do, or nothing that pulses.
     """
-    refuse_references(readings)
+    check_reference_strips(readings)
     model, found = _fitted(readings, ran, refresh_s)
-    if found.chi2 > CHI2:
-        refuse_slow(found)
+    if found.chi2 > _CHI2:
+        check_panel_speed(found)
         model, found = _with_tail(model, found)
-    refuse_slow(found)
-    refuse_unexplained(readings, found)
+    check_panel_speed(found)
+    check_timing_fit(readings, found)
     if float(np.abs(found.stray).max()) > STRAY:
-        raise room_light(float(np.abs(found.stray).max()))
+        raise make_room_light_error(float(np.abs(found.stray).max()))
     return _timing(model, found)
 
 
-def coarse_delay(reading: Readings) -> int:
+def find_coarse_delay(reading: StripReadings) -> int:
     """What to add to ``display.mask_delay_refreshes``, from a photo of the programmes `COARSE`:
     whole refreshes, for a mask that is up to 12 of them early or late.
 
@@ -201,47 +203,47 @@ def coarse_delay(reading: Readings) -> int:
 
 
 def _fitted(
-    readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float
-) -> tuple[Model, Fitted]:
-    model = Model(readings, ran, refresh_s)
-    fit = Fit(model)
+    readings: Sequence[StripReadings], ran: Sequence[PhotoLog], refresh_s: float
+) -> tuple[StripModel, FittedTiming]:
+    model = StripModel(readings, ran, refresh_s)
+    fit = TimingFitter(model)
     found = min((fit.solve(start) for start in fit.starts()), key=lambda f: f.chi2)
-    for _ in range(ROUNDS - 1):
+    for _ in range(_ROUNDS - 1):
         found = _again(model, found)
     return model, found
 
 
-def _again(model: Model, found: Fitted) -> Fitted:
+def _again(model: StripModel, found: FittedTiming) -> FittedTiming:
     """Another round, that knows the last one's times."""
     _, slope = _line(model, found)[0]
-    model.slope_s = slope if abs(slope) * model.height > STEEP_S else 0.0
+    model.slope_s = slope if abs(slope) * model.height > _STEEP_S else 0.0
     model.correct(found.times)
-    return Fit(model, found.floors).solve(found.times)
+    return TimingFitter(model, found.floors).solve(found.times)
 
 
-def _with_tail(model: Model, found: Fitted) -> tuple[Model, Fitted]:
+def _with_tail(model: StripModel, found: FittedTiming) -> tuple[StripModel, FittedTiming]:
     """The better of both panels having a second answer; `found` where that does not mend it."""
     best = found
     for mask in (True, False):
-        fitted = Fit(model, found.floors).solve(found.times, tail=mask)
-        if fitted.chi2 < min(MENDS * found.chi2, best.chi2):
+        fitted = TimingFitter(model, found.floors).solve(found.times, tail=mask)
+        if fitted.chi2 < min(_MENDS * found.chi2, best.chi2):
             best = fitted
     if best is found:
         return model, found
     model.correct(best.times)
-    again = Fit(model, best.floors).solve(best.times)
+    again = TimingFitter(model, best.floors).solve(best.times)
     return model, again
 
 
-def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats]:
-    """`straight`, of a fit."""
+def _line(model: StripModel, found: FittedTiming) -> tuple[tuple[float, float], Floats]:
+    """`fit_lag_line`, of a fit."""
     bands = model.readings[0].bands
-    part = slice(COMMON, COMMON + bands.size)
+    part = slice(COMMON_PARAMETERS, COMMON_PARAMETERS + bands.size)
     covariance = found.covariance[part, part] * model.refresh_s**2
-    return straight(bands, found.times.lags_s, covariance)
+    return fit_lag_line(bands, found.times.lags_s, covariance)
 
 
-def straight(
+def fit_lag_line(
     bands: Floats, lags_s: Floats, covariance: Floats
 ) -> tuple[tuple[float, float], Floats]:
     """Lag over y as a straight line: value at 0 and slope, and their covariance.
@@ -258,25 +260,25 @@ def straight(
     return (float(line[0]), float(line[1])), spread
 
 
-def _timing(model: Model, found: Fitted) -> Timing:
+def _timing(model: StripModel, found: FittedTiming) -> MeasuredTiming:
     line, spread = _line(model, found)
     bands = model.readings[0].bands
     sigma = np.sqrt(np.diag(found.covariance))
     times = found.times
-    return Timing(
+    return MeasuredTiming(
         bands=bands,
         lag_s=times.lags_s,
-        lag_sigma_s=sigma[COMMON : COMMON + bands.size] * model.refresh_s,
+        lag_sigma_s=sigma[COMMON_PARAMETERS : COMMON_PARAMETERS + bands.size] * model.refresh_s,
         across_s=times.across_s,
         line_s=line,
         line_covariance=spread,
         taus_s=times.taus_s,
         taus_sigma_s=times.taus_s * sigma[:4],
         leaks=times.leaks,
-        room=room_of(model.readings[0]),
+        room=measure_room_light(model.readings[0]),
         tail=times.tail,
         chi2=found.chi2,
-        causes=causes_of(model.readings, found) if found.chi2 > CHI2 else (),
+        causes=explain_misfit(model.readings, found) if found.chi2 > _CHI2 else (),
         light=found.light,
         apart_s=model.apart_s,
         refresh_s=model.refresh_s,

@@ -13,19 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.shown import Shown
+from pdcd.arrays import Floats
+from pdcd.calibration.shown import PanelSequence
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-
-PERIODS = 30
+_PERIODS = 30
 """Periods of pulses in one photo: 3 s at 60 Hz."""
-INSET_PX = 8.0
+_INSET_PX = 8.0
 """Projector pixels by which a strip of the mask ends before that of the projector, either side."""
-FEWEST_PX = 5
+_FEWEST_PX = 5
 """Columns of pixels that a strip must have on either panel."""
 
 
@@ -57,7 +56,7 @@ class Programme:
         return len(set(self.lit)) == len(set(self.opened)) == 1
 
 
-def pulse(lit: int, opened: int, delay: int = 0, of: int = 6) -> Programme:
+def _pulse(lit: int, opened: int, delay: int = 0, of: int = 6) -> Programme:
     """One pulse of either panel, `lit` and `opened` refreshes long.
 
     delay : refreshes by which the mask's begins later than the projector's; negative: earlier.
@@ -67,18 +66,18 @@ def pulse(lit: int, opened: int, delay: int = 0, of: int = 6) -> Programme:
     return Programme(*("".join("01"[int(on)] for on in side) for side in sides))
 
 
-WHITES = pulse(6, 6)
-BLACKS = pulse(0, 0)
-LIT = pulse(6, 0)
-OPENED = pulse(0, 6)
+WHITES = _pulse(6, 6)
+BLACKS = _pulse(0, 0)
+_LIT = _pulse(6, 0)
+_OPENED = _pulse(0, 6)
 PULSES = {
-    pulse(lit, opened, delay): ((lit, opened), delay)
+    _pulse(lit, opened, delay): ((lit, opened), delay)
     for lit, opened in ((1, 1), (2, 1), (1, 2))
     for delay in range(-3, 3)
 }
 """Short pulses, by the refreshes that projector and mask are white and by the delay of the mask: it
 finds the projector's at any delay of up to three refreshes."""
-TRAINS = tuple(
+_TRAINS = tuple(
     Programme(lit, opened)
     for lit, masks in (
         ("100100", (*4 * ("001001",), *4 * ("010010",), "011011", "101101")),
@@ -95,15 +94,17 @@ one, so that photon noise leaves least of rise, fall and lag of 40 random benche
 were shown. Of others it leaves two thirds of what as many `PULSES` do. Those that count most come
 several times, and so meet several places of the card. Of a panel that is not quite exponential
 pulses say more, after which it is long dark."""
-REFERENCES = (WHITES, BLACKS, WHITES, BLACKS, LIT, OPENED)
-SETS = ((*PULSES, *REFERENCES), (*TRAINS, *REFERENCES))
+_REFERENCES = (WHITES, BLACKS, WHITES, BLACKS, _LIT, _OPENED)
+SETS = ((*PULSES, *_REFERENCES), (*_TRAINS, *_REFERENCES))
 """What the strips show, in one photo and in the next, in turn."""
-COARSE = {pulse(2, 2, delay, 24): delay for delay in range(-12, 12)}
+COARSE = {_pulse(2, 2, delay, 24): delay for delay in range(-12, 12)}
 """For a mask that may be many refreshes late, by the delay of the mask: where light gets through,
 the delay is made good."""
 
 
-def asked(programmes: Sequence[Programme]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def expand_programmes(
+    programmes: Sequence[Programme],
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Whether projector and mask are asked for white, (K, refreshes) of programmes of equal
     length."""
     lit, opened = (np.stack([p.on[side] for p in programmes]) for side in (0, 1))
@@ -111,7 +112,7 @@ def asked(programmes: Sequence[Programme]) -> tuple[NDArray[np.bool_], NDArray[n
 
 
 @dataclass(frozen=True)
-class Strips:
+class PulseStrips:
     """Vertical strips of the field, equally wide, with a programme each, from left to right.
 
     inset : by how much of a strip's width the mask's ends before the projector's, either side.
@@ -137,12 +138,12 @@ class Strips:
         return np.where(inside, np.where(inside, place, 0.0), -1).astype(np.int32)
 
 
-def strips_on(
+def make_pulse_strips(
     projector: Map,
     photo: int = 0,
     programmes: tuple[Programme, ...] | None = None,
     window: Window = WHOLE,
-) -> Strips:
+) -> PulseStrips:
     """Strips of one photo; every photo has the programmes in another order.
 
     programmes : for None those of `SETS` whose turn it is. window : the part of the field to fill.
@@ -152,25 +153,25 @@ def strips_on(
     programmes = programmes or SETS[photo % len(SETS)]
     count = len(programmes)
     width_px = projector.size_px[0] * (window.right - window.left) / count
-    if width_px < FEWEST_PX:
+    if width_px < _FEWEST_PX:
         raise CalibrationError(
             f"strips would be {width_px:.1f} px wide on the projector",
             device="projector",
-            hint=f"they need {FEWEST_PX} px or more: show the programmes one by one",
+            hint=f"they need {_FEWEST_PX} px or more: show the programmes one by one",
         )
     order = np.random.default_rng(photo).permutation(count)
-    return Strips(tuple(programmes[k] for k in order), min(INSET_PX / width_px, 0.2), window)
+    return PulseStrips(tuple(programmes[k] for k in order), min(_INSET_PX / width_px, 0.2), window)
 
 
-def strip_photo(
+def make_strip_sequence(
     name: str,
-    strips: Strips,
+    strips: PulseStrips,
     projector: Map,
     mask: Map,
     *,
     white: bool,
-    periods: int = PERIODS,
-) -> Shown:
+    periods: int = _PERIODS,
+) -> PanelSequence:
     """One photo of the strips, or with `white` the one that it is divided by.
 
     projector, mask : where the panels' pixels lie. Both photos last equally long.
@@ -186,9 +187,9 @@ def strip_photo(
         found.append(np.stack([on[:, at][strip] for at in range(1 if white else period)]))
     index = np.tile(np.arange(period), periods).astype(np.int32)
     index = index * (not white)
-    return Shown(name, found[0], found[1], index, index.copy())
+    return PanelSequence(name, found[0], found[1], index, index.copy())
 
 
-def room_photo(white: Shown) -> Shown:
+def make_room_sequence(white: PanelSequence) -> PanelSequence:
     """The same with a black projector: what falls on the mask beside its white."""
     return replace(white, name="room", projector_index=np.full_like(white.projector_index, BLACK))

@@ -8,35 +8,34 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.timing.programmes import Programme, Strips
+from pdcd.arrays import Floats
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.timing.programmes import Programme, PulseStrips
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-
-COLOURS = np.array([0.25, 0.5, 0.25])
+CHANNEL_SHARES = np.array([0.25, 0.5, 0.25])
 """Shares of R, G and B in the light of a quad: of its four samples."""
-USED = 0.25
+_USED = 0.25
 """Left out of a strip on either side: blur and maps that are not exact reach less far."""
 FEWEST_QUADS = 16
 """Quads of a strip in a band, at least."""
-DARK = 0.1
+_DARK = 0.1
 """A strip whose white is darker than this, over the median of all, is not on the card."""
-GAP = 0.5
+_GAP = 0.5
 """Gaps between strips that are brighter than this, over the strips, are none."""
 CLIPPED = 0.01
 """Share of clipped quads that is too large."""
-MOST_BESIDE = 0.5
+_MOST_BESIDE = 0.5
 """Light without the projector's white, over all light, that is believed of a strip."""
-UNSEEN = 10.0
+_UNSEEN = 10.0
 """Light of the room, over its noise in a strip of a band, that is taken to be the same all over."""
-FAINTEST_SIGMAS = 20.0
+_FAINTEST_SIGMAS = 20.0
 """White over its noise, in a strip of a band: with less, no time is known to 0.15 ms."""
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class StripReadings:
     """Light of K programmes in B bands over that of white.
 
     value, sigma : (B, K); sigma is that of the noise alone.
@@ -62,15 +61,15 @@ class Readings:
 
 
 def read_strips(
-    photo: Photo,
-    white: Photo,
+    photo: QuadPhoto,
+    white: QuadPhoto,
     camera: Map,
-    strips: Strips,
+    strips: PulseStrips,
     *,
     bands: int,
     gaps: bool = True,
-    room: Photo | None = None,
-) -> Readings:
+    room: QuadPhoto | None = None,
+) -> StripReadings:
     """How bright the strips are in a photo, over one in which all of them were white.
 
     Parameters
@@ -78,14 +77,14 @@ def read_strips(
     photo, white : of equal exposure and size, that of the camera's map.
     bands : of rows of the field, equally high.
     gaps : whether the white photo has dark gaps between its strips, which are then looked at.
-    room : the white photo again with a black projector (`room_photo`).
+    room : the white photo again with a black projector (`make_room_sequence`).
 
     Raises CalibrationError: no light, clipped, part of the field not covered, strips not where the
     maps say, or out of focus.
     """
     x, y, band = _banded(camera, strips, bands)
     inside = band >= 0
-    strip = np.where(inside, strips.number(x, USED), -1)
+    strip = np.where(inside, strips.number(x, _USED), -1)
     cell = np.where(strip >= 0, band * strips.count + strip, -1)
     size = bands * strips.count
     _check_clipped((photo, white), cell >= 0)
@@ -107,9 +106,9 @@ def read_strips(
         sigma = np.hypot(sigma, np.abs(opened - value) * noise)
     height = (strips.window.bottom - strips.window.top) / bands
     used = cell >= 0
-    within = white.light[used] @ COLOURS * (y[used] * bands - band[used] - 0.5)
+    within = white.light[used] @ CHANNEL_SHARES * (y[used] * bands - band[used] - 0.5)
     off = height * np.bincount(cell[used], within, size) / full
-    return Readings(
+    return StripReadings(
         value.reshape(shape),
         sigma.reshape(shape),
         strips.window.y((np.arange(bands) + 0.5) / bands),
@@ -122,7 +121,9 @@ def read_strips(
     )
 
 
-def _banded(camera: Map, strips: Strips, bands: int) -> tuple[Floats, Floats, NDArray[np.int32]]:
+def _banded(
+    camera: Map, strips: PulseStrips, bands: int
+) -> tuple[Floats, Floats, NDArray[np.int32]]:
     """Of each quad x on the field, y from top to bottom of the strips, and the band that it lies
     in, -1 beside them; (rows, cols) each."""
     centres = camera.centres()
@@ -137,23 +138,23 @@ def _beside(room: tuple[Floats, Floats], full: Floats) -> tuple[Floats, Floats, 
     """Light beside the projector's white over all light, its noise, and how it goes over the field,
     (size,) each: where there is hardly any, nobody sees how it goes."""
     noise = np.sqrt(room[1]) / full
-    share = np.minimum(room[0] / full, MOST_BESIDE)
-    return share, noise, np.maximum(share, 0.0) + UNSEEN * noise
+    share = np.minimum(room[0] / full, _MOST_BESIDE)
+    return share, noise, np.maximum(share, 0.0) + _UNSEEN * noise
 
 
-def _sums(taken: Photo, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
+def _sums(taken: QuadPhoto, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
     """Light of all quads of each cell and its variance, (size,) each; clipped ones count too, for
     there are few."""
     used = cell >= 0
-    light = taken.light[used] @ COLOURS
-    var = taken.variance[used] @ COLOURS**2
+    light = taken.light[used] @ CHANNEL_SHARES
+    var = taken.variance[used] @ CHANNEL_SHARES**2
     where = cell[used]
     sums = (np.bincount(where, weights, minlength=size) for weights in (light, var))
     first, second = (np.asarray(found, dtype=np.float64) for found in sums)
     return first, second
 
 
-def _check_clipped(photos: Sequence[Photo], used: NDArray[np.bool_]) -> None:
+def _check_clipped(photos: Sequence[QuadPhoto], used: NDArray[np.bool_]) -> None:
     worst = max(taken.saturated_share(used) for taken in photos)
     if worst > CLIPPED:
         raise CalibrationError(
@@ -173,14 +174,14 @@ def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: in
             hint="run the geometry step first; with it done, use fewer bands",
         )
     mean = full / np.maximum(quads, 1)
-    bright = seen & (full > FAINTEST_SIGMAS * np.sqrt(np.maximum(var, 0.0)))
+    bright = seen & (full > _FAINTEST_SIGMAS * np.sqrt(np.maximum(var, 0.0)))
     if not bright.any():
         raise CalibrationError(
             "the white photo is dark",
             device="camera",
             hint="take off the lens cap, switch the projector on, and put the card before it",
         )
-    lit = bright & (mean > DARK * np.median(mean[bright]))
+    lit = bright & (mean > _DARK * np.median(mean[bright]))
     if not lit.all():
         columns = np.count_nonzero(~lit.reshape(-1, across).any(axis=0)) if across > 1 else 0
         raise CalibrationError(
@@ -192,11 +193,11 @@ def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: in
 
 
 def _check_gaps(
-    white: Photo,
+    white: QuadPhoto,
     x: Floats,
     band: NDArray[np.int32],
     inside: NDArray[np.bool_],
-    strips: Strips,
+    strips: PulseStrips,
 ) -> None:
     """Refuse a white photo whose strips do not end where those of the mask do."""
     width, field_x, x = strips.count, x, strips.window.across(x)
@@ -204,9 +205,11 @@ def _check_gaps(
         away = np.abs(x * width - np.rint(x * width)) / strips.inset  # from the nearest edge
         border = (np.rint(x * width) > 0) & (np.rint(x * width) < width)
     gap = inside & border & (away < 0.4)
-    core = inside & (strips.number(field_x, USED) >= 0)
-    levels = [float(np.mean(white.light[part] @ COLOURS)) for part in (gap, core) if part.any()]
-    if len(levels) == 2 and levels[0] > GAP * levels[1]:
+    core = inside & (strips.number(field_x, _USED) >= 0)
+    levels = [
+        float(np.mean(white.light[part] @ CHANNEL_SHARES)) for part in (gap, core) if part.any()
+    ]
+    if len(levels) == 2 and levels[0] > _GAP * levels[1]:
         raise CalibrationError(
             f"gaps between the strips have {100.0 * levels[0] / levels[1]:.0f} % of their light",
             device="mask",

@@ -7,71 +7,72 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.figures import ROOM_GOOD, ROOM_MOST, darken
-from pdcd.calibration.timing.strips import Readings
-from pdcd.calibration.timing.timing_fit import LONGEST_S, Fitted
+from pdcd.arrays import Floats
+from pdcd.calibration.figures import ROOM_GOOD, ROOM_MOST, describe_room_light
+from pdcd.calibration.timing.strips import StripReadings
+from pdcd.calibration.timing.timing_fit import LONGEST_TAU_S, FittedTiming
 from pdcd.calibration.timing.timing_model import TAUS
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-MOST_CHI2 = 20.0
+_MOST_CHI2 = 20.0
 """Largest reduced chi^2 of a fit that is believed at all: rows that are set in steps, where a
 straight line is fitted to them, come between. A tail of a tenth gives 90."""
 STRAY = 0.1
 """Most light beside the panels' own, over white."""
 PEAK = 0.02
 """Least light over white at the best delay of the mask, and by which strips that pulse differ."""
-FAR = 1e3
+_FAR = 1e3
 """Reduced chi^2 of strips that show other pulses than they should: mirrored, or moved."""
-ASTRAY = "a picture that is mirrored or has moved shows other strips: run geometry"
-SURELY = 0.1
+_ASTRAY = "a picture that is mirrored or has moved shows other strips: run geometry"
+_SURELY = 0.1
 """Weight of a cause from which on it is told."""
-CLEARLY = 0.5
+_CLEARLY = 0.5
 """Share of what is left that goes with places, or with pulses, where these are the cause: light
 that is uneven changes pulses more or less, and leaves 0.3."""
 
 
-def room_of(reading: Readings) -> float:
+def measure_room_light(reading: StripReadings) -> float:
     """Light beside the projector's white, over that white: the median of all places. Raises
     CalibrationError where it is too much to measure by."""
     share = float(np.median(reading.room))
     if share > ROOM_MOST:
-        raise CalibrationError(darken(share), device="camera", hint="switch the room lights off")
+        raise CalibrationError(
+            describe_room_light(share), device="camera", hint="switch the room lights off"
+        )
     return share
 
 
-def causes_of(readings: Sequence[Readings], found: Fitted) -> tuple[str, ...]:
+def explain_misfit(readings: Sequence[StripReadings], found: FittedTiming) -> tuple[str, ...]:
     """What may be why times do not explain the strips, and what to do, the likeliest first: what is
     left goes with the place of a strip, with what it was asked for, or with neither."""
     left = found.left.mean(axis=1)  # (photos, K)
     kinds = np.array([[f"{p.lit}|{p.opened}" for p in r.programmes] for r in readings])
     places = np.broadcast_to(np.arange(left.shape[1]), left.shape)
     by_place, by_kind = _explained(left, places), _explained(left, kinds)
-    room = room_of(readings[0])
+    room = measure_room_light(readings[0])
     causes = [
-        (max(0.0, room / ROOM_GOOD - 0.5), darken(room)),
+        (max(0.0, room / ROOM_GOOD - 0.5), describe_room_light(room)),
         (
-            max(0.0, CLEARLY - by_place - by_kind),
+            max(0.0, _CLEARLY - by_place - by_kind),
             "the lamp's light must not flicker: switch eco mode, dynamic contrast and an auto iris "
             "off",
         ),
         (by_place, "nothing may move between the photos, and the maps must fit: run geometry"),
-        (float(found.chi2 > FAR), ASTRAY),
+        (float(found.chi2 > _FAR), _ASTRAY),
         (by_kind, "switch off overdrive and frame interpolation: a panel answers in another way"),
     ]
     causes.sort(key=lambda cause: -cause[0])
-    return tuple(text for weight, text in causes if weight > SURELY)
+    return tuple(text for weight, text in causes if weight > _SURELY)
 
 
-def refuse_unexplained(readings: Sequence[Readings], found: Fitted) -> None:
+def check_timing_fit(readings: Sequence[StripReadings], found: FittedTiming) -> None:
     """Refuse strips that no times explain, with its causes."""
-    if found.chi2 > MOST_CHI2:
+    if found.chi2 > _MOST_CHI2:
         raise CalibrationError(
             f"no rise, fall and lag explain the strips (reduced chi^2 {found.chi2:.0f}, at most "
-            f"{MOST_CHI2:g})",
+            f"{_MOST_CHI2:g})",
             device="display",
-            hint="; ".join(causes_of(readings, found)),
+            hint="; ".join(explain_misfit(readings, found)),
         )
 
 
@@ -87,19 +88,19 @@ def _explained(left: Floats, groups: NDArray[np.generic]) -> float:
     return float(max(0.0, (share - by_chance) / (1.0 - by_chance)))
 
 
-def refuse_slow(found: Fitted) -> None:
+def check_panel_speed(found: FittedTiming) -> None:
     """Refuse a panel that takes longer than any is fitted with."""
-    slow = found.times.taus_s > 0.9 * LONGEST_S
+    slow = found.times.taus_s > 0.9 * LONGEST_TAU_S
     if slow.any():
         raise CalibrationError(
-            f"{TAUS[int(np.argmax(slow))]} is {1e3 * LONGEST_S:.0f} ms or more",
+            f"{TAUS[int(np.argmax(slow))]} is {1e3 * LONGEST_TAU_S:.0f} ms or more",
             device="display",
             hint="that panel does not follow its refreshes: switch off what smooths motion; "
-            + ASTRAY,
+            + _ASTRAY,
         )
 
 
-def refuse_references(readings: Sequence[Readings]) -> None:
+def check_reference_strips(readings: Sequence[StripReadings]) -> None:
     """Refuse strips that should be black or white and are not."""
     for reading in readings:
         black = ["1" not in p.lit + p.opened for p in reading.programmes]
@@ -110,7 +111,7 @@ def refuse_references(readings: Sequence[Readings]) -> None:
         full = float(np.median(reading.value[:, white]))
         pulsing = [not p.still for p in reading.programmes]
         if dark > STRAY * max(full, 1e-12) and full - dark > 0.3:
-            raise room_light(dark / full)
+            raise make_room_light_error(dark / full)
         if not _delays_matter(reading, np.array(pulsing), PEAK * full):
             raise CalibrationError(
                 "no strip pulses with its light",
@@ -120,7 +121,7 @@ def refuse_references(readings: Sequence[Readings]) -> None:
             )
 
 
-def _delays_matter(reading: Readings, pulsing: NDArray[np.bool_], least: float) -> bool:
+def _delays_matter(reading: StripReadings, pulsing: NDArray[np.bool_], least: float) -> bool:
     """Whether strips that differ by nothing but the mask's delay differ in their light."""
     level = np.median(reading.value, axis=0)
     kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.programmes])
@@ -135,7 +136,7 @@ def _rhythm(opened: str) -> str:
     return min(opened[k:] + opened[:k] for k in range(len(opened)))
 
 
-def room_light(share: float) -> CalibrationError:
+def make_room_light_error(share: float) -> CalibrationError:
     """Of light that comes past the mask."""
     return CalibrationError(
         f"black strips have {100.0 * share:.0f} % of the light of white ones",

@@ -5,35 +5,39 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pdcd.calibration.timing.timing_model import COMMON, STEP, Model, Tail, Times
+from pdcd.arrays import Floats
+from pdcd.calibration.timing.timing_model import (
+    COMMON_PARAMETERS,
+    STEP,
+    PanelTimes,
+    StripModel,
+    Tail,
+)
 from pdcd.errors import CalibrationError
 
-Floats = NDArray[np.float64]
-
-SHORTEST_S, LONGEST_S = 2e-5, 0.06
+_SHORTEST_S, LONGEST_TAU_S = 2e-5, 0.06
 """Bounds of time constants."""
-LEAKS = (0.0, 0.5)
-STARTS_S = (0.0008, 0.004)
+_LEAKS = (0.0, 0.5)
+_STARTS_S = (0.0008, 0.004)
 """Time constants from which the fit starts, in all four combinations of both panels."""
-LIKELY_S, LIKELY_SD = 2e-3, 1.0
+_LIKELY_S, _LIKELY_SD = 2e-3, 1.0
 """What a time constant is before there is any light, and by what power of e it may be another: it
 decides where noise hides a fast projector behind a slow mask."""
-LAGS_A_REFRESH = 6
-KEPT_STARTS = 2
-REACH = 2.5
+_LAGS_A_REFRESH = 6
+_KEPT_STARTS = 2
+_REACH = 2.5
 """Refreshes by which a lag may have changed since it was measured."""
-MODEL, EXPLAINED = 4e-3, 5.0
+_MODEL, _EXPLAINED = 4e-3, 5.0
 """What times that are known to 5 % get wrong of strips, over white, at another lag; what a lag may
 leave of strips, over that and their errors."""
-TAIL_START = 0.05, 4.0
-TAIL_BOUNDS = ((0.0, 1.5), (0.4, 12.0))
+_TAIL_START = 0.05, 4.0
+_TAIL_BOUNDS = ((0.0, 1.5), (0.4, 12.0))
 """Share and slowness of a second answer."""
-TRIES = 30
+_TRIES = 30
 """Most steps of a fit; ten are usual."""
-NO_SLOPE = 1e-9
+_NO_SLOPE = 1e-9
 """Standard deviations for a whole unit of a parameter: less is none."""
 FLAT = 5e-4
 """Relative error of each strip beside noise, at most: of flat field and lamp."""
@@ -44,7 +48,7 @@ LEAST_FLOORS = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedTiming:
     """times : the best. covariance : of the logarithms of four time constants, two leaks, the lags,
     what the lag grows across, then share and slowness of a tail where there is one.
 
@@ -53,7 +57,7 @@ class Fitted:
     standard deviations. floors : the share of `FLAT` and `FLOOR` that what is left speaks for.
     """
 
-    times: Times
+    times: PanelTimes
     covariance: Floats
     chi2: float
     stray: Floats
@@ -62,14 +66,14 @@ class Fitted:
     floors: float
 
 
-class Fit:
+class TimingFitter:
     """The readings of a model, and their errors.
 
     floors : share of `FLAT` and `FLOOR` to weigh by. All of it, where a bench does better, hides
     the faint tails of slow panels, which tell a late mask from a slow projector.
     """
 
-    def __init__(self, model: Model, floors: float = 1.0) -> None:
+    def __init__(self, model: StripModel, floors: float = 1.0) -> None:
         self._model, self._floors = model, floors
         self._value = np.stack([r.value for r in model.readings])
         noise = np.stack([r.sigma for r in model.readings])
@@ -79,45 +83,45 @@ class Fit:
         self._past = np.stack([r.past for r in model.readings])
         self._bands = self._value.shape[1]
 
-    def starts(self) -> list[Times]:
+    def starts(self) -> list[PanelTimes]:
         """The best few of a coarse search; lags of each band by itself."""
         model, refresh = self._model, self._model.refresh_s
         period = model.readings[0].programmes[0].of
-        steps = period * LAGS_A_REFRESH
-        lags = (np.arange(steps) / LAGS_A_REFRESH - 0.5 * period) * refresh - model.apart_s
+        steps = period * _LAGS_A_REFRESH
+        lags = (np.arange(steps) / _LAGS_A_REFRESH - 0.5 * period) * refresh - model.apart_s
         found = []
-        for p_tau in STARTS_S:
-            for m_tau in STARTS_S:
+        for p_tau in _STARTS_S:
+            for m_tau in _STARTS_S:
                 taus = np.array([p_tau, p_tau, m_tau, m_tau])
-                times = Times(taus, np.full(2, 2e-3), lags)
+                times = PanelTimes(taus, np.full(2, 2e-3), lags)
                 shape = model.anywhere(times)  # (photos, lags, K): correction is none yet
                 chi2 = self._chi2(shape.swapaxes(0, 1)[:, :, None]).sum(axis=1)  # (lags, B)
                 best = chi2.argmin(axis=0)
                 found.append((float(chi2.min(axis=0).sum()), replace(times, lags_s=lags[best])))
         found.sort(key=lambda pair: pair[0])
-        return [times for _, times in found[:KEPT_STARTS]]
+        return [times for _, times in found[:_KEPT_STARTS]]
 
-    def solve(self, start: Times, *, tail: bool | None = None) -> Fitted:
+    def solve(self, start: PanelTimes, *, tail: bool | None = None) -> FittedTiming:
         """Least squares from one start. tail : give the mask (True) or the projector (False) a
         second answer."""
         if tail is not None:
-            start = replace(start, tail=Tail(tail, *TAIL_START))
+            start = replace(start, tail=Tail(tail, *_TAIL_START))
         free = self._packed(start)
         lower, upper = self._bounds(start, free.size)
         solved = least_squares(
             lambda v: np.append(
                 self._beside(self._model.shape(self._unpacked(v, start)))[0],
-                (v[:4] - np.log(LIKELY_S)) / LIKELY_SD,
+                (v[:4] - np.log(_LIKELY_S)) / _LIKELY_SD,
             ),
             np.clip(free, lower + 1e-9, upper - 1e-9),
-            jac=lambda v: np.vstack([self._slopes(v, start), np.eye(4, free.size) / LIKELY_SD]),
+            jac=lambda v: np.vstack([self._slopes(v, start), np.eye(4, free.size) / _LIKELY_SD]),
             bounds=(lower, upper),
             method="dogbox",  # it takes whole steps where a parameter does not matter at all
             x_scale="jac",
             ftol=1e-10,
             xtol=1e-9,
             gtol=1e-9,
-            max_nfev=TRIES,
+            max_nfev=_TRIES,
         )
         times = self._unpacked(np.asarray(solved.x, dtype=np.float64), start)
         left, numbers, _ = self._beside(self._model.shape(times))
@@ -128,9 +132,9 @@ class Fit:
         floors = min(max(floors, LEAST_FLOORS), 1.0)
         covariance = self._covariance(np.asarray(solved.jac[:-4], dtype=np.float64), left)
         light = self._value + left * self._sigma
-        return Fitted(times, covariance, chi2, numbers[..., 1], light, of_stated, floors)
+        return FittedTiming(times, covariance, chi2, numbers[..., 1], light, of_stated, floors)
 
-    def later(self, times: Times) -> tuple[float, float]:
+    def later(self, times: PanelTimes) -> tuple[float, float]:
         """By how much later than at known times the mask is, in s, and its standard deviation; what
         its black lets through may be another, too.
 
@@ -138,12 +142,12 @@ class Fit:
         """
         refresh = self._model.refresh_s
 
-        def moved(v: Floats) -> Times:
+        def moved(v: Floats) -> PanelTimes:
             leaks = times.leaks + np.array([0.0, v[1]])
             return replace(times, lags_s=times.lags_s + v[0] * refresh, leaks=leaks)
 
-        reach = round(2 * REACH * LAGS_A_REFRESH)
-        tried = np.arange(-reach, reach + 1) / (2.0 * LAGS_A_REFRESH)
+        reach = round(2 * _REACH * _LAGS_A_REFRESH)
+        tried = np.arange(-reach, reach + 1) / (2.0 * _LAGS_A_REFRESH)
         shapes = self._model.shapes([moved(np.array([by, 0.0])) for by in tried])
         best = float(tried[int(self._chi2(shapes).sum(axis=(1, 2)).argmin())])
         solved = least_squares(
@@ -152,8 +156,8 @@ class Fit:
             x_scale="jac",
         )
         left = solved.fun.reshape(self._sigma.shape)
-        chi = float(np.sqrt(np.mean(left**2 / (1.0 + (MODEL / self._sigma) ** 2))))
-        if chi > EXPLAINED:
+        chi = float(np.sqrt(np.mean(left**2 / (1.0 + (_MODEL / self._sigma) ** 2))))
+        if chi > _EXPLAINED:
             raise CalibrationError(
                 f"no lag explains the timing strips ({chi:.0f} times their noise)",
                 device="display",
@@ -185,7 +189,7 @@ class Fit:
         bands of a strip share (an uneven field, a panel that is not quite exponential) does not
         average out; how much that is, the residuals tell."""
         norm = np.linalg.norm(slopes, axis=0)
-        idle = norm < NO_SLOPE  # nothing depends on it: nothing is known of it
+        idle = norm < _NO_SLOPE  # nothing depends on it: nothing is known of it
         norm = np.where(idle, 1.0, norm)
         slopes = slopes / norm
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12)
@@ -196,37 +200,37 @@ class Fit:
         shared = min(max(shared, 0.0), whole)
         numbers = norm.size + 2 * photos * bands
         own = (whole - shared) * left.size / max(left.size - numbers, 1)
-        shared *= photos * count / max(photos * count - COMMON - 3, 1)
+        shared *= photos * count / max(photos * count - COMMON_PARAMETERS - 3, 1)
         by_strip = slopes.reshape(photos, bands, count, -1).sum(axis=1).reshape(-1, norm.size)
         middle = own * slopes.T @ slopes + shared * by_strip.T @ by_strip
         found = np.asarray(inverse @ middle @ inverse / np.outer(norm, norm))
         found[idle, idle] = np.inf
         return found
 
-    def _packed(self, times: Times) -> Floats:
+    def _packed(self, times: PanelTimes) -> Floats:
         more = [] if times.tail is None else [times.tail.share, np.log(times.tail.slower)]
         lags = np.append(times.lags_s, times.across_s) / self._model.refresh_s
         return np.concatenate([np.log(times.taus_s), times.leaks, lags, more])
 
-    def _bounds(self, start: Times, free: int) -> tuple[Floats, Floats]:
+    def _bounds(self, start: PanelTimes, free: int) -> tuple[Floats, Floats]:
         lower, upper = np.full(free, -np.inf), np.full(free, np.inf)
-        lower[:4], upper[:4] = np.log(SHORTEST_S), np.log(LONGEST_S)
-        lower[4:COMMON], upper[4:COMMON] = LEAKS
+        lower[:4], upper[:4] = np.log(_SHORTEST_S), np.log(LONGEST_TAU_S)
+        lower[4:COMMON_PARAMETERS], upper[4:COMMON_PARAMETERS] = _LEAKS
         lower[4] -= min(float((r.room / r.past).min()) for r in self._model.readings)
         if start.tail is not None:
-            lower[-2:], upper[-2:] = (TAIL_BOUNDS[0][0], 0.4), (0.4, np.log(TAIL_BOUNDS[1][1]))
+            lower[-2:], upper[-2:] = (_TAIL_BOUNDS[0][0], 0.4), (0.4, np.log(_TAIL_BOUNDS[1][1]))
         return lower, upper
 
-    def _unpacked(self, v: Floats, start: Times) -> Times:
-        lags = v[COMMON : COMMON + self._bands + 1] * self._model.refresh_s
+    def _unpacked(self, v: Floats, start: PanelTimes) -> PanelTimes:
+        lags = v[COMMON_PARAMETERS : COMMON_PARAMETERS + self._bands + 1] * self._model.refresh_s
         tail = start.tail and Tail(start.tail.mask, float(v[-2]), float(np.exp(v[-1])))
-        return Times(np.exp(v[:4]), v[4:COMMON], lags[:-1], tail, float(lags[-1]))
+        return PanelTimes(np.exp(v[:4]), v[4:COMMON_PARAMETERS], lags[:-1], tail, float(lags[-1]))
 
-    def _slopes(self, v: Floats, start: Times) -> Floats:
+    def _slopes(self, v: Floats, start: PanelTimes) -> Floats:
         """Derivatives of the residuals, (readings, parameters), but for what scale and stray light
         take of them, which is at right angles to all that is left."""
-        lags = slice(COMMON, COMMON + self._bands)
-        common = [*range(COMMON), *range(COMMON + self._bands, v.size)]
+        lags = slice(COMMON_PARAMETERS, COMMON_PARAMETERS + self._bands)
+        common = [*range(COMMON_PARAMETERS), *range(COMMON_PARAMETERS + self._bands, v.size)]
         variants = [self._unpacked(v, start)]
         for moved in (lags, *common):  # the lag of a band moves that band alone: all at once
             there = v.copy()
@@ -238,7 +242,7 @@ class Fit:
         out = np.zeros((*here.shape, v.size))
         out[..., common] = np.stack(by_common, axis=-1)
         band = np.arange(self._bands)
-        out[:, band, :, COMMON + band] = by_lag.transpose(1, 0, 2)
+        out[:, band, :, COMMON_PARAMETERS + band] = by_lag.transpose(1, 0, 2)
         out = out / self._sigma[..., None]
         out -= both @ (both.swapaxes(-1, -2) @ out)
         return out.reshape(-1, v.size)

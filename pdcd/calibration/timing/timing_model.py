@@ -17,23 +17,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.timing.programmes import asked
-from pdcd.calibration.timing.strips import Readings
+from pdcd.arrays import Floats
+from pdcd.calibration.timing.programmes import expand_programmes
+from pdcd.calibration.timing.strips import StripReadings
 from pdcd.panels.frames import BLACK, FrameLog
-from pdcd.probing.pulses import Answer, mean_light, mean_product
+from pdcd.probing.pulses import PanelResponse, compute_pulse_light, compute_pulse_product
 
-Floats = NDArray[np.float64]
-
-NODES = np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
+_NODES = np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
 """Places in a band at which its lag is looked at, in bands from the middle (Gauss, 3 points)."""
-NODE_SHARES = np.array([5.0, 8.0, 5.0]) / 18.0
-AFTER = 24
+_NODE_SHARES = np.array([5.0, 8.0, 5.0]) / 18.0
+_AFTER = 24
 """Black refreshes after an exposure: a mask that is late, or slow, is black then."""
 STEP = 1e-5
 """Step of the numeric derivatives: of the logarithm of a time constant, or in refreshes."""
 
 TAUS = ("projector.rise_s", "projector.fall_s", "mask.rise_s", "mask.fall_s")
-COMMON = 6
+COMMON_PARAMETERS = 6
 """Parameters before the lags: four logarithms of time constants, two leaks."""
 
 
@@ -47,7 +46,7 @@ class Tail:
 
 
 @dataclass(frozen=True, eq=False)
-class Times:
+class PanelTimes:
     """What is to be found.
 
     taus_s : (4,) as `TAUS`. leaks : (2,) a on average, less `Readings.room`, and b.
@@ -64,17 +63,17 @@ class Times:
     across_s: float = 0.0
 
     @property
-    def answers(self) -> tuple[Answer, Answer]:
+    def answers(self) -> tuple[PanelResponse, PanelResponse]:
         """Of projector and mask."""
         more = [(0.0, 1.0), (0.0, 1.0)]
         if self.tail is not None:
             more[int(self.tail.mask)] = (self.tail.share, self.tail.slower)
         rise_p, fall_p, rise_m, fall_m = (float(tau) for tau in self.taus_s)
-        return Answer(rise_p, fall_p, *more[0]), Answer(rise_m, fall_m, *more[1])
+        return PanelResponse(rise_p, fall_p, *more[0]), PanelResponse(rise_m, fall_m, *more[1])
 
 
 @dataclass(frozen=True, eq=False)
-class Ran:
+class PhotoLog:
     """What the display and the shutter did in one photo; times on the clock of the log."""
 
     log: FrameLog
@@ -110,24 +109,26 @@ class Ran:
         ):
             number = np.rint((np.append(at, end) - at[0]) * 1e-9 / refresh_s).astype(np.int64)
             both.append(np.repeat(rows, np.diff(number)))
-        longest = max(rows.size for rows in both) + AFTER
+        longest = max(rows.size for rows in both) + _AFTER
         ends = [(0, longest - rows.size) for rows in both]
         return np.stack(
             [np.pad(r, end, constant_values=BLACK) for r, end in zip(both, ends, strict=True)]
         )
 
 
-class Model:
+class StripModel:
     """The readings of all photos of one set of bands.
 
     readings : each (B, K), of equal bands. ran : of each, what was shown. refresh_s : of both.
     """
 
-    def __init__(self, readings: Sequence[Readings], ran: Sequence[Ran], refresh_s: float) -> None:
+    def __init__(
+        self, readings: Sequence[StripReadings], ran: Sequence[PhotoLog], refresh_s: float
+    ) -> None:
         self.readings, self.ran, self.refresh_s = readings, ran, refresh_s
         self.slope_s = 0.0
         self.correction = np.zeros((len(readings), 1, 1))
-        self._asked = [asked(r.programmes) for r in readings]
+        self._asked = [expand_programmes(r.programmes) for r in readings]
         self._apart_s = [r.apart_s for r in ran]
 
     @property
@@ -140,23 +141,23 @@ class Model:
         """See `Ran.apart_s`, of all photos."""
         return float(np.mean(self._apart_s))
 
-    def shape(self, times: Times) -> Floats:
+    def shape(self, times: PanelTimes) -> Floats:
         """Light over that of white of every reading, (photos, B, K), pulses without end, and what
         `correct` found."""
         return np.asarray(self.shapes([times])[0])
 
-    def shapes(self, variants: Sequence[Times]) -> Floats:
+    def shapes(self, variants: Sequence[PanelTimes]) -> Floats:
         """The same of several, (variants, photos, B, K), all with or all without a tail."""
         both = [(r.room, r.past) for r in self.readings]
         return self._shapes(variants, both, self._asked, self._apart_s) + self.correction
 
-    def anywhere(self, times: Times) -> Floats:
+    def anywhere(self, times: PanelTimes) -> Floats:
         """What strips of no particular band would have at each of many lags, (photos, lags, K)."""
         both = [(r.room, r.past) for r in self.readings]
         mean = [tuple(of_bands.mean(axis=0, keepdims=True) for of_bands in pair) for pair in both]
         return np.asarray(self._shapes([times], mean, self._asked, self._apart_s)[0])
 
-    def correct(self, times: Times) -> None:
+    def correct(self, times: PanelTimes) -> None:
         """Take into `correction` what beginning and end of the exposures make of these times: all
         refreshes of the log with black ones after them, over white that is as long, minus pulses
         without end."""
@@ -181,13 +182,13 @@ class Model:
 
     def _shapes(
         self,
-        variants: Sequence[Times],
+        variants: Sequence[PanelTimes],
         rooms: Sequence[tuple[Floats, ...]],
         pairs: Sequence[tuple[NDArray[np.bool_], ...]],
         apart_s: Sequence[float],
     ) -> Floats:
-        nodes = NODES * self.slope_s * self.height if self.slope_s else np.zeros(1)
-        shares = NODE_SHARES if self.slope_s else np.ones(1)
+        nodes = _NODES * self.slope_s * self.height if self.slope_s else np.zeros(1)
+        shares = _NODE_SHARES if self.slope_s else np.ones(1)
         lags = np.stack([times.lags_s for times in variants])  # (V, B)
         late = lags[..., None, None] + nodes[:, None]  # (V, B, nodes, 1)
         across = np.array([times.across_s for times in variants])[:, None, None, None]
@@ -204,7 +205,9 @@ class Model:
         return np.stack(parts, axis=1)
 
 
-def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Floats, Floats]]:
+def _stacked(
+    variants: Sequence[PanelTimes],
+) -> tuple[tuple[PanelResponse, PanelResponse], tuple[Floats, Floats]]:
     """Answers and leaks of both panels, arrays (V, 1, 1, 1)."""
     answers = [times.answers for times in variants]
 
@@ -212,7 +215,7 @@ def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Fl
         return np.array(values, dtype=np.float64)[:, None, None, None]
 
     projector, mask = (
-        Answer(
+        PanelResponse(
             column([pair[side].rise_s for pair in answers]),
             column([pair[side].fall_s for pair in answers]),
             column([pair[side].tail for pair in answers]),
@@ -225,7 +228,7 @@ def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Fl
 
 
 def _over_white(
-    answers: tuple[Answer, Answer],
+    answers: tuple[PanelResponse, PanelResponse],
     leaks: tuple[Floats, Floats],
     pair: tuple[NDArray[np.bool_], ...],
     late_s: Floats,
@@ -233,7 +236,9 @@ def _over_white(
 ) -> Floats:
     """Light of strips over that of white, leaks included."""
     (projector, mask), (a, b), (lit, opened) = answers, leaks, pair
-    product = mean_product(projector, mask, lit, opened, late_s, refresh_s)
-    alone = a * mean_light(mask, opened, refresh_s) + b * mean_light(projector, lit, refresh_s)
+    product = compute_pulse_product(projector, mask, lit, opened, late_s, refresh_s)
+    alone = a * compute_pulse_light(mask, opened, refresh_s) + b * compute_pulse_light(
+        projector, lit, refresh_s
+    )
     alone = alone + a * b
     return np.asarray((product + alone) / ((1.0 + a) * (1.0 + b)))

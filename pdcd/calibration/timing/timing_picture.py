@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.calibration.preview import BLUE, GREY, label
-from pdcd.calibration.timing.lag import Timing
-from pdcd.calibration.timing.strips import Readings
+from pdcd.calibration.preview import PLOT_BLUE, PLOT_GREY, label_plot
+from pdcd.calibration.timing.lag import MeasuredTiming
+from pdcd.calibration.timing.strips import StripReadings
 
 
-def draw_timing(figure: Any, found: Timing, readings: Sequence[Readings]) -> None:
+def draw_timing(figure: Any, found: MeasuredTiming, readings: Sequence[StripReadings]) -> None:
     """Light of the strips in the middle of the field, of all photos, and what the times make of it;
     the lag of each band, with three sigmas, and the line through them."""
     axes = figure.subplot_mosaic("SS;LL")
@@ -22,16 +22,16 @@ def draw_timing(figure: Any, found: Timing, readings: Sequence[Readings]) -> Non
     names = [f"{one.lit}|{one.opened}" for reading in readings for one in reading.programmes]
     kinds = sorted(set(names))
     at = [kinds.index(name) for name in names]
-    axes["S"].plot(at, fitted, "_", color=GREY, markersize=12)
-    axes["S"].plot(at, light, "o", color=BLUE, markersize=3)
+    axes["S"].plot(at, fitted, "_", color=PLOT_GREY, markersize=12)
+    axes["S"].plot(at, light, "o", color=PLOT_BLUE, markersize=3)
     axes["S"].set_xticks(range(len(kinds)), kinds, fontsize=6, rotation=90)
-    label(
+    label_plot(
         axes["S"], f"Strips in the middle of the field, reduced chi^2 of all {found.chi2:.2f}",
         "refreshes for which projector|mask are white; a grey line is what the times make of it",
         "light over white",
     )  # fmt: skip
     ends = np.array([0.0, 1.0])
-    axes["L"].plot(ends, 1e3 * (found.line_s[0] + found.line_s[1] * ends), color=GREY)
+    axes["L"].plot(ends, 1e3 * (found.line_s[0] + found.line_s[1] * ends), color=PLOT_GREY)
     sigma = 3e3 * found.lag_sigma_s
-    axes["L"].errorbar(found.bands, 1e3 * found.lag_s, sigma, fmt="o", color=BLUE)
-    label(axes["L"], "Lag of the mask by row", "field, top to bottom", "ms")
+    axes["L"].errorbar(found.bands, 1e3 * found.lag_s, sigma, fmt="o", color=PLOT_BLUE)
+    label_plot(axes["L"], "Lag of the mask by row", "field, top to bottom", "ms")

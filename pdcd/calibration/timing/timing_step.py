@@ -7,62 +7,66 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.calibration.figures import ROOM_GOOD, Figure, Verdict, darken
-from pdcd.calibration.photo import Photo
+from pdcd.arrays import Floats
+from pdcd.calibration.figures import ROOM_GOOD, MeasuredFigure, Verdict, describe_room_light
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.script import (
-    Ask,
-    Measured,
-    Outcome,
-    Script,
-    Session,
-    Taken,
-    Wanted,
-    take,
+    CalibrationPhoto,
+    CalibrationSession,
+    ConfigValue,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    UserPrompt,
+    take_photo,
 )
-from pdcd.calibration.timing.delayed import delayed, ran_as
-from pdcd.calibration.timing.lag import Timing, coarse_delay, fit_timing
-from pdcd.calibration.timing.programmes import COARSE, Strips, room_photo, strip_photo, strips_on
-from pdcd.calibration.timing.strips import Readings, read_strips
-from pdcd.calibration.timing.timing_faults import room_of
-from pdcd.calibration.timing.timing_model import TAUS, Ran
+from pdcd.calibration.timing.delayed import shift_mask, undo_mask_shift
+from pdcd.calibration.timing.lag import MeasuredTiming, find_coarse_delay, fit_timing
+from pdcd.calibration.timing.programmes import (
+    COARSE,
+    PulseStrips,
+    make_pulse_strips,
+    make_room_sequence,
+    make_strip_sequence,
+)
+from pdcd.calibration.timing.strips import StripReadings, read_strips
+from pdcd.calibration.timing.timing_faults import measure_room_light
+from pdcd.calibration.timing.timing_model import TAUS, PhotoLog
 from pdcd.calibration.timing.timing_picture import draw_timing
-from pdcd.calibration.window import Window, shared
+from pdcd.calibration.window import Window, find_shared_window
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 from pdcd.panels.schedule import SLOTS
 
-Floats = NDArray[np.float64]
-
-PERIOD = 24
+_PERIOD = 24
 """Refreshes of the longest programme: all photos hold whole ones."""
-FULLER = 1.1
+_FULLER = 1.1
 """Refreshes of a photo, at most, over `Session.full`."""
-TRAIL = 13
+_TRAIL = 13
 """Black refreshes at the end: a mask that is many refreshes late still shows what it was sent."""
-BANDS = 3, 12
-QUADS_A_BAND = 40
+_BANDS = 3, 12
+_QUADS_A_BAND = 40
 """Rows of quads that a band has, at least."""
-PERMUTATIONS = 4
-NEAR = 1
+_PERMUTATIONS = 4
+_NEAR = 1
 """Refreshes by which a second coarse search may still be off."""
-FLAT_S = 1e-4
+_FLAT_S = 1e-4
 """A lag that differs by less from top to bottom, and by less than three sigmas, does not."""
-NO_SCAN_S = 1e-5
+_NO_SCAN_S = 1e-5
 """A lag that grows by less from top to bottom counts as the same everywhere: strips are not read
 that well."""
-STEP_S = 2.5e-4
+_STEP_S = 2.5e-4
 """Lag from one band of rows to the next, in the words of the configuration."""
-MOST_BANDS = 128
-AGAINST = 0.3
+_MOST_BANDS = 128
+_AGAINST = 0.3
 """Lag from top to bottom, in refreshes, from which it matters how the panels hang."""
-ONE_PANEL = 1.05
+_ONE_PANEL = 1.05
 """The same from which both panels are set row by row, and against each other: one alone takes a
 refresh at most."""
-SETTLED = 5.0
+_SETTLED = 5.0
 """Time constants after which a panel is black."""
-LEAKS = 0.12, 1.0
+_LEAKS = 0.12, 1.0
 """Light of a code in others under the best schedule: more is doubtful, and more is no use."""
 
 
@@ -78,65 +82,73 @@ class _Rig:
     window: Window
 
     @classmethod
-    def of(cls, session: Session) -> _Rig:
+    def of(cls, session: CalibrationSession) -> _Rig:
         projector, mask, camera = (session.found(n) for n in ("projector", "mask", "camera"))
-        periods = max(2, int(FULLER * session.full) // PERIOD)
-        bands = int(np.clip(camera.size_px[1] // QUADS_A_BAND, *BANDS))
-        return cls(projector, mask, camera, periods * PERIOD, bands, shared(mask, camera))
+        periods = max(2, int(_FULLER * session.full) // _PERIOD)
+        bands = int(np.clip(camera.size_px[1] // _QUADS_A_BAND, *_BANDS))
+        return cls(
+            projector, mask, camera, periods * _PERIOD, bands, find_shared_window(mask, camera)
+        )
 
-    def wanted(self, name: str, strips: Strips, delay: int, *, white: bool = False) -> Wanted:
+    def wanted(
+        self, name: str, strips: PulseStrips, delay: int, *, white: bool = False
+    ) -> PhotoRequest:
         """A photo of strips, the mask sent its pictures `delay` refreshes later."""
         periods = self.refreshes // strips.programmes[0].of
-        shown = strip_photo(name, strips, self.projector, self.mask, white=white, periods=periods)
-        return Wanted(delayed(shown, delay, TRAIL))
+        shown = make_strip_sequence(
+            name, strips, self.projector, self.mask, white=white, periods=periods
+        )
+        return PhotoRequest(shift_mask(shown, delay, _TRAIL))
 
-    def room(self, strips: Strips, delay: int) -> Wanted:
+    def room(self, strips: PulseStrips, delay: int) -> PhotoRequest:
         """The white photo of strips again, with a black projector."""
         white = self.wanted("white", strips, delay, white=True)
-        return replace(white, shown=room_photo(white.shown))
+        return replace(white, shown=make_room_sequence(white.shown))
 
     def read(
-        self, photo: Photo, white: Photo, strips: Strips, room: Photo | None = None
-    ) -> Readings:
+        self, photo: QuadPhoto, white: QuadPhoto, strips: PulseStrips, room: QuadPhoto | None = None
+    ) -> StripReadings:
         return read_strips(photo, white, self.camera, strips, bands=self.bands, room=room)
 
 
-def timing(session: Session) -> Script:
+def calibrate_timing(session: CalibrationSession) -> StepScript:
     """White, coarse strips, white without the projector, fine strips four times: seven photos; nine
     where the mask is whole refreshes late, or early.
 
-    Raises CalibrationError as `coarse_delay`, `read_strips` and `fit_timing` do.
+    Raises CalibrationError as `find_coarse_delay`, `read_strips` and `fit_timing` do.
     """
     rig = _Rig.of(session)
     delay, white = yield from _coarse(session, rig)
-    readings: list[Readings] = []
-    ran: list[Ran] = []
+    readings: list[StripReadings] = []
+    ran: list[PhotoLog] = []
     rows_delay = 0
-    taken = yield from take(rig.room(strips_on(rig.projector, window=rig.window), delay))
+    taken = yield from take_photo(
+        rig.room(make_pulse_strips(rig.projector, window=rig.window), delay)
+    )
     room = session.photo(taken)
-    for number in range(PERMUTATIONS):
-        strips = strips_on(rig.projector, number, window=rig.window)
-        taken = yield from take(rig.wanted(f"rhythms-{number + 1}", strips, delay))
+    for number in range(_PERMUTATIONS):
+        strips = make_pulse_strips(rig.projector, number, window=rig.window)
+        taken = yield from take_photo(rig.wanted(f"rhythms-{number + 1}", strips, delay))
         readings.append(rig.read(session.photo(taken), white, strips, room))
-        room_of(readings[-1])
-        ran.append(ran_as(taken.ran, delay, rig.refreshes))
+        measure_room_light(readings[-1])
+        ran.append(undo_mask_shift(taken.ran, delay, rig.refreshes))
         rows_delay = taken.log.mask_delay
     found = fit_timing(readings, ran, session.refresh_s)
     return _outcome(session, rig, found, readings, rows_delay + delay)
 
 
 def _coarse(
-    session: Session, rig: _Rig
-) -> Generator[Wanted | Ask, Taken | None, tuple[int, Photo]]:
+    session: CalibrationSession, rig: _Rig
+) -> Generator[PhotoRequest | UserPrompt, CalibrationPhoto | None, tuple[int, QuadPhoto]]:
     """By how many more refreshes the mask should be sent its pictures later, and the white photo
     of strips under that delay."""
-    strips, delay = strips_on(rig.projector, 0, tuple(COARSE), rig.window), 0
+    strips, delay = make_pulse_strips(rig.projector, 0, tuple(COARSE), rig.window), 0
     for number in ("", "-again"):
-        taken = yield from take(rig.wanted(f"white{number}", strips, delay, white=True))
+        taken = yield from take_photo(rig.wanted(f"white{number}", strips, delay, white=True))
         white = session.photo(taken)
-        taken = yield from take(rig.wanted(f"coarse{number}", strips, delay))
-        more = coarse_delay(rig.read(session.photo(taken), white, strips))
-        if abs(more) <= NEAR * bool(number):
+        taken = yield from take_photo(rig.wanted(f"coarse{number}", strips, delay))
+        more = find_coarse_delay(rig.read(session.photo(taken), white, strips))
+        if abs(more) <= _NEAR * bool(number):
             return delay, white
         if number:
             raise CalibrationError(
@@ -150,12 +162,12 @@ def _coarse(
 
 
 def _outcome(
-    session: Session,
+    session: CalibrationSession,
     rig: _Rig,
-    found: Timing,
-    readings: list[Readings],
+    found: MeasuredTiming,
+    readings: list[StripReadings],
     rows_delay: int,
-) -> Outcome:
+) -> StepOutcome:
     """Figures, words and advice. rows_delay : by how many rows the mask was sent its pictures
     later, by the display and by the photos together."""
     config = session.config
@@ -165,24 +177,24 @@ def _outcome(
     late_s = found.lag_s + found.apart_s
     late_s = late_s + (refreshes * planes - rows_delay) * session.refresh_s
     words = {
-        name: Measured(float(value), float(sigma))
+        name: ConfigValue(float(value), float(sigma))
         for name, value, sigma in zip(TAUS, found.taus_s, found.taus_sigma_s, strict=True)
     }
     by_row = _row_words(found, rig.mask)
     skew_s, scan_s = by_row["mask.skew_s"].value, by_row["mask.scan_s"].value
     words |= by_row
     words |= {
-        "projector.skew_s": Measured(0.0),
-        "projector.scan_s": Measured(0.0),
-        "display.mask_delay_refreshes": Measured(refreshes),
+        "projector.skew_s": ConfigValue(0.0),
+        "projector.scan_s": ConfigValue(0.0),
+        "display.mask_delay_refreshes": ConfigValue(refreshes),
     }
-    needed_s = float(np.abs(late_s).max() + SETTLED * found.taus_s.max())
+    needed_s = float(np.abs(late_s).max() + _SETTLED * found.taus_s.max())
     if scan_s:
         needed_s = max(needed_s, abs(scan_s) + abs(skew_s))
     advice = _advice(found, session.refresh_s)
     if needed_s > config.rig.settle_s:
         settle_s = ceil(1e3 * needed_s) / 1e3
-        words["rig.settle_s"] = Measured(settle_s)
+        words["rig.settle_s"] = ConfigValue(settle_s)
         advice.append(
             f"the panels need {1e3 * settle_s:.0f} ms to go black: rig.settle_s, which was "
             f"{1e3 * config.rig.settle_s:.0f} ms, is set to that"
@@ -193,8 +205,8 @@ def _outcome(
             f"{'later' if refreshes > 0 else 'earlier'}: display.mask_delay_refreshes is set to "
             f"{refreshes}, and holds from the next start on"
         )
-    delay = Figure("display.mask_delay_refreshes", float(refreshes), 0.0, "", "-60 to 60")
-    return Outcome(
+    delay = MeasuredFigure("display.mask_delay_refreshes", float(refreshes), 0.0, "", "-60 to 60")
+    return StepOutcome(
         figures=(*found.figures(), delay, *_leaks(found, late_s)),
         words=words,
         arrays=_arrays(found),
@@ -203,7 +215,7 @@ def _outcome(
     )
 
 
-def _row_words(found: Timing, mask: Map) -> dict[str, Measured]:
+def _row_words(found: MeasuredTiming, mask: Map) -> dict[str, ConfigValue]:
     """The lag by row in words of [mask]; no scan where none is seen.
 
     The rows of a band have one delay in the configuration. It is that of the band's middle, so that
@@ -213,22 +225,22 @@ def _row_words(found: Timing, mask: Map) -> dict[str, Measured]:
     at = np.array([1.0, 0.5])
     sigma_s = float(np.sqrt(at @ found.line_covariance @ at))
     slope_s = abs(found.line_s[1])
-    if slope_s < max(min(3.0 * scan_sigma_s, FLAT_S), NO_SCAN_S):
+    if slope_s < max(min(3.0 * scan_sigma_s, _FLAT_S), _NO_SCAN_S):
         skew_s, scan_s, bands = float(at @ found.line_s), 0.0, 1
     else:
         sigma_s = float(np.hypot(sigma_s, 0.5 * scan_sigma_s))
         skew_s, scan_s = found.panel_words(mask)
-        bands = 1 + ceil(min(abs(scan_s) / STEP_S, MOST_BANDS - 1))
+        bands = 1 + ceil(min(abs(scan_s) / _STEP_S, _MOST_BANDS - 1))
         skew_s += 0.5 * abs(scan_s) / bands
         scan_s *= (bands - 1) / bands
     return {
-        "mask.skew_s": Measured(skew_s, sigma_s),
-        "mask.scan_s": Measured(scan_s, scan_sigma_s),
-        "mask.scan_bands": Measured(bands),
+        "mask.skew_s": ConfigValue(skew_s, sigma_s),
+        "mask.scan_s": ConfigValue(scan_s, scan_sigma_s),
+        "mask.scan_bands": ConfigValue(bands),
     }
 
 
-def _leaks(found: Timing, late_s: Floats) -> list[Figure]:
+def _leaks(found: MeasuredTiming, late_s: Floats) -> list[MeasuredFigure]:
     """What each schedule will leak, in the worst band, once the delay is taken out; the best of
     them is judged."""
     leaks = {name: max(found.kept(name, float(late)).leak for late in late_s) for name in SLOTS}
@@ -237,18 +249,18 @@ def _leaks(found: Timing, late_s: Floats) -> list[Figure]:
     for name, leak in leaks.items():
         verdict = Verdict.GOOD
         if name == best:
-            verdict = Verdict(int(leak > LEAKS[0]) + int(leak > LEAKS[1]))
-        limit = f"best schedule, below {LEAKS[0]:g}" if name == best else ""
-        figures.append(Figure(f"leak.{name}", min(leak, 1e3), 0.0, "", limit, verdict))
+            verdict = Verdict(int(leak > _LEAKS[0]) + int(leak > _LEAKS[1]))
+        limit = f"best schedule, below {_LEAKS[0]:g}" if name == best else ""
+        figures.append(MeasuredFigure(f"leak.{name}", min(leak, 1e3), 0.0, "", limit, verdict))
     return figures
 
 
-def _advice(found: Timing, refresh_s: float) -> list[str]:
-    advice = [darken(found.room)] if found.room > ROOM_GOOD else []
+def _advice(found: MeasuredTiming, refresh_s: float) -> list[str]:
+    advice = [describe_room_light(found.room)] if found.room > ROOM_GOOD else []
     advice += [text for text in found.causes if text not in advice]
     slope_s = found.line_s[1]
-    if abs(slope_s) > AGAINST * refresh_s:
-        sure = abs(slope_s) > ONE_PANEL * refresh_s
+    if abs(slope_s) > _AGAINST * refresh_s:
+        sure = abs(slope_s) > _ONE_PANEL * refresh_s
         advice.append(
             f"the mask's rows come {1e3 * abs(slope_s):.1f} ms apart from the projector's between "
             "top and bottom: "
@@ -268,7 +280,7 @@ def _advice(found: Timing, refresh_s: float) -> list[str]:
     return advice
 
 
-def _arrays(found: Timing) -> dict[str, Floats]:
+def _arrays(found: MeasuredTiming) -> dict[str, Floats]:
     """What checks and later steps need."""
     tail = found.tail
     return {

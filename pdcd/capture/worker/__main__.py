@@ -4,9 +4,9 @@ import sys
 
 if __name__ == "__main__":
     # Before the imports that follow, which take long.
-    from pdcd.child import live_for_parent
+    from pdcd.child import end_with_parent
 
-    live_for_parent()
-    from pdcd.capture.worker.process import main
+    end_with_parent()
+    from pdcd.capture.worker.process import run_worker
 
-    raise SystemExit(main(int(sys.argv[1])))
+    raise SystemExit(run_worker(int(sys.argv[1])))

@@ -9,30 +9,30 @@ from typing import Literal
 import numpy as np
 
 from pdcd.bench.devices import CameraInfo, CameraSettings
-from pdcd.bench.measured import scale_of
+from pdcd.bench.measured import find_scale
 from pdcd.bench.stops import Stop
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import Frames
-from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.darkroom import DecodedRun
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.transport import Sliced
-from pdcd.pictures.truth import entries
+from pdcd.pictures.transport import TransportSlice
+from pdcd.pictures.truth import compute_true_entries
 from pdcd.planning.plan import Plan
 from pdcd.probing.deviation import Deviation
 from pdcd.protocol.events import Event
-from pdcd.protocol.plan_summary import How, Leaks, PlanSummary
+from pdcd.protocol.plan_summary import CaptureScheme, LeakErrors, PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
-from pdcd.recipes.parts import part_numbers
+from pdcd.recipes.parts import list_parts
 from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
-from pdcd.verdict.assess import assess
+from pdcd.verdict.assess import assess_run
 from pdcd.virtual.scene.scene import Scene
 
 
 @dataclass(frozen=True)
-class Facts:
+class RigFacts:
     """What holds for every job of a rig; `scene` is what stands before it, where that is known."""
 
     config: Config
@@ -40,11 +40,11 @@ class Facts:
     grid: tuple[int, int]
     scene: Scene | None
     cells_meet: bool = False
-    """Whether no panel can lie elsewhere (`pdcd.bench.devices.Shared`)."""
+    """Whether no panel can lie elsewhere (`pdcd.bench.devices.SharedState`)."""
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedRun:
     """What is known of a plan before there is a folder.
 
     iso : None for the camera's lowest. cut : whether any shot opens less than whole cells.
@@ -58,7 +58,7 @@ class Planned:
 
 
 @dataclass(frozen=True)
-class Adopted:
+class AdoptedPlan:
     """The run goes by this plan from here on, whose codes are stored. record : of the run, without
     its shots. shots : names of all that are planned."""
 
@@ -68,16 +68,16 @@ class Adopted:
 
 
 @dataclass(frozen=True)
-class Enough:
+class ConvergenceNote:
     """The error asked for is reached: shots that are still planned are not wanted."""
 
 
-Note = Event | MeterRecord | Adopted | Enough | str
+OrderNote = Event | MeterRecord | AdoptedPlan | ConvergenceNote | str
 """What is to be told, and kept in the run's ledger; text is a warning."""
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class PhotoOrder:
     """Take this photo.
 
     kind : a "shot" is kept with its frames, and taken again where codes got unequal light; a "test"
@@ -99,7 +99,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Photo:
+class AuxiliaryPhoto:
     """A test exposure or a dark photo as it came: path below the run folder and SHA-256 of each of
     its planes, and seconds for which the shutter was open."""
 
@@ -113,13 +113,13 @@ class Photo:
 
 
 @dataclass(frozen=True)
-class Spoilt:
+class SpoiltPhoto:
     """A photo that the run can do without could not be had."""
 
     message: str
 
 
-Taken = tuple[ShotRecord, ...] | Photo | Spoilt | None
+PhotoOutcome = tuple[ShotRecord, ...] | AuxiliaryPhoto | SpoiltPhoto | None
 """What came of a photo that was wanted; None where none was."""
 
 
@@ -129,13 +129,13 @@ class Order:
     take the photo. Without one it asks again, for then the notes are to be known before work that
     takes long; or all is `done`."""
 
-    notes: tuple[Note, ...]
-    photo: Wanted | None = None
+    notes: tuple[OrderNote, ...]
+    photo: PhotoOrder | None = None
     done: bool = False
 
 
 @dataclass(frozen=True)
-class Developed:
+class DevelopedRun:
     """A run whose pictures are written.
 
     record : of the run, with the map of its cells.
@@ -169,7 +169,7 @@ class Developed:
     blind: float = 0.0
 
 
-def record_of(
+def make_run_record(
     plan: Plan,
     request: CaptureRequest,
     config: Config,
@@ -197,7 +197,7 @@ def record_of(
         profile=profile,
         shots=tuple(shots),
         stops=tuple(stops),
-        scale=scale_of(config, stops[0].f_number if stops else None),
+        scale=find_scale(config, stops[0].f_number if stops else None),
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
@@ -210,33 +210,33 @@ def record_of(
     )
 
 
-def developed_of(
+def make_developed_run(
     record: RunRecord,
-    decoded: Decoded,
+    decoded: DecodedRun,
     errors: tuple[float | None, float | None],
     warnings: tuple[str, ...],
     alive: Callable[[], None],
     scene: Scene | None = None,
-) -> Developed:
+) -> DevelopedRun:
     """What is told of a decoded run; `errors` are those of its answer against a known truth,
     `scene`, `warnings` those of its pictures."""
     picture = decoded.answer
     known = picture.sigma[np.isfinite(picture.sigma)]
     deviations = decoded.deviations(alive)
-    return Developed(
+    return DevelopedRun(
         record=record,
         saturated={name: int(s.saturated.sum()) for name, s in decoded.shots.items()},
         exif={name: shot.exif for name, shot in decoded.shots.items()},
-        parts=len(part_numbers(decoded.recipe)),
-        rms_sigma=rms_sigma(picture),
+        parts=len(list_parts(decoded.recipe)),
+        rms_sigma=compute_rms_sigma(picture),
         sigma_kind=picture.kind,
         sigma_mean=float(known.mean(dtype=np.float64)) if known.size else None,
         rms_errors=errors,
         deviations=deviations,
-        quality=assess(record, decoded, deviations),
+        quality=assess_run(record, decoded, deviations),
         picture=decoded.recipe.answer_name,
         warnings=warnings,
-        transport=transport_figures(
+        transport=compute_transport_figures(
             decoded.transport,
             # Entries are of cells of codes, a scene's of its own: those of the whole picture.
             scene if record.projector.field_px is None else None,
@@ -247,8 +247,8 @@ def developed_of(
     )
 
 
-def transport_figures(
-    found: Sliced | None, scene: Scene | None, grid: tuple[int, int], *, pixels: bool
+def compute_transport_figures(
+    found: TransportSlice | None, scene: Scene | None, grid: tuple[int, int], *, pixels: bool
 ) -> dict[str, float | int | None]:
     """Photos, sigma and, of a scene of these cells that is known, error of entries of T, both over
     the RMS of the entries; nothing where none were photographed. pixels : on a bench of pixels."""
@@ -257,7 +257,7 @@ def transport_figures(
     error = None
     # On a bench of pixels detail is no matter of cells: their entries are not what is seen there.
     if scene is not None and scene.grid == grid and not (pixels and scene.textures):
-        error = found.rms_error(entries(scene, found.seen, found.lit))
+        error = found.rms_error(compute_true_entries(scene, found.seen, found.lit))
     sigma = found.rms_sigma if np.isfinite(found.rms_sigma) else None
     return {
         "transport_photos": found.photos,
@@ -266,14 +266,14 @@ def transport_figures(
     }
 
 
-def _left(leaks: Leaks | None, how: How) -> float:
+def _left(leaks: LeakErrors | None, how: CaptureScheme) -> float:
     """RMS error of the answer by leaks that a look found and nothing takes off."""
     if leaks is None or leaks.both <= leaks.limit or how.black_level != "none":
         return 0.0
     return leaks.both
 
 
-def rms_sigma(picture: Picture) -> float:
+def compute_rms_sigma(picture: Picture) -> float:
     """RMS sigma over RMS image, where sigma is finite; infinite where that is nowhere or dark."""
     known = np.isfinite(picture.sigma)
     light = float(np.sum(picture.image**2, where=known))

@@ -7,40 +7,40 @@ from collections.abc import Generator
 import msgspec
 
 from pdcd.bench.tables import Config
-from pdcd.capture.worker.answers import Order, Spoilt, Taken, Wanted
-from pdcd.capture.worker.exposing import Exposer, Orders, dark_photo_of
+from pdcd.capture.worker.answers import Order, PhotoOrder, PhotoOutcome, SpoiltPhoto
+from pdcd.capture.worker.exposing import Exposer, Orders, make_dark_photo
 from pdcd.errors import PdcdError
 from pdcd.planning.border_photo import DARK, INNER, LIT, BorderFrames
-from pdcd.planning.panel_look import white_shot
+from pdcd.planning.panel_look import find_white_shot
 from pdcd.planning.plan import Plan
 from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord
 
 
 def photograph_borders(
     plan: Plan, config: Config, widest: float, exposer: Exposer, orders: Orders
-) -> Generator[Order, Taken, BorderPhoto | None]:
+) -> Generator[Order, PhotoOutcome, BorderPhoto | None]:
     """Take its photos at the aperture of the white shot of a plan, for which they are wanted
     (`pdcd.planning.border_photo`); None where one was spoilt.
 
     widest : largest share of a quad that strips take.
     """
-    white = white_shot(plan)
+    white = find_white_shot(plan)
     if white is None:
         raise PdcdError("a photo of the light along borders goes with a white shot")
     shown, photos = BorderFrames.of(plan, config, widest), list[DarkPhoto]()
     f_number = yield from exposer.aperture(white, plan.recipe.shots, plan.sequence)
     settings = exposer.settings(f_number)
     for name in (LIT, INNER, DARK):
-        wanted = Wanted("look", name, shown.frames(name), settings, f_number)
+        wanted = PhotoOrder("look", name, shown.frames(name), settings, f_number)
         taken = yield from orders.look(wanted)
-        if isinstance(taken, Spoilt):
+        if isinstance(taken, SpoiltPhoto):
             orders.note(
                 "no photo of the light along the borders of cells, which is worked out from the "
                 f"quads around and errs by more: {taken.message}"
             )
             return None
         orders.note(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
-        photos.append(dark_photo_of(taken, wanted, shown.phase_s(name)))
+        photos.append(make_dark_photo(taken, wanted, shown.phase_s(name)))
     lit, inner, dark = photos
     return BorderPhoto(
         **msgspec.structs.asdict(lit),

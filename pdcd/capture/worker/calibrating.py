@@ -12,26 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.calibration import (
-    ARRAYS,
+    CALIBRATION_ARRAYS,
     MAPS,
     PROFILE,
-    Entry,
     FigureRecord,
+    MeasuredValue,
     PhotoRecord,
     StepRecord,
-    read_small,
+    read_small_file,
 )
-from pdcd.bench.devices import CameraInfo, WhileShown
-from pdcd.bench.exposure_time import time_doubts
+from pdcd.bench.devices import CameraInfo, ShutterTiming
+from pdcd.bench.exposure_time import describe_time_conflict
 from pdcd.bench.tables import Config
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.preview import write_preview
-from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
-from pdcd.calibration.shown import frames_of
-from pdcd.calibration.steps import METER, script_of, spoilt_by
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.preview import write_step_preview
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    UserPrompt,
+)
+from pdcd.calibration.shown import pack_frames
+from pdcd.calibration.steps import METER, explain_unused_step, start_step_script
 from pdcd.errors import CalibrationError, ConfigError, PdcdError, disk_errors
-from pdcd.files.arrays import members, read_npz
-from pdcd.files.opening import Limits, Unsound
+from pdcd.files.arrays import list_members, read_npz
+from pdcd.files.opening import ArrayLimits, UnsoundFileError
 from pdcd.panels.frames import Frames
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
@@ -42,13 +49,13 @@ from pdcd.words import MarksName, SubjectName, VerdictName
 
 HELPED = "helped"
 """Of the settings of a step: 1 where what it asked of a person was done."""
-MAX_ARRAY_VALUES = 2**24
+_MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
-MAX_ARRAYS_BYTES = 2**30
+_MAX_ARRAYS_BYTES = 2**30
 """Most bytes of the file that holds them all."""
-FILES = {"disparity.right": "disparities.npy"}
+_FILES = {"disparity.right": "disparities.npy"}
 """Arrays that a request takes, by the step that finds them: files of their own, too."""
-VERDICTS: Mapping[Verdict, VerdictName] = {
+_VERDICTS: Mapping[Verdict, VerdictName] = {
     Verdict.GOOD: "good",
     Verdict.DOUBTFUL: "doubtful",
     Verdict.BAD: "bad",
@@ -65,29 +72,29 @@ class NextPhoto:
     iso: int
     f_number: float | None
     covered: bool = False
-    moving: WhileShown | None = None
+    moving: ShutterTiming | None = None
 
 
 @dataclass(frozen=True)
-class NextAsk:
+class OperatorTask:
     """Have somebody do this."""
 
-    ask: Ask
+    ask: UserPrompt
 
 
 @dataclass(frozen=True)
-class Found:
+class StepResult:
     """The step is done. left_out : why its values are not used; "" where they are."""
 
     step: StepRecord
     left_out: str = ""
 
 
-Next = NextPhoto | NextAsk | Found
+Next = NextPhoto | OperatorTask | StepResult
 
 
 @dataclass(frozen=True)
-class Begin:
+class CalibrationStart:
     """What a calibration starts from.
 
     before : folder of the calibration that is in use, for what its steps left for later ones.
@@ -105,20 +112,20 @@ class Begin:
 
 
 @dataclass
-class Study:
+class CalibrationStudy:
     """One calibration under way: the script that runs, and what those before it found."""
 
     folder: Path
-    session: Session
+    session: CalibrationSession
     table: FrameTable
     now_utc: str = ""
-    script: Script | None = None
+    script: StepScript | None = None
     step: str = ""
     photos: list[PhotoRecord] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     seconds: float = 0.0
     settings: dict[str, float] = field(default_factory=dict)
-    entries: dict[str, Entry] = field(default_factory=dict)
+    entries: dict[str, MeasuredValue] = field(default_factory=dict)
     profile_text: str | None = None
     left_out: dict[str, str] = field(default_factory=dict)
 
@@ -127,12 +134,12 @@ class Study:
         self.kept = replace(self.session, arrays=dict(self.session.arrays), done=[])
 
     @classmethod
-    def begun(cls, begin: Begin, folder: Path) -> Study:
+    def begun(cls, begin: CalibrationStart, folder: Path) -> CalibrationStudy:
         """A new one, whose photos will lie in `folder`. Raises ConfigError."""
         camera, config = begin.camera, begin.config
         iso = config.camera.iso if config.camera.iso is not None else min(camera.isos)
-        arrays = {} if begin.before is None else read_arrays(begin.before / ARRAYS)
-        session = Session(
+        arrays = {} if begin.before is None else read_arrays(begin.before / CALIBRATION_ARRAYS)
+        session = CalibrationSession(
             config,
             begin.profile,
             camera,
@@ -156,7 +163,7 @@ class Study:
         }
         if session.f_number is not None:
             self.settings["f_number"] = session.f_number
-        self.script = script_of(step, session)
+        self.script = start_step_script(step, session)
         return self._go_on(None)
 
     def photo(self, record: PhotoRecord) -> Next:
@@ -178,10 +185,10 @@ class Study:
         )
         self.photos.append(record)
         open_s = (record.close_ns - record.open_ns) * 1e-9
-        if doubt := time_doubts(record.planned_s or open_s, open_s, raw.exposure_s):
+        if doubt := describe_time_conflict(record.planned_s or open_s, open_s, raw.exposure_s):
             self.doubts.append(f"photo {record.name}: {doubt}; look at the shutter, and repeat")
         name = record.name.removeprefix(f"{self.step}-")
-        taken = Taken(name, raw, log, record.open_ns, record.close_ns, record.iso)
+        taken = CalibrationPhoto(name, raw, log, record.open_ns, record.close_ns, record.iso)
         self.seconds += time.process_time() - began_s
         return self._go_on(taken)
 
@@ -189,7 +196,7 @@ class Study:
         """Go on: what was asked of a person is done."""
         return self._go_on(None)
 
-    def _go_on(self, taken: Taken | None) -> Next:
+    def _go_on(self, taken: CalibrationPhoto | None) -> Next:
         if self.script is None:
             raise PdcdError("no step of a calibration is under way")
         began_s = time.process_time()
@@ -199,59 +206,59 @@ class Study:
             self.script = None
             self.seconds += time.process_time() - began_s
             step = self._learn(end.value)
-            return Found(step, self.left_out.get(step.name, ""))
+            return StepResult(step, self.left_out.get(step.name, ""))
         self.seconds += time.process_time() - began_s
-        if isinstance(wanted, Ask):
-            return NextAsk(wanted)
+        if isinstance(wanted, UserPrompt):
+            return OperatorTask(wanted)
         return self._wanted(wanted)
 
-    def _wanted(self, wanted: Wanted) -> NextPhoto:
+    def _wanted(self, wanted: PhotoRequest) -> NextPhoto:
         session = self.session
         f_number = session.f_number if wanted.f_number is None else wanted.f_number
         return NextPhoto(
             name=f"{self.step}-{wanted.shown.name}",
-            frames=frames_of(wanted.shown),
+            frames=pack_frames(wanted.shown),
             iso=session.iso if wanted.iso is None else wanted.iso,
             f_number=f_number,
             covered=wanted.covered,
             moving=wanted.moving,
         )
 
-    def _learn(self, outcome: Outcome) -> StepRecord:
+    def _learn(self, outcome: StepOutcome) -> StepRecord:
         """Go on by what a step found, and keep it unless it is bad or goes by what is."""
         step = self.step
         self.session.learn(step, outcome)
-        why = "bad" if outcome.verdict is Verdict.BAD else spoilt_by(step, self.left_out)
+        why = "bad" if outcome.verdict is Verdict.BAD else explain_unused_step(step, self.left_out)
         if why:
             self.left_out[step] = why
         else:
             self._keep(step, outcome)
         if outcome.picture is not None:
             with disk_errors(str(self.folder)):
-                write_preview(self.folder / "preview" / f"{step}.png", outcome.picture)
+                write_step_preview(self.folder / "preview" / f"{step}.png", outcome.picture)
         return StepRecord(
             name=step,
             made_utc=self.now_utc,
             seconds=self.seconds,
-            verdict=VERDICTS[max(outcome.verdict, Verdict(bool(self.doubts)))],
+            verdict=_VERDICTS[max(outcome.verdict, Verdict(bool(self.doubts)))],
             figures=tuple(map(_record, outcome.figures)),
             advice=(*outcome.advice, *self.doubts),
             photos=tuple(self.photos),
             settings=self.settings,
         )
 
-    def _keep(self, step: str, outcome: Outcome) -> None:
+    def _keep(self, step: str, outcome: StepOutcome) -> None:
         self.kept.learn(step, outcome)
         for key, found in outcome.words.items():
-            self.entries[key] = Entry(
+            self.entries[key] = MeasuredValue(
                 value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
             )
         if outcome.profile is not None:
-            from pdcd.calibration.sensor.body import profile_text  # what a capture never needs
+            from pdcd.calibration.sensor.body import format_profile  # what a capture never needs
 
-            self.profile_text = profile_text(outcome.profile)
+            self.profile_text = format_profile(outcome.profile)
 
-    def write(self, below: str = "") -> dict[str, Entry]:
+    def write(self, below: str = "") -> dict[str, MeasuredValue]:
         """Write maps, arrays and profile of what is kept so far, into a folder of that name below;
         returns what was measured. Raises DiskError."""
         folder, kept = self.folder / below, self.kept
@@ -261,8 +268,8 @@ class Study:
             if maps := self._all_maps():
                 save_maps(folder / MAPS, maps)
             if kept.arrays:  # the focus keeps none
-                write_arrays(folder / ARRAYS, kept.arrays)
-            for name, file in FILES.items():
+                write_arrays(folder / CALIBRATION_ARRAYS, kept.arrays)
+            for name, file in _FILES.items():
                 if name.partition(".")[0] in kept.done:
                     np.save(folder / file, kept.arrays[name], allow_pickle=False)
             if self.profile_text is not None:
@@ -293,19 +300,21 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         if not path.exists():
             return {}
-        data = read_small(path, MAX_ARRAYS_BYTES)
-        return dict(read_npz(data, dict.fromkeys(members(data), Limits(MAX_ARRAY_VALUES))))
+        data = read_small_file(path, _MAX_ARRAYS_BYTES)
+        return dict(
+            read_npz(data, dict.fromkeys(list_members(data), ArrayLimits(_MAX_ARRAY_VALUES)))
+        )
     except (OSError, ConfigError) as err:
         why = getattr(err, "strerror", None) or str(err)
         raise CalibrationError(f"{path} cannot be used: {why}") from err
-    except Unsound as err:
+    except UnsoundFileError as err:
         raise CalibrationError(
             f"{path} cannot be used: {err.message}",
             hint='name another calibration in [calibration] use, or set it to "none"',
         ) from err
 
 
-def _record(figure: Figure) -> FigureRecord:
+def _record(figure: MeasuredFigure) -> FigureRecord:
     def number(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
 
@@ -315,8 +324,16 @@ def _record(figure: Figure) -> FigureRecord:
         sigma=number(figure.sigma),
         unit=figure.unit,
         limit=figure.limit,
-        verdict=VERDICTS[figure.verdict],
+        verdict=_VERDICTS[figure.verdict],
     )
 
 
-__all__ = ["METER", "Begin", "Found", "Next", "NextAsk", "NextPhoto", "Study"]
+__all__ = [
+    "METER",
+    "CalibrationStart",
+    "CalibrationStudy",
+    "Next",
+    "NextPhoto",
+    "OperatorTask",
+    "StepResult",
+]

@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pdcd.child import PICKLES, Child, module_command, single_threaded, start
+from pdcd.child import PICKLES, Child, make_child_environment, make_module_command, start_child
 from pdcd.errors import PdcdError
 
-COMMAND = module_command("pdcd.capture.worker")
+WORKER_COMMAND = make_module_command("pdcd.capture.worker")
 
 
 @dataclass(frozen=True)
-class Call:
+class TaskCall:
     """Do that task of the table with these arguments."""
 
     name: str
@@ -25,12 +25,12 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopCall:
     """What is being done is not wanted any more; says nothing to one who does nothing."""
 
 
 @dataclass(frozen=True)
-class Sign:
+class LifeSign:
     """A sign of life; with a `total` above 0 also how much is done, and at what stage."""
 
     done: float = 0.0
@@ -39,28 +39,28 @@ class Sign:
 
 
 @dataclass(frozen=True)
-class Done:
+class TaskResult:
     """The task is done."""
 
     value: Any
 
 
 @dataclass(frozen=True)
-class Failed:
+class TaskFailure:
     """The task raised; `spent` says that the process has seen better days: replace it."""
 
     error: PdcdError
     spent: bool = False
 
 
-def start_worker(command: Sequence[str] = COMMAND) -> Child[Any]:
+def start_worker(command: Sequence[str] = WORKER_COMMAND) -> Child[Any]:
     """Start a worker, without waiting until it is warm. Raises PdcdError.
 
     The kernel ends it with the thread that calls this.
     """
-    return start(
+    return start_child(
         command,
         PICKLES,
         what="the process that plans and decodes",
-        environment=single_threaded(),
+        environment=make_child_environment(),
     )

@@ -10,25 +10,33 @@ from typing import cast
 import msgspec
 import numpy as np
 
+from pdcd.arrays import Floats
 from pdcd.bench.devices import CameraInfo, CameraSettings
-from pdcd.bench.placed import camera_map
-from pdcd.bench.stops import Stop, light_sigma, stop_of
-from pdcd.capture.worker.answers import Facts, Note, Order, Photo, Spoilt, Taken, Wanted
+from pdcd.bench.placed import make_camera_map
+from pdcd.bench.stops import Stop, compute_light_sigma, stop_of
+from pdcd.capture.worker.answers import (
+    AuxiliaryPhoto,
+    Order,
+    OrderNote,
+    PhotoOrder,
+    PhotoOutcome,
+    RigFacts,
+    SpoiltPhoto,
+)
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.frames import Frames
 from pdcd.planning.metering import (
     MAX_TESTS,
     USABLE,
-    Floats,
+    can_share_stop,
+    choose_next_aperture,
+    choose_test_pairs,
     compare_stops,
-    expected_share,
-    leading_shot,
-    metered_pairs,
-    next_aperture,
-    peak_share,
-    shares_stop,
-    times_shown,
-    white_slots_at,
+    count_stop_repeats,
+    fit_white_slots,
+    measure_peak_share,
+    pick_leading_shot,
+    predict_peak_share,
 )
 from pdcd.planning.plan import ShotSequence
 from pdcd.recipes.recipe import Shot
@@ -36,11 +44,11 @@ from pdcd.runs.record import DarkPhoto, MeterRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
 
-FIRST_F_NUMBER = 8.0
+_FIRST_F_NUMBER = 8.0
 """Aperture of the first test exposure."""
 
-Exposing = Generator[Order, Taken, float]
-Shows = Callable[[Shot], ShotSequence]
+_Exposing = Generator[Order, PhotoOutcome, float]
+_Shows = Callable[[Shot], ShotSequence]
 """What the panels show in a shot of a plan."""
 
 
@@ -48,26 +56,28 @@ class Orders:
     """Makes the orders of a job; a note waits for the next one."""
 
     def __init__(self) -> None:
-        self._notes: list[Note] = []
+        self._notes: list[OrderNote] = []
 
-    def note(self, *notes: Note) -> None:
+    def note(self, *notes: OrderNote) -> None:
         """To be told and kept before anything else is done with the devices."""
         self._notes += notes
 
-    def tell(self, note: Note) -> Order:
+    def tell(self, note: OrderNote) -> Order:
         """To be told and kept before work that takes long."""
         self.note(note)
         return Order(self._noted())
 
-    def expose(self, wanted: Wanted) -> Generator[Order, Taken, Taken]:
+    def expose(self, wanted: PhotoOrder) -> Generator[Order, PhotoOutcome, PhotoOutcome]:
         """To have a photo taken; returns what came of it."""
         return (yield Order(self._noted(), wanted))
 
-    def look(self, wanted: Wanted) -> Generator[Order, Taken, Photo | Spoilt]:
+    def look(
+        self, wanted: PhotoOrder
+    ) -> Generator[Order, PhotoOutcome, AuxiliaryPhoto | SpoiltPhoto]:
         """To have a dark photo or one of pixels taken, without which a run goes on: for whoever
         has to say what follows from one that was spoilt. Raises PdcdError for no answer."""
         taken = yield from self.expose(wanted)
-        if not isinstance(taken, Photo | Spoilt):
+        if not isinstance(taken, AuxiliaryPhoto | SpoiltPhoto):
             raise PdcdError(f"photo {wanted.name} came as none")
         return taken
 
@@ -75,12 +85,12 @@ class Orders:
         """Nothing more is wanted."""
         return Order(self._noted(), done=True)
 
-    def _noted(self) -> tuple[Note, ...]:
+    def _noted(self) -> tuple[OrderNote, ...]:
         notes, self._notes = tuple(self._notes), []
         return notes
 
 
-def dark_photo_of(photo: Photo, wanted: Wanted, phase_s: float) -> DarkPhoto:
+def make_dark_photo(photo: AuxiliaryPhoto, wanted: PhotoOrder, phase_s: float) -> DarkPhoto:
     """What a run remembers of such a photo; phase_s : how long each of its states was shown."""
     return DarkPhoto(
         raw=photo.raw,
@@ -105,7 +115,7 @@ class Exposer:
     slot of a white shot brings at the run's own stop.
     """
 
-    facts: Facts
+    facts: RigFacts
     camera: CameraInfo
     planned_iso: int | None
     folder: Path
@@ -139,9 +149,9 @@ class Exposer:
 
     def white_slots(self, planned: int) -> int:
         """Slots of a white shot, of which so many are planned."""
-        return white_slots_at(self.per_slot, planned) if self.per_slot else planned
+        return fit_white_slots(self.per_slot, planned) if self.per_slot else planned
 
-    def aperture(self, shot: Shot, planned: Sequence[Shot], shown: Shows) -> Exposing:
+    def aperture(self, shot: Shot, planned: Sequence[Shot], shown: _Shows) -> _Exposing:
         """The f-number of a shot of those that are `planned`: as configured, or by test exposures,
         once for each kind. shown : what the panels show in a shot. Raises ConfigError for a lens
         that has to be set by hand."""
@@ -155,15 +165,15 @@ class Exposer:
                 hint="set camera.f_number to what its ring says",
             )
         if not self.stops:
-            lead = leading_shot(planned)
-            first = min(self.camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
+            lead = pick_leading_shot(planned)
+            first = min(self.camera.f_numbers, key=lambda f: abs(f - _FIRST_F_NUMBER))
             self.apertures[lead.kind] = yield from self._metered(lead, shown(lead), first)
             self._begin(self.apertures[lead.kind])
         if shot.kind not in self.apertures:
             own, sequence = self.stops[0].f_number, shown(shot)
             found = yield from self._metered(shot, sequence, own, join=True)
             if found != own:
-                dim = leading_shot(planned) if found > own else shot
+                dim = pick_leading_shot(planned) if found > own else shot
                 yield from self._compare(shot.name, shown(dim), found)
             self.apertures[shot.kind] = found
         return self.apertures[shot.kind]
@@ -175,11 +185,11 @@ class Exposer:
 
     def _metered(
         self, shot: Shot, sequence: ShotSequence, f_number: float, *, join: bool = False
-    ) -> Exposing:
+    ) -> _Exposing:
         """The f-number that test exposures lead to, of which the first is at `f_number`; with
         `join` that one, if the shot can be taken at it."""
         saturation_dn = self.facts.profile.saturation_dn(self.iso)
-        pairs, ratio = metered_pairs(sequence)
+        pairs, ratio = choose_test_pairs(sequence)
         frames, apertures = sequence.frames(pairs), self.camera.f_numbers
         for test in range(1, MAX_TESTS + 1):
             photo = yield from self._test(f"meter-{shot.name}-{test}", frames, f_number)
@@ -187,34 +197,36 @@ class Exposer:
             peak, expected = (max(values) for values in zip(*shares, strict=True))
             self.orders.note(MeterRecord(raw=photo.raw, f_number=f_number, peak=peak))
             if join and test == 1 and peak < USABLE[1]:
-                if shares_stop(shot, expected, sequence.passes):
+                if can_share_stop(shot, expected, sequence.passes):
                     self.per_slot = expected / sequence.passes if shot.white else self.per_slot
                     return f_number
-            f_number, settled = next_aperture(apertures, f_number, peak, expected)
+            f_number, settled = choose_next_aperture(apertures, f_number, peak, expected)
             if settled:
                 return f_number
         self.orders.note(f"metering of {shot.name} did not settle; took f/{f_number:g}")
         return f_number
 
-    def _test(self, name: str, frames: Frames, f_number: float) -> Generator[Order, Taken, Photo]:
+    def _test(
+        self, name: str, frames: Frames, f_number: float
+    ) -> Generator[Order, PhotoOutcome, AuxiliaryPhoto]:
         """One test exposure."""
-        wanted = Wanted("test", name, frames, self.settings(f_number), f_number)
-        return cast(Photo, (yield from self.orders.expose(wanted)))
+        wanted = PhotoOrder("test", name, frames, self.settings(f_number), f_number)
+        return cast(AuxiliaryPhoto, (yield from self.orders.expose(wanted)))
 
     def _compare(
         self, name: str, sequence: ShotSequence, f_number: float
-    ) -> Generator[Order, Taken, None]:
+    ) -> Generator[Order, PhotoOutcome, None]:
         """Compare the light of another stop, which a shot of that name wants, with that of the
         run's own, by two photos of a sequence that is not too bright for the wider one of them.
         Where these are too dark to tell, the stop counts as it is known without them."""
         own, known = self.stops[0], {stop.f_number for stop in self.stops}
         if f_number in known:
             return
-        pairs = metered_pairs(sequence)[0]
+        pairs = choose_test_pairs(sequence)[0]
         wide = min(own.f_number, f_number)
         raws, shown, saturation_dn = [], [], self.facts.profile.saturation_dn(self.iso)
         for number, each in enumerate((own.f_number, f_number), 1):
-            shown.append(times_shown(wide, each))
+            shown.append(count_stop_repeats(wide, each))
             frames = sequence.frames(pairs, shown[-1])
             photo = yield from self._test(f"stop-{name}-{number}", frames, each)
             self.orders.note(MeterRecord(raw=photo.raw, f_number=each, peak=None))
@@ -225,7 +237,7 @@ class Exposer:
         if compared is None:
             measured = self.facts.config.camera.stops
             stop = stop_of(f_number, measured)
-            sigma = light_sigma(stop_of(own.f_number, measured), stop)
+            sigma = compute_light_sigma(stop_of(own.f_number, measured), stop)
             self.stops = (*self.stops, msgspec.structs.replace(stop, sigma=sigma))
             self.orders.note(
                 f"{takes}: it has too little light to compare the two; pictures go by what is "
@@ -249,12 +261,12 @@ class Exposer:
         cells = CellMap(
             grid=self.facts.grid,
             frame=frame.frame,
-            map=camera_map(config, frame.frame),
+            map=make_camera_map(config, frame.frame),
             blur_quads=config.camera.blur_quads,
         )
         return (
-            peak_share(frame.planes, frame.saturated, saturation_dn),
-            expected_share(frame.planes, ratio, saturation_dn, cells),
+            measure_peak_share(frame.planes, frame.saturated, saturation_dn),
+            predict_peak_share(frame.planes, ratio, saturation_dn, cells),
         )
 
     def _read(self, raw: str, sha256: str, saturation_dn: float) -> RawFrame:

@@ -10,23 +10,23 @@ from pdcd.bench.tables import Config
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import PdcdError, RequestError
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.leaks import answers_of, noise_of
-from pdcd.pictures.learn import Learned
-from pdcd.planning.guided import resumed, with_links
+from pdcd.pictures.leaks import make_leak_answers, predict_photo_variances
+from pdcd.pictures.learn import PilotFindings
+from pdcd.planning.guided import resume_pilot, with_links
 from pdcd.planning.plan import Plan
-from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.plan_summary import LeakErrors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import DarkPhoto
 from pdcd.watch import Watch
 
 
-def leaks_in(
+def estimate_leaks(
     plan: Plan,
     darkroom: Darkroom,
     darks: Sequence[DarkPhoto],
     watch: Watch,
     before: DarkPhoto | None = None,
-) -> Leaks:
+) -> LeakErrors:
     """RMS errors that leaks make of the answer so far.
 
     darks : a dark photo; and where it may matter whose the leak is, one without the lit projector,
@@ -38,7 +38,7 @@ def leaks_in(
         raise PdcdError("this plan looks at no dark photo")
     recipe, means = darkroom.means(watch)
     lit = {shot.name: plan.sequence(shot).lit_s(plan.row_hz) for shot in recipe.shots}
-    answers = answers_of(recipe, means, lit, normalise=darkroom.record.normalise)
+    answers = make_leak_answers(recipe, means, lit, normalise=darkroom.record.normalise)
     found = [darkroom.dark_means(photo) for photo in darks]
     ambient = mask = None
     if len(found) == 1:
@@ -52,7 +52,7 @@ def leaks_in(
     if before is not None:
         room = darkroom.dark_means(before)
         changed = max(answer.changed(room, found[-1]) for answer in answers)
-    return Leaks(
+    return LeakErrors(
         changed=changed,
         ambient=ambient,
         mask=mask,
@@ -63,7 +63,9 @@ def leaks_in(
     )
 
 
-def room_changed(darkroom: Darkroom, before: DarkPhoto, after: DarkPhoto, watch: Watch) -> float:
+def estimate_room_change(
+    darkroom: Darkroom, before: DarkPhoto, after: DarkPhoto, watch: Watch
+) -> float:
     """RMS error of the answer by what the room's light changed between two dark photos of the same
     kind, had all of the answer got it as in one of them and what was taken off it as in the other.
 
@@ -73,11 +75,11 @@ def room_changed(darkroom: Darkroom, before: DarkPhoto, after: DarkPhoto, watch:
     if not one.less(other).seen:
         return 0.0
     recipe, means = darkroom.means(watch)
-    answers = answers_of(recipe, means, {}, normalise=darkroom.record.normalise)
+    answers = make_leak_answers(recipe, means, {}, normalise=darkroom.record.normalise)
     return max(answer.changed(one, other) for answer in answers)
 
 
-def darker(darkroom: Darkroom, one: DarkPhoto, other: DarkPhoto) -> DarkPhoto:
+def choose_darker_photo(darkroom: Darkroom, one: DarkPhoto, other: DarkPhoto) -> DarkPhoto:
     """Of two dark photos that with less light: where it changed, only that was surely always there.
 
     Raises DecodeError.
@@ -86,7 +88,7 @@ def darker(darkroom: Darkroom, one: DarkPhoto, other: DarkPhoto) -> DarkPhoto:
 
 
 @dataclass(frozen=True)
-class Mended:
+class _Mended:
     """What the user must know of it, and what was decided about noise, in words."""
 
     told: tuple[str, ...] = ()
@@ -114,7 +116,7 @@ class AmbientResponse:
         darkroom: Darkroom,
         replan: Callable[[Plan], None],
         watch: Watch,
-    ) -> Mended:
+    ) -> _Mended:
         """Have the run go on by a plan that knows of ambient light.
 
         plan : with its black exposures. photo : a dark photo that shows this light alone. `replan`
@@ -124,41 +126,46 @@ class AmbientResponse:
         leaks = plan.leaks
         if leaks is None or leaks.ambient is None or leaks.ambient <= leaks.limit:
             replan(plan)
-            return Mended()
+            return _Mended()
         recipe, means = darkroom.means(watch)
         taken, names, variances = plan, frozenset(means.panels), {}
         if self.average:
             light, normalise = darkroom.dark_means(photo), darkroom.record.normalise
-            variances = noise_of(recipe, means, light, normalise=normalise)
+            variances = predict_photo_variances(recipe, means, light, normalise=normalise)
         plan = replace(plan, dark=photo)
         replan(plan)
         learned = darkroom.learned(watch)
         plan, told = self._gone_on(plan, learned)
         decided, enough = "", True
         if variances:
-            from pdcd.planning.average import averaged, noise_of_plan  # dark rooms need none of it
+            from pdcd.planning.average import (  # dark rooms need none of it
+                extend_for_noise,
+                predict_plan_noise,
+            )
 
-            noise = noise_of_plan(plan, variances, taken, names)
-            plan, decided, enough = averaged(
+            noise = predict_plan_noise(plan, variances, taken, names)
+            plan, decided, enough = extend_for_noise(
                 plan, noise, self.request, self.config, self.camera, watch
             )
         if plan.how.pilot > SCOUTS and not plan.how.late and learned is not None and learned.pays:
             plan = self._guided(plan, learned, names, watch)
         replan(plan)
-        return Mended(told if enough else (*told, decided), decided)
+        return _Mended(told if enough else (*told, decided), decided)
 
-    def _gone_on(self, plan: Plan, learned: Learned | None) -> tuple[Plan, tuple[str, ...]]:
+    def _gone_on(self, plan: Plan, learned: PilotFindings | None) -> tuple[Plan, tuple[str, ...]]:
         """The same, or that with a pilot which goes on after all."""
         before = self.before
         if before is None or learned is None or not learned.promising or not before.how.coded:
             return plan, ()
         try:
-            plan = resumed(before, plan, self.config, learned.sharpness)
+            plan = resume_pilot(before, plan, self.config, learned.sharpness)
         except RequestError:  # more than memory holds
             return plan, ()
         return plan, (plan.reasons[-1],)
 
-    def _guided(self, plan: Plan, learned: Learned, names: frozenset[str], watch: Watch) -> Plan:
+    def _guided(
+        self, plan: Plan, learned: PilotFindings, names: frozenset[str], watch: Watch
+    ) -> Plan:
         """The same with codes by a map that is clearer without ambient light; those that were shown
         stay as they are."""
         guided = with_links(plan, learned.links, self.request.seed, watch).patterns

@@ -6,47 +6,56 @@ from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.bench.placed import camera_map, panels_of
-from pdcd.capture.worker.answers import Facts, Order, Spoilt, Taken, Wanted
+from pdcd.arrays import Floats
+from pdcd.bench.placed import make_camera_map, panels_of
+from pdcd.capture.worker.answers import Order, PhotoOrder, PhotoOutcome, RigFacts, SpoiltPhoto
 from pdcd.capture.worker.exposing import Exposer, Orders
-from pdcd.panels.blocks import TOO_FEW, Blocks
-from pdcd.pictures.misplaced import BlockPhotos, panel_look, quad_px
-from pdcd.planning.panel_look import MASK, PROJECTOR, WHITE, BlockFrames, rows_of, white_shot
+from pdcd.panels.blocks import TOO_FEW, BlockPattern
+from pdcd.pictures.misplaced import BlockPhotos, find_panel_places, quad_px
+from pdcd.planning.panel_look import (
+    MASK_BLOCK_PHOTO,
+    PROJECTOR_BLOCK_PHOTO,
+    WHITE_BLOCK_PHOTO,
+    BlockFrames,
+    count_block_rows,
+    find_white_shot,
+)
 from pdcd.planning.plan import Plan
 from pdcd.runs.record import MeterRecord, PanelLook, ShotRecord
 from pdcd.sensor.raw import RawFrame, read_raw
-
-Floats = NDArray[np.float64]
 
 
 class PanelCheck:
     """Takes the photos of a look, in the run folder of a job, and works out what they say."""
 
-    def __init__(self, facts: Facts, folder: Path, exposer: Exposer, orders: Orders) -> None:
+    def __init__(self, facts: RigFacts, folder: Path, exposer: Exposer, orders: Orders) -> None:
         self._facts, self._folder = facts, folder
         self._exposer, self._orders = exposer, orders
 
-    def run(self, plan: Plan, shots: tuple[ShotRecord, ...]) -> Generator[Order, Taken, PanelLook]:
+    def run(
+        self, plan: Plan, shots: tuple[ShotRecord, ...]
+    ) -> Generator[Order, PhotoOutcome, PanelLook]:
         """Look at the panels; where a photo was spoilt, or blocks would be too few, says so.
 
         shots : that were taken, the white one among them if the plan has any.
         """
-        config, shot = self._facts.config, white_shot(plan)
+        config, shot = self._facts.config, find_white_shot(plan)
         if shot is None:
-            white = yield from self._take(plan, WHITE, Blocks(1, 1))  # it shows none
+            white = yield from self._take(
+                plan, WHITE_BLOCK_PHOTO, BlockPattern(1, 1)
+            )  # it shows none
         else:
             record = next(one for one in shots if one.name == shot.name)
             white = self._read(record.raw, record.sha256)
         if isinstance(white, PanelLook):
             return white
-        camera, size_px = camera_map(config, white.frame), config.projector.field_size_px
-        blocks = Blocks.of((size_px, config.mask.size_px), quad_px(camera, size_px))
+        camera, size_px = make_camera_map(config, white.frame), config.projector.field_size_px
+        blocks = BlockPattern.of((size_px, config.mask.size_px), quad_px(camera, size_px))
         if blocks is None:
             return _nobody_looked(TOO_FEW)
         photos = []
-        for name in (PROJECTOR, MASK):
+        for name in (PROJECTOR_BLOCK_PHOTO, MASK_BLOCK_PHOTO):
             photo = yield from self._take(plan, name, blocks)
             if isinstance(photo, PanelLook):
                 return photo
@@ -59,18 +68,20 @@ class PanelCheck:
             known=~(white.saturated | projector.saturated | mask.saturated),
         )
         panels = panels_of(config)
-        return panel_look(seen, blocks, camera, (panels.projector.map, panels.mask.map), size_px)
+        return find_panel_places(
+            seen, blocks, camera, (panels.projector.map, panels.mask.map), size_px
+        )
 
     def _take(
-        self, plan: Plan, name: str, blocks: Blocks
-    ) -> Generator[Order, Taken, RawFrame | PanelLook]:
+        self, plan: Plan, name: str, blocks: BlockPattern
+    ) -> Generator[Order, PhotoOutcome, RawFrame | PanelLook]:
         """Take one photo at the aperture of the white shot; where it was spoilt, says so."""
-        shot = white_shot(plan) or plan.last_exposed
-        frames = BlockFrames(self._facts.config, blocks, rows_of(plan)).frames(name)
+        shot = find_white_shot(plan) or plan.last_exposed
+        frames = BlockFrames(self._facts.config, blocks, count_block_rows(plan)).frames(name)
         f_number = yield from self._exposer.aperture(shot, plan.recipe.shots, plan.sequence)
         settings = self._exposer.settings(f_number)
-        taken = yield from self._orders.look(Wanted("look", name, frames, settings, f_number))
-        if isinstance(taken, Spoilt):
+        taken = yield from self._orders.look(PhotoOrder("look", name, frames, settings, f_number))
+        if isinstance(taken, SpoiltPhoto):
             return _nobody_looked(taken.message)
         yield self._orders.tell(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
         return self._read(*taken.planes[0])

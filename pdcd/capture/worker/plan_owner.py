@@ -19,45 +19,50 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.capture.worker.answers import (
-    Adopted,
-    Enough,
-    Facts,
+    AdoptedPlan,
+    ConvergenceNote,
     Order,
-    Spoilt,
-    Taken,
-    Wanted,
-    record_of,
-    rms_sigma,
+    PhotoOrder,
+    PhotoOutcome,
+    RigFacts,
+    SpoiltPhoto,
+    compute_rms_sigma,
+    make_run_record,
 )
-from pdcd.capture.worker.exposing import Exposer, Orders, dark_photo_of
-from pdcd.capture.worker.leak_check import AmbientResponse, darker, leaks_in, room_changed
+from pdcd.capture.worker.exposing import Exposer, Orders, make_dark_photo
+from pdcd.capture.worker.leak_check import (
+    AmbientResponse,
+    choose_darker_photo,
+    estimate_leaks,
+    estimate_room_change,
+)
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import PdcdError, RequestError, disk_errors
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.written.picture_files import write_png
 from pdcd.pictures.written.previews import Previews
-from pdcd.planning.guided import after_pilot
-from pdcd.planning.look import DarkFrames, quiet, with_blacks
-from pdcd.planning.next_step import completes_part, next_step
+from pdcd.planning.guided import decide_after_pilot
+from pdcd.planning.look import DarkFrames, note_harmless_leaks, with_black_exposures
+from pdcd.planning.next_step import choose_next_step, is_last_of_part
 from pdcd.planning.plan import Plan
 from pdcd.protocol import events
-from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.plan_summary import LeakErrors
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.parts import part_numbers
+from pdcd.recipes.parts import list_parts
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.folder import write_patterns
 from pdcd.runs.record import BorderPhoto, DarkPhoto, MeterRecord, PanelLook, RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.watch import Watch
 
-RUNNING = "preview/running.png"
+_RUNNING = "preview/running.png"
 """What is known of the answer while a run with `until_error` goes on."""
-DARK_NAMES = ("look-dark", "look-ambient")
+_DARK_NAMES = ("look-dark", "look-ambient")
 """Dark photos, as their RAW files are called."""
-ROOM_NAME, AGAIN_NAME = "look-room", "look-again"
+_ROOM_NAME, _AGAIN_NAME = "look-room", "look-again"
 """A dark photo before all shots, and one after those that came after the look."""
 
-Steps = Generator[Order, Taken, None]
+_Steps = Generator[Order, PhotoOutcome, None]
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ class Course:
     Raises NoSpaceError, or DiskError for any other refusal of the disk.
     """
 
-    def __init__(self, facts: Facts, job: PlannedJob, folder: Path) -> None:
+    def __init__(self, facts: RigFacts, job: PlannedJob, folder: Path) -> None:
         if job.camera is None:
             raise PdcdError("pictures need to know the camera")
         self.plan, self.folder = job.plan, folder
@@ -96,7 +101,7 @@ class Course:
         self._orders = Orders()
         self._exposer = Exposer(facts, job.camera, job.plan.iso, folder, self._orders)
         self._watch = Watch()
-        self._steps: Steps = self._run()
+        self._steps: _Steps = self._run()
         self._write_patterns()
         self.darkroom = Darkroom(folder, self._record(()))
 
@@ -105,7 +110,7 @@ class Course:
         """What was decided about a pilot that nobody asked for, and about noise, in words."""
         return tuple(text for text in (self._of_pilot, self._of_noise) if text)
 
-    def next_exposure(self, watch: Watch, taken: Taken) -> Order:
+    def next_exposure(self, watch: Watch, taken: PhotoOutcome) -> Order:
         """What to do next, after `taken` was taken; None before the first exposure, and where there
         was nothing to expose. Raises DecodeError, and ConfigError where the camera cannot do it."""
         self._watch = watch
@@ -114,17 +119,17 @@ class Course:
         except StopIteration:
             return self._orders.end()
 
-    def _run(self) -> Steps:
+    def _run(self) -> _Steps:
         """All photos of the job."""
         if self._panels_due and self.plan.look is not None:
-            self._room = yield from self._dark(ROOM_NAME, DarkFrames.of(self.plan), lit=False)
+            self._room = yield from self._dark(_ROOM_NAME, DarkFrames.of(self.plan), lit=False)
             self._taken_off = self._room
             self._adopt(self.plan)
             self._orders.note(self.adopted())
         yield from self._shoot()
         yield from self._look_again()
 
-    def _shoot(self) -> Steps:
+    def _shoot(self) -> _Steps:
         """Shot after shot, as far as need be."""
         until, fresh = self._request.until_error, True
         while True:
@@ -133,7 +138,7 @@ class Course:
                 continue
             if self._borders_due and (yield from self._photograph_borders(taken)):
                 continue
-            step = next_step(self.plan, taken, looked=self._looked, fresh=fresh)
+            step = choose_next_step(self.plan, taken, looked=self._looked, fresh=fresh)
             fresh = False
             if step is None:
                 return
@@ -147,12 +152,12 @@ class Course:
                 if until is not None and self._is_good_enough(until, step):
                     return
 
-    def _take(self, shot: Shot) -> Steps:
+    def _take(self, shot: Shot) -> _Steps:
         """Meter if need be, and expose. With two buckets the shot of the second comes with it."""
         f_number = yield from self._aperture(shot)
         plan, shots = self.plan, self.plan.recipe.shots
         sequence = plan.sequence(shot)
-        wanted = Wanted(
+        wanted = PhotoOrder(
             kind="shot",
             name=shot.name,
             frames=sequence.frames(),
@@ -168,7 +173,7 @@ class Course:
         for record in cast(tuple[ShotRecord, ...], taken):
             self.darkroom.add(record)
 
-    def _aperture(self, shot: Shot) -> Generator[Order, Taken, float]:
+    def _aperture(self, shot: Shot) -> Generator[Order, PhotoOutcome, float]:
         """The f-number of a shot; test exposures may change how long white is shown, and show how
         much light a stop lets through."""
         exposer, known = self._exposer, len(self._exposer.stops)
@@ -182,15 +187,15 @@ class Course:
             self._orders.note(self.adopted())
         return f_number
 
-    def _learn(self, *, scouts: bool) -> Steps:
+    def _learn(self, *, scouts: bool) -> _Steps:
         """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
         linked cells apart in the codes that follow."""
         before, darkroom = self.plan, self.darkroom
-        yield self._orders.tell(events.Learning(photos=SCOUTS if scouts else before.how.pilot))
+        yield self._orders.tell(events.PilotLearning(photos=SCOUTS if scouts else before.how.pilot))
         learned = darkroom.learned(self._watch)
         if learned is None:
             return
-        found = after_pilot(
+        found = decide_after_pilot(
             before,
             learned,
             darkroom.record.shots,
@@ -219,33 +224,38 @@ class Course:
         elif found.outcome == "no use":
             self._orders.note("the pilot found nothing that better codes could avoid")
 
-    def _look_at_panels(self, taken: frozenset[str]) -> Generator[Order, Taken, bool]:
+    def _look_at_panels(self, taken: frozenset[str]) -> Generator[Order, PhotoOutcome, bool]:
         """Look whether both panels lie where they are believed to, once the white shot is there.
         Returns whether anything was photographed."""
         from pdcd.capture.worker.panel_check import PanelCheck  # no bench of cells needs it
-        from pdcd.planning.panel_look import due, wanted
-        from pdcd.verdict.misplaced import told
+        from pdcd.planning.panel_look import is_panel_check_due, is_panel_check_needed
+        from pdcd.verdict.misplaced import list_placement_warnings
 
         config = self._facts.config
-        self._panels_due = wanted(self.plan, config)
-        if not self._panels_due or not due(self.plan, taken):
+        self._panels_due = is_panel_check_needed(self.plan, config)
+        if not self._panels_due or not is_panel_check_due(self.plan, taken):
             return False
         self._panels_due = False
         check = PanelCheck(self._facts, self.folder, self._exposer, self._orders)
         shots = self.darkroom.record.shots
         self._panels = yield from check.run(self.plan, shots)
         self._adopt(self.plan)
-        self._orders.note(self.adopted(), *told(self.darkroom.record, self.plan.window))
+        self._orders.note(
+            self.adopted(), *list_placement_warnings(self.darkroom.record, self.plan.window)
+        )
         return True
 
-    def _photograph_borders(self, taken: frozenset[str]) -> Generator[Order, Taken, bool]:
+    def _photograph_borders(self, taken: frozenset[str]) -> Generator[Order, PhotoOutcome, bool]:
         """Photograph what gets through along the borders of whole cells that do not meet, once the
         white shot is there. Returns whether anything was photographed."""
-        from pdcd.planning.border_photo import due, wanted  # no bench of cells needs it
+        from pdcd.planning.border_photo import (  # no bench of cells needs it
+            is_border_photo_due,
+            is_border_photo_needed,
+        )
 
         config = self._facts.config
-        self._borders_due = wanted(self.plan, config)
-        if not self._borders_due or not due(self.plan, taken):
+        self._borders_due = is_border_photo_needed(self.plan, config)
+        if not self._borders_due or not is_border_photo_due(self.plan, taken):
             return False
         self._borders_due = False
         from pdcd.capture.worker.border_check import photograph_borders
@@ -259,28 +269,28 @@ class Course:
             self._orders.note(self.adopted())
         return self._borders is not None
 
-    def _look(self) -> Steps:
+    def _look(self) -> _Steps:
         """Take a dark photo, and black exposures where it calls for them."""
         self._looked = True
         plan, darks = self.plan, list[DarkPhoto]()
         due = DarkFrames.of(plan)
-        for name in DARK_NAMES:
+        for name in _DARK_NAMES:
             dark = yield from self._dark(name, due, lit=not darks)
             if dark is None:
                 return
             self._last_dark = dark, due, not darks, len(self.darkroom.record.shots)
             darks.append(dark)
-            leaks = leaks_in(plan, self.darkroom, darks, self._watch, self._room)
+            leaks = estimate_leaks(plan, self.darkroom, darks, self._watch, self._room)
             if self._room is not None and leaks.changed:
-                self._taken_off = darker(self.darkroom, self._room, dark)
+                self._taken_off = choose_darker_photo(self.darkroom, self._room, dark)
             if leaks.both <= leaks.limit:
-                self._adopt(quiet(plan, leaks))  # the verdict knows of it
+                self._adopt(note_harmless_leaks(plan, leaks))  # the verdict knows of it
                 break
         else:
             self._stop_leaks(leaks, darks[-1])
         self._orders.note(self.adopted())
 
-    def _look_again(self) -> Steps:
+    def _look_again(self) -> _Steps:
         """See whether the light of the room is still what the look found, after shots that came
         later: parts and black exposures, of which one would not show that it was switched."""
         if self._last_dark is None:
@@ -288,10 +298,10 @@ class Course:
         before, due, lit, shots = self._last_dark
         if len(self.darkroom.record.shots) <= shots:
             return
-        after = yield from self._dark(AGAIN_NAME, due, lit=lit)
+        after = yield from self._dark(_AGAIN_NAME, due, lit=lit)
         if after is None:
             return
-        changed = room_changed(self.darkroom, before, after, self._watch)
+        changed = estimate_room_change(self.darkroom, before, after, self._watch)
         leaks = self.plan.leaks
         if leaks is not None and changed > leaks.changed:
             self._adopt(replace(self.plan, leaks=msgspec.structs.replace(leaks, changed=changed)))
@@ -299,26 +309,28 @@ class Course:
 
     def _dark(
         self, name: str, due: DarkFrames, *, lit: bool
-    ) -> Generator[Order, Taken, DarkPhoto | None]:
+    ) -> Generator[Order, PhotoOutcome, DarkPhoto | None]:
         """Take a dark photo at the aperture of the answer's light; None where it was spoilt."""
         f_number = yield from self._aperture(due.shot)
         settings = self._exposer.settings(f_number)
-        wanted = Wanted("dark", name, due.frames(lit=lit), settings, f_number)
+        wanted = PhotoOrder("dark", name, due.frames(lit=lit), settings, f_number)
         taken = yield from self._orders.look(wanted)
-        if isinstance(taken, Spoilt):
+        if isinstance(taken, SpoiltPhoto):
             self._orders.note(f"no look at ambient light and leaks: {taken.message}")
             return None
         yield self._orders.tell(MeterRecord(raw=taken.raw, f_number=f_number, peak=None))
-        return dark_photo_of(taken, wanted, due.phase_s)
+        return make_dark_photo(taken, wanted, due.phase_s)
 
-    def _stop_leaks(self, leaks: Leaks, dark: DarkPhoto) -> None:
+    def _stop_leaks(self, leaks: LeakErrors, dark: DarkPhoto) -> None:
         """Go on with black exposures and what else ambient light calls for, or say why not."""
         plan, config = self.plan, self._facts.config
         share = f"{100.0 * leaks.both:.2g} % of the picture (limit {100.0 * leaks.limit:.3g} %)"
         try:
-            more = with_blacks(plan, leaks, config, self.darkroom.record.shots)
+            more = with_black_exposures(plan, leaks, config, self.darkroom.record.shots)
         except RequestError as err:
-            self._adopt(quiet(plan, leaks))  # what is known of leaks is to be remembered
+            self._adopt(
+                note_harmless_leaks(plan, leaks)
+            )  # what is known of leaks is to be remembered
             self._orders.note(
                 f"ambient light and leaks make {share}, and black exposures are not added: "
                 f"{err.message}"
@@ -339,25 +351,25 @@ class Course:
 
         Only a spread of parts may end a run: with fewer than `FEWEST_PARTS` sigma is a guess.
         """
-        if not completes_part(self.plan, shot):
+        if not is_last_of_part(self.plan, shot):
             return False
         decoded = self.darkroom.decoded(self._watch)
-        path = self.folder / RUNNING
+        path = self.folder / _RUNNING
         with disk_errors(str(path.parent)):
             previews = Previews(decoded.pictures, decoded.view)
             write_png(path, previews.drawn(decoded.recipe.answer_name))
-        reached = rms_sigma(decoded.answer)
+        reached = compute_rms_sigma(decoded.answer)
         met = decoded.answer.kind == "measured" and reached <= target
         last = shot is self.plan.last_exposed
         self._orders.note(
-            events.Converging(
-                part=len(part_numbers(decoded.recipe)),
+            events.PartCompleted(
+                part=len(list_parts(decoded.recipe)),
                 rms_sigma=reached if np.isfinite(reached) else None,
                 target=target,
             )
         )
         if met and not last:
-            self._orders.note(Enough())
+            self._orders.note(ConvergenceNote())
         if not met and last:
             self._orders.note(
                 f"sigma came down to {100.0 * reached:.2g} %, not to the {100.0 * target:g} % "
@@ -375,10 +387,10 @@ class Course:
         kept = tuple(shot for shot in record.shots if shot.name in planned)
         self.darkroom.replan(self._record(kept, record.cells))
 
-    def adopted(self) -> Adopted:
+    def adopted(self) -> AdoptedPlan:
         """What has to be kept of the plan as it is now."""
         plan = self.plan
-        return Adopted(
+        return AdoptedPlan(
             summary=plan.summary(self._facts.config.limits.max_exposure_s),
             record=self._record(()),
             shots=tuple(shot.name for shot in plan.recipe.shots),
@@ -390,7 +402,7 @@ class Course:
 
     def _record(self, shots: Sequence[ShotRecord], cells: CellMap | None = None) -> RunRecord:
         facts = self._facts
-        return record_of(
+        return make_run_record(
             self.plan, self._request, facts.config, self._camera, facts.profile, shots, cells,
             stops=self._exposer.stops, panels=self._panels, borders=self._borders,
             room=self._taken_off,

@@ -13,28 +13,28 @@ import scipy.ndimage
 import scipy.sparse
 import scipy.special  # noqa: F401
 
-from pdcd.capture.worker.answers import Facts
-from pdcd.capture.worker.calls import Call, Done, Failed, Sign, Stop
-from pdcd.capture.worker.work import SPENT, WORK, out_of_memory
+from pdcd.capture.worker.answers import RigFacts
+from pdcd.capture.worker.calls import LifeSign, StopCall, TaskCall, TaskFailure, TaskResult
+from pdcd.capture.worker.work import SPENT, WORK, make_memory_error
 from pdcd.capture.worker.worker import Worker
-from pdcd.child import PICKLES, Line, LineClosedError, bound_memory
+from pdcd.child import PICKLES, LineClosedError, MessageLine, limit_memory
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.watch import Watch
 
 logger = logging.getLogger(__name__)
 
-LOOK_S = 0.02
+_LOOK_S = 0.02
 """Least time between two looks whether the work is still wanted."""
-STEP_S = 0.05
+_STEP_S = 0.05
 """Least time between two messages on how far it is."""
-SIGN_S = 0.5
+_SIGN_S = 0.5
 """Time without any message after which a sign of life is given."""
 
 
-class Talk:
+class TaskLine:
     """This end of the line, by which it is also told how far a task is."""
 
-    def __init__(self, line: Line[Any]) -> None:
+    def __init__(self, line: MessageLine[Any]) -> None:
         self.line = line
         self._looked_s = self._told_s = self._stepped_s = 0.0
 
@@ -43,62 +43,62 @@ class Talk:
 
         def alive() -> None:
             now_s = time.monotonic()
-            if now_s - self._looked_s < LOOK_S:
+            if now_s - self._looked_s < _LOOK_S:
                 return
             self._looked_s = now_s
-            if self.line.wait(0.0) and self.line.receive() == Stop():
+            if self.line.wait(0.0) and self.line.receive() == StopCall():
                 raise Cancelled("the job was cancelled")
-            if now_s - self._told_s >= SIGN_S:
+            if now_s - self._told_s >= _SIGN_S:
                 self._told_s = now_s
-                self.line.send(Sign())
+                self.line.send(LifeSign())
 
         def step(done: float, total: float) -> None:
             now_s = time.monotonic()
             # The last is never left out; sums of many shares come out a little short.
-            if done >= (1.0 - 1e-9) * total or now_s - self._stepped_s >= STEP_S:
+            if done >= (1.0 - 1e-9) * total or now_s - self._stepped_s >= _STEP_S:
                 self._stepped_s = self._told_s = now_s
-                self.line.send(Sign(done, total, watch.stage))
+                self.line.send(LifeSign(done, total, watch.stage))
 
         watch = Watch(alive, step)
         return watch
 
 
-def serve(line: Line[Any]) -> NoReturn:
+def serve_tasks(line: MessageLine[Any]) -> NoReturn:
     """Do what is asked until the other end is gone. Raises LineClosedError then."""
-    worker, talk = None, Talk(line)
+    worker, talk = None, TaskLine(line)
     while True:
         message = line.receive()
-        if isinstance(message, Facts):
-            bound_memory(message.config.limits.work_bytes)
+        if isinstance(message, RigFacts):
+            limit_memory(message.config.limits.work_bytes)
             worker = Worker(message)
-        elif isinstance(message, Call) and worker is not None:
+        elif isinstance(message, TaskCall) and worker is not None:
             line.send(_answer(worker, message, talk.watch()))
 
 
-def _answer(worker: Worker, call: Call, watch: Watch) -> Done | Failed:
+def _answer(worker: Worker, call: TaskCall, watch: Watch) -> TaskResult | TaskFailure:
     """Do one task; whatever it raises is the answer."""
     try:
-        return Done(WORK[call.name](worker, watch, *call.args, **call.kwargs))
+        return TaskResult(WORK[call.name](worker, watch, *call.args, **call.kwargs))
     except LineClosedError:
         raise  # of the line: nobody is left who wants it
     except PdcdError as err:
-        failed = Failed(err)
+        failed = TaskFailure(err)
     except MemoryError:
         # What little is left may not do for the next task.
-        failed = Failed(out_of_memory(call.name), spent=True)
+        failed = TaskFailure(make_memory_error(call.name), spent=True)
     except Exception as err:
         logger.exception("work failed task=%s", call.name)
-        failed = Failed(PdcdError(f"internal error: {type(err).__name__}: {err}"))
+        failed = TaskFailure(PdcdError(f"internal error: {type(err).__name__}: {err}"))
     worker.forget(watch)
     return failed
 
 
-def main(fd: int) -> int:
+def run_worker(fd: int) -> int:
     """Run the process on one end of a line; its exit status."""
     faulthandler.enable()  # a crash in a library leaves a word in the daemon's log
-    with Line.at(fd, PICKLES) as line:
+    with MessageLine.at(fd, PICKLES) as line:
         try:
-            serve(line)
+            serve_tasks(line)
         except LineClosedError:
             return 0
         except MemoryError:  # of a message, on its way in or out

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
-from pdcd.capture.worker.answers import Facts
-from pdcd.capture.worker.work import out_of_memory
+from pdcd.capture.worker.answers import RigFacts
+from pdcd.capture.worker.work import make_memory_error
 from pdcd.capture.worker.worker import Worker
 from pdcd.watch import Watch
 
-P = ParamSpec("P")
-R = TypeVar("R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 class WorkerProxy(Protocol):
@@ -29,10 +29,10 @@ class WorkerProxy(Protocol):
     def do(
         self,
         watch: Watch,
-        task: Callable[Concatenate[Worker, Watch, P], R],
-        *args: P.args,
-        **kwargs: P.kwargs,
-    ) -> R:
+        task: Callable[Concatenate[Worker, Watch, _P], _R],
+        *args: _P.args,
+        **kwargs: _P.kwargs,
+    ) -> _R:
         """Do a task, a method of `Worker`, and return what it returns.
 
         `watch` hears of the work in the thread that asks, and may raise to end it. Raises what the
@@ -44,7 +44,7 @@ class WorkerProxy(Protocol):
 class InProcessWorker:
     """Does the work in this process, at once: no cost, no shelter."""
 
-    def __init__(self, facts: Facts) -> None:
+    def __init__(self, facts: RigFacts) -> None:
         self._worker = Worker(facts)
 
     def start(self) -> None:
@@ -56,12 +56,12 @@ class InProcessWorker:
     def do(
         self,
         watch: Watch,
-        task: Callable[Concatenate[Worker, Watch, P], R],
-        *args: P.args,
-        **kwargs: P.kwargs,
-    ) -> R:
+        task: Callable[Concatenate[Worker, Watch, _P], _R],
+        *args: _P.args,
+        **kwargs: _P.kwargs,
+    ) -> _R:
         """See `WorkerProxy.do`."""
         try:
             return task(self._worker, watch, *args, **kwargs)
         except MemoryError as err:
-            raise out_of_memory(task.__name__) from err
+            raise make_memory_error(task.__name__) from err

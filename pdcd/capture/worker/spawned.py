@@ -14,9 +14,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from pdcd.capture.worker.answers import Facts
-from pdcd.capture.worker.calls import COMMAND, Call, Done, Failed, Sign, Stop, start_worker
-from pdcd.capture.worker.work import FIRST, SPENT, WORK, broken, out_of_memory
+from pdcd.capture.worker.answers import RigFacts
+from pdcd.capture.worker.calls import (
+    WORKER_COMMAND,
+    LifeSign,
+    StopCall,
+    TaskCall,
+    TaskFailure,
+    TaskResult,
+    start_worker,
+)
+from pdcd.capture.worker.work import FRESH_JOBS, SPENT, WORK, make_memory_error, make_work_error
 from pdcd.capture.worker.worker import Worker
 from pdcd.child import REAP_S, Child, LineClosedError, LineSilentError
 from pdcd.errors import PdcdError
@@ -27,8 +35,8 @@ logger = logging.getLogger(__name__)
 STOP_S = 0.1
 """How long a cancelled task may take to end by itself."""
 
-P = ParamSpec("P")
-R = TypeVar("R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 class SpawnedWorker:
@@ -39,7 +47,10 @@ class SpawnedWorker:
     """
 
     def __init__(
-        self, facts: Facts, command: Sequence[str] = COMMAND, child: Child[Any] | None = None
+        self,
+        facts: RigFacts,
+        command: Sequence[str] = WORKER_COMMAND,
+        child: Child[Any] | None = None,
     ) -> None:
         """`child` is the first process, where one was started already."""
         self._facts, self._command = facts, command
@@ -67,10 +78,10 @@ class SpawnedWorker:
     def do(
         self,
         watch: Watch,
-        task: Callable[Concatenate[Worker, Watch, P], R],
-        *args: P.args,
-        **kwargs: P.kwargs,
-    ) -> R:
+        task: Callable[Concatenate[Worker, Watch, _P], _R],
+        *args: _P.args,
+        **kwargs: _P.kwargs,
+    ) -> _R:
         """Have a task done; `watch` gives a sign of life at least ten times a second meanwhile.
 
         Raises what the task raises. A process that died, hung for `limits.work_silent_s` or ran out
@@ -82,7 +93,7 @@ class SpawnedWorker:
             raise PdcdError(f"no work is called {name!r}")
         child = self._living(name)
         try:
-            answer = self._ask(child, Call(name, tuple(map(_for_child, args)), kwargs), watch)
+            answer = self._ask(child, TaskCall(name, tuple(map(_for_child, args)), kwargs), watch)
         except LineClosedError:
             raise self._died(child, name) from None
         except LineSilentError:
@@ -90,14 +101,14 @@ class SpawnedWorker:
         except BaseException:
             self._interrupt(child)
             raise
-        if isinstance(answer, Failed):
+        if isinstance(answer, TaskFailure):
             if answer.spent:
                 self._replace()
             raise answer.error
-        value: R = answer.value
+        value: _R = answer.value
         return value
 
-    def _ask(self, child: Child[Any], call: Call, watch: Watch) -> Done | Failed:
+    def _ask(self, child: Child[Any], call: TaskCall, watch: Watch) -> TaskResult | TaskFailure:
         """Send a call and wait for the answer, telling `watch` what is told meanwhile."""
         silent_s = self._limits.work_silent_s
         self._busy = False
@@ -108,9 +119,9 @@ class SpawnedWorker:
         self._busy = True
         while True:
             message = child.line.receive(within_s=silent_s, alive=watch)
-            if isinstance(message, Done | Failed):
+            if isinstance(message, TaskResult | TaskFailure):
                 return message
-            if isinstance(message, Sign) and message.total > 0.0:
+            if isinstance(message, LifeSign) and message.total > 0.0:
                 watch.stage = message.stage
                 watch.step(message.done, message.total)
 
@@ -125,9 +136,9 @@ class SpawnedWorker:
                 raise LineSilentError
 
         with suppress(LineClosedError, LineSilentError):
-            child.line.send(Stop(), alive=in_time)
+            child.line.send(StopCall(), alive=in_time)
             while True:
-                if isinstance(child.line.receive(alive=in_time), Done | Failed):
+                if isinstance(child.line.receive(alive=in_time), TaskResult | TaskFailure):
                     return  # and it waits for the next task
         self._replace()
 
@@ -137,8 +148,8 @@ class SpawnedWorker:
         if child is not None and not child.running:
             how = child.how_it_ended()
             self._replace()
-            if name not in FIRST:
-                raise broken(name, how, "see the daemon's log")
+            if name not in FRESH_JOBS:
+                raise make_work_error(name, how, "see the daemon's log")
             logger.warning("worker replaced reason=%r", how)
         return self._running()
 
@@ -165,7 +176,7 @@ class SpawnedWorker:
 
     def _silent(self, name: str) -> PdcdError:
         self._replace()
-        return broken(
+        return make_work_error(
             name,
             f"gave no sign of life for {self._limits.work_silent_s:g} s and was killed",
             "see the daemon's log, or raise limits.work_silent_s",
@@ -175,7 +186,9 @@ class SpawnedWorker:
         how = child.how_it_ended()
         spent = child.process.returncode == SPENT
         self._replace()
-        return out_of_memory(name) if spent else broken(name, how, "see the daemon's log")
+        return (
+            make_memory_error(name) if spent else make_work_error(name, how, "see the daemon's log")
+        )
 
 
 def _for_child(argument: Any) -> Any:

@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.truth import probe
+from pdcd.arrays import Floats
+from pdcd.pictures.truth import apply_probing_matrix
 from pdcd.recipes.recipe import Extremes, Recipe, Rule
 from pdcd.virtual.scene.scene import Scene
 
 if TYPE_CHECKING:
     from pdcd.virtual.optics.bench import OpticalBench
 
-Floats = NDArray[np.float64]
-Image = NDArray[np.floating]
-NOTHING: Mapping[str, Image] = MappingProxyType({})
+_Image = NDArray[np.floating]
+_NOTHING: Mapping[str, _Image] = MappingProxyType({})
 
 
-def pictures_in_truth(
+def compute_true_pictures(
     recipe: Recipe,
     optics: OpticalBench,
     alive: Callable[[], None] = lambda: None,
-    kept: Mapping[str, Image] = NOTHING,
-) -> dict[str, Image]:
+    kept: Mapping[str, _Image] = _NOTHING,
+) -> dict[str, _Image]:
     """Every picture of a recipe as the camera's quads would have it of a perfect run, by name.
 
     Each (h, w, 3), scene units. Extremes of photos are taken quad by quad, as of photos. `alive` is
@@ -53,7 +53,7 @@ class _Photos:
         if name == recipe.answer_name and recipe.meant is not None:
             meant = recipe.meant
             return self._optics.wanted(
-                lambda part: probe(part, meant, self._alive),
+                lambda part: apply_probing_matrix(part, meant, self._alive),
                 meant,
                 self._alive,
                 grid=recipe.target.grid,
@@ -68,7 +68,7 @@ class _Photos:
             wanted = self._wanted[name]
 
             def seen(part: Scene) -> Floats:
-                return probe(part, wanted, self._alive)
+                return apply_probing_matrix(part, wanted, self._alive)
 
             grid = self._recipe.target.grid
             self._known[name] = self._optics.wanted(seen, wanted, self._alive, grid=grid)

@@ -9,10 +9,10 @@ from typing import Any
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import DecodeError, PdcdError, PlanError
 
-Task = Callable[..., Any]
+_Task = Callable[..., Any]
 """A method of `Worker`."""
 
-WORK: Mapping[str, Task] = MappingProxyType(
+WORK: Mapping[str, _Task] = MappingProxyType(
     {
         "plan": Worker.plan,
         "begin": Worker.begin,
@@ -30,7 +30,7 @@ WORK: Mapping[str, Task] = MappingProxyType(
 )
 """All that a child process can be asked."""
 
-FIRST = frozenset({"plan", "calibrate"})
+FRESH_JOBS = frozenset({"plan", "calibrate"})
 """What begins a job: it needs nothing of what was done before."""
 
 
@@ -38,17 +38,17 @@ SPENT = 12
 """Status with which a worker ends when it has no memory left even to say so."""
 
 
-def broken(name: str, what: str, hint: str) -> PdcdError:
+def make_work_error(name: str, what: str, hint: str) -> PdcdError:
     """The failure of a job whose work could not go on: PlanError while it was planned, else
     DecodeError. `what` follows on "the planning process" or "the decoding process"."""
-    if name in FIRST:
+    if name in FRESH_JOBS:
         return PlanError(f"the planning process {what}", hint=hint)
     return DecodeError(f"the decoding process {what}", hint=f"the RAW files are kept; {hint}")
 
 
-def out_of_memory(name: str) -> PdcdError:
+def make_memory_error(name: str) -> PdcdError:
     """The failure of a job that wanted more memory than there is for it."""
-    return broken(
+    return make_work_error(
         name,
         "ran out of memory",
         "ask for fewer codes or cells, or raise limits.work_bytes",

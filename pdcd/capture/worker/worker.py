@@ -12,37 +12,37 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pdcd.bench.calibration import Entry, PhotoRecord
+from pdcd.bench.calibration import MeasuredValue, PhotoRecord
 from pdcd.bench.devices import CameraInfo
 from pdcd.capture.worker.answers import (
-    Adopted,
-    Developed,
-    Facts,
+    AdoptedPlan,
+    DevelopedRun,
     Order,
-    Planned,
-    Taken,
-    developed_of,
+    PhotoOutcome,
+    PlannedRun,
+    RigFacts,
+    make_developed_run,
 )
 from pdcd.capture.worker.plan_owner import Course, PlannedJob
 from pdcd.errors import PdcdError
 from pdcd.pages.render import load_template
-from pdcd.pages.report.material import cheap, gathered
-from pdcd.pages.report.write import TEMPLATE, written
-from pdcd.pictures.darkroom import Decoded
+from pdcd.pages.report.material import gather_material, is_cheap
+from pdcd.pages.report.write import TEMPLATE, write_gathered_report
+from pdcd.pictures.darkroom import DecodedRun
 from pdcd.pictures.decode import write_pictures
-from pdcd.pictures.truth import Known, known_answer, write_truth
-from pdcd.planning.defaults import wants_choice
-from pdcd.planning.grey import grey_warnings
+from pdcd.pictures.truth import KnownAnswer, find_known_answer, write_known_answer
+from pdcd.planning.defaults import is_search_needed
+from pdcd.planning.grey import list_grey_warnings
 from pdcd.planning.make import plan_request
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import RunRecord
-from pdcd.sensor.raw import RawHead, read_head
+from pdcd.sensor.raw import RawHead, read_raw_head
 from pdcd.watch import Watch
 
 if TYPE_CHECKING:
-    from pdcd.capture.worker.calibrating import Begin, Next, Study
+    from pdcd.capture.worker.calibrating import CalibrationStart, CalibrationStudy, Next
 
 
 class Worker:
@@ -51,12 +51,12 @@ class Worker:
     Every method takes a `Watch`, which hears of the work and may end it.
     """
 
-    def __init__(self, facts: Facts) -> None:
+    def __init__(self, facts: RigFacts) -> None:
         self._facts = facts
         self._job: PlannedJob | None = None
         self._course: Course | None = None
-        self._study: Study | None = None
-        self._finished: tuple[Path, RunRecord, Decoded, Known | None] | None = None
+        self._study: CalibrationStudy | None = None
+        self._finished: tuple[Path, RunRecord, DecodedRun, KnownAnswer | None] | None = None
 
     def plan(
         self,
@@ -65,37 +65,37 @@ class Worker:
         given: Given,
         camera: CameraInfo | None,
         mask_lag_s: float | None,
-    ) -> Planned:
+    ) -> PlannedRun:
         """Plan a request; what was kept of the job before is forgotten.
 
-        `camera` may be None where the request wants no choice (`wants_choice`) and no pictures will
-        be made. `given` holds the request's arrays. Raises RequestError.
+        `camera` may be None where the request wants no choice (`is_search_needed`) and no pictures
+        will be made. `given` holds the request's arrays. Raises RequestError.
         """
         self.forget(watch)
         self._study = None
         facts = self._facts
         watch.stage = "codes"
         config, grid = facts.config, facts.grid
-        if not wants_choice(request):
+        if not is_search_needed(request):
             plan = plan_request(request, config, grid, camera, mask_lag_s, given, watch)
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
-            from pdcd.planning.choose import choose  # no plain capture waits for a search
-            from pdcd.planning.outlook import Setting
+            from pdcd.planning.choose import choose_plan  # no plain capture waits for a search
+            from pdcd.planning.outlook import RigSetting
 
-            setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
+            setting = RigSetting(facts.config, camera, facts.profile, mask_lag_s)
             known = facts.scene if facts.scene and facts.scene.grid == facts.grid else None
-            plan = choose(request, setting, facts.grid, known, given, watch).plan
+            plan = choose_plan(request, setting, facts.grid, known, given, watch).plan
         self._job = PlannedJob(request, camera, plan)
-        return Planned(
+        return PlannedRun(
             summary=plan.summary(config.limits.max_exposure_s),
             iso=plan.iso,
             cut=plan.cut,
-            warnings=tuple(grey_warnings(plan.patterns.values(), config)),
+            warnings=tuple(list_grey_warnings(plan.patterns.values(), config)),
         )
 
-    def begin(self, watch: Watch, folder: Path) -> Adopted:
+    def begin(self, watch: Watch, folder: Path) -> AdoptedPlan:
         """Store the codes of the plan in a run folder; shots will lie there, too.
 
         Raises NoSpaceError, or DiskError for any other refusal of the disk.
@@ -105,7 +105,7 @@ class Worker:
         self._course = Course(self._facts, self._job, folder)
         return self._course.adopted()
 
-    def next_exposure(self, watch: Watch, taken: Taken) -> Order:
+    def next_exposure(self, watch: Watch, taken: PhotoOutcome) -> Order:
         """Go on after what was `taken`: what to tell and to keep, and what to expose next. Raises
         DecodeError for a photo that cannot be read, ConfigError where the camera cannot do it."""
         return self._of_course().next_exposure(watch, taken)
@@ -115,9 +115,9 @@ class Worker:
 
         raw : path below the run folder. Raises DecodeError.
         """
-        return read_head(self._of_course().folder / raw, sha256=sha256)
+        return read_raw_head(self._of_course().folder / raw, sha256=sha256)
 
-    def develop(self, watch: Watch, *, report: bool = False) -> Developed:
+    def develop(self, watch: Watch, *, report: bool = False) -> DevelopedRun:
         """Make all pictures and write them into the run folder; the job is forgotten then, but for
         what a `report` needs, where one is wanted and soon made.
 
@@ -131,14 +131,16 @@ class Worker:
         warnings = write_pictures(folder, decoded)
         record = darkroom.record
         windows = [plan.window_of(shot) for shot in plan.recipe.shots]
-        known = known_answer(facts.config, facts.scene, plan.recipe, windows, record.cells, watch)
+        known = find_known_answer(
+            facts.config, facts.scene, plan.recipe, windows, record.cells, watch
+        )
         errors: tuple[float | None, float | None] = (None, None)
         if known is not None:
             errors = known.rms_errors(decoded.answer, decoded.cell_means, decoded.cells)
-            write_truth(folder, known)
-        done = developed_of(record, decoded, errors, warnings, watch, facts.scene)
+            write_known_answer(folder, known)
+        done = make_developed_run(record, decoded, errors, warnings, watch, facts.scene)
         self.forget(watch)
-        if report and cheap(record, decoded):
+        if report and is_cheap(record, decoded):
             self._finished = folder, record, decoded, known
         return replace(done, decided=course.decided)
 
@@ -149,20 +151,22 @@ class Worker:
         if finished is None:
             return None
         folder, record, decoded, known = finished
-        material = gathered(folder, record, decoded, known)
-        return written(folder, read_manifest(folder), material).name
+        material = gather_material(folder, record, decoded, known)
+        return write_gathered_report(folder, read_manifest(folder), material).name
 
     def forget(self, watch: Watch) -> None:
         """Keep nothing of the job."""
         self._job = self._course = self._finished = None
 
-    def calibrate(self, watch: Watch, begin: Begin, folder: Path) -> None:
+    def calibrate(self, watch: Watch, begin: CalibrationStart, folder: Path) -> None:
         """Begin a calibration, whose photos will lie in `folder`; what was kept of the job before
         is forgotten. Raises ConfigError."""
-        from pdcd.capture.worker.calibrating import Study  # no capture waits for its steps
+        from pdcd.capture.worker.calibrating import (
+            CalibrationStudy,  # no capture waits for its steps
+        )
 
         self.forget(watch)
-        self._study = Study.begun(begin, folder)
+        self._study = CalibrationStudy.begun(begin, folder)
 
     def step(self, watch: Watch, name: str, now_utc: str) -> Next:
         """Begin a step: what it wants first. Raises CalibrationError."""
@@ -177,14 +181,14 @@ class Worker:
         """Go on: somebody did what was asked."""
         return self._of_study().answered()
 
-    def measured(self, watch: Watch, below: str = "") -> dict[str, Entry]:
+    def measured(self, watch: Watch, below: str = "") -> dict[str, MeasuredValue]:
         """Write what all steps found so far into a folder below that of the calibration, and
         return the values. Raises DiskError."""
         return self._of_study().write(below)
 
     def head(self, watch: Watch, folder: Path, raw: str) -> RawHead:
         """What a photo in a folder says of itself. Raises DecodeError."""
-        return read_head(folder / raw)
+        return read_raw_head(folder / raw)
 
     def _of_course(self) -> Course:
         if self._course is None:
@@ -194,7 +198,7 @@ class Worker:
             )
         return self._course
 
-    def _of_study(self) -> Study:
+    def _of_study(self) -> CalibrationStudy:
         if self._study is None:
             raise PdcdError("no calibration is under way")
         return self._study

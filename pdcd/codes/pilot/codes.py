@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pdcd.arrays import Bools
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import is_order
-from pdcd.codes.pilot.matching import MOST_CELLS
-from pdcd.codes.pilot.scene_light import Bools
+from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS
 from pdcd.errors import RequestError
 
 POWERS = (32, 64, 128)
@@ -27,7 +27,7 @@ SCOUTS = 4
 """First photos of a pilot, after which it goes on or ends."""
 
 
-def pilot_share(count: int, *, by_map: bool, parts: int = 1) -> int:
+def choose_pilot_count(count: int, *, by_map: bool, parts: int = 1) -> int:
     """Return how many of `count` codes to spend on a pilot; 0 if a pilot cannot be had.
 
     At most two thirds of the codes, and leaving a Hadamard order for the shot, or for each of its
@@ -40,7 +40,7 @@ def pilot_share(count: int, *, by_map: bool, parts: int = 1) -> int:
     return 0
 
 
-def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
+def make_pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
     """Make the codes of a pilot, (count, L) bool.
 
     The scouts come first, as `hadamard` codes (`sharpness`); `count` may be their number alone. The
@@ -59,9 +59,9 @@ def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
         No pilot has that many codes, the lattice is empty, or too fine to look for a map.
     """
     if count == SCOUTS or count in MATCHED:
-        if count > SCOUTS and lattice[0] * lattice[1] > MOST_CELLS:
+        if count > SCOUTS and lattice[0] * lattice[1] > MOST_MATCHING_CELLS:
             raise RequestError(
-                f"a pilot of {count} codes looks for a map of at most {MOST_CELLS} cells",
+                f"a pilot of {count} codes looks for a map of at most {MOST_MATCHING_CELLS} cells",
                 hint=f"take a power of two from {POWERS[0]}, or a coarser grid",
             )
         scouts = make_codes("hadamard", lattice, SCOUTS, dual="complement", seed=4 * seed).primal

@@ -1,7 +1,7 @@
 """A pilot: a few codes photographed one by one, which tell where sharp indirect light comes from.
 
-Its first photos, the scouts, tell whether there is any (`sharpness`): where indirect light is
-smooth the pilot ends with them, and the rest of its codes go to the coded photo.
+Its first photos, the scouts, tell whether there is any (`estimate_sharpness`): where indirect light
+is smooth the pilot ends with them, and the rest of its codes go to the coded photo.
 
 Part of the codes is shown with the mask fully open, one RAW file each. Photo k then holds ``y_k = T
 i_k`` for every cell. In each code half of the time of every cell is light, so twice the deviation
@@ -24,35 +24,34 @@ from typing import Any
 import numpy as np
 import scipy
 
+from pdcd.arrays import Bools, Floats
 from pdcd.codes.pilot.codes import SCOUTS
-from pdcd.codes.pilot.matching import find_partners, weigh
-from pdcd.codes.pilot.pursuit import pursue
+from pdcd.codes.pilot.matching import find_partners, weigh_partners
+from pdcd.codes.pilot.pursuit import pursue_paths
 from pdcd.codes.pilot.scene_light import (
-    Bools,
-    Floats,
     check_photos,
-    direct_light,
-    projections,
-    signs,
+    compute_projections,
+    estimate_direct_light,
+    to_signs,
 )
 from pdcd.errors import ConfigError
 
 SHARP = 0.15
-"""`sharpness` from which a pilot goes on. On the diffuse scenes of 24 x 32 and 48 x 64 cells here
-it is 0.004 to 0.11, before mirrors and a mirror ball 0.22 to 0.75."""
-CHUNK = 2**22
+"""`estimate_sharpness` from which a pilot goes on. On the diffuse scenes of 24 x 32 and 48 x 64
+cells here it is 0.004 to 0.11, before mirrors and a mirror ball 0.22 to 0.75."""
+PATH_CHUNK = 2**22
 """Numbers held at once when the weights of single paths are summed up."""
 
 BESIDE = 0.25
 """Share of a partner's light that a cell gets from each of those beside it, where its quads look up
 to half a cell from its middle: an eighth of what all places of a partner in its cell would make,
 twice as much where it lies at a side."""
-SURE = 3.0
+_SURE = 3.0
 """Standard errors by which sharp light stands above the noise where ambient light was taken off:
 without, that noise is far below the limit."""
 
 
-def sharpness(
+def estimate_sharpness(
     codes: Bools,
     photos: Floats,
     *,
@@ -70,7 +69,7 @@ def sharpness(
     Parameters
     ----------
     codes, photos, sigma :
-        As for `estimate_links`, the codes the `SCOUTS` first of `pilot_codes`.
+        As for `estimate_links`, the codes the `SCOUTS` first of `make_pilot_codes`.
     taken_off : (N,) float64
         Variance of the ambient light that was taken off all photos alike; None where none was. The
         noise that this light leaves in the photos is then far above that of the indirect light: it
@@ -78,20 +77,20 @@ def sharpness(
     """
     check_photos(codes, photos, codes.shape[1])
     count, cells = codes.shape
-    direct = direct_light(codes, photos)
+    direct = estimate_direct_light(codes, photos)
     indirect = 2.0 * photos.mean(axis=0) - direct
-    rest = projections(photos) - signs(codes) * direct
+    rest = compute_projections(photos) - to_signs(codes) * direct
     # The mean photo and the direct light take a dimension each. Of all other light, the share
     # 1 / (count - 1) has the sign of the cell's own code, and went into the direct light.
     noise = 4.0 * float(np.mean(np.square(np.broadcast_to(sigma, photos.shape))))
     square = float(np.mean(np.sum(rest**2, axis=0))) / (count - 2) - noise
     total = float(np.mean(indirect**2))
     if taken_off is not None:
-        square -= SURE * noise * float(np.sqrt(2.0 / ((count - 2) * cells)))
+        square -= _SURE * noise * float(np.sqrt(2.0 / ((count - 2) * cells)))
         # The indirect light is the mean of half of the photos, four times: those that a cell was
         # dark in.
         blur = 2.0 * noise / count + 4.0 * float(np.mean(taken_off))
-        total = max(total - blur, SURE * blur * float(np.sqrt(2.0 / cells)))
+        total = max(total - blur, _SURE * blur * float(np.sqrt(2.0 / cells)))
     share = (count - 1) / count * max(square, 0.0)
     return float(np.sqrt(share / total)) if total > 0.0 else 0.0
 
@@ -124,7 +123,7 @@ def estimate_links(
     """
     check_photos(codes, photos, grid[0] * grid[1])
     level = 2.0 * np.sqrt(np.mean(np.square(np.broadcast_to(sigma, photos.shape)), axis=0))
-    return pursue(signs(codes), projections(photos), grid, level)
+    return pursue_paths(to_signs(codes), compute_projections(photos), grid, level)
 
 
 def match_links(
@@ -134,7 +133,7 @@ def match_links(
 
     Parameters
     ----------
-    codes : (K0, N) bool, one of the short pilots of `pilot_codes`.
+    codes : (K0, N) bool, one of the short pilots of `make_pilot_codes`.
     photos, sigma : (K0, N, C) float64, as for `estimate_links`, of C channels.
     grid : (rows, cols), N in all.
 
@@ -150,14 +149,16 @@ def match_links(
     partners = find_partners(codes, grey[0], grid, grey[1])
     alike = all(np.array_equal(photos[..., 0], photos[..., c]) for c in range(1, channels))
     if alike:
-        one = weigh(partners, codes, photos[..., 0], grid, noise[:, 0])
+        one = weigh_partners(partners, codes, photos[..., 0], grid, noise[:, 0])
         return tuple(one for _ in range(channels + 1))
-    own = [weigh(partners, codes, photos[..., c], grid, noise[:, c]) for c in range(channels)]
+    own = [
+        weigh_partners(partners, codes, photos[..., c], grid, noise[:, c]) for c in range(channels)
+    ]
     links: Any = sum(own[1:], own[0]) / channels
     return (links, *own)
 
 
-def widened(links: Any, grid: tuple[int, int]) -> Any:
+def widen_links(links: Any, grid: tuple[int, int]) -> Any:
     """Links (N, N) of cells, and of as much as `BESIDE` of them to the cells beside their partners.
 
     What a cell's quads see in a mirror lies as far apart as they do: those at its edges see another
@@ -178,7 +179,7 @@ def widened(links: Any, grid: tuple[int, int]) -> Any:
     return total
 
 
-def correction(
+def compute_path_correction(
     left: Floats, right: Floats, weight: float | Floats, paths: Any, wanted: float | Floats = 1.0
 ) -> Floats:
     """Return what to add to an image for the paths found: (N,) float64, in units of T.
@@ -201,7 +202,7 @@ def correction(
     table = scipy.sparse.coo_array(paths)
     row, col = table.coords
     realised = np.empty(row.size)
-    step = max(1, CHUNK // max(left.shape[0], 1))
+    step = max(1, PATH_CHUNK // max(left.shape[0], 1))
     for start in range(0, row.size, step):
         part = slice(start, start + step)
         realised[part] = np.einsum("rp,rp->p", left[:, row[part]], right[:, col[part]])
@@ -217,7 +218,7 @@ smooth light, and avoiding what is not there disturbs the codes a little."""
 
 
 @dataclass(frozen=True)
-class Worth:
+class PilotPrediction:
     """Predicted RMS errors of the indirect image, over the RMS of the true one.
 
     `alone` for all codes in one shot and no pilot. After a pilot, for the other codes: `piloted` if
@@ -234,15 +235,15 @@ class Worth:
         return self.piloted < CLEARLY * self.unguided
 
 
-def worth(
+def predict_pilot_errors(
     codes: Bools,
     photos: Floats,
     paths: Any,
     count: int,
     *,
     sigma: float | Floats = 0.0,
-) -> Worth:
-    """Predict from the photos of `pilot_codes` whether to use the paths found.
+) -> PilotPrediction:
+    """Predict from the photos of `make_pilot_codes` whether to use the paths found.
 
     Each of the two Hadamard sets of the pilot estimates the direct image; both hold the same truth,
     so their difference shows the error of that many codes. Photos without the light of the paths
@@ -254,7 +255,7 @@ def worth(
     Parameters
     ----------
     codes, photos, sigma :
-        As for `estimate_links`, the codes those of `pilot_codes`.
+        As for `estimate_links`, the codes those of `make_pilot_codes`.
     paths : sparse (N, N)
         What `estimate_links` found.
     count : int
@@ -276,19 +277,19 @@ def worth(
     cleared = photos - (paths @ codes.T.astype(np.float64)).T
     noise = np.broadcast_to(sigma, photos.shape)[first.start : second.stop]
     blur = 8.0 / quarter * np.mean(noise**2)  # variance of a difference of two direct images
-    indirect = 2.0 * photos.mean(axis=0) - direct_light(codes, photos)
+    indirect = 2.0 * photos.mean(axis=0) - estimate_direct_light(codes, photos)
     light, shared = float(np.mean(indirect**2)), _shared(quarter, codes.shape[1])
     if light == 0.0 or shared == 0.0:
-        return Worth(alone=0.0, piloted=0.0, unguided=0.0)
+        return PilotPrediction(alone=0.0, piloted=0.0, unguided=0.0)
     spread = []
     for series in (photos, cleared):
-        differ = direct_light(codes[first], series[first]) - direct_light(
+        differ = estimate_direct_light(codes[first], series[first]) - estimate_direct_light(
             codes[second], series[second]
         )
         square = max(float(np.mean(differ**2) - blur), 0.0) / 2.0
         spread.append(square / light / shared)
     alone, left = _shared(count, codes.shape[1]), _shared(count - pilot, codes.shape[1])
-    return Worth(
+    return PilotPrediction(
         alone=float(np.sqrt(spread[0] * alone)),
         piloted=float(np.sqrt(spread[1] * left)),
         unguided=float(np.sqrt(spread[0] * left)),

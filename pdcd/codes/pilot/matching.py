@@ -28,44 +28,43 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Bools = NDArray[np.bool_]
-Cells = NDArray[np.intp]
-Grid = tuple[int, int]
+from pdcd.arrays import Bools, Floats, Singles
 
-MOST_CELLS = 4096
+_Cells = NDArray[np.intp]
+_Grid = tuple[int, int]
+
+MOST_MATCHING_CELLS = 4096
 """Cells beyond which the N x N tables of a match would not fit into 2 GiB."""
 OTHER = 0.1
 """Standard deviation of all light that the fit leaves out, over the RMS of indirect light. On
 mirrors from 0.07 to 0.14 does as well."""
-ROUNDING = 1e-6
+_ROUNDING = 1e-6
 """Share of all light below which there is no indirect light to speak of."""
-ROUNDS = 2
+_ROUNDS = 2
 """Times that the whole map is looked for; from the second on with priors from around."""
-FITS = 3
+_FITS = 3
 """Times that the strengths are fitted in each round."""
-MESSAGES = 4
+_MESSAGES = 4
 """Steps by which a cell hears of others."""
 FAR_COST = 1.0
 """What it costs in log likelihood that partners of neighbours are two cells apart, not one or none:
 maps are rarely that steep."""
 BREAK_COST = 8.0
 """What two neighbours with unrelated partners cost: the edge of a mirror."""
-WIDTH_B, WIDTH_S = 2.0, 1.2
+_WIDTH_B, _WIDTH_S = 2.0, 1.2
 """Standard deviations in cells over which smooth and sharp light are alike."""
-EVIDENCE = 10.0
+_EVIDENCE = 10.0
 """Squared light of a partner over its variance from which a cell is more likely to have one."""
-REACH = 3
+MATCHING_REACH = 3
 """Cells in each direction that foretell the partner of one."""
 LEAST_SPREAD = 0.4
 """Standard deviation in cells of partners about what the cells around foretell, at best."""
-LEAST_WEIGHT = 0.01
+_LEAST_WEIGHT = 0.01
 """Posterior weight below which a partner is left out of the paths."""
-CHUNK = 2**18
+_CHUNK = 2**18
 """Pairs of cells scored at once."""
 
-WAYS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+_WAYS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 """Where the messages go: each way beside that back."""
 
 _BESIDE = {
@@ -95,39 +94,41 @@ class _Round:
 
 
 @dataclass(frozen=True)
-class Partners:
+class _Partners:
     """What the map says: likely partners of each cell (N, M), and their log priors by it."""
 
-    cells: Cells
+    cells: _Cells
     log_prior: Floats
 
 
-def find_partners(codes: Bools, photos: Floats, grid: Grid, noise: Floats) -> Partners:
+def find_partners(codes: Bools, photos: Floats, grid: _Grid, noise: Floats) -> _Partners:
     """Look for the smooth map of partners of all cells.
 
     Parameters
     ----------
     codes : (K, N) bool, lit cells of each photo, K at least 8.
     photos : (K, N) float64, ``T i_k``.
-    grid : (rows, cols), at most `MOST_CELLS` in all.
+    grid : (rows, cols), at most `MOST_MATCHING_CELLS` in all.
     noise : (N,) float64, standard deviation of a cell's photos.
     """
     shapes = _shapes(grid)
     coarse = [shapes[i] for i in (0, 2, 5, 11, 12, 13)]
     likelihood = _Likelihood(codes, photos, noise)
     priors = likelihood.widest()
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         own = likelihood.all_pairs(coarse, priors)
         heard = _messages(own.reshape(*grid, *grid))
         heard = heard.reshape(own.shape)
         best = (own + heard).argmax(axis=1)
         around = _around(best, grid)
-        partners = Partners(around, np.take_along_axis(heard, around, axis=1).astype(np.float64))
+        partners = _Partners(around, np.take_along_axis(heard, around, axis=1).astype(np.float64))
         priors = _fit(likelihood, partners, shapes, grid)[1]
     return partners
 
 
-def weigh(partners: Partners, codes: Bools, photos: Floats, grid: Grid, noise: Floats) -> Any:
+def weigh_partners(
+    partners: _Partners, codes: Bools, photos: Floats, grid: _Grid, noise: Floats
+) -> Any:
     """Fit the light of known partners in one channel; arguments as of `find_partners`.
 
     Returns
@@ -150,7 +151,7 @@ class _Likelihood:
         own = self.codes - self.codes.mean(axis=0)
         slope = np.sum(own * photos, axis=0) / np.sum(own**2, axis=0)
         indirect = 2.0 * (photos.mean(axis=0) - self.codes.mean(axis=0) * slope)
-        least = ROUNDING * float(np.sqrt(np.mean(photos**2)))
+        least = _ROUNDING * float(np.sqrt(np.mean(photos**2)))
         self.unit = max(float(np.sqrt(np.mean(indirect**2))), least) or 1.0
         self.photos: Floats = photos / self.unit
         self.variance: Floats = OTHER**2 + (noise / self.unit) ** 2
@@ -185,7 +186,7 @@ class _Likelihood:
         upper = np.triu_indices(len(self.codes))
         twice = np.where(upper[0] == upper[1], 1.0, 2.0)[:, None]
         flat = np.ascontiguousarray(metric[:, upper[0], upper[1]])
-        step = max(1, CHUNK // cells)
+        step = max(1, _CHUNK // cells)
         for shape in shapes:
             seen = self.codes @ shape.T
             pairs = (seen[upper[0]] * seen[upper[1]] * twice).astype(np.float32)
@@ -222,12 +223,12 @@ def _log_likelihood(
 def _messages(own: Singles) -> Singles:
     """What the neighbours say of each cell's partners, (rows, cols, rows, cols)."""
     rows = len(own)
-    said = np.zeros((len(WAYS), *own.shape), dtype=np.float32)
-    for step in range(MESSAGES):
+    said = np.zeros((len(_WAYS), *own.shape), dtype=np.float32)
+    for step in range(_MESSAGES):
         total = said.sum(axis=0)
         total += own
         new = np.zeros_like(said)
-        for way, (down, right) in enumerate(WAYS):
+        for way, (down, right) in enumerate(_WAYS):
             hears, speaks = _BESIDE[right]
             for row in range(max(0, -down), rows - max(0, down)):  # one fits into the cache
                 told = _told(total[row] - said[way ^ 1, row])
@@ -260,17 +261,17 @@ def _spread(belief: Singles) -> Singles:
     return beside
 
 
-def _around(best: Cells, grid: Grid) -> Cells:
+def _around(best: _Cells, grid: _Grid) -> _Cells:
     """Cells about the likeliest partner, (N, 15)."""
     row, col = np.divmod(best, grid[1])
     down, right = (a.ravel() for a in np.mgrid[-1:2, -2:3])
     rows = np.clip(row[:, None] + down, 0, grid[0] - 1)
-    around: Cells = rows * grid[1] + np.clip(col[:, None] + right, 0, grid[1] - 1)
+    around: _Cells = rows * grid[1] + np.clip(col[:, None] + right, 0, grid[1] - 1)
     return around
 
 
 def _fit(
-    likelihood: _Likelihood, partners: Partners, shapes: Sequence[Any], grid: Grid
+    likelihood: _Likelihood, partners: _Partners, shapes: Sequence[Any], grid: _Grid
 ) -> tuple[Any, _Round]:
     """Expected paths (N, N) to the partners, and the priors that the fit gives for the next."""
     codes, photos, variance = likelihood.codes, likelihood.photos, likelihood.variance
@@ -283,7 +284,7 @@ def _fit(
     places = np.stack([row, col])[:, None] + offsets.T[:, :, None, None]  # (2, S, N, M)
     by_map: Any = 0.0
     priors = likelihood.widest()
-    for _ in range(FITS):
+    for _ in range(_FITS):
         metric, product, square = likelihood.metric(priors)
         inner = (seen @ product[:, :, None]).reshape(each).swapaxes(0, 1)  # (S, N, M)
         information = np.sum((seen @ metric) * seen, axis=2).reshape(each).swapaxes(0, 1)
@@ -301,18 +302,18 @@ def _fit(
         expected = weight * light
         sharp = expected.sum(axis=(0, 2))
         evidence = np.sum(weight * light**2 * information, axis=(0, 2))
-        sure = evidence / (evidence + EVIDENCE)
+        sure = evidence / (evidence + _EVIDENCE)
         by_map = _map_prior(places, weight, sure, grid)
         light_of = expected.swapaxes(0, 1).reshape(cells, 1, -1)
         left = photos - (light_of @ seen)[:, 0].T
         smooth = _smooth_light(codes, left, variance, priors)
         priors = _Round(
-            *_local(smooth, WIDTH_B, grid, variance),
-            *_local(sharp, WIDTH_S, grid, 0.25 * variance),
+            *_local(smooth, _WIDTH_B, grid, variance),
+            *_local(sharp, _WIDTH_S, grid, 0.25 * variance),
         )
     paths = scipy.sparse.csr_array((cells, cells))
     for shape, share, strength in zip(shapes, weight, expected, strict=True):
-        row, place = np.nonzero((share > LEAST_WEIGHT) & (strength > 0.0))
+        row, place = np.nonzero((share > _LEAST_WEIGHT) & (strength > 0.0))
         table = (strength[row, place], (row, partners.cells[row, place]))
         paths = paths + scipy.sparse.csr_array(table, shape=(cells, cells)) @ shape
     paths = paths - scipy.sparse.diags_array(paths.diagonal())
@@ -320,7 +321,7 @@ def _fit(
     return paths.tocsr(), priors
 
 
-def _map_prior(places: Floats, weight: Floats, sure: Floats, grid: Grid) -> Floats:
+def _map_prior(places: Floats, weight: Floats, sure: Floats, grid: _Grid) -> Floats:
     """Log prior of partners (S, N, M) by a plane through those of the cells around.
 
     Cells count by how `sure` it is (N,) that they have a partner; a cell itself does not count.
@@ -328,9 +329,9 @@ def _map_prior(places: Floats, weight: Floats, sure: Floats, grid: Grid) -> Floa
     sure = sure.reshape(grid)
     own = np.einsum("snm,dsnm->dn", weight, places).reshape(2, *grid)
     y, x = np.mgrid[: grid[0], : grid[1]].astype(np.float64)
-    reach = np.arange(-REACH, REACH + 1)
-    bell = np.exp(-np.add.outer(reach**2, reach**2) / REACH)
-    bell[REACH, REACH] = 0.0
+    reach = np.arange(-MATCHING_REACH, MATCHING_REACH + 1)
+    bell = np.exp(-np.add.outer(reach**2, reach**2) / MATCHING_REACH)
+    bell[MATCHING_REACH, MATCHING_REACH] = 0.0
 
     def around(of: Floats) -> Floats:
         out: Floats = scipy.ndimage.convolve(of, bell, mode="constant").ravel()
@@ -374,7 +375,7 @@ def _smooth_light(codes: Floats, left: Floats, variance: Floats, priors: _Round)
     return smooth
 
 
-def _local(values: Floats, width: float, grid: Grid, least: Floats) -> tuple[Floats, Floats]:
+def _local(values: Floats, width: float, grid: _Grid, least: Floats) -> tuple[Floats, Floats]:
     """Mean and variance of values (N,) around each cell; the variance is `least` (N,) or more."""
 
     def mean(of: Floats, sigma: float) -> Floats:
@@ -386,7 +387,7 @@ def _local(values: Floats, width: float, grid: Grid, least: Floats) -> tuple[Flo
 
 
 @lru_cache(maxsize=1)
-def _shapes(grid: Grid) -> tuple[Any, ...]:
+def _shapes(grid: _Grid) -> tuple[Any, ...]:
     """Operators (N, N) from a code to that seen at each partner: points between cells, patches."""
     stencils = []
     for down, right in _BETWEEN:
@@ -400,7 +401,7 @@ def _shapes(grid: Grid) -> tuple[Any, ...]:
     return tuple(_operator(stencil, grid) for stencil in stencils)
 
 
-def _operator(stencil: dict[tuple[int, int], float], grid: Grid) -> Any:
+def _operator(stencil: dict[tuple[int, int], float], grid: _Grid) -> Any:
     """Weighted sum of the cells about each cell, those beyond the border taken at it."""
     cells = grid[0] * grid[1]
     row, col = np.divmod(np.arange(cells), grid[1])

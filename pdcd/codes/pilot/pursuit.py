@@ -13,30 +13,30 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Cells = NDArray[np.int64]
+from pdcd.arrays import Floats, Singles
 
-SURE = 4.2
+_Cells = NDArray[np.int64]
+
+PATH_SIGMAS = 4.2
 """Standard deviations of the remainder by which a path must stand out: by chance, one path in
 75 000 does, 0.04 a row of 3072 cells."""
 LIKELY = 2.7
 """The same for a path next to one that was found: mirrors and caustics throw patches of light."""
-STEPS = 12
+PURSUIT_STEPS = 12
 """Most rounds; patches grow by one cell a round."""
 AT_ONCE = 2
 """Most entries that a row gains in a round, before all are fitted anew."""
 ROW_SHARE = 4
 """Projections for each entry of a row: with fewer a fit follows the remainder."""
-RIDGE = 1e-3
+_RIDGE = 1e-3
 """Relative weight that keeps fits of nearly equal codes finite."""
-ROUNDING = 1e-5
+_ROUNDING = 1e-5
 """Share of a row's projections below which single precision leaves no information."""
-BLOCK = 256
+ROW_BLOCK = 256
 """Rows whose scores are held at once."""
 
 
-def pursue(signs: Floats, projections: Floats, grid: tuple[int, int], noise: Floats) -> Any:
+def pursue_paths(signs: Floats, projections: Floats, grid: tuple[int, int], noise: Floats) -> Any:
     """Find the strong entries of each row off the diagonal.
 
     Parameters
@@ -56,7 +56,7 @@ def pursue(signs: Floats, projections: Floats, grid: tuple[int, int], noise: Flo
     """
     rows = _Rows(signs, projections, noise)
     beside = _beside(grid)
-    for _ in range(STEPS):
+    for _ in range(PURSUIT_STEPS):
         if not rows.grow(*_candidates(rows, beside)):
             break
     return rows.paths()
@@ -72,7 +72,7 @@ class _Rows:
         count, cells = signs.shape
         self.signs: Singles = np.ascontiguousarray(signs.T, dtype=np.float32)
         self._projections = np.ascontiguousarray(projections.T)
-        floor = ROUNDING * np.sqrt(np.mean(self._projections**2, axis=1))
+        floor = _ROUNDING * np.sqrt(np.mean(self._projections**2, axis=1))
         self._noise = np.maximum(noise, floor)
         most = count // ROW_SHARE + 1
         self._cell = np.full((cells, most), -1)
@@ -91,12 +91,12 @@ class _Rows:
         scaled: Singles = (self._rest / scale[:, None]).astype(np.float32)
         return scaled
 
-    def known(self) -> tuple[Cells, Cells]:
+    def known(self) -> tuple[_Cells, _Cells]:
         """Row and cell of every entry, the diagonal included."""
         row, place = np.nonzero(self._cell >= 0)
         return row, self._cell[row, place]
 
-    def grow(self, row: Cells, cell: Cells, score: Singles) -> bool:
+    def grow(self, row: _Cells, cell: _Cells, score: Singles) -> bool:
         """Add the best few candidates of each row and fit again; False when there are none."""
         best = np.lexsort((-score, row))
         row, cell = row[best], cell[best]
@@ -108,14 +108,14 @@ class _Rows:
         self._fit(np.unique(row))
         return row.size > 0
 
-    def _fit(self, rows: Cells) -> None:
+    def _fit(self, rows: _Cells) -> None:
         """Fit all entries of the given rows by least squares, rows of one length together."""
         for used in np.unique(self._used[rows]):
             some = rows[self._used[rows] == used]
             basis = self.signs[self._cell[some, :used]].astype(np.float64)
             seen = self._projections[some]
             gram = basis @ basis.transpose(0, 2, 1)
-            gram += RIDGE * seen.shape[1] * np.eye(used)
+            gram += _RIDGE * seen.shape[1] * np.eye(used)
             value = np.linalg.solve(gram, basis @ seen[:, :, None])
             self._value[some, :used] = value[:, :, 0]
             self._rest[some] = seen - (value.transpose(0, 2, 1) @ basis)[:, 0]
@@ -127,7 +127,7 @@ class _Rows:
         return scipy.sparse.csr_array(table, shape=(self._used.size, self._used.size))
 
 
-def _candidates(rows: _Rows, beside: Any) -> tuple[Cells, Cells, Singles]:
+def _candidates(rows: _Rows, beside: Any) -> tuple[_Cells, _Cells, Singles]:
     """Row, cell and score of all entries that stand out: (n,) each."""
     outstanding, cells = rows.outstanding(), rows.signs.shape[0]
     row, cell = rows.known()
@@ -135,12 +135,12 @@ def _candidates(rows: _Rows, beside: Any) -> tuple[Cells, Cells, Singles]:
     off = row != cell
     far = scipy.sparse.csr_array((np.ones(off.sum()), (row[off], cell[off])), (cells, cells))
     patch = scipy.sparse.csr_array(beside @ far @ beside)
-    found: list[tuple[Cells, Cells, Singles]] = []
-    for start in range(0, cells, BLOCK):
-        score = outstanding[start : start + BLOCK] @ rows.signs.T
-        score[patch[start : start + BLOCK].nonzero()] *= SURE / LIKELY
-        score[known[start : start + BLOCK].nonzero()] = 0.0
-        at = np.nonzero(score > SURE)
+    found: list[tuple[_Cells, _Cells, Singles]] = []
+    for start in range(0, cells, ROW_BLOCK):
+        score = outstanding[start : start + ROW_BLOCK] @ rows.signs.T
+        score[patch[start : start + ROW_BLOCK].nonzero()] *= PATH_SIGMAS / LIKELY
+        score[known[start : start + ROW_BLOCK].nonzero()] = 0.0
+        at = np.nonzero(score > PATH_SIGMAS)
         found.append((at[0] + start, at[1], score[at]))
     return (
         np.concatenate([part[0] for part in found]),

@@ -6,29 +6,26 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from pdcd.arrays import Bools, Floats
 from pdcd.errors import ConfigError
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-
-def signs(codes: Bools) -> Floats:
+def to_signs(codes: Bools) -> Floats:
     """+1 where a cell is lit, -1 where it is dark."""
     found: Floats = np.where(codes, 1.0, -1.0)
     return found
 
 
-def projections(photos: Floats) -> Floats:
+def compute_projections(photos: Floats) -> Floats:
     """``T h_k`` (K0, N): the mean photo is ``T 1 / 2``, as every cell is lit half of the time."""
     found: Floats = 2.0 * (photos - photos.mean(axis=0))
     return found
 
 
-def direct_light(codes: Bools, photos: Floats) -> Floats:
+def estimate_direct_light(codes: Bools, photos: Floats) -> Floats:
     """Estimate the direct image (N,) from balanced signs: the mean of ``h_k (T h_k)``."""
-    estimate: Floats = np.mean(signs(codes) * projections(photos), axis=0)
+    estimate: Floats = np.mean(to_signs(codes) * compute_projections(photos), axis=0)
     return estimate
 
 
@@ -42,19 +39,20 @@ def check_photos(codes: Bools, photos: Floats, cells: int) -> None:
         )
     if np.any(2 * np.count_nonzero(codes, axis=0) != codes.shape[0]):
         raise ConfigError(
-            "a cell is not lit in half of the pilot codes", hint="use the codes of `pilot_codes`"
+            "a cell is not lit in half of the pilot codes",
+            hint="use the codes of `make_pilot_codes`",
         )
 
 
-REACH = 3
+_REACH = 3
 """Cells around that are taken to send light, less with the square of their distance. Without those
 further off, which codes of a few photos light just when the nearest are dark, half of the light of
 smooth scenes would not be found."""
-NEAR_AROUND = 5
+_NEAR_AROUND = 5
 """Side, in cells, of the square over which a share is told: a few photos say little of one cell."""
 
 
-def near_light(codes: Bools, photos: Floats, grid: tuple[int, int]) -> Floats:
+def estimate_adjacent_light(codes: Bools, photos: Floats, grid: tuple[int, int]) -> Floats:
     """Light that each cell gets from one of the eight around it, on average, (N, C) float64, >= 0,
     in the unit of the photos.
 
@@ -66,7 +64,7 @@ def near_light(codes: Bools, photos: Floats, grid: tuple[int, int]) -> Floats:
     codes : (K, N) bool, what was lit in the photos of a pilot.
     photos : (K, N, C) float64, without the light of paths that are known.
     """
-    own = signs(codes)
+    own = to_signs(codes)
     own -= own.mean(axis=0)
     around = _spread(own, grid)
     power = np.sum(own**2, axis=0)
@@ -83,17 +81,17 @@ def near_light(codes: Bools, photos: Floats, grid: tuple[int, int]) -> Floats:
         # Products of two cells: those of one with itself are chance as well.
         pairs = _sums(along, grid) ** 2 - _sums(along**2, grid)
         square = np.divide(pairs, told**2, out=np.zeros(grid), where=told > 0.0)
-        likely = scipy.ndimage.uniform_filter(square, NEAR_AROUND, mode="nearest")
+        likely = scipy.ndimage.uniform_filter(square, _NEAR_AROUND, mode="nearest")
         found[:, channel] = np.sqrt(np.maximum(likely, 0.0)).ravel()
     return found
 
 
 def _spread(values: Floats, grid: tuple[int, int]) -> Floats:
     """Sums over the cells around each, (K, N), those beside it counting 1 on average."""
-    down, right = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1]
+    down, right = np.mgrid[-_REACH : _REACH + 1, -_REACH : _REACH + 1]
     kernel = 1.0 / (1.0 + down**2 + right**2)
-    kernel[REACH, REACH] = 0.0
-    beside = kernel[REACH - 1 : REACH + 2, REACH - 1 : REACH + 2]
+    kernel[_REACH, _REACH] = 0.0
+    beside = kernel[_REACH - 1 : _REACH + 2, _REACH - 1 : _REACH + 2]
     kernel *= 8.0 / beside.sum()
     images = [
         scipy.ndimage.convolve(one.reshape(grid), kernel, mode="constant").ravel() for one in values
@@ -103,5 +101,5 @@ def _spread(values: Floats, grid: tuple[int, int]) -> Floats:
 
 def _sums(values: Floats, grid: tuple[int, int]) -> Floats:
     """Sums of values of cells (N,) over the square around each, (rows, cols)."""
-    mean = scipy.ndimage.uniform_filter(values.reshape(grid), NEAR_AROUND, mode="constant")
-    return np.asarray(mean * NEAR_AROUND**2)
+    mean = scipy.ndimage.uniform_filter(values.reshape(grid), _NEAR_AROUND, mode="constant")
+    return np.asarray(mean * _NEAR_AROUND**2)

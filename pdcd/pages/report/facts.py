@@ -13,18 +13,18 @@ from typing import Any
 from pdcd.bench.tables import PanelConfig
 from pdcd.pages.report.material import Material
 from pdcd.pages.report.timeline import MOST_SHOTS
-from pdcd.printable import percent
+from pdcd.printable import to_percent
 from pdcd.runs.record import Manifest
 from pdcd.words import SIGMA_KINDS
 
-Rows = list[tuple[str, str]]
+_Rows = list[tuple[str, str]]
 MOST_ROWS = 400
 """Rows of a table; a page says how many more there are."""
-MOST_LETTERS = 4096
+_MOST_LETTERS = 4096
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Rows below a title; `heads` where they have more than a name and a value. `closed` tables are
     opened by a click."""
 
@@ -40,17 +40,17 @@ def _in(form: str) -> Callable[[Any], str]:
     return lambda value: "-" if value is None else form.format(value)
 
 
-Column = tuple[str, str, Callable[[Any], str]]
+_Column = tuple[str, str, Callable[[Any], str]]
 """Words, the name of a value, and how it is written."""
-SUMMARY: tuple[Column, ...] = (
-    ("error of quads against the known truth", "rms_error_quads", percent),
-    ("error of means over cells", "rms_error_cells", percent),
-    ("error expected (RMS sigma)", "rms_sigma", percent),
+_SUMMARY: tuple[_Column, ...] = (
+    ("error of quads against the known truth", "rms_error_quads", to_percent),
+    ("error of means over cells", "rms_error_cells", to_percent),
+    ("error expected (RMS sigma)", "rms_sigma", to_percent),
     ("error bars", "error_bars", str),
     ("absolute scale", "scale", str),
-    ("error of the scale, common to all", "scale_sigma", percent),
-    ("error foreseen by the plan", "predicted_error", percent),
-    ("cells of which nothing is known", "blind_share", percent),
+    ("error of the scale, common to all", "scale_sigma", to_percent),
+    ("error foreseen by the plan", "predicted_error", to_percent),
+    ("cells of which nothing is known", "blind_share", to_percent),
     ("field in the projector's picture", "field", str),
     ("codes", "codes", str),
     ("exposure", "exposure_s", _in("{:.3f} s")),
@@ -59,36 +59,36 @@ SUMMARY: tuple[Column, ...] = (
     ("shots", "shots", str),
     ("wall time", "wall_s", _in("{:.2f} s")),
 )
-BUDGET: tuple[Column, ...] = (
+_BUDGET: tuple[_Column, ...] = (
     ("shot", "name", str),
     ("exposure", "exposure_s", _in("{:.3f} s")),
     ("ISO", "iso", str),
     ("f/", "f_number", _in("{:g}")),
-    ("mask open", "open", percent),
-    ("lit and seen", "lit", percent),
-    ("other paths", "others", percent),
+    ("mask open", "open", to_percent),
+    ("lit and seen", "lit", to_percent),
+    ("other paths", "others", to_percent),
     ("mean electrons (green)", "electrons", _in("{:.4g}")),
-    ("brightest, of full", "full", percent),
-    ("saturated", "saturated", percent),
+    ("brightest, of full", "full", to_percent),
+    ("saturated", "saturated", to_percent),
 )
-REALISED: tuple[Column, ...] = (
+_REALISED: tuple[_Column, ...] = (
     ("divided by", "weight_s", _in("{:.4g} s")),
-    ("direct light off, mean", "diagonal_mean", percent),
-    ("direct, worst", "diagonal_max", percent),
-    ("other paths off, RMS", "off_rms", percent),
-    ("worst cell", "off_rms_worst", percent),
-    ("worst path", "off_max", percent),
+    ("direct light off, mean", "diagonal_mean", to_percent),
+    ("direct, worst", "diagonal_max", to_percent),
+    ("other paths off, RMS", "off_rms", to_percent),
+    ("worst cell", "off_rms_worst", to_percent),
+    ("worst path", "off_max", to_percent),
 )
 
 
-def figures(manifest: Manifest, material: Material) -> Rows:
+def list_key_figures(manifest: Manifest, material: Material) -> _Rows:
     """The first lines: what the picture is worth, and what it cost; what is not known has none."""
     told = {
         **manifest.summary,
         "error_bars": SIGMA_KINDS.get(material.kind, material.kind),
         "field": _field(manifest.run.projector),
     }
-    rows = [(words, _known(told.get(key), write)) for words, key, write in SUMMARY]
+    rows = [(words, _known(told.get(key), write)) for words, key, write in _SUMMARY]
     return [(name, value) for name, value in rows if value]
 
 
@@ -100,22 +100,22 @@ def _field(projector: PanelConfig) -> str:
     return f"{wide} x {high} pixels from ({left}, {top}) on"
 
 
-def tables(manifest: Manifest, material: Material) -> Iterator[Table]:
+def list_tables(manifest: Manifest, material: Material) -> Iterator[ReportTable]:
     """All tables of a page, in order."""
     yield _budget(material)
     yield _realised(manifest)
-    yield Table("What was asked", _flat(_given(manifest.request)))
-    yield Table("The plan", _flat(_given(manifest.plan)), closed=True)
-    yield Table("The rig", _flat(manifest.drivers), closed=True)
-    yield Table("Configuration", _flat(_given(manifest.config)), closed=True)
-    yield Table("What the camera's files say", _flat(manifest.exif), closed=True)
+    yield ReportTable("What was asked", _flat(_given(manifest.request)))
+    yield ReportTable("The plan", _flat(_given(manifest.plan)), closed=True)
+    yield ReportTable("The rig", _flat(manifest.drivers), closed=True)
+    yield ReportTable("Configuration", _flat(_given(manifest.config)), closed=True)
+    yield ReportTable("What the camera's files say", _flat(manifest.exif), closed=True)
     versions = {**manifest.versions, "commit": manifest.git_commit or "unknown"}
-    yield Table("Versions", _flat(versions))
+    yield ReportTable("Versions", _flat(versions))
     files = [(name, f"{one.size_bytes} bytes", one.sha256) for name, one in manifest.files.items()]
-    yield Table("Files", files, ("file", "size", "SHA-256"), closed=True)
+    yield ReportTable("Files", files, ("file", "size", "SHA-256"), closed=True)
 
 
-def _budget(material: Material) -> Table:
+def _budget(material: Material) -> ReportTable:
     note = (
         "Mask open, lit and seen, other paths: shares of the exposure, by the realised probing "
         "matrix, means over all cells. Lit and seen is what direct light gets, other paths what "
@@ -123,17 +123,19 @@ def _budget(material: Material) -> Table:
     )
     if len(material.budget) == MOST_SHOTS < len(material.shots):
         note += f" These are the first {MOST_SHOTS} of {len(material.shots)} shots."
-    rows = [[write(one[key]) for _, key, write in BUDGET] for one in material.budget]
-    return Table("Light budget", rows, [head for head, _, _ in BUDGET], note=note)
+    rows = [[write(one[key]) for _, key, write in _BUDGET] for one in material.budget]
+    return ReportTable("Light budget", rows, [head for head, _, _ in _BUDGET], note=note)
 
 
-def _realised(manifest: Manifest) -> Table:
+def _realised(manifest: Manifest) -> ReportTable:
     rows = [
-        [photo, *(write(told.get(key)) for _, key, write in REALISED)]
+        [photo, *(write(told.get(key)) for _, key, write in _REALISED)]
         for photo, told in manifest.realised.items()
     ]
     note = "Realised against wanted probing matrix; 100 % is the weight 1 of the wanted one."
-    return Table("Probing matrices", rows, ["photo", *(head for head, _, _ in REALISED)], note=note)
+    return ReportTable(
+        "Probing matrices", rows, ["photo", *(head for head, _, _ in _REALISED)], note=note
+    )
 
 
 def _given(told: Mapping[str, Any]) -> dict[str, Any]:
@@ -141,9 +143,9 @@ def _given(told: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in told.items() if value not in (None, "", [], {}, ())}
 
 
-def _flat(told: Mapping[str, Any], prefix: str = "") -> Rows:
+def _flat(told: Mapping[str, Any], prefix: str = "") -> _Rows:
     """Nested tables as rows of dotted names."""
-    rows: Rows = []
+    rows: _Rows = []
     for name, value in told.items():
         if isinstance(value, Mapping):
             rows += _flat(value, f"{prefix}{name}.")
@@ -162,7 +164,7 @@ def _words(value: object) -> str:
         return ", ".join(_words(one) for one in value[:64]) + more
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_words(one)}" for name, one in list(value.items())[:64])
-    return str(value)[:MOST_LETTERS]
+    return str(value)[:_MOST_LETTERS]
 
 
 def _known(value: object, write: Callable[[Any], str]) -> str:

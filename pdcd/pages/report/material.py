@@ -6,18 +6,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pdcd.pages.report.layers import MOST_PICTURES, Layers, Truth, layers, size_of
-from pdcd.pages.report.timeline import budget, timeline
-from pdcd.pages.report.weights import MOST_WEIGHTS, matrices
-from pdcd.pictures.darkroom import Decoded
+from pdcd.pages.report.layers import (
+    MOST_PICTURES,
+    AnswerTruth,
+    Layers,
+    choose_layer_size,
+    pack_layers,
+)
+from pdcd.pages.report.timeline import make_light_budget, make_timeline
+from pdcd.pages.report.weights import MOST_WEIGHTS, pack_matrices
+from pdcd.pictures.darkroom import DecodedRun
 from pdcd.pictures.decode import TRANSPORT_PICTURE as PICTURE
-from pdcd.pictures.truth import Known
+from pdcd.pictures.truth import KnownAnswer
 from pdcd.runs.record import RunRecord
 
 DEFAULT_S = 0.3
 """A page that costs less of a processor than that is made at the end of every capture."""
-FIXED_S, SHOT_S = 0.02, 3e-3
-VALUE_S, WEIGHT_S, REFRESH_S = 9e-8, 1e-7, 1e-5
+_FIXED_S, _SHOT_S = 0.02, 3e-3
+_VALUE_S, _WEIGHT_S, _REFRESH_S = 9e-8, 1e-7, 1e-5
 """Costs by size: of each value of a picture, of each entry of the factors, of each refresh."""
 
 
@@ -31,14 +37,14 @@ class Material:
     budget: list[dict[str, Any]]
     answer: str
     kind: str
-    """How the error of the codes is known (`pdcd.pictures.picture.Kind`)."""
+    """How the error of the codes is known (`pdcd.pictures.picture._Kind`)."""
     slice_png: bytes = b""
     """The picture of entries of T, where they were photographed."""
 
 
-def foreseen_s(record: RunRecord, decoded: Decoded) -> float:
+def foreseen_page_s(record: RunRecord, decoded: DecodedRun) -> float:
     """Processor time of a page by the size of the run, as measured on a machine of two cores."""
-    width, height = size_of(len(decoded.pictures), decoded.view)
+    width, height = choose_layer_size(len(decoded.pictures), decoded.view)
     pictures = min(len(decoded.pictures), MOST_PICTURES) + 1
     values = 3 * width * height * pictures
     shots = {**decoded.shots, **decoded.sums}.values()
@@ -46,33 +52,35 @@ def foreseen_s(record: RunRecord, decoded: Decoded) -> float:
     refreshes = sum(shot.refreshes for shot in record.shots)
     quads = 3 * decoded.cells.frame[0] * decoded.cells.frame[1] * pictures
     return (
-        FIXED_S
-        + SHOT_S * len(record.shots)
-        + VALUE_S * (values + 0.3 * quads)
-        + WEIGHT_S * min(entries, MOST_WEIGHTS)
-        + REFRESH_S * refreshes
+        _FIXED_S
+        + _SHOT_S * len(record.shots)
+        + _VALUE_S * (values + 0.3 * quads)
+        + _WEIGHT_S * min(entries, MOST_WEIGHTS)
+        + _REFRESH_S * refreshes
     )
 
 
-def cheap(record: RunRecord, decoded: Decoded) -> bool:
+def is_cheap(record: RunRecord, decoded: DecodedRun) -> bool:
     """Whether a page is made without being asked for."""
-    return foreseen_s(record, decoded) < DEFAULT_S
+    return foreseen_page_s(record, decoded) < DEFAULT_S
 
 
-def gathered(folder: Path, record: RunRecord, decoded: Decoded, known: Known | None) -> Material:
+def gather_material(
+    folder: Path, record: RunRecord, decoded: DecodedRun, known: KnownAnswer | None
+) -> Material:
     """Everything of a page but the manifest.
 
     folder : where frames.csv lies. Raises DecodeError for a damaged one.
     """
     truth = None
     if known is not None:
-        truth = Truth(*known.binned(decoded.side).on_quads(decoded.cells))
+        truth = AnswerTruth(*known.binned(decoded.side).on_quads(decoded.cells))
     sliced = decoded.transport
     return Material(
-        layers=layers(decoded.pictures, decoded.view, truth, decoded.side),
-        matrices=matrices(decoded.recipe, {**decoded.shots, **decoded.sums}, record.normalise),
-        shots=timeline(folder, record),
-        budget=budget(record, decoded.shots),
+        layers=pack_layers(decoded.pictures, decoded.view, truth, decoded.side),
+        matrices=pack_matrices(decoded.recipe, {**decoded.shots, **decoded.sums}, record.normalise),
+        shots=make_timeline(folder, record),
+        budget=make_light_budget(record, decoded.shots),
         answer=decoded.recipe.answer_name,
         kind=decoded.answer.kind,
         slice_png=b"" if sliced is None else (folder / PICTURE).read_bytes(),

@@ -13,27 +13,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Block = dict[str, Any]
+PackedBlock = dict[str, Any]
 """A block of numbers as the page's data has it: `shape`, `kind`, and its bytes in base64."""
 
-MOST = 32766
+MOST_STEPS = 32766
 """Largest number of steps of a value."""
-NOTHING = -32768
+NO_VALUE = -32768
 """Stands for no number."""
-SHARE = 0.02
+_SHARE = 0.02
 """Step of a logarithm: values are off by 1 %."""
-PAIR = 255.0
+_PAIR = 255.0
 """Steps between the least and the largest value of a row of factors."""
 
 
-def linear(values: NDArray[np.floating], step: float) -> Block:
+def pack_linear(values: NDArray[np.floating], step: float) -> PackedBlock:
     """Values (..., H, W) as whole steps, off by at most half of one; NaN stays NaN.
 
-    step : at least 1 / `MOST` of the largest absolute value (`least_step`).
+    step : at least 1 / `MOST_STEPS` of the largest absolute value (`choose_step`).
     """
     with np.errstate(invalid="ignore"):
-        steps = np.rint(np.clip(values / step, -MOST, MOST))
-    whole = np.where(np.isfinite(values), steps, NOTHING).astype(np.int16)
+        steps = np.rint(np.clip(values / step, -MOST_STEPS, MOST_STEPS))
+    whole = np.where(np.isfinite(values), steps, NO_VALUE).astype(np.int16)
     # Neighbours are alike: what is kept is how a value differs from the one to its left, folded so
     # that small differences of either sign have an empty upper byte.
     apart = np.diff(whole, axis=-1, prepend=np.int16(0))
@@ -42,31 +42,35 @@ def linear(values: NDArray[np.floating], step: float) -> Block:
     return {"kind": "linear", "shape": list(values.shape), "step": step, "data": _text(halves)}
 
 
-def least_step(values: NDArray[np.floating], wanted: float) -> float:
+def choose_step(values: NDArray[np.floating], wanted: float) -> float:
     """The wanted step, or the least that the largest value allows; always above 0."""
     known = np.abs(values[np.isfinite(values)])
     top = float(known.max()) if known.size else 0.0
-    return max(wanted, top / MOST) or 1.0
+    return max(wanted, top / MOST_STEPS) or 1.0
 
 
-def logarithmic(values: NDArray[np.floating]) -> Block:
+def pack_logarithmic(values: NDArray[np.floating]) -> PackedBlock:
     """Values of 0 and more (..., H, W) as whole steps of their logarithm, off by at most the share
     `off`; what is no number becomes infinite, as infinite ones stay, and 0 nearly 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(values)
-    logs = np.where(values == 0.0, -MOST * SHARE, logs)
-    return {**linear(logs, SHARE), "kind": "logarithmic", "off": float(np.expm1(0.5 * SHARE))}
+    logs = np.where(values == 0.0, -MOST_STEPS * _SHARE, logs)
+    return {
+        **pack_linear(logs, _SHARE),
+        "kind": "logarithmic",
+        "off": float(np.expm1(0.5 * _SHARE)),
+    }
 
 
-def factored(rows: NDArray[np.floating]) -> tuple[Block, NDArray[np.float32]]:
+def pack_factors(rows: NDArray[np.floating]) -> tuple[PackedBlock, NDArray[np.float32]]:
     """Rows (R, N) of factors, each in steps of its own span, and what they come back as.
 
     Rows of codes have two values, or few, and then come back all but exactly.
     """
     low, high = rows.min(axis=1), rows.max(axis=1)
-    step = np.where(high > low, (high - low) / PAIR, 1.0).astype(np.float32)
+    step = np.where(high > low, (high - low) / _PAIR, 1.0).astype(np.float32)
     low = low.astype(np.float32)
-    whole = np.clip(np.rint((rows - low[:, None]) / step[:, None]), 0, PAIR).astype(np.uint8)
+    whole = np.clip(np.rint((rows - low[:, None]) / step[:, None]), 0, _PAIR).astype(np.uint8)
     back = low[:, None] + step[:, None] * whole
     block = {
         "kind": "factored",
@@ -78,19 +82,19 @@ def factored(rows: NDArray[np.floating]) -> tuple[Block, NDArray[np.float32]]:
     return block, back.astype(np.float32)
 
 
-def singles(values: NDArray[np.floating]) -> Block:
+def pack_singles(values: NDArray[np.floating]) -> PackedBlock:
     """Values in single precision."""
     data = np.ascontiguousarray(values, dtype="<f4")
     return {"kind": "singles", "shape": list(values.shape), "data": _text(data)}
 
 
-def integers(values: NDArray[np.integer]) -> Block:
+def pack_integers(values: NDArray[np.integer]) -> PackedBlock:
     """Whole numbers of 32 bits (..., n); near ones may be alike."""
     data = np.diff(values.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4")
     return {"kind": "integers", "shape": list(values.shape), "data": _text(data, level=6)}
 
 
-def size_bytes(block: Block) -> int:
+def block_size_bytes(block: PackedBlock) -> int:
     """How long a block is in the page, about."""
     return sum(len(part) for part in block.values() if isinstance(part, str))
 

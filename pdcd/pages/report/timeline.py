@@ -10,33 +10,33 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.pages.report.packing import integers
-from pdcd.pictures.exposed import Exposed
-from pdcd.runs.frame_table import NAME, read_columns
+from pdcd.pages.report.packing import pack_integers
+from pdcd.pictures.exposed import ExposedShot
+from pdcd.runs.frame_table import FRAMES_FILE, read_frame_columns
 from pdcd.runs.record import RunRecord, ShotRecord
 
-MOST_REFRESHES = 60_000
+MOST_TIMELINE_REFRESHES = 60_000
 """Refreshes that are told one by one; of further shots only what is late."""
-UNITS = 2_000_000_000
+_UNITS = 2_000_000_000
 """Longest time of a shot in units of the page: fits 31 bits."""
-LATE_MISSED, LATE_DROPPED, BLACK = 1, 2, 4
+_LATE_MISSED, _LATE_DROPPED, _BLACK = 1, 2, 4
 """Bits of a refresh: refreshes were lost before it, a panel showed another one, the mask is black
 by plan."""
-WANTED = ("t_primal_ns", "t_dual_ns", "missed", "dropped", "guard")
+_WANTED = ("t_primal_ns", "t_dual_ns", "missed", "dropped", "guard")
 
 
-def timeline(folder: Path, record: RunRecord) -> list[dict[str, Any]]:
+def make_timeline(folder: Path, record: RunRecord) -> list[dict[str, Any]]:
     """What the page has of each shot, in the order in which they were taken.
 
     Times are whole numbers of `unit_s` from the opening of the shutter. Raises DecodeError for a
     damaged table.
     """
-    table = _table(folder / NAME)
+    table = _table(folder / FRAMES_FILE)
     found, told = [], 0
     first_ns = min((shot.open_ns for shot in record.shots), default=0)
     for shot in sorted(record.shots, key=lambda shot: shot.open_ns):
-        rows = table.get(shot.name, np.zeros((len(WANTED), 0), np.int64))
-        every = told + rows.shape[1] <= MOST_REFRESHES
+        rows = table.get(shot.name, np.zeros((len(_WANTED), 0), np.int64))
+        every = told + rows.shape[1] <= MOST_TIMELINE_REFRESHES
         told += rows.shape[1] if every else 0
         found.append(_shot(shot, rows, first_ns, every=every))
     return found
@@ -44,10 +44,10 @@ def timeline(folder: Path, record: RunRecord) -> list[dict[str, Any]]:
 
 def _shot(shot: ShotRecord, rows: np.ndarray[Any, Any], first_ns: int, *, every: bool) -> Any:
     primal_ns, dual_ns, missed, dropped, guard = rows
-    flags = LATE_MISSED * (missed > 0) + LATE_DROPPED * (dropped > 0) + BLACK * (guard > 0)
+    flags = _LATE_MISSED * (missed > 0) + _LATE_DROPPED * (dropped > 0) + _BLACK * (guard > 0)
     length_ns = max(shot.close_ns - shot.open_ns, 1)
-    unit_ns = max(1000, -(-length_ns // UNITS))
-    kept = slice(None) if every else flags & (LATE_MISSED | LATE_DROPPED) > 0
+    unit_ns = max(1000, -(-length_ns // _UNITS))
+    kept = slice(None) if every else flags & (_LATE_MISSED | _LATE_DROPPED) > 0
     number = np.arange(primal_ns.size)[kept]
     return {
         "name": shot.name,
@@ -60,24 +60,24 @@ def _shot(shot: ShotRecord, rows: np.ndarray[Any, Any], first_ns: int, *, every:
         "verified": shot.verified,
         "every": every,
         "unit_s": unit_ns * 1e-9,
-        "number": integers(number),
-        "projector": integers(_units(primal_ns[kept] - shot.open_ns, unit_ns)),
-        "mask": integers(_units(dual_ns[kept] - shot.open_ns, unit_ns)),
-        "flags": integers(flags[kept]),
-        "lost": integers(missed[kept]),
+        "number": pack_integers(number),
+        "projector": pack_integers(_units(primal_ns[kept] - shot.open_ns, unit_ns)),
+        "mask": pack_integers(_units(dual_ns[kept] - shot.open_ns, unit_ns)),
+        "flags": pack_integers(flags[kept]),
+        "lost": pack_integers(missed[kept]),
     }
 
 
 def _units(times_ns: Any, unit_ns: int) -> Any:
     """Whole units; what a forged table has beyond any exposure is cut off."""
-    return np.clip(np.rint(times_ns / unit_ns), -UNITS, UNITS).astype(np.int64)
+    return np.clip(np.rint(times_ns / unit_ns), -_UNITS, _UNITS).astype(np.int64)
 
 
 def _table(path: Path) -> dict[str, np.ndarray[Any, Any]]:
-    """Columns `WANTED` of each shot, (5, refreshes) int64."""
-    columns = read_columns(path, ("shot", *WANTED))
+    """Columns `_WANTED` of each shot, (5, refreshes) int64."""
+    columns = read_frame_columns(path, ("shot", *_WANTED))
     names, shot, counts = np.unique(columns["shot"], return_inverse=True, return_counts=True)
-    rows = np.stack([columns[name] for name in WANTED])[:, np.argsort(shot, kind="stable")]
+    rows = np.stack([columns[name] for name in _WANTED])[:, np.argsort(shot, kind="stable")]
     ends = np.cumsum(counts)
     return {
         str(name): rows[:, end - count : end]
@@ -87,13 +87,13 @@ def _table(path: Path) -> dict[str, np.ndarray[Any, Any]]:
 
 MOST_SHOTS = 64
 """Shots that are told one by one."""
-LOOKED_AT = 150
+_LOOKED_AT = 150
 """Rows and columns of quads that are looked at."""
-TOP_PERCENT = 99.9
+_TOP_PERCENT = 99.9
 """The brightest sample is that which so many stay below."""
 
 
-def budget(record: RunRecord, shots: Mapping[str, Exposed]) -> list[dict[str, Any]]:
+def make_light_budget(record: RunRecord, shots: Mapping[str, ExposedShot]) -> list[dict[str, Any]]:
     """A line for each of the first `MOST_SHOTS` shots, shares of 1 and electrons.
 
     lit : of the exposure, for how long a point was both lit and seen (what direct light gets).
@@ -107,11 +107,11 @@ def budget(record: RunRecord, shots: Mapping[str, Exposed]) -> list[dict[str, An
     ]
 
 
-def _line(shot: ShotRecord, exposed: Exposed, record: RunRecord) -> dict[str, Any]:
+def _line(shot: ShotRecord, exposed: ExposedShot, record: RunRecord) -> dict[str, Any]:
     exposure_s = max((shot.close_ns - shot.open_ns) * 1e-9, 1e-9)
     level = shot.level or 1.0  # what the light of the shot was divided by
     realised, cells = exposed.realised, exposed.realised.coaxial.size
-    down, across = (max(n // LOOKED_AT, 1) for n in exposed.saturated.shape)
+    down, across = (max(n // _LOOKED_AT, 1) for n in exposed.saturated.shape)
     green = exposed.light_at(slice(None, None, down), slice(None, None, across))[..., 1]
     row = record.profile.row(shot.iso)
     electrons = green * level * record.responsivity_e[1] / shot.f_number**2
@@ -126,6 +126,6 @@ def _line(shot: ShotRecord, exposed: Exposed, record: RunRecord) -> dict[str, An
         "lit": float(realised.coaxial.mean()) * level / exposure_s,
         "others": realised.total_s * level / cells**2 / exposure_s,
         "electrons": float(electrons.mean()),
-        "full": float(np.percentile(electrons, TOP_PERCENT)) / full_e,
+        "full": float(np.percentile(electrons, _TOP_PERCENT)) / full_e,
         "saturated": float(np.mean(exposed.saturated)),
     }

@@ -13,51 +13,60 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pages.report.packing import factored, integers, singles, size_bytes
-from pdcd.pictures.row import Weighed, weighed
-from pdcd.pictures.weights import Shown
-from pdcd.probing.convolved import Kernel, SameRow
-from pdcd.probing.wanted import Gained, Lit, Match, Near, Outer, Part, Uniform, Wanted
-from pdcd.recipes.recipe import Photo, Recipe
+from pdcd.pages.report.packing import block_size_bytes, pack_factors, pack_integers, pack_singles
+from pdcd.pictures.row import WeighedMatrix, weigh_matrix
+from pdcd.pictures.weights import RealisedShot
+from pdcd.probing.convolved import KernelPart, SameRowPart
+from pdcd.probing.wanted import (
+    GainPart,
+    IlluminatedPart,
+    MatchPart,
+    MatrixPart,
+    NearPart,
+    OuterPart,
+    UniformPart,
+    WantedMatrix,
+)
+from pdcd.recipes.recipe import Recipe, RecipePhoto
 from pdcd.words import NormaliseName
 
-MOST_BYTES = 3_000_000
+MOST_WEIGHT_BYTES = 3_000_000
 """Room for the matrices of all photos of a page."""
 MOST_WEIGHTS = 12_000_000
 """Entries of both sides of a photo's factors that are packed at all: bounds the time."""
-MOST_PHOTOS = 6
-LOOKS = 24
+_MOST_PHOTOS = 6
+_LOOKS = 24
 """Cells at which the rounding of rows is measured."""
 
 
-def matrices(
-    recipe: Recipe, shots: Mapping[str, Shown], normalise: NormaliseName
+def pack_matrices(
+    recipe: Recipe, shots: Mapping[str, RealisedShot], normalise: NormaliseName
 ) -> list[dict[str, Any]]:
-    """What the page has of the first `MOST_PHOTOS` photos, that of the answer first.
+    """What the page has of the first `_MOST_PHOTOS` photos, that of the answer first.
 
     One for which there is no room has `missing`: why, in words.
     """
     found: list[dict[str, Any]] = []
-    room = MOST_BYTES
-    for photo in _ordered(recipe)[:MOST_PHOTOS]:
-        told = _told(weighed(photo, shots, normalise), room)
+    room = MOST_WEIGHT_BYTES
+    for photo in _ordered(recipe)[:_MOST_PHOTOS]:
+        told = _told(weigh_matrix(photo, shots, normalise), room)
         room -= told.pop("bytes", 0)
         found.append(told)
     return found
 
 
-def _ordered(recipe: Recipe) -> list[Photo]:
+def _ordered(recipe: Recipe) -> list[RecipePhoto]:
     """The main photo, the others of the answer, the rest."""
     return sorted(recipe.photos, key=lambda photo: photo.name != recipe.main)
 
 
-def _told(one: Weighed, room: int) -> dict[str, Any]:
+def _told(one: WeighedMatrix, room: int) -> dict[str, Any]:
     name, realised = one.photo.name, one.realised
     if realised.left.size + realised.right.size > MOST_WEIGHTS:
         return {"name": name, "missing": "its factors are too many for a page; see pdcd row"}
-    left, left_back = factored(realised.left)
-    right, right_back = factored(realised.right)
-    length = size_bytes(left) + size_bytes(right)
+    left, left_back = pack_factors(realised.left)
+    right, right_back = pack_factors(realised.right)
+    length = block_size_bytes(left) + block_size_bytes(right)
     if length > room:
         return {"name": name, "missing": "its factors are too long for a page; see pdcd row"}
     light = one.photo.wanted.light
@@ -67,48 +76,48 @@ def _told(one: Weighed, room: int) -> dict[str, Any]:
         "bytes": length,
         "left": left,
         "right": right,
-        "coaxial": singles(realised.coaxial),
-        "weight": singles(np.atleast_1d(one.weight_s)),
+        "coaxial": pack_singles(realised.coaxial),
+        "weight": pack_singles(np.atleast_1d(one.weight_s)),
         # What no page knows is left out as a whole, as a part of it would be wrong.
         "wanted": None if any(part is None for part in parts) else parts,
-        "light": None if light is None else singles(light),
+        "light": None if light is None else pack_singles(light),
         "off": _off(one, left_back, right_back),
     }
 
 
-def _off(one: Weighed, left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
+def _off(one: WeighedMatrix, left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
     """Largest error of a weight by rounding, in rows of some cells spread over the grid."""
     cells = one.realised.coaxial.size
-    some = np.unique(np.linspace(0, cells - 1, min(LOOKS, cells)).astype(np.int64))
+    some = np.unique(np.linspace(0, cells - 1, min(_LOOKS, cells)).astype(np.int64))
     exact = one.realised.left[:, some].T @ one.realised.right
     rounded = left[:, some].T @ right
     weight = one.weight_s[some, None] if one.weight_s.ndim else one.weight_s
     return float(np.abs((rounded - exact) / weight).max())
 
 
-def _parts(wanted: Wanted) -> Iterator[dict[str, Any] | None]:
+def _parts(wanted: WantedMatrix) -> Iterator[dict[str, Any] | None]:
     for weight, part in wanted.parts:
         told = _part(part)
         yield None if told is None else {"weight": weight, **told}
 
 
-def _part(part: Part) -> dict[str, Any] | None:
+def _part(part: MatrixPart) -> dict[str, Any] | None:
     """A part as the page knows it; None for a matrix of numbers without structure."""
-    if type(part) not in KINDS:
+    if type(part) not in _KINDS:
         return None
-    kind, fields = KINDS[type(part)]
+    kind, fields = _KINDS[type(part)]
     told = {name: write(getattr(part, name)) for name, write in fields.items()}
     return None if any(value is None for value in told.values()) else {"kind": kind, **told}
 
 
-KINDS: Mapping[type, tuple[str, Mapping[str, Callable[[Any], Any]]]] = {
-    SameRow: ("same row", {}),
-    Kernel: ("kernel", {"taps": singles}),
-    Uniform: ("uniform", {}),
-    Outer: ("outer", {"camera": singles, "projector": singles}),
-    Match: ("match", {"partner": integers}),
-    Near: ("near", {"radius": int}),
-    Gained: ("gained", {"camera": singles, "part": _part}),
-    Lit: ("lit", {"projector": singles, "part": _part}),
+_KINDS: Mapping[type, tuple[str, Mapping[str, Callable[[Any], Any]]]] = {
+    SameRowPart: ("same row", {}),
+    KernelPart: ("kernel", {"taps": pack_singles}),
+    UniformPart: ("uniform", {}),
+    OuterPart: ("outer", {"camera": pack_singles, "projector": pack_singles}),
+    MatchPart: ("match", {"partner": pack_integers}),
+    NearPart: ("near", {"radius": int}),
+    GainPart: ("gained", {"camera": pack_singles, "part": _part}),
+    IlluminatedPart: ("lit", {"projector": pack_singles, "part": _part}),
 }
 """Parts that the page's script knows: what they are called there, and how each field is told."""

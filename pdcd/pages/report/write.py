@@ -8,28 +8,28 @@ import re
 from pathlib import Path
 from typing import Any
 
-from pdcd.files.put import put_file
-from pdcd.pages.render import json_in_page, load_template, render_page
-from pdcd.pages.report.facts import MOST_ROWS, figures, tables
-from pdcd.pages.report.layers import enough_side
-from pdcd.pages.report.material import Material, gathered
+from pdcd.files.put import replace_file
+from pdcd.pages.render import encode_page_json, load_template, render_page
+from pdcd.pages.report.facts import MOST_ROWS, list_key_figures, list_tables
+from pdcd.pages.report.layers import choose_bin_side
+from pdcd.pages.report.material import Material, gather_material
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.decode import TRANSPORT_PICTURE, record_errors
-from pdcd.pictures.truth import TRUTH, read_truth
-from pdcd.printable import one_line
-from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.later import REPORT
-from pdcd.runs.patterns import NAME as CODES
+from pdcd.pictures.decode import TRANSPORT_PICTURE, convert_record_errors
+from pdcd.pictures.truth import TRUTH, read_known_answer
+from pdcd.printable import to_one_line
+from pdcd.runs.folder import REPORT_FILE
+from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
+from pdcd.runs.patterns import CODES_FILE as CODES
 from pdcd.runs.record import Manifest
-from pdcd.runs.verify import sound_manifest
+from pdcd.runs.verify import read_sound_manifest
 from pdcd.watch import Watch
 
 TEMPLATE = "report.html"
-SCRIPTS = ("unpack.js", "draw.js", "pictures.js", "matrix.js", "timeline.js", "start.js")
+_SCRIPTS = ("unpack.js", "draw.js", "pictures.js", "matrix.js", "timeline.js", "start.js")
 """Parts of the one script, in order."""
 
 
-def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Path:
+def write_report(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Path:
     """Write the page of a finished run, or of one that was cut, and return where it is.
 
     out : the file; None is `report.html` in the run's folder. `watch` is told how far it is.
@@ -40,45 +40,47 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
     """
     watch = watch or Watch()
     load_template(TEMPLATE)
-    manifest = sound_manifest(folder, (CODES, FRAMES), watch)
+    manifest = read_sound_manifest(folder, (CODES, FRAMES), watch)
     partly, kept = manifest.state == "partial", TRUTH in manifest.files
     more = [TRUTH] if kept else []
     if manifest.run.goal.name == "transport":
         more.append(TRANSPORT_PICTURE)
-    sound_manifest(folder, more, watch)
-    with record_errors(folder):
+    read_sound_manifest(folder, more, watch)
+    with convert_record_errors(folder):
         darkroom = Darkroom(folder, manifest.run)
-        darkroom.coarsen(enough_side(len(darkroom.recipe.pictures), manifest.run))
+        darkroom.coarsen(choose_bin_side(len(darkroom.recipe.pictures), manifest.run))
         decoded = darkroom.decoded(watch, partly=partly)
         cells = darkroom.record.cells
-        known = read_truth(folder, cells) if kept and cells is not None else None
-        material = gathered(folder, darkroom.record, decoded, known)
-    return written(folder, manifest, material, out)
+        known = read_known_answer(folder, cells) if kept and cells is not None else None
+        material = gather_material(folder, darkroom.record, decoded, known)
+    return write_gathered_report(folder, manifest, material, out)
 
 
-def written(folder: Path, manifest: Manifest, material: Material, out: Path | None = None) -> Path:
-    """Write a page whose parts are gathered; returns where it is. Raises as `write` does."""
-    path = folder / REPORT if out is None else out
-    put_file(path, page(manifest, material).encode("utf-8"))
+def write_gathered_report(
+    folder: Path, manifest: Manifest, material: Material, out: Path | None = None
+) -> Path:
+    """Write a page whose parts are gathered; returns where it is. Raises as `write_report` does."""
+    path = folder / REPORT_FILE if out is None else out
+    replace_file(path, render_report_page(manifest, material).encode("utf-8"))
     return path
 
 
-def page(manifest: Manifest, material: Material) -> str:
+def render_report_page(manifest: Manifest, material: Material) -> str:
     """The whole page."""
     return render_page(
         TEMPLATE,
-        SCRIPTS,
+        _SCRIPTS,
         manifest=manifest,
         layers=material.layers,
         kind=material.kind,
         when=_when(manifest.started_utc),
-        said={n: _lines(manifest.request[n]) for n in SAID if manifest.request.get(n)},
+        said={n: _lines(manifest.request[n]) for n in _SAID if manifest.request.get(n)},
         sides=_sides(manifest),
-        figures=figures(manifest, material),
-        tables=list(tables(manifest, material)),
+        figures=list_key_figures(manifest, material),
+        tables=list(list_tables(manifest, material)),
         most_rows=MOST_ROWS,
         slice=base64.b64encode(material.slice_png).decode("ascii"),
-        data=json_in_page(_told(manifest, material)),
+        data=encode_page_json(_told(manifest, material)),
     )
 
 
@@ -86,7 +88,7 @@ def _told(manifest: Manifest, material: Material) -> dict[str, Any]:
     """What the page's script works with."""
     pictures = material.layers
     return {
-        "job": one_line(manifest.job),
+        "job": to_one_line(manifest.job),
         "goal": manifest.run.goal.name,
         "size": pictures.size_px,
         "quads": pictures.quads,
@@ -100,7 +102,7 @@ def _told(manifest: Manifest, material: Material) -> dict[str, Any]:
     }
 
 
-SAID = ("name", "tags", "note")
+_SAID = ("name", "tags", "note")
 """Fields of a request that are shown as they were written."""
 
 

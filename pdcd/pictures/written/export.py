@@ -19,38 +19,38 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Singles
 from pdcd.errors import DecodeError, DiskError, RequestError, disk_errors
-from pdcd.files.images import png_of
-from pdcd.files.inside import fault_of
-from pdcd.pictures.decode import record_errors
-from pdcd.pictures.upright import Sampler, View, all_known
-from pdcd.pictures.written.looks import WHITE, Balance, by_patch
+from pdcd.files.images import encode_png
+from pdcd.files.inside import find_name_fault
+from pdcd.pictures.decode import convert_record_errors
+from pdcd.pictures.upright import FieldSampler, FieldView, find_known_pixels
+from pdcd.pictures.written.looks import WHITE_PICTURE, WhiteBalance, balance_by_patch
 from pdcd.pictures.written.picture_files import read_tiff
-from pdcd.pictures.written.previews import LEAST_PX, MOST_PX
-from pdcd.printable import one_line
+from pdcd.pictures.written.previews import LEAST_PX, MOST_PREVIEW_PX
+from pdcd.printable import to_one_line
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.record import Manifest
-from pdcd.runs.verify import whole_manifest
+from pdcd.runs.verify import read_whole_manifest
 from pdcd.sensor.cells import CellMap
 from pdcd.version import __version__
 
-Singles = NDArray[np.float32]
-Words = NDArray[np.uint16]
-Format = Literal["exr", "tiff16", "png16", "npz"]
+_Words = NDArray[np.uint16]
+_Format = Literal["exr", "tiff16", "png16", "npz"]
 
-ENDINGS: dict[Format, str] = {"exr": "exr", "tiff16": "tiff", "png16": "png", "npz": "npz"}
-FULL = 65535
+_ENDINGS: dict[_Format, str] = {"exr": "exr", "tiff16": "tiff", "png16": "png", "npz": "npz"}
+_FULL = 65535
 """Largest value of 16 bits."""
-UNITS = "scene units: a white, fully lit, facing matte surface is 1"
-MOST_UPRIGHT_PX = 16384
+_UNITS = "scene units: a white, fully lit, facing matte surface is 1"
+_MOST_UPRIGHT_PX = 16384
 """Widest picture of the field."""
-WHITE_PERCENT = 99.9
+_WHITE_PERCENT = 99.9
 """The usual white is a power of two that so many values of every picture of the run stay below."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class ExportRequest:
     """What is to be exported, and how.
 
     pictures : names; () stands for all.
@@ -59,14 +59,14 @@ class Asked:
     span : black and white of 16-bit files in scene units; None: 0 and what fits the run.
     """
 
-    format: Format
+    format: _Format
     pictures: tuple[str, ...] = ()
     upright: bool = False
     white_patch: tuple[float, float] | None = None
     span: tuple[float, float] | None = None
 
 
-class Exported(msgspec.Struct, frozen=True, kw_only=True):
+class ExportedFile(msgspec.Struct, frozen=True, kw_only=True):
     """One picture, ready to be written.
 
     below, above, unknown : values (three a pixel) under black, over white, and such as are no
@@ -84,23 +84,25 @@ class Exported(msgspec.Struct, frozen=True, kw_only=True):
     data: bytes
 
 
-def exported(folder: Path, asked: Asked, alive: Callable[[], None]) -> tuple[Exported, ...]:
+def export_run_pictures(
+    folder: Path, asked: ExportRequest, alive: Callable[[], None]
+) -> tuple[ExportedFile, ...]:
     """The files of a run's pictures.
 
     Raises DecodeError when the run is not whole and unchanged, and RequestError for a picture that
     it does not have, a span that is none, or a patch where nothing white can be seen.
     """
     _check(asked)
-    manifest = whole_manifest(folder, alive=alive)
-    if "/" in manifest.job or fault_of(manifest.job) is not None:
+    manifest = read_whole_manifest(folder, alive=alive)
+    if "/" in manifest.job or find_name_fault(manifest.job) is not None:
         raise DecodeError(f"{folder}: its job cannot be part of a file's name")
     digest = sha256_of(folder / MANIFEST)
-    with record_errors(folder):
+    with convert_record_errors(folder):
         images = _images(folder, manifest, alive)
         chosen = _chosen(images, asked.pictures)
         record = manifest.run
         cells = record.cells or CellMap(grid=record.grid, frame=_frame(images))
-        view = View.of(record, cells)
+        view = FieldView.of(record, cells)
         balance = _balance(images, view, asked)
         factors = np.array(balance.factors, np.float32)
         images = {name: image * factors for name, image in images.items()}
@@ -111,7 +113,7 @@ def exported(folder: Path, asked: Asked, alive: Callable[[], None]) -> tuple[Exp
     return tuple(_file(name, images[name], asked.format, told, span, alive) for name in chosen)
 
 
-def _check(asked: Asked) -> None:
+def _check(asked: ExportRequest) -> None:
     if asked.span is None:
         return
     black, white = asked.span
@@ -125,7 +127,7 @@ def _images(folder: Path, manifest: Manifest, alive: Callable[[], None]) -> dict
     """All linear pictures of a run, the white one first."""
     names = [n for n in manifest.files if n.startswith("linear/") and n.endswith(".tif")]
     found = {}
-    for name in sorted(names, key=lambda n: (n != f"linear/{WHITE}.tif", n)):
+    for name in sorted(names, key=lambda n: (n != f"linear/{WHITE_PICTURE}.tif", n)):
         found[Path(name).stem] = read_tiff(folder / name)
         alive()
     if not found:
@@ -151,13 +153,13 @@ def _frame(images: dict[str, Singles]) -> tuple[int, int]:
     return rows, cols
 
 
-def _balance(images: dict[str, Singles], view: View, asked: Asked) -> Balance:
+def _balance(images: dict[str, Singles], view: FieldView, asked: ExportRequest) -> WhiteBalance:
     if asked.white_patch is None:
-        return Balance()
+        return WhiteBalance()
     image = next(iter(images.values()))
-    sampler = Sampler(view, view.size_px(LEAST_PX, MOST_PX))
-    shown, known = sampler(image, all_known(image))
-    found = by_patch(shown, known, asked.white_patch)
+    sampler = FieldSampler(view, view.size_px(LEAST_PX, MOST_PREVIEW_PX))
+    shown, known = sampler(image, find_known_pixels(image))
+    found = balance_by_patch(shown, known, asked.white_patch)
     if found is None:
         x, y = asked.white_patch
         raise RequestError(
@@ -170,23 +172,25 @@ def _usual_white(images: dict[str, Singles]) -> float:
     tops = []
     for image in images.values():
         values = image[np.isfinite(image)]
-        tops.append(float(np.percentile(values, WHITE_PERCENT)) if values.size else 0.0)
+        tops.append(float(np.percentile(values, _WHITE_PERCENT)) if values.size else 0.0)
     top = max(tops)
     return float(2.0 ** np.ceil(np.log2(top))) if top > 0.0 else 1.0
 
 
-def _upright(images: dict[str, Singles], view: View) -> dict[str, Singles]:
+def _upright(images: dict[str, Singles], view: FieldView) -> dict[str, Singles]:
     """The pictures on the field; NaN where the camera does not see it."""
-    sampler = Sampler(view, view.size_px(1, MOST_UPRIGHT_PX))
+    sampler = FieldSampler(view, view.size_px(1, _MOST_UPRIGHT_PX))
     found = {}
     for name, image in images.items():
-        shown, known = sampler(image, all_known(image))
+        shown, known = sampler(image, find_known_pixels(image))
         shown[~known] = np.nan
         found[name] = shown
     return found
 
 
-def _told(manifest: Manifest, digest: str, asked: Asked, balance: Balance) -> dict[str, str]:
+def _told(
+    manifest: Manifest, digest: str, asked: ExportRequest, balance: WhiteBalance
+) -> dict[str, str]:
     """What every file says of itself, whatever its picture and format."""
     factors = " ".join(f"{factor:.6g}" for factor in balance.factors)
     if asked.white_patch is not None:
@@ -194,7 +198,7 @@ def _told(manifest: Manifest, digest: str, asked: Asked, balance: Balance) -> di
     told = {
         "job": manifest.job,
         "goal": manifest.run.goal.name,
-        "units": UNITS,
+        "units": _UNITS,
         "geometry": "the field, as the projector sees it"
         if asked.upright
         else "the camera's own, a pixel for each Bayer quad",
@@ -204,17 +208,17 @@ def _told(manifest: Manifest, digest: str, asked: Asked, balance: Balance) -> di
         "taken_by": f"pdcd {manifest.versions.get('pdcd', '?')}",
         "manifest_sha256": digest,
     }
-    return {name: one_line(words) for name, words in told.items()}
+    return {name: to_one_line(words) for name, words in told.items()}
 
 
 def _file(
     picture: str,
     image: Singles,
-    format_: Format,
+    format_: _Format,
     told: dict[str, str],
     span: tuple[float, float] | None,
     alive: Callable[[], None],
-) -> Exported:
+) -> ExportedFile:
     alive()
     told = {"picture": picture, **told}
     software = f"pdcd {__version__}"
@@ -225,20 +229,22 @@ def _file(
         data = exr_bytes(image, told) if format_ == "exr" else _npz_bytes(image, told)
     else:
         black, white = span
-        scaled = np.where(known, (image.astype(np.float64) - black) * (FULL / (white - black)), 0.0)
-        below, above = int((scaled < -0.5).sum()), int((scaled > FULL + 0.5).sum())
-        words = np.rint(np.clip(scaled, 0.0, FULL)).astype(np.uint16)
+        scaled = np.where(
+            known, (image.astype(np.float64) - black) * (_FULL / (white - black)), 0.0
+        )
+        below, above = int((scaled < -0.5).sum()), int((scaled > _FULL + 0.5).sum())
+        words = np.rint(np.clip(scaled, 0.0, _FULL)).astype(np.uint16)
         told = {
             **told,
             "black": f"0 is {black:.9g}",
-            "white": f"{FULL} is {white:.9g}",
-            "scale": f"{FULL / (white - black):.9g} steps for 1; linear",
+            "white": f"{_FULL} is {white:.9g}",
+            "scale": f"{_FULL / (white - black):.9g} steps for 1; linear",
         }
         data = (tiff_bytes if format_ == "tiff16" else png_bytes)(words, told, software)
     height, width, _ = image.shape
-    return Exported(
+    return ExportedFile(
         picture=picture,
-        name=f"{told['job']}-{picture}.{ENDINGS[format_]}",
+        name=f"{told['job']}-{picture}.{_ENDINGS[format_]}",
         size_px=(width, height),
         span=span,
         below=below,
@@ -265,7 +271,10 @@ def exr_bytes(image: Singles, told: Mapping[str, str]) -> bytes:
 
     head = {**told, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     # The library writes to a name only, and tells of a full disk in an error of no kind.
-    with disk_errors(tempfile.gettempdir()), tempfile.NamedTemporaryFile(suffix=".exr") as file:
+    with (
+        disk_errors(tempfile.gettempdir()),
+        tempfile.NamedTemporaryFile(suffix=".exr") as file,
+    ):
         try:
             with OpenEXR.File(head, {"RGB": np.ascontiguousarray(image)}) as made:
                 made.write(file.name)
@@ -274,7 +283,7 @@ def exr_bytes(image: Singles, told: Mapping[str, str]) -> bytes:
         return Path(file.name).read_bytes()
 
 
-def tiff_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
+def tiff_bytes(image: _Words, told: Mapping[str, str], software: str) -> bytes:
     """A picture (h, w, 3) uint16 as an uncompressed TIFF file.
 
     Each line of `told` becomes one of the ImageDescription. All text is ASCII.
@@ -289,7 +298,7 @@ def tiff_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
     return file.getvalue()
 
 
-def png_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
+def png_bytes(image: _Words, told: Mapping[str, str], software: str) -> bytes:
     """A picture (h, w, 3) uint16 as a PNG file; a gAMA chunk says that it is linear.
 
     Each line of `told` becomes a tEXt chunk. All text is ASCII.
@@ -297,7 +306,7 @@ def png_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
     chunks = _chunk(b"gAMA", struct.pack(">I", 100_000))
     for name, words in {**told, "Software": software}.items():
         chunks += _chunk(b"tEXt", f"{name}\0{_ascii(words)}".encode("ascii"))
-    data, after_header = png_of(image), 8 + 12 + 13
+    data, after_header = encode_png(image), 8 + 12 + 13
     return data[:after_header] + chunks + data[after_header:]
 
 

@@ -19,92 +19,94 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Singles = NDArray[np.float32]
-Bools = NDArray[np.bool_]
-Source = Literal["patch", "white photo", "camera"]
+from pdcd.arrays import Bools, Singles
 
-PATCH = 1.0 / 24.0
+_Source = Literal["patch", "white photo", "camera"]
+
+_PATCH = 1.0 / 24.0
 """Side of the square that is taken for the white patch, over the height of the field."""
-DARK_PATCH = 0.1
+_DARK_PATCH = 0.1
 """... and a patch darker than that share of the brightest is no white one."""
-BRIGHT = 0.5
+_BRIGHT = 0.5
 """What may be white in the white photo is at least so bright, as a share of its brightest."""
-BRIGHTEST_PERCENT = 99.0
-NEUTRAL = 1.5
+_BRIGHTEST_PERCENT = 99.0
+_NEUTRAL = 1.5
 """... and its strongest channel at most so many times its weakest."""
-FEWEST = 0.005
+_FEWEST = 0.005
 """... and takes at least such a share of the picture."""
 _SUM = np.ones(3, np.float32)
-WHITE = "white"
+WHITE_PICTURE = "white"
 """Name of the picture of all light."""
 LEVEL, LEVEL_PERCENT = 0.9, 99.0
 """The brightest hundredth of the white photo is shown as 0.9 or brighter, 1 being white."""
-DARK_HALF, FEW_PERCENT = 0.02, 95.0
+_DARK_HALF, _FEW_PERCENT = 0.02, 95.0
 """Where half of a picture would be shown darker than that, as a few glints are so much brighter,
 the brightest twentieth counts instead."""
-MOST_CUT = 16.0
+_MOST_CUT = 16.0
 """... which are cut off at no less than that share of what their brightest hundredth reaches."""
-NEGATIVE, SURE = 0.25, 4.0
+_NEGATIVE, _SURE = 0.25, 4.0
 """A picture is signed where a hundredth of it lies below minus that share of its brightest light,
 and below minus so many sigmas."""
-MOST_FACTOR = 4096.0
-MOST_NOISE = 0.125
+_MOST_FACTOR = 4096.0
+_MOST_NOISE = 0.125
 """A picture is not brightened until its usual sigma is shown as more than that, 1 being white."""
-ENOUGH_PX = 400
+_ENOUGH_PX = 400
 """Rows and columns that are enough to find a median or a percentile."""
 
 
 @dataclass(frozen=True)
-class Balance:
+class WhiteBalance:
     """`factors` of (R, G, B), green 1: green keeps its scene units. `source`: what was taken for
     white; "camera" leaves the pictures as the responsivity of the camera makes them."""
 
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    source: Source = "camera"
+    source: _Source = "camera"
 
 
 def balance_of(
     pictures: Mapping[str, tuple[Singles, Bools]], patch: tuple[float, float] | None
-) -> Balance:
+) -> WhiteBalance:
     """Of the pictures of one run on the whole field, by name: by the patch, where one was named and
     can be seen, else by the white photo. Each is (H, W, 3) float32, and where it is known, (H, W).
     """
-    lit = pictures.get(WHITE)
+    lit = pictures.get(WHITE_PICTURE)
     if patch is not None:
-        found = by_patch(*(lit or next(iter(pictures.values()))), patch)
+        found = balance_by_patch(*(lit or next(iter(pictures.values()))), patch)
         if found is not None:
             return found
     if lit is None:
-        return Balance()
+        return WhiteBalance()
     image, known = lit
-    step = step_of(known)
-    return by_white_photo(image[::step, ::step], known[::step, ::step])
+    step = choose_pixel_step(known)
+    return balance_by_white_photo(image[::step, ::step], known[::step, ::step])
 
 
-def by_white_photo(picture: Singles, known: Bools) -> Balance:
+def balance_by_white_photo(picture: Singles, known: Bools) -> WhiteBalance:
     """By what is bright and nearly neutral in a white photo; the camera's own where nothing is.
 
     picture : (H, W, 3) float32, linear; known : (H, W) bool.
     """
     light = picture[known]
     if not light.size:
-        return Balance()
-    bright = light[light @ _SUM >= BRIGHT * _brightest(light)]
+        return WhiteBalance()
+    bright = light[light @ _SUM >= _BRIGHT * _brightest(light)]
     weakest = bright.min(axis=1)
-    neutral = bright[(weakest > 0.0) & (bright.max(axis=1) <= NEUTRAL * weakest)]
-    if len(neutral) < FEWEST * len(light):
-        return Balance()
-    return Balance(_factors(neutral), "white photo")
+    neutral = bright[(weakest > 0.0) & (bright.max(axis=1) <= _NEUTRAL * weakest)]
+    if len(neutral) < _FEWEST * len(light):
+        return WhiteBalance()
+    return WhiteBalance(_factors(neutral), "white photo")
 
 
-def by_patch(picture: Singles, known: Bools, place: tuple[float, float]) -> Balance | None:
+def balance_by_patch(
+    picture: Singles, known: Bools, place: tuple[float, float]
+) -> WhiteBalance | None:
     """By a square patch about a place; None where nothing is known of it, or it is dark.
 
     picture : (H, W, 3) float32, linear, of the whole field; known : (H, W) bool.
     place : (x, y) on the field, 0 to 1 each; the square ends where the field does.
     """
     height, width = known.shape
-    half = max(0.5 * PATCH * height, 0.5)
+    half = max(0.5 * _PATCH * height, 0.5)
     rows, cols = (
         slice(max(math.floor(at * length - half), 0), max(math.ceil(at * length + half), 1))
         for at, length in ((place[1], height), (place[0], width))
@@ -113,14 +115,14 @@ def by_patch(picture: Singles, known: Bools, place: tuple[float, float]) -> Bala
     if not light.size:
         return None
     mean = light.mean(axis=0, dtype=np.float64)
-    if not (mean > 0.0).all() or mean.sum() < DARK_PATCH * _brightest(picture[known]):
+    if not (mean > 0.0).all() or mean.sum() < _DARK_PATCH * _brightest(picture[known]):
         return None
-    return Balance(_factors(light), "patch")
+    return WhiteBalance(_factors(light), "patch")
 
 
 def _brightest(light: Singles) -> float:
     """Of colours (n, 3): the sum of the channels that the brightest of them reach."""
-    return float(np.percentile(light @ _SUM, BRIGHTEST_PERCENT))
+    return float(np.percentile(light @ _SUM, _BRIGHTEST_PERCENT))
 
 
 def _factors(light: Singles) -> tuple[float, float, float]:
@@ -130,7 +132,7 @@ def _factors(light: Singles) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class Look:
+class ToneStats:
     """What decides on how a picture is drawn, in scene units: how bright it is, what its darkest
     hundredth stays below, and its usual sigma."""
 
@@ -139,22 +141,22 @@ class Look:
     dark: float = 0.0
 
     @classmethod
-    def of(cls, image: NDArray[np.floating], known: NDArray[np.bool_], sigma: float) -> Look:
+    def of(cls, image: NDArray[np.floating], known: NDArray[np.bool_], sigma: float) -> ToneStats:
         """Of an image (h, w, 3), known at some pixels (h, w)."""
-        step = step_of(known)
+        step = choose_pixel_step(known)
         values = image[::step, ::step][known[::step, ::step]]
         if not values.size:
             return cls(0.0, sigma)
-        shares = 100.0 - LEVEL_PERCENT, 50.0, FEW_PERCENT, LEVEL_PERCENT
+        shares = 100.0 - LEVEL_PERCENT, 50.0, _FEW_PERCENT, LEVEL_PERCENT
         dark, middle, most, bright = (float(v) for v in np.percentile(values, shares))
-        if middle * LEVEL < DARK_HALF * bright:
-            bright = max(most, bright / MOST_CUT)
+        if middle * LEVEL < _DARK_HALF * bright:
+            bright = max(most, bright / _MOST_CUT)
         return cls(bright, sigma, dark)
 
     @property
     def signed(self) -> bool:
         """Whether there is light below 0 to be seen."""
-        return -self.dark > max(NEGATIVE * self.bright, SURE * self.sigma)
+        return -self.dark > max(_NEGATIVE * self.bright, _SURE * self.sigma)
 
     @property
     def reach(self) -> float:
@@ -165,10 +167,14 @@ class Look:
 class Brightness:
     """Of the pictures of one run, by name."""
 
-    def __init__(self, looks: Mapping[str, Look]) -> None:
+    def __init__(self, looks: Mapping[str, ToneStats]) -> None:
         self._looks = looks
-        first = WHITE if WHITE in looks else max(looks, key=lambda name: looks[name].reach)
-        level = max(looks[first].reach, looks[first].sigma * LEVEL / MOST_NOISE)
+        first = (
+            WHITE_PICTURE
+            if WHITE_PICTURE in looks
+            else max(looks, key=lambda name: looks[name].reach)
+        )
+        level = max(looks[first].reach, looks[first].sigma * LEVEL / _MOST_NOISE)
         self.scale = LEVEL / level if level > 0.0 else 1.0
         """What a scene unit of a picture with the factor 1 is shown as, 1 being white."""
 
@@ -185,18 +191,18 @@ class Brightness:
         most = LEVEL / shown
         noise = look.sigma * self.scale
         if noise > 0.0:
-            most = min(most, max(MOST_NOISE / noise, 1.0))
+            most = min(most, max(_MOST_NOISE / noise, 1.0))
         # A little more, so that rounding does not halve what just reaches the level.
-        return float(2.0 ** math.floor(math.log2(min(most, MOST_FACTOR) * (1.0 + 1e-6))))
+        return float(2.0 ** math.floor(math.log2(min(most, _MOST_FACTOR) * (1.0 + 1e-6))))
 
 
-def step_of(known: NDArray[np.bool_]) -> int:
+def choose_pixel_step(known: NDArray[np.bool_]) -> int:
     """Every so many pixels are looked at of a picture (h, w)."""
-    return max(math.isqrt(known.size) // ENOUGH_PX, 1)
+    return max(math.isqrt(known.size) // _ENOUGH_PX, 1)
 
 
-def usual(sigma: NDArray[np.floating], known: NDArray[np.bool_]) -> float:
+def compute_median_sigma(sigma: NDArray[np.floating], known: NDArray[np.bool_]) -> float:
     """The median error of the known pixels of (h, w, 3); 0 without any."""
-    step = step_of(known)
+    step = choose_pixel_step(known)
     values = sigma[::step, ::step][known[::step, ::step]]
     return float(np.median(values)) if values.size else 0.0

@@ -9,21 +9,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Bytes
 from pdcd.errors import ConfigError, DecodeError, disk_errors
-from pdcd.files.images import around, png_of
-
-Bytes = NDArray[np.uint8]
+from pdcd.files.images import encode_png, make_tiff_ends
 
 HEIGHT_PX = 48
-PAPER, INK, FAINT = 24, 225, 150
+PAPER, _INK, _FAINT = 24, 225, 150
 """Greys of the strip and its letters."""
-STEP_PX, STEP_HEIGHT_PX = 52, 20
+STEP_PX, _STEP_HEIGHT_PX = 52, 20
 """Size of one grey of the scale."""
-FONT = cv2.FONT_HERSHEY_SIMPLEX
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
 MARGIN_PX = 10
 
 
-def blocks(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uint8]:
+def draw_value_table(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uint8]:
     """A table of numbers to look at, (H, W, 3) uint8, each a square.
 
     grey : (h, w), 0 is black and 1 is white, linear; what lies beyond is cut off, NaN is black.
@@ -40,7 +39,7 @@ def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
     `PdcdError` for any other refusal of the disk."""
     _check(path, picture)
     # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
-    data = png_of(picture)
+    data = encode_png(picture)
     with disk_errors(str(path)):
         path.write_bytes(data)
 
@@ -51,7 +50,7 @@ def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
     `PdcdError` for any other refusal of the disk."""
     _check(path, image)
     singles = np.ascontiguousarray(image, dtype="<f4")
-    before, after = around(singles)
+    before, after = make_tiff_ends(singles)
     with disk_errors(str(path)), path.open("wb") as file:
         file.write(before)
         file.write(singles.data)
@@ -79,7 +78,7 @@ def _check(path: Path, rgb: NDArray[np.generic]) -> None:
         raise ConfigError(f"{path.name}: an image needs shape (h, w, 3), not {rgb.shape}")
 
 
-def strip(
+def draw_caption(
     width_px: int, title: str, notes: Sequence[str], greys: Sequence[tuple[int, str]]
 ) -> Bytes:
     """A caption, (HEIGHT_PX, width_px, 3) uint8.
@@ -91,14 +90,14 @@ def strip(
     left = width_px - MARGIN_PX - STEP_PX * len(greys)
     for number, (grey, words) in enumerate(greys):
         begin = left + number * STEP_PX
-        drawn[6 : 6 + STEP_HEIGHT_PX, begin : begin + STEP_PX] = grey
-        (across, _), _ = cv2.getTextSize(words, FONT, 0.38, 1)
-        _write(drawn, words, (begin + (STEP_PX - across) // 2, HEIGHT_PX - 8), 0.38, FAINT)
+        drawn[6 : 6 + _STEP_HEIGHT_PX, begin : begin + STEP_PX] = grey
+        (across, _), _ = cv2.getTextSize(words, _FONT, 0.38, 1)
+        _write(drawn, words, (begin + (STEP_PX - across) // 2, HEIGHT_PX - 8), 0.38, _FAINT)
     room = drawn[:, : left - MARGIN_PX]  # what does not fit must not run into the scale
-    _write(room, title, (MARGIN_PX, 21), 0.6, INK)
-    _write(room, "   ".join(notes), (MARGIN_PX, HEIGHT_PX - 9), 0.4, FAINT)
+    _write(room, title, (MARGIN_PX, 21), 0.6, _INK)
+    _write(room, "   ".join(notes), (MARGIN_PX, HEIGHT_PX - 9), 0.4, _FAINT)
     return np.repeat(drawn[..., None], 3, axis=2)
 
 
 def _write(on: Bytes, words: str, at: tuple[int, int], size: float, grey: int) -> None:
-    cv2.putText(on, words, at, FONT, size, grey, 1, cv2.LINE_AA)
+    cv2.putText(on, words, at, _FONT, size, grey, 1, cv2.LINE_AA)

@@ -15,25 +15,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
-from pdcd.pictures.written.looks import Brightness, Look, balance_of, usual
-from pdcd.pictures.written.picture_files import strip, write_png
-from pdcd.sensor.bands import THREADS, banded
+from pdcd.arrays import Bools, Bytes, Singles
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.upright import FieldSampler, FieldView, find_known_pixels
+from pdcd.pictures.written.looks import Brightness, ToneStats, balance_of, compute_median_sigma
+from pdcd.pictures.written.picture_files import draw_caption, write_png
+from pdcd.sensor.bands import THREADS, fill_in_bands
 
-Bytes = NDArray[np.uint8]
-
-LEAST_PX, MOST_PX = 640, 1600
+LEAST_PX, MOST_PREVIEW_PX = 640, 1600
 """Width of a preview."""
-GAMMA = 2.2
+_GAMMA = 2.2
 HATCH = (44, 62)
 """Greys of the lines where nothing is known, and between them."""
-GREYS = (0.0, 0.125, 0.25, 0.5, 1.0)
+_GREYS = (0.0, 0.125, 0.25, 0.5, 1.0)
 """Of the scale, linear."""
-SIGNED = (-1.0, -0.25, 0.0, 0.25, 1.0)
+_SIGNED = (-1.0, -0.25, 0.0, 0.25, 1.0)
 """Of the scale of a signed picture."""
 
-_CODES = np.rint(255.0 * np.linspace(0.0, 1.0, 65536) ** (1.0 / GAMMA)).astype(np.uint8)
+_CODES = np.rint(255.0 * np.linspace(0.0, 1.0, 65536) ** (1.0 / _GAMMA)).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -48,11 +47,11 @@ class _Seen:
 class Previews:
     """The pictures of one run, ready to be drawn."""
 
-    def __init__(self, pictures: Mapping[str, Barred], view: View) -> None:
+    def __init__(self, pictures: Mapping[str, PictureWithErrors], view: FieldView) -> None:
         """pictures : by name, on the camera's quads, in scene units."""
-        self._size_px = view.size_px(LEAST_PX, MOST_PX)
+        self._size_px = view.size_px(LEAST_PX, MOST_PREVIEW_PX)
         # Not finer than the camera sees: what is coarse is enlarged when it is drawn.
-        sampler = Sampler(view, view.size_px(1, MOST_PX))
+        sampler = FieldSampler(view, view.size_px(1, MOST_PREVIEW_PX))
         self._seen = {name: _seen(picture, sampler) for name, picture in pictures.items()}
         self.balance = balance_of(
             {name: (seen.image, seen.known) for name, seen in self._seen.items()}, view.white_patch
@@ -60,7 +59,7 @@ class Previews:
         for seen in self._seen.values():
             seen.image[...] *= np.array(self.balance.factors, np.float32)
         self._brightness = Brightness(
-            {n: Look.of(s.image, s.known, s.sigma) for n, s in self._seen.items()}
+            {n: ToneStats.of(s.image, s.known, s.sigma) for n, s in self._seen.items()}
         )
         self.warnings: tuple[str, ...] = ()
         if view.white_patch is not None and self.balance.source != "patch":
@@ -75,10 +74,12 @@ class Previews:
         """The preview of that name with its caption, (H, W, 3) uint8."""
         seen, factor = self._seen[name], self.factor(name)
         scale = self._brightness.scale * factor
-        shown, greys = (signed, SIGNED) if self._brightness.signed(name) else (coded, GREYS)
+        shown, greys = (
+            (encode_signed, _SIGNED) if self._brightness.signed(name) else (encode_gamma, _GREYS)
+        )
         drawn = self._enlarged(shown(seen.image * np.float32(scale)), cv2.INTER_LINEAR)
         notes = [f"white balance: {self.balance.source}"]
-        if shown is signed:
+        if shown is encode_signed:
             notes.append("signed: middle grey is 0")
         if not seen.known.all():
             known = self._enlarged(seen.known.view(np.uint8), cv2.INTER_NEAREST)
@@ -86,7 +87,7 @@ class Previews:
             notes.append("hatched: not known")
         marks = [(int(shown(np.float32(g))), f"{g / scale:.2g}") for g in greys]
         title = f"{name}  x {factor:g}" if factor >= 1.0 else f"{name}  x 1/{1.0 / factor:g}"
-        return np.concatenate([drawn, strip(drawn.shape[1], title, notes, marks)])
+        return np.concatenate([drawn, draw_caption(drawn.shape[1], title, notes, marks)])
 
     def _enlarged(self, drawn: Bytes, how: int) -> Bytes:
         """What is smaller than a preview, as large as one."""
@@ -95,7 +96,9 @@ class Previews:
         return np.asarray(cv2.resize(drawn, self._size_px, interpolation=how), dtype=np.uint8)
 
 
-def write_previews(folder: Path, pictures: Mapping[str, Barred], view: View) -> tuple[str, ...]:
+def write_previews(
+    folder: Path, pictures: Mapping[str, PictureWithErrors], view: FieldView
+) -> tuple[str, ...]:
     """Write NAME.png of every picture into a folder; returns warnings.
 
     Raises NoSpaceError, or DiskError for any other refusal of the disk.
@@ -109,28 +112,28 @@ def write_previews(folder: Path, pictures: Mapping[str, Barred], view: View) -> 
     return previews.warnings
 
 
-def coded(linear: NDArray[np.float32] | np.float32) -> Bytes:
+def encode_gamma(linear: NDArray[np.float32] | np.float32) -> Bytes:
     """Linear values -> pixels of gamma 2.2, uint8; below 0 is black, above 1 white."""
     fine = np.clip(linear, 0.0, 1.0) * np.float32(65535.0)
     found: Bytes = _CODES[(fine + np.float32(0.5)).astype(np.uint16)]
     return found
 
 
-def signed(linear: NDArray[np.float32] | np.float32) -> Bytes:
+def encode_signed(linear: NDArray[np.float32] | np.float32) -> Bytes:
     """The same around a middle grey that is 0: below it is darker, above brighter."""
-    half = coded(np.abs(linear)).astype(np.int16) >> 1
+    half = encode_gamma(np.abs(linear)).astype(np.int16) >> 1
     found: Bytes = np.where(np.asarray(linear) < 0.0, 127 - half, 128 + half).astype(np.uint8)
     return found
 
 
-def _seen(picture: Barred, sampler: Sampler) -> _Seen:
-    known = banded(
+def _seen(picture: PictureWithErrors, sampler: FieldSampler) -> _Seen:
+    known = fill_in_bands(
         picture.image.shape[:2],
         np.bool_,
-        lambda rows: all_known(picture.sigma[rows], picture.image[rows]),
+        lambda rows: find_known_pixels(picture.sigma[rows], picture.image[rows]),
     )
     image, seen = sampler(picture.image, known)
-    return _Seen(image, seen, usual(picture.sigma, known))
+    return _Seen(image, seen, compute_median_sigma(picture.sigma, known))
 
 
 def _hatch(drawn: Bytes, where: Bools) -> None:

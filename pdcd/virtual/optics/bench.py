@@ -21,31 +21,49 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import Truth, truth_of
-from pdcd.panels.frames import PIXELS, Frames, check_row_times
-from pdcd.probing.borders import drawn_apart_px
-from pdcd.probing.wanted import Wanted
+from pdcd.bench.truth import BenchTruth, load_bench_truth
+from pdcd.panels.frames import PIXEL_WINDOW, Frames, check_row_times
+from pdcd.probing.borders import cell_mismatch_px
+from pdcd.probing.wanted import WantedMatrix
 from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.lens import Lens
-from pdcd.virtual.optics.lit import Lit
-from pdcd.virtual.optics.lookup import MOST_PAIRS, Whole, every, is_sparse, rendered
-from pdcd.virtual.optics.own_cells import CLOSED, EDGE, OwnCells, own_cells
-from pdcd.virtual.optics.products import Exposure, Pairs, Products, Tables, distinct
-from pdcd.virtual.optics.render import Detail, Picture, Renderer
-from pdcd.virtual.optics.sent import sent_to
-from pdcd.virtual.optics.setting import Setting, falloff
-from pdcd.virtual.optics.sights import Away, CellGrid, Looks, Scattered, Slanted, look
-from pdcd.virtual.optics.sites import Kind, PanelSites
-from pdcd.virtual.optics.spread import CellLight
-from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.optics.lit import IlluminatedEffect
+from pdcd.virtual.optics.lookup import (
+    MOST_PAIRS,
+    HistoryTables,
+    is_sparse,
+    list_all_pairs,
+    render_by_lookup,
+)
+from pdcd.virtual.optics.own_cells import CLOSED, FIELD_EDGE, OwnCells, find_own_cells
+from pdcd.virtual.optics.products import (
+    PairTables,
+    PanelExposure,
+    Products,
+    SitePairs,
+    find_distinct_pairs,
+)
+from pdcd.virtual.optics.render import Detail, PictureTerms, Renderer
+from pdcd.virtual.optics.sent import compute_sent_light
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
+from pdcd.virtual.optics.sights import (
+    CameraSamples,
+    CellGrid,
+    LightOrigins,
+    ScatteredSamples,
+    SlantedSamples,
+    find_sights,
+)
+from pdcd.virtual.optics.sites import PanelSites, SiteKind
+from pdcd.virtual.optics.spread import LitCellPoints
+from pdcd.virtual.scene.displaced import compute_direct_albedo, is_single_bounce
 from pdcd.virtual.scene.effects import Array, Effect
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import cell_means
+from pdcd.virtual.scene.texture import average_cells
 
-Floats = NDArray[np.float64]
-
-KEPT = 3
+MOST_DRIVES = 3
 """Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
 
 
@@ -74,14 +92,18 @@ class OpticalBench:
     """
 
     def __init__(self, config: Config, scene: Scene, frame: tuple[int, int]) -> None:
-        setting = Setting(config, truth_of(config), frame)
+        setting = OpticalSetting(config, load_bench_truth(config), frame)
         setting.check()
         drawn, size_px = setting.drawn, config.projector.size_px
-        apart = drawn_apart_px(drawn.projector, drawn.mask, config.code_grid(scene.grid), size_px)
+        apart = cell_mismatch_px(drawn.projector, drawn.mask, config.code_grid(scene.grid), size_px)
         self._setting = replace(setting, apart=apart > 0.0)
         self._scene = scene
-        self._kept: OrderedDict[tuple[Kind, Kind | CellGrid | None], _Driven] = OrderedDict()
-        self._lit_kept: OrderedDict[Kind, tuple[PanelSites, scipy.sparse.csr_array]] = OrderedDict()
+        self._kept: OrderedDict[tuple[SiteKind, SiteKind | CellGrid | None], _Driven] = (
+            OrderedDict()
+        )
+        self._lit_kept: OrderedDict[SiteKind, tuple[PanelSites, scipy.sparse.csr_array]] = (
+            OrderedDict()
+        )
 
     @property
     def scene(self) -> Scene:
@@ -89,7 +111,7 @@ class OpticalBench:
         return self._scene
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> BenchTruth:
         """What the bench is beyond what is believed."""
         return self._setting.truth
 
@@ -103,7 +125,7 @@ class OpticalBench:
         """Rows and columns of the camera's quads."""
         return self._setting.frame
 
-    def photo(self, exposure: Exposure) -> Floats:
+    def photo(self, exposure: PanelExposure) -> Floats:
         """Light of one exposure at the quads, (rows, cols, 3) in scene units times seconds."""
         frames = exposure.frames
         check_row_times(frames, exposure.log)
@@ -119,9 +141,12 @@ class OpticalBench:
         tables = self._tables(driven, exposure)
         room = self._room(exposure)
         ambient = None if room is None else (tables.open_s, room)
-        return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+        albedo = compute_direct_albedo(self._scene.effects, self._scene.cells)
+        return self._image(driven, tables.direct, albedo, tables.indirect, ambient)
 
-    def _whole(self, exposure: Exposure, lit: Kind, opened: Kind) -> Whole | None:
+    def _whole(
+        self, exposure: PanelExposure, lit: SiteKind, opened: SiteKind
+    ) -> HistoryTables | None:
         """What all pairs of histories did together; None where there are too many of them."""
         projector, spread = self._lit(lit)
         truth, true = self.truth, self.true
@@ -134,9 +159,9 @@ class OpticalBench:
             return None
         light = primal.spread(spread)
         products = Products(true, primal, dual, exposure, light, effects)
-        indirect = every(count, cells if effects else 0)
-        tables = products.tables(every(count, len(primal)), indirect)
-        return Whole(
+        indirect = list_all_pairs(count, cells if effects else 0)
+        tables = products.tables(list_all_pairs(count, len(primal)), indirect)
+        return HistoryTables(
             mask=dual.of[mask.image].astype(np.int32),
             projector=primal.of[projector.image].astype(np.int32),
             beside=int(dual.of[0]),
@@ -146,10 +171,10 @@ class OpticalBench:
             uneven=self._uneven,
         )
 
-    def _looked_up(self, whole: Whole, room: Floats | None, finely: bool) -> Floats:
+    def _looked_up(self, whole: HistoryTables, room: Floats | None, finely: bool) -> Floats:
         """The picture of panels whose pixels have few histories; room : ambient light, (N, 3).
         finely : whether strips that are much narrower than a quad are seen as wide as they are."""
-        direct, means = self._direct, self._means
+        direct, means = compute_direct_albedo(self._scene.effects, self._scene.cells), self._means
         if means is not None:
             direct = direct / means[0]
             if whole.sent is not None:
@@ -158,9 +183,9 @@ class OpticalBench:
         textures = self._scene.textures
         setting = self._setting if finely else self._of_pixels
         looks = self._looks if finely else self._scattered
-        return rendered(setting, looks, self._cells, whole, scene, textures)
+        return render_by_lookup(setting, looks, self._cells, whole, scene, textures)
 
-    def _tables(self, driven: _Driven, exposure: Exposure) -> Tables:
+    def _tables(self, driven: _Driven, exposure: PanelExposure) -> PairTables:
         """For how long sites were lit and open, and what light that sent about."""
         met, frames = driven.renderer.met, exposure.frames
         if not frames.of_pixels:
@@ -183,15 +208,15 @@ class OpticalBench:
             lit.spread(driven.spread),
             self._indirect,
         )
-        direct, of_direct = distinct(met.direct, opened.of, lit.of)
-        indirect, of_indirect = distinct(met.indirect, opened.of, None)
+        direct, of_direct = find_distinct_pairs(met.direct, opened.of, lit.of)
+        indirect, of_indirect = find_distinct_pairs(met.indirect, opened.of, None)
         few = products.tables(direct, indirect)
-        return Tables(few.direct[of_direct], few.indirect[of_indirect], few.open_s[opened.of])
+        return PairTables(few.direct[of_direct], few.indirect[of_indirect], few.open_s[opened.of])
 
     def wanted(
         self,
         answer: Callable[[Scene], Array],
-        meant: Wanted | None = None,
+        meant: WantedMatrix | None = None,
         alive: Callable[[], None] = lambda: None,
         *,
         grid: tuple[int, int] | None = None,
@@ -211,10 +236,10 @@ class OpticalBench:
         own = None if meant is None else self._own(grid)
         if meant is not None and (own is not None or self._between):
             return self._wanted_of_places(meant, own, alive)
-        scene, kind = self._scene, Kind(self._scene.grid, "whole", False)
+        scene, kind = self._scene, SiteKind(self._scene.grid, "whole", False)
         driven = self._driven(kind, None)
         lit = np.asarray(driven.spread[1:].sum(axis=0)).ravel()
-        wandered = tuple(Lit(effect, lit) for effect in self._indirect)
+        wandered = tuple(IlluminatedEffect(effect, lit) for effect in self._indirect)
         met = driven.renderer.met
         full = (met.direct.other > 0).astype(np.float64)
         sent = answer(Scene(scene.name, scene.grid, wandered))[met.indirect.other]
@@ -222,13 +247,13 @@ class OpticalBench:
         return self._unshared(self._image(driven, full, reflected, sent, None), None)
 
     def _wanted_of_places(
-        self, meant: Wanted, own: OwnCells | None, alive: Callable[[], None]
+        self, meant: WantedMatrix, own: OwnCells | None, alive: Callable[[], None]
     ) -> Floats:
         """What is wanted of each place by the cell that it lies in, one of the codes' `own` or, for
         None, of the scene's."""
         scene = self._scene
         grid = scene.grid if own is None else own.grid
-        kind = Kind(grid, "whole", False)
+        kind = SiteKind(grid, "whole", False)
         driven = self._driven(kind, CellGrid(grid, smooth=False) if own is None else own)
         met, first = driven.renderer.met, 0 if own is None else CLOSED + 1
         if own is None:
@@ -236,8 +261,8 @@ class OpticalBench:
         else:
             light = self._cells_lit(grid)
         wandered = Scene(scene.name, scene.grid, self._indirect)
-        pairs = Pairs(np.maximum(met.indirect.mask - first, 0), met.indirect.other)
-        sent = sent_to(wandered, pairs, meant, light, alive)
+        pairs = SitePairs(np.maximum(met.indirect.mask - first, 0), met.indirect.other)
+        sent = compute_sent_light(wandered, pairs, meant, light, alive)
         sent[met.indirect.mask < first] = 0.0
         weight = meant.uniform[0] if meant.uniform else None
         cell = np.maximum(met.direct.mask - first, 0)
@@ -246,7 +271,7 @@ class OpticalBench:
         reflected = Scene(scene.name, scene.grid, self._straight).split()[0]
         return self._unshared(self._image(driven, full, reflected, sent, None), own)
 
-    def tells(self, meant: Wanted, grid: tuple[int, int]) -> bool:
+    def tells(self, meant: WantedMatrix, grid: tuple[int, int]) -> bool:
         """Whether `wanted` knows what codes of such a grid mean: off the axis only cells of the
         scene, or none in particular, and of all of the projector's picture."""
         if self._scene.displacement is None:
@@ -258,13 +283,13 @@ class OpticalBench:
         """Cells of codes that are not the scene's; None where they are, or off the axis."""
         if grid is None or self._scene.displacement is not None:
             return None
-        return own_cells(self._setting, self._scene.grid, grid)
+        return find_own_cells(self._setting, self._scene.grid, grid)
 
     def _cells_lit(self, grid: tuple[int, int]) -> scipy.sparse.csr_array:
         """Share of each scene cell that each cell of codes lights, (cells, N)."""
         drawn, true = self._setting.drawn.projector, self.true.projector
         at_once = msgspec.structs.replace(true, scan_s=0.0)
-        sites = PanelSites(drawn, Kind(grid, "whole", True), self.truth.projector, at_once)
+        sites = PanelSites(drawn, SiteKind(grid, "whole", True), self.truth.projector, at_once)
         return self._spread(sites)[1:]
 
     @property
@@ -294,30 +319,19 @@ class OpticalBench:
         corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
         places, own = self._setting.camera.to_field(corners), self._own(grid)
         with np.errstate(invalid="ignore"):
-            good = ((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1)
+            good = ((places >= -FIELD_EDGE) & (places <= 1.0 + FIELD_EDGE)).all(axis=-1)
         good = np.asarray(good if own is None else good & own.inside(places))
         return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])
 
     @property
     def _straight(self) -> tuple[Effect, ...]:
-        return tuple(effect for effect in self._scene.effects if _at_once(effect))
+        return tuple(effect for effect in self._scene.effects if is_single_bounce(effect))
 
     @property
     def _indirect(self) -> tuple[Effect, ...]:
-        return tuple(effect for effect in self._scene.effects if not _at_once(effect))
+        return tuple(effect for effect in self._scene.effects if not is_single_bounce(effect))
 
-    @property
-    def _direct(self) -> Array:
-        """Direct reflection of the cells, (N, 3)."""
-        found = np.zeros((self._scene.cells, 3))
-        for effect in self._scene.effects:
-            if isinstance(effect, Displaced):
-                found += effect.albedo[:, None] * effect.tint
-            elif effect.coaxial:
-                found += effect.diagonal()[:, None] * effect.tint
-        return found
-
-    def _room(self, exposure: Exposure) -> Array | None:
+    def _room(self, exposure: PanelExposure) -> Array | None:
         """Ambient light of the cells in an exposure, (N, 3), where there is any."""
         said = self.truth.scene.ambient
         if said is None or exposure.lights_off:
@@ -332,33 +346,34 @@ class OpticalBench:
     def _means(self) -> tuple[Array, Array] | None:
         """What the scene's textures are over its cells, (N, 3) each."""
         textures, grid = self._scene.textures, self._scene.grid
-        return textures and (cell_means(textures[0], grid), cell_means(textures[1], grid))
+        return textures and (average_cells(textures[0], grid), average_cells(textures[1], grid))
 
     @cached_property
     def _lens(self) -> Lens:
         return Lens(self._setting)
 
     @cached_property
-    def _looks(self) -> Looks:
-        return (Slanted if self._setting.slanted else Looks)(self._setting, self._away)
+    def _looks(self) -> CameraSamples:
+        kind = SlantedSamples if self._setting.slanted else CameraSamples
+        return kind(self._setting, self._away)
 
     @cached_property
-    def _of_pixels(self) -> Setting:
+    def _of_pixels(self) -> OpticalSetting:
         """For most pictures of the panels' own pixels, which have no borders of cells."""
         return replace(self._setting, apart=False)
 
     @cached_property
-    def _scattered(self) -> Looks:
-        return Scattered(self._of_pixels, self._away)
+    def _scattered(self) -> CameraSamples:
+        return ScatteredSamples(self._of_pixels, self._away)
 
     @property
-    def _away(self) -> Away | None:
+    def _away(self) -> LightOrigins | None:
         moved = self._scene.displacement
-        return None if moved is None else Away(self._scene.grid, moved)
+        return None if moved is None else LightOrigins(self._scene.grid, moved)
 
     @cached_property
     def _uneven(self) -> Floats | None:
-        return falloff(self.truth.projector.falloff, self.true.projector.size_px)
+        return compute_falloff(self.truth.projector.falloff, self.true.projector.size_px)
 
     def _image(
         self,
@@ -368,26 +383,25 @@ class OpticalBench:
         indirect: Floats,
         ambient: tuple[Floats, Floats] | None,
     ) -> Floats:
-        """The picture that the sensor gets, of tables as `Picture` has them but for textures."""
+        """The picture on the sensor, of tables as `PictureTerms` has them but for textures."""
         means = self._means
         if means is not None:
             reflected = reflected / means[0]
             indirect = indirect / means[1][driven.renderer.met.indirect.other]
-        return self._lens.through(
-            driven.renderer.render(Picture(direct, reflected, indirect, ambient))
-        )
+        terms = PictureTerms(direct, reflected, indirect, ambient)
+        return self._lens.through(driven.renderer.render(terms))
 
-    def _driven(self, lit: Kind, opened: Kind | CellGrid | None) -> _Driven:
+    def _driven(self, lit: SiteKind, opened: SiteKind | CellGrid | None) -> _Driven:
         """What is seen when the panels are driven this way; without a mask for None, and before the
         scene's own cells for a grid."""
         key = lit, opened
         if key not in self._kept:
             drawn, truth = self._setting.drawn, self.truth
             projector, spread = self._lit(lit)
-            kind = opened if isinstance(opened, Kind) else lit
+            kind = opened if isinstance(opened, SiteKind) else lit
             mask = PanelSites(drawn.mask, kind, truth.mask, self.true.mask)
-            before = mask if isinstance(opened, Kind) else opened
-            sights = look(self._looks, self._setting, self._cells, projector, before)
+            before = mask if isinstance(opened, SiteKind) else opened
+            sights = find_sights(self._looks, self._setting, self._cells, projector, before)
             renderer = Renderer(
                 self._setting,
                 self._looks,
@@ -397,25 +411,25 @@ class OpticalBench:
                 ambient=self._scene.ambient is not None or bool(self.truth.scene.ambient),
             )
             self._kept[key] = _Driven(projector, mask, spread, renderer)
-            while len(self._kept) > KEPT:
+            while len(self._kept) > MOST_DRIVES:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def _lit(self, kind: Kind) -> tuple[PanelSites, scipy.sparse.csr_array]:
+    def _lit(self, kind: SiteKind) -> tuple[PanelSites, scipy.sparse.csr_array]:
         """The projector's sites when it is driven this way, and their spread."""
         if kind not in self._lit_kept:
             drawn, true = self._setting.drawn.projector, self.true.projector
             sites = PanelSites(drawn, kind, self.truth.projector, true)
             self._lit_kept[kind] = sites, self._spread(sites)
-            while len(self._lit_kept) > KEPT:
+            while len(self._lit_kept) > MOST_DRIVES:
                 self._lit_kept.popitem(last=False)
         self._lit_kept.move_to_end(kind)
         return self._lit_kept[kind]
 
     @cached_property
-    def _cell_light(self) -> CellLight:
-        return CellLight.of(self._setting, self._scene.grid)
+    def _cell_light(self) -> LitCellPoints:
+        return LitCellPoints.of(self._setting, self._scene.grid)
 
     def _spread(self, sites: PanelSites) -> scipy.sparse.csr_array:
         """Share of each scene cell that each site of the projector lights, (sites, N)."""
@@ -424,13 +438,8 @@ class OpticalBench:
         return self._cell_light.by_site(sites, self._uneven)
 
 
-def _at_once(effect: Effect) -> bool:
-    """Whether light comes straight back from the surface that it fell on."""
-    return effect.coaxial or isinstance(effect, Displaced)
-
-
-def _kind(frames: Frames, patterned: bool) -> Kind:
+def _kind(frames: Frames, patterned: bool) -> SiteKind:
     """How a panel is driven that shows patterns of these frames, or none."""
     if frames.of_pixels:
-        return Kind((0, 0), PIXELS, patterned)
-    return Kind(frames.grid, frames.window if patterned else "whole", patterned)
+        return SiteKind((0, 0), PIXEL_WINDOW, patterned)
+    return SiteKind(frames.grid, frames.window if patterned else "whole", patterned)

@@ -11,17 +11,17 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.panels.curve import Curve
 from pdcd.panels.frames import BLACK, WHITE, Frames
-from pdcd.panels.patterns import bytes_of
+from pdcd.panels.patterns import read_pattern_bytes
 from pdcd.virtual.optics.sites import PanelSites
 
-Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+_Numbers = NDArray[np.int64]
 
 KEY_LIMIT = 1 << 54
 """Keys of histories are numbered anew before they grow beyond this."""
-LEVELS = 256
+_LEVELS = 256
 """Levels of a pixel."""
 
 
@@ -42,23 +42,23 @@ class Histories:
         most = 2 * int(sites.delay_ns.size)
         levels = []
         for index in range(len(patterns)):
-            shown = bytes_of(patterns, index, sites.pixel_count)
+            shown = read_pattern_bytes(patterns, index, sites.pixel_count)
             level = np.where(pixels >= 0, shown[pixels], np.uint8(0))
             levels.append(level)
-            if most * LEVELS > KEY_LIMIT:
+            if most * _LEVELS > KEY_LIMIT:
                 found, key = np.unique(key, return_inverse=True)
                 most = found.size
-            key, most = key * LEVELS + level, most * LEVELS
+            key, most = key * _LEVELS + level, most * _LEVELS
         _, first, of = np.unique(key, return_index=True, return_inverse=True)
         # In the order of the sites, so that each band's histories lie together.
         order = np.argsort(sites.band[first], kind="stable")
         first = first[order]
         place = np.empty_like(order)
         place[order] = np.arange(order.size)
-        self.of: Numbers = place[of]
+        self.of: _Numbers = place[of]
         self.band = sites.band[first]
         self.delay_ns = sites.delay_ns
-        self.tile: Numbers = self.band.astype(np.int64)
+        self.tile: _Numbers = self.band.astype(np.int64)
         self._on = pixels[first] >= 0
         self._levels = [level[first] for level in levels]
 

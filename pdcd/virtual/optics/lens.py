@@ -8,22 +8,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.virtual.optics.setting import Setting, falloff
+from pdcd.arrays import Floats
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
 
-Floats = NDArray[np.float64]
-
-REACH = 4.0
+_REACH = 4.0
 """Standard deviations after which the blur is cut off."""
-EDGE = 1e-9
+_EDGE = 1e-9
 """Places so little beyond the field lie on its edge."""
-POINTS = 8
+_POINTS = 8
 """Points along either axis of a quad by which it is told how much of it lies in the field."""
 
 
 class Lens:
     """The lens of a bench."""
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: OpticalSetting) -> None:
         self._setting = setting
 
     def through(self, image: Floats) -> Floats:
@@ -35,14 +34,14 @@ class Lens:
         if blur:
             image = self._blurred(image)
         rows, cols = self._setting.frame
-        shade = falloff(self._setting.truth.camera.falloff, (cols, rows))
+        shade = compute_falloff(self._setting.truth.camera.falloff, (cols, rows))
         return image if shade is None else image * shade[..., None]
 
     @cached_property
     def share(self) -> Floats | None:
         """Share of each quad's light, (rows, cols), that comes from the field, 0 to 1; None without
         a blur, where quads that lie in the field see nothing else."""
-        return self.share_of(in_unit)
+        return self.share_of(_in_unit)
 
     def share_of(self, inside_of: Callable[[Floats], NDArray[np.bool_]]) -> Floats | None:
         """The same of a part of the field: `inside_of` says which points (..., 2) of the field lie
@@ -57,7 +56,7 @@ class Lens:
         at = lies(np.arange(cols + 1.0), np.arange(rows + 1.0))
         corners = at[1:, 1:].astype(np.int8) + at[:-1, 1:] + at[1:, :-1] + at[:-1, :-1]
         inside = (corners == 4).astype(np.float64)
-        middles = (np.arange(POINTS) + 0.5) / POINTS
+        middles = (np.arange(_POINTS) + 0.5) / _POINTS
         for row, col in np.argwhere((corners > 0) & (corners < 4)):
             inside[row, col] = lies(col + middles, row + middles).mean()
         return self._blurred(inside[..., None])[..., 0]
@@ -68,21 +67,21 @@ class Lens:
         from scipy.ndimage import gaussian_filter
 
         blur, (rows, cols) = self._setting.true.camera.blur_quads, self._setting.frame
-        reach = int(REACH * blur + 0.5)
+        reach = int(_REACH * blur + 0.5)
         wide = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
         x, y = (np.arange(-reach, size + reach, dtype=np.float64) + 0.5 for size in (cols, rows))
         beyond = ~self._in_field(x, y)
         beyond[reach : reach + rows, reach : reach + cols] = False
         wide[beyond] = 0.0
-        found = gaussian_filter(wide, (blur, blur, 0.0), mode="constant", truncate=REACH)
+        found = gaussian_filter(wide, (blur, blur, 0.0), mode="constant", truncate=_REACH)
         return np.asarray(found[reach : reach + rows, reach : reach + cols])
 
     def _in_field(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """Whether places of the frame lie in the field, (y, x)."""
-        return in_unit(self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1)))
+        return _in_unit(self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1)))
 
 
-def in_unit(places: Floats) -> NDArray[np.bool_]:
+def _in_unit(places: Floats) -> NDArray[np.bool_]:
     """Which points (..., 2) lie in the field."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1))
+        return np.asarray(((places >= -_EDGE) & (places <= 1.0 + _EDGE)).all(axis=-1))

@@ -8,7 +8,7 @@ from pdcd.virtual.scene.effects import Array, Cells, Effect
 
 
 @dataclass(frozen=True, eq=False)
-class Lit:
+class IlluminatedEffect:
     """An effect, lit at each cell by `light` (N,) where full light is asked: its columns scaled."""
 
     effect: Effect

@@ -13,24 +13,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.draw import FULL
+from pdcd.arrays import Floats
+from pdcd.panels.draw import WHITE_BYTE
 from pdcd.panels.frames import Frames
-from pdcd.panels.patterns import bytes_of
-from pdcd.virtual.optics.products import Pairs
-from pdcd.virtual.optics.setting import Setting
-from pdcd.virtual.optics.sights import CellGrid, Looks, values_of
-from pdcd.virtual.scene.texture import sampled
-
-Floats = NDArray[np.float64]
+from pdcd.panels.patterns import read_pattern_bytes
+from pdcd.virtual.optics.products import SitePairs
+from pdcd.virtual.optics.setting import OpticalSetting
+from pdcd.virtual.optics.sights import CameraSamples, CellGrid, pick_pixel_values
+from pdcd.virtual.scene.texture import sample_texture
 
 MOST_PAIRS = 1 << 21
 """Largest table of pairs that is made."""
-SPARSE = 1.0 / 64.0
+_SPARSE = 1.0 / 64.0
 """Share of all paths between pixels of both panels below which pictures are sparse."""
 
 
 @dataclass(frozen=True)
-class Whole:
+class HistoryTables:
     """What pixels did, and what of it counts where.
 
     mask, projector : (height, width) int32, the history of each pixel.
@@ -50,16 +49,16 @@ class Whole:
     uneven: Floats | None
 
 
-def every(first: int, second: int) -> Pairs:
+def list_all_pairs(first: int, second: int) -> SitePairs:
     """All pairs of so many mask histories and so many other things, in the order of a table."""
-    return Pairs(np.repeat(np.arange(first), second), np.tile(np.arange(second), first))
+    return SitePairs(np.repeat(np.arange(first), second), np.tile(np.arange(second), first))
 
 
-def rendered(
-    setting: Setting,
-    looks: Looks,
+def render_by_lookup(
+    setting: OpticalSetting,
+    looks: CameraSamples,
     cells: CellGrid,
-    whole: Whole,
+    whole: HistoryTables,
     scene: tuple[Floats, ...],
     textures: tuple[Floats, Floats] | None = None,
 ) -> Floats:
@@ -82,21 +81,23 @@ def rendered(
     image = np.empty((rows, cols, 3))
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
-        before = values_of(whole.mask, looks.mask_pixels(chunk), missing=whole.beside)
+        before = pick_pixel_values(whole.mask, looks.mask_pixels(chunk), missing=whole.beside)
         light = np.zeros((x.size, colours))
         for number, tap in enumerate(setting.taps):
             at = looks.lit_pixels(chunk, number)
-            behind = values_of(whole.projector, at, missing=unlit)
+            behind = pick_pixel_values(whole.projector, at, missing=unlit)
             lit = seconds[before, behind] * tap.share
             if whole.uneven is not None:
-                lit *= values_of(whole.uneven, at, missing=0.0)
+                lit *= pick_pixel_values(whole.uneven, at, missing=0.0)
             places = np.stack([x + tap.offset[0], y + tap.offset[1]], axis=-1)
             here = _Here.of(cells, places)
             direct = lit[:, None] * here.mean(reflected)
-            light += direct if textures is None else direct * sampled(textures[0], places)
+            light += direct if textures is None else direct * sample_texture(textures[0], places)
             if sent is not None:
                 wandered = tap.share * here.mean(sent, before)
-                light += wandered if textures is None else wandered * sampled(textures[1], places)
+                light += (
+                    wandered if textures is None else wandered * sample_texture(textures[1], places)
+                )
         if ambient:
             there = whole.open_s[before][:, None] * ambient[0][plain.at(x, y)]
             light = light + there
@@ -146,6 +147,6 @@ def is_sparse(frames: Frames) -> bool:
         if not len(patterns):
             return False
         cells = patterns.shape[1] * (8 if patterns.dtype == np.uint8 else 1)
-        shown = (bytes_of(patterns, number, cells) for number in range(len(patterns)))
-        shares.append(max(float(one.mean()) / FULL for one in shown))
-    return shares[0] * shares[1] < SPARSE
+        shown = (read_pattern_bytes(patterns, number, cells) for number in range(len(patterns)))
+        shares.append(max(float(one.mean()) / WHITE_BYTE for one in shown))
+    return shares[0] * shares[1] < _SPARSE

@@ -7,12 +7,12 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
-from pdcd.bench.placed import frame_of
+from pdcd.bench.placed import compute_mock_frame
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import as_typed
+from pdcd.bench.truth import restore_typed_values
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.placing import Placing
-from pdcd.probing.fine import cut_by_windows
+from pdcd.probing.fine import is_cut_by_windows
 from pdcd.probing.panel import offset_cells
 from pdcd.virtual.scene.scene import Scene
 
@@ -23,7 +23,7 @@ _made: WeakValueDictionary[tuple[int, int], OpticalBench] = WeakValueDictionary(
 """Benches in use, by the identities of their configuration and scene, which they hold on to."""
 
 
-def optics_of(
+def choose_optics(
     config: Config, scene: Scene, windows: Iterable[str] = ("whole",)
 ) -> OpticalBench | None:
     """The bench pixel by pixel; None where the scene's cells say all there is to see.
@@ -35,10 +35,10 @@ def optics_of(
     used.
     """
     camera, grid = config.camera, config.code_grid(scene.grid)
-    typed = as_typed(config)
+    typed = restore_typed_values(config)
     devices = (c for each in (config, typed) for c in (each.projector, each.mask, each.camera))
     lattices = [Lattice(grid, w, offset_cells(typed.projector, typed.mask, grid)) for w in windows]
-    cut = any(cut_by_windows(lattice) for lattice in lattices)
+    cut = any(is_cut_by_windows(lattice) for lattice in lattices)
     if (
         config.bench.truth is None
         and camera.frame_quads is None
@@ -49,11 +49,11 @@ def optics_of(
         and config.projector.field_px is None
     ):
         return None
-    return bench_of_pixels(config, scene)
+    return build_pixel_bench(config, scene)
 
 
-def bench_of_pixels(config: Config, scene: Scene) -> OpticalBench:
-    """The bench pixel by pixel, whether it is needed or not. Raises ConfigError as `optics_of`.
+def build_pixel_bench(config: Config, scene: Scene) -> OpticalBench:
+    """The bench pixel by pixel, whether it is needed or not. Raises ConfigError as `choose_optics`.
 
     As long as somebody holds a bench, who asks for one of the very same configuration and scene
     gets that: where the camera looks is found once for its photos and for their truth.
@@ -63,7 +63,7 @@ def bench_of_pixels(config: Config, scene: Scene) -> OpticalBench:
     key = id(config), id(scene)
     bench = _made.get(key)
     if bench is None:
-        frame = frame_of(config, config.code_grid(scene.grid))
+        frame = compute_mock_frame(config, config.code_grid(scene.grid))
         bench = _made[key] = OpticalBench(config, scene, frame)
     return bench
 

@@ -12,14 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.virtual.optics.setting import Setting
-from pdcd.virtual.optics.sights import NOWHERE, CellGrid
-
-Floats = NDArray[np.float64]
+from pdcd.arrays import Floats
+from pdcd.virtual.optics.setting import OpticalSetting
+from pdcd.virtual.optics.sights import NO_SITE, CellGrid
 
 CLOSED = 0
 """What a place counts as from which no light gets to the camera; cell n of the codes is n + 1."""
-EDGE = 1e-9
+FIELD_EDGE = 1e-9
 """Places so little beyond the field lie on its edge."""
 
 
@@ -27,10 +26,10 @@ EDGE = 1e-9
 class OwnCells(CellGrid):
     """The cells of codes, in the place of a mask that lets nothing pass beside their field."""
 
-    setting: Setting | None = field(default=None, compare=False, repr=False)
+    setting: OpticalSetting | None = field(default=None, compare=False, repr=False)
 
     @classmethod
-    def of(cls, setting: Setting, grid: tuple[int, int]) -> OwnCells:
+    def of(cls, setting: OpticalSetting, grid: tuple[int, int]) -> OwnCells:
         """Of a program of so many rows and columns of cells."""
         return cls(grid, smooth=False, setting=setting)
 
@@ -44,7 +43,7 @@ class OwnCells(CellGrid):
         """Cell of points, (n, 2), from which light comes that is `seen` at others, (n, 2), as
         numbers from 1 on; `CLOSED` where these lie beside the field. What a blur brings from
         beside it counts to the nearest cell."""
-        passed = self.at(*self.on_field(seen).T) != NOWHERE
+        passed = self.at(*self.on_field(seen).T) != NO_SITE
         with np.errstate(invalid="ignore"):
             nearest = np.clip(np.nan_to_num(self.on_field(lit)), 0.0, np.nextafter(1.0, 0.0))
         return np.where(passed, self.at(*nearest.T) + 1, CLOSED).astype(np.int32)
@@ -53,11 +52,11 @@ class OwnCells(CellGrid):
         """Which points (..., 2) of the scene's field lie in that of the codes."""
         own = self.on_field(points)
         with np.errstate(invalid="ignore"):
-            return np.asarray(((own >= -EDGE) & (own <= 1.0 + EDGE)).all(axis=-1))
+            return np.asarray(((own >= -FIELD_EDGE) & (own <= 1.0 + FIELD_EDGE)).all(axis=-1))
 
 
-def own_cells(
-    setting: Setting, of_scene: tuple[int, int], grid: tuple[int, int]
+def find_own_cells(
+    setting: OpticalSetting, of_scene: tuple[int, int], grid: tuple[int, int]
 ) -> OwnCells | None:
     """The cells of a program; None where they are the scene's own, `of_scene`."""
     if grid == of_scene and setting.drawn.projector.map == setting.panels.projector.map:

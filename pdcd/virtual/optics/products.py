@@ -15,29 +15,29 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.tables import Config
-from pdcd.panels.curve import power
+from pdcd.panels.curve import make_power_curve
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.probing.panel import Kept, Panel, Trajectory
-from pdcd.probing.spans import Times, frame_spans, met, span_weights
+from pdcd.probing.panel import PanelOptics, StoredSpans, Trajectory
+from pdcd.probing.spans import SpanTimes, compute_span_weights, find_frame_spans, meet_spans
 from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.sites import PanelSites
 from pdcd.virtual.scene.effects import Array, Effect
 
-Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+_Numbers = NDArray[np.int64]
 
-CHUNK_BYTES = 48 * 2**20
+SPAN_CHUNK_BYTES = 48 * 2**20
 """Largest array of spans that is worked on at a time."""
-KEPT_BYTES = 128 * 2**20
+MASK_CACHE_BYTES = 128 * 2**20
 """Most that what the mask did is kept in."""
-COLOURS = 3
-LINEAR = 1.0
+COLOUR_COUNT = 3
+_LINEAR = 1.0
 """Gamma of a panel of which nothing else is said."""
 
 
 @dataclass(frozen=True)
-class Exposure:
+class PanelExposure:
     """What two panels showed, and when the shutter was open; times on the clock of the log.
 
     covered : whether the projector's lens was covered. lights_off : whether the room was still as
@@ -53,28 +53,30 @@ class Exposure:
 
 
 @dataclass(frozen=True)
-class Pairs:
+class SitePairs:
     """Distinct pairs of a mask site and something else, each in the order of its file of numbers.
 
     mask, other : (P,) int64
     """
 
-    mask: Numbers
-    other: Numbers
+    mask: _Numbers
+    other: _Numbers
 
 
-def distinct(pairs: Pairs, mask: Numbers, other: Numbers | None) -> tuple[Pairs, Numbers]:
+def find_distinct_pairs(
+    pairs: SitePairs, mask: _Numbers, other: _Numbers | None
+) -> tuple[SitePairs, _Numbers]:
     """The pairs of histories that pairs of sites are of, and which of them each is. `other` is None
     where the other ones are cells."""
     first = mask[pairs.mask]
     second = pairs.other if other is None else other[pairs.other]
     width = int(second.max(initial=0)) + 1
     keys, which = np.unique(first * width + second, return_inverse=True)
-    return Pairs(*np.divmod(keys, width)), which
+    return SitePairs(*np.divmod(keys, width)), which
 
 
 @dataclass(frozen=True)
-class Tables:
+class PairTables:
     """Seconds for which the pairs of sites `direct` (P,) were lit and open together, the light
     `indirect` (Q, 3) of scene units times seconds that came of a cell while a mask site was open,
     and the seconds `open_s` (S,) for which each mask site was open."""
@@ -96,32 +98,36 @@ class Products:
         config: Config,
         lit: PanelSites | Histories,
         opened: PanelSites | Histories,
-        exposure: Exposure,
+        exposure: PanelExposure,
         spread: scipy.sparse.csr_array,
         effects: tuple[Effect, ...],
     ) -> None:
         """`config` describes the panels as they are; `lit` and `opened` are the
         sites of projector and mask."""
         self._primal, self._dual = (
-            Panel.from_config(panel) for panel in (config.projector, config.mask)
+            PanelOptics.from_config(panel) for panel in (config.projector, config.mask)
         )
         # A panel of pixels is sent bytes, whatever is known of it.
-        self._curves = [panel.curve or power(LINEAR) for panel in (self._primal, self._dual)]
+        self._curves = [
+            panel.curve or make_power_curve(_LINEAR) for panel in (self._primal, self._dual)
+        ]
         self._p_sites, self._d_sites = lit, opened
         self._exposure, self._spread, self._effects = exposure, spread, effects
 
-    def tables(self, direct: Pairs, indirect: Pairs) -> Tables:
+    def tables(self, direct: SitePairs, indirect: SitePairs) -> PairTables:
         """The numbers of these pairs: of sites of both panels, and of mask sites and cells."""
-        out = Tables(
+        out = PairTables(
             np.zeros(direct.mask.size),
-            np.zeros((indirect.mask.size, COLOURS)),
+            np.zeros((indirect.mask.size, COLOUR_COUNT)),
             np.zeros(len(self._d_sites)),
         )
         pairs = _blocks(direct, self._d_sites, self._p_sites)
         cells = _blocks(indirect, self._d_sites, None) if self._effects else {}
         kept = self._kept_tracks()
         for p_band in range(self._p_sites.delay_ns.size):
-            tracks: Sequence[tuple[Times, Trajectory | Kept]] = kept or self._mask_tracks()
+            tracks: Sequence[tuple[SpanTimes, Trajectory | StoredSpans]] = (
+                kept or self._mask_tracks()
+            )
             masks = [
                 _Mask(
                     self._d_sites.in_band(band),
@@ -137,19 +143,19 @@ class Products:
             out.direct[:] = out.indirect[:] = 0.0
         return out
 
-    def _add_band(self, out: Tables, p_band: int, masks: list[_Mask]) -> None:
+    def _add_band(self, out: PairTables, p_band: int, masks: list[_Mask]) -> None:
         """Add what one band of the projector's rows brings."""
         lit = self._p_sites.in_band(p_band)
         p_rows, p_starts, p_track = self._track(p_band, mask=False)
         overlaps = [
-            span_weights(
+            compute_span_weights(
                 self._primal, self._dual, p_starts, mask.starts, exposure_ns=self._exposed_ns
             )
             for mask in masks
         ]
         widest = max(len(self._d_sites), lit.stop - lit.start, self._spread.shape[1])
         fields = p_track.fields
-        step = max(1, CHUNK_BYTES // (8 * widest * fields))
+        step = max(1, SPAN_CHUNK_BYTES // (8 * widest * fields))
         share = self._spread[lit]
         for start in range(0, len(p_rows), step):
             stop = min(start + step, len(p_rows))
@@ -157,7 +163,9 @@ class Products:
             found = []
             for mask, (weights, opens) in zip(masks, overlaps, strict=True):
                 rows = weights[start * fields : stop * fields]
-                left, alive, open_s = met(right, mask.track, rows, opens[start:stop].sum(axis=0))
+                left, alive, open_s = meet_spans(
+                    right, mask.track, rows, opens[start:stop].sum(axis=0)
+                )
                 if p_band == 0:
                     out.open_s[mask.part] += open_s
                 found.append((mask, left, alive))
@@ -165,7 +173,7 @@ class Products:
 
     def _add_chunk(
         self,
-        out: Tables,
+        out: PairTables,
         right: Floats,
         share: scipy.sparse.csr_array,
         found: list[tuple[_Mask, Floats, NDArray[np.bool_]]],
@@ -186,39 +194,39 @@ class Products:
     def _sent(self, cells: Floats) -> list[tuple[Array, Floats]]:
         """What the scene makes of light on its cells (R, N): tint (3,) and light (R, N) of each
         effect, or of each colour where these are fewer."""
-        if len(self._effects) <= COLOURS:
+        if len(self._effects) <= COLOUR_COUNT:
             return [(effect.tint, effect.apply(cells)) for effect in self._effects]
-        whole = np.zeros((COLOURS, *cells.shape))
+        whole = np.zeros((COLOUR_COUNT, *cells.shape))
         for effect in self._effects:
             seen = effect.apply(cells)
             for colour in np.flatnonzero(effect.tint):
                 whole[colour] += effect.tint[colour] * seen
-        return list(zip(np.eye(COLOURS), whole, strict=True))
+        return list(zip(np.eye(COLOUR_COUNT), whole, strict=True))
 
     @property
     def _exposed_ns(self) -> int:
         return self._exposure.close_ns - self._exposure.open_ns
 
-    def _mask_tracks(self) -> list[tuple[Times, Trajectory]]:
+    def _mask_tracks(self) -> list[tuple[SpanTimes, Trajectory]]:
         """Starts and levels of the spans of each band of the mask."""
         return [self._track(band, mask=True)[1:] for band in range(self._d_sites.delay_ns.size)]
 
-    def _kept_tracks(self) -> list[tuple[Times, Kept]] | None:
+    def _kept_tracks(self) -> list[tuple[SpanTimes, StoredSpans]] | None:
         """The same, to be taken for one band of the projector after the other; None where that
         would take too much memory."""
         spans = self._exposure.log.dual_ns.size + 2
         needed = 8 * spans * self._dual.rates.size * len(self._d_sites)
-        if self._p_sites.delay_ns.size == 1 or needed > KEPT_BYTES:
+        if self._p_sites.delay_ns.size == 1 or needed > MASK_CACHE_BYTES:
             return None
-        return [(starts, Kept(track)) for starts, track in self._mask_tracks()]
+        return [(starts, StoredSpans(track)) for starts, track in self._mask_tracks()]
 
-    def _track(self, band: int, *, mask: bool) -> tuple[list[int], Times, Trajectory]:
+    def _track(self, band: int, *, mask: bool) -> tuple[list[int], SpanTimes, Trajectory]:
         """Rows, starts and levels of the spans of one band of a panel."""
         frames, log = self._exposure.frames, self._exposure.log
         sites = self._d_sites if mask else self._p_sites
         panel = (self._dual if mask else self._primal).later(int(sites.delay_ns[band]))
         curve, part = self._curves[int(mask)], sites.in_band(band)
-        rows, starts = frame_spans(
+        rows, starts = find_frame_spans(
             frames,
             log.dual_shown if mask else log.primal_shown,
             log.dual_ns if mask else log.primal_ns,
@@ -240,11 +248,11 @@ class Products:
 class _Block:
     """Pairs of one tile: their place in the table, and in the product of a small matrix."""
 
-    where: Numbers
-    rows: Numbers
-    columns: Numbers
-    row: Numbers
-    column: Numbers
+    where: _Numbers
+    rows: _Numbers
+    columns: _Numbers
+    row: _Numbers
+    column: _Numbers
 
     def add(self, table: Floats, left: Floats, right: Floats, tint: Array | None = None) -> None:
         """Add ``left.T @ right`` at the pairs, times a tint (3,) where there is one."""
@@ -253,7 +261,7 @@ class _Block:
 
 
 def _blocks(
-    pairs: Pairs, opened: PanelSites | Histories, lit: PanelSites | Histories | None
+    pairs: SitePairs, opened: PanelSites | Histories, lit: PanelSites | Histories | None
 ) -> dict[tuple[int, int], list[_Block]]:
     """The pairs by the bands of the projector and of the mask, tile by tile; all are of one band of
     the projector where no sites of it are given."""
@@ -283,7 +291,7 @@ class _Mask:
     """
 
     part: slice
-    starts: Times
-    track: Trajectory | Kept
+    starts: SpanTimes
+    track: Trajectory | StoredSpans
     direct: list[_Block]
     indirect: list[_Block]

@@ -15,32 +15,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Place = Callable[[Floats], Floats]
+from pdcd.arrays import Floats
+
+PointMap = Callable[[Floats], Floats]
 """Points (..., 2) -> points (..., 2); NaN where there is none."""
 
 EXACT_POINTS = 1 << 18
 """Rasters of no more points are never interpolated."""
-NODES = (65, 129)
+_NODES = (65, 129)
 """Nodes a side that are tried."""
-DEGREE = 7
-CLOSE = 1e-5
+_DEGREE = 7
+_CLOSE = 1e-5
 """Largest error of the polynomials, in units of what `place` returns, as far as it is looked at."""
-PROBES = 2000
+_PROBES = 2000
 
 
-class Raster:
+class MapRaster:
     """A map at the points (x, y) of two ascending axes.
 
     place : the map; what it returns is in pixels, or in other units as fine.
     x, y : (w,) and (h,) float64
     """
 
-    def __init__(self, place: Place, x: Floats, y: Floats) -> None:
+    def __init__(self, place: PointMap, x: Floats, y: Floats) -> None:
         self._place, self._x, self._y = place, x, y
         self._fit: _Fit | None = None
         if x.size * y.size > EXACT_POINTS:
-            found = (_fitted(place, x, y, nodes) for nodes in NODES)
+            found = (_fitted(place, x, y, nodes) for nodes in _NODES)
             self._fit = next((fit for fit in found if fit is not None), None)
 
     @property
@@ -70,7 +71,7 @@ class Raster:
 @dataclass(frozen=True)
 class _Fit:
     """A map by its nodes: `down` (h, nodes) for the rows, in each of which the nodes from `first`
-    (h,) on take part, `DEGREE` + 1 of them; for each coordinate one matrix (nodes, w) for the
+    (h,) on take part, `_DEGREE` + 1 of them; for each coordinate one matrix (nodes, w) for the
     columns."""
 
     down: Floats
@@ -79,7 +80,7 @@ class _Fit:
 
     def rows(self, start: int, stop: int) -> tuple[Floats, Floats]:
         """Where the points of some rows go: across and down."""
-        near = slice(self.first[start], self.first[stop - 1] + DEGREE + 1)
+        near = slice(self.first[start], self.first[stop - 1] + _DEGREE + 1)
         down = self.down[start:stop, near]
         first, second = (down @ part[near] for part in self.across)
         return first, second
@@ -92,7 +93,7 @@ def _moved(places: Floats, aside: tuple[Floats, Floats]) -> Floats:
     return np.asarray(places + aside[0] * across + aside[1] * down)
 
 
-def _fitted(place: Place, x: Floats, y: Floats, nodes: int) -> _Fit | None:
+def _fitted(place: PointMap, x: Floats, y: Floats, nodes: int) -> _Fit | None:
     """By so many nodes a side; None where the map is not that smooth."""
     axes = [np.linspace(points[0], points[-1], nodes) for points in (x, y)]
     values = place(np.stack(np.meshgrid(*axes), axis=-1))
@@ -106,10 +107,10 @@ def _fitted(place: Place, x: Floats, y: Floats, nodes: int) -> _Fit | None:
 
 def _weights(points: Floats, nodes: int) -> tuple[Floats, NDArray[np.intp]]:
     """Lagrange's weights of evenly spaced nodes at ascending points, (P, nodes), of which those
-    from the second one on, (P,), are not 0, `DEGREE` + 1 of them: those about the point."""
+    from the second one on, (P,), are not 0, `_DEGREE` + 1 of them: those about the point."""
     place = (points - points[0]) * ((nodes - 1) / (points[-1] - points[0]))
-    first = np.clip(np.floor(place).astype(np.intp) - DEGREE // 2, 0, nodes - DEGREE - 1)
-    window = np.arange(DEGREE + 1)
+    first = np.clip(np.floor(place).astype(np.intp) - _DEGREE // 2, 0, nodes - _DEGREE - 1)
+    window = np.arange(_DEGREE + 1)
     away = (place - first)[:, None] - window
     found = np.zeros((len(points), nodes))
     for node in window:
@@ -119,11 +120,11 @@ def _weights(points: Floats, nodes: int) -> tuple[Floats, NDArray[np.intp]]:
     return found, first
 
 
-def _follows(place: Place, x: Floats, y: Floats, fitted: _Fit) -> bool:
+def _follows(place: PointMap, x: Floats, y: Floats, fitted: _Fit) -> bool:
     """Whether that is close to the map at some thousand points of the raster."""
     rng = np.random.default_rng(0)
-    column, row = rng.integers(x.size, size=PROBES), rng.integers(y.size, size=PROBES)
+    column, row = rng.integers(x.size, size=_PROBES), rng.integers(y.size, size=_PROBES)
     true = place(np.stack([x[column], y[row]], axis=-1))
     rows = fitted.down[row]
     found = [np.einsum("ij,ji->i", rows, part[:, column]) for part in fitted.across]
-    return bool(np.abs(np.stack(found, axis=-1) - true).max() <= CLOSE)
+    return bool(np.abs(np.stack(found, axis=-1) - true).max() <= _CLOSE)

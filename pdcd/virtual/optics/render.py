@@ -14,50 +14,50 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.virtual.optics.products import COLOURS, Pairs
-from pdcd.virtual.optics.setting import Setting, Tap
-from pdcd.virtual.optics.sights import NOWHERE, CellGrid, Looks, Sights, pixels
-from pdcd.virtual.scene.texture import sampled
+from pdcd.arrays import Floats
+from pdcd.virtual.optics.products import COLOUR_COUNT, SitePairs
+from pdcd.virtual.optics.setting import OpticalSetting, Tap
+from pdcd.virtual.optics.sights import NO_SITE, CameraSamples, CellGrid, Sights, sample_pixels
+from pdcd.virtual.scene.texture import sample_texture
 
-Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+_Numbers = NDArray[np.int64]
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-KEPT_BYTES = 1 << 28
+WEIGHT_CACHE_BYTES = 1 << 28
 """Weights of one way of driving the panels that are kept; more are computed for every picture."""
 
 
 @dataclass(frozen=True)
-class Meetings:
+class _Meetings:
     """The pairs that the sights of a frame are made of.
 
-    direct : of mask and projector sites; `of_sight` (K,) which of them each sight is, or `NOWHERE`.
+    direct : of mask and projector sites; `of_sight` (K,) which of them each sight is, or `NO_SITE`.
     indirect : of mask sites and scene cells; `of_corner` (K, corners) as `of_sight`.
     """
 
-    direct: Pairs
-    of_sight: Numbers
-    indirect: Pairs
-    of_corner: Numbers
+    direct: SitePairs
+    of_sight: _Numbers
+    indirect: SitePairs
+    of_corner: _Numbers
 
 
-def meetings(sights: Sights, cells: CellGrid) -> Meetings:
+def _meetings(sights: Sights, cells: CellGrid) -> _Meetings:
     """The distinct pairs of all sights."""
     seen = sights.place >= 0
     direct, of_sight = _pairs(sights.mask, sights.lit, seen & (sights.lit >= 0))
     corners = cells.corners[np.maximum(sights.place, 0)]
     count = corners.shape[1]
     indirect, of_corner = _pairs(np.repeat(sights.mask, count), corners.ravel(), seen.repeat(count))
-    return Meetings(direct, of_sight, indirect, of_corner.reshape(-1, count))
+    return _Meetings(direct, of_sight, indirect, of_corner.reshape(-1, count))
 
 
-def _pairs(mask: Numbers, other: Numbers, used: NDArray[np.bool_]) -> tuple[Pairs, Numbers]:
+def _pairs(mask: _Numbers, other: _Numbers, used: NDArray[np.bool_]) -> tuple[SitePairs, _Numbers]:
     width = int(other.max(initial=0)) + 1
     keys, inverse = np.unique((mask * width + other)[used], return_inverse=True)
-    of = np.full(mask.size, NOWHERE, dtype=np.int64)
+    of = np.full(mask.size, NO_SITE, dtype=np.int64)
     of[used] = inverse
-    return Pairs(*np.divmod(keys, width)), of
+    return SitePairs(*np.divmod(keys, width)), of
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Detail:
 
 
 @dataclass(frozen=True)
-class Picture:
+class PictureTerms:
     """All that a picture is rendered from.
 
     direct : (pairs,) of `Meetings.direct`, what the cells' direct reflection is multiplied by.
@@ -99,8 +99,8 @@ class _Runs:
     """Equal samples that follow each other in a quad: the flat index of the first of each run (P,),
     and at which run each quad begins (quads,)."""
 
-    first: Numbers
-    quads: Numbers
+    first: _Numbers
+    quads: _Numbers
 
     @classmethod
     def of(cls, keys: NDArray[np.integer]) -> _Runs:
@@ -146,7 +146,7 @@ class _Open:
     """How much ambient light of a cell (P,) comes through a mask site (P,): `share` (P, 1)."""
 
     runs: _Runs
-    mask: Numbers
+    mask: _Numbers
     cell: NDArray[np.int32]
     share: Floats
 
@@ -165,8 +165,8 @@ class Renderer:
 
     def __init__(
         self,
-        setting: Setting,
-        looks: Looks,
+        setting: OpticalSetting,
+        looks: CameraSamples,
         cells: CellGrid,
         sights: Sights,
         detail: Detail,
@@ -175,24 +175,24 @@ class Renderer:
     ) -> None:
         self._setting, self._looks, self._cells = setting, looks, cells
         self._sights, self._detail, self._ambient = sights, detail, ambient
-        self._met = meetings(sights, cells)
+        self._met = _meetings(sights, cells)
         self._kept: dict[int, _Chunk] = {}
-        self._room = KEPT_BYTES
+        self._room = WEIGHT_CACHE_BYTES
 
     @property
-    def met(self) -> Meetings:
+    def met(self) -> _Meetings:
         """The pairs that pictures are made of."""
         return self._met
 
-    def render(self, picture: Picture) -> Floats:
+    def render(self, picture: PictureTerms) -> Floats:
         """Mean light of each quad, (rows, cols, 3)."""
         rows, cols = self._setting.frame
-        image = np.empty((rows, cols, COLOURS))
+        image = np.empty((rows, cols, COLOUR_COUNT))
         direct, indirect = self._values(picture)
         both = direct + indirect
         for number, span in enumerate(self._looks.chunks()):
             chunk = self._chunk(number, span)
-            light = np.zeros(((span[1] - span[0]) * cols, COLOURS))
+            light = np.zeros(((span[1] - span[0]) * cols, COLOUR_COUNT))
             for part in chunk.parts:
                 if self._detail.split:
                     light += _sums(part, part.direct, direct)
@@ -202,18 +202,18 @@ class Renderer:
                     light += _sums(part, part.indirect, both)
             if chunk.opened is not None and picture.ambient is not None:
                 opened, (open_s, ambient) = chunk.opened, picture.ambient
-                there = np.append(ambient, np.zeros((1, COLOURS)), axis=0)[opened.cell]
+                there = np.append(ambient, np.zeros((1, COLOUR_COUNT)), axis=0)[opened.cell]
                 seen = opened.share * open_s[opened.mask][:, None] * there
                 light += np.add.reduceat(seen, opened.runs.quads, axis=0)
-            image[span[0] : span[1]] = light.reshape(-1, cols, COLOURS)
+            image[span[0] : span[1]] = light.reshape(-1, cols, COLOUR_COUNT)
         return image
 
-    def _values(self, picture: Picture) -> tuple[Floats, Floats]:
+    def _values(self, picture: PictureTerms) -> tuple[Floats, Floats]:
         """Direct and indirect light of each sight's corners, (K, corners, 3) each."""
         lit = np.append(picture.direct, 0.0)[self._met.of_sight]
         corners = self._cells.corners[np.maximum(self._sights.place, 0)]
         direct = lit[:, None, None] * picture.reflected[corners]
-        none = np.zeros((1, COLOURS))
+        none = np.zeros((1, COLOUR_COUNT))
         return direct, np.append(picture.indirect, none, axis=0)[self._met.of_corner]
 
     def _chunk(self, number: int, span: tuple[int, int]) -> _Chunk:
@@ -255,7 +255,7 @@ class Renderer:
 
         def weights(texture: Floats | None, light: Floats | None) -> Floats:
             left = corners * share if light is None else corners * (light * share)[:, None]
-            return runs.sums(left, plain if texture is None else sampled(texture, points))
+            return runs.sums(left, plain if texture is None else sample_texture(texture, points))
 
         indirect = weights(textures and textures[1], None)
         direct = indirect
@@ -263,7 +263,7 @@ class Renderer:
             lit = None
             if uneven is not None:
                 place = (self._by_quad(v).ravel() for v in self._looks.on_projector(span, which))
-                lit = pixels(uneven, *place, missing=0.0)
+                lit = sample_pixels(uneven, *place, missing=0.0)
             direct = weights(textures and textures[0], lit)
         return _Part(runs, sight.ravel()[runs.first], direct, indirect)
 

@@ -7,21 +7,21 @@ from collections.abc import Callable
 import numpy as np
 from scipy import sparse
 
-from pdcd.probing.wanted import Wanted
-from pdcd.virtual.optics.products import Pairs
+from pdcd.probing.wanted import WantedMatrix
+from pdcd.virtual.optics.products import SitePairs
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.scene import Scene
 
-PAIRS = 1 << 14
+_PAIRS = 1 << 14
 """Pairs of cells whose light is looked up together; bounds the memory."""
-ROWS = 64
+_ROWS = 64
 """Rows of the wanted matrix that are shown to the scene together, for the same reason."""
 
 
-def sent_to(
+def compute_sent_light(
     scene: Scene,
-    pairs: Pairs,
-    meant: Wanted,
+    pairs: SitePairs,
+    meant: WantedMatrix,
     light: sparse.csr_array,
     alive: Callable[[], None],
 ) -> Array:
@@ -37,9 +37,9 @@ def sent_to(
     if meant.uniform is not None:
         own, others = meant.uniform
         sent = others * scene.apply(np.asarray(light.sum(axis=0)).reshape(1, -1))[0, part]
-        for start in range(0, len(sent), PAIRS):
+        for start in range(0, len(sent), _PAIRS):
             alive()
-            some = slice(start, start + PAIRS)
+            some = slice(start, start + _PAIRS)
             sent[some] += (own - others) * _of_cells(scene, part[some], light[cell[some]])
         return np.asarray(sent)
     sent = np.zeros((cell.size, 3))
@@ -49,9 +49,9 @@ def sent_to(
     if not banded.parts:
         return sent
     order = np.argsort(cell, kind="stable")
-    for start in range(0, light.shape[0], ROWS):
+    for start in range(0, light.shape[0], _ROWS):
         alive()
-        stop = min(start + ROWS, light.shape[0])
+        stop = min(start + _ROWS, light.shape[0])
         these = order[slice(*np.searchsorted(cell[order], (start, stop)))]
         if these.size:
             seen = scene.apply(banded.rows(start, stop) @ light)

@@ -6,21 +6,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.bench.placed import Panels, camera_map, panels_of
+from pdcd.arrays import Floats
+from pdcd.bench.placed import Panels, make_camera_map, panels_of
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import Truth
+from pdcd.bench.truth import BenchTruth
 from pdcd.panels.map import Map
 
-Floats = NDArray[np.float64]
-
-FEW_SAMPLES = (2, 32)
+_FEW_SAMPLES = (2, 32)
 """Least and most points along an axis of a quad, where nobody says how many."""
-SLANTED_SAMPLES = 24
+_SLANTED_SAMPLES = 24
 """The same where both panels draw the borders of cells in two places: slanted ones see what lies
 between these to a 576th of a quad."""
-MOST_SLANTED, FEWEST_SLANTED = 2**23, 12
+_MOST_SLANTED, _FEWEST_SLANTED = 2**23, 12
 """Samples of a photo up to which there are so many; of larger photos a quad gets fewer, and where
 that is too few an axis, those of an upright raster, of which many are alike: what makes photos of
 codes quick."""
@@ -35,12 +33,12 @@ class Tap:
 
 
 @dataclass(frozen=True)
-class Setting:
+class OpticalSetting:
     """One bench. `frame` is rows and columns of the camera's quads. `apart`: whether the panels
     draw the borders of cells in two places."""
 
     believed: Config
-    truth: Truth
+    truth: BenchTruth
     frame: tuple[int, int]
     apart: bool = False
 
@@ -62,7 +60,7 @@ class Setting:
     @cached_property
     def camera(self) -> Map:
         """The camera as it looks. Raises ConfigError."""
-        return camera_map(self.true, self.frame)
+        return make_camera_map(self.true, self.frame)
 
     def check(self) -> None:
         """Make all maps. Raises ConfigError for one that cannot be used."""
@@ -84,9 +82,9 @@ class Setting:
         ahead = centre + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         on_mask = self.on_mask(self.camera.to_field(ahead))
         far = float(np.nan_to_num(np.abs(on_mask[1:] - on_mask[0])).sum(axis=-1).max())
-        least, most = FEW_SAMPLES
+        least, most = _FEW_SAMPLES
         if self.slanted:
-            least = min(self._fitting, SLANTED_SAMPLES)
+            least = min(self._fitting, _SLANTED_SAMPLES)
         return int(np.clip(np.ceil(far - 1e-6), least, most))
 
     @property
@@ -95,12 +93,12 @@ class Setting:
         are much narrower than a sample is wide: where there are such, and nobody says how many
         samples there are."""
         said = self.truth.camera.samples
-        return self.apart and said is None and self._fitting >= FEWEST_SLANTED
+        return self.apart and said is None and self._fitting >= _FEWEST_SLANTED
 
     @property
     def _fitting(self) -> int:
         """Slanted samples along an axis of a quad that a photo has at most."""
-        return int((MOST_SLANTED / (self.frame[0] * self.frame[1])) ** 0.5)
+        return int((_MOST_SLANTED / (self.frame[0] * self.frame[1])) ** 0.5)
 
     def on_projector(self, points: Floats) -> Floats:
         """Points of the field (..., 2) -> pixels of the projector."""
@@ -117,7 +115,7 @@ class Setting:
         sigma_px, count = self.true.mask.blur_px, self.truth.scene.blur_taps
         if sigma_px == 0.0:
             return (Tap((0.0, 0.0), 1.0),)
-        place, share = gaussian_taps(count)
+        place, share = make_gaussian_taps(count)
         across, down = (sigma_px * place / size for size in self.projector_px)
         return tuple(
             Tap((float(across[i]), float(down[j])), float(share[i] * share[j]))
@@ -126,7 +124,7 @@ class Setting:
         )
 
 
-def gaussian_taps(count: int) -> tuple[Floats, Floats]:
+def make_gaussian_taps(count: int) -> tuple[Floats, Floats]:
     """Evenly spaced points of a Gaussian of variance 1, (count,), and their shares, (count,).
 
     They reach 2.5 standard deviations before they are spread to make the variance exact.
@@ -138,7 +136,7 @@ def gaussian_taps(count: int) -> tuple[Floats, Floats]:
     return place, share
 
 
-def falloff(share: float, size: tuple[int, int]) -> Floats | None:
+def compute_falloff(share: float, size: tuple[int, int]) -> Floats | None:
     """Light of each pixel of a device (width, height), over that of its centre, (height, width).
 
     It falls by the square of the radius, by `share` in the corners; None: nothing is lost.

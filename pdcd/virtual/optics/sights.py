@@ -15,27 +15,27 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.probing.borders import GOLDEN, PLASTIC
-from pdcd.virtual.optics.raster import Raster
-from pdcd.virtual.optics.setting import Setting
+from pdcd.virtual.optics.raster import MapRaster
+from pdcd.virtual.optics.setting import OpticalSetting
 from pdcd.virtual.optics.sites import PanelSites
 
-Floats = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+_Numbers = NDArray[np.int64]
 
 _Kind = TypeVar("_Kind", np.int32, np.float64)
 
-ASIDE = 1e-9
+_ASIDE = 1e-9
 """Quads by which samples are moved: those that would lie on the border of two cells then fall to
 one side of it on both panels, whatever is rounded; far less than what any detail shows."""
 CHUNK_SAMPLES = 1 << 16
 """Samples that are looked at together: few enough that their numbers stay in the processor's cache.
 """
-KEPT_BYTES = 1 << 27
+_KEPT_BYTES = 1 << 27
 """Of numbers of pixels that are kept from photo to photo, as nothing moves between them."""
-SCATTER = PLASTIC**2, PLASTIC
+_SCATTER = PLASTIC**2, PLASTIC
 """Steps that fill a plane evenly: powers, below 1, of the root of x^3 = x + 1."""
-NOWHERE = -1
+NO_SITE = -1
 """No site, or no cell: beside the panel, or beside the field."""
 
 
@@ -57,7 +57,7 @@ class CellGrid:
         return (rows + 1) * (cols + 1) if self.smooth else rows * cols
 
     @property
-    def corners(self) -> Numbers:
+    def corners(self) -> _Numbers:
         """Cells of each place, (places, 4) or (places, 1)."""
         rows, cols = self.grid
         if not self.smooth:
@@ -68,7 +68,7 @@ class CellGrid:
         return np.stack([r * cols + c for r in down for c in across], axis=1)
 
     def at(self, x: Floats, y: Floats) -> NDArray[np.int32]:
-        """The place of points of the field; `NOWHERE` beside it, and for NaN."""
+        """The place of points of the field; `NO_SITE` beside it, and for NaN."""
         rows, cols = self.grid
         with np.errstate(invalid="ignore"):
             inside = (x >= 0.0) & (x < 1.0) & (y >= 0.0) & (y < 1.0)
@@ -81,7 +81,7 @@ class CellGrid:
         found *= across
         found += (x * cols + more).astype(np.int32)
         if not whole:
-            found[~inside] = NOWHERE
+            found[~inside] = NO_SITE
         return found
 
     def before(self, seen: Floats, lit: Floats) -> NDArray[np.int32]:
@@ -111,7 +111,7 @@ def _fraction(values: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Runs:
+class SampleRuns:
     """Samples of one chunk, row by row: runs of equal sights. starts, sights : (runs,) int32"""
 
     starts: NDArray[np.int32]
@@ -127,19 +127,19 @@ class Sights:
     """All sights of a frame, (K,) int64 each, and which samples have which.
 
     mask : site of the mask.
-    lit : site of the projector, or `NOWHERE`.
-    place : of `CellGrid`, or `NOWHERE`.
+    lit : site of the projector, or `NO_SITE`.
+    place : of `CellGrid`, or `NO_SITE`.
     runs : of each chunk of rows of quads, those of each tap.
     """
 
-    mask: Numbers
-    lit: Numbers
-    place: Numbers
-    runs: list[list[Runs]] = field(repr=False)
+    mask: _Numbers
+    lit: _Numbers
+    place: _Numbers
+    runs: list[list[SampleRuns]] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Away:
+class LightOrigins:
     """Where on the field the light at points comes from, on an off-axis bench.
 
     grid : (rows, cols). displacement : (N, 2) cells down and right; NaN where there is no light.
@@ -156,24 +156,24 @@ class Away:
         return np.where((cell >= 0)[:, None], points + moved, np.nan)
 
 
-class Looks:
+class CameraSamples:
     """The camera's samples on the field and on both panels, chunk by chunk; with `away`, those on
     the projector are where the light comes from."""
 
-    def __init__(self, setting: Setting, away: Away | None = None) -> None:
+    def __init__(self, setting: OpticalSetting, away: LightOrigins | None = None) -> None:
         self._setting, self._away = setting, away
         rows, cols = setting.frame
         per_quad = setting.samples
-        x = (np.arange(cols * per_quad) + 0.5) / per_quad + ASIDE
-        y = (np.arange(rows * per_quad) + 0.5) / per_quad + ASIDE
+        x = (np.arange(cols * per_quad) + 0.5) / per_quad + _ASIDE
+        y = (np.arange(rows * per_quad) + 0.5) / per_quad + _ASIDE
         to_field, size = setting.camera.to_field, setting.projector_px
         # In projector pixels: the unit in which a raster may be off.
-        self._field = Raster(lambda points: to_field(points) * size, x, y)
-        self._mask = Raster(lambda points: setting.on_mask(to_field(points)), x, y)
-        self._lit = [Raster(partial(_behind, setting, tap.offset), x, y) for tap in setting.taps]
+        self._field = MapRaster(lambda points: to_field(points) * size, x, y)
+        self._mask = MapRaster(lambda points: setting.on_mask(to_field(points)), x, y)
+        self._lit = [MapRaster(partial(_behind, setting, tap.offset), x, y) for tap in setting.taps]
         self._step = max(1, CHUNK_SAMPLES // (cols * per_quad**2))
         self._kept: dict[tuple[tuple[int, int], int | None], NDArray[np.int32]] = {}
-        self._room_bytes = KEPT_BYTES
+        self._room_bytes = _KEPT_BYTES
 
     def chunks(self) -> Iterator[tuple[int, int]]:
         """First and past-the-last row of quads of each chunk."""
@@ -201,18 +201,18 @@ class Looks:
         return across, down
 
     def mask_pixels(self, chunk: tuple[int, int]) -> NDArray[np.int32]:
-        """Number of the mask's pixel that each of a chunk's samples lies in, `NOWHERE` beside it:
+        """Number of the mask's pixel that each of a chunk's samples lies in, `NO_SITE` beside it:
         (n,), as all that is kept from photo to photo."""
         width, height = self._setting.true.mask.size_px
         return self._keep(
-            (chunk, None), lambda: number_pixels((height, width), *self.on_mask(chunk))
+            (chunk, None), lambda: _number_pixels((height, width), *self.on_mask(chunk))
         )
 
     def lit_pixels(self, chunk: tuple[int, int], tap: int) -> NDArray[np.int32]:
         """The same of the projector's pixels that a tap takes."""
         width, height = self._setting.true.projector.size_px
         return self._keep(
-            (chunk, tap), lambda: number_pixels((height, width), *self.on_projector(chunk, tap))
+            (chunk, tap), lambda: _number_pixels((height, width), *self.on_projector(chunk, tap))
         )
 
     def _keep(
@@ -227,13 +227,13 @@ class Looks:
                 self._kept[key] = kept
         return kept
 
-    def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+    def _flat(self, raster: MapRaster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
         first, end = (row * self._setting.samples for row in chunk)
         across, down = raster.rows(first, end)
         return across.ravel(), down.ravel()
 
 
-class Scattered(Looks):
+class ScatteredSamples(CameraSamples):
     """The same samples, each by up to half of a step beside its place, as evenly as can be.
 
     On a raster they may fall into step with the panels' pixels: of a camera that looks straight on
@@ -241,11 +241,11 @@ class Scattered(Looks):
     look bent by that, where a real camera, whose quads are areas, sees them as they are.
     """
 
-    def __init__(self, setting: Setting, away: Away | None = None) -> None:
+    def __init__(self, setting: OpticalSetting, away: LightOrigins | None = None) -> None:
         super().__init__(setting, away)
         self._last: tuple[tuple[int, int], tuple[Floats, Floats]] | None = None
 
-    def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+    def _flat(self, raster: MapRaster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
         per_quad = self._setting.samples
         if per_quad == 1:
             return super()._flat(raster, chunk)
@@ -259,12 +259,12 @@ class Scattered(Looks):
         per_quad, cols = self._setting.samples, self._setting.frame[1]
         row = np.arange(chunk[0] * per_quad, chunk[1] * per_quad, dtype=np.float64)[:, None]
         column = np.arange(cols * per_quad, dtype=np.float64)
-        one, other = SCATTER
+        one, other = _SCATTER
         right, down = row * one + column * other, row * other + column * one
         return _fraction(right) - 0.5, _fraction(down) - 0.5
 
 
-class Slanted(Scattered):
+class SlantedSamples(ScatteredSamples):
     """The same samples, each row of a quad moved to the right by a part of a step, and each column
     down: along either axis no two of them see the same place, together they see it evenly, and a
     narrow strip is seen all along."""
@@ -279,45 +279,45 @@ class Slanted(Scattered):
         return np.broadcast_to(right, shape), np.broadcast_to(np.tile(steps, cols), shape)
 
 
-def _behind(setting: Setting, offset: tuple[float, float], points: Floats) -> Floats:
+def _behind(setting: OpticalSetting, offset: tuple[float, float], points: Floats) -> Floats:
     """Where the camera's points (..., 2) lie on the projector, seen so far off on the field."""
     return setting.on_projector(setting.camera.to_field(points) + offset)
 
 
-def look(
-    looks: Looks,
-    setting: Setting,
+def find_sights(
+    looks: CameraSamples,
+    setting: OpticalSetting,
     cells: CellGrid,
     lit: PanelSites,
     mask: PanelSites | CellGrid | None,
 ) -> Sights:
     """All sights of a frame, through the mask or, for None, without one. With a grid in its place
     the site of what is seen is the cell it lies in, as of a mask of whole cells that is perfect."""
-    keys: list[list[tuple[NDArray[np.int32], Numbers, NDArray[np.intp]]]] = []
+    keys: list[list[tuple[NDArray[np.int32], _Numbers, NDArray[np.intp]]]] = []
     places, sites = cells.places + 1, len(lit) + 1
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
         before = (
             np.zeros(x.size, dtype=np.int32)
             if mask is None or isinstance(mask, CellGrid)
-            else pixels(mask.image, *looks.on_mask(chunk), missing=0)
+            else sample_pixels(mask.image, *looks.on_mask(chunk), missing=0)
         )
         of_taps = []
         for number, tap in enumerate(setting.taps):
-            behind = pixels(lit.image, *looks.on_projector(chunk, number), missing=NOWHERE)
+            behind = sample_pixels(lit.image, *looks.on_projector(chunk, number), missing=NO_SITE)
             there = x + tap.offset[0], y + tap.offset[1]
             at = cells.at(*there)
             if isinstance(mask, CellGrid):
                 before = mask.before(np.stack((x, y), axis=-1), np.stack(there, axis=-1))
-            starts = changes(before, behind, at)
+            starts = find_changes(before, behind, at)
             key = before[starts] * np.int64(sites) + behind[starts] + 1
             key = key * places + at[starts] + 1
             of_taps.append((starts, *np.unique(key, return_inverse=True)))
         keys.append(of_taps)
-    found: Numbers = np.unique(np.concatenate([own for taps in keys for _, own, _ in taps]))
+    found: _Numbers = np.unique(np.concatenate([own for taps in keys for _, own, _ in taps]))
     runs = [
         [
-            Runs(starts, np.searchsorted(found, own).astype(np.int32)[inverse])
+            SampleRuns(starts, np.searchsorted(found, own).astype(np.int32)[inverse])
             for starts, own, inverse in taps
         ]
         for taps in keys
@@ -327,7 +327,7 @@ def look(
     return Sights(before.astype(np.int64), behind.astype(np.int64) - 1, place - 1, runs)
 
 
-def changes(first: NDArray[np.int32], *others: NDArray[np.int32]) -> NDArray[np.int32]:
+def find_changes(first: NDArray[np.int32], *others: NDArray[np.int32]) -> NDArray[np.int32]:
     """Where any of some numbers (n,) is another than before it; 0 is the first such place."""
     new = np.ones(first.size, dtype=np.bool_)
     np.not_equal(first[1:], first[:-1], out=new[1:])
@@ -336,13 +336,13 @@ def changes(first: NDArray[np.int32], *others: NDArray[np.int32]) -> NDArray[np.
     return np.flatnonzero(new).astype(np.int32)
 
 
-def pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> NDArray[_Kind]:
+def sample_pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> NDArray[_Kind]:
     """Values of the pixels that points (n,) lie in; `missing` beside the device, and for NaN."""
-    return values_of(image, number_pixels(image.shape, x, y), missing=missing)
+    return pick_pixel_values(image, _number_pixels(image.shape, x, y), missing=missing)
 
 
-def number_pixels(shape: tuple[int, ...], x: Floats, y: Floats) -> NDArray[np.int32]:
-    """Numbers of the pixels, row by row, that points (n,) lie in; `NOWHERE` beside them, and for
+def _number_pixels(shape: tuple[int, ...], x: Floats, y: Floats) -> NDArray[np.int32]:
+    """Numbers of the pixels, row by row, that points (n,) lie in; `NO_SITE` beside them, and for
     NaN."""
     height, width = shape
     with np.errstate(invalid="ignore"):
@@ -354,11 +354,13 @@ def number_pixels(shape: tuple[int, ...], x: Floats, y: Floats) -> NDArray[np.in
     place *= width
     place += x.astype(np.int32)
     if not whole:
-        place[~inside] = NOWHERE
+        place[~inside] = NO_SITE
     return place
 
 
-def values_of(image: NDArray[_Kind], place: NDArray[np.int32], *, missing: float) -> NDArray[_Kind]:
+def pick_pixel_values(
+    image: NDArray[_Kind], place: NDArray[np.int32], *, missing: float
+) -> NDArray[_Kind]:
     """Values of pixels by their numbers, `missing` where there is none."""
     found = np.asarray(image.take(place, mode="clip"))  # the quickest mode
     nowhere = place < 0

@@ -14,30 +14,37 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.arrays import Floats
 from pdcd.bench.tables import PanelConfig
 from pdcd.bench.truth import TruePanel
-from pdcd.panels.atoms import atoms
+from pdcd.panels.atoms import find_atoms
 from pdcd.panels.curve import Curve
-from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.panels.lattice import SHIFTS
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
+from pdcd.panels.lattice import SUB_SHIFTS
 from pdcd.panels.map import PanelView
-from pdcd.panels.patterns import bytes_of
-from pdcd.panels.windows import ATOMS, MOVED, PLACED, UPPER, strip_numbers, strip_of, windows
+from pdcd.panels.patterns import read_pattern_bytes
+from pdcd.panels.windows import (
+    ATOMS,
+    MOVED,
+    PLACED,
+    UPPER,
+    find_window_kind,
+    number_strips,
+    split_strip_numbers,
+)
 from pdcd.probing.spans import band_delays_ns
 
-Floats = NDArray[np.float64]
-
-TILE = 8
+_TILE = 8
 """Sites a side that are multiplied together: near ones meet the same sites of the other panel."""
 
 
 @dataclass(frozen=True)
-class Kind:
+class SiteKind:
     """What the sites of a panel depend on, besides the panel: so few things that they are kept.
 
     patterned : whether the panel shows patterns at all, and not only black and white.
 
-    Under the window `PIXELS` every pixel is a site, and `grid` says nothing.
+    Under the window `PIXEL_WINDOW` every pixel is a site, and `grid` says nothing.
     """
 
     grid: tuple[int, int]
@@ -54,7 +61,9 @@ class PanelSites:
     tile : (S,) int64, equal for sites that lie near each other.
     """
 
-    def __init__(self, panel: PanelView, kind: Kind, true: TruePanel, timed: PanelConfig) -> None:
+    def __init__(
+        self, panel: PanelView, kind: SiteKind, true: TruePanel, timed: PanelConfig
+    ) -> None:
         """What is true of it, in the truth's words and, for its times, in the configuration's."""
         self._kind, self._mask = kind, panel.mask
         self._size_px = panel.size_px
@@ -87,7 +96,7 @@ class PanelSites:
         """See the class."""
         across = max(self._shape[1], 1)
         row, column = np.divmod(np.maximum(self._base - 1, 0), across)
-        near: NDArray[np.int64] = (row // TILE) * (across // TILE + 1) + column // TILE
+        near: NDArray[np.int64] = (row // _TILE) * (across // _TILE + 1) + column // _TILE
         return np.asarray(self.band.astype(np.int64) * (near.max() + 1) + near)
 
     def in_band(self, band: int) -> slice:
@@ -103,7 +112,7 @@ class PanelSites:
             return np.where(self._base[part] > 0, float(index == WHITE), 0.0)
         patterns = frames.dual_patterns if self._mask else frames.primal_patterns
         rows, cols = frames.lattice
-        light = curve.of(np.append(bytes_of(patterns, index, rows * cols), np.uint8(0)))
+        light = curve.of(np.append(read_pattern_bytes(patterns, index, rows * cols), np.uint8(0)))
         return np.asarray(light[self._cell[int(frames.shift[row]), part]])
 
     @property
@@ -123,9 +132,9 @@ class PanelSites:
         rows, cols = self._kind.grid
         if not self._kind.patterned:
             return 1, 1
-        if self._kind.window == PIXELS:
+        if self._kind.window == PIXEL_WINDOW:
             return self._size_px[1], self._size_px[0]
-        kinds = windows(self._kind.window).kinds
+        kinds = find_window_kind(self._kind.window).kinds
         if kinds == 1:
             return rows, cols
         return (kinds * rows + 1, kinds * cols + 1) if self._mask else (2 * rows, 2 * cols)
@@ -136,20 +145,20 @@ class PanelSites:
 
     def _bases(self, panel: PanelView) -> NDArray[np.int32]:
         """Site of each pixel as if all rows were set at once, (height, width); 0 is black."""
-        if self._kind.window == PIXELS:
+        if self._kind.window == PIXEL_WINDOW:
             width, height = panel.size_px
             if not self._kind.patterned:
                 return np.ones((height, width), dtype=np.int32)
             return np.arange(1, width * height + 1, dtype=np.int32).reshape(height, width)
-        atom = atoms(panel, self._kind.grid)
+        atom = find_atoms(panel, self._kind.grid)
         outside = atom[..., 0] < 0
         if not self._kind.patterned:
             return np.where(outside, np.int32(0), np.int32(1))
         if self._kind.window == "whole":
             place = atom >> 2
         elif self._mask:
-            fine = atoms(panel, self._kind.grid, ATOMS)
-            place = strip_numbers(self._kind.window, fine)
+            fine = find_atoms(panel, self._kind.grid, ATOMS)
+            place = number_strips(self._kind.window, fine)
         else:
             place = atom >> 1
         found = place[..., 1] * np.int32(self._shape[1]) + place[..., 0]
@@ -162,18 +171,18 @@ class PanelSites:
         """Cell of the pattern that each site shows under each sub-shift, (4, S); the number behind
         the last cell where it is shut."""
         rows, cols = self._kind.grid
-        opening = windows(self._kind.window)
+        opening = find_window_kind(self._kind.window)
         more = int(opening.shifted)
         closed = (rows + more) * (cols + more)
         place = np.divmod(np.maximum(self._base - 1, 0), self._shape[1])
-        found = np.full((SHIFTS, len(self)), closed, dtype=np.int64)
-        for shift in range(SHIFTS if more else 1):
+        found = np.full((SUB_SHIFTS, len(self)), closed, dtype=np.int64)
+        for shift in range(SUB_SHIFTS if more else 1):
             cell, opened = [], self._base > 0
             for at, moved in zip(place, (shift >> 1, shift & 1), strict=True):
                 if not more:
                     cell.append(at)
                 elif self._mask:
-                    strip, number = strip_of(self._kind.window, at)
+                    strip, number = split_strip_numbers(self._kind.window, at)
                     opened = opened & (strip != (PLACED if moved else MOVED))
                     cell.append(number + moved * (strip == UPPER))
                 else:

@@ -12,20 +12,19 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.virtual.optics.raster import Raster
-from pdcd.virtual.optics.setting import Setting
-from pdcd.virtual.optics.sights import NOWHERE, changes, pixels
+from pdcd.arrays import Floats
+from pdcd.virtual.optics.raster import MapRaster
+from pdcd.virtual.optics.setting import OpticalSetting
+from pdcd.virtual.optics.sights import NO_SITE, find_changes, sample_pixels
 from pdcd.virtual.optics.sites import PanelSites
 
-Floats = NDArray[np.float64]
-
-POINTS_PER_PX = 2
+_POINTS_PER_PX = 2
 """Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
-CHUNK_POINTS = 1 << 16
+_CHUNK_POINTS = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
-class CellLight:
+class LitCellPoints:
     """Points of the scene's cells, in runs (R,) of those that a pixel lights in a cell.
 
     pixel : int32, of the projector, counted row by row. cell : int32. share : of the cell, float64.
@@ -38,24 +37,24 @@ class CellLight:
     cells: int
 
     @classmethod
-    def of(cls, setting: Setting, grid: tuple[int, int]) -> CellLight:
+    def of(cls, setting: OpticalSetting, grid: tuple[int, int]) -> LitCellPoints:
         """Of a grid (rows, cols) on a bench."""
         (rows, cols), (width, height) = grid, setting.true.projector.size_px
-        points = POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
+        points = _POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
         x, y = ((np.arange(count * points) + 0.5) / (count * points) for count in (cols, rows))
-        raster = Raster(setting.on_projector, x, y)
+        raster = MapRaster(setting.on_projector, x, y)
         numbers = np.arange(width * height, dtype=np.int32).reshape(height, width)
         across = (np.arange(x.size) // points).astype(np.int32)
-        step = max(1, CHUNK_POINTS // (x.size * points))
+        step = max(1, _CHUNK_POINTS // (x.size * points))
         found = []
         for start in range(0, rows, step):
             lines = np.arange(start * points, min(start + step, rows) * points, dtype=np.int32)
             place = (v.ravel() for v in raster.rows(int(lines[0]), int(lines[-1]) + 1))
-            pixel = pixels(numbers, *place, missing=NOWHERE)
+            pixel = sample_pixels(numbers, *place, missing=NO_SITE)
             cell = ((lines // points * cols)[:, None] + across).ravel()
-            first = changes(pixel, cell)
+            first = find_changes(pixel, cell)
             count = np.diff(first, append=np.int32(pixel.size))
-            on = pixel[first] != NOWHERE
+            on = pixel[first] != NO_SITE
             found.append((pixel[first][on], cell[first][on], count[on]))
         pixel, cell, count = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return cls(pixel, cell, count / float(points**2), rows * cols)
@@ -66,7 +65,7 @@ class CellLight:
         site = sites.image.take(self.pixel)
         share = self.share if uneven is None else self.share * uneven.take(self.pixel)
         # Neighbours mostly light the same, so they are summed before they are sorted.
-        first = changes(site, self.cell)
+        first = find_changes(site, self.cell)
         place = (site[first], self.cell[first])
         shape = (len(sites), self.cells)
         return scipy.sparse.csr_array((np.add.reduceat(share, first), place), shape=shape)

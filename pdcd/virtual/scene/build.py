@@ -10,9 +10,9 @@ import numpy as np
 
 from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.virtual.scene.effects import Direct
+from pdcd.virtual.scene.effects import DirectEffect
 from pdcd.virtual.scene.matrix import load_matrix
-from pdcd.virtual.scene.presets import builder_of, kinds
+from pdcd.virtual.scene.presets import find_builder, list_presets
 from pdcd.virtual.scene.scene import Scene
 
 
@@ -27,7 +27,7 @@ def build_scene(config: SceneConfig) -> Scene:
     """
     if config.kind == "matrix":
         scene = _matrix_scene(config)
-    elif make := card if config.kind == CARD else builder_of(config.kind):
+    elif make := make_card if config.kind == CARD else find_builder(config.kind):
         if config.path is not None:
             raise ConfigError(
                 f"[scene] path: the kind {config.kind!r} reads no file",
@@ -37,7 +37,7 @@ def build_scene(config: SceneConfig) -> Scene:
     else:
         raise ConfigError(
             f"[scene] kind: unknown kind {config.kind!r}",
-            hint=f"one of {', '.join(sorted([*kinds(), CARD, 'matrix']))}",
+            hint=f"one of {', '.join(sorted([*list_presets(), CARD, 'matrix']))}",
         )
     if config.ambient == 0.0:
         return scene
@@ -73,7 +73,7 @@ ALBEDO = 0.9
 """Of white paper."""
 
 
-def card(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
+def make_card(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """A card that fills the field. Options: `albedo`, its reflectance, 0 to 1.
 
     Raises ConfigError for other options, or an albedo that is none.
@@ -87,4 +87,4 @@ def card(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
             hint="`albedo` alone, above 0 and at most 1",
         )
     cells = grid[0] * grid[1]
-    return Scene("card", grid, (Direct("card", np.full(cells, float(albedo))),))
+    return Scene("card", grid, (DirectEffect("card", np.full(cells, float(albedo))),))

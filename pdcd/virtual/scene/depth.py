@@ -1,9 +1,9 @@
 """What an off-axis rig sees of surfaces in space: displaced direct light, shadows, radiosity.
 
-The projector stands at the origin, the camera `baseline` to its right; both look along z, and
-their pictures are rectified: rows of cells are epipolar lines. Both fields are drawn so that a wall
-at the distance `PLANE` has no disparity; the field is `WIDTH` x `HEIGHT` there. A point at the
-distance z that the camera sees at x of the field is lit from
+The projector stands at the origin, the camera `baseline` to its right; both look along z, and their
+pictures are rectified: rows of cells are epipolar lines. Both fields are drawn so that a wall at
+the distance `PLANE` has no disparity; the field is `FIELD_WIDTH` x `FIELD_HEIGHT` there. A point at
+the distance z that the camera sees at x of the field is lit from
 
     x + baseline (PLANE / z - 1)            (rows are the same)
 
@@ -15,7 +15,7 @@ Units: 1 is a white, fully lit, facing matte surface at `PLANE`. Every projector
 flux, so light on a surface falls with the square of its distance and with its slope.
 
 Light that surfaces throw at each other goes from patch to patch, every number of bounces at once
-(`pdcd.virtual.scene.radiosity.closed_exchange`), and is linear between the centres of patches.
+(`pdcd.virtual.scene.radiosity.solve_exchange`), and is linear between the centres of patches.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.virtual.scene.displaced import coloured_displaced
-from pdcd.virtual.scene.effects import Array, Effect, LowRank
-from pdcd.virtual.scene.radiosity import closed_exchange, limited
+from pdcd.virtual.scene.displaced import make_displaced_effects
+from pdcd.virtual.scene.effects import Array, Effect, LowRankEffect
+from pdcd.virtual.scene.radiosity import limit_kernel, solve_exchange
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.solids import Rectangle, clear, first_met
+from pdcd.virtual.scene.solids import Rectangle, find_clear_lines, find_first_hit
 from pdcd.virtual.scene.texture import Drawing
 
-WIDTH, HEIGHT = 4.0 / 3.0, 1.0
+FIELD_WIDTH, FIELD_HEIGHT = 4.0 / 3.0, 1.0
 PLANE = 2.0
 """Distance at which there is no disparity."""
-PATCHES = 4
+_PATCHES = 4
 """Patches along either edge of a surface; light between matte surfaces is smooth."""
 
 
 @dataclass(frozen=True)
-class OffAxis:
+class OffAxisRig:
     """A rectified rig before surfaces: `grid` (rows, cols) cells of both devices."""
 
     grid: tuple[int, int]
@@ -51,19 +51,19 @@ class OffAxis:
 
     def disparity_cells(self, z: float) -> float:
         """Cells right from where the camera sees a point at the distance z to its light."""
-        return self.baseline * (PLANE / z - 1.0) * self.grid[1] / WIDTH
+        return self.baseline * (PLANE / z - 1.0) * self.grid[1] / FIELD_WIDTH
 
     def distance(self, disparity_cells: float) -> float:
         """The distance at which there is that disparity."""
-        return PLANE / (1.0 + disparity_cells * WIDTH / (self.baseline * self.grid[1]))
+        return PLANE / (1.0 + disparity_cells * FIELD_WIDTH / (self.baseline * self.grid[1]))
 
     @cached_property
     def field(self) -> Array:
         """Centres of the cells on the wall at `PLANE`, (N, 3)."""
         rows, cols = self.grid
         y, x = np.meshgrid(
-            ((np.arange(rows) + 0.5) / rows - 0.5) * HEIGHT,
-            ((np.arange(cols) + 0.5) / cols - 0.5) * WIDTH,
+            ((np.arange(rows) + 0.5) / rows - 0.5) * FIELD_HEIGHT,
+            ((np.arange(cols) + 0.5) / cols - 0.5) * FIELD_WIDTH,
             indexing="ij",
         )
         return np.stack([x.ravel(), y.ravel(), np.full(x.size, PLANE)], axis=1)
@@ -72,12 +72,12 @@ class OffAxis:
     def seen(self) -> tuple[NDArray[np.int64], Array]:
         """What each camera cell sees: its surface (N,), -1 for none, and the point (N, 3)."""
         eye = np.array([self.baseline, 0.0, 0.0])
-        return first_met(self.surfaces, eye, self.field - eye)
+        return find_first_hit(self.surfaces, eye, self.field - eye)
 
     @cached_property
     def lit(self) -> tuple[NDArray[np.int64], Array]:
         """What each projector cell lights, in the same way."""
-        return first_met(self.surfaces, np.zeros(3), self.field)
+        return find_first_hit(self.surfaces, np.zeros(3), self.field)
 
     @cached_property
     def displacement(self) -> Array:
@@ -87,8 +87,8 @@ class OffAxis:
         there = np.flatnonzero(which >= 0)
         moved = np.full((len(points), 2), np.nan)
         z = points[there, 2]
-        right = self.baseline * (PLANE / z - 1.0) * self.grid[1] / WIDTH
-        bright = clear(self.surfaces, np.zeros((len(there), 3)), points[there])
+        right = self.baseline * (PLANE / z - 1.0) * self.grid[1] / FIELD_WIDTH
+        bright = find_clear_lines(self.surfaces, np.zeros((len(there), 3)), points[there])
         place = there % self.grid[1] + 0.5 + right
         bright &= (place > 0.0) & (place < self.grid[1])
         moved[there[bright], 0], moved[there[bright], 1] = 0.0, right[bright]
@@ -112,37 +112,39 @@ class OffAxis:
         return np.where(which >= 0, np.nan_to_num(cosine * PLANE**2 / square), 0.0)
 
 
-def off_axis_scene(name: str, rig: OffAxis, paint: Paint | None = None) -> Scene:
+def build_off_axis_scene(name: str, rig: OffAxisRig, paint: Paint | None = None) -> Scene:
     """Return the scene that an off-axis rig sees."""
     direct = rig.albedo * rig.facing[:, None]
     painted = 1.0 if paint is None else paint.cells
     effects: tuple[Effect, ...] = (
-        *coloured_displaced(rig.grid, direct * painted, rig.displacement),
-        *between_surfaces(rig, painted),
+        *make_displaced_effects(rig.grid, direct * painted, rig.displacement),
+        *make_surface_effects(rig, painted),
     )
     if paint is None:
         return Scene(name, rig.grid, effects)
     return Scene(name, rig.grid, effects, None, paint.direct, paint.indirect)
 
 
-def between_surfaces(rig: OffAxis, painted: Array | float = 1.0) -> tuple[LowRank, ...]:
+def make_surface_effects(
+    rig: OffAxisRig, painted: Array | float = 1.0
+) -> tuple[LowRankEffect, ...]:
     """Return what surfaces throw at each other, one effect a colour, of the rank of all patches.
 
     painted : what paint lets through of the light of each camera cell, (N, 1) or 1.
     """
-    patches = Patches(rig.surfaces)
-    kernel = limited(patches.kernel, patches.area)
+    patches = _Patches(rig.surfaces)
+    kernel = limit_kernel(patches.kernel, patches.area)
     onto, seen = patches.weights(*rig.lit), patches.weights(*rig.seen)
     # Flux of a projector cell: that of a facing white cell at the plane.
-    flux = WIDTH * HEIGHT / (rig.grid[0] * rig.grid[1])
+    flux = FIELD_WIDTH * FIELD_HEIGHT / (rig.grid[0] * rig.grid[1])
     effects = []
     for channel, colour in enumerate(("red", "green", "blue")):
         table = np.array([one.albedo[channel] for one in rig.surfaces] + [0.0])
-        exchange = closed_exchange(kernel, patches.area, table[patches.surface])
+        exchange = solve_exchange(kernel, patches.area, table[patches.surface])
         leaving = flux * table[rig.lit[0]][:, None] * onto
         arriving = painted * table[rig.seen[0]][:, None] * (seen @ exchange)
         name = f"between surfaces, {colour}"
-        effects.append(LowRank(name, arriving, leaving, tint=np.eye(3)[channel]))
+        effects.append(LowRankEffect(name, arriving, leaving, tint=np.eye(3)[channel]))
     return tuple(effects)
 
 
@@ -158,28 +160,28 @@ class Paint:
 
 
 @dataclass(frozen=True)
-class Patches:
-    """All surfaces, cut into `PATCHES` x `PATCHES` each; P in all."""
+class _Patches:
+    """All surfaces, cut into `_PATCHES` x `_PATCHES` each; P in all."""
 
     surfaces: Sequence[Rectangle]
 
     @property
     def surface(self) -> NDArray[np.int64]:
         """Surface of each patch, (P,)."""
-        return np.repeat(np.arange(len(self.surfaces)), PATCHES**2)
+        return np.repeat(np.arange(len(self.surfaces)), _PATCHES**2)
 
     @property
     def area(self) -> Array:
         """Areas, (P,)."""
-        return np.repeat([one.area / PATCHES**2 for one in self.surfaces], PATCHES**2)
+        return np.repeat([one.area / _PATCHES**2 for one in self.surfaces], _PATCHES**2)
 
     @property
     def centres(self) -> Array:
         """Centres, (P, 3)."""
-        step = (np.arange(PATCHES) + 0.5) / PATCHES
+        step = (np.arange(_PATCHES) + 0.5) / _PATCHES
         down, across = (v.ravel()[:, None] for v in np.meshgrid(step, step, indexing="ij"))
         corner, right, below = (
-            np.repeat([getattr(one, name) for one in self.surfaces], PATCHES**2, axis=0)
+            np.repeat([getattr(one, name) for one in self.surfaces], _PATCHES**2, axis=0)
             for name in ("corner", "across", "down")
         )
         across, down = (np.tile(v, (len(self.surfaces), 1)) for v in (across, down))
@@ -200,7 +202,7 @@ class Patches:
         leaving = np.maximum(np.einsum("ik,ijk->ij", normals, way), 0.0)
         facing = leaving * leaving.T
         first, second = np.nonzero(np.triu(facing))
-        hidden = ~clear(self.surfaces, points[first], points[second])
+        hidden = ~find_clear_lines(self.surfaces, points[first], points[second])
         facing[first[hidden], second[hidden]] = facing[second[hidden], first[hidden]] = 0.0
         mean_area = np.sqrt(area[:, None] * area)
         kernel: Array = facing / (np.maximum(square, 1e-30) * (np.pi * square + mean_area))
@@ -215,18 +217,18 @@ class Patches:
     def weights(self, which: NDArray[np.int64], points: Array) -> Array:
         """How much each patch counts at points (n, 3) of surfaces (n,), (n, P): linear between the
         centres of patches of one surface; 0 for points of none."""
-        found = np.zeros((len(which), len(self.surfaces) * PATCHES**2))
+        found = np.zeros((len(which), len(self.surfaces) * _PATCHES**2))
         for number, one in enumerate(self.surfaces):
             mine = np.flatnonzero(which == number)
             u, v = one.place(points[mine])
             across, down = _hats(u), _hats(v)
-            columns = slice(number * PATCHES**2, (number + 1) * PATCHES**2)
+            columns = slice(number * _PATCHES**2, (number + 1) * _PATCHES**2)
             both = down[:, :, None] * across[:, None, :]
-            found[mine, columns] = both.reshape(len(mine), PATCHES**2)
+            found[mine, columns] = both.reshape(len(mine), _PATCHES**2)
         return found
 
 
 def _hats(place: Array) -> Array:
     """Weights (n, PATCHES) of the patches along an edge at places 0 to 1."""
-    where = np.clip(place * PATCHES - 0.5, 0.0, PATCHES - 1.0)
-    return np.maximum(0.0, 1.0 - np.abs(where[:, None] - np.arange(PATCHES)))
+    where = np.clip(place * _PATCHES - 0.5, 0.0, _PATCHES - 1.0)
+    return np.maximum(0.0, 1.0 - np.abs(where[:, None] - np.arange(_PATCHES)))

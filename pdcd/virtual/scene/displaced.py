@@ -12,6 +12,7 @@ part (`pdcd.probing.fine`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,13 +21,20 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.virtual.scene.effects import COLOURS, Array, Cells, Tinted, sum_of_products
+from pdcd.virtual.scene.effects import (
+    COLOUR_NAMES,
+    Array,
+    Cells,
+    Effect,
+    TintedEffect,
+    sum_products,
+)
 
-Grid = tuple[int, int]
+_Grid = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Displaced(Tinted):
+class DisplacedEffect(TintedEffect):
     """Direct reflection, `albedo` (N,), of light from elsewhere.
 
     grid : (rows, cols)
@@ -35,14 +43,14 @@ class Displaced(Tinted):
         arrives, as in shadow.
     """
 
-    grid: Grid
+    grid: _Grid
     albedo: Array
     displacement: Array
 
     @cached_property
     def _paths(self) -> Any:
         """Share of each projector cell in each camera cell's light, CSR (N, N)."""
-        return shares_of(self.grid, self.displacement)
+        return compute_displaced_shares(self.grid, self.displacement)
 
     def apply(self, light: Array) -> Array:
         """See `Effect.apply`."""
@@ -50,7 +58,7 @@ class Displaced(Tinted):
 
     def probe(self, left: Array, right: Array) -> Array:
         """See `Effect.probe`."""
-        return sum_of_products(left, self.apply(right))
+        return sum_products(left, self.apply(right))
 
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""
@@ -65,17 +73,19 @@ class Displaced(Tinted):
         return np.asarray(self._paths.toarray()) * self.albedo[:, None]
 
 
-def coloured_displaced(grid: Grid, albedo: Array, displacement: Array) -> tuple[Displaced, ...]:
+def make_displaced_effects(
+    grid: _Grid, albedo: Array, displacement: Array
+) -> tuple[DisplacedEffect, ...]:
     """Return displaced reflection with a colour of its own at each cell, `albedo` (N, 3)."""
     return tuple(
-        Displaced(
+        DisplacedEffect(
             f"direct {colour}", grid, albedo[:, channel], displacement, tint=np.eye(3)[channel]
         )
-        for channel, colour in enumerate(COLOURS)
+        for channel, colour in enumerate(COLOUR_NAMES)
     )
 
 
-def shares_of(grid: Grid, displacement: Array) -> Any:
+def compute_displaced_shares(grid: _Grid, displacement: Array) -> Any:
     """Return how much of each cell, moved by its displacement (N, 2), lies in each: CSR (N, N).
 
     Rows sum to 1 but for what lies beyond the grid; rows of NaN are empty.
@@ -101,3 +111,19 @@ def shares_of(grid: Grid, displacement: Array) -> Any:
     place = np.concatenate(camera), np.concatenate(projector)
     size = rows * cols
     return scipy.sparse.csr_array((np.concatenate(share), place), shape=(size, size))
+
+
+def is_single_bounce(effect: Effect) -> bool:
+    """Whether light comes straight back from the surface that it fell on."""
+    return effect.coaxial or isinstance(effect, DisplacedEffect)
+
+
+def compute_direct_albedo(effects: Iterable[Effect], cells: int) -> Array:
+    """Direct reflection of a scene's cells, (N, 3)."""
+    found = np.zeros((cells, 3))
+    for effect in effects:
+        if isinstance(effect, DisplacedEffect):
+            found += effect.albedo[:, None] * effect.tint
+        elif effect.coaxial:
+            found += effect.diagonal()[:, None] * effect.tint
+    return found

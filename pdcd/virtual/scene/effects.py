@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
-COLOURS = ("red", "green", "blue")
+COLOUR_NAMES = ("red", "green", "blue")
 """Names of the channels, in their order."""
 
 
@@ -74,19 +74,19 @@ class Effect(Protocol):
         ...
 
 
-def rgb(red: float, green: float, blue: float) -> Array:
+def make_tint(red: float, green: float, blue: float) -> Array:
     """Return a tint (3,) float64."""
     return np.array([red, green, blue], dtype=np.float64)
 
 
-def sum_of_products(left: Array, right: Array) -> Array:
+def sum_products(left: Array, right: Array) -> Array:
     """Return ``sum_r left_rn right_rn`` (N,) of two (R, N) arrays, without a temporary."""
     total: Array = np.einsum("rn,rn->n", left, right)
     return total
 
 
 @dataclass(frozen=True, eq=False)
-class Tinted:
+class TintedEffect:
     """What all effects share: a name, a tint (3,), and light that forgets its exact point."""
 
     name: str
@@ -99,7 +99,7 @@ class Tinted:
 
 
 @dataclass(frozen=True, eq=False)
-class Direct(Tinted):
+class DirectEffect(TintedEffect):
     """Light that comes back where it fell: a diagonal, `albedo` (N,)."""
 
     albedo: Array
@@ -115,7 +115,7 @@ class Direct(Tinted):
 
     def probe(self, left: Array, right: Array) -> Array:
         """See `Effect.probe`."""
-        return self.albedo * sum_of_products(left, right)
+        return self.albedo * sum_products(left, right)
 
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""
@@ -130,16 +130,16 @@ class Direct(Tinted):
         return np.diag(self.albedo)
 
 
-def coloured_direct(albedo: Array) -> tuple[Direct, ...]:
+def make_direct_effects(albedo: Array) -> tuple[DirectEffect, ...]:
     """Return direct reflection with a colour of its own at each cell, `albedo` (N, 3)."""
     return tuple(
-        Direct(f"direct {colour}", albedo[:, channel], tint=np.eye(3)[channel])
-        for channel, colour in enumerate(COLOURS)
+        DirectEffect(f"direct {colour}", albedo[:, channel], tint=np.eye(3)[channel])
+        for channel, colour in enumerate(COLOUR_NAMES)
     )
 
 
 @dataclass(frozen=True, eq=False)
-class LowRank(Tinted):
+class LowRankEffect(TintedEffect):
     """Light that passes through few states: ``T = A B^T`` with `a`, `b` of shape (N, r)."""
 
     a: Array
@@ -161,7 +161,7 @@ class LowRank(Tinted):
 
     def entries(self, seen: Cells, lit: Cells) -> Array:
         """See `Effect.entries`."""
-        return sum_of_products(self.a[seen].T, self.b[lit].T)
+        return sum_products(self.a[seen].T, self.b[lit].T)
 
     def dense(self) -> Array:
         """See `Effect.dense`."""
@@ -169,7 +169,7 @@ class LowRank(Tinted):
 
 
 @dataclass(frozen=True, eq=False)
-class Sparse(Tinted):
+class SparseEffect(TintedEffect):
     """Few single paths, as mirrors and caustics make them: a CSR `matrix` (N, N)."""
 
     matrix: Any
@@ -202,7 +202,7 @@ class Sparse(Tinted):
     def probe(self, left: Array, right: Array) -> Array:
         """See `Effect.probe`."""
         out = np.zeros(left.shape[1])
-        out[self._rows] = sum_of_products(left[:, self._rows], self._arriving(right))
+        out[self._rows] = sum_products(left[:, self._rows], self._arriving(right))
         return out
 
     def diagonal(self) -> Array:
@@ -218,13 +218,13 @@ class Sparse(Tinted):
         return np.asarray(self.matrix.toarray(), dtype=np.float64)
 
 
-def both_ways(name: str, one_way: Any, tint: Array) -> Sparse:
+def make_two_way_paths(name: str, one_way: Any, tint: Array) -> SparseEffect:
     """Return the paths of `one_way`, a sparse (N, N), together with their reverses."""
-    return Sparse(name, scipy.sparse.csr_array(one_way + one_way.T), tint=tint)
+    return SparseEffect(name, scipy.sparse.csr_array(one_way + one_way.T), tint=tint)
 
 
 @dataclass(frozen=True, eq=False)
-class Dense(Tinted):
+class DenseEffect(TintedEffect):
     """Transport without any known form: the whole `matrix` (N, N)."""
 
     matrix: Array
@@ -235,7 +235,7 @@ class Dense(Tinted):
 
     def probe(self, left: Array, right: Array) -> Array:
         """See `Effect.probe`."""
-        return sum_of_products(left, self.apply(right))
+        return sum_products(left, self.apply(right))
 
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""

@@ -15,14 +15,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.virtual.scene.effects import Array, Cells, Tinted, sum_of_products
+from pdcd.virtual.scene.effects import Array, Cells, TintedEffect, sum_products
 
 FFT_COST = 2000
 """Cost of the Fourier route, in multiplications a cell of the separable route (measured)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Kernel(Tinted):
+class KernelEffect(TintedEffect):
     """Transport by distance.
 
     grid : (rows, cols)
@@ -85,7 +85,7 @@ class Kernel(Tinted):
 
     def probe(self, left: Array, right: Array) -> Array:
         """See `Effect.probe`."""
-        return sum_of_products(left, self.apply(right))
+        return sum_products(left, self.apply(right))
 
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""
@@ -108,7 +108,7 @@ class Kernel(Tinted):
         return self.entries(cells[:, None], cells[None, :])
 
 
-def gaussian(grid: tuple[int, int], pitch: tuple[float, float], sigma: float) -> Array:
+def make_gaussian_kernel(grid: tuple[int, int], pitch: tuple[float, float], sigma: float) -> Array:
     """Return a Gaussian kernel (2 rows - 1, 2 cols - 1) that passes on all light, or less.
 
     Parameters

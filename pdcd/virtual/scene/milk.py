@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdcd.virtual.scene.effects import Array, Effect, LowRank, coloured_direct
-from pdcd.virtual.scene.kernel import Kernel, gaussian
+from pdcd.virtual.scene.effects import Array, Effect, LowRankEffect, make_direct_effects
+from pdcd.virtual.scene.kernel import KernelEffect, make_gaussian_kernel
 
 FORWARD = 0.3
 """Share of the scattered light that still reaches the surface."""
@@ -19,7 +19,7 @@ VEIL = 0.6
 """Share of the scattered light that comes back from anywhere in the vessel."""
 
 
-def milk(
+def make_milk_effects(
     grid: tuple[int, int],
     pitch: tuple[float, float],
     depth: Array,
@@ -46,13 +46,15 @@ def milk(
     """
     kept = np.exp(-2.0 * depth)
     scattered = 1.0 - kept
-    effects: list[Effect] = [*coloured_direct(albedo * kept[:, None])]
+    effects: list[Effect] = [*make_direct_effects(albedo * kept[:, None])]
     if scattered.any():
         # The square root on either side keeps the path the same both ways.
         gate = np.sqrt(forward * scattered * albedo.mean(axis=1))
         effects.append(
-            Kernel("blur", grid, gaussian(grid, pitch, sigma), gate, gate, tint=tint),
+            KernelEffect(
+                "blur", grid, make_gaussian_kernel(grid, pitch, sigma), gate, gate, tint=tint
+            ),
         )
         even = scattered[:, None]
-        effects.append(LowRank("veil", veil * even, even / even.sum(), tint=tint))
+        effects.append(LowRankEffect("veil", veil * even, even / even.sum(), tint=tint))
     return tuple(effects)

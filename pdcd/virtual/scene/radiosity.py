@@ -23,16 +23,16 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.virtual.scene.effects import Array, Cells, Tinted, sum_of_products
+from pdcd.virtual.scene.effects import Array, Cells, TintedEffect, sum_products
 
-PATCHES = (12, 16)
+_PATCHES = (12, 16)
 """Patches along rows and columns, at most; light between matte surfaces is smooth."""
-STEEPEST = 0.2
+_STEEPEST = 0.2
 """Smallest cosine taken for the slope of a surface: a step between two cells is no real slope."""
 
 
 @dataclass(frozen=True, eq=False)
-class Radiosity(Tinted):
+class Radiosity(TintedEffect):
     """Inter-reflection between patches, two bounces and more.
 
     grid : (rows, cols)
@@ -62,7 +62,7 @@ class Radiosity(Tinted):
 
     def probe(self, left: Array, right: Array) -> Array:
         """See `Effect.probe`."""
-        return sum_of_products(left, self.apply(right))
+        return sum_products(left, self.apply(right))
 
     @cached_property
     def _weights(self) -> Any:
@@ -115,8 +115,8 @@ class Relief:
 
     @cached_property
     def cosine(self) -> Array:
-        """Cosine (rows, cols) of the light's angle on the surface, at least `STEEPEST`."""
-        return np.maximum(self.normals[..., 2], STEEPEST)
+        """Cosine (rows, cols) of the light's angle on the surface, at least `_STEEPEST`."""
+        return np.maximum(self.normals[..., 2], _STEEPEST)
 
     @cached_property
     def points(self) -> Array:
@@ -128,12 +128,12 @@ class Relief:
         return np.stack([x, y, self.height], axis=-1)
 
 
-def radiosity(
+def make_radiosity_effects(
     name: str,
     relief: Relief,
     albedo: Array,
     tints: Sequence[Array],
-    patches: tuple[int, int] = PATCHES,
+    patches: tuple[int, int] = _PATCHES,
 ) -> tuple[Radiosity, ...]:
     """Return the inter-reflection of a matte relief, one effect for each column of `albedo`.
 
@@ -147,9 +147,9 @@ def radiosity(
     """
     rows, cols = relief.height.shape
     shape = (min(rows, patches[0]), min(cols, patches[1]))
-    down, across = hat_weights(rows, shape[0]), hat_weights(cols, shape[1])
+    down, across = make_hat_weights(rows, shape[0]), make_hat_weights(cols, shape[1])
     cell = relief.pitch[0] * relief.pitch[1]
-    kernel = form_kernel(relief, shape)
+    kernel = compute_form_kernel(relief, shape)
 
     def gather(values: Array) -> Array:
         return (down.T @ values.reshape(rows, cols) @ across).ravel()
@@ -157,16 +157,16 @@ def radiosity(
     area = cell / relief.cosine
     patch_area = gather(area)
     # Patches that overlap have other areas than those of the kernel's own points.
-    kernel = limited(kernel, patch_area)
+    kernel = limit_kernel(kernel, patch_area)
     effects = []
     for column, tint in zip(albedo.T, tints, strict=True):
         patch_albedo = gather(area * column.reshape(rows, cols)) / patch_area
-        exchange = cell * closed_exchange(kernel, patch_area, patch_albedo)
+        exchange = cell * solve_exchange(kernel, patch_area, patch_albedo)
         effects.append(Radiosity(name, (rows, cols), column, exchange, down, across, tint=tint))
     return tuple(effects)
 
 
-def hat_weights(cells: int, patches: int) -> Array:
+def make_hat_weights(cells: int, patches: int) -> Array:
     """Return weights (cells, patches) of linear interpolation; each row sums to 1.
 
     Beyond the centre of the first and the last patch the nearest patch holds alone.
@@ -176,10 +176,10 @@ def hat_weights(cells: int, patches: int) -> Array:
     return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(patches)))
 
 
-def closed_exchange(kernel: Array, area: Array, albedo: Array) -> Array:
+def solve_exchange(kernel: Array, area: Array, albedo: Array) -> Array:
     """Return ``X = (1 - K A R)^-1 K`` (p, p), the sum over all bounces, by one direct solve.
 
-    Row sums of ``K A`` are at most 1 (see `limited`) and albedos below 1, so the matrix is
+    Row sums of ``K A`` are at most 1 (see `limit_kernel`) and albedos below 1, so the matrix is
     strictly diagonally dominant by rows and the solve is stable up to albedo 0.999 and beyond,
     where a sum over bounces would need thousands of terms.
     """
@@ -189,7 +189,7 @@ def closed_exchange(kernel: Array, area: Array, albedo: Array) -> Array:
     return np.asarray(0.5 * (exchange + exchange.T))
 
 
-def form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
+def compute_form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
     """Return K (p, p), symmetric: form factor over area between all pairs of patches.
 
     ``K = cos cos / (pi d^2)``, averaged over 2 x 2 points of either patch. The area of a point is
@@ -209,7 +209,7 @@ def form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
     facing = np.maximum(leaving, 0.0)
     facing *= facing.T > 0.0
     first, second = np.nonzero(np.triu(facing))
-    hidden = ~clear_pairs(relief, points[first], points[second])
+    hidden = ~find_clear_pairs(relief, points[first], points[second])
     facing[first[hidden], second[hidden]] = 0.0
     square = np.sum((points[:, None] - points[None]) ** 2, axis=-1)
     mean_area = np.sqrt(area[:, None] * area)
@@ -220,10 +220,10 @@ def form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
     split = fine.reshape(shape[0], 2, shape[1], 2, shape[0], 2, shape[1], 2)
     kernel = split.mean(axis=(1, 3, 5, 7)).reshape(shape[0] * shape[1], -1)
     patch_area = area.reshape(shape[0], 2, size).sum(axis=1).reshape(-1, 2).sum(axis=1)
-    return limited(kernel, patch_area)
+    return limit_kernel(kernel, patch_area)
 
 
-def limited(kernel: Array, area: Array) -> Array:
+def limit_kernel(kernel: Array, area: Array) -> Array:
     """Return K (p, p) with rows of ``sum K A > 1`` scaled down from both sides: no patch receives
     more than all light. `area` (p,) is A."""
     scale = 1.0 / np.maximum(1.0, kernel @ area)
@@ -231,7 +231,7 @@ def limited(kernel: Array, area: Array) -> Array:
     return scaled
 
 
-def clear_pairs(relief: Relief, start: Array, end: Array, steps: int = 8) -> NDArray[np.bool_]:
+def find_clear_pairs(relief: Relief, start: Array, end: Array, steps: int = 8) -> NDArray[np.bool_]:
     """Return whether the surface leaves the line from `start` to `end` free, for s pairs, (s,).
 
     `start`, `end` (s, 3) are points of the surface; the line is compared with the surface, linear

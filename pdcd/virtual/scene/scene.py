@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import Array, Cells, Effect
 from pdcd.virtual.scene.texture import Drawing
 
 
-class OnFirstUse:
+class _OnFirstUse:
     """An attribute of a scene: a texture that is given, or drawn when it is first looked at."""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -60,8 +60,8 @@ class Scene:
     grid: tuple[int, int]
     effects: tuple[Effect, ...]
     ambient: Array | None = None
-    texture: OnFirstUse = OnFirstUse()
-    indirect_texture: OnFirstUse = OnFirstUse()
+    texture: _OnFirstUse = _OnFirstUse()
+    indirect_texture: _OnFirstUse = _OnFirstUse()
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: a texture that can be drawn is drawn anew there."""
@@ -130,7 +130,7 @@ class Scene:
     def displacement(self) -> Array | None:
         """Where direct light comes from, beside the cell that sees it, (N, 2) cells down and right;
         None on a coaxial bench (`pdcd.virtual.scene.displaced`)."""
-        found = [e.displacement for e in self.effects if isinstance(e, Displaced)]
+        found = [e.displacement for e in self.effects if isinstance(e, DisplacedEffect)]
         return found[0] if found else None
 
     def photo(
@@ -166,7 +166,7 @@ class Scene:
         for effect in self.effects:
             if effect.coaxial:
                 share = effect.diagonal() * coaxial
-            elif displaced is not None and isinstance(effect, Displaced):
+            elif displaced is not None and isinstance(effect, DisplacedEffect):
                 share = effect.albedo * displaced
             else:
                 share = effect.probe(left, right)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from pdcd.virtual.scene.effects import Array
 
-Colour = tuple[float, float, float]
+_Colour = tuple[float, float, float]
 
-NEAR = 1e-9
+_NEAR = 1e-9
 """Share of the way to a point before which a surface does not count: it is the point's own."""
 
 
@@ -28,7 +28,7 @@ class Rectangle:
     corner: tuple[float, float, float]
     across: tuple[float, float, float]
     down: tuple[float, float, float]
-    albedo: Colour
+    albedo: _Colour
 
     @cached_property
     def normal(self) -> Array:
@@ -56,14 +56,14 @@ class Rectangle:
         against = way @ self.normal
         with np.errstate(divide="ignore", invalid="ignore"):
             far = (np.asarray(self.corner) - start) @ self.normal / against
-        found = (against != 0.0) & (far > NEAR)
+        found = (against != 0.0) & (far > _NEAR)
         far = np.where(found, far, 0.0)
         u, v = self.place(start + far[..., None] * way)
         inside = found & (u >= 0.0) & (u <= 1.0) & (v >= 0.0) & (v <= 1.0)
         return np.where(inside, far, np.inf)
 
 
-def wall(z: float, half: tuple[float, float], albedo: Colour) -> Rectangle:
+def make_wall(z: float, half: tuple[float, float], albedo: _Colour) -> Rectangle:
     """A wall square to the rig's axis, at distance z, `half` (width, height) to either side."""
     width, height = half
     return Rectangle(
@@ -71,8 +71,8 @@ def wall(z: float, half: tuple[float, float], albedo: Colour) -> Rectangle:
     )
 
 
-def box(
-    low: tuple[float, float, float], high: tuple[float, float, float], albedo: Colour
+def make_box(
+    low: tuple[float, float, float], high: tuple[float, float, float], albedo: _Colour
 ) -> tuple[Rectangle, ...]:
     """The faces of a box but for the back one; the front comes first."""
     (x0, y0, z0), (x1, y1, z1) = low, high
@@ -86,7 +86,7 @@ def box(
     )
 
 
-def first_met(
+def find_first_hit(
     surfaces: Sequence[Rectangle], start: Array, way: Array
 ) -> tuple[NDArray[np.int64], Array]:
     """Which surface lines from `start` (3,) or (n, 3) along `way` (n, 3) meet first, and where.
@@ -105,7 +105,7 @@ def first_met(
     return np.where(there, which, -1), points
 
 
-def clear(surfaces: Sequence[Rectangle], start: Array, end: Array) -> NDArray[np.bool_]:
+def find_clear_lines(surfaces: Sequence[Rectangle], start: Array, end: Array) -> NDArray[np.bool_]:
     """Whether nothing lies between points `start` and `end`, (n, 3) each; (n,).
 
     Surfaces on which either point lies do not count.

@@ -7,9 +7,9 @@ which cells know only means, is then
 
     texture(y) * between(cells / means)(y)
 
-with `means` those of the texture over the cells, and `between` linear between cell centres. Where
-light follows the texture, as it does on a matte surface, cells / means is smooth, and cell edges do
-not show. Only the proportions of a texture count: any factor cancels.
+with `means` those of the texture over the cells, and `sample_cells` linear between cell centres.
+Where light follows the texture, as it does on a matte surface, cells / means is smooth, and cell
+edges do not show. Only the proportions of a texture count: any factor cancels.
 
 Points of the field are (x, y), 0 to 1 to the right and down.
 """
@@ -28,20 +28,20 @@ Drawing = Callable[[], Array]
 """Draws a texture; a function of a module, or a partial of one, so that a scene can be pickled."""
 
 
-def cell_means(texture: Array, grid: tuple[int, int]) -> Array:
+def average_cells(texture: Array, grid: tuple[int, int]) -> Array:
     """Return the means (N, C) of a texture (H, W, C) over the cells of a grid (rows, cols).
 
     A pixel that lies in several cells counts in each by its share.
     """
     height, width, channels = texture.shape
-    down = shares(grid[0], height) @ texture.reshape(height, -1)
+    down = compute_pixel_shares(grid[0], height) @ texture.reshape(height, -1)
     across = down.reshape(grid[0], width, channels).transpose(1, 0, 2).reshape(width, -1)
-    means = (shares(grid[1], width) @ across).reshape(grid[1], grid[0], channels)
+    means = (compute_pixel_shares(grid[1], width) @ across).reshape(grid[1], grid[0], channels)
     whole: Array = np.ascontiguousarray(means.transpose(1, 0, 2))
     return whole.reshape(grid[0] * grid[1], channels)
 
 
-def sampled(texture: Array, points: Array) -> Array:
+def sample_texture(texture: Array, points: Array) -> Array:
     """Return a texture (H, W, C) at points of the field (..., 2): (..., C).
 
     Beyond the field its border goes on; a point that is NaN gets the first pixel.
@@ -62,7 +62,7 @@ def _whole(places: Array, size: int) -> NDArray[np.int32]:
     return found.astype(np.int32)
 
 
-def between(cells: Array, grid: tuple[int, int], points: Array) -> Array:
+def sample_cells(cells: Array, grid: tuple[int, int], points: Array) -> Array:
     """Return values of cells (N, C) at points of the field (..., 2): (..., C).
 
     Linear between the centres of cells; beyond those of the outermost cells their values go on,
@@ -81,7 +81,7 @@ def between(cells: Array, grid: tuple[int, int], points: Array) -> Array:
     return np.stack(parts, axis=-1)
 
 
-def shares(cells: int, pixels: int) -> scipy.sparse.csr_array:
+def compute_pixel_shares(cells: int, pixels: int) -> scipy.sparse.csr_array:
     """Return how much each pixel of a line takes part in the mean of each cell, (cells, pixels).
 
     Both divide the same line evenly; rows sum to 1.

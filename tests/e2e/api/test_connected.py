@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import pdcd
-from pdcd.api.connected import Connected
+from pdcd.api.connected import DaemonBench
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.protocol.events import Event
 from pdcd.protocol.request import CaptureRequest
-from pdcd.server.daemon import serve
+from pdcd.server.daemon import serve_daemon
 from tests.bench_rig import GRID, config
 from tests.e2e.server._server_harness import threaded_daemon
 
@@ -28,10 +28,10 @@ PATIENCE_S = 60.0
 
 
 @contextmanager
-def daemon(rig: Config, socket: Path) -> Iterator[Connected]:
+def daemon(rig: Config, socket: Path) -> Iterator[DaemonBench]:
     """A daemon with a real engine in a thread, and its bench."""
     loop, stop = asyncio.new_event_loop(), asyncio.Event()
-    body = serve(rig, socket=socket, engine_factory=Engine.from_config, stop=stop)
+    body = serve_daemon(rig, socket=socket, engine_factory=Engine.from_config, stop=stop)
     thread = threading.Thread(target=loop.run_until_complete, args=(body,))
     thread.start()
     try:
@@ -40,7 +40,7 @@ def daemon(rig: Config, socket: Path) -> Iterator[Connected]:
             try:
                 bench = pdcd.connect(socket)
                 break
-            except Unreachable:
+            except UnreachableError:
                 assert time.monotonic() < give_up_s
                 time.sleep(0.01)
         with bench:

@@ -12,7 +12,7 @@ from pdcd.bench import config
 from pdcd.bench.tables import Config, DisplayConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, PdcdError
-from pdcd.server.daemon import run
+from pdcd.server.daemon import run_daemon
 from tests.places import ROOT
 
 BENCH_TOML = ROOT / "config" / "bench.toml"
@@ -21,7 +21,7 @@ NOWHERE = ":4242"
 
 def bench(folder: Path, **changes: object) -> Config:
     """The example, but for an X server that is there for sure not, and its own state."""
-    found = config.load(BENCH_TOML)
+    found = config.load_config(BENCH_TOML)
     display = msgspec.structs.replace(
         found.display, options={**found.display.options, "display": NOWHERE}
     )
@@ -32,7 +32,7 @@ def bench(folder: Path, **changes: object) -> Config:
 def test_the_daemon_names_the_first_device_that_is_missing(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    code = run(bench(tmp_path), socket=tmp_path / "s", engine_factory=Engine.from_config)
+    code = run_daemon(bench(tmp_path), socket=tmp_path / "s", engine_factory=Engine.from_config)
     assert code == 5
     (said,) = [r.getMessage() for r in caplog.records if "cannot serve" in r.getMessage()]
     assert f"the X server {NOWHERE} does not answer" in said and "pdcd-x" in said

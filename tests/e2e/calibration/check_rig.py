@@ -17,9 +17,9 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.calibration.check.check_step import KEPT, check_bench
+from pdcd.calibration.check.check_step import REFERENCE_KEPT, check_bench
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.script import Outcome
+from pdcd.calibration.script import StepOutcome
 from pdcd.capture.worker.calibrating import read_arrays, write_arrays
 from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands
@@ -129,7 +129,7 @@ def calibrated(truth: Truth, folder: Path) -> Hands:
         "timing.leaks": np.array([0.0, 1.0 / CONTRAST]),
     }
     outcome = one.run("check", check_bench(one.session))
-    assert outcome.advice == (KEPT,)
+    assert outcome.advice == (REFERENCE_KEPT,)
     assert one.photos == 5
     return one
 
@@ -149,6 +149,6 @@ def later(reference: Hands, folder: Path, truth: Truth) -> Hands:
     return found
 
 
-def verdicts(outcome: Outcome) -> dict[str, Verdict]:
+def verdicts(outcome: StepOutcome) -> dict[str, Verdict]:
     """Figures of a check that are not good."""
     return {f.name: f.verdict for f in outcome.figures if f.verdict is not Verdict.GOOD}

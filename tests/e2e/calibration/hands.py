@@ -8,12 +8,18 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.devices import CameraSettings
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import truth_of
+from pdcd.bench.truth import load_bench_truth
 from pdcd.calibration.check.check_step import check_bench
-from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted
-from pdcd.calibration.shown import frames_of
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    CalibrationSession,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+)
+from pdcd.calibration.shown import pack_frames
 from pdcd.capture.rig import Rig
 from pdcd.panels.placing import Placing
 from pdcd.sensor.profile import load_profile
@@ -32,7 +38,7 @@ class Hands:
     folder: Path
     full: int = 240
     f_number: float = 36.0
-    session: Session = field(init=False)
+    session: CalibrationSession = field(init=False)
     asked: list[str] = field(default_factory=list)
     numbers: list[tuple[float | None, float | None]] = field(default_factory=list)
     benches: list[Config] = field(default_factory=list)
@@ -46,29 +52,29 @@ class Hands:
         profile = load_profile(self.config.camera.profile)
         iso = self.config.camera.iso or min(camera.isos)
         stop = min(camera.f_numbers, key=lambda f: abs(f - self.f_number))
-        self.session = Session(self.config, profile, camera, iso, stop, self.full)
+        self.session = CalibrationSession(self.config, profile, camera, iso, stop, self.full)
 
     def knows_maps(self) -> None:
         """As after a perfect geometry step."""
-        true = truth_of(self.config).of(self.config)
+        true = load_bench_truth(self.config).of(self.config)
         assert self.config.camera.frame_quads is not None
         panels = panels_of(true)
         maps = {
             "projector": panels.projector.map,
             "mask": panels.mask.map,
-            "camera": camera_map(true, self.config.camera.frame_quads[::-1]),
+            "camera": make_camera_map(true, self.config.camera.frame_quads[::-1]),
         }
         for name, map_ in maps.items():
             table = getattr(self.session.config, name)
             table = msgspec.structs.replace(table, place=Placing(map=map_))
             self.session.config = msgspec.structs.replace(self.session.config, **{name: table})
 
-    def run(self, step: str, script: Script) -> Outcome:
+    def run(self, step: str, script: StepScript) -> StepOutcome:
         """Run a step to its end; the session learns what it found."""
         wanted = next(script)
         while True:
             try:
-                if isinstance(wanted, Wanted):
+                if isinstance(wanted, PhotoRequest):
                     wanted = script.send(self._taken(wanted))
                 else:
                     self.asked.append(wanted.text)
@@ -78,20 +84,20 @@ class Hands:
                         self.rig.connect()
                     wanted = script.send(None)
             except StopIteration as end:
-                outcome: Outcome = end.value
+                outcome: StepOutcome = end.value
                 self.session.learn(step, outcome)
                 return outcome
 
-    def run_check(self) -> Outcome:
+    def run_check(self) -> StepOutcome:
         """Run the check."""
         return self.run("check", check_bench(self.session))
 
-    def _taken(self, wanted: Wanted) -> Taken:
+    def _taken(self, wanted: PhotoRequest) -> CalibrationPhoto:
         self.photos += 1
         session = self.session
         iso = wanted.iso or session.iso
         done = self.rig.expose(
-            frames_of(wanted.shown),
+            pack_frames(wanted.shown),
             CameraSettings(iso, wanted.f_number or session.f_number),
             self.folder,
             f"{self.photos:03d}-{wanted.shown.name}",
@@ -106,4 +112,4 @@ class Hands:
             saturation_dn=session.profile.saturation_dn(iso),
         )
         done.raw.path.unlink()
-        return Taken(wanted.shown.name, raw, done.log, done.open_ns, done.close_ns, iso)
+        return CalibrationPhoto(wanted.shown.name, raw, done.log, done.open_ns, done.close_ns, iso)

@@ -21,7 +21,7 @@ from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from pdcd.protocol.events import Event, StepEnded
 from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 
 QUADS = (256, 192)
 PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
@@ -122,7 +122,7 @@ def calibrate(engine: Engine, *steps: Any, **request: Any) -> Calibrated:
 
     result = engine.calibrate(
         CalibrateRequest(steps=steps, **request),
-        job=new_job_id(),
+        job=make_job_id(),
         emit=emit,
         cancelled=lambda: False,
     )

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.capture.again import again
+from pdcd.capture.again import recompute_calibration
 from pdcd.capture.engine import Engine
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
@@ -44,7 +44,7 @@ def ran(
 
 
 def differing(folder: Path) -> list[str]:
-    return [item.name for item in again(folder).items if not item.identical]
+    return [item.name for item in recompute_calibration(folder).items if not item.identical]
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.calibration.registration.focus_step import focus
+from pdcd.calibration.registration.focus_step import watch_focus
 from tests.e2e.calibration.hands import Hands
 
 
@@ -45,7 +45,7 @@ def bench(
 def test_focus_tells_a_number_until_nobody_turns(tmp_path: Path) -> None:
     one = Hands(bench(tmp_path, "soft", blur_quads=2.0), tmp_path, full=80, f_number=22.0)
     one.benches = [bench(tmp_path, f"turn{n}", blur_quads=2.0 - 0.5 * n) for n in (1, 2, 3)]
-    outcome = one.run("focus", focus(one.session))
+    outcome = one.run("focus", watch_focus(one.session))
     seen = [float(text.split("now ")[1].split(",")[0]) for text in one.asked]
     assert seen[0] < seen[1] - 0.05 < seen[2] - 0.1
     assert len(one.asked) < 10

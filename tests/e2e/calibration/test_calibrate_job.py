@@ -18,13 +18,13 @@ import pytest
 
 from pdcd.bench import calibration as kept
 from pdcd.bench.calibration import read_calibration
-from pdcd.bench.choosing import FOLDER, newest
-from pdcd.bench.config import load
-from pdcd.bench.measured import calibrated
-from pdcd.bench.origins import origins
+from pdcd.bench.choosing import CALIBRATIONS_FOLDER, find_newest_calibration
+from pdcd.bench.config import load_config
+from pdcd.bench.measured import apply_calibration
+from pdcd.bench.origins import trace_origins
 from pdcd.bench.tables import CalibrationConfig, Config
-from pdcd.capture.again import again
-from pdcd.capture.bench_check import doubts
+from pdcd.capture.again import recompute_calibration
+from pdcd.capture.bench_check import find_calibration_doubts
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.cli.main import main
@@ -94,7 +94,7 @@ def calibrate(engine: Engine, *steps: str, job: str = "20260101T000000Z-0001") -
 def done(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, CaptureResult]]:
     """A bench that was calibrated once."""
     path = bench(tmp_path_factory.mktemp("bench"), scene="open-book")
-    engine = Engine.from_config(load(path))
+    engine = Engine.from_config(load_config(path))
     engine.start()
     try:
         result = calibrate(engine, "geometry")
@@ -157,7 +157,7 @@ def test_it_is_computed_again_bit_for_bit(
     done: tuple[Path, CaptureResult], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = Path(str(done[1].folder))
-    report = again(folder)
+    report = recompute_calibration(folder)
     assert report.identical and {"maps.npz", "arrays.npz"} <= {item.name for item in report.items}
     assert main(["calibrate", "--again", str(folder)]) == 0
     assert "DIFFERS" not in capsys.readouterr().out
@@ -168,12 +168,12 @@ def test_it_is_computed_again_bit_for_bit(
     data[-1] ^= 1
     photo.write_bytes(data)
     with pytest.raises(DecodeError):
-        again(copy)
+        recompute_calibration(copy)
 
 
 def test_a_check_is_computed_again_by_what_was_known_before_it(tmp_path: Path) -> None:
     """It leaves a reference for later ones, which it did not have itself."""
-    engine = Engine.from_config(load(bench(tmp_path, scene="open-book")))
+    engine = Engine.from_config(load_config(bench(tmp_path, scene="open-book")))
     engine.start()
     taken = [
         calibrate(engine, step, job=f"20260101T000000Z-000{number}")
@@ -182,12 +182,12 @@ def test_a_check_is_computed_again_by_what_was_known_before_it(tmp_path: Path) -
     engine.stop()
     geometry, check = (Path(str(result.folder)) for result in taken)
     assert not read_calibration(geometry)[0].before and read_calibration(check)[0].before
-    assert again(check).identical
+    assert recompute_calibration(check).identical
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     for folder in (geometry, check):
         folder.rename(moved / folder.name)
-    assert again(moved / check.name).identical
+    assert recompute_calibration(moved / check.name).identical
 
 
 def test_a_script_reads_what_it_needs_from_the_last_line_and_the_record(
@@ -203,13 +203,13 @@ def test_a_script_reads_what_it_needs_from_the_last_line_and_the_record(
     assert config["camera"] == {"place": {"map": "maps.npz"}, "blur_quads": 0.0}
     assert config["mask"]["offset_px"] == [0.0, 0.0]
     # The next one with the same state folder goes by it, wherever it lies.
-    assert calibrated(load(path)).calibration.use == str(folder)
+    assert apply_calibration(load_config(path)).calibration.use == str(folder)
     assert main(["capture", "white", "--codes", "4", *words]) == 0
     taken = json.loads(capsys.readouterr().out.splitlines()[-1])
     manifest = read_manifest(Path(taken["folder"]))
     assert manifest.config["calibration"]["sha256"] == last["manifest_sha256"]
     shutil.rmtree(folder)
-    assert calibrated(load(path)).mask.place.map is None
+    assert apply_calibration(load_config(path)).mask.place.map is None
 
 
 def test_one_that_failed_did_not_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -236,39 +236,39 @@ def test_measured_values_stand_in_the_place_of_typed_ones(
     done: tuple[Path, CaptureResult],
 ) -> None:
     path, result = done
-    typed = load(path)
-    used = calibrated(typed)
+    typed = load_config(path)
+    used = apply_calibration(typed)
     assert used.mask.place.map is not None and typed.mask.place.map is None
-    assert used.mask.fall_s == 0.004 and calibrated(used) == used
-    assert calibrated(with_table(typed, use="none")).mask.place.map is None
-    kept_ = calibrated(with_table(typed, keep=["mask.place.map"]))
+    assert used.mask.fall_s == 0.004 and apply_calibration(used) == used
+    assert apply_calibration(with_table(typed, use="none")).mask.place.map is None
+    kept_ = apply_calibration(with_table(typed, keep=["mask.place.map"]))
     assert kept_.mask.place.map is None and kept_.camera.place.map is not None
-    by_path = calibrated(with_table(typed, use=str(result.folder)))
+    by_path = apply_calibration(with_table(typed, use=str(result.folder)))
     assert by_path.mask.place == used.mask.place
     with pytest.raises(ConfigError, match="not the one with the digest"):
-        calibrated(with_table(typed, sha256="0" * 64))
-    told = {o.key: o for o in origins(path, typed)}
+        apply_calibration(with_table(typed, sha256="0" * 64))
+    told = {o.key: o for o in trace_origins(path, typed)}
     assert told["mask.place"].how == "measured" and "by geometry" in told["mask.place"].words
     assert told["mask.fall_s"].how == "typed" and told["mask.rise_s"].how == "default"
 
 
 def test_one_of_another_bench_is_passed_over_or_refused(done: tuple[Path, CaptureResult]) -> None:
     path, result = done
-    config = load(path)
+    config = load_config(path)
     other = msgspec.structs.replace(
         config, mask=msgspec.structs.replace(config.mask, size_px=(800, 600))
     )
-    assert calibrated(other) == other
+    assert apply_calibration(other) == other
     with pytest.raises(ConfigError, match=r"another bench: mask\.size_px"):
-        calibrated(with_table(other, use=str(result.folder)))
+        apply_calibration(with_table(other, use=str(result.folder)))
     with pytest.raises(ConfigError, match="cannot be used"):
-        calibrated(with_table(config, use=str(path.parent)))
+        apply_calibration(with_table(config, use=str(path.parent)))
 
 
 def test_damaged_and_bad_ones_are_not_the_latest(
     done: tuple[Path, CaptureResult], tmp_path: Path
 ) -> None:
-    config, folder = load(done[0]), Path(str(done[1].folder))
+    config, folder = load_config(done[0]), Path(str(done[1].folder))
     record, _ = read_calibration(folder)
 
     def keep(name: str, verdict: str, line: bytes | None = None) -> Path:
@@ -276,18 +276,21 @@ def test_damaged_and_bad_ones_are_not_the_latest(
         made.mkdir()
         left_out = {"geometry": "bad"} if verdict == "bad" else {}
         told = msgspec.structs.replace(record, name=name, verdict=verdict, left_out=left_out)
-        data = kept.encoded(told)
+        data = kept.encode_calibration(told)
         (made / kept.RECORD).write_bytes(data)
-        (made / kept.DIGEST).write_bytes(line or kept.digest_line(data))
+        (made / kept.CALIBRATION_DIGEST).write_bytes(line or kept.format_digest_line(data))
         return made
 
     good = keep("a", "doubtful")
-    assert newest(tmp_path, config) == good
+    assert find_newest_calibration(tmp_path, config) == good
     bad = keep("b", "bad")
-    assert newest(tmp_path, config) == good and newest(tmp_path, config, bad=True) == bad
+    assert (
+        find_newest_calibration(tmp_path, config) == good
+        and find_newest_calibration(tmp_path, config, bad=True) == bad
+    )
     keep("c", "good", b"0" * 64 + b"  calibration.json\n")
     keep("d.partial", "good")
-    assert newest(tmp_path, config) == good
+    assert find_newest_calibration(tmp_path, config) == good
 
 
 def test_a_capture_says_that_a_check_after_its_calibration_was_bad(
@@ -295,19 +298,21 @@ def test_a_capture_says_that_a_check_after_its_calibration_was_bad(
 ) -> None:
     path, result = done
     folder = Path(str(result.folder))
-    rig = Rig(calibrated(load(path)))
-    assert not list(doubts(rig.config, rig, 100))
+    rig = Rig(apply_calibration(load_config(path)))
+    assert not list(find_calibration_doubts(rig.config, rig, 100))
     record, _ = read_calibration(folder)
     later = folder.parent / "29990101T000000Z-0001"
     later.mkdir()
-    data = kept.encoded(msgspec.structs.replace(record, name=later.name, verdict="bad"))
+    data = kept.encode_calibration(msgspec.structs.replace(record, name=later.name, verdict="bad"))
     (later / kept.RECORD).write_bytes(data)
-    (later / kept.DIGEST).write_bytes(kept.digest_line(data))
+    (later / kept.CALIBRATION_DIGEST).write_bytes(kept.format_digest_line(data))
     try:
-        (told,) = doubts(rig.config, rig, 100)
+        (told,) = find_calibration_doubts(rig.config, rig, 100)
         assert later.name in told and "calibrate again" in told
         aged = msgspec.structs.replace(rig.config.calibration, max_age_days=1e-9, check="always")
-        old = list(doubts(msgspec.structs.replace(rig.config, calibration=aged), rig, 100))
+        old = list(
+            find_calibration_doubts(msgspec.structs.replace(rig.config, calibration=aged), rig, 100)
+        )
         assert len(old) == 2 and "days old" in old[1]
     finally:
         shutil.rmtree(later)
@@ -315,7 +320,7 @@ def test_a_capture_says_that_a_check_after_its_calibration_was_bad(
 
 def test_a_lens_cap_is_named_and_nothing_changes(tmp_path: Path) -> None:
     path = bench(tmp_path, options="options = {albedo = 1e-12}", camera="noise = 'full'")
-    engine = Engine.from_config(load(path))
+    engine = Engine.from_config(load_config(path))
     engine.start()
     try:
         result = calibrate(engine, "geometry")
@@ -325,11 +330,13 @@ def test_a_lens_cap_is_named_and_nothing_changes(tmp_path: Path) -> None:
         assert engine._config.calibration.sha256 is None
     finally:
         engine.stop()
-    assert newest(tmp_path / "state" / FOLDER, load(path)) is None
+    assert (
+        find_newest_calibration(tmp_path / "state" / CALIBRATIONS_FOLDER, load_config(path)) is None
+    )
 
 
 def test_a_cancelled_one_leaves_the_old_in_use(tmp_path: Path) -> None:
-    engine = Engine.from_config(load(bench(tmp_path)))
+    engine = Engine.from_config(load_config(bench(tmp_path)))
     engine.start()
     photos: list[str] = []
 
@@ -363,9 +370,11 @@ def test_a_killed_one_leaves_no_finished_folder(tmp_path: Path) -> None:
             time.sleep(0.02)
         os.kill(child.pid, signal.SIGKILL)
         child.wait(30.0)
-    (left,) = (tmp_path / "state" / FOLDER).iterdir()
+    (left,) = (tmp_path / "state" / CALIBRATIONS_FOLDER).iterdir()
     assert left.name.endswith(".partial") and not (left / kept.RECORD).exists()
-    assert newest(tmp_path / "state" / FOLDER, load(path)) is None
+    assert (
+        find_newest_calibration(tmp_path / "state" / CALIBRATIONS_FOLDER, load_config(path)) is None
+    )
 
 
 def test_no_step_of_that_name(capsys: pytest.CaptureFixture[str]) -> None:

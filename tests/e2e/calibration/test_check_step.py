@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from pdcd.bench.placed import panels_of
-from pdcd.bench.truth import truth_of
-from pdcd.calibration.check.check_step import KEPT, NO_LAG
+from pdcd.bench.truth import load_bench_truth
+from pdcd.calibration.check.check_step import NO_LAG, REFERENCE_KEPT
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.script import Outcome
+from pdcd.calibration.script import StepOutcome
 from pdcd.capture.worker.calibrating import read_arrays, write_arrays
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import between
+from pdcd.panels.map import map_between
 from tests.e2e.calibration.check_rig import (
     CHANGES,
     SKEW_S,
@@ -61,10 +61,10 @@ def test_a_small_change_is_taken_into_account_once(reference: Hands, tmp_path: P
     assert outcome.words["mask.skew_s"].value == pytest.approx(
         reference.session.config.mask.skew_s + 3e-4, abs=3e-5
     )
-    true = panels_of(truth_of(turned.config).of(turned.config))
+    true = panels_of(load_bench_truth(turned.config).of(turned.config))
     points = np.random.default_rng(1).uniform(0.1, 0.9, (100, 2)) * config.mask.size_px
-    wanted = between(true.mask.map, true.projector.map, points)
-    got = between(turned.session.found("mask"), turned.session.found("projector"), points)
+    wanted = map_between(true.mask.map, true.projector.map, points)
+    got = map_between(turned.session.found("mask"), turned.session.found("projector"), points)
     assert np.quantile(np.hypot(*(got - wanted).T), 0.95) < 0.05
     assert verdicts(turned.run_check()) == {}
 
@@ -78,7 +78,7 @@ def test_without_a_timing_the_lag_is_left_out_and_said(reference: Hands, tmp_pat
     assert outcome.advice == (NO_LAG,)
     assert "mask.skew_s" not in {figure.name for figure in outcome.figures}
     one.session.arrays = {}
-    assert one.run_check().advice == (KEPT, NO_LAG)
+    assert one.run_check().advice == (REFERENCE_KEPT, NO_LAG)
     # As the next calibration gets to know it.
     write_arrays(tmp_path / "arrays.npz", one.session.arrays)
     one.session.arrays = read_arrays(tmp_path / "arrays.npz")
@@ -87,8 +87,8 @@ def test_without_a_timing_the_lag_is_left_out_and_said(reference: Hands, tmp_pat
 
 def test_new_maps_ask_for_a_new_reference(reference: Hands, tmp_path: Path) -> None:
     one = later(reference, tmp_path, THEN)
-    one.session.learn("geometry", Outcome(maps={"mask": one.session.found("mask")}))
-    assert one.run_check().advice == (KEPT,)
+    one.session.learn("geometry", StepOutcome(maps={"mask": one.session.found("mask")}))
+    assert one.run_check().advice == (REFERENCE_KEPT,)
 
 
 def test_a_lens_cap_is_named(reference: Hands, tmp_path: Path) -> None:

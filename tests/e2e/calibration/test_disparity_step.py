@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.config import load
-from pdcd.bench.reading import emit
+from pdcd.bench.config import load_config
+from pdcd.bench.reading import format_toml
 from pdcd.bench.tables import Config
 from pdcd.cli.main import main
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.displaced import DisplacedEffect
 from tests.e2e.calibration.steps_rig import SmallBench
 
 GRID = (24, 32)
@@ -39,7 +39,7 @@ def true_disparity(config: Config) -> NDArray[np.float64]:
     (direct,) = {
         effect.displacement.tobytes(): effect.displacement
         for effect in build_scene(config.scene).effects
-        if isinstance(effect, Displaced)
+        if isinstance(effect, DisplacedEffect)
     }.values()
     return np.asarray(direct[:, 1].reshape(GRID))
 
@@ -68,8 +68,8 @@ def test_depth_is_seen_as_geometry_demands(
     # A request takes the file as it is.
     plain = {"rig": {"arrangement": "off-axis"}, "scene": {"kind": kind, "grid": list(GRID)}}
     path = tmp_path / "plan.toml"
-    path.write_text(emit(plain))
-    assert load(path).scene.grid == GRID
+    path.write_text(format_toml(plain))
+    assert load_config(path).scene.grid == GRID
     words = ["plan", "keyed", "--config", str(path), "--disparities", str(file), "--local"]
     assert main(words) == 0, capsys.readouterr().err
 

@@ -11,11 +11,11 @@ import pytest
 from msgspec import structs
 
 from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig, ScheduleConfig
-from pdcd.bench.truth import truth_of
+from pdcd.bench.truth import load_bench_truth
 from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.runs.folder import read_manifest
 from tests.e2e.calibration.steps_rig import SmallBench
 
@@ -55,7 +55,7 @@ def capture(config: Config, goal: Any) -> CaptureResult:
     try:
         return engine.capture(
             CaptureRequest(goal=goal, codes=64, parts=1),
-            job=new_job_id(),
+            job=make_job_id(),
             emit=lambda event: None,
             cancelled=lambda: False,
         )
@@ -65,7 +65,7 @@ def capture(config: Config, goal: Any) -> CaptureResult:
 
 def typed(config: Config, field_px: tuple[int, int, int, int]) -> Config:
     """The same bench with the truth typed in, and the same field."""
-    true = truth_of(config).of(config)
+    true = load_bench_truth(config).of(config)
     projector = structs.replace(true.projector, field_px=field_px)
     schedule = structs.replace(config.schedule, guards="auto")
     return structs.replace(

@@ -15,13 +15,13 @@ import pytest
 
 from pdcd.bench import calibration as kept
 from pdcd.bench.calibration import read_calibration
-from pdcd.bench.choosing import FOLDER
-from pdcd.bench.config import load
-from pdcd.bench.measured import calibrated, choice
+from pdcd.bench.choosing import CALIBRATIONS_FOLDER
+from pdcd.bench.config import load_config
+from pdcd.bench.measured import apply_calibration, choose_calibration
 from pdcd.calibration import steps
 from pdcd.calibration.check import check_step
-from pdcd.calibration.script import Script, Session
-from pdcd.capture.again import again
+from pdcd.calibration.script import CalibrationSession, StepScript
+from pdcd.capture.again import recompute_calibration
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import CalibrationError, DeviceLost, PdcdError
@@ -32,12 +32,12 @@ from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify_calibration import verify_calibration
 from tests.e2e.calibration.test_calibrate_job import bench
 
-FEW = frozenset(steps.STEPS) - {"geometry", "check"}
+FEW = frozenset(steps.STEP_SCRIPTS) - {"geometry", "check"}
 """Steps that are left out of a whole calibration here, for these tests shall not last."""
 KILLED = """
 import sys
 from pdcd.calibration import steps
-steps.AT_WISH = frozenset(steps.STEPS) - {"geometry", "check"}
+steps.AT_WISH = frozenset(steps.STEP_SCRIPTS) - {"geometry", "check"}
 from pdcd.cli.main import main
 sys.exit(main(["calibrate", "--local", "--yes", "--config", sys.argv[1]]))
 """
@@ -49,7 +49,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fail_at_check(monkeypatch: pytest.MonkeyPatch, err: Exception) -> None:
-    def check(session: Session) -> Script:
+    def check(session: CalibrationSession) -> StepScript:
         raise err
         yield
 
@@ -60,7 +60,7 @@ def calibrate(
     path: Path, job: str, *, cancel_at: str = "", **asked: object
 ) -> tuple[CaptureResult, list[Event]]:
     """One calibration by an engine of its own, as a new process has it."""
-    engine, heard = Engine.from_config(load(path)), list[Event]()
+    engine, heard = Engine.from_config(load_config(path)), list[Event]()
     engine.start()
     try:
         result = engine.calibrate(
@@ -106,7 +106,7 @@ def test_a_step_that_fails_leaves_the_steps_before_it_in_use(
     assert any(text.startswith("kept: geometry") for text in result.warnings)
     folder = Path(str(result.folder))
     record, _ = read_calibration(folder)
-    assert folder.parent == tmp_path / "state" / FOLDER and folder.name == record.name
+    assert folder.parent == tmp_path / "state" / CALIBRATIONS_FOLDER and folder.name == record.name
     assert [s.name for s in record.steps] == ["meter", "geometry"] and record.stopped is not None
     assert (record.state, record.stopped.step) == (result.state, "check")
     if how == "failed":
@@ -114,8 +114,8 @@ def test_a_step_that_fails_leaves_the_steps_before_it_in_use(
             "the room is too bright",
             "darken it",
         )
-    assert verify_calibration(folder).whole and again(folder).identical
-    assert calibrated(load(path)).mask.place.map is not None
+    assert verify_calibration(folder).whole and recompute_calibration(folder).identical
+    assert apply_calibration(load_config(path)).mask.place.map is not None
 
     result, heard = calibrate(path, "20260101T000001Z-0001")
     assert result.state == "done" and result.passed and result.summary["used"]
@@ -138,7 +138,7 @@ def test_devices_that_go_away_take_nothing_with_them(
     path = bench(tmp_path)
     with monkeypatch.context() as patch:
         fail_at_check(patch, DeviceLost("the camera went away", device="camera"))
-        engine = Engine.from_config(load(path))
+        engine = Engine.from_config(load_config(path))
         engine.start()
         try:
             result = engine.calibrate(
@@ -148,7 +148,7 @@ def test_devices_that_go_away_take_nothing_with_them(
             engine.stop()
     assert result.state == "failed" and result.error is not None
     assert result.error["kind"] == "device_lost"
-    assert choice(load(path)).folder == Path(str(result.folder))
+    assert choose_calibration(load_config(path)).folder == Path(str(result.folder))
 
 
 def test_a_disk_that_fills_up_at_the_end_leaves_what_was_kept(
@@ -162,15 +162,15 @@ def test_a_disk_that_fills_up_at_the_end_leaves_what_was_kept(
     path = bench(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr(RunFolder, "finish_with", full)
-        engine = Engine.from_config(load(path))
+        engine = Engine.from_config(load_config(path))
         engine.start()
         result = engine.calibrate(
             CalibrateRequest(), job="job", emit=lambda _: None, cancelled=lambda: False
         )
         engine.stop()
     assert result.state == "failed" and str(result.folder).endswith("job.partial")
-    found = choice(load(path))
-    assert found.folder == Path(str(result.folder)) / f"{kept.KEPT}02"
+    found = choose_calibration(load_config(path))
+    assert found.folder == Path(str(result.folder)) / f"{kept.STEP_FOLDER_PREFIX}02"
     assert found.config.mask.place.map is not None
 
 
@@ -187,7 +187,7 @@ def test_a_killed_one_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixt
             time.sleep(0.02)
         os.kill(child.pid, signal.SIGKILL)
         child.wait(30.0)
-    (left,) = (p for p in (tmp_path / "state" / FOLDER).iterdir() if p.is_dir())
+    (left,) = (p for p in (tmp_path / "state" / CALIBRATIONS_FOLDER).iterdir() if p.is_dir())
     assert left.name.endswith(".partial") and not (left / kept.RECORD).exists()
     words = ["--config", str(path)]
     assert main(["calibrate", "list", *words, "--json"]) == 0
@@ -207,9 +207,9 @@ def test_a_killed_one_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixt
 
     # By name, none, and the latest again.
     assert main(["calibrate", "use", "none", *words]) == 0
-    assert calibrated(load(path)).mask.place.map is None
+    assert apply_calibration(load_config(path)).mask.place.map is None
     assert main(["calibrate", "use", name, *words]) == 0
-    assert calibrated(load(path)).calibration.use.startswith(str(left))
+    assert apply_calibration(load_config(path)).calibration.use.startswith(str(left))
     assert main(["calibrate", "use", "gone", *words]) == 2
     assert main(["calibrate", "use", "latest", *words]) == 0
     assert main(["calibrate", "forget", name, *words]) == 2  # nobody is there to agree

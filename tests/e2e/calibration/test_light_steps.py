@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from drivers.mock.camera import F_NUMBERS, MockReadout
-from pdcd.bench.calibration import ARRAYS, PROFILE
-from pdcd.bench.measured import calibrated
-from pdcd.capture.again import again
+from pdcd.bench.calibration import CALIBRATION_ARRAYS, PROFILE
+from pdcd.bench.measured import apply_calibration
+from pdcd.capture.again import recompute_calibration
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.capture.worker.calibrating import read_arrays
@@ -87,7 +87,7 @@ def test_the_sensor_is_found(done: Calibrated) -> None:
     assert profile.row(100).gain_e_per_dn == pytest.approx(GAIN, rel=0.005)
     assert not profile.estimated
     # What the projector's edges add to any time of white.
-    edge = read_arrays(done.folder / ARRAYS)["sensor.edge_s"]
+    edge = read_arrays(done.folder / CALIBRATION_ARRAYS)["sensor.edge_s"]
     assert edge[0] == pytest.approx(0.0052 - 0.0031, abs=4.0 * edge[1] + 1e-4)
 
 
@@ -117,9 +117,11 @@ def test_contrasts_room_and_brightness_are_found(done: Calibrated) -> None:
 
 @pytest.mark.long
 def test_both_are_computed_again_bit_for_bit(done: Calibrated) -> None:
-    found = again(done.folder)
+    found = recompute_calibration(done.folder)
     assert found.identical, found.items
-    assert {"step light", "camera.profile", PROFILE, ARRAYS} <= {item.name for item in found.items}
+    assert {"step light", "camera.profile", PROFILE, CALIBRATION_ARRAYS} <= {
+        item.name for item in found.items
+    }
 
 
 @pytest.mark.long
@@ -148,13 +150,13 @@ def test_grey_levels_of_both_panels_are_found(tmp_path: Path) -> None:
     done = once(bench, "response")
     for panel, gamma in (("projector", 2.1), ("mask", 1.6)):
         assert done.value(f"{panel}.gamma") == pytest.approx(gamma, abs=0.01)
-        arrays = read_arrays(done.folder / ARRAYS)
+        arrays = read_arrays(done.folder / CALIBRATION_ARRAYS)
         levels, light = arrays[f"{panel}.grey.levels"], arrays[f"{panel}.grey.light"][0]
         assert light == pytest.approx((levels / 255.0) ** gamma, abs=0.01)
         half = int(arrays[f"{panel}.grey.level_for"][128])
         assert half == pytest.approx(255.0 * (128 / 255) ** (1.0 / gamma), abs=2)
     assert done.step("response").verdict == "good"
-    used = calibrated(bench.config)
+    used = apply_calibration(bench.config)
     assert (used.projector.gamma, used.mask.gamma) == pytest.approx((2.1, 1.6), abs=0.01)
     assert used.projector.lut is used.mask.lut is None
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pdcd.bench.calibration import MAPS
-from pdcd.bench.placed import camera_map, panels_of
-from pdcd.bench.truth import truth_of
-from pdcd.capture.again import again
-from pdcd.panels.map import between
+from pdcd.bench.placed import make_camera_map, panels_of
+from pdcd.bench.truth import load_bench_truth
+from pdcd.capture.again import recompute_calibration
+from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
@@ -35,11 +35,11 @@ def bench(folder: Path, turn_deg: float = 0.0, use: str = "latest") -> SmallBenc
 def off_px(found: Calibrated, made: SmallBench) -> float:
     """95th percentile of how far the camera's map to the projector lies from the truth."""
     maps = load_maps(found.folder / MAPS)
-    true = truth_of(made.config).of(made.config)
+    true = load_bench_truth(made.config).of(made.config)
     x, y = np.meshgrid(np.linspace(60, 420, 19), np.linspace(40, 280, 13))
     quads = np.stack([x, y], axis=-1).reshape(-1, 2)
-    said = between(maps["camera"], maps["projector"], quads)
-    real = between(camera_map(true, QUADS[::-1]), panels_of(true).projector.map, quads)
+    said = map_between(maps["camera"], maps["projector"], quads)
+    real = map_between(make_camera_map(true, QUADS[::-1]), panels_of(true).projector.map, quads)
     return float(np.percentile(np.hypot(*(said - real).T), 95.0))
 
 
@@ -61,7 +61,7 @@ def test_a_bumped_camera_is_found_on_the_scene_and_computed_again(tmp_path: Path
     assert (record.subject, record.marks) == ("scene", "auto")
     assert off_px(before, bumped) > 2.0
     assert off_px(found, bumped) < 0.1
-    assert again(found.folder).identical
+    assert recompute_calibration(found.folder).identical
 
 
 @pytest.mark.long

@@ -18,11 +18,11 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.bench.truth import truth_of
-from pdcd.calibration.registration.registration_step import registration
-from pdcd.calibration.script import Session
+from pdcd.bench.truth import load_bench_truth
+from pdcd.calibration.registration.registration_step import calibrate_registration
+from pdcd.calibration.script import CalibrationSession
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands
 from tests.unit.calibration.scripted import preview_of
@@ -74,7 +74,7 @@ def hands(
     return found
 
 
-def misplace(session: Session, right_px: float, *, flip: bool = False) -> None:
+def misplace(session: CalibrationSession, right_px: float, *, flip: bool = False) -> None:
     """Believe the mask to lie elsewhere, by pixels of the projector, and turned a little."""
     map_ = session.found("mask")
     width, _ = session.config.projector.size_px
@@ -89,12 +89,12 @@ def misplace(session: Session, right_px: float, *, flip: bool = False) -> None:
 
 def apart_px(one: Hands, mask: Map) -> np.ndarray:
     """How far a map of the mask is from the true one, in projector pixels."""
-    true = panels_of(truth_of(one.config).of(one.config))
+    true = panels_of(load_bench_truth(one.config).of(one.config))
     x, y = ((np.arange(20) + 0.5) / 20 * side for side in mask.size_px)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    where = between(true.mask.map, true.projector.map, points)
+    where = map_between(true.mask.map, true.projector.map, points)
     inside = ((where > 4.0) & (where < np.array(true.projector.size_px) - 4.0)).all(axis=-1)
-    found = between(mask, one.session.found("projector"), points)
+    found = map_between(mask, one.session.found("projector"), points)
     return np.asarray(np.hypot(*(found - where)[inside].T))
 
 
@@ -115,7 +115,7 @@ def test_a_camera_that_looks_straight_on_is_not_called_one_that_moved(
     )
     one = Hands(config, tmp_path, full=80, f_number=22.0)
     one.knows_maps()
-    told = {f.name: f for f in one.run("registration", registration(one.session)).figures}
+    told = {f.name: f for f in one.run("registration", calibrate_registration(one.session)).figures}
     assert told["mask.offset_px"].value < 0.1
 
 
@@ -124,7 +124,7 @@ def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
     one = hands(tmp_path)
     misplace(one.session, 1.5)
     assert np.median(apart_px(one, one.session.found("mask"))) > 1.0
-    outcome = one.run("registration", registration(one.session))
+    outcome = one.run("registration", calibrate_registration(one.session))
     assert one.photos == 29
     # A panel of 192 pixels has few stripes: at full size, 95 % are within 0.06.
     wrong = apart_px(one, outcome.maps["mask"])
@@ -151,7 +151,7 @@ def test_a_coarse_camera_makes_the_map_better_and_its_picture_says_so(tmp_path: 
     one = hands(tmp_path, quads=COARSE_QUADS)
     misplace(one.session, 0.3)
     believed = float(np.quantile(apart_px(one, one.session.found("mask")), 0.95))
-    outcome = one.run("registration", registration(one.session))
+    outcome = one.run("registration", calibrate_registration(one.session))
     left = float(np.quantile(apart_px(one, outcome.maps["mask"]), 0.95))
     assert left < 0.2 * believed
     figure = Figure()
@@ -166,18 +166,18 @@ def test_a_mirrored_mask_is_named(tmp_path: Path) -> None:
     one = hands(tmp_path)
     misplace(one.session, 0.0, flip=True)
     with pytest.raises(CalibrationError, match=r"wrong way|not where the maps"):
-        one.run("registration", registration(one.session))
+        one.run("registration", calibrate_registration(one.session))
 
 
 def test_a_lens_cap_is_named(tmp_path: Path) -> None:
     one = hands(tmp_path, "", albedo=1e-6)
     with pytest.raises(CalibrationError, match="no light"):
-        one.run("registration", registration(one.session))
+        one.run("registration", calibrate_registration(one.session))
 
 
 def test_it_needs_the_maps(tmp_path: Path) -> None:
     one = hands(tmp_path)
     one.session = replace(one.session, config=one.config)
     with pytest.raises(CalibrationError) as caught:
-        one.run("registration", registration(one.session))
+        one.run("registration", calibrate_registration(one.session))
     assert "geometry" in (caught.value.hint or "")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import Config, RigConfig
-from pdcd.bench.truth import truth_of
+from pdcd.bench.truth import load_bench_truth
 from pdcd.panels.schedule import SLOTS
-from pdcd.probing.pulses import Answer
+from pdcd.probing.pulses import PanelResponse
 from tests.e2e.calibration.timing_rig import (
     REFRESH_S,
     bench,
@@ -49,13 +49,13 @@ def lags_s(config: Config, rows: np.ndarray) -> np.ndarray:
 
 def leaks(config: Config, late_s: np.ndarray) -> dict[str, float]:
     """`leaks_of` a configuration, the mean of all rows."""
-    light, opening = (Answer(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
+    light, opening = (PanelResponse(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
     return leaks_of(light, opening, late_s)
 
 
 def check_found(believed: Config, found: Config, *, rows: int = 40) -> None:
     """The words say what is true, as far as it counts: time constants, lag by row, leaks."""
-    true = truth_of(believed).of(believed)
+    true = load_bench_truth(believed).of(believed)
     true = msgspec.structs.replace(true, display=found.display)
     for name in ("projector", "mask"):
         said, real = getattr(found, name), getattr(true, name)
@@ -97,7 +97,7 @@ def test_twice_in_a_row_gives_the_same(tmp_path: Path) -> None:
     (result, found), (again, _) = (calibrated(believed, "timing") for _ in range(2))
     first, second = record_of(result).measured, record_of(again).measured
     assert found.mask.scan_bands != believed.mask.scan_bands
-    assert truth_of(found).of(found).mask == truth_of(believed).of(believed).mask
+    assert load_bench_truth(found).of(found).mask == load_bench_truth(believed).of(believed).mask
     for key, entry in first.items():
         if isinstance(entry.sigma, float):
             sigma = np.hypot(entry.sigma, float(second[key].sigma))  # type: ignore[arg-type]
@@ -112,7 +112,7 @@ def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
     believed = bench(tmp_path, TAUS.format(projector="skew_s = 0.001", mask=scan))
     result, found = calibrated(believed, "timing")
     step = record_of(result).steps[-1]
-    true = truth_of(believed).of(believed)
+    true = load_bench_truth(believed).of(believed)
     bands = np.load(Path(str(result.folder)) / "arrays.npz")["timing.lag_s"]
     rows = (np.arange(1200) + 0.5) / 1200
     real = lags_s(true, rows).reshape(bands.size, -1).mean(axis=1)

@@ -9,10 +9,10 @@ import pytest
 from msgspec import structs
 
 from pdcd.bench.calibration import MAPS
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import truth_of
-from pdcd.panels.map import between
+from pdcd.bench.truth import load_bench_truth
+from pdcd.panels.map import map_between
 from pdcd.panels.map_file import load_maps
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
@@ -41,16 +41,16 @@ def bench(folder: Path, mask: float, camera: float) -> SmallBench:
 
 def off_px(found: Calibrated, made: SmallBench) -> float:
     """95th percentile over what the camera sees through the mask."""
-    maps, true = load_maps(found.folder / MAPS), truth_of(made.config).of(made.config)
+    maps, true = load_maps(found.folder / MAPS), load_bench_truth(made.config).of(made.config)
     panels = panels_of(true)
     x, y = np.meshgrid(np.arange(4.0, QUADS[0], 8.0), np.arange(4.0, QUADS[1], 8.0))
     quads = np.stack([x, y], axis=-1).reshape(-1, 2)
-    camera = camera_map(true, QUADS[::-1])
-    on_mask = between(camera, panels.mask.map, quads)
+    camera = make_camera_map(true, QUADS[::-1])
+    on_mask = map_between(camera, panels.mask.map, quads)
     seen = ((on_mask > 0.0) & (on_mask < panels.mask.map.size_px)).all(axis=-1)
-    real = between(camera, panels.projector.map, quads)
+    real = map_between(camera, panels.projector.map, quads)
     seen &= ((real > 0.0) & (real < panels.projector.map.size_px)).all(axis=-1)
-    said = between(maps["camera"], maps["projector"], quads)
+    said = map_between(maps["camera"], maps["projector"], quads)
     return float(np.percentile(np.hypot(*(said - real)[seen].T), 95.0))
 
 

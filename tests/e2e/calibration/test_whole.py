@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.calibration import Calibration, read_calibration
-from pdcd.bench.reading import emit
+from pdcd.bench.reading import format_toml
 from pdcd.calibration import steps
 from pdcd.cli.main import main
 from pdcd.runs.folder import read_manifest
@@ -77,7 +77,7 @@ def photograph(
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "bench.toml"
-    path.write_text(emit(BENCH))
+    path.write_text(format_toml(BENCH))
     return path
 
 
@@ -85,7 +85,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_all_steps_by_the_command_line(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     last, record = calibrate(bench, capsys)
     assert last["passed"] is True and record.verdict != "bad" and not record.left_out
-    names = [name for name in steps.STEPS if name not in steps.AT_WISH]
+    names = [name for name in steps.STEP_SCRIPTS if name not in steps.AT_WISH]
     assert [step.name for step in record.steps] == ["meter", *names]
     # A map is not sure at the edge of so small a photo; all else is good.
     doubted = {step.name for step in record.steps if step.verdict != "good"}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pdcd.bench.calibration import Calibration, read_calibration
-from pdcd.bench.measured import calibrated as measured
+from pdcd.bench.measured import apply_calibration as measured
 from pdcd.bench.tables import (
     BenchConfig,
     CameraConfig,
@@ -20,9 +20,9 @@ from pdcd.capture.engine import Engine
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from pdcd.panels.schedule import SLOTS
-from pdcd.probing.pulses import Answer, kept_apart
+from pdcd.probing.pulses import PanelResponse, compute_code_separation
 from pdcd.protocol.request import CalibrateRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 
 REFRESH_S = 1.0 / 60.0
 PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)
@@ -57,7 +57,7 @@ def calibrated(config: Config, step: str) -> tuple[CaptureResult, Config]:
     try:
         result = engine.calibrate(
             CalibrateRequest(steps=(step,)),  # type: ignore[arg-type]
-            job=new_job_id(),
+            job=make_job_id(),
             emit=lambda event: None,
             cancelled=lambda: False,
         )
@@ -66,11 +66,14 @@ def calibrated(config: Config, step: str) -> tuple[CaptureResult, Config]:
         engine.stop()
 
 
-def leaks_of(projector: Answer, mask: Answer, late_s: np.ndarray) -> dict[str, float]:
+def leaks_of(projector: PanelResponse, mask: PanelResponse, late_s: np.ndarray) -> dict[str, float]:
     """Light of a code in all others, over that of a refresh, by schedule; the mean of some lags."""
     found: dict[str, float] = {}
     for name in SLOTS:
-        kept = [kept_apart(name, projector, mask, float(late), REFRESH_S) for late in late_s]
+        kept = [
+            compute_code_separation(name, projector, mask, float(late), REFRESH_S)
+            for late in late_s
+        ]
         found[name] = float(np.mean([one.leak * one.light for one in kept]))
     return found
 

@@ -11,12 +11,12 @@ import sys
 import time
 from typing import Any, NoReturn
 
-from pdcd.child import live_for_parent
+from pdcd.child import end_with_parent
 
 
 def main() -> int:
     fault, fd = sys.argv[1], int(sys.argv[2])
-    live_for_parent()
+    end_with_parent()
     import rawpy
 
     def imread(*args: Any) -> NoReturn:
@@ -31,7 +31,7 @@ def main() -> int:
     rawpy.imread = imread  # type: ignore[assignment]
     from pdcd.capture.worker import process
 
-    return process.main(fd)
+    return process.run_worker(fd)
 
 
 if __name__ == "__main__":

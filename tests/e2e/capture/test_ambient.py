@@ -12,14 +12,14 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
-from pdcd.pages.report.write import write as write_report
+from pdcd.pages.report.write import write_report as write_report
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.events import Armed, Event
+from pdcd.protocol.events import Event, ShotArmed
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
-from pdcd.runs.verify import verify
+from pdcd.runs.verify import verify_run
 from tests.sampled import sampled
 
 GRID = (24, 32)
@@ -40,7 +40,7 @@ def take(config: Config, shots: int = 10_000, **fields: Any) -> tuple[CaptureRes
     armed = []
 
     def emit(event: Event) -> None:
-        if isinstance(event, Armed):
+        if isinstance(event, ShotArmed):
             armed.append(event)
 
     engine = Engine.from_config(config)
@@ -89,7 +89,7 @@ def test_a_run_that_went_on_is_whole_and_decoded_bit_for_bit(tmp_path: Path) -> 
     result, error = take(bench(tmp_path, "mirror-and-vase", 0.3))
     assert result.folder is not None and error < 0.02
     folder = Path(result.folder)
-    assert verify(folder).whole
+    assert verify_run(folder).whole
     assert decode_folder(folder).identical
     assert write_report(folder).exists()
     plan = manifest_of(result).plan

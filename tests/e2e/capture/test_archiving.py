@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.capture.engine import Engine
-from pdcd.protocol.events import Archived, Event
+from pdcd.protocol.events import Event, PicturesArchived
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 
@@ -20,7 +20,7 @@ class Asked:
         self.archived, self.times = False, 0
 
     def hear(self, event: Event) -> None:
-        self.archived = self.archived or isinstance(event, Archived)
+        self.archived = self.archived or isinstance(event, PicturesArchived)
 
     def cancelled(self) -> bool:
         self.times += self.archived

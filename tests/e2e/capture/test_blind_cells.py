@@ -20,7 +20,7 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.runs.folder import read_manifest
 
 GRID = (12, 16)
@@ -44,7 +44,7 @@ def capture(config: Config) -> tuple[CaptureResult, list[object]]:
     try:
         result = engine.capture(
             CaptureRequest(goal="indirect", codes=32, parts=1),
-            job=new_job_id(),
+            job=make_job_id(),
             emit=events.append,
             cancelled=lambda: False,
         )

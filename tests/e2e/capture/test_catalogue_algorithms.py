@@ -17,10 +17,10 @@ from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning.make import make_plan
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig
@@ -113,7 +113,7 @@ def test_a2_proportional_isolation_has_slots_for_wanted_paths_only(tmp_path: Pat
 def test_a2_both_halves_of_a_signed_matrix_open_the_same_cells() -> None:
     """So that leaks and ambient light cancel in their difference."""
     goal = Target(Goal(name="relit"), GRID, matrices={"matrix": SIGNED})
-    recipe = recipe_of(goal, How(codes=2, family="confocal"))
+    recipe = make_recipe(goal, CaptureScheme(codes=2, family="confocal"))
     halves = [recipe.programs[name] for name in ("relit-plus", "relit-minus")]
     nothing = np.zeros((0, 0), dtype=bool)
     (light, opened), (other, opened_too) = (

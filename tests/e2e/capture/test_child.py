@@ -22,13 +22,13 @@ from pdcd.capture.worker.calls import start_worker
 from pdcd.capture.worker.spawned import SpawnedWorker
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, PdcdError, PlanError
-from pdcd.protocol.events import Event, Planning
+from pdcd.protocol.events import Event, PlanningProgress
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import read_patterns
-from pdcd.runs.place import Place
+from pdcd.runs.place import HeldFolder
 from pdcd.watch import Watch
 from tests import bench_rig
 
@@ -66,7 +66,7 @@ def run(engine: Engine, tmp_path: Path) -> Callable[..., CaptureResult]:
 
     def capture(job: str = "job", **given: Any) -> CaptureResult:
         told: dict[str, Any] = {"emit": lambda _: None, "cancelled": lambda: False, **given}
-        with Place.at(tmp_path) as parent:
+        with HeldFolder.at(tmp_path) as parent:
             return engine.capture(REQUEST, job=job, parent=parent, **told)
 
     return capture
@@ -191,8 +191,8 @@ def test_a_plan_is_cancelled_at_once_and_its_process_kept(engine: Engine) -> Non
 def test_a_plan_tells_how_far_it_is(engine: Engine) -> None:
     told: list[Event] = []
     engine.plan(CaptureRequest(goal="indirect", error=0.2, white=False), emit=told.append)
-    assert all(isinstance(event, Planning) for event in told)
-    steps = [event for event in told if isinstance(event, Planning)]
+    assert all(isinstance(event, PlanningProgress) for event in told)
+    steps = [event for event in told if isinstance(event, PlanningProgress)]
     assert [event.done for event in steps] == sorted(event.done for event in steps)
     assert steps[-1].done == pytest.approx(steps[-1].total)
     assert {event.stage for event in steps} <= {"codes", "pilots"}
@@ -218,7 +218,7 @@ def test_a_crash_in_the_raw_library_is_a_failure_of_the_job(
     command = (sys.executable, str(FAULTY), fault)
     engine = started(tmp_path, lambda facts: SpawnedWorker(facts, command))
     try:
-        with Place.at(tmp_path) as parent:
+        with HeldFolder.at(tmp_path) as parent:
             result = engine.capture(
                 REQUEST, job="job", emit=lambda _: None, cancelled=lambda: False, parent=parent
             )

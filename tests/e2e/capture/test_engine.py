@@ -21,7 +21,7 @@ from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Event
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import new_job_id
+from pdcd.protocol.result import make_job_id
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig, tampered
 from tests.places import DATA
@@ -295,7 +295,7 @@ def test_show_and_preview(tmp_path: Path) -> None:
     engine.show("black")
     assert bench.panels_black
     told: list[Event] = []
-    preview = engine.preview(job=new_job_id(), emit=told.append)
+    preview = engine.preview(job=make_job_id(), emit=told.append)
     assert {"shutter_open", "shutter_closed"} <= {event.type for event in told}
     assert preview.shape == (3, 4, 3)
     assert cv2.imread(preview.path) is not None

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.mock import Bench
+from drivers.mock import MockBench
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import Config
 from pdcd.capture.rig import Rig
@@ -21,7 +21,7 @@ from pdcd.codes.make import make_codes
 from pdcd.panels.frames import Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel
+from pdcd.probing.panel import PanelOptics
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles
 from tests.places import DATA
@@ -42,7 +42,7 @@ def defective(folder: Path) -> Config:
     )  # fmt: skip
 
 
-def expose(config: Config, frames: Frames) -> Bench:
+def expose(config: Config, frames: Frames) -> MockBench:
     rig = Rig(config)
     rig.connect()
     rig.display.load(frames)
@@ -54,11 +54,11 @@ def expose(config: Config, frames: Frames) -> Bench:
     return bench_rig.bench_of_rig(rig)
 
 
-def dense_photo(bench: Bench) -> NDArray[np.float64]:
+def dense_photo(bench: MockBench) -> NDArray[np.float64]:
     """``(Pi o T) 1`` plus ambient light, from dense matrices over all pairs of panel pixels."""
     assert bench.frames and bench.log and bench.open_ns is not None and bench.close_ns is not None
     frames, config = bench.frames, bench.config
-    primal, dual = Panel.from_config(config.projector), Panel.from_config(config.mask)
+    primal, dual = PanelOptics.from_config(config.projector), PanelOptics.from_config(config.mask)
     right, down = OFFSET_PX
     width, height = config.projector.size_px
     offset = (down * frames.grid[0] / height, right * frames.grid[1] / width)

@@ -16,7 +16,7 @@ from pdcd.capture.engine import Engine
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
+from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.sampled import sampled
@@ -42,7 +42,7 @@ def engine_on(folder: Path, transport: Floats, **tables: Any) -> Engine:
 
 def take(engine: Engine, **fields: Any) -> tuple[Floats, CaptureResult]:
     request = msgspec.convert(fields, CaptureRequest)
-    result = bench_rig.capture(engine, request, new_job_id())
+    result = bench_rig.capture(engine, request, make_job_id())
     assert result.error is None and result.folder is not None, result.error
     with np.load(Path(result.folder) / "probe.npz") as data:
         return data["image"], result

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.checks import cross_faults
+from pdcd.bench.checks import find_cross_faults
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
@@ -95,7 +95,7 @@ def test_black_exposures_and_parts_of_pairs(buckets: int, tmp_path: Path) -> Non
 
 def test_a_sensor_that_is_its_own_mask_switches_at_once() -> None:
     slow = Config(camera=CameraConfig(buckets=2), mask=PanelConfig(size_px=(8, 8), rise_s=0.001))
-    assert any("camera.buckets" in fault.keys for fault in cross_faults(slow))
+    assert any("camera.buckets" in fault.keys for fault in find_cross_faults(slow))
 
 
 @pytest.mark.parametrize("buckets", [1, 2])

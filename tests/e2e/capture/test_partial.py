@@ -22,15 +22,15 @@ from pdcd.capture.salvage import decode_partial
 from pdcd.cli.main import main
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import BusyError, DecodeError, RequestError
-from pdcd.files.inside import opened
+from pdcd.files.inside import open_folder
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.events import Armed, Decoding, Event
+from pdcd.protocol.events import DecodingStarted, Event, ShotArmed
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.ledger import read_ledger
-from pdcd.runs.place import Place
-from pdcd.runs.verify import verify
+from pdcd.runs.place import HeldFolder
+from pdcd.runs.verify import verify_run
 from tests import bench_rig
 
 BLACKS = {"goal": "indirect", "codes": 8, "black_level": "both"}
@@ -45,7 +45,7 @@ def run(folder: Path, after: int, **fields: Any) -> CaptureResult:
     armed = []
 
     def emit(event: Event) -> None:
-        if isinstance(event, Armed | Decoding):
+        if isinstance(event, ShotArmed | DecodingStarted):
             armed.append(event)
 
     request = msgspec.convert({**BLACKS, "out": str(folder), **fields}, CaptureRequest)
@@ -69,7 +69,7 @@ from pathlib import Path
 import pdcd.capture.salvage as salvage
 import tests.e2e.capture.test_partial as t
 from pdcd.capture.job import Journal
-from pdcd.protocol.events import Decoding
+from pdcd.protocol.events import DecodingStarted
 
 def die():
     os.kill(os.getpid(), signal.SIGKILL)
@@ -78,7 +78,7 @@ def capture(folder):
     notify = Journal.notify
     def told(self, event):
         notify(self, event)
-        if isinstance(event, Decoding):
+        if isinstance(event, DecodingStarted):
             die()
     Journal.notify = told
     t.run(folder, 99)
@@ -107,7 +107,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def taken(path: Path) -> list[str]:
-    with opened(path) as descriptor:
+    with open_folder(path) as descriptor:
         return [entry.shot.name for entry in read_ledger(descriptor).taken]
 
 
@@ -132,13 +132,13 @@ def test_after_a_kill_the_run_is_finished_as_if_nothing_had_been(tmp_path: Path)
     partial = killed / "job.partial"
     (broken,) = [p for p in killed.iterdir() if "decoded" in p.name]
     assert broken.name.endswith(".partial") and (broken / "probe.npz").exists()
-    assert not (broken / "capture.json").exists() and not verify(broken).whole
+    assert not (broken / "capture.json").exists() and not verify_run(broken).whole
     before = contents(partial)
     found = decode_partial(partial)
     assert found.state == "done" and not found.missing and not found.lost
     assert contents(partial) == before
     made = Path(found.folder)
-    assert made == killed / "job" and verify(made).whole
+    assert made == killed / "job" and verify_run(made).whole
     wanted = run(tmp_path / "whole", 99)
     assert wanted.folder is not None
     kept, again = contents(Path(wanted.folder)), contents(made)
@@ -167,7 +167,7 @@ def test_pictures_of_what_is_there_go_into_a_folder_that_says_so(
     manifest = read_manifest(made)
     assert manifest.state == "partial" and manifest.missing
     assert len(manifest.run.shots) == 2
-    looked = verify(made)
+    looked = verify_run(made)
     assert not looked.whole
     assert [finding.what for finding in looked.findings] == ["partial"]
     assert all(name in looked.findings[0].detail for name in manifest.missing)
@@ -227,7 +227,7 @@ def test_parts_beyond_what_was_good_enough_are_not_missing(tmp_path: Path) -> No
     (partial / "raw" / "look-dark.dng").unlink()
     found = decode_partial(partial, tmp_path / "whole")
     assert found.state == "done" and not found.missing and len(found.lost) == 1
-    assert verify(Path(found.folder)).whole
+    assert verify_run(Path(found.folder)).whole
     (partial / "raw" / "coded-2.dng").unlink()
     found = decode_partial(partial, tmp_path / "partial")
     assert found.state == "partial" and found.missing == ("coded-2",)
@@ -320,7 +320,7 @@ def test_what_was_decoded_already_is_said_before_it_is_decoded_again(tmp_path: P
 
 
 def test_a_run_that_goes_on_is_left_alone(tmp_path: Path) -> None:
-    with Place.at(tmp_path) as place, RunFolder(place, "job") as folder:
+    with HeldFolder.at(tmp_path) as place, RunFolder(place, "job") as folder:
         folder.create(min_free_bytes=0)
         with pytest.raises(BusyError, match="still being filled"):
             decode_partial(tmp_path / "job.partial")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.bench.checks import cross_faults
+from pdcd.bench.checks import find_cross_faults
 from pdcd.bench.tables import (
     CameraConfig,
     Config,
@@ -24,8 +24,8 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, FrameLog
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel
-from pdcd.probing.realised import collect, factors
+from pdcd.probing.panel import PanelOptics
+from pdcd.probing.realised import collect_factors, compute_factors
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -201,8 +201,15 @@ def test_planes_of_unequal_length_are_what_the_matrix_says(tmp_path: Path) -> No
     codes = make_codes("balanced", grid, count, dual="complement")
     frames = build_frames(bench_rig.pairs(codes), grid, window="whole", schedule="none", passes=1)
     end_ns = int(log.end_ns.max())
-    found = collect(
-        factors(frames, log, Panel(), Panel(), open_ns=int(log.primal_ns[0]) - 1, close_ns=end_ns)
+    found = collect_factors(
+        compute_factors(
+            frames,
+            log,
+            PanelOptics(),
+            PanelOptics(),
+            open_ns=int(log.primal_ns[0]) - 1,
+            close_ns=end_ns,
+        )
     )
     lasts_s = np.tile([0.9, 1.1], count // 2) / 1440.0
     want = (codes.dual.T * lasts_s) @ codes.primal
@@ -221,7 +228,7 @@ def test_a_plan_tells_of_planes_and_refuses_those_that_cannot_be(tmp_path: Path)
     backwards = (*UNEVEN[:22], UNEVEN[23], UNEVEN[22])
     for starts in (UNEVEN[:23], backwards, (*UNEVEN[:23], UNEVEN[22] + 0.01)):
         wrong = Config(display=DisplayConfig(planes_per_refresh=24, plane_starts=starts))
-        assert any("display.plane_starts" in fault.keys for fault in cross_faults(wrong))
+        assert any("display.plane_starts" in fault.keys for fault in find_cross_faults(wrong))
 
 
 def test_a_picture_that_comes_late_is_preceded_by_the_last_one_again(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from drivers.ptp.eos import EosCamera
-from drivers.virtual_camera import BULB_BODY, Body, VirtualUsb
+from drivers.virtual_camera import BULB_BODY, CameraBody, VirtualUsb
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import ConfigError
@@ -43,7 +43,7 @@ def take(
     if film is not None:
         context = engine._rig._context
         placed = PlacedFilm(context, Map.filling(film.pop("size", (4, 3))), **film)
-        body = Body(context.clock, placed, replace(BULB_BODY, apertures=()))
+        body = CameraBody(context.clock, placed, replace(BULB_BODY, apertures=()))
         EosCamera.of(context).session._backend = VirtualUsb(body)
 
     def emit(event: Event) -> None:

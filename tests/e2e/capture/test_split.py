@@ -11,15 +11,15 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
-from pdcd.pictures.combine import combine
+from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.exposed import Print
+from pdcd.pictures.exposed import ComputedShot
 from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target, check_target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 
@@ -90,7 +90,7 @@ def test_periods_that_cannot_be_quartered_are_refused(period: int | None) -> Non
 
 def test_sigma_of_the_split_is_that_of_the_chosen_photos() -> None:
     """high = max - min: sqrt(var_max + var_min); low = 2 min: 2 sigma_min; inf if any is blown."""
-    recipe = recipe_of(Target(Goal(name="split", period=4), (1, 4)), How())
+    recipe = make_recipe(Target(Goal(name="split", period=4), (1, 4)), CaptureScheme())
     values, variances = (3.0, 1.0, 2.0, 2.5), (9.0, 4.0, 100.0, 100.0)
     shots = {}
     for photo, value, variance in zip(recipe.photos, values, variances, strict=True):
@@ -98,8 +98,8 @@ def test_sigma_of_the_split_is_that_of_the_chosen_photos() -> None:
         light = np.full((1, 4, 3), value)
         blown = np.array([[False, False, False, photo.name == "stripes-2"]])
         factors = Factors(np.eye(4), pi, np.diag(pi).copy(), np.ones(4))
-        shots[photo.name] = Print(light, np.full((1, 4, 3), variance), blown, factors, {})
-    pictures = combine(recipe, shots, CellMap.block((1, 4), (1, 4)))
+        shots[photo.name] = ComputedShot(light, np.full((1, 4, 3), variance), blown, factors, {})
+    pictures = combine_shots(recipe, shots, CellMap.block((1, 4), (1, 4)))
     np.testing.assert_allclose(pictures["high"].image[:, :3], 2.0)
     np.testing.assert_allclose(pictures["high"].sigma[:, :3], np.sqrt(9.0 + 4.0))
     np.testing.assert_allclose(pictures["low"].image[:, :3], 2.0)

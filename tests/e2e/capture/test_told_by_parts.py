@@ -15,7 +15,7 @@ from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
 from pdcd.pictures import bars
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.photos import NOTHING_TOLD
+from pdcd.pictures.photos import NO_SMOOTH_MODELS
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 
@@ -66,7 +66,7 @@ def test_smooth_light_is_corrected_by_what_parts_tell(
     folder, error, ratio = take(tmp_path, goal, **fields)
     assert decode_folder(folder).identical
     assert 0.6 < ratio < 2.0, ratio
-    monkeypatch.setattr(bars, "told_by_parts", lambda *_, **__: NOTHING_TOLD)
+    monkeypatch.setattr(bars, "fit_smooth_models", lambda *_, **__: NO_SMOOTH_MODELS)
     before = take(tmp_path, goal, **fields)[1]
     assert error < most * before, (error, before)
     assert not decode_folder(folder).identical

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import usb.core
 
-from drivers.mock import Bench, MockShutter
-from drivers.virtual_camera import Script, VirtualUsb
-from pdcd.bench.click import examine
+from drivers.mock import MockBench, MockShutter
+from drivers.virtual_camera import FaultScript, VirtualUsb
+from pdcd.bench.click import examine_shutter
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import Finding
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
@@ -140,7 +140,7 @@ def test_a_port_that_is_not_there(capfd: pytest.CaptureFixture[str], tmp_path: P
 
 
 def click(**tables: Any) -> dict[str, Finding]:
-    return {f.what: f for f in examine(Config(**tables), click=True, seconds=2.0)}
+    return {f.what: f for f in examine_shutter(Config(**tables), click=True, seconds=2.0)}
 
 
 def test_a_body_is_armed_and_its_photo_fetched() -> None:
@@ -158,7 +158,7 @@ def test_a_body_that_sends_no_photo(monkeypatch: pytest.MonkeyPatch) -> None:
     first = VirtualUsb.__init__
 
     def init(self: VirtualUsb, body: Any) -> None:
-        body.shutter._script = Script(file="none")
+        body.shutter._script = FaultScript(file="none")
         first(self, body)
         made.append(self)
 
@@ -180,7 +180,7 @@ def test_the_mock_bench_and_panels_that_stay_black() -> None:
 def test_an_interrupt_closes_the_shutter(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    benches: list[Bench] = []
+    benches: list[MockBench] = []
     opened = MockShutter.open
 
     def open_then_signal(self: MockShutter) -> int:
@@ -212,7 +212,7 @@ def test_the_line_is_not_left_pressed_when_nobody_reads_on() -> None:
     line: FakeLine
     with fake_line("box", VirtualClock()) as line:
         trigger = TriggerConfig(driver="serial", options={"port": "line://box"})
-        findings = examine(Config(trigger=trigger), click=True)
+        findings = examine_shutter(Config(trigger=trigger), click=True)
         next(f for f in findings if f.what == "open")
         assert line.levels("rts")[-1] is True
         findings.close()  # type: ignore[attr-defined]

@@ -11,7 +11,7 @@ from Xlib import X
 
 from pdcd.cli.main import main
 from pdcd.presenter import examine
-from pdcd.presenter.xconnection import connect, disconnect
+from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests.xserver import XServer, run
 
 CONFIG = """
@@ -87,7 +87,7 @@ def test_every_fault_of_a_bad_server_is_found_at_once(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with run(kinds=("dummy",), refresh_hz=(60.0, 59.9)) as server:
-        other = connect(server.display)
+        other = open_x_connection(server.display)
         window = other.screen().root.create_window(0, 0, 9, 9, 0, X.CopyFromParent)
         window.set_selection_owner(other.intern_atom("WM_S0"), X.CurrentTime)
         window.map()
@@ -95,7 +95,7 @@ def test_every_fault_of_a_bad_server_is_found_at_once(
         other.sync()
         code = main(["doctor", "display", "--config", config(tmp_path, server)])
         text = " ".join(capfd.readouterr().out.split())  # whatever lines it is in
-        disconnect(other)
+        close_x_connection(other)
     assert code == 5
     for part in ("slip by one refresh every", "window manager", "blanks the panels after 60 s"):
         assert part in text, text

@@ -17,12 +17,12 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.bench.choosing import FOLDER
-from pdcd.bench.config import find
-from pdcd.bench.folders import socket_path, state_dir
-from pdcd.bench.measured import calibrated
+from pdcd.bench.choosing import CALIBRATIONS_FOLDER
+from pdcd.bench.config import find_config_file
+from pdcd.bench.folders import find_socket_path, find_state_dir
+from pdcd.bench.measured import apply_calibration
 from pdcd.bench.tables import Config
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from tests import world
 from tests.places import ROOT
 from tests.unit.bench._calibrations import entry, record, written
@@ -99,8 +99,8 @@ def machine() -> Iterator[Machine]:
         sockets = []
         for variables in (found.users, found.desktop, found.service):
             with living(variables):
-                written(state_dir(Config()) / FOLDER / "moved", moved)
-                sockets.append(socket_path(Config()))
+                written(find_state_dir(Config()) / CALIBRATIONS_FOLDER / "moved", moved)
+                sockets.append(find_socket_path(Config()))
         for link in sockets[:-1]:
             link.symlink_to(sockets[-1])
         with serving(found, sockets[-1]):
@@ -120,7 +120,7 @@ def serving(machine: Machine, socket: Path) -> Iterator[None]:
                 try:
                     Client(socket).close()
                     break
-                except Unreachable:
+                except UnreachableError:
                     assert process.poll() is None and time.monotonic() < give_up_s
                     time.sleep(0.05)
             yield
@@ -146,10 +146,10 @@ def test_the_machine_of_the_tests_is_left_alone(machine: Machine) -> None:
     for variables in (machine.users, machine.desktop, machine.service):
         with living(variables):  # it is there to be found
             before = machine.connections()
-            Client(socket_path(Config())).close()
+            Client(find_socket_path(Config())).close()
             assert machine.connections() == before + 1
-            assert str(find()).startswith(str(machine.folder))
-            assert calibrated(Config()).mask.offset_px == (700.0, 500.0)
+            assert str(find_config_file()).startswith(str(machine.folder))
+            assert apply_calibration(Config()).mask.offset_px == (700.0, 500.0)
     asked, files = machine.connections(), machine.files()
     pytest_words = ("-m", "pytest", "-q", "-n", "1", "-p", "no:cacheprovider")
     told = done(machine, *pytest_words, "--basetemp", str(machine.folder / "tmp" / "t"), *TESTS)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.protocol.entry import RunQuery
 from pdcd.protocol.request import CaptureRequest
 from tests.places import ROOT
@@ -79,7 +79,7 @@ def daemon(environ: dict[str, str]) -> Iterator[Path]:
                 try:
                     Client(socket).close()
                     break
-                except Unreachable:
+                except UnreachableError:
                     assert process.poll() is None and time.monotonic() < give_up_s
                     time.sleep(0.02)
             yield socket

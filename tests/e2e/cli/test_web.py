@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.cli.main import main
-from pdcd.extras import install_hint
+from pdcd.extras import suggest_install
 
 PATIENCE_S = 60.0
 
@@ -28,7 +28,7 @@ def test_without_the_extra_it_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pdcd.web.serve", None)
     assert main(["web"]) == 2
-    assert f"pdcd web needs aiohttp ({install_hint('aiohttp')})" in capsys.readouterr().err
+    assert f"pdcd web needs aiohttp ({suggest_install('aiohttp')})" in capsys.readouterr().err
 
 
 @pytest.mark.timeout(90)

@@ -17,11 +17,11 @@ import pytest
 
 from drivers.ptp.codes import Operation
 from drivers.ptp.eos import EosCamera
-from drivers.virtual_camera import Body, Script, WireFault, bench_backend
+from drivers.virtual_camera import CameraBody, FaultScript, ScriptedFault, make_bench_backend
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.capture.engine import Engine
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.protocol.events import Progress
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -40,13 +40,13 @@ def ptp(folder: Path, f_number: Any = 8.0, **tables: Any) -> Config:
 
 
 def run(
-    config: Config, script: Script | None = None, **fields: Any
-) -> tuple[CaptureResult, Body | None]:
+    config: Config, script: FaultScript | None = None, **fields: Any
+) -> tuple[CaptureResult, CameraBody | None]:
     engine = Engine.from_config(config)
     context = engine._rig._context
     body = None
     if config.camera.driver == "ptp":
-        backend = bench_backend(context, script=script)
+        backend = make_bench_backend(context, script=script)
         EosCamera.of(context).session._backend = backend
         body = backend.body
     engine.start()
@@ -88,8 +88,8 @@ def test_who_waits_for_a_camera_shows_that_he_lives(tmp_path: Path) -> None:
     """The watchdog of the service allows 20 s without a sign: less than some waits take."""
     engine = Engine.from_config(ptp(tmp_path))
     context = engine._rig._context
-    faults = (WireFault("deaf", Operation.EOS_BULB_END, 2),)
-    backend = bench_backend(context, script=Script(wire=faults, file="late", late_s=25.0))
+    faults = (ScriptedFault("deaf", Operation.EOS_BULB_END, 2),)
+    backend = make_bench_backend(context, script=FaultScript(wire=faults, file="late", late_s=25.0))
     EosCamera.of(context).session._backend = backend
     signs_ns = [engine._rig.clock.now_ns()]
 
@@ -109,15 +109,15 @@ def test_who_waits_for_a_camera_shows_that_he_lives(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("script", "kind"),
     [
-        (Script(wire=(WireFault("unplug", Operation.EOS_BULB_END, 2),)), "device_lost"),
-        (Script(wire=(WireFault("mute", Operation.EOS_BULB_START),)), "exposure"),
-        (Script(file="none"), "exposure"),
-        (Script(file="truncated"), "exposure"),
-        (Script(wire=(WireFault("corrupt", Operation.GET_PARTIAL_OBJECT),)), "exposure"),
+        (FaultScript(wire=(ScriptedFault("unplug", Operation.EOS_BULB_END, 2),)), "device_lost"),
+        (FaultScript(wire=(ScriptedFault("mute", Operation.EOS_BULB_START),)), "exposure"),
+        (FaultScript(file="none"), "exposure"),
+        (FaultScript(file="truncated"), "exposure"),
+        (FaultScript(wire=(ScriptedFault("corrupt", Operation.GET_PARTIAL_OBJECT),)), "exposure"),
     ],
 )
 def test_a_fault_ends_the_job_by_its_kind_and_leaves_no_photo(
-    tmp_path: Path, script: Script, kind: str
+    tmp_path: Path, script: FaultScript, kind: str
 ) -> None:
     result, body = run(ptp(tmp_path), script)
     assert result.state == "failed" and result.error is not None
@@ -130,7 +130,7 @@ def test_a_fault_ends_the_job_by_its_kind_and_leaves_no_photo(
 @pytest.mark.long
 def test_a_signal_in_mid_exposure_lets_go_of_the_shutter(tmp_path: Path) -> None:
     path, socket, said = tmp_path / "pdcd.toml", tmp_path / "s", tmp_path / "stderr"
-    path.write_text(settings.show(ptp(tmp_path, rig=RigConfig(clock="real"))))
+    path.write_text(settings.format_config(ptp(tmp_path, rig=RigConfig(clock="real"))))
     command = [
         sys.executable,
         "-m",
@@ -159,6 +159,6 @@ def connect(socket: Path) -> Client:
     while True:
         try:
             return Client(socket)
-        except Unreachable:
+        except UnreachableError:
             assert time.monotonic() < give_up
             time.sleep(0.02)

@@ -23,17 +23,17 @@ pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log
 from numpy.typing import NDArray
 
 from drivers.ptp.eos import EosCamera
-from drivers.virtual_camera import BULB_BODY, Body, Exposure, VirtualUsb
+from drivers.virtual_camera import BULB_BODY, CameraBody, CameraExposure, VirtualUsb
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, TriggerConfig
 from pdcd.capture.engine import Engine
 from pdcd.panels.map import Map
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.protocol.events import Event, ShutterClosed
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
-from pdcd.runs.verify import verify
+from pdcd.runs.verify import verify_run
 from tests import bench_rig
 from tests.fake_gphoto import FakeCamera, Setting
 from tests.placed_film import SIDE, Encode, PlacedFilm, cr2, dng, masked_dng
@@ -62,7 +62,7 @@ class Case:
 
     @property
     def map(self) -> Map:
-        return placed(self.place, self.size, PROJECTOR, "camera")
+        return make_placed_map(self.place, self.size, PROJECTOR, "camera")
 
 
 LANDSCAPE = Placing(offset_px=(1.3, -0.7), scale=1.1, turn_deg=2.0)
@@ -110,7 +110,7 @@ class Gphoto(FakeCamera):
         if widget.value:
             self.open_ns = self.film.open(self.clock.now_ns())
         elif self.open_ns:
-            exposure = Exposure(self.open_ns, self.film.close(self.clock.now_ns()), 100, 8.0)
+            exposure = CameraExposure(self.open_ns, self.film.close(self.clock.now_ns()), 100, 8.0)
             self.open_ns = 0
             self.add(f"capt{self.film.count:04d}.dng", self.film.make_raw(exposure))
 
@@ -149,7 +149,7 @@ def take(
             windows=case.windows,
         )
         if case.driver == "ptp":
-            body = Body(context.clock, film, replace(BULB_BODY, apertures=()))
+            body = CameraBody(context.clock, film, replace(BULB_BODY, apertures=()))
             EosCamera.of(context).session._backend = VirtualUsb(body)
         elif case.driver == "gphoto2":
             camera = Gphoto(dict(SETTINGS))
@@ -162,7 +162,7 @@ def take(
     result = engine.capture(request, job="job", emit=emit, cancelled=lambda: False)
     engine.stop()
     assert result.error is None and result.folder is not None, result.error
-    assert verify(Path(result.folder)).whole
+    assert verify_run(Path(result.folder)).whole
     return result
 
 
@@ -171,7 +171,7 @@ def _tethered(film: PlacedFilm, tether: Path) -> Callable[[Event], None]:
 
     def emit(event: Event) -> None:
         if isinstance(event, ShutterClosed):
-            exposure = Exposure(0, 1, 100, 8.0)  # the bench knows its own times
+            exposure = CameraExposure(0, 1, 100, 8.0)  # the bench knows its own times
             (tether / f"IMG_{film.count:04d}.dng").write_bytes(film.make_raw(exposure))
 
     return emit

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import pdcd
-from pdcd.bench.config import load
+from pdcd.bench.config import load_config
 from pdcd.capture.engine import Engine
 from pdcd.errors import ConfigError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.manifest import MANIFEST
-from pdcd.runs.verify import sound_manifest
+from pdcd.runs.verify import read_sound_manifest
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.e2e.drivers.test_stranger_bench import config as strangers_config
@@ -33,7 +33,7 @@ def second_package(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def engine_of(file: Path, camera: str, **rig: Any) -> Engine:
-    found = load(file)
+    found = load_config(file)
     replace = msgspec.structs.replace
     return Engine.from_config(
         replace(
@@ -57,7 +57,7 @@ def test_samples_in_memory_become_a_run_like_any_other(engine: Engine) -> None:
     result = bench_rig.capture(engine, CaptureRequest(goal="direct", codes=64))
     assert result.state == "done", result.error
     folder = Path(str(result.folder))
-    sound_manifest(folder, ())
+    read_sound_manifest(folder, ())
     run = pdcd.open(folder)
     steps = np.repeat([0.2, 0.4, 0.6, 0.8], 2)[None, :, None]
     assert np.abs(run.image / steps - 1.0).max() < 0.02
@@ -91,7 +91,7 @@ def test_further_passes_are_in_the_time_that_an_exposure_may_take(config: Path) 
         bench_rig.capture(made, CaptureRequest(goal="white"))
         exposure_s, longest[on_miss] = made._rig.shutter.told[0]  # type: ignore[attr-defined]
         made.stop()
-    settles_s = 2.0 * load(config).rig.settle_s
+    settles_s = 2.0 * load_config(config).rig.settle_s
     shown_s = exposure_s - settles_s
     assert longest["abort"] == pytest.approx(2.0 * shown_s + settles_s + 30.0)
     assert longest["balance"] == pytest.approx(8.0 * shown_s + settles_s + 30.0)

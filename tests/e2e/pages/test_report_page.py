@@ -17,13 +17,13 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
-from pdcd.pages.report import write
+from pdcd.pages.report import write_report
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.row import matrix_row
+from pdcd.pictures.row import read_matrix_row
 from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
-from pdcd.runs.verify import verify
+from pdcd.runs.verify import verify_run
 from tests import bench_rig, tools
 from tests.browser import Tab, browser
 
@@ -56,7 +56,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rig = msgspec.structs.replace(config.rig, name=EVIL)
     config = msgspec.structs.replace(config, rig=rig)
     made = finished(folder, config, goal="indirect", codes=8, note=EVIL)
-    write(made)
+    write_report(made)
     return made
 
 
@@ -186,7 +186,7 @@ def test_the_verdict_and_its_reasons_are_those_of_the_manifest(page: Any, run: P
     told = page.locator(".reasons li").all_inner_texts()
     for reason in (*quality.reasons, *quality.remarks):
         assert any(reason in line for line in told)
-    assert verify(run).whole and verify(run).later == ("report.html",)
+    assert verify_run(run).whole and verify_run(run).later == ("report.html",)
 
 
 @pytest.mark.parametrize(
@@ -204,13 +204,13 @@ def test_rows_of_the_page_are_those_of_pdcd_row(tab: Tab, tmp_path: Path, fields
     config = bench_rig.with_defects(tmp_path)
     folder = finished(tmp_path, config, codes=16, **fields)
     tab.faults.clear()
-    page = tab.open(write(folder))
+    page = tab.open(write_report(folder))
     names = page.locator("#photo option").all_inner_texts()
     assert names
     for name in names:
         for r, c in ((0, 0), (1, 2), (2, 3)):
             found = page.evaluate(f"report.row({name!r}, {r}, {c})")
-            exact = matrix_row(folder, (r, c), name)
+            exact = read_matrix_row(folder, (r, c), name)
             assert found["off"] < 0.01
             np.testing.assert_allclose(
                 found["realised"], exact.realised.ravel(), rtol=0, atol=found["off"] + 1e-5

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.pictures import darkroom
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
@@ -37,7 +37,7 @@ PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
 CELLS = CellMap(
     grid=wanted.GRID,
     frame=FRAME,
-    map=placed(PLACE, (FRAME[1], FRAME[0]), PROJECTOR_PX, "camera"),
+    map=make_placed_map(PLACE, (FRAME[1], FRAME[0]), PROJECTOR_PX, "camera"),
 )
 LOOSE = {"short-range": 0.1, "nayar": 0.2, "split": 0.3, "multi-image": 0.4}
 """Share by which a goal may differ: what is no sum of photos under one weight does, where quads see

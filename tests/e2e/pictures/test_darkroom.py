@@ -15,7 +15,7 @@ from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.row import matrix_row
+from pdcd.pictures.row import read_matrix_row
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor import raw
@@ -77,10 +77,10 @@ def test_a_row_of_the_matrix_needs_no_raw_file(
     tmp_path: Path, method: MethodName, codes: int
 ) -> None:
     folder = taken(tmp_path, CaptureRequest(goal="indirect", codes=codes, method=method))
-    before = matrix_row(folder, (3, 4))
+    before = read_matrix_row(folder, (3, 4))
     for file in (folder / "raw").iterdir():
         file.unlink()
-    np.testing.assert_array_equal(before.realised, matrix_row(folder, (3, 4)).realised)
+    np.testing.assert_array_equal(before.realised, read_matrix_row(folder, (3, 4)).realised)
     with pytest.raises(DecodeError, match="cannot read"):
         Darkroom(folder, read_manifest(folder).run).decoded()
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.events import Converging, Event
+from pdcd.protocol.events import Event, PartCompleted
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
@@ -101,7 +101,7 @@ def test_measured_sigma_covers_the_truth(name: str, family: str, tmp_path: Path)
     sampled(
         [
             ("corner", "mask turned, whole", (0.7, 1.5)),
-            ("corner", "all turned", (0.7, 1.3)),
+            ("corner", "all turned", (0.7, 1.5)),
             ("mirror-and-vase", "upright", (0.75, 1.3)),
         ],
         3,
@@ -220,7 +220,7 @@ def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path
         _, result, events = capture(
             tmp_path, name, codes=256, parts=16, family="balanced", until_error=0.015
         )
-        told = [event for event in events if isinstance(event, Converging)]
+        told = [event for event in events if isinstance(event, PartCompleted)]
         taken[name] = len(told)
         assert [event.part for event in told] == list(range(1, len(told) + 1))
         assert {event.target for event in told} == {0.015}
@@ -247,4 +247,4 @@ def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path
 def test_a_guess_stops_nothing(tmp_path: Path) -> None:
     """However low the target is set, the fourth part is the first that may be the last."""
     _, _, events = capture(tmp_path, EASY, codes=128, parts=8, until_error=0.9)
-    assert sum(isinstance(event, Converging) for event in events) == 4
+    assert sum(isinstance(event, PartCompleted) for event in events) == 4

@@ -18,7 +18,7 @@ from pdcd.bench.tables import (
 )
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import Frames
-from pdcd.pictures.misplaced import direct_lost, lie_of
+from pdcd.pictures.misplaced import estimate_lost_direct, measure_misplacement
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
@@ -60,7 +60,7 @@ def test_panels_that_lie_right_are_not_accused_by_few_quads(tmp_path: Path, kind
     result, taken = take_into(tmp_path, config, request)
     record = read_manifest(taken).run
     assert record.panels is not None and record.panels.mask is not None
-    assert direct_lost(record, "whole").rms < 1e-3
+    assert estimate_lost_direct(record, "whole").rms < 1e-3
     quality = result.summary["quality"]
     assert isinstance(quality, Quality)
     assert not any("lies" in reason for reason in quality.reasons)
@@ -153,7 +153,7 @@ def test_what_lies_elsewhere_is_said_with_its_figures_and_nothing_else(
     device, flip, turn_deg, offset_px = lies
     six = getattr(record.panels, device)
     assert six is not None
-    lie = lie_of(six, SIZE_PX)
+    lie = measure_misplacement(six, SIZE_PX)
     assert lie.flip == flip
     assert abs(lie.turn_deg - turn_deg) < 0.2
     assert np.hypot(*np.subtract(lie.offset_px, offset_px)) < 0.2 * QUAD_PX

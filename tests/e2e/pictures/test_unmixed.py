@@ -9,10 +9,10 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.truth import read_truth
+from pdcd.pictures.truth import read_known_answer
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
-from pdcd.runs.verify import whole_manifest
+from pdcd.runs.verify import read_whole_manifest
 from pdcd.words import WindowName
 from tests.bench.captures import take_into
 from tests.bench_rig import cells_error
@@ -68,11 +68,11 @@ def windowed_error(config: Config, window: WindowName | None, folder: Path) -> f
     request = CaptureRequest(goal="indirect", codes=128, window=window)
     result, taken = take_into(folder / str(window), config, request)
     blurred = config.mask.blur_px > 0.0  # half of the picture is taken out then
-    run = whole_manifest(taken).run
+    run = read_whole_manifest(taken).run
     assert {shot.window for shot in run.shots} == {"whole", window or "whole"}
     assert (run.borders is None) is (window == "quarter")
     decoded = Darkroom(taken, run).decoded()
-    truth, seen = read_truth(taken, decoded.cells).on_quads(decoded.cells)
+    truth, seen = read_known_answer(taken, decoded.cells).on_quads(decoded.cells)
     error, true = ((image[seen] ** 2).mean() for image in (decoded.answer.image - truth, truth))
     quality = result.summary["quality"]
     assert isinstance(quality, Quality) and quality.verdict == ("good", "doubtful")[blurred]

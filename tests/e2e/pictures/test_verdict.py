@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import pdcd
-from drivers.mock.bench import Bench
+from drivers.mock.bench import MockBench
 from pdcd.bench.tables import (
     BenchConfig,
     CameraConfig,
@@ -28,7 +28,7 @@ from pdcd.bench.tables import (
     SceneConfig,
 )
 from pdcd.panels.frames import Frames
-from pdcd.panels.patterns import Patterns, pack
+from pdcd.panels.patterns import Patterns, pack_bits
 from pdcd.panels.placing import Placing
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
@@ -45,15 +45,15 @@ def moved(patterns: Patterns, shape: tuple[int, int], move: Move) -> Patterns:
         return patterns
     bits = np.unpackbits(patterns.astype(np.uint8), axis=1, count=shape[0] * shape[1])
     shown = move(bits.reshape(-1, *shape)).reshape(len(bits), -1)
-    return pack(shown.astype(np.bool_))
+    return pack_bits(shown.astype(np.bool_))
 
 
 @contextmanager
 def misplaced(monkeypatch: pytest.MonkeyPatch, panel: str, move: Move) -> Iterator[None]:
     """The bench shows patterns (K, rows, cols) of a panel otherwise than its driver believes."""
-    photo = Bench.photo
+    photo = MockBench.photo
 
-    def wrongly(bench: Bench) -> NDArray[np.float64]:
+    def wrongly(bench: MockBench) -> NDArray[np.float64]:
         asked: Frames | None = bench.frames
         if asked is not None:
             field = f"{panel}_patterns"
@@ -65,7 +65,7 @@ def misplaced(monkeypatch: pytest.MonkeyPatch, panel: str, move: Move) -> Iterat
             bench.frames = asked
 
     with monkeypatch.context() as patch:
-        patch.setattr(Bench, "photo", wrongly)
+        patch.setattr(MockBench, "photo", wrongly)
         yield
 
 

@@ -19,9 +19,9 @@ from pdcd.errors import PdcdError, RequestError
 from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning import memory
-from pdcd.planning.make import plan_for
+from pdcd.planning.make import plan_with_prior
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import new_job_id
+from pdcd.protocol.result import make_job_id
 from pdcd.sensor import cells
 from tests import bench_rig
 from tests.sampled import sampled
@@ -76,9 +76,9 @@ def test_planning_takes_what_was_foreseen(
         {"codes": 512, "family": "bernoulli", "window": window, **fields}, CaptureRequest
     )
     config = Config(scene=SceneConfig(grid=GRID))
-    plan_for(request, config, GRID)  # what is kept for good is made before
+    plan_with_prior(request, config, GRID)  # what is kept for good is made before
     with peak() as taken:
-        plan = plan_for(request, config, GRID)
+        plan = plan_with_prior(request, config, GRID)
     assert taken[0] <= plan.memory_bytes + small
     assert plan.memory_bytes <= memory.SLACK * taken[0] + small
 
@@ -97,7 +97,7 @@ def test_a_capture_takes_no_more_than_its_plan_says(fields: dict[str, Any], tmp_
     request = msgspec.convert({**fields, "white": False}, CaptureRequest)
     foreseen = engine.plan(request).memory_bytes
     with peak() as taken:
-        result = bench_rig.capture(engine, request, job=new_job_id())
+        result = bench_rig.capture(engine, request, job=make_job_id())
     engine.stop()
     assert result.state == "done", result.error
     assert taken[0] <= foreseen
@@ -144,15 +144,15 @@ def test_what_is_too_much_is_refused_before_it_is_taken() -> None:
     config = Config(scene=SceneConfig(grid=(96, 128)), limits=limits)
     request = CaptureRequest(goal="diagonal", codes=4096)
     with peak() as taken, pytest.raises(RequestError, match="limit is 256 MiB") as caught:
-        plan_for(request, config, (96, 128))
+        plan_with_prior(request, config, (96, 128))
     assert taken[0] < 2**22
     assert "96 x 128" in str(caught.value) and "limits.memory_bytes" in str(caught.value)
 
 
 def test_half_of_the_machine_is_the_limit_unless_one_is_set() -> None:
     total = int(Path("/proc/meminfo").read_text(encoding="ascii").split()[1]) * 1024
-    assert memory.memory_limit(Config()) == pytest.approx(total / 2, rel=0.01)
-    assert memory.memory_limit(Config(limits=LimitsConfig(memory_bytes=2**30))) == 2**30
+    assert memory.memory_limit_bytes(Config()) == pytest.approx(total / 2, rel=0.01)
+    assert memory.memory_limit_bytes(Config(limits=LimitsConfig(memory_bytes=2**30))) == 2**30
 
 
 def test_a_search_leaves_out_what_takes_too_much(
@@ -162,9 +162,9 @@ def test_a_search_leaves_out_what_takes_too_much(
     request = CaptureRequest(goal="indirect", seconds=30.0)
     assert engine.plan(request).codes > 12
     few = engine.plan(CaptureRequest(goal="indirect", codes=12)).memory_bytes
-    monkeypatch.setattr(memory, "memory_limit", lambda config: few)
+    monkeypatch.setattr(memory, "memory_limit_bytes", lambda config: few)
     found = engine.plan(request)
     assert found.codes <= 12 and found.memory_bytes <= few
-    monkeypatch.setattr(memory, "memory_limit", lambda config: 0)
+    monkeypatch.setattr(memory, "memory_limit_bytes", lambda config: 0)
     with pytest.raises(PdcdError, match="of memory"):
         engine.plan(request)

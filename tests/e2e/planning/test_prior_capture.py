@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from pdcd.codes.hadamard import prior_codes
+from pdcd.codes.hadamard import make_prior_codes
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
-from pdcd.planning.given import read_given
+from pdcd.planning.given import read_request_arrays
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -48,7 +48,7 @@ def prior_of(prior: str) -> GivenPrior:
     """The prior of those words, or of that file."""
     if prior.startswith("scene:"):
         return load_prior(prior, GRID)
-    asked, given = read_given(INDIRECT, {"prior": from_path(Path(prior))}, GRID)
+    asked, given = read_request_arrays(INDIRECT, {"prior": from_path(Path(prior))}, GRID)
     assert asked.prior is not None
     return load_prior(asked.prior, GRID, given)
 
@@ -125,7 +125,7 @@ def test_a_wrong_prior_does_little_harm() -> None:
     scenes, which err less, may err up to 4 times more."""
     known = {prior: prior_of(prior) for prior in PRIORS}
     guided = {
-        prior: prior_codes(GRID, 32, scene.links, np.random.default_rng(0))
+        prior: make_prior_codes(GRID, 32, scene.links, np.random.default_rng(0))
         for prior, scene in known.items()
     }
     ratios, sharp = [], []
@@ -185,7 +185,7 @@ def test_refusals(fields: dict[str, Any], what: str, tmp_path: Path) -> None:
 
 
 def test_priors_that_do_not_fit_are_refused() -> None:
-    asked, given = read_given(INDIRECT, {"prior": from_path(Path(MIRROR_FILE))}, GRID)
+    asked, given = read_request_arrays(INDIRECT, {"prior": from_path(Path(MIRROR_FILE))}, GRID)
     with pytest.raises(RequestError, match="24 x 32 cells, the rig of 32 x 24"):
         load_prior(asked.prior or "", (32, 24), given)
     with pytest.raises(RequestError, match="too many paths"):

@@ -12,7 +12,7 @@ from Xlib import X
 from pdcd.errors import ConfigError
 from pdcd.presenter import desktop
 from pdcd.presenter.desktop import Desktop
-from pdcd.presenter.xconnection import connect, disconnect
+from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests.xserver import XServer, run
 
 
@@ -25,19 +25,19 @@ def server() -> Iterator[XServer]:
 @pytest.fixture
 def display(server: XServer) -> Iterator[Any]:
     """What the daemon looks with."""
-    display = connect(server.display)
+    display = open_x_connection(server.display)
     yield display
-    disconnect(display)
+    close_x_connection(display)
 
 
 @pytest.fixture
 def other(server: XServer) -> Iterator[Any]:
     """The desktop's own connection: what it sets ends with it."""
-    display = connect(server.display)
+    display = open_x_connection(server.display)
     yield display
     display.set_screen_saver(0, 600, X.DefaultBlanking, X.DefaultExposures)
     display.screen().root.delete_property(display.intern_atom("_NET_SUPPORTING_WM_CHECK"))
-    disconnect(display)
+    close_x_connection(display)
 
 
 def window(display: Any, name: str = "") -> Any:
@@ -67,53 +67,53 @@ def announce(display: Any, name: str) -> Any:
 
 
 def test_a_bare_server_is_fit(display: Any) -> None:
-    assert desktop.look(display) == Desktop()
-    desktop.check(display)
+    assert desktop.inspect_desktop(display) == Desktop()
+    desktop.check_desktop(display)
 
 
 def test_a_compositor_is_refused(display: Any, other: Any) -> None:
     own(other, "_NET_WM_CM_S0", "picom")
     with pytest.raises(ConfigError, match="a compositor owns the screen: picom"):
-        desktop.check(display)
+        desktop.check_desktop(display)
 
 
 @pytest.mark.parametrize("name", ["twm", ""])
 def test_a_window_manager_is_refused(display: Any, other: Any, name: str) -> None:
     own(other, "WM_S0", name)
     with pytest.raises(ConfigError, match=f"a window manager owns the screen: {name or 'unnamed'}"):
-        desktop.check(display)
+        desktop.check_desktop(display)
 
 
 def test_a_manager_that_only_announces_itself_is_refused(display: Any, other: Any) -> None:
     announce(other, "Öpenbox")
-    assert desktop.look(display).window_manager == "Öpenbox"
+    assert desktop.inspect_desktop(display).window_manager == "Öpenbox"
 
 
 def test_the_announcement_of_a_dead_manager_does_not_count(display: Any, other: Any) -> None:
     announce(other, "crashed").destroy()
     other.sync()
-    assert desktop.look(display).window_manager is None
+    assert desktop.inspect_desktop(display).window_manager is None
 
 
 def test_the_compositor_of_another_screen_does_not_count(display: Any, other: Any) -> None:
     own(other, "_NET_WM_CM_S1")
-    desktop.check(display)
+    desktop.check_desktop(display)
 
 
 def test_blanking_is_refused(display: Any, other: Any) -> None:
     other.set_screen_saver(300, 600, X.DefaultBlanking, X.DefaultExposures)
     other.sync()
     with pytest.raises(ConfigError, match="blanks the panels after 300 s") as caught:
-        desktop.check(display)
+        desktop.check_desktop(display)
     assert f"xset -display {display.get_display_name()} s off" in str(caught.value)
 
 
 def test_every_fault_is_named_at_once() -> None:
     worst = Desktop("picom", "twm", 600, (0, 900, 1200))
-    texts = [str(fault) for fault in desktop.faults(worst, ":7")]
+    texts = [str(fault) for fault in desktop.list_desktop_faults(worst, ":7")]
     assert len(texts) == 4
     assert "after 900 s (xset -display :7 -dpms" in texts[3]
-    assert desktop.faults(Desktop(), ":7") == []
+    assert desktop.list_desktop_faults(Desktop(), ":7") == []
 
 
 class PowerRecorder:
@@ -139,11 +139,11 @@ class PowerRecorder:
 
 
 def test_power_management_is_read() -> None:
-    assert desktop.look(PowerRecorder()) == Desktop(power_s=(0, 600, 900))
-    assert desktop.look(PowerRecorder(state=False)) == Desktop()
-    assert desktop.look(PowerRecorder(capable=False)) == Desktop()
+    assert desktop.inspect_desktop(PowerRecorder()) == Desktop(power_s=(0, 600, 900))
+    assert desktop.inspect_desktop(PowerRecorder(state=False)) == Desktop()
+    assert desktop.inspect_desktop(PowerRecorder(capable=False)) == Desktop()
 
 
 def test_a_panel_that_sleeps_is_refused() -> None:
-    (fault,) = desktop.faults(desktop.look(PowerRecorder(level=3)), ":7")
+    (fault,) = desktop.list_desktop_faults(desktop.inspect_desktop(PowerRecorder(level=3)), ":7")
     assert "has switched the panels off" in str(fault)

@@ -14,7 +14,7 @@ import pytest
 from Xlib import X
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter.xconnection import connect, disconnect
+from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from pdcd.presenter.xgrab import Pixels, RootGrabber
 from tests.tools import needs, program
 from tests.xserver import QUARTER, XServer, run
@@ -36,9 +36,9 @@ def grabber(server: XServer) -> Iterator[RootGrabber]:
 
 @pytest.fixture
 def display(server: XServer) -> Iterator[Any]:
-    display = connect(server.display)
+    display = open_x_connection(server.display)
     yield display
-    disconnect(display)
+    close_x_connection(display)
 
 
 def draw(display: Any, pixels: Pixels) -> Any:

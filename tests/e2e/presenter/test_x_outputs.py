@@ -15,8 +15,8 @@ from Xlib.ext import randr
 
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import outputs as x_outputs
-from pdcd.presenter.outputs import Output, Pair, Watcher, find_output, find_pair, read_outputs
-from pdcd.presenter.xconnection import connect, disconnect
+from pdcd.presenter.outputs import Output, OutputPair, Watcher, find_output, find_pair, read_outputs
+from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests.edid_block import block
 from tests.xserver import QUARTER, XServer, run
 
@@ -33,17 +33,17 @@ def server() -> Iterator[XServer]:
 
 @pytest.fixture
 def display(server: XServer) -> Iterator[Any]:
-    display = connect(server.display)
+    display = open_x_connection(server.display)
     yield display
-    disconnect(display)
+    close_x_connection(display)
 
 
 def read(server: XServer) -> dict[str, Output]:
-    display = connect(server.display)
+    display = open_x_connection(server.display)
     try:
         return {o.name: o for o in read_outputs(display)}
     finally:
-        disconnect(display)
+        close_x_connection(display)
 
 
 def give_edid(display: Any, name: str, data: bytes) -> None:
@@ -59,9 +59,9 @@ def give_edid(display: Any, name: str, data: bytes) -> None:
 
 @pytest.fixture
 def watcher(server: XServer) -> Iterator[Watcher]:
-    display = connect(server.display)
+    display = open_x_connection(server.display)
     yield Watcher(display)
-    disconnect(display)
+    close_x_connection(display)
 
 
 def eventually(watcher: Watcher) -> bool:
@@ -148,7 +148,7 @@ def test_overlapping_outputs_are_refused(server: XServer) -> None:
 def test_outputs_that_only_touch_do_not_overlap() -> None:
     left = Output("a", True, 0, 0, 10, 10)
     for x, y, wanted in ((10, 0, False), (9, 0, True), (0, 10, False), (9, 9, True)):
-        assert x_outputs.overlap(left, Output("b", True, x, y, 10, 10)) is wanted
+        assert x_outputs.has_overlap(left, Output("b", True, x, y, 10, 10)) is wanted
 
 
 def test_one_output_cannot_be_both_panels(display: Any) -> None:
@@ -182,14 +182,14 @@ def test_published_timings_have_their_published_rates() -> None:
 def test_a_rate_that_the_server_does_not_know_is_none() -> None:
     assert x_outputs.mode_hz(0, 0, 0) is None
     x_outputs.check_rates(None, 60.0)
-    pair = Pair(Output("a", True), Output("b", True, refresh_hz=60.0))
+    pair = OutputPair(Output("a", True), Output("b", True, refresh_hz=60.0))
     assert pair.refresh_hz is None and pair.slip_s is None
 
 
 def test_a_turned_output_is_taken_and_said(display: Any) -> None:
     """This server cannot turn outputs; what it says of one that is turned is put in its mouth."""
     outputs = [
-        replace(o, turned=x_outputs.turned(randr.Rotate_180 | randr.Reflect_X))
+        replace(o, turned=x_outputs.describe_rotation(randr.Rotate_180 | randr.Reflect_X))
         if o.name == "DUMMY1"
         else o
         for o in read_outputs(display)
@@ -203,7 +203,9 @@ def test_a_turned_output_is_taken_and_said(display: Any) -> None:
 def test_turned_outputs_have_the_size_that_the_screen_gives_them(display: Any) -> None:
     """A panel that stands upright is as wide as it is high otherwise."""
     outputs = [
-        replace(o, turned=x_outputs.turned(randr.Rotate_90), width=o.height, height=o.width)
+        replace(
+            o, turned=x_outputs.describe_rotation(randr.Rotate_90), width=o.height, height=o.width
+        )
         for o in read_outputs(display)
     ]
     with pytest.raises(ConfigError, match="DUMMY1 shows 192 x 256 pixels, not 256 x 192"):
@@ -247,8 +249,8 @@ def test_a_server_that_dies_between_questions_is_lost(server: XServer, display: 
 def test_without_a_server_the_message_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     with pytest.raises(ConfigError, match="DISPLAY is not set"):
-        connect()
+        open_x_connection()
     with pytest.raises(ConfigError, match="not the name of an X server"):
-        connect("HDMI-1")
+        open_x_connection("HDMI-1")
     with pytest.raises(DeviceLost, match="systemctl status pdcd-x"):
-        connect(":4242")
+        open_x_connection(":4242")

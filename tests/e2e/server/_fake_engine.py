@@ -16,17 +16,18 @@ from pathlib import Path
 
 import msgspec
 
+from pdcd.arrays import Floats
 from pdcd.bench.tables import Config, RigConfig, ServerConfig
-from pdcd.errors import Cancelled, DeviceLost, RequestError, of_kind
+from pdcd.errors import Cancelled, DeviceLost, RequestError, make_error
 from pdcd.protocol import events
-from pdcd.protocol.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
+from pdcd.protocol.events import Emit, Progress, ShotArmed, ShutterClosed, ShutterOpen
 from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.protocol.views import OwnerView, Preview, RigView
-from pdcd.recipes.arrays import Floats, Given
-from pdcd.runs.place import Place
-from pdcd.server.daemon import run
+from pdcd.protocol.views import OwnerView, PreviewView, RigView
+from pdcd.recipes.arrays import Given
+from pdcd.runs.place import HeldFolder
+from pdcd.server.daemon import run_daemon
 from pdcd.words import JobState
 
 
@@ -81,7 +82,7 @@ class FakeEngine:
         if verb == "raise":
             raise RuntimeError("a fault of the program")
         if verb == "fail":
-            raise of_kind(value, "it broke", "camera", "mend it")
+            raise make_error(value, "it broke", "camera", "mend it")
         self._until_cancelled(verb == "slow", cancelled)
         codes = request.codes or 8
         shot = ShotSummary(
@@ -112,7 +113,7 @@ class FakeEngine:
         owner: OwnerView,
         emit: Emit,
         cancelled: Callable[[], bool],
-        parent: Place | None = None,
+        parent: HeldFolder | None = None,
         report: bool = False,
     ) -> CaptureResult:
         self._note("capture")
@@ -123,7 +124,7 @@ class FakeEngine:
         verb, _, value = request.note.partition(":")
         if verb == "raise":
             raise RuntimeError("a fault of the program")
-        emit(Armed(shot="s1", frames=20))
+        emit(ShotArmed(shot="s1", frames=20))
         self.shutter_open = True
         emit(ShutterOpen(shot="s1"))
         state: JobState = "done"
@@ -189,7 +190,7 @@ class FakeEngine:
 
     def preview(
         self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]
-    ) -> Preview:
+    ) -> PreviewView:
         self._note("preview")
         assert self.lit is None  # a picture on the panels would be in the photo
         self.shutter_open = True
@@ -198,7 +199,7 @@ class FakeEngine:
             self._until_cancelled(self.slow_previews, cancelled)
         finally:
             self.shutter_open = False
-        return Preview(path="/nowhere/preview.png", sha256="0" * 64, shape=(4, 6, 3))
+        return PreviewView(path="/nowhere/preview.png", sha256="0" * 64, shape=(4, 6, 3))
 
 
 def main() -> int:
@@ -215,7 +216,7 @@ def main() -> int:
         engines.append(FakeEngine(config))
         return engines[-1]
 
-    code = run(config, socket=given.socket, engine_factory=make)
+    code = run_daemon(config, socket=given.socket, engine_factory=make)
     told = [{"calls": e.calls, "shutter_open": e.shutter_open, "lit": e.lit} for e in engines]
     sys.stdout.write(msgspec.json.encode(told).decode() + "\n")
     return code

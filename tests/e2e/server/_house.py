@@ -18,11 +18,11 @@ from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import ConfigError
 from pdcd.protocol.messages import PROTOCOL, ClockAnchor, Hello
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server.access import Access
 from pdcd.server.callers import Caller
 from pdcd.server.connections import Server, Service
-from pdcd.server.protocol import Request
+from pdcd.server.protocol import RpcRequest
 from tests.e2e.server._server_harness import PATIENCE_S
 
 
@@ -50,7 +50,7 @@ class Reader:
             clock=ClockAnchor(0, ""),
         )
 
-    async def handle(self, caller: Caller, request: Request) -> Contents:
+    async def handle(self, caller: Caller, request: RpcRequest) -> Contents:
         for fd in request.fds:
             assert fcntl.fcntl(fd, fcntl.F_GETFD) & fcntl.FD_CLOEXEC
         note = request.params.note if isinstance(request.params, CaptureRequest) else ""
@@ -145,7 +145,7 @@ async def house(
     sock = socket.socket(socket.AF_UNIX)
     sock.bind(str(folder / "s"))
     sock.listen()
-    access = Access(dict.fromkeys(uids, Role.SHOOT), {})
+    access = Access(dict.fromkeys(uids, ClientRole.SHOOT), {})
     server = Server(sock, access, LimitsConfig())
     service = Reader()
     server.open(cast(Service, service))

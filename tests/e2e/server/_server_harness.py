@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from pdcd.bench.tables import Config, LimitsConfig, ServerConfig
-from pdcd.server.daemon import serve
+from pdcd.server.daemon import serve_daemon
 from tests.e2e.server._fake_engine import FakeEngine
 
 PATIENCE_S = 60.0
@@ -126,7 +126,7 @@ async def daemon(
     engine = FakeEngine(config)
     stop = asyncio.Event()
     task = asyncio.create_task(
-        serve(config, socket=path, engine_factory=lambda _: engine, stop=stop)
+        serve_daemon(config, socket=path, engine_factory=lambda _: engine, stop=stop)
     )
     try:
         while "start" not in engine.calls:

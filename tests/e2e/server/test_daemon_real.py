@@ -16,7 +16,7 @@ import pytest
 
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, RigConfig
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.protocol.entry import RunQuery
 from pdcd.protocol.events import Progress
 from pdcd.protocol.request import CaptureRequest
@@ -32,7 +32,7 @@ GUARD_S = 60.0
 def daemon(folder: Path, **tables: Any) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     path = folder / "pdcd.toml"
     given = {"camera": CameraConfig(noise="none", f_number=8.0), **tables}
-    path.write_text(settings.show(bench_rig.config(folder, **given)))
+    path.write_text(settings.format_config(bench_rig.config(folder, **given)))
     socket = folder / "s"
     command = [
         sys.executable,
@@ -56,7 +56,7 @@ def connect(socket: Path) -> Client:
     while True:
         try:
             return Client(socket)
-        except Unreachable:
+        except UnreachableError:
             assert time.monotonic() < give_up
             time.sleep(0.02)
 

@@ -13,7 +13,16 @@ import pytest
 from pdcd.bench.tables import CameraConfig, DisplayConfig, FaultsConfig, RigConfig
 from pdcd.client import Client
 from pdcd.errors import ProtocolError
-from pdcd.protocol.events import ENDS, THINNED, TYPES, Event, Queued, Unknown, read, wire
+from pdcd.protocol.events import (
+    ENDS,
+    THINNED,
+    TYPES,
+    Event,
+    JobQueued,
+    UnknownEvent,
+    decode_event,
+    encode_event,
+)
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests.e2e.server.test_daemon_real import connect, daemon, wait_for_codes
@@ -56,16 +65,16 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
         assert client.cancel(job).state == "cancelled"
         process.terminate()
     assert named == set(TYPES) == set(heard.types)
-    assert not any(isinstance(event, Unknown) for event in events)
+    assert not any(isinstance(event, UnknownEvent) for event in events)
 
     (first,) = {event.job for event in events[:1]}
     own = [event for event in events if event.job == first]
-    assert isinstance(own[0], Queued) and isinstance(own[-1], ENDS)
+    assert isinstance(own[0], JobQueued) and isinstance(own[-1], ENDS)
     assert [event.seq for event in own] == list(range(len(own)))
     kept = [event for event in own[1:-1] if not isinstance(event, THINNED)]
     assert [line["event"] for line in logged] == [event.type for event in kept]
     for line, event in zip(logged, kept, strict=True):
-        told = wire(event)
+        told = encode_event(event)
         assert {**told, **line, "t_mono_ns": 0, "event": 0} == {**told, "t_mono_ns": 0, "event": 0}
 
 
@@ -93,11 +102,13 @@ def test_what_was_sent_is_what_is_read(kind: str) -> None:
     )
     wanted = set(TYPES[kind].__struct_fields__)
     given = {k: v for k, v in {**fields, **numbers, "total": 2}.items() if k in wanted}
-    event = read({"job": "j", "seq": 3, "type": kind, "t_mono_ns": 5, **given, "of 2040": [1]})
+    event = decode_event(
+        {"job": "j", "seq": 3, "type": kind, "t_mono_ns": 5, **given, "of 2040": [1]}
+    )
     assert (event.job, event.seq, event.type, event.t_mono_ns) == ("j", 3, kind, 5)
-    assert read(json.loads(msgspec.json.encode(event))) == event
-    assert list(wire(event))[:4] == ["job", "seq", "type", "t_mono_ns"]
-    assert json.loads(json.dumps(wire(event))) == json.loads(msgspec.json.encode(event))
+    assert decode_event(json.loads(msgspec.json.encode(event))) == event
+    assert list(encode_event(event))[:4] == ["job", "seq", "type", "t_mono_ns"]
+    assert json.loads(json.dumps(encode_event(event))) == json.loads(msgspec.json.encode(event))
 
 
 def answer_with(path: Path, events: list[dict[str, object]]) -> threading.Thread:
@@ -136,8 +147,8 @@ def test_a_client_bears_what_it_does_not_know(tmp_path: Path, heard: Heard) -> N
         events = client.events()
         new, known = next(events), next(events)
     thread.join()
-    assert isinstance(new, Unknown) and new.type == "focussed"
-    assert wire(new) == told[0]
+    assert isinstance(new, UnknownEvent) and new.type == "focussed"
+    assert encode_event(new) == told[0]
     assert known == TYPES["learning"](job="j", seq=0, t_mono_ns=1, photos=8)  # type: ignore[call-arg]
     assert client.hello.protocol == (1, 7)
     assert len(heard.faults) == 2

@@ -15,8 +15,8 @@ import pytest
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.runs.verify import verify
-from pdcd.server.daemon import serve
+from pdcd.runs.verify import verify_run
+from pdcd.server.daemon import serve_daemon
 from tests import bench_rig
 from tests.e2e.server._server_harness import PATIENCE_S, Wire, nothing_left
 
@@ -44,7 +44,7 @@ async def patient(folder: Path) -> AsyncIterator[Wire]:
     socket, stop = folder / "s", asyncio.Event()
     config = bench_rig.config(folder)
     task = asyncio.create_task(
-        serve(config, socket=socket, engine_factory=Patient.from_config, stop=stop)
+        serve_daemon(config, socket=socket, engine_factory=Patient.from_config, stop=stop)
     )
     while not socket.exists():
         await asyncio.sleep(0.005)
@@ -106,7 +106,7 @@ def test_a_folder_swapped_for_a_link_leads_nowhere(tmp_path: Path) -> None:
     assert list((tmp_path / "outside").iterdir()) == []
     folder = Path(result["folder"])
     assert folder == tmp_path / "state" / "aside" / result["job"]
-    assert verify(folder, manifest_sha256=result["manifest_sha256"]).whole
+    assert verify_run(folder, manifest_sha256=result["manifest_sha256"]).whole
 
 
 @pytest.mark.parametrize("attack", [remove, move_out])

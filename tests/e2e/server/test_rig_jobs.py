@@ -15,10 +15,10 @@ from pdcd.bench.tables import Config
 from pdcd.protocol.messages import ShowParams
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.recipes.arrays import NOTHING
+from pdcd.recipes.arrays import NO_ARRAYS
 from pdcd.server.jobs import Job, JobTable, Owner
 from pdcd.server.runner import Runner
-from pdcd.server.worker import Worker
+from pdcd.server.worker import EngineThread
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import Daemon, Wire, daemon, nothing_left
 
@@ -123,10 +123,10 @@ def test_a_long_plan_is_not_taken_for_a_stuck_thread() -> None:
     """The engine's thread beats whenever `cancelled` is asked: the watchdog's only food."""
 
     async def scenario() -> None:
-        worker = Worker()
+        worker = EngineThread()
         runner = Runner(FakeEngine(Config()), worker, lambda job, event: None)
         request = CaptureRequest(goal="white", note="slow")
-        job = runner.start(request, NOTHING, owner(1), kind="plan")
+        job = runner.start(request, NO_ARRAYS, owner(1), kind="plan")
         beats, silent_s, last_s = worker.beats, 0.0, time.monotonic()
         end_s = last_s + 0.5
         while time.monotonic() < end_s:
@@ -216,13 +216,15 @@ def owner(uid: int, connection: int = 1) -> Owner:
 
 
 def take(table: JobTable, uid: int, *, queue: bool = False) -> Job:
-    return table.admit(CaptureRequest(goal="white"), NOTHING, owner(uid), detach=False, queue=queue)
+    return table.admit(
+        CaptureRequest(goal="white"), NO_ARRAYS, owner(uid), detach=False, queue=queue
+    )
 
 
 def test_a_picture_is_in_the_way_of_others_and_not_of_its_owner() -> None:
     table = JobTable()
     pattern = ShowParams(pattern="grid")
-    show = table.admit(pattern, NOTHING, owner(1), kind="show", detach=True, queue=False)
+    show = table.admit(pattern, NO_ARRAYS, owner(1), kind="show", detach=True, queue=False)
     with pytest.raises(Exception, match=rf"{show.name} \(show\) of user1 \(uid 1\)"):
         take(table, 2)
     waiting = take(table, 2, queue=True)
@@ -239,7 +241,12 @@ def test_plans_do_not_make_the_table_forget_captures() -> None:
     table.finish(photo, photo_result(photo))
     for _ in range(10):
         plan = table.admit(
-            CaptureRequest(goal="white"), NOTHING, owner(1), kind="plan", detach=False, queue=False
+            CaptureRequest(goal="white"),
+            NO_ARRAYS,
+            owner(1),
+            kind="plan",
+            detach=False,
+            queue=False,
         )
         table.finish(plan, photo_result(plan))
     assert table.get(photo.name) is photo

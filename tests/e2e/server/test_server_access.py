@@ -18,7 +18,7 @@ import pytest
 from pdcd.bench.tables import RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.protocol.messages import METHODS
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server import access
 from pdcd.server.access import Access, Names, Peer, peer_of
 from tests.e2e.server._server_harness import Daemon, Wire, daemon, nothing_left
@@ -74,7 +74,7 @@ def test_no_user_database_is_asked_about_groups(monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(f"{module}.{name}", hang)
     left, right = socket.socketpair()
     with left, right:
-        assert Access({os.getuid(): Role.SHOOT}, {}).role(peer_of(left)) is Role.SHOOT
+        assert Access({os.getuid(): ClientRole.SHOOT}, {}).role(peer_of(left)) is ClientRole.SHOOT
 
 
 def test_a_lookup_that_hangs_holds_up_nobody_else(
@@ -150,19 +150,22 @@ def test_a_name_is_looked_up_once_for_many_and_forgotten_in_time(
 @pytest.mark.parametrize(
     ("peer", "role"),
     [
-        (Peer(1, 1000, 1000, "own"), Role.ADMINISTER),
-        (Peer(1, 1001, 1001, "listed"), Role.SHOOT),
-        (Peer(1, 1002, 4242, "of the group"), Role.SHOOT),
-        (Peer(1, 1002, 1, "of the group, too", frozenset({7, 4242})), Role.SHOOT),
-        (Peer(1, 1003, 1003, "looks"), Role.LOOK),
-        (Peer(1, 1003, 1003, "looks, but of the group", frozenset({4242})), Role.SHOOT),
+        (Peer(1, 1000, 1000, "own"), ClientRole.ADMINISTER),
+        (Peer(1, 1001, 1001, "listed"), ClientRole.SHOOT),
+        (Peer(1, 1002, 4242, "of the group"), ClientRole.SHOOT),
+        (Peer(1, 1002, 1, "of the group, too", frozenset({7, 4242})), ClientRole.SHOOT),
+        (Peer(1, 1003, 1003, "looks"), ClientRole.LOOK),
+        (Peer(1, 1003, 1003, "looks, but of the group", frozenset({4242})), ClientRole.SHOOT),
         (Peer(1, 1002, 1002, "stranger", frozenset({1, 2, 3})), None),
         (Peer(1, 4242, 1002, "stranger with the number of a group"), None),
         (Peer(1, 1002, 1000, "stranger in a group with the number of a user"), None),
     ],
 )
-def test_the_highest_role_that_user_or_group_gives(peer: Peer, role: Role | None) -> None:
-    rule = Access({1000: Role.ADMINISTER, 1001: Role.SHOOT, 1003: Role.LOOK}, {4242: Role.SHOOT})
+def test_the_highest_role_that_user_or_group_gives(peer: Peer, role: ClientRole | None) -> None:
+    rule = Access(
+        {1000: ClientRole.ADMINISTER, 1001: ClientRole.SHOOT, 1003: ClientRole.LOOK},
+        {4242: ClientRole.SHOOT},
+    )
     assert rule.role(peer) is role
 
 
@@ -182,11 +185,11 @@ def test_the_socket_and_the_configuration_give_roles(
         sock.bind(str(path))
         path.chmod(mode)
         rule = Access.to(sock, tables)
-    own = dict.fromkeys({0, os.geteuid()}, Role.ADMINISTER)
-    assert rule.uids == {77: Role.SHOOT, 78: Role.LOOK, 79: Role.ADMINISTER} | own
+    own = dict.fromkeys({0, os.geteuid()}, ClientRole.ADMINISTER)
+    assert rule.uids == {77: ClientRole.SHOOT, 78: ClientRole.LOOK, 79: ClientRole.ADMINISTER} | own
     assert rule.own == set(own)
-    group = {path.stat().st_gid: Role.SHOOT} if open_to_group else {}
-    assert rule.gids == group | {0: Role.ADMINISTER, 5001: Role.ADMINISTER}
+    group = {path.stat().st_gid: ClientRole.SHOOT} if open_to_group else {}
+    assert rule.gids == group | {0: ClientRole.ADMINISTER, 5001: ClientRole.ADMINISTER}
 
 
 def test_an_abstract_socket_has_no_group() -> None:

@@ -29,13 +29,13 @@ from pdcd.errors import BusyError, PdcdError, RequestError
 from pdcd.files import opening
 from pdcd.files.arrays import read_array
 from pdcd.files.opening import Sendable
-from pdcd.protocol.request import CaptureRequest, Sent
+from pdcd.protocol.request import CaptureRequest, SentArray
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.patterns import read_patterns
 from pdcd.server.access import Peer
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.intake import Intake
-from pdcd.server.protocol import Request, parse
+from pdcd.server.protocol import RpcRequest, parse_line
 from pdcd.server.readers import Readers
 from tests import bench_rig
 from tests.e2e.server._server_harness import daemon, nothing_left
@@ -84,25 +84,25 @@ def test_an_array_comes_by_descriptor_within_the_line_and_by_name(tmp_path: Path
     intake = Intake(tmp_path, GRID)
     text = base64.b64encode(path.read_bytes()).decode()
     for value, fds, file in (
-        (Sent(fd=0, file="light.npy"), [descriptor_of(path)], "light.npy"),
-        (Sent(fd=1), [descriptor_of(path), descriptor_of(path)], None),
-        (Sent(npy=text), [], None),
+        (SentArray(fd=0, file="light.npy"), [descriptor_of(path)], "light.npy"),
+        (SentArray(fd=1), [descriptor_of(path), descriptor_of(path)], None),
+        (SentArray(npy=text), [], None),
         ("light.npy", [], "light.npy"),
     ):
         kept, array = taken(intake, value, *fds)
         np.testing.assert_array_equal(array, LIGHT)
-        assert kept == Sent(file=file, sha256=kept.sha256) and len(kept.sha256) == 64
+        assert kept == SentArray(file=file, sha256=kept.sha256) and len(kept.sha256) == 64
 
 
 @pytest.mark.parametrize(
     ("value", "what"),
     [
-        (Sent(fd=0), "0 came with the line"),
-        (Sent(), "neither"),
-        (Sent(fd=0, npy="AA=="), "neither"),
-        (Sent(sha256="0" * 64), "neither"),
-        (Sent(npy="no base64!"), "not base64"),
-        (Sent(npy="AAAA", file="a\nb"), "no name of a file"),
+        (SentArray(fd=0), "0 came with the line"),
+        (SentArray(), "neither"),
+        (SentArray(fd=0, npy="AA=="), "neither"),
+        (SentArray(sha256="0" * 64), "neither"),
+        (SentArray(npy="no base64!"), "not base64"),
+        (SentArray(npy="AAAA", file="a\nb"), "no name of a file"),
         ("a\nb", "no name of a file"),
         ("../light.npy", "no name below"),
         ("none.npy", "No such file"),
@@ -135,7 +135,7 @@ def test_descriptors_of_fifos_devices_and_giants_are_refused_at_once(
     found = files.kinds(tmp_path)[name]
     begun_s = time.monotonic()
     with pytest.raises(RequestError, match=r"not a regular file|bytes; at most"):
-        taken(Intake(None, GRID), Sent(fd=0), descriptor_of(found))
+        taken(Intake(None, GRID), SentArray(fd=0), descriptor_of(found))
     assert time.monotonic() - begun_s < 2.0
 
 
@@ -145,14 +145,14 @@ class Hanging:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.let = threading.Event()
         self.ended: list[bool] = []
-        whole = opening.contents
+        whole = opening.read_contents
 
         def contents(descriptor: int, limits: Any) -> bytes:
             if os.fstat(descriptor).st_size == 1:
                 self.ended.append(self.let.wait(60.0))
             return whole(descriptor, limits)
 
-        monkeypatch.setattr("pdcd.planning.given.contents", contents)
+        monkeypatch.setattr("pdcd.planning.given.read_contents", contents)
 
 
 def test_a_disk_that_hangs_costs_its_user_two_threads_and_others_nothing(
@@ -163,7 +163,7 @@ def test_a_disk_that_hangs_costs_its_user_two_threads_and_others_nothing(
     np.save(tmp_path / "light.npy", LIGHT)
     hung, sound = descriptor_of(tmp_path / "hangs"), descriptor_of(tmp_path / "light.npy")
     intake = Intake(None, GRID, Readers(each=2, total=3, limit_s=0.3))
-    request = CaptureRequest(goal="illuminated", illumination=Sent(fd=0))
+    request = CaptureRequest(goal="illuminated", illumination=SentArray(fd=0))
 
     async def scenario() -> None:
         async def take(descriptor: int, peer: Peer) -> Any:
@@ -194,7 +194,7 @@ def test_a_descriptor_is_read_though_its_sender_closes_it(
     """The server may close its own in the middle of a read; the number may be another file then."""
     np.save(tmp_path / "light.npy", LIGHT)
     descriptor = descriptor_of(tmp_path / "light.npy")
-    whole = opening.contents
+    whole = opening.read_contents
 
     def closing(mine: int, limits: Any) -> bytes:
         os.close(descriptor)
@@ -203,8 +203,8 @@ def test_a_descriptor_is_read_though_its_sender_closes_it(
         assert again == descriptor
         return whole(mine, limits)
 
-    monkeypatch.setattr("pdcd.planning.given.contents", closing)
-    _, array = taken(Intake(None, GRID), Sent(fd=0), descriptor)
+    monkeypatch.setattr("pdcd.planning.given.read_contents", closing)
+    _, array = taken(Intake(None, GRID), SentArray(fd=0), descriptor)
     np.testing.assert_array_equal(array, LIGHT)
 
 
@@ -212,7 +212,7 @@ def test_arrays_that_wait_are_bounded_and_let_go(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("pdcd.server.intake.HELD_BYTES", 10**6)
     intake = Intake(None, GRID, Readers(limit_s=0.2))
     text = base64.b64encode(files.npy(np.ones((250, 250)))).decode()
-    request = CaptureRequest(goal="illuminated", illumination=Sent(npy=text))
+    request = CaptureRequest(goal="illuminated", illumination=SentArray(npy=text))
 
     async def scenario() -> None:
         held = [(await intake.take(request, (), SELF))[1]]
@@ -230,12 +230,12 @@ def test_arrays_that_wait_are_bounded_and_let_go(monkeypatch: pytest.MonkeyPatch
 def test_long_rows_become_an_array_and_short_ones_stay() -> None:
     async def scenario() -> None:
         intake = Intake(None, (100, 100))
-        for size, kept_as in ((64, tuple), (65, Sent)):
+        for size, kept_as in ((64, tuple), (65, SentArray)):
             rows = ((0.5,) * size,) * 64
             request = CaptureRequest(goal="illuminated", illumination=rows)
             kept, given = await intake.take(request, (), SELF)
             assert isinstance(kept.illumination, kept_as)
-            assert ("illumination" in given) == (kept_as is Sent)
+            assert ("illumination" in given) == (kept_as is SentArray)
 
     asyncio.run(scenario())
 
@@ -253,7 +253,7 @@ def test_the_engine_gets_the_arrays_and_jobs_let_go_of_them(tmp_path: Path) -> N
                     await wire.result("capture.wait", job=answer["job"])
                 np.testing.assert_array_equal(running.engine.given[-1]["illumination"], LIGHT)
             recorded = running.engine.requests[-1].illumination
-            assert isinstance(recorded, Sent) and recorded.npy is None and recorded.sha256
+            assert isinstance(recorded, SentArray) and recorded.npy is None and recorded.sha256
             bad = await wire.error(
                 "capture.start", goal="illuminated", illumination={"npy": "AA=="}
             )
@@ -312,9 +312,9 @@ def test_descriptors_are_sent_with_their_line(tmp_path: Path) -> None:
         async def take() -> Any:
             held = Descriptors()
             held.receive(fds)
-            request = parse(line.strip(), held)
-            assert isinstance(request, Request) and isinstance(request.params, CaptureRequest)
-            assert request.params.warp == Sent(fd=1, file="warp.npy")
+            request = parse_line(line.strip(), held)
+            assert isinstance(request, RpcRequest) and isinstance(request.params, CaptureRequest)
+            assert request.params.warp == SentArray(fd=1, file="warp.npy")
             _, given = await Intake(None, GRID).take(request.params, request.fds, SELF)
             await held.end()
             return given

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import BusyError, DeviceLost, PdcdError, ProtocolError, RequestError
 from pdcd.protocol.events import Event
 from pdcd.protocol.messages import MAX_LINE, PROTOCOL
@@ -184,15 +184,15 @@ def test_events_come_until_the_connection_ends(tmp_path: Path) -> None:
 
 
 def test_nobody_there_is_unreachable(tmp_path: Path) -> None:
-    with pytest.raises(Unreachable, match="pdcd serve"):
+    with pytest.raises(UnreachableError, match="pdcd serve"):
         Client(tmp_path / "nobody")
-    assert issubclass(Unreachable, ConnectionError)
+    assert issubclass(UnreachableError, ConnectionError)
 
 
 @pytest.mark.parametrize(
     ("said", "error"),
     [
-        (b"", Unreachable),
+        (b"", UnreachableError),
         (b"SSH-2.0-OpenSSH\n", ProtocolError),
         (b'{"jsonrpc":"2.0","method":"welcome","params":{}}\n', ProtocolError),
         (b'{"jsonrpc":"2.0","method":"hello","params":{"protocol":[2,0]}}\n', ProtocolError),
@@ -221,5 +221,5 @@ def test_a_silent_server_is_given_up(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
         listener.listen()
-        with pytest.raises(Unreachable, match=r"0\.1 s"):
+        with pytest.raises(UnreachableError, match=r"0\.1 s"):
             Client(path, timeout_s=0.1)

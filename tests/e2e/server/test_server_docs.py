@@ -18,9 +18,9 @@ import pytest
 
 from pdcd.bench.tables import LimitsConfig
 from pdcd.protocol import messages
-from pdcd.protocol.events import COMMON, TYPES
+from pdcd.protocol.events import COMMON_FIELDS, TYPES
 from pdcd.protocol.messages import CODES, METHODS
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server import callers, connections
 from tests.places import ROOT
 from tests.sampled import sampled
@@ -33,9 +33,9 @@ import sys
 from pathlib import Path
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.capture.engine import Engine
-from pdcd.server.daemon import run
+from pdcd.server.daemon import run_daemon
 config = Config(server=ServerConfig(state_dir=sys.argv[2]))
-sys.exit(run(config, socket=Path(sys.argv[1]), engine_factory=Engine.from_config))
+sys.exit(run_daemon(config, socket=Path(sys.argv[1]), engine_factory=Engine.from_config))
 """
 
 
@@ -181,7 +181,7 @@ def test_every_method_and_error_is_in_its_table() -> None:
 
 def test_every_role_is_that_of_the_program() -> None:
     rows = re.findall(r"^\| `([a-z.]+)` \|.*\| (\w+)[^|]* \|$", section("Methods"), re.MULTILINE)
-    assert {name: Role[role.upper()] for name, role in rows} == {
+    assert {name: ClientRole[role.upper()] for name, role in rows} == {
         name: method.role for name, method in METHODS.items()
     }
 
@@ -191,8 +191,8 @@ def test_every_event_and_each_of_its_fields_is_in_the_table() -> None:
     told = {kind: set(re.findall(r"`(\w+)`", names)) for kind, names in rows}
     assert list(told) == list(TYPES) and len(rows) == len(told)
     for kind, names in told.items():
-        assert names == set(TYPES[kind].__struct_fields__) - COMMON, kind
-    for name in COMMON:
+        assert names == set(TYPES[kind].__struct_fields__) - COMMON_FIELDS, kind
+    for name in COMMON_FIELDS:
         assert f"`{name}`" in section("Events")
 
 

@@ -16,12 +16,12 @@ import pytest
 
 from pdcd.bench.tables import Config, RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server import callers
 from pdcd.server import daemon as server_daemon
 from pdcd.server.access import Peer
 from pdcd.server.callers import QUEUE_LINES, Caller
-from pdcd.server.daemon import serve
+from pdcd.server.daemon import serve_daemon
 from pdcd.server.stream import Stream
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import daemon, nothing_left
@@ -101,7 +101,7 @@ def test_a_client_that_does_not_read_does_not_hold_up_the_end(
 def test_a_full_queue_drops_progress_and_keeps_the_rest_in_order() -> None:
     async def scenario() -> None:
         stream = SlowStream()
-        client = Caller(1, ME, Role.SHOOT, cast(Stream, stream))
+        client = Caller(1, ME, ClientRole.SHOOT, cast(Stream, stream))
         pump = asyncio.create_task(client.pump())
         client.send(b"first\n")
         await asyncio.sleep(0)
@@ -133,7 +133,7 @@ def test_a_full_queue_drops_progress_and_keeps_the_rest_in_order() -> None:
 def test_a_queue_full_of_what_must_not_be_dropped_ends_the_client() -> None:
     async def scenario() -> None:
         stream = SlowStream()
-        client = Caller(1, ME, Role.SHOOT, cast(Stream, stream))
+        client = Caller(1, ME, ClientRole.SHOOT, cast(Stream, stream))
         for _ in range(QUEUE_LINES):
             client.send(b"done\n")
         assert not stream.is_cut
@@ -152,7 +152,7 @@ def refused(path: Path) -> ConfigError:
         raise AssertionError("the engine was made before the socket was had")
 
     async def scenario() -> None:
-        await serve(Config(), socket=path, engine_factory=never, stop=asyncio.Event())
+        await serve_daemon(Config(), socket=path, engine_factory=never, stop=asyncio.Event())
 
     with pytest.raises(ConfigError) as caught:
         asyncio.run(scenario())
@@ -171,7 +171,7 @@ def test_groups_that_cannot_be_looked_up_end_the_start(
 
     async def scenario() -> None:
         path, stop = tmp_path / "s", asyncio.Event()
-        await serve(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
+        await serve_daemon(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
 
     with pytest.raises(ConfigError, match="could not be looked up"):
         asyncio.run(scenario())
@@ -186,7 +186,7 @@ def test_a_state_folder_that_cannot_be_made_ends_the_start(tmp_path: Path) -> No
 
     async def scenario() -> None:
         path, stop = tmp_path / "s", asyncio.Event()
-        await serve(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
+        await serve_daemon(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
 
     with pytest.raises(ConfigError, match="state folder"):
         asyncio.run(scenario())
@@ -234,7 +234,9 @@ def test_listed_users_can_reach_the_socket(tmp_path: Path) -> None:
         path = tmp_path / "s"
         stop = asyncio.Event()
         config = Config(server=ServerConfig(state_dir=str(tmp_path), allow_uids=(77,)))
-        task = asyncio.create_task(serve(config, socket=path, engine_factory=FakeEngine, stop=stop))
+        task = asyncio.create_task(
+            serve_daemon(config, socket=path, engine_factory=FakeEngine, stop=stop)
+        )
         while not path.exists():
             await asyncio.sleep(0.002)
         mode = path.stat().st_mode & 0o777

@@ -20,8 +20,8 @@ from typing import Any
 import pytest
 
 from pdcd.bench.tables import LimitsConfig, ServerConfig
-from pdcd.cli.exits import BUSY, exit_code
-from pdcd.client import Client, Unreachable
+from pdcd.cli.exits import BUSY, exit_code_of
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import BusyError
 from pdcd.server.connections import KEPT_PLACES
 from tests.e2e.server._server_harness import (
@@ -196,7 +196,7 @@ def test_a_client_in_python_learns_why_it_was_parted_from(tmp_path: Path) -> Non
         wait_until(lambda: at_end(client))
         with pytest.raises(BusyError, match="asked for nothing"):
             client.status()
-        with pytest.raises(Unreachable):
+        with pytest.raises(UnreachableError):
             client.status()
 
 
@@ -276,7 +276,7 @@ def test_a_full_backlog_is_no_missing_daemon(tmp_path: Path) -> None:
         with pytest.raises(BusyError, match=r"too many clients wait.*0\.3 s") as caught:
             Client(path, timeout_s=0.3)
         assert 0.3 <= time.monotonic() - begun_s < 5.0
-        assert caught.value.hint and exit_code(caught.value.kind) == BUSY
+        assert caught.value.hint and exit_code_of(caught.value.kind) == BUSY
 
 
 def test_a_place_in_the_backlog_is_waited_for(tmp_path: Path) -> None:

@@ -21,11 +21,11 @@ from typing import Any
 import pytest
 
 from pdcd.bench.tables import Config, ServerConfig
-from pdcd.client import Client, Unreachable
+from pdcd.client import Client, UnreachableError
 from pdcd.errors import PdcdError
 from pdcd.protocol.messages import METHODS
 from pdcd.protocol.request import CaptureRequest
-from pdcd.server.daemon import serve
+from pdcd.server.daemon import serve_daemon
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import PATIENCE_S, Wire, nothing_left
 from tests.places import ROOT
@@ -182,7 +182,7 @@ def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
             try:
                 client = Client(path, timeout_s=PATIENCE_S)
                 break
-            except Unreachable:
+            except UnreachableError:
                 assert time.monotonic() < deadline
                 time.sleep(0.01)
         with client:
@@ -298,7 +298,7 @@ def serve_here(
         stop = asyncio.Event()
         config = Config(server=ServerConfig(state_dir=str(folder)))
         task = asyncio.create_task(
-            serve(config, socket=path, engine_factory=lambda _: engine, stop=stop)
+            serve_daemon(config, socket=path, engine_factory=lambda _: engine, stop=stop)
         )
         while not path.exists():
             await asyncio.sleep(0.002)

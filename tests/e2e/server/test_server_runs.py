@@ -13,7 +13,7 @@ import pytest
 from pdcd.client import Client
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.protocol.messages import MAX_LINE
-from pdcd.runs.index import runs
+from pdcd.runs.index import find_runs
 from pdcd.server import connections, methods
 from tests.e2e.server._server_harness import daemon, nothing_left, threaded_daemon
 from tests.run_folders import cut, finished, job
@@ -66,7 +66,7 @@ def test_a_thousand_runs_with_long_notes_come_in_lines_that_may_be_sent(tmp_path
             if page.more is None:
                 break
             query = RunQuery(newest=1000, before=page.more)
-    assert told == runs(state) and len(told) == 360
+    assert told == find_runs(state) and len(told) == 360
     assert pages > 360 * 4000 / MAX_LINE
 
 
@@ -82,7 +82,7 @@ def test_a_disk_that_hangs_holds_up_lists_of_runs_alone(
         assert answers.wait(20.0)
         return Page(state_folder=str(state), runs=[])
 
-    monkeypatch.setattr(methods, "search", hangs)
+    monkeypatch.setattr(methods, "search_runs", hangs)
     monkeypatch.setattr(connections, "LINGER_S", 0.05)
 
     async def scenario() -> None:
@@ -117,6 +117,6 @@ def test_a_list_of_runs_may_take_longer_than_what_needs_no_disk(
             state_folder=str(state), runs=[RunEntry(job="j", state="done", folder=f"{state}/j")]
         )
 
-    monkeypatch.setattr(methods, "search", slow)
+    monkeypatch.setattr(methods, "search_runs", slow)
     with threaded_daemon(tmp_path) as running, Client(running.path, timeout_s=0.2) as client:
         assert [run.job for run in client.find(RunQuery()).runs] == ["j"]

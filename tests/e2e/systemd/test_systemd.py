@@ -124,7 +124,7 @@ def test_what_the_daemon_counts_on_is_set() -> None:
     assert "AF_NETLINK" in service["RestrictAddressFamilies"][0].split()
     assert "MemoryDenyWriteExecute" not in service
     socket = unit("pdcd.socket")["Socket"]
-    # Where `pdcd.bench.folders.socket_path` looks: beside the runtime folder.
+    # Where `pdcd.bench.folders.find_socket_path` looks: beside the runtime folder.
     assert socket["ListenStream"] == ["%t/pdcd.sock"]
     assert (socket["SocketMode"], socket["SocketGroup"]) == (["0660"], ["pdcd"])
     assert socket["Accept"] == ["no"]

@@ -12,7 +12,7 @@ import pytest
 
 from pdcd.errors import DeviceLost
 from pdcd.presenter.outputs import find_pair, read_outputs
-from pdcd.presenter.xconnection import connect, disconnect
+from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests.places import ROOT
 from tests.tools import linked, needs, program
 from tests.xserver import FULL, run
@@ -42,12 +42,12 @@ def unit_line(key: str) -> str:
 
 def test_the_shipped_configuration_sets_matched_modes_side_by_side() -> None:
     with run(*FULL, kinds=("dummy",), config=adapted()) as server:
-        display = connect(server.display)
+        display = open_x_connection(server.display)
         pair = find_pair(
             read_outputs(display), projector=("DUMMY1", FULL[0]), mask=("DUMMY0", FULL[1])
         )
         composite = display.has_extension("Composite")
-        disconnect(display)
+        close_x_connection(display)
     assert (pair.projector.mode, pair.mask.mode) == ("1024x768-matched", "1600x1200-matched")
     assert (pair.projector.x, pair.mask.x) == (0, 1024)
     # 64.996 MHz over 1344 x 806, and VESA's own 60 Hz: apart by a refresh in 1.88 hours.
@@ -94,10 +94,10 @@ def test_the_cookie_lets_in_and_keeps_out(tmp_path: Path, monkeypatch: pytest.Mo
         key = listed.stdout.split()[-1]
         subprocess.run([xauth, "-q", "-f", mine, "add", server.display, ".", key], check=True)
         monkeypatch.setenv("XAUTHORITY", str(mine))
-        disconnect(connect(server.display))
+        close_x_connection(open_x_connection(server.display))
         monkeypatch.setenv("XAUTHORITY", os.devnull)
         with pytest.raises(DeviceLost, match="may this user connect"):
-            connect(server.display)
+            open_x_connection(server.display)
 
 
 def test_the_daemon_looks_where_the_server_is() -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
-from pdcd.server.daemon import serve
-from pdcd.web.serve import bound, serving
+from pdcd.server.daemon import serve_daemon
+from pdcd.web.serve import bind_loopback, serve_page
 
 PATIENCE_S = 60.0
 
@@ -33,7 +33,7 @@ class Bench:
     async def _start(self) -> None:
         self.ends.clear()
         self.task = asyncio.create_task(
-            serve(
+            serve_daemon(
                 self.config, socket=self.socket, engine_factory=Engine.from_config, stop=self.ends
             )
         )
@@ -59,7 +59,7 @@ def bench(folder: Path, config: Config) -> Iterator[Bench]:
 
     async def body() -> None:
         loop = asyncio.get_running_loop()
-        async with serving(bound("127.0.0.1", 0), socket, state) as door:
+        async with serve_page(bind_loopback("127.0.0.1", 0), socket, state) as door:
             here = Bench(door.address, socket, state, config, loop, asyncio.Event())
             box.append(here)
             await here._start()

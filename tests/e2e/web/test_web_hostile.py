@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from pdcd.web import door as module
-from pdcd.web.app import MOST_BYTES, SMALL_BYTES
-from pdcd.web.serve import bound, serving
+from pdcd.web.app import MOST_BODY_BYTES, SMALL_BYTES
+from pdcd.web.serve import bind_loopback, serve_page
 from tests.e2e.server._server_harness import nothing_left
 from tests.hostile.web_requests import Inside
 from tests.hostile.web_trial import inside_of, parted, sent, trial
@@ -70,10 +70,10 @@ def test_who_says_nothing_or_comes_in_crowds_keeps_nobody_out(
     monkeypatch.setattr(module, "STRANGERS", 4)
 
     async def scenario() -> None:
-        sock = bound("127.0.0.1", 0)
+        sock = bind_loopback("127.0.0.1", 0)
         host, port = sock.getsockname()
         # No daemon is there, and the page is served.
-        async with serving(sock, tmp_path / "none", tmp_path) as door:
+        async with serve_page(sock, tmp_path / "none", tmp_path) as door:
             inside = inside_of(door)
             async with AsyncExitStack() as held:
                 news = _head(inside, "GET /events")
@@ -94,9 +94,9 @@ def test_who_says_nothing_or_comes_in_crowds_keeps_nobody_out(
 
 def test_no_request_has_the_token_in_its_address(tmp_path: Path) -> None:
     async def scenario() -> list[bytes]:
-        sock = bound("127.0.0.1", 0)
+        sock = bind_loopback("127.0.0.1", 0)
         host, port = sock.getsockname()
-        async with serving(sock, tmp_path / "none", tmp_path) as door:
+        async with serve_page(sock, tmp_path / "none", tmp_path) as door:
             inside = inside_of(door)
             assert door.address == f"http://{host}:{port}/#{inside.token}"
             bare = f"host: {inside.host}\r\n\r\n".encode()
@@ -114,11 +114,11 @@ def test_no_request_has_the_token_in_its_address(tmp_path: Path) -> None:
 
 def test_a_body_that_is_too_long_is_not_waited_for(tmp_path: Path) -> None:
     async def scenario() -> None:
-        sock = bound("127.0.0.1", 0)
+        sock = bind_loopback("127.0.0.1", 0)
         host, port = sock.getsockname()
-        async with serving(sock, tmp_path / "none", tmp_path) as door:
+        async with serve_page(sock, tmp_path / "none", tmp_path) as door:
             inside = inside_of(door)
-            for name, most in (("cancel", SMALL_BYTES), ("capture", MOST_BYTES)):
+            for name, most in (("cancel", SMALL_BYTES), ("capture", MOST_BODY_BYTES)):
                 for length, status in ((most + 1, b"413"), (10**9 - 1, b"413"), (2, b"400")):
                     head = _head(inside, f"POST /{name}", content_length=str(length))
                     answer = await sent(host, port, head + b"[]")

@@ -12,13 +12,13 @@ import pytest
 
 from pdcd.api import bench as bench_module
 from pdcd.api import connected as connected_module
-from pdcd.api.bench import Bench, finished
-from pdcd.api.connected import Connected, connect
+from pdcd.api.bench import Bench, open_finished_run
+from pdcd.api.connected import DaemonBench, connect
 from pdcd.api.local import LocalBench, local
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeniedError, PdcdError, RequestError
-from pdcd.protocol.events import Event, Started
+from pdcd.protocol.events import Event, JobStarted
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
@@ -74,9 +74,9 @@ def test_keywords_become_a_request_and_what_comes_back_a_run(
 
 def test_a_job_that_is_done_and_lies_nowhere_is_no_run() -> None:
     with pytest.raises(PdcdError, match="the job is done"):
-        finished(CaptureResult(job="j", state="done"))
+        open_finished_run(CaptureResult(job="j", state="done"))
     with pytest.raises(PdcdError, match="the job is failed") as caught:
-        finished(CaptureResult(job="j", state="failed", folder="/kept"))
+        open_finished_run(CaptureResult(job="j", state="failed", folder="/kept"))
     assert caught.value.__notes__ == ["What was taken lies in /kept"]
 
 
@@ -121,9 +121,9 @@ class Daemon:
         self.asked.append("close")
 
 
-def behind(daemon: Daemon, **more: bool) -> Connected:
+def behind(daemon: Daemon, **more: bool) -> DaemonBench:
     client: Any = daemon
-    return Connected(client, **more)
+    return DaemonBench(client, **more)
 
 
 def test_the_bench_of_a_daemon_is_asked_for_its_grid_once_and_parted_from() -> None:
@@ -174,8 +174,8 @@ def test_a_daemon_is_where_it_is_told_or_where_the_configuration_says(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(connected_module, "Client", Daemon)
-    monkeypatch.setattr(connected_module, "load", lambda: "configuration")
-    monkeypatch.setattr(connected_module, "socket_path", lambda config: Path(f"/of/{config}"))
+    monkeypatch.setattr(connected_module, "load_config", lambda: "configuration")
+    monkeypatch.setattr(connected_module, "find_socket_path", lambda config: Path(f"/of/{config}"))
     for socket, place in (
         (None, "/of/configuration"), ("/s", "/s"), (Path("/t"), "/t"),
     ):  # fmt: skip
@@ -215,7 +215,7 @@ class Machine:
 
     def capture(self, request: Any, given: Any, **more: Any) -> CaptureResult:
         self.asked.append((request, dict(given), more))
-        more["emit"](Started(job="j", goal="white"))
+        more["emit"](JobStarted(job="j", goal="white"))
         return DONE
 
 

@@ -13,8 +13,8 @@ import pytest
 
 import pdcd
 from pdcd.api.bench import Bench
-from pdcd.api.connected import Connected
-from pdcd.api.decoding import Decoding
+from pdcd.api.connected import DaemonBench
+from pdcd.api.decoding import DecodingResult
 from pdcd.api.run import Run
 from pdcd.api.table import Table
 from tests import tutorial
@@ -52,7 +52,7 @@ def test_only_public_names_are_used(name: str, source: str) -> None:
 
 def test_every_public_name_is_told_of() -> None:
     assert [n for n in pdcd.__all__ if f"`pdcd.{n}" not in PAGE] == []
-    for kind in (Bench, Connected, Run, Table, Decoding):
+    for kind in (Bench, DaemonBench, Run, Table, DecodingResult):
         names = {n for n in (*vars(kind), *kind.__annotations__) if not n.startswith("_")}
         assert {n for n in names if not re.search(rf"`\.?{n}\b", PAGE)} == set(), kind
 

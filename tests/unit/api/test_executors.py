@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from pdcd.api.executors import Processes, answer_calls, cluster_executor
+from pdcd.api.executors import Processes, answer_calls, connect_cluster
 from pdcd.api.sweep import sweep
 from pdcd.bench.tables import Config
-from pdcd.child import PICKLES, Line
+from pdcd.child import PICKLES, MessageLine
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.protocol.request import CaptureRequest
 
@@ -58,7 +58,7 @@ def test_a_process_that_cannot_be_started_fails_its_call(monkeypatch: pytest.Mon
 
 def test_a_worker_answers_until_the_other_end_is_gone() -> None:
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ours, theirs = (Line(end, PICKLES) for end in ends)
+    ours, theirs = (MessageLine(end, PICKLES) for end in ends)
     thread = threading.Thread(target=answer_calls, args=(theirs,))
     with ours, theirs:
         thread.start()
@@ -131,7 +131,7 @@ def test_a_cluster_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch
             raise _error
 
         module.Client = client
-        with pytest.raises(named, match=str(error)), cluster_executor("tcp://there:1"):
+        with pytest.raises(named, match=str(error)), connect_cluster("tcp://there:1"):
             pass
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ConfigError, match=r"install distributed\)"):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.api.arguments import asked
+from pdcd.api.arguments import make_request
 from pdcd.errors import RequestError
 
 
@@ -18,7 +18,7 @@ def grid() -> tuple[int, int]:
 
 def faults(goal: Any, /, **arguments: Any) -> list[str]:
     with pytest.raises(RequestError) as caught:
-        asked(goal, arguments, grid)
+        make_request(goal, arguments, grid)
     assert caught.value.hint == "docs/request.md lists goals and keywords"
     return caught.value.message.split("\n")
 
@@ -52,14 +52,14 @@ def test_a_fault_of_an_array_of_another_library_is_its_own() -> None:
 
     for goal, name in (("filtered", "kernel"), ("indirect", "prior")):
         with pytest.raises(ZeroDivisionError):
-            asked(goal, {name: Odd()}, grid)
+            make_request(goal, {name: Odd()}, grid)
 
 
 def test_files_are_named_by_text_or_path_and_not_read() -> None:
     for path in ("none.npy", Path("none.npy")):
-        _, arrays = asked("filtered", {"kernel": path}, grid)
+        _, arrays = make_request("filtered", {"kernel": path}, grid)
         assert arrays == {"kernel": Path("none.npy")}
-    request, arrays = asked("white", {"kernel": None, "codes": None}, grid)
+    request, arrays = make_request("white", {"kernel": None, "codes": None}, grid)
     assert arrays == {} and request.goal == "white"
 
 
@@ -67,8 +67,8 @@ def test_the_grid_is_asked_for_only_where_a_prior_is_an_array() -> None:
     def never() -> tuple[int, int]:
         raise AssertionError("the rig was asked")
 
-    asked("indirect", {"prior": "decay:3"}, never)
-    asked("indirect", {"prior": Path("t.npz")}, never)
-    asked("filtered", {"kernel": np.ones((3, 3))}, never)
+    make_request("indirect", {"prior": "decay:3"}, never)
+    make_request("indirect", {"prior": Path("t.npz")}, never)
+    make_request("filtered", {"kernel": np.ones((3, 3))}, never)
     with pytest.raises(AssertionError):
-        asked("indirect", {"prior": np.eye(6)}, never)
+        make_request("indirect", {"prior": np.eye(6)}, never)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pdcd
-from pdcd.api.local import configured
+from pdcd.api.local import resolve_config
 from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, LimitsConfig, RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, RequestError
@@ -24,12 +24,12 @@ def test_a_configuration_may_be_given_in_many_ways(
     monkeypatch.setenv("HOME", str(tmp_path))
     text = '[scene]\nkind = "wax-disk"\ngrid = [6, 8]\n'
     (tmp_path / "a.toml").write_text(text)
-    wanted = configured(text)
+    wanted = resolve_config(text)
     assert (wanted.scene.kind, wanted.scene.grid) == ("wax-disk", (6, 8))
-    assert configured(tmp_path / "a.toml") == configured(str(tmp_path / "a.toml")) == wanted
-    assert configured({"scene": {"kind": "wax-disk", "grid": np.array([6, 8])}}) == wanted
-    assert configured(wanted) is wanted and configured(None) == Config()
-    assert configured({"scene": {"ambient": 0.5}}, wanted).scene == msgspec.structs.replace(
+    assert resolve_config(tmp_path / "a.toml") == resolve_config(str(tmp_path / "a.toml")) == wanted
+    assert resolve_config({"scene": {"kind": "wax-disk", "grid": np.array([6, 8])}}) == wanted
+    assert resolve_config(wanted) is wanted and resolve_config(None) == Config()
+    assert resolve_config({"scene": {"ambient": 0.5}}, wanted).scene == msgspec.structs.replace(
         wanted.scene, ambient=0.5
     )
 
@@ -46,7 +46,7 @@ def test_a_configuration_may_be_given_in_many_ways(
 )
 def test_a_wrong_configuration_is_refused(given: object, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
-        configured(given)  # type: ignore[arg-type]
+        resolve_config(given)  # type: ignore[arg-type]
 
 
 def test_arrays_may_come_in_any_form(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 import pdcd
-from pdcd.api.arguments import Arguments, Array, asked
-from pdcd.protocol.fields import ARRAYS, request_fields
+from pdcd.api.arguments import Arguments, ArrayArgument, make_request
+from pdcd.protocol.fields import ARRAY_FIELDS, list_request_fields
 from pdcd.protocol.request import CaptureRequest
 
 
@@ -55,9 +55,9 @@ def bare(kind: Any) -> Any:
 
 
 def test_the_keywords_are_the_fields_of_a_request_with_their_types() -> None:
-    fields = request_fields()
+    fields = list_request_fields()
     wanted = {
-        name: WIDER.get(name, Array if field.kind == "array" else bare(field.type))
+        name: WIDER.get(name, ArrayArgument if field.kind == "array" else bare(field.type))
         for name, field in fields.items()
         if name != "goal"
     }
@@ -73,14 +73,14 @@ def test_keywords_become_a_request_and_its_arrays() -> None:
     plane = np.ones((2, 3))
     patch = np.array([0.25, 0.5])
     given = {"codes": np.int64(8), "illumination": plane, "white_patch": patch, "p": None}
-    request, arrays = asked("illuminated", given, _grid)
+    request, arrays = make_request("illuminated", given, _grid)
     assert request == CaptureRequest(goal="illuminated", codes=8, white_patch=(0.25, 0.5))
     assert arrays["illumination"] is plane
 
 
 def test_every_array_may_be_rows_or_a_path() -> None:
-    for name in ARRAYS:
-        _, arrays = asked("relit", {name: [[1.0, 0.0]]}, _grid)
+    for name in ARRAY_FIELDS:
+        _, arrays = make_request("relit", {name: [[1.0, 0.0]]}, _grid)
         assert np.array_equal(np.asarray(arrays[name]), [[1.0, 0.0]])
-        _, arrays = asked("relit", {name: "here.npy"}, _grid)
+        _, arrays = make_request("relit", {name: "here.npy"}, _grid)
         assert str(arrays[name]) == "here.npy"

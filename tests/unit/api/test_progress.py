@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.api.progress import bar, notebook, share_of, shown, words_of
+from pdcd.api.progress import describe_event, is_notebook, read_share_done, show_bar, show_progress
 from pdcd.protocol import events
 from pdcd.protocol.events import Attention, Progress
 
@@ -41,7 +41,7 @@ def cell(monkeypatch: pytest.MonkeyPatch) -> Handle:
 def test_a_line_that_changes_and_is_gone(cell: Handle, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 100.0
     monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
-    with bar() as on_event:
+    with show_bar() as on_event:
         for now_s in (100.0, 100.1, 100.2, 104.0):  # the second comes too soon
             on_event(Progress(shot="coded", frame=round(now_s * 10) - 1000, frames=160, missed=0))
         now_s = 105.0
@@ -57,7 +57,7 @@ def test_a_line_that_changes_and_is_gone(cell: Handle, monkeypatch: pytest.Monke
 
 
 def test_after_an_error_it_stays(cell: Handle) -> None:
-    with pytest.raises(ValueError, match="of the job"), shown(True) as on_event:
+    with pytest.raises(ValueError, match="of the job"), show_progress(True) as on_event:
         assert on_event is not None
         on_event(Progress(shot="coded", frame=2, frames=160, missed=0))
         raise ValueError("of the job")
@@ -65,13 +65,13 @@ def test_after_an_error_it_stays(cell: Handle) -> None:
 
 
 def test_who_does_not_want_it_sees_none(cell: Handle, monkeypatch: pytest.MonkeyPatch) -> None:
-    with shown(False) as on_event:
+    with show_progress(False) as on_event:
         assert on_event is None
-    with shown(print) as on_event:
+    with show_progress(print) as on_event:
         assert on_event is print
-    assert not cell.drawn and notebook()
+    assert not cell.drawn and is_notebook()
     monkeypatch.setattr(sys.modules["IPython"], "get_ipython", lambda: None)
-    assert not notebook()
+    assert not is_notebook()
 
 
 @pytest.mark.parametrize(
@@ -83,14 +83,18 @@ def test_who_does_not_want_it_sees_none(cell: Handle, monkeypatch: pytest.Monkey
             "a: 3/9 refreshes, 2 missed",
             (3, 9),
         ),
-        (events.Decoded(done=1.0, total=4.0), "decoding: 25 %", (1.0, 4.0)),
-        (events.Planning(stage="codes", done=1.0, total=8.0), "planning codes: 12 %", (1.0, 8.0)),
+        (events.DecodingProgress(done=1.0, total=4.0), "decoding: 25 %", (1.0, 4.0)),
+        (
+            events.PlanningProgress(stage="codes", done=1.0, total=8.0),
+            "planning codes: 12 %",
+            (1.0, 8.0),
+        ),
         (events.Attention(text="cover\nit"), "cover\\nit", None),
-        (events.Armed(shot="a", frames=9), "a: armed", None),
+        (events.ShotArmed(shot="a", frames=9), "a: armed", None),
     ],
 )
 def test_events_are_told_in_words(event: Any, words: str, share: Any) -> None:
-    assert (words_of(event), share_of(event)) == (words, share)
+    assert (describe_event(event), read_share_done(event)) == (words, share)
 
 
 def test_in_a_pipe_lines_come_at_most_once_a_second_with_the_time_left(
@@ -98,14 +102,14 @@ def test_in_a_pipe_lines_come_at_most_once_a_second_with_the_time_left(
 ) -> None:
     now_s = 100.0
     monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
-    with bar() as on_event:
-        on_event(events.Armed(shot="coded", frames=2400))
+    with show_bar() as on_event:
+        on_event(events.ShotArmed(shot="coded", frames=2400))
         for now_s in (100.0, 100.9, 101.0, 101.5, 102.1):
             frame = round((now_s - 100.0) * 1000)
             on_event(Progress(shot="coded", frame=frame, frames=2400, missed=3))
-        on_event(events.Decoding(shots=2))
+        on_event(events.DecodingStarted(shots=2))
         for now_s in (103.1, 104.1, 105.1):
-            on_event(events.Decoded(done=now_s - 102.1, total=10.0))
+            on_event(events.DecodingProgress(done=now_s - 102.1, total=10.0))
     assert capsys.readouterr().err.splitlines() == [
         "coded: armed", "coded: 0/2400 refreshes, 3 missed",
         "coded: 1000/2400 refreshes, 3 missed, 1 s left", "coded: 2100/2400 refreshes, 3 missed",

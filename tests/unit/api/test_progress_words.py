@@ -10,7 +10,14 @@ from typing import Any
 import pytest
 
 from pdcd.api import progress as module
-from pdcd.api.progress import Stages, bar, drawn, share_of, shown, words_of
+from pdcd.api.progress import (
+    Stages,
+    describe_event,
+    draw_progress,
+    read_share_done,
+    show_bar,
+    show_progress,
+)
 from pdcd.protocol import events
 
 
@@ -31,27 +38,27 @@ class Terminal(io.StringIO):
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        (events.Converging(part=2, rms_sigma=None, target=0.01),
+        (events.PartCompleted(part=2, rms_sigma=None, target=0.01),
          "part 2: error unknown, wanted 1 %"),
-        (events.Converging(part=3, rms_sigma=0.01234, target=0.005),
+        (events.PartCompleted(part=3, rms_sigma=0.01234, target=0.005),
          "part 3: error 1.2 %, wanted 0.5 %"),
         (events.StepBegun(step="timing", number=1, steps=3), "step 1 of 3: timing"),
         (events.StepEnded(step="timing", verdict="good", photos=0, seconds=0.0, figures=(),
                           advice=()), "timing: good"),
         (events.ShutterOpen(shot="s"), "s: shutter open"),
-        (events.Queued(job="j", ahead=1), "queued"),
-        (events.Decoded(done=0.995, total=1.0), "decoding: 100 %"),
+        (events.JobQueued(job="j", ahead=1), "queued"),
+        (events.DecodingProgress(done=0.995, total=1.0), "decoding: 100 %"),
     ],
 )  # fmt: skip
 def test_events_without_a_share_are_told_in_words(event: events.Event, words: str) -> None:
-    assert words_of(event) == words
-    assert (share_of(event) is None) == (not isinstance(event, events.Decoded))
+    assert describe_event(event) == words
+    assert (read_share_done(event) is None) == (not isinstance(event, events.DecodingProgress))
 
 
 def test_what_is_told_is_one_line_and_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = Terminal(terminal=False)
     monkeypatch.setattr(sys, "stderr", screen)
-    module.tell("a\nb")
+    module.tell_user("a\nb")
     assert screen.getvalue() == "a\\nb\n" and screen.flushed == 1
 
 
@@ -61,15 +68,15 @@ def test_words_on_a_bar_are_no_markup_and_its_length_may_be_unknown(
     screen = Terminal(terminal=True)
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
-    with bar("just begun") as on_event:
+    with show_bar("just begun") as on_event:
         on_event(events.Attention(text="[bold]cover[/bold]"))
-        on_event(events.Armed(shot="s", frames=9))
+        on_event(events.ShotArmed(shot="s", frames=9))
         on_event(events.Progress(shot="s", frame=9, frames=9, missed=0))
     text = screen.getvalue()
     assert "s: 9/9 refreshes" in text and "100%" in text
     screen = Terminal(terminal=True)
     monkeypatch.setattr(sys, "stderr", screen)
-    with drawn("first") as show:
+    with draw_progress("first") as show:
         show("[bold]cover[/bold]", None, False)
     assert "[bold]cover[/bold]" in screen.getvalue()
 
@@ -77,11 +84,11 @@ def test_words_on_a_bar_are_no_markup_and_its_length_may_be_unknown(
 def test_in_a_pipe_the_first_words_are_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = Terminal(terminal=False)
     monkeypatch.setattr(sys, "stderr", screen)
-    with bar("waiting"):
+    with show_bar("waiting"):
         pass
-    with shown(True) as on_event:
+    with show_progress(True) as on_event:
         assert on_event is not None
-        on_event(events.Armed(shot="s", frames=9))
+        on_event(events.ShotArmed(shot="s", frames=9))
     assert screen.getvalue() == "s: armed\n"
 
 
@@ -89,9 +96,12 @@ def test_the_same_shot_again_is_a_stage_of_its_own() -> None:
     stages = Stages()
     told = [
         events.Progress(shot="a", frame=1, frames=9, missed=0),
-        events.Progress(shot="a", frame=2, frames=9, missed=0), events.Armed(shot="a", frames=9),
-        events.Learning(photos=8), events.Decoding(shots=2), events.ShutterOpen(shot="a"),
-        events.Decoded(done=1.0, total=2.0), events.Progress(shot="a", frame=1, frames=9, missed=0),
+        events.Progress(shot="a", frame=2, frames=9, missed=0), events.ShotArmed(shot="a",
+        frames=9),
+        events.PilotLearning(photos=8), events.DecodingStarted(shots=2),
+        events.ShutterOpen(shot="a"),
+        events.DecodingProgress(done=1.0, total=2.0), events.Progress(shot="a", frame=1, frames=9,
+        missed=0),
     ]  # fmt: skip
     assert [stages.begins(event) for event in told] == [
         True, False, True, True, False, False, False, True,
@@ -114,7 +124,7 @@ def test_a_line_of_a_notebook_is_full_at_most(monkeypatch: pytest.MonkeyPatch) -
     vars(page).update(display=display)
     monkeypatch.setitem(sys.modules, "IPython", ipython)
     monkeypatch.setitem(sys.modules, "IPython.display", page)
-    with module.notebook_line() as show:
+    with module.show_notebook_line() as show:
         for share in ((3.0, 2.0), (1.0, 2.0), (1.0, 0.0), (1.0, 0.5), None):
             show("w", share, True)
     empty = '<progress max="1"></progress>'

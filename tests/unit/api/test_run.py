@@ -19,7 +19,7 @@ import pdcd
 from pdcd.bench.tables import CameraConfig, ScheduleConfig
 from pdcd.errors import ConfigError, DecodeError, RequestError
 from pdcd.protocol.result import Quality
-from pdcd.runs.verify import verify
+from pdcd.runs.verify import verify_run
 from tests.bench_rig import GRID, config, transport
 
 
@@ -204,4 +204,4 @@ def test_its_page_is_written_and_the_run_stays_whole(folder: Path, tmp_path: Pat
     run = pdcd.open(folder)
     assert "report.html" in {path.name for path in folder.iterdir()}  # it was cheap
     assert run.report(tmp_path / "page.html").read_text().startswith("<!")
-    assert run.report() == folder / "report.html" and verify(folder).whole
+    assert run.report() == folder / "report.html" and verify_run(folder).whole

@@ -16,7 +16,7 @@ from pdcd.api import html
 from pdcd.api import run as module
 from pdcd.api.run import Run
 from pdcd.errors import DecodeError
-from pdcd.panels.patterns import pack
+from pdcd.panels.patterns import pack_bits
 from pdcd.protocol.result import Quality
 from tests.unit.api.test_tasks import run_of
 
@@ -50,7 +50,7 @@ def test_pictures_are_read_once_each_when_asked_for(monkeypatch: pytest.MonkeyPa
 
 def probed(monkeypatch: pytest.MonkeyPatch, **arrays: Any) -> Run:
     monkeypatch.setattr(Run, "checked", lambda self, name: Path("/checked") / name)
-    monkeypatch.setattr(module, "stored_arrays", lambda path: arrays)
+    monkeypatch.setattr(module, "read_stored_arrays", lambda path: arrays)
     return run_of(files=files("probe.npz"))
 
 
@@ -79,7 +79,7 @@ def test_codes_are_told_by_program_and_panel(monkeypatch: pytest.MonkeyPatch) ->
     bright, dark = (rng.random((4, 6)) < 0.5 for _ in range(2))
     levels = np.arange(18.0).reshape(3, 6) / 17.0
     stored = {
-        "coded.primal": pack(bright), "coded.dual": pack(dark),
+        "coded.primal": pack_bits(bright), "coded.dual": pack_bits(dark),
         "grey.primal": levels, "grey.dual": levels[:, ::-1],
     }  # fmt: skip
     run = shown(monkeypatch, [("coded.1", "whole"), ("grey.1", "whole")], **stored)
@@ -92,7 +92,9 @@ def test_codes_are_told_by_program_and_panel(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_program_without_its_mask_is_damaged(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = shown(monkeypatch, [("coded", "whole")], **{"coded.primal": pack(np.ones((4, 6), bool))})
+    run = shown(
+        monkeypatch, [("coded", "whole")], **{"coded.primal": pack_bits(np.ones((4, 6), bool))}
+    )
     with pytest.raises(DecodeError, match=r"codes.npz is damaged: .*coded.dual") as caught:
         _ = run.codes
     assert caught.value.hint == "restore it from a copy"

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from pdcd.api.signals import held_back
+from pdcd.api.signals import hold_signals
 
 
 def test_interrupts_are_held_back_and_delivered_after() -> None:
@@ -19,20 +19,20 @@ def test_interrupts_are_held_back_and_delivered_after() -> None:
 
         before = signal.signal(number, note)
         try:
-            with held_back() as came:
+            with hold_signals() as came:
                 assert not came()
                 signal.raise_signal(number)
                 assert came() and got == []
                 with pytest.raises(KeyboardInterrupt):
                     signal.raise_signal(number)  # who asks twice does not want to wait
             assert got == [number]
-            with held_back(delivers=False):
+            with hold_signals(delivers=False):
                 signal.raise_signal(number)
             assert got == [number]
-            with held_back(raises=True), pytest.raises(KeyboardInterrupt):
+            with hold_signals(raises=True), pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(number)
             assert got == [number] * 2
-            with held_back():
+            with hold_signals():
                 pass
             assert got == [number] * 2
         finally:
@@ -43,7 +43,7 @@ def test_in_another_thread_nothing_is_held_back() -> None:
     found: list[bool] = []
 
     def body() -> None:
-        with held_back() as came:
+        with hold_signals() as came:
             found.append(came())
 
     thread = threading.Thread(target=body)

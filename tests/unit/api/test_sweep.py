@@ -12,7 +12,7 @@ import pytest
 
 import pdcd
 from pdcd.api.local import LocalBench
-from pdcd.api.task import ENDING, Record, key_of
+from pdcd.api.task import ENDING, TaskRecord, hash_capture
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, DeviceLost, RequestError
 from pdcd.protocol.request import CaptureRequest
@@ -34,7 +34,7 @@ def rig(tmp_path: Path) -> Config:
 
 
 def test_every_request_has_its_row(rig: Config, tmp_path: Path) -> None:
-    seen: list[Record] = []
+    seen: list[TaskRecord] = []
     table = pdcd.sweep(rig, REQUESTS, workers=0, folder=tmp_path / "s", progress=seen.append)
     assert len(table) == len(seen) == 5 and [row["number"] for row in table] == [0, 1, 2, 3, 4]
     asked = ("codes", "parts", "pilot", "white", "config.scene.ambient")
@@ -71,13 +71,13 @@ def test_it_goes_on_where_it_was_ended(rig: Config, tmp_path: Path) -> None:
     requests: list[Any] = ["white", "white", {"goal": "white", "codes": 4}]
     place = tmp_path / "s"
 
-    def stop(row: Record) -> None:
+    def stop(row: TaskRecord) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         pdcd.sweep(rig, requests, workers=0, folder=place, progress=stop)
     first = pdcd.sweep(rig, requests, workers=0, folder=place, progress=False)
-    told: list[Record] = []
+    told: list[TaskRecord] = []
     again = pdcd.sweep(rig, requests, workers=0, folder=place, progress=told.append)
     assert not told and list(again) == list(first) and len(set(_jobs(first))) == 3
     assert len([*(place / "runs").glob("*/*")]) == 3  # the one before the interrupt is kept
@@ -104,21 +104,23 @@ def test_it_goes_on_where_it_was_ended(rig: Config, tmp_path: Path) -> None:
 def test_a_capture_is_named_by_all_that_makes_it() -> None:
     plane, request = np.eye(2), CaptureRequest(goal="illuminated")
     names = {
-        key_of({"a": 1}, request, {"illumination": plane}, 0),
-        key_of({"a": 2}, request, {"illumination": plane}, 0),
-        key_of({"a": 1}, CaptureRequest(goal="illuminated", seed=1), {"illumination": plane}, 0),
-        key_of({"a": 1}, request, {"illumination": plane * 2.0}, 0),
-        key_of({"a": 1}, request, {"illumination": plane.ravel()}, 0),
-        key_of({"a": 1}, request, {"illumination": b"of a file"}, 0),
-        key_of({"a": 1}, request, {"illumination": plane}, 1),
+        hash_capture({"a": 1}, request, {"illumination": plane}, 0),
+        hash_capture({"a": 2}, request, {"illumination": plane}, 0),
+        hash_capture(
+            {"a": 1}, CaptureRequest(goal="illuminated", seed=1), {"illumination": plane}, 0
+        ),
+        hash_capture({"a": 1}, request, {"illumination": plane * 2.0}, 0),
+        hash_capture({"a": 1}, request, {"illumination": plane.ravel()}, 0),
+        hash_capture({"a": 1}, request, {"illumination": b"of a file"}, 0),
+        hash_capture({"a": 1}, request, {"illumination": plane}, 1),
     }
     assert len(names) == 7
     out = CaptureRequest(goal="illuminated", out="/elsewhere")
-    assert key_of({"a": 1}, out, {"illumination": np.eye(2)}, 0) in names
+    assert hash_capture({"a": 1}, out, {"illumination": np.eye(2)}, 0) in names
 
 
 def test_two_sweeps_do_not_fill_one_folder(rig: Config, tmp_path: Path) -> None:
-    def meddle(row: Record) -> None:
+    def meddle(row: TaskRecord) -> None:
         with pytest.raises(BusyError, match="another sweep"):
             pdcd.sweep(rig, ["white"], workers=0, folder=tmp_path / "s")
 

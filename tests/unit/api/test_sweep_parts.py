@@ -16,10 +16,10 @@ import pytest
 
 from pdcd.api import sweep as module
 from pdcd.api.bench import Bench
-from pdcd.api.local import LocalBench, described
+from pdcd.api.local import LocalBench, describe_bench
 from pdcd.api.sweep import sweep
-from pdcd.api.task import Record, Task, hold_place, key_of
-from pdcd.bench.choosing import FOLDER as CALIBRATIONS
+from pdcd.api.task import Task, TaskRecord, hash_capture, hold_place
+from pdcd.bench.choosing import CALIBRATIONS_FOLDER as CALIBRATIONS
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import ConfigError, DeviceLost, DiskError, RequestError
 from pdcd.protocol.request import CaptureRequest
@@ -36,17 +36,17 @@ class Hands:
         self.asked: list[tuple[str, object]] = []
         self.tasks: list[Task] = []
         patch.setattr(module, "Processes", lambda count: ("processes", count))
-        patch.setattr(module, "cluster_executor", lambda at: nullcontext(("cluster", at)))
+        patch.setattr(module, "connect_cluster", lambda at: nullcontext(("cluster", at)))
         patch.setattr(module, "_all_on", self._ends)
-        patch.setattr(module, "taken", self._taken)
+        patch.setattr(module, "take_capture", self._taken)
         patch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2})
 
-    def _taken(self, task: Task) -> Record:
+    def _taken(self, task: Task) -> TaskRecord:
         self.asked.append(("here", 1))
         self.tasks.append(task)
         return {"state": "done", "job": task.request.note, "folder": None}
 
-    def _ends(self, who: Any, tasks: Sequence[Task]) -> Iterator[tuple[Task, Record]]:
+    def _ends(self, who: Any, tasks: Sequence[Task]) -> Iterator[tuple[Task, TaskRecord]]:
         self.asked.append(who)
         self.tasks += tasks
         for task in reversed(tasks):
@@ -124,7 +124,7 @@ def test_a_folder_gets_one_of_its_own_for_each_and_knows_what_is_done(
         assert len(folder.name) == 16 and set(folder.name) <= set("0123456789abcdef")
     # Equal ones are counted from 0, so that a later sweep finds each of them.
     for number, again in ((0, 0), (1, 0), (2, 1), (3, 0)):
-        key = key_of(described(Config()), hands.tasks[number].request, {}, again)
+        key = hash_capture(describe_bench(Config()), hands.tasks[number].request, {}, again)
         assert folders[number] == tmp_path / "s" / "runs" / key[:16]
     assert len(first) == 4
     hands.tasks.clear()
@@ -139,12 +139,15 @@ def test_a_folder_gets_one_of_its_own_for_each_and_knows_what_is_done(
 def test_a_bench_that_was_calibrated_anew_is_another_one(tmp_path: Path) -> None:
     """The next photo is by the new calibration: what was taken before it is not done for it."""
     config = Config(server=ServerConfig(state_dir=str(tmp_path)))
-    before = described(config)
-    assert described(config) == before
+    before = describe_bench(config)
+    assert describe_bench(config) == before
     written(tmp_path / CALIBRATIONS / "one", record(name="one"))
-    first = described(config)
+    first = describe_bench(config)
     written(tmp_path / CALIBRATIONS / "two", record(name="two"))
-    assert len({key_of(told, WHITE, {}, 0) for told in (before, first, described(config))}) == 3
+    assert (
+        len({hash_capture(told, WHITE, {}, 0) for told in (before, first, describe_bench(config))})
+        == 3
+    )
 
 
 def test_what_was_asked_of_a_bench_is_told_key_by_key(hands: Hands) -> None:
@@ -240,7 +243,7 @@ def test_where_all_is_done_the_bar_has_a_length_all_the_same(
         told.append(first)
         yield lambda *said: told.append(said)
 
-    monkeypatch.setattr(module, "drawn", drawn)
+    monkeypatch.setattr(module, "draw_progress", drawn)
     assert len(sweep(Own(), [])) == 0
     assert told == ["0 of 0 captures", ("0 of 0 captures", (0.0, 1.0), True)]
     sweep(Own(), noted("lost", "lost"))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from pdcd.api.table import Table
-from pdcd.api.task import ENDING, Record
+from pdcd.api.task import ENDING, TaskRecord
 from pdcd.errors import DiskError, RequestError
 
-ROWS: list[Record] = [
+ROWS: list[TaskRecord] = [
     {"number": 0, "asked.tags": "a,b\nc", "goal": "white", "state": "done", "codes": 8},
     {"number": 1, "asked.tags": None, "goal": "wh\xeft", "state": "failed", "codes": 0.5},
     {"number": 2, "asked.tags": "x", "goal": "white", "state": "cancelled", "codes": True},
@@ -51,7 +51,7 @@ def test_columns_of_numbers_are_numbers_and_rows_are_found_by_all_values() -> No
 
 def test_a_cell_of_a_notebook_is_short() -> None:
     told: list[Any] = [None, 1 / 3, 12345.678, 7, True, "<b>", 1e-9]
-    rows: list[Record] = [{"number": n, "asked.x": value, "state": "done"} for n, value in
+    rows: list[TaskRecord] = [{"number": n, "asked.x": value, "state": "done"} for n, value in
                           enumerate(told)]  # fmt: skip
     shown = Table(rows)._repr_html_()
     cells = ["", "0.3333", "1.235e+04", "7", "True", "&lt;b&gt;", "1e-09"]

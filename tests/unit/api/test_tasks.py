@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 from pdcd.api import sweep
-from pdcd.api.arguments import asked, plain
-from pdcd.api.bench import finished
-from pdcd.api.local import described, owner
+from pdcd.api.arguments import make_request, to_json_types
+from pdcd.api.bench import open_finished_run
+from pdcd.api.local import describe_bench, describe_owner
 from pdcd.api.run import Run
-from pdcd.api.task import ENDING, Task, ended, failed, held, taken
+from pdcd.api.task import ENDING, Task, load_arrays, make_failed_row, make_result_row, take_capture
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.errors import DecodeError, DeviceLost, PdcdError, RequestError
 from pdcd.files.arrays import read_npz
-from pdcd.files.opening import Limits
+from pdcd.files.opening import ArrayLimits
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
 
@@ -35,49 +35,58 @@ def grid() -> tuple[int, int]:
 
 def test_values_of_other_libraries_become_plain_ones() -> None:
     given = {"a": np.float32(0.5), 2: (np.int64(3), [Path("/x")]), "c": np.eye(2), "d": "e"}
-    assert plain(given) == {"a": 0.5, "2": [3, ["/x"]], "c": [[1.0, 0.0], [0.0, 1.0]], "d": "e"}
-    assert type(plain(given)["a"]) is float and plain(None) is None
+    assert to_json_types(given) == {
+        "a": 0.5,
+        "2": [3, ["/x"]],
+        "c": [[1.0, 0.0], [0.0, 1.0]],
+        "d": "e",
+    }
+    assert type(to_json_types(given)["a"]) is float and to_json_types(None) is None
 
 
 def test_keywords_that_are_easily_given_otherwise_are_understood() -> None:
-    request, arrays = asked("white", {"tags": "one", "out": Path("here"), "note": None}, grid)
+    request, arrays = make_request(
+        "white", {"tags": "one", "out": Path("here"), "note": None}, grid
+    )
     assert request.tags == ("one",) and not arrays
     assert request.out == str(Path.cwd() / "here") and request.note == ""
-    many, _ = asked("white", {"tags": ["one", "two"], "white_patch": [0.5, 0.25]}, grid)
+    many, _ = make_request("white", {"tags": ["one", "two"], "white_patch": [0.5, 0.25]}, grid)
     assert (many.tags, many.white_patch) == (("one", "two"), (0.5, 0.25))
     with pytest.raises(RequestError, match="name: it takes") as caught:
-        asked("white", {"name": "\n"}, grid)
+        make_request("white", {"name": "\n"}, grid)
     assert caught.value.hint
 
 
 def test_a_prior_is_in_words_a_file_or_an_array() -> None:
-    request, arrays = asked("indirect", {"prior": "decay:3"}, grid)
+    request, arrays = make_request("indirect", {"prior": "decay:3"}, grid)
     assert (request.prior, arrays) == ("decay:3", {})
-    _, arrays = asked("indirect", {"prior": Path("t.npz")}, grid)
+    _, arrays = make_request("indirect", {"prior": Path("t.npz")}, grid)
     assert arrays["prior"] == Path("t.npz")
     matrix = np.arange(36.0).reshape(6, 6)
-    _, arrays = asked("indirect", {"prior": matrix.tolist()}, grid)
+    _, arrays = make_request("indirect", {"prior": matrix.tolist()}, grid)
     content: Any = arrays["prior"]
-    found = read_npz(content, {"transport": Limits(99), "grid": Limits(2)})
+    found = read_npz(content, {"transport": ArrayLimits(99), "grid": ArrayLimits(2)})
     assert np.array_equal(found["transport"], matrix) and found["grid"].tolist() == [2.0, 3.0]
 
 
 @pytest.mark.parametrize("kernel", [[[1j]], [["a"]], [1.0], [[[1.0]]]])
 def test_arrays_are_rows_of_real_numbers(kernel: Any) -> None:
     with pytest.raises(RequestError, match="rows and columns of real numbers"):
-        asked("filtered", {"kernel": kernel}, grid)
+        make_request("filtered", {"kernel": kernel}, grid)
     for kind in (np.bool_, np.int8, np.uint16, np.float32):
-        _, arrays = asked("filtered", {"kernel": np.ones((1, 1), kind)}, grid)
+        _, arrays = make_request("filtered", {"kernel": np.ones((1, 1), kind)}, grid)
         assert np.asarray(arrays["kernel"]).dtype == kind
 
 
 def test_arrays_of_files_go_with_a_task_by_their_content(tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_bytes(b"content")
     array = np.eye(2)
-    found = held({"kernel": array, "warp": tmp_path / "a.npy", "matrix": str(tmp_path / "a.npy")})
+    found = load_arrays(
+        {"kernel": array, "warp": tmp_path / "a.npy", "matrix": str(tmp_path / "a.npy")}
+    )
     assert found["kernel"] is array and found["warp"] == found["matrix"] == b"content"
     with pytest.raises(RequestError, match=r"warp \(.*none\): it cannot be opened") as caught:
-        held({"warp": tmp_path / "none"})
+        load_arrays({"warp": tmp_path / "none"})
     assert caught.value.hint
 
 
@@ -91,12 +100,12 @@ def test_how_a_capture_ended_is_one_row() -> None:
     result = CaptureResult(
         job="j", state="done", folder="/x", manifest_sha256="0" * 64, summary=summary
     )
-    row = ended(WHITE, result)
+    row = make_result_row(WHITE, result)
     assert tuple(row) == ENDING
     assert (row["goal"], row["state"], row["job"], row["folder"]) == ("white", "done", "j", "/x")
     assert (row["verdict"], row["codes"], row["rms_sigma"], row["parts"]) == ("good", 8, 0.5, None)
     assert (row["manifest_sha256"], row["error"]) == ("0" * 64, None)
-    lost = failed(WHITE, DeviceLost("gone", device="camera"))
+    lost = make_failed_row(WHITE, DeviceLost("gone", device="camera"))
     assert (lost["state"], lost["error_kind"], lost["folder"]) == ("failed", "device_lost", None)
     assert "gone" in str(lost["error"]) and lost["verdict"] is None and lost["job"] == ""
 
@@ -121,9 +130,9 @@ def test_whatever_goes_wrong_in_a_capture_of_a_sweep_is_a_row(
 
     monkeypatch.setattr("pdcd.api.task.LocalBench", Bench)
     error: Exception = DeviceLost("gone", device="camera")
-    assert taken(Task(Config(), WHITE))["error_kind"] == "device_lost"
+    assert take_capture(Task(Config(), WHITE))["error_kind"] == "device_lost"
     error = ZeroDivisionError("oh")
-    row = taken(Task(Config(), WHITE))
+    row = take_capture(Task(Config(), WHITE))
     assert row["state"] == "failed" and "internal error: ZeroDivisionError: oh" in str(row["error"])
     assert closed == [True, True]
 
@@ -136,12 +145,12 @@ def test_the_run_of_a_job_or_the_error_that_it_ended_by() -> None:
         "hint": "look",
     }
     with pytest.raises(DeviceLost) as caught:
-        finished(CaptureResult(job="j", state="failed", error=told, folder="/kept"))
+        open_finished_run(CaptureResult(job="j", state="failed", error=told, folder="/kept"))
     error = caught.value
     assert (error.message, error.device, error.hint) == ("gone", "camera", "look")
     assert error.__notes__ == ["What was taken lies in /kept"]
     with pytest.raises(PdcdError, match="the job is cancelled") as bare:
-        finished(CaptureResult(job="j", state="cancelled"))
+        open_finished_run(CaptureResult(job="j", state="cancelled"))
     assert not hasattr(bare.value, "__notes__")
 
 
@@ -156,22 +165,22 @@ def test_a_bench_is_told_by_its_configuration_and_its_files(tmp_path: Path) -> N
     scene = tmp_path / "scene.npz"
     scene.write_bytes(b"one")
     config = msgspec.structs.replace(Config(), scene=SceneConfig(kind="matrix", path=str(scene)))
-    first = described(config)
+    first = describe_bench(config)
     assert json.loads(json.dumps(first["config"]))["scene"]["path"] == str(scene)
     assert [*first["files"]] == [str(scene)]
     scene.write_bytes(b"two")
-    assert described(config)["files"] != first["files"]
+    assert describe_bench(config)["files"] != first["files"]
     scene.unlink()
-    assert described(config)["files"] == {}
+    assert describe_bench(config)["files"] == {}
 
 
 def test_a_user_whom_no_table_names_is_told_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
     def none(uid: int) -> None:
         raise KeyError(uid)
 
-    known = owner()
+    known = describe_owner()
     monkeypatch.setattr("pdcd.api.local.pwd.getpwuid", none)
-    bare = owner()
+    bare = describe_owner()
     assert (bare.uid, bare.pid, bare.user) == (known.uid, known.pid, str(known.uid))
 
 

@@ -8,24 +8,24 @@ from typing import Any
 import msgspec
 
 from pdcd.bench.calibration import (
-    DIGEST,
+    CALIBRATION_DIGEST,
     RECORD,
+    BenchIdentity,
     Calibration,
     CameraRecord,
-    Entry,
-    Identity,
-    digest_line,
-    encoded,
+    MeasuredValue,
+    encode_calibration,
+    format_digest_line,
 )
 
 
-def entry(value: Any) -> Entry:
-    return Entry(value=value, step="light", made_utc="2026-01-01T00:00:00Z")
+def entry(value: Any) -> MeasuredValue:
+    return MeasuredValue(value=value, step="light", made_utc="2026-01-01T00:00:00Z")
 
 
 def record(**changed: Any) -> Calibration:
     """Of the mock bench, good, with nothing measured, but for what is given."""
-    identity = Identity(
+    identity = BenchIdentity(
         rig="mock bench", camera_model="m", camera_serial="s", frame_quads=None, flip=None,
         projector="p", mask="q", projector_hz=60.0, mask_hz=60.0, iso=100, f_number=None,
     )  # fmt: skip
@@ -41,14 +41,14 @@ def record(**changed: Any) -> Calibration:
     return msgspec.structs.replace(whole, **changed)
 
 
-def of_rig(name: str) -> Identity:
+def of_rig(name: str) -> BenchIdentity:
     return msgspec.structs.replace(record().identity, rig=name)
 
 
 def written(folder: Path, told: Calibration) -> Path:
     """A folder that holds it."""
     folder.mkdir(parents=True)
-    data = encoded(told)
+    data = encode_calibration(told)
     (folder / RECORD).write_bytes(data)
-    (folder / DIGEST).write_bytes(digest_line(data))
+    (folder / CALIBRATION_DIGEST).write_bytes(format_digest_line(data))
     return folder

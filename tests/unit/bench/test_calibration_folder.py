@@ -12,12 +12,12 @@ import pytest
 
 from pdcd.bench import calibration
 from pdcd.bench.calibration import (
-    DIGEST,
+    CALIBRATION_DIGEST,
     RECORD,
     CameraRecord,
     PhotoRecord,
-    digest_line,
-    encoded,
+    encode_calibration,
+    format_digest_line,
     read_calibration,
 )
 from pdcd.bench.devices import CameraInfo
@@ -31,17 +31,20 @@ def test_a_record_comes_back_with_its_digest(tmp_path: Path) -> None:
     data = (folder / RECORD).read_bytes()
     assert read_calibration(folder) == (told, hashlib.sha256(data).hexdigest())
     assert data.startswith(b'{\n "schema": 1,\n') and data.endswith(b"}\n")
-    assert digest_line(b"abc", "x").decode() == f"{hashlib.sha256(b'abc').hexdigest()}  x\n"
+    assert format_digest_line(b"abc", "x").decode() == f"{hashlib.sha256(b'abc').hexdigest()}  x\n"
 
 
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
         (lambda folder: (folder / RECORD).unlink(), "No such file"),
-        (lambda folder: (folder / DIGEST).unlink(), "No such file"),
+        (lambda folder: (folder / CALIBRATION_DIGEST).unlink(), "No such file"),
         (lambda folder: (folder / RECORD).write_bytes(b"{"), "cannot be used"),
         (lambda folder: (folder / RECORD).write_bytes(b"\xff"), "cannot be used"),
-        (lambda folder: (folder / DIGEST).write_bytes(digest_line(b"x")), "another digest"),
+        (
+            lambda folder: (folder / CALIBRATION_DIGEST).write_bytes(format_digest_line(b"x")),
+            "another digest",
+        ),
     ],
 )
 def test_a_damaged_folder_is_refused(tmp_path: Path, spoil: Any, says: str) -> None:
@@ -116,4 +119,4 @@ def test_records_cannot_be_changed_and_name_their_fields() -> None:
             kind: Any = type(part)
             kind(*[getattr(part, field) for field in part.__struct_fields__])
     assert entry(1).sigma is None and entry(1).folder is None
-    assert msgspec.json.decode(encoded(told), type=type(told)) == told
+    assert msgspec.json.decode(encode_calibration(told), type=type(told)) == told

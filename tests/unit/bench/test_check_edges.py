@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.checks import check, cross_faults, rate_fault
+from pdcd.bench.checks import check_config, find_cross_faults, find_rate_fault
 from pdcd.bench.tables import (
     CameraConfig,
     Config,
@@ -22,13 +22,13 @@ from pdcd.bench.tables import (
     ScheduleConfig,
     ServerConfig,
 )
-from pdcd.bench.truth import TruePanel, TrueScene, Truth, read_truth, scan_fault
+from pdcd.bench.truth import BenchTruth, TruePanel, TrueScene, find_scan_fault, read_bench_truth
 
 MASK_PX = (1600, 1200)
 
 
 def keys(config: Config) -> list[tuple[str, ...]]:
-    return [fault.keys for fault in cross_faults(config)]
+    return [fault.keys for fault in find_cross_faults(config)]
 
 
 def mask(**told: Any) -> PanelConfig:
@@ -42,14 +42,14 @@ def test_refresh_rates_may_differ_by_a_two_thousandth() -> None:
             mask=mask(refresh_hz=hz),
             display=DisplayConfig(driver="x11"),
         )
-        fault = rate_fault(config)
-        assert (fault is None) == sound and (check(config) == []) == sound
+        fault = find_rate_fault(config)
+        assert (fault is None) == sound and (check_config(config) == []) == sound
         assert sound or fault is not None
         if fault is not None:
             assert fault.keys == ("projector.refresh_hz", "mask.refresh_hz")
             assert keys(config) == [fault.keys]
         mock = msgspec.structs.replace(config, display=DisplayConfig())
-        assert check(mock) == []  # mock panels may slip
+        assert check_config(mock) == []  # mock panels may slip
 
 
 def test_either_panel_may_be_out_of_phase_by_a_refresh() -> None:
@@ -76,7 +76,7 @@ def test_rows_are_black_before_the_shutter_closes(
     scan_s: float, skew_s: float, sound: bool
 ) -> None:
     panel = mask(scan_s=scan_s, skew_s=skew_s)
-    fault = scan_fault("mask", panel, 0.05)
+    fault = find_scan_fault("mask", panel, 0.05)
     assert (fault is None) == sound
     if fault is not None:
         assert fault.keys == ("mask.scan_s", "rig.settle_s")
@@ -143,9 +143,11 @@ def test_planes_last_about_equally_long(measured: tuple[float, ...], sound: bool
 
 
 def test_one_plane_a_refresh_has_no_times() -> None:
-    (message,) = check(Config(display=DisplayConfig(plane_starts=(0.0,))))
+    (message,) = check_config(Config(display=DisplayConfig(plane_starts=(0.0,))))
     assert message == "display.plane_starts: 1 times for 1 planes of a refresh"
-    (message,) = check(Config(display=DisplayConfig(planes_per_refresh=24, plane_starts=(0.0,))))
+    (message,) = check_config(
+        Config(display=DisplayConfig(planes_per_refresh=24, plane_starts=(0.0,)))
+    )
     assert message == "display.plane_starts: 1 times for 24 planes of a refresh"
 
 
@@ -154,7 +156,7 @@ def test_cells_have_a_pixel_of_each_panel_or_as_many_as_their_window_needs() -> 
 
     def found(grid: tuple[int, int], window: str, projector: PanelConfig = small) -> list[str]:
         schedule = ScheduleConfig(grid=grid, window=window)  # type: ignore[arg-type]
-        return check(Config(projector=projector, schedule=schedule))
+        return check_config(Config(projector=projector, schedule=schedule))
 
     assert found((48, 64), "whole") == []
     (message,) = found((48, 65), "whole")
@@ -165,7 +167,7 @@ def test_cells_have_a_pixel_of_each_panel_or_as_many_as_their_window_needs() -> 
     mask_too = Config(
         projector=small, mask=PanelConfig(size_px=(64, 40)), scene=SceneConfig(grid=(48, 64))
     )
-    (message,) = check(mask_too)
+    (message,) = check_config(mask_too)
     assert "pixels a cell on the mask" in message
 
 
@@ -213,7 +215,7 @@ def test_a_plane_needs_a_bench_off_the_axis_and_an_inverse() -> None:
 def told(folder: Path, text: str) -> list[str]:
     path = folder / "truth.toml"
     path.write_text(text)
-    return [fault.message for fault in read_truth(path, Config())[1]]
+    return [fault.message for fault in read_bench_truth(path, Config())[1]]
 
 
 @pytest.mark.parametrize(
@@ -244,13 +246,13 @@ def test_a_truth_at_the_edge_and_beyond(tmp_path: Path, text: str, says: str) ->
 
 def test_what_is_said_of_the_truth_takes_the_place_of_what_is_believed() -> None:
     believed = Config(mask=mask(lut=(0.0, 1.0), gamma=2.0, skew_s=0.001))
-    gamma = Truth(mask=TruePanel(gamma=1.8)).of(believed).mask
+    gamma = BenchTruth(mask=TruePanel(gamma=1.8)).of(believed).mask
     assert (gamma.gamma, gamma.lut, gamma.skew_s) == (1.8, None, 0.001)
-    both = Truth(mask=TruePanel(gamma=1.8, lut=(0.0, 0.5, 1.0))).of(believed).mask
+    both = BenchTruth(mask=TruePanel(gamma=1.8, lut=(0.0, 0.5, 1.0))).of(believed).mask
     assert (both.gamma, both.lut) == (1.8, (0.0, 0.5, 1.0))
-    assert Truth(mask=TruePanel(rise_s=0.0)).of(believed).mask == believed.mask
+    assert BenchTruth(mask=TruePanel(rise_s=0.0)).of(believed).mask == believed.mask
     scene = TrueScene(blur_px=2.0, ambient=0.25)
-    true = Truth(scene=scene, projector=TruePanel(rise_s=0.5)).of(believed)
+    true = BenchTruth(scene=scene, projector=TruePanel(rise_s=0.5)).of(believed)
     assert (true.mask.blur_px, true.scene.ambient, true.projector.rise_s) == (2.0, 0.25, 0.5)
     assert true.mask.lut == (0.0, 1.0) and true.trigger == believed.trigger
 
@@ -266,7 +268,7 @@ def test_times_in_another_unit_are_told(table: str, value: float) -> None:
     )
     told = [(f"{table}.{name}",)] if value > 60.0 else []
     assert keys(config) == told
-    assert all("more than 60 seconds" in text for text in check(config))
+    assert all("more than 60 seconds" in text for text in check_config(config))
 
 
 @pytest.mark.parametrize(

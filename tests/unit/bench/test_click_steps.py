@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench import click
-from pdcd.bench.click import examine
+from pdcd.bench.click import examine_shutter
 from pdcd.bench.devices import CameraInfo, Finding, fault
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
@@ -93,7 +93,7 @@ def asked(
     monkeypatch: pytest.MonkeyPatch, bench: Bench, config: Config = BOTH, **how: Any
 ) -> list[Finding]:
     monkeypatch.setattr(click, "load_driver", bench.load)
-    return list(examine(config, **{"click": True, **how}))
+    return list(examine_shutter(config, **{"click": True, **how}))
 
 
 def test_the_camera_is_armed_before_and_its_photo_fetched_after(
@@ -158,7 +158,7 @@ def test_a_shutter_that_may_be_open_is_told_of_and_the_camera_let_go_of(
 def test_one_who_stops_half_way_leaves_it_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
     monkeypatch.setattr(click, "load_driver", bench.load)
-    steps = examine(BOTH, click=True)
+    steps = examine_shutter(BOTH, click=True)
     for one in steps:
         if one.what == "open":
             break
@@ -190,7 +190,7 @@ def test_a_driver_that_cannot_be_had_is_the_only_finding(monkeypatch: pytest.Mon
         raise ConfigError("no such driver", device="shutter", hint="another")
 
     monkeypatch.setattr(click, "load_driver", none)
-    (only,) = examine(Config(rig=RigConfig(clock="real")), click=True)
+    (only,) = examine_shutter(Config(rig=RigConfig(clock="real")), click=True)
     assert only == Finding("trigger", "fault", "no such driver", "another")
 
 

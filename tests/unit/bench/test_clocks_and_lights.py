@@ -12,16 +12,16 @@ import pytest
 
 from pdcd.bench import grey
 from pdcd.bench.clock import RealClock, VirtualClock
-from pdcd.bench.grey import curve_fault, curve_of, curves_of, read_lut, with_lut
+from pdcd.bench.grey import curve_of, curves_of, find_curve_fault, read_lut, with_lut
 from pdcd.bench.reading import (
-    Fault,
-    emit,
-    faults_error,
-    number_faults,
-    overlay,
-    sized,
-    text_table,
-    toml_table,
+    ConfigFault,
+    check_integers,
+    find_number_faults,
+    format_toml,
+    make_faults_error,
+    merge_table,
+    parse_toml,
+    read_toml,
 )
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError
@@ -69,9 +69,9 @@ def test_levels_give_light_by_a_power_or_by_a_table(tmp_path: Path) -> None:
 
 
 def test_faults_of_a_table_are_told_by_its_key() -> None:
-    assert curve_fault("mask", None) is None and curve_fault("mask", "file") is None
-    assert curve_fault("mask", (0.0, 1.0)) is None
-    fault = curve_fault("mask", (0.0, 0.5))
+    assert find_curve_fault("mask", None) is None and find_curve_fault("mask", "file") is None
+    assert find_curve_fault("mask", (0.0, 1.0)) is None
+    fault = find_curve_fault("mask", (0.0, 0.5))
     assert fault is not None and fault.keys == ("mask.lut",)
     assert fault.message.startswith("mask.lut: ")
 
@@ -92,9 +92,9 @@ def test_a_file_of_lights_has_a_largest_size(
 ) -> None:
     path = tmp_path / "lights"
     path.write_text("0 1 ")
-    monkeypatch.setattr(grey, "MAX_BYTES", 4)
+    monkeypatch.setattr(grey, "MAX_LUT_BYTES", 4)
     assert read_lut(path) == (0.0, 1.0)
-    monkeypatch.setattr(grey, "MAX_BYTES", 3)
+    monkeypatch.setattr(grey, "MAX_LUT_BYTES", 3)
     with pytest.raises(ConfigError, match="holds more than"):
         read_lut(path)
 
@@ -110,7 +110,7 @@ def test_what_holds_no_lights_is_refused_in_one_line(tmp_path: Path, data: bytes
 
 def test_a_file_of_lights_takes_the_place_of_its_name(tmp_path: Path) -> None:
     (tmp_path / "l").write_text("0 1")
-    faults: list[Fault] = []
+    faults: list[ConfigFault] = []
     plain = panel(lut=(0.0, 1.0))
     assert with_lut(plain, "mask", tmp_path, faults) is plain
     assert with_lut(panel(lut="l"), "mask", tmp_path, faults).lut == (0.0, 1.0)
@@ -129,10 +129,10 @@ def test_a_file_of_lights_takes_the_place_of_its_name(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_integers_have_64_bits(value: dict[str, Any], keys: list[str]) -> None:
     if not keys:
-        assert sized(value, "it") is value
+        assert check_integers(value, "it") is value
         return
     with pytest.raises(ConfigError) as caught:
-        sized(value, "it")
+        check_integers(value, "it")
     told = caught.value.message.splitlines()
     assert told[0] == f"{len(keys)} fault{'s' * (len(keys) > 1)} in it:"
     assert [line.strip().partition(":")[0] for line in told[1:]] == keys
@@ -140,27 +140,31 @@ def test_integers_have_64_bits(value: dict[str, Any], keys: list[str]) -> None:
 
 def test_numbers_that_no_message_can_hold_are_named() -> None:
     told = {"a": [1.0, float("nan")], "b": {"c": (2**53, 2**53 - 1)}, "d": -(2**53), "e": "x"}
-    assert [fault.keys for fault in number_faults(told, "")] == [("a[1]",), ("b.c[0]",), ("d",)]
-    assert [fault.keys for fault in number_faults(float("inf"), "key")] == [("key",)]
-    assert list(number_faults({"a": 1 - 2**53}, "top")) == []
-    (fault,) = number_faults({"a": 2**60}, "top")
-    assert fault == Fault(("top.a",), f"top.a: must be below 2**53 in size, not {2**60}")
+    assert [fault.keys for fault in find_number_faults(told, "")] == [
+        ("a[1]",),
+        ("b.c[0]",),
+        ("d",),
+    ]
+    assert [fault.keys for fault in find_number_faults(float("inf"), "key")] == [("key",)]
+    assert list(find_number_faults({"a": 1 - 2**53}, "top")) == []
+    (fault,) = find_number_faults({"a": 2**60}, "top")
+    assert fault == ConfigFault(("top.a",), f"top.a: must be below 2**53 in size, not {2**60}")
 
 
 def test_faults_are_counted_and_listed() -> None:
-    assert faults_error("f", ["a"]).message == "1 fault in f:\n  a"
-    assert faults_error(None, ["a", "b"]).message == "2 faults in the mock bench:\n  a\n  b"
+    assert make_faults_error("f", ["a"]).message == "1 fault in f:\n  a"
+    assert make_faults_error(None, ["a", "b"]).message == "2 faults in the mock bench:\n  a\n  b"
 
 
 def test_what_is_no_toml_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"^it is not TOML: "):
-        text_table("a = ", "it")
+        parse_toml("a = ", "it")
     with pytest.raises(ConfigError, match=r"^cannot read the file .*gone: No such file") as caught:
-        toml_table(tmp_path / "gone", "the file", "mend it")
+        read_toml(tmp_path / "gone", "the file", "mend it")
     assert caught.value.hint == "mend it"
     (tmp_path / "bytes").write_bytes(b"\xff")
     with pytest.raises(ConfigError, match="is not TOML"):
-        toml_table(tmp_path / "bytes", "the file", "mend it")
+        read_toml(tmp_path / "bytes", "the file", "mend it")
 
 
 class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -173,26 +177,26 @@ class Outer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def test_tables_are_laid_over_others_key_by_key() -> None:
-    faults: list[Fault] = []
+    faults: list[ConfigFault] = []
     base = Outer(Inner(5), "v")
-    assert overlay(base, {"word": "x"}, "", faults) == Outer(Inner(5), "x")
-    assert overlay(base, {"inner": {"number": 7}}, "", faults) == Outer(Inner(7), "v")
-    assert overlay(base, {}, "", faults) == base and faults == []
+    assert merge_table(base, {"word": "x"}, "", faults) == Outer(Inner(5), "x")
+    assert merge_table(base, {"inner": {"number": 7}}, "", faults) == Outer(Inner(7), "v")
+    assert merge_table(base, {}, "", faults) == base and faults == []
     given = {"inner": {"number": "many", "nmber": 1}, "word": 3, "zzz": 2}
-    found = overlay(base, given, "t", faults)
+    found = merge_table(base, given, "t", faults)
     assert found == base
     assert [fault.keys for fault in faults] == [
         ("t.inner.number",), ("t.inner.nmber",), ("t.word",), ("t.zzz",),
     ]  # fmt: skip
     assert faults[1].message == "t.inner.nmber: no such key; is number meant?"
     assert faults[3].message == "t.zzz: no such key; known are inner, word"
-    assert overlay(base, 3, "t", faults) == base
-    assert faults[-1] == Fault(("t",), "t: must be a table, not 3")
+    assert merge_table(base, 3, "t", faults) == base
+    assert faults[-1] == ConfigFault(("t",), "t: must be a table, not 3")
 
 
 def test_notes_stand_behind_their_keys_and_tables() -> None:
     table = {"a": 1, "t": {"b": None, "c": [True, "x"], "d e": {"f": 0.5}}}
-    text = emit(table, {("a",): "first\nline", ("t",): "a table", ("t", "d e", "f"): "last"})
+    text = format_toml(table, {("a",): "first\nline", ("t",): "a table", ("t", "d e", "f"): "last"})
     assert text == (
         'a = 1  # first\\nline\n\n[t]  # a table\nc = [true, "x"]\n\n[t."d e"]\nf = 0.5  # last\n'
     )

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.bench import checks, config, folders, tables
-from pdcd.bench.reading import emit
+from pdcd.bench.reading import format_toml
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from tests.places import ROOT
@@ -118,14 +118,14 @@ def configs(draw: st.DrawFn) -> Config:
 def test_what_show_prints_loads_as_the_same_rig(
     tmp_path_factory: pytest.TempPathFactory, rig: Config
 ) -> None:
-    path = write(tmp_path_factory.mktemp("shown"), config.show(rig))
-    assert config.load(path) == rig
+    path = write(tmp_path_factory.mktemp("shown"), config.format_config(rig))
+    assert config.load_config(path) == rig
 
 
 @given(options)
 @settings(deadline=None, derandomize=True, max_examples=50)
 def test_emitted_text_parses_to_the_same_table(table: dict[str, Any]) -> None:
-    assert tomllib.loads(emit(table)) == table
+    assert tomllib.loads(format_toml(table)) == table
 
 
 def test_emitter_writes_the_awkward_values() -> None:
@@ -138,22 +138,22 @@ def test_emitter_writes_the_awkward_values() -> None:
         "clock": time(3, 4, 5),
         "": {"a.b": [{"x": [1, True]}, {}]},
     }
-    assert tomllib.loads(emit(table)) == table
-    assert tomllib.loads(emit({"here": 1, "unset": None, "in": [{"unset": None}]})) == {
+    assert tomllib.loads(format_toml(table)) == table
+    assert tomllib.loads(format_toml({"here": 1, "unset": None, "in": [{"unset": None}]})) == {
         "here": 1,
         "in": [{}],
     }
 
 
 def test_shown_default_is_the_mock_bench(tmp_path: Path) -> None:
-    assert config.load(write(tmp_path, config.show(Config()))) == Config()
+    assert config.load_config(write(tmp_path, config.format_config(Config()))) == Config()
 
 
 # --- files that come with pdcd ------------------------------------------------------------------
 
 
 def test_mock_toml_is_the_default_rig() -> None:
-    assert config.load(MOCK_TOML) == Config()
+    assert config.load_config(MOCK_TOML) == Config()
 
 
 def test_mock_toml_names_every_key() -> None:
@@ -181,20 +181,20 @@ def test_mock_toml_names_every_key() -> None:
 
 
 def test_bench_toml_is_sound() -> None:
-    bench = config.load(BENCH_TOML)
+    bench = config.load_config(BENCH_TOML)
     assert (bench.display.driver, bench.camera.driver, bench.trigger.driver) == (
         "x11",
         "ptp",
         "serial",
     )
-    assert checks.check(bench) == []
+    assert checks.check_config(bench) == []
 
 
 # --- what is filled in --------------------------------------------------------------------------
 
 
 def test_key_left_out_takes_the_mock_bench_value(tmp_path: Path) -> None:
-    rig = config.load(write(tmp_path, "[mask]\nrise_s = 1\n[camera]\niso = 200"))
+    rig = config.load_config(write(tmp_path, "[mask]\nrise_s = 1\n[camera]\niso = 200"))
     assert rig.mask == tables.PanelConfig(size_px=(1600, 1200), rise_s=1.0)
     assert isinstance(rig.mask.rise_s, float)
     assert rig.camera == tables.CameraConfig(iso=200)
@@ -212,29 +212,31 @@ def test_paths_are_meant_from_the_file(tmp_path: Path, monkeypatch: pytest.Monke
         write(folder, "", "a.npz")
     write(here / "my", "", "own")
     monkeypatch.chdir(here)
-    rig = config.load(path)
+    rig = config.load_config(path)
     assert rig.scene.path == str(home / "a.npz")
     assert rig.camera.profile == str(here / "my" / "own"), "found only in the current folder"
     assert rig.server.socket == str(home / "s.sock")
     assert rig.server.state_dir == str(tmp_path / "home" / "runs")
 
     (home / "a.npz").unlink()
-    assert config.load(path).scene.path == str(here / "a.npz")
+    assert config.load_config(path).scene.path == str(here / "a.npz")
 
 
 def test_profile_name_is_not_a_path(tmp_path: Path) -> None:
-    assert config.load(write(tmp_path, "[camera]\nprofile = '450d'")).camera.profile == "450d"
+    assert (
+        config.load_config(write(tmp_path, "[camera]\nprofile = '450d'")).camera.profile == "450d"
+    )
 
 
 def test_search_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def name() -> str:
-        return config.load().rig.name
+        return config.load_config().rig.name
 
     def place(folder: Path, label: str) -> None:
         write(folder, f"[rig]\nname = '{label}'", "pdcd.toml")
 
-    assert config.find() is None
-    assert config.load() == Config()
+    assert config.find_config_file() is None
+    assert config.load_config() == Config()
     place(tmp_path / "home" / ".config" / "pdcd", "home")
     assert name() == "home"
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "xdg"))
@@ -245,14 +247,14 @@ def test_search_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert name() == "xdg", "systemd sets the variable even when the folder is empty"
     place(tmp_path / "etc", "etc")
     assert name() == "etc"
-    assert config.load(MOCK_TOML).rig.name == "mock bench"
-    assert config.find() == tmp_path / "etc" / "pdcd.toml"
+    assert config.load_config(MOCK_TOML).rig.name == "mock bench"
+    assert config.find_config_file() == tmp_path / "etc" / "pdcd.toml"
 
 
 def test_search_survives_a_process_without_home(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("HOME")
     monkeypatch.setenv("XDG_CONFIG_HOME", "relative/is/ignored")
-    assert config.find() is None
+    assert config.find_config_file() is None
 
 
 # --- socket and state folder --------------------------------------------------------------------
@@ -260,25 +262,25 @@ def test_search_survives_a_process_without_home(monkeypatch: pytest.MonkeyPatch)
 
 def test_socket_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     private = tmp_path / f"pdcd-{os.getuid()}"
-    assert folders.socket_path(Config()) == private / "pdcd.sock"
+    assert folders.find_socket_path(Config()) == private / "pdcd.sock"
     assert stat.S_IMODE(private.stat().st_mode) == 0o700
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/5")
-    assert folders.socket_path(Config()) == Path("/run/user/5/pdcd.sock")
+    assert folders.find_socket_path(Config()) == Path("/run/user/5/pdcd.sock")
     monkeypatch.setenv("RUNTIME_DIRECTORY", "/run/pdcd:/run/other")
-    assert folders.socket_path(Config()) == Path("/run/pdcd.sock")
+    assert folders.find_socket_path(Config()) == Path("/run/pdcd.sock")
     rig = Config(server=tables.ServerConfig(socket="/a/b.sock"))
-    assert folders.socket_path(rig) == Path("/a/b.sock")
+    assert folders.find_socket_path(rig) == Path("/a/b.sock")
 
 
 def test_state_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert folders.state_dir(Config()) == tmp_path / ".local" / "state" / "pdcd"
+    assert folders.find_state_dir(Config()) == tmp_path / ".local" / "state" / "pdcd"
     monkeypatch.setenv("XDG_STATE_HOME", "/home/x/.local/state")
-    assert folders.state_dir(Config()) == Path("/home/x/.local/state/pdcd")
+    assert folders.find_state_dir(Config()) == Path("/home/x/.local/state/pdcd")
     monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/pdcd:/var/lib/other")
-    assert folders.state_dir(Config()) == Path("/var/lib/pdcd")
+    assert folders.find_state_dir(Config()) == Path("/var/lib/pdcd")
     rig = Config(server=tables.ServerConfig(state_dir="/data"))
-    assert folders.state_dir(rig) == Path("/data")
+    assert folders.find_state_dir(rig) == Path("/data")
 
 
 def test_stand_in_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
@@ -286,20 +288,20 @@ def test_stand_in_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "trap").mkdir(mode=0o700)
     private.symlink_to(tmp_path / "trap")
     with pytest.raises(ConfigError, match="not a private folder"):
-        folders.socket_path(Config())
+        folders.find_socket_path(Config())
     private.unlink()
     private.mkdir()
     private.chmod(0o755)
     with pytest.raises(ConfigError, match="not a private folder"):
-        folders.socket_path(Config())
+        folders.find_socket_path(Config())
     private.rmdir()
     private.write_text("in the way")
     with pytest.raises(ConfigError, match="cannot make the folder"):
-        folders.socket_path(Config())
+        folders.find_socket_path(Config())
 
 
 def test_schema_describes_every_table() -> None:
-    schema = json.loads(json.dumps(config.schema()))
+    schema = json.loads(json.dumps(config.make_config_schema()))
     tables = schema["$defs"]["Config"]["properties"]
     assert set(tables) == {field.name for field in msgspec.structs.fields(Config)}
     assert schema["$defs"]["ScheduleConfig"]["properties"]["codes"]["minimum"] == 1

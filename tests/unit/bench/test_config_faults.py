@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.bench import checks, config, tables
-from pdcd.bench.reading import emit
+from pdcd.bench.reading import format_toml
 from pdcd.bench.tables import Config
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError
@@ -34,7 +34,7 @@ def write(folder: Path, text: str) -> Path:
 def fault_lines(path: Path) -> list[str]:
     """The faults that loading reports, without the line that counts them."""
     with pytest.raises(ConfigError) as caught:
-        config.load(path)
+        config.load_config(path)
     first, *lines = caught.value.message.splitlines()
     count = len(lines)
     assert first == f"{count} fault{'s' if count > 1 else ''} in {path}:"
@@ -164,13 +164,13 @@ any_tables = st.recursive(values, lambda x: st.dictionaries(field_names, x, max_
 def test_any_table_is_either_sound_or_a_configuration_error(
     tmp_path_factory: pytest.TempPathFactory, table: dict[str, Any]
 ) -> None:
-    path = write(tmp_path_factory.mktemp("any"), emit(table))
+    path = write(tmp_path_factory.mktemp("any"), format_toml(table))
     try:
-        loaded = config.load(path)
+        loaded = config.load_config(path)
     except ConfigError as err:
         assert err.message.startswith(("1 fault in", f"{err.message.count(chr(10))} faults in"))
     else:
-        assert checks.check(loaded) == []
+        assert checks.check_config(loaded) == []
 
 
 def test_no_fault_is_inferred_from_a_key_that_could_not_be_read(tmp_path: Path) -> None:
@@ -186,12 +186,12 @@ def test_limits_themselves_are_sound() -> None:
         schedule=tables.ScheduleConfig(window="quarter"),
         server=tables.ServerConfig(socket="/" + "x" * 106),
     )
-    assert checks.check(rig) == []
+    assert checks.check_config(rig) == []
 
 
 def test_check_finds_what_python_callers_got_wrong() -> None:
     rig = Config(rig=tables.RigConfig(settle_s=math.nan))
-    assert checks.check(rig) == ["rig.settle_s: must be a finite number, not nan"]
+    assert checks.check_config(rig) == ["rig.settle_s: must be a finite number, not nan"]
 
 
 @pytest.mark.parametrize(
@@ -230,12 +230,12 @@ def test_a_matrix_file_that_is_none_ends_in_one_line(
 
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot read .*gone\.toml: No such file"):
-        config.load(tmp_path / "gone.toml")
+        config.load_config(tmp_path / "gone.toml")
     with pytest.raises(ConfigError, match="Is a directory"):
-        config.load(tmp_path)
+        config.load_config(tmp_path)
     with pytest.raises(ConfigError, match=r"is not TOML: .*line 2, column"):
-        config.load(write(tmp_path, "[rig]\nname = ?"))
+        config.load_config(write(tmp_path, "[rig]\nname = ?"))
     latin = tmp_path / "latin.toml"
     latin.write_bytes(b'[rig]\nname = "\xe9"')
     with pytest.raises(ConfigError, match="is not TOML"):
-        config.load(latin)
+        config.load_config(latin)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from pdcd.bench.exposure_time import time_doubts
+from pdcd.bench.exposure_time import describe_time_conflict
 
 OPEN, TOLD = "the shutter was open for", "the camera says"
 
@@ -37,5 +37,5 @@ OPEN, TOLD = "the shutter was open for", "the camera says"
 def test_which_times_disagree(
     planned_s: float, logged_s: float, told_s: float, begins: str
 ) -> None:
-    said = time_doubts(planned_s, logged_s, told_s)
+    said = describe_time_conflict(planned_s, logged_s, told_s)
     assert said.startswith(begins) if begins else said == ""

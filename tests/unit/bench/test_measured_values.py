@@ -14,15 +14,15 @@ import pytest
 
 from pdcd.bench import measured
 from pdcd.bench.calibration import RECORD
-from pdcd.bench.choosing import newest, other_bench
-from pdcd.bench.config import from_table, show
+from pdcd.bench.choosing import describe_other_bench, find_newest_calibration
+from pdcd.bench.config import format_config, from_config_tables
 from pdcd.bench.measured import (
-    age_days,
-    calibrated,
-    chosen,
-    kept,
-    refuse_other_bench,
-    with_entries,
+    apply_calibration,
+    check_same_bench,
+    choose_calibration_folder,
+    compute_age_days,
+    select_measured_values,
+    with_measured_values,
     with_values,
 )
 from pdcd.bench.tables import (
@@ -33,7 +33,7 @@ from pdcd.bench.tables import (
     RigConfig,
     ServerConfig,
 )
-from pdcd.bench.truth import as_typed
+from pdcd.bench.truth import restore_typed_values
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
@@ -54,27 +54,27 @@ def test_the_newest_whole_calibration_of_this_rig_is_taken(tmp_path: Path) -> No
     written(tmp_path / "2026-01-07.partial", record())
     (tmp_path / "2026-01-08").mkdir()
     (tmp_path / "2026-01-09").write_text("no folder")
-    assert newest(tmp_path, Config()) == good
-    assert newest(tmp_path, Config(), bad=True) == bad
+    assert find_newest_calibration(tmp_path, Config()) == good
+    assert find_newest_calibration(tmp_path, Config(), bad=True) == bad
     elsewhere = Config(rig=RigConfig(name="another"))
-    assert newest(tmp_path, elsewhere) == tmp_path / "2026-01-04"
-    assert newest(tmp_path, Config(rig=RigConfig(name="a third"))) is None
+    assert find_newest_calibration(tmp_path, elsewhere) == tmp_path / "2026-01-04"
+    assert find_newest_calibration(tmp_path, Config(rig=RigConfig(name="a third"))) is None
 
 
 def test_where_there_is_no_folder_there_is_no_calibration(tmp_path: Path) -> None:
-    assert newest(tmp_path / "none", Config()) is None
+    assert find_newest_calibration(tmp_path / "none", Config()) is None
     (tmp_path / "file").write_text("")
-    assert newest(tmp_path / "file", Config()) is None
+    assert find_newest_calibration(tmp_path / "file", Config()) is None
 
 
 def test_a_calibration_is_chosen_by_word_or_by_path(tmp_path: Path) -> None:
     state = ServerConfig(state_dir=str(tmp_path))
     one = written(tmp_path / "calibrations" / "a", record())
-    assert chosen(Config(server=state)) == one
-    assert chosen(config(use="none")) is None
-    assert chosen(config(use="/some/where")) == Path("/some/where")
+    assert choose_calibration_folder(Config(server=state)) == one
+    assert choose_calibration_folder(config(use="none")) is None
+    assert choose_calibration_folder(config(use="/some/where")) == Path("/some/where")
     nothing = Config(server=state, calibration=CalibrationConfig(use="none"))
-    assert calibrated(nothing) is nothing
+    assert apply_calibration(nothing) is nothing
 
 
 def test_what_was_taken_is_named_so_that_taking_it_again_changes_nothing(tmp_path: Path) -> None:
@@ -82,23 +82,23 @@ def test_what_was_taken_is_named_so_that_taking_it_again_changes_nothing(tmp_pat
     folder = written(tmp_path / "cal", told)
     digest = hashlib.sha256((folder / RECORD).read_bytes()).hexdigest()
     asked = config(use=str(folder), keep=("trigger.lag_s",))
-    found = calibrated(asked)
+    found = apply_calibration(asked)
     assert (found.mask.skew_s, found.trigger.lag_s) == (0.002, Config().trigger.lag_s)
     assert (found.calibration.use, found.calibration.sha256) == (str(folder), digest)
     assert found.calibration.keep == ("trigger.lag_s",)
-    assert calibrated(found) == found and as_typed(found).mask == asked.mask
+    assert apply_calibration(found) == found and restore_typed_values(found).mask == asked.mask
     with pytest.raises(ConfigError, match="not the one with the digest"):
-        calibrated(config(use=str(folder), sha256="0" * 64))
+        apply_calibration(config(use=str(folder), sha256="0" * 64))
 
 
 def test_measured_times_of_both_panels_shorten_the_guards(tmp_path: Path) -> None:
-    times = {name: entry(0.001) for name in measured.TIMES}
+    times = {name: entry(0.001) for name in measured.TIME_KEYS}
     folder = written(tmp_path / "cal", record(measured=times))
-    assert calibrated(config(use=str(folder))).schedule.guards == "auto"
+    assert apply_calibration(config(use=str(folder))).schedule.guards == "auto"
     # They were measured, also where what was typed is kept.
     keep = config(use=str(folder), keep=("mask.skew_s",))
-    assert calibrated(keep).schedule.guards == "auto"
-    assert measured.TIMES == (
+    assert apply_calibration(keep).schedule.guards == "auto"
+    assert measured.TIME_KEYS == (
         "mask.skew_s", "projector.rise_s", "projector.fall_s", "mask.rise_s", "mask.fall_s",
     )  # fmt: skip
 
@@ -115,9 +115,9 @@ def test_measured_times_of_both_panels_shorten_the_guards(tmp_path: Path) -> Non
 )
 def test_other_panels_or_drivers_are_another_bench(belief: dict[str, Any], what: str) -> None:
     told = record(belief=belief)
-    assert other_bench(told, Config()) == what
+    assert describe_other_bench(told, Config()) == what
     with pytest.raises(ConfigError, match="of another bench: ") as caught:
-        refuse_other_bench(told, Config())
+        check_same_bench(told, Config())
     assert what in caught.value.message
 
 
@@ -127,17 +127,19 @@ def test_the_same_bench_is_none_other(tmp_path: Path) -> None:
         "display": {"driver": "mock"}, "camera": {"driver": "mock"}, "trigger": {"driver": "mock"},
     }  # fmt: skip
     for told in (belief, {}, {"mask": {}, "camera": {"driver": None}}):
-        assert other_bench(record(belief=told), Config()) == ""
-        refuse_other_bench(record(belief=told), Config())
+        assert describe_other_bench(record(belief=told), Config()) == ""
+        check_same_bench(record(belief=told), Config())
     folder = written(tmp_path / "cal", record(belief={"camera": {"driver": "ptp"}}))
     with pytest.raises(ConfigError, match="another bench"):
-        calibrated(config(use=str(folder)))
+        apply_calibration(config(use=str(folder)))
 
 
 def test_keys_that_are_kept_as_typed_are_left_out() -> None:
     told = record(measured={"mask.skew_s": entry(1.0), "mask.rise_s": entry(2.0)})
-    assert kept(told, CalibrationConfig(keep=("mask.skew_s",))).keys() == {"mask.rise_s"}
-    assert kept(told, CalibrationConfig()) == told.measured
+    assert select_measured_values(told, CalibrationConfig(keep=("mask.skew_s",))).keys() == {
+        "mask.rise_s"
+    }
+    assert select_measured_values(told, CalibrationConfig()) == told.measured
 
 
 def test_values_replace_those_of_their_keys_and_no_others() -> None:
@@ -163,13 +165,15 @@ def test_what_was_typed_of_devices_is_kept_beside_what_was_measured(tmp_path: Pa
     once = with_values(typed, measured_ | settings, maps)
     again = with_values(once, {"mask.contrast": 400.0, "trigger.lag_s": 0.1}, maps)
     back = msgspec.convert(msgspec.json.decode(msgspec.json.encode(again)), Config)
-    assert back == again and from_table(tomllib.loads(show(again)), "again") == again
-    found = as_typed(back)
+    assert (
+        back == again and from_config_tables(tomllib.loads(format_config(again)), "again") == again
+    )
+    found = restore_typed_values(back)
     assert (found.mask, found.camera, found.trigger) == (placed, typed.camera, typed.trigger)
     assert (found.rig.settle_s, found.display.mask_delay_refreshes) == (0.2, -2)
     wrong = msgspec.structs.replace(typed.calibration, typed={"mask.contrast": "bright"})
     with pytest.raises(ConfigError, match=r"calibration\.typed"):
-        as_typed(msgspec.structs.replace(typed, calibration=wrong))
+        restore_typed_values(msgspec.structs.replace(typed, calibration=wrong))
 
 
 @pytest.mark.parametrize(
@@ -201,13 +205,13 @@ def test_maps_replace_the_places_that_were_measured(tmp_path: Path) -> None:
 
 def test_a_folder_without_maps_needs_none(tmp_path: Path) -> None:
     entries = {"mask.skew_s": entry(0.5)}
-    assert with_entries(Config(), entries, tmp_path).mask.skew_s == 0.5
+    assert with_measured_values(Config(), entries, tmp_path).mask.skew_s == 0.5
     with pytest.raises(ConfigError, match=r"maps\.npz"):
-        with_entries(Config(), {"mask.place.map": entry("maps.npz")}, tmp_path)
+        with_measured_values(Config(), {"mask.place.map": entry("maps.npz")}, tmp_path)
 
 
 def test_the_age_of_a_calibration_counts_from_its_end() -> None:
     now = datetime(2026, 1, 4, 0, 0, tzinfo=UTC)
-    assert age_days(record(), now) == 2.5
-    assert math.isnan(age_days(record(finished_utc="some day"), now))
-    assert age_days(record()) > 0.0
+    assert compute_age_days(record(), now) == 2.5
+    assert math.isnan(compute_age_days(record(finished_utc="some day"), now))
+    assert compute_age_days(record()) > 0.0

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from pdcd.bench import checks, config
-from pdcd.bench.placed import camera_map, panels_of, plane_on_field
+from pdcd.bench.placed import make_camera_map, map_plane_to_field, panels_of
 from pdcd.bench.tables import Config
 from pdcd.capture.rig import Rig
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import PER_CELL, atoms
+from pdcd.panels.atoms import ATOMS_PER_CELL, find_atoms
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
-from pdcd.panels.placing import Placing, through
+from pdcd.panels.placing import Placing, project_points
 
 MASK = Map.filling((1600, 1200)).then([[0.9, 0.02, 0.03], [0.01, -0.95, 0.98], [0.0, 0.01, 1.0]])
 
@@ -64,15 +64,15 @@ def test_a_file_of_maps_is_found_beside_the_configuration(tmp_path: Path) -> Non
     (tmp_path / "etc").mkdir()
     save_maps(tmp_path / "etc" / "maps.npz", {"mask": MASK, "camera": camera})
     text = "[mask.place]\nmap = 'maps.npz'\n[camera.place]\nmap = 'maps.npz'\n"
-    found = config.load(write(tmp_path / "etc", text))
+    found = config.load_config(write(tmp_path / "etc", text))
     assert panels_of(found).mask.map == MASK
-    assert camera_map(found, (20, 32)) == camera
+    assert make_camera_map(found, (20, 32)) == camera
     with pytest.raises(ConfigError, match="camera of 32 x 20 pixels, this one has 33 x 20"):
-        camera_map(found, (20, 33))
+        make_camera_map(found, (20, 33))
     # What was read stays, whatever becomes of the file, and goes with the configuration.
     (tmp_path / "etc" / "maps.npz").unlink()
     assert panels_of(found).mask.map == MASK
-    again = config.load(write(tmp_path, config.show(found)))
+    again = config.load_config(write(tmp_path, config.format_config(found)))
     assert again == found
 
 
@@ -81,7 +81,7 @@ def test_a_file_may_be_named_in_python(tmp_path: Path) -> None:
     save_maps(Path(path), {"mask": MASK, "camera": Map.filling((2136, 1424))})
     assert panels_of(with_mask(Placing(map=path))).mask.map == MASK
     camera = msgspec.structs.replace(Config().camera, place=Placing(map=path))
-    assert checks.check(msgspec.structs.replace(Config(), camera=camera)) == []
+    assert checks.check_config(msgspec.structs.replace(Config(), camera=camera)) == []
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_a_place_that_cannot_be_is_one_fault(
     )
     path = write(tmp_path, text)
     with pytest.raises(ConfigError, match=says) as caught:
-        config.load(path)
+        config.load_config(path)
     first, *lines = caught.value.message.splitlines()
     assert first.startswith("1 fault in")
     assert len(lines) == 1
@@ -153,7 +153,7 @@ def test_cells_smaller_than_the_pixels_of_a_placed_panel_are_one_fault(
 ) -> None:
     path = write(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
-        config.load(path)
+        config.load_config(path)
     first, line = caught.value.message.splitlines()
     assert first.startswith("1 fault in")
     assert line.strip().startswith("scene.grid: ") and says in line
@@ -176,7 +176,7 @@ def test_a_panel_that_leaves_part_of_the_field_dark_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, says: str
 ) -> None:
     path = write(tmp_path, f"[mask.place]\n{text}")
-    config.load(path)  # the display refuses what it cannot show
+    config.load_config(path)  # the display refuses what it cannot show
     assert (main(["config", "check", "--config", str(path)]) == 0) == (not says)
     told = capsys.readouterr().err.splitlines()[1:]
     assert [line.strip().startswith(f"mask.place: {says}") for line in told] == [True] * bool(says)
@@ -184,7 +184,7 @@ def test_a_panel_that_leaves_part_of_the_field_dark_is_named(
 
 def test_no_rig_is_made_with_a_place_that_cannot_be() -> None:
     wrong = with_mask(Placing(offset_px=(5000.0, 0.0)))
-    assert [line for line in checks.check(wrong) if line.startswith("mask.place: ")]
+    assert [line for line in checks.check_config(wrong) if line.startswith("mask.place: ")]
     with pytest.raises(ConfigError, match="beside the field"):
         Rig(wrong)
     with pytest.raises(ConfigError, match="finite"):
@@ -216,7 +216,7 @@ def test_all_maps_lead_to_the_part_of_the_picture_that_is_the_field() -> None:
     assert parts.projector.map.from_field(points) == pytest.approx(picture)
     for one, other in (
         (parts.mask.map, wholes.mask.map),
-        (camera_map(made, (20, 32)), camera_map(whole, (20, 32))),
+        (make_camera_map(made, (20, 32)), make_camera_map(whole, (20, 32))),
     ):
         assert one.from_field(points) == pytest.approx(other.from_field(picture / (1024, 768)))
     assert made.projector.field_size_px == (800, 600)
@@ -226,7 +226,7 @@ def test_all_maps_lead_to_the_part_of_the_picture_that_is_the_field() -> None:
 def test_edges_of_the_projectors_pixels_stay_whole() -> None:
     """A field of 800 x 600 pixels in 30 x 40 cells has 20 pixels to a cell, from its left and upper
     edge on, and is black around."""
-    found = atoms(panels_of(on_a_part()).projector, (30, 40)) // PER_CELL
+    found = find_atoms(panels_of(on_a_part()).projector, (30, 40)) // ATOMS_PER_CELL
     left, top, wide, high = FIELD
     x, y = np.arange(1024), np.arange(768)
     inside = ((x >= left) & (x < left + wide)) & ((y >= top) & (y < top + high))[:, None]
@@ -240,12 +240,12 @@ def test_a_plane_is_that_of_the_field() -> None:
     """Points of the field go where the picture's plane sends them."""
     projector = on_a_part().projector
     plane = (1.02, 0.01, 0.03, -0.02, 0.98, 0.01, 0.05, -0.02, 1.0)
-    assert plane_on_field(plane, Config().projector) == plane
+    assert map_plane_to_field(plane, Config().projector) == plane
     points = np.random.default_rng(2).random((20, 2))
     size, (left, top, wide, high) = np.array([1024, 768]), FIELD
     picture = (points * (wide, high) + (left, top)) / size
-    wanted = (through(plane, picture) * size - (left, top)) / (wide, high)
-    assert through(plane_on_field(plane, projector), points) == pytest.approx(wanted)
+    wanted = (project_points(plane, picture) * size - (left, top)) / (wide, high)
+    assert project_points(map_plane_to_field(plane, projector), points) == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize(
@@ -261,5 +261,5 @@ def test_a_field_lies_in_the_projectors_picture(
 ) -> None:
     plain = Config()
     changed = msgspec.structs.replace(getattr(plain, table), field_px=field_px)
-    (found,) = checks.check(msgspec.structs.replace(plain, **{table: changed}))
+    (found,) = checks.check_config(msgspec.structs.replace(plain, **{table: changed}))
     assert found.startswith(f"{table}.field_px: ") and words in found

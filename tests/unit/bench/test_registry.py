@@ -78,7 +78,7 @@ def test_driver_is_imported_only_when_asked_for(
         return real(name)
 
     monkeypatch.setattr("importlib.import_module", spy)
-    assert ("shutter", "bad") in registry.known_drivers()
+    assert ("shutter", "bad") in registry.list_known_drivers()
     assert imported == []
     assert registry.load_driver("display", "good") is FakeDriver
     assert imported == ["fake_good"]
@@ -106,7 +106,7 @@ def test_name_of_another_role_is_unknown(fakes: None) -> None:
     ],
 )
 def test_module_that_does_not_import_tells_why(
-    fakes: None, role: registry.Role, name: str, reason: str
+    fakes: None, role: registry.DriverRole, name: str, reason: str
 ) -> None:
     with pytest.raises(DriverUnavailable) as caught:
         registry.load_driver(role, name)
@@ -150,7 +150,7 @@ def test_other_packages_bring_drivers(fakes: None, tmp_path: Path) -> None:
         tmp_path,
         "display.acme = fake_good:Good\npreview.acme = fake_good:Good\nusb.acme = fake_good:Good",
     )
-    assert registry.known_drivers()["display", "acme"] == ("fake_good:Good", "acme-pdcd")
+    assert registry.list_known_drivers()["display", "acme"] == ("fake_good:Good", "acme-pdcd")
     for role in ("display", "preview", "usb"):
         assert registry.load_driver(role, "acme") is FakeDriver
 
@@ -159,7 +159,7 @@ def test_entry_points_that_do_not_fit_are_ignored_with_a_warning(
     fakes: None, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     installed(tmp_path, "display.good = evil:Evil\nlamp.acme = a:B\nacme = a:B\ndisplay. = a:B")
-    known = registry.known_drivers()
+    known = registry.list_known_drivers()
     assert known["display", "good"] == ("fake_good:Good", "pdcd"), "our own name stays ours"
     assert set(known) == set(registry.DRIVERS)
     warned = sorted(record.getMessage() for record in caplog.records)
@@ -199,4 +199,4 @@ def test_drivers_do_not_name_their_own_package() -> None:
         named = re.search(r"""^\s*(from|import) drivers\b|["']drivers\.""", code, re.MULTILINE)
         assert named is None, f"{file}: {named and named.group()}"
     assert registry.PACKAGE == "drivers"  # these tests run in the sources
-    assert registry.own_module("ptp.doctor").__name__ == "drivers.ptp.doctor"
+    assert registry.import_driver_module("ptp.doctor").__name__ == "drivers.ptp.doctor"

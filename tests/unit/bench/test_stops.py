@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from pdcd.bench import measured
-from pdcd.bench.stops import STOP_SIGMA, Scale, Stop, light_sigma, stop_of
+from pdcd.bench.stops import STOP_SIGMA, AbsoluteScale, Stop, compute_light_sigma, stop_of
 from pdcd.bench.tables import Config
 
 MARKS = (
@@ -36,18 +36,18 @@ def test_half_stops_are_what_they_say(mark: float) -> None:
 def test_measured_stops_are_known_and_two_others_are_unsure_alike() -> None:
     known = (Stop(8.0, 8.1, 0.0), Stop(11.0, 11.2, 0.002))
     assert stop_of(11.0, known) is known[1] and stop_of(13.0, known).true == 2.0 ** (22 / 6)
-    assert light_sigma(*known) == 0.002 and light_sigma(known[0], known[0]) == 0.0
-    assert light_sigma(stop_of(11.0), stop_of(13.0)) == pytest.approx(0.0566, rel=1e-3)
+    assert compute_light_sigma(*known) == 0.002 and compute_light_sigma(known[0], known[0]) == 0.0
+    assert compute_light_sigma(stop_of(11.0), stop_of(13.0)) == pytest.approx(0.0566, rel=1e-3)
 
 
 def test_the_scale_says_what_it_goes_by(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     replace = msgspec.structs.replace
     config = Config()
-    assert measured.scale_of(config, 8.0) == Scale("of a nominal camera")
+    assert measured.find_scale(config, 8.0) == AbsoluteScale("of a nominal camera")
     stops = (Stop(8.0, 8.0, 0.0), Stop(11.0, 11.2, 0.04))
     camera = replace(config.camera, responsivity_e=(1e6, 2e6, 1e6), stops=stops)
     config = replace(config, camera=camera)
-    assert measured.scale_of(config, 8.0) == Scale("as typed")
+    assert measured.find_scale(config, 8.0) == AbsoluteScale("as typed")
     entry = SimpleNamespace(sigma=(3e4, 4e4, 2e4), made_utc="2026-01-01T10:00:00Z")
     record: Any = SimpleNamespace(measured={"camera.responsivity_e": entry})
     monkeypatch.setattr(measured, "read_calibration", lambda folder: (record, "a" * 64))
@@ -58,8 +58,8 @@ def test_the_scale_says_what_it_goes_by(monkeypatch: pytest.MonkeyPatch, tmp_pat
         (11.0, 0.05),
         (13.0, math.hypot(0.03, math.hypot(STOP_SIGMA, STOP_SIGMA))),
     ):
-        found = measured.scale_of(config, f_number)
+        found = measured.find_scale(config, f_number)
         assert found.source == "as of the calibration of 2026-01-01"
         assert found.sigma == pytest.approx(sigma)
     record.measured = {}
-    assert measured.scale_of(config, 8.0) == Scale("as typed")
+    assert measured.find_scale(config, 8.0) == AbsoluteScale("as typed")

@@ -17,7 +17,7 @@ from pdcd.bench.tables import (
     ScheduleConfig,
     TriggerConfig,
 )
-from pdcd.bench.truth import LARGEST_BLUR, Truth
+from pdcd.bench.truth import LARGEST_BLUR, BenchTruth
 
 
 def table(path: str, value: object) -> dict[str, Any]:
@@ -88,18 +88,23 @@ TRUE_BOUNDS: list[tuple[str, object, object]] = [
 @pytest.mark.parametrize(("path", "last", "beyond"), TRUE_BOUNDS)
 def test_a_key_of_the_truth_has_its_bounds(path: str, last: object, beyond: object) -> None:
     name, key = path.split(".")
-    msgspec.convert({name: {key: last}}, Truth)
+    msgspec.convert({name: {key: last}}, BenchTruth)
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({name: {key: beyond}}, Truth)
+        msgspec.convert({name: {key: beyond}}, BenchTruth)
 
 
 def test_a_truth_that_says_nothing_changes_nothing_of_the_sensor() -> None:
-    sensor, camera, scene, panel = Truth().sensor, Truth().camera, Truth().scene, Truth().mask
+    sensor, camera, scene, panel = (
+        BenchTruth().sensor,
+        BenchTruth().camera,
+        BenchTruth().scene,
+        BenchTruth().mask,
+    )
     assert (sensor.gain, sensor.read_noise, sensor.dark, sensor.full_well) == (1.0, 1.0, 1.0, 1.0)
     assert (sensor.prnu, camera.falloff, panel.falloff, scene.blur_taps) == (0.0, 0.0, 0.0, 5)
 
 
-@pytest.mark.parametrize("whole", [Config(), Truth()])
+@pytest.mark.parametrize("whole", [Config(), BenchTruth()])
 def test_tables_cannot_be_changed_and_know_their_keys(
     whole: msgspec.Struct,
 ) -> None:

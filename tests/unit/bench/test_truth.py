@@ -8,11 +8,11 @@ import msgspec
 import pytest
 
 from pdcd.bench import config
-from pdcd.bench.checks import check
+from pdcd.bench.checks import check_config
 from pdcd.bench.placed import panels_of
-from pdcd.bench.reading import toml_table
+from pdcd.bench.reading import read_toml
 from pdcd.bench.tables import BenchConfig, Config
-from pdcd.bench.truth import Truth, read_truth, truth_of
+from pdcd.bench.truth import BenchTruth, load_bench_truth, read_bench_truth
 from pdcd.errors import ConfigError
 
 EXAMPLE = Path(__file__).parents[3] / "config" / "truth.toml"
@@ -22,17 +22,17 @@ def told(folder: Path, text: str) -> list[str]:
     """All faults of a truth."""
     path = folder / "truth.toml"
     path.write_text(text)
-    return [fault.message for fault in read_truth(path, Config())[1]]
+    return [fault.message for fault in read_bench_truth(path, Config())[1]]
 
 
 def test_without_a_file_all_is_as_believed() -> None:
-    assert truth_of(Config()) == Truth()
-    assert Truth().of(Config()) == Config()
+    assert load_bench_truth(Config()) == BenchTruth()
+    assert BenchTruth().of(Config()) == Config()
 
 
 def test_the_example_is_sound_and_changes_what_it_says() -> None:
     believed = Config(bench=BenchConfig(truth=str(EXAMPLE)))
-    truth, faults = read_truth(EXAMPLE, believed)
+    truth, faults = read_bench_truth(EXAMPLE, believed)
     assert faults == []
     true = truth.of(believed)
     assert (true.projector.rise_s, true.mask.place.turn_deg) == (0.0015, 181.3)
@@ -43,21 +43,21 @@ def test_the_example_is_sound_and_changes_what_it_says() -> None:
 
 
 def test_the_example_names_every_table_and_key() -> None:
-    given = toml_table(EXAMPLE, "it", "")
+    given = read_toml(EXAMPLE, "it", "")
     left_out = {"phase_s", "jitter_s", "contrast", "offset_px", "dead_rows", "dead_columns"}
     left_out |= {"samples", "blur_taps", "dark", "full_well", "scan_bands", "falloff"}
     left_out |= {"responsivity_e", "lut", "tagged_s", "ambient_from", "stretched", "stretch"}
     left_out |= {"stops"}
-    for table in msgspec.structs.fields(Truth):
-        known = {f.name for f in msgspec.structs.fields(type(getattr(Truth(), table.name)))}
+    for table in msgspec.structs.fields(BenchTruth):
+        known = {f.name for f in msgspec.structs.fields(type(getattr(BenchTruth(), table.name)))}
         assert set(given[table.name]) <= known <= set(given[table.name]) | left_out
 
 
 def test_a_truth_lies_beside_its_configuration(tmp_path: Path) -> None:
     (tmp_path / "truth.toml").write_text("[mask]\nrise_s = 0.5\n")
     (tmp_path / "rig.toml").write_text('[bench]\ntruth = "truth.toml"\n')
-    loaded = config.load(tmp_path / "rig.toml")
-    assert truth_of(loaded).of(loaded).mask.rise_s == 0.5
+    loaded = config.load_config(tmp_path / "rig.toml")
+    assert load_bench_truth(loaded).of(loaded).mask.rise_s == 0.5
 
 
 def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
@@ -114,15 +114,15 @@ def test_the_configuration_tells_the_faults_of_its_truth(tmp_path: Path) -> None
     rig = tmp_path / "rig.toml"
     rig.write_text('[bench]\ntruth = "truth.toml"\n[camera]\niso = "x"\n')
     with pytest.raises(ConfigError) as caught:
-        config.load(rig)
+        config.load_config(rig)
     assert "3 faults" in caught.value.message
     assert "mask.foo: no such key" in caught.value.message
     rig.write_text('[bench]\ntruth = "nowhere.toml"\n')
     with pytest.raises(ConfigError, match=r"bench\.truth: cannot read"):
-        config.load(rig)
+        config.load_config(rig)
     (tmp_path / "nowhere.toml").write_text("[mask\n")
     with pytest.raises(ConfigError, match="is not TOML"):
-        config.load(rig)
+        config.load_config(rig)
 
 
 def test_rows_and_blur_are_as_believed_where_nothing_is_said(tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_rows_and_blur_are_as_believed_where_nothing_is_said(tmp_path: Path) -> 
         "[mask]\nscan_s = 0.0\n[projector]\nscan_bands = 3\n[scene]\nblur_px = 1.5\n"
     )
     believed, said = (
-        read_truth(tmp_path / name, base)[0].of(base) for name in ("none.toml", "said.toml")
+        read_bench_truth(tmp_path / name, base)[0].of(base) for name in ("none.toml", "said.toml")
     )
     assert believed == base
     assert (said.mask.scan_s, said.mask.scan_bands, said.mask.blur_px) == (0.0, 5, 1.5)
@@ -157,6 +157,6 @@ def test_rows_and_blur_that_cannot_be(table: str, key: str, told_: str) -> None:
     replace = msgspec.structs.replace
     base = Config()
     panel = replace(getattr(base, table), **{key: 0.6})
-    found = check(replace(base, **{table: panel}))
+    found = check_config(replace(base, **{table: panel}))
     assert [fault for fault in found if fault.startswith(told_)]
-    assert not check(base)
+    assert not check_config(base)

@@ -9,28 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.geometry.phase import (
-    Decoded,
+    DecodedQuads,
     PhaseCode,
     Sines,
-    joined,
-    refuse_wrapped,
+    check_periods,
+    join_axes_on_panel,
 )
 from pdcd.calibration.geometry.xor import XorCode, XorPlanes
-from pdcd.calibration.photo import Photo
+from pdcd.calibration.photo import QuadPhoto
 
 Floats = NDArray[np.float64]
 
 
-def decode_by_prior(photos: Iterable[Photo], code: PhaseCode, prior_px: Floats) -> Decoded:
+def decode_by_prior(photos: Iterable[QuadPhoto], code: PhaseCode, prior_px: Floats) -> DecodedQuads:
     """Panel pixels out of the photos of `code.shown` for either axis, by a belief (h, w, 2)."""
     taken = iter(photos)
     axes = [_sines(taken, code).place(prior_px[..., axis]) for axis in (0, 1)]
-    found = joined(axes, code)
-    refuse_wrapped(found, prior_px, code)
+    found = join_axes_on_panel(axes, code)
+    check_periods(found, prior_px, code)
     return found
 
 
-def decode_xor(photos: Iterable[Photo], code: XorCode) -> Decoded:
+def decode_xor(photos: Iterable[QuadPhoto], code: XorCode) -> DecodedQuads:
     """Panel pixels, whole ones, out of the photos of `code.shown()`, in its order."""
     planes = XorPlanes(code)
     for photo in photos:
@@ -38,7 +38,7 @@ def decode_xor(photos: Iterable[Photo], code: XorCode) -> Decoded:
     return planes.decoded()
 
 
-def _sines(taken: Iterator[Photo], code: PhaseCode) -> Sines:
+def _sines(taken: Iterator[QuadPhoto], code: PhaseCode) -> Sines:
     sines = Sines(code)
     for photo in islice(taken, code.steps):
         sines.add(photo)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import PanelSequence
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ class Bench:
     groove: tuple[float, float] = (0.0, 1.0)
     """Share and blur (quads) of the light that comes again mirrored, as in a V-shaped groove."""
 
-    def photo(self, shown: Shown, seed: int | None) -> Photo:
+    def photo(self, shown: PanelSequence, seed: int | None) -> QuadPhoto:
         """What the camera sees; the mean over refreshes. Without a seed: without noise."""
         frame = self.projector.frame
         rng = np.random.default_rng(seed)
@@ -127,13 +127,13 @@ class Bench:
                 values[..., channel] += noise
                 measured = np.maximum(values[..., channel], 0.0)
                 variance[..., channel] = (measured + READ_E**2) / shots
-        return Photo(values, variance, saturated)
+        return QuadPhoto(values, variance, saturated)
 
-    def photos(self, shown: tuple[Shown, ...], seed: int) -> list[Photo]:
+    def photos(self, shown: tuple[PanelSequence, ...], seed: int) -> list[QuadPhoto]:
         """One of each, with noise of its own."""
         return [self.photo(one, 1000 * seed + number) for number, one in enumerate(shown)]
 
-    def _light(self, shown: Shown, channel: int) -> Floats:
+    def _light(self, shown: PanelSequence, channel: int) -> Floats:
         """Mean over refreshes of what both panels let pass; one of them keeps still."""
         sides = (
             (self.projector, shown.projector, shown.projector_index, self.leak[0], self.ambient),

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import PanelSequence
 
 Floats = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ class LightBench:
         y, x = (2 * y + 1) / rows - 1, (2 * x + 1) / cols - 1
         return np.asarray(1.0 - self.falloff * 0.5 * (x**2 + y**2))[..., None]
 
-    def seconds(self, shown: Shown, covered: bool = False) -> tuple[float, float]:
+    def seconds(self, shown: PanelSequence, covered: bool = False) -> tuple[float, float]:
         """Integrals of m p and of m over an exposure of panels that are black or white."""
         p, m = (
             panel.light(np.array(index == WHITE, np.float64), self.settle_s)
@@ -117,7 +117,7 @@ class LightBench:
         )
         return float(m @ p) * STEP_S * (not covered), float(m.sum()) * STEP_S
 
-    def light(self, shown: Shown, covered: bool = False, lamp: float = 1.0) -> Floats:
+    def light(self, shown: PanelSequence, covered: bool = False, lamp: float = 1.0) -> Floats:
         """Expected electrons of the quads, (h, w, 3)."""
         lit_s, open_s = self.seconds(shown, covered)
         both = lamp * lit_s * np.asarray(self.card) + open_s * np.asarray(self.room)
@@ -125,7 +125,7 @@ class LightBench:
 
     def photo(
         self, light: Floats, rng: np.random.Generator, black_error_dn: float | None = None
-    ) -> Photo:
+    ) -> QuadPhoto:
         """Quads of a photo in DN; both greens averaged."""
         sensor = self.sensor
         error = sensor.black_error_dn if black_error_dn is None else black_error_dn
@@ -135,4 +135,4 @@ class LightBench:
         rgb = np.stack([planes[0], 0.5 * (planes[1] + planes[2]), planes[3]], axis=-1) - off
         variance = np.maximum(rgb, 0.0) / sensor.gain + (sensor.read_e / sensor.gain) ** 2 + 1 / 12
         variance[..., 1] *= 0.5
-        return Photo(rgb, variance, np.max(planes, axis=0) >= top - 1)
+        return QuadPhoto(rgb, variance, np.max(planes, axis=0) >= top - 1)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Shown
-from pdcd.calibration.timing.timing_model import Ran
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.timing.timing_model import PhotoLog
 from pdcd.panels.frames import WHITE, FrameLog
 from pdcd.panels.map import Map
 
@@ -96,7 +96,7 @@ class Bench:
     patch: int = 8
     seed: int = 1
 
-    def log(self, shown: Shown) -> Ran:
+    def log(self, shown: PanelSequence) -> PhotoLog:
         """The log of a display that misses nothing; the mask's clock may run a little slower."""
         count = shown.refreshes
         rows = np.arange(count, dtype=np.int32)
@@ -107,9 +107,9 @@ class Bench:
             rows, rows, at[:-1], mask[:-1], np.array([at[-1], mask[-1]]),
             np.zeros(count, np.int32), "test", True,
         )  # fmt: skip
-        return Ran(log, 0, int(at[-1]) + 600_000_000)
+        return PhotoLog(log, 0, int(at[-1]) + 600_000_000)
 
-    def photo(self, shown: Shown, photo_seed: int = 0) -> Photo:
+    def photo(self, shown: PanelSequence, photo_seed: int = 0) -> QuadPhoto:
         """What the camera has of it."""
         rng = np.random.default_rng((self.seed, photo_seed))
         centres = self.camera.centres()
@@ -133,7 +133,7 @@ class Bench:
         samples = np.array([1.0, 2.0, 1.0])
         variance = (electrons + 17.0**2) / samples
         noisy = electrons + np.sqrt(variance) * rng.standard_normal(electrons.shape)
-        return Photo(np.minimum(noisy, self.full), variance, (noisy > self.full).any(axis=-1))
+        return QuadPhoto(np.minimum(noisy, self.full), variance, (noisy > self.full).any(axis=-1))
 
     def _kinds(
         self, patterns: NDArray[np.bool_] | NDArray[np.uint8], index: NDArray[np.int32]

@@ -18,10 +18,10 @@ from scipy import ndimage
 from scipy.interpolate import RectBivariateSpline
 from scipy.special import ndtr
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Shown, still
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import PanelSequence, make_still_sequence
 from pdcd.panels.frames import BLACK, WHITE
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 
 Floats = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ class RulerBench:
         self.pixel = np.where(inside[..., None], on_mask, 0.0).astype(np.int64)
         self.inside = inside
 
-    def photo(self, shown: Shown, lamp: float = 1.0, exposure: float = 1.0) -> Photo:
+    def photo(self, shown: PanelSequence, lamp: float = 1.0, exposure: float = 1.0) -> QuadPhoto:
         """A photo; light in electrons for a bench whose white gives `electrons`."""
         light, shares = self._projected(shown), self._mask(shown)
         through, room = (
@@ -132,15 +132,15 @@ class RulerBench:
         noisy = electrons + self.rng.normal(size=electrons.shape) * np.sqrt(variance)
         believed = 0.5 * (np.maximum(noisy, 0.0) + READ_E**2)
         colours = (*noisy.shape, 3)
-        return Photo(*(np.broadcast_to(each[..., None], colours) for each in (noisy, believed)))
+        return QuadPhoto(*(np.broadcast_to(each[..., None], colours) for each in (noisy, believed)))
 
-    def white(self, refreshes: int = 8) -> Photo:
+    def white(self, refreshes: int = 8) -> QuadPhoto:
         """Both panels white."""
-        return self.photo(still("white", refreshes, WHITE, WHITE))
+        return self.photo(make_still_sequence("white", refreshes, WHITE, WHITE))
 
     def offset_px(self, mask: Map, points_px: Floats) -> Floats:
         """Where a map has pixels of the mask, less where they are, in projector pixels."""
-        return between(mask, self.projector, points_px) - between(
+        return map_between(mask, self.projector, points_px) - map_between(
             self.mask, self.projector, points_px
         )
 
@@ -148,12 +148,12 @@ class RulerBench:
         """Pixels of the mask all over the part of the projector's picture that the camera sees."""
         x, y = (np.arange(0.5, side, apart) for side in self.mask_px)
         points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        quads = between(self.mask, self.camera, points)
+        quads = map_between(self.mask, self.camera, points)
         on_field = self.mask.to_field(points)
         good = ((quads > 0) & (quads < self.frame) & (on_field > 0) & (on_field < 1)).all(axis=-1)
         return points[good]
 
-    def _projected(self, shown: Shown) -> Floats:
+    def _projected(self, shown: PanelSequence) -> Floats:
         """Light of the projector at each sample, while it is lit."""
         white = shown.projector_index.min() == WHITE
         key = b"white" if white else np.packbits(shown.projector[0]).tobytes()
@@ -161,7 +161,7 @@ class RulerBench:
             self.kept = (key, self._stripes(shown, white))
         return self.kept[1]
 
-    def _stripes(self, shown: Shown, white: bool) -> Floats:
+    def _stripes(self, shown: PanelSequence, white: bool) -> Floats:
         if white:
             lines: list[Floats] = [np.ones(side) for side in self.projector_px]
         else:
@@ -178,7 +178,7 @@ class RulerBench:
             light *= np.interp(self.on_projector[..., axis], at, profile)
         return light
 
-    def _mask(self, shown: Shown) -> tuple[Floats, Floats]:
+    def _mask(self, shown: PanelSequence) -> tuple[Floats, Floats]:
         """Mean of the mask over the time that the projector is lit, and over all time."""
         width, height = self.mask_px
         # Negative numbers of patterns: WHITE is the last but one, BLACK the last.
@@ -193,7 +193,7 @@ class RulerBench:
             return np.asarray(mean), np.asarray(every) * lit.size / max(1, lit.sum())
         return self._slow(shown, targets)
 
-    def _slow(self, shown: Shown, targets: list[Floats]) -> tuple[Floats, Floats]:
+    def _slow(self, shown: PanelSequence, targets: list[Floats]) -> tuple[Floats, Floats]:
         """The same of panels that answer slowly, both alike, in eighths of a refresh."""
         rise, fall = self.taus_s
         state, lamp = np.full_like(targets[0], self.leak), 0.0

@@ -12,21 +12,27 @@ import numpy as np
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.preview import write_preview
-from pdcd.calibration.script import Ask, Outcome, Script, Session, Wanted
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.preview import write_step_preview
+from pdcd.calibration.script import (
+    CalibrationSession,
+    PhotoRequest,
+    StepOutcome,
+    StepScript,
+    UserPrompt,
+)
 from pdcd.sensor.profile import load_profile
 
 STOPS = tuple(round(2.0 ** (k / 6.0), 3) for k in range(6, 49))
 
 
 @dataclass
-class Answered(Session):
+class Answered(CalibrationSession):
     """A session whose photos are what `answer` gives for what was wanted."""
 
-    answer: Callable[[Wanted], Photo] | None = None
+    answer: Callable[[PhotoRequest], QuadPhoto] | None = None
 
-    def photo(self, taken: Any) -> Photo:
+    def photo(self, taken: Any) -> QuadPhoto:
         """The photo of what was wanted."""
         assert self.answer is not None
         return self.answer(taken)
@@ -34,7 +40,7 @@ class Answered(Session):
 
 def session_of(
     config: Config | None = None,
-    answer: Callable[[Wanted], Photo] | None = None,
+    answer: Callable[[PhotoRequest], QuadPhoto] | None = None,
     f_numbers: tuple[float, ...] = STOPS,
 ) -> Answered:
     """A session of a camera with these apertures."""
@@ -46,18 +52,18 @@ def session_of(
 class Run:
     """What a script asked for, and what it found."""
 
-    wanted: list[Wanted] = field(default_factory=list)
-    asked: list[Ask] = field(default_factory=list)
-    outcome: Outcome | None = None
+    wanted: list[PhotoRequest] = field(default_factory=list)
+    asked: list[UserPrompt] = field(default_factory=list)
+    outcome: StepOutcome | None = None
 
 
-def run(script: Script, taken: Callable[[Wanted], Any] = lambda wanted: wanted) -> Run:
+def run(script: StepScript, taken: Callable[[PhotoRequest], Any] = lambda wanted: wanted) -> Run:
     """Send a script what `taken` makes of each photo it wants, to its end."""
     found = Run()
     try:
         asked = next(script)
         while True:
-            if isinstance(asked, Ask):
+            if isinstance(asked, UserPrompt):
                 found.asked.append(asked)
                 asked = script.send(None)
             else:
@@ -68,10 +74,10 @@ def run(script: Script, taken: Callable[[Wanted], Any] = lambda wanted: wanted) 
     return found
 
 
-def preview_of(outcome: Outcome) -> bytes:
+def preview_of(outcome: StepOutcome) -> bytes:
     """The PNG file that a step's preview makes."""
     assert outcome.picture is not None
     with TemporaryDirectory() as folder:
         path = Path(folder) / "preview.png"
-        write_preview(path, outcome.picture)
+        write_step_preview(path, outcome.picture)
         return path.read_bytes()

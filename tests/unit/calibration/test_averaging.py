@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.registration.averaging import Averaging
+from pdcd.calibration.registration.averaging import StripeAverager
 
 SHAPE = (64, 80)
 RNG = np.random.default_rng(2)
 WHITE = 100.0 + 50.0 * RNG.random(SHAPE)
 
 
-def averaging(block: int = 2, period: float = 8.0, **dark: slice) -> Averaging:
+def averaging(block: int = 2, period: float = 8.0, **dark: slice) -> StripeAverager:
     lit = np.ones(SHAPE, np.bool_)
     if dark:
         lit[dark["rows"], dark["cols"]] = False
-    return Averaging(lit, WHITE, period, block)
+    return StripeAverager(lit, WHITE, period, block)
 
 
 @pytest.mark.parametrize("power", [1, 2])
@@ -35,7 +35,7 @@ def test_light_over_white_is_summed_over_the_lit_quads_of_each_block(power: int)
 
 
 def test_what_is_beyond_the_last_whole_block_is_left_out() -> None:
-    found = Averaging(np.ones((13, 22), np.bool_), np.ones((13, 22)), 8.0, 4)
+    found = StripeAverager(np.ones((13, 22), np.bool_), np.ones((13, 22)), 8.0, 4)
     assert found.count.shape == (3, 5) and (found.count == 16.0).all()
     assert found.over_white(np.ones((13, 22))).tolist() == [[16.0] * 5] * 3
 
@@ -79,7 +79,7 @@ def test_noise_of_an_average_is_that_of_its_weights() -> None:
     found = averaging(1, 16.0)
     light = np.zeros((128, 128))
     light[64, 64] = 1.0
-    wide = Averaging(np.ones((128, 128), np.bool_), np.ones((128, 128)), 16.0, 1)
+    wide = StripeAverager(np.ones((128, 128), np.bool_), np.ones((128, 128)), 16.0, 1)
     weights = wide.smooth(wide.over_white(light))
     assert wide.noise == pytest.approx(np.sqrt(np.sum(weights**2)), rel=0.03)
     assert found.noise == pytest.approx(0.55 / 16.0)

@@ -12,9 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.photo import Seen, photo_of, refuse_settings
-from pdcd.calibration.sensor.body import Body, BodyPlan, measure_body, profile_of, profile_text
-from pdcd.calibration.sensor.transfer import pair_of, transfer_of
+from pdcd.calibration.photo import RawSettings, check_camera_settings, make_quad_photo
+from pdcd.calibration.sensor.body import (
+    SensorMeasurement,
+    SensorPlan,
+    format_profile,
+    make_measured_profile,
+    measure_sensor,
+)
+from pdcd.calibration.sensor.transfer import compare_plane_pair, fit_photon_transfer
 from pdcd.errors import CalibrationError
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import RawFrame
@@ -24,7 +30,7 @@ Floats = NDArray[np.float64]
 Planes = NDArray[np.float32]
 Spoil = Callable[[str, Floats], Floats]
 
-PLAN = BodyPlan(full=80)
+PLAN = SensorPlan(full=80)
 COLOURS = np.array([0.7, 1.0, 1.0, 0.8])
 
 
@@ -70,8 +76,8 @@ def series(
     return photos
 
 
-def measured(photos: dict[str, Planes], plan: BodyPlan = PLAN) -> Body:
-    return measure_body(photos, plan, iso=100, black_dn=np.full(4, 1024.0))
+def measured(photos: dict[str, Planes], plan: SensorPlan = PLAN) -> SensorMeasurement:
+    return measure_sensor(photos, plan, iso=100, black_dn=np.full(4, 1024.0))
 
 
 def test_a_card_that_fills_half_of_the_picture_is_no_bench_that_moved() -> None:
@@ -88,8 +94,13 @@ def test_a_card_that_fills_half_of_the_picture_is_no_bench_that_moved() -> None:
     for seed in range(8):
         rng = np.random.default_rng(seed)
         first, second = (photo(0.0, rng) for _ in range(2))
-        pairs = [pair_of(photo(level, rng), photo(level, rng), first) for level in (0.3, 0.6, 1.0)]
-        found = transfer_of("R", pair_of(first, second), tuple(pairs), highest_dn=9000.0)
+        pairs = [
+            compare_plane_pair(photo(level, rng), photo(level, rng), first)
+            for level in (0.3, 0.6, 1.0)
+        ]
+        found = fit_photon_transfer(
+            "R", compare_plane_pair(first, second), tuple(pairs), highest_dn=9000.0
+        )
         assert found.gain_e_per_dn == pytest.approx(gain, rel=0.02)
         chi2.append(found.chi2)
     assert np.mean(chi2) < 1.1 and max(chi2) < 1.25
@@ -127,10 +138,10 @@ def test_blocks_at_the_edge_of_the_picture_do_not_count() -> None:
     first, second, dark = (
         TrueSensor().samples(electrons, rng) for electrons in (light, light, 0.0 * light)
     )
-    counts = pair_of(first, second, dark).samples.reshape(3, 4) > 0
+    counts = compare_plane_pair(first, second, dark).samples.reshape(3, 4) > 0
     assert counts[1:, :3].all()
     assert not counts[0].any() and not counts[:, 3].any()
-    assert (pair_of(dark, dark).samples > 0).all()
+    assert (compare_plane_pair(dark, dark).samples > 0).all()
 
 
 def test_a_picture_that_is_uneven_everywhere_tells_no_gain() -> None:
@@ -150,10 +161,10 @@ def test_light_that_panels_leak_is_no_read_noise() -> None:
     """12 e- in every photo: their photon noise would make the read noise 2 % higher."""
     photos = series(3, shape=(192, 192), before=lambda _, electrons: electrons + 12.0)
     black = np.full(4, 1024.0)
-    known = measure_body(photos, PLAN, iso=100, black_dn=black, masked=True).read_noise
+    known = measure_sensor(photos, PLAN, iso=100, black_dn=black, masked=True).read_noise
     assert known[0] == pytest.approx(16.8, rel=0.01)
     # A number of the file may be wrong by as much: it is believed less.
-    believed = measure_body(photos, PLAN, iso=100, black_dn=black).read_noise
+    believed = measure_sensor(photos, PLAN, iso=100, black_dn=black).read_noise
     assert believed[0] > 1.005 * known[0]
 
 
@@ -170,9 +181,12 @@ def test_light_that_leaks_unevenly_has_its_noise_where_it_is() -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)
         dark, again = (photo(0.0, rng) for _ in range(2))
-        pairs = [pair_of(photo(level, rng), photo(level, rng), dark) for level in (1500.0, 4000.0)]
-        found = transfer_of(
-            "R", pair_of(dark, again), tuple(pairs), highest_dn=9000.0, leaked_dn=0.5
+        pairs = [
+            compare_plane_pair(photo(level, rng), photo(level, rng), dark)
+            for level in (1500.0, 4000.0)
+        ]
+        found = fit_photon_transfer(
+            "R", compare_plane_pair(dark, again), tuple(pairs), highest_dn=9000.0, leaked_dn=0.5
         )
         chi2.append(found.chi2)
         read.append(found.read_noise_e)
@@ -220,8 +234,8 @@ def test_a_lamp_of_very_different_light_gives_the_same_gain() -> None:
         sensor.samples(np.full((256, 256), light), rng) for light in (0.0, 0.0, 20000.0, 9000.0)
     )
     first[::37, ::41] += 4000.0  # what particles of cosmic rays leave
-    lit = pair_of(first, second, dark)
-    found = transfer_of("G1", pair_of(dark, again), (lit,), highest_dn=9000.0)
+    lit = compare_plane_pair(first, second, dark)
+    found = fit_photon_transfer("G1", compare_plane_pair(dark, again), (lit,), highest_dn=9000.0)
     assert found.gain_e_per_dn == pytest.approx(2.96, abs=4 * found.gain_sigma)
     assert found.gain_sigma < 0.03
 
@@ -245,7 +259,7 @@ def test_a_full_well_is_told_from_the_end_of_the_converter() -> None:
     body = measured(series(3, TrueSensor(full_well_e=30000.0)))
     assert body.saturation_dn == pytest.approx(30000.0 / 2.96, rel=0.002)
     known = load_profile("450d")
-    profile = profile_of(body, known, name="x", description="d", source="s")
+    profile = make_measured_profile(body, known, name="x", description="d", source="s")
     assert profile.full_well_e == pytest.approx(30000.0, rel=0.01)
     assert profile.white_dn == known.white_dn
 
@@ -266,15 +280,17 @@ def test_the_edges_of_the_panel_are_its_offset() -> None:
 def test_profile_is_a_file_that_can_be_read(tmp_path: Path) -> None:
     body = measured(series(6, shape=(96, 128)))
     known = load_profile("450d")
-    profile = profile_of(body, known, name="my-450d", description='the "bench"', source="here")
+    profile = make_measured_profile(
+        body, known, name="my-450d", description='the "bench"', source="here"
+    )
     path = tmp_path / "my.toml"
-    path.write_text(profile_text(profile))
+    path.write_text(format_profile(profile))
     assert load_profile(path) == profile
     assert not profile.estimated
     assert profile.isos == (100,)  # the estimates of other ISOs are not taken over
     assert (profile.black_dn, profile.white_dn) == (1024, 14605)
     assert profile.row(100).gain_e_per_dn == pytest.approx(2.96, rel=0.02)
-    again = profile_of(body, profile, name="a", description="", source="")
+    again = make_measured_profile(body, profile, name="a", description="", source="")
     assert again.isos == (100,)
 
 
@@ -330,7 +346,7 @@ def test_samples_that_were_filtered() -> None:
 
 def test_too_few_refreshes_to_count() -> None:
     with pytest.raises(CalibrationError, match="too few"):
-        BodyPlan(full=20)
+        SensorPlan(full=20)
 
 
 def test_plan_counts_refreshes() -> None:
@@ -346,28 +362,28 @@ def test_plan_counts_refreshes() -> None:
         assert lit[-1] < PLAN.refreshes - PLAN.lead
 
 
-GOOD = Seen(iso=100, exposure_s=2.0, f_number=8.0, black_dn=(1024.0, 1024.1))
+GOOD = RawSettings(iso=100, exposure_s=2.0, f_number=8.0, black_dn=(1024.0, 1024.1))
 
 
 @pytest.mark.parametrize(
     ("seen", "words"),
     [
-        (Seen(iso=200), "ISO 200, not at ISO 100"),
-        (Seen(f_number=5.6), "f/5.6, not at f/8"),
-        (Seen(exposure_s=0.5), "exposed for 0.5 s"),
-        (Seen(black_dn=(1026.0, 1024.0)), "black level moves"),
+        (RawSettings(iso=200), "ISO 200, not at ISO 100"),
+        (RawSettings(f_number=5.6), "f/5.6, not at f/8"),
+        (RawSettings(exposure_s=0.5), "exposed for 0.5 s"),
+        (RawSettings(black_dn=(1026.0, 1024.0)), "black level moves"),
     ],
 )
-def test_settings_that_somebody_turned(seen: Seen, words: str) -> None:
+def test_settings_that_somebody_turned(seen: RawSettings, words: str) -> None:
     asked = {"a": 2.5, "b": 2.5}
-    refuse_settings({"a": GOOD, "b": Seen()}, iso=100, f_number=8.0, open_s=asked)
+    check_camera_settings({"a": GOOD, "b": RawSettings()}, iso=100, f_number=8.0, open_s=asked)
     with pytest.raises(CalibrationError, match=words):
-        refuse_settings({"a": GOOD, "b": seen}, iso=100, f_number=8.0, open_s=asked)
+        check_camera_settings({"a": GOOD, "b": seen}, iso=100, f_number=8.0, open_s=asked)
 
 
 def test_an_aperture_that_changes_by_itself() -> None:
     with pytest.raises(CalibrationError, match="aperture changed"):
-        refuse_settings({"a": GOOD, "b": Seen(f_number=4.0)}, iso=100)
+        check_camera_settings({"a": GOOD, "b": RawSettings(f_number=4.0)}, iso=100)
 
 
 def test_a_decoded_file_as_a_photo() -> None:
@@ -378,12 +394,12 @@ def test_a_decoded_file_as_a_photo() -> None:
     raw = RawFrame(
         samples, saturated, black, black, True, 14605.0, 100, 2.0, 8.0, "EOS", "", 0, "RGGB"
     )
-    photo = photo_of(raw, load_profile("450d"), 100)
+    photo = make_quad_photo(raw, load_profile("450d"), 100)
     assert photo.light[0, 0] == pytest.approx([9.75, 30.0, 50.25])
     fixed = (16.8**2 + 0.25 * 2.0) / 2.96**2 + 1.0 / 12.0
     assert photo.variance[0, 0] == pytest.approx(
         [9.75 / 2.96 + fixed, (30 / 2.96 + fixed) / 2.0, 50.25 / 2.96 + fixed]
     )
     assert photo.saturated is not None and photo.saturated[1, 2]
-    assert Seen.of(raw) == Seen(100, 2.0, 8.0, (1024.25, 1024.0, 1024.0, 1023.75))
-    assert Seen.of(replace(raw, masked=False)).black_dn == ()
+    assert RawSettings.of(raw) == RawSettings(100, 2.0, 8.0, (1024.25, 1024.0, 1024.0, 1023.75))
+    assert RawSettings.of(replace(raw, masked=False)).black_dn == ()

@@ -11,11 +11,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.check.changes import Checked, Look, check, closed_share, parts_of
-from pdcd.calibration.check.moved import moved as fitted
+from pdcd.calibration.check.changes import (
+    BenchSnapshot,
+    CheckResult,
+    average_parts,
+    compare_snapshots,
+    measure_closed_mask,
+)
+from pdcd.calibration.check.moved import fit_map_drift as fitted
 from pdcd.calibration.figures import Verdict
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +57,7 @@ def dots_of(size_px: tuple[int, int], pitch: int) -> NDArray[np.int64]:
 @cache
 def seen_dots(panel: Map, camera: Map, pitch: int) -> tuple[Floats, NDArray[np.bool_]]:
     """Where the camera sees them, and which it sees."""
-    quads = between(panel, camera, dots_of(panel.size_px, pitch)[:, ::-1] * float(pitch))
+    quads = map_between(panel, camera, dots_of(panel.size_px, pitch)[:, ::-1] * float(pitch))
     good = ((quads > 20.0) & (quads < np.array(FRAME) - 20.0)).all(axis=-1)
     return quads, np.asarray(good)
 
@@ -67,7 +73,7 @@ class Bench:
     eps: float = EPS
     iso: str = "100"
 
-    def look(self, seed: int) -> Look:
+    def look(self, seed: int) -> BenchSnapshot:
         """What the photos of a check say of it, with full noise, by the maps of `BENCH`."""
         rng = np.random.default_rng(seed)
         projector, known = Map.filling(PROJECTOR_PX), BENCH
@@ -85,11 +91,11 @@ class Bench:
             return np.full(len(points), DOT_PX)
 
         dots, quads = seen(projector, 32)
-        on_picture = between(known.camera, projector, quads)
+        on_picture = map_between(known.camera, projector, quads)
         camera = fitted(PROJECTOR_PX, on_picture, dots, sigma(dots))
         dots, quads = seen(self.mask, 40)
-        believed = between(known.mask, projector, dots)
-        on_picture = camera(between(known.camera, projector, quads))
+        believed = map_between(known.mask, projector, dots)
+        on_picture = camera(map_between(known.camera, projector, quads))
         mask = fitted(PROJECTOR_PX, believed, on_picture, sigma(dots))
         fields = np.linspace(1.0, 0.7, 16) * np.linspace(0.8, 1.0, 12)[:, None]
         white = 2e4 * self.lamp * fields * (1.0 + 2e-3 * rng.normal(size=fields.shape))
@@ -97,7 +103,7 @@ class Bench:
         lag = self.skew_s - known.skew_s + LAG_S * rng.normal(), LAG_S
         closed = self.eps * (1.0 + 0.01 * rng.normal())
         settings = {"camera": "450D 0123", "iso": self.iso, "f_number": "4"}
-        return Look(camera, mask, white, (closed, 0.01 * EPS), lag, settings)
+        return BenchSnapshot(camera, mask, white, (closed, 0.01 * EPS), lag, settings)
 
 
 def a_bench(seed: int = 0) -> Bench:
@@ -112,11 +118,11 @@ BENCH = a_bench()
 THEN = BENCH.look(1)
 
 
-def checked(bench: Bench, seed: int = 2) -> Checked:
-    return check(bench.look(seed), THEN, GUARD_PX, T_S)
+def checked(bench: Bench, seed: int = 2) -> CheckResult:
+    return compare_snapshots(bench.look(seed), THEN, GUARD_PX, T_S)
 
 
-def verdicts(found: Checked) -> dict[str, Verdict]:
+def verdicts(found: CheckResult) -> dict[str, Verdict]:
     return {f.figure.name: f.figure.verdict for f in found.findings if f.figure.verdict}
 
 
@@ -242,16 +248,16 @@ def test_photos_that_say_nothing_are_refused() -> None:
     ]
     for look, said in bad:
         with pytest.raises(CalibrationError, match=said):
-            check(look, THEN, GUARD_PX, T_S)
+            compare_snapshots(look, THEN, GUARD_PX, T_S)
     unknown = (float("nan"), float("nan"))
     for nothing, figure in (
         (replace(now, closed=unknown), "mask.contrast"),
         (replace(now, lag_s=unknown), "mask.skew_s"),
     ):
-        found = check(nothing, THEN, GUARD_PX, T_S)
+        found = compare_snapshots(nothing, THEN, GUARD_PX, T_S)
         assert verdicts(found) == {figure: BAD}
     shifted = replace(moved(BENCH, 1.0).look(3), lag_s=unknown)
-    found = check(shifted, THEN, GUARD_PX, T_S)
+    found = compare_snapshots(shifted, THEN, GUARD_PX, T_S)
     assert verdicts(found) == {"mask.place": REFIT, "mask.skew_s": REFIT}
 
 
@@ -259,7 +265,7 @@ def test_another_scene_is_not_taken_for_a_lamp() -> None:
     now = BENCH.look(3)
     rng = np.random.default_rng(0)
     other = replace(now, white=now.white * rng.uniform(0.4, 1.0, now.white.shape))
-    found = check(other, THEN, GUARD_PX, T_S)
+    found = compare_snapshots(other, THEN, GUARD_PX, T_S)
     assert verdicts(found) == {"lamp": REFIT}
     assert "not the scene" in found.findings[3].advice
 
@@ -275,12 +281,12 @@ def test_light_through_the_closed_mask_is_measured_away_from_dots() -> None:
         dots[np.hypot(x - right, y - down) < 6.0] = 2e4
     variance = 0.5 * (dots + 16.8**2)
     noisy = dots + rng.normal(size=dots.shape) * np.sqrt(variance)
-    value, sigma = closed_share(noisy, variance, white, places, 8.0)
+    value, sigma = measure_closed_mask(noisy, variance, white, places, 8.0)
     assert abs(value - 0.002) < 4.0 * sigma
     assert sigma < 1e-5
     with pytest.raises(CalibrationError, match="closed"):
-        closed_share(noisy, variance, white, places, 200.0)
-    assert parts_of(white, (3, 4)).shape == (3, 4)
+        measure_closed_mask(noisy, variance, white, places, 200.0)
+    assert average_parts(white, (3, 4)).shape == (3, 4)
 
 
 @pytest.mark.parametrize(
@@ -298,5 +304,7 @@ def test_a_black_that_cannot_be_seen_is_not_taken_for_another(
     then: tuple[float, float], now: tuple[float, float], verdict: Verdict
 ) -> None:
     """Its noise is no change, however large it is over the share that was seen."""
-    found = check(replace(BENCH.look(2), closed=now), replace(THEN, closed=then), GUARD_PX, T_S)
+    found = compare_snapshots(
+        replace(BENCH.look(2), closed=now), replace(THEN, closed=then), GUARD_PX, T_S
+    )
     assert verdicts(found).get("mask.contrast", Verdict.GOOD) == verdict

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdcd.calibration.geometry.compose import compose, one_field
-from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map
+from pdcd.calibration.geometry.compose import compose_maps, make_field_maps
+from pdcd.calibration.geometry.fit import FittedMap, PointPairs, fit_map
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import between
+from pdcd.panels.map import map_between
 from tests.unit.calibration.geometry_bench import Way
 
 FRAME = (1424, 2136)
@@ -18,14 +18,14 @@ PROJECTOR = Way((1024, 768), FRAME, turn_deg=2.0, keystone=(0.05, -0.03))
 MASK = Way((1600, 1200), FRAME, scale=1.13, turn_deg=180.5, keystone=(0.01, 0.0))
 
 
-def seen(way: Way, sigma_px: float, seed: int) -> Fitted:
+def seen(way: Way, sigma_px: float, seed: int) -> FittedMap:
     """The camera's map to a panel, out of dots with noise."""
     rng = np.random.default_rng(seed)
     source = rng.uniform(0.0, 1.0, (1500, 2)) * (FRAME[1], FRAME[0])
     target = way.to_panel(source)
     inside = ((target > 0.0) & (target < way.size_px)).all(axis=-1)
     noisy = target[inside] + rng.normal(0.0, sigma_px, target[inside].shape)
-    pairs = Pairs(source[inside], noisy, np.full(noisy.shape, sigma_px))
+    pairs = PointPairs(source[inside], noisy, np.full(noisy.shape, sigma_px))
     return fit_map(pairs, (FRAME[1], FRAME[0]), way.size_px, "panel")
 
 
@@ -43,7 +43,7 @@ def test_the_composed_map_is_the_way_from_mask_to_projector() -> None:
     _, mask, projector = places()
     ratios = []
     for seed in range(3):
-        found = compose(seen(PROJECTOR, 0.03, seed), seen(MASK, 0.04, 100 + seed))
+        found = compose_maps(seen(PROJECTOR, 0.03, seed), seen(MASK, 0.04, 100 + seed))
         error = found.mask.to_target(mask) - projector
         assert np.percentile(np.hypot(*error.T), 95.0) < 0.03
         ratios.append(error / found.sigma_px(mask))
@@ -53,13 +53,13 @@ def test_the_composed_map_is_the_way_from_mask_to_projector() -> None:
 
 
 def test_one_field_holds_all_three() -> None:
-    found = one_field(compose(seen(PROJECTOR, 0.01, 1), seen(MASK, 0.01, 2)))
+    found = make_field_maps(compose_maps(seen(PROJECTOR, 0.01, 1), seen(MASK, 0.01, 2)))
     quads, mask, projector = places()
-    at = between(found.camera, found.projector, quads)
+    at = map_between(found.camera, found.projector, quads)
     assert np.percentile(np.abs(at - projector), 95.0) < 0.02
-    at = between(found.mask, found.projector, mask)
+    at = map_between(found.mask, found.projector, mask)
     assert np.percentile(np.abs(at - projector), 95.0) < 0.02
-    at = between(found.camera, found.mask, quads)
+    at = map_between(found.camera, found.mask, quads)
     assert np.percentile(np.abs(at - mask), 95.0) < 0.04
     assert found.projector.size_px == (1024, 768)
 
@@ -68,7 +68,7 @@ def test_panels_that_do_not_meet_are_refused() -> None:
     left = seen(replace(PROJECTOR, scale=0.6, shift_quads=(-700.0, 0.0)), 0.01, 1)
     right = seen(replace(MASK, scale=0.4, shift_quads=(700.0, 0.0)), 0.01, 2)
     with pytest.raises(CalibrationError, match="shows both"):
-        compose(left, right)
+        compose_maps(left, right)
 
 
 def test_both_maps_are_of_one_camera() -> None:
@@ -77,4 +77,4 @@ def test_both_maps_are_of_one_camera() -> None:
         found = seen(PROJECTOR, 0.01, 1)
         wrong = replace(found, map=found.map.turned(1))
         assert other.frame != FRAME
-        compose(found, wrong)
+        compose_maps(found, wrong)

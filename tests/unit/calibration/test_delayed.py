@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.shown import Shown
-from pdcd.calibration.timing.delayed import delayed, ran_as
-from pdcd.calibration.timing.timing_model import Ran
+from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.timing.delayed import shift_mask, undo_mask_shift
+from pdcd.calibration.timing.timing_model import PhotoLog
 from pdcd.panels.frames import FrameLog
 
 REFRESH_NS = 16_666_667
 
 
-def log_of(shown: Shown, late_ns: int) -> FrameLog:
+def log_of(shown: PanelSequence, late_ns: int) -> FrameLog:
     """A display that shows all rows, the mask later by its phase."""
     rows = np.arange(shown.refreshes, dtype=np.int32)
     at = np.arange(shown.refreshes + 1, dtype=np.int64) * REFRESH_NS
@@ -25,10 +25,10 @@ def log_of(shown: Shown, late_ns: int) -> FrameLog:
 def test_the_log_tells_what_was_planned(rows: int) -> None:
     index = np.array([0, 1, 0, 1, 1], dtype=np.int32)
     picture = np.zeros((2, 2, 3), np.bool_)
-    planned = Shown("one", picture, picture, index, index)
-    moved = delayed(planned, rows, trail=4)
+    planned = PanelSequence("one", picture, picture, index, index)
+    moved = shift_mask(planned, rows, trail=4)
     assert moved.refreshes == 5 + abs(rows) + 4
-    ran = ran_as(Ran(log_of(moved, 1_000_000), 0, 10**9), rows, planned.refreshes)
+    ran = undo_mask_shift(PhotoLog(log_of(moved, 1_000_000), 0, 10**9), rows, planned.refreshes)
     for shown, asked in (
         (ran.log.primal_shown, moved.projector_index),
         (ran.log.dual_shown, moved.mask_index),

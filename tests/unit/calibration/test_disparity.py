@@ -7,21 +7,21 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.calibration.geometry.disparity import disparities, plane_between
-from pdcd.calibration.geometry.phase import Decoded
+from pdcd.calibration.geometry.disparity import fit_card_plane, measure_disparities
+from pdcd.calibration.geometry.phase import DecodedQuads
 from pdcd.calibration.geometry.xor import XorCode
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import frames_of
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import pack_frames
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.protocol.plan_summary import Goal
-from pdcd.recipes.partners import matches, places_of
+from pdcd.recipes.partners import find_match_places, find_matched_cells
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.build import build_scene
 from tests.unit.calibration.decoding import decode_xor
 
@@ -30,9 +30,9 @@ SIZE = (128, 96)
 FRAME = (144, 192)
 
 
-def photos(bench: OpticalBench, code: XorCode) -> Iterator[Photo]:
+def photos(bench: OpticalBench, code: XorCode) -> Iterator[QuadPhoto]:
     for shown in code.shown(1):
-        frames = frames_of(shown)
+        frames = pack_frames(shown)
         count = len(frames)
         rows = np.arange(count, dtype=np.int32)
         at = 1_000_000 * np.arange(count + 1)
@@ -40,8 +40,8 @@ def photos(bench: OpticalBench, code: XorCode) -> Iterator[Photo]:
             rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), np.zeros(count, np.int32),
             "test", True,
         )  # fmt: skip
-        light = bench.photo(Exposure(frames, log, 0, int(at[-1]))) * 2e5
-        yield Photo(light, np.full(light.shape, 1.0), np.zeros(light.shape[:2], np.bool_))
+        light = bench.photo(PanelExposure(frames, log, 0, int(at[-1]))) * 2e5
+        yield QuadPhoto(light, np.full(light.shape, 1.0), np.zeros(light.shape[:2], np.bool_))
 
 
 def test_k5_codes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
@@ -56,8 +56,8 @@ def test_k5_codes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
     bench = OpticalBench(config, scene, FRAME)
     code = XorCode("projector", SIZE, base_px=4)
     decoded = decode_xor(photos(bench, code), code)
-    maps = camera_map(config, FRAME), panels_of(config).projector.map
-    found = disparities(decoded, *maps, GRID)
+    maps = make_camera_map(config, FRAME), panels_of(config).projector.map
+    found = measure_disparities(decoded, *maps, GRID)
     true = scene.displacement
     assert true is not None
     right = true[:, 1].reshape(GRID)
@@ -68,8 +68,8 @@ def test_k5_codes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
     assert np.median(off) < 0.05
     assert np.mean(off < 0.1) > 0.9
     assert found.off_rows_cells < 0.05
-    place = places_of(Goal(name="keyed"), GRID, {"disparities": found.as_asked().ravel()})
-    partner = matches(place, 0, GRID)
+    place = find_match_places(Goal(name="keyed"), GRID, {"disparities": found.as_asked().ravel()})
+    partner = find_matched_cells(place, 0, GRID)
     assert (partner[~found.known.ravel()] == -1).all()
     wall = np.isclose(right.ravel(), right[np.isfinite(right)].min()) & both.ravel()
     column = np.arange(GRID[0] * GRID[1])
@@ -78,18 +78,20 @@ def test_k5_codes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
 
 
 def test_cells_that_nobody_can_match_are_refused() -> None:
-    nothing = Decoded(np.zeros((*FRAME, 2)), np.ones((*FRAME, 2)), np.zeros(FRAME, np.bool_))
-    fills = placed(Placing(), FRAME[::-1], SIZE, "camera")
+    nothing = DecodedQuads(np.zeros((*FRAME, 2)), np.ones((*FRAME, 2)), np.zeros(FRAME, np.bool_))
+    fills = make_placed_map(Placing(), FRAME[::-1], SIZE, "camera")
     with pytest.raises(CalibrationError, match="no cell"):
-        disparities(nothing, fills, placed(Placing(), SIZE, SIZE, "projector"), GRID)
+        measure_disparities(
+            nothing, fills, make_placed_map(Placing(), SIZE, SIZE, "projector"), GRID
+        )
 
 
 def test_k5_a_card_at_another_depth_gives_its_plane() -> None:
     """The same camera on two cards: the second map is the first, and then the plane."""
-    now = placed(Placing(turn_deg=-3.0, scale=1.1), (300, 200), SIZE, "camera")
+    now = make_placed_map(Placing(turn_deg=-3.0, scale=1.1), (300, 200), SIZE, "camera")
     plane = np.array([[1.02, 0.01, -0.05], [0.005, 0.99, 0.0], [0.03, 0.0, 1.0]])
     then = now.then(plane)
     assert isinstance(then, Map)
-    found, left = plane_between(now, then)
+    found, left = fit_card_plane(now, then)
     np.testing.assert_allclose(np.reshape(found, (3, 3)), plane, atol=1e-6)
     assert left < 1e-7

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.sensor.dose import Line, line_of
+from pdcd.calibration.sensor.dose import DoseLine, fit_dose_line
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -18,8 +18,8 @@ STRAIGHT = SLOPE * (DOSES + OFFSET)
 
 def line(
     plane: str, doses: Floats, signal: Floats, noise_dn: float = 9.0, base_dn: float = 0.0
-) -> Line:
-    return line_of(plane, doses, signal, float(signal[-1]) + base_dn, base_dn, noise_dn)
+) -> DoseLine:
+    return fit_dose_line(plane, doses, signal, float(signal[-1]) + base_dn, base_dn, noise_dn)
 
 
 def test_a_straight_line_is_found_as_it_is() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import binary_dilation, center_of_mass, label
 
 from pdcd.calibration.geometry.dots import DotGrid, PanelName
-from pdcd.calibration.geometry.lattice import SYMMETRIES, placed
+from pdcd.calibration.geometry.lattice import SYMMETRIES, find_lattice_place
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 
@@ -67,7 +67,7 @@ def test_any_part_of_the_code_is_found_however_it_lies() -> None:
         counted -= counted.min(axis=0)
         seen = np.full(counted.max(axis=0)[::-1] + 1, np.nan)
         seen[counted[:, 1], counted[:, 0]] = part.ravel()
-        place = placed(seen, code)
+        place = find_lattice_place(seen, code)
         assert place.sure
         # Corner dots of a cell, told apart again, are those about the cell.
         dots = np.stack([place.index(counted), place.index(counted + 1)])
@@ -78,9 +78,9 @@ def test_any_part_of_the_code_is_found_however_it_lies() -> None:
 def test_a_code_is_not_found_in_noise_or_in_the_other_panel() -> None:
     rng = np.random.default_rng(4)
     noise = rng.choice([-1.0, 1.0], (20, 28))
-    assert not placed(noise, PROJECTOR.holes()).sure
+    assert not find_lattice_place(noise, PROJECTOR.holes()).sure
     theirs = np.where(MASK.holes()[:23, :31], -1.0, 1.0)
-    assert not placed(theirs, PROJECTOR.holes()).sure
+    assert not find_lattice_place(theirs, PROJECTOR.holes()).sure
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.calibration.geometry.dots import DotGrid
 from pdcd.calibration.geometry.finding import Dots, find_dots
-from pdcd.calibration.photo import Photo
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.geometry_bench import Bench, Way, small_way
 
@@ -133,7 +133,7 @@ def test_a_beam_beside_the_camera_is_named() -> None:
         found(bench(small_way(shift_quads=(446.0, 0.0), keystone=(0.0, 0.0))))
 
 
-def photos() -> list[Photo]:
+def photos() -> list[QuadPhoto]:
     return bench().photos(GRID.shown(1), 1)
 
 
@@ -176,4 +176,4 @@ def test_photos_must_be_whole() -> None:
     with pytest.raises(CalibrationError, match="not finite"):
         find_dots(replace(white, light=broken), black, dots, GRID)
     with pytest.raises(ValueError, match="differ in shape"):
-        Photo(white.light, white.variance[:10])
+        QuadPhoto(white.light, white.variance[:10])

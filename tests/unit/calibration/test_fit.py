@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map, mad_px
+from pdcd.calibration.geometry.fit import FittedMap, PointPairs, fit_map, mad_px
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.geometry_bench import Way
 
@@ -26,9 +26,9 @@ def points(count: int, seed: int, way: Way = WAY) -> tuple[Floats, Floats]:
     return source[inside][:count], target[inside][:count]
 
 
-def fitted(source: Floats, target: Floats, sigma_px: float) -> Fitted:
+def fitted(source: Floats, target: Floats, sigma_px: float) -> FittedMap:
     sigma = np.full(target.shape, sigma_px)
-    return fit_map(Pairs(source, target, sigma), (FRAME[1], FRAME[0]), SIZE, "projector")
+    return fit_map(PointPairs(source, target, sigma), (FRAME[1], FRAME[0]), SIZE, "projector")
 
 
 @pytest.mark.parametrize(

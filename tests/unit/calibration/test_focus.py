@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.focus import depth
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.registration.focus import measure_stripe_depth
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -20,7 +20,7 @@ PERIOD = 5.3
 
 def photo(
     blur_quads: Floats | float, seed: int = 0, turn: float = 0.05, electrons: float = 8000.0
-) -> Photo:
+) -> QuadPhoto:
     """Stripes, a little turned, of a lamp that falls off, with the noise of a camera.
 
     blur_quads : of the whole photo, or of each quad (120, 160).
@@ -35,11 +35,14 @@ def photo(
     light *= electrons * (1.0 - 0.3 * ((x / 160 - 0.5) ** 2 + (y / 120 - 0.5) ** 2))
     variance = 0.5 * (light + 16.8**2)
     light = light + rng.normal(size=light.shape) * np.sqrt(variance)
-    return Photo(*(np.repeat(each[..., None], 3, axis=2) for each in (light, variance)))
+    return QuadPhoto(*(np.repeat(each[..., None], 3, axis=2) for each in (light, variance)))
 
 
 def test_depth_is_that_of_blurred_stripes() -> None:
-    sharp, soft = depth(photo(0.05), PERIOD), depth(photo(1.2), PERIOD)
+    sharp, soft = (
+        measure_stripe_depth(photo(0.05), PERIOD),
+        measure_stripe_depth(photo(1.2), PERIOD),
+    )
     assert sharp.number == pytest.approx(4.0 / np.pi, rel=0.02)
     kept = np.exp(-2.0 * np.pi**2 * (1.2**2 - 0.05**2) / PERIOD**2)
     assert soft.number / sharp.number == pytest.approx(kept, rel=0.02)
@@ -48,14 +51,17 @@ def test_depth_is_that_of_blurred_stripes() -> None:
 
 def test_stripes_may_lie() -> None:
     upright = photo(1.0)
-    lying = Photo(upright.light.swapaxes(0, 1), upright.variance.swapaxes(0, 1))
-    found = [depth(upright, PERIOD).number, depth(lying, PERIOD).number]
+    lying = QuadPhoto(upright.light.swapaxes(0, 1), upright.variance.swapaxes(0, 1))
+    found = [
+        measure_stripe_depth(upright, PERIOD).number,
+        measure_stripe_depth(lying, PERIOD).number,
+    ]
     assert found[0] == pytest.approx(found[1], rel=0.02)
 
 
 def test_one_photo_shows_which_side_is_sharper() -> None:
     blur = np.broadcast_to(np.linspace(1.5, 0.7, 160), (120, 160))
-    right, down = depth(photo(blur), PERIOD).slope
+    right, down = measure_stripe_depth(photo(blur), PERIOD).slope
     assert right > 0.5
     assert abs(down) < 0.1
 
@@ -63,10 +69,10 @@ def test_one_photo_shows_which_side_is_sharper() -> None:
 def test_what_is_wrong_is_named() -> None:
     plain = photo(1.0)
     with pytest.raises(CalibrationError, match="no light"):
-        depth(photo(1.0, electrons=0.0), PERIOD)
+        measure_stripe_depth(photo(1.0, electrons=0.0), PERIOD)
     with pytest.raises(CalibrationError, match="saturated"):
-        depth(replace(plain, saturated=plain.light[..., 1] > 4000.0), PERIOD)
+        measure_stripe_depth(replace(plain, saturated=plain.light[..., 1] > 4000.0), PERIOD)
     with pytest.raises(CalibrationError, match="no stripes"):
-        depth(photo(6.0), PERIOD)
+        measure_stripe_depth(photo(6.0), PERIOD)
     with pytest.raises(CalibrationError, match="no stripes"):
-        depth(plain, 3.0 * PERIOD)  # wider ones were shown
+        measure_stripe_depth(plain, 3.0 * PERIOD)  # wider ones were shown

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.focus_step import focus
-from pdcd.calibration.script import Wanted
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.registration.focus_step import watch_focus
+from pdcd.calibration.script import PhotoRequest
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
@@ -23,13 +23,13 @@ FRAME = (192, 256)
 PANEL = (256, 192)
 
 
-def stripes(depth: float, period: float, right: float = 0.0) -> Photo:
+def stripes(depth: float, period: float, right: float = 0.0) -> QuadPhoto:
     """Upright stripes of that depth, which is `right` times deeper at the right edge (ln)."""
     x = np.arange(FRAME[1]) + 0.5
     deeper = depth * np.exp(right * (x / FRAME[1] - 0.5))
     row = 1000.0 * (1.0 + deeper * np.cos(2.0 * np.pi * x / period))
     light = np.broadcast_to(row[None, :, None], (*FRAME, 3)).copy()
-    return Photo(light, np.full(light.shape, 1.0))
+    return QuadPhoto(light, np.full(light.shape, 1.0))
 
 
 def bench(placed: bool = True) -> Any:
@@ -48,14 +48,14 @@ def focused(
 ) -> tuple[Answered, Run]:
     """Depths of the photos of either panel; the last one stays."""
 
-    def answer(wanted: Wanted) -> Photo:
+    def answer(wanted: PhotoRequest) -> QuadPhoto:
         panel, number = wanted.shown.name.split("-")
         seen = depths[panel]
         return stripes(seen[min(int(number), len(seen)) - 1], period, right)
 
     session = session_of(bench(placed), answer)
     session.full = 240
-    return session, run(focus(session))
+    return session, run(watch_focus(session))
 
 
 def test_it_ends_when_three_photos_are_alike() -> None:
@@ -134,14 +134,14 @@ def test_the_period_is_guessed_where_no_map_tells(scale: float) -> None:
     """A photo of twice as many quads as the panel has pixels, or a part of that."""
     session = session_of(bench(placed=False), lambda wanted: stripes(0.9, 8.0 * scale))
     session.full = 240
-    found = run(focus(session))
+    found = run(watch_focus(session))
     assert found.outcome is not None
     assert found.outcome.figures[0].value == pytest.approx(0.9, abs=0.05)
 
 
-def lying(photo: Photo) -> Photo:
+def lying(photo: QuadPhoto) -> QuadPhoto:
     """The same by a camera that is turned by a quarter."""
-    return Photo(photo.light.swapaxes(0, 1), photo.variance.swapaxes(0, 1))
+    return QuadPhoto(photo.light.swapaxes(0, 1), photo.variance.swapaxes(0, 1))
 
 
 @pytest.mark.parametrize("placed", [True, False])
@@ -155,7 +155,7 @@ def test_a_camera_turned_by_a_quarter_sees_the_stripes(placed: bool) -> None:
         bench_config, period = msgspec.structs.replace(bench_config, camera=camera), 6.0
     session = session_of(bench_config, lambda wanted: lying(stripes(0.9, period)))
     session.full = 240
-    found = run(focus(session))
+    found = run(watch_focus(session))
     assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
     assert found.outcome.figures[0].value == pytest.approx(0.9, abs=0.05)
 
@@ -164,11 +164,16 @@ def test_a_camera_turned_by_a_quarter_sees_the_stripes(placed: bool) -> None:
     ("answer", "words"),
     [
         (lambda wanted: stripes(0.0, 6.0), "no stripes of about 6.0 quads are seen"),
-        (lambda wanted: Photo(np.zeros((*FRAME, 3)), np.ones((*FRAME, 3))), "there is no light"),
+        (
+            lambda wanted: QuadPhoto(np.zeros((*FRAME, 3)), np.ones((*FRAME, 3))),
+            "there is no light",
+        ),
     ],
 )
-def test_photos_without_stripes_are_refused(answer: Callable[[Wanted], Photo], words: str) -> None:
+def test_photos_without_stripes_are_refused(
+    answer: Callable[[PhotoRequest], QuadPhoto], words: str
+) -> None:
     session = session_of(bench(), answer)
     session.full = 240
     with pytest.raises(CalibrationError, match=words):
-        run(focus(session))
+        run(watch_focus(session))

@@ -15,12 +15,12 @@ from scipy.ndimage import gaussian_filter
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.geometry.fit import Pairs, fit_map
-from pdcd.calibration.geometry.geometry_step import geometry, marks_of
+from pdcd.calibration.geometry.fit import PointPairs, fit_map
+from pdcd.calibration.geometry.geometry_step import calibrate_geometry, choose_marks
 from pdcd.calibration.geometry.striped import base_px
-from pdcd.calibration.script import Outcome, Wanted
+from pdcd.calibration.script import PhotoRequest, StepOutcome
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map, between
+from pdcd.panels.map import Map, map_between
 from pdcd.panels.placing import Placing
 from tests.unit.calibration.geometry_bench import Bench, Way, small_way
 from tests.unit.calibration.scripted import Answered, run, session_of
@@ -45,7 +45,7 @@ def scene(**changes: Any) -> Bench:
     return replace(made, **changes)
 
 
-def seen_by(bench: Bench, config: Config | None = None, **session: Any) -> tuple[Outcome, int]:
+def seen_by(bench: Bench, config: Config | None = None, **session: Any) -> tuple[StepOutcome, int]:
     """What the step finds before a bench, and how many photos it took."""
     config = config or Config(
         projector=PanelConfig(size_px=PROJECTOR.size_px), mask=PanelConfig(size_px=MASK.size_px)
@@ -55,25 +55,25 @@ def seen_by(bench: Bench, config: Config | None = None, **session: Any) -> tuple
         setattr(made, name, value)
     count = 0
 
-    def taken(wanted: Wanted) -> Any:
+    def taken(wanted: PhotoRequest) -> Any:
         nonlocal count
         count += 1
         photo = bench.photo(wanted.shown, count)
         return SimpleNamespace(photo=photo, raw=SimpleNamespace(pattern="RGGB"))
 
-    found = run(geometry(made), taken)
+    found = run(calibrate_geometry(made), taken)
     assert found.outcome is not None
     return found.outcome, count
 
 
-def off_px(found: Outcome, bench: Bench, panel: str) -> float:
+def off_px(found: StepOutcome, bench: Bench, panel: str) -> float:
     """95th percentile of where the camera sees a panel's pixels, by the maps and in truth."""
     way: Way = getattr(bench, panel)
     x, y = np.meshgrid(np.linspace(20, FRAME[1] - 20, 25), np.linspace(20, FRAME[0] - 20, 25))
     quads = np.stack([x, y], axis=-1).reshape(-1, 2)
     true = way.to_panel(quads)
     inside = ((true > 6.0) & (true < np.array(way.size_px) - 6.0)).all(axis=-1)
-    said = between(found.maps["camera"], found.maps[panel], quads[inside])
+    said = map_between(found.maps["camera"], found.maps[panel], quads[inside])
     return float(np.percentile(np.hypot(*(said - true[inside]).T), 95.0))
 
 
@@ -85,9 +85,11 @@ def known(bench: Bench, moved_px: tuple[float, float] = (0.0, 0.0)) -> Config:
     size = (FRAME[1], FRAME[0])
     shape = np.full(quads.shape, 0.01)
     on = {p: getattr(bench, p).to_panel(quads + moved_px) for p in ("projector", "mask")}
-    maps["camera"] = fit_map(Pairs(quads, on["projector"], shape), size, PROJECTOR.size_px, "").map
+    maps["camera"] = fit_map(
+        PointPairs(quads, on["projector"], shape), size, PROJECTOR.size_px, ""
+    ).map
     maps["mask"] = fit_map(
-        Pairs(on["mask"], on["projector"], shape), MASK.size_px, PROJECTOR.size_px, ""
+        PointPairs(on["mask"], on["projector"], shape), MASK.size_px, PROJECTOR.size_px, ""
     ).map
     maps["projector"] = Map.filling(PROJECTOR.size_px)
     return Config(
@@ -116,12 +118,12 @@ def test_a_bumped_camera_is_no_matter() -> None:
 def test_maps_that_were_never_measured_are_asked_for() -> None:
     with pytest.raises(CalibrationError, match="lies was not measured"):
         seen_by(scene(), subject="scene", marks="phase")
-    assert marks_of(session_of()) == "dots"
+    assert choose_marks(session_of()) == "dots"
     on_scene = session_of()
     on_scene.subject = "scene"
-    assert marks_of(on_scene) == "xor"
+    assert choose_marks(on_scene) == "xor"
     on_scene.config = known(scene())
-    assert marks_of(on_scene) == "phase"
+    assert choose_marks(on_scene) == "phase"
 
 
 def test_a_scene_without_maps_is_found_by_xor_codes() -> None:

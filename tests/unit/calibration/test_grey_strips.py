@@ -11,15 +11,15 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.photo import Photo
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.response.levels import (
-    LEVELS,
-    NOWHERE,
-    Response,
-    orders,
-    response_of,
-    steps_photos,
-    strips_of,
+    NO_STRIP,
+    STRIP_LEVELS,
+    GreyResponse,
+    find_level_strip,
+    make_strip_orders,
+    measure_grey_response,
+    plan_level_photos,
 )
 from pdcd.errors import CalibrationError
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 QUADS = 40
 STRIPS = np.repeat(np.arange(17, dtype=np.int32), QUADS)[None, :]
-GREY = np.array(LEVELS) / 255.0
+GREY = np.array(STRIP_LEVELS) / 255.0
 WHITE = 1000.0
 
 
@@ -37,17 +37,17 @@ def photos(
     sigma: float = 1e-3,
     white: Floats | None = None,
     colours: tuple[float, float, float] = (1.0, 1.0, 1.0),
-) -> dict[str, Photo]:
+) -> dict[str, QuadPhoto]:
     """Strips that show `light` (17,) of each level over white, of either order."""
     full = np.full(17, 1.0) if white is None else white
 
-    def photo(of_strips: Floats) -> Photo:
+    def photo(of_strips: Floats) -> QuadPhoto:
         seen = np.repeat(of_strips, QUADS)[None, :, None] * np.array([0.7, 1.0, 0.8]) * WHITE
-        return Photo(seen, np.full(seen.shape, (sigma * WHITE) ** 2))
+        return QuadPhoto(seen, np.full(seen.shape, (sigma * WHITE) ** 2))
 
     both = light if isinstance(light, tuple) else (light, light)
     found = {"white": photo(full), "black": photo(both[0][0] * full)}
-    for name, order, levels in zip(("steps-a", "steps-b"), orders(), both, strict=True):
+    for name, order, levels in zip(("steps-a", "steps-b"), make_strip_orders(), both, strict=True):
         found[name] = photo(levels[order] * full)
         found[name].light[...] *= np.array(colours)
     return found
@@ -60,8 +60,8 @@ def gamma_of(gamma: float, black: float = 0.0) -> Floats:
 @pytest.mark.parametrize("gamma", [0.5, 1.0, 2.2])
 @pytest.mark.parametrize("black", [0.0, 0.1])
 def test_light_is_told_from_black_to_white(gamma: float, black: float) -> None:
-    found = response_of(photos(gamma_of(gamma, black)), STRIPS, "mask")
-    assert found.panel == "mask" and found.levels.tolist() == list(map(float, LEVELS))
+    found = measure_grey_response(photos(gamma_of(gamma, black)), STRIPS, "mask")
+    assert found.panel == "mask" and found.levels.tolist() == list(map(float, STRIP_LEVELS))
     np.testing.assert_allclose(found.light, GREY**gamma, atol=1e-12)
     np.testing.assert_allclose(found.channels, np.tile(GREY**gamma, (3, 1)), atol=1e-12)
     assert found.gamma == pytest.approx(gamma, rel=1e-5)
@@ -79,7 +79,7 @@ def test_errors_are_those_of_a_strip_and_of_both_that_it_is_scaled_by() -> None:
     """Each ratio has the noise of 40 quads of the strip, of the white photo and of the black one,
     in three colours; two orders halve the variance."""
     light = gamma_of(1.0)
-    found = response_of(photos(light, sigma=0.01), STRIPS)
+    found = measure_grey_response(photos(light, sigma=0.01), STRIPS)
     sums = np.array([0.7, 1.0, 0.8])
     noise2 = np.array(
         [
@@ -96,7 +96,7 @@ def test_an_error_of_the_flat_field_counts_as_it_is_seen() -> None:
     ripple = 1.0 + 0.005 * np.where(np.arange(17) % 2, 1.0, -1.0)
     ripple[[0, -1]] = 1.0
     light = gamma_of(1.0)
-    found = response_of(photos((light * ripple, light / ripple), sigma=3e-4), STRIPS)
+    found = measure_grey_response(photos((light * ripple, light / ripple), sigma=3e-4), STRIPS)
     bright = (light > 0.2) & (np.arange(17) < 16)
     apart = (light * ripple - light / ripple)[bright] / light[bright]
     flat = float(np.sqrt(np.var(apart, ddof=1) / 2.0))
@@ -112,21 +112,21 @@ def test_room_light_beside_a_projector_that_falls_off_to_its_corners(room: float
     given = photos(gamma_of(1.0), white=white)
     for photo in given.values():
         photo.light[...] += room * WHITE * np.array([0.7, 1.0, 0.8])
-    found = response_of(given, STRIPS)
+    found = measure_grey_response(given, STRIPS)
     np.testing.assert_allclose(found.light, GREY, atol=1e-12)
     assert found.gamma == pytest.approx(1.0, abs=1e-5)
 
 
-def refused(given: dict[str, Photo], strips: Any = STRIPS) -> tuple[str, str, str]:
+def refused(given: dict[str, QuadPhoto], strips: Any = STRIPS) -> tuple[str, str, str]:
     with pytest.raises(CalibrationError) as caught:
-        response_of(given, strips)
+        measure_grey_response(given, strips)
     return str(caught.value), str(caught.value.device), str(caught.value.hint)
 
 
-def fault(given: dict[str, Photo]) -> str:
+def fault(given: dict[str, QuadPhoto]) -> str:
     """What is wrong with photos; nothing where nothing is."""
     try:
-        response_of(given, STRIPS)
+        measure_grey_response(given, STRIPS)
     except CalibrationError as err:
         return str(err)
     return ""
@@ -135,9 +135,9 @@ def fault(given: dict[str, Photo]) -> str:
 def test_strips_need_thirty_quads() -> None:
     for count in (30, 29):
         strips = STRIPS.copy()
-        strips[0, 3 * QUADS + count : 4 * QUADS] = NOWHERE
+        strips[0, 3 * QUADS + count : 4 * QUADS] = NO_STRIP
         if count == 30:
-            response_of(photos(gamma_of(2.2)), strips)
+            measure_grey_response(photos(gamma_of(2.2)), strips)
         else:
             words, device, hint = refused(photos(gamma_of(2.2)), strips)
             assert "strip 4 of 17 is seen by 29 quads" in words
@@ -149,7 +149,7 @@ def test_strips_need_a_tenth_of_the_white_light() -> None:
         white = np.ones(17)
         white[6] = share * (16.0 / (17.0 - share))  # of the mean of all
         if good:
-            response_of(photos(gamma_of(2.2), white=white), STRIPS)
+            measure_grey_response(photos(gamma_of(2.2), white=white), STRIPS)
         else:
             words, device, hint = refused(photos(gamma_of(2.2), white=white))
             assert "strip 7 of 17 is dark in the white photo" in words
@@ -172,7 +172,9 @@ def test_levels_that_are_none_have_a_name(light: Floats, words: str) -> None:
 
 
 def test_black_may_have_a_fifth_of_the_light() -> None:
-    assert response_of(photos(gamma_of(1.0, 0.19)), STRIPS).gamma == pytest.approx(1.0, abs=1e-4)
+    assert measure_grey_response(photos(gamma_of(1.0, 0.19)), STRIPS).gamma == pytest.approx(
+        1.0, abs=1e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -185,7 +187,7 @@ def test_a_lamp_may_change_by_three_hundredths(scale: float, refuse: bool) -> No
         words, device, _ = refused(given)
         assert f"the lamp changed by {100 * (scale - 1):+.2g} %" in words and device == "projector"
     else:
-        assert response_of(given, STRIPS).gamma == pytest.approx(2.2, abs=1e-3)
+        assert measure_grey_response(given, STRIPS).gamma == pytest.approx(2.2, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -210,12 +212,12 @@ def test_light_may_fall_by_two_hundredths(fall: float, refuse: bool) -> None:
     light[9] = light[8] - fall
     if refuse:
         words, device, hint = refused(photos(light))
-        assert f"light falls from level {LEVELS[8]} to level {LEVELS[9]}" in words
+        assert f"light falls from level {STRIP_LEVELS[8]} to level {STRIP_LEVELS[9]}" in words
         assert device == "projector" and "picture modes" in hint
         # What noise may have done is no fall.
-        response_of(photos(light, sigma=0.05), STRIPS)
+        measure_grey_response(photos(light, sigma=0.05), STRIPS)
     else:
-        found = response_of(photos(light), STRIPS)
+        found = measure_grey_response(photos(light), STRIPS)
         assert (np.diff(found.light_of()) >= 0.0).all()  # but light never falls with the level
 
 
@@ -223,23 +225,23 @@ def test_strips_that_are_known_to_two_hundredths_are_too_dim() -> None:
     """By noise of a median colour: sigma / (0.8 sqrt(40)) of the strip, and as much of white."""
     words, device, hint = refused(photos(gamma_of(2.2), sigma=0.12))
     assert "too dim: a strip is known to" in words and device == "camera" and "aperture" in hint
-    response_of(photos(gamma_of(2.2), sigma=0.075), STRIPS)
+    measure_grey_response(photos(gamma_of(2.2), sigma=0.075), STRIPS)
 
 
-def made(light: Floats, **more: Any) -> Response:
+def made(light: Floats, **more: Any) -> GreyResponse:
     given: dict[str, Any] = {
-        "panel": "mask", "levels": np.array(LEVELS, np.float64), "light": light,
+        "panel": "mask", "levels": np.array(STRIP_LEVELS, np.float64), "light": light,
         "sigma": np.zeros(17), "channels": np.tile(light, (3, 1)), "gamma": 1.0,
         "gamma_sigma": 0.01, "channel_gammas": (1.0, 1.2, 0.9), "misfit": 0.0, **more,
     }  # fmt: skip
-    return Response(**given)
+    return GreyResponse(**given)
 
 
 @pytest.mark.parametrize("law", [lambda g: g, lambda g: g**2.2, lambda g: g**0.45])
 def test_the_level_for_a_light_is_the_nearest(law: Callable[[Floats], Floats]) -> None:
     found = made(law(GREY))
     light = found.light_of()
-    assert light.shape == (256,) and light[np.array(LEVELS)] == pytest.approx(law(GREY))
+    assert light.shape == (256,) and light[np.array(STRIP_LEVELS)] == pytest.approx(law(GREY))
     levels = found.level_for()
     assert levels.dtype == np.uint8
     for k in range(256):
@@ -261,14 +263,14 @@ def test_a_law_holds_within_a_hundredth(misfit: float, verdict: Verdict) -> None
 
 
 def test_strips_are_of_one_width_from_edge_to_edge() -> None:
-    assert strips_of([-5.0, 0.0, 9.99, 10.0, 169.9, 170.0, 999.0], 170).tolist() == [
+    assert find_level_strip([-5.0, 0.0, 9.99, 10.0, 169.9, 170.0, 999.0], 170).tolist() == [
         0, 0, 0, 1, 16, 16, 16,
     ]  # fmt: skip
-    white, black, first, second = steps_photos("projector", (170, 4), 100, cycle=30)
+    white, black, first, second = plan_level_photos("projector", (170, 4), 100, cycle=30)
     names = (white.name, black.name, first.name, second.name)
     assert names == ("white", "black", "steps-a", "steps-b") and not black.levels.any()
     assert {white.refreshes, first.refreshes, second.refreshes} == {120}
     assert (white.levels == 255).all() and white.levels.shape == (4, 170)
-    for steps, order in zip((first, second), orders(), strict=True):
-        assert steps.levels[2, ::10].tolist() == [LEVELS[n] for n in order]
+    for steps, order in zip((first, second), make_strip_orders(), strict=True):
+        assert steps.levels[2, ::10].tolist() == [STRIP_LEVELS[n] for n in order]
         assert steps.panel == "projector"

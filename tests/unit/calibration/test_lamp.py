@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.light.lamp import Lamp, lamp_of
+from pdcd.calibration.light.lamp import Lamp, measure_lamp
 from pdcd.errors import CalibrationError
 
 TIMES = np.array([0.0, 10.0, 20.0, 30.0, 40.0])
@@ -16,7 +16,7 @@ ZIGZAG = np.array([1.0, -2.0, 2.0, -2.0, 1.0])
 
 def test_drift_is_the_slope_and_flicker_what_is_left() -> None:
     levels = 500.0 * (1.0 + 1e-4 * (TIMES - 20.0) + 1e-3 * ZIGZAG)
-    found = lamp_of(TIMES + 7.0, levels, noise=5e-4)
+    found = measure_lamp(TIMES + 7.0, levels, noise=5e-4)
     middle = float(np.median(levels)) / 500.0
     assert found.drift_per_h == pytest.approx(0.36 / middle)
     spread = 14e-6 / 3.0 / middle**2
@@ -24,7 +24,7 @@ def test_drift_is_the_slope_and_flicker_what_is_left() -> None:
     assert found.flicker_sigma == pytest.approx(np.sqrt(spread / 6.0))
     assert found.drift_sigma == pytest.approx(3600.0 * np.sqrt(spread / 1000.0))
     assert found.seconds == 40.0
-    quiet = lamp_of(TIMES, levels, noise=0.01)
+    quiet = measure_lamp(TIMES, levels, noise=0.01)
     assert quiet.flicker == 0.0
     assert quiet.drift_sigma == pytest.approx(3600.0 * 0.01 / np.sqrt(1000.0))
 
@@ -44,13 +44,13 @@ def test_a_lamp_that_is_no_constant_light_is_refused(
     times: np.ndarray, levels: np.ndarray, words: str, device: str
 ) -> None:
     with pytest.raises(CalibrationError, match=words) as caught:
-        lamp_of(times, levels)
+        measure_lamp(times, levels)
     assert caught.value.device == device and caught.value.hint
 
 
 def test_a_lamp_may_flicker_and_drift_a_little() -> None:
-    assert lamp_of(TIMES, 1.0 + 0.0137 * ZIGZAG).flicker == pytest.approx(0.03, abs=1e-3)
-    lamp_of(TIMES, 1.0 + 0.14 / 40.0 * (TIMES - 20.0))
+    assert measure_lamp(TIMES, 1.0 + 0.0137 * ZIGZAG).flicker == pytest.approx(0.03, abs=1e-3)
+    measure_lamp(TIMES, 1.0 + 0.14 / 40.0 * (TIMES - 20.0))
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_lamp_drift_and_flicker() -> None:
     pulls, flickers = [], []
     for _ in range(30):
         levels = 5000.0 * (1.0 - 0.1 * times / 3600.0) * (1.0 + 0.002 * rng.standard_normal(20))
-        lamp = lamp_of(times, levels)
+        lamp = measure_lamp(times, levels)
         pulls.append((lamp.drift_per_h + 0.1) / lamp.drift_sigma)
         flickers.append(lamp.flicker)
     assert 0.7 < float(np.std(pulls)) < 1.4

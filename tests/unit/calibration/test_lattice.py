@@ -10,9 +10,9 @@ from pdcd.calibration.geometry.lattice import (
     LEAST_LEAD,
     LEAST_SCORE,
     SYMMETRIES,
-    Place,
-    counted,
-    placed,
+    LatticePlace,
+    find_lattice_place,
+    index_dots,
 )
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ def lattice(
 def test_all_dots_are_counted_from_some_dot_on(turn_deg: float, shear: float) -> None:
     turn = np.exp(1j * np.radians(turn_deg))
     points, index = lattice(6, 8, 10.0 * turn, (10.0j + 10.0 * shear) * turn)
-    counts, which = counted(points)
+    counts, which = index_dots(points)
     assert sorted(which.tolist()) == list(range(48))
     # Counts are the grid's own but for a start and quarter turns: steps stay steps.
     columns = np.concatenate([index[which], np.ones((48, 1), np.int64)], axis=1)
@@ -52,30 +52,30 @@ def test_dots_off_the_lattice_are_no_steps_of_it() -> None:
         moved = points.copy()
         corner = int(np.flatnonzero((index == (0, 0)).all(axis=1))[0])
         moved[corner] -= (off, 0.0)
-        assert len(counted(moved)[1]) == kept
+        assert len(index_dots(moved)[1]) == kept
     stray = np.concatenate([points, [[500.0, 500.0], [560.0, 507.0]]])
-    assert sorted(counted(stray)[1].tolist()) == list(range(35))
+    assert sorted(index_dots(stray)[1].tolist()) == list(range(35))
 
 
 def test_steps_may_change_slowly() -> None:
     """Each step is 4 % longer than that before."""
     across = np.concatenate([[0.0], np.cumsum(10.0 * 1.04 ** np.arange(14))])
     x, y = np.meshgrid(across, across[:8])
-    counts, which = counted(np.stack([x.ravel(), y.ravel()], axis=-1))
+    counts, which = index_dots(np.stack([x.ravel(), y.ravel()], axis=-1))
     assert len(which) == 15 * 8 == len({tuple(c) for c in counts.tolist()})
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_fewer_than_four_dots_are_no_lattice(count: int) -> None:
     points, _ = lattice(2, 2, 10.0, 10.0j)
-    counts, which = counted(points[:count])
+    counts, which = index_dots(points[:count])
     assert counts.shape == (0, 2) and which.size == 0
-    assert len(counted(points)[1]) == 4
+    assert len(index_dots(points)[1]) == 4
 
 
 def test_dots_in_a_line_have_no_second_direction() -> None:
     line = np.stack([np.arange(9.0) * 10.0, np.zeros(9)], axis=-1)
-    assert len(counted(line)[1]) == 0
+    assert len(index_dots(line)[1]) == 0
 
 
 def cells_of(symmetry: int, shift: tuple[int, int], rows: int, cols: int) -> Floats:
@@ -103,7 +103,7 @@ def test_a_part_of_the_code_is_found_whichever_way_it_is_seen(
 ) -> None:
     cells = cells_of(symmetry, shift, 6, 8)
     cells[1, 2] = np.nan
-    found = placed(cells, CODE)
+    found = find_lattice_place(cells, CODE)
     assert found.symmetry.tolist() == [list(row) for row in SYMMETRIES[symmetry]]
     assert found.shift.tolist() == list(shift)
     assert found.sure and found.score > 0.9
@@ -115,34 +115,34 @@ def test_a_part_of_the_code_is_found_whichever_way_it_is_seen(
 def test_score_and_lead_are_shares_of_all_that_is_known() -> None:
     """Of cells of one sure and one faint light: agreement by their strength."""
     cells = cells_of(0, (3, 2), 6, 8)
-    whole = placed(cells, CODE)
+    whole = find_lattice_place(cells, CODE)
     code = np.where(CODE, -1.0, 1.0)
     code -= code.mean()
     assert whole.score == pytest.approx(float((cells * code[2:8, 3:11]).sum()) / 48.0)
     assert 0.0 < whole.lead < whole.score
-    faint = placed(0.25 * cells, CODE)
+    faint = find_lattice_place(0.25 * cells, CODE)
     assert (faint.score, faint.lead) == pytest.approx((whole.score, whole.lead))
     wrong = cells.copy()
     wrong[0, :4] *= -1.0
-    assert placed(wrong, CODE).score < whole.score - 0.15
+    assert find_lattice_place(wrong, CODE).score < whole.score - 0.15
 
 
 def test_chance_is_not_sure() -> None:
     noise = np.where(np.random.default_rng(1).random((6, 8)) < 0.5, -1.0, 1.0)
-    assert not placed(noise, CODE).sure
+    assert not find_lattice_place(noise, CODE).sure
     for cells in (np.full((3, 3), np.nan), np.zeros((3, 3))):
         if np.isfinite(cells).any():
-            found = placed(cells, CODE)
+            found = find_lattice_place(cells, CODE)
             assert (found.score, found.lead) == (0.0, 0.0) and not found.sure
     eye, none = np.eye(2, dtype=np.int64), np.zeros(2, np.int64)
-    assert Place(eye, none, LEAST_SCORE, LEAST_LEAD).sure
-    assert not Place(eye, none, LEAST_SCORE - 0.01, 1.0).sure
-    assert not Place(eye, none, 1.0, LEAST_LEAD - 0.01).sure
+    assert LatticePlace(eye, none, LEAST_SCORE, LEAST_LEAD).sure
+    assert not LatticePlace(eye, none, LEAST_SCORE - 0.01, 1.0).sure
+    assert not LatticePlace(eye, none, 1.0, LEAST_LEAD - 0.01).sure
 
 
 def test_more_cells_than_the_panel_has_have_no_place() -> None:
     """15 x 15 cells fit in no way into 14 x 19; 14 x 15 do lying, but not standing."""
-    found = placed(np.ones((15, 15)), CODE)
+    found = find_lattice_place(np.ones((15, 15)), CODE)
     assert (found.score, found.lead) == (0.0, 0.0)
     upright = cells_of(0, (2, 0), 14, 15)
-    assert placed(upright, CODE).shift.tolist() == [2, 0]
+    assert find_lattice_place(upright, CODE).shift.tolist() == [2, 0]

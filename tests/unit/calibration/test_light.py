@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.light.contrasts import Light, measure_light, responsivity_of
-from pdcd.calibration.light.light_plan import COVERED, Edges, LightPlan
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.light.contrasts import LightMeasurement, compute_responsivity, measure_light
+from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog, Frames
-from pdcd.panels.patterns import none
-from pdcd.probing.realised import bench_factors, collect
+from pdcd.panels.patterns import make_empty_patterns
+from pdcd.probing.realised import collect_factors, compute_bench_factors
 from tests.unit.calibration.light_bench import LightBench, TruePanel, TrueSensor
 
 Floats = NDArray[np.float64]
 
 PLAN = LightPlan(refreshes=60)
-EDGES = Edges(0.002, 0.002, 0.001)
+EDGES = PulseEdges(0.002, 0.002, 0.001)
 """What the panels of LightBench add: fall 4 ms, rise 2 ms."""
 ALBEDO, WHITE_E = 0.9, 20000.0
 
@@ -50,7 +50,7 @@ def series(
     shut: tuple[str, ...] = (),
     scale: float = 1.0,
     falloff: float = 0.3,
-) -> dict[str, Photo]:
+) -> dict[str, QuadPhoto]:
     """All photos; `room` in scene units. `lamp` and `rooms` are factors by name."""
     bench = LightBench(shape=(64, 80), falloff=falloff)
     rng = np.random.default_rng(seed)
@@ -66,7 +66,7 @@ def series(
     return photos
 
 
-def measured(photos: Mapping[str, Photo], black_sigma: float = 0.1) -> Light:
+def measured(photos: Mapping[str, QuadPhoto], black_sigma: float = 0.1) -> LightMeasurement:
     return measure_light(photos, PLAN, edges=EDGES, black_sigma=black_sigma)
 
 
@@ -106,14 +106,14 @@ def test_errors_are_those_it_tells() -> None:
 
 def test_brightness_of_a_unit() -> None:
     light = measured(series(2))
-    value, sigma = responsivity_of(
+    value, sigma = compute_responsivity(
         light, gain_e_per_dn=(2.96, 0.005), f_number=8.0, albedo=ALBEDO, albedo_sigma=0.01
     )
     truth = WHITE_E / ALBEDO * 64.0 * np.array([0.7, 1.0, 0.8])
     assert value == pytest.approx(truth, rel=0.005)
     assert sigma / value == pytest.approx(0.011, rel=0.2)  # the card's albedo is the worst of it
     with pytest.raises(CalibrationError, match="albedo of 88"):
-        responsivity_of(
+        compute_responsivity(
             light, gain_e_per_dn=(2.96, 0.01), f_number=8.0, albedo=88.0, albedo_sigma=1.0
         )
 
@@ -192,12 +192,12 @@ def test_half_of_the_field_is_covered() -> None:
         measure_light(series(8, card=card), PLAN, edges=EDGES)
 
 
-def photo_by_realised(shown: Shown, projector: PanelConfig, mask: PanelConfig) -> Floats:
+def photo_by_realised(shown: PanelSequence, projector: PanelConfig, mask: PanelConfig) -> Floats:
     """Seconds of light and of an open mask, by the matrix that decoding believes in."""
     count, period = shown.refreshes, round(1e9 / 60)
     frames = Frames(
-        none(),
-        none(),
+        make_empty_patterns(),
+        make_empty_patterns(),
         shown.projector_index,
         shown.mask_index,
         np.zeros(count, np.uint8),
@@ -221,7 +221,9 @@ def photo_by_realised(shown: Shown, projector: PanelConfig, mask: PanelConfig) -
         True,
     )
     close = int(end[0]) + 100_000_000
-    found = collect(bench_factors(frames, log, projector, mask, open_ns=0, close_ns=close))
+    found = collect_factors(
+        compute_bench_factors(frames, log, projector, mask, open_ns=0, close_ns=close)
+    )
     return np.array([found.coaxial[0], found.open_s[0]])
 
 
@@ -239,14 +241,14 @@ def test_words_mean_what_the_configuration_means() -> None:
             seen = ambient * open_s
         dn = seen * responsivity / f_number**2 / 2.96
         flat = np.full((32, 32, 3), dn)
-        photos[shown.name] = Photo(flat, np.ones_like(flat), np.zeros((32, 32), np.bool_))
-    light = measure_light(photos, PLAN, edges=Edges(0.003, 0.006, 1e-4), black_sigma=1e-3)
+        photos[shown.name] = QuadPhoto(flat, np.ones_like(flat), np.zeros((32, 32), np.bool_))
+    light = measure_light(photos, PLAN, edges=PulseEdges(0.003, 0.006, 1e-4), black_sigma=1e-3)
     assert light.projector.contrast[0] == pytest.approx(800.0, rel=1e-3)
     assert light.mask.contrast[0] == pytest.approx(300.0, rel=1e-3)
     found = light.ambient(albedo)
     assert found is not None
     assert found[0] == pytest.approx(ambient, rel=1e-3)
-    value, _ = responsivity_of(
+    value, _ = compute_responsivity(
         light, gain_e_per_dn=(2.96, 0.0), f_number=f_number, albedo=albedo, albedo_sigma=0.0
     )
     assert value == pytest.approx(np.full(3, responsivity), rel=1e-3)

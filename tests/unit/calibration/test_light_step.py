@@ -13,11 +13,11 @@ import pytest
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.light_plan import COVERED
-from pdcd.calibration.light.light_step import COVER, LAMP_PHOTOS, UNCOVER, light
-from pdcd.calibration.light.stop_series import stop_photos
-from pdcd.calibration.photo import Photo, Seen
-from pdcd.calibration.script import Wanted
-from pdcd.calibration.sensor.sensor_step import BLACK, EDGE, GAIN
+from pdcd.calibration.light.light_step import COVER, LAMP_PHOTOS, UNCOVER, calibrate_light
+from pdcd.calibration.light.stop_series import plan_stop_photos
+from pdcd.calibration.photo import QuadPhoto, RawSettings
+from pdcd.calibration.script import PhotoRequest
+from pdcd.calibration.sensor.sensor_step import BLACK_SIGMA_KEY, EDGE_KEY, GAIN_KEY
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from tests.unit.calibration.scripted import Answered, Run, preview_of, run, session_of
@@ -38,13 +38,13 @@ class Bench:
         self.rng = np.random.default_rng(5)
         self.taken_ns = 0
 
-    def taken(self, wanted: Wanted) -> Any:
+    def taken(self, wanted: PhotoRequest) -> Any:
         self.taken_ns += 10 * 10**9
         open_s = wanted.shown.refreshes * T + 0.1
-        said = Seen(iso=100, f_number=wanted.f_number, exposure_s=open_s)
+        said = RawSettings(iso=100, f_number=wanted.f_number, exposure_s=open_s)
         return SimpleNamespace(wanted=wanted, seen=said, open_s=open_s, open_ns=self.taken_ns)
 
-    def photo(self, session: Answered, taken: Any) -> Photo:
+    def photo(self, session: Answered, taken: Any) -> QuadPhoto:
         wanted = taken.wanted
         shown = wanted.shown
         both = np.stack([shown.projector_index, shown.mask_index])
@@ -61,7 +61,7 @@ class Bench:
         light = rate_dn * (lamp * lit_s + self.room * open_s)[..., None] * COLOURS
         variance = np.full(light.shape, 4.0)
         noisy = light + 2.0 * self.rng.standard_normal(light.shape)
-        return Photo(noisy, variance, (light > full_dn).any(axis=2))
+        return QuadPhoto(noisy, variance, (light > full_dn).any(axis=2))
 
     @staticmethod
     def _panel(patterns: Any, which: int, leak: float) -> np.ndarray:
@@ -96,12 +96,12 @@ def stepped(
     if wide:
         lens = (*wide, *session.camera.f_numbers)
         session.camera = replace(session.camera, f_numbers=lens)
-    session.arrays[EDGE] = np.array([0.0, 1e-4])
-    session.arrays[BLACK] = np.array([0.1])
+    session.arrays[EDGE_KEY] = np.array([0.0, 1e-4])
+    session.arrays[BLACK_SIGMA_KEY] = np.array([0.1])
     session.profile = msgspec.structs.replace(session.profile, estimated=estimated)
     if gain is not None:
-        session.arrays[GAIN] = np.array(gain)
-    return session, run(light(session), bench.taken)
+        session.arrays[GAIN_KEY] = np.array(gain)
+    return session, run(calibrate_light(session), bench.taken)
 
 
 def test_both_contrasts_are_found_and_the_room_apart_from_black() -> None:
@@ -268,6 +268,6 @@ def test_stops_that_are_too_wide_for_a_pulse_are_compared_by_flashes_of_the_proj
 
 
 def test_stops_of_a_lens_that_is_left_alone_are_not_compared() -> None:
-    assert stop_photos((8.0,), 8.0, 0.05) == ()
-    names = [photo.name for photo in stop_photos((4.0, 8.0), 8.0, 0.05)]
+    assert plan_stop_photos((8.0,), 8.0, 0.05) == ()
+    names = [photo.name for photo in plan_stop_photos((4.0, 8.0), 8.0, 0.05)]
     assert names == ["stop-8", "stop-4", "stop-8-again"]

@@ -5,31 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.geometry.lit import OFFSETS_QUADS, RED, lit_by
-from pdcd.calibration.photo import Photo
+from pdcd.calibration.geometry.lit import OFFSETS_QUADS, RED, find_panel_light
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.errors import CalibrationError
 
 SHAPE = (80, 100)
 
 
 def photo(light: float, *, sigma: float = 1.0, room: float = 10.0, share: float = 1.0,
-          noise: bool = True, seed: int = 0) -> Photo:  # fmt: skip
+          noise: bool = True, seed: int = 0) -> QuadPhoto:  # fmt: skip
     """A panel that lights the left `share` of the picture, in the room's light."""
     values = np.full((*SHAPE, 3), room)
     values[:, : round(share * SHAPE[1])] += light
     if noise:
         values += sigma * np.random.default_rng(seed).standard_normal(values.shape)
-    return Photo(values, np.full(values.shape, sigma**2))
+    return QuadPhoto(values, np.full(values.shape, sigma**2))
 
 
-def corner(columns: int) -> Photo:
+def corner(columns: int) -> QuadPhoto:
     """A panel that lights 8 rows of so many columns."""
     found = photo(0.0)
     found.light[:8, :columns] += 100.0
     return found
 
 
-def speck() -> Photo:
+def speck() -> QuadPhoto:
     """One quad that holds no number."""
     found = photo(100.0)
     found.light[8, 12] = np.nan
@@ -40,16 +40,16 @@ def test_lit_quads_have_a_seventh_of_the_brightest_light() -> None:
     white = photo(100.0, noise=False)
     white.light[3, 5] = 10.0 + 14.9
     white.light[4, 6] = 10.0 + 15.1
-    found = lit_by(white, photo(0.0, noise=False), "mask")
+    found = find_panel_light(white, photo(0.0, noise=False), "mask")
     assert found.shape == SHAPE and found.sum() == 80 * 100 - 1 and not found[3, 5]
-    half = lit_by(photo(100.0, share=0.5), photo(0.0, seed=1), "mask")
+    half = find_panel_light(photo(100.0, share=0.5), photo(0.0, seed=1), "mask")
     assert half[:, :50].all() and not half[:, 50:].any()
 
 
 def test_green_light_tells() -> None:
     white, black = photo(100.0), photo(0.0, seed=1)
     white.light[..., RED] = black.light[..., RED]
-    assert lit_by(white, black, "projector").all()
+    assert find_panel_light(white, black, "projector").all()
 
 
 @pytest.mark.parametrize(
@@ -68,23 +68,23 @@ def test_green_light_tells() -> None:
     ],
 )
 def test_photos_that_tell_nothing_say_why(
-    white: Photo, black: Photo, words: str, device: str
+    white: QuadPhoto, black: QuadPhoto, words: str, device: str
 ) -> None:
     with pytest.raises(CalibrationError, match=words) as caught:
-        lit_by(white, black, "mask")
+        find_panel_light(white, black, "mask")
     assert caught.value.device == device and caught.value.hint
 
 
 def test_what_is_borne_is_borne() -> None:
-    assert lit_by(photo(7.0, room=5.0), photo(0.0, room=5.0, seed=1), "mask").mean() > 0.9
-    assert lit_by(photo(10.6), photo(0.0, seed=1), "mask").mean() > 0.9
-    assert lit_by(corner(20), photo(0.0, seed=1), "mask").sum() == 160
+    assert find_panel_light(photo(7.0, room=5.0), photo(0.0, room=5.0, seed=1), "mask").mean() > 0.9
+    assert find_panel_light(photo(10.6), photo(0.0, seed=1), "mask").mean() > 0.9
+    assert find_panel_light(corner(20), photo(0.0, seed=1), "mask").sum() == 160
 
 
 def test_photos_of_two_sizes_are_none_of_one_bench() -> None:
-    small = Photo(np.ones((40, 50, 3)), np.ones((40, 50, 3)))
+    small = QuadPhoto(np.ones((40, 50, 3)), np.ones((40, 50, 3)))
     with pytest.raises(CalibrationError, match="differ in size"):
-        lit_by(photo(100.0), small, "mask")
+        find_panel_light(photo(100.0), small, "mask")
 
 
 @pytest.mark.parametrize(("count", "refused"), [(16, False), (17, True)])
@@ -92,13 +92,13 @@ def test_two_thousandths_may_be_saturated(count: int, refused: bool) -> None:
     white = photo(100.0)
     saturated = np.zeros(SHAPE, np.bool_)
     saturated.ravel()[:count] = True
-    given = Photo(white.light, white.variance, saturated)
+    given = QuadPhoto(white.light, white.variance, saturated)
     if refused:
         with pytest.raises(CalibrationError, match=r"0\.2% of the photo is saturated") as caught:
-            lit_by(given, photo(0.0, seed=1), "mask")
+            find_panel_light(given, photo(0.0, seed=1), "mask")
         assert caught.value.device == "mask" and "shorter" in str(caught.value.hint)
     else:
-        assert lit_by(given, photo(0.0, seed=1), "mask").all()
+        assert find_panel_light(given, photo(0.0, seed=1), "mask").all()
 
 
 @pytest.mark.parametrize("pattern", OFFSETS_QUADS)

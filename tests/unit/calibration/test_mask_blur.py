@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.registration.mask_blur import MaskBlur, blur
-from pdcd.calibration.registration.offsets import Series
-from pdcd.calibration.registration.stripes import Stripes, attenuation
+from pdcd.calibration.registration.mask_blur import MaskBlur, measure_mask_blur
+from pdcd.calibration.registration.offsets import StripeSeries
+from pdcd.calibration.registration.stripes import StripePlan, compute_pixel_attenuation
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
@@ -21,24 +21,24 @@ PLACES = QUADS.reshape(-1, 2)
 COARSE, FINE = 32, 8
 
 
-def series(axis: int, period_px: int, sigma_px: Floats, noise: float = 1e-4) -> Series:
+def series(axis: int, period_px: int, sigma_px: Floats, noise: float = 1e-4) -> StripeSeries:
     """Stripes of half the light whose first harmonic a Gaussian has passed; of higher ones, which
     blurs from 1.5 px on take away, there are none."""
-    stripes = Stripes(axis, period_px)
+    stripes = StripePlan(axis, period_px)
     slope = np.zeros((len(PLACES), 2))
     slope[:, axis] = 1.0  # a pixel of the mask is one of the projector
     left = np.exp(-2.0 * np.pi**2 * sigma_px**2 / period_px**2)
-    depth = 0.7 * attenuation(stripes, slope) * left
+    depth = 0.7 * compute_pixel_attenuation(stripes, slope) * left
     share = np.full((len(PLACES), stripes.steps), 0.5)
     first = 0.25 * depth * np.exp(2j * np.pi * 0.3 / period_px)
-    return Series(stripes, PLACES, share, first, np.full(len(PLACES), noise))
+    return StripeSeries(stripes, PLACES, share, first, np.full(len(PLACES), noise))
 
 
 def measured(right_px: Floats, down_px: Floats, noise: float = 1e-4) -> MaskBlur:
     blurs = (right_px, down_px)
     coarse = [series(axis, COARSE, each) for axis, each in enumerate(blurs)]
     fine = [series(axis, FINE, each, noise) for axis, each in enumerate(blurs)]
-    return blur(coarse, fine, DEVICE, DEVICE, DEVICE)
+    return measure_mask_blur(coarse, fine, DEVICE, DEVICE, DEVICE)
 
 
 def alike(value: float) -> Floats:
@@ -106,4 +106,4 @@ def test_stripes_that_noise_hides_tell_no_blur(part: float, told: bool) -> None:
 def test_stripes_of_two_axes_are_no_pair() -> None:
     coarse, fine = series(0, COARSE, alike(2.0)), series(1, FINE, alike(2.0))
     with pytest.raises(ValueError, match="same stripes"):
-        blur([coarse], [fine], DEVICE, DEVICE, DEVICE)
+        measure_mask_blur([coarse], [fine], DEVICE, DEVICE, DEVICE)

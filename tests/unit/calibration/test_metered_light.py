@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.light.metering import FULL, LEAST, MOST, OPEN, WISHED, meter, opened
-from pdcd.calibration.script import Wanted
+from pdcd.calibration.light.metering import (
+    FULL_SHARE,
+    LEAST,
+    MOST_WHITE_REFRESHES,
+    OPEN_REFRESHES,
+    WISHED,
+    choose_wide_aperture,
+    meter_light,
+)
+from pdcd.calibration.script import PhotoRequest
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.scripted import STOPS, Answered, Run, run, session_of
 from tests.unit.planning.test_measured import config
@@ -20,7 +28,7 @@ def lit(session: Answered, rate: float) -> Any:
     """A camera whose brightest sample gains `rate` of saturation a refresh at f/8, and clips."""
     full_dn = session.profile.saturation_dn(100)
 
-    def taken(wanted: Wanted) -> Any:
+    def taken(wanted: PhotoRequest) -> Any:
         both = (wanted.shown.projector_index == -2) & (wanted.shown.mask_index == -2)
         level = min(rate * int(both.sum()) * (8.0 / (wanted.f_number or 8.0)) ** 2, 1.0)
         planes = np.full((4, 20, 50), 0.5 * level * full_dn)
@@ -33,21 +41,21 @@ def lit(session: Answered, rate: float) -> Any:
 
 def metered(rate: float, **more: Any) -> tuple[Answered, Run]:
     session = session_of(**more)
-    return session, run(meter(session), lit(session, rate))
+    return session, run(meter_light(session), lit(session, rate))
 
 
 @pytest.mark.parametrize("rate", [2e-5, 3e-4, 0.0027, 0.02, 0.2])
 def test_white_light_fills_the_sensor_after_the_refreshes_that_are_wished(rate: float) -> None:
     session, found = metered(rate)
     assert session.f_number in STOPS and found.outcome is not None
-    of_stop = {f: FULL / (rate * (8.0 / f) ** 2) for f in STOPS}
+    of_stop = {f: FULL_SHARE / (rate * (8.0 / f) ** 2) for f in STOPS}
     wanted = next((f for f in STOPS if of_stop[f] >= WISHED * (1 - 1e-6)), STOPS[-1])
     assert session.f_number == wanted
-    assert session.full == pytest.approx(min(of_stop[wanted], MOST), abs=1.01)
+    assert session.full == pytest.approx(min(of_stop[wanted], MOST_WHITE_REFRESHES), abs=1.01)
     refreshes, f_number = found.outcome.figures
     assert (refreshes.name, refreshes.value) == ("full_refreshes", float(session.full))
     assert (f_number.name, f_number.value, f_number.unit) == ("f_number", session.f_number, "f")
-    assert refreshes.limit == f"{LEAST} to {MOST}"
+    assert refreshes.limit == f"{LEAST} to {MOST_WHITE_REFRESHES}"
     assert all(wanted.iso == 100 for wanted in found.wanted)
 
 
@@ -57,9 +65,9 @@ def test_the_first_trial_is_short_and_at_the_stop_nearest_to_8() -> None:
     assert first.f_number == min(STOPS, key=lambda f: abs(np.log(f / 8.0)))
     assert first.shown.name == "meter-1" and len(found.wanted) == 1
     # The mask is open for longer than the light, on either side.
-    assert (first.shown.mask_index == -2).all() and first.shown.refreshes == 12 + 2 * OPEN
+    assert (first.shown.mask_index == -2).all() and first.shown.refreshes == 12 + 2 * OPEN_REFRESHES
     white = np.flatnonzero(first.shown.projector_index == -2)
-    assert (white[0], white[-1], white.size) == (OPEN, OPEN + 11, 12)
+    assert (white[0], white[-1], white.size) == (OPEN_REFRESHES, OPEN_REFRESHES + 11, 12)
     assert session.full >= WISHED
 
 
@@ -68,40 +76,40 @@ def test_clipped_light_is_dimmed_by_the_lens_then_by_shorter_trials() -> None:
     apertures = [wanted.f_number or 0.0 for wanted in found.wanted]
     assert apertures[1] == pytest.approx(2.0 * apertures[0], rel=0.07)
     session = session_of(f_numbers=(8.0,))
-    found = run(meter(session), lit(session, 0.009))
-    assert [wanted.shown.refreshes - 2 * OPEN for wanted in found.wanted] == [12]
+    found = run(meter_light(session), lit(session, 0.009))
+    assert [wanted.shown.refreshes - 2 * OPEN_REFRESHES for wanted in found.wanted] == [12]
     dim = session_of(f_numbers=(8.0,))
-    found = run(meter(dim), lit(dim, 0.0003))
-    assert [wanted.shown.refreshes - 2 * OPEN for wanted in found.wanted] == [12, 96]
-    assert dim.full == MOST  # of 2166
+    found = run(meter_light(dim), lit(dim, 0.0003))
+    assert [wanted.shown.refreshes - 2 * OPEN_REFRESHES for wanted in found.wanted] == [12, 96]
+    assert dim.full == MOST_WHITE_REFRESHES  # of 2166
 
 
 def test_light_that_is_too_strong_for_the_lens_is_refused() -> None:
     session = session_of(f_numbers=(8.0,))
     with pytest.raises(CalibrationError, match=rf"after 6\d refreshes; {LEAST} are") as caught:
-        run(meter(session), lit(session, FULL / 66.5))
+        run(meter_light(session), lit(session, FULL_SHARE / 66.5))
     assert caught.value.device == "camera" and "close the lens" in str(caught.value.hint)
     session = session_of(f_numbers=(8.0,))
-    run(meter(session), lit(session, FULL / 67.5))
+    run(meter_light(session), lit(session, FULL_SHARE / 67.5))
     assert session.full == LEAST
     clipped = session_of(f_numbers=(8.0,))
     with pytest.raises(CalibrationError, match="after 3 refreshes"):
-        run(meter(clipped), lit(clipped, 0.2))
+        run(meter_light(clipped), lit(clipped, 0.2))
 
 
 @pytest.mark.parametrize("f_numbers", [(8.0,), STOPS, ()])
 def test_no_light_is_refused_after_the_widest_and_the_longest(f_numbers: tuple[float, ...]) -> None:
     session = session_of(f_numbers=f_numbers)
     with pytest.raises(CalibrationError, match=r"0\.00% of saturation") as caught:
-        run(meter(session), lit(session, 0.0))
+        run(meter_light(session), lit(session, 0.0))
     assert caught.value.device == "camera" and "lens cap" in str(caught.value.hint)
 
 
 def test_more_refreshes_than_all_steps_take_are_doubtful() -> None:
-    session, found = metered(FULL / 1300.0, f_numbers=(8.0,))
-    assert session.full == MOST and found.outcome is not None
+    session, found = metered(FULL_SHARE / 1300.0, f_numbers=(8.0,))
+    assert session.full == MOST_WHITE_REFRESHES and found.outcome is not None
     assert found.outcome.verdict is Verdict.DOUBTFUL
-    session, found = metered(FULL / 1100.0, f_numbers=(8.0,))
+    session, found = metered(FULL_SHARE / 1100.0, f_numbers=(8.0,))
     assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
     assert session.full == pytest.approx(1100, abs=1)
 
@@ -109,24 +117,24 @@ def test_more_refreshes_than_all_steps_take_are_doubtful() -> None:
 def test_a_lens_that_is_fixed_or_not_set_from_here_stays() -> None:
     fixed = config(camera={"f_number": 5.6})
     session = session_of(fixed)
-    found = run(meter(session), lit(session, 0.001))
+    found = run(meter_light(session), lit(session, 0.001))
     assert {wanted.f_number for wanted in found.wanted} == {5.6} == {session.f_number}
     manual, found = metered(0.002, f_numbers=())
     assert {wanted.f_number for wanted in found.wanted} == {None}
-    assert manual.f_number is None and manual.full == pytest.approx(FULL / 0.002, abs=1)
+    assert manual.f_number is None and manual.full == pytest.approx(FULL_SHARE / 0.002, abs=1)
     assert found.outcome is not None and found.outcome.figures[1].value == 0.0
 
 
 def test_short_photos_may_have_a_wider_lens() -> None:
     session = session_of(f_numbers=(2.0, 4.0, 5.6, 8.0, 11.0))
     session.f_number, session.full = 8.0, 240
-    assert opened(session, 60) == (4.0, 60)
-    assert opened(session, 61) == (5.6, int(240 * 0.7**2))
-    assert opened(session, 15) == (2.0, 15)
-    assert opened(session, 200) == (8.0, 240)
-    assert opened(session, 1000) == (8.0, 240)
+    assert choose_wide_aperture(session, 60) == (4.0, 60)
+    assert choose_wide_aperture(session, 61) == (5.6, int(240 * 0.7**2))
+    assert choose_wide_aperture(session, 15) == (2.0, 15)
+    assert choose_wide_aperture(session, 200) == (8.0, 240)
+    assert choose_wide_aperture(session, 1000) == (8.0, 240)
     session.f_number = None
-    assert opened(session, 60) == (None, 240)
+    assert choose_wide_aperture(session, 60) == (None, 240)
     fixed = session_of(config(camera={"f_number": 8.0}), f_numbers=(4.0, 8.0))
     fixed.f_number, fixed.full = 8.0, 240
-    assert opened(fixed, 60) == (8.0, 240)
+    assert choose_wide_aperture(fixed, 60) == (8.0, 240)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.check.moved import Moved
-from pdcd.calibration.check.moved import moved as fitted
+from pdcd.calibration.check.moved import MapDrift
+from pdcd.calibration.check.moved import fit_map_drift as fitted
 from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
@@ -82,7 +82,7 @@ def test_its_errors_are_those_of_many_looks(scatter: float) -> None:
 def test_the_corner_that_moved_most_is_told_with_its_error() -> None:
     """A shift right and down and a turn about the middle: the corner above moves to the right."""
     numbers, sigma = np.array([3.0, 4.0, 0.0, 0.1]), np.array([0.3, 0.3, 0.05, 0.05])
-    found = Moved((20, 16), numbers, sigma, np.zeros((3, 4, 2)), 9)
+    found = MapDrift((20, 16), numbers, sigma, np.zeros((3, 4, 2)), 9)
     steps = [np.hypot(3.0 - 0.1 * y, 4.0 + 0.1 * x) for x in (-10, 10) for y in (-8, 8)]
     far, error = found.worst_px
     assert far == pytest.approx(max(steps)) == pytest.approx(np.hypot(3.8, 5.0))
@@ -106,6 +106,6 @@ def test_what_no_similarity_explains_is_the_worst_part_of_the_picture() -> None:
 
 def test_it_is_the_same_once_it_was_kept() -> None:
     found = fitted(SIZE, POINTS, moved(POINTS, (0.4, 0.1), 0.005), EVEN)
-    again = Moved.kept(SIZE, found.array)
+    again = MapDrift.kept(SIZE, found.array)
     np.testing.assert_array_equal(again.array, found.array)
     assert again.since(found).worst_px[0] == 0.0

@@ -13,16 +13,16 @@ from msgspec import structs
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.geometry.dots import DotGrid, PanelName
 from pdcd.calibration.geometry.finding import Dots, find_dots
-from pdcd.calibration.geometry.fit import Fitted, Pairs, fit_map
+from pdcd.calibration.geometry.fit import FittedMap, PointPairs, fit_map
 from pdcd.calibration.geometry.panel_map import (
-    accepted,
-    believed_map,
-    check_believed,
-    check_seen,
-    convergence,
-    figures,
+    check_dot_coverage,
+    check_fitted_map,
+    check_orientation,
+    compare_orientation,
     fit_dots,
-    turned_against,
+    list_map_figures,
+    make_believed_map,
+    measure_convergence,
 )
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
@@ -44,7 +44,7 @@ def dots_of() -> Dots:
     return found_by(bench)
 
 
-def error_px(found: Fitted, way: Way = WAY) -> np.ndarray:
+def error_px(found: FittedMap, way: Way = WAY) -> np.ndarray:
     """Over the dots' part of the panel."""
     quads = np.random.default_rng(1).uniform(0.0, 1.0, (3000, 2)) * FRAME[::-1]
     there = way.to_panel(quads)
@@ -57,7 +57,7 @@ def test_dots_give_the_map_and_good_figures() -> None:
     found = fit_dots(dots_of(), FRAME)
     assert np.percentile(error_px(found), 50.0) < 0.01
     assert np.percentile(error_px(found), 95.0) < 0.04
-    told = {figure.name: figure for figure in figures(found, "projector")}
+    told = {figure.name: figure for figure in list_map_figures(found, "projector")}
     assert all(figure.verdict == Verdict.GOOD for figure in told.values())
     assert told["projector.inliers"].value > 0.97
     assert told["projector.map_px"].value < 0.05
@@ -109,13 +109,13 @@ def part(keep: Any) -> Dots:
 def test_half_of_the_field_covered_is_refused() -> None:
     for half in (dots_of().index[:, 0] < 8, dots_of().index[:, 1] >= 6):
         with pytest.raises(CalibrationError, match="covers the field"):
-            check_seen(fit_dots(part(half), FRAME), part(half))
+            check_dot_coverage(fit_dots(part(half), FRAME), part(half))
 
 
 def test_dots_that_are_lost_here_and_there_do_not_matter() -> None:
     kept = np.random.default_rng(2).random(len(dots_of().index)) > 0.25
     found = fit_dots(part(kept), FRAME)
-    check_seen(found, part(kept))
+    check_dot_coverage(found, part(kept))
     assert np.percentile(error_px(found), 95.0) < 0.06
 
 
@@ -125,9 +125,9 @@ def test_dots_are_asked_for_where_the_other_panel_lets_light_pass() -> None:
     left = part(dots_of().index[:, 0] < 10)
     found = fit_dots(left, FRAME)
     with pytest.raises(CalibrationError, match="covers the field"):
-        check_seen(found, left)
+        check_dot_coverage(found, left)
     narrow = replace(whole, target_size_px=(256, 192), map=_narrowed(whole.map, 16.0 / 10.0))
-    check_seen(found, left, beside=narrow)
+    check_dot_coverage(found, left, beside=narrow)
 
 
 def _narrowed(map_: Map, times: float) -> Map:
@@ -141,7 +141,7 @@ def test_a_picture_cut_to_the_other_panel_is_called_swapped() -> None:
     other = DotGrid(small, (160, 128), 16, 3.0)
     shown = ((dots_of().index + 1) * GRID.pitch_px <= (160, 128)).all(axis=-1)
     with pytest.raises(CalibrationError, match="swapped"):
-        check_seen(fit_dots(part(shown), FRAME), part(shown), other=other)
+        check_dot_coverage(fit_dots(part(shown), FRAME), part(shown), other=other)
 
 
 def test_a_panel_mostly_beyond_the_frame_is_refused() -> None:
@@ -149,7 +149,7 @@ def test_a_panel_mostly_beyond_the_frame_is_refused() -> None:
     bench = Bench(way, small_way("mask", scale=3.0))
     dots = found_by(bench)
     with pytest.raises(CalibrationError, match="camera's frame"):
-        check_seen(fit_dots(dots, FRAME), dots)
+        check_dot_coverage(fit_dots(dots, FRAME), dots)
 
 
 def test_what_no_smooth_map_fits_is_refused() -> None:
@@ -160,7 +160,7 @@ def test_what_no_smooth_map_fits_is_refused() -> None:
         fit_dots(shaken, FRAME)
     doubtful = replace(dots, camera_px=dots.camera_px + rng.normal(0.0, 0.25, (len(dots.index), 2)))
     found = fit_dots(doubtful, FRAME)
-    told = {figure.name: figure.verdict for figure in figures(found, "projector")}
+    told = {figure.name: figure.verdict for figure in list_map_figures(found, "projector")}
     assert told["projector.fit_px"] == Verdict.DOUBTFUL
 
 
@@ -170,7 +170,7 @@ def test_outliers_beyond_measure_are_refused() -> None:
     inlier[: len(inlier) // 4] = False
     left_px[~inlier] = 0.31, 0.0
     with pytest.raises(CalibrationError, match="25% of the points lie elsewhere"):
-        accepted(replace(found, inlier=inlier, residual_px=left_px), "projector")
+        check_fitted_map(replace(found, inlier=inlier, residual_px=left_px), "projector")
 
 
 def test_points_that_fit_worse_than_most_but_well_are_no_outliers() -> None:
@@ -179,8 +179,8 @@ def test_points_that_fit_worse_than_most_but_well_are_no_outliers() -> None:
     inlier[: len(inlier) // 4] = False
     left_px[~inlier] = 0.12, 0.0
     fine = replace(found, inlier=inlier, residual_px=left_px)
-    assert accepted(fine, "projector") is fine
-    told = {figure.name: figure for figure in figures(fine, "projector")}
+    assert check_fitted_map(fine, "projector") is fine
+    told = {figure.name: figure for figure in list_map_figures(fine, "projector")}
     assert told["projector.inliers"].value == 1.0
     assert all(figure.verdict == Verdict.GOOD for figure in told.values())
 
@@ -198,16 +198,16 @@ FOUND = Map(size_px=(480, 320), homography=(1 / 400, 0, -0.1, 0, 1 / 300, -0.03,
 )
 def test_a_panel_that_lies_another_way_than_believed_is_named(believed: Map, says: str) -> None:
     with pytest.raises(CalibrationError, match=says) as caught:
-        check_believed(FOUND, believed, "mask")
+        check_orientation(FOUND, believed, "mask")
     assert "swapped" in str(caught.value)
 
 
 def test_a_panel_about_where_it_was_believed_is_fine() -> None:
     turned = FOUND.then(np.array([[0.98, -0.17, 0.1], [0.17, 0.98, 0], [0, 0, 1]]))
-    turn, mirrored = turned_against(FOUND, turned)
+    turn, mirrored = compare_orientation(FOUND, turned)
     assert not mirrored
     assert abs(abs(turn) - 9.8) < 3.0
-    check_believed(
+    check_orientation(
         FOUND, FOUND.then(np.array([[0.9, 0.1, 0.1], [-0.1, 0.9, 0.0], [0, 0, 1]])), "mask"
     )
 
@@ -216,8 +216,8 @@ def test_a_panel_where_the_other_is_believed_is_called_swapped() -> None:
     elsewhere = FOUND.then(np.array([[2.0, 0, 0.8], [0, 2.0, 0.5], [0, 0, 1]]))
     nearly = FOUND.then(np.array([[1.02, 0, 0.01], [0, 1.02, 0], [0, 0, 1]]))
     with pytest.raises(CalibrationError, match="swapped"):
-        check_believed(FOUND, elsewhere, "projector", other=nearly)
-    check_believed(FOUND, nearly, "projector", other=elsewhere)
+        check_orientation(FOUND, elsewhere, "projector", other=nearly)
+    check_orientation(FOUND, nearly, "projector", other=elsewhere)
 
 
 def test_the_believed_map_goes_by_the_field() -> None:
@@ -225,26 +225,26 @@ def test_the_believed_map_goes_by_the_field() -> None:
         np.array([[0.8, 0.1, 0.05], [-0.1, 0.9, 0.1], [0.05, 0, 1]])
     )
     panel = Map.filling((256, 192)).flipped("horizontal")
-    straight = believed_map(camera, panel)
+    straight = make_believed_map(camera, panel)
     quads = np.array([[100.0, 80.0], [300.0, 200.0]])
     there = panel.from_field(camera.to_field(quads)) / (256, 192)
     np.testing.assert_allclose(straight.to_field(quads), there, atol=1e-9)
 
 
-def colours(shifts: tuple[float, float, float]) -> list[Fitted]:
+def colours(shifts: tuple[float, float, float]) -> list[FittedMap]:
     quads = np.random.default_rng(1).uniform(0.0, 1.0, (600, 2)) * FRAME[::-1]
     there = WAY.to_panel(quads)
     inside = ((there > 0.0) & (there < (256, 192))).all(axis=-1)
     found = []
     for shift in shifts:
         target = there[inside] - (shift, 0.0)
-        pairs = Pairs(quads[inside], target, np.full(target.shape, 0.01))
+        pairs = PointPairs(quads[inside], target, np.full(target.shape, 0.01))
         found.append(fit_map(pairs, FRAME[::-1], (256, 192), "projector"))
     return found
 
 
 def test_colours_that_lie_apart_are_told() -> None:
-    apart, told = convergence(colours((0.7, 0.0, -0.2)), "projector")
+    apart, told = measure_convergence(colours((0.7, 0.0, -0.2)), "projector")
     wanted = np.broadcast_to([[0.7, 0.0], [-0.2, 0.0]], apart.shape)
     np.testing.assert_allclose(apart, wanted, rtol=0.0, atol=0.02)
     assert [figure.verdict for figure in told] == [Verdict.DOUBTFUL, Verdict.GOOD]
@@ -253,7 +253,7 @@ def test_colours_that_lie_apart_are_told() -> None:
 
 def test_what_both_panels_show_alike_is_the_cameras() -> None:
     camera_only = colours((0.4, 0.0, -0.3))
-    apart, told = convergence(colours((0.7, 0.0, -0.2)), "projector", camera_only)
+    apart, told = measure_convergence(colours((0.7, 0.0, -0.2)), "projector", camera_only)
     wanted = np.broadcast_to([[0.3, 0.0], [0.1, 0.0]], apart.shape)
     np.testing.assert_allclose(apart, wanted, rtol=0.0, atol=0.03)
     assert [figure.verdict for figure in told] == [Verdict.GOOD, Verdict.GOOD]
@@ -261,12 +261,12 @@ def test_what_both_panels_show_alike_is_the_cameras() -> None:
 
 def test_pixels_of_a_fine_panel_may_be_off_by_more() -> None:
     found = fit_dots(dots_of(), FRAME)
-    by_name = {figure.name: figure for figure in figures(found, "mask", 2.5)}
-    plain = {figure.name: figure for figure in figures(found, "mask")}
+    by_name = {figure.name: figure for figure in list_map_figures(found, "mask", 2.5)}
+    plain = {figure.name: figure for figure in list_map_figures(found, "mask")}
     assert (plain["mask.fit_px"].limit, by_name["mask.fit_px"].limit) == (
         "at most 0.1 px",
         "at most 0.25 px",
     )
     assert by_name["mask.inliers"].limit == plain["mask.inliers"].limit
     # A coarse panel is held to the same as the projector.
-    assert figures(found, "mask", 0.5)[1].limit == plain["mask.fit_px"].limit
+    assert list_map_figures(found, "mask", 0.5)[1].limit == plain["mask.fit_px"].limit

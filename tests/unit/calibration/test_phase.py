@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.geometry.panel_map import fit_decoded
-from pdcd.calibration.geometry.phase import Decoded, PhaseCode
+from pdcd.calibration.geometry.panel_map import fit_decoded_quads
+from pdcd.calibration.geometry.phase import DecodedQuads, PhaseCode
 from pdcd.calibration.geometry.xor import XorCode
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from tests.unit.calibration.decoding import decode_by_prior, decode_xor
@@ -37,18 +37,18 @@ def bench(**changes: Any) -> Bench:
     return replace(Bench(WAY, mask, samples=3), **changes)
 
 
-def photos(shown: tuple[Shown, ...], seed: int = 0, **changes: Any) -> Iterator[Photo]:
+def photos(shown: tuple[PanelSequence, ...], seed: int = 0, **changes: Any) -> Iterator[QuadPhoto]:
     """One after the other, as they come from a disk."""
     made = bench(**changes)
     return (made.photo(one, 100 * seed + number) for number, one in enumerate(shown))
 
 
-def decode(seen: Iterator[Photo]) -> Decoded:
+def decode(seen: Iterator[QuadPhoto]) -> DecodedQuads:
     """By a belief that is a third of a period off."""
     return decode_by_prior(seen, CODE, TRUE + np.array([5.0, -5.5]))
 
 
-def error(found: Decoded) -> Floats:
+def error(found: DecodedQuads) -> Floats:
     kept: Floats = (found.panel_px - TRUE)[found.valid]
     return kept
 
@@ -81,7 +81,7 @@ def test_stripes_tell_each_quad_its_pixel() -> None:
     left = np.hypot(*error(found).T)
     assert np.percentile(left, 50.0) < 0.07
     assert left.max() < 1.5
-    fitted = fit_decoded(found, SIZE, "projector")
+    fitted = fit_decoded_quads(found, SIZE, "projector")
     assert np.percentile(np.hypot(*(fitted.to_target(QUADS[MIDDLE]) - TRUE[MIDDLE]).T), 95.0) < 0.05
 
 
@@ -125,7 +125,7 @@ def test_saturated_quads_are_left_out() -> None:
 
 def test_photos_in_another_order_are_noticed() -> None:
     with pytest.raises(CalibrationError):
-        fit_decoded(decode(photos(STRIPES[4:] + STRIPES[:4])), SIZE, "projector")
+        fit_decoded_quads(decode(photos(STRIPES[4:] + STRIPES[:4])), SIZE, "projector")
 
 
 @pytest.mark.long

@@ -9,8 +9,8 @@ import pytest
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.calibration.pictures import FLASH_EVERY, MOVING, POSITIONS, STEPS, STILL
-from pdcd.capture.show import PATTERNS, pattern_frames, pixel_frames, sheet
+from pdcd.calibration.pictures import FLASH_EVERY, MOVING, POSITIONS, STILL, WEDGE_LEVELS
+from pdcd.capture.show import PATTERNS, draw_sheet, make_pattern_frames, make_pixel_frames
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import BLACK
 from pdcd.words import MovingName, PatternName
@@ -40,7 +40,7 @@ def test_no_pixel_of_the_checkerboard_is_like_its_neighbours(size: tuple[int, in
 
 def test_the_wedge_has_all_its_steps_in_both_directions() -> None:
     picture = STILL["wedge"]((170, 40))
-    assert np.array_equal(np.unique(picture), np.arange(STEPS) / (STEPS - 1))
+    assert np.array_equal(np.unique(picture), np.arange(WEDGE_LEVELS) / (WEDGE_LEVELS - 1))
     assert (np.diff(picture[0]) >= 0).all() and np.array_equal(picture[-1], picture[0][::-1])
 
 
@@ -67,7 +67,7 @@ def test_what_moves_takes_one_step_a_refresh() -> None:
 
 @pytest.mark.parametrize("pattern", [*STILL, "projector", "mask"])
 def test_each_panel_is_drawn_at_its_own_pixels(pattern: str) -> None:
-    frames = pattern_frames(pattern, 0, (6, 8), SMALL)
+    frames = make_pattern_frames(pattern, 0, (6, 8), SMALL)
     views = panels_of(SMALL)
     for role, view, size in zip(
         ("projector", "mask"), (views.projector, views.mask), SIZES, strict=True
@@ -81,8 +81,8 @@ def test_each_panel_is_drawn_at_its_own_pixels(pattern: str) -> None:
 
 
 def test_what_moves_does_so_for_as_long_as_was_asked() -> None:
-    assert len(pixel_frames("bar", SMALL)) == POSITIONS
-    frames = pixel_frames("flash", SMALL, seconds=2.0)
+    assert len(make_pixel_frames("bar", SMALL)) == POSITIONS
+    frames = make_pixel_frames("flash", SMALL, seconds=2.0)
     assert len(frames) == 120 and BLACK not in frames.primal_index
-    picture = sheet(frames, panels_of(SMALL))
+    picture = draw_sheet(frames, panels_of(SMALL))
     assert picture.dtype == np.uint8 and picture.shape[2] == 3 and picture.max() == 255

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pdcd.calibration.preview import draw_arrows, write_preview
+from pdcd.calibration.preview import draw_arrows, write_step_preview
 
 
 def draw(figure: Any) -> None:
@@ -22,7 +22,7 @@ def draw(figure: Any) -> None:
 
 def test_a_preview_is_a_picture_with_arrows_that_point_down(tmp_path: Path) -> None:
     """Of vectors that are as long as 95 % are, each is 6 % of the box, downwards from its place."""
-    write_preview(tmp_path / "a.png", draw)
+    write_step_preview(tmp_path / "a.png", draw)
     seen = cv2.imread(str(tmp_path / "a.png"))
     assert seen is not None
     blue = (seen[..., 0] > 150) & (seen[..., 2] < 90)
@@ -36,5 +36,5 @@ def test_a_preview_is_a_picture_with_arrows_that_point_down(tmp_path: Path) -> N
 
 def test_without_matplotlib_there_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    write_preview(tmp_path / "a.png", draw)
+    write_step_preview(tmp_path / "a.png", draw)
     assert not list(tmp_path.iterdir())

@@ -11,15 +11,32 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.registration.correction import Correction, bent_to, corrected, fitted
-from pdcd.calibration.registration.mask_blur import blur
-from pdcd.calibration.registration.offsets import Gathering, Offsets, Series, nearest, offsets
-from pdcd.calibration.registration.stripes import FINE, RULER, Stripes, patterns, periods_for
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.registration.correction import (
+    MapCorrection,
+    adjust_map_residual,
+    correct_mask_map,
+    fit_map_correction,
+)
+from pdcd.calibration.registration.mask_blur import measure_mask_blur
+from pdcd.calibration.registration.offsets import (
+    MaskOffsets,
+    StripeSeries,
+    StripeSeriesBuilder,
+    find_nearest,
+    measure_mask_offsets,
+)
+from pdcd.calibration.registration.stripes import (
+    FINE,
+    RULER,
+    StripePlan,
+    choose_stripe_periods,
+    make_stripe_sequences,
+)
+from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
-from pdcd.probing.cell_size import Meeting
+from pdcd.probing.cell_size import MaskAlignment
 from tests.unit.calibration.ruler_bench import RulerBench, misplaced
 
 Floats = NDArray[np.float64]
@@ -28,21 +45,21 @@ SIZES = {"projector_px": (192, 144), "mask_px": (300, 225), "frame": (230, 172)}
 
 
 @cache
-def shown(kind: Stripes, projector: Map, mask: Map) -> tuple[Shown, ...]:
+def shown(kind: StripePlan, projector: Map, mask: Map) -> tuple[PanelSequence, ...]:
     """The pictures of one series; most tests believe the same maps."""
-    return tuple(patterns(kind, projector, mask))
+    return tuple(make_stripe_sequences(kind, projector, mask))
 
 
 def measure(
-    stripes: Stripes,
-    photos: Iterable[Photo],
-    white: Photo,
+    stripes: StripePlan,
+    photos: Iterable[QuadPhoto],
+    white: QuadPhoto,
     camera: Map,
     projector: Map,
     *,
     placed: bool = False,
-) -> Series:
-    gathering = Gathering(stripes, white, camera, projector)
+) -> StripeSeries:
+    gathering = StripeSeriesBuilder(stripes, white, camera, projector)
     for photo in photos:
         gathering.add(photo)
     return gathering.series(placed=placed)
@@ -55,30 +72,37 @@ class Session:
     bench: RulerBench
     camera: Map
     mask: Map
-    white: Photo = field(init=False)
+    white: QuadPhoto = field(init=False)
 
     def __post_init__(self) -> None:
         self.white = self.bench.white()
 
-    def one_series(self, kind: Stripes, mask: Map | None = None) -> Series:
+    def one_series(self, kind: StripePlan, mask: Map | None = None) -> StripeSeries:
         bench = self.bench
         photos = (bench.photo(each) for each in shown(kind, bench.projector, mask or self.mask))
         return measure(kind, photos, self.white, self.camera, bench.projector)
 
-    def series(self, kinds: Sequence[Stripes], mask: Map | None = None) -> tuple[Series, Series]:
+    def series(
+        self, kinds: Sequence[StripePlan], mask: Map | None = None
+    ) -> tuple[StripeSeries, StripeSeries]:
         right, down = (self.one_series(kind, mask) for kind in kinds)
         return right, down
 
     def offsets(
         self, mask: Map
-    ) -> tuple[Offsets, Correction, tuple[Series, Series], tuple[Series, Series]]:
+    ) -> tuple[
+        MaskOffsets,
+        MapCorrection,
+        tuple[StripeSeries, StripeSeries],
+        tuple[StripeSeries, StripeSeries],
+    ]:
         coarse = self.series(RULER, mask)
-        first = fitted(offsets(*coarse, self.camera, mask), mask)
-        near = corrected(mask, self.bench.projector, first)
+        first = fit_map_correction(measure_mask_offsets(*coarse, self.camera, mask), mask)
+        near = correct_mask_map(mask, self.bench.projector, first)
         fine = self.series(FINE, near)
-        left = offsets(*fine, self.camera, near, corrected=True)
+        left = measure_mask_offsets(*fine, self.camera, near, corrected=True)
         found = replace(left, offset_px=left.offset_px + first.at(left.points_px))
-        return found, fitted(found, mask), coarse, fine
+        return found, fit_map_correction(found, mask), coarse, fine
 
 
 def session(seed: int, blur_px: tuple[float, float] = (0.5, 0.5), **more: float) -> Session:
@@ -102,13 +126,15 @@ def one() -> Session:
 
 
 @cache
-def measured() -> tuple[Offsets, Correction, tuple[Series, Series], tuple[Series, Series]]:
+def measured() -> tuple[
+    MaskOffsets, MapCorrection, tuple[StripeSeries, StripeSeries], tuple[StripeSeries, StripeSeries]
+]:
     return one().offsets(one().mask)
 
 
 @cache
-def again() -> tuple[Map, Offsets, Correction]:
-    mask = corrected(one().mask, one().bench.projector, measured()[1])
+def again() -> tuple[Map, MaskOffsets, MapCorrection]:
+    mask = correct_mask_map(one().mask, one().bench.projector, measured()[1])
     return (mask, *one().offsets(mask)[:2])
 
 
@@ -124,7 +150,7 @@ def test_the_offset_is_found_and_taken_out() -> None:
     assert np.quantile(np.abs(wrong), 0.95) < 0.06
     mask, second, correction = again()
     assert second.e95_px < 0.08
-    left = lengths(bench, corrected(mask, bench.projector, correction))
+    left = lengths(bench, correct_mask_map(mask, bench.projector, correction))
     assert np.quantile(left, 0.95) < 0.06
     assert np.median(left) < 0.015
 
@@ -141,14 +167,14 @@ def test_errors_are_as_large_as_said() -> None:
 @pytest.mark.long
 def test_blur_is_found_on_either_axis() -> None:
     _, _, coarse, fine = measured()
-    found = blur(coarse, fine, one().camera, one().bench.projector, one().mask)
+    found = measure_mask_blur(coarse, fine, one().camera, one().bench.projector, one().mask)
     np.testing.assert_allclose(found.blur_px, (0.4, 0.7), rtol=0.05)
     assert (np.abs(found.blur_px - (0.4, 0.7)) < 5.0 * found.sigma_px).all()
     assert found.both_px == pytest.approx(0.570, rel=0.05)
     assert 0.0 < found.both_sigma_px < 0.03
     assert found.worst_px == pytest.approx(0.7, rel=0.15)
     # And so the smallest cell is known.
-    assert Meeting(again()[1].e95_px, found.both_px).guard_px < 2.0
+    assert MaskAlignment(again()[1].e95_px, found.both_px).guard_px < 2.0
 
 
 def test_slow_panels_move_no_stripes() -> None:
@@ -167,7 +193,7 @@ def test_texture_and_smooth_light_drop_out() -> None:
     rough.bench.ambient = 0.5
     rough.white = rough.bench.white()
     found = [each.one_series(RULER[0]) for each in (plain, rough)]
-    same = nearest(found[0].quads, found[1].quads)
+    same = find_nearest(found[0].quads, found[1].quads)
     apart = found[0].offset_px - found[1].offset_px[same]
     assert np.median(np.abs(apart)) < 0.01
     # Light of the room makes stripes shallower, all of them alike.
@@ -177,11 +203,13 @@ def test_texture_and_smooth_light_drop_out() -> None:
 def test_a_correction_is_a_map_like_any_other() -> None:
     mask, bench = one().mask, one().bench
     correction = measured()[1]
-    better = corrected(mask, bench.projector, correction)
+    better = correct_mask_map(mask, bench.projector, correction)
     points = bench.seen_points()
     moved = bench.offset_px(mask, points) - bench.offset_px(better, points)
     np.testing.assert_allclose(moved, correction.at(points), atol=2e-3)
-    same = bent_to(mask, mask.to_field, (7, 9), "mask")  # half the way between 4 x 5 nodes
+    same = adjust_map_residual(
+        mask, mask.to_field, (7, 9), "mask"
+    )  # half the way between 4 x 5 nodes
     np.testing.assert_allclose(same.to_field(points), mask.to_field(points), atol=1e-5)
 
 
@@ -237,7 +265,7 @@ def mask_closed(it: Session) -> None:
 
 
 def white_is_not_white(it: Session) -> None:
-    it.white = Photo(it.white.light * 0.2, it.white.variance)
+    it.white = QuadPhoto(it.white.light * 0.2, it.white.variance)
 
 
 @pytest.mark.parametrize(
@@ -260,7 +288,7 @@ def test_what_is_wrong_is_named(spoil: Callable[[Session], None], said: str) -> 
     it = deepcopy(some())
     spoil(it)
     with pytest.raises(CalibrationError, match=said) as failed:
-        offsets(*it.series(RULER), it.camera, it.mask)
+        measure_mask_offsets(*it.series(RULER), it.camera, it.mask)
     assert failed.value.hint
 
 
@@ -280,10 +308,10 @@ def test_the_next_stripe_is_not_taken_for_the_right_one() -> None:
     wrong = np.eye(3)
     wrong[0, 2] = 16.0 / it.bench.projector_px[0]
     it.mask = it.bench.mask.then(wrong)
-    first = offsets(*it.series(RULER), it.camera, it.mask)
+    first = measure_mask_offsets(*it.series(RULER), it.camera, it.mask)
     assert first.e95_px < 1.0  # 16 px stripes see nothing of it
     with pytest.raises(CalibrationError, match="neighbours"):
-        offsets(*it.series(FINE), it.camera, it.mask, corrected=True)
+        measure_mask_offsets(*it.series(FINE), it.camera, it.mask, corrected=True)
 
 
 @pytest.mark.parametrize("from_step", [3, 5])
@@ -305,14 +333,14 @@ def test_a_bench_that_changes_amid_the_series_is_noticed(what: str, from_step: i
 
 def test_too_few_offsets_make_no_correction() -> None:
     points = np.array([[10.0, 10.0], [20.0, 20.0]])
-    few = Offsets(points, np.zeros((2, 2)), np.full((2, 2), 0.01))
+    few = MaskOffsets(points, np.zeros((2, 2)), np.full((2, 2), 0.01))
     with pytest.raises(CalibrationError, match="too few"):
-        fitted(few, one().mask)
+        fit_map_correction(few, one().mask)
 
 
 def test_stripes_are_as_wide_as_the_mask_can_show() -> None:
     for mask_px, periods in ((0.64, (16, 6)), (1.3, (16, 6)), (1.9, (16, 10)), (3.0, (32, 14))):
-        pairs = periods_for(mask_px)
+        pairs = choose_stripe_periods(mask_px)
         assert tuple(pair[0].period_px for pair in pairs) == periods
         assert [[one.axis for one in pair] for pair in pairs] == [[0, 1], [0, 1]]
         # An offset by half of what both agree on is not taken for none.

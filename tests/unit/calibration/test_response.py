@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.photo import Photo
+from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.response.levels import (
-    LEVELS,
-    NOWHERE,
-    Response,
-    orders,
-    response_of,
-    steps_photos,
-    strips_seen,
+    NO_STRIP,
+    STRIP_LEVELS,
+    GreyResponse,
+    find_seen_strips,
+    make_strip_orders,
+    measure_grey_response,
+    plan_level_photos,
 )
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
@@ -46,7 +46,7 @@ CAMERA = Map(
         1.0,
     ),
 )
-STRIPS = strips_seen(CAMERA, Map.filling(PANEL))
+STRIPS = find_seen_strips(CAMERA, Map.filling(PANEL))
 
 
 def power(gamma: float) -> Law:
@@ -77,13 +77,13 @@ def series(
     uneven: float = 0.0,
     blur: float = 0.8,
     covered: int = 0,
-) -> dict[str, Photo]:
+) -> dict[str, QuadPhoto]:
     """Photos of a panel that follows `law`; `uneven` is an error of the white photo."""
     rng = np.random.default_rng(seed)
     rows, cols = where_seen()
     inside = (rows >= 0) & (rows < PANEL[1]) & (cols >= 0) & (cols < PANEL[0])
     photos = {}
-    for steps, level in zip(steps_photos("projector", PANEL, 60), lamp, strict=True):
+    for steps, level in zip(plan_level_photos("projector", PANEL, 60), lamp, strict=True):
         shown = steps.levels[:, ::-1] if flip else steps.levels
         grey = shown[np.clip(rows, 0, PANEL[1] - 1), np.clip(cols, 0, PANEL[0] - 1)] / 255.0
         light = level * (leak + (1.0 - leak) * law(grey)) * inside + room
@@ -98,8 +98,8 @@ def series(
     return photos
 
 
-def measured(photos: dict[str, Photo]) -> Response:
-    return response_of(photos, STRIPS)
+def measured(photos: dict[str, QuadPhoto]) -> GreyResponse:
+    return measure_grey_response(photos, STRIPS)
 
 
 @pytest.mark.parametrize("gamma", [1.0, 2.2])
@@ -168,13 +168,13 @@ def test_bad_input_has_a_named_cause(bench: dict[str, object], words: str) -> No
 
 
 def test_strips_that_are_not_in_view() -> None:
-    strips = np.where(STRIPS == 4, NOWHERE, STRIPS)
+    strips = np.where(STRIPS == 4, NO_STRIP, STRIPS)
     with pytest.raises(CalibrationError, match="strip 5 of 17"):
-        response_of(series(power(2.2)), strips)
+        measure_grey_response(series(power(2.2)), strips)
 
 
 def test_orders_show_every_level_and_a_mirror() -> None:
-    first, second = orders()
+    first, second = make_strip_orders()
     for order in (first, second):
         assert sorted(order) == list(range(17))
         assert np.abs(np.diff(order)).min() > 1
@@ -184,8 +184,8 @@ def test_orders_show_every_level_and_a_mirror() -> None:
 
 
 def test_levels_are_held_for_whole_cycles() -> None:
-    for steps in steps_photos("mask", (170, 20), refreshes=50, cycle=16):
+    for steps in plan_level_photos("mask", (170, 20), refreshes=50, cycle=16):
         assert steps.refreshes == 64
         assert steps.levels.shape == (20, 170)
-    assert set(np.unique(steps.levels)) == set(LEVELS)
+    assert set(np.unique(steps.levels)) == set(STRIP_LEVELS)
     assert len(set(map(tuple, steps.levels))) == 1

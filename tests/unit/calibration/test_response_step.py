@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.photo import Photo, Seen
-from pdcd.calibration.response.response_step import HELD, response
-from pdcd.calibration.script import Wanted
+from pdcd.calibration.photo import QuadPhoto, RawSettings
+from pdcd.calibration.response.response_step import HELD, calibrate_response
+from pdcd.calibration.script import PhotoRequest
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map
@@ -23,7 +23,7 @@ from tests.unit.planning.test_measured import config
 
 
 @cache
-def photos_of(law: Law) -> dict[str, Photo]:
+def photos_of(law: Law) -> dict[str, QuadPhoto]:
     return series(law)
 
 
@@ -31,22 +31,22 @@ GAMMA, CURVE = power(2.2), s_curve
 
 
 def stepped(
-    projector: Law = GAMMA, mask: Law = GAMMA, said: Seen | None = None
+    projector: Law = GAMMA, mask: Law = GAMMA, said: RawSettings | None = None
 ) -> tuple[Answered, Run]:
     place = Placing(map=Map.filling(PANEL))
     panel = {"size_px": PANEL, "place": place}
     tables = config(projector=panel, mask=panel, camera={"place": Placing(map=CAMERA)})
 
-    def photo(taken: Any) -> Photo:
+    def photo(taken: Any) -> QuadPhoto:
         panel, _, name = taken.name.partition("-")
         return photos_of(projector if panel == "projector" else mask)[name]
 
-    def taken(wanted: Wanted) -> Any:
-        return SimpleNamespace(name=wanted.shown.name, seen=said or Seen(iso=100))
+    def taken(wanted: PhotoRequest) -> Any:
+        return SimpleNamespace(name=wanted.shown.name, seen=said or RawSettings(iso=100))
 
     session = session_of(tables, photo)
     session.full, session.f_number = 300, 8.0
-    return session, run(response(session), taken)
+    return session, run(calibrate_response(session), taken)
 
 
 def test_each_panel_shows_its_levels_before_a_white_other_one() -> None:
@@ -99,6 +99,6 @@ def test_a_panel_that_follows_none_is_sent_by_its_table() -> None:
 
 def test_a_camera_that_was_set_otherwise_is_refused() -> None:
     with pytest.raises(CalibrationError, match="at ISO 200, not at ISO 100"):
-        stepped(said=Seen(iso=200))
+        stepped(said=RawSettings(iso=200))
     with pytest.raises(CalibrationError, match="was taken at f/22"):
-        stepped(said=Seen(iso=100, f_number=22.0))
+        stepped(said=RawSettings(iso=100, f_number=22.0))

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.registration.averaging import Averaging
+from pdcd.calibration.registration.averaging import StripeAverager
 from pdcd.calibration.registration.series_faults import (
-    bilinear,
-    lit,
-    refuse_ambiguous,
-    refuse_changed,
-    refuse_flat,
-    refuse_mirrored,
-    refuse_other_stripe,
-    refuse_partial,
-    refuse_saturated,
+    check_offset_range,
+    check_same_stripe,
+    check_series_consistency,
+    check_stripe_contrast,
+    check_stripe_direction,
+    check_stripe_saturation,
+    check_window_coverage,
+    find_lit_quads,
+    interpolate_lattice,
 )
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
@@ -47,21 +47,21 @@ SURE = np.full(N, 1e-4)
 def test_lit_quads_have_a_tenth_of_the_brightest_light() -> None:
     white = np.full((20, 20), 100.0)
     white[0, :3] = 9.9, 10.1, np.nan
-    found = lit(white, np.ones((20, 20)))
+    found = find_lit_quads(white, np.ones((20, 20)))
     assert found.sum() == 398 and found[0, :3].tolist() == [False, True, False]
     for level, there in ((5.1, True), (4.9, False)):
         photo, variance = np.full((9, 9), level), np.ones((9, 9))
         if there:
-            assert lit(photo, variance).all()
+            assert find_lit_quads(photo, variance).all()
         else:
             with pytest.raises(CalibrationError, match="there is no light") as caught:
-                lit(photo, variance)
+                find_lit_quads(photo, variance)
             assert caught.value.device == "camera" and "lens cap" in str(caught.value.hint)
     part = np.full((9, 9), 4.9)
     part[:2] = 0.0
     for photo in (np.full((9, 9), np.nan), np.zeros((9, 9)), part):
         with pytest.raises(CalibrationError, match="there is no light"):
-            lit(photo, np.ones((9, 9)))
+            find_lit_quads(photo, np.ones((9, 9)))
 
 
 def test_more_than_a_thousandth_of_lit_quads_saturated_is_refused() -> None:
@@ -70,11 +70,11 @@ def test_more_than_a_thousandth_of_lit_quads_saturated_is_refused() -> None:
     saturated = np.zeros((60, 50), np.bool_)
     saturated[50:] = True  # where nothing is lit that does not matter
     saturated[0, :2] = True
-    refuse_saturated(saturated, where)
-    refuse_saturated(None, where)
+    check_stripe_saturation(saturated, where)
+    check_stripe_saturation(None, where)
     saturated[0, :3] = True
     with pytest.raises(CalibrationError, match=r"0\.1% of the lit part") as caught:
-        refuse_saturated(saturated, where)
+        check_stripe_saturation(saturated, where)
     assert caught.value.device == "camera" and "expose less" in str(caught.value.hint)
 
 
@@ -85,19 +85,19 @@ def test_three_fifths_of_the_field_must_be_measured(columns: int, enough: bool) 
     x, y = np.meshgrid(np.arange(columns) * 10.0 + 5.0, np.arange(12) * 10.0 + 5.0)
     places = np.stack([x.ravel(), y.ravel()], axis=-1)
     if enough:
-        refuse_partial(places, camera, 1.0)
+        check_window_coverage(places, camera, 1.0)
         return
     with pytest.raises(CalibrationError, match=rf"on {columns / 16:.0%} of the field only; 60%"):
-        refuse_partial(places, camera, 1.0)
+        check_window_coverage(places, camera, 1.0)
 
 
 def test_the_field_counts_as_measured_within_two_periods_and_a_half() -> None:
     camera = Map.filling((160, 120))
     x, y = np.meshgrid(np.arange(16) * 10.0 + 5.0 + 4.9, np.arange(12) * 10.0 + 5.0)
     places = np.stack([x.ravel(), y.ravel()], axis=-1)
-    refuse_partial(places, camera, 2.0)
+    check_window_coverage(places, camera, 2.0)
     with pytest.raises(CalibrationError):
-        refuse_partial(places, camera, 1.9)
+        check_window_coverage(places, camera, 1.9)
 
 
 @pytest.mark.parametrize(
@@ -112,31 +112,33 @@ def test_the_field_counts_as_measured_within_two_periods_and_a_half() -> None:
 )
 def test_photos_without_stripes_tell_why(share: Floats, words: str, device: str) -> None:
     with pytest.raises(CalibrationError, match=words) as caught:
-        refuse_flat(share, first_of(share), SURE)
+        check_stripe_contrast(share, first_of(share), SURE)
     assert caught.value.device == device and caught.value.hint
 
 
 def test_stripes_that_modulate_at_most_places_are_enough() -> None:
     share = triangle(level=0.3, size=0.066)
-    refuse_flat(share, first_of(share), SURE)
+    check_stripe_contrast(share, first_of(share), SURE)
     share = triangle(level=0.59)
-    refuse_flat(share, first_of(share), SURE)
+    check_stripe_contrast(share, first_of(share), SURE)
     share = triangle()
     share[: N // 10 - 1] = 0.25
-    refuse_flat(share, first_of(share), SURE)
+    check_stripe_contrast(share, first_of(share), SURE)
     share[: N // 10] = 0.25
     with pytest.raises(CalibrationError):
-        refuse_flat(share, first_of(share), SURE)
+        check_stripe_contrast(share, first_of(share), SURE)
     noisy = triangle()
     with pytest.raises(CalibrationError):
-        refuse_flat(noisy, first_of(noisy), np.full(N, 0.021))  # no more than noise would be
-    refuse_flat(noisy, first_of(noisy), np.full(N, 0.019))
+        check_stripe_contrast(
+            noisy, first_of(noisy), np.full(N, 0.021)
+        )  # no more than noise would be
+    check_stripe_contrast(noisy, first_of(noisy), np.full(N, 0.019))
 
 
 @pytest.mark.parametrize("blur", [1.0, 0.95, 0.7])
 def test_stripes_of_any_sharpness_are_no_change(blur: float) -> None:
     share = triangle(blur)
-    refuse_changed(share, first_of(share), SURE)
+    check_series_consistency(share, first_of(share), SURE)
 
 
 @pytest.mark.parametrize(("jump", "moved"), [(0.002, False), (0.02, True)])
@@ -144,29 +146,29 @@ def test_a_photo_that_does_not_fit_the_others_is_a_change(jump: float, moved: bo
     share = triangle()
     share[:, 3] += jump
     if not moved:
-        refuse_changed(share, first_of(share), SURE)
+        check_series_consistency(share, first_of(share), SURE)
         return
     with pytest.raises(
         CalibrationError, match=r"light changed: [2-5]\.\d% of the stripes"
     ) as found:
-        refuse_changed(share, first_of(share), SURE)
+        check_series_consistency(share, first_of(share), SURE)
     assert found.value.device == "mask" and "warm up" in str(found.value.hint)
     # As much as the noise of single photos explains is none.
     for sigma in (0.004, 0.02):
-        refuse_changed(share, first_of(share), np.full(N, sigma))
+        check_series_consistency(share, first_of(share), np.full(N, sigma))
 
 
 def test_offsets_near_half_a_period_are_ambiguous() -> None:
     offsets = np.zeros((200, 2))
     offsets[:, 1] = 6.3
-    refuse_ambiguous(offsets, 16)
+    check_offset_range(offsets, 16)
     offsets[:2, 0] = -6.5
-    refuse_ambiguous(offsets, 16)  # a hundredth may be
+    check_offset_range(offsets, 16)  # a hundredth may be
     offsets[:3, 0] = -6.5
     with pytest.raises(
         CalibrationError, match=r"6\.4 px or more apart: stripes of 16 px"
     ) as caught:
-        refuse_ambiguous(offsets, 16)
+        check_offset_range(offsets, 16)
     assert caught.value.device == "mask" and "geometry" in str(caught.value.hint)
 
 
@@ -182,17 +184,17 @@ def test_periods_must_agree_to_a_pixel(apart: float, other: bool) -> None:
             with pytest.raises(
                 CalibrationError, match=r"stripes of 16 px .* further apart"
             ) as found:
-                refuse_other_stripe(beside, 16)
+                check_same_stripe(beside, 16)
             assert found.value.device == "mask"
         else:
-            refuse_other_stripe(beside, 16)
+            check_same_stripe(beside, 16)
 
 
 def test_one_direction_that_disagrees_is_enough() -> None:
     beside = np.zeros((10, 2))
     beside[:, 1] = 1.2
     with pytest.raises(CalibrationError, match=r"1\.2 px further apart"):
-        refuse_other_stripe(beside, 16)
+        check_same_stripe(beside, 16)
 
 
 def test_of_a_field_that_is_larger_than_the_photo_the_part_in_view_counts() -> None:
@@ -200,14 +202,14 @@ def test_of_a_field_that_is_larger_than_the_photo_the_part_in_view_counts() -> N
     half = (0.5 / 160, 0.0, 0.25, 0.0, 0.5 / 120, 0.25, 0.0, 0.0, 1.0)
     x, y = np.meshgrid(np.arange(32) * 5.0 + 2.5, np.arange(24) * 5.0 + 2.5)
     places = np.stack([x.ravel(), y.ravel()], axis=-1)
-    refuse_partial(places, Map(size_px=(160, 120), homography=half), 3.0)
+    check_window_coverage(places, Map(size_px=(160, 120), homography=half), 3.0)
     beside = (0.5 / 160, 0.0, 1.25, 0.0, 0.5 / 120, 0.25, 0.0, 0.0, 1.0)
     with pytest.raises(CalibrationError, match="on 0% of the field"):
-        refuse_partial(places, Map(size_px=(160, 120), homography=beside), 3.0)
+        check_window_coverage(places, Map(size_px=(160, 120), homography=beside), 3.0)
 
 
 SHAPE = (48, 60)
-AVERAGING = Averaging(np.ones(SHAPE, np.bool_), np.ones(SHAPE), 8.0, 1)
+AVERAGING = StripeAverager(np.ones(SHAPE, np.bool_), np.ones(SHAPE), 8.0, 1)
 PLACES = AVERAGING.places(4.0)
 CARRIER = np.exp(2j * np.pi * np.arange(60) / 8.0) * np.ones(SHAPE)
 
@@ -228,14 +230,16 @@ def test_stripes_of_the_mask_run_by_their_map(turning: NDArray[np.complex128], w
     """In units of the product's depth."""
     first = np.ones(len(PLACES), np.complex128)
     if not words:
-        refuse_mirrored(turning, CARRIER, first, AVERAGING, PLACES)
+        check_stripe_direction(turning, CARRIER, first, AVERAGING, PLACES)
         return
     with pytest.raises(CalibrationError, match=words) as caught:
-        refuse_mirrored(turning, CARRIER, first, AVERAGING, PLACES)
+        check_stripe_direction(turning, CARRIER, first, AVERAGING, PLACES)
     assert caught.value.device == "mask" and caught.value.hint
 
 
 def test_values_between_points_of_a_lattice_are_in_between() -> None:
     coarse = np.array([[0.0, 1.0], [10.0, 31.0]])
-    found = bilinear(coarse, np.array([0.0, 0.5, 0.5, 5.0]), np.array([1.0, 0.0, 0.5, 0.0]))
+    found = interpolate_lattice(
+        coarse, np.array([0.0, 0.5, 0.5, 5.0]), np.array([1.0, 0.0, 0.5, 0.0])
+    )
     assert found == pytest.approx([1.0, 5.0, 10.5, 10.0])

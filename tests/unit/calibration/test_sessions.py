@@ -8,10 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.figures import MeasuredFigure, Verdict
 from pdcd.calibration.light.light_plan import COVERED, LightPlan
-from pdcd.calibration.script import Measured, Outcome, Taken, Wanted, take
-from pdcd.calibration.shown import still
+from pdcd.calibration.script import (
+    CalibrationPhoto,
+    ConfigValue,
+    PhotoRequest,
+    StepOutcome,
+    take_photo,
+)
+from pdcd.calibration.shown import make_still_sequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.map import Map
@@ -21,26 +27,26 @@ from tests.unit.planning.test_measured import config
 
 
 def test_an_outcome_is_as_bad_as_its_worst_figure() -> None:
-    assert Outcome().verdict is Verdict.GOOD
-    figures = [Figure("a", 1.0, 0.1, "px", "", verdict) for verdict in Verdict]
-    assert Outcome(tuple(figures)).verdict is Verdict.BAD
-    assert Outcome(tuple(figures[:2])).verdict is Verdict.DOUBTFUL
-    assert Outcome(tuple(figures[:1])).verdict is Verdict.GOOD
+    assert StepOutcome().verdict is Verdict.GOOD
+    figures = [MeasuredFigure("a", 1.0, 0.1, "px", "", verdict) for verdict in Verdict]
+    assert StepOutcome(tuple(figures)).verdict is Verdict.BAD
+    assert StepOutcome(tuple(figures[:2])).verdict is Verdict.DOUBTFUL
+    assert StepOutcome(tuple(figures[:1])).verdict is Verdict.GOOD
 
 
 def test_a_session_goes_on_by_what_a_step_found() -> None:
     session = session_of()
     before = session.profile
     map_ = Map.filling((1600, 1200))
-    words = {"mask.skew_s": Measured(0.002, 1e-4), "camera.profile": Measured("own.toml")}
-    session.learn("timing", Outcome(words=words, maps={"mask": map_}, arrays={"a": np.ones(2)}))
+    words = {"mask.skew_s": ConfigValue(0.002, 1e-4), "camera.profile": ConfigValue("own.toml")}
+    session.learn("timing", StepOutcome(words=words, maps={"mask": map_}, arrays={"a": np.ones(2)}))
     assert session.config.mask.skew_s == 0.002
     assert session.config.camera.profile != "own.toml"
     assert session.found("mask").size_px == (1600, 1200)
     assert session.done == ["timing"] and session.arrays["a"].tolist() == [1.0, 1.0]
     assert session.profile is before
     other: Any = SimpleNamespace()
-    session.learn("sensor", Outcome(profile=other, arrays={"b": np.zeros(1)}))
+    session.learn("sensor", StepOutcome(profile=other, arrays={"b": np.zeros(1)}))
     assert session.profile is other and session.done == ["timing", "sensor"]
     assert set(session.arrays) == {"a", "b"}
 
@@ -48,10 +54,10 @@ def test_a_session_goes_on_by_what_a_step_found() -> None:
 def test_what_the_display_does_not_know_yet_is_sent_by_the_photo() -> None:
     """A delay that was measured holds from the display's next start on."""
     session = session_of()
-    shown = still("white", 5, WHITE, WHITE)
+    shown = make_still_sequence("white", 5, WHITE, WHITE)
     assert session.in_step(shown) is shown
-    words = {"display.mask_delay_refreshes": Measured(session.config.mask_delay_rows - 2)}
-    session.learn("timing", Outcome(words=words))
+    words = {"display.mask_delay_refreshes": ConfigValue(session.config.mask_delay_rows - 2)}
+    session.learn("timing", StepOutcome(words=words))
     sent = session.in_step(shown)
     assert sent.mask_index.tolist() == [WHITE] * 5 + [BLACK] * 2
     assert sent.projector_index.tolist() == [BLACK] * 2 + [WHITE] * 5
@@ -74,10 +80,10 @@ def test_a_session_knows_its_panels_and_its_refresh() -> None:
 
 
 def test_a_photo_that_is_wanted_must_come() -> None:
-    wanted = Wanted(still("white", 3, WHITE, WHITE))
-    found = run(take(wanted))  # type: ignore[arg-type]
+    wanted = PhotoRequest(make_still_sequence("white", 3, WHITE, WHITE))
+    found = run(take_photo(wanted))  # type: ignore[arg-type]
     assert found.wanted == [wanted] and id(found.outcome) == id(wanted)
-    script = take(wanted)
+    script = take_photo(wanted)
     next(script)
     with pytest.raises(ValueError, match="is sent one"):
         script.send(None)
@@ -88,7 +94,7 @@ def test_a_photo_was_open_from_its_opening_to_its_closing() -> None:
         iso=200, exposure_s=1.5, f_number=8.0, black=np.array([1024.0, 1023.0]), masked=True
     )
     log: Any = SimpleNamespace()
-    taken = Taken("white", raw, log, 2_000_000_000, 3_500_000_000, 200)
+    taken = CalibrationPhoto("white", raw, log, 2_000_000_000, 3_500_000_000, 200)
     assert taken.open_s == pytest.approx(1.5)
     ran = taken.ran
     assert (ran.log, ran.open_ns, ran.close_ns) == (log, 2_000_000_000, 3_500_000_000)

@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.geometry import shared_field as module
 from pdcd.calibration.geometry.shared_field import (
-    Box,
+    FieldBox,
     SharedField,
     edge_px,
-    largest,
-    shared_field,
-    whole_cells,
+    find_largest_box,
+    find_shared_field,
+    fit_whole_cells,
 )
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map
-from pdcd.panels.overlap import lies_on
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.map import Map, find_pixels_on
+from pdcd.panels.placing import Placing, make_placed_map
 
 Bools = NDArray[np.bool_]
 PROJECTOR, MASK, QUADS = (256, 192), (400, 300), (360, 270)
@@ -54,7 +53,7 @@ def every_rectangle(good: Bools) -> int:
     )
 )
 def test_no_rectangle_is_larger(good: Bools) -> None:
-    left, top, width, height = largest(good)
+    left, top, width, height = find_largest_box(good)
     assert width * height == every_rectangle(good)
     assert good[top : top + height, left : left + width].all()
 
@@ -66,19 +65,19 @@ def test_a_large_picture_is_searched_by_blocks_and_to_the_pixel(
     good[7:90, 11:118] = True
     good[40, 3] = good[2, 60] = True
     monkeypatch.setattr(module, "MOST_PLACES", 500)
-    assert largest(good) == (11, 7, 107, 83)
-    assert largest(np.zeros((97, 131), dtype=np.bool_)) == (0, 0, 0, 0)
+    assert find_largest_box(good) == (11, 7, 107, 83)
+    assert find_largest_box(np.zeros((97, 131), dtype=np.bool_)) == (0, 0, 0, 0)
 
 
 def devices(mask: dict[str, Any], camera: dict[str, Any]) -> dict[str, Map]:
     return {
-        "mask": placed(Placing(**mask), MASK, PROJECTOR, "mask"),
-        "camera": placed(Placing(**camera), QUADS, PROJECTOR, "camera"),
+        "mask": make_placed_map(Placing(**mask), MASK, PROJECTOR, "mask"),
+        "camera": make_placed_map(Placing(**camera), QUADS, PROJECTOR, "camera"),
     }
 
 
 def field_of(mask: dict[str, Any], camera: dict[str, Any]) -> SharedField:
-    return shared_field(PROJECTOR, devices(mask, camera), {"mask": -0.5, "camera": 0.0}, None)
+    return find_shared_field(PROJECTOR, devices(mask, camera), {"mask": -0.5, "camera": 0.0}, None)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +96,7 @@ def test_all_of_the_field_lies_on_all_devices_and_none_larger_does(
     """Asked at many points of its border; and a side further out, another is lost."""
     found = field_of(mask, camera)
 
-    def inside(box: Box, slack: float) -> bool:
+    def inside(box: FieldBox, slack: float) -> bool:
         left, top, width, height = box
         if left < 0 or top < 0 or left + width > PROJECTOR[0] or top + height > PROJECTOR[1]:
             return False
@@ -131,18 +130,18 @@ def test_an_exact_bench_keeps_its_whole_picture() -> None:
     both = devices({}, {})
     for sigma_px, box in ((0.05, (0, 0, 256, 192)), (0.3, (1, 1, 254, 190))):
         edges = {"mask": edge_px(sigma_px, 1.5625), "camera": -0.5}
-        assert shared_field(PROJECTOR, both, edges, None).box == box
+        assert find_shared_field(PROJECTOR, both, edges, None).box == box
 
 
 def test_cells_of_whole_pixels_are_worth_a_fiftieth() -> None:
-    assert whole_cells((3, 4, 1001, 722), (48, 64)) == (3, 4, 1001, 722)
-    assert whole_cells((3, 4, 1027, 769), (48, 64)) == (4, 4, 1024, 768)
-    found = shared_field(
+    assert fit_whole_cells((3, 4, 1001, 722), (48, 64)) == (3, 4, 1001, 722)
+    assert fit_whole_cells((3, 4, 1027, 769), (48, 64)) == (4, 4, 1024, 768)
+    found = find_shared_field(
         PROJECTOR, devices({"offset_px": (1.0, 0.0)}, {"scale": 1.2}),
         {"mask": -0.5, "camera": 0.0}, (24, 32),
     )  # fmt: skip
     assert found.box == (1, 0, 255, 192) and not found.advice
-    found = shared_field(
+    found = find_shared_field(
         PROJECTOR, devices({"offset_px": (1.0, 0.0)}, {"scale": 1.2}),
         {"mask": -0.5, "camera": 0.0}, (24, 36),
     )  # fmt: skip
@@ -187,8 +186,10 @@ def test_nothing_shared_is_refused_with_what_to_move() -> None:
 
 def test_a_pixel_lies_on_another_device_with_all_of_its_corners() -> None:
     """Every corner asked one by one, of bent devices."""
-    one = placed(Placing(scale=1.2, turn_deg=7.0, radial=(0.03, 0.0)), (60, 44), PROJECTOR, "mask")
-    other = placed(Placing(scale=0.9, radial=(-0.05, 0.0)), (90, 70), PROJECTOR, "camera")
+    one = make_placed_map(
+        Placing(scale=1.2, turn_deg=7.0, radial=(0.03, 0.0)), (60, 44), PROJECTOR, "mask"
+    )
+    other = make_placed_map(Placing(scale=0.9, radial=(-0.05, 0.0)), (90, 70), PROJECTOR, "camera")
     x, y = np.meshgrid(np.arange(61.0), np.arange(45.0))
     at = other.from_field(one.to_field(np.stack([x, y], axis=-1)))
     apart = np.minimum(at, np.array([90, 70]) - at).min(axis=-1)
@@ -196,6 +197,6 @@ def test_a_pixel_lies_on_another_device_with_all_of_its_corners() -> None:
     wanted = on[1:, 1:] & on[1:, :-1] & on[:-1, 1:] & on[:-1, :-1]
     sure = np.abs(apart) > 0.1  # between nodes the maps are taken to be straight
     sure = sure[1:, 1:] & sure[1:, :-1] & sure[:-1, 1:] & sure[:-1, :-1]
-    found = lies_on(one, other)
+    found = find_pixels_on(one, other)
     assert wanted.any() and not wanted.all()
     np.testing.assert_array_equal(found[sure], wanted[sure])

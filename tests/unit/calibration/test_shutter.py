@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Shown, still
-from pdcd.calibration.shutter.bars import CellLight, bar_photo, read_bar
-from pdcd.calibration.shutter.blades import Opened, bar_cells, fit_shutter, lag_of
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.shown import PanelSequence, make_still_sequence
+from pdcd.calibration.shutter.bars import BarLight, make_bar_sequence, read_bar
+from pdcd.calibration.shutter.blades import (
+    ShutterTimes,
+    choose_bar_cells,
+    estimate_shutter_lag,
+    fit_shutter,
+)
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE, FrameLog
 from pdcd.panels.map import Map
@@ -51,7 +56,7 @@ class Camera:
     glow: float = 0.0
     falls: float = 0.0
 
-    def photo(self, shown: Shown) -> Photo:
+    def photo(self, shown: PanelSequence) -> QuadPhoto:
         """Camera pixels are two by two of the projector: no maps are needed."""
         lit = self._asked(shown)  # (refreshes, rows, columns) of projector pixels, every second
         per = round(T / STEP_S)
@@ -83,14 +88,14 @@ class Camera:
             out[rows] = (both[:, 1] - both[:, 0])[pixel[rows]]
         return self.taken(out, self.closed_s - self.opened_s)
 
-    def white(self, seconds: float = 0.4) -> Photo:
+    def white(self, seconds: float = 0.4) -> QuadPhoto:
         lit = np.full(CAMERA.size_px[::-1], seconds)
         return replace(self, seed=self.seed + 1000).taken(lit, seconds)
 
-    def room(self, seconds: float = 0.4) -> Photo:
+    def room(self, seconds: float = 0.4) -> QuadPhoto:
         return replace(self, seed=self.seed + 2000).taken(np.zeros(CAMERA.size_px[::-1]), seconds)
 
-    def taken(self, seconds: NDArray[np.float64], open_s: float) -> Photo:
+    def taken(self, seconds: NDArray[np.float64], open_s: float) -> QuadPhoto:
         rng = np.random.default_rng(self.seed)
         patches = 1.0 + self.flat * rng.standard_normal((1, 32)).repeat(4, axis=1)
         shade = 1.0 - self.falls * np.linspace(-1.0, 1.0, seconds.shape[1]) ** 2
@@ -98,9 +103,9 @@ class Camera:
         light = self.electrons * there[..., None] * np.ones(3)
         variance = (light + 17.0**2) / np.array([1.0, 2.0, 1.0])
         noisy = light + np.sqrt(variance) * rng.standard_normal(light.shape)
-        return Photo(noisy, variance, (noisy > 16000.0).any(axis=-1))
+        return QuadPhoto(noisy, variance, (noisy > 16000.0).any(axis=-1))
 
-    def _asked(self, shown: Shown) -> NDArray[np.float64]:
+    def _asked(self, shown: PanelSequence) -> NDArray[np.float64]:
         height, width = SIZE[1], SIZE[0]
         pictures = np.concatenate([
             shown.projector.reshape(-1, height, width),
@@ -109,10 +114,10 @@ class Camera:
         return pictures[shown.projector_index][:, ::2, ::2].astype(np.float64)
 
 
-BAR = bar_photo("bar", PROJECTOR, 90)
+BAR = make_bar_sequence("bar", PROJECTOR, 90)
 
 
-def fitted(camera: Camera, shown: Shown = BAR, *, bands: int = 1) -> Opened:
+def fitted(camera: Camera, shown: PanelSequence = BAR, *, bands: int = 1) -> ShutterTimes:
     light = read_bar(camera.photo(shown), camera.white(), CAMERA, bands=bands)
     return fit_shutter(light, log(shown.refreshes), (5.2, 5.7), TAUS)
 
@@ -192,12 +197,12 @@ def test_lag_and_jitter_of_several_exposures() -> None:
     late = rng.normal(0.0117, 0.0008, 200)
     commanded = np.arange(200.0)
     measured = commanded + late + rng.normal(0.0, 0.0002, 200)
-    got = lag_of(measured.tolist(), commanded.tolist(), [0.0002] * 200)
+    got = estimate_shutter_lag(measured.tolist(), commanded.tolist(), [0.0002] * 200)
     assert got.lag_s == pytest.approx(0.0117, abs=3.0 * got.sigma_s)
     assert got.jitter_s == pytest.approx(0.0008, rel=0.15)
-    assert lag_of([0.01, 1.01], [0.0, 1.0], [1e-4, 1e-4]).jitter_s == 0.0
+    assert estimate_shutter_lag([0.01, 1.01], [0.0, 1.0], [1e-4, 1e-4]).jitter_s == 0.0
     with pytest.raises(ValueError, match="two"):
-        lag_of([0.01], [0.0], [1e-4])
+        estimate_shutter_lag([0.01], [0.0], [1e-4])
 
 
 def _dark(camera: Camera) -> None:
@@ -245,7 +250,7 @@ def test_an_exposure_of_whole_cycles_is_refused(refreshes: float) -> None:
     camera = Camera(5.2631, 5.2631 + refreshes * T)
     with pytest.raises(CalibrationError, match=r"cycles of the bar|equally bright"):
         fitted(camera)
-    cells = bar_cells(refreshes * T, T)
+    cells = choose_bar_cells(refreshes * T, T)
     assert abs(refreshes - round(refreshes / cells) * cells) > 7.0
 
 
@@ -261,7 +266,7 @@ def test_a_camera_turned_by_a_quarter_sees_the_bar_in_one_band() -> None:
     width, height = CAMERA.size_px
     turned = (0.0, 1.0 / width, 0.0, 1.0 / height, 0.0, 0.0, 0.0, 0.0, 1.0)
     photo, white = (
-        Photo(one.light.swapaxes(0, 1), one.variance.swapaxes(0, 1))
+        QuadPhoto(one.light.swapaxes(0, 1), one.variance.swapaxes(0, 1))
         for one in (camera.photo(BAR), camera.white())
     )
     light = read_bar(photo, white, Map(size_px=(height, width), homography=turned), bands=3)
@@ -272,8 +277,8 @@ def test_a_camera_turned_by_a_quarter_sees_the_bar_in_one_band() -> None:
 
 
 def test_an_always_white_projector_has_no_bar() -> None:
-    shown = replace(still("white", 90, WHITE, WHITE), projector=BAR.projector)
+    shown = replace(make_still_sequence("white", 90, WHITE, WHITE), projector=BAR.projector)
     camera = Camera(5.26, 5.84, electrons=5000.0)
-    light: CellLight = read_bar(camera.photo(shown), camera.white(), CAMERA)
+    light: BarLight = read_bar(camera.photo(shown), camera.white(), CAMERA)
     with pytest.raises(CalibrationError, match="equally bright"):
         fit_shutter(light, log(90), (5.2, 5.7), TAUS)

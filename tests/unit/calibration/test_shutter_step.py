@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.script import Wanted
-from pdcd.calibration.shutter.shutter_step import shutter
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.script import PhotoRequest
+from pdcd.calibration.shutter.shutter_step import calibrate_shutter
 from pdcd.errors import CalibrationError
 from pdcd.panels.placing import Placing
 from tests.unit.calibration.scripted import Answered, Run, preview_of, run, session_of
@@ -39,9 +39,9 @@ class Bench:
 
     def __init__(self, opening_s: tuple[float, ...], closing_s: tuple[float, ...]) -> None:
         self._late = opening_s, closing_s
-        self.photos: dict[str, Photo] = {}
+        self.photos: dict[str, QuadPhoto] = {}
 
-    def taken(self, wanted: Wanted) -> Any:
+    def taken(self, wanted: PhotoRequest) -> Any:
         name = wanted.shown.name
         if wanted.moving is None:
             camera = Camera(0.0, 0.0)
@@ -82,7 +82,7 @@ def stepped(opening_s: tuple[float, ...], closing_s: tuple[float, ...] = ()) -> 
     session = session_before(bench)
     session.arrays["timing.taus_s"] = np.array([*TAUS, *TAUS])
     session.arrays["timing.taus_sigma_s"] = 0.02 * np.array([*TAUS, *TAUS])
-    return run(shutter(session), bench.taken)
+    return run(calibrate_shutter(session), bench.taken)
 
 
 LATE = (0.052, 0.0522, 0.0518, 0.052, 0.0521)
@@ -150,7 +150,7 @@ def test_scatter_of_the_exposures_is_jitter() -> None:
 
 def test_rise_and_fall_that_were_not_measured_are_told() -> None:
     bench = Bench(LATE, LATE)
-    found = run(shutter(session_before(bench)), bench.taken)
+    found = run(calibrate_shutter(session_before(bench)), bench.taken)
     assert found.outcome is not None
     assert found.outcome.advice == (
         "rise and fall of the projector are not measured: run timing, then shutter",

@@ -9,14 +9,20 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.photo import Photo
-from pdcd.calibration.timing.lag import Timing, coarse_delay, fit_timing, straight
-from pdcd.calibration.timing.programmes import COARSE, Strips, room_photo, strip_photo, strips_on
-from pdcd.calibration.timing.strips import Readings, read_strips
+from pdcd.calibration.photo import QuadPhoto
+from pdcd.calibration.timing.lag import MeasuredTiming, find_coarse_delay, fit_lag_line, fit_timing
+from pdcd.calibration.timing.programmes import (
+    COARSE,
+    PulseStrips,
+    make_pulse_strips,
+    make_room_sequence,
+    make_strip_sequence,
+)
+from pdcd.calibration.timing.strips import StripReadings, read_strips
 from pdcd.errors import CalibrationError
-from pdcd.panels.map import Map, matrix
+from pdcd.panels.map import Map, to_map_matrix
 from pdcd.panels.schedule import SLOTS
-from pdcd.probing.pulses import Answer, kept_apart
+from pdcd.probing.pulses import PanelResponse, compute_code_separation
 from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel
 
 PROJECTOR = Map.filling((256, 192))
@@ -37,7 +43,7 @@ def turned(size: tuple[int, int], degrees: float, keystone: float) -> Map:
         [[1.1 / width, 0, -0.55], [0, 1.1 / height, -0.55], [0, keystone / height, 1]]
     )
     back = np.array([[1.0, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
-    return Map(size_px=size, homography=matrix(back @ turn @ to_unit))
+    return Map(size_px=size, homography=to_map_matrix(back @ turn @ to_unit))
 
 
 def bench(**more: object) -> Bench:
@@ -52,28 +58,34 @@ def bench(**more: object) -> Bench:
     return Bench(**{**given, **more})  # type: ignore[arg-type]
 
 
-def photos(on: Bench, strips: Strips, seed: int = 0, periods: int = PERIODS) -> tuple[Photo, Photo]:
+def photos(
+    on: Bench, strips: PulseStrips, seed: int = 0, periods: int = PERIODS
+) -> tuple[QuadPhoto, QuadPhoto]:
     pair = (
-        strip_photo("strips", strips, PROJECTOR, MASK, white=white, periods=periods)
+        make_strip_sequence("strips", strips, PROJECTOR, MASK, white=white, periods=periods)
         for white in (False, True)
     )
     first, second = (on.photo(shown, 2 * seed + k) for k, shown in enumerate(pair))
     return first, second
 
 
-def read(on: Bench, strips: Strips, *, bands: int = 3, seed: int = 0) -> Readings:
+def read(on: Bench, strips: PulseStrips, *, bands: int = 3, seed: int = 0) -> StripReadings:
     return read_strips(*photos(on, strips, seed), CAMERA, strips, bands=bands)
 
 
-def found(on: Bench, *, bands: int = 3, seed: int = 0) -> Timing:
-    strips = strips_on(PROJECTOR)
-    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+def found(on: Bench, *, bands: int = 3, seed: int = 0) -> MeasuredTiming:
+    strips = make_pulse_strips(PROJECTOR)
+    shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
     return fit_timing([read(on, strips, bands=bands, seed=seed)], [on.log(shown)], REFRESH_S)
 
 
 def leaks(on: Bench, lag_s: float) -> dict[str, float]:
-    light, opening = (Answer(p.rise_s, p.fall_s, p.tail, p.slower) for p in (on.projector, on.mask))
-    return {name: kept_apart(name, light, opening, lag_s, REFRESH_S).leak for name in SLOTS}
+    light, opening = (
+        PanelResponse(p.rise_s, p.fall_s, p.tail, p.slower) for p in (on.projector, on.mask)
+    )
+    return {
+        name: compute_code_separation(name, light, opening, lag_s, REFRESH_S).leak for name in SLOTS
+    }
 
 
 def test_a_line_goes_through_its_bands_whatever_they_have_in_common() -> None:
@@ -83,7 +95,7 @@ def test_a_line_goes_through_its_bands_whatever_they_have_in_common() -> None:
     lag_s = 5e-3 + 0.7e-3 * bands + 0.06e-3 * np.array([-1, 1, 0.2, -0.4, 0.5, -0.3])
     common = np.outer(1.0 + 0.1 * bands, 1.0 + 0.1 * bands)
     covariance = (1.8e-3) ** 2 * common + np.eye(6) * (2e-6) ** 2
-    (first, slope), spread = straight(bands, lag_s, covariance)
+    (first, slope), spread = fit_lag_line(bands, lag_s, covariance)
     assert np.abs(first + slope * bands - lag_s).max() < 0.1e-3
     assert np.sqrt(spread[0, 0]) == pytest.approx(1.8e-3, rel=0.01)
 
@@ -93,8 +105,8 @@ def test_a_lag_that_grows_down_the_field_is_that_of_the_rows_that_a_band_has() -
     where panels are set in opposite directions that is some 0.1 ms."""
     camera = turned((192, 128), 2.0, 0.02)
     on = bench(scan_s=-0.03, skew_s=0.02, camera=camera)
-    strips = strips_on(PROJECTOR)
-    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+    strips = make_pulse_strips(PROJECTOR)
+    shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
     reading = read_strips(*photos(on, strips), camera, strips, bands=5)
     timing = fit_timing([reading], [on.log(shown)], REFRESH_S)
     assert timing.chi2 < 2.0
@@ -121,14 +133,14 @@ def test_lag_rise_and_fall_are_found() -> None:
     assert {figure.verdict for figure in timing.figures()} == {Verdict.GOOD}
 
 
-def found_beside_room_light(on: Bench, *, looked: bool = True) -> Timing:
+def found_beside_room_light(on: Bench, *, looked: bool = True) -> MeasuredTiming:
     """Of four photos, with a look at the room's light or without one."""
     readings, ran = [], []
     for number in range(4):
-        strips = strips_on(PROJECTOR, number)
+        strips = make_pulse_strips(PROJECTOR, number)
         photo, white = photos(on, strips, seed=number)
-        shown = strip_photo("strips", strips, PROJECTOR, MASK, white=True, periods=PERIODS)
-        room = on.photo(room_photo(shown), 99) if looked else None
+        shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=True, periods=PERIODS)
+        room = on.photo(make_room_sequence(shown), 99) if looked else None
         readings.append(read_strips(photo, white, CAMERA, strips, bands=3, room=room))
         ran.append(on.log(shown))
     return fit_timing(readings, ran, REFRESH_S)
@@ -202,17 +214,17 @@ def test_whole_refreshes_are_told(lag: float, delay: int) -> None:
 @pytest.mark.parametrize("lag", [0.3, 7.2, -10.7])
 def test_a_mask_that_is_many_refreshes_late(lag: float) -> None:
     on = bench(skew_s=lag * REFRESH_S)
-    strips = strips_on(PROJECTOR, programmes=tuple(COARSE))
+    strips = make_pulse_strips(PROJECTOR, programmes=tuple(COARSE))
     reading = read_strips(*photos(on, strips, periods=2), CAMERA, strips, bands=2)
-    assert abs(coarse_delay(reading) + lag) < 0.8  # the rest is found by the finer strips
+    assert abs(find_coarse_delay(reading) + lag) < 0.8  # the rest is found by the finer strips
 
 
 def test_two_photos_with_strips_in_another_order_agree() -> None:
     on, both, ran = bench(), [], []
     for number in (0, 1):
-        strips = strips_on(PROJECTOR, number)
+        strips = make_pulse_strips(PROJECTOR, number)
         both.append(read(on, strips, seed=number))
-        shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+        shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
         ran.append(on.log(shown))
     assert both[0].programmes != both[1].programmes
     timing = fit_timing(both, ran, REFRESH_S)
@@ -245,7 +257,7 @@ def test_a_rise_in_two_stages_foretells_its_leak() -> None:
 
 
 def test_the_sigma_of_readings_is_that_of_noise() -> None:
-    strips = strips_on(PROJECTOR)
+    strips = make_pulse_strips(PROJECTOR)
     clean = read(bench(flat=0.0, electrons=1e12), strips)
     noisy = read(bench(flat=0.0), strips)
     off = (noisy.value - clean.value) / noisy.sigma
@@ -255,9 +267,9 @@ def test_the_sigma_of_readings_is_that_of_noise() -> None:
 @pytest.mark.long
 def test_sigmas_of_lag_and_times_are_honest() -> None:
     """Of a flat field that is off by as much in all bands of a strip, and of noise."""
-    on, strips = bench(scan_s=0.001, flat=0.0, electrons=1e12), strips_on(PROJECTOR)
+    on, strips = bench(scan_s=0.001, flat=0.0, electrons=1e12), make_pulse_strips(PROJECTOR)
     clean = read(on, strips, bands=2)
-    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+    shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
     want = np.array([*(on.skew_s + on.scan_s * clean.bands), *PROJECTOR_S, *MASK_S])
     rows, slopes = [], []
     for seed in range(8):
@@ -351,8 +363,8 @@ def test_mirrored_panels_are_sent_to_the_geometry(spoil: Callable[[Bench], None]
 
 def test_a_lamp_that_changes_its_light_amid_the_strips_is_refused() -> None:
     """An eco mode, or an iris: strips that lie side by side differ by what no time explains."""
-    on, strips = bench(flat=0.05), strips_on(PROJECTOR)
-    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+    on, strips = bench(flat=0.05), make_pulse_strips(PROJECTOR)
+    shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
     with pytest.raises(CalibrationError, match="no rise, fall and lag explain") as caught:
         fit_timing([read(on, strips)], [on.log(shown)], REFRESH_S)
     assert caught.value.hint
@@ -360,14 +372,14 @@ def test_a_lamp_that_changes_its_light_amid_the_strips_is_refused() -> None:
 
 def test_a_projector_with_too_few_pixels_has_no_strips() -> None:
     with pytest.raises(CalibrationError, match="px wide"):
-        strips_on(Map.filling((100, 80)))
+        make_pulse_strips(Map.filling((100, 80)))
 
 
 def test_strips_of_both_panels_lie_on_each_other_wherever_the_panels_are() -> None:
     projector, mask = turned((256, 192), 2.0, 0.05), turned((320, 240), 183.0, -0.08)
-    strips = strips_on(projector)
-    shown = strip_photo("strips", strips, projector, mask, white=False)
-    white = strip_photo("white", strips, projector, mask, white=True)
+    strips = make_pulse_strips(projector)
+    shown = make_strip_sequence("strips", strips, projector, mask, white=False)
+    white = make_strip_sequence("white", strips, projector, mask, white=True)
     assert shown.refreshes == white.refreshes == 180
     rng = np.random.default_rng(2)
     field = rng.uniform(0.01, 0.99, (4000, 2))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.timing.programmes import SETS, strip_photo, strips_on
-from pdcd.calibration.timing.strips import Readings
-from pdcd.calibration.timing.timing_fit import FLAT, FLOOR, LEAST_FLOORS, Fit, Fitted
-from pdcd.calibration.timing.timing_model import Model, Times
+from pdcd.calibration.timing.programmes import SETS, make_pulse_strips, make_strip_sequence
+from pdcd.calibration.timing.strips import StripReadings
+from pdcd.calibration.timing.timing_fit import FLAT, FLOOR, LEAST_FLOORS, FittedTiming, TimingFitter
+from pdcd.calibration.timing.timing_model import PanelTimes, StripModel
 from pdcd.panels.map import Map
 from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel
 
@@ -25,18 +25,20 @@ TAUS_S = np.array([0.0011, 0.0014, 0.0071, 0.0012])
 LAGS_S = 0.0097 - 0.0003 * (np.arange(BANDS) + 0.5) / BANDS
 
 
-def model_of(beside: float, seed: int) -> tuple[Model, Times]:
+def model_of(beside: float, seed: int) -> tuple[StripModel, PanelTimes]:
     """Four photos of strips with noise, and an error beside it that is a share of the stated one;
     and the truth."""
     maps = Map.filling((256, 192)), Map.filling((320, 240))
     panels = TruePanel(0.002, 0.003), TruePanel(0.004, 0.008)
     on = Bench(maps[0], maps[1], Map.filling((192, 128)), *panels)
-    log = on.log(strip_photo("strips", strips_on(maps[0]), *maps, white=False, periods=3))
+    log = on.log(
+        make_strip_sequence("strips", make_pulse_strips(maps[0]), *maps, white=False, periods=3)
+    )
     bands = (np.arange(BANDS) + 0.5) / BANDS
     none = np.zeros((BANDS, len(SETS[0])))
-    blank = Readings(none, none, bands, 1.0 / BANDS, SETS[0])
-    model = Model([blank] * 4, [log] * 4, REFRESH_S)
-    true = Times(TAUS_S, np.array([2e-3, 3e-3]), LAGS_S - model.apart_s)
+    blank = StripReadings(none, none, bands, 1.0 / BANDS, SETS[0])
+    model = StripModel([blank] * 4, [log] * 4, REFRESH_S)
+    true = PanelTimes(TAUS_S, np.array([2e-3, 3e-3]), LAGS_S - model.apart_s)
     light = model.shape(true)
     rng = np.random.default_rng(seed)
     noise = np.sqrt(light * (1.0 + light) / ELECTRONS)
@@ -48,11 +50,11 @@ def model_of(beside: float, seed: int) -> tuple[Model, Times]:
     return model, true
 
 
-def solved(model: Model, start: Times) -> Fitted:
+def solved(model: StripModel, start: PanelTimes) -> FittedTiming:
     """As far as one more round changes nothing to speak of."""
-    found = Fit(model).solve(start)
+    found = TimingFitter(model).solve(start)
     for _ in range(4):
-        found = Fit(model, found.floors).solve(found.times)
+        found = TimingFitter(model, found.floors).solve(found.times)
     return found
 
 
@@ -76,7 +78,7 @@ def test_a_fast_projector_is_told_from_a_late_mask_where_strips_fit_well() -> No
     errors: list[list[Floats]] = [[], []]
     for seed in range(6):
         model, true = model_of(0.0, seed)
-        for kind, found in enumerate((Fit(model).solve(true), solved(model, true))):
+        for kind, found in enumerate((TimingFitter(model).solve(true), solved(model, true))):
             errors[kind].append(found.times.taus_s[:2] / TAUS_S[:2] - 1.0)
     stated, weighed = (float(np.sqrt(np.mean(np.square(kind)))) for kind in errors)
     assert weighed < 0.75 * stated

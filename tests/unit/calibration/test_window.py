@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.window import WHOLE, Window, shared
+from pdcd.calibration.window import WHOLE, Window, find_shared_window
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
@@ -30,14 +30,17 @@ def lying(left: float, right: float, top: float, bottom: float, turn_deg: float 
 
 
 def test_devices_that_cover_the_field_leave_it_whole() -> None:
-    assert shared(Map.filling(SIZE), lying(-0.1, 1.1, -0.1, 1.1)) == WHOLE
-    assert shared(lying(-0.05, 1.05, -0.1, 1.02, 1.0), lying(-0.1, 1.1, -0.1, 1.1, 2.0)) == WHOLE
+    assert find_shared_window(Map.filling(SIZE), lying(-0.1, 1.1, -0.1, 1.1)) == WHOLE
+    assert (
+        find_shared_window(lying(-0.05, 1.05, -0.1, 1.02, 1.0), lying(-0.1, 1.1, -0.1, 1.1, 2.0))
+        == WHOLE
+    )
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 3.0])
 def test_sides_move_in_to_where_all_share_it(turn_deg: float) -> None:
     mask, camera = lying(0.2, 1.2, -0.2, 1.2, turn_deg), lying(-0.2, 1.2, 0.1, 0.8)
-    found = shared(mask, camera)
+    found = find_shared_window(mask, camera)
     assert found.left == pytest.approx(0.2, abs=0.05)
     assert found.right == 1.0
     assert found.top == pytest.approx(0.1, abs=0.04)
@@ -46,9 +49,9 @@ def test_sides_move_in_to_where_all_share_it(turn_deg: float) -> None:
 
 def test_what_hardly_meets_is_refused() -> None:
     with pytest.raises(CalibrationError, match="hardly any of the field"):
-        shared(lying(0.0, 0.45, 0.0, 1.0), lying(0.3, 1.0, 0.0, 1.0))
+        find_shared_window(lying(0.0, 0.45, 0.0, 1.0), lying(0.3, 1.0, 0.0, 1.0))
     with pytest.raises(CalibrationError, match="hardly any of the field"):
-        shared(lying(0.0, 0.2, 0.0, 0.2), lying(0.8, 1.0, 0.8, 1.0))
+        find_shared_window(lying(0.0, 0.2, 0.0, 0.2), lying(0.8, 1.0, 0.8, 1.0))
 
 
 def test_there_and_back() -> None:

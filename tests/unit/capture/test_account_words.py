@@ -10,18 +10,18 @@ from typing import Any
 
 import pytest
 
-from pdcd.bench.stops import Scale
+from pdcd.bench.stops import AbsoluteScale
 from pdcd.capture import job
 from pdcd.capture.job import (
     MAX_NAMED,
     TOLD,
-    begun_by,
-    failure_of,
-    manifest_of,
-    summary_of,
-    taken_words,
-    told,
-    warnings_of,
+    describe_shots_taken,
+    list_run_warnings,
+    make_failure,
+    make_manifest,
+    make_run_start,
+    merge_warnings,
+    summarise_run,
 )
 from pdcd.errors import Cancelled, DiskError, ExposureError, PdcdError
 from pdcd.protocol.request import CaptureRequest
@@ -44,22 +44,22 @@ NAMES = tuple("abcdefghij")
 def test_how_far_a_run_came_is_told_with_the_first_names(
     missing: tuple[str, ...], words: str
 ) -> None:
-    assert taken_words(3, 5, missing) == words and MAX_NAMED == 8
+    assert describe_shots_taken(3, 5, missing) == words and MAX_NAMED == 8
 
 
 def test_what_is_said_of_many_shots_is_said_once() -> None:
-    assert told([]) == ()
-    assert told(["shot a: late", "x", "shot b: late", "shot c: late"]) == (
+    assert merge_warnings([]) == ()
+    assert merge_warnings(["shot a: late", "x", "shot b: late", "shot c: late"]) == (
         "shot a: late (and so of 2 more)", "x",
     )  # fmt: skip
-    assert told(["shot a: ", "shot b: "]) == ("shot a: ", "shot b: ")
-    assert told(["same", "same"]) == ("same (and so of 1 more)",)
+    assert merge_warnings(["shot a: ", "shot b: "]) == ("shot a: ", "shot b: ")
+    assert merge_warnings(["same", "same"]) == ("same (and so of 1 more)",)
 
 
 @pytest.mark.parametrize("count", [TOLD - 1, TOLD, TOLD + 1, TOLD + 9])
 def test_a_result_has_so_many_warnings_and_the_last_says_how_many_more(count: int) -> None:
     texts = [f"text {number}" for number in range(count)]
-    brief = told(texts)
+    brief = merge_warnings(texts)
     if count <= TOLD == 64:
         assert brief == tuple(texts)
     else:
@@ -76,7 +76,7 @@ def test_what_the_user_must_know_of_a_finished_run(
     developed: Any = SimpleNamespace(saturated={"a": 0, "b": 3}, warnings=("dim",), blind=0.0)
     config: Any = SimpleNamespace(camera=SimpleNamespace(responsivity_e=(1.0,) if known else None))
     profile: Any = SimpleNamespace(estimated=estimated, name="eos")
-    found = list(warnings_of(developed, config, profile, mock=mock))
+    found = list(list_run_warnings(developed, config, profile, mock=mock))
     assert found[:2] == ["shot b: 3 pixels are saturated", "dim"]
     rest = found[2:]
     assert any("camera.responsivity_e is not set" in text for text in rest) is (
@@ -99,7 +99,7 @@ def developed(**said: Any) -> Any:
         shot(3_000_000_000, 3_500_000_000, 30, 2),
     )
     how = SimpleNamespace(method="coded", coded=16, parts=4, pilot=5, repeat=2)
-    scale = Scale("as of the calibration of 2026-01-01", 0.03)
+    scale = AbsoluteScale("as of the calibration of 2026-01-01", 0.03)
     goal = SimpleNamespace(name="indirect")
     record = SimpleNamespace(how=how, shots=shots, goal=goal, scale=scale)
     fields = {
@@ -115,7 +115,7 @@ def test_a_finished_run_in_figures() -> None:
     plan: Any = SimpleNamespace(
         family="hadamard", passes=6, prediction=SimpleNamespace(error=0.04)
     )  # fmt: skip
-    assert summary_of(plan, developed()) == {
+    assert summarise_run(plan, developed()) == {
         "goal": "indirect", "picture": "indirect", "method": "coded", "family": "hadamard",
         "codes": 16 * 3 // 4 + 5, "parts": 3, "pilot": 5, "passes": 6, "repeat": 2, "shots": 3,
         "refreshes": 150, "exposure_s": 2.5, "missed_refreshes": 3, "rms_sigma": 0.02,
@@ -125,11 +125,11 @@ def test_a_finished_run_in_figures() -> None:
         "quality": "q", "transport_photos": 7,
     }  # fmt: skip
     plan.prediction = None
-    bare = summary_of(plan, developed(parts=0, rms_sigma=math.inf))
+    bare = summarise_run(plan, developed(parts=0, rms_sigma=math.inf))
     assert (bare["codes"], bare["parts"]) == (16 // 4 + 5, 1)
     assert bare["rms_sigma"] is None and bare["predicted_error"] is None
-    assert summary_of(plan, developed(decided=("a", "b")))["decided"] == "a; b"
-    assert summary_of(plan, developed(blind=0.125))["blind_share"] == 0.125
+    assert summarise_run(plan, developed(decided=("a", "b")))["decided"] == "a; b"
+    assert summarise_run(plan, developed(blind=0.125))["blind_share"] == 0.125
 
 
 def begun(owner: OwnerView | None) -> Any:
@@ -138,15 +138,15 @@ def begun(owner: OwnerView | None) -> Any:
     plan: Any = {"codes": 4}
     rig: Any = {"name": "rig"}
     config: Any = {"table": 1}
-    return begun_by(job, plan, config=config, mock=True, rig=rig, started_utc="2026")
+    return make_run_start(job, plan, config=config, mock=True, rig=rig, started_utc="2026")
 
 
 def test_what_is_known_before_the_first_exposure_is_kept_in_the_manifest(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(job, "versions", lambda: {"pdcd": "1"})
-    monkeypatch.setattr(job, "git_commit", lambda: "1234")
-    monkeypatch.setattr(job, "utc_now", lambda: "2027")
+    monkeypatch.setattr(job, "list_versions", lambda: {"pdcd": "1"})
+    monkeypatch.setattr(job, "find_git_commit", lambda: "1234")
+    monkeypatch.setattr(job, "format_utc_now", lambda: "2027")
     first = begun(OwnerView(uid=1, pid=2, user="ada"))
     assert begun(None).owner == {} and first.owner == {"uid": 1, "pid": 2, "user": "ada"}
     head = {
@@ -161,7 +161,7 @@ def test_what_is_known_before_the_first_exposure_is_kept_in_the_manifest(
     files: Any = {"log.jsonl": "record"}
     meter: Any = ["test"]
     for missing, state in (((), "done"), (["black"], "partial")):
-        found = manifest_of(
+        found = make_manifest(
             first, {"codes": 8}, done, summary={"shots": 3}, warnings=["dim"], meter=meter,
             files=files, missing=missing,
         )  # fmt: skip
@@ -194,7 +194,7 @@ class Folder:
 
 def failed(folder: Folder | None, error: PdcdError, **more: Any) -> Any:
     made: Any = folder
-    return failure_of("job", made, 99, error, safe=False, **more)
+    return make_failure("job", made, 99, error, safe=False, **more)
 
 
 def test_a_job_that_failed_says_why_and_what_it_has() -> None:

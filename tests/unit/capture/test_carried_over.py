@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from pdcd.bench import calibration as kept
-from pdcd.bench.calibration import Entry
-from pdcd.capture.keeping import Before, Keeper
+from pdcd.bench.calibration import MeasuredValue
+from pdcd.capture.keeping import CalibrationKeeper, PreviousCalibration
 from pdcd.errors import NoSpaceError
 
 
@@ -24,14 +24,16 @@ def test_a_profile_is_taken_over_or_the_disk_is_named(
     own.mkdir()
     before.mkdir()
     (before / kept.PROFILE).write_text("full_well_e = 1.0\n")
-    entry = Entry(value="sensor.toml", step="body", made_utc="2026-01-01T00:00:00+00:00")
+    entry = MeasuredValue(value="sensor.toml", step="body", made_utc="2026-01-01T00:00:00+00:00")
     record: Any = SimpleNamespace(measured={"camera.profile": entry})
     given: Any = dict.fromkeys(
         ("config", "typed", "rig", "profile", "camera", "job", "request", "taken_over", "write")
     )
     folder: Any = SimpleNamespace(path=own, where=own)
-    keeper = Keeper(folder=folder, before=Before(before, record, "0" * 64), **given)
-    measured: dict[str, Entry] = {}
+    keeper = CalibrationKeeper(
+        folder=folder, before=PreviousCalibration(before, record, "0" * 64), **given
+    )
+    measured: dict[str, MeasuredValue] = {}
     if full:
 
         def refuse(path: Path, data: bytes) -> int:

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from pdcd.bench.measured import Choice
+from pdcd.bench.measured import CalibrationChoice
 from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
 from pdcd.capture.calibrate import CalibrationRun
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.protocol.events import Archived, Event
+from pdcd.protocol.events import Event, PicturesArchived
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from tests import bench_rig
@@ -56,7 +56,7 @@ def test_a_job_after_which_the_rig_is_not_safe_says_so(
     broken = []
 
     def hear(event: Event) -> None:
-        if isinstance(event, Archived):  # from here on
+        if isinstance(event, PicturesArchived):  # from here on
             broken.append(event)
             monkeypatch.setattr(getattr(engine._rig, device), method, fail)
 
@@ -166,10 +166,10 @@ def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
 def test_a_rig_that_cannot_be_as_it_was_measured_goes_on_as_it_was(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(config: Config) -> Choice:
+    def refuse(config: Config) -> CalibrationChoice:
         raise ConfigError("mask.rise_s cannot be so long")
 
-    monkeypatch.setattr("pdcd.capture.engine.choice", refuse)
+    monkeypatch.setattr("pdcd.capture.engine.choose_calibration", refuse)
     before = engine._rig
     monkeypatch.setattr(engine, "_asked", Config(calibration=CalibrationConfig(use="latest")))
     connects: list[Rig] = []

@@ -10,9 +10,14 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from pdcd.bench.calibration import Entry
-from pdcd.calibration.steps import GOES_BY, STALE, STEPS
-from pdcd.capture.keeping import Before, Keeper, age_h, taken_over
+from pdcd.bench.calibration import MeasuredValue
+from pdcd.calibration.steps import GOES_BY, STALE, STEP_SCRIPTS
+from pdcd.capture.keeping import (
+    CalibrationKeeper,
+    PreviousCalibration,
+    find_reusable_steps,
+    measure_age_h,
+)
 from pdcd.cli.calibrate import ACTIONS
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.words import StepName
@@ -23,13 +28,13 @@ NOW = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
 NAMES = ("sensor", "light", "geometry", "timing", "shutter", "registration", "check")
 
 
-def stopped(*steps: str, **changed: Any) -> Before:
+def stopped(*steps: str, **changed: Any) -> PreviousCalibration:
     told = record(steps=tuple(map(step, ("meter", *steps))), state="failed", **changed)
-    return Before(Path("/cals/a1"), told, "0" * 64)
+    return PreviousCalibration(Path("/cals/a1"), told, "0" * 64)
 
 
-def over(before: Before | None, **asked: Any) -> list[str]:
-    return list(taken_over(before, CalibrateRequest(**asked), NAMES, NOW))
+def over(before: PreviousCalibration | None, **asked: Any) -> list[str]:
+    return list(find_reusable_steps(before, CalibrateRequest(**asked), NAMES, NOW))
 
 
 def test_a_calibration_goes_on_where_the_same_one_stopped() -> None:
@@ -39,12 +44,17 @@ def test_a_calibration_goes_on_where_the_same_one_stopped() -> None:
     assert over(before, subject="scene") == over(before, marks="xor") == over(None) == []
     for changed in ({"asked": ("geometry",)}, {"state": "done"}, {"state": None}):
         told = msgspec.structs.replace(before.record, **changed)
-        assert over(Before(before.folder, told, "")) == []
+        assert over(PreviousCalibration(before.folder, told, "")) == []
     # One that was killed, and one that had gone on itself.
     running = msgspec.structs.replace(
         before.record, state="running", taken_over={"timing": "2026-01-01T10:00:00Z"}
     )
-    assert over(Before(before.folder, running, "")) == ["sensor", "light", "geometry", "timing"]
+    assert over(PreviousCalibration(before.folder, running, "")) == [
+        "sensor",
+        "light",
+        "geometry",
+        "timing",
+    ]
 
 
 def test_what_is_old_or_bad_is_measured_again_with_all_that_goes_by_it() -> None:
@@ -58,7 +68,7 @@ def test_what_is_old_or_bad_is_measured_again_with_all_that_goes_by_it() -> None
         for each in before.record.steps
     )  # fmt: skip
     told = msgspec.structs.replace(before.record, steps=old, left_out={})
-    assert over(Before(before.folder, told, "")) == ["geometry", "timing", "shutter"]
+    assert over(PreviousCalibration(before.folder, told, "")) == ["geometry", "timing", "shutter"]
     # All was found, and then it was killed: there is nothing to go on with.
     assert over(stopped(*NAMES)) == []
 
@@ -69,21 +79,21 @@ def test_what_is_old_or_bad_is_measured_again_with_all_that_goes_by_it() -> None
      ("some day", float("inf")), ("2026-01-01", float("inf"))],
 )  # fmt: skip
 def test_the_age_of_a_step(made: str, hours: float) -> None:
-    assert age_h(made, NOW) == hours
+    assert measure_age_h(made, NOW) == hours
 
 
 def test_a_new_outcome_makes_values_of_other_steps_untrue(tmp_path: Path) -> None:
     said = {"rig.misregistration_px": "registration", "mask.blur_px": "registration",
             "mask.skew_s": "timing", "camera.responsivity_e": "light"}  # fmt: skip
     measured = {key: msgspec.structs.replace(entry(1.0), step=by) for key, by in said.items()}
-    before = Before(tmp_path, record(measured=measured), "0" * 64)
+    before = PreviousCalibration(tmp_path, record(measured=measured), "0" * 64)
     given: Any = dict.fromkeys(
         ("config", "typed", "rig", "profile", "camera", "job", "request", "taken_over", "write")
     )
     folder: Any = SimpleNamespace(where=tmp_path)
-    keeper = Keeper(folder=folder, before=before, **given)
+    keeper = CalibrationKeeper(folder=folder, before=before, **given)
     keeper.steps = [step("meter"), step("geometry")]
-    found: dict[str, Entry] = {}
+    found: dict[str, MeasuredValue] = {}
     keeper._carry_over(found, tmp_path)
     assert found.keys() == said.keys() - {"rig.misregistration_px"}
     assert "pdcd calibrate registration" in keeper.stale["rig.misregistration_px"]
@@ -98,9 +108,9 @@ def test_a_new_outcome_makes_values_of_other_steps_untrue(tmp_path: Path) -> Non
 
 def test_the_tables_name_steps_and_nobody_calls_a_step_like_an_action() -> None:
     names = set(get_args(StepName))
-    assert names == set(STEPS) and GOES_BY.keys() | STALE.keys() <= names
+    assert names == set(STEP_SCRIPTS) and GOES_BY.keys() | STALE.keys() <= names
     assert all(needed <= names for needed in GOES_BY.values())
-    order = list(STEPS)
+    order = list(STEP_SCRIPTS)
     for name, needed in GOES_BY.items():  # what a step goes by comes before it
         assert all(order.index(each) < order.index(name) for each in needed)
     assert not names & set(ACTIONS)

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from pdcd.capture import bench_check
-from pdcd.capture.bench_check import FrameCheck, doubts, held_otherwise
-from pdcd.capture.job import Job, Journal
+from pdcd.capture.bench_check import FrameCheck, find_calibration_doubts, is_camera_turned
+from pdcd.capture.job import EngineJob, Journal
 from pdcd.errors import Cancelled, ConfigError, ExposureError
 from pdcd.protocol import events
 from pdcd.protocol.request import CaptureRequest
@@ -53,20 +53,20 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The calibration in use, its age, and the newest one."""
     found: dict[str, Any] = {"record": record(), "days": 0.0, "newest": None}
     monkeypatch.setattr(bench_check, "read_calibration", lambda _: (found["record"], "0"))
-    monkeypatch.setattr(bench_check, "age_days", lambda _: found["days"])
+    monkeypatch.setattr(bench_check, "compute_age_days", lambda _: found["days"])
     monkeypatch.setattr(
-        bench_check, "newest",
+        bench_check, "find_newest_calibration",
         lambda folder, _, *, bad=False: found["newest"] if bad and folder == Path("/cals") else 0,
     )  # fmt: skip
     return found
 
 
 def test_a_calibration_that_fits_raises_no_doubt(kept: dict[str, Any]) -> None:
-    assert list(doubts(config(), rig(), 100)) == []
+    assert list(find_calibration_doubts(config(), rig(), 100)) == []
     kept["record"] = record(measured={"camera.profile": 1}, iso=100)
-    assert list(doubts(config(f_number=8.0), rig(), 100)) == []
+    assert list(find_calibration_doubts(config(f_number=8.0), rig(), 100)) == []
     kept["record"] = None  # none is in use
-    assert list(doubts(config(sha256=None), rig(), 7)) == []
+    assert list(find_calibration_doubts(config(sha256=None), rig(), 7)) == []
 
 
 @pytest.mark.parametrize(
@@ -75,17 +75,17 @@ def test_a_calibration_that_fits_raises_no_doubt(kept: dict[str, Any]) -> None:
 def test_another_aperture_is_doubtful_from_6_percent_on(
     f_number: float, doubted: bool, kept: dict[str, Any]
 ) -> None:
-    found = list(doubts(config(f_number=f_number), rig(), 100))
+    found = list(find_calibration_doubts(config(f_number=f_number), rig(), 100))
     assert found == [f"calibration b was taken at f/8, not at f/{f_number:g}"] * doubted
     kept["record"] = record(f_number=None)
-    assert list(doubts(config(f_number=f_number), rig(), 100)) == []
+    assert list(find_calibration_doubts(config(f_number=f_number), rig(), 100)) == []
 
 
 def test_another_iso_matters_where_the_sensor_was_measured(kept: dict[str, Any]) -> None:
-    assert list(doubts(config(), rig(), 200)) == []
+    assert list(find_calibration_doubts(config(), rig(), 200)) == []
     kept["record"] = record(measured={"camera.profile": 1})
     words = "calibration b measured the sensor at ISO 100, not at ISO 200"
-    assert list(doubts(config(), rig(), 200)) == [words]
+    assert list(find_calibration_doubts(config(), rig(), 200)) == [words]
 
 
 @pytest.mark.parametrize(("name", "doubted"), [("a", False), ("b", False), ("c", True)])
@@ -93,16 +93,16 @@ def test_a_later_calibration_that_is_bad_is_told_of(
     name: str, doubted: bool, kept: dict[str, Any]
 ) -> None:
     kept["newest"] = Path("/cals") / name
-    found = list(doubts(config(), rig(), 100))
+    found = list(find_calibration_doubts(config(), rig(), 100))
     assert len(found) == doubted and all("c, a calibration or check after b" in t for t in found)
 
 
 def test_what_a_calibration_could_not_find_is_told_of(kept: dict[str, Any]) -> None:
     kept["record"] = record(left_out={"timing": "bad", "shutter": "it goes by timing"})
-    (said,) = doubts(config(), rig(), 100)
+    (said,) = find_calibration_doubts(config(), rig(), 100)
     assert "timing: bad; shutter: it goes by timing" in said and "calibration b" in said
     kept["record"] = record(stopped=SimpleNamespace(step="timing", message="too bright"))
-    (said,) = doubts(config(), rig(), 100)
+    (said,) = find_calibration_doubts(config(), rig(), 100)
     assert "stopped at timing: too bright" in said and "goes on from there" in said
 
 
@@ -117,7 +117,7 @@ def test_an_old_calibration_is_to_be_checked_or_made_again(
     days: float, check: str, count: int, kept: dict[str, Any]
 ) -> None:
     kept["days"] = days
-    found = list(doubts(config(check=check), rig(), 100))
+    found = list(find_calibration_doubts(config(check=check), rig(), 100))
     assert len(found) == count
     if check != "never" and count:
         assert found[-1] == (
@@ -139,16 +139,16 @@ def test_a_calibration_of_other_devices_is_refused(
     said: dict[str, Any], device: str | None, kept: dict[str, Any]
 ) -> None:
     if device is None:
-        assert list(doubts(config(), rig(**said), 100)) == []
+        assert list(find_calibration_doubts(config(), rig(**said), 100)) == []
         return
     with pytest.raises(ConfigError) as told:
-        list(doubts(config(), rig(**said), 100))
+        list(find_calibration_doubts(config(), rig(**said), 100))
     assert told.value.device == device and "pdcd calibrate" in str(told.value.hint)
 
 
 def test_devices_that_are_not_open_are_no_others(kept: dict[str, Any]) -> None:
     closed: Any = SimpleNamespace(camera_info=None, display_info=None)
-    assert list(doubts(config(), closed, 100)) == []
+    assert list(find_calibration_doubts(config(), closed, 100)) == []
 
 
 @pytest.mark.parametrize(
@@ -158,8 +158,8 @@ def test_a_camera_that_is_held_another_way(
     then: int | None, flip: int, held: bool, kept: dict[str, Any]
 ) -> None:
     kept["record"] = record(flip=then)
-    assert held_otherwise(config(), flip) is held
-    assert held_otherwise(config(sha256=None), flip) is False
+    assert is_camera_turned(config(), flip) is held
+    assert is_camera_turned(config(sha256=None), flip) is False
 
 
 def head(rows: int = 4, cols: int = 6, turned: str = "upright", model: str = "EOS") -> Any:
@@ -198,7 +198,7 @@ def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
     assert warned == []
     frame_check(warned, (4, 6)).saw("raw/a", head())
     assert len(warned) == 1 and warned[0].startswith("photos have 6 x 4 quads, not the 4 x 6 that")
-    monkeypatch.setattr("pdcd.capture.bench_check.held_otherwise", lambda _, flip: flip == 0)
+    monkeypatch.setattr("pdcd.capture.bench_check.is_camera_turned", lambda _, flip: flip == 0)
     frame_check(warned).saw("raw/a", head())
     assert "held another way" in warned[1]
 
@@ -206,13 +206,14 @@ def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
 def test_a_job_tells_how_far_it_is_and_ends_where_it_is_not_wanted() -> None:
     heard: list[Any] = []
     wanted = [True]
-    job = Job("job", CaptureRequest(goal="white"), None, heard.append, lambda: not wanted[0])
+    job = EngineJob("job", CaptureRequest(goal="white"), None, heard.append, lambda: not wanted[0])
     job.watch().step(1.0, 4.0)
     planning = job.planning()
     planning.stage = "codes"
     planning.step(2.0, 4.0)
     assert heard == [
-        events.Decoded(done=1.0, total=4.0), events.Planning(stage="codes", done=2.0, total=4.0)
+        events.DecodingProgress(done=1.0, total=4.0), events.PlanningProgress(stage="codes",
+        done=2.0, total=4.0)
     ]  # fmt: skip
     job.watch()()
     wanted[0] = False
@@ -233,9 +234,9 @@ def test_a_journal_writes_tells_and_then_asks(there: bool) -> None:
     folder: Any = SimpleNamespace(log=steps.append, where="/x" if there else None)
     clock: Any = SimpleNamespace(now_ns=lambda: 99)
     ledger: Any = SimpleNamespace(warn=steps.append)
-    job = Job("job", CaptureRequest(goal="white"), None, steps.append, cancelled)
+    job = EngineJob("job", CaptureRequest(goal="white"), None, steps.append, cancelled)
     journal = Journal(job, folder, clock, [], ledger)
-    event = events.Learning(photos=3)
+    event = events.PilotLearning(photos=3)
     with pytest.raises(Cancelled):
         journal.notify(event)
     assert steps == [{"t_mono_ns": 99, "event": "learning", "photos": 3}, event, "asked"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pdcd.bench.clock import VirtualClock
-from pdcd.bench.devices import WhileShown
+from pdcd.bench.devices import ShutterTiming
 from pdcd.capture.moving import MovingShutter
 from pdcd.errors import DeviceLost, ExposureError
 from pdcd.protocol.events import Event, ShutterClosed, ShutterOpen
@@ -53,7 +53,7 @@ def played(
         told.append(frame)
 
     mover = MovingShutter(
-        blades, clock, WhileShown(10, 0.5), "bar", heard.append, progress, lambda: False
+        blades, clock, ShutterTiming(10, 0.5), "bar", heard.append, progress, lambda: False
     )
     blades.jammed = jammed
     for frame in range(0, refreshes, 6):

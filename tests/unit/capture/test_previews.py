@@ -8,10 +8,10 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
-from pdcd.capture.previews import KEPT, forget_old
+from pdcd.capture.previews import PREVIEWS_KEPT, remove_old_previews
 from pdcd.errors import Cancelled
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import new_job_id
+from pdcd.protocol.result import make_job_id
 from tests import bench_rig
 
 
@@ -19,16 +19,16 @@ def test_the_last_few_stay_and_strangers_are_left_alone(tmp_path: Path) -> None:
     folder, elsewhere = tmp_path / "preview", tmp_path / "elsewhere"
     elsewhere.mkdir()
     (elsewhere / "precious").write_text("a photo")
-    own = [f"20260101T12{n:02d}00Z-00ff" for n in range(KEPT + 3)]
+    own = [f"20260101T12{n:02d}00Z-00ff" for n in range(PREVIEWS_KEPT + 3)]
     for name in ("20260101T115900Z-beef.partial", "notes", *own):
         (folder / name / "raw").mkdir(parents=True)
     (folder / "20250101T000000Z-0001").symlink_to(elsewhere)
     (folder / own[0] / "raw" / "link").symlink_to(elsewhere)
-    forget_old(folder)
+    remove_old_previews(folder)
     left = {path.name for path in folder.iterdir()}
-    assert left == {"notes", "20250101T000000Z-0001", *own[-KEPT:]}
+    assert left == {"notes", "20250101T000000Z-0001", *own[-PREVIEWS_KEPT:]}
     assert (elsewhere / "precious").exists()
-    forget_old(tmp_path / "nowhere")  # logs, and does not fail
+    remove_old_previews(tmp_path / "nowhere")  # logs, and does not fail
 
 
 def test_a_preview_ends_by_the_error_that_it_had(tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_a_preview_ends_by_the_error_that_it_had(tmp_path: Path) -> None:
     engine.start()
     bench = bench_rig.bench_of(engine)
     with pytest.raises(Cancelled):
-        engine.preview(job=new_job_id(), cancelled=lambda: True)
+        engine.preview(job=make_job_id(), cancelled=lambda: True)
     assert bench.panels_black
     engine.stop()
 

@@ -16,7 +16,7 @@ from msgspec import structs
 
 from pdcd.bench.devices import CameraSettings, RawFile
 from pdcd.bench.tables import CameraConfig, DisplayConfig, PanelConfig, RigConfig
-from pdcd.capture.rig import Exposure, Rig
+from pdcd.capture.rig import Rig, RigExposure
 from pdcd.codes.make import make_codes
 from pdcd.errors import DeviceLost, ExposureError, SyncError
 from pdcd.panels.frames import Frames
@@ -165,7 +165,7 @@ class Watched:
         return when, black
 
 
-def expose(rig: Rig, folder: Path) -> Exposure:
+def expose(rig: Rig, folder: Path) -> RigExposure:
     return rig.expose(
         one_code(),
         SETTINGS,

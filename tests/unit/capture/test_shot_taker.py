@@ -11,9 +11,9 @@ import pytest
 
 from pdcd.bench.devices import CameraSettings
 from pdcd.capture import shots
-from pdcd.capture.rig import Exposure
+from pdcd.capture.rig import RigExposure
 from pdcd.capture.shots import ShotTaker
-from pdcd.capture.worker.answers import Spoilt, Wanted
+from pdcd.capture.worker.answers import PhotoOrder, SpoiltPhoto
 from pdcd.errors import ExposureError, SyncError
 
 FOLDER = Path("/run")
@@ -42,9 +42,9 @@ def raw(name: str, *, two: bool = False) -> Any:
     )
 
 
-def shot(name: str, kind: Any = "shot", **said: Any) -> Wanted:
+def shot(name: str, kind: Any = "shot", **said: Any) -> PhotoOrder:
     frames: Any = f"frames of {name}"
-    return Wanted(kind, name, frames, SETTINGS, 5.6, f"window of {name}", **said)
+    return PhotoOrder(kind, name, frames, SETTINGS, 5.6, f"window of {name}", **said)
 
 
 class Bench:
@@ -61,7 +61,9 @@ class Bench:
         self.folder = self.ledger = self
         self.job = SimpleNamespace(watch=lambda: "watch", emit=self.warned.append, cancelled="end")
 
-    def expose(self, frames: str, settings: Any, folder: Path, name: str, **more: Any) -> Exposure:
+    def expose(
+        self, frames: str, settings: Any, folder: Path, name: str, **more: Any
+    ) -> RigExposure:
         assert folder == FOLDER / "raw" and more["notify"] == self.notify
         assert more["cancelled"] == "end"
         self.steps.append(("expose", frames, settings, name))
@@ -70,7 +72,7 @@ class Bench:
             raise found
         log: Any = found
         open_s = self.open_s.pop(0) if self.open_s else 2.0
-        return Exposure(10, 10 + round(open_s * 1e9), log, raw(name, two=self.two), settings)
+        return RigExposure(10, 10 + round(open_s * 1e9), log, raw(name, two=self.two), settings)
 
     def do(self, watch: str, task: Any, *args: Any) -> Any:
         assert watch == "watch"
@@ -121,7 +123,7 @@ def weights(monkeypatch: pytest.MonkeyPatch) -> None:
         realised = np.array([2.0, 2.0 - lost])
         return SimpleNamespace(realised=realised, planned=np.full(2, 2.0), level=level)
 
-    monkeypatch.setattr(shots, "lit_weights", lit)
+    monkeypatch.setattr(shots, "count_lit_weights", lit)
 
 
 def test_what_is_kept_of_a_shot() -> None:
@@ -210,7 +212,7 @@ def test_shots_that_are_subtracted_from_each_other_were_shown_equally_often(
 ) -> None:
     levels = [0.5, 1.0]
     monkeypatch.setattr(
-        shots, "lit_weights",
+        shots, "count_lit_weights",
         lambda *_: SimpleNamespace(realised=np.ones(0), planned=np.ones(0), level=levels.pop(0)),
     )  # fmt: skip
     (record,) = taker(Bench()).take(shot("a", even=True))
@@ -222,7 +224,7 @@ def test_shots_that_are_subtracted_from_each_other_were_shown_equally_often(
 
 def test_what_a_kept_shot_has_suffered_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     even = SimpleNamespace(realised=np.ones(1), planned=np.ones(1), level=1.0)
-    monkeypatch.setattr(shots, "lit_weights", lambda *_: even)
+    monkeypatch.setattr(shots, "count_lit_weights", lambda *_: even)
     bench = Bench(Log(2, 1, verified=False))
     taker(bench).take(shot("a"))
     assert bench.warned == [
@@ -238,7 +240,7 @@ def test_a_test_exposure_that_is_given_up_is_taken_again(kind: str, spoilt: int)
     made = taker(bench, retries=2)
     if spoilt == 3:  # a run goes on without a dark photo
         if kind == "dark":
-            assert made.take(shot("a", kind)) == Spoilt("gave up")
+            assert made.take(shot("a", kind)) == SpoiltPhoto("gave up")
             return
         with pytest.raises(SyncError, match="gave up"):
             made.take(shot("a", kind))

@@ -11,18 +11,18 @@ import pytest
 
 from pdcd import words
 from pdcd.bench.tables import Config
-from pdcd.client import OnEvent, Unreachable
+from pdcd.client import EventHandler, UnreachableError
 from pdcd.errors import PdcdError
-from pdcd.protocol.events import Armed, Emit, Event, read
+from pdcd.protocol.events import Emit, Event, ShotArmed, decode_event
 from pdcd.protocol.messages import ClockAnchor, JobView, Status
 from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, Figure
+from pdcd.protocol.result import CaptureResult, SummaryValue
 from pdcd.protocol.views import OwnerView
 from pdcd.recipes.arrays import Given
 
 JOB = "20260101T120301Z-7f3a"
-SUMMARY: dict[str, Figure] = {
+SUMMARY: dict[str, SummaryValue] = {
     "codes": 8,
     "refreshes": 480,
     "exposure_s": 8.2,
@@ -56,7 +56,7 @@ WIRE: list[dict[str, Any]] = [
     {"job": JOB, "seq": 3, "type": "of the future", "t_mono_ns": 4, "shot": "coded"},
     {"job": JOB, "seq": 4, "type": "decoding", "t_mono_ns": 5, "shots": 1},
 ]  # fmt: skip
-EVENTS = [read(fields) for fields in WIRE]
+EVENTS = [decode_event(fields) for fields in WIRE]
 JOB_VIEW = JobView(
     job=JOB,
     state="running",
@@ -97,7 +97,7 @@ class StubClient:
 
     def __init__(self, path: Path) -> None:
         if self.absent:
-            raise Unreachable("nobody")
+            raise UnreachableError("nobody")
         self.asked.append(path)
 
     def __enter__(self) -> StubClient:
@@ -119,13 +119,13 @@ class StubClient:
         arrays: Mapping[str, Path],
         detach: bool,
         queue: bool,
-        on_event: OnEvent,
+        on_event: EventHandler,
     ) -> CaptureResult:
         for event in EVENTS:
             on_event(event)
         return self._answer(wanted, detach, queue, *[dict(arrays)] * bool(arrays))
 
-    def wait(self, job: str, on_event: OnEvent) -> CaptureResult:
+    def wait(self, job: str, on_event: EventHandler) -> CaptureResult:
         for event in EVENTS:
             on_event(event)
         return self._answer(job)
@@ -186,7 +186,7 @@ class StubEngine:
         report: bool = False,
     ) -> CaptureResult:
         self.calls.append(("capture", wanted, job, owner, *given.values()))
-        emit(Armed(shot="coded", frames=24))
+        emit(ShotArmed(shot="coded", frames=24))
         return type(self).run(cancelled)
 
 

@@ -13,7 +13,7 @@ import pytest
 from pdcd import words
 from pdcd.cli import parser
 from pdcd.cli.main import main
-from pdcd.client import Unreachable
+from pdcd.client import UnreachableError
 from pdcd.errors import (
     BusyError,
     Cancelled,
@@ -269,7 +269,7 @@ def test_end_of_the_job_gives_the_exit_code(
         (SyncError("3 late", device="mask"), 5, "sync", "mask: 3 late"),
         (DeviceLost("gone", device="camera"), 5, "device_lost", "camera: gone"),
         (Cancelled("ended"), 130, "cancelled", "ended"),
-        (Unreachable("no daemon answers"), 3, "unreachable", "no daemon answers"),
+        (UnreachableError("no daemon answers"), 3, "unreachable", "no daemon answers"),
         (KeyboardInterrupt(), 130, "cancelled", "interrupted"),
         (PermissionError(13, "Permission denied", "/x"), 5, "internal",
          "[Errno 13] Permission denied: '/x'"),

@@ -176,7 +176,7 @@ def test_a_calibration_that_is_computed_again_is_compared(
         asked.append(folder)
         return SimpleNamespace(items=items)
 
-    monkeypatch.setattr("pdcd.capture.again.again", again)
+    monkeypatch.setattr("pdcd.capture.again.recompute_calibration", again)
     assert main(["calibrate", "--again", "f"]) == (0 if identical else 5)
     second = "identical  gain" if identical else "DIFFERS    gain"
     assert capsys.readouterr().out.splitlines() == ["identical  lag", second]

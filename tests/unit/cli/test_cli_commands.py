@@ -16,10 +16,10 @@ from pdcd.bench.tables import Config
 from pdcd.child import Child
 from pdcd.cli.main import main
 from pdcd.cli.request import option_of
-from pdcd.client import Unreachable
+from pdcd.client import UnreachableError
 from pdcd.errors import DeviceLost
-from pdcd.pictures.decode import Compared, Comparison
-from pdcd.protocol.fields import request_fields
+from pdcd.pictures.decode import ComparedFile, RunComparison
+from pdcd.protocol.fields import list_request_fields
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.version import __version__
@@ -161,7 +161,7 @@ def test_plan_asks_the_daemon_and_falls_back_to_this_process(
     assert engine.calls == []
     assert last_object(capsys.readouterr().out)["passes"] == 2
 
-    daemon.error = Unreachable("it went away, or takes too long: its bench is another one")
+    daemon.error = UnreachableError("it went away, or takes too long: its bench is another one")
     assert main("plan indirect --codes 8".split()) == 3
     assert engine.calls == []
     assert "another one" in capsys.readouterr().err
@@ -261,8 +261,8 @@ def test_config_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_decode_fails_when_a_picture_differs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = (Compared("linear/white.tif", True), Compared("linear/indirect.tif", False))
-    report = Comparison(False, files)
+    files = (ComparedFile("linear/white.tif", True), ComparedFile("linear/indirect.tif", False))
+    report = RunComparison(False, files)
     monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda *_: report)
     assert main(["decode", "x"]) == 5
     assert capsys.readouterr().out.splitlines() == [
@@ -285,7 +285,7 @@ def test_serve_hands_over_configuration_and_socket(
         served.extend([config.server.state_dir, socket, engine_factory.func, verbose])
         return 5
 
-    monkeypatch.setattr("pdcd.server.daemon.run", run)
+    monkeypatch.setattr("pdcd.server.daemon.run_daemon", run)
     monkeypatch.chdir(tmp_path)
     assert main(["serve", "--socket", "/a.sock", "--state-dir", "runs"]) == 5
     assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.with_child, False]
@@ -337,7 +337,7 @@ HOSTILE = ("--", "", "nan", "9" * 5000, "\udcff")
 def test_whatever_is_typed_for_a_field_is_taken_or_refused(
     daemon: type[StubClient], value: str
 ) -> None:
-    for field in request_fields().values():
+    for field in list_request_fields().values():
         option, count = option_of(field), field.count or 1
         told = [option, *[value] * count] if count > 1 else [f"{option}={value}"]
         try:

@@ -19,7 +19,7 @@ from pdcd.cli import doctor as doctor_cli
 from pdcd.cli import panels as panels_cli
 from pdcd.cli.main import main
 from pdcd.cli.output import say
-from pdcd.client import Unreachable
+from pdcd.client import UnreachableError
 from tests.unit.cli.cli_stubs import JOB, home_at
 
 
@@ -62,7 +62,7 @@ def test_a_doctor_ends_with_what_there_is_to_mend(
     last: str,
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr("pdcd.presenter.examine.examine", noting(asked, findings))
+    monkeypatch.setattr("pdcd.presenter.examine.examine_display", noting(asked, findings))
     assert main(["doctor", "display", "--display", ":7"]) == code
     lines = capsys.readouterr().out.splitlines()
     hints = [f"{found.what}: {found.hint}" for found in findings if found.hint]
@@ -85,8 +85,10 @@ def test_a_camera_is_looked_at_and_its_photo_behind_it(
         asked.append((context.config, type(context.clock).__name__))
         return [GOOD]
 
-    monkeypatch.setattr(doctor_cli, "own_module", noting(asked, SimpleNamespace(examine=camera)))
-    monkeypatch.setattr("pdcd.capture.bench_check.examine", noting(asked, [WARNING]))
+    monkeypatch.setattr(
+        doctor_cli, "import_driver_module", noting(asked, SimpleNamespace(examine_ptp=camera))
+    )
+    monkeypatch.setattr("pdcd.capture.bench_check.examine_frame", noting(asked, [WARNING]))
     assert main(["doctor", "camera", "--raw", "a.cr2", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [found["what"] for found in told["findings"]] == ["renderer", "real time"]
@@ -108,7 +110,7 @@ def test_a_shutter_is_open_no_longer_than_any_exposure(
         asked.append((how, signal.getsignal(signal.SIGTERM)))
         return [GOOD]
 
-    monkeypatch.setattr("pdcd.bench.click.examine", examine)
+    monkeypatch.setattr("pdcd.bench.click.examine_shutter", examine)
     (tmp_path / "rig.toml").write_text("[limits]\nmax_exposure_s = 5.0\n")
     line = ["doctor", "trigger", "--config", str(tmp_path / "rig.toml"), "--click"]
     assert main([*line, f"--seconds={seconds}"]) == (0 if fits else 2)
@@ -177,10 +179,10 @@ WAIT, FOR = ("wait", {"job": JOB}, None), ("capture.wait", {"job": JOB}, 2.5)
     [
         (None, None, [WAIT], 0, ["Ctrl-C ends", "ended by another command"]),
         (None, KeyboardInterrupt(), [WAIT, ("cancel", JOB)], 0, ["Ctrl-C ends"]),
-        (None, Unreachable("gone"), [WAIT], 3, ["Ctrl-C ends", "pdcd: gone"]),
+        (None, UnreachableError("gone"), [WAIT], 3, ["Ctrl-C ends", "pdcd: gone"]),
         (2.5, None, [FOR], 0, ["for 2.5 s", "ended by another command"]),
         (2.5, KeyboardInterrupt(), [FOR, ("cancel", JOB)], 0, ["for 2.5 s"]),
-        (2.5, Unreachable("late"), [FOR, ("cancel", JOB)], 0, ["for 2.5 s"]),
+        (2.5, UnreachableError("late"), [FOR, ("cancel", JOB)], 0, ["for 2.5 s"]),
     ],
 )
 def test_a_daemons_panels_show_a_picture_as_long_as_the_command_lives(
@@ -215,7 +217,7 @@ def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
     monkeypatch: pytest.MonkeyPatch, words: list[str]
 ) -> None:
     def nobody(path: Path) -> Any:
-        raise Unreachable("nobody")
+        raise UnreachableError("nobody")
 
     monkeypatch.setattr("pdcd.cli.daemon.Client", nobody)
     monkeypatch.setattr(panels_cli, "_show_here", lambda args: 77)
@@ -232,8 +234,8 @@ def test_timing_prints_the_times_and_fails_for_what_was_missed(
         missed=np.array([0, missed, 0]), ready=ready, table=lambda: [("drawing", 1.0, 2.5, 3.25)]
     )
     asked: list[Any] = []
-    monkeypatch.setattr("pdcd.presenter.timing.measure", noting(asked, found))
-    monkeypatch.setattr("pdcd.presenter.timing.histogram", noting(asked, None))
+    monkeypatch.setattr("pdcd.presenter.timing.measure_refreshes", noting(asked, found))
+    monkeypatch.setattr("pdcd.presenter.timing.draw_histogram", noting(asked, None))
     code = 5 if missed else 0
     assert main(["timing", "--frames", "90"]) == code
     assert [line.split() for line in capsys.readouterr().out.splitlines()] == [
@@ -266,7 +268,8 @@ def test_a_camera_is_served_until_it_is_interrupted(
             raise end.pop()
 
     monkeypatch.setattr(
-        "pdcd.bench.registry.own_module", noting(served, SimpleNamespace(serve=serve))
+        "pdcd.bench.registry.import_driver_module",
+        noting(served, SimpleNamespace(serve_virtual_camera=serve)),
     )
     line = ["virtual-camera", "--port", str(port)]
     assert main([*line, "--small"]) == 0

@@ -15,16 +15,17 @@ from pdcd.cli import figures as figures_cli
 from pdcd.cli import report as report_cli
 from pdcd.cli import verify as verify_cli
 from pdcd.cli.main import main
-from pdcd.figures.figure import FULL, QUICK
-from pdcd.runs.verify import Finding, Verified
+from pdcd.figures.figure import FULL_MODE, QUICK_MODE
+from pdcd.runs.verify import FolderFinding, VerifyReport
 
 # --- verify ---------------------------------------------------------------------------------------
 
 
-def verified(folder: str, *findings: tuple[Any, str], **more: Any) -> Verified:
-    return Verified(
+def verified(folder: str, *findings: tuple[Any, str], **more: Any) -> VerifyReport:
+    return VerifyReport(
         folder=folder, whole=not findings, job="j", schema=1, manifest_sha256=None, files=7,
-        size_bytes=99, findings=tuple(Finding(what=a, path=b, detail="so") for a, b in findings),
+        size_bytes=99, findings=tuple(FolderFinding(what=a, path=b, detail="so") for a,
+        b in findings),
         **more,
     )  # fmt: skip
 
@@ -35,14 +36,14 @@ def checked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     found: dict[str, Any] = {"asked": []}
 
     def looker(how: str) -> Any:
-        def look(folder: Path, *, manifest_sha256: str | None) -> Verified:
+        def look(folder: Path, *, manifest_sha256: str | None) -> VerifyReport:
             found["asked"].append((how, folder.name, manifest_sha256))
-            answer: Verified = found[folder.name]
+            answer: VerifyReport = found[folder.name]
             return answer
 
         return look
 
-    for name in ("verify", "verify_calibration"):
+    for name in ("verify_run", "verify_calibration"):
         monkeypatch.setattr(verify_cli, name, looker(name))
     return found
 
@@ -64,7 +65,7 @@ def test_every_folder_is_looked_at_and_one_that_is_not_whole_fails(
         "  made later  report.html: to look at; nothing vouches for it",
         "whole    /d: 7 files, 99 bytes as they were",
     ]
-    assert checked["asked"] == [("verify", "a", None), ("verify_calibration", "d", None)]
+    assert checked["asked"] == [("verify_run", "a", None), ("verify_calibration", "d", None)]
     folders = [str(tmp_path / name) for name in ("b", "c", "a")]
     assert main(["verify", *folders]) == 5
     assert capsys.readouterr().out.splitlines()[:6] == [
@@ -97,7 +98,7 @@ def test_a_checksum_is_of_one_run(
     checked["a"] = verified("/a")
     code = main(["verify", *["a"] * folders, "--manifest-sha256", digits])
     assert code == (0 if fits else 2)
-    assert checked["asked"] == [("verify", "a", digits)] * fits
+    assert checked["asked"] == [("verify_run", "a", digits)] * fits
     assert ("64 hexadecimal digits" in capsys.readouterr().err) == (not fits)
 
 
@@ -116,7 +117,7 @@ def test_a_page_is_written_and_its_place_and_size_are_said(
         page.write_bytes(bytes(1_250_000))
         return page
 
-    monkeypatch.setattr(report_cli, "write", write)
+    monkeypatch.setattr(report_cli, "write_report", write)
     assert main(["report", "run", "--out", "x.html"]) == 0
     said = capsys.readouterr()
     assert said.out == f"{page}: 1.2 MB, opens in a browser without a network\n"
@@ -148,9 +149,11 @@ def outcome(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         made.asked.append((*asked, how))
         return made
 
-    monkeypatch.setattr(figures_cli, "make", make)
+    monkeypatch.setattr(figures_cli, "make_paper_figures", make)
     monkeypatch.setattr(figures_cli, "open_processes", nullcontext)
-    monkeypatch.setattr(figures_cli, "figures_of", lambda numbers: [f"figure {n}" for n in numbers])
+    monkeypatch.setattr(
+        figures_cli, "choose_figures", lambda numbers: [f"figure {n}" for n in numbers]
+    )
     return made
 
 
@@ -167,12 +170,12 @@ def test_figures_say_which_of_their_numbers_did_not_hold(
         f"page  {tmp_path}/page/index.html",
     ]  # fmt: skip
     ((figures, out, mode, workers, how),) = outcome.asked
-    assert (figures, out, mode) == (["figure 1", "figure 2"], tmp_path / "page", FULL)
+    assert (figures, out, mode) == (["figure 1", "figure 2"], tmp_path / "page", FULL_MODE)
     assert (workers, how["plots"]) == (3, True)
     outcome.held = True
     assert main(["figures", "--out", "page", "--no-plots"]) == 0
     *_, (figures, _, mode, workers, how) = outcome.asked
-    assert (figures, mode, workers, how["plots"]) == ([], QUICK, None, False)
+    assert (figures, mode, workers, how["plots"]) == ([], QUICK_MODE, None, False)
 
 
 def test_how_far_figures_are_is_said(

@@ -14,11 +14,11 @@ import pytest
 
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
-from pdcd.client import Unreachable
+from pdcd.client import UnreachableError
 from pdcd.errors import DecodeError, RequestError
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.protocol.result import Quality
-from pdcd.runs.prune import Unwanted
+from pdcd.runs.prune import UnwantedRun
 from tests.unit.cli.cli_stubs import home_at
 
 
@@ -41,7 +41,7 @@ class Finder:
 
     def __init__(self, path: Path) -> None:
         if self.gone:
-            raise Unreachable("nobody")
+            raise UnreachableError("nobody")
 
     def __enter__(self) -> Finder:
         return self
@@ -126,7 +126,7 @@ def test_folders_are_looked_into_where_no_daemon_answers(
         looked.append(folder)
         yield Page(state_folder=str(folder), runs=[])
 
-    monkeypatch.setattr(runs_cli, "find", find)
+    monkeypatch.setattr(runs_cli, "iterate_run_pages", find)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(finder, "gone", True)
     assert main(["runs"]) == 0
@@ -146,7 +146,7 @@ def test_all_that_is_known_of_a_run_is_shown(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("pdcd.cli.output.width", lambda: 300)
+    monkeypatch.setattr("pdcd.cli.output.find_terminal_width", lambda: 300)
     run = entry(
         1, state="partial", verdict="good", name="Chart", tags=("wax", "glass"), note="one\ntwo",
         method="coded", codes=8, exposure_s=1.5, rms_sigma=0.02, rms_error_quads=0.01, mock=False,
@@ -212,7 +212,7 @@ def test_a_run_is_named_by_a_folder_a_job_or_a_name(
         looked.append(folder)
         raise RequestError("no run")
 
-    monkeypatch.setattr(runs_cli, "at", at)
+    monkeypatch.setattr(runs_cli, "read_run_at", at)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "here").mkdir()
     for name in ("a/b", "here", "/x"):
@@ -249,22 +249,22 @@ class Pruned:
     """Two runs that are to go, of a mebibyte each; those in `kept` cannot be removed."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, finder: type[Finder]) -> None:
-        self.going = [Unwanted(run=entry(n), size_bytes=n << 20) for n in (2, 1)]
+        self.going = [UnwantedRun(run=entry(n), size_bytes=n << 20) for n in (2, 1)]
         self.asked: list[Any] = []
         self.removed: list[str] = []
         self.kept: tuple[str, ...] = ()
         self.line, self.terminal = "n", True
         finder.pages = [Page(state_folder="/srv", runs=[])] * 9
-        monkeypatch.setattr("pdcd.runs.prune.unwanted", self.unwanted)
-        monkeypatch.setattr("pdcd.runs.prune.remove", self.remove)
+        monkeypatch.setattr("pdcd.runs.prune.find_unwanted_runs", self.unwanted)
+        monkeypatch.setattr("pdcd.runs.prune.remove_run", self.remove)
         stdin = SimpleNamespace(isatty=lambda: self.terminal, readline=lambda: self.line)
         monkeypatch.setattr("sys.stdin", stdin)
 
-    def unwanted(self, state: Path, query: RunQuery, **how: Any) -> list[Unwanted]:
+    def unwanted(self, state: Path, query: RunQuery, **how: Any) -> list[UnwantedRun]:
         self.asked.append((state, query, how))
         return self.going
 
-    def remove(self, state: Path, one: Unwanted) -> Unwanted:
+    def remove(self, state: Path, one: UnwantedRun) -> UnwantedRun:
         assert state == Path("/srv")
         self.removed.append(one.run.job)
         if one.run.job in self.kept:

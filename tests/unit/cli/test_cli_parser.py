@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from pdcd.cli.parser import EXIT_CODES, actions_of, build_parser, commands
-from pdcd.cli.typed import share
+from pdcd.cli.parser import EXIT_CODES, actions_of, build_parser, list_subparsers
+from pdcd.cli.typed import parse_share
 
 """By command: its arguments, then its options, group by group."""
 PARSER = build_parser()
-EVERY = {command.prog.removeprefix("pdcd "): command for command in commands(PARSER)}
+EVERY = {command.prog.removeprefix("pdcd "): command for command in list_subparsers(PARSER)}
 """What its name or its choices alone explain."""
 
 
@@ -94,14 +94,14 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
         "capture:capture", {**USUAL, "goal": "transport", "detach": False, "queue": False},
     ),
     "compare direct": ("compare:compare", {**USUAL, "goal": "direct"}),
-    "demo": ("demo:demo", {"out": Path("demo"), "codes": None, "seed": 0}),
-    "status": ("jobs:status", ANY_RIG),
+    "demo": ("demo:run_demo", {"out": Path("demo"), "codes": None, "seed": 0}),
+    "status": ("jobs:show_status", ANY_RIG),
     "watch": ("jobs:watch", {**ANY_RIG, "job": None}),
     "cancel": ("jobs:cancel", {**ANY_RIG, "job": None}),
-    "runs": ("runs:list_runs", {**LISTED, "runs_command": None}),
-    "runs show R": ("runs:show", {**LISTED, "runs_command": "show", "run_name": "R"}),
+    "runs": ("runs:print_runs", {**LISTED, "runs_command": None}),
+    "runs show R": ("runs:show_run", {**LISTED, "runs_command": "show", "run_name": "R"}),
     "runs export R --format exr": (
-        "runs:export", {**LISTED, "runs_command": "export", "run_name": "R", **EXPORTED},
+        "runs:export_run", {**LISTED, "runs_command": "export", "run_name": "R", **EXPORTED},
     ),
     "runs verify": (
         "runs:verify", {**LISTED, "runs_command": "verify", "run_name": [], **FILTERED},
@@ -112,14 +112,16 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
          "dry_run": False, "yes": False},
     ),
     "wait J": ("capture:wait", {**ANY_RIG, "job": "J"}),
-    "web": ("web:web", {**ANY_RIG, "state_dir": None, "host": "127.0.0.1", "port": 8137}),
-    "drivers": ("tools:drivers", {}),
+    "web": ("web:serve_web", {**ANY_RIG, "state_dir": None, "host": "127.0.0.1", "port": 8137}),
+    "drivers": ("tools:print_drivers", {}),
     "doctor display": (
-        "doctor:display", {"doctor_command": "display", "config": None, "display": None},
+        "doctor:diagnose_display", {"doctor_command": "display", "config": None, "display": None},
     ),
-    "doctor camera": ("doctor:camera", {"doctor_command": "camera", "config": None, "raw": None}),
+    "doctor camera": (
+        "doctor:diagnose_camera", {"doctor_command": "camera", "config": None, "raw": None},
+    ),
     "doctor trigger": (
-        "doctor:trigger",
+        "doctor:diagnose_trigger",
         {"doctor_command": "trigger", "config": None, "click": False, "seconds": 1.0},
     ),
     "calibrate": (
@@ -128,35 +130,35 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
          "out": None, "yes": False, "queue": False, "local": False},
     ),
     "show": (
-        "panels:show",
+        "panels:show_pattern",
         {**ANY_RIG, "pattern": "grid", "index": 0, "loop": False, "out": None, "seconds": None,
          "detach": False},
     ),
-    "timing": ("panels:timing", {"frames": 3000, "out": None, "config": None}),
-    "config check": ("tools:config", {"action": "check", "config": None}),
+    "timing": ("panels:measure_timing", {"frames": 3000, "out": None, "config": None}),
+    "config check": ("tools:examine_config", {"action": "check", "config": None}),
     "decode F": ("tools:decode", {"folder": Path("F"), "partial": False, "out": None}),
     "verify F": ("verify:verify_runs", {"folder": [Path("F")], "manifest_sha256": None}),
     "export F --format exr": ("export:export", {"folder": Path("F"), **EXPORTED}),
     "report F": ("report:report", {"folder": Path("F"), "out": None}),
     "row F --cell 1 2": (
-        "row:row", {"folder": Path("F"), "cell": [1, 2], "photo": None, "out": None},
+        "row:draw_matrix_row", {"folder": Path("F"), "cell": [1, 2], "photo": None, "out": None},
     ),
     "virtual-camera": (
-        "tools:virtual_camera", {"port": 15740, "scene": "chart", "small": False},
+        "tools:run_virtual_camera", {"port": 15740, "scene": "chart", "small": False},
     ),
     "figures --out D": (
-        "figures:figures",
+        "figures:take_figures",
         {"number": [], "out": Path("D"), "quick": False, "full": False, "plots": True,
          "workers": None},
     ),
     "snr": (
-        "snr:snr",
+        "snr:print_snr",
         {"profile": "modern", "iso": None, "codes": 512, "exposure": 30.0, "signal": None,
          "transmission": 1.0},
     ),
-    "version": ("shell:version", {}),
-    "completion zsh": ("shell:completion", {"shell": "zsh"}),
-    "man": ("shell:man", {}),
+    "version": ("shell:print_version", {}),
+    "completion zsh": ("shell:print_completion", {"shell": "zsh"}),
+    "man": ("shell:print_manual", {}),
 }  # fmt: skip
 
 
@@ -283,7 +285,7 @@ def test_what_is_typed_arrives_as_what_it_is(line: str) -> None:
     ("text", "value"), [("1%", 0.01), ("0.01", 0.01), ("100%", 1.0), ("-3", -3.0), ("0", 0.0)]
 )
 def test_a_share_is_a_number_or_a_percentage(text: str, value: float) -> None:
-    assert share(text) == pytest.approx(value, abs=1e-15)
+    assert parse_share(text) == pytest.approx(value, abs=1e-15)
     for wrong in ("", "%", "1%%", "one"):
         with pytest.raises(ValueError, match="could not convert"):
-            share(wrong)
+            parse_share(wrong)

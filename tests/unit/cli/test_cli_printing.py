@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdcd.api.progress import words_of
-from pdcd.cli.exits import DENIED, exit_code
+from pdcd.api.progress import describe_event
+from pdcd.cli.exits import DENIED, exit_code_of
 from pdcd.cli.main import main
-from pdcd.client import Unreachable
+from pdcd.client import UnreachableError
 from pdcd.errors import DeviceLost
-from pdcd.printable import lines, one_line
-from pdcd.protocol.events import Armed, Event, Unknown, read
+from pdcd.printable import to_indented_lines, to_one_line
+from pdcd.protocol.events import Event, ShotArmed, UnknownEvent, decode_event
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import OwnerView
 from tests.places import ROOT
@@ -32,8 +32,8 @@ RESULT = CaptureResult(
     summary={"codes": EVIL, "note": EVIL},
 )
 EVENTS: list[Event] = [
-    Armed(job=EVIL, seq=0, t_mono_ns=1, shot=EVIL, frames=3),
-    read({"job": EVIL, "seq": 1, "type": EVIL, "t_mono_ns": 2, "shot": EVIL}),
+    ShotArmed(job=EVIL, seq=0, t_mono_ns=1, shot=EVIL, frames=3),
+    decode_event({"job": EVIL, "seq": 1, "type": EVIL, "t_mono_ns": 2, "shot": EVIL}),
 ]
 JOB = msgspec.structs.replace(
     JOB_VIEW, job=EVIL, goal=EVIL, folder=EVIL, owner=OwnerView(uid=1, pid=2, user=EVIL)
@@ -81,7 +81,7 @@ def decoded(value: object) -> str:
 
 
 @pytest.mark.parametrize(
-    "error", [DeviceLost(EVIL, device=EVIL, hint=EVIL), Unreachable(EVIL), OSError(EVIL)]
+    "error", [DeviceLost(EVIL, device=EVIL, hint=EVIL), UnreachableError(EVIL), OSError(EVIL)]
 )
 def test_an_error_is_shown_with_its_further_lines_indented(
     daemon: type[StubClient],
@@ -97,26 +97,26 @@ def test_an_error_is_shown_with_its_further_lines_indented(
 
 
 def test_the_bar_of_a_terminal_shows_words_that_are_escaped() -> None:
-    assert isinstance(EVENTS[1], Unknown)
-    assert all(words_of(event).isprintable() for event in EVENTS)
+    assert isinstance(EVENTS[1], UnknownEvent)
+    assert all(describe_event(event).isprintable() for event in EVENTS)
 
 
 @given(st.text())
 def test_what_can_be_seen_stays_and_all_else_is_escaped(text: str) -> None:
-    shown = one_line(text)
-    assert shown.isprintable() and one_line(shown) == shown
+    shown = to_one_line(text)
+    assert shown.isprintable() and to_one_line(shown) == shown
     if text.isprintable():
         assert shown == text
-    first, *more = lines(text).split("\n")
+    first, *more = to_indented_lines(text).split("\n")
     assert first.isprintable() and all(line[:2] == "  " and line.isprintable() for line in more)
 
 
 @given(st.text())
 def test_a_json_text_keeps_its_value(text: str) -> None:
     value = {text: [text]}
-    assert json.loads(one_line(json.dumps(value, ensure_ascii=False))) == value
+    assert json.loads(to_one_line(json.dumps(value, ensure_ascii=False))) == value
 
 
 def test_exit_code_6_is_for_what_one_may_not() -> None:
-    assert exit_code("denied") == DENIED == 6
+    assert exit_code_of("denied") == DENIED == 6
     assert "6 not allowed" in (ROOT / "README.md").read_text(encoding="utf-8")

@@ -18,10 +18,10 @@ from pdcd.cli import demo as demo_cli
 from pdcd.cli import shell
 from pdcd.cli import tools as tools_cli
 from pdcd.cli.main import main
-from pdcd.cli.parser import build_parser, commands
-from pdcd.cli.web import web
-from pdcd.client import Unreachable
-from pdcd.extras import install_hint
+from pdcd.cli.parser import build_parser, list_subparsers
+from pdcd.cli.web import serve_web
+from pdcd.client import UnreachableError
+from pdcd.extras import suggest_install
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.server import log
@@ -103,7 +103,7 @@ def test_a_demo_takes_one_photo_with_a_daemon_of_its_own(
     files = ("preview/white.png", *["report.html"] * has_page)
     result = CaptureResult(job=JOB, state="done", folder="/r", files=files)
     monkeypatch.setattr(demo_cli, "Client", client_of(result, asked))
-    monkeypatch.setattr(demo_cli, "write", lambda folder: f"a page of {folder}")
+    monkeypatch.setattr(demo_cli, "write_report", lambda folder: f"a page of {folder}")
     assert main(["demo", "--out", "there", "--codes", "16", "--seed", "3"]) == 0
     (words,) = daemon.started
     assert words[:5] == [sys.executable, "-P", "-m", "pdcd", "serve"]
@@ -166,7 +166,7 @@ def test_a_daemon_is_waited_for_until_it_answers_or_has_ended(
         nonlocal count
         count += 1
         if count < tries or ended is not None:
-            raise Unreachable("nobody")
+            raise UnreachableError("nobody")
         return socket
 
     log = tmp_path / "log"
@@ -178,7 +178,7 @@ def test_a_daemon_is_waited_for_until_it_answers_or_has_ended(
         assert demo_cli._connect(Path("s"), daemon, log) == Path("s")  # type: ignore[arg-type, comparison-overlap]
         assert slept == [0.02] * (tries - 1) and capsys.readouterr().err == ""
     else:
-        with pytest.raises(Unreachable):
+        with pytest.raises(UnreachableError):
             demo_cli._connect(Path("s"), daemon, log)  # type: ignore[arg-type]
         assert capsys.readouterr().err == "it begins\nit fails\n" and count == 1
 
@@ -195,12 +195,12 @@ def test_a_page_is_served_of_what_was_named(
         served.append((bound, socket, state))
         opened("http://127.0.0.1:1/x")
 
-    module = SimpleNamespace(bound=lambda *where: where, run=run)
+    module = SimpleNamespace(bind_loopback=lambda *where: where, run_page_server=run)
     monkeypatch.setitem(sys.modules, "pdcd.web.serve", module)
-    monkeypatch.setattr(log, "to_stderr", lambda: served.append("log"))
+    monkeypatch.setattr(log, "send_to_stderr", lambda: served.append("log"))
     monkeypatch.chdir(tmp_path)
     line = ["web", "--socket", "/s", "--state-dir", "runs", "--port", "1"]
-    assert web(build_parser().parse_args(line)) == 0
+    assert serve_web(build_parser().parse_args(line)) == 0
     said = capsys.readouterr()
     assert said.out == "http://127.0.0.1:1/x\n"
     assert "until Ctrl-C ends the page" in said.err
@@ -221,7 +221,7 @@ def test_files_and_folders_are_completed_as_what_they_are(
 
     def complete(parser: argparse.ArgumentParser, shell: str) -> str:
         assert shell == "fish"
-        for of in (parser, *commands(parser)):
+        for of in (parser, *list_subparsers(parser)):
             for action in of._actions:
                 found[f"{of.prog} {action.option_strings or action.dest}"] = getattr(
                     action, "complete", None
@@ -230,7 +230,7 @@ def test_files_and_folders_are_completed_as_what_they_are(
 
     module = SimpleNamespace(complete=complete, DIRECTORY="a folder", FILE="a file")
     monkeypatch.setitem(sys.modules, "shtab", module)
-    assert shell.script("fish") == "the script\n"
+    assert shell.make_completion_script("fish") == "the script\n"
     assert found["pdcd capture ['--out']"] == "a folder"
     assert found["pdcd capture ['--config']"] == found["pdcd decode folder"] == "a file"
     assert found["pdcd runs export ['--state-dir']"] == "a folder"
@@ -242,7 +242,7 @@ def test_a_library_that_is_missing_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 2
-    assert f"shtab is not installed ({install_hint('shtab')})" in capsys.readouterr().err
+    assert f"shtab is not installed ({suggest_install('shtab')})" in capsys.readouterr().err
 
 
 # --- decoding, and the configuration as it is used ------------------------------------------------
@@ -303,10 +303,10 @@ def test_each_value_of_a_configuration_says_where_it_comes_from(
         return "first\n  second\n\n"
 
     origins = [SimpleNamespace(key="rig.name", words="typed")]
-    monkeypatch.setattr(tools_cli, "show", show)
-    monkeypatch.setattr(tools_cli, "origins", lambda source, settings: origins)
-    monkeypatch.setattr(tools_cli, "age_words", lambda settings: age)
-    monkeypatch.setattr(tools_cli, "calibrated", lambda settings: "calibrated")
+    monkeypatch.setattr(tools_cli, "format_config", show)
+    monkeypatch.setattr(tools_cli, "trace_origins", lambda source, settings: origins)
+    monkeypatch.setattr(tools_cli, "describe_calibration_age", lambda settings: age)
+    monkeypatch.setattr(tools_cli, "apply_calibration", lambda settings: "calibrated")
     assert main(["config", "show"]) == 0
     assert capsys.readouterr().out == "first\n  second\n"
     notes: dict[tuple[str, ...], str] = {("rig", "name"): "typed"}

@@ -13,7 +13,7 @@ import pytest
 from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from pdcd.pictures.row import matrix_row
+from pdcd.pictures.row import read_matrix_row
 from pdcd.pictures.written.picture_files import HEIGHT_PX
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
@@ -41,7 +41,7 @@ def meetings(folder: Path, name: str) -> Any:
 
 def test_row_is_that_of_the_stored_codes(tmp_path: Path) -> None:
     folder = finished(tmp_path, goal="indirect", codes=8, family="bernoulli")
-    found = matrix_row(folder, (1, 2))
+    found = read_matrix_row(folder, (1, 2))
     pi = meetings(folder, "coded")
     off = ~np.eye(ROWS * COLS, dtype=bool)
     np.testing.assert_allclose(found.realised.ravel(), pi[6] / pi[off].mean(), rtol=1e-9)
@@ -54,7 +54,7 @@ def test_row_is_that_of_the_stored_codes(tmp_path: Path) -> None:
 def test_row_is_divided_by_what_the_picture_was_divided_by(tmp_path: Path) -> None:
     fields: dict[str, Any] = {"goal": "indirect", "codes": 8, "family": "bernoulli"}
     folder = finished(tmp_path, **fields, normalise="row")
-    found = matrix_row(folder, (0, 3))
+    found = read_matrix_row(folder, (0, 3))
     assert found.realised.sum() / (ROWS * COLS - 1) == pytest.approx(1.0, rel=1e-9)
 
 
@@ -62,7 +62,7 @@ def test_missed_refreshes_show_in_the_row(tmp_path: Path) -> None:
     """A late refresh stretches one code: the row is no longer that of the stored codes."""
     config = bench_rig.with_defects(tmp_path, rig=RigConfig(on_miss="flag"))
     folder = finished(tmp_path, config, goal="indirect", codes=8, normalise="scalar")
-    found = matrix_row(folder, (1, 1)).realised.ravel()
+    found = read_matrix_row(folder, (1, 1)).realised.ravel()
     ideal = meetings(folder, "coded")[5]
     assert np.abs(found - ideal / ideal.mean()).max() > 0.05
     assert found[5] > 0.0  # direct light leaks in
@@ -97,7 +97,7 @@ def test_command_writes_the_picture_and_prints_figures(
 
 def test_negative_weights_are_darker_than_none(tmp_path: Path) -> None:
     folder = finished(tmp_path, goal="descattered", codes=16, shift=(0, -1))
-    picture = matrix_row(folder, (1, 2)).picture((1, 2))[:-HEIGHT_PX]
+    picture = read_matrix_row(folder, (1, 2)).picture((1, 2))[:-HEIGHT_PX]
     side = picture.shape[0] // ROWS
     cells = picture[side // 2 :: side, side // 2 :: side, 0].astype(int)
     assert cells[1, 2] == 255 and cells[1, 1] == 0 and cells[0, 0] == 128

@@ -11,13 +11,13 @@ import pytest
 
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
-from pdcd.cli.runs import moment
-from pdcd.client import Unreachable
+from pdcd.cli.runs import parse_moment
+from pdcd.client import UnreachableError
 from pdcd.errors import ConfigError
 from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import Quality
-from pdcd.runs.index import runs
+from pdcd.runs.index import find_runs
 from tests.run_folders import cut, finished, job
 from tests.unit.cli.cli_stubs import (
     StubClient,
@@ -92,7 +92,7 @@ def test_json_has_a_run_a_line_and_filters_choose(
 def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
     state: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (hers, *_), asked = runs(state), []
+    (hers, *_), asked = find_runs(state), []
 
     class Leaves(StubClient):
         asked = []  # noqa: RUF012
@@ -100,7 +100,7 @@ def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
         def find(self, query: RunQuery) -> Page:
             asked.append(query)
             if query.before:
-                raise Unreachable("it went away")
+                raise UnreachableError("it went away")
             return Page(state_folder="/hers", runs=[hers], more="captures/x")
 
     monkeypatch.setattr("pdcd.cli.daemon.Client", Leaves)
@@ -167,7 +167,7 @@ def test_what_is_in_front_of_a_command_is_not_lost(
     for words in (["--tag", "wax"], ["--goal", "white"], ["--failed"], ["--since", "1d"]):
         told(capsys, *words, "prune", "--keep", "0", "--yes", code=2)
         told(capsys, *words, "show", job(1), code=2)
-    assert len(runs(state)) == 3
+    assert len(find_runs(state)) == 3
 
 
 def test_prune_says_what_goes_and_removes_nothing_unasked(
@@ -181,11 +181,11 @@ def test_prune_says_what_goes_and_removes_nothing_unasked(
     assert [line.split()[0] for line in lines if line.startswith("2026")] == [job(3)]
     (line,) = told(capsys, "prune", "--failed", "--dry-run", "--json")
     assert (json.loads(line)["run"]["job"], json.loads(line)["removed"]) == (job(3), False)
-    assert len(runs(state)) == 3
+    assert len(find_runs(state)) == 3
     told(capsys, "prune", "--failed", "--yes")
-    assert [run.job for run in runs(state)] == [job(2), job(1)]
+    assert [run.job for run in find_runs(state)] == [job(2), job(1)]
     told(capsys, "prune", "--keep", "1", "--older-than", "2026-02-01", "--yes")
-    assert [run.job for run in runs(state)] == [job(2)]
+    assert [run.job for run in find_runs(state)] == [job(2)]
     assert told(capsys, "prune", "--failed", "--yes") == [f"nothing to remove in {state}"]
 
 
@@ -214,12 +214,12 @@ def test_labels_are_typed_with_a_capture_and_refused_where_they_cannot_be(
 
 def test_a_moment_is_a_date_or_how_long_ago() -> None:
     now = datetime(2026, 3, 8, 12, tzinfo=UTC)
-    assert moment("90m", "--since", now) == now - timedelta(minutes=90)
-    assert moment("2w", "--since", now) == datetime(2026, 2, 22, 12, tzinfo=UTC)
-    assert moment("2026-01-02T03:04:05+01:00", "--since") == datetime(
+    assert parse_moment("90m", "--since", now) == now - timedelta(minutes=90)
+    assert parse_moment("2w", "--since", now) == datetime(2026, 2, 22, 12, tzinfo=UTC)
+    assert parse_moment("2026-01-02T03:04:05+01:00", "--since") == datetime(
         2026, 1, 2, 2, 4, 5, tzinfo=UTC
     )
-    assert moment("2026-01-02", "--since") == datetime(2026, 1, 2).astimezone(UTC)
+    assert parse_moment("2026-01-02", "--since") == datetime(2026, 1, 2).astimezone(UTC)
     for text in ("", "yesterday", "-1d", "999999w", "1y", "2026-13-01", "0001-01-01T00:00+14:00"):
         with pytest.raises(ConfigError, match="--since"):
-            moment(text, "--since")
+            parse_moment(text, "--since")

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from pdcd.cli.main import main
-from pdcd.cli.parser import build_parser, commands
-from pdcd.cli.shell import page, script
+from pdcd.cli.parser import build_parser, list_subparsers
+from pdcd.cli.shell import make_completion_script, make_manual_page
 from pdcd.version import __version__
 from tests.places import ROOT
 from tests.tools import needs, program
@@ -50,7 +50,7 @@ def said(home: Path, *command: str) -> str:
 
 @needs("bash")
 def test_bash_completes(home: Path) -> None:
-    (home / "script").write_text(script("bash"))
+    (home / "script").write_text(make_completion_script("bash"))
     lines = [
         f"COMP_WORDS=({line}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); COMPREPLY=(); "
         '_shtab_pdcd pdcd "${COMP_WORDS[$COMP_CWORD]}"; echo "${COMPREPLY[*]}"'
@@ -62,7 +62,7 @@ def test_bash_completes(home: Path) -> None:
 
 @needs("fish")
 def test_fish_completes(home: Path) -> None:
-    (home / "script").write_text(script("fish"))
+    (home / "script").write_text(make_completion_script("fish"))
     lines = [f"complete -C '{line}'; echo END" for line in TYPED]
     told = said(home, program("fish"), "--no-config", "-c", "\n".join(["source script", *lines]))
     found = [part.split("\t")[0].split() for part in told.split("END\n")[:-1]]
@@ -75,7 +75,7 @@ def test_fish_completes(home: Path) -> None:
 @needs("zsh")
 def test_zsh_completes(home: Path) -> None:
     """Into _pdcd in a folder of $fpath, and by a tabulator at a terminal: there is no other way."""
-    (home / "_pdcd").write_text(script("zsh"))
+    (home / "_pdcd").write_text(make_completion_script("zsh"))
     shell = program("zsh")
     terminal, other_end = pty.openpty()
     environ = {**os.environ, "TERM": "dumb", "HOME": str(home)}
@@ -113,7 +113,7 @@ def test_a_script_is_printed_for_each_shell_and_no_other(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["completion", "bash"]) == 0
-    assert capsys.readouterr().out == script("bash")
+    assert capsys.readouterr().out == make_completion_script("bash")
     with pytest.raises(SystemExit):
         main(["completion", "tcsh"])
 
@@ -121,8 +121,8 @@ def test_a_script_is_printed_for_each_shell_and_no_other(
 def test_the_manual_has_every_command_and_every_option(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["man"]) == 0
     text = capsys.readouterr().out
-    assert text == page() and __version__ in text.splitlines()[0]
-    every = list(commands(build_parser()))
+    assert text == make_manual_page() and __version__ in text.splitlines()[0]
+    every = list(list_subparsers(build_parser()))
     assert {"pdcd capture", "pdcd runs prune", "pdcd doctor camera"} <= {c.prog for c in every}
     sections = dict(part.split("\n", 1) for part in text.replace(r"\-", "-").split("\n.SH ")[1:])
     for command in every:
@@ -134,7 +134,7 @@ def test_the_manual_has_every_command_and_every_option(capsys: pytest.CaptureFix
 
 @needs("mandoc")
 def test_the_manual_is_in_order(tmp_path: Path) -> None:
-    (tmp_path / "pdcd.1").write_text(page())
+    (tmp_path / "pdcd.1").write_text(make_manual_page())
     done = subprocess.run(
         [program("mandoc"), "-T", "lint", "-W", "warning", str(tmp_path / "pdcd.1")],
         capture_output=True, text=True, timeout=PATIENCE_S, check=False,

@@ -10,13 +10,13 @@ import pytest
 
 from pdcd.cli import snr as snr_cli
 from pdcd.cli.main import main
-from pdcd.sensor.appendix import PrintedRow, appendix_rows
+from pdcd.sensor.appendix import PrintedRow, compute_appendix_rows
 
 
 def test_command_prints_all_three_tables(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["snr"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    for row, line in zip(appendix_rows(), lines[2:], strict=False):
+    for row, line in zip(compute_appendix_rows(), lines[2:], strict=False):
         assert re.split(r"\s{2,}", line)[:2] == [row.quantity, row.printed]
     assert "sensor modern: Modern low-noise sensor, round numbers, estimated" in lines
     assert any(line.startswith("masked sum") and "18.76 dB" in line for line in lines)
@@ -37,7 +37,7 @@ def test_command_prints_one_json_object(capsys: pytest.CaptureFixture[str]) -> N
     assert out.count("\n") == 1
     told = json.loads(out)
     assert [row["quantity"] for row in told["appendix"]] == [
-        row.quantity for row in appendix_rows()
+        row.quantity for row in compute_appendix_rows()
     ]
     assert (told["profile"], told["estimated"], told["iso"]) == ("mark2", True, 1600)
     assert told["pixel"] == {
@@ -83,7 +83,7 @@ def test_the_appendix_is_printed_with_two_digits_more_than_the_paper_has(
 ) -> None:
     rows = (PrintedRow("gain", "3.9", 3.8764), PrintedRow("codes", "64", 64.4, 3.6),
             PrintedRow("loss", "1.25", 1.251234, 1.5, note="so it is"))  # fmt: skip
-    monkeypatch.setattr(snr_cli, "appendix_rows", lambda: rows)
+    monkeypatch.setattr(snr_cli, "compute_appendix_rows", lambda: rows)
     assert main(["snr"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:7] == [

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from pdcd.capture.job import TOLD, told
+from pdcd.capture.job import TOLD, merge_warnings
 from pdcd.cli.main import main
 from pdcd.cli.output import WIDTH, say_result
 from pdcd.protocol import events
@@ -63,15 +63,15 @@ def test_json_and_daemon(
 
 
 def test_the_last_event_carries_both() -> None:
-    sent = events.wire(events.end_of(RESULT))
-    got = events.read(json.loads(json.dumps(sent)))
-    assert isinstance(got, events.Done)
+    sent = events.encode_event(events.make_end_event(RESULT))
+    got = events.decode_event(json.loads(json.dumps(sent)))
+    assert isinstance(got, events.JobDone)
     assert (got.summary["quality"], got.warnings) == (QUALITY, RESULT.warnings)
 
 
 def test_what_many_shots_say_is_said_once() -> None:
     many = [f"shot photo-{n}: presentation times are not verified" for n in range(1000)]
-    assert told([*many, "other"]) == (f"{many[0]} (and so of 999 more)", "other")
-    assert told(["a: b", "c: b"]) == ("a: b", "c: b")
-    brief = told([f"text {n}" for n in range(100)])
+    assert merge_warnings([*many, "other"]) == (f"{many[0]} (and so of 999 more)", "other")
+    assert merge_warnings(["a: b", "c: b"]) == ("a: b", "c: b")
+    brief = merge_warnings([f"text {n}" for n in range(100)])
     assert len(brief) == TOLD and brief[-1] == "and 37 more; capture.json has all of them"

@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from pdcd.cli.main import main
-from pdcd.cli.output import say_compared, say_result
-from pdcd.printable import percent
+from pdcd.cli.output import say_comparison, say_result
+from pdcd.printable import to_percent
 from pdcd.protocol.plan_summary import PilotCost, PlanSummary, Prediction, ShotSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
@@ -37,7 +37,7 @@ def planned(
 
     monkeypatch.setattr("pdcd.cli.daemon.Client", Planner)
     monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setattr("pdcd.cli.output.width", lambda: 200)
+    monkeypatch.setattr("pdcd.cli.output.find_terminal_width", lambda: 200)
     assert main(["plan", "indirect"]) == 0
     lines = capsys.readouterr().out.splitlines()
     begin = max(
@@ -128,7 +128,7 @@ def test_all_that_is_known_of_a_photo_is_in_its_table(
     files = ("preview/high.png", "linear/high.tif", "preview/transport.png", "transport.npz",
              "report.html")  # fmt: skip
     result = CaptureResult(job=JOB, state="done", folder="/r", summary=summary, files=files)
-    monkeypatch.setattr("pdcd.cli.output.width", lambda: 200)
+    monkeypatch.setattr("pdcd.cli.output.find_terminal_width", lambda: 200)
     assert say_result(result, as_json=False) == 0
     rows = [line.split("  ", 1) for line in capsys.readouterr().out.splitlines()]
     assert [[row[0], row[1].strip()] for row in rows] == [
@@ -145,9 +145,9 @@ def test_all_that_is_known_of_a_photo_is_in_its_table(
 
 
 def test_what_was_made_again_is_compared_name_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert say_compared({"a": 1}, iter([("x", True), ("y", False)]), as_json=False) == 5
+    assert say_comparison({"a": 1}, iter([("x", True), ("y", False)]), as_json=False) == 5
     assert capsys.readouterr().out == "identical  x\nDIFFERS    y\n"
-    assert say_compared({"a": 1}, iter([("x", True)]), as_json=True) == 0
+    assert say_comparison({"a": 1}, iter([("x", True)]), as_json=True) == 0
     assert json.loads(capsys.readouterr().out) == {"a": 1}
-    assert say_compared({}, [], as_json=False) == 0
-    assert (percent(0.12345), percent(1), percent("0.5")) == ("12.3 %", "100 %", "50 %")
+    assert say_comparison({}, [], as_json=False) == 0
+    assert (to_percent(0.12345), to_percent(1), to_percent("0.5")) == ("12.3 %", "100 %", "50 %")

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from pdcd.cli.output import WIDTH, say_table, say_text, width
+from pdcd.cli.output import WIDTH, find_terminal_width, say_table, say_text
 
 
 def shown(capsys: pytest.CaptureFixture[str], rows: list[list[str]]) -> list[str]:
@@ -50,7 +50,7 @@ def test_no_word_is_lost_and_no_line_too_long(
 def test_a_sentence_goes_on_further_in(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdcd.cli.output.width", lambda: 40)
+    monkeypatch.setattr("pdcd.cli.output.find_terminal_width", lambda: 40)
     say_text("warning: " + "well-known " * 8 + "x" * 50 + "\n")
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "warning: well-known well-known"
@@ -61,6 +61,6 @@ def test_a_terminal_says_how_wide_it_is(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     for typed, wide in (("120", 120), ("41", 41), ("7", 40)):
         monkeypatch.setenv("COLUMNS", typed)
-        assert width() == wide
+        assert find_terminal_width() == wide
     monkeypatch.setattr("sys.stdout.isatty", lambda: False)
-    assert width() == WIDTH == 80  # nobody looks: a file, a pipe
+    assert find_terminal_width() == WIDTH == 80  # nobody looks: a file, a pipe

@@ -14,9 +14,9 @@ from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
 from pdcd.planning.bench_fit import choose_window
 from pdcd.planning.make import make_plan
-from pdcd.probing.panel import Panel
+from pdcd.probing.panel import PanelOptics
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.programs import Coded, Far, Signed, Under
+from pdcd.recipes.programs import CodedProgram, IlluminatedProgram, LongRangeProgram, SignedProgram
 from tests import bench_rig, catalogue_rig, oracles
 from tests.catalogue_rig import photo, scene_of, show, transport
 
@@ -95,7 +95,7 @@ def test_c5_warped_codes_are_exact_on_a_permutation_with_any_codes() -> None:
     bits = random_bits(3, 0.5).astype(bool)
     halves = []
     for half in (True, False):
-        light, mask = Signed(((1.0, warp),), half).pairs(bits, Lattice(GRID))
+        light, mask = SignedProgram(((1.0, warp),), half).pairs(bits, Lattice(GRID))
         shown = show(light, mask, GRID)
         halves.append(photo(shown, scene_of(mirror, GRID)))
     np.testing.assert_allclose((halves[0] - halves[1]) / 3, mirror.sum(axis=1), rtol=1e-12)
@@ -107,7 +107,7 @@ def test_c6_illumination_modulated_codes_are_linear_in_the_illumination() -> Non
     bits = random_bits(8, 0.5).astype(bool)
 
     def seen(light: Any) -> Any:
-        i, m = Under(Coded(None, True), light).pairs(bits, Lattice(GRID))
+        i, m = IlluminatedProgram(CodedProgram(None, True), light).pairs(bits, Lattice(GRID))
         return photo(show(i, m, GRID), scene_of(T, GRID))
 
     np.testing.assert_allclose(seen(first) + seen(second), seen(first + second), rtol=1e-12)
@@ -202,7 +202,7 @@ def test_r5_robust_sequence_costs_a_twelfth_and_indirect_light_a_quarter_of_that
 def test_long_range_codes_have_their_largest_weight_at_1_over_w_plus_1(radius: int) -> None:
     """p (1 - p)^W with W = (2 r + 1)^2: 0.0387 for r = 1; no other p near it does better."""
     width = (2 * radius + 1) ** 2
-    best = Far(radius).p
+    best = LongRangeProgram(radius).p
     weight = best * (1.0 - best) ** width
     grid = np.linspace(0.001, 0.5, 2000)
     assert weight >= np.max(grid * (1.0 - grid) ** width)
@@ -213,6 +213,6 @@ def test_long_range_codes_have_their_largest_weight_at_1_over_w_plus_1(radius: i
 def test_r6_skew_of_one_refresh_is_harmless_and_more_is_not() -> None:
     codes = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
     for refreshes, leaks in ((-1.0, False), (1.0, False), (1.2, True), (-1.2, True)):
-        mask = Panel(skew_ns=round(refreshes * catalogue_rig.REFRESH_NS))
+        mask = PanelOptics(skew_ns=round(refreshes * catalogue_rig.REFRESH_NS))
         shown = show(codes.primal, codes.dual, GRID, mask=mask)
         assert bool(shown.coaxial.max() > 1e-9) is leaks

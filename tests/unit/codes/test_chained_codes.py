@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.codes.independent import balanced, chained
-from pdcd.probing.wanted import shifted
+from pdcd.codes.independent import make_balanced_codes, make_partner_codes
+from pdcd.probing.wanted import shift_cells
 
 GRID = (12, 16)
 N = GRID[0] * GRID[1]
 RNG = np.random.default_rng(3)
 PARTNERS = {
-    "shift": shifted(GRID, (2, 3)),
-    "shift back": shifted(GRID, (0, -5)),
+    "shift": shift_cells(GRID, (2, 3)),
+    "shift back": shift_cells(GRID, (0, -5)),
     "mirror": np.arange(N).reshape(GRID)[:, ::-1].ravel(),
     "permutation": RNG.permutation(N),
     "any": RNG.integers(-1, N, N),
@@ -26,7 +26,7 @@ PARTNERS = {
 
 def codes_of(partner: NDArray[np.intp], count: int, p: float, seed: int = 0) -> NDArray[np.bool_]:
     rng = np.random.default_rng(seed)
-    return chained(balanced((1, partner.size), count, p, rng), partner, rng)
+    return make_partner_codes(make_balanced_codes((1, partner.size), count, p, rng), partner, rng)
 
 
 @pytest.mark.parametrize("name", PARTNERS)

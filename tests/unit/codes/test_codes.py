@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdcd.codes.make import FAMILIES, Codes, make_codes
+from pdcd.codes.make import CODE_FAMILIES, Codes, make_codes
 from pdcd.errors import RequestError
-from pdcd.panels.patterns import pack
-from pdcd.protocol.fields import request_fields
+from pdcd.panels.patterns import pack_bits
+from pdcd.protocol.fields import list_request_fields
 from pdcd.words import FamilyName
 
 Dual = Literal["complement", "same"]
@@ -25,14 +25,14 @@ def probing(codes: Codes) -> NDArray[np.int64]:
     return codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
 
 
-ANY_COUNT = [name for name in FAMILIES if name != "singer"]
+ANY_COUNT = [name for name in CODE_FAMILIES if name != "singer"]
 """Families that take p = 1/2; `singer` has tests of its own."""
 
 
 def test_families_are_those_that_requests_and_the_command_line_may_name() -> None:
     named = [name for name in get_args(FamilyName) if name not in ("isolation", "confocal")]
-    assert list(FAMILIES) == named
-    assert list(get_args(FamilyName)) == list(request_fields()["family"].words)
+    assert list(CODE_FAMILIES) == named
+    assert list(get_args(FamilyName)) == list(list_request_fields()["family"].words)
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
@@ -114,7 +114,7 @@ def test_packed_bits_are_the_patterns(
     codes = make_codes(family, (rows, cols), count, dual=dual, seed=seed)
     cells = rows * cols
     for pattern in (codes.primal, codes.dual):
-        bits = pack(pattern)
+        bits = pack_bits(pattern)
         assert bits.shape == (count, -(-cells // 8)) and bits.dtype == np.uint8
         assert pattern.shape == (count, cells) and pattern.dtype == np.bool_
         for cell in range(cells):  # first cell in the highest bit, read without numpy's unpacking
@@ -134,7 +134,7 @@ def test_codes_say_what_they_were_made_from() -> None:
     )
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", CODE_FAMILIES)
 @pytest.mark.parametrize(
     ("change", "words"),
     [

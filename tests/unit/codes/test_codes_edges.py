@@ -9,19 +9,30 @@ import pytest
 import scipy.sparse
 from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import check_order, coloured, hadamard, hadamard_fits, symmetric
-from pdcd.codes.independent import balanced, bernoulli, rademacher
-from pdcd.codes.lines import comb_codes, matched_codes, row_codes
+from pdcd.codes.hadamard import (
+    can_make_hadamard_codes,
+    check_order,
+    make_colouring_codes,
+    make_hadamard_codes,
+    symmetrise_links,
+)
+from pdcd.codes.independent import make_balanced_codes, make_bernoulli_codes, make_rademacher_codes
+from pdcd.codes.lines import make_comb_codes, make_matched_codes, make_row_codes
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import (
-    hadamard_columns,
+    count_spread_subspaces,
+    find_nearest_orders,
     is_order,
-    nearest_orders,
-    partial_spread,
-    spread_codes,
-    spread_size,
+    make_hadamard_columns,
+    make_partial_spread,
+    make_spread_codes,
 )
-from pdcd.codes.singer import LARGEST, difference_set, line_count, singer
+from pdcd.codes.singer import (
+    LARGEST,
+    count_plane_lines,
+    make_difference_set,
+    make_projective_plane_codes,
+)
 from pdcd.errors import RequestError
 
 
@@ -40,20 +51,20 @@ def test_families_are_drawn_from_their_seed_alone() -> None:
         return np.random.Generator(np.random.PCG64(7))
 
     coins = first().random((6, 12)) < 0.3
-    np.testing.assert_array_equal(bernoulli((3, 4), 6, 0.3, first()), coins)
+    np.testing.assert_array_equal(make_bernoulli_codes((3, 4), 6, 0.3, first()), coins)
     np.testing.assert_array_equal(
         make_codes("bernoulli", (3, 4), 6, dual="same", p=0.3, seed=7).primal, coins
     )
     fair = first().integers(0, 2, size=(6, 12), dtype=np.uint8) == 1
-    np.testing.assert_array_equal(rademacher((3, 4), 6, 0.5, first()), fair)
+    np.testing.assert_array_equal(make_rademacher_codes((3, 4), 6, 0.5, first()), fair)
     np.testing.assert_array_equal(
         make_codes("hadamard", (3, 4), 8, dual="complement", seed=7).primal,
-        hadamard((3, 4), 8, 0.5, first()),
+        make_hadamard_codes((3, 4), 8, 0.5, first()),
     )
 
 
 def test_balanced_cells_have_each_an_order_of_their_own() -> None:
-    found = balanced((3, 4), 8, 0.25, rng())
+    found = make_balanced_codes((3, 4), 8, 0.25, rng())
     assert found.shape == (8, 12) and (found.sum(axis=0) == 2).all()
     assert len(np.unique(found, axis=1).T) > 6
 
@@ -70,7 +81,7 @@ def test_balanced_looks_for_numbers_of_codes_up_to_the_most(
     p: float, count: int, hint: str
 ) -> None:
     with pytest.raises(RequestError) as caught:
-        balanced((1, 1), count, p, rng())
+        make_balanced_codes((1, 1), count, p, rng())
     assert caught.value.hint == hint
 
 
@@ -78,10 +89,10 @@ def test_balanced_looks_for_numbers_of_codes_up_to_the_most(
 def test_balanced_codes_light_each_cell_once_and_leave_it_dark_once(count: int) -> None:
     """Not all of the time, not never."""
     if count == 2:
-        assert (balanced((2, 2), 2, 0.5, rng()).sum(axis=0) == 1).all()
+        assert (make_balanced_codes((2, 2), 2, 0.5, rng()).sum(axis=0) == 1).all()
     for p in (0.1, 0.9):
         with pytest.raises(RequestError):
-            balanced((2, 2), count, p, rng())
+            make_balanced_codes((2, 2), count, p, rng())
 
 
 @pytest.mark.parametrize(
@@ -93,18 +104,18 @@ def test_balanced_codes_light_each_cell_once_and_leave_it_dark_once(count: int) 
     ],
 )  # fmt: skip
 def test_hadamard_counts_that_fit_a_share(count: int, p: float, fits: bool) -> None:
-    assert hadamard_fits(count, p) is fits
+    assert can_make_hadamard_codes(count, p) is fits
     if fits:
-        assert (hadamard((2, 3), count, p, rng()).sum(axis=0) == p * count).all()
+        assert (make_hadamard_codes((2, 3), count, p, rng()).sum(axis=0) == p * count).all()
     else:
         with pytest.raises(RequestError):
-            hadamard((2, 3), count, p, rng())
+            make_hadamard_codes((2, 3), count, p, rng())
 
 
 def test_shares_of_whole_numbers_have_no_columns() -> None:
     for p in (0.3, 0.75, 1.0):
         with pytest.raises(RequestError, match="1/2, 1/4, 1/8"):
-            hadamard((2, 3), 16, p, rng())
+            make_hadamard_codes((2, 3), 16, p, rng())
 
 
 @pytest.mark.parametrize(
@@ -112,7 +123,7 @@ def test_shares_of_whole_numbers_have_no_columns() -> None:
 )
 def test_counts_between_powers_of_two_are_told_both(count: int, hint: str) -> None:
     with pytest.raises(RequestError) as caught:
-        hadamard((2, 3), count, 0.25, rng())
+        make_hadamard_codes((2, 3), count, 0.25, rng())
     assert hint in str(caught.value.hint)
 
 
@@ -125,21 +136,21 @@ def test_one_code_and_odd_numbers_of_codes_are_refused(count: int) -> None:
 
 def test_a_colouring_is_lit_by_its_columns_and_signs() -> None:
     colour, sign = np.array([0, 1, 0, 2]), np.array([1, 1, -1, 1], dtype=np.int8)
-    found = coloured(8, colour, sign, rng(3))
+    found = make_colouring_codes(8, colour, sign, rng(3))
     column = 1 + rng(3).permutation(7)[:3]
-    wanted = hadamard_columns(8, column)[:, colour] == sign
+    wanted = make_hadamard_columns(8, column)[:, colour] == sign
     np.testing.assert_array_equal(found, wanted)
     np.testing.assert_array_equal(found[:, 0], ~found[:, 2])
 
 
 def test_orders_that_are_products_are_found() -> None:
     assert [n for n in range(1, 41) if is_order(n)] == [1, 2, *range(4, 41, 4)]
-    assert nearest_orders(4) == (2, 8) and nearest_orders(1) == (2,)
+    assert find_nearest_orders(4) == (2, 8) and find_nearest_orders(1) == (2,)
     # Sylvester's matrix is that of the parities of common bits.
     index = np.arange(8)
     odd = np.bitwise_count(index[:, None] & index) & 1
-    np.testing.assert_array_equal(hadamard_columns(8, index), 1 - 2 * odd.astype(np.int64))
-    assert hadamard_columns(12, np.array([3, 5])).dtype == np.int8
+    np.testing.assert_array_equal(make_hadamard_columns(8, index), 1 - 2 * odd.astype(np.int64))
+    assert make_hadamard_columns(12, np.array([3, 5])).dtype == np.int8
 
 
 def digest(bits: NDArray[np.bool_]) -> str:
@@ -153,12 +164,12 @@ def digest(bits: NDArray[np.bool_]) -> str:
 )  # fmt: skip
 def test_matrices_stay_what_they_are(order: int, known: str) -> None:
     """Any order of columns would do; codes of stored runs are made again by this one."""
-    assert digest(hadamard_columns(order, np.arange(order)) > 0) == known
+    assert digest(make_hadamard_columns(order, np.arange(order)) > 0) == known
 
 
 def test_lines_keep_the_codes_of_their_seeds() -> None:
-    made = (row_codes((5, 3), 12, pcg()), matched_codes((3, 20), 8, pcg()),
-            comb_codes((3, 9), 8, 4, pcg()))  # fmt: skip
+    made = (make_row_codes((5, 3), 12, pcg()), make_matched_codes((3, 20), 8, pcg()),
+            make_comb_codes((3, 9), 8, 4, pcg()))  # fmt: skip
     assert [codes.shape for codes in made] == [(12, 15), (8, 63), (8, 27)]
     assert [digest(codes) for codes in made] == [
         "fcbb10322959310e", "69b9739477eb3482", "c763381356a4c9c1",
@@ -168,27 +179,27 @@ def test_lines_keep_the_codes_of_their_seeds() -> None:
 def test_large_orders_are_looked_up_in_blocks_of_rows() -> None:
     """Orders of Paley's first and second kind with more rows than a block."""
     for order in (140, 148):
-        whole = hadamard_columns(order, np.arange(order)).astype(np.int64)
+        whole = make_hadamard_columns(order, np.arange(order)).astype(np.int64)
         np.testing.assert_array_equal(whole.T @ whole, order * np.eye(order))
 
 
 @pytest.mark.parametrize(("p", "lines"), [(1 / 3, 7), (1 / 32, 993), (0.25, 13), (0.2 + 1e-11, 21)])
 def test_planes_have_so_many_lines(p: float, lines: int) -> None:
-    assert line_count(p) == lines
+    assert count_plane_lines(p) == lines
 
 
 @pytest.mark.parametrize("p", [0.2 + 1e-8, 0.2 - 1e-8, 0.5, 1 / 33, 1 / 7, 0.3, 0.9])
 def test_shares_that_no_plane_has_are_refused(p: float) -> None:
     assert LARGEST == 31
     with pytest.raises(RequestError) as caught:
-        line_count(p)
+        count_plane_lines(p)
     shares = [3, 4, 5, 6, 8, 9, 10, 12, 14, 17, 18, 20, 24, 26, 28, 30, 32]
     assert str(caught.value.hint).endswith(", ".join(f"1/{n}" for n in shares))
 
 
 @pytest.mark.parametrize("q", [2, 3, 4, 5, 8])
 def test_small_planes_have_each_difference_once(q: int) -> None:
-    lines, found = q * q + q + 1, difference_set(q)
+    lines, found = q * q + q + 1, make_difference_set(q)
     assert len(found) == q + 1 and list(found) == sorted(found) and found[0] == 0
     differences = sorted((a - b) % lines for a in found for b in found if a != b)
     assert differences == list(range(1, lines))
@@ -205,18 +216,18 @@ def test_small_planes_have_each_difference_once(q: int) -> None:
 )
 def test_planes_keep_their_lines(q: int, wanted: tuple[int, ...]) -> None:
     """Others would do as well, but codes of stored runs are made again by these."""
-    assert difference_set(q) == wanted
+    assert make_difference_set(q) == wanted
 
 
 def test_the_largest_plane() -> None:
-    found = difference_set(LARGEST)
+    found = make_difference_set(LARGEST)
     assert len(found) == 32 and found[:4] == (0, 1, 3, 22) and found[-1] == 966
 
 
 @pytest.mark.parametrize("q", [6, 32, 37])
 def test_orders_that_are_no_powers_of_primes_or_too_large_have_none(q: int) -> None:
     with pytest.raises(RequestError, match=f"order {q}"):
-        difference_set(q)
+        make_difference_set(q)
 
 
 @pytest.mark.parametrize(
@@ -225,9 +236,9 @@ def test_orders_that_are_no_powers_of_primes_or_too_large_have_none(q: int) -> N
 )
 def test_singer_codes_come_in_whole_sets(count: int, hint: str) -> None:
     with pytest.raises(RequestError) as caught:
-        singer((2, 2), count, 1 / 3, rng())
+        make_projective_plane_codes((2, 2), count, 1 / 3, rng())
     assert caught.value.hint == hint
-    sets = singer((2, 3), 14, 1 / 3, rng())
+    sets = make_projective_plane_codes((2, 3), 14, 1 / 3, rng())
     assert sets.shape == (14, 6) and (sets.reshape(2, 7, 6).sum(axis=1) == 3).all()
 
 
@@ -237,14 +248,14 @@ def test_singer_codes_come_in_whole_sets(count: int, hint: str) -> None:
 )
 def test_sizes_of_spreads(n: int, t: int, size: int) -> None:
     """(2^n - 1) / (2^t - 1) where t divides n."""
-    assert spread_size(n, t) == size
-    assert partial_spread(n, t).shape == (size, t)
+    assert count_spread_subspaces(n, t) == size
+    assert make_partial_spread(n, t).shape == (size, t)
 
 
 def test_cells_of_a_spread_are_lit_where_their_forms_have_their_phase() -> None:
     space, phase = np.array([0, 3, 3, 1]), np.array([0, 2, 1, 3])
-    found = spread_codes(16, 2, space, phase)
-    basis = partial_spread(4, 2)
+    found = make_spread_codes(16, 2, space, phase)
+    basis = make_partial_spread(4, 2)
     for code, cell in np.ndindex(16, 4):
         forms = [bin(code & int(basis[space[cell], j])).count("1") % 2 for j in (0, 1)]
         assert found[code, cell] == (forms[0] + 2 * forms[1] == phase[cell])
@@ -255,17 +266,17 @@ def test_links_keep_their_strength_and_lose_zeros_and_themselves() -> None:
         (np.array([0.0, 2.0, 5.0, 3.0]), (np.array([0, 0, 1, 2]), np.array([1, 2, 1, 0]))),
         shape=(3, 3),
     )
-    found = symmetric(links, 3)
+    found = symmetrise_links(links, 3)
     assert found.nnz == 2 and found.format == "csr" and found.dtype == np.float64
     assert found.toarray().tolist() == [[0, 0, 3], [0, 0, 0], [3, 0, 0]]
-    assert symmetric(np.zeros((2, 2)), 2).nnz == 0
+    assert symmetrise_links(np.zeros((2, 2)), 2).nnz == 0
     for shape in ((3, 2), (2, 3)):
         with pytest.raises(RequestError, match="do not fit"):
-            symmetric(np.zeros(shape), 3)
+            symmetrise_links(np.zeros(shape), 3)
 
 
 def test_more_rows_than_codes_share_them_so_many_rows_apart() -> None:
-    bits = row_codes((11, 2), 4, rng(1)).reshape(4, 11, 2)
+    bits = make_row_codes((11, 2), 4, rng(1)).reshape(4, 11, 2)
     assert (bits[:, :, 0] == bits[:, :, 1]).all()
     h = np.where(bits[:, :, 0], 1, -1)
     for one, other in np.ndindex(11, 11):
@@ -279,7 +290,7 @@ def test_more_rows_than_codes_share_them_so_many_rows_apart() -> None:
 
 @pytest.mark.parametrize(("count", "turns"), [(4, 1), (7, 1), (8, 2)])
 def test_a_comb_passes_each_cell_once_a_turn(count: int, turns: int) -> None:
-    bits = comb_codes((3, 9), count, 4, rng(2)).reshape(count, 3, 9)
+    bits = make_comb_codes((3, 9), count, 4, rng(2)).reshape(count, 3, 9)
     for turn in range(turns):
         assert (bits[4 * turn : 4 * turn + 4].sum(axis=0) == 1).all()
     assert not bits[4 * turns :].any()
@@ -294,12 +305,12 @@ def test_a_comb_passes_each_cell_once_a_turn(count: int, turns: int) -> None:
 
 def test_a_comb_of_fewer_codes_than_its_period_is_refused() -> None:
     with pytest.raises(RequestError, match="at least 4"):
-        comb_codes((2, 2), 3, 4, rng())
+        make_comb_codes((2, 2), 3, 4, rng())
 
 
 def test_matched_codes_have_one_more_for_each_row() -> None:
     """Seven columns for six cells and the row's own: none is shared within a row."""
-    codes = matched_codes((4, 6), 8, rng(3)).astype(int)
+    codes = make_matched_codes((4, 6), 8, rng(3)).astype(int)
     assert codes.shape == (8, 28)
     for row in range(4):
         own = codes[:, [*range(6 * row, 6 * row + 6), 24 + row]]

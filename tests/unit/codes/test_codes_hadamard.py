@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pdcd.codes.colouring import colour_lattice
-from pdcd.codes.hadamard import hadamard_fits
+from pdcd.codes.hadamard import can_make_hadamard_codes
 from pdcd.codes.make import make_codes
-from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
+from pdcd.codes.orders import find_nearest_orders, is_order, make_hadamard_columns
 from pdcd.errors import RequestError
 
 ORDERS = [n for n in range(1, 133) if is_order(n)]
@@ -25,7 +25,7 @@ def test_orders_missing_below_132_are_those_that_need_other_constructions() -> N
 
 @pytest.mark.parametrize("order", [*ORDERS, 168, 240, 256, 300])
 def test_columns_are_orthogonal_signs_and_the_first_is_ones(order: int) -> None:
-    matrix = hadamard_columns(order, np.arange(order)).astype(np.int64)
+    matrix = make_hadamard_columns(order, np.arange(order)).astype(np.int64)
     assert np.array_equal(np.abs(matrix), np.ones((order, order)))
     assert np.array_equal(matrix.T @ matrix, order * np.eye(order))
     assert np.all(matrix[:, 0] == 1)
@@ -34,14 +34,14 @@ def test_columns_are_orthogonal_signs_and_the_first_is_ones(order: int) -> None:
 @pytest.mark.parametrize("order", [2, 12, 28, 40, 96, 128])
 def test_chosen_columns_are_those_of_the_whole_matrix(order: int) -> None:
     index = np.random.default_rng(0).integers(0, order, 17)
-    whole = hadamard_columns(order, np.arange(order))
-    assert np.array_equal(hadamard_columns(order, index), whole[:, index])
+    whole = make_hadamard_columns(order, np.arange(order))
+    assert np.array_equal(make_hadamard_columns(order, index), whole[:, index])
 
 
 @pytest.mark.parametrize("order", [-2, 0, 3, 10, 52])
 def test_columns_of_an_order_that_is_none_are_refused(order: int) -> None:
     with pytest.raises(RequestError, match=f"order {order} .*take the order"):
-        hadamard_columns(order, np.arange(1))
+        make_hadamard_columns(order, np.arange(1))
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_columns_of_an_order_that_is_none_are_refused(order: int) -> None:
     [(1, (2,)), (2, (4,)), (3, (2, 4)), (10, (8, 12)), (52, (48, 56)), (100, (96, 104))],
 )
 def test_nearest_orders(order: int, near: tuple[int, ...]) -> None:
-    assert nearest_orders(order) == near
+    assert find_nearest_orders(order) == near
 
 
 @pytest.mark.parametrize("colours", [3, 7, 31, 127])
@@ -133,7 +133,7 @@ def test_counts_that_are_no_order_are_refused_with_the_nearest(count: int, hint:
     ],
 )
 def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hint: str) -> None:
-    assert not hadamard_fits(count, p)
+    assert not can_make_hadamard_codes(count, p)
     with pytest.raises(RequestError) as caught:
         make_codes("hadamard", (4, 4), count, dual="same", p=p)
     assert hint in str(caught.value.hint)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.codes.lines import comb_codes, matched_codes, row_codes
+from pdcd.codes.lines import make_comb_codes, make_matched_codes, make_row_codes
 from pdcd.errors import RequestError
 
 
@@ -16,7 +16,7 @@ def rng(seed: int = 0) -> np.random.Generator:
 @pytest.mark.parametrize("lattice", [(6, 8), (24, 32), (3, 40)])
 def test_24_cells_of_a_row_never_share_a_matched_code(lattice: tuple[int, int]) -> None:
     rows, cols = lattice
-    codes = matched_codes(lattice, 64, rng()).astype(np.int64)
+    codes = make_matched_codes(lattice, 64, rng()).astype(np.int64)
     bits = codes[:, : rows * cols].reshape(64, rows, cols)
     assert (codes.sum(axis=0) == 32).all()
     for row in range(rows):
@@ -31,7 +31,7 @@ def test_matched_codes_of_few_codes_share_where_they_must(
     lattice: tuple[int, int], count: int
 ) -> None:
     cols = lattice[1]
-    codes = matched_codes(lattice, count, rng())[:, : lattice[0] * cols]
+    codes = make_matched_codes(lattice, count, rng())[:, : lattice[0] * cols]
     bits = codes.reshape(count, *lattice).astype(np.int64)
     assert (bits.sum(axis=0) == count // 2).all()
     for row in range(lattice[0]):
@@ -41,19 +41,19 @@ def test_matched_codes_of_few_codes_share_where_they_must(
 
 
 def test_a_comb_lights_every_cell_equally_often_and_no_two_of_a_row() -> None:
-    bits = comb_codes((5, 9), 40, 12, rng()).reshape(40, 5, 9)
+    bits = make_comb_codes((5, 9), 40, 12, rng()).reshape(40, 5, 9)
     assert (bits.sum(axis=0) == 3).all()
     assert bits.sum(axis=2).max() == 1
     assert not bits[36:].any()
     assert not np.array_equal(bits[:12], bits[12:24])
     with pytest.raises(RequestError, match="at least 12"):
-        comb_codes((5, 9), 11, 12, rng())
+        make_comb_codes((5, 9), 11, 12, rng())
 
 
 def test_rows_have_orthogonal_codes_from_as_many_as_there_are_rows() -> None:
-    bits = row_codes((12, 5), 12, rng()).reshape(12, 12, 5)
+    bits = make_row_codes((12, 5), 12, rng()).reshape(12, 12, 5)
     assert (bits == bits[:, :, :1]).all()
     h = np.where(bits[:, :, 0], 1, -1)
     np.testing.assert_array_equal(h.T @ h, 12 * np.eye(12))
     with pytest.raises(RequestError, match="hadamard codes do not come"):
-        row_codes((12, 5), 11, rng())
+        make_row_codes((12, 5), 11, rng())

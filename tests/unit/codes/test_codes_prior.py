@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import hadamard, prior_codes, symmetric
+from pdcd.codes.hadamard import make_hadamard_codes, make_prior_codes, symmetrise_links
 from pdcd.errors import RequestError
 from tests.places import DATA
 
@@ -48,7 +48,7 @@ def test_each_cell_has_a_column_that_is_orthogonal_or_its_own(
 ) -> None:
     cells = rows * cols
     links = scipy.sparse.random_array((cells, cells), density=0.1, rng=rng(seed))
-    codes = prior_codes((rows, cols), count, links, rng(seed))
+    codes = make_prior_codes((rows, cols), count, links, rng(seed))
     assert codes.shape == (count, cells) and codes.dtype == np.bool_
     assert np.all(codes.sum(axis=0) == count // 2)
     assert np.isin(overlap(codes), (-1.0, 0.0, 1.0)).all()
@@ -60,10 +60,10 @@ def test_cells_linked_by_a_permutation_never_share_a_column(seed: int) -> None:
     target = rng(seed).permutation(20 * 30)
     links = scipy.sparse.csr_array((np.ones(600), (np.arange(600), target)), shape=(600, 600))
     other = np.flatnonzero(target != np.arange(600))
-    shared = overlap(prior_codes((20, 30), 8, links, rng(seed)))[other, target[other]]
+    shared = overlap(make_prior_codes((20, 30), 8, links, rng(seed)))[other, target[other]]
     assert not shared.any()
     # Without the links, seven columns for 600 cells do collide.
-    assert overlap(hadamard((20, 30), 8, 0.5, rng(seed)))[other, target[other]].any()
+    assert overlap(make_hadamard_codes((20, 30), 8, 0.5, rng(seed)))[other, target[other]].any()
 
 
 def test_stronger_links_are_kept_apart_before_weaker_ones() -> None:
@@ -71,13 +71,13 @@ def test_stronger_links_are_kept_apart_before_weaker_ones() -> None:
     links = np.ones((9, 9))
     links[0, 8] = 5.0
     for seed in range(10):
-        assert overlap(prior_codes((3, 3), 8, links, rng(seed)))[0, 8] == 0.0
+        assert overlap(make_prior_codes((3, 3), 8, links, rng(seed)))[0, 8] == 0.0
 
 
 def test_without_links_the_codes_are_the_plain_ones() -> None:
     none = scipy.sparse.csr_array((12 * 9, 12 * 9))
     assert np.array_equal(
-        prior_codes((12, 9), 16, none, rng(4)), hadamard((12, 9), 16, 0.5, rng(4))
+        make_prior_codes((12, 9), 16, none, rng(4)), make_hadamard_codes((12, 9), 16, 0.5, rng(4))
     )
 
 
@@ -86,15 +86,19 @@ def test_known_transport_lowers_the_error_of_a_mirror_scene() -> None:
     """Eight codes with the whole transport known beat 128 without."""
     with np.load(DATA / "mirror_32x24.npz") as file:
         transport = np.asarray(file["transport"], dtype=np.float64)
-    known = np.mean([error(transport, prior_codes((24, 32), 8, transport, rng(s))) for s in (0, 1)])
-    plain = np.mean([error(transport, hadamard((24, 32), 128, 0.5, rng(s))) for s in (0, 1)])
+    known = np.mean(
+        [error(transport, make_prior_codes((24, 32), 8, transport, rng(s))) for s in (0, 1)]
+    )
+    plain = np.mean(
+        [error(transport, make_hadamard_codes((24, 32), 128, 0.5, rng(s))) for s in (0, 1)]
+    )
     assert known < plain
 
 
 def test_links_become_symmetric_by_the_stronger_way() -> None:
     links = np.array([[9.0, 1.0, 0.0], [3.0, 9.0, 0.0], [0.0, 2.0, 0.0]])
     want = [[0.0, 3.0, 0.0], [3.0, 0.0, 2.0], [0.0, 2.0, 0.0]]
-    assert symmetric(links, 3).toarray().tolist() == want
+    assert symmetrise_links(links, 3).toarray().tolist() == want
 
 
 @pytest.mark.parametrize(
@@ -108,13 +112,13 @@ def test_links_become_symmetric_by_the_stronger_way() -> None:
 )
 def test_unfit_links_are_refused(links: Any, words: str) -> None:
     with pytest.raises(RequestError, match=words) as caught:
-        prior_codes((2, 3), 4, links, rng(0))
+        make_prior_codes((2, 3), 4, links, rng(0))
     assert caught.value.hint
 
 
 def test_a_count_that_is_no_order_is_refused_with_its_neighbours() -> None:
     with pytest.raises(RequestError, match="take 8 or 12 codes"):
-        prior_codes((4, 4), 10, np.ones((16, 16)), rng(0))
+        make_prior_codes((4, 4), 10, np.ones((16, 16)), rng(0))
 
 
 def test_parts_share_columns_between_other_cells_each() -> None:
@@ -127,7 +131,7 @@ def test_parts_share_columns_between_other_cells_each() -> None:
     def shared(apart: bool) -> list[NDArray[np.bool_]]:
         found = []
         for seed in range(2):
-            same = overlap(prior_codes(lattice, count, links, rng(seed), apart=apart)) != 0.0
+            same = overlap(make_prior_codes(lattice, count, links, rng(seed), apart=apart)) != 0.0
             found.append(same & ~np.eye(cells, dtype=np.bool_))
         return found
 

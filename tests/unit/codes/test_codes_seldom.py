@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import Codes, make_codes
-from pdcd.codes.orders import partial_spread, spread_size
-from pdcd.codes.singer import difference_set, line_count
+from pdcd.codes.orders import count_spread_subspaces, make_partial_spread
+from pdcd.codes.singer import count_plane_lines, make_difference_set
 from pdcd.errors import RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.presets import PRESETS
@@ -37,8 +37,8 @@ def off_diagonal(matrix: NDArray[np.int64]) -> NDArray[np.int64]:
     ("n", "t"), [(2, 1), (7, 1), (4, 2), (6, 2), (7, 2), (9, 2), (3, 2), (6, 3), (8, 3), (9, 4)]
 )
 def test_subspaces_of_a_spread_meet_in_zero_alone(n: int, t: int) -> None:
-    bases = partial_spread(n, t)
-    assert bases.shape == (spread_size(n, t), t)
+    bases = make_partial_spread(n, t)
+    assert bases.shape == (count_spread_subspaces(n, t), t)
     seen: set[int] = set()
     for basis in bases.tolist():
         subsets = itertools.chain.from_iterable(
@@ -60,13 +60,13 @@ def test_hadamard_products_meet_in_exactly_the_wanted_number(t: int, count: int)
     assert np.all(np.diag(matrix) == p * count)
     pairs = off_diagonal(matrix)
     assert set(np.unique(pairs)) <= {0, round(p * p * count), round(p * count)}
-    spaces = spread_size(count.bit_length() - 1, t)
+    spaces = count_spread_subspaces(count.bit_length() - 1, t)
     assert np.mean(pairs == p * p * count) > 1.0 - 1.5 / spaces
 
 
 @pytest.mark.parametrize(("t", "count"), [(2, 16), (2, 64), (3, 64)])
 def test_as_few_cells_as_products_make_the_probing_matrix_exact(t: int, count: int) -> None:
-    cells = spread_size(count.bit_length() - 1, t)
+    cells = count_spread_subspaces(count.bit_length() - 1, t)
     p = 0.5**t
     codes = make_codes("hadamard", (1, cells), count, dual="same", p=p, seed=1)
     want = p * count * (p + (1.0 - p) * np.eye(cells))
@@ -79,7 +79,7 @@ def test_as_few_cells_as_products_make_the_probing_matrix_exact(t: int, count: i
 @pytest.mark.parametrize("q", ORDERS)
 def test_every_difference_comes_once(q: int) -> None:
     lines = q * q + q + 1
-    found = difference_set(q)
+    found = make_difference_set(q)
     assert len(found) == q + 1
     differences = sorted((a - b) % lines for a in found for b in found if a != b)
     assert differences == list(range(1, lines))
@@ -92,7 +92,7 @@ def test_orders_without_a_plane_here_are_refused(q: int) -> None:
     assert "1/3, 1/4, 1/5, 1/6, 1/8" in str(caught.value.hint)
     if q > 1:
         with pytest.raises(RequestError):
-            difference_set(q)
+            make_difference_set(q)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_singer_codes_of_as_many_cells_keep_direct_and_an_exact_share(q: int, li
     """The designs of the catalogue: Pi = q I + 1 1^T in integers, direct and 1/(q + 1) of all
     else; and with the complement as dual q (1 1^T - I), indirect light alone."""
     p = 1.0 / (q + 1)
-    assert line_count(p) == lines
+    assert count_plane_lines(p) == lines
     same = probing(make_codes("singer", (1, lines), lines, dual="same", p=p, seed=5))
     assert np.array_equal(same, q * np.eye(lines) + 1)
     other = probing(make_codes("singer", (1, lines), lines, dual="complement", p=p, seed=5))

@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse
 from numpy.typing import NDArray
 
-from pdcd.codes.colouring import LINKED, LOOSE, REACH, RINGS, colour_lattice, phase_lattice
+from pdcd.codes.colouring import COLOUR_REACH, LINKED, LOOSE, RINGS, choose_phases, colour_lattice
 
 Floats = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def test_each_cell_takes_the_colour_that_crowds_it_least(
 
 def test_a_cell_looks_around_so_far_and_no_further() -> None:
     """On long lattices: 64 cells, or four times the root of the number of colours."""
-    assert (REACH, RINGS, LINKED, LOOSE) == (64, 4.0, 60.0, 2.0)
+    assert (COLOUR_REACH, RINGS, LINKED, LOOSE) == (64, 4.0, 60.0, 2.0)
     for lattice, colours in (((1, 400), 2), ((2, 250), 300), ((260, 1), 3)):
         colour, sign = colour_lattice(lattice, colours, rng(5))
         assert (colour.tolist(), sign.tolist()) == coloured(lattice, colours, 5)
@@ -109,7 +109,7 @@ def test_cells_of_a_colour_take_the_phase_that_is_farthest_off(phases: int) -> N
     of those that are as good, counted on from the one that chance gave."""
     lattice = (8, 9)
     colour, _ = colour_lattice(lattice, 6, rng(1))
-    found = phase_lattice(lattice, colour, phases, rng(2))
+    found = choose_phases(lattice, colour, phases, rng(2))
     random = rng(2)
     phase = random.integers(phases, size=72)
     order, _ = in_order(lattice, random)

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from pdcd.codes.woven import Function, Singles, descended
+from pdcd.arrays import Singles
+from pdcd.codes.woven import Function, follow_descent
 
 Floats = NDArray[np.float64]
 RNG = np.random.default_rng(5)
@@ -28,7 +29,7 @@ def squares(calls: list[Singles] | None = None) -> Function:
 def test_the_least_value_within_bounds_is_found() -> None:
     start = np.full(40, 0.5, np.float32)
     calls: list[Singles] = []
-    found = descended(squares(calls), start, 300)
+    found = follow_descent(squares(calls), start, 300)
     best = lsq_linear(MATRIX, WANTED, (0.0, 1.0), tol=1e-12)
     assert 10 < np.sum((best.x > 0.01) & (best.x < 0.99)) < 30  # Some are held, some are free.
     assert found.dtype == np.float32
@@ -43,11 +44,11 @@ def test_the_least_value_within_bounds_is_found() -> None:
 def test_it_ends_after_so_many_steps_and_each_leads_down() -> None:
     start, values = np.full(40, 0.5, np.float32), []
     for steps in range(6):
-        values.append(squares()(descended(squares(), start, steps))[0])
+        values.append(squares()(follow_descent(squares(), start, steps))[0])
     assert values[0] == squares()(start)[0]
     assert values == sorted(values, reverse=True) and values[5] < values[1] < values[0]
     calls: list[Singles] = []
-    descended(squares(calls), start, 3)
+    follow_descent(squares(calls), start, 3)
     assert 4 <= len(calls) <= 10
 
 
@@ -58,7 +59,7 @@ def test_where_there_is_no_slope_it_stays() -> None:
         # What leads further down lies beyond the bounds.
         return float(place[0] - place[1]), np.array([1.0, -1.0, 0.0], np.float32)
 
-    assert np.array_equal(descended(flat, start, 50), start)
+    assert np.array_equal(follow_descent(flat, start, 50), start)
 
 
 def test_a_slope_that_misleads_ends_it() -> None:
@@ -67,7 +68,7 @@ def test_a_slope_that_misleads_ends_it() -> None:
     def upwards(place: Singles) -> tuple[float, Singles]:
         return float(place.sum()), np.full(3, -1.0, np.float32)
 
-    assert np.array_equal(descended(upwards, start, 50), start)
+    assert np.array_equal(follow_descent(upwards, start, 50), start)
 
 
 def test_what_was_met_is_forgotten_where_it_misleads() -> None:
@@ -79,5 +80,5 @@ def test_what_was_met_is_forgotten_where_it_misleads() -> None:
         slope = [-2.0 * (1.0 - x) - 400.0 * x * (y - x**2), 200.0 * (y - x**2)]
         return float(value), np.array([2.0 * s for s in slope], np.float32)
 
-    found = descended(valley, np.array([0.0, 0.9], np.float32), 400)
+    found = follow_descent(valley, np.array([0.0, 0.9], np.float32), 400)
     assert np.allclose(found, 0.5, atol=0.02)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from pdcd.codes import alike, far, greyed
-from pdcd.codes.far import far_codes, opened, times_lit
+from pdcd.codes.far import choose_times_lit, make_long_range_codes, make_long_range_masks
 from pdcd.panels.lattice import Lattice
-from pdcd.recipes.programs import Far
+from pdcd.recipes.programs import LongRangeProgram
 
 GRID = (12, 16)
 N = GRID[0] * GRID[1]
@@ -27,9 +27,13 @@ BEYOND = (APART > RADIUS).astype(float)
 
 def coded(count: int, seed: int) -> tuple[Bools, Bools, Floats]:
     """Codes for grey masks, where these may be open, and how far they are."""
-    lit = far_codes(GRID, count, BEST, np.random.default_rng(seed), grey=True)
+    lit = make_long_range_codes(GRID, count, BEST, np.random.default_rng(seed), grey=True)
     seen: Bools = lit.astype(float) @ (1.0 - BEYOND) == 0.0
-    return lit, seen, np.asarray(opened(lit, seen, GRID, RADIUS, grey=True), np.float64)
+    return (
+        lit,
+        seen,
+        np.asarray(make_long_range_masks(lit, seen, GRID, RADIUS, grey=True), np.float64),
+    )
 
 
 def error(lit: Bools, mask: Bools | Floats, transport: Floats) -> float:
@@ -53,9 +57,11 @@ def test_no_other_levels_err_less() -> None:
     """Held against bounded least squares by a trust region (scipy), on the dense covariance."""
     lit, seen, mask = coded(64, 2)
     square = (ROW[:, None] - ROW) ** 2 + (COL[:, None] - COL) ** 2
-    same = sum(share * np.exp(-square / (2.0 * reach**2)) for reach, share in alike.ALIKE)
-    root = np.linalg.cholesky(same + alike.ALONE * np.eye(N))
-    level = greyed.OPEN * seen.mean()
+    same = sum(
+        share * np.exp(-square / (2.0 * reach**2)) for reach, share in alike.CORRELATION_GAUSSIANS
+    )
+    root = np.linalg.cholesky(same + alike.OWN_LIGHT * np.eye(N))
+    level = greyed.MEAN_OPEN_LEVEL * seen.mean()
     counted = level * lit.sum() / N
     for cell in (0, 37, 100, 150):
         # The middle of a cell's block is within a cell of it, so its own distance does nearly.
@@ -67,14 +73,17 @@ def test_no_other_levels_err_less() -> None:
         aim = np.concatenate([(counted * BEYOND[cell]) @ part for part in parts])
         best = lsq_linear(tall, aim, bounds=(0.0, 1.0))
         found = 0.5 * np.sum((tall @ mask[may, cell] - aim) ** 2)
-        start = 0.5 * np.sum((tall @ np.full(may.sum(), greyed.OPEN) - aim) ** 2)
+        start = 0.5 * np.sum((tall @ np.full(may.sum(), greyed.MEAN_OPEN_LEVEL) - aim) ** 2)
         assert best.success and found < best.cost + 0.05 * (start - best.cost)
 
 
 def test_steps_are_safe_and_hardly_shorter_than_need_be() -> None:
     lit, _, _ = coded(64, 3)
     found = np.stack(
-        [block.together for block in alike.blocks(lit.astype(np.float64), GRID, RADIUS)]
+        [
+            block.together
+            for block in alike.split_into_cell_blocks(lit.astype(np.float64), GRID, RADIUS)
+        ]
     )
     steepest = np.linalg.eigvalsh(found)[:, -1]
     taken = greyed._steepest(found)
@@ -92,9 +101,9 @@ def test_smooth_light_errs_less_than_by_black_and_white(seed: int) -> None:
     steep = (0.5 + rng.random(N)) * np.exp(-apart / 2.0)
     paths = rng.permutation(np.eye(N))
     lit, _, mask = coded(128, seed)
-    plain = far_codes(GRID, 128, BEST, np.random.default_rng(seed))
+    plain = make_long_range_codes(GRID, 128, BEST, np.random.default_rng(seed))
     seen: Bools = plain.astype(float) @ (1.0 - BEYOND) == 0.0
-    even = opened(plain, seen, GRID, RADIUS)
+    even = make_long_range_masks(plain, seen, GRID, RADIUS)
     for transport, share in ((wide, 0.6), (steep, 0.8), (paths, 1.0)):
         assert error(lit, mask, transport) < share * error(plain, even, transport)
 
@@ -102,17 +111,17 @@ def test_smooth_light_errs_less_than_by_black_and_white(seed: int) -> None:
 def test_the_order_of_cells_changes_nothing() -> None:
     """Sums are exact, so that no machine chooses other levels."""
     lit, seen, mask = coded(96, 3)
-    turned = opened(lit[:, ::-1], seen[:, ::-1], GRID, RADIUS, grey=True)
+    turned = make_long_range_masks(lit[:, ::-1], seen[:, ::-1], GRID, RADIUS, grey=True)
     assert np.array_equal(turned[:, ::-1], mask)
     shuffled = np.random.default_rng(4).permutation(96)
-    again = opened(lit[shuffled], seen[shuffled], GRID, RADIUS, grey=True)
+    again = make_long_range_masks(lit[shuffled], seen[shuffled], GRID, RADIUS, grey=True)
     assert np.array_equal(again, mask[shuffled])
 
 
 def test_light_that_is_not_taken_to_fall_off(monkeypatch: pytest.MonkeyPatch) -> None:
     lit, seen, mask = coded(96, 5)
     monkeypatch.setattr(alike, "MOST_FALLING", 0)
-    flat = np.asarray(opened(lit, seen, GRID, RADIUS, grey=True), np.float64)
+    flat = np.asarray(make_long_range_masks(lit, seen, GRID, RADIUS, grey=True), np.float64)
     assert not flat[~seen].any() and not np.array_equal(flat, mask)
     wide = np.exp(-((ROW - 3.0) ** 2 + (COL - 5.0) ** 2) / 50.0) * np.ones((N, 1))
     assert error(lit, flat, wide) < error(lit, mask, wide)
@@ -124,9 +133,9 @@ def test_light_that_is_not_taken_to_fall_off(monkeypatch: pytest.MonkeyPatch) ->
 ])  # fmt: skip
 def test_cells_are_lit_more_seldom(count: int, cells: int, times: int) -> None:
     """But for so many codes and cells that levels would take long to choose."""
-    assert times_lit(count, cells, BEST, grey=True) == times
-    usual = times_lit(count, cells, BEST)
-    assert times <= usual and (greyed.fits(count, cells) or times == usual)
+    assert choose_times_lit(count, cells, BEST, grey=True) == times
+    usual = choose_times_lit(count, cells, BEST)
+    assert times <= usual and (greyed.can_make_grey_masks(count, cells) or times == usual)
 
 
 def test_black_and_white_where_grey_levels_gain_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,18 +143,23 @@ def test_black_and_white_where_grey_levels_gain_nothing(monkeypatch: pytest.Monk
     lit, seen, mask = coded(500, 1)
     assert lit.sum(axis=1).max() == 1 and np.array_equal(mask, seen)
     lit, seen, mask = coded(64, 1)
-    assert np.array_equal(opened(lit, seen, GRID, RADIUS), far.evened(lit, seen, GRID, RADIUS))
-    assert np.array_equal(opened(lit, ~lit, GRID, 0, grey=True), ~lit)
+    assert np.array_equal(
+        make_long_range_masks(lit, seen, GRID, RADIUS),
+        far.make_binary_masks(lit, seen, GRID, RADIUS),
+    )
+    assert np.array_equal(make_long_range_masks(lit, ~lit, GRID, 0, grey=True), ~lit)
     monkeypatch.setattr(greyed, "MOST_WORK", 64 * 64 * N - 1)
-    assert opened(lit, seen, GRID, RADIUS, grey=True).dtype == np.bool_
-    plain = far_codes(GRID, 64, BEST, np.random.default_rng(1))
-    assert np.array_equal(far_codes(GRID, 64, BEST, np.random.default_rng(1), grey=True), plain)
+    assert make_long_range_masks(lit, seen, GRID, RADIUS, grey=True).dtype == np.bool_
+    plain = make_long_range_codes(GRID, 64, BEST, np.random.default_rng(1))
+    assert np.array_equal(
+        make_long_range_codes(GRID, 64, BEST, np.random.default_rng(1), grey=True), plain
+    )
 
 
 def test_windows_of_quarter_cells_are_levelled_over_their_own_lattice() -> None:
     lattice = Lattice(GRID, "quarter")
-    lit = far_codes(lattice.shape, 96, BEST, np.random.default_rng(6), grey=True)
-    primal, dual = Far(RADIUS, grey=True).pairs(lit, lattice)
+    lit = make_long_range_codes(lattice.shape, 96, BEST, np.random.default_rng(6), grey=True)
+    primal, dual = LongRangeProgram(RADIUS, grey=True).pairs(lit, lattice)
     assert primal is lit and dual.shape == (96, 13 * 17) and dual.dtype == np.float64
-    plain, black = Far(RADIUS).pairs(lit, lattice)
+    plain, black = LongRangeProgram(RADIUS).pairs(lit, lattice)
     assert plain is lit and black.dtype == np.bool_

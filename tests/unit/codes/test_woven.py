@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import approx_fprime
 
 from pdcd.codes import alike, woven
-from pdcd.codes.far import far_codes, opened, woven_fits
+from pdcd.codes.far import are_joint_codes_best, make_long_range_codes, make_long_range_masks
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.wanted import Near
-from pdcd.recipes.programs import Far
+from pdcd.probing.wanted import NearPart
+from pdcd.recipes.programs import LongRangeProgram
 from pdcd.virtual.scene.presets import PRESETS
 
 Floats = NDArray[np.float64]
@@ -35,8 +35,11 @@ def errs(mask: Floats, light: Floats, weight: float) -> float:
     down, right = row[:, None] - row, col[:, None] - col
     apart = np.hypot(down, right)
     near = np.maximum(abs(down), abs(right)) <= 1
-    same = sum(share * np.exp(-(apart**2) / (2.0 * reach**2)) for reach, share in alike.ALIKE)
-    same = same + woven.ALONE * np.eye(rows * cols)
+    same = sum(
+        share * np.exp(-(apart**2) / (2.0 * reach**2))
+        for reach, share in alike.CORRELATION_GAUSSIANS
+    )
+    same = same + woven.JOINT_OWN_LIGHT * np.eye(rows * cols)
     falls = (np.ones_like(apart), np.exp(-apart / 5.0), (2.0 / np.maximum(apart, 2.0)) ** 4)
     counted = mask.T @ light
     mean = counted[~near].mean()
@@ -68,7 +71,7 @@ def test_the_measure_is_that_of_dense_sums_and_so_is_its_slope() -> None:
 
 
 def test_levels_are_parts_of_256_and_faint_light_is_left_out() -> None:
-    light = woven.woven(GRID, 32, 2, 3, nobody)
+    light = woven.make_joint_codes(GRID, 32, 2, 3, nobody)
     assert light.shape == (32, N) and light.dtype == np.float64
     assert np.array_equal(light * 256.0, np.rint(light * 256.0))
     assert light.max() <= 1.0 and light[light > 0.0].min() >= 0.1 - 1.0 / 512.0
@@ -84,7 +87,7 @@ def test_they_are_chosen_once_and_by_the_seed(monkeypatch: pytest.MonkeyPatch) -
     signs: list[int] = []
 
     def chosen(seed: int) -> Floats:
-        return woven.woven((6, 8), 12, 1, seed, lambda: signs.append(seed))
+        return woven.make_joint_codes((6, 8), 12, 1, seed, lambda: signs.append(seed))
 
     first = chosen(1)
     told = len(signs)
@@ -105,7 +108,7 @@ def test_who_watches_may_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        woven.woven((6, 8), 12, 1, 1, ends)
+        woven.make_joint_codes((6, 8), 12, 1, 1, ends)
     assert not woven._known
 
 
@@ -118,14 +121,14 @@ def test_who_watches_may_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
 )  # fmt: skip
 def test_where_codes_are_chosen_together(lattice: tuple[int, int], count: int, fits: bool) -> None:
     """Not of many cells, nor where there are codes for short stretches or for each cell alone."""
-    assert woven_fits(lattice, count, BEST) is fits
+    assert are_joint_codes_best(lattice, count, BEST) is fits
 
 
 def photographed(light: Floats | NDArray[np.bool_], transport: Floats) -> tuple[float, float]:
     """RMS error of far light over that of the true picture, each cell over its own weight, and that
     weight."""
-    levels, mask = Far(2, grey=True).pairs(light, Lattice(GRID, "whole"))
-    near = Near(GRID, 2).rows(0, N)
+    levels, mask = LongRangeProgram(2, grey=True).pairs(light, Lattice(GRID, "whole"))
+    near = NearPart(GRID, 2).rows(0, N)
     counted = mask.astype(float).T @ levels.astype(float)
     assert not (counted * near).any()
     weight = (counted * (1.0 - near)).sum(axis=1) / (1.0 - near).sum(axis=1)
@@ -142,9 +145,9 @@ def test_photos_err_less_and_get_more_light_than_by_scattered_cells(
 ) -> None:
     """And nothing of what is within the radius."""
     transport = PRESETS[name](GRID, {}).dense()
-    scattered = far_codes(GRID, 64, BEST, np.random.default_rng(1), grey=True)
+    scattered = make_long_range_codes(GRID, 64, BEST, np.random.default_rng(1), grey=True)
     before, faint = photographed(scattered, transport)
-    now, bright = photographed(woven.woven(GRID, 64, 2, 1, nobody), transport)
+    now, bright = photographed(woven.make_joint_codes(GRID, 64, 2, 1, nobody), transport)
     assert now < share * before and bright > 2.0 * faint
 
 
@@ -152,12 +155,12 @@ def test_masks_of_levels_follow_finer_blocks(monkeypatch: pytest.MonkeyPatch) ->
     """Codes of levels are those that were chosen together with masks, whose error is mostly that of
     light close by: as coarse blocks as other codes have would leave more of it."""
     transport = PRESETS["wax-disk"](GRID, {}).dense()
-    light = woven.woven(GRID, 64, 2, 1, nobody)
+    light = woven.make_joint_codes(GRID, 64, 2, 1, nobody)
     fine, _ = photographed(light, transport)
-    seen = light @ Near(GRID, 2).rows(0, N) == 0.0
-    mask = opened(light, seen, GRID, 2, grey=True)
-    monkeypatch.setattr(alike, "FINE_SIDE", alike.SIDE)
-    assert not np.array_equal(opened(light, seen, GRID, 2, grey=True), mask)
+    seen = light @ NearPart(GRID, 2).rows(0, N) == 0.0
+    mask = make_long_range_masks(light, seen, GRID, 2, grey=True)
+    monkeypatch.setattr(alike, "FINE_SIDE", alike.CELL_BLOCK_SIDE)
+    assert not np.array_equal(make_long_range_masks(light, seen, GRID, 2, grey=True), mask)
     coarse, _ = photographed(light, transport)
     assert fine < coarse
 
@@ -169,4 +172,4 @@ def test_bytes_are_those_that_are_taken() -> None:
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert 0.5 < most / woven.weaving_bytes(48, N) < 1.1
+    assert 0.5 < most / woven.joint_codes_bytes(48, N) < 1.1

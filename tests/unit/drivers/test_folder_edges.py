@@ -13,12 +13,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.folder import FolderReadout, Options
+from drivers.folder import FolderOptions, FolderReadout
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
-from pdcd.sensor.dng import dng_bytes
+from pdcd.sensor.dng import encode_dng
 from pdcd.sensor.profile import load_profile
 
 MS = 1_000_000
@@ -26,7 +26,7 @@ MS = 1_000_000
 
 def dng(iso: int = 100, f_number: float | None = 8.0) -> bytes:
     mosaic = np.full((24, 24), 700, np.uint16)
-    return dng_bytes(
+    return encode_dng(
         mosaic, black=512, white=16383, iso=iso, exposure_s=0.5, f_number=f_number, model="m",
         date=datetime(2024, 1, 1),
     )  # fmt: skip
@@ -321,15 +321,15 @@ def test_an_empty_file_is_not_whole(bench: Bench) -> None:
 
 
 def test_what_is_not_said_is_a_copy_of_what_stays_the_same_for_four_looks() -> None:
-    made = msgspec.convert({"folder": "/x"}, Options)
+    made = msgspec.convert({"folder": "/x"}, FolderOptions)
     assert (made.take, made.poll_s, made.looks, made.check_date) == ("copy", 0.2, 4, True)
     assert ".dng" in made.suffixes and ".cr2" in made.suffixes
     with pytest.raises(AttributeError):
         made.looks = 2  # type: ignore[misc]
     with pytest.raises(TypeError):
-        Options("/x")  # type: ignore[call-arg]
+        FolderOptions("/x")  # type: ignore[call-arg]
     with pytest.raises(msgspec.ValidationError, match="folders"):
-        msgspec.convert({"folder": "/x", "folders": "/y"}, Options)
+        msgspec.convert({"folder": "/x", "folders": "/y"}, FolderOptions)
 
 
 @pytest.mark.parametrize(
@@ -343,7 +343,7 @@ def test_what_is_not_said_is_a_copy_of_what_stays_the_same_for_four_looks() -> N
 )
 def test_options_have_their_bounds(name: str, good: list[Any], bad: list[Any]) -> None:
     for value in good:
-        msgspec.convert({"folder": "/x", name: value}, Options)
+        msgspec.convert({"folder": "/x", name: value}, FolderOptions)
     for value in bad:
         with pytest.raises(msgspec.ValidationError, match=name):
-            msgspec.convert({"folder": "/x", name: value}, Options)
+            msgspec.convert({"folder": "/x", name: value}, FolderOptions)

@@ -14,7 +14,7 @@ pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log
 import gphoto2 as gp
 import msgspec
 
-from drivers.gphoto.session import CameraFile, Options, Session
+from drivers.gphoto.session import CameraFile, GphotoOptions, GphotoSession
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
@@ -227,16 +227,16 @@ def test_options_of_the_trigger_count_where_it_alone_is_this_driver() -> None:
         camera=CameraConfig(driver="folder", options={"folder": "/x"}),
         trigger=TriggerConfig(driver="gphoto2", options={"port": "usb:001,004"}),
     )
-    session = Session.of(DriverContext(config=config, clock=VirtualClock()))
-    assert session.options == Options(port="usb:001,004", model="", destination="ram")
+    session = GphotoSession.of(DriverContext(config=config, clock=VirtualClock()))
+    assert session.options == GphotoOptions(port="usb:001,004", model="", destination="ram")
     wrong = msgspec.structs.replace(
         config, trigger=TriggerConfig(driver="gphoto2", options={"prt": 1})
     )
     with pytest.raises(ConfigError, match=r"trigger\.options.*prt"):
-        Session.of(DriverContext(config=wrong, clock=VirtualClock()))
+        GphotoSession.of(DriverContext(config=wrong, clock=VirtualClock()))
     with pytest.raises(AttributeError):
         session.options.port = "usb:"  # type: ignore[misc]
     with pytest.raises(TypeError):
-        Options("usb:")  # type: ignore[call-arg]
+        GphotoOptions("usb:")  # type: ignore[call-arg]
     with pytest.raises(msgspec.ValidationError, match="prt"):
-        msgspec.convert({"prt": "usb:"}, Options)
+        msgspec.convert({"prt": "usb:"}, GphotoOptions)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from drivers import guard as guard_module
-from drivers.guard import Guard
+from drivers.guard import ShutterGuard
 from pdcd.errors import DeviceLost
 from tests.processes import ended
 
@@ -36,23 +36,23 @@ while talk.recv(64):
 STUBBORN = ECHO + "import time\ntime.sleep(600)\n"
 
 
-def guard_of(program: str, answer_s: float = ANSWER_S) -> Guard:
-    return Guard((sys.executable, "-c", program), answer_s=answer_s)
+def guard_of(program: str, answer_s: float = ANSWER_S) -> ShutterGuard:
+    return ShutterGuard((sys.executable, "-c", program), answer_s=answer_s)
 
 
 @pytest.fixture
-def guard() -> Iterator[Guard]:
+def guard() -> Iterator[ShutterGuard]:
     guard = guard_of(ECHO)
     guard.insist("ready")
     yield guard
     guard.stop()
 
 
-def test_it_answers(guard: Guard) -> None:
+def test_it_answers(guard: ShutterGuard) -> None:
     assert guard.ask("open") == b"open"
 
 
-def test_a_guardian_that_is_stopped_in_its_tracks_is_not_waited_for(guard: Guard) -> None:
+def test_a_guardian_that_is_stopped_in_its_tracks_is_not_waited_for(guard: ShutterGuard) -> None:
     """And is replaced by one that answers."""
     first = guard.pid
     assert first is not None
@@ -63,7 +63,7 @@ def test_a_guardian_that_is_stopped_in_its_tracks_is_not_waited_for(guard: Guard
     assert guard.pid not in (None, first)
 
 
-def test_a_guardian_is_deaf_to_every_signal_from_its_birth_on(guard: Guard) -> None:
+def test_a_guardian_is_deaf_to_every_signal_from_its_birth_on(guard: ShutterGuard) -> None:
     """Blocked is what the kernel says: no moment is left in which one could end it."""
     status = Path(f"/proc/{guard.pid}/status").read_text()
     blocked = int(next(line for line in status.splitlines() if line[:6] == "SigBlk")[8:], 16)
@@ -88,7 +88,7 @@ def test_only_a_guardian_that_had_another_before_it_is_called_a_replacement(
 
 
 @pytest.fixture
-def armed(guard: Guard) -> Guard:
+def armed(guard: ShutterGuard) -> ShutterGuard:
     """Disarmed by its end."""
     guard.arm(lambda: "arm")
     return guard
@@ -103,7 +103,7 @@ def soon(true: Callable[[], bool]) -> bool:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_an_armed_guardian_that_is_killed_or_stopped_is_replaced(
-    armed: Guard, number: int, caplog: pytest.LogCaptureFixture
+    armed: ShutterGuard, number: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     for _ in range(2):  # the second one is looked after, too
         first = armed.pid
@@ -119,27 +119,27 @@ def lookers() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name == "pdcd-guard"]
 
 
-def test_one_thread_at_a_time_looks_and_it_keeps_no_process_alive(armed: Guard) -> None:
+def test_one_thread_at_a_time_looks_and_it_keeps_no_process_alive(armed: ShutterGuard) -> None:
     for _ in range(2):
         armed.arm(lambda: "arm")
     assert soon(lambda: len(lookers()) == 1)
-    time.sleep(guard_module.LOOK_S)
+    time.sleep(guard_module.GUARD_LOOK_S)
     (looker,) = lookers()
     assert looker.daemon and armed.look()
     armed.stop()
     assert soon(lambda: not lookers()) and not armed.look()
 
 
-def test_a_lost_guardian_is_noticed_within_half_a_second(armed: Guard) -> None:
+def test_a_lost_guardian_is_noticed_within_half_a_second(armed: ShutterGuard) -> None:
     """By the bounds themselves: a busy machine makes a measured time say nothing."""
-    assert guard_module.LOOK_S + guard_module.HEARD_S <= 0.5
+    assert guard_module.GUARD_LOOK_S + guard_module.HEARD_S <= 0.5
     asked = []
     armed.ask = lambda word, answer_s=None: asked.append((word, answer_s)) or b"ok"  # type: ignore[func-returns-value, method-assign]
     assert soon(lambda: len(asked) > 1)
     assert set(asked) == {("look", guard_module.HEARD_S)}
 
 
-def test_one_that_replaces_another_is_armed_for_what_is_left(armed: Guard) -> None:
+def test_one_that_replaces_another_is_armed_for_what_is_left(armed: ShutterGuard) -> None:
     words = iter(["arm 30", "arm 20"])
     armed.arm(lambda: next(words))
     armed.ask = lambda word, answer_s=None: b"" if word == "look" else said.append(word) or b"ok"  # type: ignore[func-returns-value, method-assign]
@@ -150,7 +150,7 @@ def test_one_that_replaces_another_is_armed_for_what_is_left(armed: Guard) -> No
 
 def test_an_exposure_without_any_guardian_is_ended() -> None:
     reasons: list[str] = []
-    guard = Guard((sys.executable, "-c", ECHO), answer_s=ANSWER_S, unguarded=reasons.append)
+    guard = ShutterGuard((sys.executable, "-c", ECHO), answer_s=ANSWER_S, unguarded=reasons.append)
     guard.arm(lambda: "arm")
     guard._command = ("/nonexistent",)
     assert guard.pid is not None
@@ -162,7 +162,7 @@ def test_an_exposure_without_any_guardian_is_ended() -> None:
     guard.stop()
 
 
-def test_nobody_looks_after_a_guardian_that_was_disarmed(armed: Guard) -> None:
+def test_nobody_looks_after_a_guardian_that_was_disarmed(armed: ShutterGuard) -> None:
     first = armed.pid
     assert first is not None
     assert armed.disarm() == b"disarm"
@@ -203,7 +203,7 @@ def test_one_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> Non
     assert guard.pid is None and guard.ask("open") == b""
 
 
-def test_one_that_ends_is_waited_for(guard: Guard) -> None:
+def test_one_that_ends_is_waited_for(guard: ShutterGuard) -> None:
     pid = guard.pid
     assert pid is not None
     guard.stop()

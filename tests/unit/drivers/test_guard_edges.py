@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from drivers import guard as guard_module
-from drivers.guard import Guard
-from pdcd.child import WORDS, LineClosedError, start
+from drivers.guard import ShutterGuard
+from pdcd.child import WORDS, LineClosedError, start_child
 from pdcd.errors import DeviceLost
 from tests.child_rig import Process, stand_ins
 
@@ -47,12 +47,12 @@ def guardians(monkeypatch: pytest.MonkeyPatch) -> Iterator[Guardians]:
         yield made
 
 
-def made(answer_s: float = 0.01, **how: Any) -> Guard:
-    return Guard(("guardian",), 7, 8, answer_s=answer_s, **how)
+def made(answer_s: float = 0.01, **how: Any) -> ShutterGuard:
+    return ShutterGuard(("guardian",), 7, 8, answer_s=answer_s, **how)
 
 
 def test_a_lost_guardian_is_noticed_within_four_tenths_of_a_second() -> None:
-    assert guard_module.LOOK_S <= 0.1
+    assert guard_module.GUARD_LOOK_S <= 0.1
     assert guard_module.HEARD_S <= 0.3
 
 
@@ -63,9 +63,9 @@ def test_a_guardian_gets_what_it_inherits_and_is_born_deaf(
 
     def started(*what: Any, **how: Any) -> Any:
         told.append(how["deaf"])
-        return start(*what, **how)
+        return start_child(*what, **how)
 
-    monkeypatch.setattr(guard_module, "start", started)
+    monkeypatch.setattr(guard_module, "start_child", started)
     guard = made()
     assert guard.pid is None
     guard.start()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.mock.bench import Bench
+from drivers.mock.bench import MockBench
 from drivers.mock.shutter import Lag, MockShutter
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext
@@ -42,8 +42,8 @@ def context_of(**tables: Any) -> DriverContext:
 
 
 @pytest.fixture
-def bench() -> Bench:
-    return Bench.of(context_of())
+def bench() -> MockBench:
+    return MockBench.of(context_of())
 
 
 class Draws:
@@ -87,17 +87,17 @@ def test_chance_is_that_of_the_seed() -> None:
 
 
 @pytest.fixture
-def still() -> tuple[MockShutter, Bench, VirtualClock]:
+def still() -> tuple[MockShutter, MockBench, VirtualClock]:
     """A shutter without jitter, late by 60 ms, that is believed to be by 50 and four times 5 ms."""
     context = context_of(trigger=TriggerConfig(lag_s=0.05, jitter_s=0.005))
-    shutter, bench = MockShutter.create(context), Bench.of(context)
+    shutter, bench = MockShutter.create(context), MockBench.of(context)
     shutter._lag = Lag(TriggerConfig(lag_s=0.06, jitter_s=0.0), 0)
     assert isinstance(context.clock, VirtualClock)
     return shutter, bench, context.clock
 
 
 def test_times_are_those_by_which_it_is_believed_to_have_moved(
-    still: tuple[MockShutter, Bench, VirtualClock],
+    still: tuple[MockShutter, MockBench, VirtualClock],
 ) -> None:
     shutter, bench, clock = still
     asked_ns = clock.now_ns()
@@ -112,7 +112,7 @@ def test_times_are_those_by_which_it_is_believed_to_have_moved(
 
 @pytest.mark.parametrize("end", [MockShutter.connect, MockShutter.disconnect])
 def test_a_shutter_is_closed_when_it_is_connected_and_when_it_is_let_go(
-    still: tuple[MockShutter, Bench, VirtualClock], end: Any
+    still: tuple[MockShutter, MockBench, VirtualClock], end: Any
 ) -> None:
     shutter, bench, _ = still
     shutter.open()
@@ -130,13 +130,13 @@ def test_the_mock_has_no_options() -> None:
 
 def test_all_drivers_of_a_rig_share_one_bench() -> None:
     context = context_of()
-    assert Bench.of(context) is Bench.of(context)
-    assert Bench.of(context).shared is context.shared
-    assert context.shared.scene is Bench.of(context).scene
-    assert Bench.of(context) is not Bench.of(context_of())
+    assert MockBench.of(context) is MockBench.of(context)
+    assert MockBench.of(context).shared is context.shared
+    assert context.shared.scene is MockBench.of(context).scene
+    assert MockBench.of(context) is not MockBench.of(context_of())
 
 
-def test_panels_are_black_from_when_they_were_first_told(bench: Bench) -> None:
+def test_panels_are_black_from_when_they_were_first_told(bench: MockBench) -> None:
     assert bench.panels_black and bench.black_since_ns == -(2**62)  # long ago
     bench.lit()
     assert not bench.panels_black
@@ -147,7 +147,7 @@ def test_panels_are_black_from_when_they_were_first_told(bench: Bench) -> None:
 
 @pytest.mark.parametrize(("after_ms", "settled"), [(0, False), (49.999, False), (50, True)])
 def test_a_shutter_opens_on_panels_that_have_settled(
-    bench: Bench, after_ms: float, settled: bool
+    bench: MockBench, after_ms: float, settled: bool
 ) -> None:
     bench.lit()
     bench.black(1000 * MS)
@@ -167,7 +167,7 @@ def test_a_shutter_opens_on_panels_that_have_settled(
 
 @pytest.mark.parametrize(("whole", "said"), [(True, True), (False, False)])
 def test_an_exposure_that_was_given_up_may_close_at_any_time(
-    bench: Bench, whole: bool, said: bool
+    bench: MockBench, whole: bool, said: bool
 ) -> None:
     bench.open_shutter(0)
     bench.lit()
@@ -177,7 +177,7 @@ def test_an_exposure_that_was_given_up_may_close_at_any_time(
     assert not bench.shutter_open and bench.close_ns == 10 * MS
 
 
-def test_of_two_movements_too_soon_the_first_is_told(bench: Bench) -> None:
+def test_of_two_movements_too_soon_the_first_is_told(bench: MockBench) -> None:
     bench.lit()
     bench.open_shutter(0)
     bench.whole = True
@@ -193,7 +193,7 @@ def frames_and_log() -> tuple[Frames, FrameLog]:
     return frames, FrameLog(one, one, at, at, np.array([1, 1]), one, "mock", True)
 
 
-def test_what_was_shown_before_the_shutter_opened_does_not_count(bench: Bench) -> None:
+def test_what_was_shown_before_the_shutter_opened_does_not_count(bench: MockBench) -> None:
     bench.frames, bench.log = frames_and_log()
     bench.shared.played = frames_and_log()
     bench.shared.pixels = object()  # type: ignore[assignment]
@@ -208,7 +208,7 @@ def test_what_was_shown_before_the_shutter_opened_does_not_count(bench: Bench) -
 # What there is to read out.
 
 
-def test_an_exposure_is_finished_once_it_is_closed_and_read_out_once(bench: Bench) -> None:
+def test_an_exposure_is_finished_once_it_is_closed_and_read_out_once(bench: MockBench) -> None:
     with pytest.raises(ExposureError, match=r"no finished exposure \(open and close"):
         bench.exposed_ns()
     bench.open_shutter(3)
@@ -224,7 +224,7 @@ def test_an_exposure_is_finished_once_it_is_closed_and_read_out_once(bench: Benc
         bench.photo()
 
 
-def test_of_another_drivers_shutter_the_rig_knows(bench: Bench) -> None:
+def test_of_another_drivers_shutter_the_rig_knows(bench: MockBench) -> None:
     bench.shared.exposed_ns = (4, 8)
     assert bench.exposed_ns() == (4, 8)
     bench.photo_taken()
@@ -234,7 +234,7 @@ def test_of_another_drivers_shutter_the_rig_knows(bench: Bench) -> None:
 
 def test_ambient_light_comes_through_what_the_mask_leaks() -> None:
     """1 of ambient for 2 s through a black mask of contrast 4."""
-    bench = Bench.of(context_of(mask=PanelConfig(size_px=(80, 60), contrast=4.0)))
+    bench = MockBench.of(context_of(mask=PanelConfig(size_px=(80, 60), contrast=4.0)))
     bench.open_shutter(0)
     bench.close_shutter(2000 * MS)
     np.testing.assert_allclose(bench.photo(), 0.5, rtol=1e-9)
@@ -244,7 +244,7 @@ def test_ambient_light_comes_through_what_the_mask_leaks() -> None:
 
 def test_cells_of_several_quads_are_repeated() -> None:
     camera = CameraConfig(noise="none", quads_per_cell=2)
-    bench = Bench.of(context_of(camera=camera))
+    bench = MockBench.of(context_of(camera=camera))
     assert (bench.grid, bench.frame) == (GRID, (6, 8))
     bench.open_shutter(0)
     bench.close_shutter(2000 * MS)
@@ -258,7 +258,7 @@ def test_cells_of_several_quads_are_repeated() -> None:
 
 def test_a_bench_of_pixels_has_no_photo_of_panels_that_had_not_settled_either() -> None:
     camera = CameraConfig(noise="none", frame_quads=(16, 12), place=Placing(scale=2.0))
-    bench = Bench.of(context_of(camera=camera))
+    bench = MockBench.of(context_of(camera=camera))
     assert bench.optics is not None
     bench.lit()
     bench.open_shutter(0)
@@ -268,13 +268,13 @@ def test_a_bench_of_pixels_has_no_photo_of_panels_that_had_not_settled_either() 
 
 
 def test_the_grid_is_the_schedules_where_it_has_one() -> None:
-    bench = Bench.of(context_of(schedule=ScheduleConfig(grid=(6, 8))))
+    bench = MockBench.of(context_of(schedule=ScheduleConfig(grid=(6, 8))))
     assert (bench.grid, bench.scene.grid) == ((6, 8), GRID)
 
 
 def test_the_second_bucket_sees_what_the_first_does_not() -> None:
     """Of light that the mask stopped: it is open for the second where it is shut for the first."""
-    bench = Bench.of(context_of())
+    bench = MockBench.of(context_of())
     frames, log = frames_and_log()
     white = replace(frames, primal_index=np.array([-2], np.int32))
     bench.open_shutter(0)

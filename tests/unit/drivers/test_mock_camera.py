@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.mock.bench import Bench
+from drivers.mock.bench import MockBench
 from drivers.mock.camera import F_NUMBERS, BenchSensor, MockReadout
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
@@ -39,7 +39,7 @@ class Rig:
             camera=CameraConfig(**given),
         )
         self.context = DriverContext(config=config, clock=self.clock)
-        self.bench = Bench.of(self.context)
+        self.bench = MockBench.of(self.context)
         self.readout = MockReadout.create(self.context)
 
     def expose(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.mock.bench import Bench
+from drivers.mock.bench import MockBench
 from drivers.mock.display import MockDisplay
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DisplayInfo, DriverContext
@@ -66,7 +66,7 @@ class Rig:
             display=DisplayConfig(**display),
         )
         context = DriverContext(config=config, clock=self.clock)
-        self.bench = Bench.of(context)
+        self.bench = MockBench.of(context)
         self.display = MockDisplay.create(context)
         self.told: list[tuple[int, int, int]] = []
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.mock.bench import Bench
+from drivers.mock.bench import MockBench
 from drivers.mock.camera import BenchSensor
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.measured import with_values
 from pdcd.bench.tables import BenchConfig, CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.panels.frames import PIXELS, WHITE, FrameLog, Frames
+from pdcd.panels.frames import PIXEL_WINDOW, WHITE, FrameLog, Frames
 from pdcd.panels.map import Map
-from pdcd.panels.patterns import pack
+from pdcd.panels.patterns import pack_bits
 from pdcd.panels.placing import Placing
 
 GRID = (6, 8)
@@ -59,18 +59,18 @@ def shown(*, pixels: bool) -> Frames:
     """Ten rows of codes and of white."""
     rng = np.random.default_rng(2)
     sizes = (PX, MASK_PX) if pixels else ((8, 6), (8, 6))
-    one, other = (pack(rng.random((4, w * h)) < 0.5) for w, h in sizes)
+    one, other = (pack_bits(rng.random((4, w * h)) < 0.5) for w, h in sizes)
     index = np.array([0, 1, 2, 3, WHITE, 0, 1, 2, 3, WHITE], dtype=np.int32)
     zero = np.zeros(10, dtype=np.uint8)
     return Frames(
         one, other, index, np.roll(index, 1), zero, index, zero.astype(np.bool_),
-        (0, 0) if pixels else GRID, (0, 0) if pixels else GRID, PIXELS if pixels else "whole",
+        (0, 0) if pixels else GRID, (0, 0) if pixels else GRID, PIXEL_WINDOW if pixels else "whole",
     )  # fmt: skip
 
 
 def photo(config: Config, frames: Frames) -> tuple[NDArray[np.float64], bytes]:
     """Light at the quads, and the file of it."""
-    bench = Bench.of(DriverContext(config=config, clock=VirtualClock()))
+    bench = MockBench.of(DriverContext(config=config, clock=VirtualClock()))
     sensor = BenchSensor(bench, config.camera)
     bench.open_shutter(0)
     at = 400_000_000 + np.arange(10, dtype=np.int64) * 16_666_667
@@ -110,7 +110,7 @@ def test_a_wrong_scale_is_one_however_it_was_measured(tmp_path: Path) -> None:
     typed = bench_of(tmp_path, None, responsivity_e=(4e5, 5e5, 6e5))
     found = with_values(typed, {"camera.responsivity_e": (8e5, 1e6, 1.2e6)}, {})
     contexts = [DriverContext(config=config, clock=VirtualClock()) for config in (typed, found)]
-    bodies = [BenchSensor(Bench.of(context), context.config.camera) for context in contexts]
+    bodies = [BenchSensor(MockBench.of(context), context.config.camera) for context in contexts]
     for body in bodies:
         assert body.responsivity_e.tolist() == [4e5, 5e5, 6e5]
     assert found.camera.responsivity_e == (8e5, 1e6, 1.2e6)

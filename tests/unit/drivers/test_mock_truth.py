@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.mock.bench import Bench
-from drivers.mock.camera import BenchSensor, true_profile
+from drivers.mock.bench import MockBench
+from drivers.mock.camera import BenchSensor, make_true_profile
 from drivers.mock.display import MockDisplay
 from drivers.mock.shutter import MockShutter
 from pdcd.bench.clock import VirtualClock
@@ -49,7 +49,7 @@ def config_of(folder: Path, truth: str, **camera: Any) -> Config:
 
 def dark_photo(folder: Path, config: Config, name: str) -> NDArray[np.floating]:
     """A photo of ambient light only, (4, h, w): the shutter opens, nothing is shown."""
-    bench = Bench.of(DriverContext(config=config, clock=VirtualClock()))
+    bench = MockBench.of(DriverContext(config=config, clock=VirtualClock()))
     sensor = BenchSensor(bench, config.camera)
     bench.open_shutter(0)
     bench.close_shutter(10_000_000_000)
@@ -82,12 +82,12 @@ def test_samples_differ_as_much_as_said_and_the_same_way_in_every_photo(tmp_path
 
 def test_a_sensor_is_off_its_profile_by_factors() -> None:
     profile = load_profile("modern")
-    true = true_profile(profile, TrueSensor(gain=2.0, read_noise=1.5, dark=3.0, full_well=0.5))
+    true = make_true_profile(profile, TrueSensor(gain=2.0, read_noise=1.5, dark=3.0, full_well=0.5))
     assert true.rows[0].gain_e_per_dn == profile.rows[0].gain_e_per_dn / 2.0
     assert true.rows[0].read_noise_e == profile.rows[0].read_noise_e * 1.5
     assert true.dark_e_per_s == profile.dark_e_per_s * 3.0
     assert true.full_well_e == profile.full_well_e * 0.5
-    assert true_profile(profile, TrueSensor()) == profile
+    assert make_true_profile(profile, TrueSensor()) == profile
 
 
 def test_the_display_tells_true_vblanks_and_believed_light(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_the_grid_of_codes_is_the_schedules_where_it_says_one() -> None:
     assert Rig(config).grid == GRID
     finer = msgspec.structs.replace(config, schedule=ScheduleConfig(grid=(12, 16)))
     assert Rig(finer).grid == (12, 16)
-    assert Bench.of(Rig(finer)._context).frame == (12, 16)
+    assert MockBench.of(Rig(finer)._context).frame == (12, 16)
 
 
 def test_a_placed_bench_takes_photos_where_the_camera_looks() -> None:
@@ -119,7 +119,7 @@ def test_a_placed_bench_takes_photos_where_the_camera_looks() -> None:
         camera=CameraConfig(noise="none", frame_quads=(16, 12), place=Placing(scale=2.0)),
     )
     wide = msgspec.structs.replace(config, mask=msgspec.structs.replace(config.mask, contrast=4.0))
-    bench = Bench.of(DriverContext(config=wide, clock=VirtualClock()))
+    bench = MockBench.of(DriverContext(config=wide, clock=VirtualClock()))
     bench.open_shutter(0)
     bench.close_shutter(1_000_000_000)
     light = bench.quads()[..., 0]
@@ -140,14 +140,14 @@ def test_before_a_real_camera_nobody_makes_the_mock_cameras_bench(
         with pytest.raises(ConfigError, match="2136 x 1424 pixels, this one has 64 x 48"):
             Rig(config)
     else:
-        assert "optics" not in vars(Bench.of(Rig(config)._context))
+        assert "optics" not in vars(MockBench.of(Rig(config)._context))
 
 
 def test_room_light_that_is_switched_on_half_way(tmp_path: Path) -> None:
     """The room is as the configuration says in two exposures, and then as the truth says."""
     truth = "[mask]\ncontrast = 2.0\n[scene]\nambient = 2.0\nambient_from = 3\n"
     config = config_of(tmp_path, truth, frame_quads=(16, 12))
-    bench = Bench.of(DriverContext(config=config, clock=VirtualClock()))
+    bench = MockBench.of(DriverContext(config=config, clock=VirtualClock()))
     found = []
     for start in range(4):
         bench.open_shutter(start * 10_000_000_000)
@@ -170,7 +170,7 @@ def test_files_that_tell_another_time(tmp_path: Path) -> None:
 def test_a_shutter_that_is_told_late_to_close(tmp_path: Path) -> None:
     truth = "[trigger]\nlag_s = 0.0\njitter_s = 0.0\nstretched = 2\nstretch = 3.5\n"
     context = DriverContext(config=config_of(tmp_path, truth), clock=VirtualClock())
-    shutter, bench, clock = MockShutter.create(context), Bench.of(context), context.clock
+    shutter, bench, clock = MockShutter.create(context), MockBench.of(context), context.clock
     found = []
     for _ in range(3):
         open_ns = clock.now_ns()

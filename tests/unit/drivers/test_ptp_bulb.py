@@ -8,11 +8,11 @@ from contextlib import suppress
 import pytest
 
 from drivers.ptp.bulb import BULB, REMOTE, Bulb, choose_method
-from drivers.ptp.codes import Operation, Response
+from drivers.ptp.codes import Operation, ResponseCode
 from drivers.ptp.datasets import DeviceInfo
-from drivers.ptp.faults import Unanswered
+from drivers.ptp.faults import NoAnswer
 from drivers.ptp.options import ReleaseName
-from drivers.ptp.transport import Reply
+from drivers.ptp.transport import TransactionReply
 from pdcd.bench.clock import VirtualClock
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 
@@ -27,12 +27,12 @@ class Wire:
         self.sent: list[tuple[Operation, tuple[int, ...], bool]] = []
         self.climbs = 0
 
-    def __call__(self, code: Operation, *params: int, once: bool = False) -> Reply:
+    def __call__(self, code: Operation, *params: int, once: bool = False) -> TransactionReply:
         self.sent.append((code, params, once))
-        answer = self.answers.popleft() if self.answers else Response.OK
+        answer = self.answers.popleft() if self.answers else ResponseCode.OK
         if isinstance(answer, DeviceLost):
             raise answer
-        return Reply(answer, (), memoryview(b""))
+        return TransactionReply(answer, (), memoryview(b""))
 
     @property
     def codes(self) -> list[Operation]:
@@ -89,7 +89,7 @@ def test_a_body_without_a_way_says_that_it_needs_a_trigger() -> None:
 
 
 def test_a_refused_start_is_closed_and_says_what_to_look_at() -> None:
-    wire = Wire(Response.GENERAL_ERROR)
+    wire = Wire(ResponseCode.GENERAL_ERROR)
     shutter = bulb(wire)
     with pytest.raises(ExposureError, match="dial to M"):
         shutter.begin()
@@ -97,7 +97,7 @@ def test_a_refused_start_is_closed_and_says_what_to_look_at() -> None:
 
 
 def test_an_unanswered_start_is_ended_and_never_sent_twice() -> None:
-    wire = Wire(Unanswered("x"))
+    wire = Wire(NoAnswer("x"))
     shutter = bulb(wire)
     with pytest.raises(ExposureError, match="did not confirm"):
         shutter.begin()
@@ -113,7 +113,7 @@ def test_a_start_that_lost_the_camera_may_have_opened() -> None:
 
 
 def test_an_end_that_fails_leaves_it_open_to_be_ended_again() -> None:
-    wire = Wire(Response.OK, *[int(Response.DEVICE_BUSY)] * 3, DeviceLost("x"))
+    wire = Wire(ResponseCode.OK, *[int(ResponseCode.DEVICE_BUSY)] * 3, DeviceLost("x"))
     shutter = bulb(wire)
     shutter.begin()
     with pytest.raises(ExposureError, match="refuses to close"):
@@ -126,7 +126,7 @@ def test_an_end_that_fails_leaves_it_open_to_be_ended_again() -> None:
 
 
 def test_one_refused_end_is_not_believed() -> None:
-    wire = Wire(Response.OK, Response.GENERAL_ERROR)
+    wire = Wire(ResponseCode.OK, ResponseCode.GENERAL_ERROR)
     shutter = bulb(wire)
     shutter.begin()
     shutter.end()
@@ -144,9 +144,9 @@ def test_an_open_shutter_is_not_opened_again() -> None:
 
 def test_a_photo_is_owed_by_whatever_may_have_opened() -> None:
     for answer, owed in (
-        (Response.OK, True),
-        (Response.GENERAL_ERROR, False),
-        (Unanswered("x"), True),
+        (ResponseCode.OK, True),
+        (ResponseCode.GENERAL_ERROR, False),
+        (NoAnswer("x"), True),
         (DeviceLost("x"), True),
     ):
         shutter = bulb(Wire(answer))
@@ -160,9 +160,9 @@ def test_after_a_repeated_end_the_second_refusal_is_the_first_ones_success() -> 
     shutter = bulb(wire)
     shutter.begin()
 
-    def climbing(code: Operation, *params: int, once: bool = False) -> Reply:
+    def climbing(code: Operation, *params: int, once: bool = False) -> TransactionReply:
         wire.climbs += 1
-        return Reply(Response.GENERAL_ERROR, (), memoryview(b""))
+        return TransactionReply(ResponseCode.GENERAL_ERROR, (), memoryview(b""))
 
     shutter._order = climbing
     shutter.end()
@@ -183,19 +183,19 @@ def test_a_new_session_closes_and_spoils_what_was_open() -> None:
 @pytest.mark.parametrize(
     ("answer", "was_open", "refused"),
     [
-        (Response.OK, True, False),
-        (Response.GENERAL_ERROR, True, False),  # it held nothing open any more
-        (Response.OPERATION_NOT_SUPPORTED, True, False),  # nor could it
-        (Response.DEVICE_BUSY, True, True),
-        (Response.INVALID_PARAMETER, True, True),
-        (Response.DEVICE_BUSY, False, True),  # it may be open by somebody else's doing
-        (Response.INVALID_PARAMETER, False, False),
+        (ResponseCode.OK, True, False),
+        (ResponseCode.GENERAL_ERROR, True, False),  # it held nothing open any more
+        (ResponseCode.OPERATION_NOT_SUPPORTED, True, False),  # nor could it
+        (ResponseCode.DEVICE_BUSY, True, True),
+        (ResponseCode.INVALID_PARAMETER, True, True),
+        (ResponseCode.DEVICE_BUSY, False, True),  # it may be open by somebody else's doing
+        (ResponseCode.INVALID_PARAMETER, False, False),
     ],
 )
 def test_a_shutter_is_closed_by_a_new_session_only_where_the_camera_does_it(
     answer: int, was_open: bool, refused: bool
 ) -> None:
-    wire = Wire(*[int(Response.OK)] * was_open, answer)
+    wire = Wire(*[int(ResponseCode.OK)] * was_open, answer)
     shutter = bulb(wire)
     if was_open:
         shutter.begin()
@@ -234,7 +234,7 @@ def test_nothing_is_owed_before_the_first_exposure() -> None:
 
 @pytest.mark.parametrize("refusals", [0, 1, 2, 3])
 def test_a_camera_is_asked_three_times_to_close(refusals: int) -> None:
-    wire = Wire(Response.OK, *[int(Response.GENERAL_ERROR)] * refusals)
+    wire = Wire(ResponseCode.OK, *[int(ResponseCode.GENERAL_ERROR)] * refusals)
     shutter = bulb(wire)
     shutter.begin()
     if refusals == 3:
@@ -249,9 +249,9 @@ def test_a_camera_is_asked_three_times_to_close(refusals: int) -> None:
 @pytest.mark.parametrize(
     ("answer", "open_still", "owed"),
     [
-        (Response.OK, False, True),
-        (Response.GENERAL_ERROR, False, False),  # it held nothing open
-        (Response.DEVICE_BUSY, True, True),  # it has not done it
+        (ResponseCode.OK, False, True),
+        (ResponseCode.GENERAL_ERROR, False, False),  # it held nothing open
+        (ResponseCode.DEVICE_BUSY, True, True),  # it has not done it
         (DeviceLost("x"), True, True),
     ],
 )
@@ -259,7 +259,7 @@ def test_what_an_unanswered_start_leaves_depends_on_the_answer_to_its_end(
     answer: int | DeviceLost, open_still: bool, owed: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The error is that of the start, whatever became of the end."""
-    shutter = bulb(Wire(Unanswered("x"), answer))
+    shutter = bulb(Wire(NoAnswer("x"), answer))
     with pytest.raises(ExposureError, match="did not confirm"):
         shutter.begin()
     assert (shutter.since_ns is not None, shutter.owed) == (open_still, owed)
@@ -271,10 +271,10 @@ def test_a_start_that_went_wrong_on_a_new_session_spoils_nothing_later() -> None
     wire = Wire()
     shutter = bulb(wire)
 
-    def climbing(code: Operation, *params: int, once: bool = False) -> Reply:
+    def climbing(code: Operation, *params: int, once: bool = False) -> TransactionReply:
         if once:
             shutter.new_session(BULB)
-            raise Unanswered("x")
+            raise NoAnswer("x")
         return wire(code, *params)
 
     shutter._order = climbing
@@ -284,8 +284,8 @@ def test_a_start_that_went_wrong_on_a_new_session_spoils_nothing_later() -> None
 
 
 def test_what_spoiled_one_exposure_is_not_said_of_the_next() -> None:
-    for code in (Response.GENERAL_ERROR, Response.OK):
-        wire = Wire(Response.OK, Response.OK, code)
+    for code in (ResponseCode.GENERAL_ERROR, ResponseCode.OK):
+        wire = Wire(ResponseCode.OK, ResponseCode.OK, code)
         shutter = bulb(wire)
         shutter.begin()
         shutter.new_session(BULB)

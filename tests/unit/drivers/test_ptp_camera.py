@@ -24,7 +24,7 @@ import usb.core
 from drivers.ptp.codes import ExposureMode, FocusMode
 from drivers.ptp.eos import EosCamera
 from drivers.ptp.keepalive import KeepAlive
-from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, PlainFilm, Script
+from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, FaultScript, PlainFilm
 from pdcd.bench.devices import CameraSettings
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 from tests.places import ROOT
@@ -80,14 +80,14 @@ def test_a_manual_lens_is_left_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("script", "hint"),
     [
-        (Script(dial=ExposureMode.APERTURE_PRIORITY), "dial is not on M"),
-        (Script(focus=FocusMode.ONE_SHOT), "set the lens to MF"),
-        (Script(battery=0), "charge it"),
-        (Script(long_exposure_nr=True), "noise reduction is on"),
-        (Script(buffer_full=True), "no room in the camera"),
+        (FaultScript(dial=ExposureMode.APERTURE_PRIORITY), "dial is not on M"),
+        (FaultScript(focus=FocusMode.ONE_SHOT), "set the lens to MF"),
+        (FaultScript(battery=0), "charge it"),
+        (FaultScript(long_exposure_nr=True), "noise reduction is on"),
+        (FaultScript(buffer_full=True), "no room in the camera"),
     ],
 )
-def test_a_camera_that_is_not_ready_is_not_released(script: Script, hint: str) -> None:
+def test_a_camera_that_is_not_ready_is_not_released(script: FaultScript, hint: str) -> None:
     rig = PtpRig(script)
     rig.connect()
     with pytest.raises(ExposureError, match=hint):
@@ -99,7 +99,7 @@ def test_a_camera_that_is_not_ready_is_not_released(script: Script, hint: str) -
 
 
 def test_a_dial_with_bulb_on_it_does_as_well(tmp_path: Path) -> None:
-    rig = PtpRig(Script(dial=ExposureMode.BULB))
+    rig = PtpRig(FaultScript(dial=ExposureMode.BULB))
     rig.connect()
     rig.readout.arm(CameraSettings(100, None))
     rig.shutter.open()
@@ -187,7 +187,7 @@ def test_an_external_release_and_this_shutter_exclude_each_other() -> None:
 
 
 def test_photos_on_the_card_are_fetched_and_stay_there(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="twice"), camera={"destination": "card"})
+    rig = PtpRig(FaultScript(file="twice"), camera={"destination": "card"})
     rig.connect()
     for name in ("one", "two", "three"):
         raw = rig.photo(tmp_path, name)

@@ -15,7 +15,7 @@ from drivers.ptp.codes import (
     EosEvent,
     Operation,
     Property,
-    hex_name,
+    format_code,
 )
 from drivers.ptp.containers import (
     Header,
@@ -43,11 +43,11 @@ from drivers.ptp.events import (
     AvailList,
     EosRecord,
     ObjectAdded,
-    Plain,
+    PlainRecord,
     PropValue,
+    is_raw_only,
     pack_events,
     parse_events,
-    raw_quality,
 )
 from pdcd.errors import DecodeError
 
@@ -287,8 +287,8 @@ def test_image_formats_come_in_pieces() -> None:
     (found,) = parse_events(head + raw + both + END)
     assert found == AvailList(0xD120, (), (raw, both))
     assert pack_events([found]) == head + raw + both + END
-    assert raw_quality(raw)
-    assert not raw_quality(both)
+    assert is_raw_only(raw)
+    assert not is_raw_only(both)
     with pytest.raises(WireError, match="5 files"):
         parse_events(struct.pack("<6I", 24, 0xC18A, 0xD120, 3, 1, 5) + END)
 
@@ -297,14 +297,14 @@ def test_unknown_records_are_kept_and_the_end_may_be_missing() -> None:
     strange = bytes.fromhex("0a000000 99c10000 beef")
     seconds = bytes.fromhex("0c000000 94c10000 05000000")
     assert parse_events(strange + seconds) == [
-        Plain(0xC199, b"\xbe\xef"),
-        Plain(EosEvent.BULB_EXPOSURE_TIME, bytes.fromhex("05000000")),
+        PlainRecord(0xC199, b"\xbe\xef"),
+        PlainRecord(EosEvent.BULB_EXPOSURE_TIME, bytes.fromhex("05000000")),
     ]
     assert parse_events(b"") == []
     assert parse_events(END) == []
     # An odd kind of list is not guessed at.
     other = struct.pack("<6I", 24, 0xC18A, 0xD1B0, 7, 1, 9)
-    assert parse_events(other) == [Plain(0xC18A, other[8:])]
+    assert parse_events(other) == [PlainRecord(0xC18A, other[8:])]
 
 
 @pytest.mark.parametrize(
@@ -330,8 +330,8 @@ def test_a_short_value_is_refused_when_it_is_asked_for() -> None:
 
 
 def test_codes_are_named_in_messages() -> None:
-    assert hex_name(0x9125) == "0x9125 EOS_BULB_START"
-    assert hex_name(0x9999) == "0x9999"
+    assert format_code(0x9125) == "0x9125 EOS_BULB_START"
+    assert format_code(0x9999) == "0x9999"
 
 
 # Fuzzing: whatever the bytes, a value or a WireError
@@ -397,7 +397,7 @@ def test_fuzzed_datasets(data: bytes) -> None:
         ObjectInfo.parse,
         parse_property_set,
         parse_custom_functions,
-        raw_quality,
+        is_raw_only,
     ):
         try:
             parse(data)

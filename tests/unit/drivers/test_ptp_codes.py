@@ -61,7 +61,7 @@ def read(table: str) -> dict[str, int]:
     ("kind", "table"),
     [
         (codes.Operation, STANDARD_OPERATIONS + CANON_OPERATIONS),
-        (codes.Response, RESPONSES),
+        (codes.ResponseCode, RESPONSES),
         (codes.EosEvent, EOS_EVENTS),
         (codes.Property, PROPERTIES),
         (codes.ObjectFormat, FORMATS),
@@ -122,7 +122,7 @@ def test_aperture_codes_are_eight_to_a_stop_from_f1_at_08() -> None:
 
 
 def test_a_code_is_named_among_those_of_its_kind() -> None:
-    assert codes.hex_name(0x2019, codes.Response) == "0x2019 DEVICE_BUSY"
-    assert codes.hex_name(0x1002) == "0x1002 OPEN_SESSION"
-    assert codes.hex_name(0x1002, codes.Response) == "0x1002"
-    assert codes.hex_name(0x7, codes.Response) == "0x0007"
+    assert codes.format_code(0x2019, codes.ResponseCode) == "0x2019 DEVICE_BUSY"
+    assert codes.format_code(0x1002) == "0x1002 OPEN_SESSION"
+    assert codes.format_code(0x1002, codes.ResponseCode) == "0x1002"
+    assert codes.format_code(0x7, codes.ResponseCode) == "0x0007"

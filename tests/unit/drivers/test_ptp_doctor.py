@@ -6,8 +6,8 @@ import pytest
 import usb.core
 
 from drivers.ptp.codes import ExposureMode
-from drivers.ptp.doctor import examine
-from drivers.virtual_camera import CABLE_BODY, Script
+from drivers.ptp.doctor import examine_ptp
+from drivers.virtual_camera import CABLE_BODY, FaultScript
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext, Finding
 from pdcd.bench.tables import CameraConfig, Config
@@ -16,7 +16,7 @@ from tests.ptp_rig import PtpRig
 
 
 def ask(rig: PtpRig) -> list[Finding]:
-    return list(examine(rig.context))
+    return list(examine_ptp(rig.context))
 
 
 def test_the_doctor_says_all_there_is() -> None:
@@ -31,15 +31,16 @@ def test_the_doctor_says_all_there_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("script", "word"), [(Script(dial=ExposureMode.PROGRAM), "dial"), (Script(battery=0), "charge")]
+    ("script", "word"),
+    [(FaultScript(dial=ExposureMode.PROGRAM), "dial"), (FaultScript(battery=0), "charge")],
 )
-def test_the_doctor_ends_with_the_fault(script: Script, word: str) -> None:
+def test_the_doctor_ends_with_the_fault(script: FaultScript, word: str) -> None:
     last = ask(PtpRig(script))[-1]
     assert last.state == "fault" and word in f"{last.found} {last.hint}"
 
 
 def test_the_doctor_minds_noise_reduction_and_a_body_for_a_cable() -> None:
-    found = {f.what: f for f in ask(PtpRig(Script(long_exposure_nr=True)))}
+    found = {f.what: f for f in ask(PtpRig(FaultScript(long_exposure_nr=True)))}
     reduction = found["long-exposure noise reduction"]
     assert reduction.state == "fault" and reduction.hint is not None
     (release,) = [f for f in ask(PtpRig(model=CABLE_BODY)) if f.what == "release over USB"]
@@ -69,7 +70,7 @@ def test_the_doctor_lists_cameras_that_are_not_looked_for() -> None:
 
 def test_wrong_options_are_a_finding() -> None:
     config = Config(camera=CameraConfig(driver="ptp", options={"ubs": "virtual"}))
-    (finding,) = examine(DriverContext(config, VirtualClock()))
+    (finding,) = examine_ptp(DriverContext(config, VirtualClock()))
     assert finding.state == "fault" and "ubs" in finding.found
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ptp.codes import Operation, Property, Response
-from drivers.ptp.transport import Reply
+from drivers.ptp.codes import Operation, Property, ResponseCode
+from drivers.ptp.transport import TransactionReply
 from pdcd.errors import ExposureError
 from tests.ptp_rig import SETTINGS, PtpRig
 
@@ -24,13 +24,15 @@ def rig() -> Iterator[PtpRig]:
     rig.disconnect_quietly()
 
 
-def refuse(rig: PtpRig, *refused: Operation, with_code: Response = Response.GENERAL_ERROR) -> None:
+def refuse(
+    rig: PtpRig, *refused: Operation, with_code: ResponseCode = ResponseCode.GENERAL_ERROR
+) -> None:
     """From here on the camera does not do that."""
     order = rig.camera.bulb._order
 
-    def asked(code: Operation, *params: int, once: bool = False) -> Reply:
+    def asked(code: Operation, *params: int, once: bool = False) -> TransactionReply:
         if code in refused:
-            return Reply(with_code, (), memoryview(b""))
+            return TransactionReply(with_code, (), memoryview(b""))
         return order(code, *params, once=once)
 
     rig.camera.bulb._order = asked
@@ -65,7 +67,7 @@ def test_a_camera_that_refuses_to_close_gets_a_new_session(rig: PtpRig) -> None:
     """Which begins with a closed shutter, and of that exposure no more is heard."""
     rig.shutter.open()
     order = rig.camera.bulb._order
-    refuse(rig, Operation.EOS_BULB_END, with_code=Response.GENERAL_ERROR)
+    refuse(rig, Operation.EOS_BULB_END, with_code=ResponseCode.GENERAL_ERROR)
     opened: list[None] = []
     renew = rig.camera.renew
 
@@ -136,9 +138,9 @@ def test_events_that_cannot_be_read_do_not_hide_those_behind_them(
     rig.camera.files.clear()
     call, damaged = rig.camera.session.call, [b"\x07\0\0\0"]
 
-    def first_damaged(code: Operation, *params: int, **more: object) -> Reply:
+    def first_damaged(code: Operation, *params: int, **more: object) -> TransactionReply:
         if code == Operation.EOS_GET_EVENT and damaged:
-            return Reply(Response.OK, (), memoryview(damaged.pop()))
+            return TransactionReply(ResponseCode.OK, (), memoryview(damaged.pop()))
         return call(code, *params, **more)  # type: ignore[arg-type]
 
     rig.camera.session.call = first_damaged  # type: ignore[method-assign]

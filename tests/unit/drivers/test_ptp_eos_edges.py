@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from drivers.ptp import eos, files
-from drivers.ptp.codes import Operation, Property, Response
+from drivers.ptp.codes import Operation, Property, ResponseCode
 from drivers.ptp.eos import EosCamera
-from drivers.ptp.events import EosRecord, ObjectAdded, Plain, PropValue, pack_events
-from drivers.ptp.faults import OutOfStep
+from drivers.ptp.events import EosRecord, ObjectAdded, PlainRecord, PropValue, pack_events
+from drivers.ptp.faults import TransactionMismatch
 from drivers.ptp.readout import PtpReadout
-from drivers.ptp.transport import Reply
-from drivers.ptp.values import f_numbers, isos, not_ready
-from drivers.virtual_camera import Script
+from drivers.ptp.transport import TransactionReply
+from drivers.ptp.values import list_f_numbers, list_isos, list_setup_faults
+from drivers.virtual_camera import FaultScript
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import Config, LimitsConfig
@@ -26,7 +26,7 @@ from pdcd.errors import ConfigError, ExposureError
 from tests.ptp_rig import SETTINGS, PtpRig
 
 MS = 1_000_000
-BUSY = Response.DEVICE_BUSY
+BUSY = ResponseCode.DEVICE_BUSY
 PING = Operation.EOS_KEEP_DEVICE_ON
 
 
@@ -38,8 +38,8 @@ def rig() -> Iterator[PtpRig]:
     rig.disconnect_quietly()
 
 
-def answer(code: int, data: bytes = b"") -> Reply:
-    return Reply(code, (), memoryview(data))
+def answer(code: int, data: bytes = b"") -> TransactionReply:
+    return TransactionReply(code, (), memoryview(data))
 
 
 class Calls:
@@ -52,13 +52,13 @@ class Calls:
         rig.camera.session.call = self  # type: ignore[method-assign]
         self.done: list[tuple[int, Operation]] = []
 
-    def __call__(self, code: Operation, *params: int, **more: Any) -> Reply:
+    def __call__(self, code: Operation, *params: int, **more: Any) -> TransactionReply:
         self.done.append((self.rig.clock.now_ns(), code))
         if self.answers.get(code):
             found = self.answers[code].pop(0)
             if isinstance(found, Exception):
                 raise found
-            assert isinstance(found, Reply)
+            assert isinstance(found, TransactionReply)
             return found
         return self.real(code, *params, **more)
 
@@ -111,7 +111,7 @@ def test_what_is_told_is_kept_by_its_kind(rig: PtpRig) -> None:
         PropValue.of(0xD111, 1),
         PropValue(0xD112, b"\1\0"),  # not a number of 32 bits: not kept
         PropValue(0xD1A0, b"\xff"),  # packed otherwise: what is known stays
-        Plain(0xC18D, bytes(4)),
+        PlainRecord(0xC18D, bytes(4)),
     ]
     calls = Calls(rig, {Operation.EOS_GET_EVENT: [answer(0x2001, pack_events(told))]})
     camera.poll()
@@ -143,7 +143,7 @@ def test_a_value_that_is_set_already_is_not_set_again(rig: PtpRig) -> None:
 def test_a_camera_that_tells_no_settings_is_out_of_step_after_a_second(rig: PtpRig) -> None:
     Calls(rig, {Operation.EOS_GET_EVENT: [answer(0x2001, pack_events([]))] * 1000})
     before_ns = rig.clock.now_ns()
-    with pytest.raises(OutOfStep, match="does not tell its settings"):
+    with pytest.raises(TransactionMismatch, match="does not tell its settings"):
         rig.camera._set_modes()
     assert rig.clock.now_ns() - before_ns == 20 * 50 * MS
     assert not rig.camera.values and not rig.camera.choices
@@ -257,7 +257,7 @@ def test_a_readout_arms_with_what_the_camera_offers(rig: PtpRig) -> None:
 def test_a_photo_is_waited_for_twice_its_exposure_and_half_a_minute(
     tmp_path: Path, exposed_s: float, waits_s: float
 ) -> None:
-    rig = PtpRig(Script(file="none"))
+    rig = PtpRig(FaultScript(file="none"))
     rig.connect()
     rig.readout.arm(SETTINGS)
     rig.wait(exposed_s)
@@ -274,7 +274,7 @@ def test_a_photo_is_waited_for_twice_its_exposure_and_half_a_minute(
 def test_a_photo_that_takes_longer_than_its_exposure_and_five_seconds_is_remarked_on(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, late_s: float, remarked: bool
 ) -> None:
-    rig = PtpRig(Script(file="late", late_s=late_s))
+    rig = PtpRig(FaultScript(file="late", late_s=late_s))
     rig.connect()
     with caplog.at_level(logging.WARNING):
         rig.photo(tmp_path, "shot")
@@ -292,7 +292,7 @@ def test_a_photo_of_another_session_is_not_taken(rig: PtpRig, tmp_path: Path) ->
 
 
 def test_a_stray_photo_is_waited_for_a_quarter_of_a_minute(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="none"))
+    rig = PtpRig(FaultScript(file="none"))
     rig.connect()
     rig.expose()
     before_ns = rig.clock.now_ns()
@@ -361,7 +361,7 @@ def test_raw_files_are_known_by_their_first_bytes(rig: PtpRig, head: bytes, raw:
     ],
 )
 def test_what_is_not_whole_says_where_it_broke(
-    rig: PtpRig, answers: list[Reply], words: str
+    rig: PtpRig, answers: list[TransactionReply], words: str
 ) -> None:
     Calls(rig, {Operation.GET_PARTIAL_OBJECT: answers})
     photo = ObjectAdded(7, 0xB103, 40, "a.cr2", False)
@@ -373,10 +373,10 @@ def test_an_object_that_is_unknown_or_empty(rig: PtpRig, tmp_path: Path) -> None
     Calls(rig, {Operation.GET_PARTIAL_OBJECT: [answer(0x2009)]})
     path = tmp_path / "a.cr2"
     unknown = ObjectAdded(7, 0xB103, 40, "a.cr2", False)
-    assert files.download(rig.camera, unknown, path) is None
+    assert files.store_photo(rig.camera, unknown, path) is None
     empty = ObjectAdded(7, 0xB103, 0, "a.cr2", False)
     with pytest.raises(ExposureError, match="it is empty"):
-        files.download(rig.camera, empty, path)
+        files.store_photo(rig.camera, empty, path)
     assert not list(tmp_path.iterdir())
 
 
@@ -384,10 +384,10 @@ def test_an_object_that_is_unknown_or_empty(rig: PtpRig, tmp_path: Path) -> None
 
 
 def test_lists_are_in_the_order_of_their_values() -> None:
-    assert isos((0x50, 0x00, 0x48, 0x99)) == {100: 0x48, 200: 0x50}
-    assert list(isos((0x50, 0x48))) == [100, 200]
-    assert f_numbers((0x38, 0x14, 0x15, 0xFF)) == {1.8: 0x14, 8.0: 0x38}
-    assert list(f_numbers((0x38, 0x14))) == [1.8, 8.0]
+    assert list_isos((0x50, 0x00, 0x48, 0x99)) == {100: 0x48, 200: 0x50}
+    assert list(list_isos((0x50, 0x48))) == [100, 200]
+    assert list_f_numbers((0x38, 0x14, 0x15, 0xFF)) == {1.8: 0x14, 8.0: 0x38}
+    assert list(list_f_numbers((0x38, 0x14))) == [1.8, 8.0]
 
 
 @pytest.mark.parametrize(
@@ -408,12 +408,12 @@ def test_lists_are_in_the_order_of_their_values() -> None:
 def test_what_is_to_be_changed_is_said_and_what_was_not_told_is_not_judged(
     values: dict[int, int], custom: dict[int, int], words: str | None
 ) -> None:
-    found = not_ready(values, custom, "card")
+    found = list_setup_faults(values, custom, "card")
     assert len(found) == (words is not None)
     assert words is None or words in found[0]
 
 
 def test_memory_without_room_is_another_matter() -> None:
-    assert not_ready({0xD11B: 0}, {}, "ram") == [
+    assert list_setup_faults({0xD11B: 0}, {}, "ram") == [
         "there is no room in the camera: switch it off and on"
     ]

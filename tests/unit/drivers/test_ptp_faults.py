@@ -19,8 +19,14 @@ import pytest
 
 from drivers.ptp.codes import Operation
 from drivers.ptp.readout import FILE_EXTRA_S
-from drivers.ptp.session import LONGEST_S
-from drivers.virtual_camera import RELEASE_BODY, Exposure, PlainFilm, Script, WireFault
+from drivers.ptp.session import LONGEST_OPERATION_S
+from drivers.virtual_camera import (
+    RELEASE_BODY,
+    CameraExposure,
+    FaultScript,
+    PlainFilm,
+    ScriptedFault,
+)
 from drivers.virtual_camera.faults import Occasions, WireKind
 from pdcd.bench.devices import RawFile
 from pdcd.errors import DeviceLost, ExposureError, PdcdError
@@ -43,7 +49,7 @@ OPERATIONS = (
     Operation.CLOSE_SESSION,
 )
 KINDS: tuple[WireKind, ...] = get_args(WireKind)
-CAPTURE_S = 4 * LONGEST_S
+CAPTURE_S = 4 * LONGEST_OPERATION_S
 """Bound of one capture in which a single operation fails: connect, arm, open, close and fetch."""
 
 
@@ -75,7 +81,7 @@ def attempt(rig: PtpRig, folder: Path, name: str) -> RawFile | None:
     return raw
 
 
-def own_exposure(rig: PtpRig) -> Exposure:
+def own_exposure(rig: PtpRig) -> CameraExposure:
     """The exposure that has just ended."""
     return list(rig.body.shutter.exposures)[-1]
 
@@ -101,7 +107,7 @@ def faults() -> Iterator[tuple[Operation, WireKind, int, int]]:
 def test_any_fault_of_the_wire(
     operation: Operation, kind: WireKind, first: int, times: int, tmp_path: Path
 ) -> None:
-    rig = PtpRig(Script(wire=(WireFault(kind, operation, first, times),)))
+    rig = PtpRig(FaultScript(wire=(ScriptedFault(kind, operation, first, times),)))
     # The same damage to both readings of a photo is what no client can notice.
     same = kind == "corrupt" and operation == Operation.GET_PARTIAL_OBJECT and times > 1
     raw = attempt(rig, tmp_path, "one")
@@ -126,7 +132,9 @@ def test_any_fault_of_the_wire(
 @pytest.mark.parametrize(("silent", "renewed", "moved"), [(1, 0, 0), (2, 1, 0), (3, 2, 1)])
 def test_each_rung_of_the_ladder_on_the_bus(silent: int, renewed: int, moved: int) -> None:
     """One try more each time: cancelled, device reset, port reset under a new address."""
-    rig = PtpRig(Script(wire=(WireFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=silent),)))
+    rig = PtpRig(
+        FaultScript(wire=(ScriptedFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=silent),))
+    )
     rig.connect()
     sessions, address = rig.camera.session.renewed, rig.usb.address
     rig.camera.tick()
@@ -137,7 +145,7 @@ def test_each_rung_of_the_ladder_on_the_bus(silent: int, renewed: int, moved: in
 
 
 def test_the_last_rung_says_to_switch_off(tmp_path: Path) -> None:
-    rig = PtpRig(Script(wire=(WireFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=4),)))
+    rig = PtpRig(FaultScript(wire=(ScriptedFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=4),)))
     rig.connect()
     with pytest.raises(DeviceLost, match="switch the camera off and on"):
         rig.camera.tick()
@@ -148,7 +156,7 @@ def test_the_last_rung_says_to_switch_off(tmp_path: Path) -> None:
 
 
 def test_a_late_photo_is_waited_for(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="late", late_s=25.0))
+    rig = PtpRig(FaultScript(file="late", late_s=25.0))
     rig.connect()
     raw = rig.photo(tmp_path, "photo")
     assert rig.is_photo_of(raw, own_exposure(rig))
@@ -156,7 +164,7 @@ def test_a_late_photo_is_waited_for(tmp_path: Path) -> None:
 
 
 def test_a_photo_announced_twice_is_fetched_once(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="twice"))
+    rig = PtpRig(FaultScript(file="twice"))
     rig.connect()
     for name in ("one", "two", "three"):
         raw = rig.photo(tmp_path, name)
@@ -166,7 +174,7 @@ def test_a_photo_announced_twice_is_fetched_once(tmp_path: Path) -> None:
 
 
 def test_a_truncated_photo_is_refused(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="truncated"))
+    rig = PtpRig(FaultScript(file="truncated"))
     rig.connect()
     with pytest.raises(ExposureError, match="did not come whole"):
         rig.photo(tmp_path, "photo")
@@ -175,7 +183,7 @@ def test_a_truncated_photo_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_photo_that_never_comes_is_waited_for_as_long_as_is_said(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="none"))
+    rig = PtpRig(FaultScript(file="none"))
     rig.connect()
     rig.expose(10.0)
     began_ns = rig.clock.now_ns()
@@ -187,7 +195,7 @@ def test_a_photo_that_never_comes_is_waited_for_as_long_as_is_said(tmp_path: Pat
 
 
 def test_the_wait_is_bounded_by_the_caller(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="none"))
+    rig = PtpRig(FaultScript(file="none"))
     rig.connect()
     rig.expose(10.0)
     began_ns = rig.clock.now_ns()
@@ -198,7 +206,7 @@ def test_the_wait_is_bounded_by_the_caller(tmp_path: Path) -> None:
 
 
 def test_a_photo_that_comes_very_late_is_never_taken_for_another(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="late", late_s=100.0))
+    rig = PtpRig(FaultScript(file="late", late_s=100.0))
     rig.connect()
     rig.expose(1.0)
     with pytest.raises(ExposureError, match="no photo came"):
@@ -213,7 +221,7 @@ def test_a_photo_that_comes_very_late_is_never_taken_for_another(tmp_path: Path)
 
 
 def test_a_photo_that_making_safe_threw_away_is_not_waited_for(tmp_path: Path) -> None:
-    rig = PtpRig(Script())
+    rig = PtpRig(FaultScript())
     rig.connect()
     rig.expose(1.0)
     rig.wait(5.0)
@@ -227,7 +235,7 @@ def test_a_photo_that_making_safe_threw_away_is_not_waited_for(tmp_path: Path) -
 
 
 def test_a_photo_lost_with_the_camera_s_memory_is_not_waited_for_for_ever(tmp_path: Path) -> None:
-    rig = PtpRig(Script(file="none"))
+    rig = PtpRig(FaultScript(file="none"))
     rig.connect()
     rig.expose(1.0)
     with pytest.raises(ExposureError, match="no photo came"):
@@ -241,7 +249,7 @@ def test_a_photo_lost_with_the_camera_s_memory_is_not_waited_for_for_ever(tmp_pa
 
 
 def test_an_unanswered_start_is_one_exposure_at_most(tmp_path: Path) -> None:
-    rig = PtpRig(Script(wire=(WireFault("mute", Operation.EOS_BULB_START),)))
+    rig = PtpRig(FaultScript(wire=(ScriptedFault("mute", Operation.EOS_BULB_START),)))
     rig.connect()
     rig.readout.arm(SETTINGS)
     with pytest.raises(ExposureError, match="did not confirm"):
@@ -267,13 +275,13 @@ def test_a_camera_that_does_nothing_else_in_an_exposure_is_still_told_to_close(
     rig.readout.arm(SETTINGS)
     rig.shutter.open()
     rig.body.forget_session()
-    fault = Script(wire=(WireFault(kind, refused, times=10**6),))
+    fault = FaultScript(wire=(ScriptedFault(kind, refused, times=10**6),))
     rig.body._occasions = Occasions(fault)
     with pytest.raises(PdcdError):
         rig.shutter.close()
     assert not rig.body.shutter.is_open and rig.body.shutter.opened == 1
     assert rig.camera.bulb.since_ns is None
-    rig.body._occasions = Occasions(Script())
+    rig.body._occasions = Occasions(FaultScript())
     rig.disconnect_quietly()
 
 
@@ -307,8 +315,8 @@ def test_a_shutter_is_not_taken_for_closed_while_the_camera_is_too_busy_to_close
     calls: int,
 ) -> None:
     """A new session begins by closing it: an answer that it is busy is none that it did."""
-    busy = WireFault("busy", Operation.EOS_BULB_END, first=2, times=calls)
-    rig = PtpRig(Script(wire=(busy,)))
+    busy = ScriptedFault("busy", Operation.EOS_BULB_END, first=2, times=calls)
+    rig = PtpRig(FaultScript(wire=(busy,)))
     rig.connect()
     rig.readout.arm(SETTINGS)
     rig.shutter.open()
@@ -316,7 +324,7 @@ def test_a_shutter_is_not_taken_for_closed_while_the_camera_is_too_busy_to_close
     with pytest.raises(PdcdError):
         rig.shutter.close()
     assert (rig.camera.bulb.since_ns is None) == (not rig.body.shutter.is_open) == (calls == 1)
-    rig.body._occasions = Occasions(Script())
+    rig.body._occasions = Occasions(FaultScript())
     with suppress(ExposureError):  # that the exposure is spoiled, where it was not said before
         rig.shutter.close()
     assert not rig.body.shutter.is_open and rig.body.shutter.opened == 1
@@ -324,7 +332,7 @@ def test_a_shutter_is_not_taken_for_closed_while_the_camera_is_too_busy_to_close
 
 
 def test_a_refused_end_is_asked_again(tmp_path: Path) -> None:
-    rig = PtpRig(Script(wire=(WireFault("error", Operation.EOS_BULB_END, first=2),)))
+    rig = PtpRig(FaultScript(wire=(ScriptedFault("error", Operation.EOS_BULB_END, first=2),)))
     rig.connect()  # the first is sent to close what another program may have left open
     raw = rig.photo(tmp_path, "photo")
     assert rig.is_photo_of(raw, own_exposure(rig)) and not rig.body.shutter.is_open
@@ -334,8 +342,8 @@ def test_a_refused_end_is_asked_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_newer_bodies_meet_the_same(kind: WireKind, tmp_path: Path) -> None:
     for operation in (Operation.EOS_REMOTE_RELEASE_ON, Operation.EOS_REMOTE_RELEASE_OFF):
-        fault = WireFault(kind, operation, first=2 if "OFF" in operation.name else 1)
-        rig = PtpRig(Script(wire=(fault,)), RELEASE_BODY)
+        fault = ScriptedFault(kind, operation, first=2 if "OFF" in operation.name else 1)
+        rig = PtpRig(FaultScript(wire=(fault,)), RELEASE_BODY)
         name = operation.name
         check(rig, tmp_path, name, attempt(rig, tmp_path, name))
         if kind != "unplug":

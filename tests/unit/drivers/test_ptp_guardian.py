@@ -14,9 +14,9 @@ import pytest
 
 from drivers.ptp import shutter as shutter_module
 from drivers.ptp.shutter import PtpShutter
-from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, VirtualUsb
+from drivers.virtual_camera import BULB_BODY, CameraBody, FaultScript, PlainFilm, VirtualUsb
 from pdcd.bench.clock import RealClock, VirtualClock
-from pdcd.bench.devices import DriverContext, Shared
+from pdcd.bench.devices import DriverContext, SharedState
 from pdcd.bench.tables import Config, TriggerConfig
 from pdcd.errors import DeviceLost, ExposureError
 from tests import remote_usb
@@ -29,7 +29,7 @@ class Bench:
     """A camera in this process, and one elsewhere that works its shutter."""
 
     def __init__(self, folder: Path) -> None:
-        self.body = Body(RealClock(), PlainFilm(raw_of), BULB_BODY, Script())
+        self.body = CameraBody(RealClock(), PlainFilm(raw_of), BULB_BODY, FaultScript())
         self.usb = VirtualUsb(self.body)
         address = folder / "usb"
         self.lender = remote_usb.serve(self.usb, address)
@@ -119,9 +119,9 @@ def test_a_guardian_lost_in_an_exposure_is_replaced(bench: Bench) -> None:
 
 
 def test_an_exposure_that_nobody_guards_is_ended() -> None:
-    body = Body(RealClock(), PlainFilm(raw_of), BULB_BODY, Script())
+    body = CameraBody(RealClock(), PlainFilm(raw_of), BULB_BODY, FaultScript())
     config = Config(trigger=TriggerConfig(driver="ptp"))
-    shared = Shared(usb_backend=VirtualUsb(body))
+    shared = SharedState(usb_backend=VirtualUsb(body))
     shutter = PtpShutter.create(DriverContext(config, RealClock(), shared))
     shutter.connect()
     shutter.open()
@@ -166,11 +166,11 @@ def test_a_closed_shutter_is_left_alone(bench: Bench, last: str) -> None:
 def test_no_exposure_without_a_guardian(
     command: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    body = Body(VirtualClock(), PlainFilm(raw_of), BULB_BODY, Script())
+    body = CameraBody(VirtualClock(), PlainFilm(raw_of), BULB_BODY, FaultScript())
     config = Config(trigger=TriggerConfig(driver="ptp"))
-    shared = Shared(usb_backend=VirtualUsb(body))
+    shared = SharedState(usb_backend=VirtualUsb(body))
     shutter = PtpShutter.create(DriverContext(config, VirtualClock(), shared))
-    monkeypatch.setattr(shutter_module, "GUARDIAN", command)
+    monkeypatch.setattr(shutter_module, "PTP_GUARDIAN", command)
     with pytest.raises(DeviceLost, match=words):
         shutter.connect()
     with pytest.raises(DeviceLost, match=words):

@@ -15,13 +15,13 @@ import pytest
 from drivers.ptp import guardian
 from drivers.ptp import shutter as shutter_module
 from drivers.ptp.bulb import BULB, REMOTE, Bulb
-from drivers.ptp.codes import Operation, Response
-from drivers.ptp.faults import Unanswered
+from drivers.ptp.codes import Operation, ResponseCode
+from drivers.ptp.faults import NoAnswer
 from drivers.ptp.options import PtpOptions
 from drivers.ptp.shutter import PtpShutter
-from drivers.ptp.transport import Reply
+from drivers.ptp.transport import TransactionReply
 from pdcd.bench.clock import VirtualClock
-from pdcd.child import WORDS, Line
+from pdcd.child import WORDS, MessageLine
 from pdcd.errors import DeviceLost, ExposureError
 from tests.processes import LONG_S
 
@@ -44,9 +44,11 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 def talk(words: list[bytes], *, read: bool = True) -> tuple[list[bytes], bool]:
     """What it answers to words, and what it says at the end of the talk."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ours, theirs = (Line(end, WORDS) for end in ends)
+    ours, theirs = (MessageLine(end, WORDS) for end in ends)
     said: list[bool] = []
-    thread = threading.Thread(target=lambda: said.append(guardian.serve(theirs, OPTIONS, "usb")))
+    thread = threading.Thread(
+        target=lambda: said.append(guardian.serve_guardian(theirs, OPTIONS, "usb"))
+    )
     thread.start()
     answers = []
     for word in words:
@@ -94,10 +96,10 @@ def test_its_exit_status_says_whether_the_shutter_is_closed(
         given.extend(what)
         return shut
 
-    monkeypatch.setattr(guardian, "serve", serve)
+    monkeypatch.setattr(guardian, "serve_guardian", serve)
     ours, theirs = socket.socketpair()
     text = msgspec.json.encode(OPTIONS).decode()
-    assert guardian.main(text, theirs.detach(), "usb") == (0 if shut else 1)
+    assert guardian.run_ptp_guardian(text, theirs.detach(), "usb") == (0 if shut else 1)
     ours.close()
     assert given == [OPTIONS, "usb"]
 
@@ -183,7 +185,9 @@ def test_the_guardian_has_time_to_start_and_to_answer(monkeypatch: pytest.Monkey
 
     class Eos:
         options = OPTIONS
-        bulb = Bulb(lambda *_, **__: Reply(0x2001, (), memoryview(b"")), int, VirtualClock())
+        bulb = Bulb(
+            lambda *_, **__: TransactionReply(0x2001, (), memoryview(b"")), int, VirtualClock()
+        )
 
         def open(self, user: str) -> dict[str, str]:
             return {"serial": "0007"}
@@ -192,13 +196,13 @@ def test_the_guardian_has_time_to_start_and_to_answer(monkeypatch: pytest.Monkey
 
         def cut_short(self, why: str) -> None: ...
 
-    monkeypatch.setattr(shutter_module, "Guard", Guard)
+    monkeypatch.setattr(shutter_module, "ShutterGuard", Guard)
     camera: Any = Eos()
     config: Any = type("Trigger", (), {"sure_ns": 5})
     shutter = PtpShutter(camera, VirtualClock(), config)
     assert shutter.connect() == {"serial": "0007"}
     (command, how), word = made
-    assert command[:-1] == shutter_module.GUARDIAN
+    assert command[:-1] == shutter_module.PTP_GUARDIAN
     assert msgspec.json.decode(command[-1], type=PtpOptions) == PtpOptions(serial="0007")
     assert how == {"answer_s": 20.0, "unguarded": camera.cut_short} and word == "disarm"
     assert PtpShutter.maturity == "experimental"
@@ -207,12 +211,12 @@ def test_the_guardian_has_time_to_start_and_to_answer(monkeypatch: pytest.Monkey
 def bulb_of(answers: dict[Operation, Any]) -> tuple[Bulb, list[Operation]]:
     sent: list[Operation] = []
 
-    def order(code: Operation, *params: int, once: bool = False) -> Reply:
+    def order(code: Operation, *params: int, once: bool = False) -> TransactionReply:
         sent.append(code)
-        answer = answers.get(code, Response.OK)
+        answer = answers.get(code, ResponseCode.OK)
         if isinstance(answer, Exception):
             raise answer
-        return Reply(answer, (), memoryview(b""))
+        return TransactionReply(answer, (), memoryview(b""))
 
     return Bulb(order, lambda: 0, VirtualClock()), sent
 
@@ -231,7 +235,7 @@ def test_a_session_brings_its_own_way_to_release() -> None:
 
 
 def test_a_fault_of_the_program_while_a_start_is_ended_is_not_hidden() -> None:
-    bulb, _ = bulb_of({BULB.start: Unanswered("x"), BULB.stop: RuntimeError("a bug")})
+    bulb, _ = bulb_of({BULB.start: NoAnswer("x"), BULB.stop: RuntimeError("a bug")})
     bulb.method = BULB
     with pytest.raises(RuntimeError, match="a bug"):
         bulb.begin()
@@ -244,10 +248,10 @@ def test_a_session_that_is_renewed_while_the_shutter_is_closed_has_closed_it() -
     bulb.begin()
     real = bulb._order
 
-    def renewing(code: Operation, *params: int, once: bool = False) -> Reply:
+    def renewing(code: Operation, *params: int, once: bool = False) -> TransactionReply:
         bulb._order = real
         bulb.new_session(BULB)
-        return Reply(Response.DEVICE_BUSY, (), memoryview(b""))
+        return TransactionReply(ResponseCode.DEVICE_BUSY, (), memoryview(b""))
 
     bulb._order = renewing
     with pytest.raises(ExposureError, match="connection was lost while the shutter was open"):

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ptp.holders import Holder, holders, in_words, node_of
+from drivers.ptp.holders import Holder, build_node_path, describe_holders, list_holders
 
 
 @pytest.fixture
 def proc(tmp_path: Path) -> Path:
-    node = node_of(1, 5)
+    node = build_node_path(1, 5)
     for pid, name, targets in (
         (7, "bash", ("/dev/pts/0",)),
         (312, "gvfsd-gphoto2", ("/dev/null", str(node))),
         (40, "pdcd", (str(node),)),
-        (41, "other", (str(node_of(1, 6)),)),
+        (41, "other", (str(build_node_path(1, 6)),)),
     ):
         folder = tmp_path / str(pid) / "fd"
         folder.mkdir(parents=True)
@@ -30,19 +30,19 @@ def proc(tmp_path: Path) -> Path:
 
 
 def test_those_that_hold_the_device_are_named(proc: Path) -> None:
-    assert node_of(1, 5) == Path("/dev/bus/usb/001/005")
-    found = holders(node_of(1, 5), proc)
+    assert build_node_path(1, 5) == Path("/dev/bus/usb/001/005")
+    found = list_holders(build_node_path(1, 5), proc)
     assert found == [Holder(40, "pdcd"), Holder(312, "gvfsd-gphoto2")]
-    assert in_words(found, own_pid=40) == "gvfsd-gphoto2 (process 312)"
+    assert describe_holders(found, own_pid=40) == "gvfsd-gphoto2 (process 312)"
 
 
 def test_a_holder_that_cannot_be_seen_is_said_to_be_there(proc: Path) -> None:
-    assert "may not see" in in_words(holders(node_of(2, 1), proc), own_pid=40)
+    assert "may not see" in describe_holders(list_holders(build_node_path(2, 1), proc), own_pid=40)
 
 
 def test_the_kernel_tells_the_same_of_this_process(tmp_path: Path) -> None:
     path = tmp_path / "node"
     path.touch()
     with path.open():
-        assert os.getpid() in [holder.pid for holder in holders(path.resolve())]
-    assert os.getpid() not in [holder.pid for holder in holders(path.resolve())]
+        assert os.getpid() in [holder.pid for holder in list_holders(path.resolve())]
+    assert os.getpid() not in [holder.pid for holder in list_holders(path.resolve())]

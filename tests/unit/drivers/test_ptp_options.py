@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from drivers.ptp.options import PtpOptions, options_of
-from drivers.ptp.values import f_numbers, isos
+from drivers.ptp.options import PtpOptions, read_ptp_options
+from drivers.ptp.values import list_f_numbers, list_isos
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.errors import ConfigError
 
@@ -16,7 +16,7 @@ def options(
     camera: dict[str, Any] | None = None, trigger: dict[str, Any] | None = None
 ) -> PtpOptions:
     """Options of a rig whose camera, trigger or both are this driver."""
-    return options_of(
+    return read_ptp_options(
         Config(
             camera=CameraConfig(driver="mock" if camera is None else "ptp", options=camera or {}),
             trigger=TriggerConfig(
@@ -56,6 +56,6 @@ def test_two_roles_that_disagree_are_refused() -> None:
 
 
 def test_the_lists_of_a_450d_in_the_words_of_its_dials() -> None:
-    assert list(isos((0, 0x48, 0x50, 0x58, 0x60, 0x68))) == [100, 200, 400, 800, 1600]
-    assert f_numbers((0x3D, 0x0C, 0x0D, 0x38)) == {1.2: 0x0C, 8.0: 0x38, 10.0: 0x3D}
-    assert f_numbers(()) == {}
+    assert list(list_isos((0, 0x48, 0x50, 0x58, 0x60, 0x68))) == [100, 200, 400, 800, 1600]
+    assert list_f_numbers((0x3D, 0x0C, 0x0D, 0x38)) == {1.2: 0x0C, 8.0: 0x38, 10.0: 0x3D}
+    assert list_f_numbers(()) == {}

@@ -15,7 +15,7 @@ from drivers.ptp.events import ObjectAdded
 from drivers.ptp.options import PtpOptions
 from drivers.ptp.readout import PtpReadout
 from drivers.ptp.shutter import PtpShutter
-from drivers.virtual_camera import BULB_BODY, Model
+from drivers.virtual_camera import BULB_BODY, CameraModel
 from pdcd.bench.devices import CameraSettings
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 from pdcd.sensor.profile import load_profile
@@ -84,7 +84,7 @@ def test_a_photo_is_read_in_blocks_of_a_mib_and_twice_unless_told(
 ) -> None:
     photo = waiting(rig)
     asked = reads(rig)
-    raw = files.download(rig.camera, photo, tmp_path / "a.cr2", twice=twice)
+    raw = files.store_photo(rig.camera, photo, tmp_path / "a.cr2", twice=twice)
     assert asked == [(0, 1 << 20), (1 << 20, PHOTO_B - (1 << 20))] * (2 if twice else 1)
     assert raw is not None and rig.is_photo_of(raw, rig.body.shutter.exposures[-1])
     assert [path.name for path in tmp_path.iterdir()] == ["a.cr2"]
@@ -97,7 +97,7 @@ def test_every_block_of_a_photo_is_a_sign_of_life(rig: PtpRig, tmp_path: Path) -
     asked = reads(rig)
     lived: list[int] = []
     rig.camera.tell_alive = lambda: lived.append(len(asked))
-    files.download(rig.camera, photo, tmp_path / "a.cr2")
+    files.store_photo(rig.camera, photo, tmp_path / "a.cr2")
     assert lived == [0, 1, 2, 3]
 
 
@@ -108,7 +108,7 @@ def test_a_second_reading_that_differs_is_no_photo(
     digests = iter(["a", "b"])
     monkeypatch.setattr(files, "_copy", lambda *_: next(digests))
     with pytest.raises(ExposureError, match="a second reading differs"):
-        files.download(rig.camera, photo, tmp_path / "a.cr2")
+        files.store_photo(rig.camera, photo, tmp_path / "a.cr2")
     assert not list(tmp_path.iterdir())
     assert rig.body.store.files  # nothing was said to be complete
 
@@ -123,7 +123,7 @@ def test_a_photo_whose_session_ended_meanwhile_is_refused(rig: PtpRig, tmp_path:
 
     rig.camera.order = renewing  # type: ignore[method-assign]
     with pytest.raises(ExposureError, match="the connection was lost meanwhile"):
-        files.download(rig.camera, photo, tmp_path / "a.cr2")
+        files.store_photo(rig.camera, photo, tmp_path / "a.cr2")
 
 
 def test_a_readout_says_what_the_camera_says(rig: PtpRig) -> None:
@@ -169,7 +169,7 @@ def test_a_lost_camera_is_let_go_of_and_its_guard_not_waited_for(rig: PtpRig) ->
 
 
 def test_an_aperture_that_cannot_be_set_from_here_is_left_out() -> None:
-    rig = PtpRig(model=Model(BULB_BODY.info, apertures=()))
+    rig = PtpRig(model=CameraModel(BULB_BODY.info, apertures=()))
     rig.connect()
     with pytest.raises(ConfigError, match=r"f/8 is not offered \(it cannot be set from here"):
         rig.readout.arm(SETTINGS)

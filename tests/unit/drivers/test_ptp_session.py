@@ -13,11 +13,18 @@ from typing import Any
 import pytest
 
 from drivers.ptp import session as module
-from drivers.ptp.codes import Operation, Response
+from drivers.ptp.codes import Operation, ResponseCode
 from drivers.ptp.datasets import DeviceInfo
-from drivers.ptp.faults import Gone, OutOfStep, Stalled, TimedOut, Unanswered, WireFault
-from drivers.ptp.session import LONGEST_S, Session
-from drivers.ptp.transport import TRANSACTION_S, Reply
+from drivers.ptp.faults import (
+    DeviceGone,
+    EndpointStall,
+    NoAnswer,
+    TransactionMismatch,
+    WireFault,
+    WireTimeout,
+)
+from drivers.ptp.session import LONGEST_OPERATION_S, PtpSession
+from drivers.ptp.transport import TRANSACTION_S, TransactionReply
 from pdcd.bench.clock import VirtualClock
 from pdcd.errors import ConfigError, DeviceLost
 
@@ -46,7 +53,7 @@ class Camera:
 
     def meet(self, what: object) -> int:
         self.seen.append(what.name if isinstance(what, Operation) else str(what))
-        outcome = self.script[what].popleft() if self.script[what] else Response.OK
+        outcome = self.script[what].popleft() if self.script[what] else ResponseCode.OK
         if isinstance(outcome, WireFault):
             raise outcome
         return outcome
@@ -74,15 +81,15 @@ class Bench:
                 params: tuple[int, ...] = (),
                 data: bytes | None = None,
                 timeout_s: float = TRANSACTION_S,
-            ) -> Reply:
+            ) -> TransactionReply:
                 try:
                     answer = self.camera.meet(code)
-                except TimedOut:
+                except WireTimeout:
                     bench.sleep(timeout_s)
                     raise
                 info = DeviceInfo(**{**INFO.__dict__, "serial": self.camera.serial}).pack()
                 found = info if code == Operation.GET_DEVICE_INFO else b""
-                return Reply(answer, (), memoryview(found))
+                return TransactionReply(answer, (), memoryview(found))
 
             def back_in_step(self) -> None:
                 bench.sleep(1.0)
@@ -110,16 +117,16 @@ class Bench:
 
         patch.setattr(module, "Transport", Transport)
         patch.setattr(module, "UsbPort", lambda camera: camera)
-        patch.setattr(module, "find", find)
+        patch.setattr(module, "find_cameras", find)
 
     def sleep(self, seconds: float) -> None:
         self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
 
-    def session(self, serial: str | None = None) -> Session:
+    def session(self, serial: str | None = None) -> PtpSession:
         def restore() -> None:
             self.restored += 1
 
-        made = Session(None, self.clock, restore, serial=serial)
+        made = PtpSession(None, self.clock, restore, serial=serial)
         made.open()
         for camera in self.cameras:
             camera.seen.clear()
@@ -141,36 +148,36 @@ BEGIN = ["OPEN_SESSION", "GET_DEVICE_INFO"]
 
 def test_a_camera_that_is_well_is_asked_once(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    assert session.call(PING).code == Response.OK
+    assert session.call(PING).code == ResponseCode.OK
     assert camera.seen == [PING.name] and bench.restored == 1
     session.open()
     assert bench.restored == 1
 
 
-@pytest.mark.parametrize("fault", [TimedOut("x"), Stalled("x"), OutOfStep("x")])
+@pytest.mark.parametrize("fault", [WireTimeout("x"), EndpointStall("x"), TransactionMismatch("x")])
 def test_rung_2_cancels_and_repeats(bench: Bench, camera: Camera, fault: WireFault) -> None:
     session = bench.session()
     camera.fails(PING, fault)
-    assert session.call(PING).code == Response.OK
+    assert session.call(PING).code == ResponseCode.OK
     assert camera.seen == [PING.name, "cancel", PING.name]
     assert bench.restored == 1
 
 
 def test_rung_3_resets_the_device_and_opens_anew(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    camera.fails(PING, TimedOut("x"))
-    camera.fails("cancel", Stalled("x"))
-    assert session.call(PING).code == Response.OK
+    camera.fails(PING, WireTimeout("x"))
+    camera.fails("cancel", EndpointStall("x"))
+    assert session.call(PING).code == ResponseCode.OK
     assert camera.seen == [PING.name, "cancel", "reset", *BEGIN, PING.name]
     assert bench.restored == 2 and session.renewed == 2
 
 
 def test_rung_4_resets_the_port_and_finds_the_camera_again(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    camera.fails(PING, TimedOut("x"))
-    camera.fails("cancel", TimedOut("x"))
-    camera.fails("reset", TimedOut("x"))
-    assert session.call(PING).code == Response.OK
+    camera.fails(PING, WireTimeout("x"))
+    camera.fails("cancel", WireTimeout("x"))
+    camera.fails("reset", WireTimeout("x"))
+    assert session.call(PING).code == ResponseCode.OK
     assert camera.seen == [PING.name, "cancel", "reset", "usb reset", *BEGIN, PING.name]
     assert camera.address == 6
 
@@ -179,8 +186,8 @@ def test_an_operation_that_fails_again_climbs_one_rung_each_time(
     bench: Bench, camera: Camera
 ) -> None:
     session = bench.session()
-    camera.fails(PING, *[TimedOut("x")] * 3)
-    assert session.call(PING).code == Response.OK
+    camera.fails(PING, *[WireTimeout("x")] * 3)
+    assert session.call(PING).code == ResponseCode.OK
     assert camera.seen == [
         *(PING.name, "cancel"),
         *(PING.name, "reset", *BEGIN),
@@ -193,40 +200,40 @@ def test_rung_5_gives_up_in_time_and_the_next_open_starts_afresh(
     bench: Bench, camera: Camera
 ) -> None:
     session = bench.session()
-    camera.fails(PING, *[TimedOut("x")] * 4)
+    camera.fails(PING, *[WireTimeout("x")] * 4)
     began_ns = bench.clock.now_ns()
     with pytest.raises(DeviceLost, match="off and on"):
         session.call(PING)
-    assert (bench.clock.now_ns() - began_ns) * 1e-9 < LONGEST_S
+    assert (bench.clock.now_ns() - began_ns) * 1e-9 < LONGEST_OPERATION_S
     assert not session.is_open and camera.closed == 2  # before the port's reset, and at the end
     with pytest.raises(DeviceLost, match="off line"):
         session.call(PING)
     session.open()
-    assert session.call(PING).code == Response.OK
+    assert session.call(PING).code == ResponseCode.OK
 
 
 def test_a_dead_camera_at_every_rung_gives_up_in_time(bench: Bench, camera: Camera) -> None:
     session = bench.session()
     for what in (PING, "cancel", Operation.OPEN_SESSION):
-        camera.fails(what, *[TimedOut("x")] * 100)
+        camera.fails(what, *[WireTimeout("x")] * 100)
     began_ns = bench.clock.now_ns()
     with pytest.raises(DeviceLost, match="off and on"):
         session.call(PING)
-    assert (bench.clock.now_ns() - began_ns) * 1e-9 < LONGEST_S
+    assert (bench.clock.now_ns() - began_ns) * 1e-9 < LONGEST_OPERATION_S
 
 
 def test_what_must_happen_once_is_never_repeated(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    camera.fails(SHOOT, TimedOut("x"))
-    with pytest.raises(Unanswered):
+    camera.fails(SHOOT, WireTimeout("x"))
+    with pytest.raises(NoAnswer):
         session.call(SHOOT, once=True)
     assert camera.seen == [SHOOT.name, "cancel"]
 
 
 def test_a_session_that_the_camera_forgot_is_opened_anew(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    camera.fails(SHOOT, Response.SESSION_NOT_OPEN)
-    assert session.call(SHOOT, once=True).code == Response.OK  # it said that it did nothing
+    camera.fails(SHOOT, ResponseCode.SESSION_NOT_OPEN)
+    assert session.call(SHOOT, once=True).code == ResponseCode.OK  # it said that it did nothing
     assert camera.seen == [SHOOT.name, *BEGIN, SHOOT.name] and bench.restored == 2
 
 
@@ -234,41 +241,41 @@ def test_a_camera_that_never_remembers_its_session_is_given_up(
     bench: Bench, camera: Camera
 ) -> None:
     session = bench.session()
-    camera.fails(PING, *[int(Response.SESSION_NOT_OPEN)] * 20)
+    camera.fails(PING, *[int(ResponseCode.SESSION_NOT_OPEN)] * 20)
     with pytest.raises(DeviceLost, match="forgot"):
         session.call(PING)
 
 
 def test_unplugged_for_good(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    camera.fails(PING, Gone())
+    camera.fails(PING, DeviceGone())
     camera.on_bus = False
     began_ns = bench.clock.now_ns()
     with pytest.raises(DeviceLost, match="no camera"):
         session.call(PING)
-    assert (bench.clock.now_ns() - began_ns) * 1e-9 < LONGEST_S
+    assert (bench.clock.now_ns() - began_ns) * 1e-9 < LONGEST_OPERATION_S
     assert not session.is_open
 
 
 def test_unplugged_for_a_moment(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    camera.fails(PING, Gone())
+    camera.fails(PING, DeviceGone())
     camera.on_bus = False
     camera.comes_back_ns = bench.clock.now_ns() + 2_000_000_000
-    assert session.call(PING).code == Response.OK
+    assert session.call(PING).code == ResponseCode.OK
     assert bench.restored == 2
 
 
 def test_a_session_left_over_by_another_program_is_replaced(bench: Bench, camera: Camera) -> None:
-    camera.fails(Operation.OPEN_SESSION, Response.SESSION_ALREADY_OPEN)
-    session = Session(None, bench.clock, lambda: None)
+    camera.fails(Operation.OPEN_SESSION, ResponseCode.SESSION_ALREADY_OPEN)
+    session = PtpSession(None, bench.clock, lambda: None)
     session.open()
     assert camera.seen == ["OPEN_SESSION", "CLOSE_SESSION", "OPEN_SESSION", "GET_DEVICE_INFO"]
 
 
 def test_first_contact_is_tried_again_and_then_reset(bench: Bench, camera: Camera) -> None:
-    camera.fails(Operation.OPEN_SESSION, *[TimedOut("x")] * 3)
-    Session(None, bench.clock, lambda: None).open()
+    camera.fails(Operation.OPEN_SESSION, *[WireTimeout("x")] * 3)
+    PtpSession(None, bench.clock, lambda: None).open()
     assert camera.seen == [
         *("OPEN_SESSION", "cancel", "OPEN_SESSION", "cancel", "OPEN_SESSION"),
         *("reset", *BEGIN),
@@ -297,14 +304,14 @@ def test_a_port_that_was_reset_gives_back_the_same_camera(monkeypatch: pytest.Mo
     bench = Bench(monkeypatch, first)
     session = bench.session()
     bench.cameras.insert(0, Camera("0002", address=9))  # plugged in meanwhile
-    first.fails(PING, *[TimedOut("x")] * 3)
-    assert session.call(PING).code == Response.OK
+    first.fails(PING, *[WireTimeout("x")] * 3)
+    assert session.call(PING).code == ResponseCode.OK
     assert session.name == "camera 0001"
 
 
 def test_close_is_idempotent_and_never_raises(bench: Bench, camera: Camera) -> None:
     session = bench.session()
-    camera.fails(Operation.CLOSE_SESSION, Gone())
+    camera.fails(Operation.CLOSE_SESSION, DeviceGone())
     session.close()
     session.close()
     assert camera.closed == 1 and not session.is_open

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from drivers.ptp import session as module
-from drivers.ptp.codes import Operation, Response
+from drivers.ptp.codes import Operation, ResponseCode
 from drivers.ptp.datasets import DeviceInfo
-from drivers.ptp.faults import POWER_CYCLE, Gone, OutOfStep, TimedOut, Unanswered
-from drivers.ptp.session import Session
-from drivers.ptp.transport import Reply
+from drivers.ptp.faults import POWER_CYCLE, DeviceGone, NoAnswer, TransactionMismatch, WireTimeout
+from drivers.ptp.session import PtpSession
+from drivers.ptp.transport import TransactionReply
 from pdcd.bench.clock import VirtualClock
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 
@@ -45,10 +45,10 @@ class Bench:
 
             def transact(
                 self, code: Operation, params: Any = (), data: Any = None, timeout_s: float = 8.0
-            ) -> Reply:
+            ) -> TransactionReply:
                 bench.asked.append((code.name, params, timeout_s))
                 answer = bench.meet(code)
-                return Reply(answer or Response.OK, (), memoryview(bench.data))
+                return TransactionReply(answer or ResponseCode.OK, (), memoryview(bench.data))
 
             def back_in_step(self) -> None:
                 bench.note("cancel")
@@ -70,9 +70,9 @@ class Bench:
         self.transport = Transport
         patch.setattr(module, "Transport", Transport)
         patch.setattr(module, "UsbPort", lambda device: device)
-        patch.setattr(module, "find", find)
-        patch.setattr(module, "in_short", str)
-        self.session = Session(
+        patch.setattr(module, "find_cameras", find)
+        patch.setattr(module, "describe_device", str)
+        self.session = PtpSession(
             "backend", self.clock, self._restore, usb_id=(1, 2), alive=self._alive
         )
 
@@ -138,15 +138,15 @@ def test_first_contact_is_short(bench: Bench) -> None:
 
 
 def test_first_contact_is_tried_three_times(bench: Bench) -> None:
-    bench.fails(WHO, TimedOut("x"), TimedOut("x"))
-    bench.fails("cancel", TimedOut("y"))  # then the next try says why
+    bench.fails(WHO, WireTimeout("x"), WireTimeout("x"))
+    bench.fails("cancel", WireTimeout("y"))  # then the next try says why
     bench.session.open()
     assert bench.names() == [*HELLO, "cancel", *HELLO, "cancel", *HELLO]
     assert bench.session.climbs == 0 and bench.signs == 0
 
 
 def test_a_camera_that_is_gone_at_first_contact_is_sought_at_once(bench: Bench) -> None:
-    bench.fails(OPEN, Gone())
+    bench.fails(OPEN, DeviceGone())
     bench.session.open()
     assert bench.names() == ["restart", "OPEN_SESSION", "usb reset", *HELLO]
     assert bench.session.climbs == 1 and bench.session.found == 1
@@ -154,12 +154,12 @@ def test_a_camera_that_is_gone_at_first_contact_is_sought_at_once(bench: Bench) 
 
 @pytest.mark.parametrize(
     ("code", "begins"),
-    [(Response.SESSION_ALREADY_OPEN, True), (Response.GENERAL_ERROR, False)],
+    [(ResponseCode.SESSION_ALREADY_OPEN, True), (ResponseCode.GENERAL_ERROR, False)],
 )
 def test_a_session_that_is_still_there_after_it_was_closed_will_do(
-    bench: Bench, code: Response, begins: bool
+    bench: Bench, code: ResponseCode, begins: bool
 ) -> None:
-    bench.fails(OPEN, Response.SESSION_ALREADY_OPEN, code)
+    bench.fails(OPEN, ResponseCode.SESSION_ALREADY_OPEN, code)
     bench.session.open()
     names = bench.names()
     first = ["restart", "OPEN_SESSION", "CLOSE_SESSION", "restart", "OPEN_SESSION"]
@@ -167,7 +167,7 @@ def test_a_session_that_is_still_there_after_it_was_closed_will_do(
 
 
 def test_a_body_that_does_not_say_what_it_is_is_asked_again(bench: Bench) -> None:
-    bench.fails(WHO, Response.GENERAL_ERROR)
+    bench.fails(WHO, ResponseCode.GENERAL_ERROR)
     bench.session.open()
     assert bench.names() == [*HELLO, "cancel", *HELLO]
 
@@ -204,9 +204,9 @@ def test_a_bug_is_a_bug(bench: Bench) -> None:
 
 
 def test_each_rung_is_a_sign_of_life_and_counted_once_a_climb(opened: Bench) -> None:
-    opened.fails(PING, TimedOut("x"))
+    opened.fails(PING, WireTimeout("x"))
     for what in ("cancel", "reset"):
-        opened.fails(what, TimedOut(what))
+        opened.fails(what, WireTimeout(what))
     opened.session.call(PING)
     assert opened.names() == [PING.name, "cancel", "reset", "usb reset", *HELLO, PING.name]
     assert opened.session.climbs == 1
@@ -215,7 +215,7 @@ def test_each_rung_is_a_sign_of_life_and_counted_once_a_climb(opened: Bench) -> 
 
 
 def test_a_camera_may_take_five_seconds_to_come_back(opened: Bench) -> None:
-    opened.fails(PING, Gone())
+    opened.fails(PING, DeviceGone())
     opened.fails("find", *[DeviceLost("not there")] * 1000)
     before_ns = opened.clock.now_ns()
     with pytest.raises(DeviceLost, match="cannot be brought back: not there"):
@@ -229,10 +229,10 @@ def test_a_camera_may_take_five_seconds_to_come_back(opened: Bench) -> None:
 def test_one_that_is_there_at_the_last_look_has_come_back(
     opened: Bench, looks: int, comes_back: bool
 ) -> None:
-    opened.fails(PING, Gone())
+    opened.fails(PING, DeviceGone())
     opened.fails("find", *[DeviceLost("not there")] * looks)
     if comes_back:
-        assert opened.session.call(PING).code == Response.OK
+        assert opened.session.call(PING).code == ResponseCode.OK
     else:
         with pytest.raises(DeviceLost):
             opened.session.call(PING)
@@ -240,9 +240,9 @@ def test_one_that_is_there_at_the_last_look_has_come_back(
 
 
 def test_one_that_stays_away_is_said_to_be_gone(opened: Bench) -> None:
-    opened.fails(PING, Gone())
-    opened.fails("find", *[Gone() for _ in range(100)])
-    with pytest.raises(Gone):
+    opened.fails(PING, DeviceGone())
+    opened.fails("find", *[DeviceGone() for _ in range(100)])
+    with pytest.raises(DeviceGone):
         opened.session.call(PING)
     with pytest.raises(DeviceLost, match="is off line") as caught:
         opened.session.call(PING)
@@ -251,8 +251,8 @@ def test_one_that_stays_away_is_said_to_be_gone(opened: Bench) -> None:
 
 def test_what_fails_while_a_rung_is_climbed_leads_to_the_next(opened: Bench) -> None:
     """Modes are set by operations, and a fault of these does not climb by itself."""
-    opened.fails(PING, TimedOut("x"))
-    opened.fails("cancel", TimedOut("x"))
+    opened.fails(PING, WireTimeout("x"))
+    opened.fails("cancel", WireTimeout("x"))
     opened.restores.extend([ExposureError("no modes"), None])
     opened.session.call(PING)
     assert opened.names() == [PING.name, "cancel", "reset", *HELLO, "usb reset", *HELLO, PING.name]
@@ -268,22 +268,22 @@ def test_an_operation_within_a_rung_does_not_climb(
         calls.append(opened.session.call(PING).code)
 
     monkeypatch.setattr(opened.session, "_restore", restore)
-    opened.fails(Operation.EOS_GET_EVENT, Response.SESSION_NOT_OPEN)
-    opened.fails(PING, TimedOut("within"), Response.SESSION_NOT_OPEN)
+    opened.fails(Operation.EOS_GET_EVENT, ResponseCode.SESSION_NOT_OPEN)
+    opened.fails(PING, WireTimeout("within"), ResponseCode.SESSION_NOT_OPEN)
     opened.session.call(Operation.EOS_GET_EVENT)
-    assert calls == [Response.SESSION_NOT_OPEN]  # an answer like any other there
+    assert calls == [ResponseCode.SESSION_NOT_OPEN]  # an answer like any other there
     assert opened.names() == [
         "EOS_GET_EVENT", *HELLO, PING.name, "reset", *HELLO, PING.name, "EOS_GET_EVENT",
     ]  # fmt: skip
 
 
 def test_what_must_happen_once_is_told_as_unanswered_whatever_rung_helped(opened: Bench) -> None:
-    opened.fails(PING, OutOfStep("x"))
-    opened.fails("cancel", OutOfStep("x"))
-    with pytest.raises(Unanswered, match="EOS_KEEP_DEVICE_ON was not answered"):
+    opened.fails(PING, TransactionMismatch("x"))
+    opened.fails("cancel", TransactionMismatch("x"))
+    with pytest.raises(NoAnswer, match="EOS_KEEP_DEVICE_ON was not answered"):
         opened.session.call(PING, once=True)
     assert opened.names() == [PING.name, "cancel", "reset", *HELLO]
-    assert opened.session.call(PING, once=True).code == Response.OK
+    assert opened.session.call(PING, once=True).code == ResponseCode.OK
 
 
 def test_operations_carry_their_parameters_and_data(
@@ -293,9 +293,9 @@ def test_operations_carry_their_parameters_and_data(
     assert opened.asked == [(PING.name, (3, 4), 8.0)]
     given: list[Any] = []
 
-    def transact(_: Any, *what: Any) -> Reply:
+    def transact(_: Any, *what: Any) -> TransactionReply:
         given.append(what)
-        return Reply(0x2001, (), memoryview(b""))
+        return TransactionReply(0x2001, (), memoryview(b""))
 
     monkeypatch.setattr(opened.transport, "transact", transact)
     opened.session.call(PING, 5, data=b"abc")
@@ -306,7 +306,7 @@ def test_operations_carry_their_parameters_and_data(
 def test_a_close_never_raises_and_is_done_once(
     opened: Bench, what: object, caplog: pytest.LogCaptureFixture
 ) -> None:
-    opened.fails(what, TimedOut("x"))
+    opened.fails(what, WireTimeout("x"))
     opened.session.close()
     opened.session.close()
     assert opened.names() == ["CLOSE_SESSION", "close"]

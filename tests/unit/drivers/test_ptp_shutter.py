@@ -10,9 +10,9 @@ import pytest
 
 from drivers.ptp import shutter as shutter_module
 from drivers.ptp.shutter import PtpShutter
-from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, VirtualUsb
+from drivers.virtual_camera import BULB_BODY, CameraBody, FaultScript, PlainFilm, VirtualUsb
 from pdcd.bench.clock import VirtualClock
-from pdcd.bench.devices import DriverContext, Shared
+from pdcd.bench.devices import DriverContext, SharedState
 from pdcd.bench.tables import Config, TriggerConfig
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 from tests.virtual_eos import raw_of
@@ -25,13 +25,15 @@ class Bench:
 
     def __init__(self, **options: Any) -> None:
         self.clock = VirtualClock()
-        self.body = Body(self.clock, PlainFilm(raw_of), BULB_BODY, Script())
+        self.body = CameraBody(self.clock, PlainFilm(raw_of), BULB_BODY, FaultScript())
         self.usb = VirtualUsb(self.body)
         self.told: list[Any] = []
         self.commands: list[tuple[str, ...]] = []
         self.refuses = False
         trigger = TriggerConfig(driver="ptp", lag_s=0.1, jitter_s=0.02, options=options)
-        context = DriverContext(Config(trigger=trigger), self.clock, Shared(usb_backend=self.usb))
+        context = DriverContext(
+            Config(trigger=trigger), self.clock, SharedState(usb_backend=self.usb)
+        )
         self.shutter = PtpShutter.create(context)
         self.shutter._camera.alive_period_s = 3600.0
 
@@ -61,7 +63,7 @@ class Bench:
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench()
-    monkeypatch.setattr(shutter_module, "Guard", bench.guard)
+    monkeypatch.setattr(shutter_module, "ShutterGuard", bench.guard)
     bench.shutter.connect()
     yield bench
     bench.shutter._camera.let_go("shutter")
@@ -136,7 +138,7 @@ def test_an_exposure_that_nobody_guards_is_cut_short(bench: Bench) -> None:
 
 def test_a_camera_in_this_process_needs_none(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(usb="virtual")
-    monkeypatch.setattr(shutter_module, "Guard", bench.guard)
+    monkeypatch.setattr(shutter_module, "ShutterGuard", bench.guard)
     bench.shutter.connect()
     bench.shutter.open()
     bench.shutter.close()

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ptp.codes import Operation, Response
-from drivers.ptp.faults import OutOfStep, TimedOut, WireFault
+from drivers.ptp.codes import Operation, ResponseCode
+from drivers.ptp.faults import TransactionMismatch, WireFault, WireTimeout
 from drivers.ptp.transport import BLOCK_B, Transport
 from pdcd.bench.clock import VirtualClock
 
@@ -51,7 +51,7 @@ class Port:
 
     def read_into(self, buffer: array.array[int], timeout_s: float) -> int:
         if not self.transfers:
-            raise TimedOut("does not answer")
+            raise WireTimeout("does not answer")
         transfer = self.transfers.pop(0)
         if isinstance(transfer, WireFault):
             raise transfer
@@ -86,7 +86,7 @@ def test_a_command_goes_out_as_the_specification_has_it() -> None:
         bytes.fromhex("0c000000 0100 1091 01000000"),
         bytes.fromhex("0f000000 0200 1091 01000000") + b"abc",
     ]
-    assert (reply.code, reply.params) == (Response.OK, (7,))
+    assert (reply.code, reply.params) == (ResponseCode.OK, (7,))
 
 
 @pytest.mark.parametrize("size", [0, 1, 499, 500, 501, 512, 1012, 5000, BLOCK_B, BLOCK_B + 5000])
@@ -104,7 +104,7 @@ def test_data_comes_home_in_every_form(size: int, form: str) -> None:
     }[form]
     wire = transport(Port(*transfers))
     reply = wire.transact(READ)
-    assert (reply.code, reply.params) == (Response.OK, (size,))
+    assert (reply.code, reply.params) == (ResponseCode.OK, (size,))
     assert bytes(reply.data) == payload
 
 
@@ -122,7 +122,7 @@ def test_a_length_left_open_ends_with_a_short_packet(size: int) -> None:
 def test_a_response_instead_of_data_is_an_answer() -> None:
     wire = transport(Port(container(RESPONSE, 0x2009, 0)))
     reply = wire.transact(READ)
-    assert reply.code == Response.INVALID_OBJECT_HANDLE and len(reply.data) == 0
+    assert reply.code == ResponseCode.INVALID_OBJECT_HANDLE and len(reply.data) == 0
 
 
 def test_an_event_between_is_passed_over() -> None:
@@ -156,12 +156,12 @@ def test_the_data_of_a_block_is_not_copied() -> None:
     }.values(),
 )
 def test_what_does_not_belong_is_out_of_step(transfers: list[bytes]) -> None:
-    with pytest.raises(OutOfStep):
+    with pytest.raises(TransactionMismatch):
         transport(Port(*transfers)).transact(READ)
 
 
 def test_silence_is_a_time_out() -> None:
-    with pytest.raises(TimedOut):
+    with pytest.raises(WireTimeout):
         transport(Port()).transact(READ)
 
 
@@ -170,7 +170,7 @@ def test_back_in_step_cancels_waits_and_drains() -> None:
         ok(9), b"late data", data(b"good", number=1), ok(1), status=(0x2019, 0x2019, 0x2001)
     )
     wire = transport(port)
-    with pytest.raises(OutOfStep):
+    with pytest.raises(TransactionMismatch):
         wire.transact(READ)
     rest = port.transfers[1:]
     del port.transfers[1:]
@@ -181,9 +181,9 @@ def test_back_in_step_cancels_waits_and_drains() -> None:
 
 
 def test_a_camera_that_stays_busy_or_does_not_stop_sending_is_not_back_in_step() -> None:
-    with pytest.raises(TimedOut, match="ready"):
+    with pytest.raises(WireTimeout, match="ready"):
         transport(Port(status=(0x2019,))).back_in_step()
-    with pytest.raises(OutOfStep, match="goes on"):
+    with pytest.raises(TransactionMismatch, match="goes on"):
         transport(Port(*[b"x" * 100] * 50)).back_in_step()
 
 

@@ -18,8 +18,14 @@ import usb.core
 import usb.util
 
 from drivers.ptp import usb_port
-from drivers.ptp.faults import Gone, OutOfStep, Stalled, TimedOut, WireFault
-from drivers.ptp.usb_port import UsbPort, find, still_images
+from drivers.ptp.faults import (
+    DeviceGone,
+    EndpointStall,
+    TransactionMismatch,
+    WireFault,
+    WireTimeout,
+)
+from drivers.ptp.usb_port import UsbPort, find_cameras, find_still_image_devices
 from pdcd.errors import DeviceLost, DriverUnavailable
 
 IN, OUT, INTERRUPT = 0x81, 0x02, 0x83
@@ -131,10 +137,10 @@ def test_cameras_are_found_by_their_interface_and_maker(monkeypatch: pytest.Monk
         return (device for device in plugged if custom_match(device))
 
     monkeypatch.setattr(usb.core, "find", look)
-    assert find("libusb", None) == [canon]
-    assert find("libusb", (0x18D1, 0x4EE5)) == [phone]
-    assert find("libusb", (0x04A9, 0x4EE5)) == []
-    assert still_images("libusb") == [canon, phone]
+    assert find_cameras("libusb", None) == [canon]
+    assert find_cameras("libusb", (0x18D1, 0x4EE5)) == [phone]
+    assert find_cameras("libusb", (0x04A9, 0x4EE5)) == []
+    assert find_still_image_devices("libusb") == [canon, phone]
 
 
 @pytest.mark.parametrize(
@@ -152,7 +158,7 @@ def test_a_machine_that_cannot_look_says_what_to_do(
 
     monkeypatch.setattr(usb.core, "find", refuse)
     with pytest.raises(kind, match=words):
-        find(None, None)
+        find_cameras(None, None)
 
 
 # Claiming.
@@ -191,8 +197,8 @@ def test_a_device_that_may_not_be_claimed_is_let_go_and_says_why(
     released: list[str], monkeypatch: pytest.MonkeyPatch, number: int, words: str
 ) -> None:
     monkeypatch.setattr(usb.util, "claim_interface", refusing(number))
-    monkeypatch.setattr(usb_port, "holders", lambda node: [node])
-    monkeypatch.setattr(usb_port, "in_words", lambda who, mine: "process 41")
+    monkeypatch.setattr(usb_port, "list_holders", lambda node: [node])
+    monkeypatch.setattr(usb_port, "describe_holders", lambda who, mine: "process 41")
     with pytest.raises(DeviceLost, match=words) as caught:
         UsbPort(Device())
     assert released == ["dispose"]
@@ -225,7 +231,7 @@ def test_a_write_of_whole_packets_is_ended_by_an_empty_one(size: int, packets: l
 
 def test_a_write_that_was_not_taken_whole_is_out_of_step() -> None:
     port, _ = port_of(99)
-    with pytest.raises(OutOfStep, match="only 99 of 100 bytes"):
+    with pytest.raises(TransactionMismatch, match="only 99 of 100 bytes"):
         port.write(bytes(100), 1.0)
 
 
@@ -253,12 +259,12 @@ def test_a_halted_endpoint_is_cleared_once_and_the_transfer_made_again(
 @pytest.mark.parametrize(
     ("answers", "kind", "count"),
     [
-        ([error(errno.ETIMEDOUT)], TimedOut, 1),
-        ([error(errno.ENODEV)], Gone, 1),
-        ([error(errno.EIO)], OutOfStep, 1),
-        ([error(errno.EPIPE), None, error(errno.EPIPE)], Stalled, 3),
-        ([error(errno.EPIPE), None, error(errno.ETIMEDOUT)], TimedOut, 3),
-        ([error(errno.EPIPE), error(errno.ENODEV)], Gone, 2),
+        ([error(errno.ETIMEDOUT)], WireTimeout, 1),
+        ([error(errno.ENODEV)], DeviceGone, 1),
+        ([error(errno.EIO)], TransactionMismatch, 1),
+        ([error(errno.EPIPE), None, error(errno.EPIPE)], EndpointStall, 3),
+        ([error(errno.EPIPE), None, error(errno.ETIMEDOUT)], WireTimeout, 3),
+        ([error(errno.EPIPE), error(errno.ENODEV)], DeviceGone, 2),
     ],
 )
 def test_every_other_fault_is_told_by_its_kind(
@@ -307,7 +313,7 @@ def test_the_status_of_a_device_names_its_halted_endpoints(
 @pytest.mark.parametrize("size", [0, 3])
 def test_a_status_that_is_too_short_is_out_of_step(size: int) -> None:
     port, _ = port_of(bytes(size))
-    with pytest.raises(OutOfStep, match=f"status of {size} bytes"):
+    with pytest.raises(TransactionMismatch, match=f"status of {size} bytes"):
         port.status()
 
 
@@ -316,7 +322,7 @@ def test_a_status_that_is_too_short_is_out_of_step(size: int) -> None:
 )
 def test_requests_that_fail_are_faults_of_the_wire(ask: Callable[[UsbPort], object]) -> None:
     port, _ = port_of(error(errno.ETIMEDOUT))
-    with pytest.raises(TimedOut):
+    with pytest.raises(WireTimeout):
         ask(port)
 
 
@@ -332,13 +338,14 @@ def test_a_device_that_comes_back_anew_was_reset(released: list[str], number: in
 
 def test_a_device_that_refuses_a_reset_is_released_all_the_same(released: list[str]) -> None:
     port, _ = port_of(error(errno.EIO))
-    with pytest.raises(OutOfStep):
+    with pytest.raises(TransactionMismatch):
         port.usb_reset()
     assert released[-1] == "dispose"
 
 
 @pytest.mark.parametrize(
-    ("number", "kind"), [(errno.ENODEV, None), (errno.ENOENT, None), (errno.EIO, OutOfStep)]
+    ("number", "kind"),
+    [(errno.ENODEV, None), (errno.ENOENT, None), (errno.EIO, TransactionMismatch)],
 )
 def test_a_device_that_is_gone_is_released_as_well(
     monkeypatch: pytest.MonkeyPatch, number: int, kind: type[WireFault] | None

@@ -25,7 +25,14 @@ from drivers.ptp.containers import (
 )
 from drivers.ptp.datasets import DeviceInfo, ObjectInfo, pack_string, parse_custom_functions
 from drivers.ptp.events import AvailList, ObjectAdded, parse_events
-from drivers.ptp.faults import Gone, OutOfStep, SessionLost, Stalled, TimedOut, WireFault
+from drivers.ptp.faults import (
+    DeviceGone,
+    EndpointStall,
+    SessionLost,
+    TransactionMismatch,
+    WireFault,
+    WireTimeout,
+)
 from drivers.ptp.keepalive import PERIOD_S, KeepAlive
 from drivers.ptp.transport import BLOCK_B, TRANSACTION_S, Transport
 from pdcd.bench.clock import VirtualClock
@@ -53,7 +60,7 @@ class Port:
     def read_into(self, buffer: array.array[int], timeout_s: float) -> int:
         self.done.append(("read", len(buffer), timeout_s))
         if not self.transfers:
-            raise TimedOut("does not answer")
+            raise WireTimeout("does not answer")
         transfer = self.transfers.pop(0)
         memoryview(buffer)[: len(transfer)] = transfer
         return len(transfer)
@@ -131,7 +138,7 @@ def test_of_what_does_not_belong_seven_are_passed_over(events_before: int, heard
         if heard:
             assert wire.transact(READ).code == 0x2001
         else:
-            with pytest.raises(OutOfStep, match="without end"):
+            with pytest.raises(TransactionMismatch, match="without end"):
                 wire.transact(READ)
 
 
@@ -141,7 +148,7 @@ def test_64_mib_of_data_are_taken_and_not_a_byte_more() -> None:
         head = struct.pack("<IHHI", 12 + size, 2, READ, 0) + bytes(500)
         wire, _ = wire_of(Port(head[:-1] if size == whole else head, OK))
         expected = "sent 499 of 67108864" if size == whole else words
-        with pytest.raises(OutOfStep, match=expected):
+        with pytest.raises(TransactionMismatch, match=expected):
             wire.transact(READ)
 
 
@@ -169,7 +176,7 @@ def test_back_in_step_waits_two_seconds_for_a_camera_to_get_ready() -> None:
             wire.back_in_step()
             assert port.done[-1][2] == 0.1  # what is left on the line comes at once
         else:
-            with pytest.raises(TimedOut, match="does not get ready"):
+            with pytest.raises(WireTimeout, match="does not get ready"):
                 wire.back_in_step()
         assert port.count("status") == 20
         assert clock.now_ns() - before_ns == busy * 100 * MS
@@ -183,7 +190,7 @@ def test_a_line_is_emptied_of_so_much(late: int, quiet: bool) -> None:
         wire.back_in_step()
         assert port.count("read") == late + 1
     else:
-        with pytest.raises(OutOfStep, match="goes on sending"):
+        with pytest.raises(TransactionMismatch, match="goes on sending"):
             wire.back_in_step()
     port = Port(b"late", b"", b"more")
     wire_of(port)[0].back_in_step()  # an empty packet is an end, too
@@ -197,10 +204,10 @@ def test_a_line_that_fails_while_it_is_emptied_is_not_in_step(
     wire, _ = wire_of(port)
 
     def fail(*_: Any) -> int:
-        raise Stalled("halted")
+        raise EndpointStall("halted")
 
     monkeypatch.setattr(port, "read_into", fail)
-    with pytest.raises(Stalled):
+    with pytest.raises(EndpointStall):
         wire.back_in_step()
 
 
@@ -218,27 +225,27 @@ def test_the_rest_is_the_ports_own_affair() -> None:
 @pytest.mark.parametrize(
     ("error", "kind", "words"),
     [
-        (usb.core.USBError("x", -4, errno.ENODEV), Gone, "unplugged or switched off"),
-        (usb.core.USBError("x", -4, errno.ESHUTDOWN), Gone, "check cable"),
-        (usb.core.USBError("x", -4, errno.ENXIO), Gone, "unplugged"),
-        (usb.core.USBError("x", -7, errno.ETIMEDOUT), TimedOut, "does not answer"),
-        (usb.core.USBTimeoutError("x", -7, None), TimedOut, "does not answer"),
-        (usb.core.USBError("x", -9, errno.EPIPE), Stalled, "endpoint halted"),
-        (usb.core.USBError("x", -1, errno.EIO), OutOfStep, "USB transfer failed"),
-        (usb.core.USBError("x", -1, None), OutOfStep, "USB transfer failed"),
+        (usb.core.USBError("x", -4, errno.ENODEV), DeviceGone, "unplugged or switched off"),
+        (usb.core.USBError("x", -4, errno.ESHUTDOWN), DeviceGone, "check cable"),
+        (usb.core.USBError("x", -4, errno.ENXIO), DeviceGone, "unplugged"),
+        (usb.core.USBError("x", -7, errno.ETIMEDOUT), WireTimeout, "does not answer"),
+        (usb.core.USBTimeoutError("x", -7, None), WireTimeout, "does not answer"),
+        (usb.core.USBError("x", -9, errno.EPIPE), EndpointStall, "endpoint halted"),
+        (usb.core.USBError("x", -1, errno.EIO), TransactionMismatch, "USB transfer failed"),
+        (usb.core.USBError("x", -1, None), TransactionMismatch, "USB transfer failed"),
     ],
 )
 def test_each_error_of_libusb_has_its_kind(
     error: usb.core.USBError, kind: type[WireFault], words: str
 ) -> None:
-    fault = faults.wire_fault(error)
+    fault = faults.to_wire_fault(error)
     assert type(fault) is kind and words in str(fault)
     assert isinstance(fault, DeviceLost) and fault.device == "camera" and fault.hint
 
 
 def test_faults_say_what_to_do() -> None:
-    assert TimedOut("x").hint == SessionLost().hint == faults.POWER_CYCLE
-    assert Gone().hint == "check cable, battery and switch"
+    assert WireTimeout("x").hint == SessionLost().hint == faults.POWER_CYCLE
+    assert DeviceGone().hint == "check cable, battery and switch"
     error = WireError("bad")
     assert (error.device, error.message) == ("camera", "bad") and error.hint
 
@@ -313,7 +320,7 @@ def test_custom_functions_may_be_none_or_have_no_value() -> None:
 def test_raw_alone_is_raw(kinds: tuple[int, ...], raw: bool) -> None:
     packed = struct.pack("<I", len(kinds))
     packed += b"".join(struct.pack("<4I", 16, kind, 0, 4) for kind in kinds)
-    assert events.raw_quality(packed) is raw
+    assert events.is_raw_only(packed) is raw
 
 
 def test_names_end_on_whole_words() -> None:
@@ -347,12 +354,12 @@ def test_processes_that_cannot_be_seen_hold_nothing(
         (tmp_path / pid / "fd" / "3").symlink_to(node)
     for number in (0, 1, 2, 4, 5, 6):  # no links any more: they were closed meanwhile
         (tmp_path / "6" / "fd" / str(number)).touch()
-    found = holders.holders(node, tmp_path)
+    found = holders.list_holders(node, tmp_path)
     assert found == [holders.Holder(5, "unknown"), holders.Holder(6, "unknown")]
-    assert holders.in_words(found, 7) == "unknown (process 5), unknown (process 6)"
-    assert holders.node_of(1, 23, Path("/x")) == Path("/x/001/023")
+    assert holders.describe_holders(found, 7) == "unknown (process 5), unknown (process 6)"
+    assert holders.build_node_path(1, 23, Path("/x")) == Path("/x/001/023")
     (tmp_path / "5" / "comm").write_bytes(b"caf\xe9\n")
-    assert holders.holders(node, tmp_path)[0].name == "caf\ufffd"
+    assert holders.list_holders(node, tmp_path)[0].name == "caf\ufffd"
 
 
 def test_a_thread_ticks_until_it_is_stopped(caplog: pytest.LogCaptureFixture) -> None:

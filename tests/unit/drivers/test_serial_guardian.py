@@ -30,13 +30,13 @@ class Served:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.released: list[tuple[int, str, str]] = []
         self.takes = True
-        monkeypatch.setattr(guardian, "release", self._release)
+        monkeypatch.setattr(guardian, "release_shutter", self._release)
         monkeypatch.setattr(guardian, "AGAIN_S", 600.0)
         self.talk, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.talk.settimeout(LONG_S)
         self.theirs = theirs
         self.thread = threading.Thread(
-            target=guardian.main, args=(7, "dtr", "1", theirs), daemon=True
+            target=guardian.run_serial_guardian, args=(7, "dtr", "1", theirs), daemon=True
         )
         self.thread.start()
 
@@ -158,7 +158,7 @@ def test_a_command_of_which_a_port_takes_a_part_is_sent_to_its_end(
 
     with port, box:
         monkeypatch.setattr(os, "write", one_byte)
-        assert guardian.release(port.fileno(), "command", "ff00") is True
+        assert guardian.release_shutter(port.fileno(), "command", "ff00") is True
         assert box.recv(64) == b"\xff\x00"
 
 
@@ -207,7 +207,7 @@ def test_a_port_that_refuses_is_asked_three_times(
 
     monkeypatch.setattr(fcntl, "ioctl", ioctl)
     monkeypatch.setattr(os, "write", write)
-    done = guardian.release(7, how, value)
+    done = guardian.release_shutter(7, how, value)
     monkeypatch.undo()
     assert done == taken
     assert calls == [expected] * min(failures + 1, 3)
@@ -217,7 +217,7 @@ def test_a_port_that_refuses_is_asked_three_times(
 
 
 class Guarded:
-    """What a `Guard` is told; `answer` is what it hears."""
+    """What a `ShutterGuard` is told; `answer` is what it hears."""
 
     def __init__(self, command: Any, *inherits: int, answer_s: float, unguarded: Any) -> None:
         self.command, self.inherits, self.unguarded = command, inherits, unguarded
@@ -245,7 +245,7 @@ class Guarded:
 
 @pytest.fixture
 def guarded(monkeypatch: pytest.MonkeyPatch) -> tuple[watchdog.Guardian, Guarded]:
-    monkeypatch.setattr(watchdog, "Guard", Guarded)
+    monkeypatch.setattr(watchdog, "ShutterGuard", Guarded)
     made = watchdog.Guardian(7, "rts", "0")
     assert isinstance(made._guard, Guarded)
     return made, made._guard
@@ -288,7 +288,7 @@ def test_an_exposure_that_nobody_guards_is_ended_and_said_once(
 ) -> None:
     made, guard = guarded
     asked: list[object] = []
-    monkeypatch.setattr(watchdog, "release", lambda *how: asked.append(how) or takes)  # type: ignore[func-returns-value]
+    monkeypatch.setattr(watchdog, "release_shutter", lambda *how: asked.append(how) or takes)  # type: ignore[func-returns-value]
     made.arm(30.0)
     if takes:
         guard.unguarded("no process is left")
@@ -367,7 +367,8 @@ def test_an_alarm_that_rang_in_one_exposure_is_not_heard_in_the_next() -> None:
 
 def found(port: str) -> tuple[str, str, str | None]:
     ((part, verdict, words, hint),) = (
-        (finding.what, finding.state, finding.found, finding.hint) for finding in look.look(port)
+        (finding.what, finding.state, finding.found, finding.hint)
+        for finding in look.inspect_port(port)
     )
     assert part == "port"
     return verdict, words, hint

@@ -292,11 +292,11 @@ def test_an_exposure_that_nobody_guards_is_ended(
 def test_a_guardian_that_does_not_start_keeps_the_shutter_closed(
     pty: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(watchdog, "GUARDIAN", ("/none/python",))
+    monkeypatch.setattr(watchdog, "SERIAL_GUARDIAN", ("/none/python",))
     with pytest.raises(DeviceLost, match="cannot start the process that guards"):
         make(pty.path, **BOX).connect()
     pty.freed()
-    monkeypatch.setattr(watchdog, "GUARDIAN", ("/bin/false",))
+    monkeypatch.setattr(watchdog, "SERIAL_GUARDIAN", ("/bin/false",))
     box = make(pty.path, **BOX)
     box.connect()
     with pytest.raises(DeviceLost, match="guards the shutter does not start"):
@@ -328,7 +328,7 @@ def test_the_guardian_puts_the_line_at_rest_once_the_other_end_is_gone(
     with theirs:
         with ours:
             ours.send(b"arm 600")
-        guardian.main(-1, how, value, theirs)
+        guardian.run_serial_guardian(-1, how, value, theirs)
     assert calls == [expected, expected]
 
 

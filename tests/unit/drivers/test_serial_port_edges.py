@@ -13,7 +13,7 @@ import msgspec
 import pytest
 import serial
 
-from drivers.serial_shutter.options import Options
+from drivers.serial_shutter.options import SerialOptions
 from drivers.serial_shutter.port import Port
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 
@@ -80,8 +80,8 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
     return wire
 
 
-def options(**given: Any) -> Options:
-    return Options(**{"port": "line://box", **given})
+def options(**given: Any) -> SerialOptions:
+    return SerialOptions(**{"port": "line://box", **given})
 
 
 # Opening.
@@ -294,8 +294,8 @@ def test_a_closed_port_is_given_back(wire: Wire) -> None:
 # Its options.
 
 
-def read(**given: Any) -> Options:
-    return msgspec.convert({"port": "line://box", **given}, Options)
+def read(**given: Any) -> SerialOptions:
+    return msgspec.convert({"port": "line://box", **given}, SerialOptions)
 
 
 def test_what_is_not_said_is_a_line_that_is_held_and_no_feedback() -> None:
@@ -339,7 +339,7 @@ def test_options_are_given_by_name_and_stay_as_they_are() -> None:
     with pytest.raises(AttributeError):
         made.baud = 300  # type: ignore[misc]
     with pytest.raises(TypeError):
-        Options("line://box")  # type: ignore[call-arg]
+        SerialOptions("line://box")  # type: ignore[call-arg]
     with pytest.raises(msgspec.ValidationError, match="relese"):
         read(relese="rts")
 

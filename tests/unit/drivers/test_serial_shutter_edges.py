@@ -227,7 +227,7 @@ def test_a_guardian_has_as_long_for_an_answer_as_the_service_can_wait(
         def start(self) -> None:
             bounds.append(-1.0)
 
-    monkeypatch.setattr(watchdog, "Guard", Guard)
+    monkeypatch.setattr(watchdog, "ShutterGuard", Guard)
     watchdog.Guardian(7, "rts", "0")
     assert bounds[1:] == [-1.0]  # started at once
     assert 1.0 <= bounds[0] <= 5.0
@@ -253,10 +253,10 @@ def test_a_guardian_waits_for_the_rest_of_its_time_and_no_longer(
 
     monkeypatch.setattr(select, "select", waited)
     monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
-    monkeypatch.setattr(guardian, "release", lambda *how: released.append(how) or True)  # type: ignore[func-returns-value]
+    monkeypatch.setattr(guardian, "release_shutter", lambda *how: released.append(how) or True)  # type: ignore[func-returns-value]
     for word in (b"arm 20", b"look", b"look"):
         talk.send(word)
-    guardian.main(7, "rts", "0", theirs)
+    guardian.run_serial_guardian(7, "rts", "0", theirs)
     theirs.close()
     assert waits == [None, 20.0, 7.5, 0.0, guardian.AGAIN_S]
     # Nobody said that it is closed before the daemon was gone.

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from drivers.ptp.codes import ExposureMode, FocusMode
-from drivers.ptp.events import ObjectAdded, Plain, PropValue, parse_events
-from drivers.virtual_camera.body import DATA_OUT, Body
-from drivers.virtual_camera.faults import Script, WireFault, WireKind
+from drivers.ptp.events import ObjectAdded, PlainRecord, PropValue, parse_events
+from drivers.virtual_camera.body import DATA_OUT, CameraBody
+from drivers.virtual_camera.faults import FaultScript, ScriptedFault, WireKind
 from drivers.virtual_camera.films import PlainFilm
-from drivers.virtual_camera.model import BULB_BODY, RELEASE_BODY, Model
+from drivers.virtual_camera.model import BULB_BODY, RELEASE_BODY, CameraModel
 from drivers.virtual_camera.reply import OK as DONE
-from drivers.virtual_camera.reply import Reply
+from drivers.virtual_camera.reply import CameraReply
 from pdcd.bench.clock import VirtualClock
 
 OK, GENERAL, NO_SESSION, UNSUPPORTED, BAD_HANDLE = 0x2001, 0x2002, 0x2003, 0x2005, 0x2009
@@ -27,10 +27,12 @@ SHOTS, DESTINATION = 0xD11B, 0xD11C
 class Camera:
     """A body, and what is asked of it."""
 
-    def __init__(self, model: Model = BULB_BODY, **script: Any) -> None:
+    def __init__(self, model: CameraModel = BULB_BODY, **script: Any) -> None:
         self.clock = VirtualClock()
         self.behind: list[Any] = []
-        self.body = Body(self.clock, PlainFilm(lambda _: b"photo"), model, Script(**script))
+        self.body = CameraBody(
+            self.clock, PlainFilm(lambda _: b"photo"), model, FaultScript(**script)
+        )
 
     def ask(self, code: int, *parameters: int, data: bytes = b"") -> int:
         return self.body.transact(code, parameters, data).code
@@ -64,7 +66,7 @@ class Camera:
 
 
 def test_answers_are_plain_unless_more_is_said() -> None:
-    assert Reply(0x2001, (), None, None) == DONE == Reply()
+    assert CameraReply(0x2001, (), None, None) == DONE == CameraReply()
     assert frozenset({0x9110, 0x1016, 0x100C, 0x100D}) == DATA_OUT
     with pytest.raises(AttributeError):
         DONE.code = 0x2002  # type: ignore[misc]
@@ -76,7 +78,7 @@ def test_a_session_is_opened_once_and_by_a_number() -> None:
     assert camera.body.transact(0x1001).data == BULB_BODY.info.pack()  # without a session
     assert camera.ask(OPEN, 0) == camera.ask(OPEN) == BAD_PARAMETER
     assert camera.ask(OPEN, 7) == OK and camera.body.session_open
-    assert camera.body.transact(OPEN, (9,)) == Reply(0x201E, (7,))
+    assert camera.body.transact(OPEN, (9,)) == CameraReply(0x201E, (7,))
     assert camera.ask(CLOSE) == OK and not camera.body.session_open
     assert camera.ask(CLOSE) == NO_SESSION
 
@@ -112,11 +114,11 @@ def test_modes_are_left_as_they_are_entered() -> None:
 
 
 def test_a_low_battery_is_told_with_the_settings() -> None:
-    for battery, told in ((0, [Plain(0xC18D, bytes(4))]), (1, []), (2, [])):
+    for battery, told in ((0, [PlainRecord(0xC18D, bytes(4))]), (1, []), (2, [])):
         camera = Camera(battery=battery)
         for word in ((OPEN, 1), (EVENTS, 1)):
             camera.ask(*word)
-        assert [record for record in camera.heard() if isinstance(record, Plain)] == told
+        assert [record for record in camera.heard() if isinstance(record, PlainRecord)] == told
 
 
 def test_a_setting_is_refused_for_its_own_reason() -> None:
@@ -202,7 +204,7 @@ def test_a_timed_exposure_is_released_and_told_when_it_is_over() -> None:
     camera.set(0xD102, 0x38)
     camera.heard()
     assert camera.ask(START) == GENERAL  # bulb alone is held
-    assert camera.body.transact(0x910F) == Reply(OK, (0,))
+    assert camera.body.transact(0x910F) == CameraReply(OK, (0,))
     camera.body.release()  # which ends bulb alone
     assert camera.body.shutter.is_open
     camera.wait(2.0)
@@ -250,7 +252,7 @@ def test_a_release_that_is_held_is_pressed_half_and_full() -> None:
     camera = Camera(RELEASE_BODY).begin()
     assert camera.ask(0x9128, 0) == BAD_PARAMETER and camera.ask(0x9128, 4) == BAD_PARAMETER
     assert camera.ask(0x9128, 1) == OK and camera.body.shutter.opened == 0
-    assert camera.body.transact(0x9128, (3, 1)) == Reply(OK, (0,))
+    assert camera.body.transact(0x9128, (3, 1)) == CameraReply(OK, (0,))
     assert camera.ask(0x9128, 2) == BUSY
     assert camera.ask(0x9129, 1) == OK and camera.body.shutter.is_open
     assert camera.ask(0x9129, 2) == OK and not camera.body.shutter.is_open
@@ -302,7 +304,7 @@ def test_a_cable_that_comes_back_brings_no_session() -> None:
 def test_a_fault_is_done_or_told_to_the_transport(
     kind: WireKind, code: int, done: int, told: WireKind | None
 ) -> None:
-    camera = Camera(wire=(WireFault(kind, KEEP_ON),)).begin()
+    camera = Camera(wire=(ScriptedFault(kind, KEEP_ON),)).begin()
     reply = camera.body.transact(KEEP_ON)
     assert (reply.code, reply.fault, camera.body.kept_on) == (code, told, done)
     assert camera.body.plugged == (kind != "unplug")
@@ -312,13 +314,13 @@ def test_a_fault_is_done_or_told_to_the_transport(
 def test_data_may_be_damaged_or_left_out() -> None:
     whole = Camera().begin().body.transact(0x9108).data
     assert whole is not None
-    damaged = Camera(wire=(WireFault("corrupt", 0x9108),)).begin().body.transact(0x9108).data
+    damaged = Camera(wire=(ScriptedFault("corrupt", 0x9108),)).begin().body.transact(0x9108).data
     assert damaged is not None and len(damaged) == len(whole)
     differ = [at for at, pair in enumerate(zip(whole, damaged, strict=True)) if pair[0] != pair[1]]
     assert differ == [len(whole) // 2]
-    left_out = Camera(wire=(WireFault("no-data", 0x9108),)).begin().body.transact(0x9108)
-    assert left_out == Reply(OK, (), None, None)
-    empty = Camera(wire=(WireFault("corrupt", KEEP_ON),)).begin().body.transact(KEEP_ON)
+    left_out = Camera(wire=(ScriptedFault("no-data", 0x9108),)).begin().body.transact(0x9108)
+    assert left_out == CameraReply(OK, (), None, None)
+    empty = Camera(wire=(ScriptedFault("corrupt", KEEP_ON),)).begin().body.transact(KEEP_ON)
     assert (empty.code, empty.data) == (OK, None)
 
 

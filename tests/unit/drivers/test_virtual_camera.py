@@ -12,9 +12,9 @@ from drivers.virtual_camera import (
     BULB_BODY,
     CABLE_BODY,
     RELEASE_BODY,
-    Model,
-    Script,
-    WireFault,
+    CameraModel,
+    FaultScript,
+    ScriptedFault,
 )
 from tests.virtual_eos import BULB, RAM, Client, raw_of, virtual_usb
 
@@ -27,7 +27,7 @@ OK, GENERAL, NO_SESSION, UNSUPPORTED, BUSY, FULL = 0x2001, 0x2002, 0x2003, 0x200
 def make() -> Iterator[Make]:
     clients = []
 
-    def made(script: Script | None = None, model: Model = BULB_BODY) -> Client:
+    def made(script: FaultScript | None = None, model: CameraModel = BULB_BODY) -> Client:
         clients.append(Client(virtual_usb(script, model)))
         return clients[-1]
 
@@ -226,15 +226,15 @@ def test_a_cable_release_needs_no_computer(make: Make) -> None:
 @pytest.mark.parametrize(
     ("script", "refusal"),
     [
-        (Script(dial=ExposureMode.APERTURE_PRIORITY), GENERAL),
-        (Script(focus=FocusMode.ONE_SHOT), GENERAL),
-        (Script(battery=0), GENERAL),
-        (Script(buffer_full=True), FULL),
+        (FaultScript(dial=ExposureMode.APERTURE_PRIORITY), GENERAL),
+        (FaultScript(focus=FocusMode.ONE_SHOT), GENERAL),
+        (FaultScript(battery=0), GENERAL),
+        (FaultScript(buffer_full=True), FULL),
     ],
     ids=["dial", "autofocus", "battery", "buffer"],
 )
 def test_a_camera_not_set_for_bulb_does_not_release(
-    make: Make, script: Script, refusal: int
+    make: Make, script: FaultScript, refusal: int
 ) -> None:
     client = make(script)
     client.ready()
@@ -244,7 +244,7 @@ def test_a_camera_not_set_for_bulb_does_not_release(
 
 
 def test_the_dial_off_m_offers_no_speeds_and_a_low_battery_speaks_up(make: Make) -> None:
-    client = make(Script(dial=ExposureMode.APERTURE_PRIORITY, battery=0))
+    client = make(FaultScript(dial=ExposureMode.APERTURE_PRIORITY, battery=0))
     first = client.start()
     assert listed(first, 0xD102) == ()
     assert client.set(*BULB) == 0x201C
@@ -253,7 +253,7 @@ def test_the_dial_off_m_offers_no_speeds_and_a_low_battery_speaks_up(make: Make)
 
 
 def test_autofocus_is_told_by_the_parameter_of_a_timed_release(make: Make) -> None:
-    client = make(Script(focus=FocusMode.ONE_SHOT))
+    client = make(FaultScript(focus=FocusMode.ONE_SHOT))
     client.start()
     client.events()
     assert client.call(0x910F)[:2] == (OK, (1,))
@@ -261,7 +261,7 @@ def test_autofocus_is_told_by_the_parameter_of_a_timed_release(make: Make) -> No
 
 
 def test_noise_reduction_doubles_the_time(make: Make) -> None:
-    client = make(Script(long_exposure_nr=True))
+    client = make(FaultScript(long_exposure_nr=True))
     first = client.start()
     nr = struct.pack("<III", 0x201, 1, 2)
     assert any(nr in r for r in first if struct.unpack_from("<II", r, 4) == (0xC189, 0xD1A0))
@@ -276,7 +276,7 @@ def test_noise_reduction_doubles_the_time(make: Make) -> None:
 
 
 def test_files_that_go_astray(make: Make) -> None:
-    def after(script: Script, wait_s: float) -> list[tuple[int, int, str]]:
+    def after(script: FaultScript, wait_s: float) -> list[tuple[int, int, str]]:
         client = make(script)
         client.ready()
         bulb(client, 1.0)
@@ -286,17 +286,17 @@ def test_files_that_go_astray(make: Make) -> None:
             assert len(client.ok(0x101B, found[0][0], 0, 4096)) == 1500
         return found
 
-    assert after(Script(file="none"), 3600.0) == []
-    assert after(Script(file="late", late_s=20.0), 20.1) == []
-    assert len(after(Script(file="late", late_s=20.0), 20.3)) == 1
-    first, second = after(Script(file="twice"), 1.0)
+    assert after(FaultScript(file="none"), 3600.0) == []
+    assert after(FaultScript(file="late", late_s=20.0), 20.1) == []
+    assert len(after(FaultScript(file="late", late_s=20.0), 20.3)) == 1
+    first, second = after(FaultScript(file="twice"), 1.0)
     assert first == second
-    assert after(Script(file="truncated"), 1.0)[0][1] == 3000
+    assert after(FaultScript(file="truncated"), 1.0)[0][1] == 3000
 
 
 def test_faults_of_answers(make: Make) -> None:
     def fault(kind: str, operation: int) -> Client:
-        client = make(Script(wire=(WireFault(kind, operation),)))  # type: ignore[arg-type]
+        client = make(FaultScript(wire=(ScriptedFault(kind, operation),)))  # type: ignore[arg-type]
         client.start()
         return client
 
@@ -319,6 +319,6 @@ def test_faults_of_answers(make: Make) -> None:
 
 
 def test_a_fault_meets_the_calls_it_names(make: Make) -> None:
-    client = make(Script(wire=(WireFault("busy", 0x911D, first=2, times=2),)))
+    client = make(FaultScript(wire=(ScriptedFault("busy", 0x911D, first=2, times=2),)))
     client.start()
     assert [client.call(0x911D)[0] for _ in range(4)] == [OK, BUSY, BUSY, OK]

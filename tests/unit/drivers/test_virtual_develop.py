@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.virtual_camera import Exposure, PlainFilm
+from drivers.virtual_camera import CameraExposure, PlainFilm
 from drivers.virtual_camera import command as command_module
-from drivers.virtual_camera.develop import Develop, meanwhile
+from drivers.virtual_camera.develop import Develop, start_developer
 from drivers.virtual_camera.ptpip import PtpIpServer
 from tests.unit.drivers.test_virtual_ptpip import Line
 from tests.virtual_eos import Client, raw_of, virtual_usb
@@ -31,7 +31,7 @@ class Slow:
     last: Future[bytes] | None = None
     faulty: bool = False
 
-    def raw(self, exposure: Exposure) -> bytes:
+    def raw(self, exposure: CameraExposure) -> bytes:
         assert self.let.wait(PATIENCE_S)
         if self.faulty:
             raise MemoryError("no room for it")
@@ -62,7 +62,7 @@ def slow() -> Iterator[Slow]:
 
 @pytest.fixture
 def client(slow: Slow) -> Iterator[Client]:
-    with meanwhile() as develop:
+    with start_developer() as develop:
         backend = virtual_usb(film=PlainFilm(slow.raw), develop=slow.watched(develop))
         made = Client(backend)
         made.ready()
@@ -107,8 +107,8 @@ def test_a_file_that_cannot_be_made_never_comes_and_the_camera_goes_on(
 
 def test_clients_on_the_network_are_answered_while_a_file_is_made(slow: Slow) -> None:
     """libgphoto2 waits for an answer for 2.5 s, and takes the camera for broken then."""
-    with meanwhile() as develop:
-        body = command_module.body_in_real_time(PlainFilm(slow.raw), slow.watched(develop))
+    with start_developer() as develop:
+        body = command_module.make_real_time_body(PlainFilm(slow.raw), slow.watched(develop))
         with PtpIpServer(body, 0) as server:
             line = Line(server)
             line.open()
@@ -147,13 +147,14 @@ def test_clients_on_the_network_are_answered_while_a_file_is_made(slow: Slow) ->
 
 
 def test_the_command_makes_files_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`serve` is the command without its parser; its server is left as soon as it waits."""
+    """`serve_virtual_camera` is the command without its parser; its server is left as soon as it
+    waits."""
     seen = []
 
     def wait(server: PtpIpServer) -> None:
         seen.append(server._tcp.body.shutter._develop)
 
     monkeypatch.setattr(PtpIpServer, "wait", wait)
-    command_module.serve(0, scene="chart", small=True, say=lambda _: None)
+    command_module.serve_virtual_camera(0, scene="chart", small=True, say=lambda _: None)
     (develop,) = seen
     assert getattr(develop, "__name__", "") == "submit"

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.virtual_camera import Exposure, chart_film
-from drivers.virtual_camera.films import PlainFilm, scene_film
+from drivers.virtual_camera import CameraExposure, make_chart_film
+from drivers.virtual_camera.films import PlainFilm, make_scene_film
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.sensor.profile import load_profile, variance_dn2
+from pdcd.sensor.profile import compute_variance_dn2, load_profile
 from pdcd.sensor.raw import RawFrame, read_raw
 from pdcd.virtual.scene.build import build_scene
 
-SECOND = Exposure(0, 1_000_000_000, iso=100, f_number=8.0)
+SECOND = CameraExposure(0, 1_000_000_000, iso=100, f_number=8.0)
 
 
-def photo(film: PlainFilm, exposure: Exposure = SECOND) -> RawFrame:
+def photo(film: PlainFilm, exposure: CameraExposure = SECOND) -> RawFrame:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "photo.dng"
         path.write_bytes(film.make_raw(exposure))
@@ -28,7 +28,7 @@ def photo(film: PlainFilm, exposure: Exposure = SECOND) -> RawFrame:
 
 
 def test_the_chart_goes_up_in_half_stops() -> None:
-    shown = photo(chart_film((64, 320)))
+    shown = photo(make_chart_film((64, 320)))
     middle = shown.planes[:, 8:24].reshape(4, 16, 16, 10)  # plane, row, step, column
     steps = middle.mean(axis=(0, 1, 3))
     gain_e_per_dn = 2.96  # of the 450D profile at ISO 100
@@ -39,27 +39,29 @@ def test_the_chart_goes_up_in_half_stops() -> None:
 
 
 def test_two_stops_down_is_a_quarter_of_the_light() -> None:
-    bright = photo(chart_film((64, 320))).planes.mean()
-    dark = photo(chart_film((64, 320)), Exposure(0, 10**9, iso=100, f_number=16.0)).planes.mean()
+    bright = photo(make_chart_film((64, 320))).planes.mean()
+    dark = photo(
+        make_chart_film((64, 320)), CameraExposure(0, 10**9, iso=100, f_number=16.0)
+    ).planes.mean()
     assert dark == pytest.approx(bright / 4.0, rel=0.02)
 
 
 def test_noise_is_that_of_the_sensor_model() -> None:
     """The camera draws it in a faster way of its own: mean and spread must be the model's."""
     profile = load_profile("450d")
-    film, shape = chart_film((64, 640)), (4, 16, 16, 20)  # plane, row, step, column
+    film, shape = make_chart_film((64, 640)), (4, 16, 16, 20)  # plane, row, step, column
     first, second = (photo(film).planes[:, 8:24].reshape(shape).astype(float) for _ in range(2))
     spread = (first - second).std(axis=(0, 1, 3)) / math.sqrt(2.0)
     light_e = 20_000.0 * 2.0 ** (-0.5 * (15 - np.arange(16)))
     signal_dn = light_e / profile.row(100).gain_e_per_dn
-    model = np.sqrt(variance_dn2(signal_dn, profile, 100, 1.0))
+    model = np.sqrt(compute_variance_dn2(signal_dn, profile, 100, 1.0))
     np.testing.assert_allclose(spread, model, rtol=0.1)  # 1280 samples: 2 %, and 5 sigmas of it
 
 
 def test_a_scene_looks_as_it_does_in_white_light() -> None:
     scene = build_scene(SceneConfig(kind="open-book"))
     rows, columns = scene.grid
-    shown = photo(scene_film("open-book", (4 * rows, 4 * columns))).planes
+    shown = photo(make_scene_film("open-book", (4 * rows, 4 * columns))).planes
     red, green, blue = scene.white().reshape(rows, columns, 3).transpose(2, 0, 1)
     for plane, truth in zip(shown, (red, green, green, blue), strict=True):
         cells = plane.reshape(rows, 2, columns, 2).mean(axis=(1, 3))
@@ -68,4 +70,4 @@ def test_a_scene_looks_as_it_does_in_white_light() -> None:
 
 def test_an_unknown_scene_is_refused() -> None:
     with pytest.raises(ConfigError):
-        scene_film("no-such-scene")
+        make_scene_film("no-such-scene")

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.ptp.containers import Message, parse_message
-from drivers.virtual_camera import RELEASE_BODY, Body, PlainFilm
-from drivers.virtual_camera.reply import Reply
+from drivers.virtual_camera import RELEASE_BODY, CameraBody, PlainFilm
+from drivers.virtual_camera.reply import CameraReply
 from pdcd.bench.clock import VirtualClock
 from tests.virtual_eos import Client, raw_of, virtual_usb
 
@@ -25,10 +25,10 @@ fuzz = settings(max_examples=150, deadline=None, database=None, derandomize=True
 @fuzz
 @given(CALLS)
 def test_any_operations_in_any_order(calls: list[tuple[int, list[int], bytes]]) -> None:
-    body = Body(VirtualClock(), PlainFilm(raw_of))
+    body = CameraBody(VirtualClock(), PlainFilm(raw_of))
     for code, parameters, data in [(0x1002, [1], b""), (0x9114, [1], b""), *calls]:
         reply = body.transact(code, tuple(parameters), data)
-        assert isinstance(reply, Reply)
+        assert isinstance(reply, CameraReply)
         assert 0x2001 <= reply.code <= 0x20FF
         assert reply.fault is None
     assert body.shutter.opened <= len(calls)

@@ -10,7 +10,7 @@ import usb.core
 import usb.util
 
 from drivers.ptp.codes import APERTURE_CODES, ISO_CODES
-from drivers.ptp.events import raw_quality
+from drivers.ptp.events import is_raw_only
 from drivers.virtual_camera import usb_backend
 from drivers.virtual_camera.model import (
     BULB_BODY,
@@ -99,7 +99,7 @@ def test_picture_formats_are_as_the_camera_packs_them() -> None:
     assert RAW_AND_JPEG == b"\2\0\0\0" + raw + jpeg
     assert LARGE_FINE_JPEG == b"\1\0\0\0" + jpeg
     assert set(BULB_BODY.image_formats) == {RAW_FORMAT, RAW_AND_JPEG, LARGE_FINE_JPEG}
-    assert [raw_quality(packed) for packed in BULB_BODY.image_formats].count(True) == 1
+    assert [is_raw_only(packed) for packed in BULB_BODY.image_formats].count(True) == 1
 
 
 # On the USB.

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.virtual_camera import Body, PlainFilm, Script, WireFault
+from drivers.virtual_camera import CameraBody, FaultScript, PlainFilm, ScriptedFault
 from drivers.virtual_camera.ptpip import PORT, Packet, PtpIpServer
 from pdcd.bench.clock import VirtualClock
 
@@ -52,17 +52,19 @@ class Line:
         return self.receive() == (7, packed)
 
 
-def body_of(*faults: WireFault) -> Body:
-    return Body(VirtualClock(), PlainFilm(lambda _: PHOTO), script=Script(wire=faults))
+def body_of(*faults: ScriptedFault) -> CameraBody:
+    return CameraBody(VirtualClock(), PlainFilm(lambda _: PHOTO), script=FaultScript(wire=faults))
 
 
 @pytest.fixture
-def body() -> Body:
-    return body_of(WireFault("wrong-transaction", 0x911D, first=2), WireFault("stall", 0x911D))
+def body() -> CameraBody:
+    return body_of(
+        ScriptedFault("wrong-transaction", 0x911D, first=2), ScriptedFault("stall", 0x911D)
+    )
 
 
 @pytest.fixture
-def line(body: Body) -> Iterator[Line]:
+def line(body: CameraBody) -> Iterator[Line]:
     with PtpIpServer(body, 0) as server:
         line = Line(server.port)
         yield line
@@ -81,7 +83,7 @@ def test_packets_have_the_numbers_of_the_standard() -> None:
     }
 
 
-def test_a_client_is_greeted_with_number_name_and_version(line: Line, body: Body) -> None:
+def test_a_client_is_greeted_with_number_name_and_version(line: Line, body: CameraBody) -> None:
     name = "Virtual EOS".encode("utf-16-le") + b"\0\0"
     wanted = struct.pack("<I", 1) + GUID + name + struct.pack("<I", 0x10000)
     assert greet(line) == (2, wanted)
@@ -93,7 +95,7 @@ def test_a_client_is_greeted_with_number_name_and_version(line: Line, body: Body
     assert line.done(5) and body.session_open
 
 
-def test_a_camera_without_its_cable_greets_nobody(line: Line, body: Body) -> None:
+def test_a_camera_without_its_cable_greets_nobody(line: Line, body: CameraBody) -> None:
     body.unplug()
     assert greet(line) == (5, struct.pack("<I", 1))
 
@@ -105,7 +107,7 @@ def test_events_have_a_line_of_their_own(line: Line) -> None:
     assert line.receive() is None
 
 
-def test_data_come_in_blocks_of_a_mib_behind_their_length(line: Line, body: Body) -> None:
+def test_data_come_in_blocks_of_a_mib_behind_their_length(line: Line, body: CameraBody) -> None:
     greet(line)
     for count, code in enumerate((0x1002, 0x9114, 0x9115)):
         line.operation(code, count, 1)
@@ -130,7 +132,7 @@ def test_data_come_in_blocks_of_a_mib_behind_their_length(line: Line, body: Body
     assert line.done(8, block)
 
 
-def test_data_to_the_camera_are_put_together(line: Line, body: Body) -> None:
+def test_data_to_the_camera_are_put_together(line: Line, body: CameraBody) -> None:
     greet(line)
     line.operation(0x1002, 0, 1)
     assert line.done(0)
@@ -176,7 +178,7 @@ def test_a_packet_of_a_mib_is_taken(line: Line) -> None:
     assert line.receive() == (14, b"")
 
 
-def test_a_packet_that_is_cut_off_ends_the_line(line: Line, body: Body) -> None:
+def test_a_packet_that_is_cut_off_ends_the_line(line: Line, body: CameraBody) -> None:
     greet(line)
     line.operation(0x1002, 0, 1)
     assert line.done(0)
@@ -185,7 +187,7 @@ def test_a_packet_that_is_cut_off_ends_the_line(line: Line, body: Body) -> None:
     assert line.receive() is None
 
 
-def test_the_end_of_the_server_is_the_end_of_its_lines(body: Body) -> None:
+def test_the_end_of_the_server_is_the_end_of_its_lines(body: CameraBody) -> None:
     with PtpIpServer(body, 0) as server:
         assert (server.host, server.port > 0) == ("127.0.0.1", True)
         lines = Line(server.port), Line(server.port)

@@ -10,12 +10,19 @@ from typing import Any
 import pytest
 
 from drivers.ptp.codes import EosEvent, ExposureMode, FocusMode
-from drivers.ptp.events import AvailList, ObjectAdded, Plain, PropValue
-from drivers.virtual_camera.faults import Occasions, Script, WireFault
+from drivers.ptp.events import AvailList, ObjectAdded, PlainRecord, PropValue
+from drivers.virtual_camera.faults import FaultScript, Occasions, ScriptedFault
 from drivers.virtual_camera.films import PlainFilm
-from drivers.virtual_camera.model import BULB_BODY, Model
+from drivers.virtual_camera.model import BULB_BODY, CameraModel
 from drivers.virtual_camera.properties import Properties
-from drivers.virtual_camera.shutter import DCIM, FOLDER, ROOT, Exposure, Shutter, Store
+from drivers.virtual_camera.shutter import (
+    DCIM,
+    FOLDER_HANDLE,
+    ROOT_HANDLE,
+    CameraExposure,
+    CameraShutter,
+    FileStore,
+)
 from pdcd.bench.clock import VirtualClock
 
 MS = 1_000_000
@@ -23,8 +30,8 @@ SECOND = 1000 * MS
 CARD, RAM = 2, 4
 
 
-def properties(model: Model = BULB_BODY, **script: Any) -> Properties:
-    return Properties(model, Script(**script))
+def properties(model: CameraModel = BULB_BODY, **script: Any) -> Properties:
+    return Properties(model, FaultScript(**script))
 
 
 # Settings.
@@ -102,7 +109,7 @@ def test_a_setting_is_taken_where_it_is_offered() -> None:
     assert made.record(0xD120) == PropValue(0xD120, jpeg)
     assert made.has(0xD103) and made.has(0xD120) and not made.has(0xD999)
     assert made.put(0xD101, u32(0x38)) and made.f_number == 8.0
-    lensless = properties(Model(BULB_BODY.info, apertures=()))
+    lensless = properties(CameraModel(BULB_BODY.info, apertures=()))
     assert lensless.f_number is None and lensless[0xD101] == 0
 
 
@@ -110,7 +117,7 @@ def test_a_setting_is_taken_where_it_is_offered() -> None:
     ("code", "seconds"), [(0x10, 30.0), (0x18, 15.0), (0x38, 30.0 / 32), (0x98, 30.0 / 2**17)]
 )
 def test_eight_codes_halve_the_time(code: int, seconds: float) -> None:
-    made = properties(Model(BULB_BODY.info, shutter_speeds=(0x0C, 0x04, code)))
+    made = properties(CameraModel(BULB_BODY.info, shutter_speeds=(0x0C, 0x04, code)))
     assert not made.bulb
     assert made.put(0xD102, u32(code)) and made.exposure_s == pytest.approx(seconds)
     for bulb in (0x0C, 0x04):
@@ -134,38 +141,40 @@ def test_shots_are_those_of_the_card_or_of_the_memory_that_is_free() -> None:
 
 
 def test_files_are_numbered_and_announced() -> None:
-    store = Store()
+    store = FileStore()
     card = store.add(b"abc", on_card=True, announced_bytes=5)
     ram = store.add(b"xyz", on_card=False, announced_bytes=3)
     assert card == ObjectAdded(
-        0x91900011, 0xB103, 5, "IMG_0001.CR2", True, storage=0x20001, parent=FOLDER
+        0x91900011, 0xB103, 5, "IMG_0001.CR2", True, storage=0x20001, parent=FOLDER_HANDLE
     )
-    assert ram == ObjectAdded(0x91900021, 0xB103, 3, "IMG_0002.CR2", False, storage=0, parent=ROOT)
+    assert ram == ObjectAdded(
+        0x91900021, 0xB103, 3, "IMG_0002.CR2", False, storage=0, parent=ROOT_HANDLE
+    )
     assert store.in_ram == 1
-    assert store.everything == [DCIM, FOLDER, card.handle]
+    assert store.everything == [DCIM, FOLDER_HANDLE, card.handle]
     info = store.info(card.handle)
     assert info is not None
     assert (info.storage, info.format, info.size_bytes, info.name, info.parent) == (
-        0x20001, 0xB103, 5, "IMG_0001.CR2", FOLDER,
+        0x20001, 0xB103, 5, "IMG_0001.CR2", FOLDER_HANDLE,
     )  # fmt: skip
-    assert store.files[ram.handle].info.parent == ROOT
+    assert store.files[ram.handle].info.parent == ROOT_HANDLE
     assert store.info(7) is None
 
 
 def test_folders_are_those_of_a_canon_card() -> None:
-    store = Store()
-    assert (ROOT, DCIM, FOLDER) == (0, 0x41000000, 0x41900000)
-    found = [store.info(DCIM), store.info(FOLDER)]
+    store = FileStore()
+    assert (ROOT_HANDLE, DCIM, FOLDER_HANDLE) == (0, 0x41000000, 0x41900000)
+    found = [store.info(DCIM), store.info(FOLDER_HANDLE)]
     assert [(i.name, i.parent, i.format, i.size_bytes, i.storage) for i in found if i] == [
-        ("DCIM", ROOT, 0x3001, 0, 0x20001), ("100CANON", DCIM, 0x3001, 0, 0x20001),
+        ("DCIM", ROOT_HANDLE, 0x3001, 0, 0x20001), ("100CANON", DCIM, 0x3001, 0, 0x20001),
     ]  # fmt: skip
     assert store.children(0) == store.children(0xFFFFFFFF) == [DCIM]
-    assert store.children(DCIM) == [FOLDER]
-    assert store.children(FOLDER) == store.children(12345) == []
+    assert store.children(DCIM) == [FOLDER_HANDLE]
+    assert store.children(FOLDER_HANDLE) == store.children(12345) == []
 
 
 def test_names_begin_again_after_9999() -> None:
-    store = Store()
+    store = FileStore()
     store._count = 9997
     names = [store.add(b"", on_card=True, announced_bytes=0).name for _ in range(3)]
     assert names == ["IMG_9998.CR2", "IMG_9999.CR2", "IMG_0001.CR2"]
@@ -178,10 +187,10 @@ class Bench:
     """A shutter on film that tells which exposure it is of."""
 
     def __init__(self, develop: Any = None, film: Any = None, **script: Any) -> None:
-        self.clock, self.store = VirtualClock(), Store()
+        self.clock, self.store = VirtualClock(), FileStore()
         film = film or PlainFilm(lambda exposure: b"%d" % (exposure.close_ns - exposure.open_ns))
         given = () if develop is None else (develop,)
-        self.shutter = Shutter(self.clock, film, Script(**script), self.store, *given)
+        self.shutter = CameraShutter(self.clock, film, FaultScript(**script), self.store, *given)
         self.t0 = self.clock.now_ns()
 
     def at(self, ms: float) -> None:
@@ -201,7 +210,7 @@ def test_an_exposure_from_its_order_to_its_file() -> None:
     bench.at(500)
     shutter.close()
     assert not shutter.is_open and shutter.busy and not shutter.has_news
-    assert list(shutter.exposures) == [Exposure(bench.t0, bench.t0 + 500 * MS, 200, 5.6)]
+    assert list(shutter.exposures) == [CameraExposure(bench.t0, bench.t0 + 500 * MS, 200, 5.6)]
     bench.at(699.999)
     assert shutter.busy and bench.files() == []
     bench.at(700)  # a fifth of a second for the readout
@@ -236,13 +245,13 @@ def test_a_bulb_tells_each_second_once() -> None:
     for ms in (0, 999.999, 1000, 1500, 2999, 3000, 3001):
         bench.at(ms)
         for record in bench.shutter.records():
-            assert isinstance(record, Plain) and record.code == EosEvent.BULB_EXPOSURE_TIME
+            assert isinstance(record, PlainRecord) and record.code == EosEvent.BULB_EXPOSURE_TIME
             told.append((ms, *struct.unpack("<I", record.data)))
     assert told == [(1000, 1), (2999, 2), (3000, 3)]
     bench.shutter.close()
     bench.shutter.open(100, None, on_card=False)
     bench.at(4001)
-    again = [r.data for r in bench.shutter.records() if isinstance(r, Plain)]
+    again = [r.data for r in bench.shutter.records() if isinstance(r, PlainRecord)]
     assert again == [u32(1)]
 
 
@@ -317,16 +326,19 @@ def test_the_last_sixteen_exposures_are_remembered() -> None:
 
 
 def test_a_fault_meets_the_calls_that_it_names_and_the_first_wins() -> None:
-    faults = (WireFault("busy", 1, first=2, times=2), WireFault("error", 1, first=3, times=2))
-    occasions = Occasions(Script(wire=faults))
+    faults = (
+        ScriptedFault("busy", 1, first=2, times=2),
+        ScriptedFault("error", 1, first=3, times=2),
+    )
+    occasions = Occasions(FaultScript(wire=faults))
     assert occasions.meet(2) is None
     met = [occasions.meet(1) for _ in range(6)]
     assert met == [None, "busy", "busy", "error", None, None]
-    assert (WireFault("busy", 1).first, WireFault("busy", 1).times) == (1, 1)
+    assert (ScriptedFault("busy", 1).first, ScriptedFault("busy", 1).times) == (1, 1)
 
 
 def test_a_sound_camera_is_set_for_bulb() -> None:
-    sound = Script()
+    sound = FaultScript()
     assert (sound.dial, sound.focus, sound.battery) == (ExposureMode.MANUAL, FocusMode.MANUAL, 2)
     assert (sound.file, sound.late_s, sound.wire) == ("normal", 20.0, ())
     assert not sound.long_exposure_nr and not sound.buffer_full

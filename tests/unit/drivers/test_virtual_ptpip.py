@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, WireFault
+from drivers.virtual_camera import BULB_BODY, CameraBody, FaultScript, PlainFilm, ScriptedFault
 from drivers.virtual_camera.ptpip import _LONGEST_BYTES, PtpIpServer
 from pdcd.bench.clock import VirtualClock
 
@@ -60,14 +60,14 @@ class Line:
 
 
 @pytest.fixture
-def body() -> Body:
-    faults = (WireFault("unplug", 0x911B), WireFault("wrong-transaction", 0x911C))
+def body() -> CameraBody:
+    faults = (ScriptedFault("unplug", 0x911B), ScriptedFault("wrong-transaction", 0x911C))
     film = PlainFilm(lambda _: bytes(2_500_000))
-    return Body(VirtualClock(), film, BULB_BODY, Script(wire=faults))
+    return CameraBody(VirtualClock(), film, BULB_BODY, FaultScript(wire=faults))
 
 
 @pytest.fixture
-def server(body: Body) -> Iterator[PtpIpServer]:
+def server(body: CameraBody) -> Iterator[PtpIpServer]:
     before = threading.active_count()
     with PtpIpServer(body, 0) as made:
         yield made
@@ -83,7 +83,7 @@ def line(server: PtpIpServer) -> Iterator[Line]:
 
 @pytest.mark.parametrize("end", ["closed", "reset", "nonsense", "within a packet"])
 def test_a_connection_that_ends_in_any_way_ends_its_session(
-    server: PtpIpServer, body: Body, end: str
+    server: PtpIpServer, body: CameraBody, end: str
 ) -> None:
     """A client that was killed would else keep the next one out of step."""
     line = Line(server)
@@ -102,7 +102,7 @@ def test_a_connection_that_ends_in_any_way_ends_its_session(
     assert not body.session_open
 
 
-def test_a_client_is_greeted_and_served(server: PtpIpServer, line: Line, body: Body) -> None:
+def test_a_client_is_greeted_and_served(server: PtpIpServer, line: Line, body: CameraBody) -> None:
     line.socket.sendall(HELLO)
     kind, ack = line.receive()
     assert kind == 2
@@ -123,7 +123,7 @@ def test_a_client_is_greeted_and_served(server: PtpIpServer, line: Line, body: B
     events.socket.close()
 
 
-def test_data_go_both_ways(line: Line, body: Body) -> None:
+def test_data_go_both_ways(line: Line, body: CameraBody) -> None:
     line.open()
     iso = struct.pack("<III", 12, 0xD103, 0x50)
     line.operate(0x9110, 1, out=2)
@@ -149,7 +149,9 @@ def test_data_go_both_ways(line: Line, body: Body) -> None:
     assert line.response() == (0x2001, 2)
 
 
-def test_the_session_ends_with_the_connection(server: PtpIpServer, line: Line, body: Body) -> None:
+def test_the_session_ends_with_the_connection(
+    server: PtpIpServer, line: Line, body: CameraBody
+) -> None:
     line.open()
     line.socket.close()
     again = Line(server)
@@ -210,7 +212,7 @@ def test_nonsense_ends_the_connection_and_nothing_else(
     again.socket.close()
 
 
-def test_faults_that_tcp_can_carry(server: PtpIpServer, line: Line, body: Body) -> None:
+def test_faults_that_tcp_can_carry(server: PtpIpServer, line: Line, body: CameraBody) -> None:
     line.open()
     line.operate(0x911C, 1)
     assert line.response() == (0x2001, 2)

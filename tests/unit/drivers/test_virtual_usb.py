@@ -13,8 +13,8 @@ import usb.core
 import usb.util
 
 from drivers.mock import MockDisplay, MockReadout, MockShutter
-from drivers.virtual_camera import BenchFilm, PlainFilm, Script, WireFault
-from drivers.virtual_camera import bench_backend as bench_backend_of
+from drivers.virtual_camera import BenchFilm, FaultScript, PlainFilm, ScriptedFault
+from drivers.virtual_camera import make_bench_backend as bench_backend_of
 from drivers.virtual_camera.faults import WireKind
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
@@ -28,14 +28,14 @@ from tests.virtual_eos import Client, virtual_usb
 KEEP_ON = 0x911D
 
 
-def faulty(*faults: WireFault) -> Client:
-    client = Client(virtual_usb(Script(wire=faults)))
+def faulty(*faults: ScriptedFault) -> Client:
+    client = Client(virtual_usb(FaultScript(wire=faults)))
     client.start()
     return client
 
 
 def test_a_stall_is_over_when_the_halt_is_cleared() -> None:
-    client = faulty(WireFault("stall", KEEP_ON))
+    client = faulty(ScriptedFault("stall", KEEP_ON))
     client.send(KEEP_ON)
     for _ in range(2):
         with pytest.raises(usb.core.USBError) as caught:
@@ -50,7 +50,7 @@ def test_a_stall_is_over_when_the_halt_is_cleared() -> None:
 
 @pytest.mark.parametrize(("kind", "done"), [("mute", 1), ("deaf", 0)])
 def test_no_answer_is_a_timeout_of_the_clock(kind: WireKind, done: int) -> None:
-    client = faulty(WireFault(kind, KEEP_ON))
+    client = faulty(ScriptedFault(kind, KEEP_ON))
     before = client.body.clock.now_ns()
     client.send(KEEP_ON)
     with pytest.raises(usb.core.USBTimeoutError) as caught:
@@ -83,7 +83,7 @@ def test_a_port_reset_moves_the_camera() -> None:
 
 
 def test_an_unplugged_camera_is_gone_and_comes_back_without_a_session() -> None:
-    backend = virtual_usb(Script(wire=(WireFault("unplug", 0x9126),)))
+    backend = virtual_usb(FaultScript(wire=(ScriptedFault("unplug", 0x9126),)))
     client = Client(backend)
     client.ready()
     client.ok(0x9125)

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 import usb.core
 
-from drivers.virtual_camera import Body, PlainFilm, Script, VirtualUsb, WireFault
-from drivers.virtual_camera.model import BULB_BODY, Model
+from drivers.virtual_camera import CameraBody, FaultScript, PlainFilm, ScriptedFault, VirtualUsb
+from drivers.virtual_camera.model import BULB_BODY, CameraModel
 from pdcd.bench.clock import VirtualClock
 
 IN, OUT, INTERRUPT = 0x81, 0x02, 0x83
@@ -25,9 +25,11 @@ PACKET = 512
 class Bus:
     """A backend with a camera, opened and claimed."""
 
-    def __init__(self, *faults: WireFault, model: Model = BULB_BODY) -> None:
+    def __init__(self, *faults: ScriptedFault, model: CameraModel = BULB_BODY) -> None:
         self.clock = VirtualClock()
-        self.body = Body(self.clock, PlainFilm(lambda _: b"raw"), model, Script(wire=faults))
+        self.body = CameraBody(
+            self.clock, PlainFilm(lambda _: b"raw"), model, FaultScript(wire=faults)
+        )
         self.usb = VirtualUsb(self.body)
         self.handle: Any = self.open()
         self.usb.claim_interface(self.handle, 0)
@@ -150,7 +152,7 @@ def test_a_device_that_went_does_nothing_any_more(gone: str) -> None:
 
 
 def test_a_reset_of_the_port_takes_session_answers_and_halts() -> None:
-    bus = Bus(WireFault("stall", KEEP_ON))
+    bus = Bus(ScriptedFault("stall", KEEP_ON))
     for number, word in enumerate(((0x1002, 1), (KEEP_ON,))):
         bus.command(*word, number=number)
         if not number:
@@ -172,7 +174,7 @@ def test_a_reset_of_the_port_takes_session_answers_and_halts() -> None:
 
 
 def test_a_cancel_gives_up_the_answer_and_keeps_the_halt() -> None:
-    bus = Bus(WireFault("stall", INFO))
+    bus = Bus(ScriptedFault("stall", INFO))
     bus.command(INFO)
     assert bus.control(0xA1, 0x67, 64) == bytes.fromhex("0800 1f20 81000000")
     assert bus.control(0xA1, 0x67, 4) == bytes.fromhex("0800 1f20")  # what fits
@@ -188,7 +190,7 @@ def test_a_cancel_gives_up_the_answer_and_keeps_the_halt() -> None:
 
 
 def test_a_device_reset_ends_halts_answers_and_the_session() -> None:
-    bus = Bus(WireFault("stall", KEEP_ON))
+    bus = Bus(ScriptedFault("stall", KEEP_ON))
     bus.command(0x1002, 1)
     bus.command(KEEP_ON, number=1)
     assert bus.control(0x21, 0x66) == b""
@@ -311,7 +313,7 @@ def test_data_that_are_none_halt_as_well(head: tuple[int, int]) -> None:
 
 
 def test_an_operation_on_which_the_cable_is_pulled_has_no_answer() -> None:
-    bus = Bus(WireFault("unplug", KEEP_ON))
+    bus = Bus(ScriptedFault("unplug", KEEP_ON))
     bus.command(INFO)
     with fails(errno.ENODEV):
         bus.command(KEEP_ON)
@@ -324,7 +326,7 @@ def test_an_operation_on_which_the_cable_is_pulled_has_no_answer() -> None:
 
 @pytest.mark.parametrize("kind", ["mute", "deaf"])
 def test_no_answer_is_none(kind: Any) -> None:
-    bus = Bus(WireFault(kind, INFO))
+    bus = Bus(ScriptedFault(kind, INFO))
     bus.command(INFO)
     with fails(errno.ETIMEDOUT):
         bus.read()
@@ -333,7 +335,7 @@ def test_no_answer_is_none(kind: Any) -> None:
 
 
 def test_answers_may_break_off_or_carry_anothers_number() -> None:
-    bus = Bus(WireFault("short-read", INFO), WireFault("wrong-transaction", INFO, first=2))
+    bus = Bus(ScriptedFault("short-read", INFO), ScriptedFault("wrong-transaction", INFO, first=2))
     info = BULB_BODY.info.pack()
     bus.command(INFO)
     short = bus.read()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers import x11
-from drivers.x11 import X11Display, frame_log, several_codes
+from drivers.x11 import X11Display, build_frame_log, has_several_codes
 from pdcd.bench.clock import RealClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
@@ -35,7 +35,7 @@ def rows(*numbers: int) -> np.ndarray[Any, Any]:
 
 def test_a_row_is_shown_from_its_vblank_and_late_by_those_that_passed() -> None:
     ready = Ready("present-complete", 100.0, {})
-    found = frame_log(rows(0, 1, BLACK), rows(BLACK, 0, 1), log_of([7, 8, 11, 12]), ready)
+    found = build_frame_log(rows(0, 1, BLACK), rows(BLACK, 0, 1), log_of([7, 8, 11, 12]), ready)
     assert found.primal_shown.tolist() == [0, 1, BLACK]
     assert found.dual_shown.tolist() == [BLACK, 0, 1]
     assert found.primal_asked is not None and found.primal_asked.tolist() == [0, 1, BLACK]
@@ -48,7 +48,7 @@ def test_a_row_is_shown_from_its_vblank_and_late_by_those_that_passed() -> None:
 
 
 def test_a_black_that_came_late_is_no_missed_row() -> None:
-    found = frame_log(rows(0, 1), rows(0, 1), log_of([7, 8, 15]), Ready("clock", 100.0, {}))
+    found = build_frame_log(rows(0, 1), rows(0, 1), log_of([7, 8, 15]), Ready("clock", 100.0, {}))
     assert found.missed.tolist() == [0, 0]
 
 
@@ -67,7 +67,7 @@ def test_a_log_is_proof_where_the_source_is_one_and_every_frame_was_a_flip(
 ) -> None:
     log = log_of([1, 2, 3])
     log[:, Column.FLIPPED] = flips
-    found = frame_log(rows(0, 1), rows(0, 1), log, Ready(source, 100.0, {}))
+    found = build_frame_log(rows(0, 1), rows(0, 1), log, Ready(source, 100.0, {}))
     assert (found.source, found.verified) == (source, verified)
 
 
@@ -95,7 +95,7 @@ def frames_of(primal: list[int], dual: list[int], shift: list[int]) -> Frames:
 def test_a_miss_makes_codes_unequal_where_there_are_several(
     primal: list[int], dual: list[int], shift: list[int], several: bool
 ) -> None:
-    assert several_codes(frames_of(primal, dual, shift)) is several
+    assert has_several_codes(frames_of(primal, dual, shift)) is several
 
 
 class Process:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.figures.draw import PALETTE, UNKNOWN, draw_plot, draw_row, white_of
-from pdcd.figures.figure import Line, Panel, Plot, Row
+from pdcd.figures.figure import FigurePanel, FigurePlot, Line, PanelRow
 
 
 def light(level: float = 1.0, size: tuple[int, int] = (40, 60)) -> NDArray[np.float32]:
@@ -19,7 +19,7 @@ def light(level: float = 1.0, size: tuple[int, int] = (40, 60)) -> NDArray[np.fl
 
 
 def drawn(image: NDArray[Any], **more: Any) -> NDArray[np.uint8]:
-    (found,) = draw_row(Row((Panel(image, "a caption", **more),)))
+    (found,) = draw_row(PanelRow((FigurePanel(image, "a caption", **more),)))
     return found
 
 
@@ -32,7 +32,13 @@ def test_white_is_what_the_brightest_hundredth_gets_to() -> None:
 
 
 def test_panels_of_a_row_share_a_scale_unless_they_have_their_own() -> None:
-    row = Row((Panel(light(0.9), ""), Panel(light(0.45), ""), Panel(light(0.45), "", white=0.5)))
+    row = PanelRow(
+        (
+            FigurePanel(light(0.9), ""),
+            FigurePanel(light(0.45), ""),
+            FigurePanel(light(0.45), "", white=0.5),
+        )
+    )
     one, half, own = (int(found[0, 0, 0]) for found in draw_row(row))
     assert one == own > half > 0.5 * one  # a gamma lifts what is half as bright
     assert drawn(light(0.0))[0, 0].tolist() == [0, 0, 0]
@@ -78,7 +84,7 @@ def test_a_plot_has_all_that_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = (Line(x, [0.1, 0.2], "one"), Line(x, [0.3, 0.4], style=":", colour=1),
              Line(x, [0.5, 0.6], style="_", colour="black"))  # fmt: skip
     data = draw_plot(
-        Plot("p", "title", "time, s", "light", "below", lines, scales=("log", "symlog"),
+        FigurePlot("p", "title", "time, s", "light", "below", lines, scales=("log", "symlog"),
              marks=((2.0, "here"),), level=0.35, band=(3.0, 4.0), x_from=0.5, y_range=(0.0, None))
     )  # fmt: skip
     assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) is not None

@@ -16,34 +16,34 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.reading import TIMES
-from pdcd.figures.bench import bench_of
+from pdcd.bench.reading import TOML_TIME_TYPES
+from pdcd.figures.bench import make_figure_config
 from pdcd.figures.catalog import FIGURES
 from pdcd.figures.figure import (
-    FULL,
-    QUICK,
-    TINY,
-    Figure,
-    Mode,
-    Number,
-    Photo,
-    Plot,
-    Row,
-    Take,
+    FULL_MODE,
+    QUICK_MODE,
+    TINY_MODE,
+    BoundedNumber,
+    FigureMode,
+    FigurePhoto,
+    FigurePlot,
+    FigureTake,
+    PanelRow,
+    PaperFigure,
 )
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 
 GOLDEN = DATA / "figures.json"
 MODES = {
-    "quick": Mode("quick", (24, 32), (240, 160), 100, True, thrift=4, least_codes=16),
-    "whole": Mode("whole", (24, 32), (240, 160), 100, False),
+    "quick": FigureMode("quick", (24, 32), (240, 160), 100, True, thrift=4, least_codes=16),
+    "whole": FigureMode("whole", (24, 32), (240, 160), 100, False),
 }
 """All that the pages have, with few cells."""
 NAMES = ("answer", "white", "direct", "indirect", "high", "low")
 
 
-def made_up(name: str, take: Take, grid: tuple[int, int]) -> Photo:
+def made_up(name: str, take: FigureTake, grid: tuple[int, int]) -> FigurePhoto:
     """A photo whose numbers are chance, and always the same."""
     seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
     rng = np.random.default_rng(seed)
@@ -57,47 +57,51 @@ def made_up(name: str, take: Take, grid: tuple[int, int]) -> Photo:
     cells = grid[1]
     found, true = (rng.random((cells, cells, 3)) + np.eye(cells)[..., None] for _ in range(2))
     codes = int(take.asked.get("codes", 8))
-    return Photo(pictures, truths, errors, found, true, {"codes": codes, "exposure_s": 2.5}, grid)
+    return FigurePhoto(
+        pictures, truths, errors, found, true, {"codes": codes, "exposure_s": 2.5}, grid
+    )
 
 
-def asked(figure: Figure, mode: Mode) -> dict[str, Any]:
+def asked(figure: PaperFigure, mode: FigureMode) -> dict[str, Any]:
     return {
-        name: plain({field: getattr(take, field) for field in Take.__dataclass_fields__})
+        name: plain({field: getattr(take, field) for field in FigureTake.__dataclass_fields__})
         for name, take in figure.takes(mode).items()
     }
 
 
-def shown(figure: Figure, mode: Mode) -> dict[str, Any]:
+def shown(figure: PaperFigure, mode: FigureMode) -> dict[str, Any]:
     photos = {n: made_up(n, take, mode.grid) for n, take in figure.takes(mode).items()}
     found = list(figure.shown(mode, photos))
     rows = [
         [row.title, row.small, [plain({k: getattr(p, k) for k in FIELDS}) for p in row.panels]]
         for row in found
-        if isinstance(row, Row)
+        if isinstance(row, PanelRow)
     ]
-    plots = [_told_of(plot) for plot in found if isinstance(plot, Plot)]
-    numbers = [plain(msgspec.to_builtins(n)) for n in found if isinstance(n, Number)]
+    plots = [_told_of(plot) for plot in found if isinstance(plot, FigurePlot)]
+    numbers = [plain(msgspec.to_builtins(n)) for n in found if isinstance(n, BoundedNumber)]
     return {"rows": rows, "plots": plots, "numbers": numbers}
 
 
-def _told_of(plot: Plot) -> Any:
+def _told_of(plot: FigurePlot) -> Any:
     lines = [{**vars(one), "x": np.asarray(one.x), "y": np.asarray(one.y)} for one in plot.lines]
     return plain({**vars(plot), "lines": lines})
 
 
 FIELDS = ("image", "caption", "white", "signed", "kind")
 TAKES = {
-    "plain": Take("open-book", "white"),
-    "perfect": Take("open-book", "white", perfect=True),
-    "off axis": Take("box-wall", "keyed", options={"disparity": 0.5}, off_axis=True, f_number=4.0),
-    "own grid": Take("open-book", "white", grid=(6, 8)),
+    "plain": FigureTake("open-book", "white"),
+    "perfect": FigureTake("open-book", "white", perfect=True),
+    "off axis": FigureTake(
+        "box-wall", "keyed", options={"disparity": 0.5}, off_axis=True, f_number=4.0
+    ),
+    "own grid": FigureTake("open-book", "white", grid=(6, 8)),
 }
 
 
-def bench(take: Take, mode: Mode, folder: Path) -> dict[str, Any]:
+def bench(take: FigureTake, mode: FigureMode, folder: Path) -> dict[str, Any]:
     """Its configuration and its truth, without the folder that they lie in."""
-    told = bench_of(take, mode, folder)
-    told_of = msgspec.to_builtins(told, builtin_types=TIMES)
+    told = make_figure_config(take, mode, folder)
+    told_of = msgspec.to_builtins(told, builtin_types=TOML_TIME_TYPES)
     assert told_of.pop("server")["state_dir"] == str(folder)
     assert told_of.pop("bench")["truth"] == (None if take.perfect else str(folder / "truth.toml"))
     truth = "" if take.perfect else (folder / "truth.toml").read_text(encoding="utf-8")
@@ -130,14 +134,14 @@ def test_a_figure_makes_of_photos_what_it_did(
 def test_the_bench_of_figures_is_as_it_was(
     name: str, golden: dict[str, Any], tmp_path: Path
 ) -> None:
-    alike(bench(TAKES[name], TINY, tmp_path), golden["bench"][name], name)
+    alike(bench(TAKES[name], TINY_MODE, tmp_path), golden["bench"][name], name)
 
 
 def test_modes_have_the_cells_and_the_frames_that_bounds_were_stated_for() -> None:
-    assert Mode("quick", (30, 40), (336, 224), 320, True, 4, 32) == QUICK
-    assert Mode("full", (48, 64), (2145, 1428), 1280, False, 1, 32) == FULL
-    assert Mode("tiny", (12, 16), (120, 80), 100, True, 4, 16) == TINY
-    assert (QUICK.bound(1.0, 2.0), FULL.bound(1.0, 2.0)) == (1.0, 2.0)
+    assert FigureMode("quick", (30, 40), (336, 224), 320, True, 4, 32) == QUICK_MODE
+    assert FigureMode("full", (48, 64), (2145, 1428), 1280, False, 1, 32) == FULL_MODE
+    assert FigureMode("tiny", (12, 16), (120, 80), 100, True, 4, 16) == TINY_MODE
+    assert (QUICK_MODE.bound(1.0, 2.0), FULL_MODE.bound(1.0, 2.0)) == (1.0, 2.0)
 
 
 if __name__ == "__main__":
@@ -149,5 +153,5 @@ if __name__ == "__main__":
             kept["shown"][key] = plain(shown(FIGURES[number], mode))
     with tempfile.TemporaryDirectory() as folder:
         for name, take in TAKES.items():
-            kept["bench"][name] = bench(take, TINY, Path(folder))
+            kept["bench"][name] = bench(take, TINY_MODE, Path(folder))
     keep(GOLDEN, kept)

@@ -19,47 +19,51 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.figures import make as engine
-from pdcd.figures.catalog import FIGURES, figures_of
+from pdcd.figures.catalog import FIGURES, choose_figures
 from pdcd.figures.figure import (
-    FULL,
-    QUICK,
-    TINY,
-    Figure,
+    FULL_MODE,
+    QUICK_MODE,
+    TINY_MODE,
+    BoundedNumber,
+    FigureMode,
+    FigurePanel,
+    FigurePhoto,
+    FigurePlot,
+    FigureTake,
     Line,
-    Mode,
-    Number,
-    Panel,
-    Photo,
+    PanelRow,
+    PaperFigure,
     Photos,
-    Plot,
-    Row,
-    Take,
-    codes_printed,
+    count_independent_codes,
 )
-from pdcd.figures.make import PAGE, Outcome, make
+from pdcd.figures.make import PAGE, MakeOutcome, make_paper_figures
 from pdcd.figures.record import capture_told, fingerprint_of, read_record
 
 LIGHT = np.linspace(0.0, 1.0, 96 * 128 * 3, dtype=np.float32).reshape(96, 128, 3)
 SUMMARY = {"codes": 16, "family": "hadamard", "shots": 2, "exposure_s": 3.5, "wall_s": 2.0}
-PHOTO = Photo(
+PHOTO = FigurePhoto(
     {"indirect": LIGHT}, {"indirect": 0.5 * LIGHT}, {"indirect": 0.0123}, None, None, SUMMARY,
     (12, 16),
 )  # fmt: skip
-TAKE = Take("still-life", "indirect", {"codes": 64}, bound=0.02, said="<b>ours</b>")
+TAKE = FigureTake("still-life", "indirect", {"codes": 64}, bound=0.02, said="<b>ours</b>")
 
 
-def figure(*numbers: Number, number: str = "1", **takes: Take) -> Figure:
+def figure(*numbers: BoundedNumber, number: str = "1", **takes: FigureTake) -> PaperFigure:
     """A figure of one picture, one plot, and numbers."""
 
-    def shown(mode: Mode, photos: Photos) -> Iterator[Row | Plot | Number]:
+    def shown(mode: FigureMode, photos: Photos) -> Iterator[PanelRow | FigurePlot | BoundedNumber]:
         yield from numbers
-        yield Plot("p", "t", "x", "y", "a plot", (Line([0, 1], [0, 1]),))
-        yield Row((Panel(LIGHT, "a <picture>"), Panel(LIGHT, "another")), "a <row>")
+        yield FigurePlot("p", "t", "x", "y", "a plot", (Line([0, 1], [0, 1]),))
+        yield PanelRow(
+            (FigurePanel(LIGHT, "a <picture>"), FigurePanel(LIGHT, "another")), "a <row>"
+        )
 
-    return Figure(number, "one", "see <this>", "the paper & it", "all", lambda mode: takes, shown)
+    return PaperFigure(
+        number, "one", "see <this>", "the paper & it", "all", lambda mode: takes, shown
+    )
 
 
-FINE = Number("a <number>", 1.0, least=0.5, most=1.5, paper="1.0")
+FINE = BoundedNumber("a <number>", 1.0, least=0.5, most=1.5, paper="1.0")
 
 
 @pytest.fixture
@@ -73,14 +77,16 @@ def photographed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """No figure of the catalogue stands on the page, and photos are made up; their names."""
     names: list[str] = []
 
-    def photographs(takes: dict[str, Take], mode: Mode, heard: Any) -> Iterator[tuple[str, Photo]]:
+    def photographs(
+        takes: dict[str, FigureTake], mode: FigureMode, heard: Any
+    ) -> Iterator[tuple[str, FigurePhoto]]:
         for name, take in takes.items():
             if take.goal == "white":
                 raise DecodeError("no <light>")
             names.append(name)
             yield name, PHOTO
 
-    monkeypatch.setattr(engine, "photographs", photographs)
+    monkeypatch.setattr(engine, "photograph_takes", photographs)
     monkeypatch.setattr(engine, "FIGURES", {"1": None, "2": None})
     return names
 
@@ -107,11 +113,11 @@ def rows_of(page: str) -> list[list[str]]:
 def test_a_figure_that_is_there_is_not_taken_again(
     tmp_path: Path, pool: Executor, photographed: list[str]
 ) -> None:
-    first = make([figure(FINE, ours=TAKE)], tmp_path, TINY, pool)
+    first = make_paper_figures([figure(FINE, ours=TAKE)], tmp_path, TINY_MODE, pool)
     assert first.held and not first.failed and photographed == ["ours"]
     (made,) = first.made
     assert len(files_of(made)) == 3 and all((tmp_path / file).is_file() for file in files_of(made))
-    again = make([figure(FINE, ours=TAKE)], tmp_path, TINY, pool, tell=None)  # type: ignore[arg-type]
+    again = make_paper_figures([figure(FINE, ours=TAKE)], tmp_path, TINY_MODE, pool, tell=None)  # type: ignore[arg-type]
     assert again == first and photographed == ["ours"]
     # All that is told is a script's, too.
     kept = json.loads((tmp_path / "data" / "fig-1.json").read_text())
@@ -123,12 +129,12 @@ def test_a_figure_that_is_there_is_not_taken_again(
 def test_what_is_not_whole_is_made_anew(
     tmp_path: Path, pool: Executor, photographed: list[str], spoilt: str
 ) -> None:
-    (made,) = make([figure(ours=TAKE)], tmp_path, TINY, pool).made
+    (made,) = make_paper_figures([figure(ours=TAKE)], tmp_path, TINY_MODE, pool).made
     if spoilt == "the record":
         (tmp_path / "data" / "fig-1.json").write_text('{"number": "1", "fingerprint"')
     else:
         (tmp_path / files_of(made)[0 if spoilt == "a picture" else -1]).unlink()
-    assert make([figure(ours=TAKE)], tmp_path, TINY, pool).made == [made]
+    assert make_paper_figures([figure(ours=TAKE)], tmp_path, TINY_MODE, pool).made == [made]
     assert photographed == ["ours", "ours"]
 
 
@@ -136,20 +142,25 @@ def test_another_mode_and_another_program_make_it_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prints = {
-        fingerprint_of(mode, plots=plots) for mode in (TINY, QUICK) for plots in (True, False)
+        fingerprint_of(mode, plots=plots)
+        for mode in (TINY_MODE, QUICK_MODE)
+        for plots in (True, False)
     }
-    here = fingerprint_of(TINY, plots=True)
+    here = fingerprint_of(TINY_MODE, plots=True)
     assert len(prints) == 4 and here in prints
     assert read_record(tmp_path, "1", here) is None
     monkeypatch.setattr("pdcd.figures.record.__version__", "99")
-    assert fingerprint_of(TINY, plots=True) not in prints
+    assert fingerprint_of(TINY_MODE, plots=True) not in prints
 
 
 def test_the_page_says_what_was_measured(tmp_path: Path, pool: Executor) -> None:
-    share = Number("a share", 0.5, most=0.25, percent=True)
+    share = BoundedNumber("a share", 0.5, most=0.25, percent=True)
     bare = replace(TAKE, bound=None, said="")
-    made = make(
-        [figure(FINE, share, Number("free", 3.0), ours=TAKE, more=bare)], tmp_path, TINY, pool
+    made = make_paper_figures(
+        [figure(FINE, share, BoundedNumber("free", 3.0), ours=TAKE, more=bare)],
+        tmp_path,
+        TINY_MODE,
+        pool,
     )
     assert not made.held
     page = page_of(tmp_path)
@@ -170,7 +181,7 @@ def test_the_page_says_what_was_measured(tmp_path: Path, pool: Executor) -> None
 
 def test_a_page_without_faults_says_so(tmp_path: Path, pool: Executor) -> None:
     folder = tmp_path / "not" / "there"
-    make([figure(FINE, ours=TAKE)], folder, FULL, pool, plots=False)
+    make_paper_figures([figure(FINE, ours=TAKE)], folder, FULL_MODE, pool, plots=False)
     page = page_of(folder)
     assert "All 2 numbers are within their stated bounds." in page
     assert "times fewer" not in page and 'class="plots"' not in page and "banner not" not in page
@@ -184,8 +195,10 @@ def test_a_figure_that_fails_ends_no_other(tmp_path: Path, pool: Executor) -> No
         told.append(ahead)
         seen.append(page_of(tmp_path) if (tmp_path / PAGE).exists() else "")
 
-    bad = figure(FINE, number="2", scene=Take("still-life", "white"), more=TAKE)
-    outcome = make([figure(FINE, ours=TAKE), bad], tmp_path, TINY, pool, tell=tell)
+    bad = figure(FINE, number="2", scene=FigureTake("still-life", "white"), more=TAKE)
+    outcome = make_paper_figures(
+        [figure(FINE, ours=TAKE), bad], tmp_path, TINY_MODE, pool, tell=tell
+    )
     assert outcome.failed == {"2": "no <light>"} and not outcome.held
     assert [made["number"] for made in outcome.made] == ["1"]
     assert "Could not be made: no &lt;light&gt;" in page_of(tmp_path)
@@ -226,7 +239,7 @@ def test_processes_end_with_a_command_that_was_killed() -> None:
      (5.0, None, None, True), (np.nan, None, None, False), (np.inf, 0.0, None, False)],
 )  # fmt: skip
 def test_bounds(value: float, least: float | None, most: float | None, held: bool) -> None:
-    number = Number("n", np.float64(value), least, most)
+    number = BoundedNumber("n", np.float64(value), least, most)
     assert number.held is held and number.value == (value if np.isfinite(value) else None)
 
 
@@ -253,14 +266,20 @@ def test_a_capture_of_entries_is_judged_by_these() -> None:
 
 
 def test_modes_have_fewer_codes_but_enough() -> None:
-    assert [QUICK.codes(count) for count in (16, 32, 64, 128, 256)] == [16, 32, 32, 32, 64]
-    assert [TINY.codes(n) for n in (8, 16, 60, 64, 68)] == [8, 16, 16, 16, 17]
-    assert [codes_printed(n) for n in (512, 4, 7, 1, 8)] == [128, 1, 1, 1, 2]  # four sub-shifts
+    assert [QUICK_MODE.codes(count) for count in (16, 32, 64, 128, 256)] == [16, 32, 32, 32, 64]
+    assert [TINY_MODE.codes(n) for n in (8, 16, 60, 64, 68)] == [8, 16, 16, 16, 17]
+    assert [count_independent_codes(n) for n in (512, 4, 7, 1, 8)] == [
+        128,
+        1,
+        1,
+        1,
+        2,
+    ]  # four sub-shifts
 
 
 def test_captures_share_a_bench_by_what_stands_there() -> None:
-    same = Take("vase", "indirect", {"codes": 8}, {"a": 1, "b": 2}, bound=0.1, said="x")
-    assert same.stands == Take("vase", "white", {}, {"b": 2, "a": 1}).stands
+    same = FigureTake("vase", "indirect", {"codes": 8}, {"a": 1, "b": 2}, bound=0.1, said="x")
+    assert same.stands == FigureTake("vase", "white", {}, {"b": 2, "a": 1}).stands
     changes: list[dict[str, Any]] = [
         {"scene": "wax"}, {"options": {"a": 2, "b": 2}}, {"off_axis": True}, {"perfect": True},
         {"f_number": 8.0}, {"grid": (3, 4)},
@@ -269,13 +288,15 @@ def test_captures_share_a_bench_by_what_stands_there() -> None:
 
 
 def test_all_figures_are_whole() -> None:
-    assert figures_of([]) == list(FIGURES.values())
-    assert [one.number for one in figures_of(["8", "1"])] == ["1", "8"]
+    assert choose_figures([]) == list(FIGURES.values())
+    assert [one.number for one in choose_figures(["8", "1"])] == ["1", "8"]
     for one in FIGURES.values():
         assert one.title and one.see and one.paper
-        assert all(name and (take.bound or 1.0) > 0.0 for name, take in one.takes(QUICK).items())
+        assert all(
+            name and (take.bound or 1.0) > 0.0 for name, take in one.takes(QUICK_MODE).items()
+        )
     with pytest.raises(ConfigError, match="there is no figure 13"):
-        figures_of(["13"])
+        choose_figures(["13"])
 
 
 def test_the_command_by_what_needs_no_photo(
@@ -285,5 +306,7 @@ def test_the_command_by_what_needs_no_photo(
     assert main(asked) == DONE
     told = json.loads(capsys.readouterr().out)
     assert told["held"] and told["figures"][0]["number"] == "appendix"
-    monkeypatch.setattr("pdcd.cli.figures.make", lambda *_, **how: Outcome(failed={"1": "why"}))
+    monkeypatch.setattr(
+        "pdcd.cli.figures.make_paper_figures", lambda *_, **how: MakeOutcome(failed={"1": "why"})
+    )
     assert main(asked) == FAILED

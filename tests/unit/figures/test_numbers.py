@@ -15,10 +15,17 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures import fig01, fig05, fig07, fig08, fig09, fig10, fig11, fig12, tables
-from pdcd.figures.figure import QUICK, Figure, Number, Photo, Photos, Row
+from pdcd.figures.figure import (
+    QUICK_MODE,
+    BoundedNumber,
+    FigurePhoto,
+    PanelRow,
+    PaperFigure,
+    Photos,
+)
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.presets import builder_of
-from pdcd.virtual.scene.presets.chart import bars
+from pdcd.virtual.scene.presets import find_builder
+from pdcd.virtual.scene.presets.chart import list_chart_bars
 from tests import figures_rig
 
 SIZE = (90, 120)
@@ -33,30 +40,32 @@ Pictures = dict[str, NDArray[Any]]
 
 def photo(
     pictures: Pictures | NDArray[Any], truths: Any = None, error: float = 0.01, codes: int = 16
-) -> Photo:
+) -> FigurePhoto:
     """A photo of some pictures, or of one."""
     seen = pictures if isinstance(pictures, dict) else {"image": pictures}
     true = truths if isinstance(truths, dict) else {"image": truths}
     errors = dict.fromkeys(seen, error)
     known = seen if truths is None else true
-    return Photo(seen, known, errors, None, None, {"codes": codes}, (3, 4))
+    return FigurePhoto(seen, known, errors, None, None, {"codes": codes}, (3, 4))
 
 
-def numbers(figure: Figure, photos: Photos) -> dict[str, Number]:
-    return figures_rig.numbers_of(figure, photos, QUICK)
+def numbers(figure: PaperFigure, photos: Photos) -> dict[str, BoundedNumber]:
+    return figures_rig.numbers_of(figure, photos, QUICK_MODE)
 
 
-def rows(figure: Figure, photos: Photos) -> list[Row]:
-    return [one for one in figure.shown(QUICK, photos) if isinstance(one, Row)]
+def rows(figure: PaperFigure, photos: Photos) -> list[PanelRow]:
+    return [one for one in figure.shown(QUICK_MODE, photos) if isinstance(one, PanelRow)]
 
 
-def fraction_photos(indirect: float, codes: Mapping[str, int] | None = None) -> dict[str, Photo]:
+def fraction_photos(
+    indirect: float, codes: Mapping[str, int] | None = None
+) -> dict[str, FigurePhoto]:
     """Photos D + p S with D = 0.1 and S = `indirect` everywhere but on the wall.
 
     A photo of p has 8/p codes, or what `codes` says by its name.
     """
     found = {}
-    for name in fig08.takes(QUICK):
+    for name in fig08.list_fig08_takes(QUICK_MODE):
         p = 1.0 if name == "white" else 1.0 / int(name.partition(",")[0][2:])
         images = []
         for strength in (indirect, 0.5):
@@ -82,14 +91,14 @@ def test_figure_8_reads_direct_and_indirect_light_off_its_lines() -> None:
     assert not gone["milk: indirect share of all light, from the line"].held
 
 
-def slice_photos(found: np.ndarray, truth: np.ndarray) -> dict[str, Photo]:
+def slice_photos(found: np.ndarray, truth: np.ndarray) -> dict[str, FigurePhoto]:
     scene = photo(flat(0.5))
     taken, true = (np.repeat(entries[..., None], 3, axis=2) for entries in (found, truth))
     return {"slice": replace(scene, transport=taken, transport_truth=true), "scene": scene}
 
 
 def test_figure_5_knows_the_diagonal_and_reciprocity() -> None:
-    cells = QUICK.grid[1]
+    cells = QUICK_MODE.grid[1]
     rng = np.random.default_rng(1)
     far = np.triu(rng.random((cells, cells)) ** 8, 2)
     truth = np.eye(cells) + 0.01 * (far + far.T)
@@ -106,7 +115,7 @@ def test_figure_5_knows_the_diagonal_and_reciprocity() -> None:
 
 
 def test_figure_7_compares_noise_by_light() -> None:
-    names = fig07.takes(QUICK)
+    names = fig07.list_fig07_takes(QUICK_MODE)
     errors = {
         "diagonal, naive": 2.0, "diagonal, proportional": 0.1, "diagonal, codes": 0.01,
         "indirect, naive": 3.0, "indirect, proportional": 3.0, "indirect, codes": 0.5,
@@ -136,7 +145,7 @@ def test_figure_1_sees_the_star_in_the_indirect_picture_alone() -> None:
 def chart(ink: float, paper: float) -> NDArray[np.float32]:
     """Bars of ink on paper, on a raster of the figure's own size."""
     image = flat(paper)
-    for dark, _ in bars():
+    for dark, _ in list_chart_bars():
         rows, cols = (
             ((np.arange(n) + 0.5) * whole / n).astype(int)
             for n, whole in zip(SIZE, dark.shape, strict=True)
@@ -145,7 +154,7 @@ def chart(ink: float, paper: float) -> NDArray[np.float32]:
     return image
 
 
-def milky(veil: float) -> dict[str, Photo]:
+def milky(veil: float) -> dict[str, FigurePhoto]:
     """Photos (c) and (d) whose difference is the chart's light, behind a veil."""
     p, direct = 1.0 / 8.0, chart(0.05, 0.85)
     white = photo(0.1 * direct + veil)
@@ -177,7 +186,7 @@ def test_figure_9_is_about_the_contrast_of_the_bars() -> None:
 
 
 def test_figure_10_counts_sharp_and_soft_light_where_it_belongs() -> None:
-    spot = fig10.spots_of(np.random.default_rng(0).random((*SIZE, 3)))
+    spot = fig10.find_spots(np.random.default_rng(0).random((*SIZE, 3)))
     indirect = flat(0.5)
     indirect[spot] = 2.0
     low, high = flat(0.4), flat(0.1)
@@ -206,11 +215,14 @@ def test_figure_11_holds_what_is_left_against_geometry(
 ) -> None:
     """A quarter window is half a cell wide: of a front half a cell off, half of it is left."""
 
-    def seen(photo: Photo, disparity: float) -> float:
+    def seen(photo: FigurePhoto, disparity: float) -> float:
         return min(max((abs(disparity) + off - 0.25) / 0.5, 0.0), 1.0)
 
-    monkeypatch.setattr(fig11, "left", seen)
-    photos = {name: photo({"image": flat(0.5), "white": flat(1.0)}) for name in fig11.takes(QUICK)}
+    monkeypatch.setattr(fig11, "measure_direct_left", seen)
+    photos = {
+        name: photo({"image": flat(0.5), "white": flat(1.0)})
+        for name in fig11.list_fig11_takes(QUICK_MODE)
+    }
     found = numbers(fig11.FIGURE, photos)
     half = found["(d) direct light left of the front at -0.5 cells"]
     assert half.value == pytest.approx(min(0.5 + 2 * off, 1.0)) and half.held is held
@@ -228,11 +240,11 @@ def test_figure_11_takes_the_front_by_its_cells() -> None:
     for light, left in ((white, 1.0), (white - direct, 0.0), (white - 0.5 * direct, 0.5)):
         image = light.reshape(*grid, 3).repeat(size, axis=0).repeat(size, axis=1)
         image[: 2 * size] = np.nan  # what no quad shows does not count
-        taken = Photo({"keyed": image}, {}, {}, None, None, {}, grid)
-        assert fig11.left(taken, disparity) == pytest.approx(left, abs=1e-9)
+        taken = FigurePhoto({"keyed": image}, {}, {}, None, None, {}, grid)
+        assert fig11.measure_direct_left(taken, disparity) == pytest.approx(left, abs=1e-9)
     # Cells at its edge see the front in part, and do not count.
     options = {"disparity": disparity}  # paint moves nothing
-    scene = build_scene(SceneConfig(kind=fig11.SCENE, grid=grid, options=options))
+    scene = build_scene(SceneConfig(kind=fig11.BOX_SCENE, grid=grid, options=options))
     assert scene.displacement is not None
     front = np.isclose(scene.displacement[:, 1], disparity).reshape(grid)
     inner = on.reshape(grid)
@@ -245,15 +257,15 @@ def test_figure_12_sees_what_codes_left_in_the_direct_picture() -> None:
     rng = np.random.default_rng(1)
     direct = rng.random((*SIZE, 3)).astype(np.float32) + 0.2
     indirect = rng.random((*SIZE, 3)).astype(np.float32)
-    glass = fig12.glass_of(direct)
+    glass = fig12.find_glass(direct)
     direct[glass], indirect[glass] = 0.3, 0.7
     true = {"white": direct + indirect, "direct": direct, "indirect": indirect}
     leaky = {**true, "direct": direct + 0.1 * indirect}
-    photos = {name: photo(true, error=0.02) for name in fig12.takes(QUICK)}
+    photos = {name: photo(true, error=0.02) for name in fig12.list_fig12_takes(QUICK_MODE)}
     found = numbers(fig12.FIGURE, photos)
     assert found["direct share of the light of the mirror"].value == pytest.approx(0.3, rel=1e-5)
     assert all(number.held for number in found.values())
-    kind = fig12.MIRROR
+    kind = fig12.MIRROR_SCENE
     bad = photos | {f"{kind}, ours": photo(leaky, true, 0.02)}
     wrong = numbers(fig12.FIGURE, bad)
     left = wrong[f"{kind}: indirect light left in the direct picture"]
@@ -265,11 +277,11 @@ def test_figure_12_sees_what_codes_left_in_the_direct_picture() -> None:
 @pytest.mark.long
 def test_the_path_by_the_mirror_goes_the_way_of_the_scene() -> None:
     """The warp of Table 1 names the cells that the still life's mirror really joins."""
-    build = builder_of("still-life")
+    build = find_builder("still-life")
     assert build is not None
     grid = (24, 32)
     scene = build(grid, {})
-    warp = tables.by_the_mirror(grid).ravel().astype(int)
+    warp = tables.map_mirror_paths(grid).ravel().astype(int)
     joined = np.flatnonzero(warp >= 0)
     middle = joined[len(joined) // 2]
     light = np.zeros((1, scene.cells))
@@ -282,10 +294,10 @@ def test_the_path_by_the_mirror_goes_the_way_of_the_scene() -> None:
 
 def test_tables_have_all_their_rows() -> None:
     for table, asked in (
-        (tables.TABLE_1, tables.rows_of_table_1((24, 32))),
-        (tables.TABLE_2, tables.rows_of_table_2((24, 32))),
+        (tables.TABLE_1, tables.list_table_1_rows((24, 32))),
+        (tables.TABLE_2, tables.list_table_2_rows((24, 32))),
     ):
-        shown = rows(table, {name: photo(flat(0.5)) for name in table.takes(QUICK)})
+        shown = rows(table, {name: photo(flat(0.5)) for name in table.takes(QUICK_MODE)})
         assert [row.title for row in shown] == [f"Row {n}: {one.words}" for n, one in
                                                 enumerate(asked, 1)]  # fmt: skip
         # What a filter or a difference gives has both signs; all else is light.

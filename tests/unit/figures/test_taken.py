@@ -11,35 +11,35 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures import fig01, fig05, fig07, fig08, fig09, fig10, fig11, fig12, tables
-from pdcd.figures.figure import TINY, Figure, Photo, Photos
-from pdcd.figures.places import patch
+from pdcd.figures.figure import TINY_MODE, FigurePhoto, PaperFigure, Photos
+from pdcd.figures.places import average_patch
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.presets.ball_book import on_wax
-from pdcd.virtual.scene.presets.canvas import Raster
-from pdcd.virtual.scene.presets.vase import on_glass
-from pdcd.virtual.scene.texture import cell_means
+from pdcd.virtual.scene.presets.ball_book import draw_wax
+from pdcd.virtual.scene.presets.canvas import FrameRaster
+from pdcd.virtual.scene.presets.vase import draw_mirror
+from pdcd.virtual.scene.texture import average_cells
 from tests import figures_rig
 from tests.figures_rig import taken
 
 pytestmark = pytest.mark.long
-ROWS, COLS = TINY.grid
+ROWS, COLS = TINY_MODE.grid
 INNER = np.pad(np.ones((ROWS - 2, COLS - 2), dtype=bool), 1).ravel()
 """Cells off the border of the field, where a raster of 100 pixels has unknown ones."""
 
 
-def agree(photo: Photo) -> None:
+def agree(photo: FigurePhoto) -> None:
     """The error was found over the same quads by the capture itself, from its own truth."""
     assert photo.error == pytest.approx(photo.summary["rms_error_quads"], rel=1e-4)
 
 
-def numbers_of(figure: Figure, photos: Photos) -> dict[str, float]:
+def numbers_of(figure: PaperFigure, photos: Photos) -> dict[str, float]:
     found = figures_rig.numbers_of(figure, photos)
     return {what: np.nan if one.value is None else one.value for what, one in found.items()}
 
 
 def dense(kind: str, **options: Any) -> NDArray[np.float64]:
     """(3, N, N) light transport of a scene."""
-    return build_scene(SceneConfig(kind=kind, grid=TINY.grid, options=options)).dense()
+    return build_scene(SceneConfig(kind=kind, grid=TINY_MODE.grid, options=options)).dense()
 
 
 def off(found: NDArray[Any], wanted: NDArray[Any]) -> float:
@@ -50,7 +50,7 @@ def off(found: NDArray[Any], wanted: NDArray[Any]) -> float:
 
 def in_cells(image: NDArray[Any]) -> NDArray[np.float64]:
     """(N, 3) means over cells."""
-    return cell_means(np.nan_to_num(image).astype(np.float64), TINY.grid)
+    return average_cells(np.nan_to_num(image).astype(np.float64), TINY_MODE.grid)
 
 
 def test_figure_1() -> None:
@@ -67,7 +67,7 @@ def test_figure_5() -> None:
     photos = taken(fig05.FIGURE)
     numbers = numbers_of(fig05.FIGURE, photos)
     assert numbers["correlation with the truth further off the diagonal"] > 0.85
-    found, truth = fig05.entries(photos["slice"])
+    found, truth = fig05.average_entries(photos["slice"])
     assert np.argmax(found, axis=1) == pytest.approx(np.argmax(truth, axis=1), abs=1)
 
 
@@ -87,7 +87,7 @@ def test_figure_8() -> None:
         agree(photo)
         assert photo.error < 0.08
     cells = {float(p): n for p, n in ((1, "white"), (2, names[1]), (16, names[4]))}
-    patches = {p: patch(photos[n].image, fig08.POINTS["milk"]) for p, n in cells.items()}
+    patches = {p: average_patch(photos[n].image, fig08.POINTS["milk"]) for p, n in cells.items()}
     # D + p S: what p = 1/16 has left over follows from p = 1 and p = 1/2.
     direct = 2.0 * patches[2.0] - patches[1.0]
     assert patches[16.0] == pytest.approx(direct + (patches[1.0] - direct) / 16.0, rel=0.15)
@@ -105,7 +105,7 @@ def test_rows_of_the_tables() -> None:
 
 def test_figure_9_is_direct_light_less_that_from_the_left() -> None:
     photos, p = taken(fig09.FIGURE), 1.0 / 8.0
-    whole = dense(fig09.SCENE).sum(axis=0) / 3.0
+    whole = dense(fig09.CHART_SCENE).sum(axis=0) / 3.0
     cells = np.arange(ROWS * COLS)
     own = whole[cells, cells]
     beside = np.where(cells % COLS > 0, whole[cells, cells - 1], 0.0)
@@ -119,27 +119,31 @@ def test_figure_9_is_direct_light_less_that_from_the_left() -> None:
 
 
 def test_contrast_is_that_of_two_greys() -> None:
-    np.testing.assert_allclose(fig09.contrasts(np.full((300, 400, 3), 0.5))[:3], 0.0, atol=1e-12)
-    half = build_scene(SceneConfig(kind=fig09.SCENE, grid=TINY.grid)).texture
+    np.testing.assert_allclose(
+        fig09.measure_contrasts(np.full((300, 400, 3), 0.5))[:3], 0.0, atol=1e-12
+    )
+    half = build_scene(SceneConfig(kind=fig09.CHART_SCENE, grid=TINY_MODE.grid)).texture
     assert half is not None
     # Ink of 0.05 on paper of 0.86, before there is milk.
-    assert fig09.contrasts(half)[0] == pytest.approx((0.86 - 0.05) / (0.86 + 0.05), abs=0.02)
+    assert fig09.measure_contrasts(half)[0] == pytest.approx(
+        (0.86 - 0.05) / (0.86 + 0.05), abs=0.02
+    )
 
 
 def test_figure_10_wax_is_soft_by_dense_transport_as_by_photos() -> None:
     photos = taken(fig10.FIGURE, ("ours", "paper", "direct"))
-    whole = dense(fig10.SCENE).sum(axis=0)
+    whole = dense(fig10.BALL_SCENE).sum(axis=0)
     np.fill_diagonal(whole, 0.0)
     column, period = np.arange(len(whole)) % COLS, fig10.PERIOD
     seen = np.stack([whole @ ((column + step) % period < period // 2) for step in range(4)])
-    wax = on_wax(Raster(TINY.grid)).ravel()
+    wax = draw_wax(FrameRaster(TINY_MODE.grid)).ravel()
     soft = 2.0 * seen.min(axis=0)[wax].sum() / whole.sum(axis=1)[wax].sum()
     ours = photos["ours"]
-    there = on_wax(Raster(ours.image.shape[:2]))
+    there = draw_wax(FrameRaster(ours.image.shape[:2]))
     # The truth is told of places within cells, and a mean of the smallest is less than the smallest
     # of means.
-    assert soft - 0.1 < fig10.share(ours.truths, "low", there) < soft
-    assert fig10.share(ours.pictures, "low", there) == pytest.approx(soft, abs=0.10)
+    assert soft - 0.1 < fig10.measure_area_share(ours.truths, "low", there) < soft
+    assert fig10.measure_area_share(ours.pictures, "low", there) == pytest.approx(soft, abs=0.10)
     scale = numbers_of(fig10.FIGURE, photos)["indirect light of the striped photos over its truth"]
     assert scale == pytest.approx(1.0, abs=0.25)  # least squares leave 1.33 on so few cells
 
@@ -148,24 +152,26 @@ def test_figure_11_blocks_one_plane_and_no_other() -> None:
     photos = taken(fig11.FIGURE, ("e", "g"))
     for name, disparity, want in (("e", 0.0, 0.0), ("g", 2.0, 1.0)):
         photo = photos[name]
-        whole = dense(fig11.SCENE, disparity=disparity, painted=True)
+        whole = dense(fig11.BOX_SCENE, disparity=disparity, painted=True)
         keyed = (whole.sum(axis=2) - np.diagonal(whole, axis1=1, axis2=2)).T
         for image, most in ((photo.truth, 0.15), (photo.image, 0.20)):
             assert off(in_cells(image), keyed) < most, name
-        assert fig11.left(photo, disparity) == pytest.approx(want, abs=0.1)
+        assert fig11.measure_direct_left(photo, disparity) == pytest.approx(want, abs=0.1)
         true = replace(photo, pictures=photo.truths)
-        assert fig11.left(true, disparity) == pytest.approx(want, abs=0.06)
+        assert fig11.measure_direct_left(true, disparity) == pytest.approx(want, abs=0.06)
 
 
 def test_figure_12_mirror_keeps_what_it_took_back_itself_and_nothing_else() -> None:
-    (photo,) = taken(fig12.FIGURE, (f"{fig12.MIRROR}, ours",)).values()
-    whole = dense(fig12.MIRROR).sum(axis=0)
-    glass = on_glass(Raster(TINY.grid), -0.06).ravel()
+    (photo,) = taken(fig12.FIGURE, (f"{fig12.MIRROR_SCENE}, ours",)).values()
+    whole = dense(fig12.MIRROR_SCENE).sum(axis=0)
+    glass = draw_mirror(FrameRaster(TINY_MODE.grid), -0.06).ravel()
     want = np.diagonal(whole)[glass].sum() / whole.sum(axis=1)[glass].sum()
     assert 0.1 < want < 0.7
-    assert fig12.retro(photo.truths) == pytest.approx(want, abs=0.10)
-    assert fig12.retro(photo.pictures) == pytest.approx(fig12.retro(photo.truths), abs=0.06)
-    assert abs(fig12.left(photo)) < 0.15
+    assert fig12.measure_mirror_share(photo.truths) == pytest.approx(want, abs=0.10)
+    assert fig12.measure_mirror_share(photo.pictures) == pytest.approx(
+        fig12.measure_mirror_share(photo.truths), abs=0.06
+    )
+    assert abs(fig12.measure_indirect_left(photo)) < 0.15
     # The number sees what it is for: a photo whose codes did nothing has all of it left.
     bad = {**photo.pictures, "direct": photo.pictures["white"]}
-    assert fig12.left(replace(photo, pictures=bad)) == pytest.approx(1.0, abs=0.1)
+    assert fig12.measure_indirect_left(replace(photo, pictures=bad)) == pytest.approx(1.0, abs=0.1)

@@ -17,15 +17,23 @@ from pdcd.errors import RequestError
 from pdcd.files import arrays as npy
 from pdcd.files import arrays as png
 from pdcd.files import opening
-from pdcd.files.arrays import members, read_array, read_npy, read_npz
-from pdcd.files.opening import Asker, Limits, Unsound, contents, kind_of, open_own, parcels
+from pdcd.files.arrays import list_members, read_array, read_npy, read_npz
+from pdcd.files.opening import (
+    ArrayLimits,
+    Asker,
+    UnsoundFileError,
+    kind_of,
+    open_own,
+    open_parcels,
+    read_contents,
+)
 from tests.hostile import files
 
-LIMITS = Limits(1000)
+LIMITS = ArrayLimits(1000)
 
 
-def refused(data: bytes, limits: Limits = LIMITS) -> Unsound:
-    with pytest.raises(Unsound) as caught:
+def refused(data: bytes, limits: ArrayLimits = LIMITS) -> UnsoundFileError:
+    with pytest.raises(UnsoundFileError) as caught:
         read_array(data, "kernel", limits)
     assert caught.value.hint and str(caught.value) == caught.value.message
     return caught.value
@@ -63,7 +71,7 @@ def test_a_shape_has_numbers_and_not_too_many(
     if count:
         assert LIMITS.check(shape) == count
         return
-    with pytest.raises(Unsound) as caught:
+    with pytest.raises(UnsoundFileError) as caught:
         LIMITS.check(shape)
     assert words in caught.value.message
 
@@ -110,15 +118,15 @@ def test_an_array_ends_where_its_shape_says() -> None:
     assert "ends after 47 of 48 bytes" in refused(whole[:-1]).message
     assert "more bytes follow" in refused(whole + b"\0").message
     for spoilt, words in ((whole[:-1], "ends after 47"), (whole[:-50], "`a`: ")):
-        with pytest.raises(Unsound, match=words) as caught:
+        with pytest.raises(UnsoundFileError, match=words) as caught:
             read_npz(npz(a=spoilt), {"a": LIMITS})
         assert caught.value.message.startswith("`a`: it")
 
 
 def test_signs_of_life_come_with_every_piece(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(npy, "CHUNK_BYTES", 100)
+    monkeypatch.setattr(npy, "READ_CHUNK_BYTES", 100)
     signs: list[int] = []
-    limits = Limits(1000, lambda: signs.append(1))
+    limits = ArrayLimits(1000, lambda: signs.append(1))
     array = np.arange(50.0).reshape(5, 10)
     np.testing.assert_array_equal(read_npy(files.npy(array), limits), array)
     assert len(signs) == 4
@@ -132,43 +140,43 @@ def test_archives_of_one_to_64_arrays_are_read(packing: int) -> None:
     one = files.npy(np.ones((1, 1)))
     names = [f"a{n}" for n in range(64)]
     data = npz(packing, **dict.fromkeys(names, one))
-    assert members(data) == tuple(names)
+    assert list_members(data) == tuple(names)
     assert [*read_npz(data, {"a63": LIMITS, "a0": LIMITS})] == ["a63", "a0"]
-    with pytest.raises(Unsound, match="it holds no b and no c") as caught:
+    with pytest.raises(UnsoundFileError, match="it holds no b and no c") as caught:
         read_npz(data, {"a0": LIMITS, "b": LIMITS, "c": LIMITS})
     assert caught.value.hint == "store a0, b, c with numpy.savez"
-    with pytest.raises(Unsound, match="65 arrays"):
-        members(npz(packing, **dict.fromkeys([*names, "b"], one)))
-    with pytest.raises(Unsound, match="0 arrays"):
-        members(npz())
+    with pytest.raises(UnsoundFileError, match="65 arrays"):
+        list_members(npz(packing, **dict.fromkeys([*names, "b"], one)))
+    with pytest.raises(UnsoundFileError, match="0 arrays"):
+        list_members(npz())
 
 
 def test_each_array_has_a_limit_of_its_own() -> None:
     data = npz(a=files.npy(np.ones((2, 2))), b=files.npy(np.ones((2, 3))))
-    assert len(read_npz(data, {"a": Limits(4), "b": Limits(6)})) == 2
-    with pytest.raises(Unsound, match="`b`: it has the shape 2 x 3; at most 5"):
-        read_npz(data, {"a": Limits(4), "b": Limits(5)})
+    assert len(read_npz(data, {"a": ArrayLimits(4), "b": ArrayLimits(6)})) == 2
+    with pytest.raises(UnsoundFileError, match="`b`: it has the shape 2 x 3; at most 5"):
+        read_npz(data, {"a": ArrayLimits(4), "b": ArrayLimits(5)})
 
 
 def test_what_no_archive_of_numpy_has_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     good = npz(a=files.npy(np.ones((1, 1))))
-    assert members(good) == ("a",)
+    assert list_members(good) == ("a",)
     for spoilt in (good[:-1] + b"\x01", good + b"\0", good[-21:], b"PK\x03\x04", good[:-22]):
-        with pytest.raises(Unsound, match=r"no \.npz file ends like that"):
-            members(spoilt)
+        with pytest.raises(UnsoundFileError, match=r"no \.npz file ends like that"):
+            list_members(spoilt)
     directory = int.from_bytes(good[-10:-6], "little")
     monkeypatch.setattr(npy, "MAX_DIRECTORY_BYTES", directory)
-    assert members(good) == ("a",)
+    assert list_members(good) == ("a",)
     monkeypatch.setattr(npy, "MAX_DIRECTORY_BYTES", directory - 1)
-    with pytest.raises(Unsound, match="too many files"):
-        members(good)
+    with pytest.raises(UnsoundFileError, match="too many files"):
+        list_members(good)
     monkeypatch.undo()
     locked = bytearray(good)
     locked[good.index(b"PK\x01\x02") + 8] |= 1
-    with pytest.raises(Unsound, match="packed or locked"):
-        members(bytes(locked))
-    with pytest.raises(Unsound, match="it is damaged: "):
-        members(good.replace(b"PK\x01\x02", b"PK\x01\x03"))
+    with pytest.raises(UnsoundFileError, match="packed or locked"):
+        list_members(bytes(locked))
+    with pytest.raises(UnsoundFileError, match="it is damaged: "):
+        list_members(good.replace(b"PK\x01\x02", b"PK\x01\x03"))
 
 
 def chunk(kind: bytes, body: bytes) -> bytes:
@@ -235,7 +243,7 @@ def test_no_picture_is_larger_than_any_camera_makes(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(png, "MAX_PIXELS", 6)
     assert read_array(made_png(3, 2, 8), "x", LIMITS).shape == (2, 3)
     assert "at most 6" in refused(made_png(7, 1, 8)).message
-    assert "at most 5" in refused(made_png(3, 2, 8), Limits(5)).message
+    assert "at most 5" in refused(made_png(3, 2, 8), ArrayLimits(5)).message
 
 
 def test_what_follows_the_end_of_a_picture_is_not_looked_at() -> None:
@@ -267,8 +275,8 @@ def test_a_decoder_that_gives_up_is_damage(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_file_is_as_large_as_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opening, "CHUNK_BYTES", 400_000)
-    limits, signs = Limits(2), 0
+    monkeypatch.setattr(opening, "READ_CHUNK_BYTES", 400_000)
+    limits, signs = ArrayLimits(2), 0
 
     def alive() -> None:
         nonlocal signs
@@ -280,12 +288,12 @@ def test_a_file_is_as_large_as_its_limit(tmp_path: Path, monkeypatch: pytest.Mon
         descriptor, signs = open_own(tmp_path / "a"), 0
         try:
             if fits:
-                found = contents(descriptor, Limits(2, alive))
+                found = read_contents(descriptor, ArrayLimits(2, alive))
                 assert found == (tmp_path / "a").read_bytes() and signs == -(-size // 400_000)
             else:
                 words = f"it has {most + 1} bytes; at most {most}" if size else "it is empty"
-                with pytest.raises(Unsound, match=words):
-                    contents(descriptor, limits)
+                with pytest.raises(UnsoundFileError, match=words):
+                    read_contents(descriptor, limits)
         finally:
             os.close(descriptor)
 
@@ -319,13 +327,13 @@ def test_things_are_called_by_their_kind() -> None:
 
 
 def test_the_content_of_a_file_travels_as_it_is() -> None:
-    with parcels({"prior": b"any bytes", "empty": np.zeros((1, 2), np.uint8)}) as opened:
-        assert contents(opened["prior"].descriptor, LIMITS) == b"any bytes"
-        array = read_array(contents(opened["empty"].descriptor, LIMITS), "x", LIMITS)
+    with open_parcels({"prior": b"any bytes", "empty": np.zeros((1, 2), np.uint8)}) as opened:
+        assert read_contents(opened["prior"].descriptor, LIMITS) == b"any bytes"
+        array = read_array(read_contents(opened["empty"].descriptor, LIMITS), "x", LIMITS)
         assert array.tolist() == [[0.0, 0.0]] and opened["prior"].file is None
     with (
         pytest.raises(RequestError, match=r"warp \(/no/such\.npy\): it cannot be opened") as caught,
-        parcels({"warp": "/no/such.npy"}),
+        open_parcels({"warp": "/no/such.npy"}),
     ):
         pass
     assert caught.value.hint

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from pdcd.files import arrays as png
-from pdcd.files.arrays import check_finite, members, read_array, read_npy, read_npz
-from pdcd.files.opening import Limits, Unsound
+from pdcd.files.arrays import check_finite, list_members, read_array, read_npy, read_npz
+from pdcd.files.opening import ArrayLimits, UnsoundFileError
 from tests.hostile import files
 
-LIMITS = Limits(1000)
+LIMITS = ArrayLimits(1000)
 ONE = files.npy(np.ones((2, 3)))
 
 
@@ -45,7 +45,7 @@ def picture() -> bytes:
 @pytest.mark.parametrize("data", [ONE, packed(kernel=ONE), picture()])
 def test_who_no_longer_waits_ends_any_reader(data: bytes) -> None:
     with pytest.raises(OurError):
-        read_array(data, "kernel", Limits(1000, fails))
+        read_array(data, "kernel", ArrayLimits(1000, fails))
     assert read_array(data, "kernel", LIMITS).shape == (2, 3)
 
 
@@ -53,7 +53,7 @@ def test_an_archive_that_fails_otherwise_fails(monkeypatch: pytest.MonkeyPatch) 
     data = packed(a=ONE)
     monkeypatch.setattr(zipfile.ZipFile, "infolist", fails)
     with pytest.raises(OurError):
-        members(data)
+        list_members(data)
     with pytest.raises(OurError):
         read_npz(data, {"a": LIMITS})
 
@@ -78,14 +78,14 @@ def test_what_numpy_and_zipfile_raise_is_damage(
     data = packed(a=ONE)
     with monkeypatch.context() as patch:
         patch.setattr(np, "frombuffer", breaks)
-        with pytest.raises(Unsound, match=r"^it is damaged: .*bad"):
+        with pytest.raises(UnsoundFileError, match=r"^it is damaged: .*bad"):
             read_npy(ONE, LIMITS)
-        with pytest.raises(Unsound, match=r"^`a`: it is damaged: .*bad") as caught:
+        with pytest.raises(UnsoundFileError, match=r"^`a`: it is damaged: .*bad") as caught:
             read_npz(data, {"a": LIMITS})
         assert caught.value.hint.startswith("write it again with numpy.save")
     monkeypatch.setattr(zipfile.ZipFile, "infolist", breaks)
-    for read in (lambda: members(data), lambda: read_npz(data, {"a": LIMITS})):
-        with pytest.raises(Unsound, match=r"^it is damaged: .*bad"):
+    for read in (lambda: list_members(data), lambda: read_npz(data, {"a": LIMITS})):
+        with pytest.raises(UnsoundFileError, match=r"^it is damaged: .*bad"):
             read()
 
 
@@ -96,7 +96,7 @@ def test_damage_is_told_in_a_short_line(monkeypatch: pytest.MonkeyPatch) -> None
             raise ValueError(words)
 
         monkeypatch.setattr(np, "frombuffer", breaks)
-        with pytest.raises(Unsound) as caught:
+        with pytest.raises(UnsoundFileError) as caught:
             read_npy(ONE, LIMITS)
         assert caught.value.message == f"it is damaged: {told}"
 
@@ -106,7 +106,7 @@ def test_damage_is_told_in_a_short_line(monkeypatch: pytest.MonkeyPatch) -> None
     [([[1.0, np.nan], [np.inf, 2.0]], 2, "0, 1"), ([1.0, 2.0, -np.inf], 1, "2")],
 )
 def test_values_that_are_not_finite_are_counted(array: Any, count: int, first: str) -> None:
-    with pytest.raises(Unsound) as caught:
+    with pytest.raises(UnsoundFileError) as caught:
         check_finite(np.array(array))
     assert caught.value.message == (
         f"it has {count} values that are not finite, the first at ({first})"
@@ -116,7 +116,7 @@ def test_values_that_are_not_finite_are_counted(array: Any, count: int, first: s
 
 def test_numbers_that_float64_cannot_hold_are_infinite_without_a_warning() -> None:
     large = np.array([[np.longdouble("1e4000"), 1.0]])
-    with pytest.raises(Unsound, match="it has 1 values that are not finite"):
+    with pytest.raises(UnsoundFileError, match="it has 1 values that are not finite"):
         read_npy(files.npy(large), LIMITS)
 
 
@@ -130,5 +130,5 @@ def test_a_picture_has_16_million_pixels_at_most() -> None:
     sides = (2**13).to_bytes(4, "big") + (2**12).to_bytes(4, "big")
     head = picture()[:16] + sides + picture()[24:29]
     data = head + zlib.crc32(head[12:]).to_bytes(4, "big") + picture()[33:]
-    with pytest.raises(Unsound, match="4096 x 8192; at most 16777216 numbers"):
-        read_array(data, "x", Limits(2**30))
+    with pytest.raises(UnsoundFileError, match="4096 x 8192; at most 16777216 numbers"):
+        read_array(data, "x", ArrayLimits(2**30))

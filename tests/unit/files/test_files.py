@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from pdcd.files.arrays import read_array
-from pdcd.files.opening import Limits, Unsound
+from pdcd.files.opening import ArrayLimits, UnsoundFileError
 from tests.hostile import files
 
-LIMITS = Limits(1000)
+LIMITS = ArrayLimits(1000)
 GREY = np.arange(12, dtype=np.uint8).reshape(3, 4) * 20
 
 
@@ -34,8 +34,8 @@ def png(pixels: Any) -> bytes:
     return data.tobytes()
 
 
-def refused(data: bytes, limits: Limits = LIMITS) -> str:
-    with pytest.raises(Unsound) as caught:
+def refused(data: bytes, limits: ArrayLimits = LIMITS) -> str:
+    with pytest.raises(UnsoundFileError) as caught:
         read_array(data, "kernel", limits)
     assert caught.value.hint
     return caught.value.message
@@ -86,7 +86,7 @@ def test_a_shape_that_the_file_does_not_hold_costs_nothing(shape: tuple[int, ...
     text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {files._text(shape)}, }}\n"
     data = files.raw_npy(text, bytes(40))
     tracemalloc.start()
-    refused(data, Limits(2**30))
+    refused(data, ArrayLimits(2**30))
     assert tracemalloc.get_traced_memory()[1] < 2**21
     tracemalloc.stop()
 
@@ -106,7 +106,7 @@ def test_a_zip_bomb_is_refused_while_it_unpacks() -> None:
 
 
 def refused_as(name: str, data: bytes) -> str:
-    with pytest.raises(Unsound) as caught:
+    with pytest.raises(UnsoundFileError) as caught:
         read_array(data, name, LIMITS)
     return caught.value.message
 
@@ -206,7 +206,7 @@ def test_whatever_the_bytes_are_an_array_or_a_refusal_comes_back() -> None:
         data = rng.choice([c for c in files.CONTENTS if c is not files.bomb])(rng, (3, 4))
         try:
             array = read_array(data, "illumination", LIMITS)
-        except Unsound:
+        except UnsoundFileError:
             continue
         assert array.ndim == 2 and array.dtype == np.float64 and np.isfinite(array).all()
         read += 1

@@ -16,7 +16,15 @@ from pdcd.errors import RequestError
 from pdcd.files import opening
 from pdcd.files import opening as sending
 from pdcd.files.arrays import read_npy
-from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath, open_own, parcels
+from pdcd.files.opening import (
+    ArrayLimits,
+    Asker,
+    UnsoundFileError,
+    open_beneath,
+    open_own,
+    open_parcels,
+    read_contents,
+)
 
 SELF = Asker(os.getuid(), frozenset(os.getgroups()))
 NOBODY = Asker(65534, frozenset({65534}))
@@ -54,10 +62,10 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
 def test_what_is_no_regular_file_is_not_even_opened(
     folder: Path, opened: list[tuple[str, int]], name: str
 ) -> None:
-    with pytest.raises(Unsound, match="not a regular file"):
+    with pytest.raises(UnsoundFileError, match="not a regular file"):
         open_own(folder / name)
     assert opened == []
-    with pytest.raises(Unsound, match="not a regular file"):
+    with pytest.raises(UnsoundFileError, match="not a regular file"):
         open_beneath(folder, name, SELF)
     assert opened and all(flags & os.O_PATH for _, flags in opened)
 
@@ -87,7 +95,7 @@ def test_what_became_something_else_meanwhile_is_closed_again(
         os, "stat", lambda path, **k: good if str(path).endswith("fifo") else real(path, **k)
     )
     before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
-    with pytest.raises(Unsound, match="it is a FIFO"):
+    with pytest.raises(UnsoundFileError, match="it is a FIFO"):
         open_own(folder / "fifo")
     assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
 
@@ -98,7 +106,7 @@ def test_what_became_something_else_meanwhile_is_closed_again(
 def test_names_that_are_none_are_told_as_such(
     folder: Path, opened: list[tuple[str, int]], name: str
 ) -> None:
-    with pytest.raises(Unsound, match="is no name below the folder of arrays") as caught:
+    with pytest.raises(UnsoundFileError, match="is no name below the folder of arrays") as caught:
         open_beneath(folder, name, SELF)
     assert repr(name) in caught.value.message and "without . and .." in caught.value.hint
     assert opened == []
@@ -112,7 +120,7 @@ def test_a_file_needs_the_right_to_read(folder: Path, mode: int, may: bool) -> N
     if may:
         os.close(open_beneath(folder, "good", NOBODY))
         return
-    with pytest.raises(Unsound, match="you may not read it"):
+    with pytest.raises(UnsoundFileError, match="you may not read it"):
         open_beneath(folder, "good", NOBODY)
 
 
@@ -124,7 +132,7 @@ def test_a_folder_needs_the_right_to_pass(folder: Path, mode: int, may: bool) ->
     if may:
         os.close(open_beneath(folder, "sub/good", NOBODY))
         return
-    with pytest.raises(Unsound, match="you may not enter a folder on the way to it"):
+    with pytest.raises(UnsoundFileError, match="you may not enter a folder on the way to it"):
         open_beneath(folder, "sub/good", NOBODY)
 
 
@@ -144,7 +152,7 @@ def test_faults_of_ours_pass_as_they_are(folder: Path, monkeypatch: pytest.Monke
     with monkeypatch.context() as patch:
         patch.setattr(os, "pread", fails)
         with pytest.raises(LookupError):
-            contents(descriptor, Limits(9))
+            read_contents(descriptor, ArrayLimits(9))
     os.close(descriptor)
 
 
@@ -157,18 +165,18 @@ def test_a_disk_that_cannot_be_read_is_told(
 
     descriptor = open_own(folder / "good")
     monkeypatch.setattr(os, "pread", fails)
-    with pytest.raises(Unsound) as caught:
-        contents(descriptor, Limits(9))
+    with pytest.raises(UnsoundFileError) as caught:
+        read_contents(descriptor, ArrayLimits(9))
     assert caught.value.message == f"it cannot be opened: {fault.strerror or fault}"
     os.close(descriptor)
 
 
 def test_a_sign_of_life_comes_with_each_mebibyte(tmp_path: Path) -> None:
     signs: list[int] = []
-    limits = Limits(MIB // 2, lambda: signs.append(1))
+    limits = ArrayLimits(MIB // 2, lambda: signs.append(1))
     (tmp_path / "x").write_bytes(bytes(3 * MIB + 1))
     descriptor = open_own(tmp_path / "x")
-    assert len(contents(descriptor, limits)) == 3 * MIB + 1 and len(signs) == 4
+    assert len(read_contents(descriptor, limits)) == 3 * MIB + 1 and len(signs) == 4
     os.close(descriptor)
     signs.clear()
     stream = io.BytesIO()
@@ -186,14 +194,14 @@ def test_what_a_file_grows_by_while_it_is_read_is_left_out(tmp_path: Path) -> No
             stream.write(b"b" * MIB)
 
     descriptor = open_own(path)
-    assert contents(descriptor, Limits(MIB, grows)) == b"a" * (MIB + MIB // 2)
+    assert read_contents(descriptor, ArrayLimits(MIB, grows)) == b"a" * (MIB + MIB // 2)
     os.close(descriptor)
 
 
 def test_a_shape_of_eight_sides_is_told_whole() -> None:
     for sides in (8, 9, 10):
-        with pytest.raises(Unsound) as caught:
-            Limits(9).check((2,) * sides)
+        with pytest.raises(UnsoundFileError) as caught:
+            ArrayLimits(9).check((2,) * sides)
         told = " x ".join("2" * 8) + (" ..." if sides > 8 else "")
         assert caught.value.message == f"it has the shape {told}; at most 9 numbers are taken"
 
@@ -211,7 +219,7 @@ def test_a_memory_file_that_cannot_be_written_is_closed(monkeypatch: pytest.Monk
             raise fault
 
         monkeypatch.setattr(np, "save", fails)
-        with pytest.raises(told), parcels({"kernel": b"x", "warp": np.zeros((1, 1))}):
+        with pytest.raises(told), open_parcels({"kernel": b"x", "warp": np.zeros((1, 1))}):
             pass
     assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
 
@@ -223,16 +231,16 @@ def test_only_a_refusal_is_told_with_the_name_of_the_array(
         raise LookupError("ours")
 
     monkeypatch.setattr(sending, "open_own", fails)
-    with pytest.raises(LookupError), parcels({"kernel": folder / "good"}):
+    with pytest.raises(LookupError), open_parcels({"kernel": folder / "good"}):
         pass
 
 
 def test_memory_files_are_not_passed_on(folder: Path) -> None:
-    with parcels({"kernel": b"x", "warp": folder / "good"}) as sent:
+    with open_parcels({"kernel": b"x", "warp": folder / "good"}) as sent:
         assert not any(os.get_inheritable(one.descriptor) for one in sent.values())
         link = Path(f"/proc/self/fd/{sent['kernel'].descriptor}").readlink()
         assert str(link).startswith("/memfd:pdcd-kernel")
 
 
 def test_a_chunk_is_a_mebibyte() -> None:
-    assert opening.CHUNK_BYTES == MIB
+    assert opening.READ_CHUNK_BYTES == MIB

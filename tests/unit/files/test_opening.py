@@ -13,13 +13,21 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath, open_own, parcels
+from pdcd.files.opening import (
+    ArrayLimits,
+    Asker,
+    UnsoundFileError,
+    open_beneath,
+    open_own,
+    open_parcels,
+    read_contents,
+)
 from tests.hostile import files
 
 ROOT_USER = Asker(0, frozenset({0}))
 SELF = Asker(os.getuid(), frozenset(os.getgroups()))
 NOBODY = Asker(65534, frozenset({65534}))
-LIMITS = Limits(1000)
+LIMITS = ArrayLimits(1000)
 
 
 @contextmanager
@@ -41,7 +49,7 @@ def folder() -> Iterator[Path]:
 
 def read(descriptor: int) -> bytes:
     try:
-        return contents(descriptor, LIMITS)
+        return read_contents(descriptor, LIMITS)
     finally:
         os.close(descriptor)
 
@@ -50,9 +58,9 @@ def read(descriptor: int) -> bytes:
 @pytest.mark.parametrize("name", ["fifo", "zero", "sub", "socket", "loop", "none", "\0", "a" * 300])
 def test_what_is_no_regular_file_is_refused_at_once(folder: Path, name: str) -> None:
     with none_left_open():
-        with pytest.raises(Unsound):
+        with pytest.raises(UnsoundFileError):
             open_own(folder / name)
-        with pytest.raises(Unsound):
+        with pytest.raises(UnsoundFileError):
             open_beneath(folder, name, SELF)
 
 
@@ -64,26 +72,26 @@ def test_an_open_descriptor_of_another_kind_is_not_read(
 ) -> None:
     if name == "sub" and flags == os.O_RDWR:
         return
-    with pytest.raises(Unsound):
+    with pytest.raises(UnsoundFileError):
         read(os.open(folder / name, flags | os.O_NONBLOCK))
 
 
 def test_pipes_and_sockets_are_not_read() -> None:
     reading, writing = os.pipe()
     for descriptor in (reading, writing):
-        with pytest.raises(Unsound, match="a FIFO"):
+        with pytest.raises(UnsoundFileError, match="a FIFO"):
             read(descriptor)
 
 
 @pytest.mark.parametrize("flags", [os.O_WRONLY, os.O_PATH])
 def test_a_descriptor_that_gives_no_right_to_read_gives_none(folder: Path, flags: int) -> None:
     """With O_PATH anybody has a descriptor of a file that only root may read."""
-    with pytest.raises(Unsound, match="cannot be opened"):
+    with pytest.raises(UnsoundFileError, match="cannot be opened"):
         read(os.open(folder / "secret", flags))
 
 
 def test_a_file_larger_than_its_limit_is_not_read(folder: Path) -> None:
-    with pytest.raises(Unsound, match=r"1099511627776 bytes; at most \d+ are read"):
+    with pytest.raises(UnsoundFileError, match=r"1099511627776 bytes; at most \d+ are read"):
         read(open_own(folder / "sparse"))
 
 
@@ -91,7 +99,7 @@ def test_the_offset_of_the_sender_is_neither_used_nor_moved(folder: Path) -> Non
     descriptor = os.open(folder / "good.npy", os.O_RDONLY)
     os.lseek(descriptor, 50, os.SEEK_SET)
     whole = (folder / "good.npy").read_bytes()
-    assert contents(descriptor, LIMITS) == whole
+    assert read_contents(descriptor, LIMITS) == whole
     assert os.lseek(descriptor, 0, os.SEEK_CUR) == 50
     os.close(descriptor)
 
@@ -100,9 +108,9 @@ def test_a_file_that_shrinks_while_it_is_read_is_refused(tmp_path: Path) -> None
     path = tmp_path / "x"
     path.write_bytes(bytes(3 * 2**20))
     descriptor = open_own(path)
-    limits = Limits(2**20, lambda: os.truncate(path, 100))
-    with pytest.raises(Unsound, match="shorter"):
-        contents(descriptor, limits)
+    limits = ArrayLimits(2**20, lambda: os.truncate(path, 100))
+    with pytest.raises(UnsoundFileError, match="shorter"):
+        read_contents(descriptor, limits)
     os.close(descriptor)
 
 
@@ -118,14 +126,14 @@ def test_reading_ends_when_nobody_waits_for_it(tmp_path: Path) -> None:
         over.set()
 
     with pytest.raises(KeyboardInterrupt):
-        contents(descriptor, Limits(2**20, alive))
+        read_contents(descriptor, ArrayLimits(2**20, alive))
     os.close(descriptor)
 
 
 def test_a_folder_that_cannot_be_found_is_told_of_as_such(folder: Path) -> None:
     (folder.parent / "round").symlink_to(folder.parent / "round")
     for place in ("round", "none", "nul\0byte", "good.npy", f"none/../{folder.name}"):
-        with none_left_open(), pytest.raises(Unsound, match="cannot be opened"):
+        with none_left_open(), pytest.raises(UnsoundFileError, match="cannot be opened"):
             open_beneath(folder.parent / place, "good.npy", SELF)
 
 
@@ -136,14 +144,14 @@ def test_a_folder_that_cannot_be_found_is_told_of_as_such(folder: Path) -> None:
 def test_names_that_leave_the_folder_are_refused(folder: Path, name: str) -> None:
     (folder.parent / "outside.npy").write_bytes(b"x")
     for asked in (name, f"../{folder.name}/good.npy", "../outside.npy"):
-        with none_left_open(), pytest.raises(Unsound):
+        with none_left_open(), pytest.raises(UnsoundFileError):
             open_beneath(folder, asked, ROOT_USER)
 
 
 def test_symbolic_links_below_the_folder_are_not_followed(folder: Path) -> None:
     (folder / "out").symlink_to("/etc")
     for name in ("link", "loop", "out/passwd", "zero"):
-        with none_left_open(), pytest.raises(Unsound, match="symbolic link"):
+        with none_left_open(), pytest.raises(UnsoundFileError, match="symbolic link"):
             open_beneath(folder, name, ROOT_USER)
 
 
@@ -175,7 +183,7 @@ def test_a_name_is_read_for_those_who_could_read_it(
     if may and (os.getuid() == 0 or asker.uid):
         assert read(open_beneath(folder, "good.npy", asker))
     elif not may:
-        with none_left_open(), pytest.raises(Unsound, match="may not read it"):
+        with none_left_open(), pytest.raises(UnsoundFileError, match="may not read it"):
             open_beneath(folder, "good.npy", asker)
 
 
@@ -184,29 +192,32 @@ def test_a_closed_folder_on_the_way_closes_all_below_it(folder: Path) -> None:
     assert read(open_beneath(folder, "sub/x.npy", NOBODY))
     for closed in (folder / "sub", folder, folder.parent):
         closed.chmod(0o700)
-        with none_left_open(), pytest.raises(Unsound, match="may not enter"):
+        with none_left_open(), pytest.raises(UnsoundFileError, match="may not enter"):
             open_beneath(folder, "sub/x.npy", NOBODY)
         closed.chmod(0o755)
 
 
 def test_a_0600_file_of_another_user_is_no_longer_read_for_a_client(folder: Path) -> None:
-    with pytest.raises(Unsound, match="may not read"):
+    with pytest.raises(UnsoundFileError, match="may not read"):
         open_beneath(folder, "secret", NOBODY)
 
 
 def test_arrays_and_paths_travel_as_descriptors(folder: Path) -> None:
     array = np.arange(12.0).reshape(3, 4)
     with none_left_open():
-        with parcels(
+        with open_parcels(
             {
                 "kernel": array,
                 "warp": folder / "good.npy",
                 "matrix": "/dev/null"[:0] + str(folder / "good.npy"),
             }
         ) as opened:
-            assert contents(opened["kernel"].descriptor, LIMITS) == files.npy(array)
+            assert read_contents(opened["kernel"].descriptor, LIMITS) == files.npy(array)
             assert opened["kernel"].file is None and opened["warp"].file == "good.npy"
-            assert contents(opened["matrix"].descriptor, LIMITS)
+            assert read_contents(opened["matrix"].descriptor, LIMITS)
         for bad in (folder / "fifo", folder / "none", np.array([object()])):
-            with pytest.raises(RequestError, match="warp"), parcels({"kernel": array, "warp": bad}):
+            with (
+                pytest.raises(RequestError, match="warp"),
+                open_parcels({"kernel": array, "warp": bad}),
+            ):
                 pass

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import OUTSIDE, PER_CELL, atoms, cells_shown, check_cells
+from pdcd.panels.atoms import ATOMS_PER_CELL, OUTSIDE, check_cells, find_atoms, find_shown_cells
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 
 SIZE = (45, 35)
 
 
 def view(size_px: tuple[int, int] = SIZE, **place: object) -> PanelView:
-    return PanelView("mask", placed(Placing(**place), size_px, size_px, "mask"))  # type: ignore[arg-type]
+    return PanelView("mask", make_placed_map(Placing(**place), size_px, size_px, "mask"))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("grid", [(5, 9), (7, 11), (35, 45), (1, 1), (17, 23)])
 @pytest.mark.parametrize("flip", ["none", "horizontal", "vertical"])
 def test_upright_panels_by_exact_fractions(grid: tuple[int, int], flip: str) -> None:
     """A centre that lies exactly on an edge belongs to what begins there, mirrored or not."""
-    found = atoms(view(flip=flip), grid)
+    found = find_atoms(view(flip=flip), grid)
     for axis, (size, cells) in enumerate(zip(SIZE, grid[::-1], strict=True)):
         centres = [Fraction(2 * k + 1, 2 * size) for k in range(size)]
         if flip == ("horizontal", "vertical")[axis]:
@@ -40,14 +40,17 @@ def test_upright_panels_by_exact_fractions(grid: tuple[int, int], flip: str) -> 
 
 def test_centres_on_edges() -> None:
     """Two pixels a cell: every centre lies on an edge between atoms."""
-    found = atoms(view((6, 4)), (2, 3))
+    found = find_atoms(view((6, 4)), (2, 3))
     np.testing.assert_array_equal(found[0, :, 0], [1, 3, 5, 7, 9, 11])
     np.testing.assert_array_equal(found[:, 0, 1], [1, 3, 5, 7])
 
 
 def test_a_quarter_turn_is_exact() -> None:
     """Of a square panel: rows become columns, in whole numbers."""
-    upright, turned = atoms(view((36, 36)), (7, 12)), atoms(view((36, 36), turn_deg=90.0), (7, 12))
+    upright, turned = (
+        find_atoms(view((36, 36)), (7, 12)),
+        find_atoms(view((36, 36), turn_deg=90.0), (7, 12)),
+    )
     centre = [Fraction(2 * k + 1, 72) for k in range(36)]
     np.testing.assert_array_equal(turned[:, 0, 0], [int(48 * (1 - y)) for y in centre])
     np.testing.assert_array_equal(turned[0, :, 1], upright[:, 0, 1])
@@ -55,7 +58,7 @@ def test_a_quarter_turn_is_exact() -> None:
 
 def test_a_map_that_bends_is_followed() -> None:
     panel = view(turn_deg=7.0, scale=0.9, offset_px=(3.0, -2.0), radial=(0.05, -0.01))
-    found = atoms(panel, (6, 8))
+    found = find_atoms(panel, (6, 8))
     wanted = np.floor(panel.map.centres() * (32, 24)).astype(int)
     outside = ((wanted < 0) | (wanted >= (32, 24))).any(axis=-1)
     wanted[outside] = OUTSIDE
@@ -65,14 +68,14 @@ def test_a_map_that_bends_is_followed() -> None:
 
 def test_many_blocks_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
     panel = view(turn_deg=7.0, radial=(0.05, -0.01))
-    whole = atoms(panel, (6, 8))
+    whole = find_atoms(panel, (6, 8))
     monkeypatch.setattr("pdcd.panels.atoms.BLOCK_PX", 100)
-    np.testing.assert_array_equal(whole, atoms.__wrapped__(panel, (6, 8)))
+    np.testing.assert_array_equal(whole, find_atoms.__wrapped__(panel, (6, 8)))
 
 
 def test_what_is_remembered_cannot_be_spoilt() -> None:
-    found = atoms(view(), (6, 8))
-    assert atoms(view(), (6, 8)) is found
+    found = find_atoms(view(), (6, 8))
+    assert find_atoms(view(), (6, 8)) is found
     with pytest.raises(ValueError, match="read-only"):
         found[0, 0] = 3
 
@@ -80,7 +83,7 @@ def test_what_is_remembered_cannot_be_spoilt() -> None:
 def test_places_beyond_infinity_are_outside() -> None:
     """A panel that reaches behind the projection shows nothing there."""
     bent = msgspec.structs.replace(Map.filling((8, 8)), homography=(1, 0, 0, 0, 1, 0, -0.2, 0, 1))
-    found = atoms(PanelView("projector", bent), (2, 2))
+    found = find_atoms(PanelView("projector", bent), (2, 2))
     assert (found[:, 5:] == OUTSIDE).all()
 
 
@@ -101,7 +104,7 @@ def test_cells_beyond_the_panel_are_not_shown(radial: tuple[float, float]) -> No
     """No panel covers the field exactly; one that shows no cell at all is refused."""
     panel = view(offset_px=(8.0, 0.0), radial=radial)
     check_cells(panel, (6, 8))
-    shown = cells_shown(panel, (6, 8))
+    shown = find_shown_cells(panel, (6, 8))
     assert not shown[:, 0].any() and shown[:, 1:].all()
     with pytest.raises(ConfigError, match=r"48 of 6 x 8 cells .*row 0, column 0"):
         check_cells(view(offset_px=(64.0, 0.0), radial=radial), (6, 8))
@@ -111,8 +114,8 @@ def test_cells_beyond_the_panel_are_not_shown(radial: tuple[float, float]) -> No
 def test_cells_of_two_pixels_need_no_look(turn_deg: float) -> None:
     """A square of that side holds the centre of a pixel, however it is turned."""
     panel = view((96, 96), turn_deg=turn_deg, scale=1.5)
-    cells = atoms(panel, (30, 30)) // PER_CELL
+    cells = find_atoms(panel, (30, 30)) // ATOMS_PER_CELL
     inside = cells[cells[..., 0] >= 0]
     found = np.zeros((30, 30), dtype=np.bool_)
     found[inside[:, 1], inside[:, 0]] = True
-    assert found.all() and cells_shown(panel, (30, 30)).all()
+    assert found.all() and find_shown_cells(panel, (30, 30)).all()

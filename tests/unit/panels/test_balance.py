@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.errors import SyncError
-from pdcd.panels.balance import catch_up, joined, lit_weights, play_all, streams
+from pdcd.panels.balance import catch_up, count_lit_weights, join_logs, play_all, streams
 from pdcd.panels.frames import BLACK, FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
@@ -130,7 +130,7 @@ def test_a_projector_that_slipped_alone_cannot_be_undone() -> None:
 def test_a_white_shot_has_one_weight() -> None:
     """All its refreshes are alike: a stretched one only makes it brighter, which decoding knows."""
     frames = build_frames(None, (3, 4), window="whole", schedule="full", passes=3)
-    weights = lit_weights(frames, log_of(range(9), [1, 2, 1, 1, 1, 1, 1, 1, 1]), HZ)
+    weights = count_lit_weights(frames, log_of(range(9), [1, 2, 1, 1, 1, 1, 1, 1, 1]), HZ)
     assert weights.level == pytest.approx(4 / 3)
     assert catch_up(frames, log_of(range(9), [1, 2, 1, 1, 1, 1, 1, 1, 1]), HZ) is None
 
@@ -245,7 +245,7 @@ def test_many_codes_take_no_time() -> None:
 
 
 def test_joined_logs_have_a_black_row_between() -> None:
-    whole = joined([log_of([0, 1, 2]), log_of([0, 1])])
+    whole = join_logs([log_of([0, 1, 2]), log_of([0, 1])])
     np.testing.assert_array_equal(whole.primal_shown, [0, 1, 2, BLACK, 0, 1])
     np.testing.assert_array_equal(whole.asked[1], [0, 1, 2, BLACK, 0, 1])
     assert whole.dual_ns[3] == log_of([0, 1, 2]).end_ns[1]
@@ -254,4 +254,4 @@ def test_joined_logs_have_a_black_row_between() -> None:
 @pytest.mark.parametrize("verified", [(True, True), (True, False), (False, True)])
 def test_joined_logs_are_verified_where_all_are(verified: tuple[bool, bool]) -> None:
     logs = [replace(log_of([0, 1, 2]), verified=one) for one in verified]
-    assert joined(logs).verified is all(verified)
+    assert join_logs(logs).verified is all(verified)

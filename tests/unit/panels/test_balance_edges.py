@@ -9,7 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import SyncError
-from pdcd.panels.balance import Weights, catch_up, joined, lit_weights, play_all, streams
+from pdcd.panels.balance import (
+    LitWeights,
+    catch_up,
+    count_lit_weights,
+    join_logs,
+    play_all,
+    streams,
+)
 from pdcd.panels.frames import BLACK, FrameLog, Frames
 from pdcd.panels.schedule import build_frames
 from pdcd.words import ScheduleName
@@ -54,7 +61,7 @@ def test_a_joined_log_holds_both_passes_and_the_black_between_them() -> None:
         missed=np.array([2], np.int32), primal_asked=np.array([7], np.int32), mask_delay=1,
         source="other",
     )  # fmt: skip
-    whole = joined([first, second])
+    whole = join_logs([first, second])
     assert whole.primal_shown.tolist() == [0, 1, BLACK, 2]
     assert whole.dual_shown.tolist() == [1, 0, BLACK, 3]
     assert whole.primal_ns.tolist() == [*first.primal_ns.tolist(), 500, 900]
@@ -64,7 +71,7 @@ def test_a_joined_log_holds_both_passes_and_the_black_between_them() -> None:
     assert whole.asked[0].tolist() == [0, 1, BLACK, 7]
     assert whole.asked[1].tolist() == [0, 1, BLACK, 0]
     assert (whole.mask_delay, whole.source) == (1, "other")
-    assert joined([first]) is first
+    assert join_logs([first]) is first
 
 
 @pytest.mark.parametrize("on_miss", ["balance", "retake"])
@@ -97,7 +104,7 @@ def test_what_is_shown_again_is_counted_over_all_passes() -> None:
 
 def test_weights_count_refreshes_and_name_the_rows_of_each_pair() -> None:
     frames = frames_of(2, "both")
-    weights = lit_weights(frames, log_of([0, 1, 2, 3], [0, 1, 2, 3], [1, 4, 3, 1]), HZ)
+    weights = count_lit_weights(frames, log_of([0, 1, 2, 3], [0, 1, 2, 3], [1, 4, 3, 1]), HZ)
     assert weights.realised.tolist() == [1, 3] and weights.planned.tolist() == [1, 1]
     assert [slot.tolist() for slot in weights.slots] == [[0, 1], [2, 3]]
     assert weights.level is None
@@ -111,13 +118,13 @@ def test_weights_count_refreshes_and_name_the_rows_of_each_pair() -> None:
 def test_one_level_is_that_of_all_pairs(
     realised: list[int], planned: list[int], level: float | None
 ) -> None:
-    weights = Weights(np.array(realised, np.int64), np.array(planned, np.int64), ())
+    weights = LitWeights(np.array(realised, np.int64), np.array(planned, np.int64), ())
     assert weights.level == level
 
 
 def test_a_dark_mask_has_no_weights_to_be_equal() -> None:
     frames = frames_of(3, dual_black=True)
-    weights = lit_weights(frames, log_of([0, 1, 2], [0, 1, 2], [1, 5, 1]), HZ)
+    weights = count_lit_weights(frames, log_of([0, 1, 2], [0, 1, 2], [1, 5, 1]), HZ)
     assert weights.level == 1.0 and not weights.slots
 
 
@@ -176,5 +183,5 @@ def test_half_a_refresh_is_the_next_one(late_ns: int, harm: bool) -> None:
 def test_rows_that_end_before_they_begin_last_no_time() -> None:
     log = log_of([0, 1, 2], [0, 1, 2])
     log.dual_ns[2], log.primal_ns[2] = (int(log.end_ns[0]) + 3 * T_NS,) * 2
-    weights = lit_weights(frames_of(3), log, HZ)
+    weights = count_lit_weights(frames_of(3), log, HZ)
     assert weights.realised.tolist() == [1, 5, 0]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.panels.placing import through
+from pdcd.panels.placing import project_points
 
 SWAP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """(x, y) becomes (x / y, 1 / y): a point's depth is its y."""
 
 
 def of(matrix: np.ndarray, *points: tuple[float, float]) -> list[list[float]]:
-    return through(tuple(matrix.ravel().tolist()), np.array(points)).tolist()  # type: ignore[no-any-return]
+    return project_points(tuple(matrix.ravel().tolist()), np.array(points)).tolist()  # type: ignore[no-any-return]
 
 
 @pytest.mark.parametrize("size", [1.0, 1000.0, 0.001, -2.0])
@@ -24,7 +24,7 @@ def test_points_go_through_whatever_the_size_of_the_numbers(size: float) -> None
 
 def test_whole_numbers_are_taken_however_large() -> None:
     matrix = (10**30, 0, 0, 0, 2 * 10**30, 0, 0, 0, 10**30)
-    assert through(matrix, np.array([[0.25, 0.5]])).tolist() == [[0.25, 1.0]]
+    assert project_points(matrix, np.array([[0.25, 0.5]])).tolist() == [[0.25, 1.0]]
 
 
 def test_a_mirrored_field_is_as_good() -> None:

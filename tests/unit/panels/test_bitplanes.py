@@ -10,16 +10,16 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.panels.patterns import PLANES, pack_planes
+from pdcd.panels.patterns import BIT_PLANES, pack_planes
 
 ORDERS = ("RGB", "RBG", "GRB", "GBR", "BRG", "BGR")
 
 
 @pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("plane", range(PLANES))
+@pytest.mark.parametrize("plane", range(BIT_PLANES))
 def test_one_plane_is_one_bit(order: str, plane: int) -> None:
     """Pattern numbers 0 to 23 are G0..G7, R0..R7, B0..B7 (DLPC350), or as the order says."""
-    planes = np.zeros((PLANES, 2, 3), dtype=np.bool_)
+    planes = np.zeros((BIT_PLANES, 2, 3), dtype=np.bool_)
     planes[plane, 1, 2] = True
     picture = pack_planes(planes, order)
     want = np.zeros((2, 3, 3), dtype=np.uint8)
@@ -29,14 +29,14 @@ def test_one_plane_is_one_bit(order: str, plane: int) -> None:
 
 def unpack_planes(picture: NDArray[np.uint8], order: str) -> NDArray[np.bool_]:
     """The 24 patterns of an RGB picture (..., 3) in the order they are shown, (24, ...) bool."""
-    channels = [picture[..., "RGB".index(order[plane // 8])] for plane in range(PLANES)]
+    channels = [picture[..., "RGB".index(order[plane // 8])] for plane in range(BIT_PLANES)]
     return np.stack([(c >> plane % 8) % 2 == 1 for plane, c in enumerate(channels)])
 
 
 @settings(max_examples=30)
 @given(
     planes=arrays.arrays(
-        np.bool_, st.tuples(st.integers(0, PLANES), st.integers(1, 5), st.integers(1, 7))
+        np.bool_, st.tuples(st.integers(0, BIT_PLANES), st.integers(1, 5), st.integers(1, 7))
     ),
     order=st.sampled_from(ORDERS),
 )

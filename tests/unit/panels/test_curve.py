@@ -9,14 +9,14 @@ import pytest
 
 from pdcd.panels.curve import (
     COPIES,
-    code_to_send,
-    light_of,
-    power,
-    sequence_to_send,
-    table,
-    table_fault,
+    compute_pattern_light,
+    find_table_fault,
+    make_power_curve,
+    make_table_curve,
+    prepare_codes,
+    prepare_sequence,
 )
-from pdcd.panels.patterns import bytes_of, levels_of, pack
+from pdcd.panels.patterns import pack_bits, read_pattern_bytes, read_pattern_levels
 
 LEVELS = np.arange(256)
 
@@ -25,13 +25,13 @@ def test_the_level_that_is_sent_gives_the_nearest_light() -> None:
     light = np.random.default_rng(1).random((3, 50))
     for gamma in (1.0, 2.2, 0.6):
         of_level = (LEVELS / 255.0) ** gamma
-        sent = power(gamma).sent(light) * 255.0
+        sent = make_power_curve(gamma).sent(light) * 255.0
         nearest = np.abs(light[..., None] - of_level).min(axis=-1)
         np.testing.assert_allclose(np.abs(of_level[sent.astype(int)] - light), nearest, atol=1e-12)
 
 
 def test_a_table_is_straight_between_its_lights() -> None:
-    curve = table((0.0, 0.1, 1.0))
+    curve = make_table_curve((0.0, 0.1, 1.0))
     assert curve.light[[0, 51, 204, 255]] == pytest.approx([0.0, 0.04, 0.64, 1.0])
 
 
@@ -47,23 +47,25 @@ def test_a_table_is_straight_between_its_lights() -> None:
     ],
 )
 def test_a_table_that_is_none_is_told(lights: tuple[float, ...], told: str) -> None:
-    assert table_fault(lights).find(told) >= 0 and bool(table_fault(lights)) == bool(told)
+    assert find_table_fault(lights).find(told) >= 0 and bool(find_table_fault(lights)) == bool(told)
 
 
 def test_black_and_white_are_sent_as_bits_under_any_curve() -> None:
     bits = np.random.default_rng(2).random((5, 12)) < 0.5
     for mask in (bits, bits.astype(np.float64)):
-        primal, dual = code_to_send(bits, mask, (power(2.2), power(0.7)))
-        np.testing.assert_array_equal(primal, pack(bits))
-        np.testing.assert_array_equal(dual, pack(bits))
-        np.testing.assert_array_equal(light_of(primal, 1, 12, power(2.2)), bits[1])
+        primal, dual = prepare_codes(bits, mask, (make_power_curve(2.2), make_power_curve(0.7)))
+        np.testing.assert_array_equal(primal, pack_bits(bits))
+        np.testing.assert_array_equal(dual, pack_bits(bits))
+        np.testing.assert_array_equal(
+            compute_pattern_light(primal, 1, 12, make_power_curve(2.2)), bits[1]
+        )
 
 
 def test_what_nobody_knows_is_sent_as_it_is() -> None:
     light = np.random.default_rng(3).random((4, 9))
-    primal, dual = code_to_send(light, light > 0.5, (None, power(2.2)))
+    primal, dual = prepare_codes(light, light > 0.5, (None, make_power_curve(2.2)))
     np.testing.assert_array_equal(primal, light.astype(np.float32))
-    assert len(sequence_to_send(light, light > 0.5, (None, None), 64)[0]) == 4
+    assert len(prepare_sequence(light, light > 0.5, (None, None), 64)[0]) == 4
     assert dual.dtype == np.uint8
 
 
@@ -72,8 +74,8 @@ def test_levels_of_codes_are_mixed_in_two_accounts() -> None:
     is lit, and over all others, is off by one step at most; a closed cell stays closed."""
     rng = np.random.default_rng(4)
     lit, mask = rng.random((64, 40)) < 0.5, rng.random((64, 40)) * (rng.random((64, 40)) < 0.7)
-    _, sent = code_to_send(lit, mask, (None, power(2.2)))
-    light = np.array([(bytes_of(sent, k, 40) / 255.0) ** 2.2 for k in range(64)])
+    _, sent = prepare_codes(lit, mask, (None, make_power_curve(2.2)))
+    light = np.array([(read_pattern_bytes(sent, k, 40) / 255.0) ** 2.2 for k in range(64)])
     assert light[mask == 0.0].max() == 0.0
     for account in (lit, ~lit):
         assert np.abs(((light - mask) * account).sum(axis=0)).max() < 2.2 / 255.0
@@ -84,13 +86,15 @@ def test_levels_of_codes_are_mixed_in_two_accounts() -> None:
 def test_an_exact_sequence_comes_in_copies_whose_mean_is_right() -> None:
     rng = np.random.default_rng(5)
     light, mask = rng.random((3, 30)), rng.random((3, 30)) < 0.5
-    primal, dual = sequence_to_send(light, mask, (power(2.2), power(2.2)), 100)
+    primal, dual = prepare_sequence(
+        light, mask, (make_power_curve(2.2), make_power_curve(2.2)), 100
+    )
     assert len(primal) == len(dual) == 3 * COPIES
-    shown = np.array([(levels_of(primal, k, 30)) ** 2.2 for k in range(len(primal))])
+    shown = np.array([(read_pattern_levels(primal, k, 30)) ** 2.2 for k in range(len(primal))])
     mean = shown.reshape(COPIES, 3, 30).mean(axis=0)
     assert np.abs(mean - light).max() < 1.2 * 2.2 / 255.0 / COPIES
-    assert len(sequence_to_send(light, mask, (power(2.2), None), 5)[0]) == 15
-    assert len(sequence_to_send(mask, mask, (power(2.2), None), 5)[0]) == 3
+    assert len(prepare_sequence(light, mask, (make_power_curve(2.2), None), 5)[0]) == 15
+    assert len(prepare_sequence(mask, mask, (make_power_curve(2.2), None), 5)[0]) == 3
 
 
 @pytest.mark.parametrize("copies", [2, 8, 16])
@@ -104,8 +108,10 @@ def test_the_last_two_copies_make_up_for_uneven_levels(copies: int, gamma: float
 
     def left(panel: int, law: float) -> Any:
         first, second = (bits, light) if panel else (light, bits)
-        sent = sequence_to_send(first, second, (power(law), power(law)), copies)[panel]
-        levels = np.array([bytes_of(sent, k, 200) for k in range(len(sent))]) / 255.0
+        sent = prepare_sequence(
+            first, second, (make_power_curve(law), make_power_curve(law)), copies
+        )[panel]
+        levels = np.array([read_pattern_bytes(sent, k, 200) for k in range(len(sent))]) / 255.0
         given = (levels**law).reshape(copies, 4, 200)
         assert np.all(given[:, light == 0.0] == 0.0) and np.all(given[:, light == 1.0] == 1.0)
         return np.sqrt(np.mean((given.mean(axis=0) - light) ** 2))
@@ -123,9 +129,10 @@ def test_both_panels_may_be_grey_at_once() -> None:
     light, mask = rng.random((2, 150)), rng.random((2, 150))
 
     def left(law: float) -> Any:
-        sent = sequence_to_send(light, mask, (power(law), power(law)), 16)
+        sent = prepare_sequence(light, mask, (make_power_curve(law), make_power_curve(law)), 16)
         primal, dual = (
-            (np.array([bytes_of(one, k, 150) for k in range(32)]) / 255.0) ** law for one in sent
+            (np.array([read_pattern_bytes(one, k, 150) for k in range(32)]) / 255.0) ** law
+            for one in sent
         )
         return np.sqrt(np.mean((dual.T @ primal / 16 - mask.T @ light) ** 2))
 

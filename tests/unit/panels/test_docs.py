@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.bench import config
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
 from tests.bench.field_picture import picture
@@ -27,9 +27,9 @@ def test_an_example_is_read(tmp_path: Path, example: str) -> None:
     save_maps(tmp_path / "maps.npz", {"mask": Map.filling((1600, 1200))})
     path = tmp_path / "rig.toml"
     path.write_text(example, encoding="utf-8")
-    found = config.load(path)
+    found = config.load_config(path)
     panels_of(found)
-    camera_map(found, (200, 300))
+    make_camera_map(found, (200, 300))
 
 
 def test_the_page_has_its_examples() -> None:
@@ -40,7 +40,7 @@ def test_the_keystone_is_the_one_that_is_told(tmp_path: Path) -> None:
     (example,) = (text for text in EXAMPLES if "homography" in text)
     path = tmp_path / "rig.toml"
     path.write_text(example, encoding="utf-8")
-    map_ = panels_of(config.load(path)).mask.map
+    map_ = panels_of(config.load_config(path)).mask.map
     left, right = map_.to_field([[0, 1200], [1600, 1200]])
     assert right - left == pytest.approx([0.9, 0.0])
     assert map_.to_field([1600, 0]) == pytest.approx([1.0, 0.0])

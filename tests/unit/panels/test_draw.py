@@ -13,8 +13,8 @@ from pdcd.panels.draw import draw, draw_planes
 from pdcd.panels.frames import BLACK
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.map import PanelView
-from pdcd.panels.patterns import levels_of, pack_planes
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.patterns import pack_planes, read_pattern_levels
+from pdcd.panels.placing import Placing, make_placed_map
 from tests.panel_pixels import planned, random_frames, upright
 
 Flip = Literal["none", "horizontal", "vertical"]
@@ -48,7 +48,7 @@ def test_every_pixel_by_exact_fractions(
 @pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8"])
 def test_every_pixel_under_a_map_that_bends(window: str, grey: bool, mask: bool) -> None:
     """Mirrored, turned, distorted, larger than the field; beside it even white is dark."""
-    panel = PanelView("mask" if mask else "projector", placed(BENT, SIZE, SIZE, "panel"))
+    panel = PanelView("mask" if mask else "projector", make_placed_map(BENT, SIZE, SIZE, "panel"))
     frames = random_frames((7, 11), window, 8, grey=grey)
     for row in range(len(frames)):
         np.testing.assert_array_equal(draw(frames, panel, row), planned(frames, row, panel))
@@ -61,7 +61,7 @@ def test_a_mirrored_panel_shows_a_mirrored_picture(flip: Flip) -> None:
     """No centre lies on an edge here: there a mirror changes sides."""
     frames = random_frames((7, 9), "quarter", 8)
     for plain in (upright(SIZE, mask=False), MASK):
-        panel = PanelView(plain.role, placed(Placing(flip=flip), SIZE, SIZE, plain.role))
+        panel = PanelView(plain.role, make_placed_map(Placing(flip=flip), SIZE, SIZE, plain.role))
         for row in range(len(frames)):
             picture = draw(frames, plain, row)
             wanted = {"none": picture, "horizontal": picture[:, ::-1], "vertical": picture[::-1]}
@@ -107,8 +107,10 @@ def test_pixels_are_what_the_lattice_says(window: str, shift: int) -> None:
     row = shift if window == "quarter" else 0
     light = draw(frames, upright(size, mask=False), row) / 255
     opening = draw(frames, upright(size, mask=True), row) / 255
-    primal = levels_of(frames.primal_patterns, frames.primal_index[row], lattice.lattice_cells)
-    dual = levels_of(frames.dual_patterns, frames.dual_index[row], lattice.lattice_cells)
+    primal = read_pattern_levels(
+        frames.primal_patterns, frames.primal_index[row], lattice.lattice_cells
+    )
+    dual = read_pattern_levels(frames.dual_patterns, frames.dual_index[row], lattice.lattice_cells)
     fields = lattice.primal_field_values(primal, shift)
     windows = lattice.dual_field_values(dual, shift)
     np.testing.assert_allclose(cell_means(light, grid), fields.mean(axis=0), atol=1e-12)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.atoms import OUTSIDE, PER_CELL, atoms
+from pdcd.panels.atoms import ATOMS_PER_CELL, OUTSIDE, find_atoms
 from pdcd.panels.draw import check_fit, draw, draw_planes
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.patterns import compact, pack
+from pdcd.panels.patterns import pack_bits, pack_levels
 from tests.panel_pixels import random_frames, upright
 
 PROJECTOR, MASK = upright((5, 3), mask=False), upright((4, 2), mask=True)
@@ -24,7 +24,7 @@ def frames_of_pixels(*, grey: bool = False) -> Frames:
     """Row 0 shows pattern 1 of both panels, row 1 white, row 2 black."""
     rng = np.random.default_rng(1)
     levels = rng.random((2, 15)), rng.random((2, 8))
-    primal, dual = (compact(one) if grey else pack(one < 0.5) for one in levels)
+    primal, dual = (pack_levels(one) if grey else pack_bits(one < 0.5) for one in levels)
     index = np.array([1, WHITE, BLACK], dtype=np.int32)
     rows = np.zeros(3, dtype=np.int32)
     return Frames(
@@ -83,7 +83,7 @@ def homography(**changes: float) -> tuple[float, ...]:
     return tuple({**names, **changes}.values())
 
 
-@pytest.mark.parametrize("per_cell", [PER_CELL, 16])
+@pytest.mark.parametrize("per_cell", [ATOMS_PER_CELL, 16])
 @pytest.mark.parametrize(
     "changes",
     [
@@ -99,12 +99,12 @@ def homography(**changes: float) -> tuple[float, ...]:
 )
 def test_a_single_bend_of_a_map_is_followed(changes: dict[str, Any], per_cell: int) -> None:
     bent = msgspec.structs.replace(Map.filling((40, 30)), **changes)
-    found = atoms(PanelView("mask", bent), (6, 8), per_cell)
+    found = find_atoms(PanelView("mask", bent), (6, 8), per_cell)
     wanted = np.floor(bent.centres() * (8 * per_cell, 6 * per_cell) + 1e-9).astype(int)
     outside = ((wanted < 0) | (wanted >= (8 * per_cell, 6 * per_cell))).any(axis=-1)
     wanted[outside] = OUTSIDE
     np.testing.assert_array_equal(found, wanted)
-    even = atoms(PanelView("mask", Map.filling((40, 30))), (6, 8), per_cell)
+    even = find_atoms(PanelView("mask", Map.filling((40, 30))), (6, 8), per_cell)
     assert (found != even).any()
 
 
@@ -113,7 +113,7 @@ def test_atoms_end_where_the_field_does() -> None:
     moved = msgspec.structs.replace(
         Map.filling((8, 4)), homography=(1 / 8, 0.0, -0.5, 0.0, 1 / 4, 0.5, 0.0, 0.0, 1.0)
     )
-    found = atoms(PanelView("projector", moved), (1, 2))
+    found = find_atoms(PanelView("projector", moved), (1, 2))
     assert found[0, :, 0].tolist() == [OUTSIDE] * 4 + [0, 1, 2, 3]
     assert found[:, 4, 1].tolist() == [2, 3, OUTSIDE, OUTSIDE]
     assert (found[2:] == OUTSIDE).all() and (found[:, :4] == OUTSIDE).all()

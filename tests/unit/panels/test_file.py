@@ -14,10 +14,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.reading import emit
+from pdcd.bench.reading import format_toml
 from pdcd.errors import ConfigError, DiskError
 from pdcd.panels.map import Map
-from pdcd.panels.map_file import from_table, load_map, load_maps, save_maps, table
+from pdcd.panels.map_file import from_map_table, load_map, load_maps, save_maps, to_map_table
 from tests.unit.panels.test_map import bent
 
 
@@ -53,15 +53,15 @@ def test_maps_come_back_to_the_last_bit(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_tables_come_back_through_toml(seed: int) -> None:
     map_ = bent(seed)
-    text = emit({"mask": table(map_)})
-    assert from_table(tomllib.loads(text)["mask"], "mask") == map_
+    text = format_toml({"mask": to_map_table(map_)})
+    assert from_map_table(tomllib.loads(text)["mask"], "mask") == map_
 
 
 def test_a_table_that_is_no_map() -> None:
     with pytest.raises(ConfigError, match="no map"):
-        from_table({"size_px": [4, 4]}, "mask")
+        from_map_table({"size_px": [4, 4]}, "mask")
     with pytest.raises(ConfigError, match="singular"):
-        from_table({"size_px": [4, 4], "homography": [0.0] * 9}, "mask")
+        from_map_table({"size_px": [4, 4], "homography": [0.0] * 9}, "mask")
 
 
 def test_a_file_without_the_device(tmp_path: Path) -> None:

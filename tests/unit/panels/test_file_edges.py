@@ -15,7 +15,7 @@ import pytest
 
 from pdcd.errors import ConfigError, DiskError, NoSpaceError
 from pdcd.panels.map import Map
-from pdcd.panels.map_file import from_table, load_map, load_maps, save_maps, table
+from pdcd.panels.map_file import from_map_table, load_map, load_maps, save_maps, to_map_table
 
 GOOD = Map.filling((64, 48))
 NODES = tuple(tuple((1e-6 * row, 1e-6 * col) for col in range(32)) for row in range(32))
@@ -186,14 +186,15 @@ def test_a_disk_that_refuses_leaves_the_old_file_alone(
 
 
 def test_a_table_that_is_no_map_names_the_device() -> None:
-    assert from_table(table(BENT), "mask") == BENT
+    assert from_map_table(to_map_table(BENT), "mask") == BENT
     wrong: list[dict[str, Any]] = [
-        {}, {**table(GOOD), "radial": [1.0]}, {**table(GOOD), "more": 1.0},
-        {**table(GOOD), "size_px": [6.5, 4]}, {**table(GOOD), "homography": [0.0] * 9},
+        {}, {**to_map_table(GOOD), "radial": [1.0]}, {**to_map_table(GOOD), "more": 1.0},
+        {**to_map_table(GOOD), "size_px": [6.5, 4]}, {**to_map_table(GOOD),
+        "homography": [0.0] * 9},
     ]  # fmt: skip
     for given in wrong:
         with pytest.raises(ConfigError) as caught:
-            from_table(given, "mask")
+            from_map_table(given, "mask")
         assert caught.value.device == "mask"
 
 
@@ -213,5 +214,5 @@ def test_faults_of_ours_are_not_taken_for_those_of_a_file(
     with pytest.raises(LookupError, match="ours"):
         load_maps(tmp_path / "m.npz")
     with pytest.raises(LookupError, match="ours"):
-        from_table(table(GOOD), "mask")
+        from_map_table(to_map_table(GOOD), "mask")
     assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208

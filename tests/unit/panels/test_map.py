@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from pdcd.errors import ConfigError
-from pdcd.panels.distortion import residual_of
-from pdcd.panels.map import PIECE, Map, between, matrix
-from pdcd.panels.map_soundness import check
+from pdcd.panels.distortion import make_residual
+from pdcd.panels.map import PIECE, Map, map_between, to_map_matrix
+from pdcd.panels.map_soundness import check_map
 
 few = settings(max_examples=12, deadline=None, derandomize=True)
 
@@ -36,7 +36,7 @@ def bent(seed: int, size_px: tuple[int, int] = (64, 48)) -> Map:
         tangential=tuple(rng.uniform(-0.004, 0.004, 2).tolist()),
         residual=tuple(tuple((r, d) for r, d in row) for row in nodes.tolist()),
     )
-    return check(map_, "device")
+    return check_map(map_, "device")
 
 
 def some_points(map_: Map, seed: int = 0, count: int = 60) -> np.ndarray:
@@ -109,7 +109,9 @@ def test_the_grid_of_centres_is_that_of_single_points() -> None:
 def test_the_residual_is_the_cubic_spline_of_its_nodes(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(3)
     nodes = rng.normal(size=(*shape, 2))
-    residual = residual_of(tuple(tuple((r, d) for r, d in row) for row in nodes.tolist()), (60, 40))
+    residual = make_residual(
+        tuple(tuple((r, d) for r, d in row) for row in nodes.tolist()), (60, 40)
+    )
     points = rng.uniform(0.0, 1.0, (200, 2)) * (60, 40)
     down, right = np.linspace(0, 40, shape[0]), np.linspace(0, 60, shape[1])
     order = {"kx": min(3, shape[0] - 1), "ky": min(3, shape[1] - 1)}
@@ -138,7 +140,7 @@ def test_points_beyond_the_edges_lead_back(seed: int) -> None:
 def test_behind_the_horizon_is_nowhere(sign: float) -> None:
     # The horizon is where x = 10. The device, 8 wide, lies on one side of it, pixel 0 far away.
     full = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.1 * sign, 0.0, 1.0 * sign]]
-    map_ = Map(size_px=(8, 8), homography=matrix(full))
+    map_ = Map(size_px=(8, 8), homography=to_map_matrix(full))
     there = map_.to_field([[4.0, 4.0], [9.9, 4.0], [10.1, 4.0], [20.0, 4.0], [np.nan, 1.0]])
     assert np.isfinite(there).all(axis=-1).tolist() == [True, True, False, False, False]
     jacobian = map_.jacobian([[4.0, 4.0], [10.1, 4.0]])
@@ -153,16 +155,16 @@ def test_behind_the_horizon_is_nowhere(sign: float) -> None:
 def test_the_horizon_may_cross_the_first_corner() -> None:
     """Which side is ahead is the centre's to say, not that of the pixel (0, 0)."""
     full = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, -1.0]]
-    map_ = Map(size_px=(8, 8), homography=matrix(full))
+    map_ = Map(size_px=(8, 8), homography=to_map_matrix(full))
     assert np.isfinite(map_.to_field([[4.0, 4.0], [7.0, 0.0]])).all()
     assert np.isnan(map_.to_field([[1.0, 4.0]])).all()
     with pytest.raises(ConfigError, match="beyond infinity"):
-        check(map_, "mask")
+        check_map(map_, "mask")
 
 
 def test_beyond_the_fold_of_a_lens_no_point_is_found() -> None:
     filling = Map.filling((64, 48))
-    barrel = check(msgspec.structs.replace(filling, radial=(-0.1, 0.0)), "camera")
+    barrel = check_map(msgspec.structs.replace(filling, radial=(-0.1, 0.0)), "camera")
     # Straight distances grow up to r = sqrt(1 / 0.3) half heights, to 1.217 of them.
     half = 0.5 * 48
     for way, found in ((1.2, True), (1.23, False), (3.0, False), (40.0, False)):
@@ -175,7 +177,7 @@ def test_beyond_the_fold_of_a_lens_no_point_is_found() -> None:
 def test_points_go_from_device_to_device_over_the_field(seeds: tuple[int, int]) -> None:
     one, two = bent(seeds[0]), bent(seeds[1], size_px=(90, 80))
     points = two.from_field(np.random.default_rng(seeds[0]).uniform(0.3, 0.7, (20, 2)))
-    there = between(two, one, points)
+    there = map_between(two, one, points)
     known = np.isfinite(there).all(axis=-1)
     np.testing.assert_allclose(
         one.to_field(there[known]), two.to_field(points[known]), rtol=0.0, atol=1e-11

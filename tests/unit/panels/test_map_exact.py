@@ -8,7 +8,7 @@ import pytest
 
 from pdcd.panels import distortion as lenses
 from pdcd.panels import map as maps
-from pdcd.panels.map import Map, between, matrix
+from pdcd.panels.map import Map, map_between, to_map_matrix
 
 KEYSTONE = Map(size_px=(4, 2), homography=(1.0, 0.0, 2.0, 0.0, 3.0, 1.0, 0.5, 0.25, 1.0))
 PLANE = (((1.0, 0.0), (4.0, -6.0)), ((3.0, 8.0), (6.0, 2.0)))
@@ -139,16 +139,16 @@ def test_squares_of_pixels_take_the_place_of_single_ones() -> None:
 
 
 def test_a_matrix_is_held_over_its_last_number() -> None:
-    held = matrix([[2, 4, 6], [8, 10, 12], [14, 16, 2]])
+    held = to_map_matrix([[2, 4, 6], [8, 10, 12], [14, 16, 2]])
     assert held == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 1.0)
-    assert matrix([[1, 2, 3], [4, 5, 6], [7, 8, 0]]) == (1, 2, 3, 4, 5, 6, 7, 8, 0)
-    huge = matrix(np.diag([1e300, 1.0, 1e-300]))  # left to a check, without a warning
+    assert to_map_matrix([[1, 2, 3], [4, 5, 6], [7, 8, 0]]) == (1, 2, 3, 4, 5, 6, 7, 8, 0)
+    huge = to_map_matrix(np.diag([1e300, 1.0, 1e-300]))  # left to a check, without a warning
     assert huge[0] == np.inf
-    assert np.isnan(matrix(np.diag([np.inf, 1.0, np.inf]))[0])
+    assert np.isnan(to_map_matrix(np.diag([np.inf, 1.0, np.inf]))[0])
 
 
 def test_between_two_devices_a_point_keeps_its_place_on_the_field() -> None:
-    found = between(Map.filling((8, 4)), Map.filling((100, 50)), [[2.0, 1.0], [8.0, 4.0]])
+    found = map_between(Map.filling((8, 4)), Map.filling((100, 50)), [[2.0, 1.0], [8.0, 4.0]])
     np.testing.assert_allclose(found, [[25.0, 12.5], [100.0, 50.0]])
 
 
@@ -189,7 +189,7 @@ def test_a_map_is_said_by_names_and_only_by_those_it_has() -> None:
 
 def test_numbers_of_a_map_are_floats_however_they_are_given() -> None:
     for rows in ([[1, 2, 3], [4, 5, 6], [7, 8, 0]], [[10**30, 0, 0], [0, 10**30, 0], [0, 0, 4]]):
-        assert {type(number) for number in matrix(rows)} == {float}
+        assert {type(number) for number in to_map_matrix(rows)} == {float}
     large = Map(size_px=(4, 2), homography=(10**30, 0, 0, 0, 2 * 10**30, 0, 0, 0, 4 * 10**30))
     np.testing.assert_allclose(large.to_field([2.0, 1.0]), [0.5, 0.5])
     np.testing.assert_allclose(large.from_field([0.5, 0.5]), [2.0, 1.0])
@@ -215,5 +215,5 @@ def test_a_point_beyond_the_fold_is_not_the_one_that_is_seen(
     if folds:
         assert np.isnan(wild.from_field(at)).all()
         return
-    monkeypatch.setattr(lenses, "fold", lambda _: np.inf)
+    monkeypatch.setattr(lenses, "find_fold_radius", lambda _: np.inf)
     np.testing.assert_allclose(wild.from_field(at), [32.0 + 24.0 * 2.5, 24.0], rtol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.pixels import BLACK_PICTURE, FULL, Recorder, picture
+from pdcd.panels.pixels import BLACK_PICTURE, WHITE_SUM, Recorder, crop_panel
 from tests.panel_pixels import from_pictures
 
 
@@ -15,11 +15,11 @@ def test_panels_are_cut_out_of_the_screen() -> None:
     screen[1:4, 2:6] = (10, 20, 30)
     screen[0:5, 6:12] = 255
     recorder = Recorder((4, 3), (6, 5))
-    recorder.add(picture(screen, (2, 1, 4, 3)), picture(screen, (6, 0, 6, 5)))
+    recorder.add(crop_panel(screen, (2, 1, 4, 3)), crop_panel(screen, (6, 0, 6, 5)))
     shown = recorder.shown()
     assert shown.projector.size_px == (4, 3)
     np.testing.assert_array_equal(shown.projector.pictures[0], np.full((3, 4), 60))
-    np.testing.assert_array_equal(shown.mask.pictures[0], np.full((5, 6), FULL))
+    np.testing.assert_array_equal(shown.mask.pictures[0], np.full((5, 6), WHITE_SUM))
     np.testing.assert_array_equal(shown.projector.levels(0), np.full((3, 4), 60 / 765))
 
 
@@ -58,4 +58,4 @@ def test_black_is_none_of_the_pictures_that_are_kept() -> None:
 
 def test_a_screen_that_has_shrunk_is_refused() -> None:
     with pytest.raises(ConfigError, match="does not hold the panel"):
-        picture(np.zeros((3, 7, 3), dtype=np.uint8), (4, 0, 4, 3))
+        crop_panel(np.zeros((3, 7, 3), dtype=np.uint8), (4, 0, 4, 3))

@@ -13,7 +13,7 @@ import pytest
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
-from pdcd.panels.placing import Placing, check_once, placed
+from pdcd.panels.placing import Placing, check_once, make_placed_map
 
 PROJECTOR = (100, 50)
 ONE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -22,7 +22,7 @@ TO_FIELD = (0.1, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
 
 def in_px(point: tuple[float, float], **place: Any) -> Any:
     """Where a point of a device of 10 x 5 pixels lies, in projector pixels from the middle."""
-    map_ = placed(Placing(**place), (10, 5), PROJECTOR, "mask")
+    map_ = make_placed_map(Placing(**place), (10, 5), PROJECTOR, "mask")
     found = (map_.to_field(point) - 0.5) * PROJECTOR
     return pytest.approx(found.tolist(), abs=1e-9)
 
@@ -61,29 +61,31 @@ def test_a_place_by_hand(place: dict[str, Any], at: tuple[float, float]) -> None
 
 
 def test_quarter_turns_are_exact() -> None:
-    map_ = placed(Placing(turn_deg=90.0), (64, 64), (64, 64), "mask")
+    map_ = make_placed_map(Placing(turn_deg=90.0), (64, 64), (64, 64), "mask")
     assert map_.homography == (0.0, -1 / 64, 1.0, 1 / 64, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def test_lens_and_homography_are_kept_as_they_are_given() -> None:
     given = Placing(homography=TO_FIELD, radial=(0.01, 0.002), tangential=(0.001, -0.002))
-    map_ = placed(given, (10, 5), PROJECTOR, "camera")
+    map_ = make_placed_map(given, (10, 5), PROJECTOR, "camera")
     assert map_ == Map(
         size_px=(10, 5), homography=TO_FIELD, radial=(0.01, 0.002), tangential=(0.001, -0.002)
     )
-    by_hand = placed(Placing(radial=(0.01, 0.0)), (10, 5), PROJECTOR, "camera")
+    by_hand = make_placed_map(Placing(radial=(0.01, 0.0)), (10, 5), PROJECTOR, "camera")
     assert by_hand.radial == (0.01, 0.0) and by_hand.tangential == (0.0, 0.0)
 
 
 def test_a_homography_may_lead_from_the_field() -> None:
     back = (10.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 1.0)
-    map_ = placed(Placing(homography=back, homography_from="field"), (10, 5), PROJECTOR, "mask")
+    map_ = make_placed_map(
+        Placing(homography=back, homography_from="field"), (10, 5), PROJECTOR, "mask"
+    )
     np.testing.assert_allclose(map_.homography, TO_FIELD, atol=1e-16)
 
 
 def test_whole_numbers_are_taken_however_large() -> None:
     large = (10**29, 0, 0, 0, 2 * 10**29, 0, 0, 0, 10**30)
-    map_ = placed(Placing(homography=large), (10, 5), PROJECTOR, "mask")
+    map_ = make_placed_map(Placing(homography=large), (10, 5), PROJECTOR, "mask")
     np.testing.assert_allclose(map_.homography, TO_FIELD)
 
 
@@ -92,7 +94,7 @@ def test_a_homography_without_inverse_is_refused_in_words(way: str) -> None:
     for numbers, says in (((0.0,) * 9, "singular"), ((math.nan, *ONE[1:]), "not finite")):
         place = Placing(homography=numbers, homography_from=way)  # type: ignore[arg-type]
         with pytest.raises(ConfigError, match=says) as caught:
-            placed(place, (10, 5), PROJECTOR, "mask")
+            make_placed_map(place, (10, 5), PROJECTOR, "mask")
         assert caught.value.device == "mask"
 
 
@@ -139,7 +141,7 @@ def test_a_place_is_said_once(place: Placing, besides: str) -> None:
         check_once(place, "mask")
     assert caught.value.device == "mask" and caught.value.hint == "take out one of them"
     with pytest.raises(ConfigError, match=besides):
-        placed(place, (10, 5), PROJECTOR, "mask")
+        make_placed_map(place, (10, 5), PROJECTOR, "mask")
 
 
 @pytest.mark.parametrize("stored", [True, False])
@@ -148,10 +150,10 @@ def test_a_map_is_taken_as_it_is_if_it_is_of_that_device(tmp_path: Path, stored:
     map_ = Map.filling((10, 5))
     save_maps(path, {"camera": map_, "mask": map_})
     place = Placing(map=path if stored else map_)
-    assert placed(place, (10, 5), PROJECTOR, "camera") == map_
+    assert make_placed_map(place, (10, 5), PROJECTOR, "camera") == map_
     for size, counted in (((10, 6), "10 x 6"), ((11, 5), "11 x 5")):
         with pytest.raises(ConfigError) as caught:
-            placed(place, size, PROJECTOR, "camera")
+            make_placed_map(place, size, PROJECTOR, "camera")
         assert caught.value.message == (
             f"the map is of a camera of 10 x 5 pixels, this one has {counted}, counted in Bayer "
             "quads"
@@ -159,13 +161,13 @@ def test_a_map_is_taken_as_it_is_if_it_is_of_that_device(tmp_path: Path, stored:
         assert caught.value.device == "camera"
         assert caught.value.hint == "calibrate the geometry anew"
     with pytest.raises(ConfigError, match="this one has 9 x 5 \\("):
-        placed(place, (9, 5), PROJECTOR, "mask")
+        make_placed_map(place, (9, 5), PROJECTOR, "mask")
 
 
 def test_a_map_that_cannot_be_used_is_refused() -> None:
     singular = msgspec.structs.replace(Map.filling((10, 5)), homography=(0.0,) * 9)
     with pytest.raises(ConfigError, match="singular"):
-        placed(Placing(map=singular), (10, 5), PROJECTOR, "mask")
+        make_placed_map(Placing(map=singular), (10, 5), PROJECTOR, "mask")
 
 
 def test_a_place_is_said_by_names_and_only_by_those_it_has() -> None:

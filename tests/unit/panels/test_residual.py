@@ -5,29 +5,29 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.panels.distortion import Nodes, Residual, residual_of
+from pdcd.panels.distortion import MapResidual, ResidualNodes, make_residual
 
 SIZE = (60, 40)
-PLANE: Nodes = (((1.0, 0.0), (4.0, -6.0)), ((3.0, 8.0), (6.0, 2.0)))
+PLANE: ResidualNodes = (((1.0, 0.0), (4.0, -6.0)), ((3.0, 8.0), (6.0, 2.0)))
 """Right: 1 + 3 x / 60 + 2 y / 40. Down: 8 y / 40 - 6 x / 60."""
 RNG = np.random.default_rng(11)
 WAVY = RNG.normal(size=(5, 7, 2))
 
 
 def test_between_two_nodes_lies_a_line() -> None:
-    plane = residual_of(PLANE, SIZE)
+    plane = make_residual(PLANE, SIZE)
     points = np.array([[0.0, 0.0], [60.0, 40.0], [30.0, 10.0], [15.0, 40.0]])
     wanted = [[1.0, 0.0], [6.0, 2.0], [3.0, -1.0], [3.75, 6.5]]
     np.testing.assert_allclose(plane.at(points), wanted, atol=1e-14)
 
 
 def test_a_residual_is_made_once() -> None:
-    assert residual_of(PLANE, SIZE) is residual_of(PLANE, SIZE)
-    assert residual_of(PLANE, (40, 60)) is not residual_of(PLANE, SIZE)
+    assert make_residual(PLANE, SIZE) is make_residual(PLANE, SIZE)
+    assert make_residual(PLANE, (40, 60)) is not make_residual(PLANE, SIZE)
 
 
 def test_it_has_a_slope_up_to_the_edges_and_none_beyond() -> None:
-    plane = residual_of(PLANE, SIZE)
+    plane = make_residual(PLANE, SIZE)
     across, down = [3.0 / 60.0, -6.0 / 60.0], [2.0 / 40.0, 8.0 / 40.0]
     none = [0.0, 0.0]
     for point, right, below in (
@@ -41,7 +41,7 @@ def test_it_has_a_slope_up_to_the_edges_and_none_beyond() -> None:
 
 
 def test_the_slope_is_that_of_small_steps() -> None:
-    wavy = Residual(WAVY, SIZE)
+    wavy = MapResidual(WAVY, SIZE)
     points, step = RNG.uniform(1.0, 39.0, (30, 2)), 1e-4
     numbers = np.stack(
         [(wavy.at(points + d) - wavy.at(points - d)) / (2.0 * step) for d in step * np.eye(2)],
@@ -52,7 +52,7 @@ def test_the_slope_is_that_of_small_steps() -> None:
 
 @pytest.mark.parametrize("shape", [(5, 7), (2, 2), (3, 6)])
 def test_a_grid_is_its_points(shape: tuple[int, int]) -> None:
-    wavy = Residual(WAVY[: shape[0], : shape[1]], SIZE)
+    wavy = MapResidual(WAVY[: shape[0], : shape[1]], SIZE)
     x, y = np.array([-3.0, 0.0, 11.0, 33.3, 60.0, 65.0]), np.array([-1.0, 0.0, 21.7, 40.0, 44.0])
     points = np.stack(np.meshgrid(x, y), axis=-1)
     found = wavy.on_grid(x, y)
@@ -60,12 +60,12 @@ def test_a_grid_is_its_points(shape: tuple[int, int]) -> None:
 
 
 def test_nodes_lie_evenly_and_are_met() -> None:
-    wavy = Residual(WAVY, SIZE)
+    wavy = MapResidual(WAVY, SIZE)
     found = wavy.on_grid(np.linspace(0.0, 60.0, 7), np.linspace(0.0, 40.0, 5))
     np.testing.assert_allclose(found, WAVY, atol=1e-12)
 
 
 def test_what_is_no_number_moves_to_nowhere() -> None:
-    wavy = Residual(WAVY, SIZE)
+    wavy = MapResidual(WAVY, SIZE)
     found = wavy.at(np.array([[np.nan, 3.0], [3.0, np.nan], [3.0, 3.0]]))
     assert np.isnan(found).all(axis=1).tolist() == [True, True, False]

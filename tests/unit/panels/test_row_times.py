@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 from pdcd.bench.devices import CameraSettings
-from pdcd.bench.exposure_time import with_times
+from pdcd.bench.exposure_time import with_exposure_times
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
-from pdcd.panels.balance import joined, lit_weights
+from pdcd.panels.balance import count_lit_weights, join_logs
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
-from pdcd.panels.pixels import PanelPictures, Shown
+from pdcd.panels.pixels import PanelPictures, ShownPictures
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.pixel_matrix import pixel_factors
-from pdcd.probing.realised import bench_factors
+from pdcd.probing.pixel_matrix import compute_pixel_factors
+from pdcd.probing.realised import compute_bench_factors
 from pdcd.runs.frame_table import append_frames
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.build import build_scene
 from tests import bench_rig
 
@@ -67,7 +67,7 @@ def test_passes_that_are_joined_keep_them() -> None:
     _, log = plain()
     count = len(log)
     dark = replace(log, dark_s=seconds(count))
-    whole = joined([log, dark, replace(log, delay_s=-seconds(count))])
+    whole = join_logs([log, dark, replace(log, delay_s=-seconds(count))])
     assert whole.dark_s is not None and whole.delay_s is not None
     none = np.zeros(count)
     gap = np.zeros(1)
@@ -75,11 +75,11 @@ def test_passes_that_are_joined_keep_them() -> None:
     np.testing.assert_array_equal(whole.dark_s, np.concatenate(expected))
     expected = [none, gap, none, gap, -seconds(count)]
     np.testing.assert_array_equal(whole.delay_s, np.concatenate(expected))
-    assert joined([log, log]).dark_s is None
+    assert join_logs([log, log]).dark_s is None
 
 
 def weights(frames: Frames, log: FrameLog, folder: Path) -> object:
-    return lit_weights(frames, log, 60.0)
+    return count_lit_weights(frames, log, 60.0)
 
 
 def table(frames: Frames, log: FrameLog, folder: Path) -> object:
@@ -88,13 +88,13 @@ def table(frames: Frames, log: FrameLog, folder: Path) -> object:
 
 
 def matrix(frames: Frames, log: FrameLog, folder: Path) -> object:
-    return list(bench_factors(frames, log, PANEL, PANEL, open_ns=-MS, close_ns=10**9))
+    return list(compute_bench_factors(frames, log, PANEL, PANEL, open_ns=-MS, close_ns=10**9))
 
 
 def optics(frames: Frames, log: FrameLog, folder: Path) -> object:
     config = bench_rig.config(folder, projector=PANEL, mask=PANEL)
     bench = OpticalBench(config, build_scene(config.scene), GRID)
-    return bench.photo(Exposure(frames, log, -MS, 10**9))
+    return bench.photo(PanelExposure(frames, log, -MS, 10**9))
 
 
 Use = Callable[[Frames, FrameLog, Path], object]
@@ -117,11 +117,11 @@ def test_nor_do_pictures_of_pixels() -> None:
         (40, 30), (np.zeros((30, 40), np.uint16),), np.zeros(len(log), np.int32)
     )
     given = {"grid": GRID, "open_ns": -MS, "close_ns": 10**9}
-    shown = Shown(pictures, pictures)
-    list(pixel_factors(shown, log, PANEL, PANEL, **given))  # type: ignore[arg-type]
+    shown = ShownPictures(pictures, pictures)
+    list(compute_pixel_factors(shown, log, PANEL, PANEL, **given))  # type: ignore[arg-type]
     dark = replace(log, dark_s=seconds(len(log)))
     with pytest.raises(ConfigError, match="of their own"):
-        list(pixel_factors(shown, dark, PANEL, PANEL, **given))  # type: ignore[arg-type]
+        list(compute_pixel_factors(shown, dark, PANEL, PANEL, **given))  # type: ignore[arg-type]
 
 
 def test_a_display_that_does_not_know_them_is_never_given_them(tmp_path: Path) -> None:
@@ -154,10 +154,10 @@ def test_a_display_that_does_not_know_them_is_never_given_them(tmp_path: Path) -
 def test_dark_time_counts_in_the_planned_exposure() -> None:
     frames, _ = plain()
     config, settings = Config(), CameraSettings(100, 8.0)
-    bare = with_times(settings, config, frames, 60.0).exposure_s
-    dark = with_times(settings, config, replace(frames, dark_s=np.full(16, 0.25)), 60.0)
+    bare = with_exposure_times(settings, config, frames, 60.0).exposure_s
+    dark = with_exposure_times(settings, config, replace(frames, dark_s=np.full(16, 0.25)), 60.0)
     assert bare is not None and dark.exposure_s == pytest.approx(bare + 4.0)
-    slower = with_times(settings, config, frames, 30.0).exposure_s
+    slower = with_exposure_times(settings, config, frames, 30.0).exposure_s
     settle_s = 2.0 * config.rig.settle_s
     assert slower == pytest.approx(2.0 * (bare - settle_s) + settle_s)
     assert bare == pytest.approx(len(frames) / 60.0 + settle_s)
@@ -169,6 +169,6 @@ def test_a_display_that_does_not_know_its_refresh_rate_is_taken_as_configured(
 ) -> None:
     frames, _ = plain()
     config, settings = Config(), CameraSettings(100, 8.0)
-    assert with_times(settings, config, frames, refresh_hz) == with_times(
+    assert with_exposure_times(settings, config, frames, refresh_hz) == with_exposure_times(
         settings, config, frames, None
     )

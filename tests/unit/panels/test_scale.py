@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from pdcd.panels.map import Map
-from pdcd.panels.map_soundness import cell_centres, covers, fewest_pixels, on_device, pixels_across
+from pdcd.panels.map_soundness import (
+    find_fewest_pixels,
+    find_points_on_device,
+    is_field_covered,
+    list_cell_centres,
+    measure_cell_sides,
+)
 
 FULL = Map.filling((64, 48))
 NARROWING = FULL.then([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.5]])
@@ -21,13 +27,13 @@ def moved(right: float, down: float) -> Map:
 
 def test_centres_of_few_cells_are_all_of_them_row_by_row() -> None:
     wanted = [[x, y] for y in (0.25, 0.75) for x in (1 / 6, 3 / 6, 5 / 6)]
-    np.testing.assert_allclose(cell_centres((2, 3)), wanted, rtol=1e-15)
-    np.testing.assert_allclose(cell_centres((64, 1))[:, 1], (np.arange(64) + 0.5) / 64)
+    np.testing.assert_allclose(list_cell_centres((2, 3)), wanted, rtol=1e-15)
+    np.testing.assert_allclose(list_cell_centres((64, 1))[:, 1], (np.arange(64) + 0.5) / 64)
 
 
 @pytest.mark.parametrize("cells", [65, 200])
 def test_of_many_cells_64_are_taken_with_the_first_and_the_last(cells: int) -> None:
-    for x, y in (cell_centres((1, cells)).T, cell_centres((cells, 1)).T[::-1]):
+    for x, y in (list_cell_centres((1, cells)).T, list_cell_centres((cells, 1)).T[::-1]):
         assert len(x) == 64 and (y == 0.5).all()
         np.testing.assert_allclose(x[[0, -1]], [0.5 / cells, 1.0 - 0.5 / cells])
         np.testing.assert_allclose(x * cells % 1.0, 0.5, rtol=1e-9)
@@ -36,31 +42,31 @@ def test_of_many_cells_64_are_taken_with_the_first_and_the_last(cells: int) -> N
 def test_a_point_lies_on_the_device_up_to_its_edges() -> None:
     points = [[0.0, 0.0], [64.0, 48.0], [10.0, 20.0], [-0.01, 20.0], [64.01, 20.0], [20.0, -0.01],
               [20.0, 48.01], [60.0, 50.0], [np.nan, 20.0], [20.0, np.nan]]  # fmt: skip
-    assert on_device(FULL, np.array(points)).tolist() == [True] * 3 + [False] * 7
+    assert find_points_on_device(FULL, np.array(points)).tolist() == [True] * 3 + [False] * 7
 
 
 def test_pixels_across_a_cell_are_counted_each_way() -> None:
-    assert pixels_across(FULL, np.array([[1.0, 2.0]]), (6, 4)) == pytest.approx((8.0, 16.0))
-    assert pixels_across(FULL, np.array([[1.0, 2.0]]), (2, 16)) == pytest.approx((4.0, 24.0))
-    assert pixels_across(FULL, np.empty((0, 2)), (6, 4)) == (0.0, 0.0)
+    assert measure_cell_sides(FULL, np.array([[1.0, 2.0]]), (6, 4)) == pytest.approx((8.0, 16.0))
+    assert measure_cell_sides(FULL, np.array([[1.0, 2.0]]), (2, 16)) == pytest.approx((4.0, 24.0))
+    assert measure_cell_sides(FULL, np.empty((0, 2)), (6, 4)) == (0.0, 0.0)
 
 
 def test_fewest_and_most_are_those_of_all_points() -> None:
     # Along the upper edge a step leads (2 / (1 + t)^2, 0) across and (0, 2 / (1 + t)) down.
     points = np.array([[0.0, 0.0], [64.0, 0.0], [32.0, 0.0]])
-    few, many = pixels_across(NARROWING, points, (1, 64))
+    few, many = measure_cell_sides(NARROWING, points, (1, 64))
     assert (few, many) == pytest.approx((0.5, 48.0))
 
 
 def test_only_cells_on_the_device_are_counted() -> None:
-    assert fewest_pixels(FULL, (6, 4)) == pytest.approx(8.0)
-    assert fewest_pixels(moved(70.0, 0.0), (6, 4)) is None
+    assert find_fewest_pixels(FULL, (6, 4)) == pytest.approx(8.0)
+    assert find_fewest_pixels(moved(70.0, 0.0), (6, 4)) is None
     # Half a field to the right, cells at the left edge would be coarser and are not there. At
     # 0.625 of the field t is 1 / 15.
     beside = NARROWING.then([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     at = beside.from_field([[0.625, 0.125]])
     assert at[0, 0] == pytest.approx(64.0 / 15.0)
-    found = fewest_pixels(beside, (4, 4))
+    found = find_fewest_pixels(beside, (4, 4))
     steepest = {
         x: max(
             np.linalg.norm(beside.jacobian(beside.from_field([x, y])), 2)
@@ -77,10 +83,10 @@ def test_only_cells_on_the_device_are_counted() -> None:
 def test_a_device_may_end_half_a_pixel_within_the_field(right: float, down: float) -> None:
     square = Map.filling((64, 64))
     half = square.then([[1.0, 0.0, right / 128], [0.0, 1.0, down / 128], [0.0, 0.0, 1.0]])
-    assert covers(half) and covers(square)
-    assert covers(moved(0.49 * right, 0.49 * down))
-    assert not covers(moved(0.51 * right, 0.51 * down))
-    assert not covers(moved(0.9 * right, 0.9 * down))
+    assert is_field_covered(half) and is_field_covered(square)
+    assert is_field_covered(moved(0.49 * right, 0.49 * down))
+    assert not is_field_covered(moved(0.51 * right, 0.51 * down))
+    assert not is_field_covered(moved(0.9 * right, 0.9 * down))
 
 
 def test_a_device_is_asked_all_along_the_border() -> None:
@@ -88,18 +94,18 @@ def test_a_device_is_asked_all_along_the_border() -> None:
     barrel = msgspec.structs.replace(FULL, radial=(-0.05, 0.0))
     larger = barrel.then([[1.1, 0.0, -0.05], [0.0, 1.1, -0.05], [0.0, 0.0, 1.0]])
     middles = larger.from_field([[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]])
-    assert on_device(larger, middles).all() and not covers(larger)
-    assert covers(barrel.then([[1.3, 0.0, -0.15], [0.0, 1.3, -0.15], [0.0, 0.0, 1.0]]))
+    assert find_points_on_device(larger, middles).all() and not is_field_covered(larger)
+    assert is_field_covered(barrel.then([[1.3, 0.0, -0.15], [0.0, 1.3, -0.15], [0.0, 0.0, 1.0]]))
     still = (0.0, 0.0)
     for side in range(4):
         nodes = [[still] * 3 for _ in range(3)]
         row, col = [(0, 1), (2, 1), (1, 0), (1, 2)][side]
         nodes[row][col] = (-1.5 * (col - 1), -1.5 * (row - 1))
         bent = msgspec.structs.replace(FULL, residual=tuple(map(tuple, nodes)))
-        assert not covers(bent), side
+        assert not is_field_covered(bent), side
 
 
 def test_a_field_that_reaches_behind_the_horizon_is_not_covered() -> None:
     behind = Map(size_px=(8, 8), homography=(0.2, 0.0, 0.0, 0.0, 0.2, 0.0, 0.25, 0.0, 1.0))
     assert np.isnan(behind.from_field([[1.0, 0.5]])).all()
-    assert not covers(behind)
+    assert not is_field_covered(behind)

@@ -7,7 +7,7 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, WHITE, FrameLog
-from pdcd.panels.schedule import SLOTS, build_frames, slot_rows
+from pdcd.panels.schedule import SLOTS, build_frames, count_slot_rows
 from pdcd.words import ScheduleName
 
 B, W = BLACK, WHITE
@@ -32,7 +32,7 @@ def test_two_codes_under_each_schedule(schedule: ScheduleName) -> None:
     primal, dual = TABLE[schedule]
     assert frames.primal_index.tolist() == primal and frames.dual_index.tolist() == dual
     assert frames.guard.tolist() == [index == B for index in dual]
-    assert slot_rows(schedule) == len(primal) // 2
+    assert count_slot_rows(schedule) == len(primal) // 2
     assert frames.code.tolist() == [0] * (len(primal) // 2) + [1] * (len(primal) // 2)
     assert frames.shift.tolist() == [0] * len(primal)
     assert (frames.grid, frames.lattice, frames.window) == ((1, 3), (1, 3), "whole")

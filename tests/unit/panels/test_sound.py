@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.map import Map, matrix
-from pdcd.panels.map_soundness import check, check_share, share
+from pdcd.panels.map import Map, to_map_matrix
+from pdcd.panels.map_soundness import check_map, check_share, compute_field_share
 
 GOOD = Map.filling((64, 48))
 FOLD = tuple(tuple((40.0 * (col % 2), 0.0) for col in range(9)) for _ in range(3))
@@ -37,7 +37,7 @@ FOLD = tuple(tuple((40.0 * (col % 2), 0.0) for col in range(9)) for _ in range(3
 )
 def test_it_is_refused(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError, match=says) as caught:
-        check(msgspec.structs.replace(GOOD, **change), "mask")
+        check_map(msgspec.structs.replace(GOOD, **change), "mask")
     assert caught.value.device == "mask"
     assert "mask" in caught.value.message
     assert "\n" not in caught.value.message
@@ -46,13 +46,13 @@ def test_it_is_refused(change: dict[str, Any], says: str) -> None:
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
 def test_mirrored_maps_are_sound(mirror: float) -> None:
     map_ = GOOD.then([[mirror, 0.0, 0.5 - 0.5 * mirror], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert check(map_, "mask") is map_
+    assert check_map(map_, "mask") is map_
 
 
 def test_the_share_of_the_field_is_that_of_its_area() -> None:
-    assert share(GOOD) == 1.0
+    assert compute_field_share(GOOD) == 1.0
     half = GOOD.then([[0.5, 0.0, 0.25], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert share(half) == pytest.approx(0.5, abs=1e-9)
+    assert compute_field_share(half) == pytest.approx(0.5, abs=1e-9)
     quarter = GOOD.then(np.diag([0.5, 0.5, 1.0]))
     check_share(quarter, "mask")
     little = GOOD.then(np.diag([0.4, 0.5, 1.0]))
@@ -63,10 +63,10 @@ def test_the_share_of_the_field_is_that_of_its_area() -> None:
 
 def test_a_device_beside_the_field_is_refused() -> None:
     beside = GOOD.then([[1.0, 0.0, 1.5], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert share(beside) == 0.0
+    assert compute_field_share(beside) == 0.0
     with pytest.raises(ConfigError, match="beside the field"):
         check_share(beside, "camera", least=0.0)
 
 
 def test_matrices_are_held_with_their_last_number_one() -> None:
-    assert matrix(np.diag([2.0, 4.0, 2.0]))[-1] == 1.0
+    assert to_map_matrix(np.diag([2.0, 4.0, 2.0]))[-1] == 1.0

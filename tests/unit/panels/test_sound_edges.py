@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.map import Map, matrix
-from pdcd.panels.map_soundness import check, check_share, share
+from pdcd.panels.map import Map, to_map_matrix
+from pdcd.panels.map_soundness import check_map, check_share, compute_field_share
 
 GOOD = Map.filling((64, 48))
 
@@ -18,7 +18,7 @@ GOOD = Map.filling((64, 48))
 def refused(says: str, size_px: tuple[int, int] = (64, 48), **change: Any) -> ConfigError:
     map_ = msgspec.structs.replace(Map.filling((64, 48)), size_px=size_px, **change)
     with pytest.raises(ConfigError, match=says) as caught:
-        check(map_, "camera")
+        check_map(map_, "camera")
     assert caught.value.message.startswith("the map of the camera ")
     assert caught.value.device == "camera" and "calibrate" in (caught.value.hint or "")
     return caught.value
@@ -27,7 +27,7 @@ def refused(says: str, size_px: tuple[int, int] = (64, 48), **change: Any) -> Co
 @pytest.mark.parametrize("size", [(1, 1), (1, 2**16), (2**16, 1), (2**16, 2**16)])
 def test_a_device_of_1_to_65536_pixels_a_side(size: tuple[int, int]) -> None:
     map_ = Map.filling(size)
-    assert check(map_, "mask") is map_
+    assert check_map(map_, "mask") is map_
 
 
 @pytest.mark.parametrize("size", [(0, 48), (64, 0), (-64, 48), (64, -1), (65537, 48), (64, 65537)])
@@ -38,10 +38,10 @@ def test_a_device_of_no_pixels_or_too_many(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("share_px", [1.0, -1.0])
 def test_a_corner_lies_a_hundred_fields_away_at_most(share_px: float) -> None:
     far = Map(size_px=(4, 4), homography=(25.0 * share_px, 0, 0, 0, 25.0, 0, 0, 0, 1))
-    assert check(far, "mask") is far
+    assert check_map(far, "mask") is far
     more = Map(size_px=(4, 4), homography=(25.5 * share_px, 0, 0, 0, 25.0, 0, 0, 0, 1))
     with pytest.raises(ConfigError, match="places a corner 102 fields away"):
-        check(more, "mask")
+        check_map(more, "mask")
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
@@ -66,7 +66,7 @@ def still(rows: int, cols: int) -> tuple[tuple[tuple[float, float], ...], ...]:
 def test_a_residual_has_2_to_32_nodes_a_side() -> None:
     for rows, cols in ((2, 2), (2, 32), (32, 2), (32, 32)):
         map_ = msgspec.structs.replace(GOOD, residual=still(rows, cols))
-        assert check(map_, "mask") is map_
+        assert check_map(map_, "mask") is map_
     says = "has a residual that is no grid of 2 x 2 to 32 x 32 nodes"
     for rows, cols in ((1, 2), (2, 1), (33, 2), (2, 33), (1, 1)):
         refused(says, residual=still(rows, cols))
@@ -100,15 +100,15 @@ def test_part_of_it_folded_is_folded(mirror: float) -> None:
     # The straight distance grows up to r = sqrt(1 / (3 0.125)) = 1.63; corners are at 1.67.
     folded = msgspec.structs.replace(map_, radial=(-0.125, 0.0))
     with pytest.raises(ConfigError, match="folds: some places of the field have two pixels"):
-        check(folded, "mask")
+        check_map(folded, "mask")
     flat = msgspec.structs.replace(map_, radial=(-0.115, 0.0))  # up to 1.70
-    assert check(flat, "mask") is flat
+    assert check_map(flat, "mask") is flat
 
 
 def test_a_singular_homography_is_told_before_anything_is_worked_out() -> None:
     for rows in (np.zeros((3, 3)), np.ones((3, 3)), np.diag([1.0, 0.0, 1.0])):
         refused("has a singular homography", homography=tuple(rows.ravel().tolist()))
-    huge = matrix(np.diag([1e308, 1.0, 1e-10]))
+    huge = to_map_matrix(np.diag([1e308, 1.0, 1e-10]))
     refused("not finite", homography=huge)
 
 
@@ -133,13 +133,13 @@ def beside(right: float, down: float) -> Map:
     ],
 )
 def test_the_share_of_the_field_that_a_device_covers(map_: Map, covered: float) -> None:
-    assert share(map_) == pytest.approx(covered, abs=1e-12)
+    assert compute_field_share(map_) == pytest.approx(covered, abs=1e-12)
 
 
 def test_a_share_is_looked_at_with_so_many_points_a_side() -> None:
     little = GOOD.then(np.diag([0.3, 1.0, 1.0]))
-    assert share(little, 2) == 0.5 and share(little, 4) == 0.25
-    assert share(little) == pytest.approx(0.3, abs=1 / 64)
+    assert compute_field_share(little, 2) == 0.5 and compute_field_share(little, 4) == 0.25
+    assert compute_field_share(little) == pytest.approx(0.3, abs=1 / 64)
 
 
 def test_a_panel_covers_a_quarter_at_least() -> None:

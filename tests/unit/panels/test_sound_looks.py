@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
-from pdcd.panels.map_soundness import check
+from pdcd.panels.map_soundness import check_map
 
 GOOD = Map.filling((64, 48))
 
@@ -32,7 +32,7 @@ def test_a_device_is_looked_at_evenly_with_its_corners(
 
     monkeypatch.setattr(Map, "to_field", noted)
     map_ = msgspec.structs.replace(GOOD, residual=(((0.0, 0.0),) * cols,) * rows)
-    assert check(map_, "mask") is map_
+    assert check_map(map_, "mask") is map_
     (given,) = seen
     assert given.shape == (points, points, 2)
     np.testing.assert_allclose(given[0, :, 0], np.linspace(0.0, 64.0, points))
@@ -51,10 +51,10 @@ def test_the_way_back_ends_within_a_millionth_of_the_longer_side(
     map_ = Map.filling(size)
     monkeypatch.setattr(Map, "from_field", lambda _, field: field * size + wrong_px)
     if sound:
-        assert check(map_, "mask") is map_
+        assert check_map(map_, "mask") is map_
         return
     with pytest.raises(ConfigError, match="cannot be inverted over the whole device"):
-        check(map_, "mask")
+        check_map(map_, "mask")
 
 
 @pytest.mark.parametrize(
@@ -72,10 +72,10 @@ def test_a_map_turns_nowhere_over_and_is_nowhere_flat(
 
     monkeypatch.setattr(Map, "jacobian", slopes)
     if sound:
-        assert check(GOOD, "mask") is GOOD
+        assert check_map(GOOD, "mask") is GOOD
         return
     with pytest.raises(ConfigError, match="folds"):
-        check(GOOD, "mask")
+        check_map(GOOD, "mask")
 
 
 def test_no_warning_comes_of_a_map_that_is_refused() -> None:
@@ -85,4 +85,4 @@ def test_no_warning_comes_of_a_map_that_is_refused() -> None:
         (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, -1.0 / 32.0, 0.0, 1.0),
     ):
         with pytest.raises(ConfigError):
-            check(Map(size_px=(64, 48), homography=homography), "mask")
+            check_map(Map(size_px=(64, 48), homography=homography), "mask")

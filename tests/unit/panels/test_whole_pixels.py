@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.placing import Placing, placed
-from pdcd.panels.windows import whole_pixels, windows
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.panels.windows import find_window_kind, is_on_whole_pixels
 
 GRID = (3, 4)
 SIZE = (8 * GRID[1], 8 * GRID[0])
@@ -30,7 +30,7 @@ def homography(**changes: float) -> tuple[float, ...]:
 
 
 def test_an_upright_panel_of_so_many_pixels_fits() -> None:
-    assert whole_pixels(EIGHTHS, panel(), GRID)
+    assert is_on_whole_pixels(EIGHTHS, panel(), GRID)
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_an_upright_panel_of_so_many_pixels_fits() -> None:
 )
 def test_a_panel_that_stands_askew_or_bends_does_not_fit(changes: dict[str, Any]) -> None:
     """Half windows and whole cells take any panel: each pixel is in one of theirs."""
-    assert not whole_pixels(EIGHTHS, panel(**changes), GRID)
+    assert not is_on_whole_pixels(EIGHTHS, panel(**changes), GRID)
     for name in ("whole", "quarter"):
-        assert whole_pixels(name, panel(**changes), GRID)
+        assert is_on_whole_pixels(name, panel(**changes), GRID)
 
 
 @pytest.mark.parametrize(
@@ -66,14 +66,19 @@ def test_a_panel_that_stands_askew_or_bends_does_not_fit(changes: dict[str, Any]
     ],
 )
 def test_a_panel_placed_by_hand(place: Placing, fits: bool) -> None:
-    assert whole_pixels(EIGHTHS, PanelView("mask", placed(place, SIZE, SIZE, "mask")), GRID) == fits
+    assert (
+        is_on_whole_pixels(
+            EIGHTHS, PanelView("mask", make_placed_map(place, SIZE, SIZE, "mask")), GRID
+        )
+        == fits
+    )
 
 
 @pytest.mark.parametrize("name", ["side-5/8", "side-3/4", "side-7/8"])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_cells_of_so_many_pixels_fit(name: str, axis: int) -> None:
     """Where each window, in place and moved by half, opens and ends at a whole pixel."""
-    half = 0.5 * windows(name).side
+    half = 0.5 * find_window_kind(name).side
     ends = np.array([0.5 - half, 0.5 + half, half, 1.0 - half])
     for pixels in range(1, 33):
         per_cell = [32, 32]
@@ -81,10 +86,10 @@ def test_cells_of_so_many_pixels_fit(name: str, axis: int) -> None:
         size_px = (per_cell[0] * GRID[1], per_cell[1] * GRID[0])
         view = PanelView("mask", Map.filling(size_px))
         fits = bool((pixels * ends == np.rint(pixels * ends)).all())
-        assert whole_pixels(name, view, GRID) == fits, pixels
+        assert is_on_whole_pixels(name, view, GRID) == fits, pixels
 
 
 @pytest.mark.parametrize(("size_px", "fits"), [((24, 24), True), ((32, 24), False)])
 def test_all_cells_must_fit_not_only_some(size_px: tuple[int, int], fits: bool) -> None:
     """Of 32 pixels for three cells: 3/8 of the first cell are 4 of them, 1/8 is no whole number."""
-    assert whole_pixels(EIGHTHS, PanelView("mask", Map.filling(size_px)), (3, 3)) == fits
+    assert is_on_whole_pixels(EIGHTHS, PanelView("mask", Map.filling(size_px)), (3, 3)) == fits

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pdcd.panels.windows import ATOMS, MOVED, strip_numbers, strip_of, windows
+from pdcd.panels.windows import ATOMS, MOVED, find_window_kind, number_strips, split_strip_numbers
 
 SIDES = {"quarter": 1 / 2, "side-5/8": 5 / 8, "side-3/4": 3 / 4, "side-7/8": 7 / 8}
 PLACES = [k / 64 for k in range(64)]
@@ -16,7 +16,7 @@ PLACES = [k / 64 for k in range(64)]
 
 @pytest.mark.parametrize("name", SIDES)
 def test_a_window_has_the_side_of_its_name(name: str) -> None:
-    found = windows(name)
+    found = find_window_kind(name)
     assert found.shifted and found.name == name
     assert found.side == SIDES[name] and found.area == SIDES[name] ** 2
     assert found.guard == (1.0 - SIDES[name]) / 2
@@ -25,7 +25,7 @@ def test_a_window_has_the_side_of_its_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["whole", "pixels"])
 def test_whole_cells_have_one_strip_that_is_always_open(name: str) -> None:
-    found = windows(name)
+    found = find_window_kind(name)
     assert (found.side, found.area, found.guard, found.kinds) == (1.0, 1.0, 0.0, 1)
     assert not found.shifted
     for place in (0.0, 0.3, 0.5, 0.99):
@@ -39,7 +39,7 @@ def test_whole_cells_have_one_strip_that_is_always_open(name: str) -> None:
 @pytest.mark.parametrize("name", SIDES)
 def test_a_place_is_open_where_the_middle_of_a_cell_lies_over_it(name: str, moved: int) -> None:
     """Cells begin half a cell sooner when they are moved; an edge belongs to what begins there."""
-    found, guard = windows(name), (1.0 - SIDES[name]) / 2
+    found, guard = find_window_kind(name), (1.0 - SIDES[name]) / 2
     for place in PLACES:
         within = (place + 0.5 * moved) % 1.0
         assert found.opens(found.strip(place), moved) == (guard <= within < 1.0 - guard), place
@@ -47,7 +47,7 @@ def test_a_place_is_open_where_the_middle_of_a_cell_lies_over_it(name: str, move
 
 @pytest.mark.parametrize("name", SIDES)
 def test_a_place_that_is_open_shows_the_code_cell_that_lies_over_it(name: str) -> None:
-    found = windows(name)
+    found = find_window_kind(name)
     for place in PLACES:
         strip = found.strip(place)
         number = int(strip == MOVED and place > 0.5)  # is that of the code cell it shows
@@ -61,13 +61,13 @@ def test_a_place_that_is_open_shows_the_code_cell_that_lies_over_it(name: str) -
 def test_strips_count_up_from_the_edge_of_the_field(name: str) -> None:
     """Each atom lies in the strip of its middle, and strips change nowhere but at their edges."""
     atom = np.arange(3 * ATOMS, dtype=np.int32)
-    number = strip_numbers(name, atom)
-    kind, cell = strip_of(name, number.astype(np.int64))
+    number = number_strips(name, atom)
+    kind, cell = split_strip_numbers(name, number.astype(np.int64))
     assert number.dtype == np.int32 and number[0] == 0
     assert set(np.diff(number).tolist()) == {0, 1}
     for at, of_kind, of_cell in zip(atom, kind, cell, strict=True):
         place = (at + 0.5) / ATOMS
-        strip = windows(name).strip(place % 1.0)
+        strip = find_window_kind(name).strip(place % 1.0)
         assert of_kind == strip
         assert of_cell == math.floor(place) + (strip == MOVED and place % 1.0 > 0.5)
-    assert number[ATOMS] == windows(name).kinds
+    assert number[ATOMS] == find_window_kind(name).kinds

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import Panels, panels_from
+from pdcd.bench.placed import Panels, place_panels
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
-from pdcd.pictures.border_light import BorderLight, SeenBorders
-from pdcd.pictures.exposed import Ambient
+from pdcd.pictures.border_light import BorderLight, BorderMeasurement
+from pdcd.pictures.exposed import AmbientLight
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.to_quads import Weights
-from pdcd.probing.borders import Strips, find_strips
+from pdcd.pictures.to_quads import QuadWeights
+from pdcd.probing.borders import BorderStrips, find_strips
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
@@ -39,7 +39,7 @@ CAMERAS = [(12, 16), (10, 13)]
 def setting_of(mask: dict[str, Any], frame: tuple[int, int]) -> tuple[Any, CellMap, Any, Any]:
     """Panels, camera, and at all points of each quad the cell that is lit and that which is open:
     (quads, points), -1 where a panel has no pixel."""
-    panels = panels_from(PanelConfig(size_px=PROJECTOR_PX), PanelConfig(**mask))
+    panels = place_panels(PanelConfig(size_px=PROJECTOR_PX), PanelConfig(**mask))
     cells = CellMap(grid=GRID, frame=frame, map=Map.filling(frame[::-1]))
     y, x = (np.arange(side * FINE) + 0.5 for side in frame)
     points = np.stack(np.meshgrid(x / x.size, y / y.size), axis=-1)
@@ -53,7 +53,7 @@ def setting_of(mask: dict[str, Any], frame: tuple[int, int]) -> tuple[Any, CellM
     return panels, cells, shown[0], shown[1]
 
 
-def realised_of(strips: tuple[Strips, ...]) -> Factors:
+def realised_of(strips: tuple[BorderStrips, ...]) -> Factors:
     """A matrix in which no two pairs of cells have the same weight, and direct light has none."""
     rng = np.random.default_rng(3)
     left, right = rng.uniform(0.5, 1.5, (2, 4, N)) / 4.0
@@ -63,7 +63,7 @@ def realised_of(strips: tuple[Strips, ...]) -> Factors:
 def light_between(panels: Panels, cells: CellMap, weight_s: float) -> tuple[Factors, BorderLight]:
     """A matrix for the strips of these panels, and their light in a photo of that weight."""
     realised = realised_of(find_strips(panels.projector, panels.mask, GRID, 4))
-    light = BorderLight.of(realised, Weights(np.array(weight_s), None), cells)
+    light = BorderLight.of(realised, QuadWeights(np.array(weight_s), None), cells)
     assert light is not None
     return realised, light
 
@@ -141,8 +141,8 @@ def test_a_photo_of_strips_tells_detail_that_no_quad_shows(mask: dict[str, Any])
     apart = (lit != opened) & (lit >= 0) & (opened >= 0)
     seen = of_quads(np.where(apart.reshape(slant.shape), slant * stripes, 0.0))
     near = 0.01 * indirect * np.random.default_rng(2).uniform(0.7, 1.3, (*frame, 1))
-    photo = Ambient(seen + near - 0.01 * indirect, np.full(seen.shape, 1e-6))
-    borders = SeenBorders(photo, 0.01 * indirect, reach)
+    photo = AmbientLight(seen + near - 0.01 * indirect, np.full(seen.shape, 1e-6))
+    borders = BorderMeasurement(photo, 0.01 * indirect, reach)
     leak = leak_of(realised, lit, opened, slant * stripes)[..., None] / 2.0
     none = np.full(direct.shape, 1e-3)
     taken, white = Picture(indirect + leak, none), Picture(direct + indirect, none)
@@ -170,9 +170,10 @@ def test_what_nobody_knows_of_the_white_photo_stays() -> None:
 
 def test_panels_that_draw_all_borders_alike_have_no_such_light() -> None:
     for size_px, mask_px in (((48, 36), (80, 60)), ((50, 38), (50, 38))):
-        panels = panels_from(PanelConfig(size_px=size_px), PanelConfig(size_px=mask_px))
+        panels = place_panels(PanelConfig(size_px=size_px), PanelConfig(size_px=mask_px))
         assert find_strips(panels.projector, panels.mask, GRID, 4) == ()
     alike = replace(realised_of(()), apart=())
     assert (
-        BorderLight.of(alike, Weights(np.array(1.0), None), CellMap.block(GRID, CAMERAS[0])) is None
+        BorderLight.of(alike, QuadWeights(np.array(1.0), None), CellMap.block(GRID, CAMERAS[0]))
+        is None
     )

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.pictures.written.looks import Brightness, Look, step_of, usual
+from pdcd.pictures.written.looks import (
+    Brightness,
+    ToneStats,
+    choose_pixel_step,
+    compute_median_sigma,
+)
 
 
 @pytest.mark.parametrize(
@@ -16,7 +21,7 @@ from pdcd.pictures.written.looks import Brightness, Look, step_of, usual
     ],
 )  # fmt: skip
 def test_factors_are_powers_of_two_that_reach_the_level(bright: float, factor: float) -> None:
-    shown = Brightness({"white": Look(0.6, 0.0), "it": Look(bright, 0.0)})
+    shown = Brightness({"white": ToneStats(0.6, 0.0), "it": ToneStats(bright, 0.0)})
     assert shown.factor("it") == factor
 
 
@@ -26,15 +31,15 @@ def test_factors_are_powers_of_two_that_reach_the_level(bright: float, factor: f
 )
 def test_noise_is_shown_as_an_eighth_of_white_at_most(sigma: float, factor: float) -> None:
     """A scene unit is shown as 1.5: what is as dark as a thousandth could be 600 times brighter."""
-    shown = Brightness({"white": Look(0.6, 0.0), "it": Look(1e-3, sigma)})
+    shown = Brightness({"white": ToneStats(0.6, 0.0), "it": ToneStats(1e-3, sigma)})
     assert shown.factor("it") == factor
 
 
 def test_a_run_of_noise_is_not_shown_as_light() -> None:
-    assert Brightness({"white": Look(0.1, 0.125)}).scale == pytest.approx(1.0)
-    assert Brightness({"white": Look(0.9, 0.1)}).scale == pytest.approx(1.0)
-    assert Brightness({"it": Look(0.0, 0.0)}).scale == 1.0
-    assert Brightness({"it": Look(-2.0, 0.0)}).scale == 1.0
+    assert Brightness({"white": ToneStats(0.1, 0.125)}).scale == pytest.approx(1.0)
+    assert Brightness({"white": ToneStats(0.9, 0.1)}).scale == pytest.approx(1.0)
+    assert Brightness({"it": ToneStats(0.0, 0.0)}).scale == 1.0
+    assert Brightness({"it": ToneStats(-2.0, 0.0)}).scale == 1.0
 
 
 @pytest.mark.parametrize(
@@ -47,17 +52,17 @@ def test_a_run_of_noise_is_not_shown_as_light() -> None:
 def test_a_picture_is_signed_by_clear_light_below_zero(
     dark: float, sigma: float, signed: bool
 ) -> None:
-    look = Look(1.0, sigma, dark)
+    look = ToneStats(1.0, sigma, dark)
     assert look.signed == signed
     assert Brightness({"it": look}).signed("it") == signed
 
 
 def test_a_signed_picture_reaches_as_far_as_either_side() -> None:
-    assert Look(0.5, 0.0, -2.0).reach == 2.0
-    assert Look(3.0, 0.0, -2.0).reach == 3.0
-    assert Look(0.5, 1.0, -2.0).reach == 0.5  # by noise alone: not signed
-    assert Look(0.5, 0.1).dark == 0.0
-    shown = Brightness({"low": Look(1.0, 0.0), "it": Look(0.5, 0.0, -2.0)})
+    assert ToneStats(0.5, 0.0, -2.0).reach == 2.0
+    assert ToneStats(3.0, 0.0, -2.0).reach == 3.0
+    assert ToneStats(0.5, 1.0, -2.0).reach == 0.5  # by noise alone: not signed
+    assert ToneStats(0.5, 0.1).dark == 0.0
+    shown = Brightness({"low": ToneStats(1.0, 0.0), "it": ToneStats(0.5, 0.0, -2.0)})
     assert shown.scale == pytest.approx(0.45) and shown.factor("low") == 2.0
 
 
@@ -70,13 +75,13 @@ def picture(levels: list[tuple[int, float]]) -> tuple[np.ndarray, np.ndarray]:
 def test_a_look_is_the_darkest_and_the_brightest_hundredth_of_what_is_known() -> None:
     image = np.repeat(np.arange(1001.0)[:, None, None], 3, axis=2) + 500.0
     seen = np.ones((1001, 1), np.bool_)
-    look = Look.of(image, seen, 0.25)
+    look = ToneStats.of(image, seen, 0.25)
     assert look.dark == pytest.approx(510.0, abs=0.5)
     assert look.bright == pytest.approx(1490.0, abs=0.5)
     assert look.sigma == 0.25
     seen[501:] = False
-    assert Look.of(image, seen, 0.25).bright == pytest.approx(995.0, abs=0.5)
-    assert Look.of(image, np.zeros((1001, 1), np.bool_), 0.25) == Look(0.0, 0.25)
+    assert ToneStats.of(image, seen, 0.25).bright == pytest.approx(995.0, abs=0.5)
+    assert ToneStats.of(image, np.zeros((1001, 1), np.bool_), 0.25) == ToneStats(0.0, 0.25)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +95,7 @@ def test_a_look_is_the_darkest_and_the_brightest_hundredth_of_what_is_known() ->
     ],
 )
 def test_few_glints_do_not_decide(levels: list[tuple[int, float]], bright: float) -> None:
-    assert Look.of(*picture(levels), 0.0).bright == pytest.approx(bright)
+    assert ToneStats.of(*picture(levels), 0.0).bright == pytest.approx(bright)
 
 
 @pytest.mark.parametrize(
@@ -99,12 +104,12 @@ def test_few_glints_do_not_decide(levels: list[tuple[int, float]], bright: float
 def test_of_large_pictures_every_so_many_pixels_are_looked_at(
     shape: tuple[int, int], step: int
 ) -> None:
-    assert step_of(np.zeros(shape, np.bool_)) == step
+    assert choose_pixel_step(np.zeros(shape, np.bool_)) == step
 
 
 def test_the_usual_error_is_the_median_of_what_is_known() -> None:
     sigma = np.arange(15.0).reshape(5, 1, 3)
     seen = np.ones((5, 1), np.bool_)
-    assert usual(sigma, seen) == 7.0
+    assert compute_median_sigma(sigma, seen) == 7.0
     seen[3:] = False
-    assert usual(sigma, seen) == 4.0
+    assert compute_median_sigma(sigma, seen) == 4.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.exposed import Print
-from pdcd.pictures.to_cells import light_of_cells
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.pictures.exposed import ComputedShot
+from pdcd.pictures.to_cells import unmix_some_cells
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
@@ -18,7 +18,7 @@ NOTHING = Factors(np.zeros((1, 48)), np.zeros((1, 48)), np.zeros(48), np.zeros(4
 def cells_of(frame: tuple[int, int], turn_deg: float = 0.0, scale: float = 1.0) -> CellMap:
     place = Placing(turn_deg=turn_deg, scale=scale)
     return CellMap(
-        grid=GRID, frame=frame, map=placed(place, (frame[1], frame[0]), (80, 60), "camera")
+        grid=GRID, frame=frame, map=make_placed_map(place, (frame[1], frame[0]), (80, 60), "camera")
     )
 
 
@@ -36,14 +36,14 @@ def test_cells_are_told_apart_however_few_quads_they_have(
     taken = []
     for light in values:
         quads = cells.spread(light)
-        taken.append(Print(quads, np.full(quads.shape, 1e-4), ~cells.known, NOTHING, {}))
+        taken.append(ComputedShot(quads, np.full(quads.shape, 1e-4), ~cells.known, NOTHING, {}))
     wanted = np.flatnonzero(cells.seen())
     assert wanted.size == 48
-    told = light_of_cells(taken, np.ones(frame, np.bool_), cells, wanted)
+    told = unmix_some_cells(taken, np.ones(frame, np.bool_), cells, wanted)
     found, error = told.light, told.error
     np.testing.assert_allclose(found, values, atol=2e-3)
     assert found.shape == error.shape and 0.0 < error.min() <= error.max() < 0.01 * 4.0
-    few = light_of_cells(taken, np.ones(frame, np.bool_), cells, wanted[5:9])
+    few = unmix_some_cells(taken, np.ones(frame, np.bool_), cells, wanted[5:9])
     np.testing.assert_allclose(few.light, values[:, 5:9], atol=2e-3)
     if frame == (19, 25):  # three quads a cell: their mean holds much of the neighbours
         assert np.abs(cells.mean(taken[0].light) - values[0]).max() > 0.1

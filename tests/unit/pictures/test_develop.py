@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
-from pdcd.pictures.written.picture_files import blocks, read_tiff, write_png, write_tiff
+from pdcd.pictures.written.picture_files import draw_value_table, read_tiff, write_png, write_tiff
 from tests.tools import needs, program
 
 
 def test_numbers_become_grey_squares() -> None:
     table = np.array([[0.0, 0.5, 1.0, 0.2], [-5.0, 7.0, np.nan, np.inf]])
-    small = blocks(table, min_width_px=1)
+    small = draw_value_table(table, min_width_px=1)
     assert small[..., 0].tolist() == [[0, 128, 255, 51], [0, 255, 0, 255]]
     assert (small == small[..., :1]).all() and small.dtype == np.uint8
 
@@ -30,8 +30,8 @@ def test_numbers_become_grey_squares() -> None:
 )
 def test_small_tables_are_enlarged_in_blocks(width: int, min_width_px: int, expected: int) -> None:
     table = np.random.default_rng(0).uniform(0.0, 1.0, (2, width))
-    small = blocks(table, min_width_px=1)
-    large = blocks(table, min_width_px=min_width_px)
+    small = draw_value_table(table, min_width_px=1)
+    large = draw_value_table(table, min_width_px=min_width_px)
     factor = expected // width
     assert large.shape == (2 * factor, expected, 3)
     for row, column in ((0, 0), (factor - 1, factor - 1)):

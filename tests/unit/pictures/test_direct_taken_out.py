@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.pictures.combine import take_out_direct
+from pdcd.pictures.combine import remove_direct_light
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.to_quads import Weights, direct_share
+from pdcd.pictures.to_quads import QuadWeights, compute_direct_share
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
@@ -26,7 +26,7 @@ def test_what_is_taken_out_is_what_was_put_in() -> None:
     coded = indirect + share[..., None] * direct
     sigma, of_white = rng.uniform(0.1, 0.2, (2, *GRID, 3))
     of_white[1, 2, 0] = np.inf
-    found = take_out_direct(Picture(coded, sigma), Picture(direct + indirect, of_white), share)
+    found = remove_direct_light(Picture(coded, sigma), Picture(direct + indirect, of_white), share)
     image, error = found.image, found.sigma
     known = np.isfinite(of_white)
     assert image[known] == pytest.approx(indirect[known], rel=1e-12)
@@ -40,12 +40,12 @@ def test_what_is_taken_out_is_what_was_put_in() -> None:
 
 def test_shares_not_worth_it_and_shares_that_leave_nothing() -> None:
     cells = CellMap.block(GRID, (12, 16))
-    weights = Weights(np.full((12, 16), 2.0), None)
+    weights = QuadWeights(np.full((12, 16), 2.0), None)
     there = np.full(48, 0.2)
     there[3] = 0.1
-    share = direct_share(realised(there), weights, cells)
+    share = compute_direct_share(realised(there), weights, cells)
     assert share is not None and share.shape == (12, 16)
     assert share[0, 6] == pytest.approx(0.05) and share[11, 0] == pytest.approx(0.1)
-    assert direct_share(realised(1e-5 * there), weights, cells) is None
+    assert compute_direct_share(realised(1e-5 * there), weights, cells) is None
     there[7] = 1.5
-    assert direct_share(realised(there), weights, cells) is None
+    assert compute_direct_share(realised(there), weights, cells) is None

@@ -20,10 +20,10 @@ from pdcd import __version__
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import RequestError
-from pdcd.pictures.written.export import Asked, Exported, exported
+from pdcd.pictures.written.export import ExportedFile, ExportRequest, export_run_pictures
 from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.verify import verify
+from pdcd.runs.verify import verify_run
 from tests import bench_rig, tampered
 
 
@@ -38,9 +38,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(result.folder)
 
 
-def made(run: Path, format_: Any, **more: Any) -> dict[str, Exported]:
+def made(run: Path, format_: Any, **more: Any) -> dict[str, ExportedFile]:
     return {
-        file.picture: file for file in exported(run, Asked(format=format_, **more), lambda: None)
+        file.picture: file
+        for file in export_run_pictures(run, ExportRequest(format=format_, **more), lambda: None)
     }
 
 
@@ -144,7 +145,7 @@ def test_the_command_writes_and_tells(
     out = capsys.readouterr().out
     assert "black is 0.4, white is 0.5 scene units" in out and "values above white" in out
     assert len(list((tmp_path / "out").iterdir())) == 3
-    assert verify(run).whole
+    assert verify_run(run).whole
 
 
 @pytest.mark.parametrize(
@@ -171,7 +172,7 @@ def test_refusals(
     more = [str(run / "linear") if word == "RUN" else word for word in more]
     assert main(["export", str(run), "--format", "png16", *more]) == 2
     assert words in capsys.readouterr().err
-    assert not list(tmp_path.iterdir()) and verify(run).whole
+    assert not list(tmp_path.iterdir()) and verify_run(run).whole
 
 
 def test_a_changed_run_is_not_exported(

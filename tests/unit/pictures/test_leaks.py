@@ -7,13 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.leaks import Answer, Dark, Means, answers_of, noise_of
-from pdcd.planning.look import needed
+from pdcd.pictures.exposed import ComputedShot, ExposedShot
+from pdcd.pictures.leaks import (
+    DarkPhotoLight,
+    LeakAnswer,
+    ShotMeans,
+    make_leak_answers,
+    predict_photo_variances,
+)
+from pdcd.planning.look import choose_black_level
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import Goal, How, Leaks
+from pdcd.protocol.plan_summary import CaptureScheme, Goal, LeakErrors
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.sensor.cells import CellMap
 
 GRID = (6, 8)
@@ -27,7 +33,9 @@ LIT = 3
 
 def bench(
     ambient: float, leak: float, black: float, seed: int = 0
-) -> tuple[dict[str, Exposed], dict[str, float], Dark, Dark, np.ndarray, np.ndarray]:
+) -> tuple[
+    dict[str, ExposedShot], dict[str, float], DarkPhotoLight, DarkPhotoLight, np.ndarray, np.ndarray
+]:
     """White and coded photos summed refresh by refresh, without any of pdcd's optics; dark photos
     of the same bench; and the indirect photo as it is and as it should be."""
     rng = np.random.default_rng(seed)
@@ -50,20 +58,22 @@ def bench(
     lit_s = {"coded": LIT * REFRESH_S * float(lit.sum(axis=1).mean()) * CODES / N}
     nothing = np.zeros((N, 3))
     everything = transport.sum(axis=1)[:, None] * np.ones(3)
-    open_light = Dark(around + black * everything, nothing)
-    closed_light = Dark(leak * everything, nothing)
+    open_light = DarkPhotoLight(around + black * everything, nothing)
+    closed_light = DarkPhotoLight(leak * everything, nothing)
     return shots, lit_s, open_light, closed_light, light / weight, true_off.sum(axis=1)
 
 
-def exposed(light: np.ndarray, factors: Factors) -> Exposed:
+def exposed(light: np.ndarray, factors: Factors) -> ExposedShot:
     image = light.reshape(*GRID, 3)
     none = np.zeros(GRID, np.bool_)
-    return Print(image, np.zeros_like(image), none, factors, {})
+    return ComputedShot(image, np.zeros_like(image), none, factors, {})
 
 
-def answer(shots: dict[str, Exposed], lit_s: dict[str, float]) -> Answer:
-    recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(white=False))
-    (found,) = answers_of(recipe, Means.of(recipe, shots, CELLS), lit_s, normalise="scalar")
+def answer(shots: dict[str, ExposedShot], lit_s: dict[str, float]) -> LeakAnswer:
+    recipe = make_recipe(Target(Goal(name="indirect"), GRID), CaptureScheme(white=False))
+    (found,) = make_leak_answers(
+        recipe, ShotMeans.of(recipe, shots, CELLS), lit_s, normalise="scalar"
+    )
     return found
 
 
@@ -95,7 +105,7 @@ def test_leaking_panels_are_foreseen_as_a_bound(leak: float, black: float) -> No
 def test_one_dark_photo_of_both_is_a_bound_of_either() -> None:
     shots, lit_s, ambient, mask, _, _ = bench(0.01, 1 / 300, 1 / 500)
     found = answer(shots, lit_s)
-    whole = Dark(ambient.light + mask.light, ambient.variance + mask.variance)
+    whole = DarkPhotoLight(ambient.light + mask.light, ambient.variance + mask.variance)
     assert found.most(whole) > found.both(ambient, mask) > found.mask(mask) > 0.0
 
 
@@ -106,7 +116,7 @@ def test_noise_is_no_leak() -> None:
     found = answer(shots, lit_s)
     rng = np.random.default_rng(1)
     for _ in range(20):
-        noise = Dark(0.01 * rng.standard_normal((N, 3)), np.full((N, 3), 1e-4))
+        noise = DarkPhotoLight(0.01 * rng.standard_normal((N, 3)), np.full((N, 3), 1e-4))
         assert found.ambient(noise) == 0.0
         assert found.floor(noise) > 0.0
 
@@ -119,8 +129,8 @@ def test_noise_is_no_leak() -> None:
 def test_as_few_black_exposures_as_will_do(
     ambient: float, mask: float, both: float, level: str
 ) -> None:
-    leaks = Leaks(ambient=ambient, mask=mask, both=both, floor=0.0, limit=0.01, raw=())
-    assert needed(leaks) == level
+    leaks = LeakErrors(ambient=ambient, mask=mask, both=both, floor=0.0, limit=0.01, raw=())
+    assert choose_black_level(leaks) == level
 
 
 @pytest.mark.parametrize("share", [1.0, -0.5])
@@ -129,10 +139,12 @@ def test_the_noise_of_ambient_light_is_that_of_a_photo_and_its_black_exposure(sh
     electron = 1e-7
     shots, _, ambient, _, image, clean = bench(0.3, 0.0, 0.0)
     one = shots["coded"]
-    noisy: Exposed = replace(one, variance=electron * one.light)  # type: ignore[type-var]
-    recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(white=False))
+    noisy: ExposedShot = replace(one, variance=electron * one.light)  # type: ignore[type-var]
+    recipe = make_recipe(Target(Goal(name="indirect"), GRID), CaptureScheme(white=False))
     recipe = replace(recipe, pictures={"indirect": ((share, "coded"),)})
-    found = noise_of(recipe, Means.of(recipe, {"coded": noisy}, CELLS), ambient, normalise="scalar")
+    found = predict_photo_variances(
+        recipe, ShotMeans.of(recipe, {"coded": noisy}, CELLS), ambient, normalise="scalar"
+    )
     light = one.light.reshape(N, 3)
     weight = float(np.mean(light / image))
     black = one.realised.open_s[:, None] * ambient.light
@@ -143,6 +155,6 @@ def test_the_noise_of_ambient_light_is_that_of_a_photo_and_its_black_exposure(sh
 
 def test_an_answer_of_extremes_has_no_such_noise() -> None:
     ambient = bench(0.3, 0.0, 0.0)[2]
-    recipe = recipe_of(Target(Goal(name="split", period=2), GRID), How())
-    means = Means({}, {}, np.ones(N, np.bool_))
-    assert noise_of(recipe, means, ambient, normalise="scalar") == {}
+    recipe = make_recipe(Target(Goal(name="split", period=2), GRID), CaptureScheme())
+    means = ShotMeans({}, {}, np.ones(N, np.bool_))
+    assert predict_photo_variances(recipe, means, ambient, normalise="scalar") == {}

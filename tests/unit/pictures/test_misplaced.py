@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import on_field
+from pdcd.bench.placed import map_to_field
 from pdcd.bench.tables import PanelConfig
-from pdcd.panels.blocks import Blocks
+from pdcd.panels.blocks import BlockPattern
 from pdcd.panels.map import Map
 from pdcd.pictures.misplaced import (
     BlockPhotos,
-    affine,
-    direct_lost,
-    lie_of,
-    lost_by_quad,
-    off_px,
-    panel_look,
+    estimate_lost_by_quad,
+    estimate_lost_direct,
+    field_shifts_px,
+    find_panel_places,
+    make_affine_map,
+    measure_misplacement,
 )
 from pdcd.runs.record import PanelLook
 from pdcd.sensor.cells import CellMap
@@ -57,7 +57,7 @@ class Lies:
         return np.asarray((lies - self.shift) @ np.linalg.inv(self.linear).T)
 
 
-def seen(blocks: Blocks, panel: tuple[int, int], lies: Lies, camera: Lies) -> Floats:
+def seen(blocks: BlockPattern, panel: tuple[int, int], lies: Lies, camera: Lies) -> Floats:
     """What quads see of the blocks on a panel, (h, w): its pixels are drawn one by one."""
     width, height = QUADS
     x, y = ((np.arange(n * POINTS) + 0.5) / (n * POINTS) for n in (width, height))
@@ -84,7 +84,7 @@ def looked(
     other light is that of the mirrored place, and not of all places. projector : whose field this
     is; None: it has its whole picture."""
     random = np.random.default_rng(3)
-    blocks = Blocks.of((PROJECTOR, MASK), WIDTH / QUADS[0])
+    blocks = BlockPattern.of((PROJECTOR, MASK), WIDTH / QUADS[0])
     assert blocks is not None
     camera = camera or Lies()
     texture = electrons * np.exp(0.6 * random.normal(size=QUADS[::-1]))
@@ -96,8 +96,8 @@ def looked(
     )
     photos = BlockPhotos(white=white, projector=one, mask=other, known=white < 8.0 * electrons)
     projector = projector or PanelConfig(size_px=PROJECTOR)
-    maps = on_field(Map.filling(projector.size_px), projector), Map.filling(MASK)
-    return panel_look(photos, blocks, Map.filling(QUADS), maps, projector.field_size_px)
+    maps = map_to_field(Map.filling(projector.size_px), projector), Map.filling(MASK)
+    return find_panel_places(photos, blocks, Map.filling(QUADS), maps, projector.field_size_px)
 
 
 def test_places_are_in_pixels_of_a_projector_of_whose_picture_the_field_is_a_part() -> None:
@@ -105,7 +105,10 @@ def test_places_are_in_pixels_of_a_projector_of_whose_picture_the_field_is_a_par
     larger = PanelConfig(size_px=(2 * WIDTH, 2 * HEIGHT), field_px=(256, 192, WIDTH, HEIGHT))
     found = looked(Lies((24.0, 3.0)), projector=larger)
     assert found.mask is not None
-    assert np.hypot(*(affine(found.mask)(MIDDLE) - MIDDLE - (24.0, 3.0))) < 0.1 * WIDTH / QUADS[0]
+    assert (
+        np.hypot(*(make_affine_map(found.mask)(MIDDLE) - MIDDLE - (24.0, 3.0)))
+        < 0.1 * WIDTH / QUADS[0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -126,7 +129,7 @@ def test_places_are_in_pixels_of_a_projector_of_whose_picture_the_field_is_a_par
 def test_a_mask_is_found_to_a_tenth_of_a_quad(mask: Lies) -> None:
     found = looked(mask)
     assert found.mask is not None and found.mask_seen
-    where = affine(found.mask)
+    where = make_affine_map(found.mask)
     right, down = where(MIDDLE) - mask.lies(MIDDLE)
     assert np.hypot(right, down) < 0.1 * WIDTH / QUADS[0]
     corners = np.array([(0.0, 0.0), (WIDTH, 0.0), (0.0, HEIGHT), (WIDTH, HEIGHT)])
@@ -141,7 +144,7 @@ def test_a_look_says_how_sure_it_is() -> None:
     for electrons in (5000.0, 50.0):
         found = looked(Lies((2.0, 0.0)), electrons=electrons)
         assert found.mask is not None
-        off = off_px(found.mask, PROJECTOR, (2.0, 0.0))
+        off = field_shifts_px(found.mask, PROJECTOR, (2.0, 0.0))
         error = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
         assert error < 3.0 * found.sigma_px
         sigmas.append(found.sigma_px)
@@ -154,16 +157,16 @@ def test_a_look_says_how_sure_it_is() -> None:
 def test_the_camera_cancels_and_is_found_by_itself(camera: Lies) -> None:
     found = looked(Lies((5.0, 0.0)), camera)
     assert found.mask is not None and found.camera is not None
-    assert np.hypot(*(affine(found.mask)(MIDDLE) - MIDDLE - (5.0, 0.0))) < 0.3
-    assert np.hypot(*(affine(found.camera)(MIDDLE) - camera.lies(MIDDLE))) < 0.5
-    lie = lie_of(found.camera, PROJECTOR)
+    assert np.hypot(*(make_affine_map(found.mask)(MIDDLE) - MIDDLE - (5.0, 0.0))) < 0.3
+    assert np.hypot(*(make_affine_map(found.camera)(MIDDLE) - camera.lies(MIDDLE))) < 0.5
+    lie = measure_misplacement(found.camera, PROJECTOR)
     assert lie.flip == ("horizontal" if camera.linear[0, 0] < 0.0 else "none")
 
 
 def test_little_direct_light_is_enough_and_none_is_said() -> None:
     faint = looked(Lies((10.0, 0.0)), direct=0.1)
     assert faint.mask is not None
-    assert abs(affine(faint.mask)(MIDDLE)[0] - MIDDLE[0] - 10.0) < 0.5
+    assert abs(make_affine_map(faint.mask)(MIDDLE)[0] - MIDDLE[0] - 10.0) < 0.5
     none = looked(Lies((10.0, 0.0)), direct=0.0)
     assert none.mask is None and none.mask_seen and none.direct == 0.0
 
@@ -182,12 +185,12 @@ def test_a_mirror_in_the_scene_is_not_taken_for_a_mirrored_panel() -> None:
 def test_how_a_picture_lies_in_words_terms() -> None:
     lies = Lies((30.0, -4.0), turn=3.0, scale=0.8, flip=(1.0, -1.0))
     (a, b), (d, e) = lies.linear.tolist()
-    lie = lie_of((a, b, float(lies.shift[0]), d, e, float(lies.shift[1])), PROJECTOR)
+    lie = measure_misplacement((a, b, float(lies.shift[0]), d, e, float(lies.shift[1])), PROJECTOR)
     assert lie.flip == "vertical"
     assert (lie.turn_deg, lie.scale, *lie.offset_px) == pytest.approx((3.0, 0.8, 30.0, -4.0))
-    shifted = lie_of((1.0, 0.0, 3.0, 0.0, 1.0, 4.0), PROJECTOR)
+    shifted = measure_misplacement((1.0, 0.0, 3.0, 0.0, 1.0, 4.0), PROJECTOR)
     assert (shifted.flip, shifted.median_px, shifted.most_px) == ("none", 5.0, 5.0)
-    assert off_px((1.0, 0.0, 3.0, 0.0, 1.0, 4.0), PROJECTOR, (3.0, 4.0)).max() == 0.0
+    assert field_shifts_px((1.0, 0.0, 3.0, 0.0, 1.0, 4.0), PROJECTOR, (3.0, 4.0)).max() == 0.0
 
 
 def run(look: PanelLook | None, **mask: Any) -> Any:
@@ -214,19 +217,21 @@ def moved(right: float, down: float) -> PanelLook:
 def test_what_a_look_cannot_be_sure_of_loses_no_light() -> None:
     """A mask 1.4 px off counts where that is seen to 0.1 px, and not where it is seen to 0.5."""
     look = moved(1.4, 0.0)
-    assert direct_lost(run(look), "whole").mean > 0.05
-    assert direct_lost(run(msgspec.structs.replace(look, sigma_px=0.5)), "whole").mean == 0.0
+    assert estimate_lost_direct(run(look), "whole").mean > 0.05
+    assert (
+        estimate_lost_direct(run(msgspec.structs.replace(look, sigma_px=0.5)), "whole").mean == 0.0
+    )
 
 
 def test_direct_light_lost_through_whole_cells_is_that_of_the_strip_beside_them() -> None:
     """Of a cell of 16 px that is 4.1 px off, 4.1 less a tenth that counts as none, a quarter sees
     its neighbour; through quads of a pixel its root mean square is nearly the root of that."""
-    lost = direct_lost(run(moved(4.1, 0.0)), "whole")
+    lost = estimate_lost_direct(run(moved(4.1, 0.0)), "whole")
     assert lost.mean == pytest.approx(0.25, abs=1e-9)
     assert lost.rms == pytest.approx(0.5, rel=0.05)
-    inside = direct_lost(run(moved(3.9, 0.0)), "quarter")
+    inside = estimate_lost_direct(run(moved(3.9, 0.0)), "quarter")
     assert inside.mean == pytest.approx(0.0, abs=1e-9) and inside.rms < 1e-3
-    assert direct_lost(run(moved(40.0, 0.0)), "quarter").mean == pytest.approx(1.0)
+    assert estimate_lost_direct(run(moved(40.0, 0.0)), "quarter").mean == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("window", "guard"), [("whole", 0), ("quarter", 4)])
@@ -240,7 +245,9 @@ def test_direct_light_is_lost_where_cells_of_light_and_mask_meet_otherwise(
         place, drawn = light + moved_px, light - 7 + moved_px
         is_open = (drawn % 16 >= guard) & (drawn % 16 < 16 - guard)
         lost |= is_open & (place // 16 != drawn // 16)
-    found = lost_by_quad(run(moved(7.0, 0.0)), window, cells)[8]
+    look = moved(7.0, 0.0)
+    assert look.mask is not None
+    found = estimate_lost_by_quad(run(look), look, look.mask, window, cells)[8]
     assert 0.1 < lost.mean() < 0.5
     near = np.convolve(lost, np.ones(5), "same")[16:-16]
     assert found[16:-16][lost[16:-16]].min() > 0.8
@@ -249,7 +256,7 @@ def test_direct_light_is_lost_where_cells_of_light_and_mask_meet_otherwise(
 
 def test_what_is_known_or_not_found_loses_nothing() -> None:
     for one in (run(None), run(moved(0.05, 0.05)), run(moved(-3.0, 1.0), offset_px=(3.0, -1.0))):
-        lost = direct_lost(one, "whole")
+        lost = estimate_lost_direct(one, "whole")
         assert (lost.mean, lost.rms) == (0.0, 0.0)
 
 
@@ -258,4 +265,4 @@ def test_a_mirrored_mask_loses_all() -> None:
         mask=(-1.0, 0.0, float(WIDTH), 0.0, 1.0, 0.0), camera=None, rest_px=0.0, direct=0.5,
         mask_seen=True,
     )  # fmt: skip
-    assert direct_lost(run(look), "quarter").mean == 1.0
+    assert estimate_lost_direct(run(look), "quarter").mean == 1.0

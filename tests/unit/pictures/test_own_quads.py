@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.exposed import Print
-from pdcd.pictures.photos import corrected_photos
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.pictures.exposed import ComputedShot
+from pdcd.pictures.photos import make_corrected_photos
 from pdcd.pictures.picture import Picture
-from pdcd.planning.make import plan_for
+from pdcd.planning.make import plan_with_prior
 from pdcd.planning.plan import Plan
-from pdcd.probing.realised import bench_factors, collect
+from pdcd.probing.realised import collect_factors, compute_bench_factors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
@@ -43,7 +43,7 @@ PLACES = {
 
 
 def camera(place: Placing, frame: tuple[int, int] = FRAME, **more: Any) -> DenseCamera:
-    map_ = placed(place, (frame[1], frame[0]), PROJECTOR_PX, "camera")
+    map_ = make_placed_map(place, (frame[1], frame[0]), PROJECTOR_PX, "camera")
     return DenseCamera(GRID, frame, map_, **more)
 
 
@@ -60,7 +60,7 @@ def flat() -> tuple[Floats, Floats]:
 
 def plan_of(**fields: Any) -> Plan:
     given = {"goal": "indirect", "codes": 16, "white": False, **fields}
-    return plan_for(msgspec.convert(given, CaptureRequest), Config(), GRID)
+    return plan_with_prior(msgspec.convert(given, CaptureRequest), Config(), GRID)
 
 
 def photos_of(
@@ -82,8 +82,8 @@ def photos_of(
         frames = plan.frames(shot)
         log = on_time(frames, shift_s)
         close_ns = int(log.end_ns.max()) + SETTLE_NS
-        realised = collect(
-            bench_factors(
+        realised = collect_factors(
+            compute_bench_factors(
                 frames,
                 log,
                 PanelConfig(size_px=PROJECTOR_PX),
@@ -108,8 +108,8 @@ def photos_of(
         )
         image = np.repeat(light[..., None], 3, axis=2)
         none = np.zeros(dense.frame, np.bool_)
-        shots[shot.name] = Print(image, np.full(image.shape, 1e-6), none, realised, {})
-    return corrected_photos(
+        shots[shot.name] = ComputedShot(image, np.full(image.shape, 1e-6), none, realised, {})
+    return make_corrected_photos(
         plan.recipe, shots, None, cells or cells_of(dense), normalise=normalise, smooth=smooth
     )
 

@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.bars import barred_by_parts
-from pdcd.pictures.exposed import Print
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.pictures.bars import add_part_errors
+from pdcd.pictures.exposed import ComputedShot
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.to_cells import average_shots, average_with_bars, halve
+from pdcd.pictures.to_cells import average_shots, average_with_errors, choose_part_cells
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
@@ -19,9 +19,9 @@ FRAME = (GRID[0] * SIDE, GRID[1] * SIDE)
 NOTHING = Factors(np.zeros((0, 12)), np.zeros((0, 12)), np.zeros(12), np.zeros(12))
 
 
-def shot(light: np.ndarray, saturated: np.ndarray | None = None) -> Print:
+def shot(light: np.ndarray, saturated: np.ndarray | None = None) -> ComputedShot:
     blown = np.zeros(light.shape[:2], np.bool_) if saturated is None else saturated
-    return Print(light, np.ones_like(light), blown, NOTHING, {"iso": 100}, 3)
+    return ComputedShot(light, np.ones_like(light), blown, NOTHING, {"iso": 100}, 3)
 
 
 def test_cells_have_the_mean_of_quads_that_no_shot_has_saturated() -> None:
@@ -44,9 +44,9 @@ def test_cells_have_the_mean_of_quads_that_no_shot_has_saturated() -> None:
 
 
 def test_cells_that_no_quad_sees_are_as_bright_as_the_others() -> None:
-    place = placed(Placing(scale=0.3), (FRAME[1], FRAME[0]), (40, 30), "camera")
+    place = make_placed_map(Placing(scale=0.3), (FRAME[1], FRAME[0]), (40, 30), "camera")
     cells = CellMap(grid=GRID, frame=FRAME, map=place)
-    halves = halve(cells)
+    halves = choose_part_cells(cells)
     seen = halves.seen().reshape(halves.grid)
     assert 0 < seen.sum() < seen.size
     light = np.random.default_rng(6).random((*FRAME, 3))
@@ -61,7 +61,9 @@ def test_light_that_is_the_same_everywhere_is_so_where_quads_see_past_the_border
     turn_deg: float,
 ) -> None:
     """Quads there get less of it, by the blur."""
-    place = placed(Placing(turn_deg=turn_deg, scale=1.3), (FRAME[1], FRAME[0]), (40, 30), "camera")
+    place = make_placed_map(
+        Placing(turn_deg=turn_deg, scale=1.3), (FRAME[1], FRAME[0]), (40, 30), "camera"
+    )
     cells = CellMap(grid=GRID, frame=FRAME, map=place, blur_quads=0.8)
     assert cells.inside is not None
     light = np.tile((cells.spread(np.ones(12)) * cells.inside)[..., None], (1, 1, 3))
@@ -73,17 +75,19 @@ def test_light_that_is_the_same_everywhere_is_so_where_quads_see_past_the_border
 def test_a_camera_that_sees_halves_of_cells_averages_over_halves() -> None:
     """Quads that see two of them do not count where each has enough that see it alone."""
     frame = (31, 41)  # 10.3 quads a cell each way
-    place = placed(Placing(), (frame[1], frame[0]), (40, 30), "camera")
+    place = make_placed_map(Placing(), (frame[1], frame[0]), (40, 30), "camera")
     cells = CellMap(grid=GRID, frame=frame, map=place)
-    halves = halve(cells)
+    halves = choose_part_cells(cells)
     assert halves.grid == (6, 8)
     # Too few quads, or too much blur, for halves.
     few = msgspec.structs.replace(cells, frame=(9, 12), map=None)
-    assert halve(few) is few
-    few = CellMap(grid=GRID, frame=(8, 11), map=placed(Placing(), (11, 8), (40, 30), "camera"))
-    assert halve(few) is few
+    assert choose_part_cells(few) is few
+    few = CellMap(
+        grid=GRID, frame=(8, 11), map=make_placed_map(Placing(), (11, 8), (40, 30), "camera")
+    )
+    assert choose_part_cells(few) is few
     blurred = msgspec.structs.replace(cells, blur_quads=1.3)
-    assert halve(blurred) is blurred
+    assert choose_part_cells(blurred) is blurred
     values = np.random.default_rng(7).random((48, 3))
     averaged = average_shots({"one": shot(halves.spread(values))}, cells)
     found, alike = averaged.shots, averaged.cells
@@ -98,15 +102,15 @@ def test_cells_whose_quads_see_others_too_have_an_error_of_their_own(
     """Errors by chance of cells, seen by quads that see two and four of them."""
     grid, count = (16, 20), 8
     frame = (frame[0] * 16 // 3, frame[1] * 5)
-    place = placed(Placing(), (frame[1], frame[0]), (400, 320), "camera")
+    place = make_placed_map(Placing(), (frame[1], frame[0]), (400, 320), "camera")
     cells = CellMap(grid=grid, frame=frame, map=place)
-    assert (halve(cells).grid != grid) is halves
+    assert (choose_part_cells(cells).grid != grid) is halves
     rng = np.random.default_rng(8)
     errors = 0.05 * rng.standard_normal((count, grid[0] * grid[1], 3))
     shots = {f"{k}": shot(cells.spread(1.0 + one)) for k, one in enumerate(errors)}
     picture = Picture(cells.spread(1.0 + errors.mean(axis=0)), np.full((*frame, 3), 1e-6))
     parts = [one.light for one in average_shots(shots, cells).shots.values()]
-    made = barred_by_parts({"it": picture}, {"it": parts}, cells, {})["it"]
+    made = add_part_errors({"it": picture}, {"it": parts}, cells, {})["it"]
     found = float(np.sqrt(np.mean(made.sigma[cells.single] ** 2)))
     assert found == pytest.approx(0.05 / np.sqrt(count), rel=0.06)
 
@@ -118,10 +122,10 @@ def test_what_single_quads_err_by_is_no_error_of_the_mean_of_their_cell() -> Non
     picture = Picture(image, np.full(image.shape, 0.01))
     more = {"it": np.full(image.shape, 0.3)}
     without, made = (
-        barred_by_parts({"it": picture}, {"it": parts}, cells, one) for one in ({}, more)
+        add_part_errors({"it": picture}, {"it": parts}, cells, one) for one in ({}, more)
     )
     np.testing.assert_allclose(made["it"].code, np.hypot(without["it"].code, 0.3), rtol=1e-12)
-    means = average_with_bars(made["it"], cells)
+    means = average_with_errors(made["it"], cells)
     np.testing.assert_allclose(means.code, without["it"].code, rtol=1e-12)
 
 
@@ -129,15 +133,17 @@ def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -
     grid, count = (16, 20), 8
     frame = (16 * 11, 20 * 11)
     cells = CellMap(
-        grid=grid, frame=frame, map=placed(Placing(), (frame[1], frame[0]), (400, 320), "camera")
+        grid=grid,
+        frame=frame,
+        map=make_placed_map(Placing(), (frame[1], frame[0]), (400, 320), "camera"),
     )
-    halves = halve(cells)
+    halves = choose_part_cells(cells)
     rng = np.random.default_rng(9)
     errors = 0.05 * rng.standard_normal((count, 4 * grid[0] * grid[1], 3))
     parts = [halves.spread(1.0 + one) for one in errors]
     light = average_shots({f"{k}": shot(one) for k, one in enumerate(parts)}, cells).shots
     picture = Picture(np.mean(parts, axis=0), np.full((*frame, 3), 1e-6))
-    made = barred_by_parts(
+    made = add_part_errors(
         {"it": picture},
         {"it": [one.light for one in light.values()]},
         cells,
@@ -145,7 +151,7 @@ def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -
     )["it"]
     true = 0.05 / np.sqrt(count)
     assert np.sqrt(np.mean(made.code**2)) == pytest.approx(true, rel=0.06)
-    means = average_with_bars(made, cells)
+    means = average_with_errors(made, cells)
     assert means.code.shape == (*grid, 3)
     assert np.sqrt(np.mean(means.code**2)) == pytest.approx(true / 2.0, rel=0.06)
 
@@ -160,6 +166,6 @@ def test_parts_are_told_of_half_cells_where_quads_see_one_half_alone(
     """Of three upright quads a cell those at its sides do; of turned ones too few."""
     grid = (6, 8)
     size = (quads * grid[1], quads * grid[0])
-    place = placed(Placing(turn_deg=turn_deg), size, (640, 480), "camera")
+    place = make_placed_map(Placing(turn_deg=turn_deg), size, (640, 480), "camera")
     cells = CellMap(grid=grid, frame=(size[1], size[0]), map=place)
-    assert (halve(cells).grid != grid) == halved
+    assert (choose_part_cells(cells).grid != grid) == halved

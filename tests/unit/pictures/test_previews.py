@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from pdcd.errors import NoSpaceError
 from pdcd.panels.map import Map
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.upright import View
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.upright import FieldView
 from pdcd.pictures.written import previews
-from pdcd.pictures.written.picture_files import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, strip
-from pdcd.pictures.written.previews import HATCH, Previews, coded, write_previews
+from pdcd.pictures.written.picture_files import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, draw_caption
+from pdcd.pictures.written.previews import HATCH, Previews, encode_gamma, write_previews
 
 Floats = NDArray[np.float64]
 
 FRAME = (48, 64)
-VIEW = View(Map.filling((64, 48)), 64 / 48)
+VIEW = FieldView(Map.filling((64, 48)), 64 / 48)
 CAST = np.array([0.85, 1.0, 1.2])
 
 
@@ -30,9 +30,9 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(previews, "LEAST_PX", 320)
 
 
-def picture(image: Floats, sigma: float = 1e-4) -> Barred:
+def picture(image: Floats, sigma: float = 1e-4) -> PictureWithErrors:
     error = np.full(image.shape, sigma)
-    return Barred(image, error, error, error, "sensor")
+    return PictureWithErrors(image, error, error, error, "sensor")
 
 
 def flat(level: float) -> Floats:
@@ -47,7 +47,7 @@ def middle(drawn: NDArray[np.uint8]) -> list[int]:
 def test_a_preview_is_the_field_with_a_strip_below() -> None:
     drawn = Previews({"white": picture(flat(0.6))}, VIEW).drawn("white")
     assert drawn.shape == (240 + HEIGHT_PX, 320, 3) and drawn.dtype == np.uint8
-    wide = Previews({"white": picture(flat(0.6))}, View(VIEW.map, 2.0)).drawn("white")
+    wide = Previews({"white": picture(flat(0.6))}, FieldView(VIEW.map, 2.0)).drawn("white")
     assert wide.shape == (160 + HEIGHT_PX, 320, 3)
 
 
@@ -132,7 +132,7 @@ def test_a_scene_without_white_keeps_its_colours(colour: tuple[float, float, flo
 def test_a_patch_that_cannot_be_seen_is_told() -> None:
     lit = picture(flat(0.8))
     lit.sigma[10:40, 10:50] = np.inf
-    made = Previews({"white": lit}, View(VIEW.map, VIEW.aspect, (0.5, 0.5)))
+    made = Previews({"white": lit}, FieldView(VIEW.map, VIEW.aspect, (0.5, 0.5)))
     assert made.balance.source == "white photo"
     assert made.warnings == ("nothing can be seen of a white patch at 0.5 0.5",)
 
@@ -150,14 +150,14 @@ def test_what_is_not_known_is_hatched(value: float) -> None:
 
 def test_the_strip_names_its_greys() -> None:
     greys = [(0, "0"), (128, "0.2"), (255, "1")]
-    made = strip(640, "indirect  x 4", ["a", "b"], greys)
+    made = draw_caption(640, "indirect  x 4", ["a", "b"], greys)
     left = 640 - MARGIN_PX - 3 * STEP_PX
     assert [made[10, left + STEP_PX * k + 5].tolist() for k in range(3)] == [
         [grey] * 3 for grey, _ in greys
     ]
-    other = strip(640, "indirect  x 8", ["a", "b"], greys)
+    other = draw_caption(640, "indirect  x 8", ["a", "b"], greys)
     assert (made != other).any() and (made[:, left:] == other[:, left:]).all()
-    long = strip(640, "m" * 200, ["n" * 300], greys)
+    long = draw_caption(640, "m" * 200, ["n" * 300], greys)
     assert (long[:, left - MARGIN_PX :] == made[:, left - MARGIN_PX :]).all()
     assert (made[:, :left] != PAPER).any()
 
@@ -167,9 +167,9 @@ def test_the_scale_of_greys_is_that_of_the_pixels(monkeypatch: pytest.MonkeyPatc
 
     def noted(width: int, title: str, notes: list[str], greys: list[tuple[int, str]]) -> object:
         told.append((title, greys))
-        return strip(width, title, notes, greys)
+        return draw_caption(width, title, notes, greys)
 
-    monkeypatch.setattr(previews, "strip", noted)
+    monkeypatch.setattr(previews, "draw_caption", noted)
     made = Previews({"white": picture(flat(0.9)), "dark": picture(flat(0.05))}, VIEW)
     made.drawn("dark")
     ((title, greys),) = told
@@ -181,8 +181,8 @@ def test_the_scale_of_greys_is_that_of_the_pixels(monkeypatch: pytest.MonkeyPatc
 def test_gamma_is_that_of_the_formula() -> None:
     values = np.random.default_rng(1).uniform(0.0, 1.0, 5000).astype(np.float32)
     exact = 255.0 * values.astype(np.float64) ** (1 / 2.2)
-    assert np.abs(coded(values) - exact).max() < 1.0
-    assert coded(np.array([-1.0, 7.0], np.float32)).tolist() == [0, 255]
+    assert np.abs(encode_gamma(values) - exact).max() < 1.0
+    assert encode_gamma(np.array([-1.0, 7.0], np.float32)).tolist() == [0, 255]
 
 
 def test_files_are_the_same_every_time(tmp_path: Path) -> None:

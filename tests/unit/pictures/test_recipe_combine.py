@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, RequestError
-from pdcd.pictures.combine import combine
-from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.picture import Picture, pictures_of
+from pdcd.pictures.combine import combine_shots
+from pdcd.pictures.exposed import ComputedShot, ExposedShot
+from pdcd.pictures.picture import Picture, combine_photos
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target, check_target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Extremes, Rule
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
@@ -26,11 +26,11 @@ INDIRECT = Target(Goal(name="indirect"), GRID)
 OFF = np.ones((3, 3)) - np.eye(3)
 
 
-def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> Exposed:
+def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> ExposedShot:
     n = matrix.shape[0]
     factors = Factors(np.eye(n), matrix.astype(float), np.diag(matrix).astype(float), np.ones(n))
     image = np.full((1, n, 3), light)
-    return Print(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors, {})
+    return ComputedShot(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors, {})
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,9 @@ def test_contradictory_goals_are_refused(name: str, p: float | None) -> None:
 def test_direct_scales_each_photo_by_its_own_weight() -> None:
     """Erratum X9: the indirect photo weighs a quarter as much; unscaled subtraction is wrong."""
     shots = {"white": exposed(np.ones((3, 3)) * 2.0, 10.0), "coded": exposed(OFF * 0.5, 2.0)}
-    pictures = combine(recipe_of(Target(Goal(name="direct"), GRID), How()), shots, CELLS)
+    pictures = combine_shots(
+        make_recipe(Target(Goal(name="direct"), GRID), CaptureScheme()), shots, CELLS
+    )
     assert list(pictures) == ["direct", "white", "indirect"]
     np.testing.assert_allclose(pictures["white"].image, 5.0)
     np.testing.assert_allclose(pictures["indirect"].image, 4.0)
@@ -58,7 +60,7 @@ def test_saturated_pixels_have_infinite_sigma() -> None:
         "white": exposed(np.ones((3, 3)), 1.0, blown=True),
         "coded": exposed(OFF, 1.0),
     }
-    pictures = combine(recipe_of(INDIRECT, How()), shots, CELLS)
+    pictures = combine_shots(make_recipe(INDIRECT, CaptureScheme()), shots, CELLS)
     assert np.all(np.isinf(pictures["white"].sigma))
     assert np.all(np.isfinite(pictures["indirect"].sigma))
     assert np.all(np.isinf(pictures["direct"].sigma))
@@ -66,17 +68,19 @@ def test_saturated_pixels_have_infinite_sigma() -> None:
 
 def test_no_light_at_all_is_an_error() -> None:
     with pytest.raises(DecodeError, match="no light"):
-        combine(
-            recipe_of(INDIRECT, How(white=False)), {"coded": exposed(np.zeros((3, 3)), 0.0)}, CELLS
+        combine_shots(
+            make_recipe(INDIRECT, CaptureScheme(white=False)),
+            {"coded": exposed(np.zeros((3, 3)), 0.0)},
+            CELLS,
         )
 
 
 def test_row_weights_divide_each_cell_by_its_own() -> None:
-    recipe = recipe_of(Target(Goal(name="long-range", radius=0), GRID), How())
+    recipe = make_recipe(Target(Goal(name="long-range", radius=0), GRID), CaptureScheme())
     uneven = OFF * np.array([[1.0], [2.0], [4.0]])
     shot = exposed(uneven, 0.0)
     shot.light[...] = uneven.sum(axis=1)[None, :, None]
-    image = combine(recipe, {"far": shot}, CELLS)["long-range"].image
+    image = combine_shots(recipe, {"far": shot}, CELLS)["long-range"].image
     np.testing.assert_allclose(image, 2.0)
 
 
@@ -90,7 +94,7 @@ def test_row_weights_divide_each_cell_by_its_own() -> None:
     ],
 )
 def test_black_level_shots(level: str, names: list[str]) -> None:
-    recipe = recipe_of(INDIRECT, How(black_level=level, white=False))  # type: ignore[arg-type]
+    recipe = make_recipe(INDIRECT, CaptureScheme(black_level=level, white=False))  # type: ignore[arg-type]
     assert [s.name for s in recipe.shots] == names
     signs = [sign for sign, _ in recipe.photos[0].shots]
     assert signs == [1.0, -1.0, -1.0, 1.0][: len(names)]
@@ -107,8 +111,8 @@ def single(image: float, sigma: float) -> Picture:
 
 def pictures_by(rule: Rule, photos: dict[str, Picture]) -> Picture:
     """What a rule makes of scaled photos."""
-    recipe = recipe_of(INDIRECT, How(white=False))
-    return pictures_of(replace(recipe, pictures={"it": rule}), photos)["it"]
+    recipe = make_recipe(INDIRECT, CaptureScheme(white=False))
+    return combine_photos(replace(recipe, pictures={"it": rule}), photos)["it"]
 
 
 def test_errors_grow_with_the_factors_of_a_sum() -> None:
@@ -132,8 +136,8 @@ def test_cells_without_a_weight_of_their_own_are_divided_by_the_common_one() -> 
     """The mask over the last cell never opened: noise, by the weight of all, not by nothing."""
     matrix = OFF * np.array([[2.0], [2.0], [0.0]])
     shots = {"coded": exposed(matrix, 4.0)}
-    recipe = recipe_of(INDIRECT, How(white=False))
+    recipe = make_recipe(INDIRECT, CaptureScheme(white=False))
     common = weight_s(shots["coded"].realised, recipe.photos[0].wanted)
-    image = combine(recipe, shots, CELLS, normalise="row")["indirect"].image
+    image = combine_shots(recipe, shots, CELLS, normalise="row")["indirect"].image
     np.testing.assert_allclose(image[0, :2], 2.0)
     np.testing.assert_allclose(image[0, 2], 4.0 / common)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.errors import ConfigError, DecodeError, DiskError, NoSpaceError, PdcdError
-from pdcd.pictures.decode import record_errors
+from pdcd.pictures.decode import convert_record_errors
 from pdcd.watch import Watch
 
 
@@ -21,7 +21,7 @@ from pdcd.watch import Watch
     ],
 )
 def test_faults_of_a_record_are_those_of_its_run(error: Exception, says: str) -> None:
-    with pytest.raises(DecodeError) as caught, record_errors(Path("/run")):
+    with pytest.raises(DecodeError) as caught, convert_record_errors(Path("/run")):
         raise error
     assert caught.value.message.startswith("/run: ") and says in caught.value.message
     assert caught.value.__cause__ is error
@@ -36,13 +36,13 @@ FAULT = "if pdcd wrote this run, this is a fault of the program"
     [NoSpaceError("full"), DiskError("no"), DecodeError("lost"), PdcdError("x"), OSError("gone")],
 )
 def test_other_errors_stay_as_they_are(error: Exception) -> None:
-    with pytest.raises(type(error)) as caught, record_errors(Path("/run")):
+    with pytest.raises(type(error)) as caught, convert_record_errors(Path("/run")):
         raise error
     assert caught.value is error
 
 
 def test_an_interrupt_is_none_of_them() -> None:
-    with pytest.raises(KeyboardInterrupt), record_errors(Path("/run")):
+    with pytest.raises(KeyboardInterrupt), convert_record_errors(Path("/run")):
         raise KeyboardInterrupt
 
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pdcd.codes.make import make_codes
 from pdcd.pictures.shares import FROM, TO
 from pdcd.pictures.smooth import (
-    Coded,
-    shares_of_parts,
-    smooth_correction,
+    CodedImage,
+    compute_smooth_correction,
+    estimate_smooth_shares,
 )
 
 Floats = NDArray[np.float64]
@@ -31,7 +31,9 @@ def transport(falling: Floats, texture: float, radius: int) -> Floats:
     return np.where(radius < NEAR, albedo[:, None] * falling * albedo, 0.0)
 
 
-def photos(light: Floats, wanted: Floats, radius: int, seed: int = 0) -> tuple[Coded, list[Coded]]:
+def photos(
+    light: Floats, wanted: Floats, radius: int, seed: int = 0
+) -> tuple[CodedImage, list[CodedImage]]:
     """A photo by random codes and its parts; cells within the radius of a lit one are closed."""
     parts = []
     for part in range(PARTS):
@@ -42,13 +44,13 @@ def photos(light: Floats, wanted: Floats, radius: int, seed: int = 0) -> tuple[C
         mask = (lit @ (radius >= NEAR) == 0.0).astype(np.float64)
         parts.append((mask, lit))
 
-    def photo(mask: Floats, lit: Floats) -> Coded:
+    def photo(mask: Floats, lit: Floats) -> CodedImage:
         realised = mask.T @ lit
         weight = np.sum(realised * wanted, axis=1) / wanted.sum(axis=1)
         if not radius:
             weight = np.full(N, weight.mean())
         weight = np.where(weight > 0.0, weight, 1.0)
-        return Coded(mask, lit, weight, np.sum(realised * light, axis=1) / weight)
+        return CodedImage(mask, lit, weight, np.sum(realised * light, axis=1) / weight)
 
     masks, lights = (np.concatenate(side) for side in zip(*parts, strict=True))
     return photo(masks, lights), [photo(*part) for part in parts]
@@ -69,11 +71,11 @@ def test_of_a_textured_surface_parts_tell_what_its_image_hides(falling: str) -> 
     light = transport(kernels[falling], 0.7, 0)
     whole, parts = photos(light, 1.0 - np.eye(N), 0)
     truth = light.sum(axis=1)
-    shares = shares_of_parts(whole, parts, GRID)
+    shares = estimate_smooth_shares(whole, parts, GRID)
     assert shares is not None and shares.shape == (2,)
     codes = whole.left, whole.right, whole.weight, whole.image, GRID
-    alone = off(whole.image + smooth_correction(*codes), truth)
-    told = off(whole.image + smooth_correction(*codes, shares=shares), truth)
+    alone = off(whole.image + compute_smooth_correction(*codes), truth)
+    told = off(whole.image + compute_smooth_correction(*codes, shares=shares), truth)
     assert off(whole.image, truth) > alone
     assert told < 0.5 * alone
     if falling != "between":
@@ -85,11 +87,11 @@ def test_of_far_light_parts_tell_how_it_falls_off(reach: float) -> None:
     light = transport(1.0 / (1.0 + SQUARED / reach**2) ** 2, 0.7, 1)
     whole, parts = photos(light, (NEAR > 1).astype(np.float64), 1)
     truth = light.sum(axis=1)
-    shares = shares_of_parts(whole, parts, GRID, 1)
+    shares = estimate_smooth_shares(whole, parts, GRID, 1)
     assert shares is not None and shares.shape == (3,)
     codes = whole.left, whole.right, whole.weight, whole.image, GRID
-    alone = off(whole.image + smooth_correction(*codes, beyond=1), truth)
-    told = off(whole.image + smooth_correction(*codes, beyond=1, shares=shares), truth)
+    alone = off(whole.image + compute_smooth_correction(*codes, beyond=1), truth)
+    told = off(whole.image + compute_smooth_correction(*codes, beyond=1, shares=shares), truth)
     assert told < 0.6 * alone
 
 
@@ -100,8 +102,8 @@ def test_single_sharp_paths_are_hardly_touched() -> None:
     np.fill_diagonal(light, 0.0)
     whole, parts = photos(light, 1.0 - np.eye(N), 0)
     truth = light.sum(axis=1)
-    shares = shares_of_parts(whole, parts, GRID)
-    more = smooth_correction(
+    shares = estimate_smooth_shares(whole, parts, GRID)
+    more = compute_smooth_correction(
         whole.left, whole.right, whole.weight, whole.image, GRID, shares=shares
     )
     assert off(whole.image + more, truth) < 1.02 * off(whole.image, truth)
@@ -111,22 +113,22 @@ def test_parts_that_differ_by_noise_alone_leave_the_usual_shares() -> None:
     """Codes that count everything alike get nothing wrong: there is nothing to tell."""
     light = np.random.default_rng(4).uniform(0.5, 1.5, N)
     noisy = light + 0.1 * np.random.default_rng(5).standard_normal((PARTS, N))
-    parts = [Coded(np.eye(N), 1.0 - np.eye(N), 1.0, image) for image in noisy]
-    whole = Coded(np.eye(N), 1.0 - np.eye(N), 1.0, noisy.mean(axis=0))
-    shares = shares_of_parts(whole, parts, GRID)
+    parts = [CodedImage(np.eye(N), 1.0 - np.eye(N), 1.0, image) for image in noisy]
+    whole = CodedImage(np.eye(N), 1.0 - np.eye(N), 1.0, noisy.mean(axis=0))
+    shares = estimate_smooth_shares(whole, parts, GRID)
     assert shares is not None and np.abs(shares - [0.0, 0.1]).max() < 1e-9
 
 
 def test_shares_stay_within_their_bounds() -> None:
     light = transport(np.exp(-SQUARED / 2.0) - 0.02, 0.0, 0)
     whole, parts = photos(light, 1.0 - np.eye(N), 0)
-    shares = shares_of_parts(whole, parts, GRID)
+    shares = estimate_smooth_shares(whole, parts, GRID)
     assert shares is not None and (shares >= FROM).all() and (shares <= TO).all()
 
 
 def test_a_dark_photo_tells_nothing() -> None:
-    dark = Coded(np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N))
-    assert shares_of_parts(dark, [dark, dark], GRID) is None
+    dark = CodedImage(np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N))
+    assert estimate_smooth_shares(dark, [dark, dark], GRID) is None
 
 
 def test_cells_that_are_not_seen_tell_nothing() -> None:
@@ -135,29 +137,29 @@ def test_cells_that_are_not_seen_tell_nothing() -> None:
     whole, parts = photos(light, 1.0 - np.eye(N), 0)
     seen = COL < GRID[1] / 2
 
-    def blind(one: Coded) -> Coded:
+    def blind(one: CodedImage) -> CodedImage:
         image = np.where(seen, one.image, one.image[seen].mean())
-        return Coded(one.left, one.right, one.weight, image)
+        return CodedImage(one.left, one.right, one.weight, image)
 
     half, halves = blind(whole), [blind(part) for part in parts]
-    shares = shares_of_parts(half, halves, GRID, seen=seen)
+    shares = estimate_smooth_shares(half, halves, GRID, seen=seen)
     assert shares is not None and abs(shares - [0.0, 1.0]).max() < 0.2
-    pulled = shares_of_parts(half, halves, GRID)
+    pulled = estimate_smooth_shares(half, halves, GRID)
     assert pulled is not None and pulled[1] < 0.7 * shares[1]
     codes = half.left, half.right, half.weight, half.image, GRID
-    told = smooth_correction(*codes, seen=seen)
-    assert np.abs(told).max() > 2.0 * np.abs(smooth_correction(*codes)).max()
+    told = compute_smooth_correction(*codes, seen=seen)
+    assert np.abs(told).max() > 2.0 * np.abs(compute_smooth_correction(*codes)).max()
     truth = light.sum(axis=1)[seen]
     assert off((half.image + told)[seen], truth) < off(half.image[seen], truth)
     # All that are seen is as if nothing was said.
     every = np.ones(N, dtype=np.bool_)
     np.testing.assert_allclose(
-        smooth_correction(*codes, seen=every), smooth_correction(*codes), rtol=1e-9
+        compute_smooth_correction(*codes, seen=every), compute_smooth_correction(*codes), rtol=1e-9
     )
 
 
 def test_where_no_cell_is_seen_shares_are_the_usual_ones() -> None:
     light = transport(np.ones((N, N)), 0.3, 0)
     whole, parts = photos(light, 1.0 - np.eye(N), 0)
-    shares = shares_of_parts(whole, parts, GRID, seen=np.zeros(N, dtype=np.bool_))
+    shares = estimate_smooth_shares(whole, parts, GRID, seen=np.zeros(N, dtype=np.bool_))
     assert shares is not None and abs(shares - [0.0, 0.1]).max() < 1e-9

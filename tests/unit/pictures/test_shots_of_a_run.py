@@ -17,14 +17,14 @@ from pdcd.errors import DecodeError
 from pdcd.panels.map import Map
 from pdcd.pictures import darkroom
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.exposed import Ambient, Print
-from pdcd.pictures.learn import stack_photos
-from pdcd.pictures.to_cells import light_apart
+from pdcd.pictures.exposed import AmbientLight, ComputedShot
+from pdcd.pictures.learn import scale_code_photos
+from pdcd.pictures.to_cells import unmix_cells
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import DarkPhoto, RunRecord
 from pdcd.sensor.cells import CellMap
@@ -105,7 +105,9 @@ def test_ambient_light_is_taken_off_the_photos_of_a_pilot() -> None:
     grid, frame = (3, 4), (8, 11)
     cells = CellMap(grid=grid, frame=frame, map=Map.filling((11, 8)))
     rng = np.random.default_rng(5)
-    recipe = recipe_of(Target(Goal(name="indirect"), grid), How(codes=64, pilot=16, white=False))
+    recipe = make_recipe(
+        Target(Goal(name="indirect"), grid), CaptureScheme(codes=64, pilot=16, white=False)
+    )
     around, none = rng.uniform(1.0, 2.0, (12, 3)), np.zeros(frame, np.bool_)
     bits, clean, shots = rng.random((4, 12)) < 0.5, {}, {}
     for k, name in enumerate(recipe.stack[:4]):
@@ -117,22 +119,22 @@ def test_ambient_light_is_taken_off_the_photos_of_a_pilot() -> None:
             np.full(12, seconds),
         )
         own = cells.spread(rng.random((12, 3)))
-        one = Print(own, np.ones((*frame, 3)), none, factors, {})
+        one = ComputedShot(own, np.ones((*frame, 3)), none, factors, {})
         clean[name] = one
         shots[name] = replace(one, light=own + seconds * cells.spread(around))
-    dark = Ambient(cells.spread(around), np.full((*frame, 3), 4.0))
+    dark = AmbientLight(cells.spread(around), np.full((*frame, 3), 4.0))
     panels = [shot.realised for shot in clean.values()]
     clear, seen, off = (
-        light_apart(taken, cells) for taken in (list(clean.values()), list(shots.values()), [dark])
+        unmix_cells(taken, cells) for taken in (list(clean.values()), list(shots.values()), [dark])
     )
-    wanted = stack_photos(panels, bits, clear)
-    found = stack_photos(panels, bits, seen, off)
+    wanted = scale_code_photos(panels, bits, clear)
+    found = scale_code_photos(panels, bits, seen, off)
     np.testing.assert_allclose(found[0], wanted[0], atol=1e-12)
     np.testing.assert_array_equal(found[1], wanted[1])
     # Its noise is that of a second, which is the same in all photos.
     assert wanted[2] is None and found[2] is not None
     np.testing.assert_allclose(found[2], (2.0 * wanted[1][0] * 0.5) ** 2, rtol=1e-9)
-    assert not np.allclose(stack_photos(panels, bits, seen)[0], wanted[0])
+    assert not np.allclose(scale_code_photos(panels, bits, seen)[0], wanted[0])
 
 
 def test_the_dark_of_a_shot_goes_by_the_time_between_its_blades(run: Path) -> None:

@@ -7,15 +7,15 @@ import pytest
 import scipy.special
 from numpy.typing import NDArray
 
-from pdcd.pictures.bars import barred_alone
+from pdcd.pictures.bars import add_known_errors
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.sigma import _inverse_trigamma, measured, single_errors
-from pdcd.pictures.to_cells import Sample
-from pdcd.probing.deviation import row_deviations
+from pdcd.pictures.sigma import _inverse_trigamma, estimate_quad_errors, measure_error_bars
+from pdcd.pictures.to_cells import QuadSample
+from pdcd.probing.deviation import compute_row_deviations
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.words import GoalName
 from tests import bench_rig
 
@@ -51,7 +51,7 @@ def test_measured_sigma_covers_the_truth(kind: str, count: int) -> None:
     covered = []
     for seed in range(10):
         parts = parts_of(truth, error, count, seed)
-        picture = measured(mean(parts), parts)
+        picture = measure_error_bars(mean(parts), parts)
         covered.append(np.mean(np.abs(picture.image - truth) <= 1.96 * picture.sigma))
     assert np.mean(covered) == pytest.approx(0.95, abs=0.012)
 
@@ -59,7 +59,7 @@ def test_measured_sigma_covers_the_truth(kind: str, count: int) -> None:
 def test_what_the_sensor_explains_is_not_counted_twice() -> None:
     truth, noise = np.ones(SHAPE), 0.05
     parts = parts_of(truth, np.full(SHAPE, noise), 8, 0)
-    picture = measured(mean(parts, noise), parts)
+    picture = measure_error_bars(mean(parts, noise), parts)
     assert picture.kind == "measured"
     np.testing.assert_array_equal(picture.sensor, noise)
     assert np.sqrt(np.mean(picture.sigma**2)) == pytest.approx(noise, rel=0.15)
@@ -68,7 +68,7 @@ def test_what_the_sensor_explains_is_not_counted_twice() -> None:
 
 def test_equal_parts_have_no_code_error() -> None:
     parts = parts_of(np.ones(SHAPE), np.zeros(SHAPE), 4, 0)
-    assert np.all(measured(mean(parts), parts).sigma == 0.0)
+    assert np.all(measure_error_bars(mean(parts), parts).sigma == 0.0)
 
 
 def test_parts_that_agree_by_chance_amid_others_that_do_not() -> None:
@@ -78,7 +78,7 @@ def test_parts_that_agree_by_chance_amid_others_that_do_not() -> None:
     parts = parts_of(truth, error, 4, 0)
     for part in parts:
         part[10, 10] = 0.0
-    found = measured(mean(parts), parts)
+    found = measure_error_bars(mean(parts), parts)
     assert np.all(np.std(parts, axis=0)[10, 10] == 0.0)
     assert np.all(np.abs(found.image - truth)[10, 10] < 20.0 * found.sigma[10, 10])
     away = np.ones(SHAPE[:2], np.bool_)
@@ -90,7 +90,7 @@ def test_saturated_pixels_stay_unknown() -> None:
     parts = parts_of(np.ones(SHAPE), np.full(SHAPE, 0.1), 4, 0)
     whole = mean(parts)
     whole.sigma[3, 4] = np.inf
-    picture = measured(whole, parts)
+    picture = measure_error_bars(whole, parts)
     assert np.all(np.isinf(picture.sigma[3, 4]))
     assert np.isfinite(picture.sigma).sum() == picture.sigma.size - 3
     assert np.all(np.isfinite(picture.code))
@@ -105,7 +105,7 @@ def test_row_deviations_are_those_of_the_dense_matrix() -> None:
     rng = np.random.default_rng(3)
     left, right, coaxial = rng.random((5, 12)), rng.random((5, 12)), rng.random(12)
     realised = Factors(left, right, coaxial, np.ones(12))
-    rows = row_deviations(realised, bench_rig.uniform((3, 4), 0.0, 1.0), 2.0)
+    rows = compute_row_deviations(realised, bench_rig.uniform((3, 4), 0.0, 1.0), 2.0)
     dense = left.T @ right / 2.0 - 1.0
     off = [np.delete(dense[n], n) for n in range(12)]
     np.testing.assert_allclose(rows[0], [np.mean(o) for o in off])
@@ -124,10 +124,10 @@ def test_one_exposure_has_the_noise_alone_and_says_whether_codes_err(
     goal: GoalName, kinds: dict[str, str]
 ) -> None:
     shape = (3, 4)
-    recipe = recipe_of(Target(Goal(name=goal), shape), How(codes=8))
+    recipe = make_recipe(Target(Goal(name=goal), shape), CaptureScheme(codes=8))
     image = np.full((*shape, 3), 0.5)
     whole = {name: Picture(image, 0.02 * image) for name in recipe.pictures}
-    found = barred_alone(recipe, whole)
+    found = add_known_errors(recipe, whole)
     assert {name: one.kind for name, one in found.items() if name in kinds} == kinds
     for one in found.values():
         assert not one.code.any() and np.array_equal(one.sigma, one.sensor)
@@ -139,10 +139,10 @@ def test_cells_without_quads_that_tell_err_as_all_others_do() -> None:
     rng, grid = np.random.default_rng(5), (12, 12)
     cell = np.repeat(np.flatnonzero(np.arange(144) % 12 < 4), 9)  # the left third is seen
     none = np.zeros(0, dtype=np.int64)
-    picked = Sample(slice(0), none, np.zeros((0, 0), np.bool_), cell, none.reshape(2, 0), grid)
+    picked = QuadSample(slice(0), none, np.zeros((0, 0), np.bool_), cell, none.reshape(2, 0), grid)
     light = [1e3 * rng.uniform(0.5, 1.5, (cell.size, 3)) for _ in range(5)]
     noise = [np.zeros((cell.size, 3))] * 5
-    found = single_errors(light, noise, picked, np.ones((*grid, 3)))
+    found = estimate_quad_errors(light, noise, picked, np.ones((*grid, 3)))
     assert 0.05 < found[:, :3].min() and found.max() < 0.3
     mean = np.sqrt(np.mean(found[:, :3] ** 2))
     np.testing.assert_allclose(found[:, 6:], mean, rtol=0.1)

@@ -13,17 +13,17 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.bars import barred_pictures
-from pdcd.pictures.beside import beside_places, single_ways
-from pdcd.pictures.exposed import Print
-from pdcd.pictures.learn import learn
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.sigma import single_errors
-from pdcd.pictures.to_cells import light_apart, sample
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.pictures.bars import make_pictures_with_errors
+from pdcd.pictures.beside import estimate_quad_paths, map_neighbour_light
+from pdcd.pictures.exposed import ComputedShot
+from pdcd.pictures.learn import learn_paths
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.sigma import estimate_quad_errors
+from pdcd.pictures.to_cells import sample_quads, unmix_cells
 from pdcd.pictures.weights import weigh_cells
-from pdcd.planning.make import plan_for
-from pdcd.probing.realised import bench_factors, collect
+from pdcd.planning.make import plan_with_prior
+from pdcd.probing.realised import collect_factors, compute_bench_factors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.cells import CellMap
 from tests.dense_camera import SETTLE_NS, DenseCamera, on_time
@@ -44,15 +44,15 @@ class Photographed:
 
     dense: DenseCamera
     cells: CellMap
-    shots: dict[str, Print]
+    shots: dict[str, ComputedShot]
     recipe: Any
-    bars: Barred
+    bars: PictureWithErrors
     true: Floats
 
 
 @cache
 def photographed() -> Photographed:
-    map_ = placed(Placing(turn_deg=2.0, scale=1.05), (FRAME[1], FRAME[0]), PX, "camera")
+    map_ = make_placed_map(Placing(turn_deg=2.0, scale=1.05), (FRAME[1], FRAME[0]), PX, "camera")
     dense = DenseCamera(GRID, FRAME, map_, samples=3)
     cells = CellMap(grid=GRID, frame=FRAME, map=map_)
     rng = np.random.default_rng(5)
@@ -76,26 +76,28 @@ def photographed() -> Photographed:
         "pilot": 16,
         "parts": 4,
     }
-    plan = plan_for(msgspec.convert(given, CaptureRequest), Config(), GRID)
-    shots: dict[str, Print] = {}
+    plan = plan_with_prior(msgspec.convert(given, CaptureRequest), Config(), GRID)
+    shots: dict[str, ComputedShot] = {}
     for shot in plan.recipe.shots:
         frames = plan.frames(shot)
         log = on_time(frames)
         close_ns = int(log.end_ns.max()) + SETTLE_NS
         projector, mask = PanelConfig(size_px=PX), PanelConfig(size_px=(1600, 1280))
-        realised = collect(bench_factors(
+        realised = collect_factors(compute_bench_factors(
             frames, log, projector, mask, open_ns=0, close_ns=close_ns, fine=True,
         ))  # fmt: skip
         light = dense.photo(frames, log, np.full(N, 3.0), np.zeros((N, N)), ways=ways)
         noise = NOISE * float(np.median(light[light > 0.0]))
         image = light[..., None] + noise * rng.standard_normal((*FRAME, 3))
         none = np.zeros(FRAME, np.bool_)
-        shots[shot.name] = Print(image, np.full(image.shape, noise**2), none, realised, {})
+        shots[shot.name] = ComputedShot(image, np.full(image.shape, noise**2), none, realised, {})
     bits = np.stack([shots[name].realised.right.sum(axis=0) > 0.0 for name in plan.recipe.stack])
     single = [shots[name] for name in plan.recipe.stack]
-    learned = learn(GRID, [s.realised for s in single], bits, 80, light_apart(single, cells))
+    learned = learn_paths(GRID, [s.realised for s in single], bits, 80, unmix_cells(single, cells))
     record: Any = SimpleNamespace(smooth=True, normalise="auto", shots=(), stops=(), panels=None)
-    bars = barred_pictures(record, plan.recipe, shots, learned, cells, lambda: None)["indirect"]
+    bars = make_pictures_with_errors(record, plan.recipe, shots, learned, cells, lambda: None)[
+        "indirect"
+    ]
     return Photographed(dense, cells, shots, plan.recipe, bars, true)
 
 
@@ -117,7 +119,7 @@ def test_windows_mistake_nothing_in_the_middle_of_cells_and_most_at_corners() ->
     quarters; a quarter, a half and a quarter of the quads see these, 7/16 on average."""
     made = photographed()
     coded = next(photo for photo in made.recipe.photos if photo.name == "coded")
-    places = beside_places(weigh_cells(coded, made.shots, "auto"), made.cells)
+    places = map_neighbour_light(weigh_cells(coded, made.shots, "auto"), made.cells)
     at = made.cells.centres * (GRID[1], GRID[0])
     quarter = np.abs(at - np.floor(at) - 0.5) - 0.25  # below 0: in the middle along an axis
     within = made.cells.known & (np.abs(quarter) > 0.08).all(axis=-1)
@@ -134,7 +136,7 @@ def test_ways_of_light_are_told_by_photos_of_single_codes(count: int) -> None:
     way, nor is direct light."""
     made = photographed()
     single = [made.shots[name] for name in made.recipe.stack[:count]]
-    ways = single_ways(single, sample(single, made.cells, within=True))
+    ways = estimate_quad_paths(single, sample_quads(single, made.cells, within=True))
     sent = float(np.mean(made.true[made.cells.known]))
     assert np.sqrt(np.mean(ways)) == pytest.approx(np.sqrt(sent / 9.0), rel=0.15)
     lit = [shot.realised.left.mean(axis=1) @ shot.realised.right for shot in single]
@@ -143,11 +145,11 @@ def test_ways_of_light_are_told_by_photos_of_single_codes(count: int) -> None:
     smooth = []
     for shot, light in zip(single, lit, strict=True):
         image = albedo * made.cells.spread(3.0 * light + paths @ light)
-        smooth.append(Print(
+        smooth.append(ComputedShot(
             np.repeat(image[..., None], 3, axis=2), np.zeros((*FRAME, 3)), shot.saturated,
             shot.realised, {},
         ))  # fmt: skip
-    none = single_ways(smooth, sample(smooth, made.cells, within=True))
+    none = estimate_quad_paths(smooth, sample_quads(smooth, made.cells, within=True))
     assert np.sqrt(np.mean(none)) < 0.1 * np.sqrt(np.mean(ways))
 
 
@@ -157,8 +159,12 @@ def test_what_single_quads_err_by_is_told_by_parts_without_noise_and_their_cell(
     cells = CellMap(grid=GRID, frame=FRAME, map=photographed().dense.map)
     rng = np.random.default_rng(2)
     blank = np.zeros((*FRAME, 3))
-    picked = sample(
-        [Print(blank, blank, blank[..., 0] > 0.0, photographed().shots["coded-1"].realised, {})],
+    picked = sample_quads(
+        [
+            ComputedShot(
+                blank, blank, blank[..., 0] > 0.0, photographed().shots["coded-1"].realised, {}
+            )
+        ],
         cells,
     )
     texture = rng.uniform(0.5, 1.0, (picked.cell.size, 1)) * (picked.cell[:, None] > 20)
@@ -171,7 +177,7 @@ def test_what_single_quads_err_by_is_told_by_parts_without_noise_and_their_cell(
             parts.append(light + 0.03 * rng.standard_normal((count, 3)))
         images = np.ones((*GRID, 3)) * (np.arange(N).reshape(*GRID, 1) > 20)
         noise = [np.full((count, 3), 0.03**2)] * 4
-        found = single_errors(parts, noise, picked, images).reshape(N, 3)
+        found = estimate_quad_errors(parts, noise, picked, images).reshape(N, 3)
         assert np.isfinite(found).all() and not found[:20].any()
         here = texture[picked.cell > 40]  # of errors over light the mean square counts
         true = 0.5 * quads * np.sqrt(np.mean(here**2)) / np.mean(here)

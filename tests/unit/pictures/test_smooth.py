@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.pictures.smooth import REACH, colour_correction, smooth_correction
+from pdcd.pictures.smooth import (
+    HALF_LIGHT_CELLS,
+    compute_colour_correction,
+    compute_smooth_correction,
+)
 from pdcd.virtual.scene.presets import PRESETS
 from tests.places import DATA
 
@@ -35,7 +39,7 @@ def errors(
     """RMS error over the RMS of the truth, before and after the correction."""
     image, left, right, weight = photo(transport, grid, family, count, seed)
     truth = transport.sum(axis=1) - np.diag(transport)
-    better = image + smooth_correction(left, right, weight, image, grid)
+    better = image + compute_smooth_correction(left, right, weight, image, grid)
     scale = np.sqrt(np.mean(truth**2))
     return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in (image, better))  # type: ignore[return-value]
 
@@ -45,7 +49,9 @@ def spread(kind: str, grid: tuple[int, int]) -> Floats:
     row, col = np.divmod(np.arange(grid[0] * grid[1]), grid[1])
     part = 1.0 + 0.5 * np.cos(row / 5.0) * np.sin(col / 7.0)
     squared = (row[:, None] - row) ** 2.0 + (col[:, None] - col) ** 2.0
-    falling = np.ones_like(squared) if kind == "even" else 1.0 / (1.0 + squared / REACH**2)
+    falling = (
+        np.ones_like(squared) if kind == "even" else 1.0 / (1.0 + squared / HALF_LIGHT_CELLS**2)
+    )
     np.fill_diagonal(falling, 0.0)
     transport: Floats = part[:, None] * falling * part
     return transport
@@ -72,7 +78,7 @@ def test_any_image_on_any_grid_gets_a_finite_correction(rows: int, cols: int, se
     image = rng.exponential(size=rows * cols) * (rng.random(rows * cols) < 0.7)
     lit = rng.random((8, rows * cols)) < 0.5
     left, right = (~lit).astype(np.float64), lit.astype(np.float64)
-    found = smooth_correction(left, right, 2.0, image, (rows, cols))
+    found = compute_smooth_correction(left, right, 2.0, image, (rows, cols))
     assert np.isfinite(found).all()
     assert np.all(np.abs(found) <= 20.0 * image.max())
 
@@ -80,12 +86,12 @@ def test_any_image_on_any_grid_gets_a_finite_correction(rows: int, cols: int, se
 def test_weights_of_single_cells_do_as_one_weight_where_they_are_equal() -> None:
     grid = (9, 11)
     image, left, right, weight = photo(spread("near", grid), grid, "hadamard", 8, 3)
-    one = smooth_correction(left, right, weight, image, grid)
-    many = smooth_correction(left, right, np.full(99, weight), image, grid)
+    one = compute_smooth_correction(left, right, weight, image, grid)
+    many = compute_smooth_correction(left, right, np.full(99, weight), image, grid)
     assert np.array_equal(one, many)
     # A cell whose rows were seen for twice the time, and was divided by that, misses the same.
     twice = np.where(np.arange(99) % 2 == 0, 2.0, 1.0)
-    again = smooth_correction(left * twice, right, twice * weight, image, grid)
+    again = compute_smooth_correction(left * twice, right, twice * weight, image, grid)
     assert np.allclose(again, one, rtol=1e-9, atol=1e-12)
 
 
@@ -99,7 +105,7 @@ def preset_errors(name: str, family: str, count: int, seed: int) -> tuple[float,
     left, cells = 1.0 - lit, lit.shape[1]
     weight = float(np.sum(left.sum(axis=1) * lit.sum(axis=1))) / (cells * (cells - 1))
     image = scene.photo(left, lit, np.zeros(cells), left.sum(axis=0)) / weight
-    more = colour_correction(left, lit, weight, image, scene.grid)
+    more = compute_colour_correction(left, lit, weight, image, scene.grid)
     truth, scale = scene.split()[1], np.sqrt(np.mean(scene.split()[1] ** 2))
     found = (image, image + more)
     return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in found)  # type: ignore[return-value]
@@ -170,13 +176,13 @@ def test_texture_is_not_taken_for_the_pattern_of_the_codes(count: int, seed: int
 def test_a_black_or_negative_image_needs_no_correction() -> None:
     codes = make_codes("hadamard", (4, 5), 8, dual="complement").primal.astype(np.float64)
     for image in (np.zeros(20), np.full(20, -0.1)):
-        assert not smooth_correction(1.0 - codes, codes, 2.0, image, (4, 5)).any()
+        assert not compute_smooth_correction(1.0 - codes, codes, 2.0, image, (4, 5)).any()
 
 
 def test_exact_codes_leave_nothing_to_correct() -> None:
     """More codes than cells: every pair of cells has the same weight."""
     image, left, right, weight = photo(spread("near", (4, 5)), (4, 5), "hadamard", 32, 0)
-    assert np.abs(smooth_correction(left, right, weight, image, (4, 5))).max() < 1e-12
+    assert np.abs(compute_smooth_correction(left, right, weight, image, (4, 5))).max() < 1e-12
 
 
 @pytest.mark.parametrize("step", [(0, 1), (0, -1), (1, 0), (-1, 0), (1, -1)])
@@ -188,5 +194,5 @@ def test_light_that_no_cell_sees_from_one_side_is_not_corrected(step: tuple[int,
     seen[(row[:, None] + step[0] == row) & (col[:, None] + step[1] == col)] = 0.0
     image = np.random.default_rng(2).uniform(0.5, 1.5, 48)
     near_alone = np.array([0.0, 1.0])
-    more = smooth_correction(np.eye(48), seen, 1.0, image, grid, shares=near_alone)
+    more = compute_smooth_correction(np.eye(48), seen, 1.0, image, grid, shares=near_alone)
     np.testing.assert_allclose(more, 0.0, atol=1e-12)

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.pictures.smooth import smooth_correction
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.pictures.smooth import compute_smooth_correction
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import Far
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.programs import LongRangeProgram
 
 GRID = (12, 16)
 N = GRID[0] * GRID[1]
@@ -30,13 +30,13 @@ def far(radius: int) -> Floats:
 
 def photo(transport: Floats, radius: int, seed: int) -> tuple[Floats, Floats, Floats]:
     """The far photo as ideal panels take it with 128 codes, its truth, and its correction."""
-    share = max(1, round(Far(radius).p * 128)) / 128
+    share = max(1, round(LongRangeProgram(radius).p * 128)) / 128
     bits = make_codes("balanced", GRID, 128, dual="same", p=share, seed=seed).primal
-    primal, dual = Far(radius).pairs(bits, Lattice(GRID, "whole"))
+    primal, dual = LongRangeProgram(radius).pairs(bits, Lattice(GRID, "whole"))
     realised = dual.T.astype(float) @ primal.astype(float)
     weight = (realised * far(radius)).sum(axis=1) / far(radius).sum(axis=1)
     image = (realised * transport).sum(axis=1) / weight
-    more = smooth_correction(
+    more = compute_smooth_correction(
         dual.astype(float), primal.astype(float), weight, image, GRID, beyond=radius
     )
     return image, (far(radius) * transport).sum(axis=1), more
@@ -63,7 +63,7 @@ def test_before_single_sharp_paths_little_is_done() -> None:
     transport = np.eye(N) + 0.3 * np.eye(N)[rng.permutation(N)]
     image, truth, more = photo(transport, 2, 0)
     assert np.sqrt(np.mean(more**2)) < 0.3 * np.sqrt(np.mean((image - truth) ** 2))
-    assert not smooth_correction(
+    assert not compute_smooth_correction(
         np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N), GRID, beyond=2
     ).any()
 
@@ -71,7 +71,7 @@ def test_before_single_sharp_paths_little_is_done() -> None:
 @pytest.mark.parametrize("goal", ["long-range", "short-range"])
 def test_far_photos_are_corrected_under_full_light(goal: str) -> None:
     target = Target(Goal(name=goal, radius=2), GRID)  # type: ignore[arg-type]
-    found = {photo.name: photo.beyond for photo in recipe_of(target, How()).photos}
+    found = {photo.name: photo.beyond for photo in make_recipe(target, CaptureScheme()).photos}
     assert found["far"] == 2 and found.get("coded", 0) == 0
     lit = Target(Goal(name=goal, radius=2), GRID, {"illumination": np.full(N, 0.5)})  # type: ignore[arg-type]
-    assert all(photo.beyond == 0 for photo in recipe_of(lit, How()).photos)
+    assert all(photo.beyond == 0 for photo in make_recipe(lit, CaptureScheme()).photos)

@@ -15,28 +15,28 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.panels.map import Map
-from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.bars import barred_alone
-from pdcd.pictures.combine import combine
-from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.leaks import Answer, Dark, Means, answers_of
-from pdcd.pictures.photos import corrected_photos
-from pdcd.pictures.picture import Picture, barred
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.pictures.bars import add_known_errors
+from pdcd.pictures.combine import combine_shots
+from pdcd.pictures.exposed import ComputedShot, ExposedShot
+from pdcd.pictures.leaks import DarkPhotoLight, LeakAnswer, ShotMeans, make_leak_answers
+from pdcd.pictures.photos import make_corrected_photos
+from pdcd.pictures.picture import Picture, with_error_bars
 from pdcd.pictures.row import MatrixRow
-from pdcd.pictures.sigma import measured
-from pdcd.pictures.smooth import colour_correction
-from pdcd.pictures.software import software_sums, summed_matrices
-from pdcd.pictures.to_cells import average, average_shots, average_with_bars
-from pdcd.pictures.to_quads import Weights, direct_share, share_out
-from pdcd.pictures.transport import picture_of, sliced
-from pdcd.pictures.upright import Sampler, View
+from pdcd.pictures.sigma import measure_error_bars
+from pdcd.pictures.smooth import compute_colour_correction
+from pdcd.pictures.software import sum_stack_matrices, sum_stack_shots
+from pdcd.pictures.to_cells import average_picture, average_shots, average_with_errors
+from pdcd.pictures.to_quads import QuadWeights, compute_direct_share, spread_errors
+from pdcd.pictures.transport import draw_transport_slice, solve_transport_slice
+from pdcd.pictures.upright import FieldSampler, FieldView
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.evidence import Thinned
+from pdcd.verdict.evidence import PixelSample
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 
@@ -50,7 +50,7 @@ LENS = Placing(turn_deg=-2.0, scale=0.9, radial=(0.03, -0.01), tangential=(0.004
 
 
 def map_of(place: Placing, frame: tuple[int, int]) -> Map:
-    return placed(place, (frame[1], frame[0]), (1024, 768), "camera")
+    return make_placed_map(place, (frame[1], frame[0]), (1024, 768), "camera")
 
 
 CELLS = {
@@ -61,10 +61,10 @@ CELLS = {
 }
 
 
-def shots_of(recipe: Recipe, cells: CellMap, seed: int = 0) -> dict[str, Exposed]:
+def shots_of(recipe: Recipe, cells: CellMap, seed: int = 0) -> dict[str, ExposedShot]:
     """Light and codes by chance; a few quads of the last shot are saturated."""
     rng = np.random.default_rng(seed)
-    found: dict[str, Exposed] = {}
+    found: dict[str, ExposedShot] = {}
     for k, shot in enumerate(recipe.shots):
         codes = 1 if shot.only is not None else 20
         lit = rng.random((codes, N)) < 0.5
@@ -79,12 +79,12 @@ def shots_of(recipe: Recipe, cells: CellMap, seed: int = 0) -> dict[str, Exposed
         blown = np.zeros(cells.frame, np.bool_)
         blown[2:4, 1:3] = k == len(recipe.shots) - 1
         variance = 1e-3 * light + 1e-4
-        found[shot.name] = Print(light, variance, blown, factors, {}, missed=k % 2)
+        found[shot.name] = ComputedShot(light, variance, blown, factors, {}, missed=k % 2)
     return found
 
 
-def recipe(name: Any, how: How, **numbers: Any) -> Recipe:
-    return recipe_of(Target(Goal(name=name, **numbers), GRID), how)
+def recipe(name: Any, how: CaptureScheme, **numbers: Any) -> Recipe:
+    return make_recipe(Target(Goal(name=name, **numbers), GRID), how)
 
 
 def pictures(found: dict[str, Picture]) -> Any:
@@ -96,12 +96,12 @@ def combined() -> Any:
     for kind, cells in CELLS.items():
         for normalise in ("auto", "row", "scalar"):
             for goal, numbers in (("direct", {}), ("split", {"period": 4})):
-                one = recipe(goal, How(black_level="mask"), **numbers)
+                one = recipe(goal, CaptureScheme(black_level="mask"), **numbers)
                 shots = shots_of(one, cells)
-                made = combine(one, shots, cells, normalise=normalise)
+                made = combine_shots(one, shots, cells, normalise=normalise)
                 told[f"{kind}, {normalise}, {goal}"] = pictures(made)
-        one = recipe("direct", How())
-        told[f"{kind}, whole"] = pictures(combine(one, shots_of(one, cells), cells))
+        one = recipe("direct", CaptureScheme())
+        told[f"{kind}, whole"] = pictures(combine_shots(one, shots_of(one, cells), cells))
     return told
 
 
@@ -109,9 +109,9 @@ def corrected() -> Any:
     told = {}
     for kind, cells in CELLS.items():
         for goal, numbers in (("indirect", {}), ("short-range", {"radius": 1})):
-            one = recipe(goal, How(), **numbers)
+            one = recipe(goal, CaptureScheme(), **numbers)
             shots = shots_of(one, cells, 1)
-            found = corrected_photos(one, shots, None, cells, normalise="auto", smooth=True)
+            found = make_corrected_photos(one, shots, None, cells, normalise="auto", smooth=True)
             told[f"{kind}, {goal}"] = pictures(found)
     return told
 
@@ -128,7 +128,7 @@ def smoothed() -> Any:
         own = 4.0 + rng.random(cells)
         for name, weight in (("one weight", 4.0), ("own weights", own)):
             for beyond in (0, 1, 2):
-                more = colour_correction(left, right, weight, image, grid, beyond=beyond)
+                more = compute_colour_correction(left, right, weight, image, grid, beyond=beyond)
                 told[f"{grid}, {name}, beyond {beyond}"] = more
     return told
 
@@ -142,27 +142,27 @@ def bars() -> Any:
     told: dict[str, Any] = {}
     for count in (4, 8):
         parts = [image + 0.05 * rng.standard_normal(image.shape) * image for _ in range(count)]
-        made = measured(picture, parts)
+        made = measure_error_bars(picture, parts)
         told[f"{count} parts"] = [made.sigma, made.sensor, made.code]
-    single = barred(
+    single = with_error_bars(
         Picture(image, sigma.astype(np.float32)), 0.02 * image.astype(np.float32), "sensor"
     )
     told["single precision"] = [single.sigma, single.kind]
     for kind, cells in CELLS.items():
-        one = recipe("short-range", How(), radius=1)
+        one = recipe("short-range", CaptureScheme(), radius=1)
         shots = shots_of(one, cells, 4)
-        photos = corrected_photos(one, shots, None, cells, normalise="auto", smooth=False)
-        made_of = combine(one, shots, cells)
+        photos = make_corrected_photos(one, shots, None, cells, normalise="auto", smooth=False)
+        made_of = combine_shots(one, shots, cells)
         beside = {name: rng.random((*GRID, 3)) for name in made_of}
         found = {}
-        for name, alone in barred_alone(one, made_of).items():
-            code = share_out(beside[name], alone, average(alone, cells).image, cells)
-            found[name] = barred(Picture(alone.image, alone.sensor), code, alone.kind)
+        for name, alone in add_known_errors(one, made_of).items():
+            code = spread_errors(beside[name], alone, average_picture(alone, cells).image, cells)
+            found[name] = with_error_bars(Picture(alone.image, alone.sensor), code, alone.kind)
         told[f"alone, {kind}"] = {name: [made.sigma, made.code] for name, made in found.items()}
-        means = average_with_bars(found["short-range"], cells)
+        means = average_with_errors(found["short-range"], cells)
         told[f"means, {kind}"] = [means.image, means.sigma, means.code]
         coarse = Picture(means.image, means.sensor)
-        told[f"shared out, {kind}"] = share_out(
+        told[f"shared out, {kind}"] = spread_errors(
             rng.random((*GRID, 3)), photos["coded"], coarse.image, cells
         )
     return told
@@ -173,19 +173,20 @@ def leaks() -> Any:
     told: dict[str, Any] = {}
     for kind, cells in CELLS.items():
         for goal, numbers in (("direct", {}), ("split", {"period": 4})):
-            one = recipe(goal, How(), **numbers)
+            one = recipe(goal, CaptureScheme(), **numbers)
             shots = shots_of(one, cells, 6)
             lit_s = {shot.name: 30.0 for shot in one.shots}
-            found = answers_of(one, Means.of(one, shots, cells), lit_s, normalise="auto")
+            found = make_leak_answers(one, ShotMeans.of(one, shots, cells), lit_s, normalise="auto")
             ambient, mask = (
-                Dark(level * rng.random((N, 3)), np.full((N, 3), 1e-6)) for level in (0.02, 0.05)
+                DarkPhotoLight(level * rng.random((N, 3)), np.full((N, 3), 1e-6))
+                for level in (0.02, 0.05)
             )
             told[f"{kind}, {goal}"] = [_leaks_of(answer, ambient, mask) for answer in found]
     return told
 
 
-def _leaks_of(answer: Answer, ambient: Dark, mask: Dark) -> Any:
-    both = Dark(ambient.light + mask.light, ambient.variance)
+def _leaks_of(answer: LeakAnswer, ambient: DarkPhotoLight, mask: DarkPhotoLight) -> Any:
+    both = DarkPhotoLight(ambient.light + mask.light, ambient.variance)
     less = both.less(mask)
     return [
         answer.image, answer.variance, answer.open, answer.closed, answer.ambient(ambient),
@@ -198,20 +199,21 @@ def slices() -> Any:
     told = {}
     for kind, cells in CELLS.items():
         for rows in ((1, 2), (3, 3)):
-            one = recipe("transport", How(), rows=rows)
+            one = recipe("transport", CaptureScheme(), rows=rows)
             rng = np.random.default_rng(7)
-            shots: dict[str, Exposed] = {}
+            shots: dict[str, ExposedShot] = {}
             for k, shot in enumerate(one.shots):
                 primal, dual = one.programs[shot.program].pairs(np.zeros((0, N), np.bool_), None)  # type: ignore[arg-type]
                 right, left = primal[[k]] + 0.01, dual[[k]] * rng.uniform(0.9, 1.0, N)
                 factors = Factors(left, np.asarray(right, float), (left * right)[0], left[0])
                 light = rng.uniform(0.1, 0.5, (*cells.frame, 3))
                 none = np.zeros(cells.frame, np.bool_)
-                shots[shot.name] = Print(light, 1e-3 * light, none, factors, {})
-            found = sliced(one, shots, cells)
+                shots[shot.name] = ComputedShot(light, 1e-3 * light, none, factors, {})
+            found = solve_transport_slice(one, shots, cells)
             told[f"{kind}, {rows}"] = [
                 found.entries, found.sigma, found.seen, found.lit, found.photos, found.uneven,
-                found.rms_sigma, found.rms_error(0.9 * found.entries), picture_of(found, "T"),
+                found.rms_sigma, found.rms_error(0.9 * found.entries), draw_transport_slice(found,
+                "T"),
             ]  # fmt: skip
     return told
 
@@ -219,26 +221,26 @@ def slices() -> Any:
 def software() -> Any:
     told: dict[str, Any] = {}
     for kind, cells in CELLS.items():
-        one = recipe("fraction", How(method="multi-image", codes=12), p=0.25)
+        one = recipe("fraction", CaptureScheme(method="multi-image", codes=12), p=0.25)
         shots = shots_of(one, cells, 8)
         bits = np.random.default_rng(9).random((12, N)) < 0.5
         bits[:, 5] = False
-        sums = software_sums(one, shots, bits, cells)
+        sums = sum_stack_shots(one, shots, bits, cells)
         told[kind] = {
             name: [s.light, s.variance, s.saturated, s.realised.coaxial, s.missed]
             for name, s in sums.items()
         }
-        matrices = summed_matrices(one, shots, bits)
+        matrices = sum_stack_matrices(one, shots, bits)
         told[f"{kind}, matrices"] = {
             name: [m.realised.left, m.realised.right, m.realised.open_s, m.missed]
             for name, m in matrices.items()
         }
-        coarse = average_shots(shots_of(recipe("direct", How()), cells, 10), cells).shots
+        coarse = average_shots(shots_of(recipe("direct", CaptureScheme()), cells, 10), cells).shots
         told[f"{kind}, told apart"] = {name: one.light for name, one in coarse.items()}
         ones = np.ones((1, N))
-        share = direct_share(
+        share = compute_direct_share(
             Factors(ones, ones, np.linspace(0.01, 0.2, N), ones[0]),
-            Weights(np.full(cells.frame, 0.9), None), cells,
+            QuadWeights(np.full(cells.frame, 0.9), None), cells,
         )  # fmt: skip
         told[f"{kind}, direct share"] = share
     return told
@@ -249,16 +251,16 @@ def rasters() -> Any:
     rng = np.random.default_rng(11)
     for name, place in {"turned": TURNED, "lens": LENS}.items():
         frame = (67, 101)
-        view = View(map_of(place, frame), 4.0 / 3.0)
+        view = FieldView(map_of(place, frame), 4.0 / 3.0)
         image = rng.random((*frame, 3)).astype(np.float32)
         known = rng.random(frame) < 0.97
         told[f"{name}, size"] = [view.quads(), view.size_px(10, 1000), view.size_px(200, 300)]
         for size in ((64, 48), (40, 30), (150, 113)):
-            told[f"{name}, {size}"] = list(Sampler(view, size)(image, known))
+            told[f"{name}, {size}"] = list(FieldSampler(view, size)(image, known))
     for name, cells in CELLS.items():
-        thin = Thinned.of(cells)
+        thin = PixelSample.of(cells)
         told[f"thinned, {name}"] = [thin.step, thin.cell, thin.cells]
-    large = Thinned.of(msgspec.structs.replace(CELLS["lens"], frame=(400, 570)))
+    large = PixelSample.of(msgspec.structs.replace(CELLS["lens"], frame=(400, 570)))
     told["thinned, large"] = [large.step, large.cell]
     for sign in (0.0, 1.0):
         wanted, realised = rng.random((2, *GRID)) - 0.5 * sign

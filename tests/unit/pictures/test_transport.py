@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, RequestError
-from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.transport import picture_of, sliced
-from pdcd.probing.panel import Panel
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.pictures.exposed import ComputedShot, ExposedShot
+from pdcd.pictures.transport import draw_transport_slice, solve_transport_slice
+from pdcd.probing.panel import PanelOptics
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.transport import MOST_PHOTOS, check_slice, photos_of, s_matrix
-from pdcd.recipes.transport import transport as recipe_of_slice
+from pdcd.recipes.transport import MOST_PHOTOS, check_slice, count_slice_photos, make_s_matrix
+from pdcd.recipes.transport import make_transport_recipe as recipe_of_slice
 from pdcd.sensor.cells import CellMap
 from tests import catalogue_rig
 
@@ -22,29 +22,36 @@ N = 24
 T = catalogue_rig.transport(N, seed=8)
 ROWS = (1, 2)
 PANELS = {
-    "ideal": (Panel(), Panel()),
-    "slow and leaking": (Panel(0.002, 0.004, 1 / 200), Panel(0.006, 0.003, 1 / 80, 2_000_000)),
+    "ideal": (PanelOptics(), PanelOptics()),
+    "slow and leaking": (
+        PanelOptics(0.002, 0.004, 1 / 200),
+        PanelOptics(0.006, 0.003, 1 / 80, 2_000_000),
+    ),
 }
 
 
 def recipe_of(rows: tuple[int, int] | None = ROWS, masked: bool | None = None) -> Recipe:
-    return recipe_of_slice(Target(Goal(name="transport", rows=rows, masked=masked), GRID), How())
+    return recipe_of_slice(
+        Target(Goal(name="transport", rows=rows, masked=masked), GRID), CaptureScheme()
+    )
 
 
-def photos(recipe: Recipe, panels: tuple[Panel, Panel], ambient: float = 0.0) -> dict[str, Exposed]:
+def photos(
+    recipe: Recipe, panels: tuple[PanelOptics, PanelOptics], ambient: float = 0.0
+) -> dict[str, ExposedShot]:
     """What the panels do is the program's own; the light is that of a known matrix."""
     program = recipe.programs["lights"]
     lights, masks = program.projector, program.camera  # type: ignore[attr-defined]
     grid = recipe.target.grid
     scene = catalogue_rig.scene_of(T[: grid[0] * grid[1], : grid[0] * grid[1]], grid, ambient)
-    found: dict[str, Exposed] = {}
+    found: dict[str, ExposedShot] = {}
     for k, shot in enumerate(recipe.shots):
         realised = catalogue_rig.show(
             lights[[k]], masks[[k]], grid, projector=panels[0], mask=panels[1]
         )
         seen = scene.photo(realised.left, realised.right, realised.coaxial, realised.open_s)
         light = seen.reshape(*grid, 3)
-        found[shot.name] = Print(
+        found[shot.name] = ComputedShot(
             light, np.full(light.shape, 1e-4), np.zeros(grid, np.bool_), realised, {}
         )
     return found
@@ -55,7 +62,9 @@ def photos(recipe: Recipe, panels: tuple[Panel, Panel], ambient: float = 0.0) ->
 def test_a_slice_is_that_of_the_matrix(name: str, masked: bool | None) -> None:
     """Fig. 5: to round-off, light of the room and of black pixels included."""
     recipe = recipe_of(masked=masked)
-    found = sliced(recipe, photos(recipe, PANELS[name], ambient=0.3), CellMap.block(GRID, GRID))
+    found = solve_transport_slice(
+        recipe, photos(recipe, PANELS[name], ambient=0.3), CellMap.block(GRID, GRID)
+    )
     wanted = T.reshape(*GRID, *GRID)[ROWS[1], :, ROWS[0], :]
     for colour in range(3):
         np.testing.assert_allclose(found.entries[..., colour], wanted, rtol=1e-9, atol=1e-11)
@@ -71,14 +80,16 @@ def test_the_share_of_light_that_comes_whatever_is_shown(ambient: float) -> None
     recipe, ideal = recipe_of(), PANELS["ideal"]
     row = [shot.light[ROWS[1]].sum() for shot in photos(recipe, ideal, ambient).values()]
     dark = [shot.light[ROWS[1]].sum() for shot in photos(recipe, ideal).values()]
-    found = sliced(recipe, photos(recipe, ideal, ambient), CellMap.block(GRID, GRID))
+    found = solve_transport_slice(recipe, photos(recipe, ideal, ambient), CellMap.block(GRID, GRID))
     assert found.common == pytest.approx(1.0 - np.sum(dark) / np.sum(row), abs=1e-12)
     assert (found.common > 0.05) == (ambient > 0.0)
 
 
 def test_all_of_a_matrix_on_a_small_grid() -> None:
     recipe = recipe_of(rows=None)
-    found = sliced(recipe, photos(recipe, PANELS["ideal"]), CellMap.block(GRID, GRID))
+    found = solve_transport_slice(
+        recipe, photos(recipe, PANELS["ideal"]), CellMap.block(GRID, GRID)
+    )
     np.testing.assert_allclose(found.entries[..., 1], T, rtol=1e-9, atol=1e-11)
 
 
@@ -86,9 +97,11 @@ def test_all_of_a_matrix_on_a_small_grid() -> None:
 @pytest.mark.parametrize("grid", [(3, 1), (2, 2), (4, 3)])
 def test_patterns_of_few_cells_of_which_some_are_dark(grid: tuple[int, int], name: str) -> None:
     """S-matrices have more rows than these slices have cells: one lights none of them."""
-    assert not s_matrix(grid[1]).any(axis=1).all()
-    recipe = recipe_of_slice(Target(Goal(name="transport", rows=(0, 1)), grid), How())
-    found = sliced(recipe, photos(recipe, PANELS[name], ambient=0.3), CellMap.block(grid, grid))
+    assert not make_s_matrix(grid[1]).any(axis=1).all()
+    recipe = recipe_of_slice(Target(Goal(name="transport", rows=(0, 1)), grid), CaptureScheme())
+    found = solve_transport_slice(
+        recipe, photos(recipe, PANELS[name], ambient=0.3), CellMap.block(grid, grid)
+    )
     wanted = T[grid[1] : 2 * grid[1], : grid[1]]
     np.testing.assert_allclose(found.entries[..., 1], wanted, rtol=1e-9, atol=1e-11)
 
@@ -97,18 +110,18 @@ def test_patterns_of_few_cells_of_which_some_are_dark(grid: tuple[int, int], nam
 def test_noise_is_that_of_an_s_matrix(cells: int) -> None:
     """Harwit and Sloane: a variance of 4 K / (K + 1)^2 of one photo's, K being the photos. What all
     have in common is fitted too: with s columns left over, of 4 / (K + 1) times 1 + 1 / s."""
-    lit = s_matrix(cells)
+    lit = make_s_matrix(cells)
     count = len(lit)
-    assert count == photos_of(cells) and np.all(lit.sum(axis=0) == (count + 1) // 2)
+    assert count == count_slice_photos(cells) and np.all(lit.sum(axis=0) == (count + 1) // 2)
     grid = (1, cells)
     target = Target(Goal(name="transport", rows=(0, 0)), grid)
-    recipe = recipe_of_slice(target, How())
+    recipe = recipe_of_slice(target, CaptureScheme())
     shots = {}
     for k, shot in enumerate(recipe.shots):
         realised = catalogue_rig.show(lit[[k]], np.ones((1, cells)), grid, guards=False)
         light, variance = np.zeros((*grid, 3)), np.full((*grid, 3), 2.0)
-        shots[shot.name] = Print(light, variance, np.zeros(grid, np.bool_), realised, {})
-    found = sliced(recipe, shots, CellMap.block(grid, grid))
+        shots[shot.name] = ComputedShot(light, variance, np.zeros(grid, np.bool_), realised, {})
+    found = solve_transport_slice(recipe, shots, CellMap.block(grid, grid))
     variance = (found.sigma * catalogue_rig.REFRESH_S) ** 2 / 2.0
     np.testing.assert_allclose(variance, 4.0 / (count + 1) * (1.0 + 1.0 / (count - cells)))
     assert variance.max() <= 1.25 * 4.0 / (count + 1) * (1.0 + 1e-9)
@@ -120,12 +133,12 @@ def test_a_saturated_cell_is_unknown_and_black_in_the_picture() -> None:
     blown = np.zeros(GRID, np.bool_)
     blown[ROWS[1], 3] = True
     first = recipe.shots[0].name
-    shots[first] = Print(
+    shots[first] = ComputedShot(
         shots[first].light, shots[first].variance, blown, shots[first].realised, {}
     )
-    found = sliced(recipe, shots, CellMap.block(GRID, GRID))
+    found = solve_transport_slice(recipe, shots, CellMap.block(GRID, GRID))
     assert np.isinf(found.sigma[3]).all() and np.isfinite(np.delete(found.sigma, 3, axis=0)).all()
-    drawn = picture_of(found, "T")
+    drawn = draw_transport_slice(found, "T")
     side = 107  # 640 px over 6 cells, rounded up
     assert drawn.shape[1] == 6 * side and not drawn[3 * side : 4 * side].any()
     assert drawn[:side].any()
@@ -135,11 +148,11 @@ def test_photos_without_light_are_no_slice() -> None:
     recipe = recipe_of()
     shots = photos(recipe, PANELS["ideal"])
     dark = catalogue_rig.show(np.zeros((1, N)), np.ones((1, N)), GRID)
-    shots[recipe.shots[2].name] = Print(
+    shots[recipe.shots[2].name] = ComputedShot(
         np.zeros((*GRID, 3)), np.ones((*GRID, 3)), np.zeros(GRID, np.bool_), dark, {}
     )
     with pytest.raises(DecodeError, match="no light"):
-        sliced(recipe, shots, CellMap.block(GRID, GRID))
+        solve_transport_slice(recipe, shots, CellMap.block(GRID, GRID))
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.panels.map import Map
-from pdcd.panels.placing import Placing, placed
-from pdcd.pictures.upright import Sampler, View
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.pictures.upright import FieldSampler, FieldView
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def seen_ramp(map_: Map) -> Floats:
 
 def test_an_aligned_camera_is_copied() -> None:
     image = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 8, 3)).astype(np.float32)
-    sampler = Sampler(View(Map.filling((8, 6)), 8 / 6), (8, 6))
+    sampler = FieldSampler(FieldView(Map.filling((8, 6)), 8 / 6), (8, 6))
     found, known = sampler(image, np.ones((6, 8), dtype=np.bool_))
     assert known.all()
     np.testing.assert_allclose(found, image, atol=1e-5)
@@ -48,17 +48,19 @@ def test_an_aligned_camera_is_copied() -> None:
     "map_",
     [
         BENT,
-        placed(Placing(turn_deg=90.0), (142, 213), (1024, 768), "camera"),
-        placed(Placing(flip="horizontal", turn_deg=7.0), (213, 142), (1024, 768), "camera"),
+        make_placed_map(Placing(turn_deg=90.0), (142, 213), (1024, 768), "camera"),
+        make_placed_map(
+            Placing(flip="horizontal", turn_deg=7.0), (213, 142), (1024, 768), "camera"
+        ),
     ],
     ids=["bent", "turned", "mirrored"],
 )
 def test_every_place_of_the_field_is_found(map_: Map, width: int) -> None:
     """Shrunk or enlarged, the picture of a ramp is the ramp, to a twentieth of a quad on average;
     at the camera's own edge there is nothing beyond to draw a line to."""
-    view = View(map_, 4 / 3)
+    view = FieldView(map_, 4 / 3)
     size = width, round(width * 0.75)
-    found, known = Sampler(view, size)(seen_ramp(map_), everywhere(map_))
+    found, known = FieldSampler(view, size)(seen_ramp(map_), everywhere(map_))
     x, y = centres(*size)
     right, down = (np.abs(found[..., i] - want)[known] * 213 for i, want in ((0, x), (1, y)))
     for error in (right, down):
@@ -73,8 +75,8 @@ def test_every_place_of_the_field_is_found(map_: Map, width: int) -> None:
 def test_fine_stripes_become_grey_when_shrunk() -> None:
     stripes = np.zeros((96, 128, 3))
     stripes[:, ::2] = 1.0
-    view = View(Map.filling((128, 96)), 4 / 3)
-    found, _ = Sampler(view, (50, 38))(stripes, np.ones((96, 128), dtype=np.bool_))
+    view = FieldView(Map.filling((128, 96)), 4 / 3)
+    found, _ = FieldSampler(view, (50, 38))(stripes, np.ones((96, 128), dtype=np.bool_))
     assert np.ptp(found[1:-1, 1:-1]) < 0.45  # looked up without shrinking: 1
     assert found.mean() == pytest.approx(0.5, abs=0.01)
 
@@ -84,7 +86,9 @@ def test_fine_stripes_become_grey_when_shrunk() -> None:
 def test_what_is_not_known_does_not_leak(bad: float, width: int) -> None:
     image, known = np.full((24, 32, 3), 0.25), np.ones((24, 32), dtype=np.bool_)
     image[8:12, 10:16], known[8:12, 10:16] = bad, False
-    found, seen = Sampler(View(Map.filling((32, 24)), 4 / 3), (width, width * 3 // 4))(image, known)
+    found, seen = FieldSampler(FieldView(Map.filling((32, 24)), 4 / 3), (width, width * 3 // 4))(
+        image, known
+    )
     step = width / 32
     rows, cols = np.nonzero(~seen)
     assert (rows.min() / step, (rows.max() + 1) / step) == pytest.approx((8, 12), abs=1.0)
@@ -97,15 +101,19 @@ def test_places_that_no_point_of_the_camera_sees_are_not_known() -> None:
     folding = msgspec.structs.replace(
         Map.filling((64, 48)).then(np.diag([0.3, 0.3, 1.0])), radial=(-0.2, 0.0)
     )
-    _, known = Sampler(View(folding, 4 / 3), (64, 48))(np.ones((48, 64, 3)), everywhere(folding))
+    _, known = FieldSampler(FieldView(folding, 4 / 3), (64, 48))(
+        np.ones((48, 64, 3)), everywhere(folding)
+    )
     assert known[7, 9] and not known[-1, -1]
 
 
 def test_the_raster_is_as_fine_as_the_camera_within_bounds() -> None:
-    view = View(Map.filling((900, 600)), 4 / 3)
+    view = FieldView(Map.filling((900, 600)), 4 / 3)
     assert view.size_px(640, 1600) == (900, 675)
     assert view.size_px(1000, 1600) == (1000, 750)
     assert view.size_px(100, 640) == (640, 480)
-    turned = View(placed(Placing(turn_deg=90.0), (600, 900), (400, 300), "camera"), 4 / 3)
+    turned = FieldView(
+        make_placed_map(Placing(turn_deg=90.0), (600, 900), (400, 300), "camera"), 4 / 3
+    )
     # Its 900 quads lie along the width of the field, and fill it: a turn keeps the picture's size.
     assert turned.size_px(1, 5000)[0] == pytest.approx(900 * 4 / 3, abs=1)

@@ -10,18 +10,24 @@ import pytest
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.planning.average import MOST_EXPOSURES, MOST_S, NOISE, averaged, noise_of_plan
-from pdcd.planning.look import with_blacks
+from pdcd.planning.average import (
+    MOST_EXPOSURES,
+    MOST_S,
+    NOISE,
+    extend_for_noise,
+    predict_plan_noise,
+)
+from pdcd.planning.look import with_black_exposures
 from pdcd.planning.make import make_plan, plan_request
 from pdcd.planning.plan import Plan
-from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.plan_summary import LeakErrors
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.parts import part_seed
+from pdcd.recipes.parts import derive_part_seed
 from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config
 
 GRID = (6, 8)
-LEAKS = Leaks(ambient=5.0, mask=0.0, both=5.0, floor=1e-4, limit=0.01, raw=())
+LEAKS = LeakErrors(ambient=5.0, mask=0.0, both=5.0, floor=1e-4, limit=0.01, raw=())
 
 
 def camera(file_s: float = 0.0) -> CameraInfo:
@@ -33,12 +39,12 @@ def asked(**fields: Any) -> CaptureRequest:
 
 
 def plan_of(**fields: Any) -> Plan:
-    return with_blacks(make_plan(asked(**fields), Config(), GRID), LEAKS, Config(), ())
+    return with_black_exposures(make_plan(asked(**fields), Config(), GRID), LEAKS, Config(), ())
 
 
 def shown(plan: Plan, noise: float, file_s: float = 0.0, rig: Config | None = None) -> Any:
     rig = rig or Config()
-    return averaged(plan, noise, asked(), rig, camera(file_s), Watch())
+    return extend_for_noise(plan, noise, asked(), rig, camera(file_s), Watch())
 
 
 def test_a_picture_that_is_quiet_enough_stays_as_planned() -> None:
@@ -71,8 +77,8 @@ def test_parts_become_more_parts_with_codes_of_their_own(noise: float, times: in
 @pytest.mark.parametrize("seed", [0, 1, 7])
 @pytest.mark.parametrize(("parts", "times"), [(4, 2), (6, 10), (7, 16)])
 def test_no_part_has_the_seed_of_another(seed: int, parts: int, times: int) -> None:
-    first = [part_seed(seed, parts, part) for part in range(1, parts + 1)]
-    more = [part_seed(seed, parts * times, p) for p in range(parts + 1, parts * times + 1)]
+    first = [derive_part_seed(seed, parts, part) for part in range(1, parts + 1)]
+    more = [derive_part_seed(seed, parts * times, p) for p in range(parts + 1, parts * times + 1)]
     assert len({*first, *more}) == parts * times
 
 
@@ -135,14 +141,14 @@ def test_exposures_seconds_and_memory_are_bounded() -> None:
 def test_noise_falls_with_the_light_that_is_still_to_come(parts: int) -> None:
     plan = plan_of(codes=64, parts=parts)
     first = plan.recipe.shots[0].name
-    assert noise_of_plan(plan, {"coded": 0.04}, plan, [first]) == pytest.approx(
+    assert predict_plan_noise(plan, {"coded": 0.04}, plan, [first]) == pytest.approx(
         0.2 / math.sqrt(parts)
     )
     # What was taken by another plan, of half as many codes in all.
     other = plan_of(codes=32)
-    got = noise_of_plan(plan, {"coded": 0.04}, other, ["coded"])
+    got = predict_plan_noise(plan, {"coded": 0.04}, other, ["coded"])
     assert got == pytest.approx(0.2 / math.sqrt(2.0))
-    assert noise_of_plan(plan, {}, plan, [first]) == 0.0
+    assert predict_plan_noise(plan, {}, plan, [first]) == 0.0
 
 
 @pytest.mark.parametrize(

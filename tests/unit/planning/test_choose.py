@@ -15,10 +15,10 @@ from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.codes.pilot.codes import MATCHED
 from pdcd.errors import RequestError
-from pdcd.planning.choose import choose
-from pdcd.planning.defaults import wants_choice
-from pdcd.planning.given import read_given
-from pdcd.planning.outlook import Estimate, Setting
+from pdcd.planning.choose import choose_plan
+from pdcd.planning.defaults import is_search_needed
+from pdcd.planning.given import read_request_arrays
+from pdcd.planning.outlook import ErrorEstimate, RigSetting
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
@@ -37,10 +37,10 @@ def plan(folder: Path, request: CaptureRequest, **tables: Any) -> PlanSummary:
     return Engine.from_config(bench_rig.config(folder, **given)).plan(request)
 
 
-def setting(config: Config) -> Setting:
+def setting(config: Config) -> RigSetting:
     engine = Engine.from_config(config)
     rig = engine._rig
-    return Setting(config, rig.look_at_camera(), engine._profile, rig.mask_lag_s())
+    return RigSetting(config, rig.look_at_camera(), engine._profile, rig.mask_lag_s())
 
 
 @pytest.mark.parametrize(
@@ -60,12 +60,12 @@ def setting(config: Config) -> Setting:
 )
 def test_contradictions_are_refused(fields: dict[str, Any], what: str) -> None:
     with pytest.raises(RequestError, match=what) as caught:
-        wants_choice(CaptureRequest(**{"goal": "indirect", **fields}))
+        is_search_needed(CaptureRequest(**{"goal": "indirect", **fields}))
     assert caught.value.hint
 
 
 def test_explicit_requests_are_left_alone() -> None:
-    assert not wants_choice(CaptureRequest(goal="indirect", codes=64, pilot=32))
+    assert not is_search_needed(CaptureRequest(goal="indirect", codes=64, pilot=32))
 
 
 @pytest.mark.long
@@ -125,7 +125,7 @@ def test_no_codes_that_take_long_are_chosen_for_plans_that_are_compared(
         calls.append(count)
         return np.ones((count, lattice[0] * lattice[1]))
 
-    monkeypatch.setattr("pdcd.planning.pairs.woven", woven)
+    monkeypatch.setattr("pdcd.planning.pairs.make_joint_codes", woven)
     far: dict[str, Any] = {"goal": "long-range", "radius": 1}
     plan(tmp_path, CaptureRequest(**far, seconds=5.0), scene=SMALL)
     assert not calls
@@ -197,21 +197,22 @@ def test_unknown_scenes_are_guessed(tmp_path: Path) -> None:
     config = bench_rig.config(tmp_path, camera=NOISY)
     rig, grid = setting(config), (24, 32)
     few, many = (
-        choose(CaptureRequest(goal="indirect", error=e), rig, grid, None).plan for e in (0.05, 0.01)
+        choose_plan(CaptureRequest(goal="indirect", error=e), rig, grid, None).plan
+        for e in (0.05, 0.01)
     )
     assert few.prediction and many.prediction
     assert many.prediction.bound <= 0.01 < few.prediction.bound <= 0.05
     assert many.how.coded > few.how.coded
     assert "50 paths" in few.prediction.prior
     with pytest.raises(RequestError, match="unknown scene"):
-        choose(CaptureRequest(goal="long-range", radius=1, error=0.05), rig, grid, None)
+        choose_plan(CaptureRequest(goal="long-range", radius=1, error=0.05), rig, grid, None)
 
 
 def test_a_prior_file_stands_for_the_scene(tmp_path: Path) -> None:
     rig, grid = setting(bench_rig.config(tmp_path, camera=NOISY)), (24, 32)
     files = {"prior": from_path(Path(str(MIRROR.path)))}
-    asked, given = read_given(CaptureRequest(goal="indirect", error=0.02), files, grid)
-    known = choose(asked, rig, grid, None, given=given)
+    asked, given = read_request_arrays(CaptureRequest(goal="indirect", error=0.02), files, grid)
+    known = choose_plan(asked, rig, grid, None, given=given)
     same = plan(tmp_path, CaptureRequest(goal="indirect", error=0.02))
     assert known.plan.prediction is not None and same.prediction is not None
     assert known.plan.prediction.prior == "file mirror_32x24.npz"
@@ -219,7 +220,7 @@ def test_a_prior_file_stands_for_the_scene(tmp_path: Path) -> None:
     assert known.plan.how.coded < same.codes  # the codes avoid the paths of the prior
     assert known.plan.prior == "file mirror_32x24.npz" and same.prior is None
     with pytest.raises(RequestError, match="24 x 32 cells, the rig of 3 x 4"):
-        choose(asked, rig, (3, 4), None, given=given)
+        choose_plan(asked, rig, (3, 4), None, given=given)
 
 
 def test_the_bound_is_kept_as_often_as_it_says() -> None:
@@ -228,7 +229,7 @@ def test_the_bound_is_kept_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
     pixels, repeat = 300, 3
     code, sensor = 0.02 * rng.standard_normal(pixels), 0.01 * (1.0 + rng.random(pixels))
-    estimate = Estimate(
+    estimate = ErrorEstimate(
         code=float(np.sqrt(np.mean(code**2))),
         sensor=float(np.sqrt(np.mean(sensor**2))),
         code_var=0.0,

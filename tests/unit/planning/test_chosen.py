@@ -13,27 +13,27 @@ import pytest
 from pdcd.bench.tables import CameraConfig, LimitsConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
-from pdcd.planning.choose import Choice, choose
+from pdcd.planning.choose import PlanChoice, choose_plan
 from pdcd.planning.code_counts import LADDER, MOST_REPEATS
-from pdcd.planning.defaults import wants_choice
-from pdcd.planning.guess import Prior, guess
+from pdcd.planning.defaults import is_search_needed
+from pdcd.planning.guess import ScenePrior, guess_plan
 from pdcd.planning.make import make_plan
-from pdcd.planning.outlook import Estimate, Outlook, Setting
+from pdcd.planning.outlook import ErrorEstimate, PlanForecast, RigSetting
 from pdcd.planning.plan import Plan
-from pdcd.planning.rehearse import rehearse
+from pdcd.planning.rehearse import simulate_plan
 from pdcd.protocol.request import CaptureRequest
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from pdcd.watch import Watch
 from pdcd.words import ScheduleName
 from tests import bench_rig
 
 GRID = (6, 8)
-SCENE = Scene("small", GRID, matrix_effects(bench_rig.transport(GRID)))
+SCENE = Scene("small", GRID, split_into_effects(bench_rig.transport(GRID)))
 MOST_S = 3.0
 
 
-def setting(folder: Path, **tables: Any) -> Setting:
+def setting(folder: Path, **tables: Any) -> RigSetting:
     panels = {name: PanelConfig(size_px=(1600, 1200)) for name in ("projector", "mask")}
     given: dict[str, Any] = {
         "camera": CameraConfig(noise="full"),
@@ -44,7 +44,7 @@ def setting(folder: Path, **tables: Any) -> Setting:
     config = bench_rig.config(folder, **given)
     engine = Engine.from_config(config)
     rig = engine._rig
-    return Setting(config, rig.look_at_camera(), engine._profile, 0.0)
+    return RigSetting(config, rig.look_at_camera(), engine._profile, 0.0)
 
 
 def request_of(**fields: Any) -> CaptureRequest:
@@ -56,7 +56,7 @@ class Tried:
     """One plan with its figures."""
 
     plan: Plan
-    estimate: Estimate
+    estimate: ErrorEstimate
     iso: int
     seconds: float
 
@@ -70,7 +70,7 @@ def seconds_of(plan: Plan) -> float:
 
 def tries(
     request: CaptureRequest,
-    rig: Setting,
+    rig: RigSetting,
     scene: Scene | None,
     schedules: tuple[ScheduleName, ...],
     counts: tuple[int, ...] = LADDER,
@@ -86,10 +86,10 @@ def tries(
                 plan = make_plan(asked, rig.config, GRID)
             except RequestError:
                 continue
-            outlook: Outlook = (
-                guess(plan, rig, Prior())
+            outlook: PlanForecast = (
+                guess_plan(plan, rig, ScenePrior())
                 if scene is None
-                else rehearse(plan, rig, scene, normalise="auto", seed=request.seed)
+                else simulate_plan(plan, rig, scene, normalise="auto", seed=request.seed)
             )
             for iso in rig.isos:
                 once = outlook.judge(iso, 1)
@@ -106,7 +106,7 @@ def tries(
                     break
 
 
-def same(found: Choice, best: Tried) -> None:
+def same(found: PlanChoice, best: Tried) -> None:
     """The same plan in all its parts."""
     plan = found.plan
     assert (plan.how.codes, plan.schedule, plan.passes, plan.how.repeat, found.iso) == (
@@ -123,7 +123,7 @@ def same(found: Choice, best: Tried) -> None:
 def test_a_wanted_error_is_met_in_the_shortest_time(tmp_path: Path, error: float) -> None:
     rig = setting(tmp_path)
     request = request_of(error=error)
-    found = choose(request, rig, GRID, None)
+    found = choose_plan(request, rig, GRID, None)
     every = list(tries(request, rig, None, ("none",)))
     best = min((t for t in every if t.bound(0.95) <= error), key=lambda t: t.seconds)
     same(found, best)
@@ -134,7 +134,7 @@ def test_a_wanted_error_is_met_in_the_shortest_time(tmp_path: Path, error: float
     assert told.code == best.estimate.code
     assert told.sensor == pytest.approx(best.estimate.sensor / best.plan.how.repeat**0.5)
     assert (told.confidence, told.iso) == (0.95, best.iso)
-    assert told.prior == str(Prior()) and found.plan.iso == best.iso
+    assert told.prior == str(ScenePrior()) and found.plan.iso == best.iso
     assert found.plan.look is not None and found.plan.look.limit == error
 
 
@@ -142,7 +142,7 @@ def test_a_wanted_error_is_met_in_the_shortest_time(tmp_path: Path, error: float
 def test_a_given_time_is_spent_on_the_smallest_error(tmp_path: Path, seconds: float) -> None:
     rig = setting(tmp_path)
     request = request_of(seconds=seconds, confidence=None)
-    found = choose(request, rig, GRID, None)
+    found = choose_plan(request, rig, GRID, None)
     every = list(tries(request, rig, None, ("none",)))
     best = min((t for t in every if t.seconds <= seconds), key=lambda t: t.bound(0.95))
     assert found.seconds <= seconds
@@ -166,7 +166,7 @@ def test_passes_and_gain_fill_the_sensor_before_exposures_are_repeated(
     rig = setting(tmp_path, camera=camera)
     counts = LADDER[:4]
     request = request_of(goal="fraction", p=0.5, error=0.02, confidence=0.9, guards="lag")
-    found = choose(request, rig, GRID, SCENE)
+    found = choose_plan(request, rig, GRID, SCENE)
     every = list(tries(request, rig, SCENE, ("lag",), counts))
     fitting = [t for t in every if t.bound(0.9) <= 0.02]
     assert found.plan.prediction is not None and found.plan.prediction.bound <= 0.02
@@ -186,10 +186,10 @@ def test_every_schedule_that_keeps_codes_apart_is_looked_at(tmp_path: Path) -> N
     }
     rig = setting(tmp_path, **slow)
     request = request_of(error=0.1)
-    found = choose(request, rig, GRID, None)
+    found = choose_plan(request, rig, GRID, None)
     every = list(tries(request, rig, None, ("none", "both", "lag", "full")))
     same(found, min((t for t in every if t.bound(0.95) <= 0.1), key=lambda t: t.seconds))
-    asked = choose(request_of(error=0.1, guards="full"), rig, GRID, None)
+    asked = choose_plan(request_of(error=0.1, guards="full"), rig, GRID, None)
     assert asked.plan.schedule == "full" and asked.seconds >= found.seconds
 
 
@@ -197,7 +197,7 @@ def test_the_watch_hears_of_all_that_is_looked_at(tmp_path: Path) -> None:
     rig = setting(tmp_path)
     heard: list[tuple[float, float]] = []
     watch = Watch(step=lambda done, total: heard.append((done, total)))
-    choose(request_of(error=0.1), rig, GRID, None, watch=watch)
+    choose_plan(request_of(error=0.1), rig, GRID, None, watch=watch)
     assert heard and heard[-1][0] == pytest.approx(heard[-1][1])
     # More often than a ladder of codes ends: it is told of each number of codes.
     assert len({done for done, _ in heard}) > 2 * heard[-1][1]
@@ -217,11 +217,11 @@ def test_what_cannot_be_had_is_told_with_what_can(
 ) -> None:
     rig = setting(tmp_path)
     with pytest.raises(RequestError, match=words) as caught:
-        choose(request_of(**fields), rig, GRID, None)
+        choose_plan(request_of(**fields), rig, GRID, None)
     hint = str(caught.value.hint)
     if "error" in fields:
         reachable = float(hint.split()[2]) / 100.0
-        found = choose(request_of(error=reachable), rig, GRID, None)
+        found = choose_plan(request_of(error=reachable), rig, GRID, None)
         assert found.plan.prediction is not None
         assert reachable / 1.2 <= found.plan.prediction.bound <= reachable
     else:
@@ -241,7 +241,7 @@ def test_codes_are_of_a_family_that_can_be_lit_so_often(
     tmp_path: Path, fields: dict[str, Any], families: set[str]
 ) -> None:
     rig = setting(tmp_path)
-    found = choose(request_of(error=0.3, **fields), rig, GRID, None)
+    found = choose_plan(request_of(error=0.3, **fields), rig, GRID, None)
     assert {found.plan.family} == families
     if found.plan.family == "balanced":
         assert found.plan.how.codes % 10 == 0  # three of ten are lit
@@ -250,7 +250,7 @@ def test_codes_are_of_a_family_that_can_be_lit_so_often(
 def test_shares_of_lines_come_in_whole_planes(tmp_path: Path) -> None:
     rig = setting(tmp_path)
     request = request_of(goal="fraction", p=0.2, family="singer", error=0.5)
-    found = choose(request, rig, GRID, None)
+    found = choose_plan(request, rig, GRID, None)
     assert found.plan.family == "singer" and found.plan.how.codes % 21 == 0
 
 
@@ -259,7 +259,7 @@ def test_an_unknown_scene_tells_nothing_of_single_paths(tmp_path: Path, goal: st
     rig = setting(tmp_path)
     fields: dict[str, Any] = {"radius": 1} if goal == "long-range" else {}
     with pytest.raises(RequestError, match=f"goal {goal} cannot be foreseen") as caught:
-        choose(request_of(goal=goal, error=0.1, **fields), rig, GRID, None)
+        choose_plan(request_of(goal=goal, error=0.1, **fields), rig, GRID, None)
     assert "transport matrix as prior" in str(caught.value.hint)
 
 
@@ -278,7 +278,7 @@ def test_an_unknown_scene_tells_nothing_of_single_paths(tmp_path: Path, goal: st
 )
 def test_what_decides_twice_is_refused(fields: dict[str, Any], words: str) -> None:
     with pytest.raises(RequestError, match=words) as caught:
-        wants_choice(request_of(**fields))
+        is_search_needed(request_of(**fields))
     assert caught.value.hint
 
 
@@ -293,4 +293,4 @@ def test_what_decides_twice_is_refused(fields: dict[str, Any], words: str) -> No
     ],
 )
 def test_an_error_or_a_time_leaves_the_rest_open(fields: dict[str, Any], wanted: bool) -> None:
-    assert wants_choice(request_of(**fields)) is wanted
+    assert is_search_needed(request_of(**fields)) is wanted

@@ -12,19 +12,19 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.errors import RequestError
 from pdcd.planning import choose as module
-from pdcd.planning.choose import Choice, choose
+from pdcd.planning.choose import PlanChoice, choose_plan
 from pdcd.planning.code_counts import LADDER
-from pdcd.planning.outlook import Estimate, Setting
+from pdcd.planning.outlook import ErrorEstimate, RigSetting
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 
 GRID = (3, 4)
-Errors = Callable[[Plan, int, int], Estimate]
+Errors = Callable[[Plan, int, int], ErrorEstimate]
 
 
-def estimate(code: float, sensor: float, headroom: float = 1.0) -> Estimate:
-    return Estimate(code, sensor, 0.0, 0.0, 0.0, headroom)
+def estimate(code: float, sensor: float, headroom: float = 1.0) -> ErrorEstimate:
+    return ErrorEstimate(code, sensor, 0.0, 0.0, 0.0, headroom)
 
 
 class Foreseen:
@@ -34,12 +34,12 @@ class Foreseen:
         self.plans: list[Plan] = []
         self.judged: list[tuple[int, int, int]] = []
         self._errors = errors
-        patch.setattr(module, "guess", self._guess)
+        patch.setattr(module, "guess_plan", self._guess)
 
     def _guess(self, plan: Plan, *_: Any) -> Any:
         self.plans.append(plan)
 
-        def judge(_: Any, iso: int, passes: int) -> Estimate:
+        def judge(_: Any, iso: int, passes: int) -> ErrorEstimate:
             self.judged.append((plan.how.codes, iso, passes))
             return self._errors(plan, iso, passes)
 
@@ -50,16 +50,16 @@ class Foreseen:
         return [plan.how.codes for plan in self.plans]
 
 
-def rig(most_s: float = 1000.0, isos: tuple[int, ...] = (100,), **limits: Any) -> Setting:
+def rig(most_s: float = 1000.0, isos: tuple[int, ...] = (100,), **limits: Any) -> RigSetting:
     camera: Any = CameraInfo("", "", "modern", None, isos, ())  # type: ignore[arg-type]
     tables = config(camera={"iso": None})
     wide = LimitsConfig(min_free_bytes=0, max_exposure_s=most_s, **limits)
-    return Setting(msgspec.structs.replace(tables, limits=wide), camera, None, 0.0)  # type: ignore[arg-type]
+    return RigSetting(msgspec.structs.replace(tables, limits=wide), camera, None, 0.0)  # type: ignore[arg-type]
 
 
-def chosen(setting: Setting, **fields: Any) -> Choice:
+def chosen(setting: RigSetting, **fields: Any) -> PlanChoice:
     given = {"goal": "indirect", "window": "whole", "guards": "none", "white": False, **fields}
-    return choose(msgspec.convert(given, CaptureRequest), setting, GRID, None)
+    return choose_plan(msgspec.convert(given, CaptureRequest), setting, GRID, None)
 
 
 @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ def test_panels_that_switch_at_once_in_step_need_no_guards(
             rigged = config(**{**still, panel: times})
             limits = LimitsConfig(min_free_bytes=0, max_exposure_s=2.0)
             whole: Config = msgspec.structs.replace(rigged, limits=limits)
-            setting = Setting(whole, rig().camera, None, 0.0)  # type: ignore[arg-type]
+            setting = RigSetting(whole, rig().camera, None, 0.0)  # type: ignore[arg-type]
             with pytest.raises(RequestError):
                 chosen(setting, error=0.01, guards=None)
             assert {plan.schedule for plan in foreseen.plans} == schedules

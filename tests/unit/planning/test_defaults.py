@@ -13,11 +13,11 @@ from pdcd.bench.tables import CameraConfig, Config, ScheduleConfig
 from pdcd.errors import RequestError
 from pdcd.planning.defaults import (
     Defaults,
-    asks_for_camera,
-    may_average,
+    can_average,
+    is_camera_needed,
+    is_search_needed,
     readout_s,
     resolve_defaults,
-    wants_choice,
 )
 from pdcd.planning.make import make_plan
 from pdcd.protocol.request import CaptureRequest
@@ -194,7 +194,7 @@ def test_light_from_far_off_is_not_parted_into_codes_too_dense_for_it(
 )
 def test_who_says_how_codes_are_spent_gets_one_exposure(named: dict[str, Any]) -> None:
     request = CaptureRequest(**{"goal": "indirect", **named})
-    assert not asks_for_camera(request)
+    assert not is_camera_needed(request)
     found = settled_of(**named)
     assert (found.request.parts, found.reasons, found.otherwise) == (1, (), None)
     assert found.request.pilot == named.get("pilot", 0)
@@ -208,7 +208,7 @@ def test_who_says_how_codes_are_spent_gets_one_exposure(named: dict[str, Any]) -
     ],
 )  # fmt: skip
 def test_a_number_of_codes_leaves_pilot_and_parts_open(named: dict[str, Any]) -> None:
-    assert asks_for_camera(CaptureRequest(**{"goal": "direct", **named}))
+    assert is_camera_needed(CaptureRequest(**{"goal": "direct", **named}))
     found = settled_of(**named)
     assert (found.request.pilot, found.request.parts) == (16, 7)
     assert found.otherwise is not None
@@ -228,13 +228,13 @@ def test_a_pilot_and_parts_that_are_named_leave_the_other_open(
 
 def test_more_light_is_for_requests_that_name_no_codes() -> None:
     noisy, quiet = Config(), Config(camera=CameraConfig(noise="none"))
-    assert may_average(CaptureRequest(goal="indirect"), noisy)
-    assert not may_average(CaptureRequest(goal="indirect"), quiet)
+    assert can_average(CaptureRequest(goal="indirect"), noisy)
+    assert not can_average(CaptureRequest(goal="indirect"), quiet)
     ways: tuple[dict[str, Any], ...] = (
         {"codes": 128}, {"parts": 4}, {"pilot": 0}, {"family": "hadamard"},
     )  # fmt: skip
     for named in ways:
-        assert not may_average(CaptureRequest(**{"goal": "indirect", **named}), noisy)
+        assert not can_average(CaptureRequest(**{"goal": "indirect", **named}), noisy)
 
 
 def test_parts_that_are_given_are_kept_and_auto_may_be_asked_for() -> None:
@@ -244,8 +244,8 @@ def test_parts_that_are_given_are_kept_and_auto_may_be_asked_for() -> None:
         with pytest.raises(RequestError, match="left to the program beside an error"):
             parts_of(parts="auto", **named)
     with pytest.raises(RequestError, match="parts and error are both asked for"):
-        wants_choice(CaptureRequest(goal="indirect", parts="auto", error=0.01))
-    assert wants_choice(CaptureRequest(goal="indirect", pilot=0, error=0.01))
+        is_search_needed(CaptureRequest(goal="indirect", parts="auto", error=0.01))
+    assert is_search_needed(CaptureRequest(goal="indirect", pilot=0, error=0.01))
 
 
 def test_the_cost_of_a_file_is_typed_or_seen_or_assumed() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import Config, RigConfig, ScheduleConfig
-from pdcd.panels.patterns import levels_of
+from pdcd.panels.patterns import read_pattern_levels
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest
@@ -36,7 +36,7 @@ def on_both(
     """Levels of projector and mask, (K, rows, columns) each."""
     rows, columns = cells or plan.grid
     projector, mask = (
-        np.array([levels_of(side, k, rows * columns) for k in range(len(side))])
+        np.array([read_pattern_levels(side, k, rows * columns) for k in range(len(side))])
         for side in plan.patterns[program]
     )
     return projector.reshape(-1, rows, columns), mask.reshape(-1, rows, columns)

@@ -12,26 +12,31 @@ import scipy
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
-from pdcd.codes.hadamard import prior_codes
+from pdcd.codes.hadamard import make_prior_codes
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import levels_of
+from pdcd.panels.patterns import read_pattern_levels
 from pdcd.planning.guided import (
-    by_prior,
-    guidable,
-    stopped,
+    can_be_guided,
+    end_pilot,
+    follow_prior,
     with_links,
 )
-from pdcd.planning.make import plan_for
-from pdcd.planning.next_step import piloted, scouted
-from pdcd.planning.pairs import linked_pairs, pairs_of, resolve_family, white_slots
-from pdcd.planning.plan import Plan, mean_light
+from pdcd.planning.make import plan_with_prior
+from pdcd.planning.next_step import has_first_pilot_photos, is_pilot_complete
+from pdcd.planning.pairs import (
+    count_white_slots,
+    make_linked_pairs,
+    make_pattern_pairs,
+    resolve_family,
+)
+from pdcd.planning.plan import Plan, average_pair_light
 from pdcd.planning.prior import load_prior
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import draft_of
-from pdcd.recipes.parts import coin_signs, part_seed
+from pdcd.recipes.make import make_draft_recipe
+from pdcd.recipes.parts import derive_part_seed, randomise_signs
 from pdcd.watch import Watch
 
 GRID = (3, 4)
@@ -41,7 +46,7 @@ LONG_S = 1000.0
 
 def plan_of(**fields: Any) -> Plan:
     whole = {"goal": "indirect", "codes": 8, "window": "whole", **fields}
-    return plan_for(msgspec.convert(whole, CaptureRequest), Config(), GRID)
+    return plan_with_prior(msgspec.convert(whole, CaptureRequest), Config(), GRID)
 
 
 def bits_of(plan: Plan, program: str) -> NDArray[np.bool_]:
@@ -49,7 +54,7 @@ def bits_of(plan: Plan, program: str) -> NDArray[np.bool_]:
     lattice = Lattice(plan.grid, plan.window)
     primal = plan.patterns[program][0]
     cells = lattice.lattice_cells
-    return np.array([levels_of(primal, k, cells) > 0.5 for k in range(len(primal))])
+    return np.array([read_pattern_levels(primal, k, cells) > 0.5 for k in range(len(primal))])
 
 
 @pytest.mark.parametrize(
@@ -88,7 +93,7 @@ def test_what_cannot_be_followed_is_refused(fields: dict[str, Any], words: str) 
 def test_hadamard_codes_of_cells_with_themselves_can_be_guided(
     fields: dict[str, Any], fits: bool
 ) -> None:
-    assert guidable(plan_of(**fields)) is fits
+    assert can_be_guided(plan_of(**fields)) is fits
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
@@ -111,15 +116,15 @@ def test_codes_follow_the_links_between_all_code_cells_of_two_cells(
     found = with_links(plan, scipy.sparse.csr_array(links), 5)
     assert found.patterns.keys() == plan.patterns.keys() and found.recipe is plan.recipe
     for part, name in enumerate(plan.patterns, start=1):
-        seed = part_seed(5, parts, part if parts > 1 else 0)
-        wanted = prior_codes(
+        seed = derive_part_seed(5, parts, part if parts > 1 else 0)
+        wanted = make_prior_codes(
             shape, 8, between, np.random.Generator(np.random.PCG64(seed)), apart=parts > 1
         )
         if parts > 1:
-            wanted = coin_signs(wanted, seed)
+            wanted = randomise_signs(wanted, seed)
         assert np.array_equal(bits_of(found, name), wanted)
         dual = found.patterns[name][1]
-        shut = np.array([levels_of(dual, k, wanted.shape[1]) < 0.5 for k in range(8)])
+        shut = np.array([read_pattern_levels(dual, k, wanted.shape[1]) < 0.5 for k in range(8)])
         assert np.array_equal(shut, wanted)
 
 
@@ -127,10 +132,10 @@ def test_no_links_leave_the_usual_codes_and_other_programs_alone() -> None:
     none = scipy.sparse.csr_array((CELLS, CELLS))
     for window, seed in (("whole", 0), ("quarter", 0), ("whole", 4)):
         plan = plan_of(window=window, seed=seed)
-        found = linked_pairs(plan, none, seed)
+        found = make_linked_pairs(plan, none, seed)
         assert np.array_equal(found["coded"][0], plan.patterns["coded"][0])
-    assert set(linked_pairs(plan_of(codes=32, pilot=16), none, 0)) == {"coded"}
-    assert linked_pairs(plan_of(goal="fraction", p=0.25, codes=64), none, 0) == {}
+    assert set(make_linked_pairs(plan_of(codes=32, pilot=16), none, 0)) == {"coded"}
+    assert make_linked_pairs(plan_of(goal="fraction", p=0.25, codes=64), none, 0) == {}
 
 
 def test_a_prior_keeps_what_it_links_apart_and_is_named() -> None:
@@ -138,14 +143,14 @@ def test_a_prior_keeps_what_it_links_apart_and_is_named() -> None:
     links[0, 11] = links[5, 2] = 1.0
     prior = replace(load_prior("decay:2", GRID), links=scipy.sparse.csr_array(links), name="mine")
     plan = plan_of()
-    found = by_prior(plan, prior, 0)
+    found = follow_prior(plan, prior, 0)
     assert found.prior == "mine" and plan.prior is None
     codes = bits_of(found, "coded")
     for n, m in ((0, 11), (5, 2)):
         assert (codes[:, n] != codes[:, m]).any()
     asked = plan_of(prior="decay:2")
     assert asked.prior == "decay 2 cells"
-    same = by_prior(plan, load_prior("decay:2", GRID), 0)
+    same = follow_prior(plan, load_prior("decay:2", GRID), 0)
     assert np.array_equal(bits_of(asked, "coded"), bits_of(same, "coded"))
 
 
@@ -154,16 +159,18 @@ def test_a_pilot_is_told_from_what_comes_before_and_after() -> None:
     names = [shot.name for shot in plan.recipe.shots]
     before = names.index("pilot-0001")
     taken = range(len(names) + 1)
-    assert [n for n in taken if scouted(plan, n)] == [before + 4]
-    assert [n for n in taken if piloted(plan, n)] == [before + 16]
+    assert [n for n in taken if has_first_pilot_photos(plan, n)] == [before + 4]
+    assert [n for n in taken if is_pilot_complete(plan, n)] == [before + 16]
     none = plan_of()
-    assert all(scouted(none, n) is piloted(none, n) is False for n in range(5))
+    assert all(
+        has_first_pilot_photos(none, n) is is_pilot_complete(none, n) is False for n in range(5)
+    )
     # Scouts alone have nothing to go on to, and a pilot of all codes has none left to guide.
-    short = stopped(plan, 0, LONG_S)
-    assert not any(scouted(short, n) or piloted(short, n) for n in taken)
+    short = end_pilot(plan, 0, LONG_S)
+    assert not any(has_first_pilot_photos(short, n) or is_pilot_complete(short, n) for n in taken)
     whole = plan_of(codes=16, pilot=16)
-    assert not any(piloted(whole, n) for n in range(30))
-    assert any(scouted(whole, n) for n in range(30))
+    assert not any(is_pilot_complete(whole, n) for n in range(30))
+    assert any(has_first_pilot_photos(whole, n) for n in range(30))
 
 
 @pytest.mark.parametrize(
@@ -172,7 +179,7 @@ def test_a_pilot_is_told_from_what_comes_before_and_after() -> None:
 def test_codes_of_a_pilot_that_ends_go_to_the_photo(limit_s: float, codes: int) -> None:
     """Of 32 codes in 1.6 s, and 0.1 s on black: 44 where there is a matrix and time for it."""
     plan = replace(plan_of(codes=48, pilot=16), iso=400)
-    short = stopped(plan, 0, limit_s)
+    short = end_pilot(plan, 0, limit_s)
     assert (short.how.codes, short.how.pilot, short.how.coded) == (codes + 4, 4, codes)
     assert len(short.patterns["coded"][0]) == codes and len(short.patterns["pilot"][0]) == 4
     for side in (0, 1):
@@ -193,9 +200,9 @@ def test_codes_of_a_pilot_that_ends_go_to_the_photo(limit_s: float, codes: int) 
 
 def test_a_pilot_that_ends_leaves_parts_of_a_size_that_there_is() -> None:
     """Of 4 parts of 8 codes: 12 more codes make 4 of 8 still, or 40 make 4 of 12 at last."""
-    few = stopped(plan_of(codes=48, pilot=16, parts=4), 0, LONG_S)
+    few = end_pilot(plan_of(codes=48, pilot=16, parts=4), 0, LONG_S)
     assert (few.how.coded, few.how.parts) == (32, 4)
-    more = stopped(plan_of(codes=64, pilot=32, parts=4), 0, LONG_S)
+    more = end_pilot(plan_of(codes=64, pilot=32, parts=4), 0, LONG_S)
     assert (more.how.coded, more.how.parts, more.how.pilot) == (48, 4, 4)
 
 
@@ -203,7 +210,7 @@ def test_another_plan_takes_the_place_of_a_pilot_that_finds_nothing() -> None:
     plan = replace(plan_of(codes=16, pilot=16), iso=800)
     other = plan.otherwise
     assert other is not None
-    short = stopped(plan, 0, LONG_S)
+    short = end_pilot(plan, 0, LONG_S)
     assert short.iso == 800 and short.how == other.how and short.recipe is other.recipe
     cost = plan.summary(LONG_S).pilot_cost
     assert cost is not None
@@ -232,8 +239,8 @@ def test_another_plan_takes_the_place_of_a_pilot_that_finds_nothing() -> None:
 def test_other_codes_stand_in_where_hadamard_ones_cannot_be_made(
     asked: Any, default: Any, fields: dict[str, Any], how: dict[str, Any], family: str
 ) -> None:
-    whole = How(**{"codes": 64, **how})
-    draft = draft_of(Target(msgspec.convert(fields, Goal), GRID), whole)
+    whole = CaptureScheme(**{"codes": 64, **how})
+    draft = make_draft_recipe(Target(msgspec.convert(fields, Goal), GRID), whole)
     assert resolve_family(asked, default, draft, whole) == family
 
 
@@ -254,10 +261,12 @@ def test_far_light_has_codes_of_half_the_share_that_is_best(
     request = CaptureRequest(
         goal="long-range", radius=radius, codes=codes, window="whole", grey_masks=False
     )
-    plan = plan_for(request, Config(), (12, 16))
+    plan = plan_with_prior(request, Config(), (12, 16))
     assert plan.family == "balanced"
     assert np.array_equal(bits_of(plan, "far").mean(axis=0), np.full(192, share))
-    thrown = plan_for(msgspec.structs.replace(request, family="bernoulli"), Config(), (12, 16))
+    thrown = plan_with_prior(
+        msgspec.structs.replace(request, family="bernoulli"), Config(), (12, 16)
+    )
     lit = bits_of(thrown, "far")
     assert lit.mean() == pytest.approx(coins, rel=0.1) and np.ptp(lit.mean(axis=0)) > 0.0
 
@@ -277,7 +286,9 @@ def test_cells_matched_with_others_are_lit_with_them_as_often_as_by_chance(
     fields: dict[str, Any], family: str
 ) -> None:
     """So that their own light has the share that is wanted, exactly where p^2 K is whole."""
-    plan = plan_for(CaptureRequest(goal="fraction", window="whole", **fields), Config(), (12, 16))
+    plan = plan_with_prior(
+        CaptureRequest(goal="fraction", window="whole", **fields), Config(), (12, 16)
+    )
     assert plan.family == family
     if family == "hadamard":
         return
@@ -292,12 +303,12 @@ def test_cells_matched_with_others_are_lit_with_them_as_often_as_by_chance(
 def test_a_white_shot_is_as_long_as_the_light_of_the_first_codes() -> None:
     plan = plan_of()
     lattice = Lattice(GRID, "whole")
-    light = mean_light(plan.patterns["coded"], CELLS)
+    light = average_pair_light(plan.patterns["coded"], CELLS)
     for slots in (8, 80, 800):
-        assert white_slots(plan.recipe, plan.patterns, lattice, slots) == round(slots * light)
-    assert white_slots(plan.recipe, plan.patterns, lattice, 1) == 1  # never none
+        assert count_white_slots(plan.recipe, plan.patterns, lattice, slots) == round(slots * light)
+    assert count_white_slots(plan.recipe, plan.patterns, lattice, 1) == 1  # never none
     white = plan_of(goal="white")
-    assert white_slots(white.recipe, white.patterns, lattice, 37) == 37
+    assert count_white_slots(white.recipe, white.patterns, lattice, 37) == 37
 
 
 def test_each_part_has_codes_of_its_own_and_each_is_told() -> None:
@@ -305,7 +316,7 @@ def test_each_part_has_codes_of_its_own_and_each_is_told() -> None:
     heard: list[tuple[float, float]] = []
     made = {}
     for seed in (0, 1):
-        made[seed] = pairs_of(
+        made[seed] = make_pattern_pairs(
             plan.recipe,
             plan.how,
             "hadamard",

@@ -23,7 +23,7 @@ from pdcd.planning.memory import (
     decoding_bytes,
     frame_quads,
     memory_bytes,
-    memory_limit,
+    memory_limit_bytes,
     picture_bytes,
     planning_bytes,
 )
@@ -275,9 +275,9 @@ def test_the_peak_is_that_of_planning_or_of_decoding_beside_what_was_given() -> 
 
 def test_a_job_may_take_what_the_limit_is_and_no_more() -> None:
     config = Config(limits=LimitsConfig(memory_bytes=2**28))
-    assert memory_limit(config) == 2**28
+    assert memory_limit_bytes(config) == 2**28
     check_memory(2**28, config, (6, 8))
     with pytest.raises(MemoryLimitError, match=r"takes 256 MiB .* 6 x 8 cells.* 256 MiB") as found:
         check_memory(2**28 + 1, config, (6, 8))
     assert isinstance(found.value, RequestError) and "memory_bytes" in str(found.value.hint)
-    assert memory_limit(Config()) > 2**28
+    assert memory_limit_bytes(Config()) > 2**28

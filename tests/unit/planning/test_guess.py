@@ -10,13 +10,13 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.capture.engine import Engine
-from pdcd.planning.guess import Prior, guess
+from pdcd.planning.guess import ScenePrior, guess_plan
 from pdcd.planning.make import make_plan
-from pdcd.planning.outlook import Setting
+from pdcd.planning.outlook import RigSetting
 from pdcd.planning.plan import Plan
-from pdcd.planning.rehearse import rehearse
+from pdcd.planning.rehearse import simulate_plan
 from pdcd.protocol.request import CaptureRequest
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 
@@ -34,25 +34,25 @@ def random_scene() -> Scene:
         others = np.delete(np.arange(cells), n)
         transport[n, rng.choice(others, PATHS, replace=False)] = INDIRECT / PATHS
         transport[n, n] = 1.0 - INDIRECT
-    return Scene("random", GRID, matrix_effects(transport))
+    return Scene("random", GRID, split_into_effects(transport))
 
 
-def setting(folder: Path, **tables: Any) -> Setting:
+def setting(folder: Path, **tables: Any) -> RigSetting:
     config: Config = bench_rig.config(folder, camera=CameraConfig(noise="full"), **tables)
     engine = Engine.from_config(config)
-    return Setting(config, engine._rig.look_at_camera(), engine._profile)
+    return RigSetting(config, engine._rig.look_at_camera(), engine._profile)
 
 
-def compare(rig: Setting, **fields: Any) -> tuple[float, float]:
+def compare(rig: RigSetting, **fields: Any) -> tuple[float, float]:
     """Errors of the codes, guessed and rehearsed (means over three seeds)."""
-    prior = Prior(paths=PATHS, indirect=INDIRECT)
+    prior = ScenePrior(paths=PATHS, indirect=INDIRECT)
     scene = random_scene()
     found = []
     for seed in range(3):
         request = CaptureRequest(seed=seed, **fields)
         plan: Plan = make_plan(request, rig.config, GRID)
-        known = rehearse(plan, rig, scene, normalise="auto", seed=seed).judge(100, 1)
-        found.append((guess(plan, rig, prior).judge(100, 1).code, known.code))
+        known = simulate_plan(plan, rig, scene, normalise="auto", seed=seed).judge(100, 1)
+        found.append((guess_plan(plan, rig, prior).judge(100, 1).code, known.code))
     guessed, rehearsed = np.mean(found, axis=0)
     return float(guessed), float(rehearsed)
 
@@ -88,11 +88,11 @@ def test_sensor_noise_at_a_known_contrast(goal: str, program: str, tmp_path: Pat
     rig = setting(tmp_path)
     request = CaptureRequest(goal=goal, codes=256, white=False)  # type: ignore[arg-type]
     plan = make_plan(request, rig.config, GRID)
-    known = rehearse(plan, rig, random_scene(), normalise="auto", seed=0)
+    known = simulate_plan(plan, rig, random_scene(), normalise="auto", seed=0)
     shot = next(s for s in plan.recipe.shots if s.program == program)
     brightest_e = known.light[shot.name] * rig.camera.responsivity_e.max()
     contrast = known.metered_e[program] / float(np.sqrt(np.mean(brightest_e**2)))
-    guessed = guess(plan, rig, Prior(PATHS, INDIRECT, contrast)).judge(100, 1)
+    guessed = guess_plan(plan, rig, ScenePrior(PATHS, INDIRECT, contrast)).judge(100, 1)
     assert guessed.sensor == pytest.approx(known.judge(100, 1).sensor, rel=0.13)
 
 
@@ -115,7 +115,7 @@ def test_only_photos_without_direct_light_are_spoilt_by_some(
     rig = setting(tmp_path, mask=slow)
     fields: dict[str, Any] = {"p": 0.25} if goal == "fraction" else {}
     request = CaptureRequest(goal=goal, codes=64, guards=False, **fields)  # type: ignore[arg-type]
-    found = guess(make_plan(request, rig.config, GRID), rig, Prior())
+    found = guess_plan(make_plan(request, rig.config, GRID), rig, ScenePrior())
     assert found.leak > 0.05 if leaks else found.leak == 0.0
 
 
@@ -124,6 +124,6 @@ def test_black_exposures_take_a_leak_off_what_is_guessed(tmp_path: Path) -> None
     leaks = {}
     for level in ("none", "ambient", "mask", "both"):
         request = CaptureRequest(goal="indirect", codes=16, black_level=level)
-        leaks[level] = guess(make_plan(request, rig.config, (6, 8)), rig, Prior()).leak
+        leaks[level] = guess_plan(make_plan(request, rig.config, (6, 8)), rig, ScenePrior()).leak
     assert leaks["none"] > 0.05 and leaks["ambient"] == leaks["none"]
     assert leaks["mask"] < 1e-9 and leaks["both"] < 1e-9

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.planning.guess import Guess, Prior, guess
+from pdcd.planning.guess import PlanGuess, ScenePrior, guess_plan
 from pdcd.planning.make import make_plan
-from pdcd.planning.outlook import Setting
+from pdcd.planning.outlook import RigSetting
 from pdcd.protocol.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 
 GRID = (3, 4)
 N = 12
-PRIOR = Prior(paths=5.0, indirect=0.4, contrast=2.0)
+PRIOR = ScenePrior(paths=5.0, indirect=0.4, contrast=2.0)
 D, S = 0.6, 0.4
 Q = S**2 / 5.0
 LEAK = 0.05
@@ -27,7 +27,7 @@ RESPONSIVITY = np.array([10.0, 40.0, 20.0])
 SATURATION_DN = 1000.0
 
 
-class Quiet(Setting):
+class Quiet(RigSetting):
     """A rig whose samples have a variance of 9 DN squared, and that remembers for how long."""
 
     exposures: list[float] = []  # noqa: RUF012
@@ -45,10 +45,10 @@ def rig(tables: Config | None = None) -> Quiet:
     return Quiet(tables or Config(), camera, profile)
 
 
-def guessed(prior: Prior = PRIOR, leak: float = LEAK, **fields: Any) -> Guess:
+def guessed(prior: ScenePrior = PRIOR, leak: float = LEAK, **fields: Any) -> PlanGuess:
     whole = {"codes": 8, "window": "whole", **fields}
     plan = make_plan(msgspec.convert(whole, CaptureRequest), Config(), GRID)
-    return Guess(plan, rig(), prior, leak)
+    return PlanGuess(plan, rig(), prior, leak)
 
 
 SIGNAL = 0.6 * SATURATION_DN / 2.0 * RESPONSIVITY / 40.0
@@ -120,9 +120,9 @@ def test_noise_goes_by_iso_contrast_and_the_longest_exposure() -> None:
     view = guessed(goal="indirect")
     once = view.judge(100, 1).sensor
     assert view.judge(200, 1).sensor == pytest.approx(once / 2.0)  # twice the DN, the same noise
-    assert guessed(Prior(5.0, 0.4, 4.0), goal="indirect").judge(100, 1).sensor == pytest.approx(
-        2.0 * once
-    )
+    assert guessed(ScenePrior(5.0, 0.4, 4.0), goal="indirect").judge(
+        100, 1
+    ).sensor == pytest.approx(2.0 * once)
     plan = view.plan
     longest = max(plan.exposure_s(shot) for shot in plan.recipe.shots)
     assert longest > min(plan.exposure_s(shot) for shot in plan.recipe.shots)
@@ -134,7 +134,7 @@ def test_noise_goes_by_iso_contrast_and_the_longest_exposure() -> None:
 
 def test_a_guess_says_what_it_assumes() -> None:
     assert str(PRIOR) == "guess: 5 paths, 40 % indirect, contrast 2"
-    assert str(Prior()) == "guess: 50 paths, 30 % indirect, contrast 3"
+    assert str(ScenePrior()) == "guess: 50 paths, 30 % indirect, contrast 3"
 
 
 def test_direct_light_leaks_where_the_mask_has_no_time_to_close() -> None:
@@ -143,8 +143,8 @@ def test_direct_light_leaks_where_the_mask_has_no_time_to_close() -> None:
     for goal in ("indirect", "direct"):
         request = CaptureRequest(goal=goal, codes=8, window="whole", guards=False)
         plan = make_plan(request, config(**sharp), GRID)
-        assert guess(plan, rig(config(**sharp)), PRIOR).leak == pytest.approx(0.0, abs=1e-12)
+        assert guess_plan(plan, rig(config(**sharp)), PRIOR).leak == pytest.approx(0.0, abs=1e-12)
         slow = config(mask={"rise_s": 0.002, "fall_s": 0.006})
-        assert guess(plan, rig(slow), PRIOR).leak > 0.01
+        assert guess_plan(plan, rig(slow), PRIOR).leak > 0.01
     white = make_plan(CaptureRequest(goal="white"), Config(), GRID)
-    assert guess(white, rig(), PRIOR).leak == 0.0
+    assert guess_plan(white, rig(), PRIOR).leak == 0.0

@@ -10,11 +10,11 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.planning.look import DarkFrames, with_blacks
+from pdcd.planning.look import DarkFrames, with_black_exposures
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import MemoryLimitError, memory_bytes
-from pdcd.planning.plan import Look, Plan
-from pdcd.protocol.plan_summary import Leaks
+from pdcd.planning.plan import LeakProbe, Plan
+from pdcd.protocol.plan_summary import LeakErrors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
 from tests.unit.planning.test_measured import config
@@ -27,9 +27,9 @@ def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
     return make_plan(request, rig or Config(), GRID)
 
 
-def leaks(ambient: float = 0.0, mask: float = 0.0) -> Leaks:
+def leaks(ambient: float = 0.0, mask: float = 0.0) -> LeakErrors:
     both = ambient + mask
-    return Leaks(ambient=ambient, mask=mask, both=both, floor=1e-4, limit=0.01, raw=())
+    return LeakErrors(ambient=ambient, mask=mask, both=both, floor=1e-4, limit=0.01, raw=())
 
 
 def record(name: str, refreshes: int, level: float | None = 1.0) -> ShotRecord:
@@ -52,10 +52,10 @@ def taken_of(plan: Plan, later: int = 0) -> list[ShotRecord]:
     ],
 )
 def test_the_black_exposures_that_leaks_call_for_join_the_shots(
-    found: Leaks, level: str, names: set[str]
+    found: LeakErrors, level: str, names: set[str]
 ) -> None:
     plan = plan_of()
-    after = with_blacks(plan, found, Config(), taken_of(plan))
+    after = with_black_exposures(plan, found, Config(), taken_of(plan))
     before = {shot.name for shot in plan.recipe.shots}
     assert {shot.name for shot in after.recipe.shots} - before == names
     assert after.how.black_level == level and plan.how.black_level == "none"
@@ -74,20 +74,22 @@ def test_the_black_exposures_that_leaks_call_for_join_the_shots(
 
 def test_leaks_of_both_kinds_take_both() -> None:
     plan = plan_of()
-    after = with_blacks(plan, leaks(0.02, 0.02), Config(), ())
+    after = with_black_exposures(plan, leaks(0.02, 0.02), Config(), ())
     assert after.how.black_level == "both"
     assert after.look is None
 
 
 def test_where_time_or_memory_leaves_no_room_nothing_is_added() -> None:
     plan = plan_of()
-    full = replace(plan, look=Look(0.01, may_add=False))
+    full = replace(plan, look=LeakProbe(0.01, may_add=False))
     with pytest.raises(RequestError, match="leaves no room"):
-        with_blacks(full, leaks(0.02), Config(), ())
-    assert with_blacks(replace(plan, look=None), leaks(0.02), Config(), ()).leaks is not None
+        with_black_exposures(full, leaks(0.02), Config(), ())
+    assert (
+        with_black_exposures(replace(plan, look=None), leaks(0.02), Config(), ()).leaks is not None
+    )
     tight = config(limits={"memory_bytes": plan.memory_bytes})
     with pytest.raises(MemoryLimitError, match="3 x 4 cells"):
-        with_blacks(plan, leaks(0.02), tight, ())
+        with_black_exposures(plan, leaks(0.02), tight, ())
 
 
 @pytest.mark.parametrize("delay", [0, 2, -2])
@@ -97,11 +99,11 @@ def test_white_shots_stay_as_long_as_they_were(delay: int) -> None:
     plan = plan_of(rig)
     rows = 3 * (plan.white_slots + 5)
     records = [record("white", rows + abs(delay)), record("other", 99, level=0.5)]
-    after = with_blacks(plan, leaks(0.02), rig, records)
+    after = with_black_exposures(plan, leaks(0.02), rig, records)
     assert after.white_slots == plan.white_slots + 5
     records[0] = record("white", rows + abs(delay) + 1)
     with pytest.raises(RequestError, match="more often than planned"):
-        with_blacks(plan, leaks(0.02), rig, records)
+        with_black_exposures(plan, leaks(0.02), rig, records)
 
 
 @pytest.mark.parametrize("delay", [0, 2, -2])
@@ -113,9 +115,11 @@ def test_codes_that_were_shown_otherwise_than_planned_have_no_black_exposure(
     plan = plan_of(rig, white=False)
     coded = plan.recipe.shots[0]
     rows = plan.refreshes(coded) + abs(delay)
-    assert with_blacks(plan, leaks(0.02), rig, [record(coded.name, rows)]).leaks is not None
+    assert (
+        with_black_exposures(plan, leaks(0.02), rig, [record(coded.name, rows)]).leaks is not None
+    )
     with pytest.raises(RequestError, match="unequally often"):
-        with_blacks(plan, leaks(0.02), rig, [record(coded.name, rows + more, level)])
+        with_black_exposures(plan, leaks(0.02), rig, [record(coded.name, rows + more, level)])
 
 
 def test_a_dark_photo_pauses_for_as_long_as_panels_settle() -> None:

@@ -12,10 +12,10 @@ import scipy
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.pictures.learn import Learned
+from pdcd.pictures.learn import PilotFindings
 from pdcd.planning.defaults import resolve_defaults
-from pdcd.planning.guided import after_pilot
-from pdcd.planning.make import plan_for, plan_request
+from pdcd.planning.guided import decide_after_pilot
+from pdcd.planning.make import plan_request, plan_with_prior
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
@@ -37,8 +37,8 @@ def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
     return plan_request(request, rig or Config(), GRID, camera(), 0.0)
 
 
-def learned(sharpness: float, links: Any = NONE) -> Learned:
-    return Learned(links, (links, links, links), None, sharpness, np.zeros((CELLS, 3)))
+def learned(sharpness: float, links: Any = NONE) -> PilotFindings:
+    return PilotFindings(links, (links, links, links), None, sharpness, np.zeros((CELLS, 3)))
 
 
 def record(name: str, open_ns: int, close_ns: int) -> ShotRecord:
@@ -49,8 +49,12 @@ def record(name: str, open_ns: int, close_ns: int) -> ShotRecord:
     )  # fmt: skip
 
 
-def after(plan: Plan, found: Learned, shots: list[ShotRecord], *, scouts: bool = False) -> Any:
-    return after_pilot(plan, found, shots, scouts=scouts, seed=0, limit_s=60.0, watch=Watch())
+def after(
+    plan: Plan, found: PilotFindings, shots: list[ShotRecord], *, scouts: bool = False
+) -> Any:
+    return decide_after_pilot(
+        plan, found, shots, scouts=scouts, seed=0, limit_s=60.0, watch=Watch()
+    )
 
 
 @pytest.mark.parametrize(
@@ -68,9 +72,9 @@ def after(plan: Plan, found: Learned, shots: list[ShotRecord], *, scouts: bool =
     ],
 )  # fmt: skip
 def test_what_a_look_found_and_cost_is_told(
-    found: Learned, scouts: bool, outcome: str, words: str
+    found: PilotFindings, scouts: bool, outcome: str, words: str
 ) -> None:
-    plan = plan_for(CaptureRequest(goal="indirect", codes=32, pilot=16), Config(), GRID)
+    plan = plan_with_prior(CaptureRequest(goal="indirect", codes=32, pilot=16), Config(), GRID)
     shots = [
         record("white", 0, 10**9),
         record("pilot-0001", 10**9, 3 * 10**9),
@@ -82,13 +86,15 @@ def test_what_a_look_found_and_cost_is_told(
     gone = after(replace(plan, unasked=True), found, shots, scouts=scouts)
     assert gone.told == f"{words} in 1 exposure; the look took 2 RAW files and 3.5 s"
     assert gone.outcome == outcome and gone.plan.reasons[-1] == f"pilot: {gone.told}"
-    parts = plan_for(CaptureRequest(goal="indirect", codes=48, pilot=16, parts=4), Config(), GRID)
+    parts = plan_with_prior(
+        CaptureRequest(goal="indirect", codes=48, pilot=16, parts=4), Config(), GRID
+    )
     told = after(replace(parts, unasked=True), found, shots).told
     assert ": 32 codes in 4 exposures; the look took" in told
 
 
 def test_scouts_that_see_sharp_paths_change_nothing() -> None:
-    plan = plan_for(CaptureRequest(goal="indirect", codes=32, pilot=16), Config(), GRID)
+    plan = plan_with_prior(CaptureRequest(goal="indirect", codes=32, pilot=16), Config(), GRID)
     assert after(plan, learned(0.3, SOME), [], scouts=True) is None
 
 
@@ -102,11 +108,11 @@ def test_a_plain_request_has_two_plans_with_the_same_reasons() -> None:
     for found in (plan, other):
         assert sum(reason.startswith("pilot: ") for reason in found.reasons) == 1
         assert sum(reason.startswith("parts: ") for reason in found.reasons) == 1
-    asked = plan_for(
+    asked = plan_with_prior(
         CaptureRequest(goal="indirect", window="whole", codes=128, pilot=16, parts=7),
         Config(), GRID, 0.0,
     )  # fmt: skip
-    alone = plan_for(
+    alone = plan_with_prior(
         CaptureRequest(goal="indirect", window="whole", codes=124, parts=1), Config(), GRID, 0.0
     )
     assert plan.memory_bytes == max(asked.memory_bytes, other.memory_bytes)

@@ -11,11 +11,11 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.errors import Cancelled, ConfigError, RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import levels_of
-from pdcd.planning.bench_fit import window_of
+from pdcd.panels.patterns import read_pattern_levels
+from pdcd.planning.bench_fit import resolve_window
 from pdcd.planning.make import make_plan
-from pdcd.planning.plan import Plan, mean_light
-from pdcd.planning.schedule_fit import quietest, schedule_of
+from pdcd.planning.plan import Plan, average_pair_light
+from pdcd.planning.schedule_fit import find_quietest_schedule, resolve_schedule
 from pdcd.protocol.request import CaptureRequest
 from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config
@@ -135,7 +135,7 @@ def test_a_white_shot_lasts_as_long_as_gathers_the_light_of_codes() -> None:
     for fields, slots in (({}, 8), ({"exposure_s": 0.8}, 16), ({"parts": 2, "codes": 16}, 8)):
         plan = plan_of(**fields)
         name = next(iter(plan.patterns))
-        light = mean_light(plan.patterns[name], Lattice(GRID, plan.window).lattice_cells)
+        light = average_pair_light(plan.patterns[name], Lattice(GRID, plan.window).lattice_cells)
         assert plan.white_slots == max(1, round(slots * light))
     assert plan_of(goal="white").white_slots == 8
     assert plan_of(goal="white", codes=12).white_slots == 12
@@ -170,28 +170,28 @@ def test_a_schedule_goes_by_what_is_asked_for_first() -> None:
     quick = {"rise_s": 2e-4, "fall_s": 2e-4}
     timed = config(projector=quick, mask=quick, schedule={"guards": "auto"})
     for lag_s in (0.004, -0.004):
-        assert schedule_of(request_of(), timed, lag_s) == quietest(timed, lag_s)
-    assert schedule_of(request_of(guards="both"), timed, 0.004) == "both"
-    assert schedule_of(request_of(guards=False), timed, 0.004) == "none"
+        assert resolve_schedule(request_of(), timed, lag_s) == find_quietest_schedule(timed, lag_s)
+    assert resolve_schedule(request_of(guards="both"), timed, 0.004) == "both"
+    assert resolve_schedule(request_of(guards=False), timed, 0.004) == "none"
     named = config(projector=quick, mask=quick, schedule={"guards": "full"})
-    assert schedule_of(request_of(), named, 0.004) == "full"
+    assert resolve_schedule(request_of(), named, 0.004) == "full"
     untimed = config(schedule={"guards": "auto"})
-    assert schedule_of(request_of(), untimed, 0.004) == "lag"
-    assert schedule_of(request_of(), untimed, -0.004) == "lead"
-    assert schedule_of(request_of(), untimed, None) == "full"
+    assert resolve_schedule(request_of(), untimed, 0.004) == "lag"
+    assert resolve_schedule(request_of(), untimed, -0.004) == "lead"
+    assert resolve_schedule(request_of(), untimed, None) == "full"
 
 
 def test_cells_are_at_least_a_pixel_of_the_projector() -> None:
     request = request_of()
     for grid in ((768, 4), (4, 1024)):
-        assert window_of(request, Config(), grid) == "whole"
+        assert resolve_window(request, Config(), grid) == "whole"
     for grid in ((769, 4), (4, 1025)):
         with pytest.raises(ConfigError, match="finer than the projector's pixels") as caught:
-            window_of(request, Config(), grid)
+            resolve_window(request, Config(), grid)
         assert caught.value.device == "projector" and caught.value.hint
     rough = config(schedule={"window": "quarter"})
-    assert window_of(CaptureRequest(goal="white"), rough, GRID) == "quarter"
-    assert window_of(request, rough, GRID) == "whole"
+    assert resolve_window(CaptureRequest(goal="white"), rough, GRID) == "quarter"
+    assert resolve_window(request, rough, GRID) == "whole"
 
 
 def test_bit_planes_show_black_and_white_alone() -> None:
@@ -293,7 +293,7 @@ def test_light_from_beyond_a_radius_is_seen_through_whole_cells(
     found = next(one for one in plan.recipe.shots if one.name == shot)
     assert plan.window == "quarter" and plan.window_of(found) == seen
     lattice = Lattice(GRID, seen)
-    first = levels_of(plan.patterns[found.program][1], 0, lattice.lattice_cells)
+    first = read_pattern_levels(plan.patterns[found.program][1], 0, lattice.lattice_cells)
     assert first.size == lattice.lattice_cells
     told = any("whole cells, as no light" in line for line in plan.reasons)
     assert told is (radius > 0)

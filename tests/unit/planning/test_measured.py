@@ -14,7 +14,13 @@ from pdcd.errors import ConfigError
 from pdcd.panels.schedule import SLOTS
 from pdcd.planning.bench_fit import MOST_LEAK, choose_window, with_grid
 from pdcd.planning.make import make_plan
-from pdcd.planning.schedule_fit import lag_by_rows_s, lag_rows, quietest, schedule_leak, schedule_of
+from pdcd.planning.schedule_fit import (
+    compute_schedule_leak,
+    convert_lag_to_rows,
+    find_quietest_schedule,
+    resolve_schedule,
+    scan_out_lags_s,
+)
 from pdcd.protocol.request import CaptureRequest
 
 
@@ -93,22 +99,25 @@ def test_a_window_that_the_panels_miss_is_refused() -> None:
 
 def test_rows_that_are_set_late_count_as_lag() -> None:
     same = config(projector={"scan_s": 0.016}, mask={"scan_s": 0.016})
-    assert lag_by_rows_s(same) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert scan_out_lags_s(same) == pytest.approx((0.0, 0.0), abs=1e-9)
     against = config(projector={"scan_s": 0.016}, mask={"scan_s": -0.016})
-    low_s, high_s = lag_by_rows_s(against)
+    low_s, high_s = scan_out_lags_s(against)
     assert low_s == pytest.approx(-0.016 * 8 / 9, rel=0.01)
     assert high_s == pytest.approx(0.016 * 8 / 9, rel=0.01)
-    lag, spread = lag_rows(against, 0.002)
+    lag, spread = convert_lag_to_rows(against, 0.002)
     assert lag == pytest.approx(0.12, abs=1e-6) and 4.0 * spread > 0.8
 
 
 def test_the_quietest_schedule_goes_by_rise_fall_and_lag() -> None:
     quick = {"rise_s": 2e-4, "fall_s": 2e-4}
     swift = config(projector=quick, mask=quick)
-    assert quietest(swift, 0.004) == "lag" and quietest(swift, -0.004) == "lead"
+    assert (
+        find_quietest_schedule(swift, 0.004) == "lag"
+        and find_quietest_schedule(swift, -0.004) == "lead"
+    )
     slow = config(projector=quick, mask={"rise_s": 0.004, "fall_s": 0.009})
-    leaks = {name: schedule_leak(slow, name, 0.004) for name in SLOTS}
-    assert quietest(slow, 0.004) == min(leaks, key=lambda name: leaks[name]) == "wide"
+    leaks = {name: compute_schedule_leak(slow, name, 0.004) for name in SLOTS}
+    assert find_quietest_schedule(slow, 0.004) == min(leaks, key=lambda name: leaks[name]) == "wide"
 
 
 def test_panels_set_from_opposite_ends_take_longer_guards() -> None:
@@ -118,9 +127,9 @@ def test_panels_set_from_opposite_ends_take_longer_guards() -> None:
     against = config(
         projector=quick, mask=quick | {"rise_s": 3e-3, "fall_s": 3e-3, "scan_s": -0.015}
     )
-    assert schedule_leak(against, "full", 0.005) > 0.1
-    assert quietest(against, 0.005) == "wide"
-    assert schedule_leak(against, "wide", 0.005) < 0.005
+    assert compute_schedule_leak(against, "full", 0.005) > 0.1
+    assert find_quietest_schedule(against, 0.005) == "wide"
+    assert compute_schedule_leak(against, "wide", 0.005) < 0.005
 
 
 @pytest.mark.parametrize("scan_s", [0.0, 0.015])
@@ -128,7 +137,7 @@ def test_light_of_rows_that_are_set_at_other_times_counts_in_full(scan_s: float)
     """A black projector between codes would meet a mask that is open for light of other rows, which
     a calibration by the difference of both panels cannot rule out."""
     times = {"rise_s": 1e-3, "fall_s": 3e-3, "scan_s": scan_s}
-    found = quietest(config(projector=times, mask=times), 0.0)
+    found = find_quietest_schedule(config(projector=times, mask=times), 0.0)
     assert all(SLOTS[found][0])
 
 
@@ -147,7 +156,7 @@ def test_far_light_wants_codes_kept_apart_ten_times_as_well(
         ("short-range", {"radius": 1}, far),
     ):  # fmt: skip
         request = msgspec.convert({"goal": goal, "guards": "auto", **fields}, CaptureRequest)
-        assert schedule_of(request, panels, 0.001) == wanted
+        assert resolve_schedule(request, panels, 0.001) == wanted
 
 
 def test_a_plan_says_why() -> None:

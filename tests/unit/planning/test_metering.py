@@ -13,16 +13,16 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import levels_of
+from pdcd.panels.patterns import read_pattern_levels
 from pdcd.planning.make import make_plan
 from pdcd.planning.metering import (
     SEEN,
     TARGET,
+    choose_next_aperture,
+    choose_test_pairs,
     compare_stops,
-    expected_share,
-    metered_pairs,
-    next_aperture,
-    peak_share,
+    measure_peak_share,
+    predict_peak_share,
 )
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
@@ -42,7 +42,7 @@ def test_settles_just_below_the_target(light: float) -> None:
     f_number, settled, tests = 8.0, False, 0
     while not settled:
         peak = min(light / f_number**2, 1.0)
-        f_number, settled = next_aperture(STOPS, f_number, peak, 10.0 * peak)
+        f_number, settled = choose_next_aperture(STOPS, f_number, peak, 10.0 * peak)
         tests += 1
     final = 10.0 * light / f_number**2
     assert tests <= 6
@@ -53,15 +53,15 @@ def test_settles_just_below_the_target(light: float) -> None:
 def test_no_light_opens_the_lens_and_no_stop_is_dark_enough_closes_it() -> None:
     f_number, settled = 8.0, False
     while not settled:
-        f_number, settled = next_aperture(STOPS, f_number, 0.0, 0.0)
+        f_number, settled = choose_next_aperture(STOPS, f_number, 0.0, 0.0)
     assert f_number == 1.0
-    assert next_aperture(STOPS, max(STOPS), 1.0, 1.0) == (max(STOPS), True)
+    assert choose_next_aperture(STOPS, max(STOPS), 1.0, 1.0) == (max(STOPS), True)
 
 
 def test_peak_share() -> None:
     planes = np.array([[[10.0]], [[40.0]], [[-3.0]], [[20.0]]], dtype=np.float32)
-    assert peak_share(planes, np.array([[False]]), 80.0) == 0.5
-    assert peak_share(planes, np.array([[True]]), 80.0) == 1.0
+    assert measure_peak_share(planes, np.array([[False]]), 80.0) == 0.5
+    assert measure_peak_share(planes, np.array([[True]]), 80.0) == 1.0
 
 
 def test_expected_share_counts_each_cell_by_its_own_ratio() -> None:
@@ -71,7 +71,7 @@ def test_expected_share_counts_each_cell_by_its_own_ratio() -> None:
     ratio = np.full((2, 3), 8.0)
     ratio[0, 0] = 4.0
     cells = CellMap.block((2, 3), (4, 6))
-    assert expected_share(planes, ratio, 100.0, cells) == pytest.approx(2.4)
+    assert predict_peak_share(planes, ratio, 100.0, cells) == pytest.approx(2.4)
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
@@ -88,14 +88,14 @@ def test_light_from_everywhere_is_metered_exactly(
     request = CaptureRequest(goal=goal, codes=128, window=window, exposure_s=60.0, **fields)  # type: ignore[arg-type]
     plan = make_plan(request, bench_rig.config(tmp_path), grid)
     shot = next(s for s in plan.recipe.shots if s.name == plan.recipe.main or s.name == "coded")
-    pairs, ratio = metered_pairs(plan.sequence(shot))
+    pairs, ratio = choose_test_pairs(plan.sequence(shot))
     primal, dual = plan.patterns[shot.program]
     lattice = Lattice(grid, plan.window_of(shot))
     quarters = [(0, 0)] if lattice.window == "whole" else [(0, 0), (0, 1), (1, 0), (1, 1)]
     light = np.zeros((2, *grid))
     for k, (down, right) in itertools.product(range(len(primal)), quarters):
-        lit = levels_of(primal, k, lattice.lattice_cells).mean()
-        mask = levels_of(dual, k, lattice.lattice_cells).reshape(lattice.shape)
+        lit = read_pattern_levels(primal, k, lattice.lattice_cells).mean()
+        mask = read_pattern_levels(dual, k, lattice.lattice_cells).reshape(lattice.shape)
         seen_now = lit * mask[down : down + grid[0], right : right + grid[1]]
         light[1] += seen_now * plan.passes
         light[0] += seen_now * (k < pairs)
@@ -117,7 +117,7 @@ def test_codes_of_far_light_are_too_unlike_for_a_few_to_tell(
     request = CaptureRequest(goal=goal, codes=codes, window="whole", **far)  # type: ignore[arg-type]
     plan = make_plan(request, bench_rig.config(tmp_path), (24, 32))
     shot = next(s for s in plan.recipe.shots if s.name == plan.recipe.main or s.name == "coded")
-    assert metered_pairs(plan.sequence(shot))[0] == pairs
+    assert choose_test_pairs(plan.sequence(shot))[0] == pairs
 
 
 @pytest.mark.long
@@ -141,7 +141,7 @@ def test_the_photo_fills_the_sensor_as_it_is_meant_to(name: str, tmp_path: Path)
         shot = next(s for s in run.shots if s.name == "coded")
         saturation_dn = run.profile.saturation_dn(shot.iso)
         raw = read_raw(Path(result.folder) / shot.raw, saturation_dn=saturation_dn)
-        peaks.append(peak_share(raw.planes, raw.saturated, saturation_dn))
+        peaks.append(measure_peak_share(raw.planes, raw.saturated, saturation_dn))
     low = 0.8 if name == "disco-ball" else 0.5
     assert max(peaks) < TARGET * 1.1
     assert min(peaks) > TARGET * 2.0**-low

@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.planning.make import make_plan
-from pdcd.planning.plan import Look, Plan, windowed
+from pdcd.planning.plan import LeakProbe, Plan, is_windowed
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Shot
 from tests.unit.planning.test_measured import config
@@ -89,9 +89,9 @@ def test_windows_are_for_codes_on_the_mask_alone() -> None:
     assert plan.window_of(shot_of(plan, "white")) == "whole"
     assert plan.window_of(shot_of(plan, "pilot-0001")) == "whole"
     assert plan.window_of(shot_of(plan, "coded")) == "quarter"
-    assert [windowed(plan.recipe.programs[name]) for name in ("pilot", "coded")] == [False, True]
+    assert [is_windowed(plan.recipe.programs[name]) for name in ("pilot", "coded")] == [False, True]
     lit = plan_of(illumination=LIGHT)
-    assert not windowed(lit.recipe.programs["white"])
+    assert not is_windowed(lit.recipe.programs["white"])
 
 
 def test_light_is_what_both_panels_let_through_in_a_third_of_the_refreshes() -> None:
@@ -150,7 +150,7 @@ def test_a_summary_tells_of_a_pilot_once() -> None:
 def test_black_exposures_are_open_as_long_as_a_look_is_to_come() -> None:
     plan = plan_of(black_level="mask")
     assert plan.summary().black_level == "mask"
-    assert replace(plan, look=Look(0.01, may_add=True)).summary().black_level == "auto"
+    assert replace(plan, look=LeakProbe(0.01, may_add=True)).summary().black_level == "auto"
 
 
 def test_the_light_of_single_codes_speaks_for_photos_that_are_sums_of_them() -> None:

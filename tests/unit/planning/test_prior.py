@@ -9,9 +9,9 @@ import pytest
 
 from pdcd.errors import RequestError
 from pdcd.planning import prior
-from pdcd.planning.prior import GRID, links_of, load_prior
-from pdcd.protocol.request import Sent
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.planning.prior import PRIOR_GRID, load_prior, sum_scene_links
+from pdcd.protocol.request import SentArray
+from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.presets import PRESETS
 from pdcd.virtual.scene.scene import Scene
 
@@ -19,7 +19,7 @@ SMALL = (3, 4)
 CELLS = 12
 RNG = np.random.default_rng(0)
 MATRIX = RNG.random((CELLS, CELLS))
-GIVEN: Any = {"prior": MATRIX, GRID: np.array([[3.0, 4.0]])}
+GIVEN: Any = {"prior": MATRIX, PRIOR_GRID: np.array([[3.0, 4.0]])}
 
 
 def test_a_decay_falls_off_with_the_distance_until_it_is_faint() -> None:
@@ -58,7 +58,7 @@ def test_a_preset_scene_is_one_over_the_cells_of_the_rig() -> None:
     assert "wax-disk" in str(caught.value.hint)
 
 
-@pytest.mark.parametrize("asked", ["a/b/room.npz", Sent(file="b/room.npz"), "room.npz"])
+@pytest.mark.parametrize("asked", ["a/b/room.npz", SentArray(file="b/room.npz"), "room.npz"])
 def test_a_file_is_its_matrix_without_the_light_of_cells_on_themselves(asked: Any) -> None:
     found = load_prior(asked, SMALL, GIVEN)
     assert found.name == "file room.npz"
@@ -68,7 +68,7 @@ def test_a_file_is_its_matrix_without_the_light_of_cells_on_themselves(asked: An
     np.fill_diagonal(wanted, 0.0)
     np.testing.assert_allclose(found.links.toarray(), wanted)
     np.testing.assert_allclose(found.scene.dense()[1], MATRIX)
-    assert load_prior(Sent(), SMALL, GIVEN).name == "file without a name"
+    assert load_prior(SentArray(), SMALL, GIVEN).name == "file without a name"
 
 
 def test_a_file_that_did_not_come_or_is_of_other_cells_is_refused() -> None:
@@ -84,10 +84,10 @@ def test_a_file_that_did_not_come_or_is_of_other_cells_is_refused() -> None:
 
 def test_links_are_the_mean_of_colours() -> None:
     colours = RNG.random((CELLS, CELLS, 3))
-    scene = Scene("colours", SMALL, matrix_effects(colours))
+    scene = Scene("colours", SMALL, split_into_effects(colours))
     wanted = colours.mean(axis=2)
     np.fill_diagonal(wanted, 0.0)
-    np.testing.assert_allclose(links_of(scene).toarray(), wanted, rtol=1e-12)
+    np.testing.assert_allclose(sum_scene_links(scene).toarray(), wanted, rtol=1e-12)
 
 
 def test_more_cells_than_pairs_of_them_can_be_held_are_refused(
@@ -95,7 +95,7 @@ def test_more_cells_than_pairs_of_them_can_be_held_are_refused(
 ) -> None:
     with pytest.raises(RequestError, match="6145 cells has too many paths; the most is 6144"):
         load_prior("decay:3", (5, 1229))
-    monkeypatch.setattr(prior, "MOST_CELLS", CELLS)
+    monkeypatch.setattr(prior, "MOST_PRIOR_CELLS", CELLS)
     assert load_prior("decay:3", SMALL).links.shape == (CELLS, CELLS)
     with pytest.raises(RequestError, match="13 cells has too many") as caught:
         load_prior("decay:3", (1, 13))

@@ -11,9 +11,9 @@ from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.panels.schedule import build_frames
-from pdcd.planning.outlook import Setting
+from pdcd.planning.outlook import RigSetting
 from pdcd.planning.rehearse import _on_time, _variance
-from pdcd.sensor.profile import expose
+from pdcd.sensor.profile import expose_sensor
 from pdcd.sensor.raw import to_rgb
 from tests import bench_rig
 
@@ -37,13 +37,15 @@ def test_the_foreseen_variance_is_the_spread_of_photos(tmp_path: Path) -> None:
     config = bench_rig.config(tmp_path, camera=CameraConfig(noise="full"))
     engine = Engine.from_config(config)
     camera = engine._rig.look_at_camera()
-    setting = Setting(config, camera, engine._profile)
+    setting = RigSetting(config, camera, engine._profile)
     iso, f_number, seconds = 100, 8.0, 2.0
     quads = 200
     electrons = 9000.0
     light = electrons * f_number**2 / np.asarray(camera.responsivity_e)
     mosaic = np.full((2 * quads, 2 * quads), electrons)
-    dn = expose(mosaic, setting.profile, iso, seconds, np.random.default_rng(1)).astype(np.float32)
+    dn = expose_sensor(mosaic, setting.profile, iso, seconds, np.random.default_rng(1)).astype(
+        np.float32
+    )
     planes = np.stack([dn[0::2, 0::2], dn[0::2, 1::2], dn[1::2, 0::2], dn[1::2, 1::2]])
     gain = setting.profile.row(iso).gain_e_per_dn
     spread = to_rgb(planes).var(axis=(0, 1)) * (light * gain / electrons) ** 2

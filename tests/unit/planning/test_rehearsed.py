@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import Cancelled
-from pdcd.pictures.learn import Learned
+from pdcd.pictures.learn import PilotFindings
 from pdcd.planning.make import make_plan
-from pdcd.planning.metering import TARGET, metered_pairs
-from pdcd.planning.outlook import Setting
+from pdcd.planning.metering import TARGET, choose_test_pairs
+from pdcd.planning.outlook import RigSetting
 from pdcd.planning.plan import Plan
-from pdcd.planning.rehearse import Rehearsal, foreseen, rehearse
+from pdcd.planning.rehearse import PlanSimulation, predict_probing_matrix, simulate_plan
 from pdcd.protocol.request import CaptureRequest
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 
@@ -31,27 +31,27 @@ TRANSPORT = bench_rig.transport(GRID)
 MIRROR = 0.5 * np.eye(CELLS) + 0.5 * np.eye(CELLS)[::-1]
 """Half of the light comes from the cell opposite."""
 EVEN = 0.5 * np.eye(CELLS) + 0.5 / CELLS
-SCENE = Scene("small", GRID, matrix_effects(TRANSPORT))
+SCENE = Scene("small", GRID, split_into_effects(TRANSPORT))
 
 
-def setting(folder: Path, **tables: Any) -> Setting:
+def setting(folder: Path, **tables: Any) -> RigSetting:
     camera = CameraConfig(noise="none", f_number=8.0)
     panels = {name: PanelConfig(size_px=(1600, 1200)) for name in ("projector", "mask")}
     config = bench_rig.config(folder, **{"camera": camera, **panels, **tables})
     engine = Engine.from_config(config)
-    return Setting(config, engine._rig.look_at_camera(), engine._profile)
+    return RigSetting(config, engine._rig.look_at_camera(), engine._profile)
 
 
-def plan_of(rig: Setting, **fields: Any) -> Plan:
+def plan_of(rig: RigSetting, **fields: Any) -> Plan:
     whole = {"codes": 8, "window": "whole", "guards": "none", "black_level": "none", **fields}
     return make_plan(msgspec.convert(whole, CaptureRequest), rig.config, GRID)
 
 
-def rehearsed(rig: Setting, plan: Plan, scene: Scene = SCENE, **more: Any) -> Rehearsal:
-    return rehearse(plan, rig, scene, **{"normalise": "auto", "seed": 0, **more})
+def rehearsed(rig: RigSetting, plan: Plan, scene: Scene = SCENE, **more: Any) -> PlanSimulation:
+    return simulate_plan(plan, rig, scene, **{"normalise": "auto", "seed": 0, **more})
 
 
-def rounding(rig: Setting, iso: int, f_number: float) -> NDArray[np.float64]:
+def rounding(rig: RigSetting, iso: int, f_number: float) -> NDArray[np.float64]:
     """Variance of developed light of a quad, (3,): a twelfth DN squared, half of it in green."""
     unit_dn = rig.camera.responsivity_e / (f_number**2 * rig.profile.row(iso).gain_e_per_dn)
     return np.asarray(np.array([1.0, 0.5, 1.0]) / 12.0 / unit_dn**2)
@@ -120,7 +120,7 @@ def test_codes_err_by_what_their_own_matrix_makes_of_the_scene(tmp_path: Path) -
 
 def test_a_dark_scene_is_no_error(tmp_path: Path) -> None:
     rig = setting(tmp_path)
-    dark = Scene("dark", GRID, matrix_effects(np.zeros((CELLS, CELLS))))
+    dark = Scene("dark", GRID, split_into_effects(np.zeros((CELLS, CELLS))))
     found = rehearsed(rig, plan_of(rig, goal="white"), dark).judge(100, 1)
     assert found.code == 0.0 and np.isfinite(found.sensor)
     assert found.headroom == pytest.approx(TARGET * rig.full_e(100) * 64.0 / 1e-9)
@@ -132,7 +132,7 @@ def test_metering_expects_what_its_test_exposure_tells(tmp_path: Path) -> None:
     view = rehearsed(rig, plan)
     assert list(view.metered_e) == ["coded"]
     shot = next(shot for shot in plan.recipe.shots if shot.name == "coded")
-    pairs, ratio = metered_pairs(plan.sequence(shot))
+    pairs, ratio = choose_test_pairs(plan.sequence(shot))
     primal, dual = (
         np.unpackbits(np.asarray(side[:pairs]).astype(np.uint8), axis=1, count=CELLS).astype(float)
         for side in plan.patterns["coded"]
@@ -161,15 +161,15 @@ def test_only_what_the_answer_rests_on_is_taken_and_each_shot_is_heard(tmp_path:
 @pytest.mark.parametrize(
     ("scene", "sharp"),
     [
-        (Scene("mirror", GRID, matrix_effects(MIRROR)), True),
-        (Scene("even", GRID, matrix_effects(EVEN)), False),
+        (Scene("mirror", GRID, split_into_effects(MIRROR)), True),
+        (Scene("even", GRID, split_into_effects(EVEN)), False),
     ],
 )
 def test_what_a_short_pilot_finds_holds_for_other_plans(
     tmp_path: Path, scene: Scene, sharp: bool
 ) -> None:
     rig = setting(tmp_path)
-    known: dict[tuple[int, str], Learned] = {}
+    known: dict[tuple[int, str], PilotFindings] = {}
     plan = plan_of(rig, goal="indirect", codes=32, pilot=16)
     first = rehearsed(rig, plan, scene, known=known)
     assert list(known) == [(16, "none")]
@@ -194,7 +194,10 @@ def test_shots_are_foreseen_as_long_as_they_are_planned(tmp_path: Path) -> None:
     rig = setting(tmp_path)
     plan = plan_of(rig, goal="indirect")
     coded = next(shot for shot in plan.recipe.shots if shot.name == "coded")
-    whole, first = foreseen(plan, coded, rig.config), foreseen(plan, coded, rig.config, 3)
+    whole, first = (
+        predict_probing_matrix(plan, coded, rig.config),
+        predict_probing_matrix(plan, coded, rig.config, 3),
+    )
     lit, opened = (
         np.unpackbits(np.asarray(side).astype(np.uint8), axis=1, count=CELLS).astype(float)
         for side in plan.patterns["coded"]

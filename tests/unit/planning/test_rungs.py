@@ -7,7 +7,7 @@ import dataclasses
 import msgspec
 import pytest
 
-from pdcd.codes.pilot.codes import pilot_share
+from pdcd.codes.pilot.codes import choose_pilot_count
 from pdcd.errors import RequestError
 from tests.unit.planning.test_climbed import Foreseen, chosen, estimate, rig
 from tests.unit.planning.test_measured import config
@@ -82,9 +82,9 @@ def test_parts_that_a_request_names_are_kept(
 
 
 def test_parts_of_a_pilot_each_have_codes_that_there_are() -> None:
-    shares = [pilot_share(count, by_map=True, parts=3) for count in (24, 36, 48, 72)]
+    shares = [choose_pilot_count(count, by_map=True, parts=3) for count in (24, 36, 48, 72)]
     assert shares == [12, 12, 12, 12]
-    assert pilot_share(24, by_map=True) == 16
+    assert choose_pilot_count(24, by_map=True) == 16
 
 
 def test_an_error_that_parts_cannot_reach_is_refused_without_repetitions(

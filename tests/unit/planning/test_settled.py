@@ -11,25 +11,25 @@ import pytest
 
 from pdcd.bench.tables import BenchConfig, Config
 from pdcd.errors import ConfigError, RequestError
-from pdcd.planning.bench_fit import choose_window, on_bench, shares_of_cell
-from pdcd.planning.code_counts import as_bright
-from pdcd.planning.grey import as_described, grey_panels, grey_reasons
+from pdcd.planning.bench_fit import add_bench_plane, choose_window, scale_errors_to_cells
+from pdcd.planning.code_counts import scale_code_count
+from pdcd.planning.grey import explain_grey_levels, find_grey_panels, is_mock_as_configured
 from pdcd.planning.look import (
     DarkFrames,
-    looking,
-    needed,
-    quiet,
+    choose_black_level,
+    note_harmless_leaks,
     resolve_black_level,
+    with_leak_probe,
 )
 from pdcd.planning.make import make_plan
-from pdcd.planning.metering import at_least, next_aperture
-from pdcd.planning.next_step import due
-from pdcd.planning.outlook import Estimate, Setting
-from pdcd.planning.plan import Look, Plan, mean_light
-from pdcd.planning.schedule_fit import asks_for_lag, lag_rows, tolerant
-from pdcd.protocol.plan_summary import Leaks
+from pdcd.planning.metering import choose_next_aperture, pick_aperture
+from pdcd.planning.next_step import is_dark_photo_due
+from pdcd.planning.outlook import ErrorEstimate, RigSetting
+from pdcd.planning.plan import LeakProbe, Plan, average_pair_light
+from pdcd.planning.schedule_fit import convert_lag_to_rows, is_lag_needed, list_tolerant_schedules
+from pdcd.protocol.plan_summary import LeakErrors
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.goals import OFF_AXIS
+from pdcd.recipes.goals import OFF_AXIS_GOALS
 from pdcd.recipes.recipe import Shot
 from tests.unit.planning.test_measured import config
 
@@ -51,14 +51,14 @@ def shot_of(plan: Plan, name: str) -> Any:
         ({"black_level": "mask"}, "mask", None),
         ({"black_level": "none"}, "none", None),
         ({"goal": "transport"}, "none", None),
-        ({}, "none", Look(0.01, may_add=True)),
-        ({"error": 0.05}, "none", Look(0.05, may_add=True)),
-        ({"until_error": 0.03}, "none", Look(0.03, may_add=True)),
-        ({"seconds": 9.0}, "none", Look(0.01, may_add=False)),
+        ({}, "none", LeakProbe(0.01, may_add=True)),
+        ({"error": 0.05}, "none", LeakProbe(0.05, may_add=True)),
+        ({"until_error": 0.03}, "none", LeakProbe(0.03, may_add=True)),
+        ({"seconds": 9.0}, "none", LeakProbe(0.01, may_add=False)),
     ],
 )
 def test_black_exposures_are_as_asked_or_wait_for_a_look(
-    fields: dict[str, Any], level: str, look: Look | None
+    fields: dict[str, Any], level: str, look: LeakProbe | None
 ) -> None:
     found = resolve_black_level(CaptureRequest(**{"goal": "indirect", **fields}), Config())
     assert (found.level, found.look) == (level, look)
@@ -69,10 +69,14 @@ def test_a_look_is_due_once_the_shots_of_the_first_part_are_there() -> None:
     parts = {shot.name: shot.part for shot in plan.recipe.shots}
     assert {1, 2} <= set(parts.values())
     early = frozenset(name for name, part in parts.items() if part <= 1)
-    assert plan.look is not None and due(plan, early) and due(plan, frozenset(parts))
+    assert (
+        plan.look is not None
+        and is_dark_photo_due(plan, early)
+        and is_dark_photo_due(plan, frozenset(parts))
+    )
     for name in early:
-        assert not due(plan, early - {name})
-    assert not due(replace(plan, look=None), frozenset(parts))
+        assert not is_dark_photo_due(plan, early - {name})
+    assert not is_dark_photo_due(replace(plan, look=None), frozenset(parts))
 
 
 @pytest.mark.parametrize(
@@ -90,8 +94,8 @@ def test_a_look_is_due_once_the_shots_of_the_first_part_are_there() -> None:
 def test_black_exposures_are_those_that_leaks_call_for(
     ambient: float | None, mask: float | None, both: float, level: str
 ) -> None:
-    leaks = Leaks(ambient=ambient, mask=mask, both=both, floor=0.001, limit=0.01, raw=())
-    assert needed(leaks) == level
+    leaks = LeakErrors(ambient=ambient, mask=mask, both=both, floor=0.001, limit=0.01, raw=())
+    assert choose_black_level(leaks) == level
 
 
 def test_a_dark_photo_shows_an_open_mask_then_a_lit_projector() -> None:
@@ -147,18 +151,18 @@ def test_a_single_code_of_a_pilot_is_lit_by_itself() -> None:
 
 def test_only_the_last_word_on_black_exposures_is_kept() -> None:
     plan = plan_of(black_level="none")
-    look = looking(plan, Look(0.025, may_add=False))
+    look = with_leak_probe(plan, LeakProbe(0.025, may_add=False))
     assert "2.5 %" in look.reasons[-1] and "a warning says" in look.reasons[-1]
-    assert "are added" in looking(plan, Look(0.025, may_add=True)).reasons[-1]
-    assert looking(plan, None).reasons == plan.reasons
-    leaks = Leaks(ambient=0.002, mask=0.001, both=0.0025, floor=1e-4, limit=0.01, raw=())
-    found = quiet(look, leaks)
+    assert "are added" in with_leak_probe(plan, LeakProbe(0.025, may_add=True)).reasons[-1]
+    assert with_leak_probe(plan, None).reasons == plan.reasons
+    leaks = LeakErrors(ambient=0.002, mask=0.001, both=0.0025, floor=1e-4, limit=0.01, raw=())
+    found = note_harmless_leaks(look, leaks)
     said = [reason for reason in found.reasons if reason.startswith("black exposures")]
     assert len(said) == 1 and "0.2 %" in said[0] and "0.1 %" in said[0] and "limit 1 %" in said[0]
     assert found.look is None and found.leaks == leaks
-    at_most = quiet(look, msgspec.structs.replace(leaks, mask=None)).reasons[-1]
+    at_most = note_harmless_leaks(look, msgspec.structs.replace(leaks, mask=None)).reasons[-1]
     assert "at most 0.25 %" in at_most
-    none = quiet(look, msgspec.structs.replace(leaks, both=0.0)).reasons[-1]
+    none = note_harmless_leaks(look, msgspec.structs.replace(leaks, both=0.0)).reasons[-1]
     assert "no leak" in none and "0.01 %" in none
 
 
@@ -177,21 +181,23 @@ def test_depths_are_those_of_the_bench_unless_they_are_named(
 ) -> None:
     request = CaptureRequest(goal=_depth(goal), **fields)
     rig = config(rig={"arrangement": "off-axis", "plane": plane})
-    assert on_bench(request, rig).plane == wanted
-    assert (request.goal in OFF_AXIS) == (goal != "white")
-    if request.goal in OFF_AXIS:
+    assert add_bench_plane(request, rig).plane == wanted
+    assert (request.goal in OFF_AXIS_GOALS) == (goal != "white")
+    if request.goal in OFF_AXIS_GOALS:
         with pytest.raises(RequestError, match="off the projector's axis"):
-            on_bench(request, Config())
+            add_bench_plane(request, Config())
     else:
-        assert on_bench(request, Config()) is request
+        assert add_bench_plane(request, Config()) is request
 
 
 def _depth(goal: str) -> Any:
     """A goal of depths that takes a plane, whatever it is called."""
-    from pdcd.recipes.goals import OFF_AXIS
+    from pdcd.recipes.goals import OFF_AXIS_GOALS
 
     return (
-        next(name for name in sorted(OFF_AXIS) if name != "epipolar") if goal == "plane" else goal
+        next(name for name in sorted(OFF_AXIS_GOALS) if name != "epipolar")
+        if goal == "plane"
+        else goal
     )
 
 
@@ -200,7 +206,7 @@ def test_depths_that_are_named_otherwise_leave_the_plane_of_the_bench() -> None:
     named: Any = {"file": "x"}
     for field in ("disparities", "warp"):
         request = msgspec.structs.replace(CaptureRequest(goal=_depth("plane")), **{field: named})
-        assert on_bench(request, rig) is request
+        assert add_bench_plane(request, rig) is request
 
 
 @pytest.mark.parametrize(
@@ -224,7 +230,7 @@ def test_depths_that_are_named_otherwise_leave_the_plane_of_the_bench() -> None:
 def test_schedules_bear_a_lag_up_to_their_edges(
     lag: float | None, jitter: float, names: tuple[str, ...]
 ) -> None:
-    assert tolerant(lag, jitter) == names
+    assert list_tolerant_schedules(lag, jitter) == names
 
 
 @pytest.mark.parametrize(
@@ -256,16 +262,16 @@ def test_windows_cover_what_the_panels_are_apart(
 def test_shares_of_a_cell_and_lags_are_in_its_units() -> None:
     found = config(rig={"misregistration_px": 2.0}, mask={"blur_px": 1.0, "jitter_s": 3e-4},
                    projector={"jitter_s": 4e-4})  # fmt: skip
-    assert shares_of_cell(found, 8.0) == (0.25, 0.125)
+    assert scale_errors_to_cells(found, 8.0) == (0.25, 0.125)
     for given, wanted_rows in ((None, None), (-0.005, pytest.approx(-0.3))):
-        lag, jitter = lag_rows(found, given)
+        lag, jitter = convert_lag_to_rows(found, given)
         assert lag == wanted_rows and jitter == pytest.approx(0.03)
     cases: Any = (
         (None, "auto", True), (None, "full", False), ("auto", "full", True), (True, "auto", False),
     )  # fmt: skip
     for asked, default, wanted in cases:
         request = CaptureRequest(goal="white", guards=asked)
-        assert asks_for_lag(request, config(schedule={"guards": default})) is wanted
+        assert is_lag_needed(request, config(schedule={"guards": default})) is wanted
 
 
 BITS = (np.zeros((2, 3), np.uint8), np.zeros((2, 3), np.float32))
@@ -279,14 +285,14 @@ def test_grey_levels_are_told_of_the_panels_that_show_them(
     pair: tuple[int, int], names: tuple[str, ...]
 ) -> None:
     pairs: Any = [(BITS[0], BITS[0]), tuple(BITS[n] for n in pair)]
-    assert grey_panels(pairs) == names
-    assert [*grey_reasons(pairs, Config())] == []  # a mock bench is as it is described
+    assert find_grey_panels(pairs) == names
+    assert [*explain_grey_levels(pairs, Config())] == []  # a mock bench is as it is described
     tables = {name: {"gamma": 2.2} for name in ("projector", "mask")}
-    told = [*grey_reasons(pairs, config(**tables))]
+    told = [*explain_grey_levels(pairs, config(**tables))]
     assert len(told) == len(names) and all("gamma 2.2" in line for line in told)
     hidden = msgspec.structs.replace(Config(), bench=BenchConfig(truth="x.toml"))
-    assert not as_described(hidden) and as_described(Config())
-    told = [*grey_reasons(pairs, hidden)]
+    assert not is_mock_as_configured(hidden) and is_mock_as_configured(Config())
+    told = [*explain_grey_levels(pairs, hidden)]
     assert len(told) == len(names)
     assert all(
         "not known" in line and f"the {n}" in line for n, line in zip(names, told, strict=True)
@@ -302,7 +308,7 @@ def test_grey_levels_are_told_of_the_panels_that_show_them(
 )  # fmt: skip
 def test_as_many_codes_as_are_equally_bright(codes: int, p: float, wanted: int) -> None:
     """The nearest number to codes / (2 p) of which a share p is a whole number, if one is near."""
-    found = as_bright(codes, CaptureRequest(goal="fraction", p=p))
+    found = scale_code_count(codes, CaptureRequest(goal="fraction", p=p))
     assert found == wanted
     rule = codes / (2.0 * p)
     near = [n for n in range(1, 2000) if abs(p * n - round(p * n)) < 1e-6 and round(p * n) >= 1]
@@ -316,7 +322,7 @@ def test_as_many_codes_as_are_equally_bright(codes: int, p: float, wanted: int) 
 )
 def test_equal_brightness_is_for_shares_alone(fields: dict[str, Any]) -> None:
     with pytest.raises(RequestError, match="share p"):
-        as_bright(64, CaptureRequest(**fields))
+        scale_code_count(64, CaptureRequest(**fields))
 
 
 @pytest.mark.parametrize(
@@ -338,12 +344,12 @@ def test_the_next_aperture_puts_the_brightest_sample_where_it_is_wanted(
     now: float, peak: float, expected: float, aperture: float, sure: bool
 ) -> None:
     stops = (1.0, 2.0, 4.0, 8.0, 16.0)
-    assert next_aperture(stops, now, peak, expected) == (aperture, sure)
-    assert [at_least(stops, f) for f in (0.5, 2.0, 2.1, 99.0)] == [1.0, 2.0, 4.0, 16.0]
+    assert choose_next_aperture(stops, now, peak, expected) == (aperture, sure)
+    assert [pick_aperture(stops, f) for f in (0.5, 2.0, 2.1, 99.0)] == [1.0, 2.0, 4.0, 16.0]
 
 
 def test_errors_of_exposures_fall_as_they_add_up() -> None:
-    one = Estimate(0.03, 0.04, 1e-8, 2e-8, 4e-8, 1.0)
+    one = ErrorEstimate(0.03, 0.04, 1e-8, 2e-8, 4e-8, 1.0)
     assert one.error() == pytest.approx(0.05)
     assert one.error(4) == pytest.approx(np.hypot(0.03, 0.02))
     assert one.bound(0.5) == pytest.approx(0.05)
@@ -359,20 +365,20 @@ def test_what_a_rig_leaves_open_is_chosen() -> None:
     camera: Any = type("Camera", (), {"isos": (100, 200), "f_numbers": (2.0, 4.0, 8.0)})
     row = type("Row", (), {"gain_e_per_dn": 2.0})
     profile: Any = type("P", (), {"saturation_dn": lambda _, iso: 5.0 * iso, "row": lambda *_: row})
-    free = Setting(config(camera={"iso": None, "f_number": "auto"}), camera, profile())
+    free = RigSetting(config(camera={"iso": None, "f_number": "auto"}), camera, profile())
     assert free.isos == (100, 200) and free.full_e(200) == 2000.0
     # 9600 electrons at f/1 are 0.6 of 1000 at f/4.
     assert [free.f_number(e, 100) for e in (9600.0, 9700.0, 1e9, 1.0)] == [4.0, 8.0, 8.0, 2.0]
-    fixed = Setting(config(camera={"iso": 200, "f_number": 5.6}), camera, profile())
+    fixed = RigSetting(config(camera={"iso": 200, "f_number": 5.6}), camera, profile())
     assert fixed.isos == (200,) and fixed.f_number(9600.0, 100) == 5.6
-    silent = Setting(config(camera={"noise": "none"}), camera, profile())
+    silent = RigSetting(config(camera={"noise": "none"}), camera, profile())
     assert silent.variance_dn2(np.zeros(3), 100, 1.0).tolist() == [1.0 / 12.0] * 3
 
 
 def test_light_of_codes_is_the_mean_of_products() -> None:
     primal = np.packbits(np.array([[1, 1, 1, 1], [1, 0, 0, 0]], np.bool_), axis=1)
     dual = np.packbits(np.array([[1, 1, 0, 0], [1, 1, 1, 1]], np.bool_), axis=1)
-    assert mean_light((primal, dual), 4) == pytest.approx((1.0 * 0.5 + 0.25 * 1.0) / 2)
+    assert average_pair_light((primal, dual), 4) == pytest.approx((1.0 * 0.5 + 0.25 * 1.0) / 2)
 
 
 @pytest.mark.parametrize(("codes", "shared"), [(32, False), (8, True)])

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from pdcd.child import Line
+from pdcd.child import MessageLine
 from pdcd.panels.map import Map
 from pdcd.presenter import client
 from pdcd.presenter.client import DisplayProcess
-from pdcd.presenter.messages import REQUESTS, Mode, Open, Ready, Reply, Request
-from pdcd.presenter.options import Options
+from pdcd.presenter.messages import REQUESTS, DisplayReply, DisplayRequest, Open, PanelMode, Ready
+from pdcd.presenter.options import X11Options
 from tests.child_rig import Children, Clock, Process, stand_ins
 
 READY = Ready("clock", 60.0, {"renderer": "none"})
@@ -26,17 +26,19 @@ class Bench:
         self.children, self.clock, self.pulses = children, Clock(monkeypatch), 0
         self.connected: list[Any] = []
         self.made: list[DisplayProcess] = []
-        self.first: tuple[Reply, ...] = (READY,)
+        self.first: tuple[DisplayReply, ...] = (READY,)
         children.on_start = self._start
-        monkeypatch.setattr(client, "connect", self._connect)
-        monkeypatch.setattr(client, "disconnect", lambda name: self.connected.append((name, "x")))
+        monkeypatch.setattr(client, "open_x_connection", self._connect)
+        monkeypatch.setattr(
+            client, "close_x_connection", lambda name: self.connected.append((name, "x"))
+        )
 
     @property
     def process(self) -> Process:
         return self.children.last
 
     @property
-    def far(self) -> Line[Request]:
+    def far(self) -> MessageLine[DisplayRequest]:
         return self.process.lines[0]
 
     def _start(self, process: Process) -> None:
@@ -50,15 +52,15 @@ class Bench:
     def pulse(self) -> None:
         self.pulses += 1
 
-    def started(self, *replies: Reply, **options: Any) -> DisplayProcess:
+    def started(self, *replies: DisplayReply, **options: Any) -> DisplayProcess:
         """A display process, which begins with these replies."""
         self.first = replies or (READY,)
-        mode = Mode(Map.filling((8, 6)), 60.0)
-        settings = Options(projector="A", mask="B", hang_s=HANG_S, display=":7", **options)
+        mode = PanelMode(Map.filling((8, 6)), 60.0)
+        settings = X11Options(projector="A", mask="B", hang_s=HANG_S, display=":7", **options)
         self.made.append(DisplayProcess(Open(settings, mode, mode), self.pulse))
         return self.made[-1]
 
-    def answer(self, *replies: Reply) -> None:
+    def answer(self, *replies: DisplayReply) -> None:
         for reply in replies:
             self.far.send(reply)
 

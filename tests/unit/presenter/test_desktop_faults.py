@@ -9,7 +9,13 @@ import pytest
 from Xlib import X, error
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter.desktop import Desktop, check, faults, look, software
+from pdcd.presenter.desktop import (
+    Desktop,
+    check_desktop,
+    inspect_desktop,
+    is_software_renderer,
+    list_desktop_faults,
+)
 
 CHECK = "_NET_SUPPORTING_WM_CHECK"
 
@@ -83,19 +89,19 @@ def server() -> Server:
 
 
 def test_a_bare_server_has_no_faults(server: Server) -> None:
-    assert look(server) == Desktop()
-    check(server)
+    assert inspect_desktop(server) == Desktop()
+    check_desktop(server)
 
 
 def test_owners_are_those_of_the_screen_that_is_used(server: Server) -> None:
     server.owners = {
         "_NET_WM_CM_S0": Window(8, WM_NAME=b"picom"), "WM_S0": Window(9, WM_NAME="twm"),
     }  # fmt: skip
-    assert look(server) == Desktop("picom", "twm")
+    assert inspect_desktop(server) == Desktop("picom", "twm")
     server.number = 1
-    assert look(server) == Desktop()
+    assert inspect_desktop(server) == Desktop()
     server.number, server.owners = 0, {"_NET_WM_CM_S0": X.NONE, "WM_S0": X.NONE}
-    assert look(server) == Desktop()
+    assert inspect_desktop(server) == Desktop()
 
 
 @pytest.mark.parametrize(
@@ -112,13 +118,13 @@ def test_a_manager_is_called_by_the_best_of_its_names(
     server: Server, properties: dict[str, Any], name: str
 ) -> None:
     server.owners = {"WM_S0": Window(9, **properties)}
-    assert look(server).window_manager == name
+    assert inspect_desktop(server).window_manager == name
 
 
 def test_a_manager_that_has_just_gone_has_no_name(server: Server) -> None:
     server.owners = {"WM_S0": Window(9, WM_NAME="twm")}
     server.owners["WM_S0"].dead = True
-    assert look(server).window_manager == "unnamed"
+    assert inspect_desktop(server).window_manager == "unnamed"
 
 
 @pytest.mark.parametrize(
@@ -133,14 +139,14 @@ def test_a_manager_that_announces_itself_counts_where_its_window_says_the_same(
 ) -> None:
     server.root.properties = {CHECK: on_root}
     server.windows = {9: Window(9, WM_NAME="lives", **{CHECK: on_window}), 8: Window(8)}
-    assert look(server).window_manager == manager
+    assert inspect_desktop(server).window_manager == manager
 
 
 def test_an_announcement_whose_window_is_gone_does_not_count(server: Server) -> None:
     server.root.properties = {CHECK: [9]}
     server.windows = {9: Window(9, WM_NAME="dead")}
     server.windows[9].dead = True
-    assert look(server).window_manager is None
+    assert inspect_desktop(server).window_manager is None
 
 
 @pytest.mark.parametrize(
@@ -157,7 +163,7 @@ def test_power_management_counts_where_it_is_there_and_on(
 ) -> None:
     server.dpms |= changed
     server.times = (60, 0, 900)
-    assert look(server) == Desktop(power_s=power_s, asleep=asleep)
+    assert inspect_desktop(server) == Desktop(power_s=power_s, asleep=asleep)
 
 
 def test_a_server_that_goes_meanwhile_is_lost(
@@ -168,7 +174,7 @@ def test_a_server_that_goes_meanwhile_is_lost(
 
     monkeypatch.setattr(server, "get_default_screen", gone)
     with pytest.raises(DeviceLost, match=":7 does not answer"):
-        look(server)
+        inspect_desktop(server)
 
 
 SLEEPY = "xset -display :9 -dpms, and Option DPMS false in xorg.conf"
@@ -187,7 +193,7 @@ SLEEPY = "xset -display :9 -dpms, and Option DPMS false in xorg.conf"
     ],
 )  # fmt: skip
 def test_each_fault_says_what_to_do(desktop: Desktop, message: str, hint: str) -> None:
-    (fault,) = faults(desktop, ":9")
+    (fault,) = list_desktop_faults(desktop, ":9")
     assert fault.message.endswith(message) and hint in str(fault.hint)
     assert fault.device == "display"
 
@@ -195,12 +201,12 @@ def test_each_fault_says_what_to_do(desktop: Desktop, message: str, hint: str) -
 def test_the_first_of_several_faults_is_raised(server: Server) -> None:
     server.owners, server.blank_s = {"WM_S0": Window(9, WM_NAME="twm")}, 60
     server.times = (0, 0, 5)
-    assert len(faults(look(server), ":7")) == 3
+    assert len(list_desktop_faults(inspect_desktop(server), ":7")) == 3
     with pytest.raises(ConfigError, match="a window manager owns the screen: twm"):
-        check(server)
+        check_desktop(server)
     server.owners = {}
     with pytest.raises(ConfigError, match="xset -display :7 s off"):
-        check(server)
+        check_desktop(server)
 
 
 @pytest.mark.parametrize(
@@ -209,4 +215,4 @@ def test_the_first_of_several_faults_is_raised(server: Server) -> None:
      ("Software Rasterizer", True), ("NVIDIA H200", False), ("", False)],
 )  # fmt: skip
 def test_renderers_on_the_processor_are_told_by_their_names(renderer: str, soft: bool) -> None:
-    assert software(renderer) is soft
+    assert is_software_renderer(renderer) is soft

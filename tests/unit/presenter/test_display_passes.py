@@ -16,7 +16,7 @@ from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.presenter import realtime
 from pdcd.presenter.messages import HEAD_SIZE, LOG_COLUMNS, Head, Load, Play
-from pdcd.presenter.options import Options
+from pdcd.presenter.options import X11Options
 from pdcd.presenter.process import Presenter
 
 PERIOD_NS = 10_000_000
@@ -43,7 +43,7 @@ class Stage:
         self.ns = self.msc = self.flipped = self.steps = 0
         self.name, self.queues = "stage", False
         self.fault: Exception | None = None
-        monkeypatch.setattr(realtime, "dead_mans_switch", self.switch_s.append)
+        monkeypatch.setattr(realtime, "arm_dead_mans_switch", self.switch_s.append)
         monkeypatch.setattr(time, "sleep", self.slept_s.append)
         words = ("black", "check", "settle")
         windows = SimpleNamespace(
@@ -51,7 +51,7 @@ class Stage:
             **{word: lambda word=word: self.done.append(word) for word in words},
         )  # fmt: skip
         self.presenter = made = Presenter.__new__(Presenter)
-        made._options = Options(projector="A", mask="B", hang_s=3.0, **options)
+        made._options = X11Options(projector="A", mask="B", hang_s=3.0, **options)
         made._windows, made._source = windows, self  # type: ignore[assignment]
         made._period_ns, made._grabs, made._hung_up = float(PERIOD_NS), None, lambda: self.gone
         made._news = SimpleNamespace(poll=lambda wait: [1] if self.news else [])  # type: ignore[assignment]

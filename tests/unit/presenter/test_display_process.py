@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.child import Codec, Line, LineClosedError
+from pdcd.child import Codec, LineClosedError, MessageLine
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import process
@@ -22,20 +22,20 @@ from pdcd.presenter.messages import (
     HEAD_SIZE,
     REPLIES,
     Black,
+    DisplayRequest,
     Done,
     Failed,
     Head,
     Load,
-    Mode,
     Open,
+    PanelMode,
     Play,
     Quit,
     Ready,
-    Request,
     Show,
-    share,
+    copy_to_shared_memory,
 )
-from pdcd.presenter.options import Options
+from pdcd.presenter.options import X11Options
 from pdcd.presenter.process import SOURCES, Presenter
 
 PERIOD_NS = 10_000_000
@@ -94,8 +94,8 @@ def panels(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Panels]]:
 
 
 def opening(**options: Any) -> Open:
-    mode = Mode(Map.filling((8, 8)), 100.0)
-    return Open(Options(projector="A", mask="B", **options), mode, mode)
+    mode = PanelMode(Map.filling((8, 8)), 100.0)
+    return Open(X11Options(projector="A", mask="B", **options), mode, mode)
 
 
 class Talk:
@@ -103,19 +103,19 @@ class Talk:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.driver, self.its = Line(ends[0], REPLIES), ends[1]
-        self.theirs: Line[Request] | None = None
-        monkeypatch.setattr(Line, "at", self._line)
+        self.driver, self.its = MessageLine(ends[0], REPLIES), ends[1]
+        self.theirs: MessageLine[DisplayRequest] | None = None
+        monkeypatch.setattr(MessageLine, "at", self._line)
 
-    def _line(self, fd: int, codec: Codec[Request]) -> Line[Request]:
-        self.theirs = Line(socket.socket(fileno=fd), codec)
+    def _line(self, fd: int, codec: Codec[DisplayRequest]) -> MessageLine[DisplayRequest]:
+        self.theirs = MessageLine(socket.socket(fileno=fd), codec)
         return self.theirs
 
-    def run(self, *requests: Request, fd: int | None = None) -> int:
+    def run(self, *requests: DisplayRequest, fd: int | None = None) -> int:
         """Send all requests, and run the process here; a descriptor goes with what needs one."""
         for request in requests:
             self.driver.send(request, fd if isinstance(request, Load | Play) else None)
-        return process.main(self.its.detach())
+        return process.run_display_process(self.its.detach())
 
     def said(self) -> list[Any]:
         found: list[Any] = []
@@ -140,7 +140,7 @@ def line(monkeypatch: pytest.MonkeyPatch, panels: type[Panels]) -> Iterator[Talk
 def test_each_request_is_answered_once_and_the_last_one_closes(
     line: Talk, panels: type[Panels]
 ) -> None:
-    fd, slots, arrays = share({"head": np.zeros(HEAD_SIZE, dtype=np.int64)})
+    fd, slots, arrays = copy_to_shared_memory({"head": np.zeros(HEAD_SIZE, dtype=np.int64)})
     load = Load(slots, (1, 1), (1, 1), "whole")
     before = len(list(Path("/proc/self/fd").iterdir()))
     status = line.run(
@@ -167,7 +167,7 @@ def test_a_driver_that_is_gone_leaves_black_panels_and_no_error(
         self.calls.append(("gone", self.hung_up()))
 
     monkeypatch.setattr(panels, "idle", hang_up)
-    assert process.main(line.its.detach()) == 0
+    assert process.run_display_process(line.its.detach()) == 0
     assert panels.made[0].calls == [("gone", False), ("gone", True), "close"]
 
 
@@ -175,7 +175,7 @@ def test_answers_that_nobody_waits_for_end_it_quietly(line: Talk, panels: type[P
     line.driver.send(opening())
     line.driver.send(Show(1))
     line.driver.close()
-    assert process.main(line.its.detach()) == 0
+    assert process.run_display_process(line.its.detach()) == 0
     assert panels.made[0].calls == ["close"]
 
 
@@ -255,7 +255,7 @@ def test_a_failure_that_nobody_hears_is_logged(
         raise DeviceLost("the mask is gone")
 
     monkeypatch.setattr(panels, "idle", lose)
-    assert process.main(line.its.detach()) == 1
+    assert process.run_display_process(line.its.detach()) == 1
     assert "nobody is left to be told" in caplog.text and "the mask is gone" in caplog.text
 
 
@@ -266,7 +266,7 @@ def chooser(asked: str) -> Presenter:
     made = Presenter.__new__(Presenter)
     windows = SimpleNamespace(swap=lambda: None, finish=lambda: None, draw_black=lambda: None)
     made._windows, made._events = windows, None  # type: ignore[assignment]
-    made._options = Options(projector="A", mask="B", time_source=asked)  # type: ignore[arg-type]
+    made._options = X11Options(projector="A", mask="B", time_source=asked)  # type: ignore[arg-type]
     return made
 
 
@@ -278,7 +278,7 @@ def probing(monkeypatch: pytest.MonkeyPatch, delivers: Callable[[str, int], bool
         asked.append(source.name)
         return nominal_ns + 1.0 if delivers(source.name, len(asked)) else None
 
-    monkeypatch.setattr(process, "probe", probe)
+    monkeypatch.setattr(process, "measure_period_ns", probe)
     return asked
 
 

@@ -17,7 +17,7 @@ from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import examine as examine_module
 from pdcd.presenter.desktop import Desktop
 from pdcd.presenter.edid import parse_edid
-from pdcd.presenter.examine import TURNED_HINT, examine
+from pdcd.presenter.examine import TURNED_HINT, examine_display
 from pdcd.presenter.messages import Open, Ready
 from pdcd.presenter.outputs import Output
 from tests.edid_block import block
@@ -44,12 +44,12 @@ class Server:
         self.root = self
         self.width_in_pixels, self.height_in_pixels, self.root_depth = 656, 300, 24
         for name, made in (
-            ("connect", self.connect), ("read_outputs", lambda display: self.read()),
-            ("disconnect", lambda display: self.done.append("left")),
+            ("open_x_connection", self.connect), ("read_outputs", lambda display: self.read()),
+            ("close_x_connection", lambda display: self.done.append("left")),
             ("DisplayProcess", self.process),
         ):  # fmt: skip
             monkeypatch.setattr(examine_module, name, made)
-        monkeypatch.setattr("pdcd.presenter.desktop.look", lambda display: self.desktop)
+        monkeypatch.setattr("pdcd.presenter.desktop.inspect_desktop", lambda display: self.desktop)
 
     def connect(self, name: str | None) -> Any:
         self.done.append(("connect", name))
@@ -84,7 +84,7 @@ class Server:
         )
 
     def found(self, config: Config | None = None, name: str | None = None) -> list[Finding]:
-        return list(examine(config or configured(), name))
+        return list(examine_display(config or configured(), name))
 
 
 @pytest.fixture
@@ -341,7 +341,7 @@ def test_a_compositor_that_could_start_is_a_warning(server: Server) -> None:
     assert '"Composite" "Disable"' in str(found.hint)
 
 
-@pytest.mark.parametrize("name", ["options_of", "connect"])
+@pytest.mark.parametrize("name", ["read_x11_options", "open_x_connection"])
 def test_a_fault_of_our_own_is_no_finding(
     server: Server, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -16,18 +16,18 @@ from pdcd.presenter import outputs as outputs_module
 from pdcd.presenter.edid import Edid, parse_edid
 from pdcd.presenter.outputs import (
     Output,
-    Pair,
+    OutputPair,
     Watcher,
     check_nominal,
     check_rates,
+    describe_rotation,
     find_output,
     find_pair,
+    has_overlap,
     mode_hz,
-    overlap,
     place_pair,
     read_outputs,
     slip_s,
-    turned,
 )
 from tests.edid_block import block
 
@@ -142,7 +142,7 @@ def test_a_server_without_outputs_or_one_that_goes_says_so(server: Server) -> No
     ],
 )
 def test_how_a_server_turns_an_output_is_said_in_words(rotation: int, words: str) -> None:
-    assert turned(rotation) == words
+    assert describe_rotation(rotation) == words
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_an_output_says_where_it_is_and_what_hangs_on_it() -> None:
 def test_a_pair_runs_at_the_slower_rate_and_slips_by_the_difference(
     first: float | None, second: float | None, both: float | None, slip: float | None
 ) -> None:
-    pair = Pair(replace(LEFT, refresh_hz=first), replace(RIGHT, refresh_hz=second))
+    pair = OutputPair(replace(LEFT, refresh_hz=first), replace(RIGHT, refresh_hz=second))
     assert pair.refresh_hz == both
     assert pair.slip_s == slip_s(first, second)
     assert pair.slip_s == (None if slip is None else pytest.approx(slip))
@@ -240,9 +240,9 @@ WANTED: dict[str, Any] = {"projector": ("HDMI-1", (256, 192)), "mask": ("DP-1", 
 
 
 def test_two_outputs_are_a_pair_in_the_order_of_their_roles() -> None:
-    assert find_pair(EVERY, **WANTED) == Pair(LEFT, RIGHT)
+    assert find_pair(EVERY, **WANTED) == OutputPair(LEFT, RIGHT)
     swapped: dict[str, Any] = {"projector": WANTED["mask"], "mask": WANTED["projector"]}
-    assert find_pair(EVERY, **swapped) == Pair(RIGHT, LEFT)
+    assert find_pair(EVERY, **swapped) == OutputPair(RIGHT, LEFT)
 
 
 @pytest.mark.parametrize("role", ["projector", "mask"])
@@ -298,7 +298,7 @@ def test_rates_may_differ_by_a_share_of_the_projectors(
 @pytest.mark.parametrize("role", ["projector", "mask"])
 def test_modes_have_the_configured_rate_within_two_percent(role: str) -> None:
     wanted_hz = {"projector_hz": 60.0, "mask_hz": 60.0}
-    pair = Pair(LEFT, RIGHT)
+    pair = OutputPair(LEFT, RIGHT)
     check_nominal(pair, **wanted_hz)
     for rate_hz, fits in ((None, True), (59.0, True), (61.0, True), (58.7, False), (61.3, False)):
         other = replace(pair, **{role: replace(getattr(pair, role), refresh_hz=rate_hz)})
@@ -315,7 +315,7 @@ def test_modes_have_the_configured_rate_within_two_percent(role: str) -> None:
             f"xrandr --output {output.name} --mode {width}x{height} --rate 60, "
             f"or mend refresh_hz of [{role}]"
         )
-    exact = Pair(replace(LEFT, refresh_hz=51.0), RIGHT)
+    exact = OutputPair(replace(LEFT, refresh_hz=51.0), RIGHT)
     check_nominal(exact, projector_hz=50.0, mask_hz=60.0)  # 2 % to the letter
 
 
@@ -326,7 +326,7 @@ def test_modes_have_the_configured_rate_within_two_percent(role: str) -> None:
 )  # fmt: skip
 def test_outputs_that_only_touch_have_no_pixel_in_common(x: int, y: int, common: bool) -> None:
     first, second = Output("a", True, 0, 0, 10, 10), Output("b", True, x, y, 20, 30)
-    assert overlap(first, second) is overlap(second, first) is common
+    assert has_overlap(first, second) is has_overlap(second, first) is common
 
 
 WHOLE = Output("screen", True, 2, 3, 700, 400, "all", 75.0)

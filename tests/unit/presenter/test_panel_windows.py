@@ -15,7 +15,7 @@ from pdcd.errors import DeviceLost
 from pdcd.panels.map import Map, PanelView
 from pdcd.presenter import windows as windows_module
 from pdcd.presenter.messages import Rect
-from pdcd.presenter.windows import Windows
+from pdcd.presenter.windows import PanelWindows
 
 PLACES = Rect(0, 0, 256, 192), Rect(256, 7, 400, 290)
 SCREEN_PX = 656, 300
@@ -101,9 +101,9 @@ class Desk:
         names = ("load", "warm_up", "prepare", "draw_pieces", "draw")
         return SimpleNamespace(**{name: self._noting(f"{role} {name}") for name in names})
 
-    def open(self, layout: str, order: str | None = None) -> Windows:
+    def open(self, layout: str, order: str | None = None) -> PanelWindows:
         self.places = [SPAN] if layout == "span" else list(PLACES)
-        made = Windows(layout, SCREEN_PX, PLACES, VIEWS, order)
+        made = PanelWindows(layout, SCREEN_PX, PLACES, VIEWS, order)
         return made
 
     def told(self) -> list[Any]:
@@ -173,7 +173,7 @@ def test_a_window_that_comes_out_elsewhere_is_refused(
 ) -> None:
     desk.places = [place]
     with pytest.raises(DeviceLost, match=r"came out as .* \(no window manager may run"):
-        Windows("span", SCREEN_PX, PLACES, VIEWS, None)
+        PanelWindows("span", SCREEN_PX, PLACES, VIEWS, None)
 
 
 def test_a_refresh_is_drawn_piece_by_piece_on_both_panels_of_one_window(desk: Desk) -> None:

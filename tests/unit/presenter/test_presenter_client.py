@@ -15,16 +15,16 @@ from pdcd.errors import ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import (
     Black,
+    DisplayReply,
     Done,
     Failed,
     Load,
     Open,
     Quit,
-    Reply,
     Show,
-    attach,
+    map_shared_arrays,
 )
-from pdcd.presenter.timing import random_codes
+from pdcd.presenter.timing import make_random_codes
 from tests.child_rig import Process
 from tests.unit.presenter.client_bench import HANG_S, READY, Bench, benches
 
@@ -73,7 +73,7 @@ def test_a_process_that_cannot_be_had_is_a_lost_display(bench: Bench) -> None:
     ],
 )
 def test_a_process_that_does_not_get_ready_is_ended(
-    bench: Bench, reply: Reply, error: type[PdcdError]
+    bench: Bench, reply: DisplayReply, error: type[PdcdError]
 ) -> None:
     with pytest.raises(error) as caught:
         bench.started(reply)
@@ -103,13 +103,13 @@ def killed(bench: Bench) -> bool:
 def test_all_patterns_are_handed_over_in_memory_that_is_let_go(
     bench: Bench, process: DisplayProcess
 ) -> None:
-    frames = random_codes((3, 4))
+    frames = make_random_codes((3, 4))
     before = len(list(Path("/proc/self/fd").iterdir()))
     bench.answer(Done())
     process.load(frames)
     message, fd = bench.heard()
     assert isinstance(message, Load) and fd is not None
-    arrays = attach(fd, message.slots)
+    arrays = map_shared_arrays(fd, message.slots)
     os.close(fd)
     assert len(list(Path("/proc/self/fd").iterdir())) == before + 1  # the mapping's own
     assert (message.grid, message.lattice, message.window) == ((3, 4), (3, 4), "whole")
@@ -125,7 +125,7 @@ def test_patterns_are_waited_for_no_longer_than_twenty_seconds(
 ) -> None:
     bench.clock.silence(0.5)
     with pytest.raises(DeviceLost, match=r"did not answer within 20 s and was killed"):
-        process.load(random_codes((3, 4)))
+        process.load(make_random_codes((3, 4)))
     assert bench.clock.now_s == 100.0 + 20.0 and bench.pulses >= 40 and killed(bench)
 
 
@@ -194,7 +194,7 @@ def test_a_wait_that_a_signal_breaks_off_ends_the_process(
         raise KeyboardInterrupt
 
     process._pulse = alive
-    how = {"load": (random_codes((3, 4)),), "show": (1,), "black": ()}
+    how = {"load": (make_random_codes((3, 4)),), "show": (1,), "black": ()}
     with pytest.raises(KeyboardInterrupt):
         getattr(process, asked)(*how[asked])
     assert killed(bench) and not process.alive

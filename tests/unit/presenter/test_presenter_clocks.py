@@ -9,7 +9,7 @@ import pytest
 from pdcd.errors import DeviceLost
 from pdcd.presenter import clocks
 from pdcd.presenter.clocks import Completions, Vblanks
-from pdcd.presenter.xconnection import lost
+from pdcd.presenter.xconnection import make_server_lost
 from tests.own_clock import keep_time
 
 PERIOD_NS = 16_667_000
@@ -134,13 +134,13 @@ def test_a_server_that_is_gone_ends_the_probing() -> None:
     reports: Any = Reports()
 
     def swap() -> None:
-        raise lost(":7", "it ended the connection")
+        raise make_server_lost(":7", "it ended the connection")
 
     with pytest.raises(DeviceLost, match=":7 does not answer"):
-        clocks.probe(Completions(reports, swap), lambda: None, float(PERIOD_NS))
+        clocks.measure_period_ns(Completions(reports, swap), lambda: None, float(PERIOD_NS))
 
 
 def test_a_server_that_reports_no_swap_is_not_believed() -> None:
     reports: Any = Reports()
     source = Completions(reports, lambda: None)
-    assert clocks.probe(source, lambda: None, float(PERIOD_NS)) is None
+    assert clocks.measure_period_ns(source, lambda: None, float(PERIOD_NS)) is None

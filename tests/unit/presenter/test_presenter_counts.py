@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivers.x11 import X11Display, frame_log
-from pdcd.bench.devices import Shared
+from drivers.x11 import X11Display, build_frame_log
+from pdcd.bench.devices import SharedState
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.frames import FrameLog
 from pdcd.presenter.clocks import SwapReturns
@@ -51,7 +51,7 @@ def made(source: str, flipped: list[int], msc: list[int]) -> FrameLog:
     log[:, MSC] = msc
     log[:, FLIPPED] = flipped
     rows = np.arange(len(msc) - 1, dtype=np.int32)
-    return frame_log(rows, rows, log, Ready(source, 60.0, {}))
+    return build_frame_log(rows, rows, log, Ready(source, 60.0, {}))
 
 
 def test_one_refresh_that_was_copied_is_no_proof() -> None:
@@ -79,6 +79,6 @@ def test_the_lag_of_the_mask_counts_its_skew_against_the_projectors(
         projector=PanelConfig(size_px=size, skew_s=0.002),
         mask=PanelConfig(size_px=size, skew_s=0.005),
     )
-    display = X11Display(config, None, Shared())  # type: ignore[arg-type]
+    display = X11Display(config, None, SharedState())  # type: ignore[arg-type]
     lag_s = display._mask_lag_s(SimpleNamespace(lag_s=measured_s))  # type: ignore[arg-type]
     assert lag_s == (None if measured_s is None else pytest.approx(0.007))

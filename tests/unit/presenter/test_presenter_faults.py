@@ -39,12 +39,12 @@ class Even:
 
 
 def test_only_a_lost_device_is_a_source_that_does_not_deliver() -> None:
-    assert clocks.probe(Even(DeviceLost("late")), lambda: None, 1e7) is None
+    assert clocks.measure_period_ns(Even(DeviceLost("late")), lambda: None, 1e7) is None
     for fault in (ZeroDivisionError(), ConfigError("odd")):
         with pytest.raises(type(fault)):
-            clocks.probe(Even(fault), lambda: None, 1e7)
+            clocks.measure_period_ns(Even(fault), lambda: None, 1e7)
     with pytest.raises(ZeroDivisionError):
-        clocks.probe(Even(DeviceLost("late")), fail, 1e7)
+        clocks.measure_period_ns(Even(DeviceLost("late")), fail, 1e7)
 
 
 def test_faults_of_our_own_are_not_told_as_a_missing_display(
@@ -94,7 +94,7 @@ def test_the_process_looks_at_its_windows_four_times_a_second() -> None:
             fileno=end.fileno, wait=wait, receive_with_fd=receive, send=said.append
         )
         with pytest.raises(DeviceLost, match="the panels are not open"):
-            process.serve(line)
+            process.serve_display(line)
     assert waits_s == [0.25] * 3 and said == []
 
 

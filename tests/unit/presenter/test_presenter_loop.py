@@ -70,7 +70,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Screen, NDArray[
             screen.now_ns = max(screen.now_ns, t_ns)
 
         monkeypatch.setattr(time, "monotonic_ns", lambda: screen.now_ns)
-        monkeypatch.setattr(loop, "sleep_until", sleep_until)
+        monkeypatch.setattr(loop, "wait_until_ns", sleep_until)
         log = np.zeros((len(opens), LOG_COLUMNS), dtype=np.int64)
         head = np.zeros(HEAD_SIZE, dtype=np.int64)
         Loop(screen, screen.draw, opens, PERIOD_NS, lambda: stop(head), {}).run(log, head, 0)
@@ -154,7 +154,7 @@ def test_half_a_refresh_is_the_last_moment_for_a_code(
         screen.now_ns = max(screen.now_ns, t_ns)
 
     monkeypatch.setattr(time, "monotonic_ns", lambda: screen.now_ns)
-    monkeypatch.setattr(loop, "sleep_until", sleep_until)
+    monkeypatch.setattr(loop, "wait_until_ns", sleep_until)
     shown = screen.shown
 
     def late() -> None:
@@ -282,14 +282,16 @@ class Hurried(Steady):
 
 def test_a_source_that_repeats_counts_or_runs_at_another_rate_is_not_believed() -> None:
     nominal = float(PERIOD_NS)
-    assert clocks.probe(Steady(PERIOD_NS, 1), lambda: None, nominal) == nominal
-    assert clocks.probe(Steady(PERIOD_NS + 150_000, 1), lambda: None, nominal) is not None
-    assert clocks.probe(Steady(2 * PERIOD_NS, 1), lambda: None, nominal) is None
-    assert clocks.probe(Steady(PERIOD_NS, 0), lambda: None, nominal) is None
-    assert clocks.probe(Steady(0, 1), lambda: None, nominal) is None
+    assert clocks.measure_period_ns(Steady(PERIOD_NS, 1), lambda: None, nominal) == nominal
+    assert (
+        clocks.measure_period_ns(Steady(PERIOD_NS + 150_000, 1), lambda: None, nominal) is not None
+    )
+    assert clocks.measure_period_ns(Steady(2 * PERIOD_NS, 1), lambda: None, nominal) is None
+    assert clocks.measure_period_ns(Steady(PERIOD_NS, 0), lambda: None, nominal) is None
+    assert clocks.measure_period_ns(Steady(0, 1), lambda: None, nominal) is None
 
 
 def test_a_busy_moment_does_not_lead_to_a_worse_source() -> None:
     nominal = float(PERIOD_NS)
-    assert clocks.probe(Hurried(40), lambda: None, nominal) == nominal
-    assert clocks.probe(Hurried(10_000), lambda: None, nominal) is None
+    assert clocks.measure_period_ns(Hurried(40), lambda: None, nominal) == nominal
+    assert clocks.measure_period_ns(Hurried(10_000), lambda: None, nominal) is None

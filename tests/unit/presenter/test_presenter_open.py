@@ -14,15 +14,15 @@ from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import process, realtime
-from pdcd.presenter.client import opening
-from pdcd.presenter.messages import Black, Load, Mode, Open, Play, Quit, Rect, Show
-from pdcd.presenter.options import Options, options_of
-from pdcd.presenter.phase import Phase
+from pdcd.presenter.client import make_open_request
+from pdcd.presenter.messages import Black, Load, Open, PanelMode, Play, Quit, Rect, Show
+from pdcd.presenter.options import X11Options, read_x11_options
+from pdcd.presenter.phase import VblankPhase
 from pdcd.presenter.process import Presenter
 
 SIZES = (256, 192), (400, 300)
 PANELS = Rect(0, 0, 256, 192), Rect(256, 0, 400, 300)
-PHASE = Phase((1 / 60, 1 / 59.5), 0.0025, 2.0)
+PHASE = VblankPhase((1 / 60, 1 / 59.5), 0.0025, 2.0)
 
 
 class Parts:
@@ -31,15 +31,21 @@ class Parts:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.done: list[Any] = []
         self.renderer, self.drifts, self.queues = "NVIDIA H200", False, False
-        self.phase: Phase | None = PHASE
+        self.phase: VblankPhase | None = PHASE
         self.registered: list[tuple[int, int]] = []
         for name, made in (
             ("Places", self._places), ("_start_glfw", lambda name: self.note("glfw", name)),
-            ("Windows", self._windows), ("PresentEvents", self._events), ("measure", self._measure),
-            ("probe", self._probe), ("Grabs", lambda *words: self.note("grabs", *words)),
+            ("PanelWindows", self._windows), ("PresentEvents", self._events),
+            ("measure_vblank_phase", self._measure),
+            ("measure_period_ns", self._probe),
+            ("Grabs", lambda *words: self.note("grabs", *words)),
         ):  # fmt: skip
             monkeypatch.setattr(process, name, made)
-        system = {"raise_priority": "SCHED_FIFO 20", "lock_memory": "yes", "freeze_garbage": None}
+        system = {
+            "raise_priority": "SCHED_FIFO 20",
+            "lock_memory": "yes",
+            "stop_garbage_collection": None,
+        }
         for name, said in system.items():
             monkeypatch.setattr(
                 realtime,
@@ -74,7 +80,7 @@ class Parts:
         self.note("events", name, window)
         return "events"
 
-    def _measure(self, name: str, panels: Any) -> Phase | None:
+    def _measure(self, name: str, panels: Any) -> VblankPhase | None:
         self.note("phase", name, panels)
         return self.phase
 
@@ -84,8 +90,10 @@ class Parts:
 
     def open(self, rates_hz: tuple[float, float] = (60.0, 50.0), **options: Any) -> Presenter:
         options = {"projector": "A", "mask": "B", "time_source": "clock", **options}
-        modes = [Mode(Map.filling(size), rate) for size, rate in zip(SIZES, rates_hz, strict=True)]
-        request = Open(Options(**options), modes[0], modes[1], "GRB")
+        modes = [
+            PanelMode(Map.filling(size), rate) for size, rate in zip(SIZES, rates_hz, strict=True)
+        ]
+        request = Open(X11Options(**options), modes[0], modes[1], "GRB")
         return Presenter(request, lambda: False, 5)
 
     def words(self) -> list[Any]:
@@ -101,7 +109,7 @@ def test_panels_are_opened_in_order_and_black_before_they_are_called_ready(parts
     ready = parts.open(display=":7", layout="windows", realtime_priority=7).ready
     assert parts.words() == [
         "places", "glfw", "windows", "raise_priority", "events", "probe", "black", "phase",
-        "lock_memory", "freeze_garbage",
+        "lock_memory", "stop_garbage_collection",
     ]  # fmt: skip
     told = {what[0]: what[1:] for what in parts.done if isinstance(what, tuple)}
     assert told["places"] == (":7",) and told["glfw"] == (":7.0",)
@@ -171,7 +179,7 @@ def test_sources_of_time_are_made_with_what_they_need(
         made.append(words)
         return SimpleNamespace(name=words[0], queues=False)
 
-    for name in ("Completions", "Vblanks", "SwapReturns", "FreeRunning", "ProcessorClock"):
+    for name in ("Completions", "Vblanks", "SwapReturns", "FreeRunningSource", "ProcessorClock"):
         monkeypatch.setattr(
             process,
             name,
@@ -185,7 +193,7 @@ def test_sources_of_time_are_made_with_what_they_need(
         ("Completions", "events", "call"),
         ("Vblanks", "events", "call", "call", period_ns),
         ("SwapReturns", "call", "call", period_ns), ("ProcessorClock", "call", "call", period_ns),
-        ("FreeRunning", "call", "call"),
+        ("FreeRunningSource", "call", "call"),
     ]  # fmt: skip
     del parts.done[:]
     for _, *words in made:
@@ -257,8 +265,8 @@ def config(planes: Any = 1, **tables: Any) -> Config:
 
 @pytest.mark.parametrize(("planes", "order"), [(1, None), (24, "BRG")])
 def test_a_configuration_says_what_is_opened(planes: int, order: str | None) -> None:
-    request = opening(config(planes))
-    assert request.options == Options(projector="HDMI-1", mask="DP-1", hang_s=1.5)
+    request = make_open_request(config(planes))
+    assert request.options == X11Options(projector="HDMI-1", mask="DP-1", hang_s=1.5)
     assert (request.projector.size_px, request.projector.refresh_hz) == (SIZES[0], 50.0)
     assert (request.mask.size_px, request.mask.refresh_hz) == (SIZES[1], 75.0)
     assert request.plane_order == order
@@ -266,12 +274,12 @@ def test_a_configuration_says_what_is_opened(planes: int, order: str | None) -> 
 
 def test_panels_that_are_simulated_or_badly_named_are_not_opened() -> None:
     with pytest.raises(ConfigError, match=r"panels keep real time \(set rig\.clock = \"real\"\)"):
-        opening(config(rig=RigConfig(clock="virtual")))
+        make_open_request(config(rig=RigConfig(clock="virtual")))
     with pytest.raises(ConfigError, match="has 'mock'"):
-        options_of(Config())
+        read_x11_options(Config())
     wrong = DisplayConfig(driver="x11", options={"projector": "A", "mask": "B", "colour": 3})
     with pytest.raises(ConfigError, match=r"display\.options.*colour.*docs/display\.md") as told:
-        options_of(config(display=wrong))
+        read_x11_options(config(display=wrong))
     assert told.value.device == "display"
 
 
@@ -285,7 +293,7 @@ def test_panels_that_are_simulated_or_badly_named_are_not_opened() -> None:
 def test_options_have_limits(key: str, good: tuple[Any, ...], bad: tuple[Any, ...]) -> None:
     def read(value: Any) -> Any:
         options = {"projector": "A", "mask": "B", key: value}
-        found = options_of(config(display=DisplayConfig(driver="x11", options=options)))
+        found = read_x11_options(config(display=DisplayConfig(driver="x11", options=options)))
         return getattr(found, key)
 
     assert [read(value) for value in good] == list(good)
@@ -295,11 +303,11 @@ def test_options_have_limits(key: str, good: tuple[Any, ...], bad: tuple[Any, ..
 
 
 def test_options_that_are_left_out_are_as_documented() -> None:
-    usual = Options(projector="A", mask="B")
-    assert usual == Options(
+    usual = X11Options(projector="A", mask="B")
+    assert usual == X11Options(
         projector="A", mask="B", display=None, layout="span", time_source="auto",
         allow_software=False, realtime_priority=20, hang_s=2.0, positions_px=None, grab_px=None,
         stalls_ms={}, stall_exposures=0,
     )  # fmt: skip
     with pytest.raises(TypeError):
-        Options("A", "B")  # type: ignore[call-arg]
+        X11Options("A", "B")  # type: ignore[call-arg]

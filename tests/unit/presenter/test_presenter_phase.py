@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.presenter.phase import compare, made_up
+from pdcd.presenter.phase import compare_vblanks, is_from_timer
 
 
 def stamps(period_s: float, first_s: float, *, count: int = 20, noise_s: float = 0.0) -> np.ndarray:
@@ -19,14 +19,14 @@ def stamps(period_s: float, first_s: float, *, count: int = 20, noise_s: float =
 @pytest.mark.parametrize("lag_s", [-0.008, -0.003, 0.0, 0.0001, 0.005, 0.0083])
 def test_lag_is_that_of_the_nearest_vblank(lag_s: float) -> None:
     # The mask is asked a second later, 60 whole refreshes on.
-    found = compare(stamps(1 / 60, 0.0), stamps(1 / 60, 1.0 + lag_s, noise_s=2e-5))
+    found = compare_vblanks(stamps(1 / 60, 0.0), stamps(1 / 60, 1.0 + lag_s, noise_s=2e-5))
     assert found is not None
     assert found.lag_s == pytest.approx(lag_s, abs=5e-5)
     assert found.period_s == pytest.approx((1 / 60, 1 / 60), rel=1e-4)
 
 
 def test_slip_is_the_beat_of_both_rates() -> None:
-    found = compare(stamps(1 / 60, 0.0), stamps(1 / 59.924, 1.0))
+    found = compare_vblanks(stamps(1 / 60, 0.0), stamps(1 / 59.924, 1.0))
     assert found is not None and found.slip_s == pytest.approx(1 / 0.076, rel=1e-3)
 
 
@@ -35,6 +35,6 @@ def test_a_timer_of_whole_milliseconds_is_no_screen() -> None:
     odd = np.arange(20) % 2  # neighbours, so that no beat with the millisecond hides it
     timer -= np.stack([16_666_667 * odd, odd], axis=1)
     timer[:, 0] = -(-timer[:, 0] // 1_000_000) * 1_000_000
-    assert made_up(timer)
-    assert not made_up(stamps(1 / 60, 0.0, noise_s=2e-5))
-    assert compare(stamps(1 / 60, 0.0), timer) is None
+    assert is_from_timer(timer)
+    assert not is_from_timer(stamps(1 / 60, 0.0, noise_s=2e-5))
+    assert compare_vblanks(stamps(1 / 60, 0.0), timer) is None

@@ -13,8 +13,8 @@ from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import desktop
 from pdcd.presenter import places as places_module
-from pdcd.presenter.messages import Mode, Open, Rect
-from pdcd.presenter.options import Options
+from pdcd.presenter.messages import Open, PanelMode, Rect
+from pdcd.presenter.options import X11Options
 from pdcd.presenter.outputs import Output
 from pdcd.presenter.places import Places
 
@@ -35,9 +35,12 @@ class Screen:
             change_attributes=lambda **how: self.note("background", how),
             clear_area=lambda: self.note("clear"),
         )
-        for name in ("connect", "Watcher", "read_outputs"):
-            monkeypatch.setattr(places_module, name, getattr(self, name))
-        monkeypatch.setattr(desktop, "check", lambda display: self.note("desktop"))
+        for name, made in (
+            ("open_x_connection", self.connect), ("Watcher", self.Watcher),
+            ("read_outputs", self.read_outputs),
+        ):  # fmt: skip
+            monkeypatch.setattr(places_module, name, made)
+        monkeypatch.setattr(desktop, "check_desktop", lambda display: self.note("desktop"))
 
     def note(self, *what: Any) -> None:
         self.done.append(what[0] if len(what) == 1 else what)
@@ -72,9 +75,9 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> Screen:
 
 
 def opening(rates_hz: tuple[float, float] = (60.0, 60.0), **options: Any) -> Open:
-    settings = Options(**{"projector": "HDMI-1", "mask": "DP-1", **options})
+    settings = X11Options(**{"projector": "HDMI-1", "mask": "DP-1", **options})
     first, second = Map.filling((256, 192)), Map.filling((400, 300))
-    return Open(settings, Mode(first, rates_hz[0]), Mode(second, rates_hz[1]))
+    return Open(settings, PanelMode(first, rates_hz[0]), PanelMode(second, rates_hz[1]))
 
 
 def test_both_panels_are_found_and_the_screen_made_black_below_them(screen: Screen) -> None:

@@ -29,12 +29,18 @@ from pdcd.presenter.messages import (
     Ready,
     Rect,
     Slot,
-    attach,
-    layout,
-    share,
+    copy_to_shared_memory,
+    lay_out_arrays,
+    map_shared_arrays,
 )
-from pdcd.presenter.phase import compare, made_up
-from pdcd.presenter.xconnection import ServerLost, answering, connect, disconnect, lost
+from pdcd.presenter.phase import compare_vblanks, is_from_timer
+from pdcd.presenter.xconnection import (
+    ServerLost,
+    close_x_connection,
+    guard_x_calls,
+    make_server_lost,
+    open_x_connection,
+)
 from pdcd.presenter.xpresent import KIND_MSC
 from tests.edid_block import block
 
@@ -44,11 +50,11 @@ from tests.edid_block import block
 @pytest.mark.parametrize(("size", "following"), [(1, 64), (63, 64), (64, 64), (65, 128)])
 def test_each_array_begins_on_a_cache_line(size: int, following: int) -> None:
     arrays: dict[str, Any] = {"a": np.zeros(size, np.uint8), "b": np.zeros((2, 3), np.int32)}
-    slots, total = layout(arrays)
+    slots, total = lay_out_arrays(arrays)
     assert slots == [Slot("a", "|u1", (size,), 0), Slot("b", "<i4", (2, 3), following)]
     assert total == following + 64
-    assert layout({}) == ([], 64)
-    assert layout({"a": np.zeros(0)}) == ([Slot("a", "<f8", (0,), 0)], 64)
+    assert lay_out_arrays({}) == ([], 64)
+    assert lay_out_arrays({"a": np.zeros(0)}) == ([Slot("a", "<f8", (0,), 0)], 64)
 
 
 def test_shared_arrays_are_one_for_all_who_hold_the_descriptor() -> None:
@@ -56,8 +62,8 @@ def test_shared_arrays_are_one_for_all_who_hold_the_descriptor() -> None:
         "head": np.arange(5, dtype=np.int64), "rows": np.arange(6, dtype=np.int32).reshape(2, 3),
         "none": np.zeros((0, 4), dtype=np.float32),
     }  # fmt: skip
-    fd, slots, mine = share(arrays)
-    theirs = attach(fd, slots)
+    fd, slots, mine = copy_to_shared_memory(arrays)
+    theirs = map_shared_arrays(fd, slots)
     assert not os.get_inheritable(fd) and os.fstat(fd).st_size == 128
     os.close(fd)
     for name, array in arrays.items():
@@ -151,13 +157,13 @@ def test_a_server_is_knocked_at_before_it_is_opened(
     name: str,
     address: str,
 ) -> None:
-    assert connect(name) == f"a display of {name}"
+    assert open_x_connection(name) == f"a display of {name}"
     assert opened == [address, "closed", ("display", name)]
     # Standard output may be JSON.
     assert capsys.readouterr() == ("", "strange cookies\n")
     monkeypatch.setenv("DISPLAY", name)
-    assert connect() == connect("") == f"a display of {name}"
-    assert connect(":9") == "a display of :9"
+    assert open_x_connection() == open_x_connection("") == f"a display of {name}"
+    assert open_x_connection(":9") == "a display of :9"
 
 
 @pytest.mark.parametrize(
@@ -165,9 +171,9 @@ def test_a_server_is_knocked_at_before_it_is_opened(
 )
 def test_a_server_of_another_machine_is_refused(opened: list[Any], name: str) -> None:
     with pytest.raises(ConfigError, match=r"is not the name of an X server .*write \":7\""):
-        connect(name)
+        open_x_connection(name)
     with pytest.raises(ConfigError, match=r"DISPLAY is not set \(start pdcd-x\.service"):
-        connect()
+        open_x_connection()
     assert opened == []
 
 
@@ -177,7 +183,7 @@ def test_a_server_of_another_machine_is_refused(opened: list[Any], name: str) ->
 def test_a_server_that_nobody_hears_is_lost(opened: list[Any], fault: OSError) -> None:
     Knock.fault = fault
     with pytest.raises(ServerLost, match=r":7 does not answer: .*systemctl status pdcd-x"):
-        connect(":7")
+        open_x_connection(":7")
     assert opened[1:] == ["closed"]
 
 
@@ -200,9 +206,9 @@ def test_failures_of_the_library_are_our_own_errors(
 
     monkeypatch.setattr(xconnection, "Display", fail)
     with pytest.raises(raised):
-        connect(":7")
+        open_x_connection(":7")
     if not isinstance(fault, error.DisplayConnectionError):
-        with pytest.raises(raised), answering(SimpleNamespace(get_display_name=lambda: ":7")):
+        with pytest.raises(raised), guard_x_calls(SimpleNamespace(get_display_name=lambda: ":7")):
             raise fault
 
 
@@ -222,15 +228,15 @@ def test_a_connection_is_closed_whatever_its_state(fault: Exception | None, hidd
     inner = SimpleNamespace(socket=SimpleNamespace(close=lambda: done.append("socket")))
     display = SimpleNamespace(close=close, display=inner)
     if hidden:
-        disconnect(display)
+        close_x_connection(display)
         assert done == ["display", "socket"]
     else:
         with pytest.raises(ValueError):
-            disconnect(display)
+            close_x_connection(display)
 
 
 def test_a_lost_server_is_a_lost_display() -> None:
-    told = lost(":7", "it went")
+    told = make_server_lost(":7", "it went")
     assert isinstance(told, DeviceLost) and told.device == "display"
     assert told.message == "the X server :7 does not answer: it went"
 
@@ -303,17 +309,17 @@ class Vblanks:
         self.closed += 1
 
 
-def measured(monkeypatch: pytest.MonkeyPatch, *sources: Vblanks) -> phase.Phase | None:
+def measured(monkeypatch: pytest.MonkeyPatch, *sources: Vblanks) -> phase.VblankPhase | None:
     """The phase of two outputs, by windows of which nothing else is looked at."""
     waiting = list(sources)
     root = SimpleNamespace(create_window=lambda *place, **how: SimpleNamespace(id=1))
     screen = SimpleNamespace(root=root, root_depth=24)
     display = SimpleNamespace(screen=lambda: screen, sync=lambda: None)
-    monkeypatch.setattr(phase, "connect", lambda name: display)
-    monkeypatch.setattr(phase, "disconnect", lambda display: None)
+    monkeypatch.setattr(phase, "open_x_connection", lambda name: display)
+    monkeypatch.setattr(phase, "close_x_connection", lambda display: None)
     monkeypatch.setattr(phase, "PresentEvents", lambda name, number: waiting.pop(0))
     place = Rect(0, 0, 4, 3)
-    return phase.measure(":7", (place, place))
+    return phase.measure_vblank_phase(":7", (place, place))
 
 
 def test_both_outputs_are_asked_for_every_second_vblank_after_the_first(
@@ -347,10 +353,10 @@ def test_a_screens_stamps_scatter_by_less_than_a_tenth_of_a_millisecond(
     """Every second one late by that, after a line: half of it on both sides."""
     msc = np.arange(40)
     stamps = np.stack([10**12 + msc * PERIOD_NS + msc // 2 % 2 * scatter_ns, msc], axis=1)
-    assert made_up(stamps) is not screen
+    assert is_from_timer(stamps) is not screen
     steady = np.stack([10**12 + msc * PERIOD_NS, msc], axis=1)
     for both in ((stamps, steady), (steady, stamps)):
-        assert (compare(*both) is not None) is screen
+        assert (compare_vblanks(*both) is not None) is screen
 
 
 def test_windows_that_are_never_shown_are_asked(
@@ -373,11 +379,11 @@ def test_windows_that_are_never_shown_are_asked(
         done.append((name, number))
         return waiting.pop(0)
 
-    monkeypatch.setattr(phase, "connect", lambda name: display)
-    monkeypatch.setattr(phase, "disconnect", lambda display: done.append("left"))
+    monkeypatch.setattr(phase, "open_x_connection", lambda name: display)
+    monkeypatch.setattr(phase, "close_x_connection", lambda display: done.append("left"))
     monkeypatch.setattr(phase, "PresentEvents", events)
     places = SimpleNamespace(x=3, y=4), SimpleNamespace(x=256, y=7)
-    found = phase.measure(":7", places)  # type: ignore[arg-type]
+    found = phase.measure_vblank_phase(":7", places)  # type: ignore[arg-type]
     assert found is not None and found.lag_s == pytest.approx(-0.002)
     hidden = {"override_redirect": True}
     assert done == [

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.child import Line
+from pdcd.child import MessageLine
 from pdcd.errors import Cancelled, DeviceLost, SyncError
 from pdcd.panels.frames import BLACK
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import (
     HEAD_SIZE,
     LOG_COLUMNS,
+    DisplayReply,
     Done,
     Failed,
     Head,
     Play,
-    Reply,
-    attach,
+    map_shared_arrays,
 )
 from tests.unit.presenter.client_bench import HANG_S, Bench, benches
 
@@ -48,7 +48,9 @@ COUNT = 6
 class Pass:
     """Plays three refreshes; `steps` are taken one at each look, the answer comes after them."""
 
-    def __init__(self, bench: Bench, process: DisplayProcess, reply: Reply | None = None) -> None:
+    def __init__(
+        self, bench: Bench, process: DisplayProcess, reply: DisplayReply | None = None
+    ) -> None:
         self.bench, self.process, self.reply = bench, process, reply or Done()
         self.told: list[tuple[int, int]] = []
         self.looks_s: list[float] = []
@@ -66,7 +68,7 @@ class Pass:
         if self.message is None:
             self.message, fd = self.bench.heard()
             assert fd is not None
-            self.arrays = attach(fd, self.message.slots)
+            self.arrays = map_shared_arrays(fd, self.message.slots)
             os.close(fd)
         head = self.arrays["head"]
         if self.steps:
@@ -200,7 +202,7 @@ def test_who_fails_at_progress_leaves_black_panels(
     assert made.arrays["head"][Head.STOP] == 1 and len(made.told) == 2
     assert ("kill" in bench.process.done) == (not answers)
     if answers:  # its answer was taken: the next one is that to the next question
-        assert not Line.wait(process._line, 0.0)
+        assert not MessageLine.wait(process._line, 0.0)
     else:
         assert bench.clock.now_s == pytest.approx(100.2 + HANG_S, abs=1.0)
 

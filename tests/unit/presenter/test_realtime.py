@@ -28,14 +28,14 @@ def child(code: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_process_that_hangs_is_ended_by_the_kernel() -> None:
-    done = child("realtime.dead_mans_switch(0.2)\ntime.sleep(40.0)\nprint('alive')")
+    done = child("realtime.arm_dead_mans_switch(0.2)\ntime.sleep(40.0)\nprint('alive')")
     assert done.returncode == -signal.SIGALRM
     assert done.stdout == ""
 
 
 def test_it_lives_as_long_as_it_is_called_again_and_when_disarmed() -> None:
-    calls = "for _ in range(4):\n realtime.dead_mans_switch(30.0)\n time.sleep(0.05)\n"
-    done = child(f"{calls}realtime.dead_mans_switch(0.2)\nrealtime.dead_mans_switch(0.0)\n"
+    calls = "for _ in range(4):\n realtime.arm_dead_mans_switch(30.0)\n time.sleep(0.05)\n"
+    done = child(f"{calls}realtime.arm_dead_mans_switch(0.2)\nrealtime.arm_dead_mans_switch(0.0)\n"
                  "time.sleep(0.5)\nprint('alive')")  # fmt: skip
     assert (done.returncode, done.stdout) == (0, "alive\n")
 
@@ -91,7 +91,7 @@ def test_garbage_is_collected_once_and_never_looked_at_again() -> None:
         "gc.disable()\n"
         "ring = Ring(); ring.ring = ring; gone = weakref.ref(ring); del ring\n"
         "gc.enable()\n"
-        "realtime.freeze_garbage()\n"
+        "realtime.stop_garbage_collection()\n"
         "print(gone() is None, gc.isenabled(), gc.get_freeze_count() > 1000)"
     )
     assert done.stdout == "True False True\n"

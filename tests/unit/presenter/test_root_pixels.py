@@ -12,7 +12,7 @@ from Xlib import error
 
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import xgrab
-from pdcd.presenter.xgrab import MOST_BYTES, Grabs, RootGrabber, room
+from pdcd.presenter.xgrab import MOST_GRAB_BYTES, Grabs, RootGrabber, reserve_pictures
 
 SIZE_PX = (6, 4)
 HEADER = 32
@@ -94,8 +94,8 @@ class Server:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     made = Server()
-    monkeypatch.setattr(xgrab, "connect", lambda name: made)
-    monkeypatch.setattr(xgrab, "disconnect", lambda look: made.done.append("left"))
+    monkeypatch.setattr(xgrab, "open_x_connection", lambda name: made)
+    monkeypatch.setattr(xgrab, "close_x_connection", lambda look: made.done.append("left"))
     monkeypatch.setattr(xgrab, "_library", lambda: made)
     return made
 
@@ -227,7 +227,7 @@ def test_the_functions_of_the_library_have_their_signatures(
 
 
 def test_there_is_room_for_each_refresh_of_both_panels() -> None:
-    found = room(5, ((6, 4), (3, 2)))
+    found = reserve_pictures(5, ((6, 4), (3, 2)))
     assert {name: array.shape for name, array in found.items()} == {
         "projector_pictures": (5, 4, 6), "mask_pictures": (5, 2, 3),
     }  # fmt: skip
@@ -235,13 +235,13 @@ def test_there_is_room_for_each_refresh_of_both_panels() -> None:
 
 
 def test_pictures_take_two_gibibytes_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert MOST_BYTES == 2**31
-    monkeypatch.setattr(xgrab, "MOST_BYTES", 2 * 5 * (6 * 4 + 3 * 2))
-    room(5, ((6, 4), (3, 2)))
+    assert MOST_GRAB_BYTES == 2**31
+    monkeypatch.setattr(xgrab, "MOST_GRAB_BYTES", 2 * 5 * (6 * 4 + 3 * 2))
+    reserve_pictures(5, ((6, 4), (3, 2)))
     with pytest.raises(ConfigError, match=r"pictures of 6 refreshes would take 0\.0 GiB"):
-        room(6, ((6, 4), (3, 2)))
+        reserve_pictures(6, ((6, 4), (3, 2)))
     with pytest.raises(ConfigError, match=r"of 1024 refreshes would take 6\.0 GiB"):
-        room(1024, ((2048, 1024), (1024, 1024)))
+        reserve_pictures(1024, ((2048, 1024), (1024, 1024)))
 
 
 def test_a_refresh_is_looked_at_once_the_server_has_it(monkeypatch: pytest.MonkeyPatch) -> None:

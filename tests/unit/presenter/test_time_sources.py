@@ -15,7 +15,7 @@ from pdcd.errors import DeviceLost
 from pdcd.presenter import clocks
 from pdcd.presenter.clocks import (
     Completions,
-    FreeRunning,
+    FreeRunningSource,
     ProcessorClock,
     SwapReturns,
     Vblanks,
@@ -54,7 +54,7 @@ def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
 def test_two_frames_are_handed_over_only_where_each_is_reported() -> None:
     """Elsewhere the second would take the place of the first."""
     every = (Completions, Vblanks, SwapReturns, ProcessorClock)
-    assert [source for source in (*every, FreeRunning) if source.queues] == [Completions]
+    assert [source for source in (*every, FreeRunningSource) if source.queues] == [Completions]
 
 
 # The processor's clock.
@@ -118,7 +118,7 @@ def test_a_swap_that_returns_late_counts_the_refreshes_that_passed(
 
 
 def test_without_a_pace_frames_are_counted_one_by_one(desk: Desk) -> None:
-    source = FreeRunning(desk.swap, desk.finish)
+    source = FreeRunningSource(desk.swap, desk.finish)
     source.sync()
     assert (source.ns, source.msc, source.flipped, desk.done) == (0, 0, 0, [])
     for count in (1, 2, 3):
@@ -206,7 +206,7 @@ def test_a_wait_ends_at_its_time_though_every_sleep_wakes_late(
 
     monkeypatch.setattr(time, "monotonic_ns", look)
     monkeypatch.setattr(time, "sleep", sleep)
-    clocks.sleep_until(begin_ns + left_ns)
+    clocks.wait_until_ns(begin_ns + left_ns)
     assert now_ns - begin_ns == max(left_ns, 0) + 1
     # Short of the time nothing is slept; before that, once.
     assert len(sleeps_s) == (left_ns > 50_000)
@@ -241,7 +241,9 @@ def test_a_source_within_two_percent_of_the_period_is_believed(off: float, belie
     period_ns = round(PERIOD_NS * (1 + off))
     source = Even(period_ns)
     drawn: list[int] = []
-    found = clocks.probe(source, lambda: drawn.append(source.put_count), float(PERIOD_NS))
+    found = clocks.measure_period_ns(
+        source, lambda: drawn.append(source.put_count), float(PERIOD_NS)
+    )
     assert found == (period_ns if believed else None)
     assert source.frames == source.put_count == 30 and source.syncs == 1
     assert drawn == list(range(30))  # each drawn before it is handed over
@@ -255,7 +257,7 @@ def test_a_source_is_asked_three_times_before_it_is_called_late(
 ) -> None:
     """It is believed when no more than half of a round's frames came late."""
     source = Even(PERIOD_NS, lambda n: 2 if n <= busy_frames else 1)
-    found = clocks.probe(source, lambda: None, float(PERIOD_NS))
+    found = clocks.measure_period_ns(source, lambda: None, float(PERIOD_NS))
     assert found == (None if rounds is None else PERIOD_NS)
     assert source.syncs == (rounds or 3)
 
@@ -270,4 +272,4 @@ def test_a_source_that_counts_backwards_once_is_not_believed() -> None:
             source.msc -= 2
 
     source.shown = back  # type: ignore[method-assign]
-    assert clocks.probe(source, lambda: None, float(PERIOD_NS)) is None
+    assert clocks.measure_period_ns(source, lambda: None, float(PERIOD_NS)) is None

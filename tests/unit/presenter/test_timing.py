@@ -12,7 +12,7 @@ from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
 from pdcd.panels.frames import BLACK
 from pdcd.presenter import timing
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
-from pdcd.presenter.timing import Timing, measure, random_codes
+from pdcd.presenter.timing import RefreshTiming, make_random_codes, measure_refreshes
 from tests import bench_rig
 
 READY = Ready("clock", 100.0, {})
@@ -34,7 +34,7 @@ def log(count: int = 4) -> np.ndarray[Any, Any]:
 
 
 def test_times_of_a_log_are_differences_of_its_stamps() -> None:
-    found = Timing.of(log(), READY)
+    found = RefreshTiming.of(log(), READY)
     np.testing.assert_allclose(found.interval_s, [0.010, 0.020, 0.010])
     np.testing.assert_array_equal(found.missed, [0, 1, 0])
     np.testing.assert_allclose(found.late_s, [0.003, 0.004, 0.005])
@@ -44,7 +44,7 @@ def test_times_of_a_log_are_differences_of_its_stamps() -> None:
 
 
 def test_a_table_has_the_middle_the_worst_of_a_hundred_and_the_worst() -> None:
-    rows = {name: values for name, *values in Timing.of(log(), READY).table()}
+    rows = {name: values for name, *values in RefreshTiming.of(log(), READY).table()}
     assert list(rows) == ["refresh to refresh", "vblank to drawing", "drawing", "processor time"]
     assert rows["refresh to refresh"] == pytest.approx([10.0, 19.8, 20.0])
     assert rows["vblank to drawing"] == pytest.approx([4.0, 4.98, 5.0])
@@ -53,7 +53,7 @@ def test_a_table_has_the_middle_the_worst_of_a_hundred_and_the_worst() -> None:
 
 
 def test_codes_to_time_by_are_guarded_and_complementary() -> None:
-    frames = random_codes((6, 9))
+    frames = make_random_codes((6, 9))
     assert len(frames) == 3 * 64 and (frames.grid, frames.lattice) == ((6, 9), (6, 9))
     codes = frames.dual_index[1::3]
     np.testing.assert_array_equal(codes, np.arange(64))
@@ -112,9 +112,9 @@ def test_so_many_refreshes_are_shown_and_the_process_ended(
     )
     if refreshes == 13:
         with pytest.raises(ArithmeticError):
-            measure(config, refreshes)
+            measure_refreshes(config, refreshes)
     else:
-        found = measure(config, refreshes)
+        found = measure_refreshes(config, refreshes)
         assert found.interval_s.size == refreshes and found.ready is READY
     (process,) = Process.made
     assert process.closed == 1 and process.loaded.grid == (48, 64)

@@ -12,13 +12,13 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.presenter.messages import Ready
-from pdcd.presenter.timing import Timing, histogram
+from pdcd.presenter.timing import RefreshTiming, draw_histogram
 
 
-def timing() -> Timing:
+def timing() -> RefreshTiming:
     """Three refreshes, two of them late by one and by two."""
     seconds = np.array([0.010, 0.020, 0.030])
-    return Timing(Ready("swap", 100.0, {}), seconds, np.array([0, 1, 2]), seconds, seconds,
+    return RefreshTiming(Ready("swap", 100.0, {}), seconds, np.array([0, 1, 2]), seconds, seconds,
                   seconds / 10, 0.001)  # fmt: skip
 
 
@@ -55,7 +55,7 @@ def test_a_picture_has_both_times_in_milliseconds_and_says_what_was_missed(
 ) -> None:
     Figure.made = []
     monkeypatch.setitem(sys.modules, "matplotlib.figure", SimpleNamespace(Figure=Figure))
-    histogram(timing(), Path("a.png"))
+    draw_histogram(timing(), Path("a.png"))
     (made,) = Figure.made
     for axes, milliseconds, label in zip(
         made.axes, ([10.0, 20.0, 30.0], [1.0, 2.0, 3.0]), ("refresh to refresh / ms",
@@ -79,4 +79,4 @@ def test_a_picture_has_both_times_in_milliseconds_and_says_what_was_missed(
 def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ConfigError, match=r"needs matplotlib \(.* install matplotlib\)"):
-        histogram(timing(), Path("a.png"))
+        draw_histogram(timing(), Path("a.png"))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
 from pdcd.panels.map import Map, PanelView
 from pdcd.presenter.viewport import (
     CELLS,
@@ -21,8 +21,8 @@ from pdcd.presenter.viewport import (
     UNITS,
     WINDOWS,
     Viewport,
-    pieces_along,
-    table_of,
+    build_pixel_table,
+    count_pieces,
 )
 from pdcd.presenter.viewport import PIXELS as OF_PIXELS
 
@@ -159,7 +159,7 @@ def test_patterns_lie_in_one_texture_of_whole_rows() -> None:
     np.testing.assert_array_equal(stream[: BITS.size], BITS[::-1].reshape(-1))
     assert not stream[BITS.size :].any()
     assert (table.size, table.channels, table.dtype) == (SIZE_PX, 2, "u1")
-    wanted = table_of(view("mask"), GRID, CELLS, "whole")[::-1]
+    wanted = build_pixel_table(view("mask"), GRID, CELLS, "whole")[::-1]
     np.testing.assert_array_equal(table.data, wanted)
     assert (pieces.size, pieces.channels, pieces.dtype) == ((5, 4), 4, "f1")
     assert not pieces.data.any()
@@ -275,7 +275,7 @@ def test_each_window_has_pieces_of_its_own(
     assert card.programs[0]["kind"] == kind and card.programs[0]["cols"] == 4
     assert card.textures[2].size == size
     np.testing.assert_array_equal(
-        card.textures[1].data, table_of(view(role), GRID, kind, window)[::-1]
+        card.textures[1].data, build_pixel_table(view(role), GRID, kind, window)[::-1]
     )
 
 
@@ -285,7 +285,9 @@ def test_patterns_of_pixels_have_a_piece_for_each() -> None:
     lattice = SIZE_PX[1], SIZE_PX[0]
     size = lattice[0] * lattice[1] // 8
     bits = np.zeros((3, size), dtype=np.uint8)
-    made.load(frames(window=PIXELS, lattice=lattice, primal_patterns=bits, dual_patterns=bits))
+    made.load(
+        frames(window=PIXEL_WINDOW, lattice=lattice, primal_patterns=bits, dual_patterns=bits)
+    )
     assert (card.programs[0]["kind"], card.programs[0]["cols"]) == (OF_PIXELS, 16)
     assert card.textures[2].size == (17, 13)
 
@@ -326,19 +328,19 @@ def test_pieces_that_exceed_a_texture_are_refused_and_the_next_geometry_is_made_
     ("kind", "count"), [(CELLS, 7), (HALVES, 14), (WINDOWS, 15), (OF_PIXELS, 7), (STRIPS, 29)]
 )
 def test_there_are_so_many_pieces_along_an_axis(kind: int, count: int) -> None:
-    assert pieces_along(7, kind) == count
+    assert count_pieces(7, kind) == count
     assert (CELLS, HALVES, WINDOWS, OF_PIXELS, STRIPS) == (0, 1, 2, 3, 4)
 
 
 def test_a_table_names_the_piece_of_each_pixel_and_0_beside_the_field() -> None:
     panel = view()
-    cells = table_of(panel, GRID, CELLS, "whole")
+    cells = build_pixel_table(panel, GRID, CELLS, "whole")
     across, down = np.meshgrid(np.arange(16) // 4 + 1, np.arange(12) // 4 + 1)
     np.testing.assert_array_equal(cells, np.stack([across, down], axis=-1))
-    halves = table_of(panel, GRID, HALVES, "quarter")
+    halves = build_pixel_table(panel, GRID, HALVES, "quarter")
     across, down = np.meshgrid(np.arange(16) // 2 + 1, np.arange(12) // 2 + 1)
     np.testing.assert_array_equal(halves, np.stack([across, down], axis=-1))
-    pixels = table_of(panel, (12, 16), OF_PIXELS, PIXELS)
+    pixels = build_pixel_table(panel, (12, 16), OF_PIXELS, PIXEL_WINDOW)
     across, down = np.meshgrid(np.arange(16) + 1, np.arange(12) + 1)
     np.testing.assert_array_equal(pixels, np.stack([across, down], axis=-1))
     assert cells.shape == (12, 16, 2) and cells.dtype == np.uint8
@@ -347,9 +349,9 @@ def test_a_table_names_the_piece_of_each_pixel_and_0_beside_the_field() -> None:
 @pytest.mark.parametrize(("cols", "dtype"), [(255, np.uint8), (256, np.uint16)])
 def test_a_table_is_as_wide_as_its_largest_number(cols: int, dtype: type) -> None:
     panel = PanelView("projector", Map.filling((2 * cols, 8)))
-    found = table_of(panel, (4, cols), CELLS, "whole")
+    found = build_pixel_table(panel, (4, cols), CELLS, "whole")
     assert found.dtype == dtype and found[..., 0].max() == cols
-    assert table_of(PanelView("projector", Map.filling((8, 2 * cols))), (cols, 4), CELLS,
+    assert build_pixel_table(PanelView("projector", Map.filling((8, 2 * cols))), (cols, 4), CELLS,
                     "whole").dtype == dtype  # fmt: skip
 
 

@@ -304,7 +304,7 @@ def test_planes_of_a_picture_have_their_part_of_the_refresh_each_time_it_is_show
     log[:, Column.MSC] = [100, 101, 103, 104]
     log[:, Column.NS] = log[:, Column.MSC] * period_ns
     primal = np.arange(10, 10 + count, dtype=np.int32)
-    found = x11.frame_log(primal, primal + 50, log, Ready("clock", 100.0, {}), starts)
+    found = x11.build_frame_log(primal, primal + 50, log, Ready("clock", 100.0, {}), starts)
 
     wanted: list[tuple[int, int, int]] = []
     for picture, again in enumerate(late):
@@ -330,7 +330,7 @@ def test_planes_never_run_backwards_where_stamps_jitter() -> None:
     log[:, Column.MSC] = [100, 101, 102]
     log[:, Column.NS] = [1_000_000_000, 1_008_000_000, 1_020_000_000]
     rows = np.arange(4, dtype=np.int32)
-    found = x11.frame_log(rows, rows, log, Ready("clock", 100.0, {}), (0.0, 0.9))
+    found = x11.build_frame_log(rows, rows, log, Ready("clock", 100.0, {}), (0.0, 0.9))
     assert found.primal_ns.tolist() == [
         1_000_000_000, 1_009_000_000, 1_009_000_000, 1_017_000_000,
     ]  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.bench.placed import panels_from
+from pdcd.bench.placed import place_panels
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.placing import Placing
 from pdcd.probing.borders import APART, find_border_pixels
@@ -30,7 +30,7 @@ def test_light_gets_through_strips_alone_and_through_each_once(
     mask: dict[str, Any], off_px: tuple[float, float]
 ) -> None:
     """Also where the mask lies a little elsewhere than it is believed to."""
-    panels = panels_from(PanelConfig(size_px=PROJECTOR_PX), PanelConfig(**mask))
+    panels = place_panels(PanelConfig(size_px=PROJECTOR_PX), PanelConfig(**mask))
     pixels = find_border_pixels(panels.projector, panels.mask, GRID, MARGIN_PX)
     points = np.random.default_rng(1).uniform(size=(200_000, 2))
     shown, at = [], []

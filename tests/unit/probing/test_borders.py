@@ -10,9 +10,9 @@ import pytest
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.panels.placing import Placing
-from pdcd.panels.windows import windows
-from pdcd.planning.bench_fit import window_for
-from pdcd.probing.borders import drawn_apart_px, drawn_apart_share, nearest_grid
+from pdcd.panels.windows import find_window_kind
+from pdcd.planning.bench_fit import choose_grid_window
+from pdcd.probing.borders import cell_mismatch_px, compute_cell_mismatch_share, find_nearest_grid
 
 GRID = (24, 32)
 
@@ -27,12 +27,12 @@ def config(projector: tuple[int, int], mask: tuple[int, int], **placed: Any) -> 
 
 def apart_px(rig: Config) -> float:
     panels = panels_of(rig)
-    return drawn_apart_px(panels.projector, panels.mask, GRID, rig.projector.size_px)
+    return cell_mismatch_px(panels.projector, panels.mask, GRID, rig.projector.size_px)
 
 
 def apart_share(rig: Config) -> float:
     panels = panels_of(rig)
-    return drawn_apart_share(panels.projector, panels.mask, GRID)
+    return compute_cell_mismatch_share(panels.projector, panels.mask, GRID)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def apart_share(rig: Config) -> float:
 def test_panels_whose_pixels_meet_take_whole_cells(rig: Config) -> None:
     assert apart_px(rig) == 0.0
     assert apart_share(rig) == 0.0
-    assert window_for("auto", rig, GRID) == "whole"
+    assert choose_grid_window("auto", rig, GRID) == "whole"
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_panels_whose_pixels_meet_take_whole_cells(rig: Config) -> None:
 def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -> None:
     """Looked at in another way: at many places of the field by chance, both panels' pixels. Where
     they show different cells no window of the mask may be open under another cell's light."""
-    found = windows(window_for("auto", rig, GRID))
+    found = find_window_kind(choose_grid_window("auto", rig, GRID))
     assert found.name == "quarter"
     rng = np.random.Generator(np.random.PCG64(5))
     points = rng.uniform(0.0, 1.0, (200_000, 2))
@@ -96,7 +96,7 @@ def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -
 def test_whole_cells_are_taken_where_little_is_left_of_what_is_taken_out(
     rig: Config, window: str
 ) -> None:
-    assert window_for("auto", rig, GRID, taken_out=True) == window
+    assert choose_grid_window("auto", rig, GRID, taken_out=True) == window
 
 
 @pytest.mark.parametrize(
@@ -116,13 +116,13 @@ def test_the_nearest_cells_that_end_on_the_pixels_of_both_panels(
     wanted: tuple[int, int] | None,
 ) -> None:
     panels = panels_of(config(projector, mask))
-    assert nearest_grid(panels.projector, panels.mask, grid) == wanted
+    assert find_nearest_grid(panels.projector, panels.mask, grid) == wanted
     if wanted is not None:
         assert all(size[1] % wanted[0] == 0 == size[0] % wanted[1] for size in (projector, mask))
 
 
 def test_no_cells_end_on_the_pixels_of_a_mask_that_is_turned() -> None:
     turned = panels_of(config((1024, 768), (1600, 1200), turn_deg=2.0, scale=1.1))
-    assert nearest_grid(turned.projector, turned.mask, (36, 48)) is None
+    assert find_nearest_grid(turned.projector, turned.mask, (36, 48)) is None
     half = panels_of(config((1024, 768), (1600, 1200), turn_deg=180.0))
-    assert nearest_grid(half.projector, half.mask, (36, 48)) == (48, 64)
+    assert find_nearest_grid(half.projector, half.mask, (36, 48)) == (48, 64)

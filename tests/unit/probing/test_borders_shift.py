@@ -7,7 +7,7 @@ import pytest
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.panels.placing import Placing
-from pdcd.probing.borders import ACROSS, drawn_apart_px, drawn_apart_share
+from pdcd.probing.borders import ACROSS, cell_mismatch_px, compute_cell_mismatch_share
 
 SIZE = (512, 384)
 STEP_PX = 2.0 * 2.0 * 0.5**0.5 / ACROSS
@@ -22,8 +22,8 @@ def apart(offset_px: tuple[float, float], grid: tuple[int, int]) -> tuple[float,
     )
     panels = panels_of(rig)
     return (
-        drawn_apart_px(panels.projector, panels.mask, grid, SIZE),
-        drawn_apart_share(panels.projector, panels.mask, grid),
+        cell_mismatch_px(panels.projector, panels.mask, grid, SIZE),
+        compute_cell_mismatch_share(panels.projector, panels.mask, grid),
     )
 
 

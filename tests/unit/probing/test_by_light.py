@@ -8,9 +8,9 @@ import numpy as np
 
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
-from pdcd.probing.wanted import Match, Uniform, Wanted
-from pdcd.protocol.plan_summary import How
-from pdcd.recipes.make import recipe_of
+from pdcd.probing.wanted import MatchPart, UniformPart, WantedMatrix
+from pdcd.protocol.plan_summary import CaptureScheme
+from pdcd.recipes.make import make_recipe
 from tests import dense_recipe
 
 GRID = (4, 8)
@@ -25,8 +25,8 @@ def test_stripes_that_are_smeared_are_scaled_by_all_their_light() -> None:
     seconds = 3.0
     smeared = seconds * (0.75 * lit + 0.25 * beside)
     realised = Factors(np.ones((1, CELLS)), smeared[None], smeared.copy(), np.full(CELLS, seconds))
-    parts = ((1.0, Uniform(CELLS)), (-1.0, Match(np.arange(CELLS))))
-    wanted = Wanted(GRID, parts, lit)
+    parts = ((1.0, UniformPart(CELLS)), (-1.0, MatchPart(np.arange(CELLS))))
+    wanted = WantedMatrix(GRID, parts, lit)
     dense = np.broadcast_to(smeared, (CELLS, CELLS)) * (1.0 - np.eye(CELLS))
     meant = wanted.dense()
     all_light = weight_s(realised, replace(wanted, by_light=True))
@@ -44,7 +44,7 @@ def test_direct_light_less_that_of_a_neighbour_is_scaled_by_the_direct_light() -
     for weight, cells in ((-0.5, beside), (-0.25, np.roll(own, 2)), (0.25, beside)):
         there[own, cells] += seconds * weight
     realised = Factors(np.eye(CELLS), there, np.full(CELLS, seconds), np.full(CELLS, seconds))
-    wanted = Wanted(GRID, ((1.0, Match(own)), (-1.0, Match(beside))))
+    wanted = WantedMatrix(GRID, ((1.0, MatchPart(own)), (-1.0, MatchPart(beside))))
     np.testing.assert_allclose(weight_s(realised, replace(wanted, by_direct=True)), seconds)
     fits = float(np.sum((there + seconds * np.eye(CELLS)) * wanted.dense()) / (2 * CELLS))
     np.testing.assert_allclose(weight_s(realised, wanted), fits)
@@ -56,7 +56,7 @@ def test_filters_without_direct_light_are_scaled_by_what_fits() -> None:
     for centre, scaled in ((0.0, False), (-2.0, True)):
         kernel[1, 1] = centre
         target = dense_recipe.target(GRID, "filtered", {"kernel": kernel})
-        (photo,) = recipe_of(target, How()).photos
+        (photo,) = make_recipe(target, CaptureScheme()).photos
         assert photo.wanted.by_direct is scaled
 
 
@@ -67,4 +67,4 @@ def test_stripes_and_matched_cells_with_a_share_of_the_rest_are_scaled_by_all_th
         ("fraction", {"p": 0.25}, False),
     ):
         target = dense_recipe.target(GRID, goal, {}, **numbers)
-        assert {p.wanted.by_light for p in recipe_of(target, How()).photos} == {scaled}
+        assert {p.wanted.by_light for p in make_recipe(target, CaptureScheme()).photos} == {scaled}

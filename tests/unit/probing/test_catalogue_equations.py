@@ -16,11 +16,11 @@ import pytest
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target, check_target
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import Signed
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.programs import SignedProgram
 from pdcd.runs.folder import read_manifest
 from pdcd.words import GoalName
 from tests import bench_rig, catalogue_rig
@@ -133,7 +133,9 @@ def test_e8_mask_of_a_shifted_code_samples_the_off_diagonal(shift: tuple[int, in
     """m_n = i_(n+w) gives T_(n, n+w); cells whose partner is off the grid are closed."""
     h = signs(32, seed=1, family="hadamard")
     bits = h > 0
-    pair = [Signed(((1.0, shift),), half).pairs(bits, Lattice(GRID)) for half in (True, False)]
+    pair = [
+        SignedProgram(((1.0, shift),), half).pairs(bits, Lattice(GRID)) for half in (True, False)
+    ]
     plus, minus = (show(i, m, GRID) for i, m in pair)
     seen = (photo(plus, scene_of(T, GRID)) - photo(minus, scene_of(T, GRID))) / 32
     want = np.zeros(N)
@@ -165,7 +167,7 @@ def test_e10_negative_values_are_two_photos_of_twice_the_codes() -> None:
     h = signs(count, seed=6, family="hadamard")
     photos = []
     for half in (True, False):
-        light, mask = Signed(((1.0, None),), half).pairs(h > 0, Lattice(GRID))
+        light, mask = SignedProgram(((1.0, None),), half).pairs(h > 0, Lattice(GRID))
         assert len(light) == len(mask) == 2 * count
         assert np.asarray(light).min() >= 0.0 and np.asarray(mask).min() >= 0.0
         shown = show(light, mask, GRID)
@@ -181,14 +183,14 @@ def test_e10_negative_values_are_two_photos_of_twice_the_codes() -> None:
 @pytest.mark.parametrize("name", ["indirect", "fraction"])
 def test_e11_goals_without_negative_weights_take_one_photo(name: GoalName) -> None:
     goal = check_target(Target(Goal(name=name, p=0.5 if name == "fraction" else None), GRID))
-    assert len(recipe_of(goal, How(white=False)).shots) == 1
+    assert len(make_recipe(goal, CaptureScheme(white=False)).shots) == 1
 
 
 def test_e11_matrix_of_few_distinct_rows_takes_that_many_codes_and_is_exact() -> None:
     kinds = RNG.random((3, N))
     matrix = kinds[RNG.integers(0, 3, N)]
     goal = check_target(Target(Goal(name="relit"), GRID, matrices={"matrix": matrix}))
-    recipe = recipe_of(goal, How())
+    recipe = make_recipe(goal, CaptureScheme())
     light, mask = recipe.programs["relit"].pairs(np.zeros((0, 0), bool), Lattice(GRID))
     assert len(light) == 3 and len(recipe.shots) == 1
     shown = show(light, mask, GRID)

@@ -9,11 +9,11 @@ import pytest
 
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.panel import Panel
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.probing.panel import PanelOptics
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import Coded
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.programs import CodedProgram
 from tests.catalogue_rig import photo, scene_of, show, transport
 
 GRID = (4, 5)
@@ -33,7 +33,8 @@ DRAWS = 4000
 def exposure(primal_black: bool = False, dual_black: bool = False, eps: float = EPS) -> Any:
     """One leaking photo without guards and settling, so that sums over codes are short to write."""
     shown = show(
-        LIT, OPEN, GRID, guards=False, projector=Panel(leak=DELTA), mask=Panel(leak=eps),
+        LIT, OPEN, GRID, guards=False, projector=PanelOptics(leak=DELTA),
+        mask=PanelOptics(leak=eps),
         primal_black=primal_black, dual_black=dual_black,
     )  # fmt: skip
     return photo(shown, scene_of(T, GRID, AMBIENT))
@@ -78,7 +79,7 @@ def test_l4_a_mask_of_300_to_1_spoils_indirect_light_by_percents(
     scene = np.full((N, N), 0.25 / (N - 1))
     np.fill_diagonal(scene, 1.0)
     codes = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
-    shown = show(codes.primal, codes.dual, GRID, guards=guards, mask=Panel(leak=eps))
+    shown = show(codes.primal, codes.dual, GRID, guards=guards, mask=PanelOptics(leak=eps))
     seen = photo(shown, scene_of(scene, GRID)) / 32 * 4.0
     np.testing.assert_allclose(seen / 0.25 - 1.0, excess, rtol=1e-9)
 
@@ -150,7 +151,7 @@ def test_x8_difference_of_shifted_photos_has_weight_p_times_one_less_p() -> None
     bits = make_codes("hadamard", GRID, 32, dual="same", seed=2).primal
     matrices = []
     for partner in (None, (0, -1)):
-        light, mask = Coded(partner, False).pairs(bits, Lattice(GRID))
+        light, mask = CodedProgram(partner, False).pairs(bits, Lattice(GRID))
         matrices.append(np.asarray(mask, float).T @ np.asarray(light, float) / 32)
     difference = matrices[0] - matrices[1]
     for n in range(N):
@@ -172,7 +173,9 @@ def test_x9_direct_needs_photos_of_equal_weight() -> None:
 
 def test_x10_distance_is_two_dimensional() -> None:
     """The last cell of a row and the first of the next are neighbours as numbers only."""
-    wanted = recipe_of(Target(Goal(name="long-range", radius=1), GRID), How()).wanted.dense()
+    wanted = make_recipe(
+        Target(Goal(name="long-range", radius=1), GRID), CaptureScheme()
+    ).wanted.dense()
     last, first = GRID[1] - 1, GRID[1]
     assert wanted[last, first] == 1.0
     assert wanted[0, GRID[1] + 1] == 0.0  # diagonal neighbours, 6 apart as numbers
@@ -184,9 +187,11 @@ def test_x11_shifts_have_one_sign_and_filters_the_other() -> None:
     shift = (1, -2)
     kernel = np.zeros((3, 5))
     kernel[1 - shift[0], 2 - shift[1]] = 1.0
-    shifted = recipe_of(Target(Goal(name="off-diagonal", shift=shift), GRID), How()).wanted.dense()
-    filtered = recipe_of(
-        Target(Goal(name="filtered"), GRID, matrices={"kernel": kernel}), How()
+    shifted = make_recipe(
+        Target(Goal(name="off-diagonal", shift=shift), GRID), CaptureScheme()
+    ).wanted.dense()
+    filtered = make_recipe(
+        Target(Goal(name="filtered"), GRID, matrices={"kernel": kernel}), CaptureScheme()
     ).wanted.dense()
     np.testing.assert_array_equal(shifted, filtered)
     assert shifted[2, 1 * GRID[1] + 0] == 1.0  # from (0, 2) down 1, left 2

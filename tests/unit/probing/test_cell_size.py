@@ -8,13 +8,13 @@ from scipy import ndimage
 
 from pdcd.errors import CalibrationError
 from pdcd.probing.cell_size import (
-    Meeting,
+    MaskAlignment,
+    compute_bench_leak,
+    compute_leak,
+    find_cell_below_leak,
+    find_largest_window,
+    format_cell_leaks,
     guard_px,
-    largest_window,
-    leak,
-    leak_of,
-    printed,
-    smallest_cell_for,
     smallest_cell_px,
 )
 
@@ -51,18 +51,18 @@ def test_leak_is_what_light_summed_up_gives(
     cell: int, window: float, offset: tuple[float, float], blur: float
 ) -> None:
     wanted = summed_up(cell, window, offset, blur)
-    assert float(leak(cell, window, offset, blur)) == pytest.approx(wanted, abs=4e-4)
+    assert float(compute_leak(cell, window, offset, blur)) == pytest.approx(wanted, abs=4e-4)
 
 
 def test_a_sharp_bench_leaks_what_is_out_of_place() -> None:
-    assert float(leak(4.0, 1.0, (0.5, 0.0), 0.0)) == pytest.approx(0.125)
-    assert float(leak(4.0, 0.5, (0.5, 0.5), 0.0)) == 0.0
-    assert float(leak(4.0, 0.5, (1.5, 0.0), 0.0)) == pytest.approx(0.25)
+    assert float(compute_leak(4.0, 1.0, (0.5, 0.0), 0.0)) == pytest.approx(0.125)
+    assert float(compute_leak(4.0, 0.5, (0.5, 0.5), 0.0)) == 0.0
+    assert float(compute_leak(4.0, 0.5, (1.5, 0.0), 0.0)) == pytest.approx(0.25)
 
 
 def test_small_leaks_are_the_sum_over_edges() -> None:
     # 1.6 s / c of whole cells in place: [2 S(0)] / c on both axes.
-    assert float(leak(1000.0, 1.0, (0.0, 0.0), 1.0)) == pytest.approx(1.596e-3, rel=2e-3)
+    assert float(compute_leak(1000.0, 1.0, (0.0, 0.0), 1.0)) == pytest.approx(1.596e-3, rel=2e-3)
 
 
 # The table of the bench studied beforehand, offset along the diagonal, % of (whole, half windows).
@@ -78,37 +78,44 @@ STUDIED: dict[tuple[float, float], dict[int, tuple[float, float]]] = {
 def test_leak_agrees_with_the_bench_that_was_studied(e: float, s: float) -> None:
     for cell_px, (whole, half) in STUDIED[e, s].items():
         # Figures of simulated photos, rounded; the simulation had pixels, too.
-        found = [100 * float(leak_of(Meeting(e, s), cell_px, window)) for window in (1.0, 0.5)]
+        found = [
+            100 * float(compute_bench_leak(MaskAlignment(e, s), cell_px, window))
+            for window in (1.0, 0.5)
+        ]
         assert found[0] == pytest.approx(whole, abs=0.6, rel=0.08)
         assert found[1] == pytest.approx(half, abs=0.06, rel=0.13)
 
 
 def test_the_smallest_cell_keeps_the_guard() -> None:
-    bench = Meeting(e95_px=0.06, blur_px=0.5)
+    bench = MaskAlignment(e95_px=0.06, blur_px=0.5)
     smallest = smallest_cell_px(bench)
     assert guard_px(smallest, 0.5) == pytest.approx(0.06 + 2.5 * 0.5)
-    assert largest_window(bench, smallest) == pytest.approx(0.5)
-    assert largest_window(bench, 2.0 * smallest) == pytest.approx(0.75)
-    assert largest_window(bench, 1.0) == 0.0
-    assert float(leak_of(bench, smallest, 0.5)) < 0.005
+    assert find_largest_window(bench, smallest) == pytest.approx(0.5)
+    assert find_largest_window(bench, 2.0 * smallest) == pytest.approx(0.75)
+    assert find_largest_window(bench, 1.0) == 0.0
+    assert float(compute_bench_leak(bench, smallest, 0.5)) < 0.005
 
 
 def test_the_smallest_cell_for_a_leak_is_the_smallest() -> None:
-    bench = Meeting(e95_px=0.3, blur_px=0.7)
-    cell = smallest_cell_for(bench, 0.005)
-    assert float(leak_of(bench, cell, 0.5)) <= 0.005 < float(leak_of(bench, cell - 0.02, 0.5))
-    assert smallest_cell_for(Meeting(e95_px=40.0, blur_px=40.0), 0.005) == np.inf
-    assert smallest_cell_for(Meeting(0.0, 0.0), 0.0) > 0.0
+    bench = MaskAlignment(e95_px=0.3, blur_px=0.7)
+    cell = find_cell_below_leak(bench, 0.005)
+    assert (
+        float(compute_bench_leak(bench, cell, 0.5))
+        <= 0.005
+        < float(compute_bench_leak(bench, cell - 0.02, 0.5))
+    )
+    assert find_cell_below_leak(MaskAlignment(e95_px=40.0, blur_px=40.0), 0.005) == np.inf
+    assert find_cell_below_leak(MaskAlignment(0.0, 0.0), 0.0) > 0.0
 
 
 def test_pixels_of_the_mask_count_as_blur() -> None:
-    bench, coarse = Meeting(0.1, 0.3), Meeting(0.1, 0.3, mask_px=1.2)
+    bench, coarse = MaskAlignment(0.1, 0.3), MaskAlignment(0.1, 0.3, mask_px=1.2)
     assert coarse.spread_px == pytest.approx(np.hypot(0.3, 1.2 / np.sqrt(12.0)))
     assert smallest_cell_px(coarse) > smallest_cell_px(bench)
 
 
 def test_the_table_says_which_cells_are_too_small() -> None:
-    lines = printed(Meeting(0.06, 0.5))
+    lines = format_cell_leaks(MaskAlignment(0.06, 0.5))
     assert "guard of 1.31 px" in lines[0]
     marks = {line.split()[0]: "too small" in line for line in lines[2:-1]}
     assert marks == {"2": True, "3": True, "4": True, "6": False, "8": False, "12": False,
@@ -119,4 +126,4 @@ def test_the_table_says_which_cells_are_too_small() -> None:
 @pytest.mark.parametrize("wrong", [(-0.1, 0.3), (0.1, float("nan")), (float("inf"), 0.3)])
 def test_figures_that_cannot_be_are_refused(wrong: tuple[float, float]) -> None:
     with pytest.raises(CalibrationError, match="no cell size"):
-        Meeting(*wrong)
+        MaskAlignment(*wrong)

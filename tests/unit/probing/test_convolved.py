@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.convolved import Kernel
-from pdcd.probing.wanted import Full, Match, Near, Part, Uniform, Wanted, shifted
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.probing.convolved import KernelPart
+from pdcd.probing.wanted import (
+    FullPart,
+    MatchPart,
+    MatrixPart,
+    NearPart,
+    UniformPart,
+    WantedMatrix,
+    shift_cells,
+)
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes import each
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Recipe
 
 GRID = (5, 7)
@@ -23,7 +31,7 @@ def recipe(monkeypatch: pytest.MonkeyPatch, many_taps: int) -> Recipe:
     monkeypatch.setattr(each, "MANY_TAPS", many_taps)
     kernel, light = rng.standard_normal((9, 13)), rng.random(CELLS)
     target = Target(Goal(name="filtered"), GRID, {"illumination": light}, {"kernel": kernel})
-    return recipe_of(target, How(codes=16))
+    return make_recipe(target, CaptureScheme(codes=16))
 
 
 def test_a_kernel_over_the_whole_grid_is_the_sum_of_its_taps(
@@ -49,19 +57,19 @@ def test_a_kernel_over_the_whole_grid_is_the_sum_of_its_taps(
 @pytest.mark.parametrize(
     "other",
     [
-        Near(GRID, 2),
-        Near(GRID, 9),
-        Uniform(CELLS),
-        Match(shifted(GRID, (1, -2))),
-        Full(np.random.default_rng(6).standard_normal((CELLS, CELLS))),
-        Kernel(GRID, np.random.default_rng(7).standard_normal((5, 9))),
+        NearPart(GRID, 2),
+        NearPart(GRID, 9),
+        UniformPart(CELLS),
+        MatchPart(shift_cells(GRID, (1, -2))),
+        FullPart(np.random.default_rng(6).standard_normal((CELLS, CELLS))),
+        KernelPart(GRID, np.random.default_rng(7).standard_normal((5, 9))),
     ],
 )
-def test_what_it_shares_with_other_parts_is_summed_up(other: Part) -> None:
-    kernel = Kernel(GRID, np.random.default_rng(8).standard_normal((3, 11)))
+def test_what_it_shares_with_other_parts_is_summed_up(other: MatrixPart) -> None:
+    kernel = KernelPart(GRID, np.random.default_rng(8).standard_normal((3, 11)))
     weights = np.random.default_rng(9).random(CELLS)
     both = kernel.rows(0, CELLS) * other.rows(0, CELLS)
     np.fill_diagonal(both, 0.0)
     np.testing.assert_allclose(kernel.overlap(other, weights), both @ weights, atol=1e-12)
     np.testing.assert_allclose(other.overlap(kernel, weights), both @ weights, atol=1e-12)
-    assert Wanted(GRID, ((1.0, kernel),)).uniform is None
+    assert WantedMatrix(GRID, ((1.0, kernel),)).uniform is None

@@ -7,9 +7,24 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.probing.deviation import EXACT_CELLS, deviation, row_deviations, row_weights_s
-from pdcd.probing.realised import Factors, signed_sum
-from pdcd.probing.wanted import Full, Grid, Match, Near, Outer, Part, Uniform, Wanted, shifted
+from pdcd.probing.deviation import (
+    EXACT_CELLS,
+    compute_row_deviations,
+    measure_deviation,
+    row_weights_s,
+)
+from pdcd.probing.realised import Factors, sum_signed_factors
+from pdcd.probing.wanted import (
+    FullPart,
+    Grid,
+    MatchPart,
+    MatrixPart,
+    NearPart,
+    OuterPart,
+    UniformPart,
+    WantedMatrix,
+    shift_cells,
+)
 from tests import bench_rig
 
 Floats = NDArray[np.float64]
@@ -29,32 +44,32 @@ SUMS = [
 ]
 
 
-def part(name: str, grid: Grid, rng: np.random.Generator) -> Part:
+def part(name: str, grid: Grid, rng: np.random.Generator) -> MatrixPart:
     n = grid[0] * grid[1]
     match name:
         case "u":
-            return Uniform(n)
+            return UniformPart(n)
         case "same":
-            return Match(np.arange(n))
+            return MatchPart(np.arange(n))
         case "warp":
-            return Match(rng.integers(-1, n, n))
+            return MatchPart(rng.integers(-1, n, n))
         case "shift":
-            return Match(shifted(grid, (1, -1)))
+            return MatchPart(shift_cells(grid, (1, -1)))
         case "near1" | "near3":
-            return Near(grid, int(name[-1]))
+            return NearPart(grid, int(name[-1]))
         case "outer":
-            return Outer(rng.normal(size=n), rng.normal(size=n))
-    return Full(rng.normal(size=(n, n)))
+            return OuterPart(rng.normal(size=n), rng.normal(size=n))
+    return FullPart(rng.normal(size=(n, n)))
 
 
-def some_sum(names: str, grid: Grid, *, lit: bool) -> Wanted:
+def some_sum(names: str, grid: Grid, *, lit: bool) -> WantedMatrix:
     """A sum of such parts with weights at random, under a light that is dark here and there."""
     rng = np.random.default_rng(len(names))
     light = rng.random(grid[0] * grid[1]) if lit else None
     if light is not None:
         light[light < 0.3] = 0.0
     parts = tuple((float(rng.normal()), part(name, grid, rng)) for name in names.split())
-    return Wanted(grid, parts, light)
+    return WantedMatrix(grid, parts, light)
 
 
 def some_factors(cells: int, rank: int = 9, seed: int = 0) -> Factors:
@@ -92,13 +107,13 @@ def test_weights_and_deviations_are_those_of_the_matrices(
     np.testing.assert_allclose(inner, (matrix * whole).sum(axis=1), atol=1e-11)
     np.testing.assert_allclose(norm, (whole**2).sum(axis=1), atol=1e-11)
     mean, square, diagonal = exact(got, wanted, 0.7)
-    found = row_deviations(got, wanted, 0.7)
+    found = compute_row_deviations(got, wanted, 0.7)
     np.testing.assert_allclose(found[0], mean, atol=1e-11)
     np.testing.assert_allclose(found[1] + found[0] ** 2, square, atol=1e-11)
     np.testing.assert_allclose(found[2], diagonal, atol=1e-11)
 
 
-def exact(got: Factors, wanted: Wanted, weight: float) -> tuple[Floats, Floats, Floats]:
+def exact(got: Factors, wanted: WantedMatrix, weight: float) -> tuple[Floats, Floats, Floats]:
     """Mean and mean square off the diagonal, and the diagonal, by sums of 64 bits of mantissa."""
     n = wanted.cells
     error = got.left.T.astype(np.longdouble) @ got.right.astype(np.longdouble) / weight
@@ -110,8 +125,8 @@ def exact(got: Factors, wanted: Wanted, weight: float) -> tuple[Floats, Floats, 
     return mean.astype(np.float64), square.astype(np.float64), diagonal
 
 
-def bound(got: Factors, wanted: Wanted, weight: float) -> Floats:
-    """What `row_deviations` promises of its mean squares, (N,)."""
+def bound(got: Factors, wanted: WantedMatrix, weight: float) -> Floats:
+    """What `compute_row_deviations` promises of its mean squares, (N,)."""
     camera, projector = wanted.products()
     left = np.concatenate([got.left / weight, camera])
     right = np.concatenate([got.right, projector])
@@ -140,7 +155,7 @@ def coded(grid: Grid, count: int, leak: float = 0.0, unit: float = 1.0) -> Facto
         (coded((12, 16), 256, unit=1e6), (12, 16)),
         (some_factors(48, rank=60), (6, 8)),
         (
-            signed_sum(
+            sum_signed_factors(
                 [
                     (1.0, coded((6, 8), 64, leak=0.1)),
                     (-1.0, coded((6, 8), 64, leak=0.1)),
@@ -155,7 +170,7 @@ def test_mean_squares_keep_their_bound(got: Factors, grid: Grid, names: str, lit
     wanted = some_sum(names, grid, lit=lit)
     weight = float(got.left.mean() * got.right.mean()) * len(got.left) or 1.0
     mean, square, _ = exact(got, wanted, weight)
-    found = row_deviations(got, wanted, weight)
+    found = compute_row_deviations(got, wanted, weight)
     assert (found[1] >= 0.0).all()
     assert np.abs(found[0] - mean).max() <= np.sqrt(bound(got, wanted, weight)).max() * 1e-7
     assert (np.abs(found[1] + found[0] ** 2 - square) <= bound(got, wanted, weight)).all()
@@ -163,7 +178,9 @@ def test_mean_squares_keep_their_bound(got: Factors, grid: Grid, names: str, lit
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
 def test_codes_without_error_show_next_to_none(unit: float) -> None:
-    report = deviation(coded((20, 24), 512, unit=unit), bench_rig.uniform((20, 24), 0.0, 1.0))
+    report = measure_deviation(
+        coded((20, 24), 512, unit=unit), bench_rig.uniform((20, 24), 0.0, 1.0)
+    )
     assert report.off_max is not None and report.off_max < 1e-12
     assert report.off_rms <= report.off_rms_worst < 1e-8
     assert report.weight_s == pytest.approx(128 * unit)
@@ -173,7 +190,7 @@ def test_the_largest_deviation_of_many_cells_is_bounded_only() -> None:
     grid = (33, 32)
     assert grid[0] * grid[1] > EXACT_CELLS
     got, wanted = coded(grid, 16), bench_rig.uniform(grid, 0.0, 1.0)
-    report = deviation(got, wanted)
+    report = measure_deviation(got, wanted)
     error = got.dense() / report.weight_s - wanted.dense()
     square = (error**2).sum(axis=1) / (wanted.cells - 1)
     assert report.off_max is None

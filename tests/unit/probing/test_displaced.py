@@ -10,11 +10,11 @@ from pdcd.panels.frames import FrameLog
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.make import make_plan
 from pdcd.probing.fine import Beams
-from pdcd.probing.realised import bench_factors, collect
+from pdcd.probing.realised import collect_factors, compute_bench_factors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.products import Exposure
-from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.optics.products import PanelExposure
+from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.scene import Scene
 
 GRID = (3, 5)
@@ -87,7 +87,7 @@ def test_the_bench_of_pixels_and_that_of_cells_see_the_same(window: str) -> None
     cells = grid[0] * grid[1]
     moved = np.stack([np.zeros(cells), rng.integers(-30, 30, cells) / px], axis=1)
     moved[7] = np.nan
-    scene = Scene("moved", grid, (Displaced("direct", grid, rng.random(cells), moved),))
+    scene = Scene("moved", grid, (DisplacedEffect("direct", grid, rng.random(cells), moved),))
     size = (grid[1] * px, grid[0] * px)
     config = Config(
         projector=PanelConfig(size_px=size),
@@ -100,15 +100,15 @@ def test_the_bench_of_pixels_and_that_of_cells_see_the_same(window: str) -> None
     frames = plan.frames(next(s for s in plan.recipe.shots if s.name == "coded"))
     log = log_of(len(frames))
     end_ns = int(log.end_ns.max())
-    whole = collect(
-        bench_factors(
+    whole = collect_factors(
+        compute_bench_factors(
             frames, log, config.projector, config.mask, open_ns=0, close_ns=end_ns,
             displacement=scene.displacement,
         )
     )  # fmt: skip
     cells_light = scene.photo(whole.left, whole.right, whole.coaxial, whole.open_s, whole.displaced)
     optics = OpticalBench(config, scene, (grid[0] * px, grid[1] * px))
-    quads = optics.photo(Exposure(frames, log, 0, end_ns))
+    quads = optics.photo(PanelExposure(frames, log, 0, end_ns))
     seen = quads.reshape(grid[0], px, grid[1], px, 3).mean(axis=(1, 3)).reshape(cells, 3)
     np.testing.assert_allclose(seen, cells_light, atol=1e-9)
     assert cells_light[7].max() == 0.0 < cells_light.max()

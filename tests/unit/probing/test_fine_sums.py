@@ -11,26 +11,33 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.placing import Placing
-from pdcd.probing.fine import REACH, Blur, Fine, FineSums, cut_by_windows, summed
-from pdcd.probing.spans import ALL_AT_ONCE, Band, band_delays_ns, bands_of
+from pdcd.probing.fine import (
+    GAUSSIAN_REACH,
+    Blur,
+    PieceSums,
+    PieceWeights,
+    is_cut_by_windows,
+    sum_piece_weights,
+)
+from pdcd.probing.spans import ALL_AT_ONCE, Band, band_delays_ns, split_into_bands
 
 Floats = NDArray[np.float64]
 GRID = (2, 3)
 
 
-def fine(seed: int, cut: float = 0.5) -> Fine:
+def fine(seed: int, cut: float = 0.5) -> PieceWeights:
     light, own, coaxial = np.random.default_rng(seed).random((3, 2, 4))
-    return Fine(((0.0, cut, 1.0), (0.0, 1.0)), True, light, own, coaxial)
+    return PieceWeights(((0.0, cut, 1.0), (0.0, 1.0)), True, light, own, coaxial)
 
 
 def test_sums_are_weighted_field_by_field() -> None:
     one, other = fine(1), fine(2)
-    total = summed([(2.0, one), (-0.5, other)])
+    total = sum_piece_weights([(2.0, one), (-0.5, other)])
     assert total is not None and total.cuts == one.cuts and total.smooth
     for name in ("light", "own", "coaxial"):
         wanted = 2.0 * getattr(one, name) - 0.5 * getattr(other, name)
         np.testing.assert_allclose(getattr(total, name), wanted)
-    assert summed([(1.0, one)]) is one
+    assert sum_piece_weights([(1.0, one)]) is one
     half = one.scaled(0.5)
     np.testing.assert_allclose(half.light, one.light / 2)
     np.testing.assert_allclose(half.own, one.own / 2)
@@ -39,10 +46,10 @@ def test_sums_are_weighted_field_by_field() -> None:
 
 
 def test_what_is_missing_or_cut_in_another_way_has_no_sum() -> None:
-    assert summed([]) is None
-    assert summed([(1.0, None), (1.0, fine(1))]) is None
-    assert summed([(1.0, fine(1)), (1.0, None)]) is None
-    assert summed([(1.0, fine(1)), (1.0, fine(2, cut=0.25))]) is None
+    assert sum_piece_weights([]) is None
+    assert sum_piece_weights([(1.0, None), (1.0, fine(1))]) is None
+    assert sum_piece_weights([(1.0, fine(1)), (1.0, None)]) is None
+    assert sum_piece_weights([(1.0, fine(1)), (1.0, fine(2, cut=0.25))]) is None
 
 
 def test_direct_light_and_that_of_others_are_kept_by_their_weights() -> None:
@@ -59,7 +66,7 @@ def test_direct_light_and_that_of_others_are_kept_by_their_weights() -> None:
 def test_cells_are_cut_where_any_axis_is(
     window: str, offset: tuple[float, float], cut: bool
 ) -> None:
-    assert cut_by_windows(Lattice(GRID, window, offset)) is cut
+    assert is_cut_by_windows(Lattice(GRID, window, offset)) is cut
 
 
 @pytest.mark.parametrize("window", ["quarter", "side-3/4"])
@@ -71,7 +78,7 @@ def test_sums_of_each_piece_are_those_of_the_matrix(window: str) -> None:
     masks[1, 0] = 0.0  # shut throughout
     masks[0, 1, 3] = 0.0  # shut at one cell
     right = rng.random((3, lattice.cells))
-    sums = FineSums(lattice)
+    sums = PieceSums(lattice)
     sums.add_rows(masks, right)
     sums.add_rows(masks[:1], right[:1])
     for part in lattice.overlaps:
@@ -96,7 +103,7 @@ def test_sums_of_each_piece_are_those_of_the_matrix(window: str) -> None:
 
 
 def test_whole_cells_change_at_their_edges() -> None:
-    assert not FineSums(Lattice(GRID, "whole", (0.25, 0.0))).fine().smooth
+    assert not PieceSums(Lattice(GRID, "whole", (0.25, 0.0))).fine().smooth
 
 
 def _spread(a: float, b: float, c: float, d: float, sigma: float) -> float:
@@ -135,7 +142,7 @@ def test_nothing_is_left_of_a_gaussian_beyond_its_reach() -> None:
     lattice, sigma = Lattice((1, 40)), 0.5
     (share,) = Blur(lattice, (0.0, sigma)).shares[1]
     apart = np.abs(np.subtract.outer(np.arange(40), np.arange(40))) - 1.0
-    assert (share[apart >= REACH * sigma] == 0.0).all()
+    assert (share[apart >= GAUSSIAN_REACH * sigma] == 0.0).all()
     assert (share[apart <= 5.0 * sigma] > 0.0).all()
     np.testing.assert_allclose(share[:, 15:25].sum(axis=0), 1.0, rtol=1e-12)
 
@@ -177,7 +184,7 @@ def panel(**more: object) -> PanelConfig:
 def test_panels_without_rows_to_wait_for_come_at_once() -> None:
     lattice = Lattice((4, 3))
     for config in (panel(scan_bands=4), panel(scan_s=0.009, scan_bands=1)):
-        assert bands_of(config, config, lattice, mask=False) == ALL_AT_ONCE
+        assert split_into_bands(config, config, lattice, mask=False) == ALL_AT_ONCE
     assert ALL_AT_ONCE[0].count(7) == 7
     assert Band(3, np.array([4, 6])).count(7) == 2
 
@@ -187,7 +194,7 @@ def test_cells_come_with_the_row_under_their_centre(turn_deg: float, rows: list[
     """Four rows of cells on four rows of pixels; more bands than rows are as many as rows."""
     config = panel(scan_s=0.003, scan_bands=99, place=Placing(turn_deg=turn_deg))
     for mask in (False, True):
-        bands = bands_of(config, config, Lattice((4, 3)), mask=mask)
+        bands = split_into_bands(config, config, Lattice((4, 3)), mask=mask)
         assert [band.delay_ns for band in bands] == [0, 1_000_000, 2_000_000, 3_000_000]
         for band, row in zip(bands, rows, strict=True):
             assert isinstance(band.pixels, np.ndarray)
@@ -201,7 +208,7 @@ def test_cells_come_with_the_row_under_their_centre(turn_deg: float, rows: list[
 def test_whole_cells_come_with_the_row_under_their_middle(mask: bool) -> None:
     """Eight rows of pixels on two rows of cells: the third and the seventh."""
     config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
-    first, second = bands_of(config, config, Lattice((2, 3)), mask=mask)
+    first, second = split_into_bands(config, config, Lattice((2, 3)), mask=mask)
     assert (first.delay_ns, second.delay_ns) == (2_000_000, 6_000_000)
     assert np.asarray(first.pixels).tolist() == [0, 1, 2]
     assert np.asarray(second.pixels).tolist() == [3, 4, 5, 6] if mask else [3, 4, 5]
@@ -214,7 +221,7 @@ def test_halves_and_windows_come_with_their_own_row(mask: bool) -> None:
     config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
     lattice = Lattice((2, 3), "quarter")
     late = {}
-    for band in bands_of(config, config, lattice, mask=mask):
+    for band in split_into_bands(config, config, lattice, mask=mask):
         assert isinstance(band.pixels, np.ndarray)
         late.update(dict.fromkeys(band.pixels.tolist(), band.delay_ns // 1_000_000))
     if not mask:

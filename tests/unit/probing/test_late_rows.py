@@ -16,13 +16,13 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.pixels import PanelPictures, Shown
+from pdcd.panels.pixels import PanelPictures, ShownPictures
 from pdcd.panels.placing import Placing
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.panel import Panel, offset_cells
-from pdcd.probing.pixel_matrix import pixel_factors
-from pdcd.probing.realised import Factors, bench_factors, collect
-from pdcd.probing.spans import ALL_AT_ONCE, band_delays_ns, bands_of
+from pdcd.probing.panel import PanelOptics, offset_cells
+from pdcd.probing.pixel_matrix import compute_pixel_factors
+from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors
+from pdcd.probing.spans import ALL_AT_ONCE, band_delays_ns, split_into_bands
 from tests import bench_rig, oracles
 from tests.sampled import sampled
 
@@ -74,13 +74,13 @@ def followed(projector: PanelConfig, mask: PanelConfig, window: str) -> Dense:
         for panel, side in ((projector, False), (mask, True))
     ]
     out = np.zeros((delays[1].size, delays[0].size))
-    optics = [Panel.from_config(panel) for panel in (projector, mask)]
+    optics = [PanelOptics.from_config(panel) for panel in (projector, mask)]
     lines = [
         {
             int(delay): oracles.timeline(
                 frames,
                 log,
-                Panel(0.0, 0.0, 0.0, optics[side].skew_ns + int(delay)),
+                PanelOptics(0.0, 0.0, 0.0, optics[side].skew_ns + int(delay)),
                 0,
                 side == 0,
                 FINE,
@@ -143,8 +143,8 @@ def realised(
     projector: PanelConfig, mask: PanelConfig, window: str, *, fine: bool = False
 ) -> Factors:
     frames, log, close_ns = exposure(window)
-    return collect(
-        bench_factors(frames, log, projector, mask, open_ns=0, close_ns=close_ns, fine=fine)
+    return collect_factors(
+        compute_bench_factors(frames, log, projector, mask, open_ns=0, close_ns=close_ns, fine=fine)
     )
 
 
@@ -185,7 +185,7 @@ def test_misregistered_rows() -> None:
 
 def test_a_panel_on_its_side_is_late_by_columns() -> None:
     mask = told(MASK, scan_s=0.01, place=Placing(turn_deg=90.0))
-    bands = bands_of(mask, PROJECTOR, Lattice(GRID, "whole"), mask=True)
+    bands = split_into_bands(mask, PROJECTOR, Lattice(GRID, "whole"), mask=True)
     delays = np.empty(7, np.int64)
     for band in bands:
         delays[band.pixels] = band.delay_ns
@@ -197,7 +197,7 @@ def test_a_panel_on_its_side_is_late_by_columns() -> None:
 def test_panels_that_are_set_at_once_have_one_band() -> None:
     """Then nothing is done that was not done before."""
     for panel in (PROJECTOR, told(MASK, scan_s=0.01, scan_bands=1)):
-        assert bands_of(panel, PROJECTOR, Lattice(GRID), mask=False) is ALL_AT_ONCE
+        assert split_into_bands(panel, PROJECTOR, Lattice(GRID), mask=False) is ALL_AT_ONCE
     np.testing.assert_array_equal(band_delays_ns(0.01, 3), [0, 5_000_000, 10_000_000])
     np.testing.assert_array_equal(band_delays_ns(-0.01, 3), [10_000_000, 5_000_000, 0])
 
@@ -275,10 +275,10 @@ def test_pictures_of_single_pixels_refuse_what_they_do_not_know(more: dict[str, 
         PanelPictures(panel.size_px, (np.zeros(panel.size_px[::-1], np.uint16),), rows)
         for panel in (PROJECTOR, MASK)
     )
-    shown = Shown(projector, pictures)
+    shown = ShownPictures(projector, pictures)
     with pytest.raises(ConfigError, match="single pixels"):
         list(
-            pixel_factors(
+            compute_pixel_factors(
                 shown, log, PROJECTOR, told(MASK, **more), grid=GRID, open_ns=0, close_ns=close_ns
             )
         )

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.probing.panel import Panel, Trajectory, apart_s, decay_integral, offset_cells
+from pdcd.probing.panel import (
+    PanelOptics,
+    Trajectory,
+    compute_decay_integral,
+    offset_cells,
+    vblank_lag_s,
+)
 
 
 @pytest.mark.parametrize("duration", [1e-12, 1e-9, 1e-6, 1e-3])
@@ -18,30 +24,30 @@ def test_decay_integral_of_short_intervals_keeps_full_precision(duration: float)
     series = Fraction(duration) * sum(
         (-x) ** k / Fraction(int(np.prod(range(1, k + 2), dtype=object))) for k in range(12)
     )
-    got = float(decay_integral(np.array(rate), np.array(duration)))
+    got = float(compute_decay_integral(np.array(rate), np.array(duration)))
     assert got == pytest.approx(float(series), rel=4e-16)
 
 
 def test_decay_integral_without_decay_is_the_duration() -> None:
-    got = decay_integral(np.array([0.0, 1e-300]), np.array([0.3, 0.3]))
+    got = compute_decay_integral(np.array([0.0, 1e-300]), np.array([0.3, 0.3]))
     np.testing.assert_allclose(got, 0.3, rtol=1e-15)
 
 
-def track(panel: Panel, pattern: list[list[bool]], step_s: float) -> Trajectory:
+def track(panel: PanelOptics, pattern: list[list[bool]], step_s: float) -> Trajectory:
     targets = np.array(pattern)
     starts = np.arange(len(pattern), dtype=np.int64) * round(step_s * 1e9)
     return Trajectory(panel, starts, targets.shape[1], lambda s: targets[s])
 
 
 def test_an_instant_panel_is_exactly_its_target() -> None:
-    fields = track(Panel(leak=0.01), [[True, False], [False, True]], 0.1).take(0, 2)
+    fields = track(PanelOptics(leak=0.01), [[True, False], [False, True]], 0.1).take(0, 2)
     assert fields.shape == (2, 1, 2)
     np.testing.assert_array_equal(fields[:, 0], [[1.0, 0.01], [0.01, 1.0]])
 
 
 @pytest.mark.parametrize(("rise", "fall"), [(0.0, 0.01), (0.01, 0.0)])
 def test_one_instant_and_one_slow_edge(rise: float, fall: float) -> None:
-    fields = track(Panel(rise, fall), [[True], [False]], 0.01).take(0, 2)
+    fields = track(PanelOptics(rise, fall), [[True], [False]], 0.01).take(0, 2)
     up, down = fields[0, :, 0], fields[1, :, 0]
     if rise == 0.0:
         np.testing.assert_array_equal(up, [1.0, 0.0, 0.0])
@@ -53,16 +59,16 @@ def test_one_instant_and_one_slow_edge(rise: float, fall: float) -> None:
 
 def test_equal_and_nearly_equal_constants_agree() -> None:
     pattern = [[True, False], [False, True], [True, True], [False, False]]
-    same = track(Panel(0.005, 0.005), pattern, 0.007).take(0, 4).sum(axis=1)
-    near = track(Panel(0.005, 0.005 * (1 + 1e-12)), pattern, 0.007).take(0, 4).sum(axis=1)
+    same = track(PanelOptics(0.005, 0.005), pattern, 0.007).take(0, 4).sum(axis=1)
+    near = track(PanelOptics(0.005, 0.005 * (1 + 1e-12)), pattern, 0.007).take(0, 4).sum(axis=1)
     np.testing.assert_allclose(same, near, rtol=0, atol=1e-11)
 
 
 def test_taking_piece_by_piece_gives_the_same_fields() -> None:
     rng = np.random.default_rng(0)
     pattern = (rng.random((9, 5)) < 0.5).tolist()
-    whole = track(Panel(0.002, 0.006, 0.01), pattern, 0.004).take(0, 9)
-    pieces = track(Panel(0.002, 0.006, 0.01), pattern, 0.004)
+    whole = track(PanelOptics(0.002, 0.006, 0.01), pattern, 0.004).take(0, 9)
+    pieces = track(PanelOptics(0.002, 0.006, 0.01), pattern, 0.004)
     np.testing.assert_array_equal(pieces.take(0, 4), whole[0:4])
     np.testing.assert_array_equal(pieces.take(3, 7), whole[3:7])
     np.testing.assert_array_equal(pieces.take(7, 9), whole[7:9])
@@ -70,8 +76,8 @@ def test_taking_piece_by_piece_gives_the_same_fields() -> None:
 
 def test_panel_from_config() -> None:
     config = PanelConfig(size_px=(8, 8), rise_s=0.1, fall_s=0.2, contrast=250.0, skew_s=-0.002)
-    assert Panel.from_config(config) == Panel(0.1, 0.2, 0.004, -2_000_000)
-    assert Panel.from_config(PanelConfig(size_px=(8, 8))) == Panel()
+    assert PanelOptics.from_config(config) == PanelOptics(0.1, 0.2, 0.004, -2_000_000)
+    assert PanelOptics.from_config(PanelConfig(size_px=(8, 8))) == PanelOptics()
 
 
 def test_offset_in_cells_is_rows_then_columns() -> None:
@@ -81,9 +87,9 @@ def test_offset_in_cells_is_rows_then_columns() -> None:
 
 
 def test_rates_are_those_of_both_edges() -> None:
-    np.testing.assert_allclose(Panel(0.001, 0.01).rates, [0.0, 1000.0, 100.0])
-    np.testing.assert_allclose(Panel(0.01, 0.01).rates, [0.0, 100.0])
-    np.testing.assert_array_equal(Panel().rates, [0.0])
+    np.testing.assert_allclose(PanelOptics(0.001, 0.01).rates, [0.0, 1000.0, 100.0])
+    np.testing.assert_allclose(PanelOptics(0.01, 0.01).rates, [0.0, 100.0])
+    np.testing.assert_array_equal(PanelOptics().rates, [0.0])
 
 
 @pytest.mark.parametrize(
@@ -101,4 +107,4 @@ def test_panels_are_apart_by_their_phase(
     size = (100, 100)
     projector = PanelConfig(size_px=size, refresh_hz=projector_hz)
     mask = PanelConfig(size_px=size, refresh_hz=mask_hz, phase_s=phase_s)
-    assert apart_s(projector, mask) == pytest.approx(apart, abs=1e-12)
+    assert vblank_lag_s(projector, mask) == pytest.approx(apart, abs=1e-12)

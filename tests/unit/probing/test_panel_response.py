@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.panels.curve import power
-from pdcd.probing.panel import Panel, Trajectory, apart_s, blur_cells, decay_integral
+from pdcd.panels.curve import make_power_curve
+from pdcd.probing.panel import (
+    PanelOptics,
+    Trajectory,
+    blur_cells,
+    compute_decay_integral,
+    vblank_lag_s,
+)
 
 MS = 1_000_000
 
 
-def levels(panel: Panel, asked: list[list[float]], starts_ms: list[int]) -> Trajectory:
+def levels(panel: PanelOptics, asked: list[list[float]], starts_ms: list[int]) -> Trajectory:
     targets = np.array(asked)
     starts = np.array(starts_ms, dtype=np.int64) * MS
     return Trajectory(panel, starts, targets.shape[1], lambda span: targets[span])
@@ -20,7 +26,7 @@ def levels(panel: Panel, asked: list[list[float]], starts_ms: list[int]) -> Traj
 
 def test_a_panel_leaves_its_leak_for_what_it_is_asked_and_comes_back() -> None:
     """Rise 2 ms, fall 5 ms, leak 0.1; white for 3 ms, then grey, then black."""
-    panel = Panel(0.002, 0.005, 0.1)
+    panel = PanelOptics(0.002, 0.005, 0.1)
     track = levels(panel, [[1.0], [0.5], [0.0]], [0, 3, 7])
     assert (track.fields, track.pixels, track.reached) == (3, 1, 0)
     found = track.take(0, 3)[:, :, 0]
@@ -34,7 +40,7 @@ def test_a_panel_leaves_its_leak_for_what_it_is_asked_and_comes_back() -> None:
 
 
 def test_one_constant_for_both_ways_makes_two_fields() -> None:
-    track = levels(Panel(0.004, 0.004), [[1.0, 0.0], [0.0, 1.0]], [0, 2])
+    track = levels(PanelOptics(0.004, 0.004), [[1.0, 0.0], [0.0, 1.0]], [0, 2])
     left = np.exp(-0.5)
     np.testing.assert_allclose(
         track.take(0, 2),
@@ -45,20 +51,20 @@ def test_one_constant_for_both_ways_makes_two_fields() -> None:
 
 @pytest.mark.parametrize(("rise", "fall"), [(0.0, 0.003), (0.003, 0.0)])
 def test_a_panel_that_jumps_one_way_is_there_at_once(rise: float, fall: float) -> None:
-    track = levels(Panel(rise, fall), [[1.0], [0.0], [1.0]], [0, 3, 6])
+    track = levels(PanelOptics(rise, fall), [[1.0], [0.0], [1.0]], [0, 3, 6])
     found = track.take(0, 3)[:, :, 0]
     if rise == 0.0:
         np.testing.assert_allclose(found, [[1, 0, 0], [0, 0, 1], [1, 0, 0]])
         return
     up = 1.0 - np.exp(-1.0)
     np.testing.assert_allclose(found, [[1, -1, 0], [0, 0, 0], [1, -1, 0]])
-    again = levels(Panel(rise, fall), [[1.0], [1.0]], [0, 3]).take(0, 2)[:, :, 0]
+    again = levels(PanelOptics(rise, fall), [[1.0], [1.0]], [0, 3]).take(0, 2)[:, :, 0]
     np.testing.assert_allclose(again, [[1, -1, 0], [1, up - 1, 0]], atol=1e-15)
 
 
 def test_full_light_has_no_leak_whatever_the_rounding() -> None:
     leak = 1 / 3
-    found = levels(Panel(leak=leak), [[1.0, 0.0, 0.5]], [0]).take(0, 1)
+    found = levels(PanelOptics(leak=leak), [[1.0, 0.0, 0.5]], [0]).take(0, 1)
     assert found.shape == (1, 1, 3)
     assert found[0, 0, 0] == 1.0 and found[0, 0, 1] == leak
     assert found[0, 0, 2] == pytest.approx(2 / 3)
@@ -72,7 +78,7 @@ def test_calls_may_begin_one_span_before_the_last_one_ended() -> None:
         asked.append(span)
         return np.array([float(span % 2)])
 
-    track = Trajectory(Panel(), np.arange(5, dtype=np.int64), 1, target)
+    track = Trajectory(PanelOptics(), np.arange(5, dtype=np.int64), 1, target)
     assert track.take(0, 2).ravel().tolist() == [0.0, 1.0]
     assert track.reached == 2
     assert track.take(1, 3).ravel().tolist() == [1.0, 0.0]
@@ -81,22 +87,22 @@ def test_calls_may_begin_one_span_before_the_last_one_ended() -> None:
 
 
 def test_rates_of_one_edge_that_jumps_leave_that_field_alone() -> None:
-    assert Panel(0.0, 0.01).rates.tolist() == [0.0, 1.0, 100.0]
-    assert Panel(0.01, 0.0).rates.tolist() == [0.0, 100.0, 1.0]
-    assert Panel(1e-310, 1e-310).rates == pytest.approx([0.0, 1e300])
-    assert Panel(0.01, 0.01).rates.tolist() == [0.0, 100.0]
+    assert PanelOptics(0.0, 0.01).rates.tolist() == [0.0, 1.0, 100.0]
+    assert PanelOptics(0.01, 0.0).rates.tolist() == [0.0, 100.0, 1.0]
+    assert PanelOptics(1e-310, 1e-310).rates == pytest.approx([0.0, 1e300])
+    assert PanelOptics(0.01, 0.01).rates.tolist() == [0.0, 100.0]
 
 
 def test_later_rows_behave_as_the_panel_does_but_later() -> None:
-    panel = Panel(0.001, 0.002, 0.1, 500, power(2.2))
+    panel = PanelOptics(0.001, 0.002, 0.1, 500, make_power_curve(2.2))
     assert panel.later(0) is panel
-    assert panel.later(70) == Panel(0.001, 0.002, 0.1, 570, panel.curve)
+    assert panel.later(70) == PanelOptics(0.001, 0.002, 0.1, 570, panel.curve)
     assert panel.later(-70).skew_ns == 430
 
 
 def test_a_panel_knows_the_light_of_its_levels() -> None:
     config = PanelConfig(size_px=(8, 8), gamma=2.0, skew_s=1.6e-9)
-    panel = Panel.from_config(config)
+    panel = PanelOptics.from_config(config)
     assert panel.curve is not None and panel.curve.light[51] == pytest.approx(0.04)
     assert panel.skew_ns == 2 and panel.leak == 0.0
 
@@ -116,10 +122,10 @@ def test_half_a_period_apart_the_mask_leads(first: float, second: float, apart: 
     """At 100 Hz; the difference is taken from minus half a period up to half of one."""
     projector = PanelConfig(size_px=(8, 8), refresh_hz=100.0, phase_s=first)
     mask = PanelConfig(size_px=(8, 8), refresh_hz=100.0, phase_s=second)
-    assert apart_s(projector, mask) == pytest.approx(apart, abs=1e-15)
+    assert vblank_lag_s(projector, mask) == pytest.approx(apart, abs=1e-15)
 
 
 def test_decays_are_integrated_element_by_element() -> None:
     rate, duration = np.array([0.0, 2.0, 500.0]), np.array([0.3, 0.3, 2.0])
-    found = decay_integral(rate, duration)
+    found = compute_decay_integral(rate, duration)
     assert found == pytest.approx([0.3, (1.0 - np.exp(-0.6)) / 2.0, 1 / 500])

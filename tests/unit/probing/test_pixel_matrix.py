@@ -19,12 +19,12 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
-from pdcd.panels.patterns import levels_of
-from pdcd.panels.pixels import Shown
+from pdcd.panels.patterns import read_pattern_levels
+from pdcd.panels.pixels import ShownPictures
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.pixel_matrix import pixel_factors
-from pdcd.probing.realised import Factors, bench_factors, collect
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.probing.pixel_matrix import compute_pixel_factors
+from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors
+from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 from tests.panel_pixels import from_pictures
@@ -50,10 +50,16 @@ def panel(width: int, height: int, **more: Any) -> PanelConfig:
 
 
 def of_pixels(
-    shown: Shown, log: FrameLog, grid: tuple[int, int], *panels: PanelConfig, open_s: float = 10.0
+    shown: ShownPictures,
+    log: FrameLog,
+    grid: tuple[int, int],
+    *panels: PanelConfig,
+    open_s: float = 10.0,
 ) -> Factors:
     close_ns = round(open_s * 1e9)
-    return collect(pixel_factors(shown, log, *panels, grid=grid, open_ns=0, close_ns=close_ns))
+    return collect_factors(
+        compute_pixel_factors(shown, log, *panels, grid=grid, open_ns=0, close_ns=close_ns)
+    )
 
 
 def spread(picture: Floats, rows: int, columns: int) -> Floats:
@@ -144,7 +150,7 @@ def picture(frames: Frames, row: int, size_px: tuple[int, int], *, mask: bool) -
     if index in (BLACK, WHITE):
         return np.full((height, width), 255 * (index == WHITE), dtype=np.uint8)
     patterns = frames.dual_patterns if mask else frames.primal_patterns
-    cells = levels_of(patterns, index, frames.lattice[0] * frames.lattice[1])
+    cells = read_pattern_levels(patterns, index, frames.lattice[0] * frames.lattice[1])
     levels = cells.reshape(frames.lattice)
     shift = int(frames.shift[row])
     down = ((np.arange(height) + 0.5) / height * frames.grid[0] + 0.5 * (shift >> 1))[:, None]
@@ -187,7 +193,9 @@ def test_right_pixels_give_the_matrix_of_the_frame_log(
     log = log_of(len(frames), lag_ns=2 * MS)
     panels = panel(*PROJECTOR_PX, **projector), panel(*MASK_PX, **mask)
     close_ns = 5_000 * MS
-    wanted = collect(bench_factors(frames, log, *panels, open_ns=0, close_ns=close_ns))
+    wanted = collect_factors(
+        compute_bench_factors(frames, log, *panels, open_ns=0, close_ns=close_ns)
+    )
     found = of_pixels(from_pictures(*shown(frames)), log, GRID, *panels, open_s=5.0)
     scale = wanted.dense().max()
     np.testing.assert_allclose(found.dense(), wanted.dense(), rtol=0, atol=1e-12 * scale)
@@ -200,7 +208,9 @@ def test_a_mask_out_of_place_gives_the_matrix_of_the_frame_log() -> None:
     frames = asked("whole")
     log = log_of(len(frames))
     panels = panel(*PROJECTOR_PX), panel(*MASK_PX, offset_px=(1.0, -0.8), contrast=100.0)
-    wanted = collect(bench_factors(frames, log, *panels, open_ns=0, close_ns=10_000 * MS))
+    wanted = collect_factors(
+        compute_bench_factors(frames, log, *panels, open_ns=0, close_ns=10_000 * MS)
+    )
     found = of_pixels(from_pictures(*shown(frames)), log, GRID, *panels)
     np.testing.assert_allclose(found.dense(), wanted.dense(), rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.coaxial, wanted.coaxial, rtol=0, atol=1e-12)
@@ -226,7 +236,7 @@ def photo(projector: list[Bytes], mask: list[Bytes], transport: Floats) -> Float
         panel(*PROJECTOR_PX),
         panel(*MASK_PX),
     )
-    scene = Scene("test", GRID, matrix_effects(transport))
+    scene = Scene("test", GRID, split_into_effects(transport))
     return scene.photo(factors.left, factors.right, factors.coaxial, factors.open_s)[:, 0]
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import FrameLog
-from pdcd.panels.pixels import Shown
-from pdcd.probing.pixel_matrix import pixel_factors
-from pdcd.probing.realised import Factors, collect
+from pdcd.panels.pixels import ShownPictures
+from pdcd.probing.pixel_matrix import compute_pixel_factors
+from pdcd.probing.realised import Factors, collect_factors
 from tests.panel_pixels import from_pictures
 
 MS = 1_000_000
@@ -28,11 +28,11 @@ def log_of(count: int) -> FrameLog:
 
 
 def matrix(
-    shown: Shown, projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
+    shown: ShownPictures, projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
 ) -> Factors:
     log = log_of(len(shown))
-    return collect(
-        pixel_factors(shown, log, projector, mask, grid=grid, open_ns=0, close_ns=200 * MS)
+    return collect_factors(
+        compute_pixel_factors(shown, log, projector, mask, grid=grid, open_ns=0, close_ns=200 * MS)
     )
 
 

@@ -6,61 +6,66 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.timing.programmes import SETS, WHITES, Programme, asked
-from pdcd.calibration.timing.strips import Readings
-from pdcd.calibration.timing.timing_model import Model, Ran, Times
+from pdcd.calibration.timing.programmes import SETS, WHITES, Programme, expand_programmes
+from pdcd.calibration.timing.strips import StripReadings
+from pdcd.calibration.timing.timing_model import PanelTimes, PhotoLog, StripModel
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import SLOTS
-from pdcd.probing.panel import Panel
-from pdcd.probing.pulses import Answer, kept_apart, mean_light, mean_product
-from pdcd.probing.realised import collect, factors
+from pdcd.probing.panel import PanelOptics
+from pdcd.probing.pulses import (
+    PanelResponse,
+    compute_code_separation,
+    compute_pulse_light,
+    compute_pulse_product,
+)
+from pdcd.probing.realised import collect_factors, compute_factors
 from pdcd.words import ScheduleName
 
 T = 1.0 / 60.0
 
 
-def ran(count: int) -> Ran:
+def ran(count: int) -> PhotoLog:
     rows = np.arange(count, dtype=np.int32)
     # Whole nanoseconds a refresh, so that the log's rounding is no part of the comparison.
     at = np.arange(count + 1, dtype=np.int64) * round(T * 1e9) + 100_000_000
     log = FrameLog(
         rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), np.zeros(count, np.int32), "t", True
     )
-    return Ran(log, 0, int(at[-1]) + 500_000_000)
+    return PhotoLog(log, 0, int(at[-1]) + 500_000_000)
 
 
 def through_s(
-    programmes: tuple[Programme, ...], ran: Ran, times: Times, lag_s: float
+    programmes: tuple[Programme, ...], ran: PhotoLog, times: PanelTimes, lag_s: float
 ) -> NDArray[np.float64]:
     """Seconds for which light got through the strips, (K,), by the realised matrix: a cell each."""
     count, rows = len(programmes), int(ran.log.primal_shown.max(initial=-1)) + 1
-    patterns = [np.packbits(side.T, axis=1) for side in asked(programmes)]
+    patterns = [np.packbits(side.T, axis=1) for side in expand_programmes(programmes)]
     index = (np.arange(rows) % programmes[0].of).astype(np.int32)
     frames = Frames(
         patterns[0], patterns[1], index, index, np.zeros(rows, np.uint8), index,
         np.zeros(rows, np.bool_), (1, count), (1, count), "whole",
     )  # fmt: skip
     projector, mask = times.answers
-    found = factors(
+    found = compute_factors(
         frames,
         ran.log,
-        Panel(float(projector.rise_s), float(projector.fall_s), 0.0),
-        Panel(float(mask.rise_s), float(mask.fall_s), 0.0, round(lag_s * 1e9)),
+        PanelOptics(float(projector.rise_s), float(projector.fall_s), 0.0),
+        PanelOptics(float(mask.rise_s), float(mask.fall_s), 0.0, round(lag_s * 1e9)),
         open_ns=ran.open_ns,
         close_ns=ran.close_ns,
     )
-    return np.asarray(collect(found).coaxial)
+    return np.asarray(collect_factors(found).coaxial)
 
 
-def reading_of(programmes: tuple[Programme, ...]) -> Readings:
+def reading_of(programmes: tuple[Programme, ...]) -> StripReadings:
     none = np.zeros((1, len(programmes)))
-    return Readings(none, none, np.array([0.5]), 1.0, programmes)
+    return StripReadings(none, none, np.array([0.5]), 1.0, programmes)
 
 
 def test_beginning_and_end_of_an_exposure_are_as_the_realised_matrix_has_them() -> None:
-    times = Times(np.array([0.002, 0.003, 0.004, 0.008]), np.zeros(2), np.array([0.0052]))
+    times = PanelTimes(np.array([0.002, 0.003, 0.004, 0.008]), np.zeros(2), np.array([0.0052]))
     programmes = (*SETS[0], WHITES)
-    model = Model([reading_of(programmes)], [ran(60)], round(T * 1e9) * 1e-9)
+    model = StripModel([reading_of(programmes)], [ran(60)], round(T * 1e9) * 1e-9)
     without_end = model.shape(times)[0, 0]
     model.correct(times)
     light = through_s(programmes, ran(60), times, 0.0052)
@@ -75,21 +80,25 @@ def test_beginning_and_end_of_an_exposure_are_as_the_realised_matrix_has_them() 
 )
 def test_the_closed_form_is_the_realised_matrix(lag_s: float, taus_s: tuple[float, ...]) -> None:
     """Two exposures, one ten periods longer: the difference has no beginning and no end."""
-    times = Times(np.array(taus_s), np.zeros(2), np.array([lag_s]))
+    times = PanelTimes(np.array(taus_s), np.zeros(2), np.array([lag_s]))
     programmes = (*SETS[0], *SETS[1])
     short, long = (through_s(programmes, ran(count), times, lag_s) for count in (60, 120))
     refresh = round(T * 1e9) * 1e-9
-    want = mean_product(*times.answers, *asked(programmes), lag_s, refresh) * 60 * refresh
+    want = (
+        compute_pulse_product(*times.answers, *expand_programmes(programmes), lag_s, refresh)
+        * 60
+        * refresh
+    )
     np.testing.assert_allclose(long - short, want, rtol=0, atol=1e-8)
     assert want.max() > 0.9  # seconds
 
 
 @pytest.mark.parametrize("slower", [1.0, 4.0])
 def test_a_panel_alone_shows_fall_minus_rise(slower: float) -> None:
-    answer = Answer(0.002, 0.007, 0.1 if slower > 1.0 else 0.0, slower)
+    answer = PanelResponse(0.002, 0.007, 0.1 if slower > 1.0 else 0.0, slower)
     pulse, always = np.arange(6) < 2, np.ones(6, dtype=np.bool_)
-    through = mean_product(answer, Answer(0.001, 0.001), pulse, always, 0.003, T)
-    assert float(mean_light(answer, pulse, T)) == pytest.approx(float(through), rel=1e-12)
+    through = compute_pulse_product(answer, PanelResponse(0.001, 0.001), pulse, always, 0.003, T)
+    assert float(compute_pulse_light(answer, pulse, T)) == pytest.approx(float(through), rel=1e-12)
     plain = 2 / 6 + (0.007 - 0.002) / (6 * T)  # panels that settle between their pulses
     if slower == 1.0:
         assert float(through) == pytest.approx(plain, rel=2e-3)
@@ -109,7 +118,9 @@ def test_panels_that_switch_at_once_leak_as_their_slots_overlap(
         both = min(lit[-1] + 1.0, first + opened.size) - max(lit[0], first)
         return max(0.0, float(both))
 
-    kept = kept_apart(name, Answer(0.0, 0.0), Answer(0.0, 0.0), late * T, T)
+    kept = compute_code_separation(
+        name, PanelResponse(0.0, 0.0), PanelResponse(0.0, 0.0), late * T, T
+    )
     own = overlap(0)
     if own == 0.0:
         assert kept.light < 1e-4
@@ -128,7 +139,7 @@ def test_slow_panels_leak_as_worked_out_by_hand() -> None:
     """A mask that closes slowly, in no time open, under `lag` with no lag: its tail meets one more
     refresh of its own light, then the next code's for two."""
     fall = 0.005
-    kept = kept_apart("lag", Answer(0.0, 0.0), Answer(0.0, fall), 0.0, T)
+    kept = compute_code_separation("lag", PanelResponse(0.0, 0.0), PanelResponse(0.0, fall), 0.0, T)
 
     def tail(low: float, high: float) -> float:
         return float(fall * (np.exp(-low / fall) - np.exp(-high / fall)))

@@ -10,9 +10,9 @@ from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.deviation import deviation, weight_s
-from pdcd.probing.panel import Panel
-from pdcd.probing.realised import collect, factors, signed_sum
+from pdcd.probing.deviation import measure_deviation, weight_s
+from pdcd.probing.panel import PanelOptics
+from pdcd.probing.realised import collect_factors, compute_factors, sum_signed_factors
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles
 
@@ -56,13 +56,15 @@ def close_ns(log: FrameLog) -> int:
 def both(
     frames: Frames,
     log: FrameLog,
-    primal: Panel,
-    dual: Panel,
+    primal: PanelOptics,
+    dual: PanelOptics,
     offset: tuple[float, float] = (0.0, 0.0),
     fine: int = FINE,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     end = close_ns(log)
-    got = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=end, offset_cells=offset))
+    got = collect_factors(
+        compute_factors(frames, log, primal, dual, open_ns=0, close_ns=end, offset_cells=offset)
+    )
     tp = oracles.timeline(frames, log, primal, 0, True, fine)
     td = oracles.timeline(frames, log, dual, 0, False, fine, offset)
     pairs = oracles.pair_integrals(tp, td, primal, dual, end * 1e-9)
@@ -71,10 +73,13 @@ def both(
 
 
 PANELS = {
-    "ideal": (Panel(), Panel()),
-    "leaking": (Panel(leak=1 / 800), Panel(leak=1 / 50, skew_ns=4_000_000)),
-    "slow": (Panel(0.004, 0.004), Panel(0.008, 0.008, skew_ns=-3_000_000)),
-    "uneven": (Panel(0.001, 0.003, 1 / 500, 2_000_000), Panel(0.012, 0.005, 1 / 300, 5_000_000)),
+    "ideal": (PanelOptics(), PanelOptics()),
+    "leaking": (PanelOptics(leak=1 / 800), PanelOptics(leak=1 / 50, skew_ns=4_000_000)),
+    "slow": (PanelOptics(0.004, 0.004), PanelOptics(0.008, 0.008, skew_ns=-3_000_000)),
+    "uneven": (
+        PanelOptics(0.001, 0.003, 1 / 500, 2_000_000),
+        PanelOptics(0.012, 0.005, 1 / 300, 5_000_000),
+    ),
 }
 
 
@@ -108,7 +113,9 @@ def test_time_steps_converge_to_the_closed_form_at_first_order() -> None:
     frames = frames_for("whole", "full", count=3)
     log = log_for(frames)
     end = close_ns(log)
-    got = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=end)).dense()
+    got = collect_factors(
+        compute_factors(frames, log, primal, dual, open_ns=0, close_ns=end)
+    ).dense()
     tp = oracles.timeline(frames, log, primal, 0, True, 1)
     td = oracles.timeline(frames, log, dual, 0, False, 1)
     errors = []
@@ -126,13 +133,13 @@ def test_many_chunks_and_low_rank_agree(monkeypatch: pytest.MonkeyPatch) -> None
     log = log_for(frames)
 
     def run() -> list[NDArray[np.float64]]:
-        parts = list(factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
-        whole = collect(parts)
+        parts = list(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
+        whole = collect_factors(parts)
         assert whole.left.shape[0] <= 6  # never more than the cells there are
         return [whole.dense(), whole.coaxial, whole.open_s, np.array([float(len(parts))])]
 
     one = run()
-    monkeypatch.setattr("pdcd.probing.realised.CHUNK_BYTES", 1)
+    monkeypatch.setattr("pdcd.probing.realised.FIELD_CHUNK_BYTES", 1)
     many = run()
     assert one[3] < many[3]
     for a, b in zip(one[:3], many[:3], strict=True):
@@ -144,8 +151,10 @@ def test_many_chunks_and_low_rank_agree(monkeypatch: pytest.MonkeyPatch) -> None
 def test_guards_keep_direct_light_out_up_to_one_refresh_of_skew(window: str, skew: float) -> None:
     frames = frames_for(window, "full", count=8, grid=(3, 4))
     log = log_for(frames, start_ns=40_000_000)
-    dual = Panel(skew_ns=round(skew * REFRESH_NS))
-    got = collect(factors(frames, log, Panel(), dual, open_ns=0, close_ns=close_ns(log)))
+    dual = PanelOptics(skew_ns=round(skew * REFRESH_NS))
+    got = collect_factors(
+        compute_factors(frames, log, PanelOptics(), dual, open_ns=0, close_ns=close_ns(log))
+    )
     assert got.coaxial.max() == 0.0
     assert got.total_s > 0.0
 
@@ -155,8 +164,10 @@ def test_without_guards_the_leak_equals_the_formula(skew: float) -> None:
     """Mask k meets primal k+1 (or k-1) for |skew| of a refresh: sum over k of m_k i_k+-1."""
     frames = frames_for("whole", "none", count=16, grid=(3, 4))
     log = log_for(frames, start_ns=40_000_000)
-    dual = Panel(skew_ns=round(skew * REFRESH_NS))
-    got = collect(factors(frames, log, Panel(), dual, open_ns=0, close_ns=close_ns(log)))
+    dual = PanelOptics(skew_ns=round(skew * REFRESH_NS))
+    got = collect_factors(
+        compute_factors(frames, log, PanelOptics(), dual, open_ns=0, close_ns=close_ns(log))
+    )
     on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[:, :12].astype(float)
     closed = 1.0 - on
     meets = closed[:-1] * on[1:] if skew > 0 else closed[1:] * on[:-1]
@@ -170,15 +181,15 @@ def test_slow_panels_leak_as_the_report_says() -> None:
     tau, leak = 0.006, 1 / 300
     frames = frames_for("whole", "full", count=1, grid=(2, 2), seed=3)
     log = log_for(frames, start_ns=0)
-    primal, dual = Panel(), Panel(tau, tau, leak)
+    primal, dual = PanelOptics(), PanelOptics(tau, tau, leak)
     end = 3 * REFRESH_NS
-    got = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=end))
+    got = collect_factors(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=end))
     t = REFRESH_NS * 1e-9
     on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[0, :4].astype(bool)
     # A lit cell's mask never opens: it leaks for all three refreshes.
     np.testing.assert_allclose(got.coaxial[on], 3 * t * leak, rtol=1e-12)
     assert np.all(got.coaxial[~on] == 0.0)
-    report = deviation(got, bench_rig.uniform((2, 2), 0.0, 1.0))
+    report = measure_deviation(got, bench_rig.uniform((2, 2), 0.0, 1.0))
     assert report.diagonal_max == pytest.approx(3 * t * leak / report.weight_s, rel=1e-12)
 
 
@@ -190,7 +201,11 @@ def test_indirect_codes_have_an_exactly_zero_diagonal(family: str, window: str, 
     codes = make_codes(family, Lattice(grid, window).shape, count, dual="complement", seed=5)
     frames = build_frames(bench_rig.pairs(codes), grid, window=window, schedule="full", passes=2)
     log = log_for(frames)
-    got = collect(factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log)))
+    got = collect_factors(
+        compute_factors(
+            frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log)
+        )
+    )
     assert got.coaxial.max() == 0.0
     if window == "whole":
         assert np.abs(np.diag(got.dense())).max() == 0.0
@@ -202,7 +217,11 @@ def test_windows_tile_the_mask() -> None:
     codes = make_codes("hadamard", Lattice(grid, "quarter").shape, 64, dual="same", seed=5)
     frames = build_frames(bench_rig.pairs(codes), grid, window="quarter", schedule="full", passes=1)
     log = log_for(frames)
-    got = collect(factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log)))
+    got = collect_factors(
+        compute_factors(
+            frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log)
+        )
+    )
     np.testing.assert_allclose(got.open_s, 32 * REFRESH_NS * 1e-9, rtol=1e-12)
 
 
@@ -230,9 +249,9 @@ def test_larger_windows_gain_light_and_keep_off_what_their_guard_covers(
     def weight(window: str, offset: tuple[float, float]) -> tuple[float, float]:
         frames = frames_for(window, "full", count=16, grid=(3, 3))
         log = log_for(frames)
-        got = collect(
-            factors(
-                frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log),
+        got = collect_factors(
+            compute_factors(
+                frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log),
                 offset_cells=offset,
             )
         )  # fmt: skip
@@ -249,9 +268,9 @@ def test_larger_windows_gain_light_and_keep_off_what_their_guard_covers(
 def test_quarter_windows_tolerate_a_quarter_cell(offset: float, leaks: bool) -> None:
     frames = frames_for("quarter", "full", count=16, grid=(3, 3))
     log = log_for(frames)
-    got = collect(
-        factors(
-            frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log),
+    got = collect_factors(
+        compute_factors(
+            frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log),
             offset_cells=(offset, 0.0),
         )
     )  # fmt: skip
@@ -262,13 +281,15 @@ def test_weight_is_the_least_squares_factor_and_report_is_the_dense_difference()
     primal, dual = PANELS["uneven"]
     frames = frames_for("quarter", "full", count=6, grid=(3, 4))
     log = log_for(frames)
-    got = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
+    got = collect_factors(
+        compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log))
+    )
     n = 12
     off = ~np.eye(n, dtype=bool)
     matrix = got.dense()
     indirect = bench_rig.uniform((3, 4), 0.0, 1.0)
     assert weight_s(got, indirect) == pytest.approx(matrix[off].mean(), rel=1e-12)
-    report = deviation(got, indirect)
+    report = measure_deviation(got, indirect)
     error = matrix[off] / report.weight_s - 1.0
     assert report.off_max == pytest.approx(np.abs(error).max(), rel=1e-10)
     assert report.off_rms == pytest.approx(np.sqrt((error**2).mean()), rel=1e-10)
@@ -277,7 +298,7 @@ def test_weight_is_the_least_squares_factor_and_report_is_the_dense_difference()
 
 def test_black_level_shots_leave_the_codes_alone() -> None:
     """L3: P(i,m) - P(i,0) - P(0,m) + P(0,0) = (1 - eps)(1 - delta) sum m i, exactly."""
-    primal, dual = Panel(leak=0.01), Panel(leak=0.02)
+    primal, dual = PanelOptics(leak=0.01), PanelOptics(leak=0.02)
     grid = (3, 4)
     codes = make_codes("hadamard", grid, 8, dual="complement", seed=2)
     parts = []
@@ -289,9 +310,11 @@ def test_black_level_shots_leave_the_codes_alone() -> None:
             primal_black=p, dual_black=d,
         )  # fmt: skip
         log = log_for(frames)
-        one = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
+        one = collect_factors(
+            compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log))
+        )
         parts.append((sign, one))
-    total = signed_sum(parts)
+    total = sum_signed_factors(parts)
     want = (codes.dual.astype(float).T @ codes.primal) * REFRESH_NS * 1e-9 * 0.99 * 0.98
     np.testing.assert_allclose(total.dense(), want, rtol=0, atol=1e-14)
     np.testing.assert_allclose(total.coaxial, 0.0, atol=1e-15)
@@ -306,8 +329,12 @@ def test_white_frames_open_everything() -> None:
         passes=5,
     )
     log = log_for(frames)
-    got = collect(factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log)))
-    report = deviation(got, bench_rig.uniform((3, 4), 1.0, 1.0))
+    got = collect_factors(
+        compute_factors(
+            frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log)
+        )
+    )
+    report = measure_deviation(got, bench_rig.uniform((3, 4), 1.0, 1.0))
     assert report.weight_s == pytest.approx(5 * REFRESH_NS * 1e-9, rel=1e-12)
     assert report.off_max is not None and report.off_max < 1e-12 and report.diagonal_max < 1e-12
 
@@ -321,8 +348,10 @@ def test_parts_of_cells_are_looked_at_where_asked_and_where_there_are_any(
 ) -> None:
     frames = frames_for(window, "full")
     log = log_for(frames)
-    got = collect(
-        factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log), fine=asked)
+    got = collect_factors(
+        compute_factors(
+            frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log), fine=asked
+        )
     )
     assert (got.fine is not None) is given
     assert got.displaced is None

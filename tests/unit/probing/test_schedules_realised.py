@@ -11,9 +11,9 @@ from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import SLOTS, build_frames
-from pdcd.planning.schedule_fit import choose_schedule, tolerant
-from pdcd.probing.panel import Panel
-from pdcd.probing.realised import Factors, collect, factors
+from pdcd.planning.schedule_fit import choose_schedule, list_tolerant_schedules
+from pdcd.probing.panel import PanelOptics
+from pdcd.probing.realised import Factors, collect_factors, compute_factors
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles
 
@@ -46,16 +46,16 @@ def log_of(frames: Frames) -> FrameLog:
     return FrameLog(rows, rows, at[:-1], at[:-1], end, late, "test", True)
 
 
-def realised(frames: Frames, primal: Panel, dual: Panel) -> Factors:
+def realised(frames: Frames, primal: PanelOptics, dual: PanelOptics) -> Factors:
     log = log_of(frames)
     close_ns = int(log.end_ns[0]) + 60_000_000
-    return collect(factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns))
+    return collect_factors(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns))
 
 
-def skewed(skew: float, *, slow: bool = False) -> Panel:
+def skewed(skew: float, *, slow: bool = False) -> PanelOptics:
     if slow:
-        return Panel(0.003, 0.006, 1 / 200, round(skew * T_NS))
-    return Panel(skew_ns=round(skew * T_NS))
+        return PanelOptics(0.003, 0.006, 1 / 200, round(skew * T_NS))
+    return PanelOptics(skew_ns=round(skew * T_NS))
 
 
 @pytest.mark.parametrize("slow", [False, True])
@@ -67,9 +67,12 @@ def test_every_schedule_equals_the_dense_evaluation(
 ) -> None:
     frames = frames_of(schedule, 2, window)
     log = log_of(frames)
-    primal, dual = Panel(0.001, 0.002, 1 / 500) if slow else Panel(), skewed(skew, slow=slow)
+    primal, dual = (
+        PanelOptics(0.001, 0.002, 1 / 500) if slow else PanelOptics(),
+        skewed(skew, slow=slow),
+    )
     end = int(log.end_ns[0]) + 60_000_000
-    got = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=end))
+    got = collect_factors(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=end))
     fine = 4 if window == "quarter" else 1
     lit = oracles.timeline(frames, log, primal, 0, True, fine)
     seen = oracles.timeline(frames, log, dual, 0, False, fine)
@@ -86,7 +89,7 @@ def test_direct_light_is_exactly_zero_where_promised_and_only_there(
     schedule: ScheduleName, skew: float, window: str
 ) -> None:
     low, high = PROMISED[schedule]
-    got = realised(frames_of(schedule, window=window), Panel(), skewed(skew))
+    got = realised(frames_of(schedule, window=window), PanelOptics(), skewed(skew))
     if low <= skew <= high:
         assert got.coaxial.max() == 0.0
     else:
@@ -106,7 +109,7 @@ def test_light_of_the_code_is_the_share_that_is_told(schedule: ScheduleName, ske
     share = 1.0 - abs(skew) if schedule == "both" else 1.0
     if schedule == "tail":
         share = min(1.0, 1.0 + skew, 2.0 - skew)
-    got = realised(frames, Panel(), skewed(skew))
+    got = realised(frames, PanelOptics(), skewed(skew))
     assert got.total_s == pytest.approx(share * T_S * cells, rel=1e-9, abs=1e-12)
 
 
@@ -131,7 +134,7 @@ def test_the_tail_of_a_slow_mask_meets_what_the_schedule_says(
     bits = np.array([[False, True], [True, False]])
     patterns = np.packbits(bits, axis=1), np.packbits(~bits, axis=1)
     frames = build_frames(patterns, (1, 2), window="whole", schedule=schedule, passes=1)
-    got = realised(frames, Panel(), Panel(tau, tau))
+    got = realised(frames, PanelOptics(), PanelOptics(tau, tau))
     opened = 1.0 - np.exp(-T_S / tau)
     tail = tau * (np.exp(-after[0] * T_S / tau) - np.exp(-after[1] * T_S / tau))
     assert got.coaxial[0] == pytest.approx(opened * tail, rel=1e-9)
@@ -148,7 +151,7 @@ def test_a_leaking_mask_leaks_for_as_long_as_the_projector_is_lit(
     bits = np.array([[True, False]])
     patterns = np.packbits(bits, axis=1), np.packbits(~bits, axis=1)
     frames = build_frames(patterns, (1, 2), window="whole", schedule=schedule, passes=1)
-    got = realised(frames, Panel(), Panel(leak=leak))
+    got = realised(frames, PanelOptics(), PanelOptics(leak=leak))
     assert got.coaxial[0] == pytest.approx(times * leak * T_S, rel=1e-12)
 
 
@@ -188,9 +191,9 @@ def test_auto_follows_the_measured_sign(lag: float | None, jitter: float, auto: 
 @pytest.mark.parametrize("lag", [*SKEWS, -1.3, 1.7])
 def test_what_is_called_tolerant_keeps_all_direct_light_out(lag: float) -> None:
     """Beyond one refresh nothing does: a mask that late wants `mask_delay_refreshes`."""
-    assert tolerant(None) == ("full",)
-    for schedule in tolerant(lag):
-        got = realised(frames_of(schedule), Panel(), skewed(lag))
+    assert list_tolerant_schedules(None) == ("full",)
+    for schedule in list_tolerant_schedules(lag):
+        got = realised(frames_of(schedule), PanelOptics(), skewed(lag))
         if abs(lag) <= 1.0:
             assert got.coaxial.max() == 0.0 and got.total_s > 0.0
 
@@ -200,5 +203,5 @@ def test_schedules_without_guards_leak_from_both_neighbours() -> None:
     frames = frames_of("none", 8)
     on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[:, :6].astype(float)
     want = 0.25 * T_S * np.sum([(1.0 - before) * after for before, after in pairwise(on)], axis=0)
-    got = realised(frames, Panel(), skewed(0.25))
+    got = realised(frames, PanelOptics(), skewed(0.25))
     np.testing.assert_allclose(got.coaxial, want, rtol=1e-12, atol=1e-15)

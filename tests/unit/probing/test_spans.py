@@ -5,19 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.panels.curve import power
+from pdcd.panels.curve import make_power_curve
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.patterns import compact
-from pdcd.probing.panel import Panel, Trajectory
-from pdcd.probing.spans import frame_spans, met, span_starts, span_weights, target
+from pdcd.panels.patterns import pack_levels
+from pdcd.probing.panel import PanelOptics, Trajectory
+from pdcd.probing.spans import (
+    compute_span_light,
+    compute_span_weights,
+    find_frame_spans,
+    find_span_starts,
+    meet_spans,
+)
 
 
 def starts_of(
     content: list[int], at: list[int], end: int, *, skew: int = 0, opened: int = 0
 ) -> tuple[list[int], list[int]]:
-    rows, starts = span_starts(
-        np.array(content, np.int32), np.array(at, np.int64), end, Panel(skew_ns=skew), opened
+    rows, starts = find_span_starts(
+        np.array(content, np.int32), np.array(at, np.int64), end, PanelOptics(skew_ns=skew), opened
     )
     return rows, starts.tolist()
 
@@ -45,7 +51,7 @@ def test_light_does_not_come_before_that_of_the_row_before() -> None:
 def frames_of(primal: list[int], dual: list[int], shift: list[int], window: str) -> Frames:
     rng = np.random.default_rng(1)
     lattice = Lattice((2, 2), window)
-    grey = compact(rng.random((2, lattice.lattice_cells)))
+    grey = pack_levels(rng.random((2, lattice.lattice_cells)))
     rows = np.arange(len(primal), dtype=np.int32)
     return Frames(
         grey, grey, np.array(primal, np.int32), np.array(dual, np.int32), np.array(shift, np.uint8),
@@ -56,16 +62,16 @@ def frames_of(primal: list[int], dual: list[int], shift: list[int], window: str)
 def test_sub_shifts_begin_spans_of_patterns_but_not_of_even_panels() -> None:
     frames = frames_of([0, 0, WHITE, WHITE, BLACK], [1, 1, 1, 0, 0], [0, 1, 1, 2, 3], "quarter")
     shown, at = np.arange(5, dtype=np.int32), np.arange(10, 60, 10, dtype=np.int64)
-    rows, starts = frame_spans(frames, shown, at, 60, Panel(), 0, True)
+    rows, starts = find_frame_spans(frames, shown, at, 60, PanelOptics(), 0, True)
     assert (rows, starts.tolist()) == ([-1, 0, 1, 2, 4], [0, 10, 20, 30, 50])
-    rows, starts = frame_spans(frames, shown, at, 60, Panel(), 0, False)
+    rows, starts = find_frame_spans(frames, shown, at, 60, PanelOptics(), 0, False)
     assert (rows, starts.tolist()) == ([-1, 0, 1, 3, 4, -1], [0, 10, 20, 40, 50, 60])
 
 
 def test_a_row_that_was_not_shown_is_black() -> None:
     frames = frames_of([0, 1], [0, 1], [0, 0], "whole")
     shown, at = np.array([1, BLACK, 0], np.int32), np.array([10, 20, 30], np.int64)
-    rows, starts = frame_spans(frames, shown, at, 40, Panel(), 0, True)
+    rows, starts = find_frame_spans(frames, shown, at, 40, PanelOptics(), 0, True)
     assert (rows, starts.tolist()) == ([-1, 1, BLACK, 0, -1], [0, 10, 20, 30, 40])
 
 
@@ -75,7 +81,9 @@ def test_what_a_span_asks_of_the_pixels_of_either_panel(primal_side: bool) -> No
     lattice = Lattice((2, 2), "quarter")
 
     def asked(row: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        return target(frames, lattice, row, power(2.0), primal_side=primal_side)
+        return compute_span_light(
+            frames, lattice, row, make_power_curve(2.0), primal_side=primal_side
+        )
 
     light = np.rint(255.0 * frames.primal_patterns[1].astype(np.float64)) ** 2 / 255.0**2
     place = lattice.primal_field_values if primal_side else lattice.dual_field_values
@@ -92,10 +100,10 @@ def test_what_a_span_asks_of_the_pixels_of_either_panel(primal_side: bool) -> No
 @pytest.mark.parametrize("slow", [False, True])
 def test_overlaps_of_spans_are_integrals_of_both_fields(slow: bool) -> None:
     """By sums over short steps; the exposure cuts the last span."""
-    primal = Panel(0.003, 0.005) if slow else Panel()
-    dual = Panel(0.004, 0.004) if slow else Panel()
+    primal = PanelOptics(0.003, 0.005) if slow else PanelOptics()
+    dual = PanelOptics(0.004, 0.004) if slow else PanelOptics()
     p_start, d_start = (np.array(at, np.int64) * 1_000_000 for at in ([0, 4, 9], [0, 2, 6, 20]))
-    weights, opens = span_weights(primal, dual, p_start, d_start, exposure_ns=12_000_000)
+    weights, opens = compute_span_weights(primal, dual, p_start, d_start, exposure_ns=12_000_000)
     p_rates, d_rates = primal.rates, dual.rates
     assert weights.shape == (3 * p_rates.size, 4 * d_rates.size)
     assert opens.shape == (3, 4 * d_rates.size)
@@ -118,10 +126,10 @@ def test_spans_that_meet_give_the_time_of_pairs_of_pixels() -> None:
     """Three of either; those that are dark, or meet a shut mask, are left out."""
     light = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     masks = np.array([[0.0, 0.0], [1.0, 0.5], [0.0, 0.0]])
-    track = Trajectory(Panel(), np.array([0, 2, 5], np.int64), 2, lambda span: masks[span])
+    track = Trajectory(PanelOptics(), np.array([0, 2, 5], np.int64), 2, lambda span: masks[span])
     lit_ns, open_ns = np.array([0, 3, 6], np.int64), np.array([0, 2, 5], np.int64)
-    rows, opens = span_weights(Panel(), Panel(), lit_ns, open_ns, exposure_ns=8)
-    left, alive, open_s = met(light, track, rows, opens.sum(axis=0))
+    rows, opens = compute_span_weights(PanelOptics(), PanelOptics(), lit_ns, open_ns, exposure_ns=8)
+    left, alive, open_s = meet_spans(light, track, rows, opens.sum(axis=0))
     assert alive.tolist() == [True, False, False]
     np.testing.assert_allclose(left, [[1e-9, 0.5e-9]])
     np.testing.assert_allclose(open_s, [3e-9, 1.5e-9])
@@ -129,10 +137,14 @@ def test_spans_that_meet_give_the_time_of_pairs_of_pixels() -> None:
 
 
 def test_spans_after_the_end_meet_nothing() -> None:
-    track = Trajectory(Panel(), np.array([0], np.int64), 3, lambda span: np.ones(3))
-    rows, opens = span_weights(
-        Panel(), Panel(), np.array([0, 9], np.int64), np.array([0], np.int64), exposure_ns=8
+    track = Trajectory(PanelOptics(), np.array([0], np.int64), 3, lambda span: np.ones(3))
+    rows, opens = compute_span_weights(
+        PanelOptics(),
+        PanelOptics(),
+        np.array([0, 9], np.int64),
+        np.array([0], np.int64),
+        exposure_ns=8,
     )
-    left, alive, open_s = met(np.ones((1, 2)), track, rows[1:], opens[[1]].sum(axis=0))
+    left, alive, open_s = meet_spans(np.ones((1, 2)), track, rows[1:], opens[[1]].sum(axis=0))
     assert left.shape == (0, 3) and alive.tolist() == [False] and open_s.tolist() == [0.0] * 3
     assert track.reached == 0

@@ -7,18 +7,18 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.probing import wanted as module
-from pdcd.probing.convolved import Kernel, SameRow, convolved
+from pdcd.probing.convolved import KernelPart, SameRowPart, filter_images
 from pdcd.probing.wanted import (
-    Full,
-    Gained,
-    Lit,
-    Match,
-    Near,
-    Outer,
-    Part,
-    Uniform,
-    Wanted,
-    shifted,
+    FullPart,
+    GainPart,
+    IlluminatedPart,
+    MatchPart,
+    MatrixPart,
+    NearPart,
+    OuterPart,
+    UniformPart,
+    WantedMatrix,
+    shift_cells,
 )
 
 Floats = NDArray[np.float64]
@@ -53,18 +53,18 @@ def _kernel() -> Floats:
     return out
 
 
-PARTS: dict[str, tuple[Part, Floats]] = {
-    "uniform": (Uniform(CELLS), np.ones((CELLS, CELLS))),
-    "outer": (Outer(CAMERA, PROJECTOR), np.outer(CAMERA, PROJECTOR)),
-    "match": (Match(PARTNER), _match()),
-    "near0": (Near(GRID, 0), _near(0)),
-    "near1": (Near(GRID, 1), _near(1)),
-    "near3": (Near(GRID, 3), _near(3)),
-    "row": (SameRow(GRID), (ROW[:, None] == ROW).astype(np.float64)),
-    "gained": (Gained(CAMERA, Near(GRID, 1)), CAMERA[:, None] * _near(1)),
-    "lit": (Lit(Near(GRID, 2), LIGHT), _near(2) * LIGHT),
-    "full": (Full(MATRIX), MATRIX),
-    "kernel": (Kernel(GRID, TAPS), _kernel()),
+PARTS: dict[str, tuple[MatrixPart, Floats]] = {
+    "uniform": (UniformPart(CELLS), np.ones((CELLS, CELLS))),
+    "outer": (OuterPart(CAMERA, PROJECTOR), np.outer(CAMERA, PROJECTOR)),
+    "match": (MatchPart(PARTNER), _match()),
+    "near0": (NearPart(GRID, 0), _near(0)),
+    "near1": (NearPart(GRID, 1), _near(1)),
+    "near3": (NearPart(GRID, 3), _near(3)),
+    "row": (SameRowPart(GRID), (ROW[:, None] == ROW).astype(np.float64)),
+    "gained": (GainPart(CAMERA, NearPart(GRID, 1)), CAMERA[:, None] * _near(1)),
+    "lit": (IlluminatedPart(NearPart(GRID, 2), LIGHT), _near(2) * LIGHT),
+    "full": (FullPart(MATRIX), MATRIX),
+    "kernel": (KernelPart(GRID, TAPS), _kernel()),
 }
 
 
@@ -102,8 +102,8 @@ def test_products_say_so(name: str) -> None:
     if sides is not None:
         np.testing.assert_allclose(np.outer(*sides), dense)
         for more, whole in (
-            (Gained(LIGHT, part), LIGHT[:, None] * dense),
-            (Lit(part, LIGHT), dense * LIGHT),
+            (GainPart(LIGHT, part), LIGHT[:, None] * dense),
+            (IlluminatedPart(part, LIGHT), dense * LIGHT),
         ):
             again = more.product()
             assert again is not None
@@ -117,14 +117,16 @@ def test_blocks_of_a_matrix_without_structure_make_no_difference(
     part, dense = PARTS["full"]
     off = (dense * _near(1)) * (1.0 - np.eye(CELLS))
     for block in (1, 7, CELLS, 512):
-        monkeypatch.setattr(module, "BLOCK", block)
-        np.testing.assert_allclose(part.overlap(Near(GRID, 1), weights), off @ weights, atol=1e-12)
+        monkeypatch.setattr(module, "WANTED_BLOCK", block)
+        np.testing.assert_allclose(
+            part.overlap(NearPart(GRID, 1), weights), off @ weights, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("light", [None, LIGHT])
 def test_a_sum_of_parts_is_the_sum_of_their_matrices(light: Floats | None) -> None:
     terms = tuple((0.5 + k, PARTS[name][0]) for k, name in enumerate(("near1", "match", "outer")))
-    wanted = Wanted(GRID, terms, light)
+    wanted = WantedMatrix(GRID, terms, light)
     dense = 0.5 * _near(1) + 1.5 * _match() + 2.5 * np.outer(CAMERA, PROJECTOR)
     dense = dense if light is None else dense * light
     np.testing.assert_allclose(wanted.dense(), dense, atol=1e-14)
@@ -138,70 +140,77 @@ def test_a_sum_of_parts_is_the_sum_of_their_matrices(light: Floats | None) -> No
     camera, projector = wanted.products()
     assert camera.shape == projector.shape == (1, CELLS)
     np.testing.assert_allclose(camera.T @ projector + wanted.banded().dense(), dense, atol=1e-14)
-    nothing = Wanted(GRID, terms[:2], light).products()
+    nothing = WantedMatrix(GRID, terms[:2], light).products()
     assert [side.shape for side in nothing] == [(0, CELLS)] * 2
 
 
 def test_another_light_leaves_the_rest_as_it_is() -> None:
-    wanted = Wanted(GRID, ((2.0, Uniform(CELLS)),), None, by_direct=True, by_light=True)
+    wanted = WantedMatrix(GRID, ((2.0, UniformPart(CELLS)),), None, by_direct=True, by_light=True)
     under = wanted.under(LIGHT)
     assert under.light is LIGHT and under.by_direct and under.by_light
     assert under.parts is wanted.parts and under.grid == GRID
-    plain = Wanted(GRID, wanted.parts).under(LIGHT)
+    plain = WantedMatrix(GRID, wanted.parts).under(LIGHT)
     assert not plain.by_direct and not plain.by_light
 
 
 @pytest.mark.parametrize(
     ("parts", "light", "uniform"),
     [
-        (((2.0, Uniform(CELLS)),), None, (2.0, 2.0)),
-        (((2.0, Uniform(CELLS)), (-0.5, Match(np.arange(CELLS)))), None, (1.5, 2.0)),
-        (((3.0, Match(np.arange(CELLS))), (4.0, Match(np.arange(CELLS)))), None, (7.0, 0.0)),
-        (((2.0, Uniform(CELLS)),), LIGHT, None),
-        (((2.0, Uniform(CELLS)), (1.0, Match(shifted(GRID, (0, 1))))), None, None),
-        (((2.0, Outer(CAMERA, PROJECTOR)),), None, None),
-        (((2.0, Near(GRID, 9)),), None, None),
+        (((2.0, UniformPart(CELLS)),), None, (2.0, 2.0)),
+        (((2.0, UniformPart(CELLS)), (-0.5, MatchPart(np.arange(CELLS)))), None, (1.5, 2.0)),
+        (
+            ((3.0, MatchPart(np.arange(CELLS))), (4.0, MatchPart(np.arange(CELLS)))),
+            None,
+            (7.0, 0.0),
+        ),
+        (((2.0, UniformPart(CELLS)),), LIGHT, None),
+        (((2.0, UniformPart(CELLS)), (1.0, MatchPart(shift_cells(GRID, (0, 1))))), None, None),
+        (((2.0, OuterPart(CAMERA, PROJECTOR)),), None, None),
+        (((2.0, NearPart(GRID, 9)),), None, None),
     ],
 )
 def test_only_two_weights_make_a_matrix_uniform(
-    parts: tuple[tuple[float, Part], ...],
+    parts: tuple[tuple[float, MatrixPart], ...],
     light: Floats | None,
     uniform: tuple[float, float] | None,
 ) -> None:
-    assert Wanted(GRID, parts, light).uniform == uniform
+    assert WantedMatrix(GRID, parts, light).uniform == uniform
 
 
 def test_matched_cells_are_those_of_the_one_match_with_others() -> None:
-    own, beside = Match(np.arange(CELLS)), Match(shifted(GRID, (0, 1)))
+    own, beside = MatchPart(np.arange(CELLS)), MatchPart(shift_cells(GRID, (0, 1)))
 
-    def matched(*parts: Part) -> object:
-        return Wanted(GRID, tuple((1.0, part) for part in parts)).matched
+    def matched(*parts: MatrixPart) -> object:
+        return WantedMatrix(GRID, tuple((1.0, part) for part in parts)).matched
 
-    assert matched(Uniform(CELLS), beside) is beside.partner
-    assert matched(Gained(CAMERA, beside), Uniform(CELLS)) is beside.partner
-    assert matched(own) is None and matched(Uniform(CELLS)) is None
+    assert matched(UniformPart(CELLS), beside) is beside.partner
+    assert matched(GainPart(CAMERA, beside), UniformPart(CELLS)) is beside.partner
+    assert matched(own) is None and matched(UniformPart(CELLS)) is None
     assert matched(own, beside) is None and matched(beside, beside) is None
-    assert matched(Gained(CAMERA, Near(GRID, 1)), beside) is beside.partner
+    assert matched(GainPart(CAMERA, NearPart(GRID, 1)), beside) is beside.partner
 
 
 def test_partners_of_a_shift_lie_down_and_right() -> None:
-    assert shifted((2, 3), (0, 0)).tolist() == [0, 1, 2, 3, 4, 5]
-    assert shifted((2, 3), (1, 1)).tolist() == [4, 5, -1, -1, -1, -1]
-    assert shifted((2, 3), (-1, 0)).tolist() == [-1, -1, -1, 0, 1, 2]
-    assert shifted((2, 3), (0, -1)).tolist() == [-1, 0, 1, -1, 3, 4]
-    assert shifted((2, 3), (0, 2)).tolist() == [2, -1, -1, 5, -1, -1]
+    assert shift_cells((2, 3), (0, 0)).tolist() == [0, 1, 2, 3, 4, 5]
+    assert shift_cells((2, 3), (1, 1)).tolist() == [4, 5, -1, -1, -1, -1]
+    assert shift_cells((2, 3), (-1, 0)).tolist() == [-1, -1, -1, 0, 1, 2]
+    assert shift_cells((2, 3), (0, -1)).tolist() == [-1, 0, 1, -1, 3, 4]
+    assert shift_cells((2, 3), (0, 2)).tolist() == [2, -1, -1, 5, -1, -1]
 
 
 def test_many_images_are_convolved_as_single_ones() -> None:
     images = np.random.default_rng(6).random((35, CELLS))
-    found = convolved(images, TAPS, GRID)
+    found = filter_images(images, TAPS, GRID)
     np.testing.assert_allclose(found, images @ _kernel().T, atol=1e-12)
-    assert convolved(images[:0], TAPS, GRID).shape == (0, CELLS)
+    assert filter_images(images[:0], TAPS, GRID).shape == (0, CELLS)
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2, 6])
 def test_neighbours_of_a_row_are_summed_up(radius: int) -> None:
     weights = np.random.default_rng(7).random(CELLS)
     both = _near(radius) * (ROW[:, None] == ROW) * (1.0 - np.eye(CELLS))
-    for one, other in ((SameRow(GRID), Near(GRID, radius)), (Near(GRID, radius), SameRow(GRID))):
+    for one, other in (
+        (SameRowPart(GRID), NearPart(GRID, radius)),
+        (NearPart(GRID, radius), SameRowPart(GRID)),
+    ):
         np.testing.assert_allclose(one.overlap(other, weights), both @ weights, atol=1e-13)

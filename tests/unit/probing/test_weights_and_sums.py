@@ -8,10 +8,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.probing.deviation import EXACT_CELLS, deviation, row_deviations, weight_s
-from pdcd.probing.fine import Fine
-from pdcd.probing.realised import BLOCK, Factors, blocks, collect, shared, signed_sum, sum_of
-from pdcd.probing.wanted import Full, Gained, Match, Near, Uniform, Wanted, shifted
+from pdcd.probing.deviation import EXACT_CELLS, compute_row_deviations, measure_deviation, weight_s
+from pdcd.probing.fine import PieceWeights
+from pdcd.probing.realised import (
+    CELL_BLOCK,
+    Factors,
+    collect_factors,
+    divide_factors,
+    split_into_blocks,
+    sum_arrays,
+    sum_signed_factors,
+)
+from pdcd.probing.wanted import (
+    FullPart,
+    GainPart,
+    MatchPart,
+    NearPart,
+    UniformPart,
+    WantedMatrix,
+    shift_cells,
+)
 from tests import bench_rig
 
 Floats = NDArray[np.float64]
@@ -23,7 +39,7 @@ OFF = ~np.eye(CELLS, dtype=bool)
 def some(seed: int, *, rank: int = 5, cells: int = CELLS, fine: bool = False) -> Factors:
     rng = np.random.default_rng(seed)
     left, right = rng.random((2, rank, cells))
-    parts = Fine(((0.0, 1.0), (0.0, 1.0)), True, *rng.random((3, *GRID))) if fine else None
+    parts = PieceWeights(((0.0, 1.0), (0.0, 1.0)), True, *rng.random((3, *GRID))) if fine else None
     return Factors(left, right, rng.random(cells), rng.random(cells), parts)
 
 
@@ -40,38 +56,39 @@ def test_sums_of_a_matrix_are_those_of_its_entries() -> None:
 
 
 @pytest.mark.parametrize(
-    "cells", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK, 2 * BLOCK + 1, 5000]
+    "cells",
+    [1, 2, CELL_BLOCK - 1, CELL_BLOCK, CELL_BLOCK + 1, 2 * CELL_BLOCK, 2 * CELL_BLOCK + 1, 5000],
 )
 def test_blocks_hold_each_cell_once_and_none_is_short(cells: int) -> None:
-    assert BLOCK == 1024
-    found = [(part.start, part.stop) for part in blocks(cells)]
+    assert CELL_BLOCK == 1024
+    found = [(part.start, part.stop) for part in split_into_blocks(cells)]
     assert found[0][0] == 0 and found[-1][1] == cells
     assert [stop for _, stop in found[:-1]] == [start for start, _ in found[1:]]
-    if cells > BLOCK:
-        assert all(BLOCK <= stop - start <= 2 * BLOCK for start, stop in found)
+    if cells > CELL_BLOCK:
+        assert all(CELL_BLOCK <= stop - start <= 2 * CELL_BLOCK for start, stop in found)
     else:
         assert len(found) == 1
 
 
 def test_chunks_add_up() -> None:
     parts = [some(seed, fine=True) for seed in range(3)]
-    whole = collect(parts)
+    whole = collect_factors(parts)
     np.testing.assert_allclose(whole.dense(), sum(part.dense() for part in parts))
-    np.testing.assert_allclose(whole.coaxial, sum_of(part.coaxial for part in parts))
-    np.testing.assert_allclose(whole.open_s, sum_of(part.open_s for part in parts))
+    np.testing.assert_allclose(whole.coaxial, sum_arrays(part.coaxial for part in parts))
+    np.testing.assert_allclose(whole.open_s, sum_arrays(part.open_s for part in parts))
     assert whole.fine is not None and whole.displaced is None
     light = [part.fine.light for part in parts if part.fine is not None]
     np.testing.assert_allclose(whole.fine.light, sum(light))
     assert len(whole.left) == CELLS  # three times five rows are more than there are cells
-    assert collect([parts[0], replace(parts[1], fine=None)]).fine is None
-    assert collect(some(seed) for seed in range(3)).fine is None
+    assert collect_factors([parts[0], replace(parts[1], fine=None)]).fine is None
+    assert collect_factors(some(seed) for seed in range(3)).fine is None
 
 
 @pytest.mark.parametrize(("rank", "kept"), [(6, 12), (7, 12), (4, 8)])
 def test_chunks_of_few_rows_are_kept_as_they_are(rank: int, kept: int) -> None:
     """Up to as many rows as cells; one more, and their matrix is."""
     parts = [some(seed, rank=rank) for seed in range(2)]
-    whole = collect(parts)
+    whole = collect_factors(parts)
     assert len(whole.left) == kept
     assert np.array_equal(whole.left, np.eye(CELLS)) == (rank == 7)
     np.testing.assert_allclose(whole.dense(), parts[0].dense() + parts[1].dense())
@@ -79,40 +96,40 @@ def test_chunks_of_few_rows_are_kept_as_they_are(rank: int, kept: int) -> None:
 
 def test_light_of_displaced_places_adds_up_where_it_was_asked_for() -> None:
     parts = [replace(some(seed), displaced=np.full(CELLS, 1.0 + seed)) for seed in range(2)]
-    found = collect(parts).displaced
+    found = collect_factors(parts).displaced
     assert found is not None
     np.testing.assert_allclose(found, 3.0)
 
 
 def test_a_photo_that_was_divided_has_a_share_of_its_matrix() -> None:
     one = some(2, fine=True)
-    third = shared(one, 3.0)
+    third = divide_factors(one, 3.0)
     np.testing.assert_allclose(third.dense(), one.dense() / 3.0)
     np.testing.assert_allclose(third.coaxial, one.coaxial / 3.0)
     np.testing.assert_allclose(third.open_s, one.open_s / 3.0)
     assert third.fine is not None and one.fine is not None
     np.testing.assert_allclose(third.fine.coaxial, one.fine.coaxial / 3.0)
-    assert shared(some(2), 3.0).fine is None
+    assert divide_factors(some(2), 3.0).fine is None
 
 
 def test_photos_are_added_and_taken_off() -> None:
     one, other = some(3, fine=True), some(4, rank=2, fine=True)
-    total = signed_sum([(1.0, one), (-0.5, other)])
+    total = sum_signed_factors([(1.0, one), (-0.5, other)])
     np.testing.assert_allclose(total.dense(), one.dense() - 0.5 * other.dense())
     np.testing.assert_allclose(total.coaxial, one.coaxial - 0.5 * other.coaxial)
     np.testing.assert_allclose(total.open_s, one.open_s - 0.5 * other.open_s)
     assert total.fine is not None and one.fine is not None and other.fine is not None
     np.testing.assert_allclose(total.fine.own, one.fine.own - 0.5 * other.fine.own)
-    assert signed_sum([(1.0, one)]) is one
-    np.testing.assert_allclose(signed_sum([(-1.0, one)]).dense(), -one.dense())
+    assert sum_signed_factors([(1.0, one)]) is one
+    np.testing.assert_allclose(sum_signed_factors([(-1.0, one)]).dense(), -one.dense())
 
 
 def test_direct_goals_are_scaled_by_their_direct_light() -> None:
     one = some(5)
-    own = Match(np.arange(CELLS))
-    even = Wanted(GRID, ((0.25, Uniform(CELLS)), (1.75, own)), by_direct=True)
+    own = MatchPart(np.arange(CELLS))
+    even = WantedMatrix(GRID, ((0.25, UniformPart(CELLS)), (1.75, own)), by_direct=True)
     assert weight_s(one, even) == pytest.approx(one.coaxial.mean() / 2.0)
-    near = Wanted(GRID, ((1.5, Near(GRID, 0)), (0.1, Near(GRID, 1))), by_direct=True)
+    near = WantedMatrix(GRID, ((1.5, NearPart(GRID, 0)), (0.1, NearPart(GRID, 1))), by_direct=True)
     assert weight_s(one, near) == pytest.approx(one.coaxial.mean() / 1.6)
     # Under an illumination, and where nobody asks for it, all entries count.
     for wanted in (
@@ -126,33 +143,37 @@ def test_direct_goals_are_scaled_by_their_direct_light() -> None:
 
 
 def test_matched_goals_are_scaled_by_what_matched_cells_got() -> None:
-    one, partner = some(6), shifted(GRID, (0, 1))
+    one, partner = some(6), shift_cells(GRID, (0, 1))
     partner[5] = 5  # one cell matches itself: its light is direct
-    wanted = Wanted(GRID, ((0.75, Match(partner)), (0.25, Uniform(CELLS))), by_direct=True)
+    wanted = WantedMatrix(
+        GRID, ((0.75, MatchPart(partner)), (0.25, UniformPart(CELLS))), by_direct=True
+    )
     there = np.flatnonzero(partner >= 0)
     dense = one.dense()
     np.fill_diagonal(dense, one.coaxial)
     got = dense[there, partner[there]].sum()
     assert weight_s(one, wanted) == pytest.approx(got / there.size)
     camera = np.linspace(1.0, 2.0, CELLS)
-    gained = Wanted(GRID, ((1.0, Gained(camera, Match(partner))),), by_direct=True)
+    gained = WantedMatrix(GRID, ((1.0, GainPart(camera, MatchPart(partner))),), by_direct=True)
     assert weight_s(one, gained) == pytest.approx(got / camera[there].sum())
 
 
 def test_goals_by_light_are_scaled_by_all_light_but_the_direct() -> None:
     one = some(7)
-    wanted = Wanted(GRID, ((0.5, Near(GRID, 1)), (2.0, Match(np.arange(CELLS)))), by_light=True)
+    wanted = WantedMatrix(
+        GRID, ((0.5, NearPart(GRID, 1)), (2.0, MatchPart(np.arange(CELLS)))), by_light=True
+    )
     kept = one.dense()[OFF].sum()
     assert weight_s(one, wanted) == pytest.approx(kept / wanted.dense()[OFF].sum())
 
 
 def test_a_goal_of_nothing_is_scaled_by_the_open_time() -> None:
     one = some(8)
-    nothing = Wanted(GRID, ((0.0, Near(GRID, 1)),))
+    nothing = WantedMatrix(GRID, ((0.0, NearPart(GRID, 1)),))
     assert weight_s(one, nothing) == pytest.approx(one.open_s.mean())
     alone = Factors(np.ones((1, 1)), np.ones((1, 1)), np.ones(1), np.full(1, 7.0))
     assert weight_s(alone, bench_rig.uniform((1, 1), 0.0, 1.0)) == 7.0
-    report = deviation(alone, bench_rig.uniform((1, 1), 0.0, 1.0))
+    report = measure_deviation(alone, bench_rig.uniform((1, 1), 0.0, 1.0))
     assert (report.off_rms, report.off_max) == (0.0, 0.0)
     assert report.diagonal_mean == pytest.approx(1 / 7)
 
@@ -160,19 +181,19 @@ def test_a_goal_of_nothing_is_scaled_by_the_open_time() -> None:
 @pytest.mark.parametrize("apart", [0.0, 0.25])
 def test_direct_light_of_borders_has_the_weight_of_other_paths(apart: float) -> None:
     one, wanted = some(9), bench_rig.uniform(GRID, 0.2, 1.0)
-    report = deviation(one, wanted, apart=apart)
+    report = measure_deviation(one, wanted, apart=apart)
     there = one.dense()[OFF].mean() / report.weight_s
     own = one.coaxial.mean() / report.weight_s
     assert report.diagonal_mean == pytest.approx((1.0 - apart) * own + apart * there - 0.2)
     assert report.diagonal_max == pytest.approx(np.abs(one.coaxial / report.weight_s - 0.2).max())
     # Other goals have no one weight for it.
-    near = Wanted(GRID, ((1.0, Near(GRID, 1)),))
-    assert deviation(one, near, apart=apart) == deviation(one, near)
+    near = WantedMatrix(GRID, ((1.0, NearPart(GRID, 1)),))
+    assert measure_deviation(one, near, apart=apart) == measure_deviation(one, near)
 
 
 def test_a_photo_without_any_weight_is_compared_as_it_is() -> None:
     dark = Factors(np.zeros((1, CELLS)), np.ones((1, CELLS)), np.zeros(CELLS), np.zeros(CELLS))
-    report = deviation(dark, bench_rig.uniform(GRID, 0.5, 2.0))
+    report = measure_deviation(dark, bench_rig.uniform(GRID, 0.5, 2.0))
     assert report.weight_s == 0.0
     assert (report.off_rms, report.off_rms_worst, report.off_max) == pytest.approx((2.0, 2.0, 2.0))
     assert (report.diagonal_max, report.diagonal_mean) == pytest.approx((0.5, -0.5))
@@ -182,7 +203,7 @@ def test_a_photo_without_any_weight_is_compared_as_it_is() -> None:
 def test_the_largest_deviation_of_at_most_so_many_cells(grid: tuple[int, int], exact: bool) -> None:
     assert EXACT_CELLS == 1024
     got = some(10, rank=1, cells=grid[0] * grid[1])
-    report = deviation(got, bench_rig.uniform(grid, 0.0, 1.0))
+    report = measure_deviation(got, bench_rig.uniform(grid, 0.0, 1.0))
     assert (report.off_max is not None) is exact
     if report.off_max is not None:
         error = got.dense() / report.weight_s - 1.0
@@ -191,15 +212,15 @@ def test_the_largest_deviation_of_at_most_so_many_cells(grid: tuple[int, int], e
 
 
 def test_work_on_rows_can_be_ended_at_any_block() -> None:
-    got, wanted = some(11), Wanted(GRID, ((1.0, Full(np.ones((CELLS, CELLS)))),))
+    got, wanted = some(11), WantedMatrix(GRID, ((1.0, FullPart(np.ones((CELLS, CELLS)))),))
     calls: list[int] = []
-    row_deviations(got, wanted, 1.0, lambda: calls.append(1))
+    compute_row_deviations(got, wanted, 1.0, lambda: calls.append(1))
     assert len(calls) == 2  # one block, looked at twice
-    deviation(got, wanted, lambda: calls.append(1))
+    measure_deviation(got, wanted, lambda: calls.append(1))
     assert len(calls) == 4
 
     def enough() -> None:
         raise InterruptedError
 
     with pytest.raises(InterruptedError):
-        deviation(got, wanted, enough)
+        measure_deviation(got, wanted, enough)

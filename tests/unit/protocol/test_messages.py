@@ -12,7 +12,7 @@ from pdcd.errors import BusyError
 from pdcd.protocol import events, messages
 from pdcd.protocol.entry import MOST_RUNS, RunQuery
 from pdcd.protocol.messages import METHODS, JobParams, ListParams, ShowParams, SubscribeParams
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 
 OWN = [
     kind
@@ -21,7 +21,7 @@ OWN = [
     and issubclass(kind, msgspec.Struct)
     and kind.__module__ == messages.__name__
 ]
-BY_NAME = ("Hello", "Admitted", "JobView", "Status", "GoalView", "ErrorData", "PlanParams",
+BY_NAME = ("Hello", "Admission", "JobView", "Status", "GoalView", "ErrorData", "PlanParams",
            "StartParams", "CalibrateParams")  # fmt: skip
 """Messages of many fields, which are made by name only."""
 
@@ -107,29 +107,29 @@ def test_the_numbers_of_the_wire_are_those_that_were_agreed_on() -> None:
 def test_an_error_has_the_code_of_its_kind_or_the_one_that_is_asked_for() -> None:
     error = BusyError("taken", device="display", hint="wait")
     for code, wanted in ((None, -32001), (-32700, -32700), (0, 0)):
-        made = messages.error_object(error, code)
+        made = messages.make_error_object(error, code)
         assert (made.code, made.message) == (wanted, "taken")
         assert (made.data.kind, made.data.device, made.data.hint) == ("busy", "display", "wait")
 
 
 def test_roles_rise_and_only_captures_and_plans_take_descriptors() -> None:
-    assert [role.value for role in Role] == [1, 2, 3]
-    assert Role.LOOK < Role.SHOOT < Role.ADMINISTER
+    assert [role.value for role in ClientRole] == [1, 2, 3]
+    assert ClientRole.LOOK < ClientRole.SHOOT < ClientRole.ADMINISTER
     assert {n for n, m in METHODS.items() if m.takes_fds} == {"capture.plan", "capture.start"}
-    assert {m.role for m in METHODS.values()} == {Role.LOOK, Role.SHOOT}
+    assert {m.role for m in METHODS.values()} == {ClientRole.LOOK, ClientRole.SHOOT}
     with pytest.raises(TypeError):
         METHODS["more"] = METHODS["ping"]  # type: ignore[index]
     with pytest.raises(AttributeError):
-        METHODS["ping"].role = Role.LOOK  # type: ignore[misc]
+        METHODS["ping"].role = ClientRole.LOOK  # type: ignore[misc]
 
 
 def test_what_is_sent_of_an_event_has_all_fields() -> None:
-    schema = copy.deepcopy(messages.schema())
-    assert messages.schema() is messages.schema()
+    schema = copy.deepcopy(messages.build_message_schema())
+    assert messages.build_message_schema() is messages.build_message_schema()
     for kind in events.TYPES.values():
         sent = schema["$defs"][kind.__name__]
         assert sorted(sent["required"]) == sorted(sent["properties"])
-        for name in events.COMMON:
+        for name in events.COMMON_FIELDS:
             assert "default" not in sent["properties"][name]
     assert [*schema["notifications"]] == ["hello", "event"]
     assert schema["notifications"]["hello"] == {"$ref": "#/$defs/Hello"}
@@ -145,4 +145,4 @@ def test_only_numbers_of_others_are_made_plain() -> None:
         """Neither."""
 
     with pytest.raises(TypeError, match="Odd cannot be sent as JSON"):
-        messages.plain([Odd()])
+        messages.to_wire_types([Odd()])

@@ -9,18 +9,25 @@ import msgspec
 import pytest
 
 from pdcd.protocol.fields import (
-    ARRAYS,
+    ARRAY_FIELDS,
     UNTOLD,
     FieldError,
     convert_struct,
     fields_of,
-    needed_by,
-    request_fields,
-    taken_by,
+    list_needed_fields,
+    list_optional_fields,
+    list_request_fields,
 )
-from pdcd.protocol.plan_summary import Goal, How, PlanSummary, ShotSummary
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest, Sent, in_words
-from pdcd.protocol.result import CaptureResult, Quality, figure_of, job_time, new_job_id, quality_of
+from pdcd.protocol.plan_summary import CaptureScheme, Goal, PlanSummary, ShotSummary
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, SentArray, is_prior_in_words
+from pdcd.protocol.result import (
+    CaptureResult,
+    Quality,
+    format_job_time,
+    make_job_id,
+    quality_of,
+    read_summary_value,
+)
 from tests import request_page
 
 TINY = 5e-324
@@ -53,7 +60,7 @@ BOUNDS: dict[str, tuple[list[Any], list[Any]]] = {
         [NAME, "two\nlines\t", "Bl\u00e4tter \U0001f4f7"],
         [NAME + "x", "\x1b[2J", "\u202e", "\x00", "\x7f"],
     ),
-    **{array: ([NAME, [[1.0, -2.0]]], [NAME + "x", [["a"]]]) for array in ARRAYS},
+    **{array: ([NAME, [[1.0, -2.0]]], [NAME + "x", [["a"]]]) for array in ARRAY_FIELDS},
 }  # fmt: skip
 FREE = {"family", "equal_brightness", "keep", "masked", "method", "smooth", "grey_masks", "window",
         "guards", "black_level", "normalise", "white", "out"}  # fmt: skip
@@ -71,7 +78,9 @@ def test_every_field_tells_people_what_it_is_and_takes() -> None:
         for field in fields_of(kind).values():
             assert field.text and field.takes and field.about is not UNTOLD, field.name
             assert field.text[0].islower() and not field.text.endswith("."), field.name
-    assert set(ARRAYS) == {name for name in BOUNDS if BOUNDS[name][0] == [NAME, [[1.0, -2.0]]]}
+    assert set(ARRAY_FIELDS) == {
+        name for name in BOUNDS if BOUNDS[name][0] == [NAME, [[1.0, -2.0]]]
+    }
 
 
 @pytest.mark.parametrize(
@@ -92,7 +101,7 @@ def test_every_field_tells_people_what_it_is_and_takes() -> None:
     ],
 )
 def test_what_a_field_takes_is_said_in_words(name: str, takes: str) -> None:
-    assert request_fields()[name].takes == takes
+    assert list_request_fields()[name].takes == takes
 
 
 @pytest.mark.parametrize(
@@ -108,7 +117,7 @@ def test_what_a_field_takes_is_said_in_words(name: str, takes: str) -> None:
     ],
 )
 def test_a_refusal_names_what_is_taken_and_a_short_value(name: str, value: Any, shown: str) -> None:
-    field = request_fields()[name]
+    field = list_request_fields()[name]
     with pytest.raises(FieldError) as caught:
         field.convert(value, "--x")
     assert str(caught.value) == f"--x: it takes {field.takes}{shown}"
@@ -123,9 +132,18 @@ def test_a_message_is_refused_by_its_wrong_field() -> None:
 
 
 def test_goals_take_what_the_fields_say() -> None:
-    assert needed_by("two-samples") == ("mix", "warp", "warp_b")
-    assert taken_by("keyed") == ("disparity", "plane", "illumination", "disparities", "warp")
-    assert needed_by("white") == () and taken_by("transport") == ("rows", "masked")
+    assert list_needed_fields("two-samples") == ("mix", "warp", "warp_b")
+    assert list_optional_fields("keyed") == (
+        "disparity",
+        "plane",
+        "illumination",
+        "disparities",
+        "warp",
+    )
+    assert list_needed_fields("white") == () and list_optional_fields("transport") == (
+        "rows",
+        "masked",
+    )
 
 
 def test_docs_request_is_the_page_that_the_fields_make() -> None:
@@ -156,7 +174,7 @@ def test_what_is_left_out_is_left_to_the_rig() -> None:
     assert CalibrateRequest() == CalibrateRequest(steps=(), attended=False)
 
 
-@pytest.mark.parametrize("kind", [CaptureRequest, CalibrateRequest, Sent])
+@pytest.mark.parametrize("kind", [CaptureRequest, CalibrateRequest, SentArray])
 def test_unknown_fields_are_refused(kind: type) -> None:
     with pytest.raises(msgspec.ValidationError, match="unknown field"):
         msgspec.json.decode(b'{"goal": "indirect", "gaol": 1}', type=kind)
@@ -174,13 +192,15 @@ def test_arrays_come_by_few_descriptors_and_short_names(fields: Any, good: bool)
     line = msgspec.json.encode(fields)
     if good:
         # What was not given is not written again.
-        assert msgspec.json.encode(msgspec.json.decode(line, type=Sent)) == line
+        assert msgspec.json.encode(msgspec.json.decode(line, type=SentArray)) == line
     else:
         with pytest.raises(msgspec.ValidationError):
-            msgspec.json.decode(line, type=Sent)
+            msgspec.json.decode(line, type=SentArray)
 
 
-@pytest.mark.parametrize("kind", [CaptureRequest, CalibrateRequest, Goal, How, Sent, ShotSummary])
+@pytest.mark.parametrize(
+    "kind", [CaptureRequest, CalibrateRequest, Goal, CaptureScheme, SentArray, ShotSummary]
+)
 def test_requests_are_values(kind: Any) -> None:
     """Nobody changes one on its way, nor mistakes the order of its fields."""
     config = kind.__struct_config__
@@ -190,16 +210,16 @@ def test_requests_are_values(kind: Any) -> None:
 
 
 def test_how_photos_are_taken_unless_said() -> None:
-    how = How()
+    how = CaptureScheme()
     assert (how.codes, how.pilot, how.parts, how.repeat, how.buckets) == (128, 0, 1, 1, 1)
     assert (how.method, how.family, how.black_level) == ("coded", "hadamard", "none")
     assert how.white and not (how.grey_masks or how.woven or how.late)
-    assert How(codes=64, pilot=16).coded == 48
+    assert CaptureScheme(codes=64, pilot=16).coded == 48
 
 
 def test_priors_in_words_are_no_files() -> None:
-    assert in_words("scene:corner") and in_words("decay:4")
-    assert not any(map(in_words, ("corner.npz", " scene:corner", Sent(fd=0), None)))
+    assert is_prior_in_words("scene:corner") and is_prior_in_words("decay:4")
+    assert not any(map(is_prior_in_words, ("corner.npz", " scene:corner", SentArray(fd=0), None)))
 
 
 def test_figures_of_a_summary() -> None:
@@ -207,8 +227,12 @@ def test_figures_of_a_summary() -> None:
     summary: dict[str, Any] = {"quality": verdict, "codes": 128, "rms_error_quads": None}
     assert quality_of(summary) == verdict
     assert quality_of({"quality": "good"}) is quality_of({}) is None
-    assert figure_of(summary, "codes") == 128
-    assert figure_of(summary, "quality") is figure_of(summary, "rms_error_quads") is None
+    assert read_summary_value(summary, "codes") == 128
+    assert (
+        read_summary_value(summary, "quality")
+        is read_summary_value(summary, "rms_error_quads")
+        is None
+    )
     assert (verdict.reasons, verdict.remarks) == ((), ())
     ended = CaptureResult(job="a", state="done")
     assert (ended.folder, ended.manifest_sha256, ended.error) == (None, None, None)
@@ -229,13 +253,13 @@ def test_a_plan_says_nothing_that_it_does_not_know() -> None:
 
 def test_jobs_are_named_by_their_time_everywhere_the_same() -> None:
     moment = datetime(2024, 2, 29, 23, 30, 5, tzinfo=timezone(timedelta(hours=-2)))
-    assert job_time(moment) == "20240301T013005Z"
-    first, second = new_job_id(), new_job_id()
+    assert format_job_time(moment) == "20240301T013005Z"
+    first, second = make_job_id(), make_job_id()
     assert first != second and len(first) == len("20240301T013005Z-12ab")
     int(first.rpartition("-")[2], 16)
 
 
 def test_labels_say_what_is_taken() -> None:
-    takes = {name: request_fields()[name].takes for name in ("name", "tags", "note")}
+    takes = {name: list_request_fields()[name].takes for name in ("name", "tags", "note")}
     assert takes["name"].startswith("1 to 80 letters") and takes["note"].startswith("up to 4096")
     assert takes["tags"].startswith("up to 16 words, each 1 to 40 letters")

@@ -8,10 +8,15 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
-from pdcd.protocol.plan_summary import Goal, How
-from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
+from pdcd.recipes.alternatives import (
+    compute_masked_weights,
+    find_light_shares,
+    fit_weights,
+    make_checkers,
+)
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -48,16 +53,16 @@ def test_hadamard_photos_are_exact_with_more_codes_than_cells(
     t, bits = transport(), codes("hadamard", 64)
     own = np.diag(t)
     truth = direct * own + indirect * (t.sum(axis=1) - own)
-    found = weighted(fitted_weights(bits, direct=direct, indirect=indirect), bits, t)
+    found = weighted(fit_weights(bits, direct=direct, indirect=indirect), bits, t)
     np.testing.assert_allclose(found, truth, rtol=1e-12)
 
 
 def test_masked_sum_is_that_of_the_paper() -> None:
     """With balanced codes it is K / 4 of what the fit finds: the same photos, the same weights."""
     bits = codes("hadamard", 64)
-    fitted = fitted_weights(bits, direct=0.0, indirect=1.0)
-    np.testing.assert_allclose(masked_weights(bits) * 4.0 / 64, fitted, rtol=1e-12)
-    assert not masked_weights(bits)[bits].any()
+    fitted = fit_weights(bits, direct=0.0, indirect=1.0)
+    np.testing.assert_allclose(compute_masked_weights(bits) * 4.0 / 64, fitted, rtol=1e-12)
+    assert not compute_masked_weights(bits)[bits].any()
 
 
 @pytest.mark.parametrize("what", ["direct", "indirect", "masked"])
@@ -74,10 +79,10 @@ def test_error_of_random_codes_has_no_bias_and_the_variance_of_the_formulas(what
         bits = random_bits(rng, count)
         photos = bits @ t.T
         if what == "masked":
-            weights = masked_weights(bits) * 4.0 / count
+            weights = compute_masked_weights(bits) * 4.0 / count
         else:
             kept = {"direct": (1.0, 0.0), "indirect": (0.0, 1.0)}[what]
-            weights = fitted_weights(bits, direct=kept[0], indirect=kept[1])
+            weights = fit_weights(bits, direct=kept[0], indirect=kept[1])
         found[run] = np.sum(weights * photos, axis=0)
     expected = {
         "direct": q / (count - 1),
@@ -95,14 +100,14 @@ def test_error_of_random_codes_has_no_bias_and_the_variance_of_the_formulas(what
 def test_direct_weights_do_not_see_what_photos_have_in_common() -> None:
     bits = random_bits(np.random.default_rng(5), 16)
     np.testing.assert_allclose(
-        fitted_weights(bits, direct=1.0, indirect=0.0).sum(axis=0), 0.0, atol=1e-12
+        fit_weights(bits, direct=1.0, indirect=0.0).sum(axis=0), 0.0, atol=1e-12
     )
 
 
 def test_cells_that_never_change_have_no_weights() -> None:
     bits = random_bits(np.random.default_rng(5), 16)
     bits[:, 3], bits[:, 7] = True, False
-    weights = fitted_weights(bits, direct=1.0, indirect=1.0)
+    weights = fit_weights(bits, direct=1.0, indirect=1.0)
     assert not weights[:, [3, 7]].any()
     assert weights.any(axis=0).sum() == N - 2
 
@@ -110,7 +115,7 @@ def test_cells_that_never_change_have_no_weights() -> None:
 @pytest.mark.parametrize("block", [1, 2, 3])
 def test_every_cell_takes_every_place_of_a_block_lit_and_dark(block: int) -> None:
     rows, cols = 7, 10
-    patterns = checkers((rows, cols), block).reshape(-1, rows, cols)
+    patterns = make_checkers((rows, cols), block).reshape(-1, rows, cols)
     assert len(patterns) == 2 * block**2
     assert len(np.unique(patterns.reshape(len(patterns), -1), axis=0)) == len(patterns)
     np.testing.assert_array_equal(patterns.mean(axis=0), 0.5)
@@ -123,21 +128,21 @@ def test_every_cell_takes_every_place_of_a_block_lit_and_dark(block: int) -> Non
 @pytest.mark.parametrize("goal", ["white", "split", "diagonal"])
 def test_other_goals_are_refused(goal: str, method: str) -> None:
     with pytest.raises(RequestError, match="cannot do the goal"):
-        recipe_of(Target(Goal(name=goal), GRID), How(method=method))  # type: ignore[arg-type]
+        make_recipe(Target(Goal(name=goal), GRID), CaptureScheme(method=method))  # type: ignore[arg-type]
 
 
 def test_what_methods_cannot_use_is_refused() -> None:
     goal = Target(Goal(name="indirect"), GRID)
     lit = Target(Goal(name="indirect"), GRID, planes={"illumination": np.ones(N)})
     with pytest.raises(RequestError, match="takes no illumination"):
-        recipe_of(lit, How(method="nayar"))
+        make_recipe(lit, CaptureScheme(method="nayar"))
     with pytest.raises(RequestError, match="takes no pilot"):
-        recipe_of(goal, How(method="multi-image", pilot=4, codes=132))
+        make_recipe(goal, CaptureScheme(method="multi-image", pilot=4, codes=132))
     with pytest.raises(RequestError, match="black exposures"):
-        recipe_of(goal, How(method="multi-image", black_level="mask"))
+        make_recipe(goal, CaptureScheme(method="multi-image", black_level="mask"))
     with pytest.raises(RequestError, match="at least 2"):
-        recipe_of(goal, How(method="multi-image", codes=1))
+        make_recipe(goal, CaptureScheme(method="multi-image", codes=1))
 
 
 def test_shares_of_a_goal() -> None:
-    assert shares(Target(Goal(name="fraction", p=0.25), GRID), "nayar") == (1.0, 0.25)
+    assert find_light_shares(Target(Goal(name="fraction", p=0.25), GRID), "nayar") == (1.0, 0.25)

@@ -8,16 +8,21 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.wanted import Match, Uniform, Wanted
-from pdcd.protocol.plan_summary import Goal, How
-from pdcd.recipes.factored import distinct_rows
+from pdcd.probing.wanted import MatchPart, UniformPart, WantedMatrix
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
+from pdcd.recipes.factored import find_distinct_rows
 from pdcd.recipes.goals import Target
-from pdcd.recipes.isolation import FAMILIES, Isolation, check_isolation, isolated
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import Blocks, SignedBlocks, SignedMatrix
+from pdcd.recipes.isolation import (
+    ISOLATION_FAMILIES,
+    Isolation,
+    check_isolation,
+    use_path_isolation,
+)
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.programs import BlockProgram, SignedBlockProgram, SignedMatrixProgram
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.structure import structure_of
-from pdcd.recipes.transport import MOST_PHOTOS, Slice, check_slice, photos_of
+from pdcd.recipes.structure import find_structure
+from pdcd.recipes.transport import MOST_PHOTOS, Slice, check_slice, count_slice_photos
 
 GRID = (9, 12)
 N = 108
@@ -32,7 +37,7 @@ def test_parts_are_taken_out_where_they_are_half_of_a_matrix(scattered: int, fou
     rows, columns = rng.permutation(N)[:30], rng.permutation(N)[:30]
     matrix.ravel()[rng.permutation(N * N)[:scattered]] = 0.5 + rng.random(scattered)
     matrix[rows, columns] = 0.4
-    made = structure_of(matrix, GRID)
+    made = find_structure(matrix, GRID)
     assert made.found == found
     if not found:
         assert made.rest is matrix and made.matches == ()
@@ -41,7 +46,7 @@ def test_parts_are_taken_out_where_they_are_half_of_a_matrix(scattered: int, fou
 
 def relit(matrix: Floats, codes: int = 64) -> Recipe:
     goal = Target(Goal(name="relit"), GRID, {}, {"matrix": matrix})
-    return recipe_of(goal, How(codes=codes))
+    return make_recipe(goal, CaptureScheme(codes=codes))
 
 
 def kinds(recipe: Recipe) -> set[type]:
@@ -51,11 +56,11 @@ def kinds(recipe: Recipe) -> set[type]:
 def test_a_plain_matrix_is_blocks_products_or_codes() -> None:
     rng = np.random.default_rng(8)
     rows = rng.random((3, N))[np.arange(N) % 3]
-    assert kinds(relit(rows)) == {Blocks}
-    assert kinds(relit(rows, 3)) == {Blocks}
+    assert kinds(relit(rows)) == {BlockProgram}
+    assert kinds(relit(rows, 3)) == {BlockProgram}
     rows[0::3, 5] = -0.25
-    assert kinds(relit(rows)) == {SignedBlocks}
-    assert kinds(relit(rng.random((N, N)))) == {Blocks, SignedMatrix}
+    assert kinds(relit(rows)) == {SignedBlockProgram}
+    assert kinds(relit(rng.random((N, N)))) == {BlockProgram, SignedMatrixProgram}
     for matrix in (rows, rng.random((N, N))):
         np.testing.assert_allclose(relit(matrix).wanted.dense(), matrix, rtol=1e-5)
 
@@ -64,18 +69,20 @@ def test_nothing_is_nothing_whatever_its_sign() -> None:
     matrix = np.zeros((4, 4))
     matrix[1] = -0.0
     matrix[2, 0] = 1.0
-    found = distinct_rows(matrix, 2)
+    found = find_distinct_rows(matrix, 2)
     assert found is not None
     np.testing.assert_array_equal(found[0], [[0, 0, 0, 0], [1, 0, 0, 0]])
     assert found[1].tolist() == [0, 0, 1, 0]
 
 
-def all_but_own(cells: int) -> Wanted:
-    return Wanted((1, cells), ((1.0, Uniform(cells)), (-1.0, Match(np.arange(cells)))))
+def all_but_own(cells: int) -> WantedMatrix:
+    return WantedMatrix(
+        (1, cells), ((1.0, UniformPart(cells)), (-1.0, MatchPart(np.arange(cells))))
+    )
 
 
 def test_isolation_has_a_slot_for_each_pair_that_counts() -> None:
-    own = Wanted((1, 300), ((2.0, Match(np.arange(300))),))
+    own = WantedMatrix((1, 300), ((2.0, MatchPart(np.arange(300))),))
     confocal = Isolation(own, True, True)
     assert confocal.count() == 300 and not confocal.coded and confocal.p == 0.5
     lit, opened = confocal.pairs(np.zeros((0, 300), np.bool_), Lattice((1, 300)))
@@ -87,7 +94,9 @@ def test_isolation_has_a_slot_for_each_pair_that_counts() -> None:
 
 @pytest.mark.parametrize(("positive", "sign"), [(True, 1.0), (False, -1.0)])
 def test_both_halves_of_isolation_open_the_same_cells(positive: bool, sign: float) -> None:
-    wanted = Wanted((1, 3), ((1.0, Match(np.array([1, 2, 0]))), (-0.5, Match(np.arange(3)))))
+    wanted = WantedMatrix(
+        (1, 3), ((1.0, MatchPart(np.array([1, 2, 0]))), (-0.5, MatchPart(np.arange(3))))
+    )
     lit, opened = Isolation(wanted, positive, True).pairs(
         np.zeros((0, 3), np.bool_), Lattice((1, 3))
     )
@@ -105,19 +114,23 @@ def test_a_single_cell_has_nothing_to_isolate() -> None:
 
 def test_isolation_takes_the_place_of_codes_and_has_its_limits() -> None:
     goal = Target(Goal(name="indirect"), (1, 5))
-    recipe = recipe_of(goal, How(black_level="mask"))
-    for family in FAMILIES:
-        (program,) = isolated(recipe, family).programs.values()
+    recipe = make_recipe(goal, CaptureScheme(black_level="mask"))
+    for family in ISOLATION_FAMILIES:
+        (program,) = use_path_isolation(recipe, family).programs.values()
         assert isinstance(program, Isolation)
         assert (program.positive, program.confocal) == (True, family == "confocal")
-    made = isolated(recipe, "isolation")
+    made = use_path_isolation(recipe, "isolation")
     check_isolation(made, slot_s=0.04, limit_s=1.0)
     with pytest.raises(RequestError, match="of 25 pairs of cells takes 1 s a photo"):
         check_isolation(made, slot_s=0.041, limit_s=1.0)
-    large = isolated(recipe_of(Target(Goal(name="indirect"), (1, 369)), How()), "isolation")
+    large = use_path_isolation(
+        make_recipe(Target(Goal(name="indirect"), (1, 369)), CaptureScheme()), "isolation"
+    )
     with pytest.raises(RequestError, match="more memory than is sensible"):
         check_isolation(large, slot_s=1e-9, limit_s=1.0)
-    less = isolated(recipe_of(Target(Goal(name="indirect"), (1, 368)), How()), "isolation")
+    less = use_path_isolation(
+        make_recipe(Target(Goal(name="indirect"), (1, 368)), CaptureScheme()), "isolation"
+    )
     check_isolation(less, slot_s=1e-9, limit_s=1.0)
 
 
@@ -128,7 +141,7 @@ def slice_of(rows: tuple[int, int] | None = None, masked: bool | None = None) ->
 def test_photos_of_a_slice_are_an_order_less_one() -> None:
     """A column for each cell, one of ones, and four left over: of order 8, 12, 16, 20 ..."""
     wanted = {1: 7, 3: 7, 4: 11, 7: 11, 8: 15, 11: 15, 12: 19, 1019: 1023, 1020: 1031}
-    assert {cells: photos_of(cells) for cells in wanted} == wanted
+    assert {cells: count_slice_photos(cells) for cells in wanted} == wanted
     assert MOST_PHOTOS == 1024
 
 
@@ -151,8 +164,13 @@ def test_a_slice_has_its_rows_and_its_limit_of_photos() -> None:
 
 
 @pytest.mark.parametrize(
-    "how", [How(method="nayar"), How(codes=16, pilot=4), How(codes=16, parts=2)]
+    "how",
+    [
+        CaptureScheme(method="nayar"),
+        CaptureScheme(codes=16, pilot=4),
+        CaptureScheme(codes=16, parts=2),
+    ],
 )
-def test_a_slice_is_taken_in_no_other_way(how: How) -> None:
+def test_a_slice_is_taken_in_no_other_way(how: CaptureScheme) -> None:
     with pytest.raises(RequestError, match="photos of single patterns"):
-        recipe_of(Target(slice_of((0, 1)), (2, 3)), how)
+        make_recipe(Target(slice_of((0, 1)), (2, 3)), how)

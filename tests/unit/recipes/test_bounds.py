@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.errors import RequestError
-from pdcd.planning.defaults import wants_choice
+from pdcd.planning.defaults import is_search_needed
 from pdcd.planning.make import make_plan
 from pdcd.protocol.request import CaptureRequest
 
@@ -89,4 +89,4 @@ def test_what_no_rig_can_mean_is_refused_by_the_type(fields: dict[str, Any]) -> 
 
 
 def test_a_day_may_be_asked_for() -> None:
-    assert wants_choice(CaptureRequest(goal="indirect", seconds=86400.0))
+    assert is_search_needed(CaptureRequest(goal="indirect", seconds=86400.0))

@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.planning.code_counts import as_bright
-from pdcd.protocol.plan_summary import How
+from pdcd.planning.code_counts import scale_code_count
+from pdcd.protocol.plan_summary import CaptureScheme
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from tests import dense_recipe
 from tests.sampled import sampled
 
@@ -102,7 +102,7 @@ def test_row_as_a_plain_matrix_is_as_good_as_its_goal(row: str) -> None:
     plain = dense_recipe.target(GRID, "relit", {"matrix": pi})
     errors = []
     for target in (own, plain):
-        recipe, realised = dense_recipe.matrix_of(target, How())
+        recipe, realised = dense_recipe.matrix_of(target, CaptureScheme())
         errors.append(dense_recipe.error(realised, pi, transport()))
     assert errors[1] <= max(1.1 * errors[0], 1e-6)
     assert recipe.split and recipe.pictures.keys() == {"relit"}
@@ -117,14 +117,18 @@ def test_row_as_a_plain_matrix_is_as_good_as_its_goal(row: str) -> None:
 def test_any_weight_of_the_matched_cell(kept: float) -> None:
     pi = np.ones((N, N))
     pi[np.arange(N), WARP] = kept
-    _, realised = dense_recipe.matrix_of(dense_recipe.target(GRID, "relit", {"matrix": pi}), How())
+    _, realised = dense_recipe.matrix_of(
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), CaptureScheme()
+    )
     assert dense_recipe.error(realised, pi, transport()) < 0.02
     np.testing.assert_allclose(realised[np.arange(N), WARP], kept, atol=1e-5)
 
 
 def test_cells_without_a_partner_see_all_light_in_a_plain_matrix() -> None:
     pi = 1.0 - matrix(lambda n, m: WARP_B[n] == m)
-    _, realised = dense_recipe.matrix_of(dense_recipe.target(GRID, "relit", {"matrix": pi}), How())
+    _, realised = dense_recipe.matrix_of(
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), CaptureScheme()
+    )
     assert dense_recipe.error(realised, pi, transport()) < 0.01
     np.testing.assert_allclose(realised[WARP_B < 0], 1.0, rtol=1e-6)
 
@@ -135,7 +139,7 @@ def test_matrices_of_low_rank_are_exact(rank: int) -> None:
     seen, lit = rng.random((rank, N)), rng.random((rank, N))
     sparse = seen * (rng.random(seen.shape) < 0.5)
     recipe, realised = dense_recipe.matrix_of(
-        dense_recipe.target(GRID, "relit", {"matrix": sparse.T @ lit}), How()
+        dense_recipe.target(GRID, "relit", {"matrix": sparse.T @ lit}), CaptureScheme()
     )
     np.testing.assert_allclose(realised, sparse.T @ lit, atol=1e-6 * (sparse.T @ lit).max())
     assert len(recipe.shots) <= (1 if rank < 9 else 2)
@@ -154,7 +158,7 @@ def test_what_is_wanted_in_all_is_the_matrix_whatever_light_its_photos_have(
     light = None if lit is None else 0.25 + 0.5 * rng.random(N)
     arrays = {"matrix": pi} if light is None else {"matrix": pi, "illumination": light}
     wanted = dense_recipe.target(GRID, "relit", arrays)
-    recipe = recipe_of(wanted, How())
+    recipe = make_recipe(wanted, CaptureScheme())
     expected = pi if light is None else pi * light
     np.testing.assert_allclose(recipe.wanted.dense(), expected, atol=1e-5 * expected.max())
     image = np.arange(1.0, N + 1.0, dtype=np.float64)
@@ -170,7 +174,7 @@ def test_sums_of_everything_say_what_they_are() -> None:
     pi = rng.random((N, 2)) @ rng.random((2, N)) - 0.5 * matrix(lambda n, m: WARP[n] == m)
     pi += 0.5 * matrix(lambda n, m: far(n, m) <= 2)
     plain = dense_recipe.target(GRID, "relit", {"matrix": pi})
-    recipe, realised = dense_recipe.matrix_of(plain, How())
+    recipe, realised = dense_recipe.matrix_of(plain, CaptureScheme())
     assert dense_recipe.error(realised, pi, transport()) < 0.005
     told = "; ".join(recipe.split)
     assert all(part in told for part in ("rank 2", "within 2 cells", "one cell each"))
@@ -180,7 +184,7 @@ def test_sums_of_everything_say_what_they_are() -> None:
 def test_noise_is_photographed_as_a_rest() -> None:
     pi = 1.0 - np.eye(N) + 1e-3 * np.random.default_rng(9).standard_normal((N, N))
     recipe, realised = dense_recipe.matrix_of(
-        dense_recipe.target(GRID, "relit", {"matrix": pi}), How()
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), CaptureScheme()
     )
     assert dense_recipe.error(realised, pi, transport()) < 0.01
     assert any("the rest" in line for line in recipe.split)
@@ -189,7 +193,7 @@ def test_noise_is_photographed_as_a_rest() -> None:
 def test_what_a_warp_matches_is_counted_alone_although_codes_are_shared() -> None:
     """Direct light of a cell that shares its column with its partner would come through whole."""
     goal = dense_recipe.target(GRID, "warped", {"warp": WARP.astype(float)})
-    _, realised = dense_recipe.matrix_of(goal, How())
+    _, realised = dense_recipe.matrix_of(goal, CaptureScheme())
     pi = matrix(lambda n, m: WARP[n] == m)
     other = realised[np.arange(N), np.arange(N)][WARP != np.arange(N)]
     assert np.abs(other).max() < 1e-9
@@ -200,7 +204,7 @@ def test_of_two_matches_the_one_that_most_cells_have_gets_the_codes_with_partner
     """The other one has cells that see nothing of it, and they would want photos of their own."""
     pi = matrix(lambda n, m: 1.0 - 0.5 * (WARP_B[n] == m) - (WARP[n] == m))
     recipe, realised = dense_recipe.matrix_of(
-        dense_recipe.target(GRID, "relit", {"matrix": pi}), How()
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), CaptureScheme()
     )
     assert "unmatched" not in {photo.name for photo in recipe.photos}
     assert dense_recipe.error(realised, pi, transport()) < 0.05
@@ -208,7 +212,7 @@ def test_of_two_matches_the_one_that_most_cells_have_gets_the_codes_with_partner
 
 def test_stripes_under_a_warp_keep_all_but_the_matched_cell() -> None:
     goal = dense_recipe.target(GRID, "split", {"warp": WARP_B.astype(float)}, period=4)
-    recipe = recipe_of(goal, How())
+    recipe = make_recipe(goal, CaptureScheme())
     for photo in recipe.photos:
         dense = photo.wanted.dense()
         lit = dense.max(axis=0)
@@ -223,15 +227,15 @@ def test_stripes_under_a_warp_keep_all_but_the_matched_cell() -> None:
 def test_fig_8_equal_brightness_takes_codes_in_proportion_to_1_over_p(
     codes: int, p: float, more: int
 ) -> None:
-    assert as_bright(codes, CaptureRequest(goal="fraction", p=p)) == more
+    assert scale_code_count(codes, CaptureRequest(goal="fraction", p=p)) == more
     with pytest.raises(RequestError, match="equal brightness"):
-        as_bright(codes, CaptureRequest(goal="indirect"))
+        scale_code_count(codes, CaptureRequest(goal="indirect"))
 
 
 def test_what_scattered_weights_have_in_common_is_a_photo_of_its_own() -> None:
     """Direct light keeps its weight, of few codes too, but for the scale of the photo."""
     pi = np.random.default_rng(50).random((N, N))
     wanted = dense_recipe.target(GRID, "relit", {"matrix": pi})
-    recipe, realised = dense_recipe.matrix_of(wanted, How(codes=16))
+    recipe, realised = dense_recipe.matrix_of(wanted, CaptureScheme(codes=16))
     assert {photo.name for photo in recipe.photos} == {"even", "matched"}
     assert np.abs(realised - pi).diagonal().max() < 0.05

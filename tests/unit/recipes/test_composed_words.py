@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.probing.wanted import Near
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.probing.wanted import NearPart
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import Coded
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.programs import CodedProgram
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.structure import structure_of
+from pdcd.recipes.structure import find_structure
 
 GRID = (9, 12)
 N = 108
@@ -32,7 +32,7 @@ def by_warp(partner: NDArray[np.int64]) -> Floats:
 
 def recipe(matrix: Floats, codes: int = 128) -> Recipe:
     target = Target(Goal(name="relit"), GRID, matrices={"matrix": matrix})
-    return recipe_of(target, How(codes=codes))
+    return make_recipe(target, CaptureScheme(codes=codes))
 
 
 def terms(found: Recipe) -> dict[str, Any]:
@@ -82,13 +82,13 @@ def test_more_of_the_matched_cell_takes_codes_that_are_lit_less_often(
     )
     assert terms(found) == weights
     program = found.programs["coded"]
-    assert isinstance(program, Coded) and (program.p, program.complement) == (p, False)
+    assert isinstance(program, CodedProgram) and (program.p, program.complement) == (p, False)
     (photo,) = (photo for photo in found.photos if photo.name == "coded")
     assert photo.wanted.by_direct
 
 
 def test_bands_are_what_far_light_leaves() -> None:
-    near = Near(GRID, 2).rows(0, N)
+    near = NearPart(GRID, 2).rows(0, N)
     found = recipe(1.0 - near)
     assert terms(found) == {"far-2": 1.0}
     assert found.split == (
@@ -162,7 +162,7 @@ def test_matched_cells_of_one_weight_are_a_sixteenth_of_all(cells: int, found: b
     """108 cells: 6.75 of them."""
     partner = np.full(N, -1)
     partner[RNG.permutation(N)[:cells]] = RNG.permutation(N)[:cells]
-    made = structure_of(1.0 - 0.4 * by_warp(partner), GRID)
+    made = find_structure(1.0 - 0.4 * by_warp(partner), GRID)
     assert made.level == 1.0 and len(made.matches) == found
     assert (made.rest is None) == found
     if found:
@@ -174,7 +174,7 @@ def test_matched_cells_of_one_weight_are_a_sixteenth_of_all(cells: int, found: b
 def test_of_few_cells_four_must_be_matched(cells: int, found: bool) -> None:
     matrix = np.ones((40, 40))
     matrix[[1, 11, 22, 33][:cells], [30, 7, 5, 18][:cells]] = 0.25
-    made = structure_of(matrix, (5, 8))
+    made = find_structure(matrix, (5, 8))
     assert len(made.matches) == found and (made.rest is None) == found
 
 
@@ -194,7 +194,7 @@ def test_bands_have_two_weights_at_most(
         np.abs(cells[:, None] // 16 - cells // 16), np.abs(cells[:, None] % 16 - cells % 16)
     )
     matrix = 3.0 + np.r_[weights[0], weights, np.zeros(16)][far]
-    made = structure_of(matrix, grid)
+    made = find_structure(matrix, grid)
     assert made.near == near and made.level == 3.0
     np.testing.assert_allclose(made.rows(0, 224), matrix, atol=1e-9)
 
@@ -202,18 +202,18 @@ def test_bands_have_two_weights_at_most(
 @pytest.mark.parametrize(("damaged", "found"), [(9, True), (10, False)])
 def test_nine_tenths_of_a_ring_have_its_weight(damaged: int, found: bool) -> None:
     """99 cells have a neighbour to their right."""
-    matrix = 2.0 - Near(GRID, 1).rows(0, N)
+    matrix = 2.0 - NearPart(GRID, 1).rows(0, N)
     cells = [row * 12 + col for col in range(11) for row in range(9)]
     for cell in cells[:damaged]:
         matrix[cell, cell + 1] = 2.0 + 0.1 * cell
-    made = structure_of(matrix, GRID)
+    made = find_structure(matrix, GRID)
     assert made.near == (((-1.0, 1),) if found else ())
 
 
 def test_rows_of_a_structure_are_those_of_its_sum() -> None:
     seen, lit = RNG.random((2, N)), RNG.random((2, N))
-    matrix = seen.T @ lit + by_warp(WARP) - 0.5 * Near(GRID, 1).rows(0, N)
-    made = structure_of(matrix, GRID)
+    matrix = seen.T @ lit + by_warp(WARP) - 0.5 * NearPart(GRID, 1).rows(0, N)
+    made = find_structure(matrix, GRID)
     assert made.found and len(made.camera) == 2
     for start, stop in ((0, N), (3, 8), (100, N), (5, 5)):
         np.testing.assert_allclose(made.rows(start, stop), matrix[start:stop], atol=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.recipes import factored
-from pdcd.recipes.factored import distinct_rows, factors_of
+from pdcd.recipes.factored import factor_matrix, find_distinct_rows
 
 
 @pytest.mark.parametrize("whole_cells", [0, 1024])
@@ -17,7 +17,7 @@ def test_a_low_rank_is_found_with_both_sides(
     monkeypatch.setattr(factored, "WHOLE_CELLS", whole_cells)
     rng = np.random.default_rng(3)
     matrix = rng.standard_normal((60, rank)) @ rng.standard_normal((rank, 60))
-    sides = factors_of(matrix, 12)
+    sides = factor_matrix(matrix, 12)
     assert sides is not None
     camera, projector = sides
     assert camera.shape == projector.shape == (rank, 60)
@@ -30,10 +30,10 @@ def test_a_higher_rank_is_left_to_codes(whole_cells: int, monkeypatch: pytest.Mo
     monkeypatch.setattr(factored, "WHOLE_CELLS", whole_cells)
     rng = np.random.default_rng(4)
     matrix = rng.standard_normal((60, 13)) @ rng.standard_normal((13, 60))
-    assert factors_of(matrix, 12) is None
-    assert factors_of(matrix + 1e-6 * rng.standard_normal((60, 60)), 13) is None
-    assert factors_of(matrix, 13) is not None
-    assert factors_of(np.eye(60), 30) is None
+    assert factor_matrix(matrix, 12) is None
+    assert factor_matrix(matrix + 1e-6 * rng.standard_normal((60, 60)), 13) is None
+    assert factor_matrix(matrix, 13) is not None
+    assert factor_matrix(np.eye(60), 30) is None
 
 
 def test_distinct_rows_are_those_of_numpy_and_no_more_than_asked_for() -> None:
@@ -41,8 +41,8 @@ def test_distinct_rows_are_those_of_numpy_and_no_more_than_asked_for() -> None:
     matrix = rng.integers(0, 2, (5, 40)).astype(float)[rng.integers(0, 5, 40)]
     matrix[3] = -0.0 * matrix[3]
     rows, which = np.unique(matrix, axis=0, return_inverse=True)
-    found = distinct_rows(matrix, len(rows))
+    found = find_distinct_rows(matrix, len(rows))
     assert found is not None
     np.testing.assert_array_equal(found[0], rows)
     np.testing.assert_array_equal(found[1], which.ravel())
-    assert distinct_rows(matrix, len(rows) - 1) is None
+    assert find_distinct_rows(matrix, len(rows) - 1) is None

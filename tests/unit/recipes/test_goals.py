@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.protocol.fields import needed_by, taken_by
+from pdcd.protocol.fields import list_needed_fields, list_optional_fields
 from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.goals import KEEPS, Target, check_target
-from pdcd.recipes.partners import partner_of
+from pdcd.recipes.partners import describe_partners
 from pdcd.words import GoalName
 
 ROWS, COLS = GRID = (4, 8)
@@ -119,7 +119,7 @@ def test_what_it_cannot_mean_is_refused_by_name(
 def test_a_goal_may_take_what_it_does_not_need() -> None:
     assert set(KEEPS) == set(get_args(GoalName))
     for name in KEEPS:
-        needs, may = needed_by(name), taken_by(name)
+        needs, may = list_needed_fields(name), list_optional_fields(name)
         assert not set(needs) & set(may)
         # Every photo may be lit by a pattern; entries of T are those of single cells.
         assert ("illumination" in {*needs, *may}) == (name != "transport")
@@ -131,7 +131,7 @@ def test_cells_are_matched_by_a_shift_by_a_warp_or_with_themselves() -> None:
     assert target("indirect", shift=(1, -2)).partner == (1, -2)
     warp = np.roll(np.arange(CELLS), 3)
     found = target("indirect", warp=warp).partner
-    np.testing.assert_array_equal(found, partner_of(warp, GRID))
+    np.testing.assert_array_equal(found, describe_partners(warp, GRID))
     assert target("indirect").light is None
     light = plane(0.5)
     np.testing.assert_array_equal(target("indirect", illumination=light).light, light)

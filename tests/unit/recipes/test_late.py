@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Recipe
 
 HOW: list[dict[str, Any]] = [
@@ -19,7 +19,7 @@ HOW: list[dict[str, Any]] = [
 
 
 def recipe(name: Any, **how: Any) -> Recipe:
-    return recipe_of(Target(Goal(name=name), (4, 8)), How(**how))
+    return make_recipe(Target(Goal(name=name), (4, 8)), CaptureScheme(**how))
 
 
 @pytest.mark.parametrize("goal", ["indirect", "direct"])

@@ -11,18 +11,24 @@ from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.protocol.plan_summary import Goal
 from pdcd.recipes.partners import (
-    NOWHERE,
-    REACH,
-    cells_of,
+    NO_MATCH,
+    PARTNER_GUARD_CELLS,
     check_depths,
-    continued_places,
-    far_partners,
-    matches,
-    partner_links,
-    partner_of,
-    places_of,
+    describe_partners,
+    extend_places,
+    find_match_places,
+    find_matched_cells,
+    link_partners,
+    list_distant_partners,
+    list_partner_cells,
 )
-from pdcd.recipes.programs import Coded, Far, Signed, SignedMatrix, Under
+from pdcd.recipes.programs import (
+    CodedProgram,
+    IlluminatedProgram,
+    LongRangeProgram,
+    SignedMatrixProgram,
+    SignedProgram,
+)
 
 GRID = (3, 5)
 N = 15
@@ -36,24 +42,28 @@ def keyed(**numbers: Any) -> Goal:
 
 
 def test_places_without_depths_are_the_cells_themselves() -> None:
-    np.testing.assert_array_equal(places_of(keyed(), GRID, {}), HERE)
-    np.testing.assert_array_equal(places_of(keyed(plane=SAME), GRID, {}), HERE)
+    np.testing.assert_array_equal(find_match_places(keyed(), GRID, {}), HERE)
+    np.testing.assert_array_equal(find_match_places(keyed(plane=SAME), GRID, {}), HERE)
 
 
 def test_a_plane_moves_places_by_its_homography() -> None:
     """Two fifths to the right, a third down."""
     moved = (1.0, 0.0, 0.4, 0.0, 1.0, 1.0 / 3.0, 0.0, 0.0, 1.0)
-    np.testing.assert_array_equal(places_of(keyed(plane=moved), GRID, {}), HERE + DOWN + 2 * RIGHT)
+    np.testing.assert_array_equal(
+        find_match_places(keyed(plane=moved), GRID, {}), HERE + DOWN + 2 * RIGHT
+    )
     back = (1.0, 0.0, -0.4, 0.0, 1.0, -1.0 / 3.0, 0.0, 0.0, 1.0)
-    np.testing.assert_array_equal(places_of(keyed(plane=back), GRID, {}), HERE - DOWN - 2 * RIGHT)
+    np.testing.assert_array_equal(
+        find_match_places(keyed(plane=back), GRID, {}), HERE - DOWN - 2 * RIGHT
+    )
     with pytest.raises(RequestError, match="plane: "):
-        places_of(keyed(plane=(0.0,) * 9), GRID, {})
+        find_match_places(keyed(plane=(0.0,) * 9), GRID, {})
 
 
 def test_disparities_count_cells_to_the_right_from_the_middle_of_each() -> None:
     disparities = np.zeros(N)
     disparities[:6] = 0.49, 0.5, -0.5, -0.51, 2.6, 1e30
-    row, col = places_of(keyed(), GRID, {"disparities": disparities}).T
+    row, col = find_match_places(keyed(), GRID, {"disparities": disparities}).T
     np.testing.assert_array_equal(row, HERE[:, 0])
     np.testing.assert_array_equal(col[:5], [0, 2, 2, 2, 7])
     assert col[5] >= 10**8
@@ -63,21 +73,21 @@ def test_disparities_count_cells_to_the_right_from_the_middle_of_each() -> None:
 def test_a_warp_names_cells_or_none() -> None:
     warp = np.arange(N)[::-1].astype(float)
     warp[3] = -1.0
-    found = places_of(keyed(), GRID, {"warp": warp})
-    assert found[3].tolist() == [NOWHERE, NOWHERE]
+    found = find_match_places(keyed(), GRID, {"warp": warp})
+    assert found[3].tolist() == [NO_MATCH, NO_MATCH]
     assert found[0].tolist() == [2, 4] and found[14].tolist() == [0, 0]
-    assert (matches(found, 0, GRID) == warp).all()
+    assert (find_matched_cells(found, 0, GRID) == warp).all()
 
 
 def test_matches_end_where_the_grid_does() -> None:
     place = np.array([[0, 0], [2, 4], [-1, 0], [3, 0], [1, -1], [1, 5], [1, 2]])
-    assert matches(place, 0, GRID).tolist() == [0, 14, -1, -1, -1, -1, 7]
-    assert matches(place, 1, GRID).tolist() == [1, -1, -1, -1, 5, -1, 8]
-    assert matches(place, -2, GRID).tolist() == [-1, 12, -1, -1, -1, 8, 5]
+    assert find_matched_cells(place, 0, GRID).tolist() == [0, 14, -1, -1, -1, -1, 7]
+    assert find_matched_cells(place, 1, GRID).tolist() == [1, -1, -1, -1, 5, -1, 8]
+    assert find_matched_cells(place, -2, GRID).tolist() == [-1, 12, -1, -1, -1, 8, 5]
 
 
 def test_places_go_on_over_the_far_edges() -> None:
-    found = continued_places(HERE, Lattice(GRID, "quarter")).reshape(4, 6, 2)
+    found = extend_places(HERE, Lattice(GRID, "quarter")).reshape(4, 6, 2)
     for row in range(4):
         for col in range(6):
             assert found[row, col].tolist() == [row, col]
@@ -121,47 +131,55 @@ def test_some_cell_must_have_a_match_at_some_depth() -> None:
 
 def test_a_warp_that_is_a_shift_is_told_as_one() -> None:
     own = np.arange(N)
-    assert partner_of(own, GRID) is None
+    assert describe_partners(own, GRID) is None
     beside = np.where(own % 5 < 4, own + 1, -1)
-    assert partner_of(beside, GRID) == (0, 1)
+    assert describe_partners(beside, GRID) == (0, 1)
     below = np.where((own < 10) & (own % 5 > 1), own + 3, -1)
-    assert partner_of(below, GRID) == (1, -2)
+    assert describe_partners(below, GRID) == (1, -2)
     beside[7] = -1
-    assert partner_of(beside, GRID) is beside
+    assert describe_partners(beside, GRID) is beside
     none = np.full(N, -1)
-    assert partner_of(none, GRID) is none
+    assert describe_partners(none, GRID) is none
     for partner in (None, (0, 1), (1, -2)):
-        cells = cells_of(partner, GRID)
-        assert partner_of(cells, GRID) == partner
-    assert cells_of(below, GRID) is below
+        cells = list_partner_cells(partner, GRID)
+        assert describe_partners(cells, GRID) == partner
+    assert list_partner_cells(below, GRID) is below
 
 
 def test_partners_are_far_beyond_the_reach_in_rows_or_columns() -> None:
     grid = (9, 9)
-    near, far = (0, REACH), (0, -REACH - 1)
-    assert REACH == 3
-    assert far_partners(Coded(near, True), grid) == ()
-    assert far_partners(Coded(far, True), grid) == (far,)
-    assert far_partners(Coded((4, 0), True), grid) == ((4, 0),)
-    assert far_partners(Coded(None, True), grid) == () == far_partners(Far(1), grid)
-    assert far_partners(Under(Coded(far, True), np.ones(81)), grid) == (far,)
-    assert far_partners(Signed(((1.0, far), (1.0, None), (1.0, near)), True), grid) == (far,)
+    near, far = (0, PARTNER_GUARD_CELLS), (0, -PARTNER_GUARD_CELLS - 1)
+    assert PARTNER_GUARD_CELLS == 3
+    assert list_distant_partners(CodedProgram(near, True), grid) == ()
+    assert list_distant_partners(CodedProgram(far, True), grid) == (far,)
+    assert list_distant_partners(CodedProgram((4, 0), True), grid) == ((4, 0),)
+    assert (
+        list_distant_partners(CodedProgram(None, True), grid)
+        == ()
+        == list_distant_partners(LongRangeProgram(1), grid)
+    )
+    assert list_distant_partners(
+        IlluminatedProgram(CodedProgram(far, True), np.ones(81)), grid
+    ) == (far,)
+    assert list_distant_partners(
+        SignedProgram(((1.0, far), (1.0, None), (1.0, near)), True), grid
+    ) == (far,)
     warp = np.full(81, -1)
     warp[40] = 40 + 27 + 3
-    assert far_partners(SignedMatrix(np.eye(81), True, (warp,)), grid) == ()
+    assert list_distant_partners(SignedMatrixProgram(np.eye(81), True, (warp,)), grid) == ()
     warp[0] = 4
-    (found,) = far_partners(SignedMatrix(np.eye(81), True, (warp,)), grid)
+    (found,) = list_distant_partners(SignedMatrixProgram(np.eye(81), True, (warp,)), grid)
     assert found is warp
     warp[0], warp[80] = -1, 80 - 36
-    assert len(far_partners(SignedMatrix(np.eye(81), True, (warp,)), grid)) == 1
+    assert len(list_distant_partners(SignedMatrixProgram(np.eye(81), True, (warp,)), grid)) == 1
 
 
 def test_codes_of_partners_are_linked_with_the_light_around_a_cell() -> None:
     lattice = Lattice((9, 9))
-    assert partner_links((), lattice) is None
+    assert link_partners((), lattice) is None
     warp = np.full(81, -1)
     warp[40] = 8
-    links = partner_links((warp,), lattice)
+    links = link_partners((warp,), lattice)
     assert links is not None
     dense = links.toarray()
     np.testing.assert_array_equal(dense, dense.T)

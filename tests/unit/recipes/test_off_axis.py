@@ -11,20 +11,27 @@ import pytest
 
 from pdcd.bench.tables import Config, RigConfig, ScheduleConfig
 from pdcd.errors import RequestError
-from pdcd.panels.patterns import levels_of
-from pdcd.pictures.combine import combine
-from pdcd.pictures.exposed import Print
+from pdcd.panels.patterns import read_pattern_levels
+from pdcd.pictures.combine import combine_shots
+from pdcd.pictures.exposed import ComputedShot
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
-from pdcd.planning.rehearse import foreseen
-from pdcd.probing.convolved import SameRow
-from pdcd.probing.wanted import Match, Near, Outer, Part, Uniform, Wanted
+from pdcd.planning.rehearse import predict_probing_matrix
+from pdcd.probing.convolved import SameRowPart
+from pdcd.probing.wanted import (
+    MatchPart,
+    MatrixPart,
+    NearPart,
+    OuterPart,
+    UniformPart,
+    WantedMatrix,
+)
 from pdcd.protocol.plan_summary import Goal
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.partners import matches, places_of
+from pdcd.recipes.partners import find_match_places, find_matched_cells
 from pdcd.sensor.cells import CellMap
-from pdcd.virtual.scene.displaced import Displaced
-from pdcd.virtual.scene.effects import Dense
+from pdcd.virtual.scene.displaced import DisplacedEffect
+from pdcd.virtual.scene.effects import DenseEffect
 from pdcd.virtual.scene.scene import Scene
 
 GRID = (6, 10)
@@ -54,21 +61,23 @@ def realised(plan: Plan, program: str) -> np.ndarray:
     """Sum over the pairs of a program of mask times light, (N, N): no code of the probing room."""
     primal, dual = plan.patterns[program]
     cells = plan.grid[0] * plan.grid[1]
-    light = np.array([levels_of(primal, k, cells) for k in range(len(primal))], dtype=float)
-    mask = np.array([levels_of(dual, k, cells) for k in range(len(dual))], dtype=float)
+    light = np.array(
+        [read_pattern_levels(primal, k, cells) for k in range(len(primal))], dtype=float
+    )
+    mask = np.array([read_pattern_levels(dual, k, cells) for k in range(len(dual))], dtype=float)
     return np.asarray(mask.T @ light)
 
 
 def pictures(plan: Plan, scene: Scene) -> dict[str, np.ndarray]:
     shots = {}
     for shot in plan.recipe.shots:
-        matrix = foreseen(plan, shot, config(), displacement=scene.displacement)
+        matrix = predict_probing_matrix(plan, shot, config(), displacement=scene.displacement)
         light = scene.photo(
             matrix.left, matrix.right, matrix.coaxial, matrix.open_s, matrix.displaced
         ).reshape(*plan.grid, 3)
         dark = np.zeros(plan.grid, np.bool_)
-        shots[shot.name] = Print(light, np.zeros_like(light), dark, matrix, {})
-    found = combine(plan.recipe, shots, CellMap.block(plan.grid, plan.grid))
+        shots[shot.name] = ComputedShot(light, np.zeros_like(light), dark, matrix, {})
+    found = combine_shots(plan.recipe, shots, CellMap.block(plan.grid, plan.grid))
     return {name: picture.image[..., 0] for name, picture in found.items()}
 
 
@@ -161,8 +170,8 @@ def scene_of(disparity: float, *, haze: float = 0.3, grid: tuple[int, int] = GRI
     places = np.arange(cells) % grid[1] + 0.5 + disparity
     moved[(places <= 0) | (places >= grid[1])] = np.nan
     effects = (
-        Displaced("plane", grid, np.full(cells, 0.6), moved),
-        Dense("haze", np.full((cells, cells), haze / cells)),
+        DisplacedEffect("plane", grid, np.full(cells, 0.6), moved),
+        DenseEffect("haze", np.full((cells, cells), haze / cells)),
     )
     return Scene("plane", grid, effects)
 
@@ -208,8 +217,8 @@ def test_photos_are_the_dense_sums(goal: str, disparity: tuple[int, int]) -> Non
     paths = rng.random((N, N)) * 0.01
     moved = np.stack([np.zeros(N), rng.integers(-3, 4, N)], axis=1).astype(float)
     albedo = rng.random(N)
-    direct = Displaced("direct", GRID, albedo, moved)
-    scene = Scene("any", GRID, (direct, Dense("paths", paths)))
+    direct = DisplacedEffect("direct", GRID, albedo, moved)
+    scene = Scene("any", GRID, (direct, DenseEffect("paths", paths)))
     whole = paths.copy()
     for n in range(N):
         c = n % COLS + int(moved[n, 1])
@@ -238,7 +247,7 @@ def test_24_epipolar_paths_are_exact_at_as_many_codes_as_rows(keep: str, rows: i
     cells = rows * 7
     rng = np.random.default_rng(rows)
     paths = rng.random((cells, cells))
-    scene = Scene("any", grid, (Dense("paths", paths),))
+    scene = Scene("any", grid, (DenseEffect("paths", paths),))
     plan = planned(grid, goal="epipolar", keep=keep, codes=rows, seed=2)
     truth = np.zeros(cells)
     for n in range(cells):
@@ -255,15 +264,21 @@ def test_24_epipolar_paths_are_exact_at_as_many_codes_as_rows(keep: str, rows: i
 @pytest.mark.parametrize("light", [None, RNG.random(N)])
 @pytest.mark.parametrize(
     "other",
-    [None, Uniform(N), Near(GRID, 2), Match(RNG.permutation(N)), Outer(*RNG.random((2, N)))],
+    [
+        None,
+        UniformPart(N),
+        NearPart(GRID, 2),
+        MatchPart(RNG.permutation(N)),
+        OuterPart(*RNG.random((2, N))),
+    ],
 )
 def test_sums_over_rows_are_those_of_the_matrix(
-    light: np.ndarray | None, other: Part | None
+    light: np.ndarray | None, other: MatrixPart | None
 ) -> None:
-    parts: tuple[tuple[float, Part], ...] = ((1.5, SameRow(GRID)),)
+    parts: tuple[tuple[float, MatrixPart], ...] = ((1.5, SameRowPart(GRID)),)
     if other is not None:
         parts = (*parts, (-0.7, other))
-    wanted = Wanted(GRID, parts, light)
+    wanted = WantedMatrix(GRID, parts, light)
     dense = wanted.dense()
     off = dense - np.diag(dense.diagonal())
     images = RNG.random((3, N))
@@ -271,7 +286,7 @@ def test_sums_over_rows_are_those_of_the_matrix(
     np.testing.assert_allclose(wanted.diagonal(), dense.diagonal(), atol=1e-12)
     np.testing.assert_allclose(wanted.squares(), (off**2).sum(axis=1), atol=1e-12)
     np.testing.assert_array_equal(
-        SameRow(GRID).rows(0, N),
+        SameRowPart(GRID).rows(0, N),
         [[float(n // COLS == m // COLS) for m in range(N)] for n in range(N)],
     )
 
@@ -287,8 +302,8 @@ def test_the_rigs_plane_is_taken_where_a_request_names_none() -> None:
     assert goal().plane == own
     assert goal(plane=list(TILT)).plane == TILT
     assert goal(disparity=[0, 1]).plane == own
-    place = places_of(goal(), GRID, {})
-    np.testing.assert_array_equal(matches(place, 0, GRID)[:3], [1, 2, 3])
+    place = find_match_places(goal(), GRID, {})
+    np.testing.assert_array_equal(find_matched_cells(place, 0, GRID)[:3], [1, 2, 3])
 
 
 @pytest.mark.parametrize(

@@ -10,16 +10,16 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.pictures.combine import combine
-from pdcd.pictures.exposed import Exposed, Print
+from pdcd.pictures.combine import combine_shots
+from pdcd.pictures.exposed import ComputedShot, ExposedShot
 from pdcd.planning.make import make_plan
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.answer import pair_sum
+from pdcd.verdict.answer import judge_pair_sum
 from pdcd.verdict.limits import Grade
 from tests import bench_rig
 
@@ -48,13 +48,13 @@ def photographed(config: Config, *, drift: float = 1.0) -> tuple[dict[str, np.nd
     whole = np.full(N, SLOT_S)
     flood = Factors(whole[None], np.ones((1, N)), whole, whole)
     shots["white"] = exposed(SLOT_S * transport.sum(axis=1), flood)
-    found = combine(plan.recipe, shots, CellMap.block(GRID, GRID), normalise="scalar")
+    found = combine_shots(plan.recipe, shots, CellMap.block(GRID, GRID), normalise="scalar")
     return {name: picture.image[..., 0].ravel() for name, picture in found.items()}, transport
 
 
-def exposed(light: np.ndarray, factors: Factors) -> Exposed:
+def exposed(light: np.ndarray, factors: Factors) -> ExposedShot:
     image = np.repeat(light.reshape(*GRID, 1), 3, axis=2)
-    return Print(image, np.full_like(image, 1e-6), np.zeros(GRID, np.bool_), factors, {})
+    return ComputedShot(image, np.full_like(image, 1e-6), np.zeros(GRID, np.bool_), factors, {})
 
 
 def test_two_exposures_make_direct_indirect_and_all_light(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_what_does_not_add_up_is_said(tmp_path: Path) -> None:
     for drift, grade in ((1.0, None), (1.1, Grade.DOUBTFUL), (1.5, Grade.BAD)):
         pictures, _ = photographed(config, drift=drift)
         both, flood = (pictures[name][:, None] for name in ("white", "floodlit"))
-        found = [f.grade for f in pair_sum(both, flood, np.zeros_like(flood))]
+        found = [f.grade for f in judge_pair_sum(both, flood, np.zeros_like(flood))]
         assert found == ([] if grade is None else [grade])
 
 
@@ -80,20 +80,20 @@ def test_noise_is_no_difference() -> None:
     rng = np.random.default_rng(0)
     flood = np.ones((4000, 3))
     noisy = flood + 0.1 * rng.standard_normal(flood.shape)
-    assert not list(pair_sum(noisy, flood, np.full_like(flood, 0.01)))
+    assert not list(judge_pair_sum(noisy, flood, np.full_like(flood, 0.01)))
 
 
 def test_the_check_may_be_left_out() -> None:
     target = Target(Goal(name="direct"), GRID)
-    recipe = recipe_of(target, How(method="pairs", white=False))
+    recipe = make_recipe(target, CaptureScheme(method="pairs", white=False))
     assert [shot.name for shot in recipe.shots] == ["coded", "same"]
     assert list(recipe.pictures) == ["direct", "indirect", "white"]
 
 
 def test_black_exposures_and_parts_come_in_pairs() -> None:
     target = Target(Goal(name="indirect"), GRID)
-    how = How(method="pairs", white=False, black_level="ambient", codes=16, parts=2)
-    recipe = recipe_of(target, how)
+    how = CaptureScheme(method="pairs", white=False, black_level="ambient", codes=16, parts=2)
+    recipe = make_recipe(target, how)
     direct = next(photo for photo in recipe.photos if photo.name == "direct")
     assert {name: sign for sign, name in direct.shots} == {
         "same-1": 1.0, "same-1-black-primal": -1.0, "coded-1": -1.0, "coded-1-black-primal": 1.0,
@@ -104,10 +104,10 @@ def test_black_exposures_and_parts_come_in_pairs() -> None:
 @pytest.mark.parametrize("goal", [Goal(name="fraction", p=0.25), Goal(name="diagonal")])
 def test_other_goals_are_refused(goal: Goal) -> None:
     with pytest.raises(RequestError, match="method pairs"):
-        recipe_of(Target(goal, GRID), How(method="pairs"))
+        make_recipe(Target(goal, GRID), CaptureScheme(method="pairs"))
 
 
 def test_an_illumination_is_refused() -> None:
     target = Target(Goal(name="indirect"), GRID, {"illumination": np.full(N, 0.5)})
     with pytest.raises(RequestError, match="method pairs"):
-        recipe_of(replace(target), How(method="pairs"))
+        make_recipe(replace(target), CaptureScheme(method="pairs"))

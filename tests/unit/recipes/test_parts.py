@@ -11,18 +11,18 @@ from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.planning.make import make_plan
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.recipes.parts import (
-    coin_signs,
-    in_parts,
-    only_parts,
-    part_codes,
-    part_numbers,
-    part_seed,
-    taken_parts,
+    count_part_codes,
+    derive_part_seed,
+    list_parts,
+    randomise_signs,
+    select_complete_parts,
+    select_parts,
+    split_into_parts,
 )
 from tests import bench_rig
 
@@ -30,7 +30,9 @@ GRID = (3, 4)
 
 
 def test_each_part_takes_every_shot_of_codes_in_turn() -> None:
-    recipe = in_parts(recipe_of(Target(Goal(name="indirect"), GRID), How(black_level="mask")), 2)
+    recipe = split_into_parts(
+        make_recipe(Target(Goal(name="indirect"), GRID), CaptureScheme(black_level="mask")), 2
+    )
     assert [shot.name for shot in recipe.shots] == [
         "white",
         "white-black-dual",
@@ -52,36 +54,39 @@ def test_each_part_takes_every_shot_of_codes_in_turn() -> None:
 
 
 def test_one_part_is_the_recipe_itself() -> None:
-    recipe = recipe_of(Target(Goal(name="indirect"), GRID), How())
-    assert in_parts(recipe, 1) is recipe
-    assert part_numbers(recipe) == ()
+    recipe = make_recipe(Target(Goal(name="indirect"), GRID), CaptureScheme())
+    assert split_into_parts(recipe, 1) is recipe
+    assert list_parts(recipe) == ()
 
 
 def test_a_pilot_is_taken_once_and_before_all_parts() -> None:
-    recipe = in_parts(
-        recipe_of(Target(Goal(name="indirect"), GRID), How(white=False, pilot=2, codes=130)), 3
+    recipe = split_into_parts(
+        make_recipe(
+            Target(Goal(name="indirect"), GRID), CaptureScheme(white=False, pilot=2, codes=130)
+        ),
+        3,
     )
     names = [shot.name for shot in recipe.shots]
     assert names == ["pilot-0001", "pilot-0002", "coded-1", "coded-2", "coded-3"]
 
 
 def test_both_halves_of_a_signed_photo_belong_to_one_part() -> None:
-    recipe = in_parts(recipe_of(Target(Goal(name="diagonal"), GRID), How()), 2)
-    second = only_parts(recipe, {2})
+    recipe = split_into_parts(make_recipe(Target(Goal(name="diagonal"), GRID), CaptureScheme()), 2)
+    second = select_parts(recipe, {2})
     assert second.photos[0].shots == ((1.0, "matched-plus-2"), (-1.0, "matched-minus-2"))
 
 
 def test_only_complete_parts_are_taken() -> None:
-    recipe = in_parts(recipe_of(Target(Goal(name="diagonal"), GRID), How()), 3)
+    recipe = split_into_parts(make_recipe(Target(Goal(name="diagonal"), GRID), CaptureScheme()), 3)
     names = [shot.name for shot in recipe.shots]
-    assert part_numbers(taken_parts(recipe, names[:5])) == (1, 2)
-    assert taken_parts(recipe, names[:1]) is recipe
+    assert list_parts(select_complete_parts(recipe, names[:5])) == (1, 2)
+    assert select_complete_parts(recipe, names[:1]) is recipe
 
 
 def test_no_two_parts_share_a_seed() -> None:
-    seeds = [part_seed(seed, 8, part) for seed in range(20) for part in range(1, 9)]
+    seeds = [derive_part_seed(seed, 8, part) for seed in range(20) for part in range(1, 9)]
     assert len(set(seeds)) == len(seeds)
-    assert part_seed(7, 1, 0) == 7
+    assert derive_part_seed(7, 1, 0) == 7
 
 
 def test_parts_of_a_plan_have_codes_of_their_own(tmp_path: Path) -> None:
@@ -112,7 +117,7 @@ def weight_of_near_neighbours(*, coins: bool, runs: int = 200) -> float:
     weights = []
     for seed in range(runs):
         codes = make_codes("hadamard", shape, count, dual="complement", seed=seed).primal
-        lit = coin_signs(codes, seed) if coins else codes
+        lit = randomise_signs(codes, seed) if coins else codes
         assert np.all(lit.sum(axis=0) == count // 2)
         met = np.count_nonzero(~lit[:, [centre]] & lit, axis=0)
         weights.append(4.0 / count * np.mean(met[(away >= 2.0) & (away < 3.0)]))
@@ -144,4 +149,4 @@ def test_refusals(request_: CaptureRequest, what: str, tmp_path: Path) -> None:
 
 def test_too_few_codes_for_the_parts_name_a_number_that_works() -> None:
     with pytest.raises(RequestError, match="take 8 codes"):
-        part_codes(3, 8)
+        count_part_codes(3, 8)

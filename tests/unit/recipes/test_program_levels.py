@@ -7,21 +7,21 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.wanted import shifted
+from pdcd.probing.wanted import shift_cells
 from pdcd.recipes.programs import (
-    Behind,
-    Blocks,
-    Coded,
-    Convolved,
-    Far,
-    Floodlit,
-    Signed,
-    SignedBlocks,
-    SignedMatrix,
-    Under,
-    extended,
-    on_lattice,
-    within,
+    BlockProgram,
+    CodedProgram,
+    ConvolvedProgram,
+    FloodlitProgram,
+    GainProgram,
+    IlluminatedProgram,
+    LongRangeProgram,
+    SignedBlockProgram,
+    SignedMatrixProgram,
+    SignedProgram,
+    extend_partners,
+    extend_values,
+    find_inner_program,
 )
 
 GRID = (3, 4)
@@ -50,7 +50,7 @@ def halves(mask: Floats, *, positive: bool) -> tuple[NDArray[np.bool_], Floats]:
 
 def test_blocks_are_the_levels_that_were_given() -> None:
     camera, projector = RNG.random((2, N)), RNG.random((2, N))
-    program = Blocks(camera, projector)
+    program = BlockProgram(camera, projector)
     assert not program.coded and program.p == 0.5
     primal, dual = program.pairs(BITS, WHOLE)
     assert primal is projector and dual is camera
@@ -58,7 +58,7 @@ def test_blocks_are_the_levels_that_were_given() -> None:
 
 @pytest.mark.parametrize("complement", [False, True])
 def test_a_mask_shows_the_code_of_each_partner_or_its_complement(complement: bool) -> None:
-    program = Coded(WARP, complement)
+    program = CodedProgram(WARP, complement)
     assert program.coded and program.p == 0.5
     primal, dual = program.pairs(BITS, WHOLE)
     assert primal is BITS
@@ -68,9 +68,9 @@ def test_a_mask_shows_the_code_of_each_partner_or_its_complement(complement: boo
 
 
 def test_partners_may_be_a_shift_or_the_cells_themselves() -> None:
-    _, own = Coded(None, True).pairs(BITS, WHOLE)
+    _, own = CodedProgram(None, True).pairs(BITS, WHOLE)
     np.testing.assert_array_equal(own, ~BITS)
-    _, beside = Coded((1, -1), False).pairs(BITS, WHOLE)
+    _, beside = CodedProgram((1, -1), False).pairs(BITS, WHOLE)
     expected = np.zeros((K, N), np.bool_)
     for row in range(2):
         for col in range(1, 4):
@@ -80,27 +80,32 @@ def test_partners_may_be_a_shift_or_the_cells_themselves() -> None:
 
 def test_an_illumination_and_a_gain_dim_one_panel_each() -> None:
     light, gain = RNG.random(N), RNG.random(N)
-    inner = Coded(None, True, 0.25)
-    primal, dual = Under(inner, light).pairs(BITS, WHOLE)
+    inner = CodedProgram(None, True, 0.25)
+    primal, dual = IlluminatedProgram(inner, light).pairs(BITS, WHOLE)
     np.testing.assert_allclose(primal, BITS * light)
     np.testing.assert_array_equal(dual, ~BITS)
-    primal, dual = Behind(inner, gain).pairs(BITS, WHOLE)
+    primal, dual = GainProgram(inner, gain).pairs(BITS, WHOLE)
     np.testing.assert_array_equal(primal, BITS)
     np.testing.assert_allclose(dual, ~BITS * gain)
-    both = Behind(Under(inner, light), gain)
-    assert both.p == 0.25 and both.coded and within(both) is inner and within(inner) is inner
-    assert not Under(Blocks(light, light), light).coded
+    both = GainProgram(IlluminatedProgram(inner, light), gain)
+    assert (
+        both.p == 0.25
+        and both.coded
+        and find_inner_program(both) is inner
+        and find_inner_program(inner) is inner
+    )
+    assert not IlluminatedProgram(BlockProgram(light, light), light).coded
 
 
 def test_floodlit_codes_go_through_an_open_mask() -> None:
-    primal, dual = Floodlit().pairs(BITS, WHOLE)
+    primal, dual = FloodlitProgram().pairs(BITS, WHOLE)
     assert primal is BITS and np.all(dual == 1.0) and dual.shape == BITS.shape
-    assert Floodlit().coded and Floodlit().p == 0.5
+    assert FloodlitProgram().coded and FloodlitProgram().p == 0.5
 
 
 @pytest.mark.parametrize("positive", [True, False])
 def test_signed_codes_show_a_sum_over_partners_in_two_halves(positive: bool) -> None:
-    program = Signed(((2.0, WARP), (-0.5, None), (1.5, (0, 1))), positive)
+    program = SignedProgram(((2.0, WARP), (-0.5, None), (1.5, (0, 1))), positive)
     assert program.coded and program.p == 0.5
     h = signs(BITS)
     mask = np.zeros((K, N))
@@ -116,7 +121,7 @@ def test_signed_codes_show_a_sum_over_partners_in_two_halves(positive: bool) -> 
 
 
 def test_a_sum_of_nothing_keeps_the_mask_closed() -> None:
-    _, dual = Signed(((0.0, None),), True).pairs(BITS, WHOLE)
+    _, dual = SignedProgram(((0.0, None),), True).pairs(BITS, WHOLE)
     assert dual.shape == (2 * K, N) and not dual.any()
 
 
@@ -129,7 +134,7 @@ def test_a_kernel_is_a_sum_over_shifts(positive: bool) -> None:
         for down in (-1, 0, 1)
         for right in (-1, 0, 1)
     )
-    one, other = Convolved(taps, positive), Signed(shifts, positive)
+    one, other = ConvolvedProgram(taps, positive), SignedProgram(shifts, positive)
     assert one.coded and one.p == 0.5
     for lattice, bits in ((WHOLE, BITS), (QUARTER, RNG.random((K, 20)) < 0.5)):
         for found, wanted in zip(one.pairs(bits, lattice), other.pairs(bits, lattice), strict=True):
@@ -139,7 +144,7 @@ def test_a_kernel_is_a_sum_over_shifts(positive: bool) -> None:
 @pytest.mark.parametrize("positive", [True, False])
 def test_any_matrix_is_shown_as_its_product_with_the_codes(positive: bool) -> None:
     matrix = RNG.standard_normal((N, N))
-    program = SignedMatrix(matrix, positive)
+    program = SignedMatrixProgram(matrix, positive)
     assert program.coded and program.p == 0.5 and program.partners == ()
     primal, dual = program.pairs(BITS, WHOLE)
     h = signs(BITS)
@@ -158,7 +163,7 @@ def test_any_matrix_is_shown_as_its_product_with_the_codes(positive: bool) -> No
 def test_codes_beyond_the_grid_do_not_enter_a_matrix() -> None:
     matrix = RNG.standard_normal((N, N))
     bits = RNG.random((K, 20)) < 0.5
-    _, dual = SignedMatrix(matrix, True).pairs(bits, QUARTER)
+    _, dual = SignedMatrixProgram(matrix, True).pairs(bits, QUARTER)
     inner = bits.reshape(K, 4, 5)[:, :3, :4].reshape(K, N)
     h = signs(inner)
     plain = h @ matrix.T
@@ -170,13 +175,13 @@ def test_codes_beyond_the_grid_do_not_enter_a_matrix() -> None:
 @pytest.mark.parametrize("positive", [True, False])
 def test_exact_blocks_of_both_signs(positive: bool) -> None:
     camera, projector = RNG.standard_normal((2, N)), RNG.standard_normal((2, N))
-    program = SignedBlocks(camera, projector, positive)
+    program = SignedBlockProgram(camera, projector, positive)
     assert not program.coded and program.p == 0.5
     lights, masks = program.pairs(BITS, WHOLE)
     assert lights.shape == masks.shape == (4, N)
     assert lights.min() >= 0.0 and masks.min() >= 0.0
     assert lights.max() == 1.0 and masks.max() == 1.0
-    other = SignedBlocks(camera, projector, not positive).pairs(BITS, WHOLE)
+    other = SignedBlockProgram(camera, projector, not positive).pairs(BITS, WHOLE)
     sign = 1.0 if positive else -1.0
     difference = masks.T @ lights - other[1].T @ other[0]
     exact = camera.T @ projector / np.abs(camera).max() / np.abs(projector).max()
@@ -189,7 +194,7 @@ def test_exact_blocks_of_both_signs(positive: bool) -> None:
 
 @pytest.mark.parametrize(("radius", "p"), [(0, 1.0 / 2.0), (1, 1.0 / 10.0), (2, 1.0 / 26.0)])
 def test_far_codes_are_dark_around_what_is_lit(radius: int, p: float) -> None:
-    program = Far(radius)
+    program = LongRangeProgram(radius)
     assert program.coded and program.p == pytest.approx(p)
     bits = np.zeros((3, N), np.bool_)
     bits[0, 0] = bits[1, 6] = True
@@ -204,15 +209,15 @@ def test_far_codes_are_dark_around_what_is_lit(radius: int, p: float) -> None:
 def test_partners_go_on_over_the_far_edges() -> None:
     """A quarter window has one row and column more: they have the partner of the last ones, moved
     as far, where that still lies on the lattice."""
-    found = on_lattice(WARP, QUARTER).reshape(4, 5)
+    found = extend_partners(WARP, QUARTER).reshape(4, 5)
     for row in range(4):
         for col in range(5):
             inner = WARP[min(row, 2) * 4 + min(col, 3)]
             tr, tc = inner // 4 + max(row - 2, 0), inner % 4 + max(col - 3, 0)
             there = inner >= 0 and tr < 4 and tc < 5
             assert found[row, col] == (tr * 5 + tc if there else -1)
-    np.testing.assert_array_equal(on_lattice(None, QUARTER), np.arange(20))
-    np.testing.assert_array_equal(on_lattice((0, 1), QUARTER), shifted((4, 5), (0, 1)))
+    np.testing.assert_array_equal(extend_partners(None, QUARTER), np.arange(20))
+    np.testing.assert_array_equal(extend_partners((0, 1), QUARTER), shift_cells((4, 5), (0, 1)))
     values = np.arange(24.0).reshape(2, N)
     wide = np.pad(values.reshape(2, 3, 4), ((0, 0), (0, 1), (0, 1)), mode="edge")
-    np.testing.assert_array_equal(extended(values, QUARTER), wide.reshape(2, 20))
+    np.testing.assert_array_equal(extend_values(values, QUARTER), wide.reshape(2, 20))

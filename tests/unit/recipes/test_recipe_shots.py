@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.probing.wanted import Near, Uniform
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.probing.wanted import NearPart, UniformPart
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import draft_of, finished, recipe_of
-from pdcd.recipes.maker import Maker, itself
-from pdcd.recipes.programs import Behind, Coded, Convolved, Far, Floodlit, Signed, Under
+from pdcd.recipes.make import finish_recipe, make_draft_recipe, make_recipe
+from pdcd.recipes.maker import RecipeMaker, match_own_cells
+from pdcd.recipes.programs import (
+    CodedProgram,
+    ConvolvedProgram,
+    FloodlitProgram,
+    GainProgram,
+    IlluminatedProgram,
+    LongRangeProgram,
+    SignedProgram,
+)
 from pdcd.recipes.recipe import Extremes, Recipe
 
 GRID = (4, 8)
@@ -74,7 +82,7 @@ PICTURES: list[tuple[str, dict[str, Any], dict[str, Any], list[str]]] = [
 def test_pictures_of_a_goal(
     name: str, given: dict[str, Any], pictures: dict[str, Any], shots: list[str]
 ) -> None:
-    recipe = recipe_of(target(name, **given), How())
+    recipe = make_recipe(target(name, **given), CaptureScheme())
     assert recipe.pictures == pictures and list(recipe.pictures) == list(pictures)
     assert [shot.name for shot in recipe.shots] == shots
     assert recipe.answer_name == name and recipe.answer == pictures[name]
@@ -105,11 +113,11 @@ def flags(recipe: Recipe) -> dict[str, tuple[bool, bool, bool, int]]:
 def test_by_what_light_photos_are_scaled(
     name: str, given: dict[str, Any], wanted: dict[str, Any]
 ) -> None:
-    assert flags(recipe_of(target(name, **given), How())) == wanted
+    assert flags(make_recipe(target(name, **given), CaptureScheme())) == wanted
 
 
 def test_stripes_move_by_a_quarter_of_their_period() -> None:
-    recipe = recipe_of(target("split", period=8), How())
+    recipe = make_recipe(target("split", period=8), CaptureScheme())
     names = tuple(f"stripes-{k}" for k in range(4))
     assert recipe.pictures == {
         "high": Extremes(1.0, -1.0, names),
@@ -125,27 +133,29 @@ def test_stripes_move_by_a_quarter_of_their_period() -> None:
         _ = recipe.wanted
 
 
-@pytest.mark.parametrize(("taps", "kind"), [(255, Signed), (256, Convolved)])
+@pytest.mark.parametrize(("taps", "kind"), [(255, SignedProgram), (256, ConvolvedProgram)])
 def test_kernels_of_very_many_taps_are_convolved(taps: int, kind: type) -> None:
     kernel = np.zeros((17, 17))
     kernel.ravel()[:taps] = 1.0
-    recipe = recipe_of(target("filtered", kernel=kernel), How())
+    recipe = make_recipe(target("filtered", kernel=kernel), CaptureScheme())
     assert {type(p) for p in recipe.programs.values()} == {kind}
 
 
 def test_white_photos_of_indirect_light_close_the_same_cells() -> None:
-    recipe = recipe_of(target("indirect", warp=PART), How())
+    recipe = make_recipe(target("indirect", warp=PART), CaptureScheme())
     white = next(p for p in recipe.photos if p.name == "white").wanted.dense()
     np.testing.assert_array_equal(white, np.outer(PART >= 0, np.ones(N)))
-    lit = recipe_of(target("indirect", warp=PART, illumination=LIGHT), How())
+    lit = make_recipe(target("indirect", warp=PART, illumination=LIGHT), CaptureScheme())
     np.testing.assert_allclose(lit.photos[0].wanted.dense(), np.outer(PART >= 0, LIGHT))
-    whole = recipe_of(target("indirect", warp=WARP), How())
+    whole = make_recipe(target("indirect", warp=WARP), CaptureScheme())
     assert whole.shots[0].white and whole.shots[0].program == ""
-    assert [p.name for p in recipe_of(target("indirect"), How(white=False)).photos] == ["coded"]
+    assert [p.name for p in make_recipe(target("indirect"), CaptureScheme(white=False)).photos] == [
+        "coded"
+    ]
 
 
 def test_black_exposures_are_signed_with_the_shot_that_they_belong_to() -> None:
-    recipe = recipe_of(target("diagonal"), How(black_level="both"))
+    recipe = make_recipe(target("diagonal"), CaptureScheme(black_level="both"))
     plus = [(s, f"matched-plus{end}") for s, end in zip((1, -1, -1, 1), ENDS, strict=True)]
     minus = [(-s, f"matched-minus{end}") for s, end in zip((1, -1, -1, 1), ENDS, strict=True)]
     assert recipe.photos[0].shots == (*plus, *minus)
@@ -158,31 +168,38 @@ ENDS = ("", "-black-dual", "-black-primal", "-black-primal-dual")
 
 
 def test_a_maker_puts_light_and_gain_around_a_program() -> None:
-    maker = Maker(target("white", illumination=LIGHT), "none")
+    maker = RecipeMaker(target("white", illumination=LIGHT), "none")
     gain = np.linspace(1.0, 0.0, N)
-    maker.coded("a", Far(1), (1.0, Uniform(N)), (-1.0, Near(GRID, 1)), light=0.5 * LIGHT, gain=gain)
+    maker.coded(
+        "a",
+        LongRangeProgram(1),
+        (1.0, UniformPart(N)),
+        (-1.0, NearPart(GRID, 1)),
+        light=0.5 * LIGHT,
+        gain=gain,
+    )
     program = maker.programs["a"]
-    assert isinstance(program, Behind) and isinstance(program.program, Under)
+    assert isinstance(program, GainProgram) and isinstance(program.program, IlluminatedProgram)
     (photo,) = maker.photos
     assert (photo.row_weights, photo.beyond) == (True, 0)
     assert photo.wanted.light is not None
     np.testing.assert_allclose(photo.wanted.light, 0.5 * LIGHT**2)
-    far = np.ones((N, N)) - Near(GRID, 1).rows(0, N)
+    far = np.ones((N, N)) - NearPart(GRID, 1).rows(0, N)
     np.testing.assert_allclose(photo.wanted.dense(), gain[:, None] * far * 0.5 * LIGHT**2)
-    maker.coded("b", Coded(None, True), (1.0, Uniform(N)), rows=True)
+    maker.coded("b", CodedProgram(None, True), (1.0, UniformPart(N)), rows=True)
     assert maker.photos[1].row_weights and maker.programs["b"] == maker.programs["b"]
-    maker.coded("c", Coded(None, True), (1.0, Uniform(N)))
+    maker.coded("c", CodedProgram(None, True), (1.0, UniformPart(N)))
     assert not maker.photos[2].row_weights
     maker.say("part", 0.12345, "somehow")
     assert maker.split == ["12.3 % part: somehow"]
-    assert Maker(target("white"), "none").lit(None) is None
+    assert RecipeMaker(target("white"), "none").lit(None) is None
     np.testing.assert_array_equal(maker.lit(None), LIGHT)
-    np.testing.assert_array_equal(Maker(target("white"), "none").lit(gain), gain)
-    np.testing.assert_array_equal(itself(maker.target).partner, np.arange(N))
+    np.testing.assert_array_equal(RecipeMaker(target("white"), "none").lit(gain), gain)
+    np.testing.assert_array_equal(match_own_cells(maker.target).partner, np.arange(N))
 
 
 def test_a_white_photo_under_an_illumination_is_one_exact_block() -> None:
-    recipe = recipe_of(target("white", illumination=LIGHT), How())
+    recipe = make_recipe(target("white", illumination=LIGHT), CaptureScheme())
     (shot,) = recipe.shots
     assert (shot.white, shot.program) == (False, "white")
     primal, dual = recipe.programs["white"].pairs(np.zeros((0, N), np.bool_), None)  # type: ignore[arg-type]
@@ -191,44 +208,46 @@ def test_a_white_photo_under_an_illumination_is_one_exact_block() -> None:
 
 
 def test_shares_of_direct_and_indirect_light() -> None:
-    dense = Maker(target("white"), "none").kept(0.75, 0.25).dense()
+    dense = RecipeMaker(target("white"), "none").kept(0.75, 0.25).dense()
     np.testing.assert_allclose(dense, 0.25 + 0.5 * np.eye(N))
 
 
 def test_a_pilot_comes_before_the_coded_shots() -> None:
-    recipe = recipe_of(target("indirect"), How(codes=12, pilot=3))
+    recipe = make_recipe(target("indirect"), CaptureScheme(codes=12, pilot=3))
     pilots = [f"pilot-{k:04d}" for k in (1, 2, 3)]
     assert [shot.name for shot in recipe.shots] == ["white", *pilots, "coded"]
     assert [shot.only for shot in recipe.shots] == [None, 0, 1, 2, None]
     assert recipe.stack == tuple(pilots) and not recipe.sums
-    assert isinstance(recipe.programs["pilot"], Floodlit)
+    assert isinstance(recipe.programs["pilot"], FloodlitProgram)
     for wrong in ("fraction", "diagonal"):
         with pytest.raises(RequestError, match="takes no pilot"):
-            recipe_of(target(wrong, p=0.5 if wrong == "fraction" else None), How(pilot=3))
+            make_recipe(
+                target(wrong, p=0.5 if wrong == "fraction" else None), CaptureScheme(pilot=3)
+            )
     with pytest.raises(RequestError, match="neither a shift nor a warp"):
-        recipe_of(target("indirect", shift=(0, 1)), How(pilot=3))
+        make_recipe(target("indirect", shift=(0, 1)), CaptureScheme(pilot=3))
 
 
 def test_a_pilot_of_all_codes_is_masked_in_software() -> None:
-    all_codes = How(codes=8, pilot=8)
+    all_codes = CaptureScheme(codes=8, pilot=8)
     assert all_codes.coded == 0
     for name in ("indirect", "direct"):
-        recipe = recipe_of(target(name), all_codes)
+        recipe = make_recipe(target(name), all_codes)
         assert "coded" not in recipe.programs and "coded" not in [s.name for s in recipe.shots]
         assert recipe.sums["coded"].direct == 0.0  # type: ignore[union-attr]
         assert recipe.sums["coded"].indirect == 1.0  # type: ignore[union-attr]
     with pytest.raises(RequestError, match="leaves no codes for the goal short-range"):
-        recipe_of(target("short-range", radius=1), all_codes)
+        make_recipe(target("short-range", radius=1), all_codes)
     for how, given in (
-        (How(codes=8, pilot=8, black_level="mask"), {}),
+        (CaptureScheme(codes=8, pilot=8, black_level="mask"), {}),
         (all_codes, {"illumination": LIGHT}),
     ):
         with pytest.raises(RequestError, match="neither black exposures nor an illumination"):
-            recipe_of(target("indirect", **given), how)
+            make_recipe(target("indirect", **given), how)
 
 
 def test_single_codes_are_masked_for_every_picture() -> None:
-    recipe = recipe_of(target("fraction", p=0.25), How(method="multi-image", codes=2))
+    recipe = make_recipe(target("fraction", p=0.25), CaptureScheme(method="multi-image", codes=2))
     assert [(s.name, s.program, s.only) for s in recipe.shots] == [
         ("photo-0001", "photos", 0), ("photo-0002", "photos", 1),
     ]  # fmt: skip
@@ -244,7 +263,7 @@ def test_single_codes_are_masked_for_every_picture() -> None:
 
 
 def test_checkers_tell_by_the_largest_and_the_smallest_photo() -> None:
-    recipe = recipe_of(target("fraction", p=0.25), How(method="nayar"))
+    recipe = make_recipe(target("fraction", p=0.25), CaptureScheme(method="nayar"))
     names = tuple(f"checker-{k}" for k in range(1, 9))
     assert recipe.pictures == {
         "fraction": Extremes(1.0, 2.0 * 0.25 - 1.0, names),
@@ -262,7 +281,9 @@ def test_checkers_tell_by_the_largest_and_the_smallest_photo() -> None:
 
 
 def test_a_draft_is_finished_by_its_repetitions() -> None:
-    how = How(repeat=2)
-    draft = draft_of(target("diagonal"), how)
+    how = CaptureScheme(repeat=2)
+    draft = make_draft_recipe(target("diagonal"), how)
     assert len(draft.shots) == 2
-    assert len(finished(draft, how).shots) == len(recipe_of(target("diagonal"), how).shots) == 4
+    assert (
+        len(finish_recipe(draft, how).shots) == len(make_recipe(target("diagonal"), how).shots) == 4
+    )

@@ -16,19 +16,19 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.wanted import Near, shifted
-from pdcd.protocol.plan_summary import Goal, How
-from pdcd.recipes.alternatives import Fitted, Masked, Mixture, checkers
-from pdcd.recipes.even import even_part
-from pdcd.recipes.factored import factors_of, nonnegative_sides
+from pdcd.probing.wanted import NearPart, shift_cells
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
+from pdcd.recipes.alternatives import CodeMixture, FittedWeights, MaskedWeights, make_checkers
+from pdcd.recipes.even import find_even_part
+from pdcd.recipes.factored import factor_matrix, find_nonnegative_sides
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.isolation import Isolation
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.off_axis import period_of
-from pdcd.recipes.partners import partner_links
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.off_axis import choose_comb_period
+from pdcd.recipes.partners import link_partners
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.structure import structure_of
-from pdcd.recipes.transport import photos_of, s_matrix
+from pdcd.recipes.structure import find_structure
+from pdcd.recipes.transport import count_slice_photos, make_s_matrix
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 
@@ -119,27 +119,27 @@ def goals() -> Any:
     for name, (goal, given) in GOALS.items():
         for black in ("none", "both"):
             if goal != "transport" or black == "none":
-                how = How(codes=64, black_level=black)
-                made[f"{name}, {black}"] = told(recipe_of(target(goal, given), how))
+                how = CaptureScheme(codes=64, black_level=black)
+                made[f"{name}, {black}"] = told(make_recipe(target(goal, given), how))
     return made
 
 
 def ways() -> Any:
     indirect, fraction = target("indirect", {}), target("fraction", {"p": 0.25})
     made = {
-        "multi-image": told(recipe_of(fraction, How(method="multi-image", codes=4))),
-        "nayar": told(recipe_of(fraction, How(method="nayar"))),
-        "pilot": told(recipe_of(indirect, How(codes=16, pilot=4))),
-        "all pilot": told(recipe_of(indirect, How(codes=8, pilot=8))),
-        "parts": told(recipe_of(indirect, How(codes=16, parts=4, black_level="mask"))),
-        "repeated": told(recipe_of(indirect, How(codes=16, repeat=3))),
-        "pairs": told(recipe_of(indirect, How(codes=16, method="pairs"))),
-        "keyed alone": told(recipe_of(target("keyed", {}), How(codes=16, white=False))),
+        "multi-image": told(make_recipe(fraction, CaptureScheme(method="multi-image", codes=4))),
+        "nayar": told(make_recipe(fraction, CaptureScheme(method="nayar"))),
+        "pilot": told(make_recipe(indirect, CaptureScheme(codes=16, pilot=4))),
+        "all pilot": told(make_recipe(indirect, CaptureScheme(codes=8, pilot=8))),
+        "parts": told(make_recipe(indirect, CaptureScheme(codes=16, parts=4, black_level="mask"))),
+        "repeated": told(make_recipe(indirect, CaptureScheme(codes=16, repeat=3))),
+        "pairs": told(make_recipe(indirect, CaptureScheme(codes=16, method="pairs"))),
+        "keyed alone": told(make_recipe(target("keyed", {}), CaptureScheme(codes=16, white=False))),
         "rows alone": told(
-            recipe_of(target("epipolar", {"keep": "in"}), How(codes=16, white=False))
+            make_recipe(target("epipolar", {"keep": "in"}), CaptureScheme(codes=16, white=False))
         ),
     }
-    recipe = recipe_of(target("diagonal", {}), How(codes=16))
+    recipe = make_recipe(target("diagonal", {}), CaptureScheme(codes=16))
     for confocal in (False, True):
         for positive in (False, True):
             isolation = Isolation(recipe.photos[0].wanted, positive, confocal)
@@ -149,13 +149,18 @@ def ways() -> Any:
             ]  # fmt: skip
     rng = np.random.default_rng(33)
     lit = rng.random((4, 5))
-    seen = Mixture(12, 6.0 * lit, 3.5 * lit**2, np.round(3.0 * lit))
-    made["mixed"] = [Masked().mixed(lit - 0.5, seen), Fitted(1.0, 0.25).mixed(lit, seen)]
-    made["checkers"] = [checkers((5, 7)), checkers((4, 4), 3)]
-    made["photos of a slice"] = [photos_of(cells) for cells in range(1, 120)]
-    made["s-matrix"] = s_matrix(20).astype(float)
-    made["periods"] = [period_of(c, 32, d) for c in (8, 33, 64, 128, 256) for d in (2, 3, 5)]
-    links = partner_links((WARP, (0, 5)), Lattice(GRID, "quarter"))
+    seen = CodeMixture(12, 6.0 * lit, 3.5 * lit**2, np.round(3.0 * lit))
+    made["mixed"] = [
+        MaskedWeights().mixed(lit - 0.5, seen),
+        FittedWeights(1.0, 0.25).mixed(lit, seen),
+    ]
+    made["checkers"] = [make_checkers((5, 7)), make_checkers((4, 4), 3)]
+    made["photos of a slice"] = [count_slice_photos(cells) for cells in range(1, 120)]
+    made["s-matrix"] = make_s_matrix(20).astype(float)
+    made["periods"] = [
+        choose_comb_period(c, 32, d) for c in (8, 33, 64, 128, 256) for d in (2, 3, 5)
+    ]
+    links = link_partners((WARP, (0, 5)), Lattice(GRID, "quarter"))
     assert links is not None
     made["links"] = links.toarray()
     return made
@@ -167,8 +172,8 @@ def matrices(grid: tuple[int, int], seed: int) -> dict[str, Floats]:
     cells = grid[0] * grid[1]
     ones, eye = np.ones((cells, cells)), np.eye(cells)
     warp = eye[rng.permutation(cells)]
-    near = Near(grid, 1).rows(0, cells)
-    partner = shifted(grid, (1, 2))
+    near = NearPart(grid, 1).rows(0, cells)
+    partner = shift_cells(grid, (1, 2))
     shift = np.zeros((cells, cells))
     shift[partner >= 0, partner[partner >= 0]] = 1.0
     gain, light = 0.1 + rng.random(cells), 0.1 + rng.random(cells)
@@ -178,7 +183,7 @@ def matrices(grid: tuple[int, int], seed: int) -> dict[str, Floats]:
         "part": 2.0 * ones - 0.7 * warp,
         "more": ones + 3.0 * eye,
         "band": ones - near,
-        "two bands": 2.0 * ones + near + 0.5 * Near(grid, 2).rows(0, cells),
+        "two bands": 2.0 * ones + near + 0.5 * NearPart(grid, 2).rows(0, cells),
         "matches": 0.75 * warp - 0.5 * shift,
         "gain": gain[:, None] * (ones - warp) * light,
         "sum": low - 0.5 * warp + 0.5 * near + shift,
@@ -200,19 +205,19 @@ def apart() -> Any:
         for name, matrix in matrices(grid, seed).items():
             if grid != (9, 12) and name not in LARGE:
                 continue
-            found = structure_of(matrix, grid)
-            even = even_part(matrix)
+            found = find_structure(matrix, grid)
+            even = find_even_part(matrix)
             sides = (
                 found.gain, found.light, found.level, found.near,
                 [[weight, partner] for weight, partner in found.matches],
                 None if found.rest is None else float(f"{np.abs(found.rest).sum():.5g}"),
                 len(found.camera), None if even is None else len(even[0]),
-                factors_of(matrix, 4) is not None,
+                factor_matrix(matrix, 4) is not None,
             )  # fmt: skip
             made[f"{grid}, {name}"] = [_coarse(side) for side in sides]
             if grid == (9, 12) and "noisy" not in name:
                 goal = Target(Goal(name="relit"), grid, {}, {"matrix": matrix})
-                recipe = recipe_of(goal, How(codes=64))
+                recipe = make_recipe(goal, CaptureScheme(codes=64))
                 made[f"{grid}, {name}, said"] = [
                     recipe.split, [shot.name for shot in recipe.shots],
                     [[n, _coarse(float(w))] for w, n in recipe.pictures["relit"]],  # type: ignore[union-attr]
@@ -221,7 +226,9 @@ def apart() -> Any:
     for rank in (1, 2, 3):
         seen, lit = (rng.random((rank, 60)) * (rng.random((rank, 60)) < 0.7) for _ in range(2))
         mix = rng.standard_normal((rank, rank))
-        found_sides = nonnegative_sides(np.asarray(np.linalg.solve(mix.T, seen), float), mix @ lit)
+        found_sides = find_nonnegative_sides(
+            np.asarray(np.linalg.solve(mix.T, seen), float), mix @ lit
+        )
         made[f"sides of rank {rank}"] = found_sides is not None
     return made
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.probing.wanted import Near, shifted
-from pdcd.recipes.even import even_part
-from pdcd.recipes.factored import nonnegative_sides
-from pdcd.recipes.structure import Structure, mostly_even, structure_of
+from pdcd.probing.wanted import NearPart, shift_cells
+from pdcd.recipes.even import find_even_part
+from pdcd.recipes.factored import find_nonnegative_sides
+from pdcd.recipes.structure import Structure, find_nearest_product, find_structure
 
 GRID = (9, 12)
 N = GRID[0] * GRID[1]
@@ -25,7 +25,7 @@ def by_warp(partner: NDArray[np.int64]) -> Floats:
 
 
 def near(radius: int) -> Floats:
-    return Near(GRID, radius).rows(0, N)
+    return NearPart(GRID, radius).rows(0, N)
 
 
 def summed(found: Structure) -> Floats:
@@ -53,9 +53,9 @@ def test_random_sums_of_parts_are_found_again(seed: int) -> None:
     weights = np.round(rng.uniform(0.5, 2.0, 3) * rng.choice([-1.0, 1.0], 3), 2)
     band = bool(rng.integers(2))
     shift = (int(rng.integers(-3, 4)), 5)
-    matrix = even + weights[0] * by_warp(warp) + weights[1] * by_warp(shifted(GRID, shift))
+    matrix = even + weights[0] * by_warp(warp) + weights[1] * by_warp(shift_cells(GRID, shift))
     matrix += weights[2] * near(1) * band
-    found = structure_of(matrix, GRID)
+    found = find_structure(matrix, GRID)
     assert found.rest is None
     assert found.near == (((weights[2], 1),) if band else ())
     assert found.level == (1.0 if rank == 1 else 0.0)
@@ -67,7 +67,7 @@ def test_gain_light_and_single_precision_hide_nothing() -> None:
     rng = np.random.default_rng(3)
     gain, light = 0.1 + rng.random(N), rng.random(N)
     matrix = gain[:, None] * (1.0 - by_warp(rng.permutation(N))) * light
-    found = structure_of(matrix.astype(np.float32).astype(float), GRID)
+    found = find_structure(matrix.astype(np.float32).astype(float), GRID)
     assert found.rest is None and len(found.matches) == 1
     np.testing.assert_allclose(found.gain, gain / gain.max(), atol=1e-6)
     np.testing.assert_allclose(found.light, light / light.max(), atol=1e-6)
@@ -78,7 +78,7 @@ def test_noise_stays_in_the_rest_and_numbers_without_structure_are_left_alone() 
     rng = np.random.default_rng(4)
     noise = 1e-3 * rng.standard_normal((N, N))
     warp = rng.permutation(N)
-    found = structure_of(1.0 - by_warp(warp) + noise, GRID)
+    found = find_structure(1.0 - by_warp(warp) + noise, GRID)
     assert found.level == 1.0 and len(found.matches) == 1 and not found.near
     assert found.matches[0][0] == -1.0
     np.testing.assert_array_equal(found.matches[0][1], warp)
@@ -90,14 +90,14 @@ def test_noise_stays_in_the_rest_and_numbers_without_structure_are_left_alone() 
         np.abs(noise),
         rng.random((N, 20)) @ rng.random((20, N)),
     ):
-        whole = structure_of(matrix, GRID)
+        whole = find_structure(matrix, GRID)
         assert not whole.found and whole.rest is matrix
 
 
 def test_a_band_whose_weights_scatter_is_no_band() -> None:
     rng = np.random.default_rng(5)
     matrix = 1.0 - near(2) * (1.0 + 0.3 * rng.standard_normal((N, N)))
-    found = structure_of(matrix, GRID)
+    found = find_structure(matrix, GRID)
     assert not found.near and found.rest is not None
     np.testing.assert_allclose(summed(found), matrix, atol=1e-9)
 
@@ -105,15 +105,15 @@ def test_a_band_whose_weights_scatter_is_no_band() -> None:
 def test_the_same_matrix_always_comes_apart_in_the_same_way() -> None:
     rng = np.random.default_rng(6)
     matrix = rng.random((N, 2)) @ rng.random((2, N)) + by_warp(rng.permutation(N))
-    one, two = structure_of(matrix, GRID), structure_of(matrix.copy(), GRID)
+    one, two = find_structure(matrix, GRID), find_structure(matrix.copy(), GRID)
     np.testing.assert_array_equal(one.camera, two.camera)
     np.testing.assert_array_equal(one.matches[0][1], two.matches[0][1])
 
 
 def test_the_even_part_needs_most_of_every_row() -> None:
     rng = np.random.default_rng(7)
-    assert even_part(rng.standard_normal((N, N))) is None
-    sides = even_part(np.eye(N))
+    assert find_even_part(rng.standard_normal((N, N))) is None
+    sides = find_even_part(np.eye(N))
     assert sides is not None and len(sides[0]) == 0
 
 
@@ -129,7 +129,7 @@ def test_exact_sides_without_negative_weights(rank: int, kind: str) -> None:
         seen = np.eye(rank)[rng.integers(0, rank, N)].T
     matrix = seen.T @ lit
     mix = rng.standard_normal((rank, rank))
-    sides = nonnegative_sides(np.asarray(np.linalg.solve(mix.T, seen), float), mix @ lit)
+    sides = find_nonnegative_sides(np.asarray(np.linalg.solve(mix.T, seen), float), mix @ lit)
     assert sides is not None
     assert min(side.min() for side in sides) >= 0.0
     np.testing.assert_allclose(sides[0].T @ sides[1], matrix, atol=1e-8 * matrix.max())
@@ -139,20 +139,20 @@ def test_where_there_are_no_such_sides_none_are_returned() -> None:
     """The slack matrix of a square has rank 3, and no exact sides of less than 4 products."""
     slack = np.array([[0, 0, 1, 1], [1, 0, 0, 1], [1, 1, 0, 0], [0, 1, 1, 0]], dtype=float)
     u, s, vt = np.linalg.svd(slack)
-    assert nonnegative_sides((u[:, :3] * s[:3]).T, vt[:3]) is None
+    assert find_nonnegative_sides((u[:, :3] * s[:3]).T, vt[:3]) is None
 
 
 def test_scattered_weights_have_one_product_in_common_where_that_is_most_of_them() -> None:
     """By the singular values of the matrix; what is left is left whole."""
     rng = np.random.default_rng(8)
     for matrix in (rng.random((N, N)), -1.0 - 0.3 * rng.standard_normal((N, N))):
-        found = mostly_even(matrix, GRID)
+        found = find_nearest_product(matrix, GRID)
         sides, values, others = np.linalg.svd(matrix)
         assert found.found and len(found.camera) == 1 and found.level == 0.0
         even = found.camera.T @ found.projector
         np.testing.assert_allclose(even, values[0] * np.outer(sides[:, 0], others[0]), atol=1e-9)
         np.testing.assert_allclose(found.rows(0, N), matrix, atol=1e-12)
     for matrix in (rng.standard_normal((N, N)), np.zeros((N, N)), np.eye(N)):
-        assert not mostly_even(matrix, GRID).found
-    rest = mostly_even(matrix, GRID).rest
+        assert not find_nearest_product(matrix, GRID).found
+    rest = find_nearest_product(matrix, GRID).rest
     assert rest is not None and np.array_equal(rest, matrix)

@@ -13,7 +13,7 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import NoSpaceError, PdcdError, disk_errors
 from pdcd.pictures.written.picture_files import write_png
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.manifest import DIGEST, MANIFEST
+from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
 from tests import bench_rig
 
 Step = tuple[str, Path]
@@ -56,7 +56,7 @@ def test_files_before_the_manifest_folders_before_the_name(
     finished = steps.index(("name", final))
     before_manifest = {path for what, path in steps[:named] if what == "sync"}
     assert files - {partial / MANIFEST} <= before_manifest
-    assert {partial / f"{MANIFEST}.new", partial / DIGEST} <= before_manifest
+    assert {partial / f"{MANIFEST}.new", partial / MANIFEST_DIGEST} <= before_manifest
     after_manifest = {path for what, path in steps[named:finished] if what == "sync"}
     assert folders | {partial} <= after_manifest
     assert steps[finished + 1 :] == [("sync", final.parent)]

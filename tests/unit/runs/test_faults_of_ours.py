@@ -17,13 +17,13 @@ import pytest
 from pdcd.bench.calibration import RECORD
 from pdcd.errors import DecodeError, DiskError, RequestError
 from pdcd.files import put
-from pdcd.files.inside import opened
+from pdcd.files.inside import open_folder
 from pdcd.protocol.entry import RunQuery
 from pdcd.runs import index, look, manifest, patterns, provenance, prune
 from pdcd.runs.folder import RunFolder, read_manifest
-from pdcd.runs.index import at, named, runs
+from pdcd.runs.index import find_runs, make_name_query, read_run_at
 from pdcd.runs.ledger import read_ledger
-from pdcd.runs.place import Place
+from pdcd.runs.place import HeldFolder
 from pdcd.runs.verify_calibration import verify_calibration
 from tests.run_folders import cut, finished, job
 
@@ -37,41 +37,41 @@ def fail(*_: object, **__: object) -> Any:
 
 
 def of_ledger(folder: Path) -> object:
-    with opened(folder / f"{job(2)}.partial") as descriptor:
+    with open_folder(folder / f"{job(2)}.partial") as descriptor:
         return read_ledger(descriptor)
 
 
 def of_removal(folder: Path) -> object:
-    return [prune.remove(folder, one) for one in prune.unwanted(folder, RunQuery())]
+    return [prune.remove_run(folder, one) for one in prune.find_unwanted_runs(folder, RunQuery())]
 
 
 def of_put(folder: Path) -> None:
-    with opened(folder) as descriptor:
-        put.put(descriptor, "a", b"1", replace=False, shown="x")
+    with open_folder(folder) as descriptor:
+        put.write_atomic(descriptor, "a", b"1", replace=False, shown="x")
 
 
 @pytest.mark.parametrize(
     ("broken", "asked"),
     [
-        ("pdcd.runs.folder.read_file", lambda folder: read_manifest(folder / job(1))),
-        ("pdcd.runs.manifest._check_goal", lambda _: manifest.parsed(b'{"schema": 1}')),
-        ("pdcd.runs.index.entry_of", runs),
-        ("pdcd.runs.index.entry_of", lambda folder: at(folder / job(1))),
-        ("pdcd.runs.look.read_file", runs),
-        ("pdcd.runs.look.msgspec.json.decode", lambda folder: at(folder / job(1))),
-        ("pdcd.runs.look.read_begun", runs),
-        ("pdcd.runs.look.opened_file", runs),
-        ("pdcd.runs.look.fcntl.flock", runs),
-        ("pdcd.runs.walk.os.scandir", runs),
-        ("pdcd.runs.ledger.read_file", of_ledger),
+        ("pdcd.runs.folder.read_inner_file", lambda folder: read_manifest(folder / job(1))),
+        ("pdcd.runs.manifest._check_goal", lambda _: manifest.parse_manifest(b'{"schema": 1}')),
+        ("pdcd.runs.index.read_run_entry", find_runs),
+        ("pdcd.runs.index.read_run_entry", lambda folder: read_run_at(folder / job(1))),
+        ("pdcd.runs.look.read_inner_file", find_runs),
+        ("pdcd.runs.look.msgspec.json.decode", lambda folder: read_run_at(folder / job(1))),
+        ("pdcd.runs.look.read_run_start", find_runs),
+        ("pdcd.runs.look.open_inner_file", find_runs),
+        ("pdcd.runs.look.fcntl.flock", find_runs),
+        ("pdcd.runs.walk.os.scandir", find_runs),
+        ("pdcd.runs.ledger.read_inner_file", of_ledger),
         ("pdcd.runs.ledger.msgspec.json.decode", of_ledger),
         ("pdcd.runs.patterns.ZipFile", patterns.read_patterns),
         ("pdcd.runs.prune.shutil.rmtree", of_removal),
-        ("pdcd.runs.prune.opened_state", of_removal),
+        ("pdcd.runs.prune.open_state_folder", of_removal),
         ("pdcd.runs.verify_calibration.msgspec.json.decode", verify_calibration),
         ("pdcd.files.put.os.link", of_put),
-        ("pathlib.Path.read_text", lambda _: provenance.git_commit()),
-        ("pdcd.runs.index.msgspec.convert", lambda _: named("vase")),
+        ("pathlib.Path.read_text", lambda _: provenance.find_git_commit()),
+        ("pdcd.runs.index.msgspec.convert", lambda _: make_name_query("vase")),
     ],
 )
 def test_no_fault_of_ours_is_hidden(
@@ -98,7 +98,7 @@ def test_a_folder_below_that_breaks_the_program_is_not_merely_closed(
 
     monkeypatch.setattr("pdcd.runs.walk.os.scandir", second)
     with pytest.raises(FaultOfOursError):
-        runs(tmp_path)
+        find_runs(tmp_path)
 
 
 def test_a_run_that_goes_while_it_is_looked_at_is_none_and_one_that_cannot_be_read_is_damaged(
@@ -113,8 +113,8 @@ def test_a_run_that_goes_while_it_is_looked_at_is_none_and_one_that_cannot_be_re
         def failing(*_: object, err: OSError = err) -> None:
             raise err
 
-        monkeypatch.setattr(index, "entry_of", failing)
-        assert [run.state for run in runs(tmp_path)] == states
+        monkeypatch.setattr(index, "read_run_entry", failing)
+        assert [run.state for run in find_runs(tmp_path)] == states
 
 
 @pytest.mark.parametrize(
@@ -153,12 +153,12 @@ def test_whatever_a_forged_manifest_raises_is_damage(
 
     monkeypatch.setattr(manifest, "check_schema", failing)
     with pytest.raises(DecodeError, match=r"capture\.json is damaged: x"):
-        manifest.parsed(b"{}")
+        manifest.parse_manifest(b"{}")
 
 
 def test_a_name_that_cannot_be_looked_up_is_not_taken_for_free(tmp_path: Path) -> None:
-    with opened(tmp_path) as descriptor, pytest.raises(OSError, match="File name too long"):
-        put.refuse_taken(descriptor, "x" * 300, "x")
+    with open_folder(tmp_path) as descriptor, pytest.raises(OSError, match="File name too long"):
+        put.check_name_free(descriptor, "x" * 300, "x")
 
 
 def test_a_disk_that_fails_is_not_taken_for_a_folder_that_was_moved(
@@ -171,7 +171,7 @@ def test_a_disk_that_fails_is_not_taken_for_a_folder_that_was_moved(
             raise OSError(errno.EIO, "Input/output error")
         return stat(path, **at)
 
-    with Place.at(tmp_path / "runs") as place, RunFolder(place, "job") as run:
+    with HeldFolder.at(tmp_path / "runs") as place, RunFolder(place, "job") as run:
         run.create(min_free_bytes=0)
         monkeypatch.setattr(os, "stat", failing)
         with pytest.raises(DiskError, match="Input/output error"):
@@ -193,16 +193,16 @@ def test_a_disk_that_fails_is_not_taken_for_a_folder_that_is_no_run(
     with monkeypatch.context() as patch:
         patch.setattr(os, "stat", failing)
         with pytest.raises(DiskError):
-            Place.below(tmp_path, "a")
+            HeldFolder.below(tmp_path, "a")
 
 
 def test_a_file_on_the_way_is_named_as_such_whatever_it_is_called(tmp_path: Path) -> None:
     (tmp_path / job(1)).touch()
     for make in (True, False):
         with pytest.raises(RequestError, match="a symbolic link or a file"):
-            Place.below(tmp_path, job(1), make=make)
+            HeldFolder.below(tmp_path, job(1), make=make)
     with pytest.raises(RequestError) as told:
-        Place.at(tmp_path / "x.partial")
+        HeldFolder.at(tmp_path / "x.partial")
     assert told.value.message == "'x.partial' is another run, and nothing is written into it"
 
 
@@ -214,6 +214,6 @@ def test_where_a_disk_has_no_locks_nobody_can_tell_whether_a_run_goes_on(
 
     cut(tmp_path, job(1), {"event": "failed", "message": "late"})
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with opened(tmp_path) as descriptor:
-        assert look.being_filled(descriptor) is None
-    assert [run.state for run in runs(tmp_path)] == ["failed"]
+    with open_folder(tmp_path) as descriptor:
+        assert look.is_being_filled(descriptor) is None
+    assert [run.state for run in find_runs(tmp_path)] == ["failed"]

@@ -10,8 +10,14 @@ import pytest
 
 from pdcd.errors import DecodeError
 from pdcd.panels.frames import BLACK, FrameLog, Frames
-from pdcd.panels.patterns import none, pack
-from pdcd.runs.frame_table import COLUMNS, NAME, FrameTable, append_frames, read_columns
+from pdcd.panels.patterns import make_empty_patterns, pack_bits
+from pdcd.runs.frame_table import (
+    COLUMNS,
+    FRAMES_FILE,
+    FrameTable,
+    append_frames,
+    read_frame_columns,
+)
 from pdcd.runs.record import ShotRecord
 
 SHOT = ShotRecord(
@@ -24,16 +30,16 @@ SHOT = ShotRecord(
 @pytest.mark.parametrize("number", ["1e3", "", str(2**63), "-" + "9" * 400])
 def test_a_number_that_is_none_of_a_refresh(number: str, tmp_path: Path) -> None:
     row = ["coded", *["0"] * (len(COLUMNS) - 2), number]
-    (tmp_path / NAME).write_text(f"{','.join(COLUMNS)}\r\n{','.join(row)}\r\n")
-    with pytest.raises(DecodeError, match=NAME):
-        FrameTable(tmp_path).of(SHOT, (none(), none()), grid=(2, 3))
-    with pytest.raises(DecodeError, match=NAME):
-        read_columns(tmp_path / NAME)
+    (tmp_path / FRAMES_FILE).write_text(f"{','.join(COLUMNS)}\r\n{','.join(row)}\r\n")
+    with pytest.raises(DecodeError, match=FRAMES_FILE):
+        FrameTable(tmp_path).of(SHOT, (make_empty_patterns(), make_empty_patterns()), grid=(2, 3))
+    with pytest.raises(DecodeError, match=FRAMES_FILE):
+        read_frame_columns(tmp_path / FRAMES_FILE)
 
 
 def test_a_delayed_mask_does_not_change_what_was_asked_of_the_panels(tmp_path: Path) -> None:
     """The mask's rows begin and end a refresh later; those of the frames are the projector's."""
-    patterns = pack(np.eye(6, dtype=np.bool_)[:3])
+    patterns = pack_bits(np.eye(6, dtype=np.bool_)[:3])
     asked = np.array([1, 0, 2], np.int32)
     frames = Frames(
         patterns, patterns, asked, asked[::-1].copy(), np.zeros(3, np.uint8),
@@ -45,7 +51,7 @@ def test_a_delayed_mask_does_not_change_what_was_asked_of_the_panels(tmp_path: P
         rows[0], rows[1], times, times + 5, np.array([64, 80]) * 1_000_000,
         np.zeros(4, np.int32), "test", True, rows[0], rows[1], mask_delay=1,
     )  # fmt: skip
-    append_frames(tmp_path / NAME, "coded", frames, log)
+    append_frames(tmp_path / FRAMES_FILE, "coded", frames, log)
     shot = msgspec.structs.replace(SHOT, refreshes=4)
     back, shown = FrameTable(tmp_path).of(shot, (patterns, patterns), grid=(2, 3))
     assert len(back) == 3
@@ -56,33 +62,33 @@ def test_a_delayed_mask_does_not_change_what_was_asked_of_the_panels(tmp_path: P
 
 
 def test_columns_of_whole_tables(tmp_path: Path) -> None:
-    table = tmp_path / NAME
+    table = tmp_path / FRAMES_FILE
     table.write_text("shot,refresh,code\r\n")  # of a run without a refresh
-    found = read_columns(table, ("shot", "code"))
+    found = read_frame_columns(table, ("shot", "code"))
     assert [(name, column.size) for name, column in found.items()] == [("shot", 0), ("code", 0)]
     table.write_text("shot,refresh,code\r\na,0,-3\r\nb,0,4\r\n")
-    found = read_columns(table, ("code", "shot"))
+    found = read_frame_columns(table, ("code", "shot"))
     assert {name: column.tolist() for name, column in found.items()} == {
         "code": [-3, 4],
         "shot": ["a", "b"],
     }
     with pytest.raises(DecodeError, match="guard"):
-        read_columns(table, ("guard",))
+        read_frame_columns(table, ("guard",))
     table.write_text("shot,refresh,code\r\na,0\r\n")
     with pytest.raises(DecodeError):
-        read_columns(table, ("shot",))
+        read_frame_columns(table, ("shot",))
 
 
 def test_no_fault_of_ours_is_taken_for_a_damaged_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / NAME).write_text("shot,refresh,code\r\n")
+    (tmp_path / FRAMES_FILE).write_text("shot,refresh,code\r\n")
 
     def full(*_: object) -> None:
         raise MemoryError
 
     monkeypatch.setattr("pdcd.runs.frame_table.csv.reader", full)
     with pytest.raises(MemoryError):
-        read_columns(tmp_path / NAME)
+        read_frame_columns(tmp_path / FRAMES_FILE)
     with pytest.raises(MemoryError):
-        FrameTable(tmp_path).of(SHOT, (none(), none()), grid=(2, 3))
+        FrameTable(tmp_path).of(SHOT, (make_empty_patterns(), make_empty_patterns()), grid=(2, 3))

@@ -17,8 +17,8 @@ from pdcd.errors import DiskError, RequestError
 from pdcd.protocol.entry import RunEntry, RunQuery
 from pdcd.runs import index, look, walk
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.index import at, named, one, runs, search
-from pdcd.runs.place import Place
+from pdcd.runs.index import find_runs, make_name_query, pick_run, read_run_at, search_runs
+from pdcd.runs.place import HeldFolder
 from tests.run_folders import HEAD, cut, finished, job
 
 FAILED = {
@@ -64,7 +64,7 @@ def test_every_run_says_how_it_came_out(tmp_path: Path) -> None:
     held = os.open(going, os.O_RDONLY)
     try:
         fcntl.flock(held, fcntl.LOCK_EX)
-        found = runs(tmp_path)
+        found = find_runs(tmp_path)
     finally:
         os.close(held)
     assert states(found) == [
@@ -101,18 +101,20 @@ def test_what_is_asked_for_is_found_whatever_the_pages(
     finished(tmp_path / "preview", job(50))
     cut(tmp_path / "captures", job(51), FAILED)
     (tmp_path / "calibrations" / job(52)).mkdir(parents=True)
-    every = runs(tmp_path)
+    every = find_runs(tmp_path)
     assert [run.job for run in every] == [job(51), *(job(s) for s in range(11, -1, -1))]
-    assert [run.kind for run in runs(tmp_path, previews=True)].count("preview") == 1
-    assert [r.job for r in runs(tmp_path, goal="direct")] == [job(s) for s in (11, 9, 7, 5, 3, 1)]
-    assert [r.job for r in runs(tmp_path, tags=("b", "a"))] == [job(s) for s in (11, 8, 5, 2)]
-    assert [r.job for r in runs(tmp_path, failed=True)] == [job(51)]
-    assert [r.job for r in runs(tmp_path, newest=2)] == [job(51), job(11)]
+    assert [run.kind for run in find_runs(tmp_path, previews=True)].count("preview") == 1
+    assert [r.job for r in find_runs(tmp_path, goal="direct")] == [
+        job(s) for s in (11, 9, 7, 5, 3, 1)
+    ]
+    assert [r.job for r in find_runs(tmp_path, tags=("b", "a"))] == [job(s) for s in (11, 8, 5, 2)]
+    assert [r.job for r in find_runs(tmp_path, failed=True)] == [job(51)]
+    assert [r.job for r in find_runs(tmp_path, newest=2)] == [job(51), job(11)]
     since = datetime(2026, 1, 1, 0, 0, 10, tzinfo=UTC)
-    assert [r.job for r in runs(tmp_path, since=since)] == [job(51), job(11), job(10)]
+    assert [r.job for r in find_runs(tmp_path, since=since)] == [job(51), job(11), job(10)]
     told, query, pages = [], RunQuery(newest=5), 0
     while True:
-        page = search(tmp_path, query)
+        page = search_runs(tmp_path, query)
         told += page.runs
         pages += 1
         if page.more is None:
@@ -120,10 +122,10 @@ def test_what_is_asked_for_is_found_whatever_the_pages(
         query = msgspec.structs.replace(query, before=page.more)
     assert told == every and pages == 3
     monkeypatch.setattr(index, "PAGE_BYTES", 1)  # a page for each run
-    assert runs(tmp_path, goal="direct") == [run for run in every if run.goal == "direct"]
-    assert len(search(tmp_path, RunQuery()).runs) <= 2
+    assert find_runs(tmp_path, goal="direct") == [run for run in every if run.goal == "direct"]
+    assert len(search_runs(tmp_path, RunQuery()).runs) <= 2
     with pytest.raises(RequestError, match="no place"):
-        search(tmp_path, RunQuery(before="elsewhere"))
+        search_runs(tmp_path, RunQuery(before="elsewhere"))
 
 
 def test_a_run_is_meant_by_its_job_its_name_or_its_folder(tmp_path: Path) -> None:
@@ -133,14 +135,14 @@ def test_a_run_is_meant_by_its_job_its_name_or_its_folder(tmp_path: Path) -> Non
     finished(tmp_path, job(3), request={"name": "twice"})
 
     def meant(text: str) -> RunEntry:
-        return one(search(tmp_path, named(text)).runs, text)
+        return pick_run(search_runs(tmp_path, make_name_query(text)).runs, text)
 
-    assert meant("vase") == meant(job(1)) == at(place) and meant("vase").state == "done"
+    assert meant("vase") == meant(job(1)) == read_run_at(place) and meant("vase").state == "done"
     for text, why in (("twice", "2 runs"), ("wax", "no run"), ("a/b\x1b", "no name")):
         with pytest.raises(RequestError, match=why):
             meant(text)
     with pytest.raises(RequestError, match="cannot open"):
-        at(tmp_path / job(9))
+        read_run_at(tmp_path / job(9))
 
 
 def test_nothing_is_waited_for_and_no_link_followed(
@@ -152,7 +154,7 @@ def test_nothing_is_waited_for_and_no_link_followed(
     os.mkfifo(state / job(1) / "capture.json")
     (state / job(2) / "capture.json").symlink_to("/dev/zero")
     (state / job(3) / "capture.json").mkdir()
-    monkeypatch.setattr(look, "MOST_BYTES", 3000)
+    monkeypatch.setattr(look, "MOST_LISTED_BYTES", 3000)
     (state / job(4) / "capture.json").write_text(json.dumps({**HEAD, "pad": "x" * 3000}))
     (state / job(5) / "capture.json").write_text("[" * 2000)
     (state / job(6) / "capture.json").write_text(json.dumps({**HEAD, "job": job(5)}))
@@ -163,11 +165,11 @@ def test_nothing_is_waited_for_and_no_link_followed(
     leftover.mkdir()
     os.mkfifo(leftover / "ledger.jsonl")
     os.mkfifo(leftover / "log.jsonl")
-    with walk.opened_state(state) as (top, owners):
+    with walk.open_state_folder(state) as (top, owners):
         for led_away in (job(8), f"more/{job(8)}"):  # what a name has come to mean since
-            with pytest.raises(OSError), walk.opened_run(top, led_away, owners):
+            with pytest.raises(OSError), walk.open_run_folder(top, led_away, owners):
                 pass
-    found = runs(state)
+    found = find_runs(state)
     assert states(found) == [
         (job(9), "unfinished"), *((job(second), "damaged") for second in range(7, 0, -1)),
     ]  # fmt: skip
@@ -179,33 +181,33 @@ def test_texts_of_forged_runs_are_cut(tmp_path: Path) -> None:
     asked = {"name": long, "note": long, "goal": long, "tags": [long] * 100}
     finished(tmp_path, job(1), request=asked, started_utc=long)
     cut(tmp_path, job(2), {**FAILED, "message": long})
-    assert max(len(msgspec.json.encode(run)) for run in runs(tmp_path)) < 6500
+    assert max(len(msgspec.json.encode(run)) for run in find_runs(tmp_path)) < 6500
 
 
 def test_folders_of_others_are_not_looked_into(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     finished(tmp_path / "captures", job(1))
-    opened = walk.opened_state
+    opened = walk.open_state_folder
 
     @contextlib.contextmanager
     def of_nobody(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
         with opened(state) as (top, _):
             yield top, frozenset({os.geteuid() + 1})
 
-    monkeypatch.setattr(walk, "opened_state", of_nobody)
-    page = search(tmp_path, RunQuery())
+    monkeypatch.setattr(walk, "open_state_folder", of_nobody)
+    page = search_runs(tmp_path, RunQuery())
     assert (page.runs, page.closed) == ([], ("captures",))
     (tmp_path / "captures" / job(1)).rename(tmp_path / job(1))
-    (found,) = search(tmp_path, RunQuery()).runs
+    (found,) = search_runs(tmp_path, RunQuery()).runs
     assert (found.state, found.goal) == ("foreign", None)
 
 
 def test_a_folder_that_is_not_there_has_no_runs_and_a_file_is_an_error(tmp_path: Path) -> None:
-    assert runs(tmp_path / "nowhere") == []
+    assert find_runs(tmp_path / "nowhere") == []
     (tmp_path / "file").touch()
     with pytest.raises(DiskError, match="cannot read the folder of runs"):
-        runs(tmp_path / "file")
+        find_runs(tmp_path / "file")
 
 
 def test_the_search_says_when_there_are_more_names_than_it_looks_at(
@@ -214,7 +216,7 @@ def test_the_search_says_when_there_are_more_names_than_it_looks_at(
     monkeypatch.setattr(walk, "MOST_ENTRIES", 5)
     for second in range(9):
         finished(tmp_path, job(second))
-    page = search(tmp_path, RunQuery())
+    page = search_runs(tmp_path, RunQuery())
     assert len(page.runs) == 5 and page.cut
 
 
@@ -229,34 +231,34 @@ def test_no_run_has_its_name_before_it_is_locked(
         with pytest.raises(BlockingIOError):
             fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
         os.close(folder)
-        looked.append((old, new, states(runs(tmp_path))))
+        looked.append((old, new, states(find_runs(tmp_path))))
         rename(old, new, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
 
     monkeypatch.setattr(os, "rename", look_first)
-    with Place.at(tmp_path) as place, RunFolder(place, job(1)) as made:
+    with HeldFolder.at(tmp_path) as place, RunFolder(place, job(1)) as made:
         made.create(min_free_bytes=0)
         assert looked == [(f".{job(1)}.partial.new", f"{job(1)}.partial", [])]
-        assert states(runs(tmp_path)) == [(job(1), "running")]
+        assert states(find_runs(tmp_path)) == [(job(1), "running")]
         with RunFolder(place, job(1)) as again, pytest.raises(DiskError, match="exists"):
             again.create(min_free_bytes=0)
-    assert states(runs(tmp_path)) == [(job(1), "unfinished")]
+    assert states(find_runs(tmp_path)) == [(job(1), "unfinished")]
     assert os.listdir(tmp_path) == [f"{job(1)}.partial"]  # noqa: PTH208
 
 
 def test_how_a_run_ended_is_told_by_the_last_whole_line_of_its_log(tmp_path: Path) -> None:
     failed = {"event": "failed", "kind": "sync", "message": "late", "taken": "3 of 5"}
     place = cut(tmp_path, job(1), {"event": "armed"}, failed)
-    (found,) = runs(tmp_path)
+    (found,) = find_runs(tmp_path)
     assert (found.state, found.taken) == ("failed", "3 of 5") and "late" in str(found.reason)
     (place / "log.jsonl").write_text(json.dumps(failed) + "\n" + '{"event": "half a li')
-    assert runs(tmp_path)[0].state == "failed"
+    assert find_runs(tmp_path)[0].state == "failed"
     long = {"event": "noted", "text": "x" * 70_000}
     none = "unfinished"
     for log, state in (([failed, long], none), ([long, failed], "failed"), ([], none)):
         (place / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))
-        assert runs(tmp_path)[0].state == state
+        assert find_runs(tmp_path)[0].state == state
     (place / "log.jsonl").write_text(json.dumps({"event": "cancelled"}) + "\n")
-    (found,) = runs(tmp_path)
+    (found,) = find_runs(tmp_path)
     assert found.state == "cancelled" and found.reason
 
 
@@ -268,14 +270,14 @@ def test_a_page_of_runs_ends_where_enough_was_read(
     size = (place / "capture.json").stat().st_size
     for most, count in ((size - 1, 1), (size, 2), (2 * size, 3)):
         monkeypatch.setattr("pdcd.runs.index.PAGE_BYTES", most)
-        page = search(tmp_path, RunQuery())
+        page = search_runs(tmp_path, RunQuery())
         assert len(page.runs) == count and (page.more is None) == (count == 3)
-        assert len(runs(tmp_path)) == 3
+        assert len(find_runs(tmp_path)) == 3
     told = len(msgspec.json.encode(page.runs[0]))
     monkeypatch.setattr("pdcd.runs.index.ANSWER_BYTES", told)
-    page = search(tmp_path, RunQuery())
+    page = search_runs(tmp_path, RunQuery())
     assert [run.job for run in page.runs] == [job(3), job(2)] and page.more == job(2)
-    rest = search(tmp_path, RunQuery(before=page.more))
+    rest = search_runs(tmp_path, RunQuery(before=page.more))
     assert [run.job for run in rest.runs] == [job(1)] and rest.more is None
 
 
@@ -289,7 +291,7 @@ def test_no_more_runs_are_told_than_were_asked_for(
     (place / "capture.json").write_bytes((place / "capture.json").read_bytes() + b" " * 2 * size)
     monkeypatch.setattr("pdcd.runs.index.PAGE_BYTES", 2 * size)
     for newest in (1, 2, 3, 4):
-        found = runs(tmp_path, newest=newest)
+        found = find_runs(tmp_path, newest=newest)
         assert [run.job for run in found] == [job(4), job(3), job(2), job(1)][:newest]
 
 
@@ -313,5 +315,5 @@ def test_a_run_that_goes_while_names_are_looked_at_hides_no_other(
         return entry
 
     monkeypatch.setattr(os, "scandir", gone)
-    page = search(tmp_path, RunQuery())
+    page = search_runs(tmp_path, RunQuery())
     assert [run.job for run in page.runs] == [job(3), job(1), job(0)] and not page.closed

@@ -16,10 +16,18 @@ import pytest
 
 from pdcd.errors import DecodeError, PdcdError
 from pdcd.files import inside
-from pdcd.files.inside import fault_of, hashed, listing, opened, opened_file, path_of, read_file
+from pdcd.files.inside import (
+    find_name_fault,
+    hash_open_file,
+    list_folder,
+    open_folder,
+    open_inner_file,
+    path_of,
+    read_inner_file,
+)
 from pdcd.protocol import events
 from pdcd.runs import manifest, provenance
-from pdcd.runs.patterns import read_patterns, stored_arrays
+from pdcd.runs.patterns import read_patterns, read_stored_arrays
 from pdcd.runs.verify import _what, _words
 
 
@@ -50,7 +58,7 @@ from pdcd.runs.verify import _what, _words
     ],
 )
 def test_a_name_leads_to_a_file_inside_or_its_fault_is_told(name: str, fault: str | None) -> None:
-    found = fault_of(name)
+    found = find_name_fault(name)
     assert found is None if fault is None else fault in str(found)
 
 
@@ -60,8 +68,8 @@ def test_all_that_lies_in_a_folder_is_listed_by_its_kind(tmp_path: Path) -> None
     (tmp_path / "link").symlink_to(tmp_path / "raw")
     os.mkfifo(tmp_path / "pipe")
     fds = len(list(Path("/proc/self/fd").iterdir()))
-    with opened(tmp_path) as folder:
-        assert listing(folder) == {
+    with open_folder(tmp_path) as folder:
+        assert list_folder(folder) == {
             "raw": "folder", "raw/deep": "folder", "raw/deep/a": "file", "link": "symbolic link",
             "pipe": "FIFO",
         }  # fmt: skip
@@ -73,14 +81,14 @@ def test_no_more_is_listed_than_is_allowed(tmp_path: Path, monkeypatch: pytest.M
     for _ in range(4):
         place /= "d"
         place.mkdir()
-    monkeypatch.setattr(inside, "MAX_PARTS", 3)
-    with opened(tmp_path) as folder:
-        assert [*listing(folder)] == ["d", "d/d", "d/d/d"]
+    monkeypatch.setattr(inside, "MAX_NAME_PARTS", 3)
+    with open_folder(tmp_path) as folder:
+        assert [*list_folder(folder)] == ["d", "d/d", "d/d/d"]
         monkeypatch.setattr(inside, "MAX_ENTRIES", 3)
-        assert len(listing(folder)) == 3
+        assert len(list_folder(folder)) == 3
         monkeypatch.setattr(inside, "MAX_ENTRIES", 2)
         with pytest.raises(DecodeError, match="more than 2 files"):
-            listing(folder)
+            list_folder(folder)
 
 
 def test_contents_are_read_up_to_a_length(tmp_path: Path) -> None:
@@ -90,29 +98,29 @@ def test_contents_are_read_up_to_a_length(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "raw" / "a")
     os.mkfifo(tmp_path / "pipe")
     fds = len(list(Path("/proc/self/fd").iterdir()))
-    with opened(tmp_path) as folder:
+    with open_folder(tmp_path) as folder:
         assert path_of(folder).samefile(tmp_path)
-        assert read_file(folder, "raw/a", 5) == b"12345"
+        assert read_inner_file(folder, "raw/a", 5) == b"12345"
         with pytest.raises(DecodeError, match="5 bytes, more than the 4 allowed"):
-            read_file(folder, "raw/a", 4)
+            read_inner_file(folder, "raw/a", 4)
         for name, words in (("pipe", "a FIFO, no file"), ("raw", "a folder"), ("link", "link")):
             with pytest.raises(DecodeError, match=words):
-                read_file(folder, name, 5)
+                read_inner_file(folder, name, 5)
         for gone in ("none", "none/a", "raw/way/a", "raw/a/b"):
             with pytest.raises(OSError, match=r"No such|Not a directory|symbolic"):
-                read_file(folder, gone, 5)
+                read_inner_file(folder, gone, 5)
     assert len(list(Path("/proc/self/fd").iterdir())) == fds
 
 
 def test_a_digest_is_of_what_follows_and_gives_signs_of_life(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(inside, "CHUNK_BYTES", 4)
+    monkeypatch.setattr(inside, "HASH_CHUNK_BYTES", 4)
     (tmp_path / "a").write_bytes(b"0123456789")
     signs: list[int] = []
-    with opened(tmp_path) as folder, opened_file(folder, "a") as descriptor:
+    with open_folder(tmp_path) as folder, open_inner_file(folder, "a") as descriptor:
         os.lseek(descriptor, 1, os.SEEK_SET)
-        found = hashed(descriptor, lambda: signs.append(1))
+        found = hash_open_file(descriptor, lambda: signs.append(1))
     assert found == (hashlib.sha256(b"123456789").hexdigest(), 9) and len(signs) == 3
 
 
@@ -137,13 +145,13 @@ def test_a_manifest_that_could_not_be_read_again_is_not_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     told: Any = {"job": "one"}
-    data = manifest.written(told)
+    data = manifest.encode_manifest(told)
     assert b'"job": "one"' in data
     monkeypatch.setattr(manifest, "MAX_MANIFEST_BYTES", len(data))
-    assert manifest.written(told) == data
+    assert manifest.encode_manifest(told) == data
     monkeypatch.setattr(manifest, "MAX_MANIFEST_BYTES", len(data) - 1)
     with pytest.raises(PdcdError, match=f"would have {len(data)} bytes"):
-        manifest.written(told)
+        manifest.encode_manifest(told)
 
 
 @pytest.mark.parametrize(
@@ -159,14 +167,14 @@ def test_a_manifest_that_could_not_be_read_again_is_not_written(
 )
 def test_a_manifest_that_is_none_is_damaged(data: bytes, words: str) -> None:
     with pytest.raises(DecodeError, match=words):
-        manifest.parsed(data)
+        manifest.parse_manifest(data)
 
 
 @pytest.mark.parametrize("schema", [0, 2, 99, None, "1", 1.0, True])
 def test_another_schema_is_refused_by_its_name(schema: object) -> None:
     data = json.dumps({"schema": schema}).encode()
     with pytest.raises(DecodeError, match=f"has schema {schema!r}; .* reads schema 1") as told:
-        manifest.parsed(data)
+        manifest.parse_manifest(data)
     assert told.value.hint is not None and "versions" in told.value.hint
 
 
@@ -174,22 +182,22 @@ def test_the_commit_is_that_of_the_checkout(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(provenance, "__file__", str(tmp_path / "pdcd" / "runs" / "provenance.py"))
-    assert provenance.git_commit() is None
+    assert provenance.find_git_commit() is None
     (tmp_path / ".git" / "refs").mkdir(parents=True)
     (tmp_path / ".git" / "HEAD").write_text("1234\n")
-    assert provenance.git_commit() == "1234"
+    assert provenance.find_git_commit() == "1234"
     (tmp_path / ".git" / "HEAD").write_text("ref: refs/main\n")
-    assert provenance.git_commit() is None
+    assert provenance.find_git_commit() is None
     (tmp_path / ".git" / "refs" / "main").write_text("5678\n")
-    assert provenance.git_commit() == "5678"
+    assert provenance.find_git_commit() == "5678"
 
 
 def test_versions_and_time_are_those_of_this_process() -> None:
-    found = provenance.versions()
+    found = provenance.list_versions()
     assert (found["python"], found["numpy"]) == (platform.python_version(), np.__version__)
     found["numpy"] = "another"  # which changes nothing of what is told next
-    assert provenance.versions()["numpy"] == np.__version__
-    told = datetime.fromisoformat(provenance.utc_now())
+    assert provenance.list_versions()["numpy"] == np.__version__
+    told = datetime.fromisoformat(provenance.format_utc_now())
     assert told.tzinfo == UTC and abs((datetime.now(UTC) - told).total_seconds()) < 60.0
 
 
@@ -201,34 +209,44 @@ def test_arrays_have_room_for_what_they_say(
     back = read_patterns(tmp_path)
     assert all(np.array_equal(back[name], array) for name, array in arrays.items())
     whole = sum(128 + array.nbytes for array in arrays.values())
-    monkeypatch.setattr("pdcd.runs.patterns.MAX_BYTES", whole)
-    assert len(stored_arrays(tmp_path / "codes.npz")) == 2
-    monkeypatch.setattr("pdcd.runs.patterns.MAX_BYTES", whole - 1)
+    monkeypatch.setattr("pdcd.runs.patterns.MAX_CODES_BYTES", whole)
+    assert len(read_stored_arrays(tmp_path / "codes.npz")) == 2
+    monkeypatch.setattr("pdcd.runs.patterns.MAX_CODES_BYTES", whole - 1)
     with pytest.raises(DecodeError, match="would take more"):
-        stored_arrays(tmp_path / "codes.npz")
+        read_stored_arrays(tmp_path / "codes.npz")
 
 
 def test_an_event_on_the_wire_comes_back_and_a_newer_one_is_kept() -> None:
     event = events.Progress(
         job="one", seq=3, shot="coded", frame=2, frames=9, missed=1, t_mono_ns=7
     )
-    told = events.wire(event)
+    told = events.encode_event(event)
     assert (told["type"], told["job"], told["seq"], told["t_mono_ns"]) == ("progress", "one", 3, 7)
-    assert events.read(told | {"more": 1}) == event
-    assert events.fields(event) == {"shot": "coded", "frame": 2, "frames": 9, "missed": 1}
-    newer = events.read({"type": "sang", "job": "one", "seq": 4, "song": "la", "t_mono_ns": 1})
-    assert isinstance(newer, events.Unknown) and newer.type == "sang"
+    assert events.decode_event(told | {"more": 1}) == event
+    assert events.pick_event_fields(event) == {
+        "shot": "coded",
+        "frame": 2,
+        "frames": 9,
+        "missed": 1,
+    }
+    newer = events.decode_event(
+        {"type": "sang", "job": "one", "seq": 4, "song": "la", "t_mono_ns": 1}
+    )
+    assert isinstance(newer, events.UnknownEvent) and newer.type == "sang"
     assert newer.fields == {"song": "la"} and (newer.job, newer.seq) == ("one", 4)
-    assert events.wire(newer)["song"] == "la"
+    assert events.encode_event(newer)["song"] == "la"
 
 
 def test_a_log_has_the_time_of_the_event_else_of_now() -> None:
     event = events.Progress(shot="a", frame=0, frames=1, missed=0, t_mono_ns=7)
-    line = events.logged(event, 99)
+    line = events.to_log_entry(event, 99)
     assert (line["t_mono_ns"], line["event"], line["shot"]) == (7, "progress", "a")
     assert "job" not in line and "seq" not in line and "type" not in line
     bare = events.Progress(job="one", shot="a", frame=0, frames=1, missed=0)
-    assert (events.logged(bare, 99)["t_mono_ns"], events.logged(bare, 99)["job"]) == (99, "one")
+    assert (events.to_log_entry(bare, 99)["t_mono_ns"], events.to_log_entry(bare, 99)["job"]) == (
+        99,
+        "one",
+    )
 
 
 @pytest.mark.parametrize("state", ["done", "failed", "cancelled"])
@@ -237,7 +255,7 @@ def test_the_last_event_of_a_job_says_how_it_ended(state: str) -> None:
         state=state, job="one", folder="/x", manifest_sha256="0" * 64, error={"kind": "sync"},
         files={"a": "b"}, summary={"codes": 4}, warnings=("w",),
     )  # fmt: skip
-    end = events.end_of(result)
+    end = events.make_end_event(result)
     assert (end.type, isinstance(end, events.ENDS)) == (state, True)
     for name, value in vars(result).items():
         assert name == "state" or getattr(end, name) == value
@@ -246,4 +264,4 @@ def test_the_last_event_of_a_job_says_how_it_ended(state: str) -> None:
 def test_the_schema_of_before_schemas_were_counted_anew_is_refused_by_its_name() -> None:
     data = json.dumps({"schema": 1, "run": {"goal": "indirect"}}).encode()
     with pytest.raises(DecodeError, match=r"has schema 1 of before .*; .* reads schema 1"):
-        manifest.parsed(data)
+        manifest.parse_manifest(data)

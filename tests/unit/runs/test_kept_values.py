@@ -12,9 +12,9 @@ import pytest
 from pdcd.protocol import entry, events, views
 from pdcd.protocol.entry import MOST_RUNS, RunQuery
 from pdcd.runs import ledger, record
-from pdcd.runs.later import made_later, row_name
-from pdcd.runs.record import Count, FileRecord, Nanoseconds, Positive, Sha256
-from pdcd.runs.walk import is_job, spot_in
+from pdcd.runs.folder import is_made_later, name_row_file
+from pdcd.runs.record import FileRecord, Nanoseconds, RecordCount, RecordPositive, Sha256
+from pdcd.runs.walk import is_job, parse_spot
 
 MODULES = (entry, events, ledger, record, views)
 
@@ -51,11 +51,11 @@ def test_a_query_with_a_word_too_many_is_none() -> None:
 @pytest.mark.parametrize(
     ("kind", "good", "bad"),
     [
-        (Count, (0, 1, 2**62), (-1, 2**62 + 1, 0.5)),
+        (RecordCount, (0, 1, 2**62), (-1, 2**62 + 1, 0.5)),
         (Nanoseconds, (-(2**62), 0, 2**62), (-(2**62) - 1, 2**62 + 1)),
-        (Positive, (1e-300, 1.0, 7e9), (0.0, -1.0)),
+        (RecordPositive, (1e-300, 1.0, 7e9), (0.0, -1.0)),
         (Sha256, ("0" * 64, "a9f" * 21 + "0"), ("0" * 63, "0" * 65, "A" * 64, "g" * 64)),
-        (events.Count, (0, 1), (-1,)),
+        (events.EventCount, (0, 1), (-1,)),
         (events.ShotName, ("a",), ("",)),
     ],
 )
@@ -87,14 +87,15 @@ def test_what_a_run_says_of_itself_unless_it_is_told_otherwise() -> None:
 
 
 def test_files_that_are_made_later_have_these_names_only() -> None:
-    assert row_name("coded", (3, 12)) == "row-coded-3-12.png"
-    good = ("report.html", row_name("coded", (3, 12)), row_name("a" * 64, (999999, 0)))
+    assert name_row_file("coded", (3, 12)) == "row-coded-3-12.png"
+    good = ("report.html", name_row_file("coded", (3, 12)), name_row_file("a" * 64, (999999, 0)))
     bad = (
-        "report.htm", "reportXhtml", row_name("a" * 65, (0, 0)), row_name("", (0, 0)),
-        row_name("a", (1000000, 0)), row_name("a", (0, 1000000)), row_name("é", (0, 0)),
-        "raw/report.html", row_name("a", (0, 0)) + "\n",
+        "report.htm", "reportXhtml", name_row_file("a" * 65, (0, 0)), name_row_file("", (0, 0)),
+        name_row_file("a", (1000000, 0)), name_row_file("a", (0, 1000000)), name_row_file("é", (0,
+        0)),
+        "raw/report.html", name_row_file("a", (0, 0)) + "\n",
     )  # fmt: skip
-    assert all(map(made_later, good)) and not any(map(made_later, bad))
+    assert all(map(is_made_later, good)) and not any(map(is_made_later, bad))
 
 
 @pytest.mark.parametrize(
@@ -120,13 +121,13 @@ def test_a_job_is_named_by_its_time_and_four_digits(text: str, job: bool) -> Non
     ],
 )  # fmt: skip
 def test_how_a_run_stands_is_told_by_the_ending_of_its_name(ending: str) -> None:
-    found = spot_in(f"captures/20260101T000001Z-00ff{ending}")
+    found = parse_spot(f"captures/20260101T000001Z-00ff{ending}")
     assert found is not None and not found.preview and not found.foreign
     assert (found.job, found.ending) == ("20260101T000001Z-00ff", ending)
-    preview = spot_in(f"preview/20260101T000001Z-00ff{ending}")
+    preview = parse_spot(f"preview/20260101T000001Z-00ff{ending}")
     assert preview is not None and preview.preview
 
 
 @pytest.mark.parametrize("ending", ["x", "-decoded-1", "-decoded-12345.partial", ".partial2"])
 def test_any_other_name_is_no_run(ending: str) -> None:
-    assert spot_in(f"20260101T000001Z-00ff{ending}") is None
+    assert parse_spot(f"20260101T000001Z-00ff{ending}") is None

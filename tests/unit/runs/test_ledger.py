@@ -12,12 +12,20 @@ import msgspec
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.files.inside import opened
+from pdcd.files.inside import open_folder
 from pdcd.runs import ledger as module
-from pdcd.runs.ledger import Begun, Enough, Ledger, Taken, Warned, read_begun, read_ledger
+from pdcd.runs.ledger import (
+    ConvergenceEntry,
+    RunLedger,
+    RunStart,
+    ShotEntry,
+    WarningEntry,
+    read_ledger,
+    read_run_start,
+)
 from pdcd.runs.record import FileRecord, MeterRecord, ShotRecord
 
-BEGUN = Begun(
+BEGUN = RunStart(
     job="one", mock=True, owner={}, started_utc="2026", request={}, plan={}, versions={},
     git_commit=None, drivers={}, config={},
 )  # fmt: skip
@@ -27,9 +35,9 @@ SHOT = ShotRecord(
 )  # fmt: skip
 
 
-def written(folder: Path, descriptor: int) -> Ledger:
+def written(folder: Path, descriptor: int) -> RunLedger:
     place: Any = SimpleNamespace(path=folder, fd=descriptor, where=folder)
-    return Ledger(place)
+    return RunLedger(place)
 
 
 def record(data: bytes) -> FileRecord:
@@ -39,10 +47,10 @@ def record(data: bytes) -> FileRecord:
 def test_what_was_written_is_read_again(tmp_path: Path) -> None:
     (tmp_path / "m.dng").write_bytes(b"meter")
     meter = MeterRecord(raw="m.dng", f_number=8.0, peak=0.5)
-    with opened(tmp_path) as folder:
+    with open_folder(tmp_path) as folder:
         told = written(tmp_path, folder)
         told.begin(BEGUN)
-        assert read_ledger(folder) == module.Kept(begun=BEGUN)
+        assert read_ledger(folder) == module.LedgerContents(begun=BEGUN)
         told.meter(meter)
         pieces = (b"head\nfirst\n", b"second\n")
         for number, piece in enumerate(pieces):
@@ -53,9 +61,9 @@ def test_what_was_written_is_read_again(tmp_path: Path) -> None:
         told.warn("it is late")
         told.enough()
         kept = read_ledger(folder)
-        first, size = read_begun(folder)
+        first, size = read_run_start(folder)
     assert kept.begun == first == BEGUN and size == (tmp_path / "ledger.jsonl").stat().st_size
-    assert kept.metered == (module.Metered(meter=meter, file=record(b"meter")),)
+    assert kept.metered == (module.MeterEntry(meter=meter, file=record(b"meter")),)
     assert [one.shot.name for one in kept.taken] == ["0", "1"]
     assert [one.frames for one in kept.taken] == [record(piece) for piece in pieces]
     assert kept.warnings == ("it was dark", "it is late") and kept.enough
@@ -68,13 +76,13 @@ def test_the_record_of_the_run_has_the_shots_that_were_taken() -> None:
         grid: int = 5
 
     planned: Any = SimpleNamespace(run=Run())
-    taken = Taken(shot=SHOT, frames=record(b""))
-    kept = module.Kept(begun=BEGUN, planned=planned, taken=(taken, taken))
+    taken = ShotEntry(shot=SHOT, frames=record(b""))
+    kept = module.LedgerContents(begun=BEGUN, planned=planned, taken=(taken, taken))
     found: Any = kept.run
     assert found.shots == (SHOT, SHOT) and found.grid == 5
 
 
-def lines(*entries: module.Entry) -> list[bytes]:
+def lines(*entries: module.LedgerEntry) -> list[bytes]:
     digest, found = "", []
     for entry in entries:
         said = msgspec.json.encode(entry)
@@ -83,7 +91,7 @@ def lines(*entries: module.Entry) -> list[bytes]:
     return found
 
 
-SOUND = lines(BEGUN, Warned(text="a"), Warned(text="b"), Enough())
+SOUND = lines(BEGUN, WarningEntry(text="a"), WarningEntry(text="b"), ConvergenceEntry())
 
 
 @pytest.mark.parametrize(
@@ -91,7 +99,7 @@ SOUND = lines(BEGUN, Warned(text="a"), Warned(text="b"), Enough())
     [
         (b"", "does not begin"),
         (SOUND[0][:-1], "does not begin"),  # not written to its end
-        (b"".join(lines(Enough())), "does not begin"),
+        (b"".join(lines(ConvergenceEntry())), "does not begin"),
         (b"".join(lines(BEGUN, BEGUN)), "begins twice"),
         (SOUND[0] + SOUND[2], "line 2 does not follow"),
         (SOUND[0] + SOUND[2] + SOUND[1], "line 2 does not follow"),
@@ -106,7 +114,7 @@ def test_a_line_that_was_changed_lost_or_moved_is_damage(
     data: bytes, words: str, tmp_path: Path
 ) -> None:
     (tmp_path / "ledger.jsonl").write_bytes(data)
-    with opened(tmp_path) as folder, pytest.raises(DecodeError, match=words):
+    with open_folder(tmp_path) as folder, pytest.raises(DecodeError, match=words):
         read_ledger(folder)
 
 
@@ -115,7 +123,7 @@ def test_a_last_line_that_was_not_written_to_its_end_is_left_out(
     cut_off: int, tmp_path: Path
 ) -> None:
     (tmp_path / "ledger.jsonl").write_bytes(b"".join(SOUND)[:-cut_off])
-    with opened(tmp_path) as folder:
+    with open_folder(tmp_path) as folder:
         kept = read_ledger(folder)
     assert kept.warnings == ("a", "b") and not kept.enough
 
@@ -124,25 +132,25 @@ def test_of_a_long_ledger_only_the_beginning_is_read_where_that_is_wanted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "ledger.jsonl").write_bytes(b"".join(SOUND))
-    with opened(tmp_path) as folder:
+    with open_folder(tmp_path) as folder:
         monkeypatch.setattr(module, "MAX_FIRST_BYTES", len(SOUND[0]))
-        assert read_begun(folder) == (BEGUN, len(SOUND[0]))
+        assert read_run_start(folder) == (BEGUN, len(SOUND[0]))
         monkeypatch.setattr(module, "MAX_FIRST_BYTES", len(SOUND[0]) - 1)
         with pytest.raises(DecodeError, match="does not begin"):
-            read_begun(folder)
-        (tmp_path / "ledger.jsonl").write_bytes(b"".join(lines(Enough())))
+            read_run_start(folder)
+        (tmp_path / "ledger.jsonl").write_bytes(b"".join(lines(ConvergenceEntry())))
         with pytest.raises(DecodeError, match="does not begin"):
-            read_begun(folder)
+            read_run_start(folder)
 
 
 def test_no_ledger_or_an_endless_one_is_told_as_such(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with opened(tmp_path) as folder:
+    with open_folder(tmp_path) as folder:
         with pytest.raises(DecodeError, match=r"no readable ledger\.jsonl: No such file"):
             read_ledger(folder)
         (tmp_path / "ledger.jsonl").write_bytes(b"".join(SOUND))
-        monkeypatch.setattr(module, "MAX_BYTES", 10)
+        monkeypatch.setattr(module, "MAX_LEDGER_BYTES", 10)
         with pytest.raises(DecodeError, match="more than the 10 allowed"):
             read_ledger(folder)
 
@@ -158,7 +166,7 @@ def test_the_disk_is_waited_for_now_and_then_and_all_of_it_at_once(
     )
     for name in ("a.dng", "frames.csv", "codes.npz"):
         (tmp_path / name).write_bytes(b"x")
-    with opened(tmp_path) as folder:
+    with open_folder(tmp_path) as folder:
         told = written(tmp_path, folder)
         told.begin(BEGUN)
         told.take(SHOT)

@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.errors import DecodeError
 from pdcd.runs import patterns
-from pdcd.runs.patterns import NAME, read_patterns
+from pdcd.runs.patterns import CODES_FILE, read_patterns
 
 
 def _npy(shape: str, data: bytes) -> bytes:
@@ -20,7 +20,7 @@ def _npy(shape: str, data: bytes) -> bytes:
 
 
 def _zip(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> None:
-    with zipfile.ZipFile(path / NAME, "w", method) as archive:
+    with zipfile.ZipFile(path / CODES_FILE, "w", method) as archive:
         for name, data in members.items():
             archive.writestr(name, data)
 
@@ -28,7 +28,7 @@ def _zip(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_DEFLAT
 def test_what_numpy_wrote_comes_back(tmp_path: Path) -> None:
     bits = np.arange(12, dtype=np.uint8).reshape(3, 4)
     levels = np.linspace(0, 1, 5, dtype=np.float32)
-    with (tmp_path / NAME).open("wb") as file:
+    with (tmp_path / CODES_FILE).open("wb") as file:
         np.savez_compressed(file, bits=bits, levels=levels)
     found = read_patterns(tmp_path)
     assert found.keys() == {"bits", "levels"}
@@ -37,9 +37,9 @@ def test_what_numpy_wrote_comes_back(tmp_path: Path) -> None:
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patterns, "MAX_BYTES", 2**20)
+    monkeypatch.setattr(patterns, "MAX_CODES_BYTES", 2**20)
     _zip(tmp_path, {"a.npy": _npy("(2000000,)", bytes(2_000_000))})
-    assert (tmp_path / NAME).stat().st_size < 10_000
+    assert (tmp_path / CODES_FILE).stat().st_size < 10_000
     with pytest.raises(DecodeError, match="more than 1048576 bytes"):
         read_patterns(tmp_path)
 
@@ -62,7 +62,7 @@ def test_a_shape_beyond_its_bytes_takes_no_memory(tmp_path: Path) -> None:
 )
 def test_damage_is_a_typed_error(tmp_path: Path, data: bytes) -> None:
     """As the file itself, and as a member of it."""
-    (tmp_path / NAME).write_bytes(data)
+    (tmp_path / CODES_FILE).write_bytes(data)
     with pytest.raises(DecodeError, match=r"codes\.npz"):
         read_patterns(tmp_path)
     _zip(tmp_path, {"a.npy": data[:-1]})

@@ -10,12 +10,12 @@ import pytest
 
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError, RequestError
-from pdcd.protocol.events import Archived, Event, ShutterOpen
+from pdcd.protocol.events import Event, PicturesArchived, ShutterOpen
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.runs.manifest import DIGEST, MANIFEST
-from pdcd.runs.place import Place
-from pdcd.runs.verify import verify
+from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
+from pdcd.runs.place import HeldFolder
+from pdcd.runs.verify import verify_run
 from tests import bench_rig
 
 
@@ -32,7 +32,7 @@ def names(folder: Path) -> list[str]:
 
 
 def test_missing_folders_are_made_and_the_place_is_where_it_says(tmp_path: Path) -> None:
-    with Place.below(tmp_path / "state", "a/b") as place:
+    with HeldFolder.below(tmp_path / "state", "a/b") as place:
         assert place.real == tmp_path / "state" / "a" / "b"
         (place.path / "x").touch()
         assert names(tmp_path / "state") == ["a", "a/b", "a/b/x"]
@@ -49,14 +49,14 @@ def test_the_state_folder_itself_may_be_reached_by_a_link(tmp_path: Path) -> Non
     (tmp_path / "private").mkdir()
     (tmp_path / "state").symlink_to("private")
     for out in ("x", str(tmp_path / "state" / "x"), str(tmp_path / "private" / "x")):
-        with Place.below(tmp_path / "state", out) as place:
+        with HeldFolder.below(tmp_path / "state", out) as place:
             assert place.real == tmp_path / "private" / "x"
 
 
 def test_links_on_the_way_are_followed_for_a_user_of_this_machine(tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     (tmp_path / "link").symlink_to("there")
-    with Place.at(tmp_path / "link" / "new") as place:
+    with HeldFolder.at(tmp_path / "link" / "new") as place:
         assert place.real == tmp_path / "there" / "new"
 
 
@@ -66,7 +66,7 @@ def test_no_user_writes_into_a_run(tmp_path: Path, name: str) -> None:
     (tmp_path / "run" / MANIFEST).touch()
     before = names(tmp_path)
     with pytest.raises(RequestError, match="another run"):
-        Place.at(tmp_path / name)
+        HeldFolder.at(tmp_path / name)
     assert names(tmp_path) == before
 
 
@@ -77,7 +77,7 @@ def test_what_can_be_no_folder_is_refused(tmp_path: Path, name: str) -> None:
     before = names(tmp_path)
     for local in (True, False):
         with pytest.raises(RequestError) as told:
-            Place.at(tmp_path / name) if local else Place.below(tmp_path, name)
+            HeldFolder.at(tmp_path / name) if local else HeldFolder.below(tmp_path, name)
         assert told.value.kind == "request" and told.value.hint
     assert names(tmp_path) == before
 
@@ -86,9 +86,9 @@ def test_a_client_names_no_folder_with_control_characters_and_an_operator_may(
     tmp_path: Path,
 ) -> None:
     with pytest.raises(RequestError, match="control characters"):
-        Place.below(tmp_path, "a\x1bb")
+        HeldFolder.below(tmp_path, "a\x1bb")
     assert names(tmp_path) == []
-    with Place.at(tmp_path / "a\x1bb") as place:
+    with HeldFolder.at(tmp_path / "a\x1bb") as place:
         assert place.real == tmp_path / "a\x1bb"
 
 
@@ -108,7 +108,7 @@ def test_a_link_that_appears_on_the_way_is_not_followed(
     with monkeypatch.context() as patch:
         patch.setattr(os, "mkdir", faster)
         with pytest.raises(RequestError):
-            Place.below(state, "a/b")
+            HeldFolder.below(state, "a/b")
     assert names(outside) == []
 
 
@@ -124,7 +124,7 @@ def capture(tmp_path: Path, when: type[Event], do: Callable[[Path, Path], object
         if isinstance(event, when) and left:
             left.pop()(state, outside)
 
-    place = Place.below(state, "mine")
+    place = HeldFolder.below(state, "mine")
     request = CaptureRequest(goal="indirect", codes=4)
     result = engine.capture(request, job="job", emit=emit, cancelled=lambda: False, parent=place)
     engine.stop()
@@ -137,13 +137,13 @@ def swap(state: Path, outside: Path) -> None:
     (state / "mine").symlink_to(outside)
 
 
-@pytest.mark.parametrize("when", [ShutterOpen, Archived])
+@pytest.mark.parametrize("when", [ShutterOpen, PicturesArchived])
 def test_a_swapped_folder_leads_nowhere(tmp_path: Path, when: type[Event]) -> None:
     result = capture(tmp_path, when, swap)
     assert result.state == "done", result.error
     assert names(tmp_path / "outside") == []
     assert result.folder == str(tmp_path / "state" / "aside" / "job")
-    assert verify(Path(result.folder), manifest_sha256=result.manifest_sha256).whole
+    assert verify_run(Path(result.folder), manifest_sha256=result.manifest_sha256).whole
 
 
 def swap_run(state: Path, outside: Path) -> None:
@@ -170,7 +170,7 @@ def move_into_a_run(state: Path, outside: Path) -> None:
     (state / "mine").rename(state / "run" / "mine")
 
 
-@pytest.mark.parametrize("when", [ShutterOpen, Archived])
+@pytest.mark.parametrize("when", [ShutterOpen, PicturesArchived])
 @pytest.mark.parametrize("do", [swap_run, copy_run, take_the_name, move_out, move_into_a_run])
 def test_a_run_that_cannot_end_where_it_was_allowed_fails(
     tmp_path: Path, when: type[Event], do: Callable[[Path, Path], object]
@@ -182,7 +182,7 @@ def test_a_run_that_cannot_end_where_it_was_allowed_fails(
     assert result.folder is not None and "/proc/" not in str(result.error)
     kept = Path(result.folder)
     assert kept.name in ("job.partial", "other.partial") and (kept / "raw").is_dir()
-    runs = [path for path in tmp_path.rglob("*") if path.name in (MANIFEST, DIGEST)]
+    runs = [path for path in tmp_path.rglob("*") if path.name in (MANIFEST, MANIFEST_DIGEST)]
     assert runs in ([], [tmp_path / "state" / "run" / MANIFEST])
     if do is not move_out:
         assert names(tmp_path / "outside") == []

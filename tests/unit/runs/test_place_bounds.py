@@ -7,19 +7,19 @@ from pathlib import Path
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.runs.place import MAX_PARTS, MAX_PATH_BYTES, Place
+from pdcd.runs.place import MAX_PATH_BYTES, MAX_PATH_PARTS, HeldFolder
 
 JOB = "20260101T000000Z-00ff"
 
 
 def made(state: Path, out: str, *, make: bool = True) -> Path:
-    with Place.below(state, out, make=make) as place:
+    with HeldFolder.below(state, out, make=make) as place:
         return place.real
 
 
 def test_a_path_has_so_many_parts_and_no_more(tmp_path: Path) -> None:
-    deepest = "/".join("a" * MAX_PARTS)
-    assert MAX_PARTS == 64 and made(tmp_path, deepest) == tmp_path / deepest
+    deepest = "/".join("a" * MAX_PATH_PARTS)
+    assert MAX_PATH_PARTS == 64 and made(tmp_path, deepest) == tmp_path / deepest
     with pytest.raises(RequestError, match="too long"):
         made(tmp_path / "b", f"{deepest}/a")
     assert list((tmp_path / "b").iterdir()) == []

@@ -12,22 +12,22 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DiskError
-from pdcd.files.inside import opened
+from pdcd.files.inside import open_folder
 from pdcd.protocol.entry import RunQuery
 from pdcd.runs import prune
-from pdcd.runs.index import runs
-from pdcd.runs.prune import Unwanted, remove, unwanted
+from pdcd.runs.index import find_runs
+from pdcd.runs.prune import UnwantedRun, find_unwanted_runs, remove_run
 from tests.run_folders import cut, finished, job
 
 FAILED = {"event": "failed", "kind": "sync", "message": "late"}
 
 
 def meant(state: Path, query: RunQuery | None = None, **fields: Any) -> list[str]:
-    return [one.run.job for one in unwanted(state, query or RunQuery(), **fields)]
+    return [one.run.job for one in find_unwanted_runs(state, query or RunQuery(), **fields)]
 
 
-def first(state: Path, **fields: Any) -> Unwanted:
-    return next(unwanted(state, RunQuery(), **fields))
+def first(state: Path, **fields: Any) -> UnwantedRun:
+    return next(find_unwanted_runs(state, RunQuery(), **fields))
 
 
 def test_what_is_named_together_holds_together(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_a_run_goes_with_all_that_is_in_it_and_nothing_else(tmp_path: Path) -> N
     finished(captures, job(2))
     one = first(tmp_path, keep=1)
     assert one.run.job == job(1) and one.size_bytes > 1000 and not one.removed
-    gone = remove(tmp_path, one)
+    gone = remove_run(tmp_path, one)
     assert gone.removed and gone.why is None
     assert sorted(p.name for p in captures.iterdir()) == [job(2)]
     assert (outside / "precious").read_text() == "x"
@@ -75,12 +75,12 @@ def test_a_run_that_goes_on_is_never_removed(tmp_path: Path) -> None:
     fcntl.flock(held, fcntl.LOCK_EX)  # as it does that fills it
     try:
         assert meant(tmp_path) == []
-        kept = remove(tmp_path, one)
+        kept = remove_run(tmp_path, one)
     finally:
         os.close(held)
     assert not kept.removed and "still being filled" in (kept.why or "")
     assert (place / "ledger.jsonl").exists()
-    assert remove(tmp_path, one).removed
+    assert remove_run(tmp_path, one).removed
 
 
 def test_nothing_outside_the_state_folder_is_removed(tmp_path: Path) -> None:
@@ -90,13 +90,13 @@ def test_nothing_outside_the_state_folder_is_removed(tmp_path: Path) -> None:
     elsewhere = finished(tmp_path / "elsewhere", job(1))
     shutil.rmtree(place)
     place.symlink_to(elsewhere)  # its name has come to mean something else
-    assert not remove(state, one).removed
+    assert not remove_run(state, one).removed
     place.unlink()
     place.parent.rmdir()
     place.parent.symlink_to(tmp_path / "elsewhere")
-    assert not remove(state, one).removed
-    outside = Unwanted(run=one.run, size_bytes=0)
-    assert "does not lie" in (remove(tmp_path / "another", outside).why or "")
+    assert not remove_run(state, one).removed
+    outside = UnwantedRun(run=one.run, size_bytes=0)
+    assert "does not lie" in (remove_run(tmp_path / "another", outside).why or "")
     assert (elsewhere / "capture.json").exists()
 
 
@@ -113,7 +113,7 @@ def test_a_folder_that_takes_the_name_meanwhile_stays(
             finished(tmp_path, job(1))
 
     monkeypatch.setattr(fcntl, "flock", swapped)
-    kept = remove(tmp_path, one)
+    kept = remove_run(tmp_path, one)
     assert not kept.removed and "another folder" in (kept.why or "")
     assert (place / "capture.json").exists() and (tmp_path / "moved" / "capture.json").exists()
 
@@ -127,11 +127,11 @@ def test_an_interrupted_removal_leaves_nothing_that_looks_like_a_run(
     finished(tmp_path, job(1), ending, state="partial" if ending == "-partial" else "done")
     with monkeypatch.context() as patch:
         patch.setattr(shutil, "rmtree", lambda *a, **k: (_ for _ in ()).throw(OSError(5, "broken")))
-        kept = remove(tmp_path, first(tmp_path))
+        kept = remove_run(tmp_path, first(tmp_path))
     assert not kept.removed and "broken" in (kept.why or "")
-    (left,) = runs(tmp_path)
+    (left,) = find_runs(tmp_path)
     assert left.state == "unfinished" and left.folder.endswith(f"{job(1)}{ending}.removed")
-    assert remove(tmp_path, first(tmp_path, leftovers=True)).removed
+    assert remove_run(tmp_path, first(tmp_path, leftovers=True)).removed
     assert not list(tmp_path.iterdir())
 
 
@@ -143,20 +143,22 @@ def test_what_is_to_go_has_its_size_and_is_told_what_kept_it(
     (place / "raw").mkdir()
     (place / "raw" / "a").write_bytes(b"x" * 1000)
     size = 1000 + (place / "capture.json").stat().st_size
-    (one,) = prune.unwanted(tmp_path, RunQuery())
+    (one,) = prune.find_unwanted_runs(tmp_path, RunQuery())
     assert (one.size_bytes, one.removed, one.why) == (size, False, None)
     at = datetime(2026, 1, 1, 0, 0, 1, tzinfo=UTC)
-    assert [*prune.unwanted(tmp_path, RunQuery(), older_than=at.replace(second=2))] == [one]
-    assert not [*prune.unwanted(tmp_path, RunQuery(), older_than=at.replace(second=0))]
+    assert [*prune.find_unwanted_runs(tmp_path, RunQuery(), older_than=at.replace(second=2))] == [
+        one
+    ]
+    assert not [*prune.find_unwanted_runs(tmp_path, RunQuery(), older_than=at.replace(second=0))]
     monkeypatch.setattr(prune, "MOST_FILES", 1)
-    (unsized,) = prune.unwanted(tmp_path, RunQuery())
+    (unsized,) = prune.find_unwanted_runs(tmp_path, RunQuery())
     assert unsized.size_bytes == 0
-    kept = prune.remove(tmp_path, one)
+    kept = prune.remove_run(tmp_path, one)
     assert not kept.removed and "holds more than 1 files" in str(kept.why) and place.exists()
     monkeypatch.setattr(prune, "MOST_FILES", 2)
-    gone = prune.remove(tmp_path, one)
+    gone = prune.remove_run(tmp_path, one)
     assert gone.removed and gone.why is None and not [*captures.iterdir()]
-    again = prune.remove(tmp_path, one)
+    again = prune.remove_run(tmp_path, one)
     assert not again.removed and again.why
 
 
@@ -168,15 +170,15 @@ def test_without_locks_only_finished_runs_are_removed(
         raise OSError(95, "not supported")
 
     place = cut(tmp_path, job(1)) if ending else finished(tmp_path, job(1))
-    (one,) = prune.unwanted(tmp_path, RunQuery())
+    (one,) = prune.find_unwanted_runs(tmp_path, RunQuery())
     monkeypatch.setattr(fcntl, "flock", none)
-    assert prune.remove(tmp_path, one).removed != bool(ending)
+    assert prune.remove_run(tmp_path, one).removed != bool(ending)
     assert place.exists() == bool(ending)
 
 
 def test_another_disk_in_a_run_is_not_emptied(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("x")
-    with opened(tmp_path) as folder:
+    with open_folder(tmp_path) as folder:
         here = os.fstat(folder).st_dev
         assert prune._measured(folder, here) == prune._measured(folder, None) == 1
         with pytest.raises(DiskError, match="another disk"):

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DiskError, NoSpaceError, RequestError
-from pdcd.files.put import put, put_file, refuse_taken
+from pdcd.files.put import check_name_free, replace_file, write_atomic
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def test_a_file_is_durable_before_it_has_its_name(
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(os, "link", named)
-    put(folder, "a", b"12345", replace=False, shown="x")
+    write_atomic(folder, "a", b"12345", replace=False, shown="x")
     assert steps == ["file", "name", "folder"]
     assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"12345"
     assert (tmp_path / "a").stat().st_nlink == 1
@@ -58,22 +58,22 @@ def test_what_is_there_stays(
             raise PermissionError(errno.EPERM, "no hard links")
 
         monkeypatch.setattr(os, "link", refused)
-    put(folder, "a", b"old", replace=False, shown="x")
+    write_atomic(folder, "a", b"old", replace=False, shown="x")
     with pytest.raises(RequestError, match="x/a is there already") as told:
-        put(folder, "a", b"new", replace=False, shown="x")
+        write_atomic(folder, "a", b"new", replace=False, shown="x")
     assert told.value.hint is not None and "--force" in told.value.hint
     assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"old"
-    put(folder, "a", b"new", replace=True, shown="x")
+    write_atomic(folder, "a", b"new", replace=True, shown="x")
     assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"new"
 
 
 def test_a_link_that_leads_nowhere_is_something_that_is_there(folder: int, tmp_path: Path) -> None:
     (tmp_path / "a").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(RequestError, match="is there already"):
-        refuse_taken(folder, "a", "x")
+        check_name_free(folder, "a", "x")
     with pytest.raises(RequestError, match="is there already"):
-        put(folder, "a", b"new", replace=False, shown="x")
-    put(folder, "a", b"new", replace=True, shown="x")
+        write_atomic(folder, "a", b"new", replace=False, shown="x")
+    write_atomic(folder, "a", b"new", replace=True, shown="x")
     assert not (tmp_path / "a").is_symlink() and names(tmp_path) == {"a"}
 
 
@@ -84,7 +84,7 @@ def test_of_many_writers_at_once_one_wins(folder: int, tmp_path: Path) -> None:
     def write(number: int) -> None:
         start.wait()
         try:
-            put(folder, "a", b"%d" % number, replace=False, shown="x")
+            write_atomic(folder, "a", b"%d" % number, replace=False, shown="x")
         except RequestError:
             return
         won.append(number)
@@ -114,13 +114,13 @@ def test_no_half_of_a_file_is_left(
     (tmp_path / "a").write_bytes(b"old")
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(error):
-        put(folder, "a", b"new", replace=True, shown="x")
+        write_atomic(folder, "a", b"new", replace=True, shown="x")
     assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"old"
 
 
 def test_a_file_that_can_be_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a").symlink_to(tmp_path / "elsewhere")
-    put_file(tmp_path / "a", b"old")
+    replace_file(tmp_path / "a", b"old")
     assert not (tmp_path / "a").is_symlink() and names(tmp_path) == {"a"}
 
     def full(*args: str, **at: int) -> None:
@@ -128,7 +128,7 @@ def test_a_file_that_can_be_made_again(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(os, "rename", full)
     with pytest.raises(NoSpaceError, match=str(tmp_path / "a")):
-        put_file(tmp_path / "a", b"new")
+        replace_file(tmp_path / "a", b"new")
     assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"old"
     with pytest.raises(DiskError):
-        put_file(tmp_path / "no" / "a", b"new")
+        replace_file(tmp_path / "no" / "a", b"new")

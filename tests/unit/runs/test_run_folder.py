@@ -19,20 +19,20 @@ import pytest
 from pdcd.errors import DecodeError, DiskError, NoSpaceError, PdcdError
 from pdcd.runs import folder as folder_module
 from pdcd.runs.folder import RunFolder, read_manifest, sha256_of, write_patterns
-from pdcd.runs.place import Place
+from pdcd.runs.place import HeldFolder
 
 DATA = b'{"schema": 1}'
 SHA = hashlib.sha256(DATA).hexdigest()
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Iterator[Place]:
-    with Place.at(tmp_path / "runs") as place:
+def place(tmp_path: Path) -> Iterator[HeldFolder]:
+    with HeldFolder.at(tmp_path / "runs") as place:
         yield place
 
 
 @pytest.fixture
-def run(place: Place) -> Iterator[RunFolder]:
+def run(place: HeldFolder) -> Iterator[RunFolder]:
     with RunFolder(place, "job") as run:
         run.create(min_free_bytes=0)
         yield run
@@ -42,11 +42,11 @@ def finish(run: RunFolder) -> str:
     return run.finish_with(DATA, "capture.json", b"digest\n", "capture.json.sha256")
 
 
-def names(place: Place) -> list[str]:
+def names(place: HeldFolder) -> list[str]:
     return sorted(path.name for path in place.real.iterdir())
 
 
-def test_a_folder_is_unfinished_until_it_is_whole(place: Place, run: RunFolder) -> None:
+def test_a_folder_is_unfinished_until_it_is_whole(place: HeldFolder, run: RunFolder) -> None:
     assert names(place) == ["job.partial"] and run.where == place.real / "job.partial"
     assert run.files() == ()
     for below in ("raw", "linear", "preview"):
@@ -66,14 +66,14 @@ def test_a_folder_is_unfinished_until_it_is_whole(place: Place, run: RunFolder) 
     )
 
 
-def test_what_it_is_called_and_what_lies_in_it_may_be_said(place: Place) -> None:
+def test_what_it_is_called_and_what_lies_in_it_may_be_said(place: HeldFolder) -> None:
     with RunFolder(place, "job", unfinished="job.again", below=("a",)) as run:
         run.create(min_free_bytes=0)
         assert names(place) == ["job.again"]
         assert [path.name for path in run.path.iterdir()] == ["a"]
 
 
-def test_others_see_that_somebody_is_at_work(place: Place, run: RunFolder) -> None:
+def test_others_see_that_somebody_is_at_work(place: HeldFolder, run: RunFolder) -> None:
     """From the moment that it has its name until it is closed."""
     descriptor = os.open(place.real / "job.partial", os.O_RDONLY)
     try:
@@ -89,7 +89,9 @@ def test_others_see_that_somebody_is_at_work(place: Place, run: RunFolder) -> No
         _ = run.fd
 
 
-def test_a_disk_without_locks_is_good_enough(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_locks_is_good_enough(
+    place: HeldFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOTSUP, "no locks")
 
@@ -101,7 +103,7 @@ def test_a_disk_without_locks_is_good_enough(place: Place, monkeypatch: pytest.M
 
 @pytest.mark.parametrize(("free", "enough"), [(999, False), (1000, True), (1001, True)])
 def test_so_many_bytes_stay_free(
-    place: Place, monkeypatch: pytest.MonkeyPatch, free: int, enough: bool
+    place: HeldFolder, monkeypatch: pytest.MonkeyPatch, free: int, enough: bool
 ) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
     with RunFolder(place, "job") as run:
@@ -122,7 +124,9 @@ def a_dangling_link(path: Path) -> None:
 
 
 @pytest.mark.parametrize("taken", [Path.touch, a_folder, a_dangling_link])
-def test_a_name_that_is_taken_is_nobody_elses(place: Place, taken: Callable[[Path], None]) -> None:
+def test_a_name_that_is_taken_is_nobody_elses(
+    place: HeldFolder, taken: Callable[[Path], None]
+) -> None:
     taken(place.real / "job.partial")
     with RunFolder(place, "job") as run:
         with pytest.raises(DiskError, match="File exists"):
@@ -133,7 +137,7 @@ def test_a_name_that_is_taken_is_nobody_elses(place: Place, taken: Callable[[Pat
 
 @pytest.mark.parametrize("taken", [Path.touch, a_folder, a_dangling_link])
 def test_a_final_name_that_is_taken_leaves_an_unfinished_folder(
-    place: Place, run: RunFolder, taken: Callable[[Path], None]
+    place: HeldFolder, run: RunFolder, taken: Callable[[Path], None]
 ) -> None:
     taken(place.real / "job")
     with pytest.raises(PdcdError, match="name is taken"):
@@ -142,7 +146,7 @@ def test_a_final_name_that_is_taken_leaves_an_unfinished_folder(
     assert run.files() == ()
 
 
-def test_a_folder_that_was_moved_does_not_look_finished(place: Place, run: RunFolder) -> None:
+def test_a_folder_that_was_moved_does_not_look_finished(place: HeldFolder, run: RunFolder) -> None:
     (place.real / "job.partial").rename(place.real / "elsewhere")
     with pytest.raises(PdcdError, match="was moved"):
         finish(run)
@@ -155,7 +159,7 @@ def test_a_folder_that_was_moved_does_not_look_finished(place: Place, run: RunFo
 
 @pytest.mark.parametrize("broken", ["sync", "moved"])
 def test_a_folder_that_had_its_name_already_gives_it_back(
-    place: Place, run: RunFolder, monkeypatch: pytest.MonkeyPatch, broken: str
+    place: HeldFolder, run: RunFolder, monkeypatch: pytest.MonkeyPatch, broken: str
 ) -> None:
     fsync, check, checks = os.fsync, place.check, iter([None, PdcdError("moved out of bounds")])
 
@@ -182,7 +186,7 @@ def test_a_folder_that_had_its_name_already_gives_it_back(
 
 
 def test_a_place_that_is_not_to_be_written_to_is_asked_first(
-    place: Place, monkeypatch: pytest.MonkeyPatch
+    place: HeldFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse() -> None:
         raise PdcdError("it was moved out of its bounds")
@@ -193,7 +197,7 @@ def test_a_place_that_is_not_to_be_written_to_is_asked_first(
     assert names(place) == []
 
 
-def test_a_folder_that_was_removed_is_nowhere(place: Place, run: RunFolder) -> None:
+def test_a_folder_that_was_removed_is_nowhere(place: HeldFolder, run: RunFolder) -> None:
     shutil.rmtree(place.real / "job.partial")
     assert run.where is None
 
@@ -236,7 +240,7 @@ def test_a_folder_without_a_manifest_says_what_to_give(tmp_path: Path, there: bo
 
 @pytest.mark.parametrize("fails", ["rename", "unlink"])
 def test_what_went_wrong_first_is_what_is_told(
-    place: Place, run: RunFolder, monkeypatch: pytest.MonkeyPatch, fails: str
+    place: HeldFolder, run: RunFolder, monkeypatch: pytest.MonkeyPatch, fails: str
 ) -> None:
     """Also where not all of it can be taken back."""
     rename, checks = os.rename, iter([None, PdcdError("moved out of bounds")])

@@ -15,12 +15,12 @@ from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.row import matrix_row
+from pdcd.pictures.row import read_matrix_row
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.views import OwnerView
-from pdcd.runs.manifest import DIGEST, MANIFEST
+from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
 from pdcd.runs.record import SCHEMA_VERSION
-from pdcd.runs.verify import Verified, verify
+from pdcd.runs.verify import VerifyReport, verify_run
 from tests import bench_rig, tampered
 from tests.tampered import FORGERIES, HIDDEN, TAMPERINGS, Tampering
 
@@ -51,9 +51,9 @@ def run(kept: tuple[Path, str], tmp_path: Path) -> Iterator[Path]:
     yield Path(shutil.copytree(kept[0], tmp_path / "run"))
 
 
-def noticed(folder: Path) -> Verified:
+def noticed(folder: Path) -> VerifyReport:
     """What verify says of a spoilt run; decode must refuse it, too."""
-    found = verify(folder)
+    found = verify_run(folder)
     assert not found.whole and found.findings
     with pytest.raises(DecodeError):
         decode_folder(folder)
@@ -61,18 +61,18 @@ def noticed(folder: Path) -> Verified:
 
 
 def test_a_finished_run_is_whole(run: Path, kept: tuple[Path, str]) -> None:
-    found = verify(run, manifest_sha256=kept[1])
+    found = verify_run(run, manifest_sha256=kept[1])
     assert found.whole and found.findings == ()
     assert (found.job, found.schema, found.manifest_sha256) == ("job", SCHEMA_VERSION, kept[1])
     files = [path for path in run.rglob("*") if path.is_file()]
     assert found.files == len(files) - 2
-    manifest = {run / MANIFEST, run / DIGEST}
+    manifest = {run / MANIFEST, run / MANIFEST_DIGEST}
     assert found.size_bytes == sum(p.stat().st_size for p in files if p not in manifest)
     assert decode_folder(run).identical
 
 
 def test_the_digest_is_one_that_sha256sum_checks(run: Path) -> None:
-    check = ["sha256sum", "--check", "--strict", "--quiet", DIGEST]
+    check = ["sha256sum", "--check", "--strict", "--quiet", MANIFEST_DIGEST]
     assert subprocess.run(check, cwd=run, check=False).returncode == 0
     tampered.flip(run / MANIFEST, 800)
     assert subprocess.run(check, cwd=run, check=False, capture_output=True).returncode == 1
@@ -86,11 +86,13 @@ def test_every_flipped_bit_is_noticed(run: Path) -> None:
         met.add(path)
         tampered.flip(path, bit)
         found = noticed(run)
-        wanted = MANIFEST if path.name in (MANIFEST, DIGEST) else str(path.relative_to(run))
+        wanted = (
+            MANIFEST if path.name in (MANIFEST, MANIFEST_DIGEST) else str(path.relative_to(run))
+        )
         assert wanted in {finding.path for finding in found.findings}, (path, bit)
         tampered.flip(path, bit)
     assert met == set(tampered.files(run)) and len(met) > 15
-    assert verify(run).whole
+    assert verify_run(run).whole
 
 
 @pytest.mark.parametrize("tampering", TAMPERINGS, ids=str)
@@ -103,7 +105,7 @@ def test_whatever_happens_to_the_files_is_noticed(run: Path, tampering: Tamperin
 def test_a_manifest_that_cannot_be_true_is_noticed(run: Path, tampering: Tampering) -> None:
     tampering.spoil(run)
     found = noticed(run).findings
-    assert {finding.path for finding in found} & {MANIFEST, DIGEST}
+    assert {finding.path for finding in found} & {MANIFEST, MANIFEST_DIGEST}
     assert max(len(finding.detail) for finding in found) <= 300
 
 
@@ -113,8 +115,8 @@ def test_who_knows_the_digest_notices_a_forger(
 ) -> None:
     """And who does not cannot: the forger wrote a digest that fits."""
     tampering.spoil(run)
-    assert verify(run).whole
-    found = verify(run, manifest_sha256=kept[1])
+    assert verify_run(run).whole
+    found = verify_run(run, manifest_sha256=kept[1])
     assert [finding.what for finding in found.findings] == ["manifest"]
 
 
@@ -127,7 +129,7 @@ def test_an_endless_manifest_is_refused(run: Path, name: str) -> None:
     else:
         with (run / MANIFEST).open("r+b") as file:
             file.truncate(2**30)
-    assert not verify(run).whole
+    assert not verify_run(run).whole
 
 
 @pytest.mark.parametrize(
@@ -163,10 +165,10 @@ def test_a_flawless_forgery_of_a_shot_is_not_decoded(run: Path, field: str) -> N
 
 def test_a_row_of_the_matrix_looks_at_what_it_reads(run: Path) -> None:
     (run / "raw/coded.dng").unlink()
-    matrix_row(run, (0, 0))
+    read_matrix_row(run, (0, 0))
     tampered.flip(run / "frames.csv", 4000)
     with pytest.raises(DecodeError, match=r"frames\.csv"):
-        matrix_row(run, (0, 0))
+        read_matrix_row(run, (0, 0))
 
 
 def test_a_run_without_its_final_name_is_not_whole(run: Path) -> None:
@@ -178,7 +180,7 @@ def test_a_run_without_its_final_name_is_not_whole(run: Path) -> None:
 def test_what_is_no_folder_is_no_run(tmp_path: Path, name: str) -> None:
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").touch()
-    assert verify(tmp_path / name).findings
+    assert verify_run(tmp_path / name).findings
     with pytest.raises(DecodeError):
         decode_folder(tmp_path / name)
 
@@ -222,7 +224,7 @@ def test_what_is_made_later_to_look_at_is_named_and_nothing_else(run: Path) -> N
     """And it must be a regular file of one of these very names."""
     (run / "report.html").write_text("a page")
     (run / "row-coded-1-2.png").write_bytes(b"a picture")
-    found = verify(run)
+    found = verify_run(run)
     assert found.whole and found.later == ("report.html", "row-coded-1-2.png")
     assert decode_folder(run).identical
     (run / "row-coded-2-1.png").symlink_to("/etc/passwd")

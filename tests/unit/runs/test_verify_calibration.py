@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.bench.calibration import DIGEST, RECORD, digest_line
+from pdcd.bench.calibration import CALIBRATION_DIGEST, RECORD, format_digest_line
 from pdcd.runs.record import FileRecord
 from pdcd.runs.verify_calibration import verify_calibration
 
@@ -62,7 +62,7 @@ def calibration(folder: Path, change: Callable[[dict[str, Any]], object] = _as_i
     change(told)
     data = json.dumps(told).encode()
     (place / RECORD).write_bytes(data)
-    (place / DIGEST).write_bytes(digest_line(data))
+    (place / CALIBRATION_DIGEST).write_bytes(format_digest_line(data))
     return place
 
 
@@ -87,7 +87,10 @@ def _photo(told: dict[str, Any]) -> dict[str, Any]:
     ("change", "words"),
     [
         (lambda t: t["files"].update({RECORD: t["files"]["frames.csv"]}), "it vouches for itself"),
-        (lambda t: t["files"].update({DIGEST: t["files"]["frames.csv"]}), "it vouches for itself"),
+        (
+            lambda t: t["files"].update({CALIBRATION_DIGEST: t["files"]["frames.csv"]}),
+            "it vouches for itself",
+        ),
         (lambda t: t["files"].update({"../x": t["files"]["frames.csv"]}), "leads out"),
         (lambda t: t["files"].pop("frames.csv"), "does not list 'frames.csv'"),
         (lambda t: t["steps"].append(t["steps"][0]), "two photos of one name"),
@@ -117,8 +120,8 @@ def test_a_photo_may_be_as_short_as_a_nanosecond(tmp_path: Path) -> None:
     ("spoil", "path", "what"),
     [
         (lambda p: (p / RECORD).unlink(), RECORD, "missing"),
-        (lambda p: (p / DIGEST).unlink(), DIGEST, "missing"),
-        (lambda p: (p / DIGEST).write_text("0" * 64), RECORD, "manifest"),
+        (lambda p: (p / CALIBRATION_DIGEST).unlink(), CALIBRATION_DIGEST, "missing"),
+        (lambda p: (p / CALIBRATION_DIGEST).write_text("0" * 64), RECORD, "manifest"),
         (lambda p: (p / "raw/dots.dng").write_bytes(b"row"), "raw/dots.dng", "changed"),
         (lambda p: (p / "raw/dots.dng").unlink(), "raw/dots.dng", "missing"),
         (lambda p: (p / "report.html").write_text("x"), "report.html", "unknown"),

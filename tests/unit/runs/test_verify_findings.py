@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.files.inside import opened, read_file
+from pdcd.files.inside import open_folder, read_inner_file
 from pdcd.protocol.result import Quality
 from pdcd.runs import verify as module
 from pdcd.runs.record import FileRecord
-from pdcd.runs.verify import MAX_CELLS, MAX_FINDINGS, MAX_WORDS, Check, whole_manifest
+from pdcd.runs.verify import MAX_CELLS, MAX_FINDINGS, MAX_WORDS, FolderCheck, read_whole_manifest
 
 SHA, OTHER = "a" * 64, "b" * 64
 NEEDED = ("codes.npz", "frames.csv", "probe.npz", "log.jsonl")
@@ -45,8 +45,8 @@ def understood(
     monkeypatch: pytest.MonkeyPatch, told: Any, *, vouched: bool = True
 ) -> list[tuple[str, str, str]]:
     """All that is found in a manifest by itself."""
-    monkeypatch.setattr(module, "parsed", lambda _: told)
-    check = Check()
+    monkeypatch.setattr(module, "parse_manifest", lambda _: told)
+    check = FolderCheck()
     check.understand(b"", vouched=vouched)
     return [(one.path, one.what, one.detail) for one in check.found]
 
@@ -148,7 +148,7 @@ def test_a_manifest_needs_a_digest_beside_it(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_only_so_many_findings_of_so_many_letters_are_told() -> None:
-    check = Check()
+    check = FolderCheck()
     for _ in range(MAX_FINDINGS + 5):
         check.find("n" * 301, "unknown", "d" * 301)
     assert len(check.found) == MAX_FINDINGS == 1000
@@ -161,12 +161,14 @@ def record(data: bytes, size: int = -1) -> FileRecord:
     return FileRecord(hashlib.sha256(data).hexdigest(), length)
 
 
-def looked(folder: Path, files: dict[str, FileRecord], names: Any = None) -> tuple[Check, int]:
+def looked(
+    folder: Path, files: dict[str, FileRecord], names: Any = None
+) -> tuple[FolderCheck, int]:
     """A look at files alone, and how often it gave a sign of life."""
     signs: list[int] = []
-    check = Check(lambda: signs.append(1))
+    check = FolderCheck(lambda: signs.append(1))
     check.read = manifest(files=files)
-    with opened(folder) as descriptor:
+    with open_folder(folder) as descriptor:
         check.files(descriptor, names)
     return check, len(signs)
 
@@ -214,8 +216,8 @@ def test_what_is_there_and_not_listed_is_unknown(tmp_path: Path) -> None:
 
 def test_where_nothing_lists_the_files_none_is_looked_at(tmp_path: Path) -> None:
     (tmp_path / "a").touch()
-    check = Check()
-    with opened(tmp_path) as descriptor:
+    check = FolderCheck()
+    with open_folder(tmp_path) as descriptor:
         check.files(descriptor, None)
     assert check.found == [] and check.listed is None
 
@@ -224,12 +226,12 @@ def test_who_needs_a_whole_run_hears_of_the_first_fault_and_of_how_many_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(DecodeError) as one:
-        whole_manifest(tmp_path)
+        read_whole_manifest(tmp_path)
     assert one.value.message.endswith("capture.json: this is no finished run")
     (tmp_path / "capture.json").write_bytes(b"{}")
-    monkeypatch.setattr(module, "parsed", lambda _: manifest(state="new"))
+    monkeypatch.setattr(module, "parse_manifest", lambda _: manifest(state="new"))
     with pytest.raises(DecodeError) as two:
-        whole_manifest(tmp_path, ["log.jsonl", "x"])
+        read_whole_manifest(tmp_path, ["log.jsonl", "x"])
     assert two.value.message.endswith(
         "capture.json.sha256: nothing vouches for the manifest, and 3 more"
     )
@@ -240,7 +242,15 @@ class FaultOfOursError(Exception):
 
 
 @pytest.mark.parametrize(
-    "broken", ["listing", "read_file", "parsed", "opened_file", "opened", "digest_line"]
+    "broken",
+    [
+        "list_folder",
+        "read_inner_file",
+        "parse_manifest",
+        "open_inner_file",
+        "open_folder",
+        "format_digest_line",
+    ],
 )
 def test_no_fault_of_ours_is_taken_for_one_of_the_run(
     broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -250,10 +260,10 @@ def test_no_fault_of_ours_is_taken_for_one_of_the_run(
 
     for name in ("capture.json", "log.jsonl"):
         (tmp_path / name).write_bytes(b"{}")
-    monkeypatch.setattr(module, "parsed", lambda _: manifest())
+    monkeypatch.setattr(module, "parse_manifest", lambda _: manifest())
     monkeypatch.setattr(module, broken, fail)
     with pytest.raises(FaultOfOursError):
-        module.verify(tmp_path)
+        module.verify_run(tmp_path)
 
 
 @pytest.mark.parametrize("named", ["capture.json", "capture.json.sha256"])
@@ -266,19 +276,19 @@ def test_only_what_the_disk_says_is_a_fault_of_the_digest(
     def failing(folder: int, name: str, most: int) -> bytes:
         if name == named:
             raise failure[0]
-        return read_file(folder, name, most)
+        return read_inner_file(folder, name, most)
 
     (tmp_path / "capture.json").write_bytes(b"{}")
-    monkeypatch.setattr(module, "parsed", lambda _: manifest(files={}))
-    monkeypatch.setattr(module, "read_file", failing)
+    monkeypatch.setattr(module, "parse_manifest", lambda _: manifest(files={}))
+    monkeypatch.setattr(module, "read_inner_file", failing)
     failures: list[tuple[Exception, str]] = [
         (PermissionError(13, "Permission denied"), "unreadable"),
         (DecodeError("it is a FIFO, no file"), "changed"),
     ]
     for failure[0], what in failures:
-        check = Check()
+        check = FolderCheck()
         check.look(tmp_path, None, ())
         assert (named, what) in [(one.path, one.what) for one in check.found]
     failure[0] = FaultOfOursError()
     with pytest.raises(FaultOfOursError):
-        Check().look(tmp_path, None, ())
+        FolderCheck().look(tmp_path, None, ())

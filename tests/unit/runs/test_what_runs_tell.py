@@ -10,12 +10,12 @@ import pytest
 
 from pdcd.errors import RequestError
 from pdcd.protocol.entry import RunEntry
-from pdcd.runs.index import at, one, runs
+from pdcd.runs.index import find_runs, pick_run, read_run_at
 from tests.run_folders import HEAD, cut, finished, job
 
 
 def told(folder: Path, **changes: Any) -> RunEntry:
-    return at(finished(folder, job(1), **changes))
+    return read_run_at(finished(folder, job(1), **changes))
 
 
 def test_texts_are_told_up_to_so_many_letters(tmp_path: Path) -> None:
@@ -59,18 +59,18 @@ def test_what_nobody_can_tell_is_left_out(tmp_path: Path) -> None:
         "started_utc": "2026",
     }  # fmt: skip
     (place / "capture.json").write_text(json.dumps(bare))
-    found = at(place)
+    found = read_run_at(place)
     assert (found.verdict, found.user, found.mock, found.codes, found.method) == (None,) * 5
     assert found.reason == "made of some of its shots" and found.taken is None
 
 
 def test_of_a_run_that_was_cut_the_beginning_of_its_ledger_tells(tmp_path: Path) -> None:
     place = cut(tmp_path, job(1), {"event": "failed", "kind": "none", "message": ""}, codes=5)
-    found = at(place)
+    found = read_run_at(place)
     assert (found.state, found.codes, found.reason) == ("failed", 8, "it does not say why")
     assert (found.started_utc, found.mock) == (HEAD["started_utc"], True)
     (place / "ledger.jsonl").unlink()
-    bare = at(place)
+    bare = read_run_at(place)
     assert (bare.state, bare.goal, bare.codes) == ("failed", None, None)
 
 
@@ -84,15 +84,15 @@ def test_a_log_of_one_line_or_of_none_says_no_more_than_it_says(tmp_path: Path) 
         ('{"event": "armed"}\n', "unfinished"),
     ):
         (place / "log.jsonl").write_text(log)
-        assert at(place).state == state
+        assert read_run_at(place).state == state
     (place / "log.jsonl").unlink()
-    assert at(place).state == "unfinished"
+    assert read_run_at(place).state == "unfinished"
 
 
 def test_a_removal_that_was_not_finished_is_told_of_whatever_it_began_with(tmp_path: Path) -> None:
     endings = ".removed", ".partial.removed", "-partial.removed"
     for number, ending in enumerate(endings, 1):
-        found = at(finished(tmp_path, job(number), ending))
+        found = read_run_at(finished(tmp_path, job(number), ending))
         assert (found.state, found.reason) == ("unfinished", "its removal was not finished")
 
 
@@ -105,24 +105,24 @@ def test_of_one_job_the_run_that_came_furthest_is_meant() -> None:
     for last in range(1, 5):
         found = [entry(state) for state in states[:last]]
         wanted = ("failed", "partial", "done", "done")[last - 1]
-        assert one(found, "a").state == one(found[::-1], "a").state == wanted
+        assert pick_run(found, "a").state == pick_run(found[::-1], "a").state == wanted
 
 
 def test_the_newest_three_of_many_runs_of_one_name_are_named() -> None:
     for count, hint in ((2, "b, a"), (3, "c, b, a"), (4, "d, c, b ...")):
         with pytest.raises(RequestError) as raised:
-            one([entry("done", name) for name in "abcd"[:count]], "vase")
+            pick_run([entry("done", name) for name in "abcd"[:count]], "vase")
         assert raised.value.message == f"{count} runs are called 'vase'"
         assert raised.value.hint == f"name one by its job: {hint}"
     with pytest.raises(RequestError, match="no run is called"):
-        one([], "vase")
+        pick_run([], "vase")
 
 
 def test_as_many_runs_are_told_as_are_wanted_and_one_at_least(tmp_path: Path) -> None:
     for second in (1, 2, 3):
         finished(tmp_path, job(second))
     for newest in (1, 2, 3, 5000, None):
-        assert len(runs(tmp_path, newest=newest)) == min(newest or 3, 3)
+        assert len(find_runs(tmp_path, newest=newest)) == min(newest or 3, 3)
 
 
 def test_a_copy_under_another_name_is_known_by_its_manifest(
@@ -132,7 +132,7 @@ def test_a_copy_under_another_name_is_known_by_its_manifest(
         job = job(1)
 
     monkeypatch.setattr("pdcd.runs.index.read_manifest", lambda _: Told)
-    found = at(finished(tmp_path, job(1)).rename(tmp_path / "vase"))
+    found = read_run_at(finished(tmp_path, job(1)).rename(tmp_path / "vase"))
     assert (found.job, found.state, found.folder) == (job(1), "done", str(tmp_path / "vase"))
 
 

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from pdcd.sensor.bands import banded, in_bands, in_channels, planar
+from pdcd.sensor.bands import fill_in_bands, make_planar_image, run_in_bands, run_in_channels
 
 
 @pytest.mark.parametrize(
@@ -22,14 +22,14 @@ from pdcd.sensor.bands import banded, in_bands, in_channels, planar
 )
 def test_bands_of_64_rows_and_the_rest(rows: int, bands: list[tuple[int, int]]) -> None:
     seen: list[tuple[int, int]] = []
-    in_bands(rows, lambda band: seen.append((band.start, band.stop)))
+    run_in_bands(rows, lambda band: seen.append((band.start, band.stop)))
     assert sorted(seen) == bands
 
 
 @pytest.mark.parametrize("more", [0, 1])
 def test_a_small_frame_is_worked_on_at_once_and_a_large_one_by_others(more: int) -> None:
     threads: set[int] = set()
-    in_bands(128 + more, lambda _: threads.add(threading.get_ident()))
+    run_in_bands(128 + more, lambda _: threads.add(threading.get_ident()))
     assert (threading.get_ident() in threads) is not more
     assert len(threads) <= 2
 
@@ -42,7 +42,7 @@ def test_every_channel_is_worked_on_once(rows: int) -> None:
         seen.append(channel)
         threads.add(threading.get_ident())
 
-    in_channels(np.empty((rows, 2, 5)), work)
+    run_in_channels(np.empty((rows, 2, 5)), work)
     assert sorted(seen) == [0, 1, 2, 3, 4]
     assert (threading.get_ident() in threads) is (rows <= 128)
 
@@ -54,19 +54,21 @@ def test_an_error_in_a_channel_is_raised(rows: int) -> None:
             raise ValueError("this one")
 
     with pytest.raises(ValueError, match="this one"):
-        in_channels(np.empty((rows, 1, 2)), work)
+        run_in_channels(np.empty((rows, 1, 2)), work)
 
 
 @pytest.mark.parametrize("more", [(), (3,), (2, 3)])
 def test_channels_lie_one_after_the_other(more: tuple[int, ...]) -> None:
-    image = planar((4, 5, *more))
+    image = make_planar_image((4, 5, *more))
     assert image.shape == (4, 5, *more) and image.dtype == np.float64
     for at in np.ndindex(*more):
         assert image[:, :, *at].flags.c_contiguous
-    assert planar((4, 5), np.float32).dtype == np.float32
+    assert make_planar_image((4, 5), np.float32).dtype == np.float32
 
 
 def test_a_frame_of_one_value_a_pixel_is_made_of_bands() -> None:
     rows = np.arange(150)
-    made = banded((150, 2), np.int64, lambda some: np.stack([rows[some], -rows[some]], axis=1))
+    made = fill_in_bands(
+        (150, 2), np.int64, lambda some: np.stack([rows[some], -rows[some]], axis=1)
+    )
     np.testing.assert_array_equal(made, np.stack([rows, -rows], axis=1))

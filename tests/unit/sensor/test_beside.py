@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.sensor.cells import CellMap
 
 PROJECTOR, QUADS = (64, 48), (128, 96)
@@ -13,8 +13,8 @@ PROJECTOR, QUADS = (64, 48), (128, 96)
 
 def cells_of(blur_quads: float = 0.0, **place: object) -> CellMap:
     """12 x 16 cells of 4 x 4 projector pixels, 8 x 8 quads each, behind a mask of the same size."""
-    mask = placed(Placing(**place), PROJECTOR, PROJECTOR, "mask")  # type: ignore[arg-type]
-    camera = placed(Placing(), QUADS, PROJECTOR, "camera")
+    mask = make_placed_map(Placing(**place), PROJECTOR, PROJECTOR, "mask")  # type: ignore[arg-type]
+    camera = make_placed_map(Placing(), QUADS, PROJECTOR, "camera")
     return CellMap(
         grid=(12, 16), frame=(96, 128), map=camera, panels=(mask,), blur_quads=blur_quads
     )

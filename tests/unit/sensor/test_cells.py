@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.sensor.cells import CellMap
 
 RNG = np.random.default_rng(5)
@@ -57,7 +57,7 @@ PLACES = [
 def test_shares_are_those_of_many_points(place: Placing, frame: tuple[int, int]) -> None:
     """Any frame: also one whose quads are larger than cells."""
     grid, dense = (5, 7), 40
-    map_ = placed(place, (frame[1], frame[0]), (1024, 768), "camera")
+    map_ = make_placed_map(place, (frame[1], frame[0]), (1024, 768), "camera")
     cells = CellMap(grid=grid, frame=frame, map=map_)
     values = RNG.random((35, 3))
     x, y = np.meshgrid(np.arange(frame[1] * dense) + 0.5, np.arange(frame[0] * dense) + 0.5)
@@ -91,7 +91,7 @@ def test_shares_are_those_of_many_points(place: Placing, frame: tuple[int, int])
 def test_smooth_is_a_plane_where_cells_are(place: Placing) -> None:
     """Bilinear between the centres of cells: no edges, and a plane stays one."""
     grid, frame = (5, 7), (40, 57)
-    map_ = placed(place, (frame[1], frame[0]), (1024, 768), "camera")
+    map_ = make_placed_map(place, (frame[1], frame[0]), (1024, 768), "camera")
     cells = CellMap(grid=grid, frame=frame, map=map_)
     row, col = np.divmod(np.arange(35), 7)
     found = cells.smooth(2.0 + 0.3 * row - 0.2 * col)
@@ -113,7 +113,9 @@ def test_smooth_is_a_plane_where_cells_are(place: Placing) -> None:
 def test_squares_of_quads_fill_the_frame_and_blocks(
     grid: tuple[int, int], frame: tuple[int, int], map_: Placing | None, sides: list[int]
 ) -> None:
-    place = None if map_ is None else placed(map_, (frame[1], frame[0]), (64, 48), "camera")
+    place = (
+        None if map_ is None else make_placed_map(map_, (frame[1], frame[0]), (64, 48), "camera")
+    )
     cells = CellMap(grid=grid, frame=frame, map=place, blur_quads=0.0 if map_ is None else 0.6)
     assert [side for side in range(1, 13) if cells.can_bin(side)] == sides
     values = RNG.random(6)

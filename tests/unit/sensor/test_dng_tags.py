@@ -19,7 +19,7 @@ import pytest
 
 from pdcd.bench.devices import PhotoFrame, RawFile
 from pdcd.errors import ConfigError, DiskError, NoSpaceError
-from pdcd.sensor.dng import MIN_SIDE, dng_bytes, write_dng, write_photo
+from pdcd.sensor.dng import MIN_SIDE, encode_dng, write_dng, write_photo_frame
 
 SIZES = {
     1: ("B", 1),
@@ -65,7 +65,7 @@ def made(height: int, width: int, **changes: Any) -> tuple[bytes, np.ndarray[Any
         "model": "Virtual 1", "date": datetime(2024, 2, 29, 23, 59, 58),
         "as_shot_neutral": (0.5, 1.0, 0.8),
     }  # fmt: skip
-    return dng_bytes(mosaic, **(fields | changes)), mosaic
+    return encode_dng(mosaic, **(fields | changes)), mosaic
 
 
 def test_the_file_begins_with_its_directory() -> None:
@@ -153,7 +153,7 @@ def test_times_are_the_closest_fraction_that_fits(seconds: float, ratio: tuple[i
 @pytest.mark.parametrize("neutral", [{}, {"as_shot_neutral": (1.0, 1.0, 1.0)}])
 def test_white_is_white_where_nothing_is_said(neutral: dict[str, Any]) -> None:
     mosaic = np.zeros((22, 22), np.uint16)
-    data = dng_bytes(
+    data = encode_dng(
         mosaic, black=0, white=1, iso=1, exposure_s=1.0, f_number=1.0, model="m",
         date=datetime(2024, 1, 1), **neutral,
     )  # fmt: skip
@@ -258,7 +258,7 @@ def test_a_file_of_ones_own(tmp_path: Path) -> None:
     raw = write_dng(tmp_path / "a.dng", samples, **written, date=datetime(2024, 1, 1))
     data = (tmp_path / "a.dng").read_bytes()
     assert raw == RawFile(tmp_path / "a.dng", len(data), hashlib.sha256(data).hexdigest())
-    assert data == dng_bytes(samples, **written, f_number=None, date=datetime(2024, 1, 1))
+    assert data == encode_dng(samples, **written, f_number=None, date=datetime(2024, 1, 1))
     with pytest.raises(DiskError):
         write_dng(tmp_path / "nowhere" / "a.dng", samples, **written)
 
@@ -283,7 +283,7 @@ def test_a_photo_of_two_buckets_becomes_two_files(tmp_path: Path) -> None:
         PhotoFrame(np.full((24, 24), level, np.uint16), 64, 4095, 100, 0.5, cfa="BGGR")
         for level in (700, 800)
     )
-    raw = write_photo(replace(first, second=second), tmp_path / "coded.dng", "M", "7")
+    raw = write_photo_frame(replace(first, second=second), tmp_path / "coded.dng", "M", "7")
     assert raw.second is not None and raw.second.second is None
     for file, name, level in ((raw, "coded.dng", 700), (raw.second, "coded-second.dng", 800)):
         assert file.path == tmp_path / name

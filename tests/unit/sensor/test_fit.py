@@ -7,23 +7,23 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
-from pdcd.panels.placing import Placing, placed
-from pdcd.sensor.fit import check_fit, fit_of
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.sensor.fit import check_frame_fit, measure_frame_fit
 
 GRID = (48, 64)
 PROJECTOR = (1024, 768)
 
 
 def of(size: tuple[int, int], **place: object) -> Map:
-    return placed(Placing(**place), size, PROJECTOR, "camera")  # type: ignore[arg-type]
+    return make_placed_map(Placing(**place), size, PROJECTOR, "camera")  # type: ignore[arg-type]
 
 
 def test_a_frame_of_a_450d_spread_over_the_field() -> None:
-    fit = fit_of(Map.filling((2145, 1428)), GRID)
+    fit = measure_frame_fit(Map.filling((2145, 1428)), GRID)
     assert fit.frame == (1428, 2145)
     assert fit.seen == 1.0 and not fit.aligned
     assert fit.across == pytest.approx((1428 / 48, 2145 / 64))
-    check_fit(fit, "quarter")
+    check_frame_fit(fit, "quarter")
 
 
 @pytest.mark.parametrize(
@@ -38,43 +38,45 @@ def test_a_frame_of_a_450d_spread_over_the_field() -> None:
 def test_the_share_of_cells_that_is_seen(
     size: tuple[int, int], place: dict[str, object], seen: float
 ) -> None:
-    assert fit_of(of(size, **place), GRID).seen == pytest.approx(seen, abs=0.02)
+    assert measure_frame_fit(of(size, **place), GRID).seen == pytest.approx(seen, abs=0.02)
 
 
 @pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, 270.0])
 def test_one_quad_a_cell_is_enough_where_it_is_the_cell(turn: float) -> None:
     """Also of a camera that stands on its side."""
     size = (32, 32)
-    map_ = placed(Placing(turn_deg=turn), size, size, "camera")
-    fit = fit_of(map_, (32, 32))
+    map_ = make_placed_map(Placing(turn_deg=turn), size, size, "camera")
+    fit = measure_frame_fit(map_, (32, 32))
     assert fit.aligned and fit.across == pytest.approx((1.0, 1.0))
-    check_fit(fit, "quarter")
-    half = fit_of(placed(Placing(turn_deg=turn), (16, 16), size, "camera"), (32, 32))
+    check_frame_fit(fit, "quarter")
+    half = measure_frame_fit(
+        make_placed_map(Placing(turn_deg=turn), (16, 16), size, "camera"), (32, 32)
+    )
     with pytest.raises(ConfigError, match=r"has 0\.5 quads along"):
-        check_fit(half, "quarter")
+        check_frame_fit(half, "quarter")
 
 
 def test_between_one_and_two_quads_whole_windows_can_be_told_apart_and_quarters_not() -> None:
-    fit = fit_of(Map.filling((96, 72)), GRID)
+    fit = measure_frame_fit(Map.filling((96, 72)), GRID)
     assert fit.across == pytest.approx((1.5, 1.5)) and not fit.aligned
-    check_fit(fit, "whole")
+    check_frame_fit(fit, "whole")
     with pytest.raises(ConfigError, match="does not resolve its quarter windows"):
-        check_fit(fit, "quarter")
+        check_frame_fit(fit, "quarter")
 
 
 @pytest.mark.parametrize(
     "place", [{"turn_deg": 1.0}, {"offset_px": (3.0, 0.0)}, {"radial": (0.01, 0.0)}]
 )
 def test_what_is_turned_shifted_or_bent_is_not_aligned(place: dict[str, object]) -> None:
-    assert fit_of(of((64, 48)), GRID).aligned
-    assert not fit_of(of((64, 48), **place), GRID).aligned
+    assert measure_frame_fit(of((64, 48)), GRID).aligned
+    assert not measure_frame_fit(of((64, 48), **place), GRID).aligned
 
 
 def test_quads_are_counted_where_the_map_is_coarsest() -> None:
     """A keystone that leaves the right edge half as high as the left."""
     homography = (1 / 640, 0.0, 0.0, 0.0, 1 / 480, 0.0, 0.0005, 0.0, 1.0)
     map_ = of((640, 480), homography=homography)
-    low, high = fit_of(map_, GRID).across
+    low, high = measure_frame_fit(map_, GRID).across
     points = np.array([[0.5, 0.5], [639.5, 479.5], [639.5, 0.5], [0.5, 479.5]])
     steps = np.linalg.svd(map_.jacobian(points) * [[64], [48]], compute_uv=False)
     assert low == pytest.approx(1.0 / steps.max(), rel=0.05)

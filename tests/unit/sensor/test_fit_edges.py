@@ -10,13 +10,13 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
-from pdcd.sensor.fit import Fit, check_fit, fit_of
+from pdcd.sensor.fit import FrameFit, check_frame_fit, measure_frame_fit
 
 FULL = Map.filling((64, 48))
 
 
-def fit(seen: float = 1.0, fewest: float = 5.0, *, aligned: bool = False) -> Fit:
-    return Fit(frame=(48, 64), seen=seen, across=(fewest, 9.0), aligned=aligned)
+def fit(seen: float = 1.0, fewest: float = 5.0, *, aligned: bool = False) -> FrameFit:
+    return FrameFit(frame=(48, 64), seen=seen, across=(fewest, 9.0), aligned=aligned)
 
 
 @pytest.mark.parametrize(
@@ -31,8 +31,8 @@ def fit(seen: float = 1.0, fewest: float = 5.0, *, aligned: bool = False) -> Fit
         (fit(fewest=1.0 - 0.9e-6, aligned=True), "whole"),
     ],
 )
-def test_what_is_just_enough(given: Fit, window: str) -> None:
-    check_fit(given, window)
+def test_what_is_just_enough(given: FrameFit, window: str) -> None:
+    check_frame_fit(given, window)
 
 
 @pytest.mark.parametrize(
@@ -52,17 +52,19 @@ def test_what_is_just_enough(given: Fit, window: str) -> None:
         (fit(fewest=0.0), "whole", "has 0 quads", "take fewer cells"),
     ],
 )  # fmt: skip
-def test_what_is_not_enough(given: Fit, window: str, says: str, hint: str) -> None:
+def test_what_is_not_enough(given: FrameFit, window: str, says: str, hint: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        check_fit(given, window)
+        check_frame_fit(given, window)
     assert caught.value.message.startswith("the camera's frame of 64 x 48 quads ")
     assert says in caught.value.message and hint in (caught.value.hint or "")
     assert caught.value.device == "camera"
 
 
 def test_a_frame_beside_the_field_sees_nothing() -> None:
-    found = fit_of(FULL.then([[1.0, 0.0, 5.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), (4, 4))
-    assert found == Fit((48, 64), 0.0, (0.0, 0.0), aligned=True)
+    found = measure_frame_fit(
+        FULL.then([[1.0, 0.0, 5.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), (4, 4)
+    )
+    assert found == FrameFit((48, 64), 0.0, (0.0, 0.0), aligned=True)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +90,7 @@ def test_a_frame_beside_the_field_sees_nothing() -> None:
     ],
 )  # fmt: skip
 def test_quads_run_along_cells(matrix: Any, grid: tuple[int, int], aligned: bool) -> None:
-    assert fit_of(FULL.then(matrix), grid).aligned is aligned
+    assert measure_frame_fit(FULL.then(matrix), grid).aligned is aligned
 
 
 def test_a_lens_that_leaves_the_corners_alone_still_bends() -> None:
@@ -96,11 +98,11 @@ def test_a_lens_that_leaves_the_corners_alone_still_bends() -> None:
     bent = msgspec.structs.replace(FULL, radial=(0.025, -0.009))
     corners = bent.to_field([[0.0, 0.0], [64.0, 48.0]])
     np.testing.assert_allclose(corners, [[0.0, 0.0], [1.0, 1.0]], atol=1e-12)
-    assert not fit_of(bent, (4, 4)).aligned
+    assert not measure_frame_fit(bent, (4, 4)).aligned
 
 
 def test_the_share_and_the_scale_are_those_of_cells_in_the_frame() -> None:
     half = FULL.then([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    found = fit_of(half, (4, 8))
+    found = measure_frame_fit(half, (4, 8))
     assert found.seen == 0.5 and found.frame == (48, 64)
     assert found.across == pytest.approx((8.0, 12.0))

@@ -11,7 +11,7 @@ import pytest
 import scipy.special
 
 from pdcd.panels.map import Map
-from pdcd.sensor.footprint import Cuts, Footprint, footprint
+from pdcd.sensor.footprint import Cuts, Footprint, compute_footprint
 
 UNCUT: Cuts = ((0.0, 1.0), (0.0, 1.0))
 QUARTERS: Cuts = ((0.0, 0.25, 1.0), (0.0, 0.5, 0.75, 1.0))
@@ -55,7 +55,7 @@ def area(corners: np.ndarray) -> float:
 
 def test_an_upright_frame_by_hand() -> None:
     # Three quads over two cells across, one over one down.
-    seen = footprint(Map.filling((3, 1)), (1, 3), (1, 2), UNCUT, 0.0)
+    seen = compute_footprint(Map.filling((3, 1)), (1, 3), (1, 2), UNCUT, 0.0)
     np.testing.assert_allclose(shares(seen, (1, 2))[0, :, 0], [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
     assert seen.inside is None and seen.known.all()
     np.testing.assert_allclose(seen.area, [[1.5, 1.5]])
@@ -67,7 +67,7 @@ def test_an_upright_frame_by_hand() -> None:
 
 def test_cells_cut_into_pieces_by_hand() -> None:
     # Four quads a cell across, cut at its half and three quarters; two a cell down, at a quarter.
-    seen = footprint(Map.filling((4, 2)), (2, 4), (1, 1), QUARTERS, 0.0)
+    seen = compute_footprint(Map.filling((4, 2)), (2, 4), (1, 1), QUARTERS, 0.0)
     found = shares(seen, (2, 3))
     np.testing.assert_allclose(found[0, :, 0], [[0.5, 0, 0]] * 2 + [[0, 0.5, 0], [0, 0, 0.5]])
     np.testing.assert_allclose(found[1, :, 1], [[1, 0, 0]] * 2 + [[0, 1, 0], [0, 0, 1]])
@@ -76,7 +76,7 @@ def test_cells_cut_into_pieces_by_hand() -> None:
 
 def test_what_lies_beyond_the_field_is_not_known_and_counts_for_nothing() -> None:
     map_ = Map.filling((4, 4)).then([[2.0, 0.0, -0.75], [0.0, 2.0, -0.5], [0.0, 0.0, 1.0]])
-    seen = footprint(map_, (4, 4), (1, 1), UNCUT, 0.0)
+    seen = compute_footprint(map_, (4, 4), (1, 1), UNCUT, 0.0)
     # Across quads lie from -0.75 in steps of 0.5, down from -0.5.
     across, down = [False, False, True, False], [False, True, True, False]
     np.testing.assert_array_equal(seen.known, np.outer(down, across))
@@ -88,7 +88,7 @@ def test_what_lies_beyond_the_field_is_not_known_and_counts_for_nothing() -> Non
 @pytest.mark.parametrize("blur", [0.3, 1.5])
 def test_blur_is_that_of_a_gaussian(blur: float) -> None:
     """The share of the left of two cells in a row of quads, and of the light from the field."""
-    seen = footprint(Map.filling((12, 1)), (1, 12), (1, 2), UNCUT, blur)
+    seen = compute_footprint(Map.filling((12, 1)), (1, 12), (1, 2), UNCUT, blur)
 
     def below(x: float) -> np.ndarray:
         """Mean over each quad of what lies left of x, by many points."""
@@ -129,7 +129,7 @@ def test_a_frame_is_seen_the_same_along_its_axes_and_quad_by_quad(
     other = msgspec.structs.replace(map_, radial=(1e-12, 0.0))
     grid = (3, 5)
     pieces = (3 * (len(cuts[0]) - 1), 5 * (len(cuts[1]) - 1))
-    one, two = (footprint(each, frame, grid, cuts, blur) for each in (map_, other))
+    one, two = (compute_footprint(each, frame, grid, cuts, blur) for each in (map_, other))
     np.testing.assert_array_equal(one.known, two.known)
     assert one.known.any()
     values, image = RNG.random(pieces), RNG.random(frame)
@@ -151,10 +151,10 @@ def test_a_frame_is_seen_the_same_along_its_axes_and_quad_by_quad(
 def test_a_straight_edge_cuts_a_turned_quad_as_it_cuts_its_polygon(degrees: float) -> None:
     """A frame within a field of two cells, whose only edge runs through it."""
     map_ = turned_by(degrees, 0.5, (0.013, 0.0), 5)
-    seen = footprint(map_, (5, 5), (1, 2), UNCUT, 0.0)
+    seen = compute_footprint(map_, (5, 5), (1, 2), UNCUT, 0.0)
     assert seen.known.all()
     found = shares(seen, (1, 2))[:, :, 0]
-    down = footprint(map_.then(np.eye(3)[[1, 0, 2]]), (5, 5), (2, 1), UNCUT, 0.0)
+    down = compute_footprint(map_.then(np.eye(3)[[1, 0, 2]]), (5, 5), (2, 1), UNCUT, 0.0)
     for row, col in np.ndindex(5, 5):
         quad = np.array([[col, row], [col + 1, row], [col + 1, row + 1], [col, row + 1]])
         left = part_left_of(map_.to_field(quad), 0.5)
@@ -165,7 +165,7 @@ def test_a_straight_edge_cuts_a_turned_quad_as_it_cuts_its_polygon(degrees: floa
 def test_shares_of_a_quad_add_up_to_one_where_it_touches_the_field() -> None:
     map_ = turned_by(25.0, 1.4, (0.0, 0.0), 30)
     for blur in (0.0, 0.6):
-        seen = footprint(map_, (30, 30), (4, 3), QUARTERS, blur)
+        seen = compute_footprint(map_, (30, 30), (4, 3), QUARTERS, blur)
         whole = seen.gather(np.ones((8, 9)))
         assert np.logical_or(np.isclose(whole, 1.0), whole == 0.0).all()
         assert np.isclose(whole[seen.known], 1.0).all() and (whole == 0.0).any()
@@ -179,21 +179,23 @@ def test_shares_of_a_quad_add_up_to_one_where_it_touches_the_field() -> None:
 def test_quads_are_known_up_to_the_border_of_the_field() -> None:
     """A frame that fills the field lies in it, by whatever rounding, and one that is larger not."""
     lens = msgspec.structs.replace(Map.filling((5, 5)), radial=(1e-12, 0.0))
-    assert footprint(lens, (5, 5), (2, 2), UNCUT, 0.0).known.all()
+    assert compute_footprint(lens, (5, 5), (2, 2), UNCUT, 0.0).known.all()
     # By half a millionth of half a quad on either side: half a quad is a tenth of the field.
     rounded = lens.then([[1.0 + 1e-7, 0.0, -0.5e-7], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert footprint(rounded, (5, 5), (2, 2), UNCUT, 0.0).known.all()
+    assert compute_footprint(rounded, (5, 5), (2, 2), UNCUT, 0.0).known.all()
     for wide in (1.0 + 3e-7, 1.0 + 1e-5, 1.01):
         larger = lens.then([[wide, 0.0, 0.5 - 0.5 * wide], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-        known = footprint(larger, (5, 5), (2, 2), UNCUT, 0.0).known
+        known = compute_footprint(larger, (5, 5), (2, 2), UNCUT, 0.0).known
         assert known[:, 1:4].all() and not known[:, [0, 4]].any()
         upright = msgspec.structs.replace(larger, radial=(0.0, 0.0))
-        np.testing.assert_array_equal(footprint(upright, (5, 5), (2, 2), UNCUT, 0.0).known, known)
+        np.testing.assert_array_equal(
+            compute_footprint(upright, (5, 5), (2, 2), UNCUT, 0.0).known, known
+        )
 
 
 def test_quads_within_one_piece_see_that_piece_alone() -> None:
     map_ = turned_by(30.0, 0.1, (0.21, -0.3), 4)
-    seen = footprint(map_, (4, 4), (2, 2), UNCUT, 0.0)
+    seen = compute_footprint(map_, (4, 4), (2, 2), UNCUT, 0.0)
     found = shares(seen, (2, 2))
     assert (found[:, :, 0, 1] == 1.0).all() and found.sum() == 16.0
     np.testing.assert_array_equal(seen.area, [[0.0, 16.0], [0.0, 0.0]])
@@ -203,7 +205,7 @@ def test_quads_within_one_piece_see_that_piece_alone() -> None:
 def test_quads_that_see_nothing_of_the_field_have_no_light_from_it(radial: float) -> None:
     """The field ends with the sixth of twelve quads; blur reaches a little further."""
     map_ = Map.filling((12, 2)).then(np.diag([2.0, 1.0, 1.0]))
-    seen = footprint(
+    seen = compute_footprint(
         msgspec.structs.replace(map_, radial=(radial, 0.0)), (2, 12), (1, 2), UNCUT, 0.3
     )
     assert seen.inside is not None and seen.inside.shape == seen.known.shape == (2, 12)

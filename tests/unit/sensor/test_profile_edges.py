@@ -16,11 +16,11 @@ from pdcd.sensor import profile as profiles
 from pdcd.sensor.profile import (
     IsoRow,
     SensorProfile,
-    expose,
+    compute_variance_dn2,
+    expose_sensor,
+    list_profiles,
     load_profile,
-    profile_names,
     responsivity_e,
-    variance_dn2,
 )
 
 BASE: dict[str, Any] = {
@@ -118,7 +118,7 @@ def test_profiles_are_named_in_order_and_once(
             (folder / f"{name}.toml").write_text(text, encoding="utf-8")
     (folders[0] / "notes.txt").write_text("x", encoding="utf-8")
     monkeypatch.setattr(profiles, "PROFILE_FOLDERS", folders)
-    assert profile_names() == ("a", "b", "c")
+    assert list_profiles() == ("a", "b", "c")
     assert load_profile("a").name == "a of one" and load_profile("c").name == "c of two"
     assert load_profile(str(folders[1] / "a.toml")).name == "a of two"
     for unknown in ("d", "notes", "a.txt", "one/a"):
@@ -142,7 +142,7 @@ def test_a_file_that_cannot_be_a_profile(tmp_path: Path) -> None:
 
 
 def ideal(electrons: float, **changes: Any) -> int:
-    return int(expose(np.full((1, 1), electrons), made(**changes), 100, 10.0, None)[0, 0])
+    return int(expose_sensor(np.full((1, 1), electrons), made(**changes), 100, 10.0, None)[0, 0])
 
 
 def test_an_ideal_photo_is_gain_black_and_two_limits() -> None:
@@ -164,7 +164,7 @@ def test_faint_light_comes_in_whole_electrons_and_bright_light_does_not() -> Non
     fine = made(bits=16, black_dn=0, white_dn=65535, rows=(IsoRow(100, 0.02, 1e-9),))
     rng = np.random.default_rng(3)
     for electrons, whole in ((999.0, True), (1001.0, False)):
-        photo = expose(np.full((8, 8), electrons), fine, 100, 0.0, rng)
+        photo = expose_sensor(np.full((8, 8), electrons), fine, 100, 0.0, rng)
         assert bool((photo % 50 == 0).all()) is whole
         assert abs(photo.mean() / 50 - electrons) < 4 * math.sqrt(electrons) / 8
 
@@ -172,21 +172,21 @@ def test_faint_light_comes_in_whole_electrons_and_bright_light_does_not() -> Non
 def test_read_noise_comes_behind_the_well_and_ends_at_zero() -> None:
     rng = np.random.default_rng(4)
     full = made(full_well_e=2000.0, rows=(IsoRow(100, 2.0, 40.0),))
-    photo = expose(np.full((60, 60), 1e5), full, 100, 1.0, rng).astype(np.float64)
+    photo = expose_sensor(np.full((60, 60), 1e5), full, 100, 1.0, rng).astype(np.float64)
     assert photo.mean() == pytest.approx(1512.0, abs=4 * 20.0 / 60)
     assert photo.std() == pytest.approx(20.0, rel=0.05)
     dark = made(black_dn=0, rows=(IsoRow(100, 1.0, 40.0),))
-    assert expose(np.zeros((60, 60)), dark, 100, 1.0, rng).min() == 0
+    assert expose_sensor(np.zeros((60, 60)), dark, 100, 1.0, rng).min() == 0
 
 
 def test_the_variance_by_hand() -> None:
-    found = variance_dn2([-5.0, 0.0, 10.0], made(), 100, 20.0)
+    found = compute_variance_dn2([-5.0, 0.0, 10.0], made(), 100, 20.0)
     # (20 e-^2 of ten DN) + 2 e-^2 of dark current + 16 e-^2 of reading, over 2 x 2, and rounding.
     assert found == pytest.approx([4.5 + 1 / 12, 4.5 + 1 / 12, 9.5 + 1 / 12], rel=1e-14)
 
 
 def test_the_variance_of_single_precision_is_worked_out_in_double() -> None:
-    assert variance_dn2(np.ones(2, np.float32), made(), 100, 20.0).dtype == np.float64
+    assert compute_variance_dn2(np.ones(2, np.float32), made(), 100, 20.0).dtype == np.float64
 
 
 @pytest.mark.parametrize("where", ["read_bytes", "decode"])

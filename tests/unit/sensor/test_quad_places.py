@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from pdcd.panels.map import Map
-from pdcd.sensor.quad_places import Nodes, between_cells, bilinear, places, upright
+from pdcd.sensor.quad_places import (
+    PlaceNodes,
+    compute_quad_places,
+    find_upright_axes,
+    interpolate_between_cells,
+    make_axis_weights,
+)
 from tests.unit.panels.test_map import bent
 
 FULL = Map.filling((6, 4))
@@ -27,23 +33,29 @@ MIRRORED = flat((-1, 0, 1), (0, 1, 0), (0, 0, 1))
 
 def test_the_lines_of_an_upright_frame() -> None:
     """Start and step in cells: down along rows of quads, right along columns."""
-    assert upright(FULL, (8, 3)) == (False, ((0.0, 2.0), (0.0, 0.5)))
-    assert upright(MIRRORED, (8, 3)) == (False, ((0.0, 2.0), (3.0, -0.5)))
-    assert upright(flat((2, 0, 0.5), (0, 3, 0.25), (0, 0, 1)), (8, 3)) == (
+    assert find_upright_axes(FULL, (8, 3)) == (False, ((0.0, 2.0), (0.0, 0.5)))
+    assert find_upright_axes(MIRRORED, (8, 3)) == (False, ((0.0, 2.0), (3.0, -0.5)))
+    assert find_upright_axes(flat((2, 0, 0.5), (0, 3, 0.25), (0, 0, 1)), (8, 3)) == (
         False, ((2.0, 6.0), (1.5, 1.0)),
     )  # fmt: skip
-    assert upright(flat((2, 0, 1), (0, 4, 2), (0, 0, 2)), (8, 3)) == (
+    assert find_upright_axes(flat((2, 0, 1), (0, 4, 2), (0, 0, 2)), (8, 3)) == (
         False, ((8.0, 4.0), (1.5, 0.5)),
     )  # fmt: skip
 
 
 def test_the_lines_of_a_frame_on_its_side() -> None:
     """Rows of quads lie along columns of cells: 3 cells in 4 quads, 8 in 6."""
-    turned, ((start, step), (across, wide)) = upright(SWAPPED, (8, 3)) or (False, ((0, 0), (0, 0)))
+    turned, ((start, step), (across, wide)) = find_upright_axes(SWAPPED, (8, 3)) or (
+        False,
+        ((0, 0), (0, 0)),
+    )
     assert turned and (start, across) == (0.0, 0.0)
     assert (step, wide) == pytest.approx((3 / 4, 8 / 6))
     shifted = SWAPPED.then([[1.0, 0.0, 0.5], [0.0, 1.0, 0.25], [0.0, 0.0, 1.0]])
-    turned, ((start, _), (across, _)) = upright(shifted, (8, 3)) or (False, ((0, 0), (0, 0)))
+    turned, ((start, _), (across, _)) = find_upright_axes(shifted, (8, 3)) or (
+        False,
+        ((0, 0), (0, 0)),
+    )
     assert turned and (start, across) == pytest.approx((1.5, 2.0))
 
 
@@ -62,8 +74,8 @@ def test_a_frame_seen_through_a_lens_is_not_upright(
     change: dict[str, Any], is_upright: bool
 ) -> None:
     map_ = msgspec.structs.replace(FULL, **change)
-    assert (upright(map_, (8, 3)) is not None) is is_upright
-    assert (between_cells(map_, (4, 6), (8, 3)) is not None) is is_upright
+    assert (find_upright_axes(map_, (8, 3)) is not None) is is_upright
+    assert (make_axis_weights(map_, (4, 6), (8, 3)) is not None) is is_upright
 
 
 @pytest.mark.parametrize("base", [np.eye(3), np.eye(3)[[1, 0, 2]]])
@@ -77,11 +89,11 @@ def test_a_turn_of_a_billionth_of_the_field_is_none(base: np.ndarray, at: tuple[
         numbers = base @ np.diag([1 / 6, 1 / 4, 1.0])
         numbers[at] += turn / side
         map_ = Map(size_px=(6, 4), homography=tuple(numbers.ravel().tolist()))
-        assert (upright(map_, (8, 3)) is not None) is same, turn
+        assert (find_upright_axes(map_, (8, 3)) is not None) is same, turn
 
 
 def test_places_are_counted_from_the_centre_of_the_first_cell() -> None:
-    found = places(FULL, (4, 6), (8, 3))
+    found = compute_quad_places(FULL, (4, 6), (8, 3))
     assert found.shape == (2, 4, 6) and found.dtype == np.float32
     np.testing.assert_allclose(found[0], np.tile((np.arange(6) + 0.5) / 2 - 0.5, (4, 1)), rtol=1e-6)
     down = np.tile(((np.arange(4) + 0.5) * 2 - 0.5)[:, None], (1, 6))
@@ -94,10 +106,10 @@ def test_places_are_those_of_the_map(size: tuple[int, int]) -> None:
     map_ = bent(4, size_px=size)
     frame, grid = (size[1], size[0]), (30, 40)
     exact = map_.centres() * (40, 30) - 0.5
-    found = places(map_, frame, grid)
+    found = compute_quad_places(map_, frame, grid)
     few = max(size) <= 64
     np.testing.assert_allclose(np.moveaxis(found, 0, -1), exact, atol=2e-5 if few else 2e-2)
-    nodes = Nodes(map_, frame, grid)
+    nodes = PlaceNodes(map_, frame, grid)
     rows = slice(frame[0] // 3, frame[0])
     x, y = nodes.places(rows)
     np.testing.assert_allclose(x, exact[rows, :, 0] + 0.5, atol=1e-9 if few else 2e-2)
@@ -106,7 +118,7 @@ def test_places_are_those_of_the_map(size: tuple[int, int]) -> None:
 
 def test_the_slopes_of_quads_are_those_of_the_map() -> None:
     map_ = bent(4, size_px=(50, 40))
-    nodes = Nodes(map_, (40, 50), (3, 8))
+    nodes = PlaceNodes(map_, (40, 50), (3, 8))
     x, y = np.meshgrid(np.arange(50) + 0.5, np.arange(40) + 0.5)
     exact = map_.jacobian(np.stack([x, y], axis=-1))[10:20] * np.array([[8], [3]])
     (a, b), (c, d) = nodes.slopes(slice(10, 20))
@@ -117,17 +129,17 @@ def test_the_slopes_of_quads_are_those_of_the_map() -> None:
 def test_quads_beyond_infinity_lie_far_away() -> None:
     # The horizon is where x = 4.5; the frame's centre lies on this side.
     map_ = Map(size_px=(6, 4), homography=(1, 0, 0, 0, 1, 0, -1 / 4.5, 0, 1))
-    found = places(map_, (4, 6), (8, 3))
+    found = compute_quad_places(map_, (4, 6), (8, 3))
     assert (found[0, :, 5] == -3000.5).all() and (found[1, :, 5] == -8000.5).all()
     assert (found[:, :, :4] > -1.0).all()
-    (a, _), _ = Nodes(map_, (4, 6), (8, 3)).slopes(slice(0, 4))
+    (a, _), _ = PlaceNodes(map_, (4, 6), (8, 3)).slopes(slice(0, 4))
     assert (a[:, 5] == 0.0).all() and np.isfinite(a).all()
 
 
 def test_values_lie_on_lines_between_centres_and_go_on_beyond_them() -> None:
     values = np.array([[1.0, 3.0], [5.0, 7.0]], np.float32)
     where = np.array([[[0.0, 0.25, 1.0, -2.0, 5.0]], [[0.0, 0.5, 1.0, 0.5, 9.0]]], np.float32)
-    assert bilinear(values, where).tolist() == [[1.0, 3.5, 7.0, 3.0, 7.0]]
+    assert interpolate_between_cells(values, where).tolist() == [[1.0, 3.5, 7.0, 3.0, 7.0]]
 
 
 @pytest.mark.parametrize(
@@ -142,7 +154,7 @@ def test_values_lie_on_lines_between_centres_and_go_on_beyond_them() -> None:
 )
 @pytest.mark.parametrize("grid", [(8, 3), (1, 1), (3, 8), (2, 1)])
 def test_both_ways_between_cells_agree(map_: Map, grid: tuple[int, int]) -> None:
-    lines = between_cells(map_, (4, 6), grid)
+    lines = make_axis_weights(map_, (4, 6), grid)
     assert lines is not None
     turned, down, right = lines
     values = RNG.random(grid).astype(np.float32)
@@ -151,12 +163,12 @@ def test_both_ways_between_cells_agree(map_: Map, grid: tuple[int, int]) -> None
     np.testing.assert_allclose(down.sum(axis=1), 1.0)
     np.testing.assert_allclose(right.sum(axis=1), 1.0)
     assert down.nnz <= 2 * 4 and (down.data > 0.0).all()
-    wanted = bilinear(values, places(map_, (4, 6), grid))
+    wanted = interpolate_between_cells(values, compute_quad_places(map_, (4, 6), grid))
     np.testing.assert_allclose(found, wanted, atol=0.02)  # OpenCV counts in 32nds of a pixel
 
 
 def test_weights_of_the_two_cells_beside_a_quad() -> None:
-    lines = between_cells(Map.filling((8, 1)), (1, 8), (1, 2))
+    lines = make_axis_weights(Map.filling((8, 1)), (1, 8), (1, 2))
     assert lines is not None
     weights = lines[2].toarray()[:, 1]  # of the right cell, whose centre is that of quads 5 and 6
     np.testing.assert_allclose(weights, [0, 0, 0.125, 0.375, 0.625, 0.875, 1, 1], atol=1e-9)

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
-from pdcd.sensor.profile import expose, load_profile
-from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
+from pdcd.sensor.profile import expose_sensor, load_profile
+from pdcd.sensor.raw import RawFrame, compute_rgb_variance, read_raw, to_rgb
 from tests.dng_file import write_dng
 
 BLACK, WHITE = 512, 16383
@@ -152,7 +152,7 @@ def test_full_wells_of_the_mock_are_marked(tmp_path: Path) -> None:
     mark2 = load_profile("mark2")
     electrons = np.full((48, 48), 40000.0)
     electrons[:24] = 200000.0
-    write(path, expose(electrons, mark2, 50, 30.0, np.random.default_rng(0)))
+    write(path, expose_sensor(electrons, mark2, 50, 30.0, np.random.default_rng(0)))
     saturated = read_raw(path, saturation_dn=mark2.saturation_dn(50)).saturated
     assert saturated[:12].all()
     assert not saturated[12:].any()
@@ -162,7 +162,7 @@ def test_ideal_photo_comes_back_within_half_a_dn(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     modern = load_profile("modern")
     electrons = np.random.default_rng(3).uniform(0.0, 47000.0, (48, 64))
-    write(path, expose(electrons, modern, 100, 30.0, None))
+    write(path, expose_sensor(electrons, modern, 100, 30.0, None))
     red, green1, green2, blue = read_raw(path).planes
     for plane, part in (
         (red, electrons[0::2, 0::2]),
@@ -176,7 +176,7 @@ def test_ideal_photo_comes_back_within_half_a_dn(tmp_path: Path) -> None:
 def test_noise_below_black_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     mark2 = load_profile("mark2")
-    write(path, expose(np.zeros((400, 400)), mark2, 1600, 30.0, np.random.default_rng(4)))
+    write(path, expose_sensor(np.zeros((400, 400)), mark2, 1600, 30.0, np.random.default_rng(4)))
     planes = read_raw(path).planes.astype(np.float64)
     assert 0.45 < np.mean(planes < 0.0) < 0.55
     assert abs(planes.mean()) < 4 * planes.std() / np.sqrt(planes.size)
@@ -234,10 +234,10 @@ def test_rgb_variance_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
     camera = load_profile("mark2")
     quad = np.array([[3000.0, 9000.0], [9000.0, 500.0]])
     electrons = np.tile(quad, (200, 200))
-    write(path, expose(electrons, camera, 50, 60.0, np.random.default_rng(5)))
+    write(path, expose_sensor(electrons, camera, 50, 60.0, np.random.default_rng(5)))
     planes = read_raw(path).planes
     spread = to_rgb(planes).var(axis=(0, 1))
-    predicted = rgb_variance(planes, camera, 50, 60.0)
+    predicted = compute_rgb_variance(planes, camera, 50, 60.0)
     assert predicted.shape == (200, 200, 3)
     assert predicted.mean(axis=(0, 1)) == pytest.approx(spread, rel=4 * np.sqrt(2 / 40000))
 

@@ -12,8 +12,16 @@ import pytest
 import rawpy
 
 from pdcd.errors import ConfigError, DecodeError
-from pdcd.sensor.profile import load_profile, variance_dn2
-from pdcd.sensor.raw import RawFrame, RawHead, read_head, read_raw, rgb_variance, shrunk, to_rgb
+from pdcd.sensor.profile import compute_variance_dn2, load_profile
+from pdcd.sensor.raw import (
+    RawFrame,
+    RawHead,
+    compute_rgb_variance,
+    read_raw,
+    read_raw_head,
+    shrink_image,
+    to_rgb,
+)
 from tests.masked_dng import write_masked_dng
 
 BLACK = np.array([500.0, 510.0, 520.0, 530.0])
@@ -91,7 +99,7 @@ def test_a_head_tells_the_size_of_the_picture(
 ) -> None:
     path = tmp_path / "a.dng"
     dng(path, shape, active=active, orientation=8)
-    head = read_head(path)
+    head = read_raw_head(path)
     rows, cols = active[2] - active[0], active[3] - active[1]
     assert head == RawHead(
         (rows // 2, cols // 2), flip=5, model="test camera", masked=masked, exposure_s=0.6
@@ -106,7 +114,7 @@ def test_the_last_row_or_column_of_an_odd_number_is_left_out(
     path = tmp_path / "a.dng"
     image = dng(path, (34, 42), active=(0, 0, rows, cols))
     raw = read_raw(path)
-    assert raw.frame == read_head(path).frame == (rows // 2, cols // 2)
+    assert raw.frame == read_raw_head(path).frame == (rows // 2, cols // 2)
     even = image[: rows // 2 * 2, : cols // 2 * 2].astype(np.float64) - 512.0
     np.testing.assert_array_equal(raw.planes[3], even[1::2, 1::2])
 
@@ -126,7 +134,7 @@ def test_an_orientation_in_words(flip: int, words: str) -> None:
     assert RawHead((1, 1), flip, "", (0, 0)).turned == words
 
 
-@pytest.mark.parametrize("read", [read_raw, read_head])
+@pytest.mark.parametrize("read", [read_raw, read_raw_head])
 def test_a_file_is_checked_before_it_is_decoded(tmp_path: Path, read: Any) -> None:
     path = tmp_path / "a.dng"
     dng(path)
@@ -188,7 +196,7 @@ def test_a_fault_of_ours_is_not_taken_for_damage(
         read_raw(tmp_path / "a.dng")
 
 
-@pytest.mark.parametrize("read", [read_raw, read_head])
+@pytest.mark.parametrize("read", [read_raw, read_raw_head])
 def test_only_a_disk_that_refuses_is_told_as_such(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: Any
 ) -> None:
@@ -265,22 +273,26 @@ def test_the_variance_of_a_colour_is_that_of_its_samples(dtype: Any) -> None:
     mark2 = load_profile("mark2")
     signals = (100.0, -3.0, 60.0, 500.0)
     planes = np.array(signals, np.float32).reshape(4, 1, 1) * np.ones((1, 2, 3), np.float32)
-    red, green, more, blue = (float(variance_dn2(dn, mark2, 50, 20.0)) for dn in signals)
-    found = rgb_variance(planes, mark2, 50, 20.0, (2.0, 3.0, 0.5), dtype)
+    red, green, more, blue = (float(compute_variance_dn2(dn, mark2, 50, 20.0)) for dn in signals)
+    found = compute_rgb_variance(planes, mark2, 50, 20.0, (2.0, 3.0, 0.5), dtype)
     assert found.dtype == dtype and found.shape == (2, 3, 3)
     wanted = [4.0 * red, 9.0 * (green + more) / 4.0, 0.25 * blue]
     np.testing.assert_allclose(found[1, 2], wanted, rtol=1e-6)
-    plain = rgb_variance(planes, mark2, 50, 20.0, dtype=dtype)
+    plain = compute_rgb_variance(planes, mark2, 50, 20.0, dtype=dtype)
     np.testing.assert_allclose(plain[0, 0], [red, (green + more) / 4.0, blue], rtol=1e-6)
     with pytest.raises(ConfigError, match="no ISO 51"):
-        rgb_variance(planes, mark2, 51, 20.0, dtype=dtype)
+        compute_rgb_variance(planes, mark2, 51, 20.0, dtype=dtype)
 
 
 def test_squares_of_pixels_are_their_means() -> None:
     grey = np.arange(24, dtype=np.float32).reshape(4, 6)
-    assert shrunk(grey, 2).tolist() == [[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]]
-    assert shrunk(np.stack([grey, 2 * grey, grey], axis=-1), 2)[1, 0].tolist() == [15.5, 31.0, 15.5]
-    assert shrunk(grey, 1).dtype == np.float32
+    assert shrink_image(grey, 2).tolist() == [[3.5, 5.5, 7.5], [15.5, 17.5, 19.5]]
+    assert shrink_image(np.stack([grey, 2 * grey, grey], axis=-1), 2)[1, 0].tolist() == [
+        15.5,
+        31.0,
+        15.5,
+    ]
+    assert shrink_image(grey, 1).dtype == np.float32
 
 
 @pytest.mark.parametrize(
@@ -300,7 +312,7 @@ def test_only_a_crop_too_small_for_the_decoder_is_applied(
     struct.pack_into("<2I", data, place, columns, rows)
     path.write_bytes(data)
     raw = read_raw(path)
-    assert raw.frame == read_head(path).frame == shown
+    assert raw.frame == read_raw_head(path).frame == shown
     wanted = image[0 : 2 * shown[0] : 2, 0 : 2 * shown[1] : 2]
     np.testing.assert_array_equal(raw.planes[0] + 512.0, wanted)
 
@@ -321,4 +333,4 @@ def test_a_factor_is_given_for_each_colour() -> None:
     planes = np.ones((4, 1, 1), np.float32)
     for factors in ((1.0, 1.0), (1.0,) * 4):
         with pytest.raises(ValueError, match="zip"):
-            rgb_variance(planes, load_profile("mark2"), 50, 1.0, factors)
+            compute_rgb_variance(planes, load_profile("mark2"), 50, 1.0, factors)

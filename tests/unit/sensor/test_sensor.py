@@ -14,10 +14,10 @@ from pdcd.errors import ConfigError, ExposureError
 from pdcd.sensor.profile import (
     IsoRow,
     SensorProfile,
-    expose,
+    compute_variance_dn2,
+    expose_sensor,
+    list_profiles,
     load_profile,
-    profile_names,
-    variance_dn2,
 )
 
 GOOD = """
@@ -38,7 +38,7 @@ read_noise_e = 1.5
 
 
 def counting_profile(**changes: float) -> SensorProfile:
-    """One DN an electron, next to no other noise: what `expose` draws can be read off."""
+    """One DN an electron, next to no other noise: what `expose_sensor` draws can be read off."""
     numbers = {"full_well_e": 60000.0, "dark_e_per_s": 1e-9} | changes
     return SensorProfile(
         name="counting",
@@ -60,8 +60,8 @@ def paper_snr_db(electrons: float, additive_e: float, thermal_e: float) -> float
 
 
 def test_bundled_profiles_are_named_as_their_files() -> None:
-    assert set(profile_names()) >= {"mark2", "450d", "modern"}
-    for name in profile_names():
+    assert set(list_profiles()) >= {"mark2", "450d", "modern"}
+    for name in list_profiles():
         assert load_profile(name).name == name
 
 
@@ -85,7 +85,7 @@ def test_mark2_reproduces_the_appendix() -> None:
 def test_variance_gives_the_appendix_snr_but_for_its_thermal_term() -> None:
     mark2 = load_profile("mark2")
     signal_dn = 10611.57 / mark2.row(50).gain_e_per_dn
-    variance = float(variance_dn2(signal_dn, mark2, 50, 30.0))
+    variance = float(compute_variance_dn2(signal_dn, mark2, 50, 30.0))
     # Dark current as shot noise and rounding: 7.5 + 3.5 e-^2 in place of 56 e-^2 of 11 600.
     assert 10 * math.log10(signal_dn / math.sqrt(variance)) == pytest.approx(19.934, abs=0.01)
 
@@ -159,19 +159,19 @@ def test_missing_profile_file(tmp_path: Path) -> None:
 @given(electrons=st.floats(0.0, 1e6))
 def test_ideal_sensor_only_scales_and_clips(electrons: float) -> None:
     mark2 = load_profile("mark2")
-    sample = int(expose(np.full((2, 2), electrons), mark2, 50, 30.0, None)[0, 0])
+    sample = int(expose_sensor(np.full((2, 2), electrons), mark2, 50, 30.0, None)[0, 0])
     # Full well is reached below the white level at ISO 50.
     assert abs(sample - (512 + min(electrons, 80000.0) / 6.5075)) <= 0.5 + 1e-9
 
 
 def test_ideal_sensor_clips_at_white() -> None:
     modern = load_profile("modern")
-    assert np.all(expose(np.full((4, 4), 1e9), modern, 100, 1.0, None) == modern.white_dn)
+    assert np.all(expose_sensor(np.full((4, 4), 1e9), modern, 100, 1.0, None) == modern.white_dn)
 
 
 def test_ideal_sensor_forgives_rounding_errors_below_zero() -> None:
     modern = load_profile("modern")
-    assert np.all(expose(np.full((2, 2), -1e-9), modern, 100, 1.0, None) == modern.black_dn)
+    assert np.all(expose_sensor(np.full((2, 2), -1e-9), modern, 100, 1.0, None) == modern.black_dn)
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -1.0])
@@ -179,14 +179,14 @@ def test_impossible_light_is_refused(wrong: float) -> None:
     electrons = np.ones((2, 2))
     electrons[1, 0] = wrong
     with pytest.raises(ExposureError, match="finite"):
-        expose(electrons, load_profile("modern"), 100, 1.0, None)
+        expose_sensor(electrons, load_profile("modern"), 100, 1.0, None)
 
 
 def test_expose_leaves_its_input_alone_and_repeats_with_the_seed() -> None:
     electrons = np.full((8, 8), 500.0)
-    first = expose(electrons, load_profile("450d"), 400, 10.0, np.random.default_rng(5))
-    again = expose(electrons, load_profile("450d"), 400, 10.0, np.random.default_rng(5))
-    other = expose(electrons, load_profile("450d"), 400, 10.0, np.random.default_rng(6))
+    first = expose_sensor(electrons, load_profile("450d"), 400, 10.0, np.random.default_rng(5))
+    again = expose_sensor(electrons, load_profile("450d"), 400, 10.0, np.random.default_rng(5))
+    other = expose_sensor(electrons, load_profile("450d"), 400, 10.0, np.random.default_rng(6))
     assert np.all(electrons == 500.0)
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -202,7 +202,7 @@ def test_photon_transfer(name: str, iso: int, exposure_s: float, electrons: floa
     shape = (360, 360)
     count = shape[0] * shape[1]
     rng = np.random.default_rng(int(electrons))
-    photo = expose(np.full(shape, electrons), profile, iso, exposure_s, rng)
+    photo = expose_sensor(np.full(shape, electrons), profile, iso, exposure_s, rng)
     signal = photo.astype(np.float64) - profile.black_dn
     noise_e2 = electrons + profile.dark_e_per_s * exposure_s + row.read_noise_e**2
     expected = noise_e2 / row.gain_e_per_dn**2 + 1 / 12
@@ -210,14 +210,16 @@ def test_photon_transfer(name: str, iso: int, exposure_s: float, electrons: floa
     assert signal.mean() == pytest.approx(
         electrons / row.gain_e_per_dn, abs=4 * math.sqrt(expected / count)
     )
-    assert variance_dn2(electrons / row.gain_e_per_dn, profile, iso, exposure_s) == pytest.approx(
-        expected, rel=1e-12
-    )
+    assert compute_variance_dn2(
+        electrons / row.gain_e_per_dn, profile, iso, exposure_s
+    ) == pytest.approx(expected, rel=1e-12)
 
 
 def test_faint_light_is_poisson_distributed() -> None:
     shape = (400, 400)
-    photo = expose(np.full(shape, 3.0), counting_profile(), 100, 1.0, np.random.default_rng(1))
+    photo = expose_sensor(
+        np.full(shape, 3.0), counting_profile(), 100, 1.0, np.random.default_rng(1)
+    )
     counts = np.bincount(photo.ravel() - 100, minlength=30)
     for photons in range(8):
         share = math.exp(-3.0) * 3.0**photons / math.factorial(photons)
@@ -228,7 +230,7 @@ def test_faint_light_is_poisson_distributed() -> None:
 def test_dark_current_adds_noise_but_no_light() -> None:
     shape = (400, 400)
     rng = np.random.default_rng(2)
-    photo = expose(np.zeros(shape), counting_profile(dark_e_per_s=0.5), 100, 60.0, rng)
+    photo = expose_sensor(np.zeros(shape), counting_profile(dark_e_per_s=0.5), 100, 60.0, rng)
     signal = photo.astype(np.float64) - 100
     assert abs(signal.mean()) < 4 * math.sqrt(30.0 / photo.size)
     # The count minus its mean, 30, is a whole number: nothing is added by rounding.
@@ -241,16 +243,16 @@ def test_saturation_level_separates_full_samples_from_bright_ones(name: str) -> 
     for row in profile.rows:
         limit_dn = profile.saturation_dn(row.iso)
         rng = np.random.default_rng(row.iso)
-        full = expose(np.full((60, 60), 5e5), profile, row.iso, 30.0, rng)
+        full = expose_sensor(np.full((60, 60), 5e5), profile, row.iso, 30.0, rng)
         assert np.mean(full.astype(np.float64) - profile.black_dn >= limit_dn) > 0.999
         bright_e = 0.8 * limit_dn * row.gain_e_per_dn
-        bright = expose(np.full((60, 60), bright_e), profile, row.iso, 30.0, rng)
+        bright = expose_sensor(np.full((60, 60), bright_e), profile, row.iso, 30.0, rng)
         assert not np.any(bright.astype(np.float64) - profile.black_dn >= limit_dn)
 
 
 def test_variance_takes_negative_signals_as_dark() -> None:
     profile = load_profile("450d")
-    got = variance_dn2(np.array([[-50.0, 0.0], [10.0, 100.0]]), profile, 200, 10.0)
+    got = compute_variance_dn2(np.array([[-50.0, 0.0], [10.0, 100.0]]), profile, 200, 10.0)
     dark = (0.25 * 10 + 9.9**2) / 1.55**2 + 1 / 12
     assert got == pytest.approx(
         np.array([[dark, dark], [dark + 10 / 1.55, dark + 100 / 1.55]]), rel=1e-12

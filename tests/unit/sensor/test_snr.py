@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pdcd.errors import ConfigError
-from pdcd.sensor.appendix import PrintedRow, appendix_pixel, appendix_rows
-from pdcd.sensor.profile import IsoRow, SensorProfile, expose, load_profile
+from pdcd.sensor.appendix import PrintedRow, compute_appendix_rows, make_appendix_pixel
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor, load_profile
 from pdcd.sensor.snr import (
-    GOALS,
+    SNR_GOALS,
     THERMALS,
-    Goal,
-    Pixel,
+    SnrGoal,
+    SnrPixel,
     Thermal,
     break_even_read_noise_e,
-    masked_sum,
-    opening_limit_db,
-    primal_dual_pair,
-    primal_dual_photo,
-    quiet_iso,
-    sensor_pixel,
-    sensor_rows,
-    short_photo,
-    signed_sum,
+    compute_masked_sum,
+    compute_opening_limit_db,
+    compute_primal_dual_pair,
+    compute_primal_dual_photo,
+    compute_sensor_rows,
+    compute_short_photo,
+    compute_signed_sum,
+    find_quiet_iso,
+    make_sensor_pixel,
 )
 
 
@@ -40,7 +40,7 @@ def paper_db(electrons: float, additive_e: float, thermal_e: float) -> float:
 
 
 def appendix_row(quantity: str) -> PrintedRow:
-    return next(row for row in appendix_rows() if row.quantity == quantity)
+    return next(row for row in compute_appendix_rows() if row.quantity == quantity)
 
 
 # --- the appendix -------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def test_printed_number_of_the_appendix(row: tuple[str, str, bool, float, float]
 
 
 def test_table_holds_these_numbers_in_the_order_of_the_appendix() -> None:
-    assert [row.quantity for row in appendix_rows()] == [row[0] for row in APPENDIX]
+    assert [row.quantity for row in compute_appendix_rows()] == [row[0] for row in APPENDIX]
 
 
 def test_printed_electrons_come_from_the_unrounded_intensity() -> None:
@@ -89,9 +89,9 @@ def test_printed_electrons_come_from_the_unrounded_intensity() -> None:
 
 
 def test_right_thermal_term_is_smaller_and_changes_no_digit_of_the_photo() -> None:
-    pixel = appendix_pixel()
-    assert primal_dual_photo(pixel, 30.62, "paper").thermal_e2 == 56.25
-    assert primal_dual_photo(pixel, 30.62, "shot").thermal_e2 == 7.5
+    pixel = make_appendix_pixel()
+    assert compute_primal_dual_photo(pixel, 30.62, "paper").thermal_e2 == 56.25
+    assert compute_primal_dual_photo(pixel, 30.62, "shot").thermal_e2 == 7.5
     row = appendix_row("photo, ISO 50, dB")
     assert row.shot is not None
     assert row.ours == pytest.approx(19.9345, abs=5e-5)
@@ -110,10 +110,10 @@ def test_masked_sum_prints_the_same_with_any_thermal_term() -> None:
     [(1.5, 1.0, 0.11), (3.9, 1.0, 0.67), (6.4, 1.0, 1.48), (1.5, 0.1, 0.94)],
 )
 def test_gap_shrinks_with_the_read_noise(read_noise_e: float, share: float, gap_db: float) -> None:
-    pixel = appendix_pixel().dimmed(share)
+    pixel = make_appendix_pixel().dimmed(share)
     gap = (
-        primal_dual_photo(pixel, read_noise_e, "paper").snr_db
-        - masked_sum(pixel, read_noise_e, "paper").snr_db
+        compute_primal_dual_photo(pixel, read_noise_e, "paper").snr_db
+        - compute_masked_sum(pixel, read_noise_e, "paper").snr_db
     )
     assert gap == pytest.approx(gap_db, abs=0.005)
 
@@ -136,7 +136,7 @@ HOT = SensorProfile(
         IsoRow(iso=200, gain_e_per_dn=0.1, read_noise_e=3.0),
     ),
 )
-PIXEL = Pixel(signal_e=2000.0, exposure_s=30.0, codes=64, dark_e_per_s=20.0)
+PIXEL = SnrPixel(signal_e=2000.0, exposure_s=30.0, codes=64, dark_e_per_s=20.0)
 
 
 def simulated_e(
@@ -144,7 +144,7 @@ def simulated_e(
 ) -> NDArray[np.float64]:
     """Charge read from `photos` photos of `PIXELS` equal pixels: (photos, PIXELS) float64, e-."""
     scene = np.full((photos, PIXELS), electrons)
-    raw = expose(scene, HOT, iso, exposure_s, np.random.default_rng(seed))
+    raw = expose_sensor(scene, HOT, iso, exposure_s, np.random.default_rng(seed))
     return (raw.astype(np.float64) - HOT.black_dn) * HOT.rows[0].gain_e_per_dn
 
 
@@ -158,29 +158,29 @@ SIMULATED = 0.2
 
 def test_photo_agrees_with_simulation() -> None:
     photo = simulated_e(2000.0, 30.0, 100, 1, seed=1)
-    ours = primal_dual_photo(PIXEL, 30.0, "shot")
+    ours = compute_primal_dual_photo(PIXEL, 30.0, "shot")
     assert ours.snr_db == pytest.approx(simulated_db(photo, 2000.0), abs=SIMULATED)
     # The printed thermal term would be far off here.
-    assert primal_dual_photo(PIXEL, 30.0, "paper").snr_db < ours.snr_db - 10
+    assert compute_primal_dual_photo(PIXEL, 30.0, "paper").snr_db < ours.snr_db - 10
 
 
 def test_photo_through_a_real_mask_agrees_with_simulation() -> None:
     photo = simulated_e(0.4 * 2000.0, 30.0, 100, 1, seed=2)
-    ours = primal_dual_photo(PIXEL, 30.0, "shot", transmission=0.4)
+    ours = compute_primal_dual_photo(PIXEL, 30.0, "shot", transmission=0.4)
     assert ours.snr_db == pytest.approx(simulated_db(photo, 800.0), abs=SIMULATED)
 
 
 def test_masked_sum_agrees_with_simulation() -> None:
     photos = simulated_e(2000.0 / 32, 30.0 / 64, 200, 32, seed=3)
-    ours = masked_sum(PIXEL, 3.0, "shot")
+    ours = compute_masked_sum(PIXEL, 3.0, "shot")
     assert ours.snr_db == pytest.approx(simulated_db(photos.sum(axis=0), 2000.0), abs=SIMULATED)
-    one = short_photo(PIXEL, 3.0, "shot")
+    one = compute_short_photo(PIXEL, 3.0, "shot")
     assert one.snr_db == pytest.approx(simulated_db(photos[0], 62.5), abs=SIMULATED)
 
 
 def test_signed_sum_has_the_noise_of_all_photos_whatever_the_signs() -> None:
     photos = simulated_e(2000.0 / 32, 30.0 / 64, 200, 64, seed=4)
-    ours = signed_sum(PIXEL, 3.0, "shot")
+    ours = compute_signed_sum(PIXEL, 3.0, "shot")
     signs = np.random.default_rng(5).choice([-1.0, 1.0], size=64)
     for weights in (np.ones(64), signs):
         assert ours.snr_db == pytest.approx(
@@ -190,7 +190,7 @@ def test_signed_sum_has_the_noise_of_all_photos_whatever_the_signs() -> None:
 
 def test_signed_pair_agrees_with_simulation() -> None:
     positive, negative = simulated_e(2000.0 / 2, 30.0 / 2, 100, 2, seed=7)
-    ours = primal_dual_pair(PIXEL, 30.0, "shot")
+    ours = compute_primal_dual_pair(PIXEL, 30.0, "shot")
     light = float((positive + negative).mean())
     assert ours.snr_db == pytest.approx(simulated_db(positive - negative, light), abs=SIMULATED)
 
@@ -201,14 +201,16 @@ def test_unequal_opening_limits_indirect_light() -> None:
     openings = rng.integers(0, 2, size=(512 // 4, PIXELS)).sum(axis=0)
     spread = float(np.std(openings) / np.mean(openings))
     assert spread == pytest.approx(0.088, abs=0.004)
-    assert opening_limit_db(512) == pytest.approx(10 * math.log10(1 / spread), abs=SIMULATED)
+    assert compute_opening_limit_db(512) == pytest.approx(
+        10 * math.log10(1 / spread), abs=SIMULATED
+    )
 
 
 # --- break-even ---------------------------------------------------------------------------------
 
 
 def gap_db(
-    pixel: Pixel, goal: Goal, thermal: Thermal, transmission: float, read_noise_e: float
+    pixel: SnrPixel, goal: SnrGoal, thermal: Thermal, transmission: float, read_noise_e: float
 ) -> float:
     """How much better the photo is, dB, written out from the definitions."""
     ours, dark_e = transmission * pixel.signal_e, pixel.dark_e_per_s * pixel.exposure_s
@@ -230,7 +232,7 @@ def gap_db(
     codes=st.integers(2, 4096),
     dark_e_per_s=st.floats(0.0, 5.0),
     transmission=st.floats(0.05, 1.0),
-    goal=st.sampled_from(GOALS),
+    goal=st.sampled_from(SNR_GOALS),
     thermal=st.sampled_from(THERMALS),
 )
 def test_break_even_is_where_a_root_finder_puts_it(
@@ -238,10 +240,10 @@ def test_break_even_is_where_a_root_finder_puts_it(
     codes: int,
     dark_e_per_s: float,
     transmission: float,
-    goal: Goal,
+    goal: SnrGoal,
     thermal: Thermal,
 ) -> None:
-    pixel = Pixel(signal_e=signal_e, exposure_s=30.0, codes=codes, dark_e_per_s=dark_e_per_s)
+    pixel = SnrPixel(signal_e=signal_e, exposure_s=30.0, codes=codes, dark_e_per_s=dark_e_per_s)
 
     def gap(read_noise_e: float) -> float:
         return gap_db(pixel, goal, thermal, transmission, read_noise_e)
@@ -259,31 +261,31 @@ def test_break_even_is_where_a_root_finder_puts_it(
 
 
 def test_ideal_mask_never_stops_paying_against_the_masked_sum_by_the_papers_terms() -> None:
-    assert break_even_read_noise_e(appendix_pixel(), "masked", "paper") == 0.0
+    assert break_even_read_noise_e(make_appendix_pixel(), "masked", "paper") == 0.0
 
 
 def test_dark_current_behind_the_closed_mask_costs_a_little() -> None:
     # 30 s of dark current in the photo against 15 s in the summed photos: 255 a^2 = 3.75 e-^2.
-    even = break_even_read_noise_e(appendix_pixel(), "masked", "shot")
+    even = break_even_read_noise_e(make_appendix_pixel(), "masked", "shot")
     assert even == pytest.approx(math.sqrt(3.75 / 255), rel=1e-12)
 
 
 def test_mask_as_dark_as_the_papers_stops_paying_above_the_read_noise_of_iso_1600() -> None:
-    even = break_even_read_noise_e(appendix_pixel(), "masked", "paper", transmission=0.5)
+    even = break_even_read_noise_e(make_appendix_pixel(), "masked", "paper", transmission=0.5)
     assert even == pytest.approx(math.sqrt((ELECTRONS / 4 + 0.75 * 56.25) / 63), rel=1e-9)
     assert even > 3.9
 
 
 def test_mask_never_pays_where_its_rival_has_as_few_photos() -> None:
-    two = Pixel(signal_e=1e4, exposure_s=1.0, codes=2, dark_e_per_s=0.1)
+    two = SnrPixel(signal_e=1e4, exposure_s=1.0, codes=2, dark_e_per_s=0.1)
     assert break_even_read_noise_e(two, "masked", "shot") == math.inf
-    eight = Pixel(signal_e=1e4, exposure_s=1.0, codes=8, dark_e_per_s=0.1)
+    eight = SnrPixel(signal_e=1e4, exposure_s=1.0, codes=8, dark_e_per_s=0.1)
     assert break_even_read_noise_e(eight, "signed", "shot") == math.inf
 
 
 def test_signed_goals_need_the_mask_less_than_the_appendix_says() -> None:
     # 2 S + 512 a^2 + w = 4 (S + 2 a^2 + v), v = w = 56.25 e-^2
-    even = break_even_read_noise_e(appendix_pixel(), "signed", "paper")
+    even = break_even_read_noise_e(make_appendix_pixel(), "signed", "paper")
     assert even == pytest.approx(math.sqrt((2 * ELECTRONS + 3 * 56.25) / 504), rel=1e-9)
 
 
@@ -292,16 +294,17 @@ def test_signed_goals_need_the_mask_less_than_the_appendix_says() -> None:
 
 def test_default_signal_is_13_percent_of_what_the_sensor_holds() -> None:
     modern = load_profile("modern")
-    pixel = sensor_pixel(modern, 100, codes=512, exposure_s=30.0, signal_e=None)
+    pixel = make_sensor_pixel(modern, 100, codes=512, exposure_s=30.0, signal_e=None)
     assert pixel.signal_e == pytest.approx(0.13 * (16383 - 512) * 3.0)
     assert pixel.dark_e_per_s == 0.05
 
 
 def test_procedures_of_the_appendix_for_the_mark2_give_its_numbers() -> None:
     mark2 = load_profile("mark2")
-    pixel = sensor_pixel(mark2, 50, codes=512, exposure_s=30.0, signal_e=ELECTRONS)
+    pixel = make_sensor_pixel(mark2, 50, codes=512, exposure_s=30.0, signal_e=ELECTRONS)
     found = {
-        (row.procedure, row.light, row.iso): row.paper_db for row in sensor_rows(mark2, 50, pixel)
+        (row.procedure, row.light, row.iso): row.paper_db
+        for row in compute_sensor_rows(mark2, 50, pixel)
     }
     expected = {
         ("photo", 1.0, 50): 19.934,
@@ -322,9 +325,11 @@ def test_procedures_of_the_appendix_for_the_mark2_give_its_numbers() -> None:
 
 def test_transmission_dims_the_photo_and_not_its_goals() -> None:
     modern = load_profile("modern")
-    pixel = sensor_pixel(modern, 100, codes=512, exposure_s=30.0, signal_e=None)
+    pixel = make_sensor_pixel(modern, 100, codes=512, exposure_s=30.0, signal_e=None)
     for ideal, real in zip(
-        sensor_rows(modern, 100, pixel), sensor_rows(modern, 100, pixel, 0.5), strict=True
+        compute_sensor_rows(modern, 100, pixel),
+        compute_sensor_rows(modern, 100, pixel, 0.5),
+        strict=True,
     ):
         if ideal.procedure in ("photo", "signed pair"):
             assert real.signal_e == pytest.approx(ideal.signal_e / 2)
@@ -335,24 +340,24 @@ def test_transmission_dims_the_photo_and_not_its_goals() -> None:
 
 def test_quiet_iso_holds_the_signal_and_is_the_lowest_of_equals() -> None:
     mark2, modern = load_profile("mark2"), load_profile("modern")
-    assert quiet_iso(mark2, 1000.0) == 1600
-    assert quiet_iso(mark2, 10000.0) == 50  # ISO 1600 ends at 3228 e-
-    assert quiet_iso(modern, 1000.0) == 100
+    assert find_quiet_iso(mark2, 1000.0) == 1600
+    assert find_quiet_iso(mark2, 10000.0) == 50  # ISO 1600 ends at 3228 e-
+    assert find_quiet_iso(modern, 1000.0) == 100
     with pytest.raises(ConfigError, match="every ISO"):
-        quiet_iso(modern, 1e6)
+        find_quiet_iso(modern, 1e6)
 
 
 def test_saturating_signal_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"saturates 'mark2' at ISO 1600.*at most 3228 e-"):
-        sensor_pixel(load_profile("mark2"), 1600, codes=512, exposure_s=30.0, signal_e=5000.0)
+        make_sensor_pixel(load_profile("mark2"), 1600, codes=512, exposure_s=30.0, signal_e=5000.0)
 
 
 def test_every_fault_of_a_pixel_is_named_at_once() -> None:
     with pytest.raises(ConfigError, match=r"signal = nan.*exposure = -1.*dark.*codes = 1 "):
-        Pixel(signal_e=math.nan, exposure_s=-1.0, codes=1, dark_e_per_s=math.inf)
+        SnrPixel(signal_e=math.nan, exposure_s=-1.0, codes=1, dark_e_per_s=math.inf)
 
 
 @pytest.mark.parametrize("transmission", [0.0, -0.5, 1.01, math.nan])
 def test_impossible_transmission_is_refused(transmission: float) -> None:
     with pytest.raises(ConfigError, match="mask transmission"):
-        primal_dual_photo(appendix_pixel(), 1.0, "shot", transmission)
+        compute_primal_dual_photo(make_appendix_pixel(), 1.0, "shot", transmission)

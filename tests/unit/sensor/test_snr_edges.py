@@ -9,27 +9,27 @@ import msgspec
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.sensor.appendix import appendix_pixel, appendix_rows
+from pdcd.sensor.appendix import compute_appendix_rows, make_appendix_pixel
 from pdcd.sensor.profile import IsoRow, SensorProfile
 from pdcd.sensor.snr import (
     LCD_TRANSMISSION,
-    Pixel,
-    Reading,
+    SnrPixel,
+    SnrReading,
     Thermal,
     break_even_read_noise_e,
+    compute_masked_sum,
+    compute_opening_limit_db,
+    compute_primal_dual_pair,
+    compute_primal_dual_photo,
+    compute_sensor_rows,
+    compute_short_photo,
+    compute_signed_sum,
+    find_quiet_iso,
     highest_signal_e,
-    masked_sum,
-    opening_limit_db,
-    primal_dual_pair,
-    primal_dual_photo,
-    quiet_iso,
-    sensor_pixel,
-    sensor_rows,
-    short_photo,
-    signed_sum,
+    make_sensor_pixel,
 )
 
-PIXEL = Pixel(signal_e=1000.0, exposure_s=8.0, codes=16, dark_e_per_s=3.0)
+PIXEL = SnrPixel(signal_e=1000.0, exposure_s=8.0, codes=16, dark_e_per_s=3.0)
 # At ISO 100 a pixel holds 10 000 e-, at 200 and 400 half and a quarter.
 SENSOR = SensorProfile(
     name="made", description="", source="", estimated=True, bits=14, black_dn=383,
@@ -57,19 +57,19 @@ SENSOR = SensorProfile(
 def test_what_a_pixel_may_be(changes: dict[str, Any], says: str) -> None:
     told: dict[str, Any] = {**msgspec.to_builtins(PIXEL), **changes}
     if not says:
-        assert msgspec.to_builtins(Pixel(**told)) == told
+        assert msgspec.to_builtins(SnrPixel(**told)) == told
         return
     with pytest.raises(ConfigError) as caught:
-        Pixel(**told)
+        SnrPixel(**told)
     assert caught.value.message == says
     assert caught.value.hint == "correct the options of the comparison"
 
 
 def test_values_are_frozen_and_pixels_said_by_names() -> None:
     with pytest.raises(TypeError):
-        Pixel(1.0, 1.0, 2, 0.0)  # type: ignore[call-arg]
-    row, (first, *_) = sensor_rows(SENSOR, 100, PIXEL)[0], appendix_rows()
-    for value, name in ((PIXEL, "codes"), (Reading(1.0, 1.0, 1.0), "signal_e"), (row, "iso"),
+        SnrPixel(1.0, 1.0, 2, 0.0)  # type: ignore[call-arg]
+    row, (first, *_) = compute_sensor_rows(SENSOR, 100, PIXEL)[0], compute_appendix_rows()
+    for value, name in ((PIXEL, "codes"), (SnrReading(1.0, 1.0, 1.0), "signal_e"), (row, "iso"),
                         (first, "ours"), (SENSOR, "name"), (SENSOR.rows[0], "iso")):  # fmt: skip
         with pytest.raises(AttributeError):
             setattr(value, name, 1)
@@ -83,8 +83,8 @@ def test_profiles_have_only_the_fields_they_have(kind: Any) -> None:
 
 
 def test_a_dimmer_pixel_has_less_light_and_less_time() -> None:
-    assert PIXEL.dimmed() == Pixel(signal_e=100.0, exposure_s=0.8, codes=16, dark_e_per_s=3.0)
-    assert PIXEL.dimmed(0.5) == Pixel(signal_e=500.0, exposure_s=4.0, codes=16, dark_e_per_s=3.0)
+    assert PIXEL.dimmed() == SnrPixel(signal_e=100.0, exposure_s=0.8, codes=16, dark_e_per_s=3.0)
+    assert PIXEL.dimmed(0.5) == SnrPixel(signal_e=500.0, exposure_s=4.0, codes=16, dark_e_per_s=3.0)
     assert PIXEL.used_photos == 8.0
 
 
@@ -97,22 +97,24 @@ def test_each_procedure_by_hand() -> None:
     )
     for thermal, whole, short, half in both:
         for found, wanted in (
-            (primal_dual_photo(PIXEL, 5.0, thermal), Reading(1000.0, 5.0, whole)),
-            (primal_dual_photo(PIXEL, 5.0, thermal, 0.5), Reading(500.0, 5.0, whole)),
-            (primal_dual_pair(PIXEL, 5.0, thermal), Reading(1000.0, root(2) * 5.0, whole)),
-            (primal_dual_pair(PIXEL, 5.0, thermal, 0.5), Reading(500.0, root(2) * 5.0, whole)),
-            (short_photo(PIXEL, 5.0, thermal), Reading(125.0, 5.0, short)),
-            (masked_sum(PIXEL, 5.0, thermal), Reading(1000.0, root(8) * 5.0, half)),
-            (signed_sum(PIXEL, 5.0, thermal), Reading(2000.0, 20.0, whole)),
+            (compute_primal_dual_photo(PIXEL, 5.0, thermal), SnrReading(1000.0, 5.0, whole)),
+            (compute_primal_dual_photo(PIXEL, 5.0, thermal, 0.5), SnrReading(500.0, 5.0, whole)),
+            (compute_primal_dual_pair(PIXEL, 5.0, thermal), SnrReading(1000.0, root(2) * 5.0,
+            whole)),
+            (compute_primal_dual_pair(PIXEL, 5.0, thermal, 0.5), SnrReading(500.0, root(2) * 5.0,
+            whole)),
+            (compute_short_photo(PIXEL, 5.0, thermal), SnrReading(125.0, 5.0, short)),
+            (compute_masked_sum(PIXEL, 5.0, thermal), SnrReading(1000.0, root(8) * 5.0, half)),
+            (compute_signed_sum(PIXEL, 5.0, thermal), SnrReading(2000.0, 20.0, whole)),
         ):  # fmt: skip
             assert msgspec.to_builtins(found) == pytest.approx(msgspec.to_builtins(wanted))
     assert LCD_TRANSMISSION == 0.5
     # 10 log10 of 100 over the root of 100 + 25 + 75.
-    assert Reading(100.0, 5.0, 75.0).snr_db == pytest.approx(5.0 * math.log10(50.0))
-    assert opening_limit_db(400) == pytest.approx(10.0)
+    assert SnrReading(100.0, 5.0, 75.0).snr_db == pytest.approx(5.0 * math.log10(50.0))
+    assert compute_opening_limit_db(400) == pytest.approx(10.0)
 
 
-@pytest.mark.parametrize("procedure", [primal_dual_photo, primal_dual_pair])
+@pytest.mark.parametrize("procedure", [compute_primal_dual_photo, compute_primal_dual_pair])
 def test_a_mask_lets_through_some_light_and_at_most_all(procedure: Any) -> None:
     assert procedure(PIXEL, 5.0, "shot", 1.0).signal_e == 1000.0
     assert procedure(PIXEL, 5.0, "shot", 1e-6).signal_e == pytest.approx(1e-3)
@@ -127,12 +129,12 @@ def test_a_mask_lets_through_some_light_and_at_most_all(procedure: Any) -> None:
 def test_a_sensor_holds_a_signal_up_to_its_highest() -> None:
     assert [highest_signal_e(SENSOR, iso) for iso in (100, 200, 400)] == [10000.0, 5000.0, 2500.0]
     common: dict[str, Any] = {"codes": 16, "exposure_s": 8.0}
-    assert sensor_pixel(SENSOR, 200, signal_e=5000.0, **common).signal_e == 5000.0
-    assert sensor_pixel(SENSOR, 200, signal_e=None, **common) == Pixel(
+    assert make_sensor_pixel(SENSOR, 200, signal_e=5000.0, **common).signal_e == 5000.0
+    assert make_sensor_pixel(SENSOR, 200, signal_e=None, **common) == SnrPixel(
         signal_e=0.13 * 5000.0, exposure_s=8.0, codes=16, dark_e_per_s=3.0
     )
     with pytest.raises(ConfigError) as caught:
-        sensor_pixel(SENSOR, 200, signal_e=5000.5, **common)
+        make_sensor_pixel(SENSOR, 200, signal_e=5000.5, **common)
     assert caught.value.message == "a signal of 5000.5 e- saturates 'made' at ISO 200"
     assert caught.value.hint == "give at most 5000 e-, or choose a lower ISO"
 
@@ -141,16 +143,16 @@ def test_a_sensor_holds_a_signal_up_to_its_highest() -> None:
     ("signal_e", "iso"), [(1.0, 200), (2500.0, 200), (5000.0, 200), (5000.5, 100), (10000.0, 100)]
 )
 def test_the_quietest_iso_holds_the_signal(signal_e: float, iso: int) -> None:
-    assert quiet_iso(SENSOR, signal_e) == iso
+    assert find_quiet_iso(SENSOR, signal_e) == iso
     with pytest.raises(ConfigError) as caught:
-        quiet_iso(SENSOR, 10000.5)
+        find_quiet_iso(SENSOR, 10000.5)
     assert caught.value.message == "a signal of 10000.5 e- saturates 'made' at every ISO"
     assert caught.value.hint == "give a lower signal"
 
 
 @pytest.mark.parametrize(("iso", "short"), [(100, (100, 200)), (200, (200,)), (400, (200, 400))])
 def test_procedures_at_the_isos_that_suit_them(iso: int, short: tuple[int, ...]) -> None:
-    rows = sensor_rows(SENSOR, iso, PIXEL, 0.5)
+    rows = compute_sensor_rows(SENSOR, iso, PIXEL, 0.5)
     assert [(row.procedure, row.light, row.iso) for row in rows] == [
         ("photo", 1.0, iso),
         *(("mask-less photo", 1.0, at) for at in short),
@@ -161,30 +163,30 @@ def test_procedures_at_the_isos_that_suit_them(iso: int, short: tuple[int, ...])
     ]
     noise = SENSOR.row(iso).read_noise_e
     for thermal, found in (("paper", rows[0].paper_db), ("shot", rows[0].shot_db)):
-        assert found == primal_dual_photo(PIXEL, noise, thermal, 0.5).snr_db  # type: ignore[arg-type]
+        assert found == compute_primal_dual_photo(PIXEL, noise, thermal, 0.5).snr_db  # type: ignore[arg-type]
     assert (rows[0].signal_e, rows[0].additive_e) == (500.0, noise)
     assert rows[-2].signal_e == pytest.approx(50.0)
     assert rows[-2].additive_e == pytest.approx(math.sqrt(2.0) * 4.0)
 
 
 def test_numbers_of_the_appendix_that_need_words_have_them() -> None:
-    noted = {row.quantity: row.note for row in appendix_rows() if row.note}
+    noted = {row.quantity: row.note for row in compute_appendix_rows() if row.note}
     assert list(noted) == [
         "mean intensity, 12-bit DN", "photo, ISO 50, dB", "masked sum, ISO 50, dB",
         "masked sum, ISO 1600, dB",
     ]  # fmt: skip
     assert "truncated" in noted["masked sum, ISO 50, dB"]
-    assert [row.quantity for row in appendix_rows() if row.truncated] == [
+    assert [row.quantity for row in compute_appendix_rows() if row.truncated] == [
         "mean intensity, 12-bit DN", "masked sum, ISO 50, dB",
     ]  # fmt: skip
 
 
 def test_ratios_of_the_appendix_are_told_in_both_conventions() -> None:
-    for row in appendix_rows():
+    for row in compute_appendix_rows():
         assert (row.shot is not None) is row.quantity.endswith("dB"), row.quantity
-    dim = appendix_pixel().dimmed()
-    last = appendix_rows()[-1]
+    dim = make_appendix_pixel().dimmed()
+    last = compute_appendix_rows()[-1]
     assert (last.ours, last.shot) == (
-        masked_sum(dim, 3.9, "paper").snr_db, masked_sum(dim, 3.9, "shot").snr_db,
+        compute_masked_sum(dim, 3.9, "paper").snr_db, compute_masked_sum(dim, 3.9, "shot").snr_db,
     )  # fmt: skip
-    assert appendix_pixel().exposure_s == 30.0 and appendix_pixel().codes == 512
+    assert make_appendix_pixel().exposure_s == 30.0 and make_appendix_pixel().codes == 512

@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from pdcd.sensor.tiff import EXPOSURE_TIME, Tags, read_tags
+from pdcd.sensor.tiff import EXPOSURE_TIME, TiffTags, read_tags
 
 Entry = tuple[int, int, int, bytes | int]
 """Tag, type, count, and the four bytes of a value or the place of a longer one."""
@@ -28,7 +28,7 @@ def directory(order: str, *entries: Entry, after: int = 0) -> bytes:
     return made + struct.pack(f"{order}I", after)
 
 
-def tags_of(data: bytes) -> Tags:
+def tags_of(data: bytes) -> TiffTags:
     found = read_tags(data)
     assert found is not None
     return found
@@ -196,4 +196,4 @@ def test_a_directory_behind_the_end_needs_more_than_there_is(order: str) -> None
 
 
 def test_a_head_without_its_number_has_no_directory() -> None:
-    assert tags_of(b"II*\0\x08\0\0") == Tags((), 8, canon=False)
+    assert tags_of(b"II*\0\x08\0\0") == TiffTags((), 8, canon=False)

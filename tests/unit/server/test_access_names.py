@@ -14,7 +14,7 @@ import pytest
 
 from pdcd.bench.tables import RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server import access
 from pdcd.server.access import Access, Names, Peer, peer_of
 from tests.processes import LONG_S
@@ -159,11 +159,11 @@ def test_every_table_of_the_configuration_gives_its_role() -> None:
     )
     with socket.socket(socket.AF_UNIX) as sock:
         rule = Access.to(sock, tables)
-    own = dict.fromkeys(rule.own, Role.ADMINISTER)
+    own = dict.fromkeys(rule.own, ClientRole.ADMINISTER)
     assert 0 in rule.own
-    assert rule.gids == {81: Role.LOOK, 82: Role.SHOOT, 83: Role.ADMINISTER}
+    assert rule.gids == {81: ClientRole.LOOK, 82: ClientRole.SHOOT, 83: ClientRole.ADMINISTER}
     assert rule.uids == {
-        71: Role.LOOK, 72: Role.SHOOT, 73: Role.ADMINISTER, 74: Role.SHOOT,
+        71: ClientRole.LOOK, 72: ClientRole.SHOOT, 73: ClientRole.ADMINISTER, 74: ClientRole.SHOOT,
     } | own  # fmt: skip
 
 

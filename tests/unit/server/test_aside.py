@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.server.aside import aside
+from pdcd.server.aside import call_in_thread
 from tests.processes import LONG_S
 
 
@@ -25,8 +25,8 @@ def test_a_call_is_made_in_a_thread_of_its_own_which_is_gone_afterwards() -> Non
         return told, more
 
     async def scenario() -> None:
-        assert await aside(call, 1, 2, more="x") == ((1, 2), {"more": "x"})
-        assert await aside(call) == ((), {})
+        assert await call_in_thread(call, 1, 2, more="x") == ((1, 2), {"more": "x"})
+        assert await call_in_thread(call) == ((), {})
 
     asyncio.run(scenario())
     assert len(set(threads)) == 2 and threading.main_thread() not in threads
@@ -41,7 +41,7 @@ def test_whatever_it_raises_belongs_to_the_caller(error: BaseException) -> None:
 
     async def scenario() -> None:
         with pytest.raises(type(error)) as caught:
-            await aside(call)
+            await call_in_thread(call)
         assert caught.value is error
 
     asyncio.run(scenario())
@@ -61,7 +61,7 @@ def left_behind(call: Callable[[], object], *, ends_first: bool) -> list[Any]:
     async def scenario() -> None:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, told: faults.append(told))
-        caller = asyncio.create_task(aside(held))
+        caller = asyncio.create_task(call_in_thread(held))
         await asyncio.to_thread(began.wait, LONG_S)
         caller.cancel()
         with pytest.raises(asyncio.CancelledError):

@@ -8,7 +8,7 @@ from typing import cast
 
 import pytest
 
-from pdcd.protocol.views import Role
+from pdcd.protocol.views import ClientRole
 from pdcd.server import callers
 from pdcd.server.access import Peer
 from pdcd.server.callers import Caller
@@ -40,7 +40,7 @@ def met(*, reads: bool = True) -> tuple[Far, Caller]:
     far = Far()
     if reads:
         far.open.set()
-    return far, Caller(7, ANNA, Role.LOOK, cast(Stream, far))
+    return far, Caller(7, ANNA, ClientRole.LOOK, cast(Stream, far))
 
 
 async def turns() -> None:
@@ -51,7 +51,7 @@ async def turns() -> None:
 def test_a_new_client_listens_to_nothing_and_is_there() -> None:
     async def scenario() -> None:
         _, caller = met()
-        assert (caller.number, caller.peer, caller.role) == (7, ANNA, Role.LOOK)
+        assert (caller.number, caller.peer, caller.role) == (7, ANNA, ClientRole.LOOK)
         assert (caller.interest, caller.gone, caller.idle_s) == ("none", False, 0.0)
 
     asyncio.run(scenario())

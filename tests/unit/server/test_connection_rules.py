@@ -14,14 +14,14 @@ import pytest
 from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import DeniedError
 from pdcd.protocol import events
-from pdcd.protocol.messages import MAX_LINE, NoParams, Shown
+from pdcd.protocol.messages import MAX_LINE, NoParams, ShowReply
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server import connections as module
 from pdcd.server.access import Access, Peer
 from pdcd.server.callers import Caller
 from pdcd.server.connections import Server
 from pdcd.server.jobs import Job, JobTable, Owner
-from pdcd.server.protocol import Request
+from pdcd.server.protocol import RpcRequest
 
 ANNA, BERT, OWN = 1001, 1002, 900
 
@@ -91,7 +91,7 @@ def test_an_event_is_heard_by_those_who_asked_for_it() -> None:
         server._callers = callers
         assert server.connections == 4
         mine = job(connection=1)
-        server.publish(mine, events.Armed(job="j", shot="s", frames=9))
+        server.publish(mine, events.ShotArmed(job="j", shot="s", frames=9))
         server.publish(mine, events.Progress(job="j", shot="s", frame=1, frames=9, missed=0))
     assert [len(line.got) for line in lines] == [2, 0, 2, 0]
     told = [(message["params"]["type"], droppable) for message, droppable in lines[0].got]
@@ -118,7 +118,7 @@ class Service:
     def __init__(self, answer: Any) -> None:
         self.answer = answer
 
-    async def handle(self, caller: Any, request: Request) -> Any:
+    async def handle(self, caller: Any, request: RpcRequest) -> Any:
         if isinstance(self.answer, BaseException):
             raise self.answer
         return self.answer
@@ -134,7 +134,7 @@ class Held:
         self.released.append(fds)
 
 
-SHOWN = Shown("grid", 0, "j")
+SHOWN = ShowReply("grid", 0, "j")
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ SHOWN = Shown("grid", 0, "j")
         (DeniedError("no", hint="ask"), ("denied", "no", "ask"), ""),
         (ZeroDivisionError("by nothing"),
          ("internal", "ZeroDivisionError: by nothing", "see the daemon's log"), "method failed"),
-        (Shown("x" * MAX_LINE, 0, "j"),
+        (ShowReply("x" * MAX_LINE, 0, "j"),
          ("protocol", None, "read it from the run folder instead"), ""),
     ],
 )  # fmt: skip
@@ -153,7 +153,7 @@ def test_every_request_is_answered_once_and_gives_back_what_came_with_it(
 ) -> None:
     line, held = Line(1, "none"), Held()
     for request_id in (5, None):
-        request = Request(request_id, "display.show", NoParams(), (7, 8))
+        request = RpcRequest(request_id, "display.show", NoParams(), (7, 8))
         body = module._answer(
             cast(Any, Service(answer)), cast(Caller, line), request, cast(Any, held)
         )
@@ -173,7 +173,7 @@ def test_every_request_is_answered_once_and_gives_back_what_came_with_it(
 def test_one_who_asks_too_much_at_a_time_is_told_so() -> None:
     line = Line(1, "none")
     for request_id in ("a", None):
-        module._refuse_more(cast(Caller, line), Request(request_id, "ping", NoParams()))
+        module._refuse_more(cast(Caller, line), RpcRequest(request_id, "ping", NoParams()))
     ((message, _),) = line.got
     assert (message["id"], message["error"]["data"]["kind"]) == ("a", "busy")
     assert message["error"]["message"] == "64 requests of this connection are unanswered"

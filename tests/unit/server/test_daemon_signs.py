@@ -15,10 +15,10 @@ from pdcd.errors import ConfigError, DeviceLost, DriverUnavailable
 from pdcd.protocol import events
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server import daemon, log
-from pdcd.server.daemon import feed, run
+from pdcd.server.daemon import run_daemon, tell_watchdog
 from pdcd.server.jobs import Job, JobTable, Owner
 from pdcd.server.notify import Notifier
-from pdcd.server.worker import Worker
+from pdcd.server.worker import EngineThread
 
 OWNER = Owner(uid=1, pid=2, user="anna", connection=3)
 
@@ -48,12 +48,15 @@ def progress(frame: int) -> events.Event:
     ("event", "status"),
     [
         (progress(4), "plan j 4/9"),
-        (events.Planning(job="j", stage="codes", done=1.0, total=4.0), "plan j planning 25%"),
-        (events.Decoded(job="j", done=3.0, total=4.0), "plan j decoding 75%"),
-        (events.Armed(job="j", shot="s", frames=9), "plan j armed"),
-        (events.Queued(job="j", ahead=0), "plan j queued"),
-        (events.Done(job="j"), "idle, last plan j done"),
-        (events.Cancelled(job="j"), "idle, last plan j cancelled"),
+        (
+            events.PlanningProgress(job="j", stage="codes", done=1.0, total=4.0),
+            "plan j planning 25%",
+        ),
+        (events.DecodingProgress(job="j", done=3.0, total=4.0), "plan j decoding 75%"),
+        (events.ShotArmed(job="j", shot="s", frames=9), "plan j armed"),
+        (events.JobQueued(job="j", ahead=0), "plan j queued"),
+        (events.JobDone(job="j"), "idle, last plan j done"),
+        (events.JobCancelled(job="j"), "idle, last plan j cancelled"),
     ],
 )
 def test_the_status_tells_where_the_rig_stands(event: events.Event, status: str) -> None:
@@ -74,7 +77,7 @@ def test_progress_is_told_once_a_second_and_the_rest_always(
         now_ns = 5 * 10**9 + later_ns
         status.follow(mine, progress(number))
         if number == 1:
-            status.follow(mine, events.Armed(job="j", shot="s", frames=9))
+            status.follow(mine, events.ShotArmed(job="j", shot="s", frames=9))
     assert [line.rpartition(" ")[2] for (line,) in manager.told] == ["0/9", "armed", "2/9", "4/9"]
 
 
@@ -100,7 +103,7 @@ def test_the_watchdog_is_fed_thrice_in_its_time_while_the_thread_beats(
 
     monkeypatch.setattr("pdcd.server.daemon.asyncio.sleep", sleep)
     with pytest.raises(asyncio.CancelledError):
-        asyncio.run(feed(manager, cast(Worker, thread), 6.0))
+        asyncio.run(tell_watchdog(manager, cast(EngineThread, thread), 6.0))
     assert slept == [2.0] * 4 and probed == [0, 1, 2, 3]
     assert manager.told == [("WATCHDOG=1",)] * 2
     assert caplog.text.count("gives no sign of life") == 1
@@ -126,11 +129,11 @@ def test_the_exit_code_tells_a_wrong_configuration_from_a_broken_rig(
             raise error
 
     said: list[bool] = []
-    monkeypatch.setattr(daemon, "serve", serve)
-    monkeypatch.setattr(log, "to_stderr", lambda *, verbose: said.append(verbose))
+    monkeypatch.setattr(daemon, "serve_daemon", serve)
+    monkeypatch.setattr(log, "send_to_stderr", lambda *, verbose: said.append(verbose))
     config, factory = Config(), cast(Any, object())
-    assert run(config, engine_factory=factory) == code
-    assert run(config, socket=Path("/s"), engine_factory=factory, verbose=True) == code
+    assert run_daemon(config, engine_factory=factory) == code
+    assert run_daemon(config, socket=Path("/s"), engine_factory=factory, verbose=True) == code
     assert said == [False, True]
     assert given == [
         (config, False, {"socket": None, "engine_factory": factory}),
@@ -142,10 +145,10 @@ def test_a_fault_of_ours_is_no_exit_code(monkeypatch: pytest.MonkeyPatch) -> Non
     async def serve(config: Config, **_: Any) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(daemon, "serve", serve)
-    monkeypatch.setattr(log, "to_stderr", lambda *, verbose: None)
+    monkeypatch.setattr(daemon, "serve_daemon", serve)
+    monkeypatch.setattr(log, "send_to_stderr", lambda *, verbose: None)
     with pytest.raises(ZeroDivisionError):
-        run(Config(), engine_factory=cast(Any, object()))
+        run_daemon(Config(), engine_factory=cast(Any, object()))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -156,9 +159,9 @@ def test_either_signal_asks_for_the_end(
         signal.raise_signal(number)
         await asyncio.wait_for(stop.wait(), 60.0)
 
-    monkeypatch.setattr(daemon, "serve", serve)
-    monkeypatch.setattr(log, "to_stderr", lambda *, verbose: None)
-    assert run(Config(), engine_factory=cast(Any, object())) == 0
+    monkeypatch.setattr(daemon, "serve_daemon", serve)
+    monkeypatch.setattr(log, "send_to_stderr", lambda *, verbose: None)
+    assert run_daemon(Config(), engine_factory=cast(Any, object())) == 0
 
 
 def test_the_state_folder_is_made_and_held_for_one(tmp_path: Path) -> None:

@@ -11,7 +11,14 @@ from pdcd.protocol.events import Progress
 from pdcd.protocol.messages import ShowParams
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.server.jobs import PROGRESS_INTERVAL_NS, Coalescer, Job, JobTable, Owner, failed_result
+from pdcd.server.jobs import (
+    PROGRESS_INTERVAL_NS,
+    Coalescer,
+    Job,
+    JobTable,
+    Owner,
+    make_failed_result,
+)
 
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
@@ -146,13 +153,13 @@ def test_a_refusal_says_who_holds_the_rig_and_how_to_wait() -> None:
 
 def test_the_result_of_a_fault_says_that_it_is_one() -> None:
     job = admit(JobTable())
-    fault = failed_result(job, ValueError("oops"))
+    fault = make_failed_result(job, ValueError("oops"))
     assert (fault.job, fault.state) == (job.name, "failed")
     assert fault.error == {
         "kind": "internal", "message": "ValueError: oops", "device": None,
         "hint": "a fault of the program: see the daemon's log",
     }  # fmt: skip
-    cancelled = failed_result(job, Cancelled("enough", hint="h")).error
+    cancelled = make_failed_result(job, Cancelled("enough", hint="h")).error
     assert cancelled is not None and (cancelled["message"], cancelled["hint"]) == ("enough", "h")
 
 

@@ -13,7 +13,7 @@ import pytest
 from pdcd.bench.tables import RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.server import listening, log
-from pdcd.server.listening import claimed
+from pdcd.server.listening import open_listener
 
 
 def test_a_socket_is_made_in_place_of_a_stale_one_and_removed_in_the_end(
@@ -24,7 +24,7 @@ def test_a_socket_is_made_in_place_of_a_stale_one_and_removed_in_the_end(
         stale.bind(str(path))
     umask = os.umask(0o027)
     try:
-        with claimed(path, ServerConfig()) as sock, socket.socket(socket.AF_UNIX) as client:
+        with open_listener(path, ServerConfig()) as sock, socket.socket(socket.AF_UNIX) as client:
             assert path.stat().st_mode & 0o777 == 0o660
             client.connect(str(path))
             sock.accept()[0].close()
@@ -37,7 +37,7 @@ def test_a_socket_is_made_in_place_of_a_stale_one_and_removed_in_the_end(
 @pytest.mark.parametrize("what", ["gone", "another"])
 def test_what_lies_at_its_name_in_the_end_is_not_ours(what: str, tmp_path: Path) -> None:
     path = tmp_path / "s"
-    with claimed(path, ServerConfig(shoot=RoleConfig(uids=(7,)))):
+    with open_listener(path, ServerConfig(shoot=RoleConfig(uids=(7,)))):
         assert path.stat().st_mode & 0o777 == 0o666
         (tmp_path / "kept").touch()
         path.unlink()
@@ -50,7 +50,7 @@ def test_a_path_that_is_taken_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "s"
     path.write_text("precious")
     with pytest.raises(ConfigError, match="is there and is no socket") as caught:
-        with claimed(path, ServerConfig()):
+        with open_listener(path, ServerConfig()):
             pass
     assert caught.value.hint == "remove it, or use another path"
     assert path.read_text() == "precious"
@@ -59,7 +59,7 @@ def test_a_path_that_is_taken_is_left_alone(tmp_path: Path) -> None:
         other.bind(str(path))
         other.listen()
         with pytest.raises(ConfigError, match="another daemon answers on") as answered:
-            with claimed(path, ServerConfig()):
+            with open_listener(path, ServerConfig()):
                 pass
         assert "--socket" in str(answered.value.hint) and path.exists()
 
@@ -76,7 +76,7 @@ def test_a_daemon_that_is_too_busy_to_answer_is_one(tmp_path: Path) -> None:
             with contextlib.suppress(BlockingIOError):
                 client.connect(str(path))
         with pytest.raises(ConfigError, match="is in use: Resource temporarily unavailable"):
-            with claimed(path, ServerConfig()):
+            with open_listener(path, ServerConfig()):
                 pass
         assert path.exists()
 
@@ -84,7 +84,7 @@ def test_a_daemon_that_is_too_busy_to_answer_is_one(tmp_path: Path) -> None:
 def test_a_path_that_cannot_be_bound_is_named(tmp_path: Path) -> None:
     path = tmp_path / ("x" * 120)
     with pytest.raises(ConfigError, match=r"cannot listen on .*: AF_UNIX path too long") as caught:
-        with claimed(path, ServerConfig()):
+        with open_listener(path, ServerConfig()):
             pass
     assert "[server] socket" in str(caught.value.hint)
 
@@ -98,7 +98,7 @@ def test_a_path_that_cannot_be_bound_is_named(tmp_path: Path) -> None:
 )
 def test_where_no_socket_can_be_it_is_said_why(path: str, told: str, hint: str) -> None:
     with pytest.raises(ConfigError, match=told) as caught:
-        with claimed(Path(path), ServerConfig()):
+        with open_listener(Path(path), ServerConfig()):
             pass
     assert hint in str(caught.value.hint)
 
@@ -113,14 +113,14 @@ def test_the_socket_that_was_passed_is_served_and_not_handed_on(
         passed = os.dup(made.fileno())
         os.set_inheritable(passed, True)
     monkeypatch.setattr(listening, "FIRST_FD", passed)
-    monkeypatch.setattr(listening, "listen_fds", lambda: 1)
-    with claimed(tmp_path / "other", ServerConfig()) as sock:
+    monkeypatch.setattr(listening, "count_listen_fds", lambda: 1)
+    with open_listener(tmp_path / "other", ServerConfig()) as sock:
         assert sock.fileno() == passed and not sock.get_inheritable()
         assert sock.getsockname() == str(path)
     assert sock.fileno() == -1 and path.exists() and not (tmp_path / "other").exists()
-    monkeypatch.setattr(listening, "listen_fds", lambda: 2)
+    monkeypatch.setattr(listening, "count_listen_fds", lambda: 2)
     with pytest.raises(ConfigError, match="2 sockets were passed") as caught:
-        with claimed(tmp_path / "other", ServerConfig()):
+        with open_listener(tmp_path / "other", ServerConfig()):
             pass
     assert caught.value.hint == "pdcd.socket needs one ListenStream"
 

@@ -18,12 +18,12 @@ import pytest
 from pdcd.bench.tables import RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.server import listening
-from pdcd.server.listening import claimed
-from pdcd.server.lock import held
+from pdcd.server.listening import open_listener
+from pdcd.server.lock import hold_lock_file
 
 
 def lock(path: Path) -> contextlib.AbstractContextManager[None]:
-    return held(path, "the thing", "wait")
+    return hold_lock_file(path, "the thing", "wait")
 
 
 def test_the_second_is_told_who_has_it(tmp_path: Path) -> None:
@@ -41,8 +41,9 @@ def test_the_second_is_told_who_has_it(tmp_path: Path) -> None:
 def test_what_a_killed_holder_left_is_no_lock(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     script = (
-        "import sys; from pathlib import Path; from pdcd.server.lock import held\n"
-        "with held(Path(sys.argv[1]), 'it', ''): print('held', flush=True); sys.stdin.read()"
+        "import sys; from pathlib import Path; from pdcd.server.lock import hold_lock_file\n"
+        "with hold_lock_file(Path(sys.argv[1]), 'it', ''):\n"
+        "    print('held', flush=True); sys.stdin.read()"
     )
     words = [sys.executable, "-c", script, str(path)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
@@ -106,7 +107,7 @@ def race(path: Path, config: ServerConfig, workers: int) -> Counter[str]:
         start.wait()
         with contextlib.ExitStack() as stack:
             try:
-                sock = stack.enter_context(claimed(path, config))
+                sock = stack.enter_context(open_listener(path, config))
             except ConfigError as err:
                 ends.append(err.message.split(":")[0])
                 tried.wait()
@@ -170,15 +171,15 @@ def test_what_was_passed_and_is_no_listening_socket_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, passed: str
 ) -> None:
     fd = opened(passed)
-    monkeypatch.setattr(listening, "listen_fds", lambda: 1)
+    monkeypatch.setattr(listening, "count_listen_fds", lambda: 1)
     monkeypatch.setattr(listening, "FIRST_FD", fd)
     with pytest.raises(ConfigError, match="passed") as caught:
-        with claimed(tmp_path / "s", ServerConfig()):
+        with open_listener(tmp_path / "s", ServerConfig()):
             pass
     assert "ListenStream" in str(caught.value.hint)
     os.close(fd)  # which was left open: it may be another's
     with pytest.raises(ConfigError, match="passed is no socket: Bad file descriptor"):
-        with claimed(tmp_path / "s", ServerConfig()):
+        with open_listener(tmp_path / "s", ServerConfig()):
             pass
 
 
@@ -195,5 +196,5 @@ def test_whoever_has_a_role_can_reach_the_socket(
     tmp_path: Path, tables: ServerConfig, mode: int
 ) -> None:
     path = tmp_path / "s"
-    with claimed(path, tables):
+    with open_listener(path, tables):
         assert path.stat().st_mode & 0o777 == mode

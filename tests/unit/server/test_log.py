@@ -20,7 +20,7 @@ FORGED = "x\n<3>pdcd.server: all is lost\r\x1b[2J\x9b1m\u2028\u202e\udc80\x7f"
 SAY = f"""
 import logging
 from pdcd.server import log
-log.to_stderr()
+log.send_to_stderr()
 speaker = logging.getLogger('x')
 speaker.warning('two\\nlines')
 speaker.info('more %s', {FORGED!r})
@@ -67,7 +67,7 @@ def test_a_terminal_gets_warnings_and_readiness_unless_told_otherwise(
 ) -> None:
     """The terminal may be that of `pdcd capture`, whose bar a line of each capture would break."""
     script = (
-        f"import logging; from pdcd.server import log; log.to_stderr(verbose={verbose});"
+        f"import logging; from pdcd.server import log; log.send_to_stderr(verbose={verbose});"
         "x = logging.getLogger('x'); x.info('INFORMED'); x.warning('PROBLEM');"
         "x.info('READY', extra=log.FOR_PEOPLE)"
     )
@@ -88,7 +88,7 @@ def test_a_standard_error_that_is_no_file_is_not_the_journal(
     """As under a test or in a notebook: lines have their time, and no priority."""
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     monkeypatch.setattr(logging, "root", logging.RootLogger(logging.WARNING))
-    log.to_stderr()
+    log.send_to_stderr()
     (handler,) = logging.root.handlers
     logging.root.handle(logging.LogRecord("x", logging.ERROR, "", 0, "lost", (), None))
     assert isinstance(handler, logging.StreamHandler)

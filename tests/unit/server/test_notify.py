@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.server.notify import Notifier, listen_fds, watchdog_s
+from pdcd.server.notify import Notifier, count_listen_fds, watchdog_s
 
 
 def test_lines_arrive_as_one_datagram(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_the_watchdog_is_for_this_process_only(
     ],
 )
 def test_sockets_are_taken_only_when_meant_for_us(environ: dict[str, str], expected: int) -> None:
-    assert listen_fds(environ) == expected
+    assert count_listen_fds(environ) == expected
 
 
 def test_what_is_told_stays_one_line_each(tmp_path: Path) -> None:

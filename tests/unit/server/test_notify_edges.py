@@ -7,16 +7,16 @@ import socket
 
 import pytest
 
-from pdcd.server.notify import FIRST_FD, Notifier, listen_fds, watchdog_s
+from pdcd.server.notify import FIRST_FD, Notifier, count_listen_fds, watchdog_s
 
 ME = str(os.getpid())
 
 
 def test_passed_sockets_begin_after_the_three_that_every_process_has() -> None:
     assert FIRST_FD == 3  # SD_LISTEN_FDS_START of sd_listen_fds(3)
-    assert listen_fds({"LISTEN_FDS": "2", "LISTEN_PID": ME}) == 2
-    assert listen_fds({"LISTEN_PID": ME}) == 0
-    assert listen_fds({"LISTEN_FDS": "-1", "LISTEN_PID": ME}) == 0
+    assert count_listen_fds({"LISTEN_FDS": "2", "LISTEN_PID": ME}) == 2
+    assert count_listen_fds({"LISTEN_PID": ME}) == 0
+    assert count_listen_fds({"LISTEN_FDS": "-1", "LISTEN_PID": ME}) == 0
 
 
 def test_times_of_the_watchdog_are_microseconds() -> None:
@@ -31,7 +31,7 @@ def test_what_the_process_was_started_with_counts(monkeypatch: pytest.MonkeyPatc
     for name, value in (("WATCHDOG_USEC", "3000000"), ("LISTEN_FDS", "4"), ("LISTEN_PID", ME)):
         monkeypatch.setenv(name, value)
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
-    assert (watchdog_s(), listen_fds()) == (3.0, 4)
+    assert (watchdog_s(), count_listen_fds()) == (3.0, 4)
 
 
 def test_a_manager_that_reads_slowly_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError, error_fields
+from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError, to_error_fields
 from pdcd.protocol import messages
 from pdcd.protocol.messages import CODES, METHODS, JobParams, StartParams
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.protocol import (
     Connection,
-    Fault,
-    Request,
+    RpcFault,
+    RpcRequest,
     encode_error,
     encode_notification,
     encode_reply,
-    parse,
+    parse_line,
 )
 from pdcd.words import GoalName
 
@@ -33,18 +33,20 @@ def line(method: str, params: Any = None, **envelope: Any) -> bytes:
     return json.dumps(message).encode()
 
 
-def fault(data: bytes) -> tuple[Fault, dict[str, Any]]:
+def fault(data: bytes) -> tuple[RpcFault, dict[str, Any]]:
     """The fault that a line is, and its answer read by another JSON reader."""
-    item = parse(data)
-    assert isinstance(item, Fault)
+    item = parse_line(data)
+    assert isinstance(item, RpcFault)
     assert item.line is not None
     assert item.line.endswith(b"\n") and item.line.count(b"\n") == 1
     return item, json.loads(item.line)
 
 
 def test_a_request_becomes_its_typed_parameters() -> None:
-    item = parse(line("capture.start", {"goal": "indirect", "codes": 8, "queue": True}, id="a"))
-    assert isinstance(item, Request)
+    item = parse_line(
+        line("capture.start", {"goal": "indirect", "codes": 8, "queue": True}, id="a")
+    )
+    assert isinstance(item, RpcRequest)
     assert (item.id, item.method) == ("a", "capture.start")
     assert isinstance(item.params, StartParams)
     assert item.params.request() == CaptureRequest(goal="indirect", codes=8)
@@ -100,22 +102,22 @@ def test_the_request_keeps_every_field_of_the_wire() -> None:
         "note": "n",
     }
     assert set(given) == set(CaptureRequest.__struct_fields__)
-    item = parse(line("capture.start", given))
-    assert isinstance(item, Request) and isinstance(item.params, StartParams)
+    item = parse_line(line("capture.start", given))
+    assert isinstance(item, RpcRequest) and isinstance(item.params, StartParams)
     made = item.params.request()
     assert {name: getattr(made, name) for name in given} == given
 
 
 def test_parameters_may_be_left_out_where_none_are_needed() -> None:
-    item = parse(line("ping"))
-    assert isinstance(item, Request) and item.method == "ping"
+    item = parse_line(line("ping"))
+    assert isinstance(item, RpcRequest) and item.method == "ping"
 
 
 def test_a_notification_has_no_id_and_its_fault_no_answer() -> None:
-    item = parse(b'{"jsonrpc":"2.0","method":"ping"}')
-    assert isinstance(item, Request) and item.id is None
-    item = parse(b'{"jsonrpc":"2.0","method":"nonsense"}')
-    assert isinstance(item, Fault) and item.line is None
+    item = parse_line(b'{"jsonrpc":"2.0","method":"ping"}')
+    assert isinstance(item, RpcRequest) and item.id is None
+    item = parse_line(b'{"jsonrpc":"2.0","method":"nonsense"}')
+    assert isinstance(item, RpcFault) and item.line is None
 
 
 @pytest.mark.parametrize(
@@ -244,7 +246,7 @@ def test_what_a_field_takes_is_said() -> None:
 def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed: bool) -> None:
     connection = Connection()
     (item,) = connection.receive(line("hello", {"protocol": wanted}) + b"\n")
-    assert isinstance(item, Request) is agreed
+    assert isinstance(item, RpcRequest) is agreed
     assert connection.closed is not agreed
     assert len(connection.receive(line("ping") + b"\n")) == (1 if agreed else 0)
 
@@ -252,7 +254,7 @@ def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed:
 def test_lines_are_found_whatever_the_cut() -> None:
     stream = b"".join(line("ping", id=k) + ending for k, ending in enumerate([b"\n", b"\r\n"] * 3))
     whole = Connection().receive(b"\n  \n" + stream)
-    assert [item.id for item in whole if isinstance(item, Request)] == [0, 1, 2, 3, 4, 5]
+    assert [item.id for item in whole if isinstance(item, RpcRequest)] == [0, 1, 2, 3, 4, 5]
     connection = Connection()
     single = [item for k in range(len(stream)) for item in connection.receive(stream[k : k + 1])]
     assert single == whole
@@ -267,18 +269,18 @@ def test_a_line_of_exactly_the_limit_passes_and_one_byte_more_does_not() -> None
         assert len(data) == limit + extra
         connection = Connection(max_line=limit)
         items = connection.receive(data + line("ping") + b"\n")
-        assert isinstance(items[0], Request) is passes
+        assert isinstance(items[0], RpcRequest) is passes
         assert connection.closed is not passes
         if not passes:
             (over,) = items
-            assert isinstance(over, Fault) and over.close and over.line is not None
+            assert isinstance(over, RpcFault) and over.close and over.line is not None
             assert json.loads(over.line)["error"]["data"]["kind"] == "protocol"
 
 
 def test_an_endless_line_is_refused_before_it_fills_the_memory() -> None:
     connection = Connection()
     chunk = b"x" * 65536
-    found: list[Request | Fault] = []
+    found: list[RpcRequest | RpcFault] = []
     for _ in range(64):
         found += connection.receive(chunk)
         assert len(connection._rest) <= messages.MAX_LINE
@@ -310,7 +312,7 @@ def test_no_bytes_make_the_connection_raise(lines: list[bytes], cut: int) -> Non
     connection = Connection(max_line=4096)
     for start in range(0, len(stream), cut):
         for item in connection.receive(stream[start : start + cut]):
-            if isinstance(item, Request):
+            if isinstance(item, RpcRequest):
                 assert isinstance(item.params, METHODS[item.method].params)
             elif item.line is not None:
                 answer = json.loads(item.line)
@@ -323,16 +325,16 @@ def test_no_bytes_make_the_connection_raise(lines: list[bytes], cut: int) -> Non
 def test_any_parameters_are_taken_or_refused_with_a_kind(params: object) -> None:
     for method in METHODS:
         message = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params}
-        item = parse(json.dumps(message).encode())
-        if isinstance(item, Fault):
+        item = parse_line(json.dumps(message).encode())
+        if isinstance(item, RpcFault):
             assert item.error.kind in ("request", "protocol")
 
 
 @settings(deadline=None, derandomize=True, max_examples=50)
 @given(st.text(max_size=64))
 def test_a_sound_line_survives_the_way_in_and_out(text: str) -> None:
-    item = parse(line("capture.wait", {"job": text}, id=text))
-    assert isinstance(item, Request) and isinstance(item.params, JobParams)
+    item = parse_line(line("capture.wait", {"job": text}, id=text))
+    assert isinstance(item, RpcRequest) and isinstance(item.params, JobParams)
     assert item.params.job == text
     assert json.loads(encode_reply(text, {"job": text})) == {
         "jsonrpc": "2.0",
@@ -373,15 +375,15 @@ def test_no_nan_ever_leaves() -> None:
 
 def test_numbers_of_numpy_become_plain_and_objects_do_not_pass() -> None:
     np = pytest.importorskip("numpy")
-    made = messages.plain({"a": np.int64(3), "b": np.float64(0.5), "c": "x"})
+    made = messages.to_wire_types({"a": np.int64(3), "b": np.float64(0.5), "c": "x"})
     assert made == {"a": 3, "b": 0.5, "c": "x"}
     assert type(made["a"]) is int and type(made["b"]) is float
     with pytest.raises(TypeError):
-        messages.plain({"a": object()})
+        messages.to_wire_types({"a": object()})
 
 
 def test_the_schema_covers_every_method_and_refers_to_what_is_there() -> None:
-    schema = json.loads(encode_reply(1, messages.schema()))["result"]
+    schema = json.loads(encode_reply(1, messages.build_message_schema()))["result"]
     assert set(schema["methods"]) == set(METHODS)
     text = json.dumps(schema)
     references = {part.split('"')[0] for part in text.split('"#/$defs/')[1:]}
@@ -393,7 +395,7 @@ def test_the_schema_covers_every_method_and_refers_to_what_is_there() -> None:
 
 
 def test_the_fields_of_an_error_are_those_of_a_result() -> None:
-    assert error_fields(PdcdError("m", hint="h")) == {
+    assert to_error_fields(PdcdError("m", hint="h")) == {
         "kind": "internal",
         "message": "m",
         "device": None,

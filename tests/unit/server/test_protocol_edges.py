@@ -12,13 +12,13 @@ from pdcd.protocol.messages import MAX_FDS, MAX_LINE
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.protocol import (
     Connection,
-    Fault,
-    Request,
+    RpcFault,
+    RpcRequest,
     encode_error,
     encode_line,
     encode_notification,
     encode_reply,
-    parse,
+    parse_line,
 )
 
 
@@ -27,9 +27,9 @@ def line(method: str = "ping", params: Any = None, **more: Any) -> bytes:
     return json.dumps(told if params is None else {**told, "params": params}).encode()
 
 
-def fault(data: bytes) -> tuple[Fault, dict[str, Any]]:
-    item = parse(data)
-    assert isinstance(item, Fault) and item.line is not None
+def fault(data: bytes) -> tuple[RpcFault, dict[str, Any]]:
+    item = parse_line(data)
+    assert isinstance(item, RpcFault) and item.line is not None
     answer: dict[str, Any] = json.loads(item.line)
     assert answer["jsonrpc"] == "2.0" and item.line.endswith(b"\n")
     return item, answer
@@ -37,8 +37,8 @@ def fault(data: bytes) -> tuple[Fault, dict[str, Any]]:
 
 @pytest.mark.parametrize("good", [0, -1, 2**53 - 1, 1 - 2**53, "", "x" * 128])
 def test_ids_that_every_client_can_hold_are_echoed(good: str | int) -> None:
-    item = parse(line(id=good))
-    assert isinstance(item, Request) and item.id == good
+    item = parse_line(line(id=good))
+    assert isinstance(item, RpcRequest) and item.id == good
     _, answer = fault(line("nonsense", id=good))
     assert answer["id"] == good
 
@@ -129,7 +129,7 @@ def test_a_line_that_is_just_too_long_ends_the_connection() -> None:
     connection = Connection(max_line=10)
     assert connection.receive(b" " * 9) == [] and not connection.closed
     (over,) = connection.receive(b" ")
-    assert isinstance(over, Fault) and over.close and over.line is not None
+    assert isinstance(over, RpcFault) and over.close and over.line is not None
     assert json.loads(over.line)["error"]["code"] == -32700 and connection.closed
     assert connection.receive(b"\n" + line() + b"\n") == []
     assert Connection(max_line=10).receive(b" " * 9 + b"\n") == []
@@ -138,9 +138,9 @@ def test_a_line_that_is_just_too_long_ends_the_connection() -> None:
 def test_blank_lines_and_what_follows_them_are_let_pass() -> None:
     connection = Connection()
     found = connection.receive(b"\n \t\r\n" + line(id=1) + b"\n\n" + line(id=2))
-    assert [item.id for item in found if isinstance(item, Request)] == [1]
+    assert [item.id for item in found if isinstance(item, RpcRequest)] == [1]
     (last,) = connection.receive(b"\n")
-    assert isinstance(last, Request) and last.id == 2 and not connection.closed
+    assert isinstance(last, RpcRequest) and last.id == 2 and not connection.closed
 
 
 class Kept(Descriptors):
@@ -172,7 +172,7 @@ def test_a_client_that_sends_too_many_descriptors_is_parted_from() -> None:
         )
     lost = Connection(descriptors=Kept(1))
     (told,) = lost.receive(line() + b"\n", lost=True)
-    assert isinstance(told, Fault) and told.close and lost.closed
+    assert isinstance(told, RpcFault) and told.close and lost.closed
     assert lost.receive(b"", lost=True) == []
 
 
@@ -188,15 +188,15 @@ def test_whose_descriptors_are_in_doubt_is_parted_from(data: bytes, ends: bool) 
     held = Kept(70, 71)
     connection = Connection(descriptors=held)
     (item,) = connection.receive(data + b"\n")
-    assert isinstance(item, Fault) and item.close is connection.closed is ends
+    assert isinstance(item, RpcFault) and item.close is connection.closed is ends
     taken = json.loads(data).get("fds", 0) if not ends else 2
     assert held.closed == [70, 71][:taken] and held.unclaimed == 2 - taken
 
 
 def test_a_plan_takes_what_it_names_and_leaves_the_rest() -> None:
     held = Kept(70, 71, 72)
-    item = parse(line("capture.plan", {"goal": "white"}, fds=2), held)
-    assert isinstance(item, Request) and item.fds == (70, 71)
+    item = parse_line(line("capture.plan", {"goal": "white"}, fds=2), held)
+    assert isinstance(item, RpcRequest) and item.fds == (70, 71)
     assert held.unclaimed == 1 and held.closed == []
     held.release((70, 71, 99))
     assert held.closed == [70, 71]  # and no other's

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pdcd.protocol import messages
 from pdcd.protocol.messages import METHODS
 from pdcd.server.descriptors import Descriptors
-from pdcd.server.protocol import Connection, Fault, Request
+from pdcd.server.protocol import Connection, RpcFault, RpcRequest
 from tests.unit.server.test_protocol import JSON
 
 COUNTED = st.fixed_dictionaries(
@@ -63,7 +63,7 @@ def test_no_descriptor_is_lost_or_closed_twice(
             fresh = ledger.give(count)
             descriptors.receive(fresh)
             for item in connection.receive(data, lost=cut_off and count == 6):
-                if isinstance(item, Fault):
+                if isinstance(item, RpcFault):
                     assert item.error.kind in ("request", "protocol", "busy")
                     continue
                 assert set(item.fds) <= ledger.open and not set(item.fds) & set(held)
@@ -93,17 +93,21 @@ def test_descriptors_go_to_the_requests_that_count_them() -> None:
         asked = [{**plan, "fds": n} for n in (2, 0, 3)]
         stream = b"".join(json.dumps(message).encode() + b"\n" for message in asked)
         found = connection.receive(stream)
-        assert [item.fds for item in found if isinstance(item, Request)] == [(0, 1), (), (2, 3, 4)]
+        assert [item.fds for item in found if isinstance(item, RpcRequest)] == [
+            (0, 1),
+            (),
+            (2, 3, 4),
+        ]
         # As many as may be held, and one more.
         descriptors.receive(ledger.give(12))
         many, late = (json.dumps({**plan, "fds": n}).encode() + b"\n" for n in (11, 1))
-        assert isinstance(connection.receive(many)[0], Request)
+        assert isinstance(connection.receive(many)[0], RpcRequest)
         (refused,) = connection.receive(late)
-        assert isinstance(refused, Fault) and refused.error.kind == "busy" and not refused.close
+        assert isinstance(refused, RpcFault) and refused.error.kind == "busy" and not refused.close
         descriptors.release((0, 1))
         await descriptors.settle(1.0)
         descriptors.receive(ledger.give(1))
-        assert isinstance(connection.receive(late)[0], Request)
+        assert isinstance(connection.receive(late)[0], RpcRequest)
         await descriptors.end()
         assert not ledger.open
 

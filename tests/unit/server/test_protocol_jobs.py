@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
-from pdcd.protocol.events import Learning, Progress
+from pdcd.protocol.events import PilotLearning, Progress
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, failed_result
+from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, make_failed_result
 
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
@@ -119,9 +119,9 @@ def test_history_is_bounded_and_forgets_the_oldest() -> None:
 def test_events_are_numbered_by_job_and_cannot_be_relabelled() -> None:
     table = JobTable()
     first, second = admit(table), admit(table)
-    assert [first.numbered(Learning(photos=8), 5).seq for _ in range(3)] == [0, 1, 2]
-    event = second.numbered(Learning(photos=8, job="other", seq=99, t_mono_ns=3), 7)
-    assert event == Learning(photos=8, job=second.name, seq=0, t_mono_ns=7)
+    assert [first.numbered(PilotLearning(photos=8), 5).seq for _ in range(3)] == [0, 1, 2]
+    event = second.numbered(PilotLearning(photos=8, job="other", seq=99, t_mono_ns=3), 7)
+    assert event == PilotLearning(photos=8, job=second.name, seq=0, t_mono_ns=7)
 
 
 def test_the_view_shows_the_owner_but_not_the_connection() -> None:
@@ -133,10 +133,10 @@ def test_the_view_shows_the_owner_but_not_the_connection() -> None:
 
 def test_an_engine_that_raises_gives_a_failed_result() -> None:
     job = admit(JobTable())
-    error = failed_result(job, ValueError("oops")).error
+    error = make_failed_result(job, ValueError("oops")).error
     assert error is not None and error["kind"] == "internal" and "oops" in str(error["message"])
-    assert failed_result(job, Cancelled("stop")).state == "cancelled"
-    lost = failed_result(job, DeviceLost("gone", device="camera")).error
+    assert make_failed_result(job, Cancelled("stop")).state == "cancelled"
+    lost = make_failed_result(job, DeviceLost("gone", device="camera")).error
     assert lost is not None and (lost["kind"], lost["device"]) == ("device_lost", "camera")
 
 

@@ -100,7 +100,7 @@ def test_two_threads_for_each_user_and_eight_for_all(disk: Disk) -> None:
         assert await asyncio.gather(*asked, other) == ["read"] * 9
 
     asyncio.run(scenario())
-    assert (module.EACH, module.ALL, module.LIMIT_S) == (2, 8, 10.0)
+    assert (module.EACH, module.ALL_READERS, module.LIMIT_S) == (2, 8, 10.0)
 
 
 def test_who_finds_no_thread_or_no_room_in_time_is_told_so(disk: Disk) -> None:

@@ -12,20 +12,20 @@ from typing import Any, cast
 import pytest
 
 from pdcd.errors import BusyError, Cancelled, DeviceLost, PdcdError, RequestError
-from pdcd.protocol.events import Armed, Attention, Event, Progress
-from pdcd.protocol.messages import Shown, ShowParams
+from pdcd.protocol.events import Attention, Event, Progress, ShotArmed
+from pdcd.protocol.messages import ShowParams, ShowReply
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.result import CaptureResult, new_job_id
-from pdcd.protocol.views import Preview
+from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.views import PreviewView
 from pdcd.server.jobs import Job, Owner
 from pdcd.server.runner import Runner
-from pdcd.server.worker import Worker
+from pdcd.server.worker import EngineThread
 from tests.processes import LONG_S
 
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
 BERT = Owner(uid=1001, pid=12, user="bert", connection=2)
-PHOTO = Preview(path="/x/preview.png", sha256="0" * 64, shape=(4, 6, 3))
+PHOTO = PreviewView(path="/x/preview.png", sha256="0" * 64, shape=(4, 6, 3))
 
 
 def progress(frame: int) -> Progress:
@@ -64,7 +64,7 @@ class Desk:
     """A runner with its engine; `told` is what was published, by type and job."""
 
     def __init__(self) -> None:
-        self.engine, self.worker = Engine(), Worker()
+        self.engine, self.worker = Engine(), EngineThread()
         self.told: list[tuple[str, str]] = []
         self.events: list[Event] = []
         self.runner = Runner(cast(Any, self.engine), self.worker, self._publish)
@@ -142,7 +142,7 @@ def test_the_engine_hears_for_whom_it_works_and_answers_reach_those_who_wait() -
         assert asked["request"] is WHITE and asked["job"] == job.name
         assert asked["owner"] == BERT.view() and asked["parent"] is None and asked["report"]
         with pytest.raises(RequestError, match="no job"):
-            await desk.runner.wait(new_job_id())
+            await desk.runner.wait(make_job_id())
 
     play(scene)
 
@@ -192,7 +192,7 @@ def test_what_could_not_be_sent_fails_the_job_and_nobody_else() -> None:
             job=job, state="done", summary={"codes": cast(Any, object())}
         )
         assert (await desk.runner.wait(desk.start().name)).state == "failed"
-        desk.engine.act = lambda emit, **_: emit(Armed(shot="coded", frames=cast(Any, "many")))
+        desk.engine.act = lambda emit, **_: emit(ShotArmed(shot="coded", frames=cast(Any, "many")))
         assert (await desk.runner.wait(desk.start().name)).state == "failed"
 
     play(scene)
@@ -225,7 +225,7 @@ def test_progress_that_is_held_back_comes_before_what_follows_it() -> None:
         def tell(*, job: str, emit: Callable[[Event], None], **_: Any) -> CaptureResult:
             for frame in (1, 2, 3):
                 emit(progress(frame))
-            emit(Armed(shot="b", frames=9))
+            emit(ShotArmed(shot="b", frames=9))
             emit(progress(4))
             return desk.engine.done(job=job)
 
@@ -294,7 +294,7 @@ def test_a_calibration_goes_on_when_told_and_not_by_what_was_said_before_it_aske
 def test_a_picture_is_answered_when_shown_and_goes_black_at_its_end() -> None:
     async def scene(desk: Desk) -> None:
         job = desk.start(request=ShowParams(pattern="code", index=3))
-        assert await desk.runner.answer(job.name) == Shown("code", 3, job.name)
+        assert await desk.runner.answer(job.name) == ShowReply("code", 3, job.name)
         assert desk.engine.shown == [("code", 3)] and job.state == "running"
         result = await desk.runner.cancel(job.name)
         assert desk.engine.shown == [("code", 3), ("black", 0)]
@@ -431,7 +431,7 @@ def test_an_idle_thread_beats_when_probed_and_a_stuck_one_does_not() -> None:
 
 
 def test_the_thread_is_closed_after_what_it_was_given() -> None:
-    worker, done = Worker(), SimpleNamespace(count=0)
+    worker, done = EngineThread(), SimpleNamespace(count=0)
 
     def work() -> None:
         threading.Event().wait(0.02)

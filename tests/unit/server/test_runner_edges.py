@@ -11,7 +11,7 @@ from typing import Any, cast
 import pytest
 
 from pdcd.errors import PdcdError
-from pdcd.protocol.events import Armed, Event, Progress
+from pdcd.protocol.events import Event, Progress, ShotArmed
 from pdcd.protocol.messages import ShowParams
 from pdcd.protocol.plan_summary import PlanSummary, ShotSummary
 from pdcd.protocol.request import CalibrateRequest
@@ -167,7 +167,7 @@ def test_no_timer_runs_on_after_what_it_was_for_has_been_told(
         def tell(*, job: str, emit: Callable[[Event], None], **_: Any) -> CaptureResult:
             emit(progress(1))
             emit(progress(2))
-            emit(Armed(shot="next", frames=9))
+            emit(ShotArmed(shot="next", frames=9))
             emitted.set()
             return CaptureResult(job=job, state="done")
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from pdcd.server.stream import Received, Stream
+from pdcd.server.stream import ReceivedData, Stream
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def test_bytes_come_with_their_descriptors() -> None:
         came = await stream.receive()
         assert (came.data, closed(came.fds), came.lost) == (b"all", 16, False)
         far.sendall(b"none")
-        assert await stream.receive() == Received(b"none", [], False)
+        assert await stream.receive() == ReceivedData(b"none", [], False)
 
     play(scene)
 
@@ -95,9 +95,11 @@ def test_who_waits_for_bytes_is_woken_by_them_by_the_end_and_by_a_cut() -> None:
         waits = asyncio.create_task(stream.receive())
         await asyncio.sleep(0.001)
         stream.cut()
-        assert stream.is_cut and await waits == Received(b"", [], False)
+        assert stream.is_cut and await waits == ReceivedData(b"", [], False)
         far.close()
-        assert await stream.receive() == Received(b"", [], False)  # without a look at the socket
+        assert await stream.receive() == ReceivedData(
+            b"", [], False
+        )  # without a look at the socket
         stream.cut()  # once more, though the client was first
 
     play(scene)
@@ -106,7 +108,7 @@ def test_who_waits_for_bytes_is_woken_by_them_by_the_end_and_by_a_cut() -> None:
 def test_the_end_of_the_stream_is_empty() -> None:
     async def scene(stream: Stream, far: socket.socket) -> None:
         far.shutdown(socket.SHUT_WR)
-        assert await stream.receive() == Received(b"", [], False)
+        assert await stream.receive() == ReceivedData(b"", [], False)
         assert not stream.is_cut
         await stream.send(b"still heard")
         assert far.recv(100) == b"still heard"

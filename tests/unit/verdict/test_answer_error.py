@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pdcd.verdict.answer import error_of, negative_light
+from pdcd.verdict.answer import judge_error_bars, judge_negative_light
 from pdcd.verdict.limits import Grade
 
 
@@ -27,7 +27,7 @@ def test_the_figure_is_kept_in_nineteen_of_twenty_photos(cells: int, single: flo
     least = 0.09 / 1.09  # over the rest of the picture it is the limit, 0.3 squared
     for error, found in ((1.05 * least, True), (0.95 * least, False)):
         sigma = np.full(image.shape, math.sqrt(error / wide))
-        texts = [f.text for f in error_of(image, sigma, 0.0 * image, cells)]
+        texts = [f.text for f in judge_error_bars(image, sigma, 0.0 * image, cells)]
         assert bool(texts) == found
         share = f"{100.0 * of_the_rest(error):.3g} %"
         assert all(f"off by {share} (RMS, limit 30 %)" in text for text in texts)
@@ -37,7 +37,7 @@ def test_one_strong_pixel_is_known_no_better_than_one_number() -> None:
     image, sigma = np.ones((300, 1)), np.zeros((300, 1))
     sigma[7] = math.sqrt(300.0 * 0.04)
     wide = 0.04 * (1.0 + 1.645 * math.sqrt(2.0 * 4.0 / 3.0))
-    (found,) = error_of(image, sigma, 0.0 * image, 100)
+    (found,) = judge_error_bars(image, sigma, 0.0 * image, 100)
     assert found.grade == Grade.DOUBTFUL
     assert f"off by {100.0 * of_the_rest(wide):.3g} % (RMS, limit 30 %)" in found.text
 
@@ -46,26 +46,26 @@ def test_only_sigma_as_it_stands_makes_a_photo_bad() -> None:
     image = np.ones((3000, 1))
     for error, grade in ((0.49, Grade.DOUBTFUL), (0.51, Grade.BAD)):
         sigma = np.full(image.shape, math.sqrt(error))
-        (found,) = error_of(image, sigma, 0.0 * image, 3000)
+        (found,) = judge_error_bars(image, sigma, 0.0 * image, 3000)
         assert found.grade == grade
 
 
 def test_where_nothing_is_known_or_nothing_errs_there_is_no_finding() -> None:
     image = np.ones((9, 3))
-    assert list(error_of(image, 0.0 * image, 0.0 * image, 9)) == []
-    assert list(error_of(np.nan * image, image, 0.0 * image, 9)) == []
-    assert list(error_of(image, np.inf * image, 0.0 * image, 9)) == []
-    assert list(negative_light(np.nan * image, image)) == []
-    assert list(negative_light(-image, np.inf * image)) == []
+    assert list(judge_error_bars(image, 0.0 * image, 0.0 * image, 9)) == []
+    assert list(judge_error_bars(np.nan * image, image, 0.0 * image, 9)) == []
+    assert list(judge_error_bars(image, np.inf * image, 0.0 * image, 9)) == []
+    assert list(judge_negative_light(np.nan * image, image)) == []
+    assert list(judge_negative_light(-image, np.inf * image)) == []
 
 
 def test_only_known_values_count() -> None:
     image, sigma, sensor = (np.full((40, 1), x) for x in (1.0, 0.01, 0.0))
     image[0], sigma[1], sensor[1] = np.nan, np.inf, np.inf
     sensor[0] = 99.0
-    assert list(error_of(image, sigma, sensor, 40)) == []
+    assert list(judge_error_bars(image, sigma, sensor, 40)) == []
     image[1], image[2] = -99.0, -1.0
-    (found,) = negative_light(image, np.where(np.isfinite(image), sensor, 0.0))
+    (found,) = judge_negative_light(image, np.where(np.isfinite(image), sensor, 0.0))
     below = 2.0 / 38.0
     assert f"off by {100.0 * of_the_rest(below):.3g} %" in found.text
 
@@ -82,16 +82,16 @@ def test_light_below_zero_is_half_of_the_error_without_the_noise(
 ) -> None:
     """A quarter of the power is below zero: half of it is error, less the sensor's."""
     image = np.array([[1.0], [1.0], [1.0], [-1.0]])
-    (found,) = negative_light(image, np.full((4, 1), math.sqrt(noise)))
+    (found,) = judge_negative_light(image, np.full((4, 1), math.sqrt(noise)))
     assert found.grade == grade and text in found.text
 
 
 def test_noise_explains_as_much_light_below_zero_as_it_has() -> None:
     image = np.array([[1.0], [1.0], [1.0], [-1.0]])
-    assert list(negative_light(image, np.full((4, 1), math.sqrt(0.5)))) == []
-    assert list(negative_light(image, np.ones((4, 1)))) == []
+    assert list(judge_negative_light(image, np.full((4, 1), math.sqrt(0.5)))) == []
+    assert list(judge_negative_light(image, np.ones((4, 1)))) == []
 
 
 def test_a_picture_below_zero_is_all_error() -> None:
-    (found,) = negative_light(np.full((4, 1), -1.0), np.zeros((4, 1)))
+    (found,) = judge_negative_light(np.full((4, 1), -1.0), np.zeros((4, 1)))
     assert found.grade == Grade.BAD and "off by as much as all that it shows" in found.text

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.probing.convolved import SameRow
+from pdcd.probing.convolved import SameRowPart
 from pdcd.probing.realised import Factors
-from pdcd.probing.wanted import Match, Near, Part, Uniform, Wanted
-from pdcd.verdict.matrices import blocked_weight
+from pdcd.probing.wanted import MatchPart, MatrixPart, NearPart, UniformPart, WantedMatrix
+from pdcd.verdict.matrices import compute_blocked_weight
 
 GRID, N = (3, 4), 12
 
@@ -30,7 +30,7 @@ def test_of_matched_cells() -> None:
     first, second = (rng.permutation(N) for _ in range(2))
     first[:3] = -1  # cells without a match block nothing
     first[5] = 5
-    parts = ((1.0, Uniform(N)), (-1.0, Match(first)), (-1.0, Match(second)))
+    parts = ((1.0, UniformPart(N)), (-1.0, MatchPart(first)), (-1.0, MatchPart(second)))
     realised = some(1)
     entries = [
         dense(realised)[n, m]
@@ -38,7 +38,7 @@ def test_of_matched_cells() -> None:
         for n, m in enumerate(partner)
         if m >= 0
     ]
-    found = blocked_weight(realised, Wanted(GRID, parts), 0.25)
+    found = compute_blocked_weight(realised, WantedMatrix(GRID, parts), 0.25)
     assert found == pytest.approx(np.mean(entries) / 0.25, rel=1e-12)
 
 
@@ -46,15 +46,15 @@ def test_of_rows() -> None:
     realised = some(2)
     row = np.arange(N) // GRID[1]
     same = row[:, None] == row
-    wanted = Wanted(GRID, ((1.0, Uniform(N)), (-1.0, SameRow(GRID))))
-    found = blocked_weight(realised, wanted, 2.0)
+    wanted = WantedMatrix(GRID, ((1.0, UniformPart(N)), (-1.0, SameRowPart(GRID))))
+    found = compute_blocked_weight(realised, wanted, 2.0)
     assert found == pytest.approx(dense(realised)[same].mean() / 2.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(
-    "parts", [((1.0, SameRow(GRID)),), ((1.0, Uniform(N)), (-1.0, Near(GRID, 1)))]
+    "parts", [((1.0, SameRowPart(GRID)),), ((1.0, UniformPart(N)), (-1.0, NearPart(GRID, 1)))]
 )
 def test_photos_that_block_neither_have_nothing_left(
-    parts: tuple[tuple[float, Part], ...],
+    parts: tuple[tuple[float, MatrixPart], ...],
 ) -> None:
-    assert blocked_weight(some(4), Wanted(GRID, parts), 1.0) == 0.0
+    assert compute_blocked_weight(some(4), WantedMatrix(GRID, parts), 1.0) == 0.0

@@ -8,10 +8,10 @@ from msgspec import structs
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
-from pdcd.pictures.misplaced import Lost
+from pdcd.pictures.misplaced import LostDirectLight
 from pdcd.runs.record import PanelLook, Six
 from pdcd.verdict.limits import Grade
-from pdcd.verdict.misplaced import camera_elsewhere, mask_elsewhere, unseen
+from pdcd.verdict.misplaced import judge_camera_place, judge_mask_place, judge_unseen_panels
 
 SIZE = (1024, 768)
 
@@ -27,7 +27,7 @@ def look(mask: Six | None = None, camera: Six | None = None, *, seen: bool = Tru
 def test_a_mask_counts_by_what_it_does_to_the_answer(share: float, grade: Grade | None) -> None:
     moved = look((1.0, 0.0, 24.0, 0.0, 1.0, -3.0))
     mask = PanelConfig(size_px=(1600, 1200), place=Placing(offset_px=(1.0, 1.0)))
-    found = list(mask_elsewhere(moved, mask, SIZE, Lost(0.1, 0.2), share, 100.0))
+    found = list(judge_mask_place(moved, mask, SIZE, LostDirectLight(0.1, 0.2), share, 100.0))
     assert [one.grade for one in found] == ([] if grade is None else [grade])
     for one in found:
         assert "24.0 px right and 3.0 px up" in one.text
@@ -37,10 +37,10 @@ def test_a_mask_counts_by_what_it_does_to_the_answer(share: float, grade: Grade 
 def test_a_mirrored_mask_and_one_a_cell_off_are_bad_whatever_the_answer_is() -> None:
     mask = PanelConfig(size_px=(1600, 1200))
     mirrored = look((-1.0, 0.0, 1024.0, 0.0, 1.0, 0.0))
-    (one,) = mask_elsewhere(mirrored, mask, SIZE, Lost(1.0, 1.0), 0.0, 16.0)
+    (one,) = judge_mask_place(mirrored, mask, SIZE, LostDirectLight(1.0, 1.0), 0.0, 16.0)
     assert one.grade == Grade.BAD and 'set flip = "horizontal"' in one.text
     far = look((1.0, 0.0, 40.0, 0.0, 1.0, 0.0))
-    (one,) = mask_elsewhere(far, mask, SIZE, Lost(1.0, 1.0), 0.0, 16.0)
+    (one,) = judge_mask_place(far, mask, SIZE, LostDirectLight(1.0, 1.0), 0.0, 16.0)
     assert one.grade == Grade.BAD
 
 
@@ -51,27 +51,27 @@ def test_a_mask_a_quarter_of_a_cell_off_is_doubtful_whatever_the_answer_is(
     """Direct light loses little to wrong cells, but quads were open at other times."""
     moved = look((1.0, 0.0, right, 0.0, 1.0, 0.0))
     mask = PanelConfig(size_px=(1600, 1200))
-    found = list(mask_elsewhere(moved, mask, SIZE, Lost(0.01, 0.02), 0.01, 16.0))
+    found = list(judge_mask_place(moved, mask, SIZE, LostDirectLight(0.01, 0.02), 0.01, 16.0))
     assert [one.grade for one in found] == grades
 
 
 def test_blocks_that_are_not_seen_and_a_camera_that_looks_elsewhere_are_doubtful() -> None:
     for one, word in ((look(), "projector"), (look(seen=False), "polarisers")):
-        (finding,) = unseen(one, measured=True)
+        (finding,) = judge_unseen_panels(one, measured=True)
         assert finding.grade == Grade.DOUBTFUL and word in finding.text
-    assert list(unseen(look((1.0, 0.0, 0.0, 0.0, 1.0, 0.0)), measured=False)) == []
+    assert list(judge_unseen_panels(look((1.0, 0.0, 0.0, 0.0, 1.0, 0.0)), measured=False)) == []
     for right, grades in ((7.9, []), (8.1, [Grade.DOUBTFUL])):
         aside = look(camera=(1.0, 0.0, right, 0.0, 1.0, 0.0))
-        assert [f.grade for f in camera_elsewhere(aside, Placing(), SIZE, 16.0)] == grades
+        assert [f.grade for f in judge_camera_place(aside, Placing(), SIZE, 16.0)] == grades
 
 
 def test_where_nobody_could_look_the_word_of_a_calibration_is_taken() -> None:
     nobody = structs.replace(look(seen=False), why="the display takes none")
-    (finding,) = unseen(nobody, measured=False)
+    (finding,) = judge_unseen_panels(nobody, measured=False)
     assert finding.grade == Grade.DOUBTFUL
     assert "nobody looked" in finding.text and "the display takes none" in finding.text
-    assert list(unseen(nobody, measured=True)) == []
-    (remark,) = unseen(structs.replace(nobody, why=TOO_FEW), measured=False)
+    assert list(judge_unseen_panels(nobody, measured=True)) == []
+    (remark,) = judge_unseen_panels(structs.replace(nobody, why=TOO_FEW), measured=False)
     assert remark.grade == Grade.REMARK and "16 blocks" in remark.text
 
 

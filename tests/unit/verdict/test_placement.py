@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.panels.placing import Placing, placed
+from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
-from pdcd.verdict.evidence import PER_CELL, Thinned
+from pdcd.verdict.evidence import PIXELS_PER_CELL, PixelSample
 from pdcd.verdict.placement import (
-    Sample,
-    direct_shares,
-    fingerprints,
-    stack_fingerprints,
-    symmetries,
+    LightSample,
+    estimate_direct_shares,
+    fit_fingerprints,
+    fit_stack_fingerprints,
+    list_panel_symmetries,
 )
 
 GRID = (12, 12)
@@ -42,18 +42,18 @@ def seen(realised: Factors, way: NDArray[np.int64], direct: float, other: float)
     return light
 
 
-@pytest.mark.parametrize("name", list(symmetries(GRID)))
+@pytest.mark.parametrize("name", list(list_panel_symmetries(GRID)))
 @pytest.mark.parametrize("reference", [None, np.ones(CELLS)])
 def test_every_symmetry_is_named(name: str, reference: Floats | None) -> None:
     realised = codes(16)
-    light = seen(realised, symmetries(GRID)[name], 0.7, 0.3)
-    fits = list(fingerprints(Sample(light, realised, reference), GRID))
+    light = seen(realised, list_panel_symmetries(GRID)[name], 0.7, 0.3)
+    fits = list(fit_fingerprints(LightSample(light, realised, reference), GRID))
     best = max(fits, key=lambda fit: abs(fit.over_chance))
     assert best.name == name and best.share > 0.5 and best.over_chance > 6.0
 
 
 def test_a_grid_that_is_not_square_has_no_quarter_turns() -> None:
-    assert set(symmetries((3, 4))) == {
+    assert set(list_panel_symmetries((3, 4))) == {
         "mirrored left to right", "mirrored top to bottom", "turned by 180 degrees",
     }  # fmt: skip
 
@@ -61,10 +61,10 @@ def test_a_grid_that_is_not_square_has_no_quarter_turns() -> None:
 def test_single_codes_tell_from_photo_to_photo() -> None:
     parts = [codes(1, seed) for seed in range(20)]
     opened = [Factors(np.ones((1, CELLS)), p.right, p.right[0], np.ones(CELLS)) for p in parts]
-    mirrored = symmetries(GRID)["mirrored left to right"]
+    mirrored = list_panel_symmetries(GRID)["mirrored left to right"]
     for way, best in ((np.arange(CELLS), "as believed"), (mirrored, "mirrored left to right")):
-        samples = [Sample(seen(one, way, 0.7, 0.3), one) for one in opened]
-        fits = list(stack_fingerprints(samples, GRID))
+        samples = [LightSample(seen(one, way, 0.7, 0.3), one) for one in opened]
+        fits = list(fit_stack_fingerprints(samples, GRID))
         top = max(fits, key=lambda fit: fit.over_chance)
         assert top.name == best and top.share > 0.5 and top.over_chance > 6.0
         assert all(abs(fit.share) < 0.3 for fit in fits if fit.name != best)
@@ -73,39 +73,39 @@ def test_single_codes_tell_from_photo_to_photo() -> None:
 def test_share_of_direct_light() -> None:
     cells = np.arange(CELLS)
     coded, lit = codes(256), white()
-    whole = Sample(0.7 + 0.3 * np.ones(CELLS), lit)
-    sound = direct_shares([whole, Sample(seen(coded, cells, 0.0, 0.3), coded)], GRID)
+    whole = LightSample(0.7 + 0.3 * np.ones(CELLS), lit)
+    sound = estimate_direct_shares([whole, LightSample(seen(coded, cells, 0.0, 0.3), coded)], GRID)
     assert np.median(sound) == pytest.approx(0.7, abs=0.05)
     elsewhere = seen(coded, np.roll(cells, 1), 0.7, 0.3)
-    lost = direct_shares([whole, Sample(elsewhere, coded)], GRID)
+    lost = estimate_direct_shares([whole, LightSample(elsewhere, coded)], GRID)
     assert abs(float(np.median(lost))) < 0.05
 
 
 @pytest.mark.parametrize("light", [0.0, -1.0, np.nan])
 def test_light_that_tells_nothing(light: float) -> None:
     nothing = np.full(CELLS, light)
-    one = Sample(nothing, codes(8))
-    assert direct_shares([one, Sample(nothing, white())], GRID).size == 0
-    assert direct_shares([one, one], GRID).size == 0
-    assert direct_shares([one], GRID).size == 0
-    assert list(fingerprints(one, GRID)) == []
-    assert list(stack_fingerprints([one, one], GRID)) == []
-    assert list(stack_fingerprints([], GRID)) == []
+    one = LightSample(nothing, codes(8))
+    assert estimate_direct_shares([one, LightSample(nothing, white())], GRID).size == 0
+    assert estimate_direct_shares([one, one], GRID).size == 0
+    assert estimate_direct_shares([one], GRID).size == 0
+    assert list(fit_fingerprints(one, GRID)) == []
+    assert list(fit_stack_fingerprints([one, one], GRID)) == []
+    assert list(fit_stack_fingerprints([], GRID)) == []
 
 
 def test_few_cells_say_nothing() -> None:
     one = np.ones((1, 1))
     alone = Factors(one, one, np.ones(1), np.ones(1))
-    sample = Sample(np.ones(1), alone)
-    assert list(fingerprints(sample, (1, 1))) == []
-    assert direct_shares([sample, sample], (1, 1)).size == 0
-    assert list(stack_fingerprints([sample, sample], (1, 1))) == []
+    sample = LightSample(np.ones(1), alone)
+    assert list(fit_fingerprints(sample, (1, 1))) == []
+    assert estimate_direct_shares([sample, sample], (1, 1)).size == 0
+    assert list(fit_stack_fingerprints([sample, sample], (1, 1))) == []
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0, 3.0])
 def test_cells_are_looked_at_however_small_the_field_is_in_the_frame(scale: float) -> None:
     width, height = 1068, 712
-    place = placed(Placing(scale=scale), (width, height), (1024, 768), "camera")
-    thin = Thinned.of(CellMap(grid=(48, 64), frame=(height, width), map=place))
+    place = make_placed_map(Placing(scale=scale), (width, height), (1024, 768), "camera")
+    thin = PixelSample.of(CellMap(grid=(48, 64), frame=(height, width), map=place))
     count = np.bincount(thin.cell[thin.cell >= 0], minlength=thin.cells)
-    assert count.min() >= 1 and count.mean() >= PER_CELL
+    assert count.min() >= 1 and count.mean() >= PIXELS_PER_CELL

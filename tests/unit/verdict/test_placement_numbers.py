@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from pdcd.probing.realised import Factors
 from pdcd.verdict import placement
 from pdcd.verdict.placement import (
-    Sample,
-    direct_shares,
-    fingerprints,
-    stack_fingerprints,
-    symmetries,
+    LightSample,
+    estimate_direct_shares,
+    fit_fingerprints,
+    fit_stack_fingerprints,
+    list_panel_symmetries,
 )
 
 GRID = (12, 12)
@@ -28,27 +28,31 @@ def keeping(cells: int, direct: float, other: float) -> Factors:
     return Factors(one, one * total / cells, np.full(cells, direct), np.ones(cells))
 
 
-def two(cells: int, direct: float = 0.6, other: float = 0.4, kept: float = 0.0) -> list[Sample]:
+def two(
+    cells: int, direct: float = 0.6, other: float = 0.4, kept: float = 0.0
+) -> list[LightSample]:
     """All light, and a photo that keeps `kept` of direct and half of other light."""
     ones = np.ones(cells)
     return [
-        Sample((direct + other) * ones, keeping(cells, 1.0, 1.0)),
-        Sample((kept * direct + 0.5 * other) * ones, keeping(cells, kept, 0.5)),
+        LightSample((direct + other) * ones, keeping(cells, 1.0, 1.0)),
+        LightSample((kept * direct + 0.5 * other) * ones, keeping(cells, kept, 0.5)),
     ]
 
 
 def test_shares_of_direct_light_are_exact_where_the_light_is() -> None:
-    np.testing.assert_allclose(direct_shares(two(64), (8, 8)), np.full(64, 0.6))
-    np.testing.assert_allclose(direct_shares(two(64, 0.1, 0.9, 0.05), (8, 8)), np.full(64, 0.1))
-    assert direct_shares(two(63), (7, 9)).size == 0
+    np.testing.assert_allclose(estimate_direct_shares(two(64), (8, 8)), np.full(64, 0.6))
+    np.testing.assert_allclose(
+        estimate_direct_shares(two(64, 0.1, 0.9, 0.05), (8, 8)), np.full(64, 0.1)
+    )
+    assert estimate_direct_shares(two(63), (7, 9)).size == 0
 
 
 def test_cells_that_no_pixel_sees_are_left_out() -> None:
     samples = two(72)
     samples[1].light[:8] = np.nan
-    np.testing.assert_allclose(direct_shares(samples, (9, 8)), np.full(64, 0.6))
+    np.testing.assert_allclose(estimate_direct_shares(samples, (9, 8)), np.full(64, 0.6))
     samples[0].light[8] = np.nan
-    assert direct_shares(samples, (9, 8)).size == 0
+    assert estimate_direct_shares(samples, (9, 8)).size == 0
 
 
 @pytest.mark.parametrize(("kept", "told"), [(0.65 / 2.0, True), (2.0 / 3.0 / 2.0, False)])
@@ -56,10 +60,10 @@ def test_photos_must_keep_different_shares(kept: float, told: bool) -> None:
     """Two ways of keeping light whose angle has a sine of more than a fifth."""
     ones = np.ones(64)
     samples = [
-        Sample(ones, keeping(64, 1.0, 1.0)),
-        Sample((0.6 * 2.0 * kept + 0.4) * ones, keeping(64, 2.0 * kept, 1.0)),
+        LightSample(ones, keeping(64, 1.0, 1.0)),
+        LightSample((0.6 * 2.0 * kept + 0.4) * ones, keeping(64, 2.0 * kept, 1.0)),
     ]
-    shares = direct_shares(samples, (8, 8))
+    shares = estimate_direct_shares(samples, (8, 8))
     assert shares.size == (64 if told else 0)
     np.testing.assert_allclose(shares, 0.6)
 
@@ -70,8 +74,8 @@ def test_dark_cells_tell_nothing() -> None:
     for level, columns in ((0.05, 10), (0.11, 16)):
         samples = two(cells)
         dim = np.where(np.arange(cells) % 16 < 8, level, 1.0)
-        dimmed = [Sample(s.light * dim, s.realised) for s in samples]
-        shares = direct_shares(dimmed, grid)
+        dimmed = [LightSample(s.light * dim, s.realised) for s in samples]
+        shares = estimate_direct_shares(dimmed, grid)
         assert shares.size == columns * 16
         np.testing.assert_allclose(shares, 0.6)
 
@@ -88,12 +92,12 @@ def by_codes(realised: Factors, way: NDArray[np.int64]) -> Floats:
     return light
 
 
-@pytest.mark.parametrize("name", list(symmetries(GRID)))
+@pytest.mark.parametrize("name", list(list_panel_symmetries(GRID)))
 def test_light_that_all_follows_a_fingerprint_fits_it_wholly(name: str) -> None:
     """Then it exceeds chance by the root of the number of cells."""
     realised = codes(256)
-    light = by_codes(realised, symmetries(GRID)[name])
-    fits = list(fingerprints(Sample(light, realised, np.ones(CELLS)), GRID))
+    light = by_codes(realised, list_panel_symmetries(GRID)[name])
+    fits = list(fit_fingerprints(LightSample(light, realised, np.ones(CELLS)), GRID))
     assert len(fits) == 2 * 7
     best = max(fits, key=lambda fit: fit.over_chance)
     assert best.name == name and best.over_chance == pytest.approx(12.0, rel=0.02)
@@ -101,7 +105,8 @@ def test_light_that_all_follows_a_fingerprint_fits_it_wholly(name: str) -> None:
     assert best.share == pytest.approx(rows.mean() / (CELLS - 1) / light.mean(), rel=0.02)
     inverse = 2.0 * light.mean() - light
     worst = min(
-        fingerprints(Sample(inverse, realised, np.ones(CELLS)), GRID), key=lambda f: f.over_chance
+        fit_fingerprints(LightSample(inverse, realised, np.ones(CELLS)), GRID),
+        key=lambda f: f.over_chance,
     )
     assert worst.share == pytest.approx(-best.share) and worst.name == name
 
@@ -110,27 +115,27 @@ def test_of_very_many_codes_cells_around_the_centre_are_looked_at(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     realised = codes(256)
-    light = by_codes(realised, symmetries(GRID)["turned by 180 degrees"])
-    sample = Sample(light, realised, np.ones(CELLS))
+    light = by_codes(realised, list_panel_symmetries(GRID)["turned by 180 degrees"])
+    sample = LightSample(light, realised, np.ones(CELLS))
     for side, over in ((9, 9.0), (8, 8.0)):
         monkeypatch.setattr(placement, "PRODUCTS", 256 * side**2 + 1)
-        best = max(fingerprints(sample, GRID), key=lambda fit: fit.over_chance)
+        best = max(fit_fingerprints(sample, GRID), key=lambda fit: fit.over_chance)
         assert best.name == "turned by 180 degrees"
         assert best.over_chance == pytest.approx(over, rel=0.07)
     monkeypatch.setattr(placement, "PRODUCTS", 256 * 7**2 + 1)
-    assert list(fingerprints(sample, GRID)) == []
+    assert list(fit_fingerprints(sample, GRID)) == []
 
 
 def test_cells_that_are_dark_in_the_reference_tell_nothing() -> None:
     realised = codes(256)
-    light = by_codes(realised, symmetries(GRID)["mirrored left to right"])
+    light = by_codes(realised, list_panel_symmetries(GRID)["mirrored left to right"])
     reference = np.ones(CELLS)
     reference[:44] = 0.0
     light[:44] = 1e6
-    sample = Sample(light, realised, reference)
-    assert all(abs(fit.over_chance) <= 10.01 for fit in fingerprints(sample, GRID))
+    sample = LightSample(light, realised, reference)
+    assert all(abs(fit.over_chance) <= 10.01 for fit in fit_fingerprints(sample, GRID))
     reference[:81] = np.nan
-    assert list(fingerprints(sample, GRID)) == []
+    assert list(fit_fingerprints(sample, GRID)) == []
 
 
 def opened(count: int) -> list[Factors]:
@@ -140,12 +145,12 @@ def opened(count: int) -> list[Factors]:
     return [Factors(one, code, code[0], np.ones(CELLS)) for code in lit]
 
 
-@pytest.mark.parametrize("name", ["as believed", *symmetries(GRID)])
+@pytest.mark.parametrize("name", ["as believed", *list_panel_symmetries(GRID)])
 def test_a_stack_of_codes_fits_its_own_place_wholly(name: str) -> None:
-    way = {"as believed": np.arange(CELLS), **symmetries(GRID)}[name]
-    samples = [Sample(one.right[0, way], one) for one in opened(40)]
-    fits = list(stack_fingerprints(samples, GRID))
-    assert [fit.name for fit in fits] == ["as believed", *symmetries(GRID)]
+    way = {"as believed": np.arange(CELLS), **list_panel_symmetries(GRID)}[name]
+    samples = [LightSample(one.right[0, way], one) for one in opened(40)]
+    fits = list(fit_stack_fingerprints(samples, GRID))
+    assert [fit.name for fit in fits] == ["as believed", *list_panel_symmetries(GRID)]
     (fit,) = (fit for fit in fits if fit.name == name)
     assert fit.share == pytest.approx(1.0, abs=0.03)
     assert fit.over_chance == pytest.approx(np.sqrt(40 * CELLS), rel=0.02)
@@ -153,12 +158,12 @@ def test_a_stack_of_codes_fits_its_own_place_wholly(name: str) -> None:
 
 def test_a_stack_leaves_out_cells_that_are_dark_or_unseen() -> None:
     codes_of = opened(40)
-    samples = [Sample(one.right[0].copy(), one) for one in codes_of]
+    samples = [LightSample(one.right[0].copy(), one) for one in codes_of]
     for sample in samples:
         sample.light[:40] = np.nan
         sample.light[40:80] *= 0.05
-    (own, *_) = stack_fingerprints(samples, GRID)
+    (own, *_) = fit_stack_fingerprints(samples, GRID)
     assert own.over_chance == pytest.approx(np.sqrt(40 * 64), rel=1e-6)
     samples[3].light[80] = np.nan
-    assert list(stack_fingerprints(samples, GRID)) == []
-    assert list(stack_fingerprints(samples[:1], GRID)) == []
+    assert list(fit_stack_fingerprints(samples, GRID)) == []
+    assert list(fit_stack_fingerprints(samples[:1], GRID)) == []

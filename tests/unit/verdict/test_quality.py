@@ -10,9 +10,9 @@ import pytest
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
 from pdcd.verdict import answer, quality
-from pdcd.verdict.answer import error_of, negative_light
-from pdcd.verdict.limits import Finding, Grade, verdict
-from pdcd.verdict.placement import Fit
+from pdcd.verdict.answer import judge_error_bars, judge_negative_light
+from pdcd.verdict.limits import Grade, VerdictFinding, combine_findings
+from pdcd.verdict.placement import PlacementFit
 
 RNG = np.random.default_rng(0)
 BAD, DOUBTFUL = Grade.BAD, Grade.DOUBTFUL
@@ -34,25 +34,25 @@ def shot(**changed: object) -> ShotRecord:
 
 def test_the_worst_finding_decides_and_comes_first() -> None:
     found = [
-        Finding(Grade.REMARK, "r"),
-        Finding(DOUBTFUL, "d"),
-        Finding(BAD, "b"),
+        VerdictFinding(Grade.REMARK, "r"),
+        VerdictFinding(DOUBTFUL, "d"),
+        VerdictFinding(BAD, "b"),
     ]
-    made = verdict(found)
+    made = combine_findings(found)
     assert (made.verdict, made.reasons, made.remarks) == ("bad", ("b", "d"), ("r",))
-    assert verdict(found[:2]).verdict == "doubtful"
-    alone = verdict(found[:1])
+    assert combine_findings(found[:2]).verdict == "doubtful"
+    alone = combine_findings(found[:1])
     assert (alone.verdict, alone.reasons, alone.remarks) == ("good", (), ("r",))
-    assert verdict([]).verdict == "good"
+    assert combine_findings([]).verdict == "good"
 
 
 def test_every_pixel_saturated_is_bad() -> None:
-    assert grades(quality.saturation({"white": 0.0, "coded": 0.001})) == []
-    assert grades(quality.saturation({"white": 0.0, "coded": 0.01})) == [DOUBTFUL]
-    (worst,) = quality.saturation({"white": 1.0, "coded": 0.01})
+    assert grades(quality.judge_saturation({"white": 0.0, "coded": 0.001})) == []
+    assert grades(quality.judge_saturation({"white": 0.0, "coded": 0.01})) == [DOUBTFUL]
+    (worst,) = quality.judge_saturation({"white": 1.0, "coded": 0.01})
     assert worst.grade == BAD and "shot white: 100 % of the field" in worst.text
     none = np.full((100, 3), np.inf)
-    assert grades(answer.answer_of(np.ones((100, 3)), none, none)) == [BAD]
+    assert grades(answer.judge_noise(np.ones((100, 3)), none, none)) == [BAD]
 
 
 @pytest.mark.parametrize(
@@ -62,21 +62,21 @@ def test_noise_against_light(level: float, grade: list[Grade]) -> None:
     """The noise of grey is 1 / sqrt(3): 58 % of a light of 1."""
     variance = np.ones((4000, 3))
     light = level + RNG.normal(size=variance.shape)
-    assert grades(quality.light_of("coded", light, variance)) == grade
+    assert grades(quality.judge_light("coded", light, variance)) == grade
 
 
 def test_no_pixel_that_sees_the_field_is_bad() -> None:
     none = np.zeros((0, 3))
-    assert grades(quality.light_of("coded", none, none)) == [BAD]
-    assert grades(answer.answer_of(none, none, none)) == [BAD]
+    assert grades(quality.judge_light("coded", none, none)) == [BAD]
+    assert grades(answer.judge_noise(none, none, none)) == [BAD]
 
 
 def test_an_answer_below_its_noise() -> None:
     image = np.ones((1000, 3))
-    assert grades(answer.answer_of(image, 0.1 * image, 0.1 * image)) == []
-    assert grades(answer.answer_of(image, 0.5 * image, 0.5 * image)) == [DOUBTFUL]
-    assert grades(answer.answer_of(image, 2.0 * image, 0.1 * image)) == [BAD]
-    assert BAD in grades(answer.answer_of(0.0 * image, image, image))
+    assert grades(answer.judge_noise(image, 0.1 * image, 0.1 * image)) == []
+    assert grades(answer.judge_noise(image, 0.5 * image, 0.5 * image)) == [DOUBTFUL]
+    assert grades(answer.judge_noise(image, 2.0 * image, 0.1 * image)) == [BAD]
+    assert BAD in grades(answer.judge_noise(0.0 * image, image, image))
 
 
 @pytest.mark.parametrize(
@@ -85,19 +85,19 @@ def test_an_answer_below_its_noise() -> None:
 def test_an_answer_below_its_error_bars(share: float, grade: list[Grade]) -> None:
     """0.8 of what the picture shows is 1.33 of what is left of it without the error."""
     image = np.ones((1000, 3))
-    found = list(error_of(image, share * image, 0.01 * image, 1000))
+    found = list(judge_error_bars(image, share * image, 0.01 * image, 1000))
     assert grades(found) == grade
     assert all(("all that it shows" in f.text) == (share > 1.0) for f in found)
     # What the sensor's noise explains was said of the sensor.
-    assert grades(error_of(image, share * image, share * image, 1000)) == []
+    assert grades(judge_error_bars(image, share * image, share * image, 1000)) == []
 
 
 def test_an_error_in_few_places_is_less_sure() -> None:
     image, sigma = np.ones((1000, 3)), np.zeros((1000, 3))
     sigma[:20] = 0.25 * np.sqrt(50.0)
-    assert grades(error_of(image, sigma, 0.0 * image, 1000)) == [DOUBTFUL]
+    assert grades(judge_error_bars(image, sigma, 0.0 * image, 1000)) == [DOUBTFUL]
     even = np.full((1000, 3), 0.25)
-    assert grades(error_of(image, even, 0.0 * image, 1000)) == []
+    assert grades(judge_error_bars(image, even, 0.0 * image, 1000)) == []
 
 
 @pytest.mark.parametrize(("error", "grade"), [(0.05, []), (0.3, [DOUBTFUL]), (20.0, [BAD])])
@@ -106,55 +106,68 @@ def test_light_below_zero_is_error(error: float, grade: list[Grade]) -> None:
     truth = np.where(np.arange(4000) % 3 == 0, 1.0, 0.0)[:, None] * np.ones(3)
     noise = 0.3 * np.ones(truth.shape)
     image = truth + error * RNG.normal(size=truth.shape)
-    assert grades(negative_light(image, 0.0 * noise)) == grade
+    assert grades(judge_negative_light(image, 0.0 * noise)) == grade
     image = truth + noise * RNG.normal(size=truth.shape)
-    assert grades(negative_light(image, noise)) == []
+    assert grades(judge_negative_light(image, noise)) == []
 
 
 def test_light_in_the_black_shot_beyond_the_leak() -> None:
-    assert grades(quality.stray_light("white-black-primal", 0.31, 1.0, 0.3)) == []
-    assert grades(quality.stray_light("white-black-primal", 0.6, 1.0, 0.3)) == [DOUBTFUL]
-    assert grades(quality.stray_light("white-black-primal", 2.0, 1.0, 0.3)) == [BAD]
+    assert grades(quality.judge_stray_light("white-black-primal", 0.31, 1.0, 0.3)) == []
+    assert grades(quality.judge_stray_light("white-black-primal", 0.6, 1.0, 0.3)) == [DOUBTFUL]
+    assert grades(quality.judge_stray_light("white-black-primal", 2.0, 1.0, 0.3)) == [BAD]
 
 
 def test_light_beside_the_field() -> None:
     lit, dark = np.ones(100), np.full(50, 0.01)
-    assert grades(quality.outside_field("white", lit, dark)) == []
-    assert grades(quality.outside_field("white", lit, lit)) == [DOUBTFUL]
-    assert grades(quality.outside_field("white", lit, np.zeros(0))) == []
+    assert grades(quality.judge_light_outside("white", lit, dark)) == []
+    assert grades(quality.judge_light_outside("white", lit, lit)) == [DOUBTFUL]
+    assert grades(quality.judge_light_outside("white", lit, np.zeros(0))) == []
 
 
 def test_misplaced_panels_are_named() -> None:
     good = np.full(1000, 0.9)
-    chance = Fit("mirrored left to right", 0.95, 3.0)
-    weak = Fit("mirrored left to right", 0.1, 30.0)
-    of_a_book = Fit("mirrored left to right", 0.35, 30.0)
-    assert grades(quality.placed(good, [of_a_book], [])) == []
-    assert grades(quality.placed(good[:0], [of_a_book], [])) == [BAD]
-    assert grades(quality.placed(0.3 * good, [of_a_book], [])) == [BAD]
-    more_than_all = Fit("mirrored left to right", 4.9, 8.0)
-    assert grades(quality.placed(good[:0], [more_than_all], [])) == []
-    assert grades(quality.placed(good, [chance, weak], [Fit("as believed", 0.9, 90.0)])) == []
+    chance = PlacementFit("mirrored left to right", 0.95, 3.0)
+    weak = PlacementFit("mirrored left to right", 0.1, 30.0)
+    of_a_book = PlacementFit("mirrored left to right", 0.35, 30.0)
+    assert grades(quality.judge_panel_places(good, [of_a_book], [])) == []
+    assert grades(quality.judge_panel_places(good[:0], [of_a_book], [])) == [BAD]
+    assert grades(quality.judge_panel_places(0.3 * good, [of_a_book], [])) == [BAD]
+    more_than_all = PlacementFit("mirrored left to right", 4.9, 8.0)
+    assert grades(quality.judge_panel_places(good[:0], [more_than_all], [])) == []
+    assert (
+        grades(
+            quality.judge_panel_places(
+                good, [chance, weak], [PlacementFit("as believed", 0.9, 90.0)]
+            )
+        )
+        == []
+    )
     elsewhere = 0.02 * good
-    (found,) = quality.placed(elsewhere, [Fit("turned by 180 degrees", -0.9, -40.0)], [])
+    (found,) = quality.judge_panel_places(
+        elsewhere, [PlacementFit("turned by 180 degrees", -0.9, -40.0)], []
+    )
     assert found.grade == BAD and "turned by 180 degrees and inverted: 90 %" in found.text
-    assert grades(quality.placed(good[:0], [of_a_book], [], upright=True)) == []
-    (found,) = quality.placed(good, [], [Fit("as believed", -0.9, -90.0)], upright=True)
+    assert grades(quality.judge_panel_places(good[:0], [of_a_book], [], upright=True)) == []
+    (found,) = quality.judge_panel_places(
+        good, [], [PlacementFit("as believed", -0.9, -90.0)], upright=True
+    )
     assert found.grade == BAD and "a panel is inverted" in found.text
-    (found,) = quality.placed(good, [], [Fit("as believed", -0.9, -90.0)])
+    (found,) = quality.judge_panel_places(good, [], [PlacementFit("as believed", -0.9, -90.0)])
     assert found.grade == BAD and "a panel is inverted" in found.text
-    assert grades(quality.placed(-good, [], [])) == [BAD]
-    assert grades(quality.placed(0.02 * good, [], [])) == [DOUBTFUL]
-    assert grades(quality.placed(np.zeros(0), [], [Fit("as believed", 0.01, 1.0)])) == [DOUBTFUL]
-    assert grades(quality.placed(np.zeros(0), [], [])) == []
+    assert grades(quality.judge_panel_places(-good, [], [])) == [BAD]
+    assert grades(quality.judge_panel_places(0.02 * good, [], [])) == [DOUBTFUL]
+    assert grades(
+        quality.judge_panel_places(np.zeros(0), [], [PlacementFit("as believed", 0.01, 1.0)])
+    ) == [DOUBTFUL]
+    assert grades(quality.judge_panel_places(np.zeros(0), [], [])) == []
 
 
 def test_refreshes_and_the_shutter() -> None:
-    assert grades(quality.refreshes([shot(), shot(missed=1)])) == []
-    assert grades(quality.refreshes([shot(level=None, missed=3)])) == [DOUBTFUL]
-    (found,) = quality.refreshes([shot(), shot(verified=False, source="timer")])
+    assert grades(quality.judge_refreshes([shot(), shot(missed=1)])) == []
+    assert grades(quality.judge_refreshes([shot(level=None, missed=3)])) == [DOUBTFUL]
+    (found,) = quality.judge_refreshes([shot(), shot(verified=False, source="timer")])
     assert found.grade == DOUBTFUL and "time source timer" in found.text
-    (found,) = quality.refreshes([shot(close_ns=10**9 - 10**8)])
+    (found,) = quality.judge_refreshes([shot(close_ns=10**9 - 10**8)])
     assert found.grade == BAD and "0.1 s before" in found.text
 
 
@@ -165,20 +178,20 @@ def test_a_probing_matrix_far_from_the_wanted_one() -> None:
         )
         return {"coded": one}
 
-    assert grades(quality.deviations(of(0.01, 0.5))) == []
-    assert grades(quality.deviations(of(-0.2, 0.5))) == [DOUBTFUL]
-    assert grades(quality.deviations(of(0.9, 5.0))) == [BAD, BAD]
+    assert grades(quality.judge_deviations(of(0.01, 0.5))) == []
+    assert grades(quality.judge_deviations(of(-0.2, 0.5))) == [DOUBTFUL]
+    assert grades(quality.judge_deviations(of(0.9, 5.0))) == [BAD, BAD]
 
 
 def test_weights_of_direct_light_from_cell_to_cell() -> None:
-    assert grades(quality.direct_weights({"matched": 0.0, "other": 0.29})) == []
-    assert grades(quality.direct_weights({"matched": 0.57, "other": 1.2})) == [DOUBTFUL, BAD]
+    assert grades(quality.judge_direct_weights({"matched": 0.0, "other": 0.29})) == []
+    assert grades(quality.judge_direct_weights({"matched": 0.57, "other": 1.2})) == [DOUBTFUL, BAD]
 
 
 def test_direct_light_in_a_picture_without_any() -> None:
     direct, answer = np.full((50, 3), 10.0), np.ones((50, 3))
     direct[0], answer[1] = np.nan, np.inf
-    left = partial(quality.direct_left, direct=direct, answer=answer)
+    left = partial(quality.judge_direct_light, direct=direct, answer=answer)
     assert grades(left(0.01, taken_out=False)) == []
     assert grades(left(0.02, taken_out=False)) == [DOUBTFUL]
     (found,) = left(0.06, taken_out=False)
@@ -186,7 +199,7 @@ def test_direct_light_in_a_picture_without_any() -> None:
     assert grades(left(0.04, taken_out=True)) == []
     (found,) = left(0.06, taken_out=True)
     assert found.grade == DOUBTFUL and "as strong as 60 % of the picture was taken" in found.text
-    assert grades(quality.direct_left(0.06, direct, 0.0 * direct, taken_out=False)) == []
+    assert grades(quality.judge_direct_light(0.06, direct, 0.0 * direct, taken_out=False)) == []
 
 
 @pytest.mark.parametrize(
@@ -194,7 +207,7 @@ def test_direct_light_in_a_picture_without_any() -> None:
 )
 def test_light_that_comes_whatever_is_shown_of_a_slice(share: float, told: bool) -> None:
     """A quarter of the light that patterns bring is a fifth of all."""
-    found = list(answer.common_light(share))
+    found = list(answer.judge_common_light(share))
     assert [f.grade for f in found] == [Grade.DOUBTFUL] * told
     if told:
         assert f"{100.0 * share:.3g} % of the light" in found[0].text
@@ -213,7 +226,7 @@ def test_light_that_comes_whatever_is_shown_of_a_slice(share: float, told: bool)
 )
 def test_codes_that_nothing_measured_are_told(codes: int, grade: list[Grade], advice: str) -> None:
     """One path in each point errs by 1 / sqrt(K) of the light; 16 codes once erred by 22.7 %."""
-    found = list(answer.codes_unknown(codes**-0.5, codes))
+    found = list(answer.judge_unmeasured_codes(codes**-0.5, codes))
     assert grades(found) == grade
     for one in found:
         assert one.text.startswith("codes are not in the error bar") and advice in one.text
@@ -222,10 +235,12 @@ def test_codes_that_nothing_measured_are_told(codes: int, grade: list[Grade], ad
 
 def test_times_of_an_exposure_that_disagree_are_doubtful() -> None:
     shots = [shot(), shot(name="late", close_ns=82 * 10**8, planned_s=2.2), shot(planned_s=2.0)]
-    ((grade, text),) = [(f.grade, f.text) for f in quality.exposure_times(shots, {"coded": 2.0})]
+    ((grade, text),) = [
+        (f.grade, f.text) for f in quality.judge_exposure_times(shots, {"coded": 2.0})
+    ]
     assert grade == DOUBTFUL and "8.2 s" in text and "2.2 s" in text and "shot late" in text
     ((grade, text),) = [
-        (f.grade, f.text) for f in quality.exposure_times([shot()], {"coded": 0.005})
+        (f.grade, f.text) for f in quality.judge_exposure_times([shot()], {"coded": 0.005})
     ]
     assert grade == DOUBTFUL and "0.005 s" in text
-    assert not list(quality.exposure_times([shot(planned_s=2.0)], {}))
+    assert not list(quality.judge_exposure_times([shot(planned_s=2.0)], {}))

@@ -12,17 +12,17 @@ import pytest
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
 from pdcd.verdict import answer, quality
-from pdcd.verdict.limits import Finding, Grade, Limits
-from pdcd.verdict.placement import Fit
+from pdcd.verdict.limits import Grade, VerdictFinding, VerdictLimits
+from pdcd.verdict.placement import PlacementFit
 
 BAD, DOUBTFUL = Grade.BAD, Grade.DOUBTFUL
 
 
-def told(findings: Iterable[Finding]) -> list[tuple[Grade, str]]:
+def told(findings: Iterable[VerdictFinding]) -> list[tuple[Grade, str]]:
     return [(f.grade, f.text) for f in findings]
 
 
-def grades(findings: Iterable[Finding]) -> list[Grade]:
+def grades(findings: Iterable[VerdictFinding]) -> list[Grade]:
     return [f.grade for f in findings]
 
 
@@ -38,7 +38,7 @@ def shot(name: str = "coded", **changed: object) -> ShotRecord:
 
 def test_the_limits_are_those_of_the_manual() -> None:
     """The table of docs/quality.md."""
-    assert dataclasses.asdict(Limits()) == {
+    assert dataclasses.asdict(VerdictLimits()) == {
         "saturated": (0.002, 0.05), "noise": (0.3, 1.0), "noisy_shot": (0.3, 1.0), "dark": 5.0,
         "error": (0.3, 1.0), "unmeasured": 0.1, "exact": 0.003, "below": (0.15, 1.0),
         "unsure": (0.5, 0.9),
@@ -55,28 +55,28 @@ def test_the_limits_are_those_of_the_manual() -> None:
     [(0.0019, []), (0.002, [DOUBTFUL]), (0.0499, [DOUBTFUL]), (0.05, [BAD]), (1.0, [BAD])],
 )
 def test_saturation_from_its_limits_on(share: float, grade: list[Grade]) -> None:
-    assert grades(quality.saturation({"a": 0.0, "b": share, "c": 0.0})) == grade
+    assert grades(quality.judge_saturation({"a": 0.0, "b": share, "c": 0.0})) == grade
 
 
 def test_saturation_names_the_worst_shot_its_share_and_the_limit() -> None:
-    ((_, text),) = told(quality.saturation({"a": 0.004, "b": 0.01, "c": 0.003}))
+    ((_, text),) = told(quality.judge_saturation({"a": 0.004, "b": 0.01, "c": 0.003}))
     assert text.startswith("shot b: 1 % of the field is saturated (limit 0.2 %)")
-    assert told(quality.saturation({})) == []
+    assert told(quality.judge_saturation({})) == []
 
 
 @pytest.mark.parametrize(("level", "lit"), [(0.5, False), (0.5001, True), (-9.0, False)])
 def test_light_must_exceed_five_times_the_error_of_its_mean(level: float, lit: bool) -> None:
     """A hundred pixels of three channels with a variance of 3: the error of grey's mean is 0.1."""
     light, variance = np.full((100, 3), level), np.full((100, 3), 3.0)
-    ((grade, text),) = told(quality.light_of("a", light, variance))
+    ((grade, text),) = told(quality.judge_light("a", light, variance))
     assert grade == BAD and ("under-exposed" in text) == lit
     assert lit or f"its mean is {level / 0.1:.2g} times its error (limit 5)" in text
 
 
 def test_without_any_error_no_light_is_none_all_the_same() -> None:
-    ((grade, text),) = told(quality.light_of("a", np.zeros((9, 3)), np.zeros((9, 3))))
+    ((grade, text),) = told(quality.judge_light("a", np.zeros((9, 3)), np.zeros((9, 3))))
     assert grade == BAD and "its mean is 0 times its error" in text
-    assert told(quality.light_of("a", np.ones((9, 3)), np.zeros((9, 3)))) == []
+    assert told(quality.judge_light("a", np.ones((9, 3)), np.zeros((9, 3)))) == []
 
 
 @pytest.mark.parametrize(
@@ -86,36 +86,36 @@ def test_without_any_error_no_light_is_none_all_the_same() -> None:
 def test_noise_of_a_shot_over_its_light(noise: float, grade: list[Grade], percent: str) -> None:
     """Even light of 2, whose grey has that variance."""
     light, variance = np.full((900, 3), 2.0), np.full((900, 3), 3.0 * noise)
-    found = told(quality.light_of("a", light, variance))
+    found = told(quality.judge_light("a", light, variance))
     assert [g for g, _ in found] == grade
     assert all(f"its noise is {percent} of its light (limit 30 %)" in text for _, text in found)
 
 
 def test_the_noise_limit_itself_is_doubtful() -> None:
-    limits = Limits(noisy_shot=(0.5, 2.0))
+    limits = VerdictLimits(noisy_shot=(0.5, 2.0))
     light = np.full((900, 1), 2.0)
-    assert grades(quality.light_of("a", light, 0.0 * light + 1.0, limits)) == [DOUBTFUL]
-    assert grades(quality.light_of("a", light, 0.0 * light + 0.999, limits)) == []
+    assert grades(quality.judge_light("a", light, 0.0 * light + 1.0, limits)) == [DOUBTFUL]
+    assert grades(quality.judge_light("a", light, 0.0 * light + 0.999, limits)) == []
 
 
 def test_the_light_of_a_shot_is_its_square_without_the_noise_and_no_less_than_its_mean() -> None:
     light = np.tile([[0.0], [2.0]], (500, 1))  # mean 1, mean square 2
     for noise, percent in ((0.5, "57.7 %"), (1.5, "122 %")):
-        ((_, text),) = told(quality.light_of("a", light, np.full((1000, 1), noise)))
+        ((_, text),) = told(quality.judge_light("a", light, np.full((1000, 1), noise)))
         assert f"its noise is {percent} of its light" in text
 
 
 def test_noise_and_sigma_of_an_answer_at_their_limits() -> None:
-    limits = Limits(noise=(0.5, 1.0))
+    limits = VerdictLimits(noise=(0.5, 1.0))
     one, none = np.ones((8, 1)), np.zeros((8, 1))
     for level, found in ((0.499, []), (0.5, [DOUBTFUL]), (0.999, [DOUBTFUL]), (1.0, [BAD])):
-        assert grades(answer.answer_of(one, none, level * one, limits)) == found
-    ((_, text),) = told(answer.answer_of(one, none, 0.5 * one))
+        assert grades(answer.judge_noise(one, none, level * one, limits)) == found
+    ((_, text),) = told(answer.judge_noise(one, none, 0.5 * one))
     assert text.startswith("the sensor's noise is 50 % of the answer (limit 30 %)")
     sigma = np.array([[1.0]] * 5 + [[1.01]] * 3)  # as large as the answer is not larger
-    assert told(answer.answer_of(one, sigma, none)) == []
+    assert told(answer.judge_noise(one, sigma, none)) == []
     sigma[:5] = [[2.0], [0.0], [0.0], [0.0], [0.0]]
-    ((grade, text),) = told(answer.answer_of(one, sigma, none))
+    ((grade, text),) = told(answer.judge_noise(one, sigma, none))
     assert grade == DOUBTFUL and text.startswith("in 50 % of the field sigma is larger")
     assert "(limit 50 %)" in text
 
@@ -124,10 +124,10 @@ def test_what_is_unknown_of_an_answer_counts_for_nothing() -> None:
     image, sigma = np.ones((10, 1)), np.zeros((10, 1))
     sigma[:4], image[4], sigma[5:8] = np.inf, np.nan, 3.0
     sensor = np.where(np.isfinite(sigma) & np.isfinite(image), 0.1, 50.0)
-    ((grade, text),) = told(answer.answer_of(image, sigma, sensor))
+    ((grade, text),) = told(answer.judge_noise(image, sigma, sensor))
     assert grade == DOUBTFUL and text.startswith("in 60 % of the field")  # 3 of the 5 known
     image[...] = np.nan
-    ((grade, text),) = told(answer.answer_of(image, sigma, sensor))
+    ((grade, text),) = told(answer.judge_noise(image, sigma, sensor))
     assert grade == BAD and text.startswith("nothing is known")
 
 
@@ -141,45 +141,48 @@ def test_what_is_unknown_of_an_answer_counts_for_nothing() -> None:
 def test_stray_light_from_its_limits_on(
     black: float, lit: float, leak: float, grade: list[Grade]
 ) -> None:
-    found = told(quality.stray_light("a", black, lit, leak))
+    found = told(quality.judge_stray_light("a", black, lit, leak))
     assert [g for g, _ in found] == grade
     assert all(f"shot a has {100 * (black / lit - leak):.3g} % of" in text for _, text in found)
 
 
 def test_the_rooms_light_counts_from_a_tenth_of_white_on() -> None:
     for share, grade in ((0.099, []), (0.1, [DOUBTFUL]), (0.99, [DOUBTFUL]), (1.0, [BAD])):
-        assert grades(quality.room_light(share, "a")) == grade
+        assert grades(quality.judge_room_light(share, "a")) == grade
 
 
 def test_a_room_that_changed_is_doubtful_and_never_bad() -> None:
     """Nobody knows whether the photos of the answer saw the change."""
     for error, grade in ((0.049, []), (0.05, [DOUBTFUL]), (20.0, [DOUBTFUL])):
-        assert grades(quality.room_changed(error)) == grade
+        assert grades(quality.judge_room_change(error)) == grade
 
 
 def test_light_that_was_not_taken_off_counts_from_its_limits_on() -> None:
     for error, grade in ((0.0499, []), (0.05, [DOUBTFUL]), (0.299, [DOUBTFUL]), (0.3, [BAD])):
-        assert grades(answer.leak_left(error)) == grade
-    ((_, text),) = told(answer.leak_left(0.2))
+        assert grades(answer.judge_leak(error)) == grade
+    ((_, text),) = told(answer.judge_leak(0.2))
     assert "are 20 % of the answer and were not taken off (limit 5 %)" in text
 
 
 def test_torn_windows_count_from_their_limits_on() -> None:
     for share, grade in ((0.099, []), (0.1, [DOUBTFUL]), (0.499, [DOUBTFUL]), (0.5, [BAD])):
-        assert grades(quality.torn_windows(share)) == grade
-    ((_, text),) = told(quality.torn_windows(0.25))
+        assert grades(quality.judge_warp_tears(share)) == grade
+    ((_, text),) = told(quality.judge_warp_tears(0.25))
     assert "25 % of the cells share windows" in text and "take whole windows" in text
 
 
 def test_light_outside_the_field_goes_by_medians() -> None:
     inside = np.array([4.0, 4.0, 400.0])
     for outside, grade in ((1.0, [DOUBTFUL]), (0.99, [])):
-        assert grades(quality.outside_field("a", inside, np.array([0.0, outside, 99.0]))) == grade
-    ((_, text),) = told(quality.outside_field("a", inside, np.full(3, 2.0)))
+        assert (
+            grades(quality.judge_light_outside("a", inside, np.array([0.0, outside, 99.0])))
+            == grade
+        )
+    ((_, text),) = told(quality.judge_light_outside("a", inside, np.full(3, 2.0)))
     assert "shot a has 50 % of the field's light outside it (limit 25 %)" in text
-    assert told(quality.outside_field("a", 0.0 * inside, inside)) == []
-    assert told(quality.outside_field("a", -inside, inside)) == []
-    assert told(quality.outside_field("a", np.zeros(0), inside)) == []
+    assert told(quality.judge_light_outside("a", 0.0 * inside, inside)) == []
+    assert told(quality.judge_light_outside("a", -inside, inside)) == []
+    assert told(quality.judge_light_outside("a", np.zeros(0), inside)) == []
 
 
 def test_a_fingerprint_needs_more_than_its_share_and_more_than_chance() -> None:
@@ -188,69 +191,83 @@ def test_a_fingerprint_needs_more_than_its_share_and_more_than_chance() -> None:
         (0.3, 60.0, False), (0.9, 6.0, False), (0.301, 6.01, True), (-0.301, -6.01, True),
         (0.29, 60.0, False), (0.9, 5.9, False),
     ):  # fmt: skip
-        found = grades(quality.placed(untold, [Fit("mirrored", share, chance)], []))
+        found = grades(
+            quality.judge_panel_places(untold, [PlacementFit("mirrored", share, chance)], [])
+        )
         assert found == [BAD] * sure
-        assert grades(quality.placed(untold, [], [Fit("mirrored", share, chance)])) == found
+        assert (
+            grades(
+                quality.judge_panel_places(untold, [], [PlacementFit("mirrored", share, chance)])
+            )
+            == found
+        )
 
 
 def test_a_photo_with_more_direct_light_in_place_speaks_of_the_scene() -> None:
     for middle, grade in ((0.34, [BAD]), (0.35, []), (0.9, [])):
         shares = np.array([0.0, middle, 1.0])
         for share in (0.35, -0.35):
-            fit = Fit("mirrored", share, 9.0 * np.sign(share))
-            assert grades(quality.placed(shares, [fit], [])) == grade
-            assert grades(quality.placed(shares, [], [fit])) == [BAD]
+            fit = PlacementFit("mirrored", share, 9.0 * np.sign(share))
+            assert grades(quality.judge_panel_places(shares, [fit], [])) == grade
+            assert grades(quality.judge_panel_places(shares, [], [fit])) == [BAD]
 
 
 def test_the_surest_of_wrong_places_is_named() -> None:
-    fits = [Fit("a", 0.9, 7.0), Fit("b", -0.5, -9.0), Fit("c", 0.8, 8.0), Fit("d", 0.2, 90.0)]
-    ((_, text),) = told(quality.placed(np.zeros(0), fits, []))
+    fits = [
+        PlacementFit("a", 0.9, 7.0),
+        PlacementFit("b", -0.5, -9.0),
+        PlacementFit("c", 0.8, 8.0),
+        PlacementFit("d", 0.2, 90.0),
+    ]
+    ((_, text),) = told(quality.judge_panel_places(np.zeros(0), fits, []))
     assert text.startswith("a panel is b and inverted: 50 % of the light follows codes")
-    ((_, text),) = told(quality.placed(np.zeros(0), fits[:1], []))
+    ((_, text),) = told(quality.judge_panel_places(np.zeros(0), fits[:1], []))
     assert text.startswith("a panel is a: 90 %") and "(limit 30 %)" in text
-    ((_, text),) = told(quality.placed(np.zeros(0), [], [Fit("as believed", -0.4, -7.0)]))
+    ((_, text),) = told(
+        quality.judge_panel_places(np.zeros(0), [], [PlacementFit("as believed", -0.4, -7.0)])
+    )
     assert text.startswith("a panel is inverted: 40 %")
 
 
 def test_the_best_tenth_of_all_places_must_have_direct_light() -> None:
     for count, grade in ((2, []), (1, [DOUBTFUL])):  # of eleven the second best counts
         shares = np.array([0.2] * count + [0.0] * (11 - count))
-        assert grades(quality.placed(shares, [], [])) == grade
-    assert grades(quality.placed(np.full(7, 0.15), [], [])) == []
-    ((_, text),) = told(quality.placed(np.full(7, 0.125), [], []))
+        assert grades(quality.judge_panel_places(shares, [], [])) == grade
+    assert grades(quality.judge_panel_places(np.full(7, 0.15), [], [])) == []
+    ((_, text),) = told(quality.judge_panel_places(np.full(7, 0.125), [], []))
     assert "(at most 12.5 % in nine of ten places, limit 15 %)" in text
 
 
 def test_less_direct_light_than_none_is_an_inverted_panel() -> None:
     half = np.array([-0.3, -0.2, 0.9])  # the median is the limit: not below it
-    assert grades(quality.placed(half, [], [])) == []
-    ((grade, text),) = told(quality.placed(np.array([-0.3, -0.25, 0.9]), [], []))
+    assert grades(quality.judge_panel_places(half, [], [])) == []
+    ((grade, text),) = told(quality.judge_panel_places(np.array([-0.3, -0.25, 0.9]), [], []))
     assert grade == BAD and "(direct light -25 %, limit -20 %)" in text
 
 
 def test_single_codes_speak_of_direct_light_before_all_else() -> None:
     for share, grade in ((0.5, []), (0.1, [DOUBTFUL])):
-        stack = [Fit("as believed", share, 3.0), Fit("mirrored", -0.9, -3.0)]
-        assert grades(quality.placed(np.full(9, -0.9), [], stack)) == grade
-        assert grades(quality.placed(np.zeros(0), [], stack)) == grade
+        stack = [PlacementFit("as believed", share, 3.0), PlacementFit("mirrored", -0.9, -3.0)]
+        assert grades(quality.judge_panel_places(np.full(9, -0.9), [], stack)) == grade
+        assert grades(quality.judge_panel_places(np.zeros(0), [], stack)) == grade
 
 
 def test_the_shutter_may_close_when_the_panels_are_black_and_no_sooner() -> None:
     late: dict[str, Any] = {"end_ns": (10**9, 15 * 10**8)}
-    assert told(quality.refreshes([shot(close_ns=15 * 10**8, **late)])) == []
+    assert told(quality.judge_refreshes([shot(close_ns=15 * 10**8, **late)])) == []
     shots = [shot("a", close_ns=14 * 10**8, **late), shot("b", close_ns=13 * 10**8, **late)]
-    ((grade, text),) = told(quality.refreshes([shot(), *shots]))
+    ((grade, text),) = told(quality.judge_refreshes([shot(), *shots]))
     assert grade == BAD
     assert text.startswith("the shutter closed 0.2 s before the panels went black in shot a and 1")
 
 
 def test_shots_without_refreshes_need_no_times() -> None:
-    assert told(quality.refreshes([shot(refreshes=0, verified=False, close_ns=0)])) == []
+    assert told(quality.judge_refreshes([shot(refreshes=0, verified=False, close_ns=0)])) == []
 
 
 def test_refreshes_that_were_missed_are_counted_where_light_became_unequal() -> None:
     shots = [shot("a", level=None, missed=2), shot("b", missed=9), shot("c", level=None, missed=3)]
-    ((grade, text),) = told(quality.refreshes(shots))
+    ((grade, text),) = told(quality.judge_refreshes(shots))
     assert grade == DOUBTFUL
     assert text.startswith("5 refreshes were missed in shot a and 1 more, so that")
 
@@ -267,7 +284,7 @@ def test_deviations_from_their_limits_on(diagonal: float, off: float, grade: lis
         Deviation(weight_s=1.0, diagonal_max=9.0, diagonal_mean=d, off_rms=o, off_rms_worst=9.0)
         for d, o in ((0.0, 0.0), (diagonal, off))
     )
-    found = told(quality.deviations({"good": good, "a": one}))
+    found = told(quality.judge_deviations({"good": good, "a": one}))
     assert [int(g) for g, _ in found] == [int(g) for g in grade]
     assert all(text.startswith("photo a: ") for _, text in found)
 
@@ -278,34 +295,34 @@ def test_direct_light_left_counts_a_third_where_it_was_taken_out() -> None:
         (0.149, False, []), (0.15, False, [DOUBTFUL]), (0.5, False, [BAD]),
         (0.44, True, []), (0.46, True, [DOUBTFUL]), (1.49, True, [DOUBTFUL]), (1.51, True, [BAD]),
     ):  # fmt: skip
-        assert grades(quality.direct_left(weight, one, one, taken_out=taken_out)) == grade
-    ((_, text),) = told(quality.direct_left(0.1, 4.0 * one, 2.0 * one, taken_out=False))
+        assert grades(quality.judge_direct_light(weight, one, one, taken_out=taken_out)) == grade
+    ((_, text),) = told(quality.judge_direct_light(0.1, 4.0 * one, 2.0 * one, taken_out=False))
     assert text.startswith("20 % of the picture is direct light (limit 15 %), which has a weight")
     assert "weight of 10 % in it" in text
 
 
 def test_direct_light_that_no_photo_shows_counts_ten_times() -> None:
     for weight, grade in ((0.0149, []), (0.015, [DOUBTFUL]), (0.0499, [DOUBTFUL]), (0.05, [BAD])):
-        assert grades(quality.direct_unseen(weight)) == grade
-    ((_, text),) = told(quality.direct_unseen(0.02))
+        assert grades(quality.judge_unseen_direct(weight)) == grade
+    ((_, text),) = told(quality.judge_unseen_direct(0.02))
     assert "a weight of 2 % (limit 1.5 %)" in text
 
 
 def test_a_pair_that_does_not_add_up() -> None:
     one, none = np.ones((8, 1)), np.zeros((8, 1))
-    limits = Limits(pair_sum=(0.5, 1.0))
+    limits = VerdictLimits(pair_sum=(0.5, 1.0))
     for apart, grade in ((0.49, []), (0.5, [DOUBTFUL]), (-0.5, [DOUBTFUL]), (1.0, [BAD])):
-        assert grades(answer.pair_sum(one + apart, one, none, limits)) == grade
+        assert grades(answer.judge_pair_sum(one + apart, one, none, limits)) == grade
     # Noise of the sensor explains as much as it is.
-    assert told(answer.pair_sum(1.5 * one, one, 0.25 + none)) == []
-    ((_, text),) = told(answer.pair_sum(1.5 * one, one, 0.09 + none))
+    assert told(answer.judge_pair_sum(1.5 * one, one, 0.25 + none)) == []
+    ((_, text),) = told(answer.judge_pair_sum(1.5 * one, one, 0.09 + none))
     assert "it is 40 % off (limit 2 %)" in text
-    assert told(answer.pair_sum(one, none, none)) == []
+    assert told(answer.judge_pair_sum(one, none, none)) == []
 
 
 def test_a_pair_is_compared_where_both_are_known() -> None:
     sums, lit, variance = np.ones((4, 1)), np.ones((4, 1)), np.zeros((4, 1))
     sums[0], variance[0] = 99.0, np.inf
-    assert told(answer.pair_sum(sums, lit, variance)) == []
+    assert told(answer.judge_pair_sum(sums, lit, variance)) == []
     variance[...] = np.inf
-    assert told(answer.pair_sum(sums, lit, variance)) == []
+    assert told(answer.judge_pair_sum(sums, lit, variance)) == []

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.probing.wanted import Match, Near, Uniform, Wanted, shifted
-from pdcd.recipes.recipe import Photo
-from pdcd.verdict.matrices import torn, torn_share
+from pdcd.probing.wanted import MatchPart, NearPart, UniformPart, WantedMatrix, shift_cells
+from pdcd.recipes.recipe import RecipePhoto
+from pdcd.verdict.matrices import count_torn_cells, warp_tear_share
 
 GRID = (5, 7)
 N = 35
@@ -35,10 +35,10 @@ def warps() -> dict[str, np.ndarray]:
     rng = np.random.default_rng(2)
     some = rng.permutation(N)
     some[rng.random(N) < 0.4] = -1
-    halves = shifted(GRID, (0, 1))
-    halves[np.arange(N) % 7 >= 4] = shifted(GRID, (0, -3))[np.arange(N) % 7 >= 4]
+    halves = shift_cells(GRID, (0, 1))
+    halves[np.arange(N) % 7 >= 4] = shift_cells(GRID, (0, -3))[np.arange(N) % 7 >= 4]
     return {
-        "shift": shifted(GRID, (1, -2)), "chance": rng.permutation(N), "some": some,
+        "shift": shift_cells(GRID, (1, -2)), "chance": rng.permutation(N), "some": some,
         "halves": halves, "none": np.full(N, -1),
     }  # fmt: skip
 
@@ -46,26 +46,26 @@ def warps() -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("name", warps())
 def test_cells_tear_where_the_partners_of_neighbours_do_not_lie_together(name: str) -> None:
     partner = warps()[name]
-    assert torn(partner, GRID) == pytest.approx(expected(partner))
+    assert count_torn_cells(partner, GRID) == pytest.approx(expected(partner))
     if name in ("shift", "none"):
-        assert torn(partner, GRID) == 0.0
+        assert count_torn_cells(partner, GRID) == 0.0
     if name == "halves":
-        assert torn(partner, GRID) == pytest.approx(2 * 5 / (partner >= 0).sum())
+        assert count_torn_cells(partner, GRID) == pytest.approx(2 * 5 / (partner >= 0).sum())
 
 
 def test_only_light_of_matched_cells_through_parted_windows_counts() -> None:
     partner = warps()["chance"]
     shots: Any = [_Shot("a", "quarter"), _Shot("b", "whole")]
-    match = (1.0, Match(partner))
+    match = (1.0, MatchPart(partner))
 
     def share(name: str, *parts: Any) -> float:
-        return torn_share([Photo("p", Wanted(GRID, parts), ((1.0, name),))], shots)
+        return warp_tear_share([RecipePhoto("p", WantedMatrix(GRID, parts), ((1.0, name),))], shots)
 
-    assert share("a", match) == torn(partner, GRID) > 0.9
+    assert share("a", match) == count_torn_cells(partner, GRID) > 0.9
     assert share("b", match) == 0.0
-    assert share("a", match, (1.0, Uniform(N))) == 0.0
-    assert share("a", (1.0, Near(GRID, 1))) == 0.0
-    assert share("a", (1.0, Match(np.arange(N)))) == 0.0
+    assert share("a", match, (1.0, UniformPart(N))) == 0.0
+    assert share("a", (1.0, NearPart(GRID, 1))) == 0.0
+    assert share("a", (1.0, MatchPart(np.arange(N)))) == 0.0
 
 
 class _Shot:

@@ -16,10 +16,10 @@ from pdcd.errors import BusyError, ConfigError, DeniedError, DeviceLost, PdcdErr
 from pdcd.protocol.about import GROUPS
 from pdcd.protocol.request import CaptureRequest
 from pdcd.web.app import LONG_S, SMALL_BYTES, WANTS
-from pdcd.web.asks import ANSWER_S, ENGINE_S, Asks
-from pdcd.web.door import REQUEST_S, Places
-from pdcd.web.pages import page_files
-from pdcd.web.serve import bound, serving
+from pdcd.web.asks import ANSWER_S, ENGINE_S, DaemonQueries
+from pdcd.web.door import REQUEST_S, VisitorPlaces
+from pdcd.web.pages import read_page_files
+from pdcd.web.serve import bind_loopback, serve_page
 from tests.hostile.web_requests import Inside
 from tests.hostile.web_trial import inside_of, sent
 from tests.run_folders import finished, job
@@ -35,7 +35,7 @@ class Daemon:
         self.asked: list[tuple[str, Any, float]] = []
         self.answers: dict[str, Any] = {}
 
-    def call(self, asks: Asks, method: str, params: Any, answer_s: float) -> Any:
+    def call(self, asks: DaemonQueries, method: str, params: Any, answer_s: float) -> Any:
         self.asked.append((method, params, answer_s))
         answer = self.answers.get(method, {"state": "idle"})
         if isinstance(answer, BaseException):
@@ -46,15 +46,15 @@ class Daemon:
 @pytest.fixture
 def daemon(monkeypatch: pytest.MonkeyPatch) -> Daemon:
     made = Daemon()
-    monkeypatch.setattr(Asks, "_call", lambda *told: made.call(*told))
+    monkeypatch.setattr(DaemonQueries, "_call", lambda *told: made.call(*told))
     return made
 
 
 def served(folder: Path, scenario: Scenario) -> None:
     async def body() -> None:
-        sock = bound("127.0.0.1", 0)
+        sock = bind_loopback("127.0.0.1", 0)
         host, port = sock.getsockname()
-        async with serving(sock, folder / "none", folder) as door:
+        async with serve_page(sock, folder / "none", folder) as door:
             await scenario(host, port, inside_of(door))
 
     asyncio.run(body())
@@ -76,7 +76,7 @@ async def asked(host: str, port: int, inside: Inside, path: str, body: bytes | N
 
 
 def test_files_of_the_page_are_served_by_their_kind(tmp_path: Path, daemon: Daemon) -> None:
-    files = page_files()
+    files = read_page_files()
     assert {kind for kind, _ in files.values()} >= {"text/html", "text/css", "text/javascript"}
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
@@ -252,10 +252,10 @@ def test_who_shows_the_token_has_more_time_and_who_waits_for_the_rig_most(
 ) -> None:
     given: list[float | None] = []
 
-    def admit(self: Places, transport: object, seconds: float | None) -> None:
+    def admit(self: VisitorPlaces, transport: object, seconds: float | None) -> None:
         given.append(seconds)
 
-    monkeypatch.setattr(Places, "admit", admit)
+    monkeypatch.setattr(VisitorPlaces, "admit", admit)
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
         given.clear()
@@ -276,12 +276,12 @@ def test_the_end_waits_for_no_answer_of_a_daemon_that_hangs(
         began.set()
         free.wait(120.0)
 
-    monkeypatch.setattr(Asks, "_call", hangs)
+    monkeypatch.setattr(DaemonQueries, "_call", hangs)
 
     async def scenario() -> None:
-        sock = bound("127.0.0.1", 0)
+        sock = bind_loopback("127.0.0.1", 0)
         host, port = sock.getsockname()
-        async with serving(sock, tmp_path / "none", tmp_path) as door:
+        async with serve_page(sock, tmp_path / "none", tmp_path) as door:
             look = asyncio.create_task(asked(host, port, inside_of(door), "look", b"{}"))
             await asyncio.to_thread(began.wait, 30.0)
         await asyncio.gather(look, return_exceptions=True)

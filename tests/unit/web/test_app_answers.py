@@ -12,9 +12,9 @@ import pytest
 from aiohttp import web
 
 from pdcd.web import app as module
-from pdcd.web.asks import Asks
-from pdcd.web.door import Places
-from pdcd.web.news import News, TooMany
+from pdcd.web.asks import DaemonQueries
+from pdcd.web.door import VisitorPlaces
+from pdcd.web.news import News, TooManyPagesError
 from tests.hostile.web_requests import Inside
 from tests.hostile.web_trial import sent
 from tests.unit.web.test_app import Daemon, asked, served
@@ -23,7 +23,7 @@ from tests.unit.web.test_app import Daemon, asked, served
 @pytest.fixture
 def answers(monkeypatch: pytest.MonkeyPatch) -> Daemon:
     made = Daemon()
-    monkeypatch.setattr(Asks, "_call", lambda *told: made.call(*told))
+    monkeypatch.setattr(DaemonQueries, "_call", lambda *told: made.call(*told))
     return made
 
 
@@ -78,13 +78,13 @@ def test_the_stream_of_news_has_no_end_and_tells_why_no_daemon_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[float | None] = []
-    admit = Places.admit
+    admit = VisitorPlaces.admit
 
-    def noted(self: Places, transport: Any, seconds: float | None) -> None:
+    def noted(self: VisitorPlaces, transport: Any, seconds: float | None) -> None:
         given.append(seconds)
         admit(self, transport, seconds)
 
-    monkeypatch.setattr(Places, "admit", noted)
+    monkeypatch.setattr(VisitorPlaces, "admit", noted)
 
     async def scenario(host: str, port: int, inside: Inside) -> None:
         given.clear()
@@ -113,7 +113,7 @@ def test_who_finds_no_place_for_news_is_told_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def page(self: News) -> AsyncGenerator[bytes, None]:
-        raise TooMany
+        raise TooManyPagesError
         yield b""
 
     monkeypatch.setattr(News, "page", page)

@@ -14,7 +14,7 @@ import pytest
 
 from pdcd.errors import BusyError
 from pdcd.web import asks as module
-from pdcd.web.asks import Asks, Turns
+from pdcd.web.asks import DaemonQueries, Turns
 
 PATIENCE_S = 30.0
 
@@ -58,7 +58,7 @@ def test_a_question_goes_over_a_connection_of_its_own(monkeypatch: pytest.Monkey
     monkeypatch.setattr(module, "Client", Client)
 
     async def scenario() -> None:
-        asks = Asks(Path("/there"))
+        asks = DaemonQueries(Path("/there"))
         assert await asks.ask("rig.status") == "answer to rig.status"
         assert await asks.ask("capture.plan", {"a": 1}, answer_s=7.0) == "answer to capture.plan"
         assert await asks.cancel("j") == "answer to capture.cancel"
@@ -76,7 +76,7 @@ def test_three_questions_at_a_time_and_one_more_to_cancel(monkeypatch: pytest.Mo
     monkeypatch.setattr(module, "WAIT_S", 0.0)
 
     async def scenario() -> None:
-        held, asks = Held(), Asks(Path("/there"))
+        held, asks = Held(), DaemonQueries(Path("/there"))
         monkeypatch.setattr(asks, "_call", held.call)
         asked = [asyncio.create_task(asks.ask("plan", answer_s=n)) for n in range(3)]
         await until(lambda: held.began == 3)

@@ -12,8 +12,8 @@ from multidict import CIMultiDict
 
 from pdcd.errors import ConfigError
 from pdcd.web import door as module
-from pdcd.web.door import Door, Places, Refused
-from pdcd.web.serve import bound
+from pdcd.web.door import BrowserAuth, Refusal, VisitorPlaces
+from pdcd.web.serve import bind_loopback
 
 HOST = "127.0.0.1:8137"
 
@@ -22,18 +22,18 @@ def status_of(check: Any, *args: Any) -> int:
     """The status that a check refuses by; 200 where it does not."""
     try:
         check(*args)
-    except Refused as no:
+    except Refusal as no:
         assert no.why and str(no) == no.why
         return no.status
     return 200
 
 
 def test_the_token_stands_where_browsers_send_it_to_nobody() -> None:
-    door = Door("127.0.0.1", 8137)
+    door = BrowserAuth("127.0.0.1", 8137)
     origin, _, token = door.address.partition("#")
     assert origin == f"http://{HOST}/" and len(token) == 43
-    assert Door("127.0.0.1", 8137).address != door.address
-    assert Door("::1", 8137).address.startswith("http://[::1]:8137/#")
+    assert BrowserAuth("127.0.0.1", 8137).address != door.address
+    assert BrowserAuth("::1", 8137).address.startswith("http://[::1]:8137/#")
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_the_token_stands_where_browsers_send_it_to_nobody() -> None:
     ],
 )  # fmt: skip
 def test_who_shows_the_token_once_is_let_in(shown: list[str], status: int) -> None:
-    door = Door("127.0.0.1", 8137)
+    door = BrowserAuth("127.0.0.1", 8137)
     token = door.address.partition("#")[2]
     headers = CIMultiDict(("Authorization", each.format(token)) for each in shown)
     request = make_mocked_request("GET", "/runs", headers=headers)
@@ -62,11 +62,11 @@ def test_who_shows_the_token_once_is_let_in(shown: list[str], status: int) -> No
 def test_no_name_that_leads_here_is_our_host(hosts: list[str], status: int) -> None:
     headers = CIMultiDict(("Host", host) for host in hosts)
     request = make_mocked_request("GET", "/", headers=headers)
-    assert status_of(Door("127.0.0.1", 8137).check_host, request) == status
+    assert status_of(BrowserAuth("127.0.0.1", 8137).check_host, request) == status
 
 
 def test_a_ticket_is_for_one_run_of_one_server() -> None:
-    door, other = Door("127.0.0.1", 8137), Door("127.0.0.1", 8137)
+    door, other = BrowserAuth("127.0.0.1", 8137), BrowserAuth("127.0.0.1", 8137)
     ticket = door.ticket("a")
     assert status_of(door.check_ticket, "a", ticket) == 200
     for job, wrong in (("b", ticket), ("a", other.ticket("a")), ("a", ""), ("a", "\udc80")):
@@ -85,7 +85,7 @@ class Line(asyncio.Transport):
         self.cut.set()
 
 
-def come(places: Places) -> Line:
+def come(places: VisitorPlaces) -> Line:
     line = Line()
     places.enter(line)
     return line
@@ -101,7 +101,7 @@ def test_a_stranger_gives_way_to_the_next_and_a_guest_to_nobody(
     monkeypatch.setattr(module, "STRANGERS", 2)
 
     async def scenario() -> None:
-        places = Places()
+        places = VisitorPlaces()
         guest, first = come(places), come(places)
         places.admit(guest, None)
         second = come(places)
@@ -125,7 +125,7 @@ def test_the_token_gives_more_time_and_the_last_word_on_it_counts(
     monkeypatch.setattr(module, "STRANGER_S", 0.01)
 
     async def scenario() -> None:
-        places = Places()
+        places = VisitorPlaces()
         gone, slow, known, long = (come(places) for _ in range(4))
         places.leave(gone)
         places.admit(known, 0.02)
@@ -144,4 +144,4 @@ def test_the_token_gives_more_time_and_the_last_word_on_it_counts(
 )
 def test_no_other_interface_is_served(host: str) -> None:
     with pytest.raises(ConfigError):
-        bound(host, 0)
+        bind_loopback(host, 0)

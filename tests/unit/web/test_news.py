@@ -13,11 +13,11 @@ import pytest
 from pdcd.errors import BusyError
 from pdcd.protocol import events
 from pdcd.web import news as module
-from pdcd.web.asks import Asks
-from pdcd.web.news import News, TooMany
+from pdcd.web.asks import DaemonQueries
+from pdcd.web.news import News, TooManyPagesError
 
 
-class NoAnswers(Asks):
+class NoAnswers(DaemonQueries):
     """A daemon that is always idle."""
 
     def __init__(self) -> None:
@@ -45,8 +45,8 @@ def test_a_page_that_comes_late_is_told_what_matters() -> None:
         asks = NoAnswers()
         told = News(Path("/nowhere"), asks)
         told._arrived()
-        told._heard(events.Queued(job="one", ahead=0))
-        told._heard(events.Started(job="one", goal="white"))
+        told._heard(events.JobQueued(job="one", ahead=0))
+        told._heard(events.JobStarted(job="one", goal="white"))
         for frame in range(500):
             told._heard(progress(frame))
         await asyncio.sleep(0.01)
@@ -59,8 +59,8 @@ def test_a_page_that_comes_late_is_told_what_matters() -> None:
         assert (last["frame"], last["words"]) == (499, "coded: 499/900 refreshes")
         assert last["share"] == 499 / 900
         # Of a job that has ended nothing is told once another one begins.
-        told._heard(events.Done(job="one"))
-        told._heard(events.Queued(job="two", ahead=0))
+        told._heard(events.JobDone(job="one"))
+        told._heard(events.JobQueued(job="two", ahead=0))
         late = told.page()
         await read(late)
         assert (await read(late))["job"] == "two"
@@ -82,7 +82,7 @@ def test_a_page_that_does_not_read_is_given_up_and_thinned_news_first() -> None:
         held = [await read(page) for _ in range(module.UNREAD // 2)]
         assert [each["frame"] for each in held] == list(range(module.UNREAD // 2))
         for _ in range(module.UNREAD + 1):
-            told._heard(events.Armed(job="one", shot="coded", frames=9))
+            told._heard(events.ShotArmed(job="one", shot="coded", frames=9))
         with pytest.raises(StopAsyncIteration):
             await anext(page)
         await told.close()
@@ -96,7 +96,7 @@ def test_no_more_pages_than_there_are_places() -> None:
         pages = [told.page() for _ in range(module.PAGES)]
         for page in pages:
             await read(page)
-        with pytest.raises(TooMany):
+        with pytest.raises(TooManyPagesError):
             await anext(told.page())
         await pages[0].aclose()
         again = told.page()
@@ -150,7 +150,7 @@ def test_pages_are_told_of_every_arrival_anew() -> None:
     async def scenario() -> None:
         told = News(Path("/nowhere"), NoAnswers())
         for visit in (1, 2):
-            told._heard(events.Queued(job=str(visit), ahead=0))
+            told._heard(events.JobQueued(job=str(visit), ahead=0))
             told._arrived()
             assert told._visit == visit and not told._events
             await asyncio.sleep(0.01)

@@ -11,11 +11,11 @@ import pytest
 
 from pdcd.protocol import events
 from pdcd.web import news as module
-from pdcd.web.asks import Asks
+from pdcd.web.asks import DaemonQueries
 from pdcd.web.news import BEAT, News
 
 
-class Slow(Asks):
+class Slow(DaemonQueries):
     """A daemon that answers when it is let; `asked` is how often it was asked."""
 
     def __init__(self, *, answers: bool = True) -> None:
@@ -49,7 +49,7 @@ def waiting(told: News) -> list[Any]:
 
 
 def armed(number: int, job: str = "one") -> events.Event:
-    return events.Armed(job=job, shot=f"s{number}", frames=9)
+    return events.ShotArmed(job=job, shot=f"s{number}", frames=9)
 
 
 def test_the_last_hundred_events_are_remembered() -> None:
@@ -86,10 +86,10 @@ def test_a_page_to_which_nothing_is_told_gets_signs_of_life(
 @pytest.mark.parametrize(
     ("event", "asks"),
     [
-        (events.Queued(job="one", ahead=0), 1),
-        (events.Started(job="one", goal="white"), 1),
-        (events.Done(job="one"), 1),
-        (events.Armed(job="one", shot="s", frames=9), 0),
+        (events.JobQueued(job="one", ahead=0), 1),
+        (events.JobStarted(job="one", goal="white"), 1),
+        (events.JobDone(job="one"), 1),
+        (events.ShotArmed(job="one", shot="s", frames=9), 0),
         (events.Progress(job="one", shot="s", frame=1, frames=9, missed=0), 0),
     ],
 )
@@ -116,7 +116,7 @@ def test_the_state_is_asked_for_once_more_where_it_may_have_changed_meanwhile() 
         told._arrived()
         await turns()
         for _ in range(3):
-            told._heard(events.Queued(job="one", ahead=0))
+            told._heard(events.JobQueued(job="one", ahead=0))
         assert daemon.asked == 1
         daemon.free.set()
         await turns()
@@ -155,20 +155,22 @@ def test_what_is_told_of_a_job_that_still_runs_is_kept_when_another_one_comes() 
     async def scenario() -> None:
         told = News(Path("/nowhere"), Slow())
         ends = (
-            events.Done(job="two"),
-            events.Failed(job="three", error={"kind": "sync", "message": "late"}),
-            events.Cancelled(job="four"),
+            events.JobDone(job="two"),
+            events.JobFailed(job="three", error={"kind": "sync", "message": "late"}),
+            events.JobCancelled(job="four"),
         )
         for event in (armed(1), armed(2, "two"), armed(3, "three"), armed(4, "four"), *ends):
             told._heard(event)
         told._heard(events.Progress(job="one", shot="s", frame=1, frames=9, missed=0))
         told._heard(armed(5, "five"))  # no job begins
         assert len(told._events) == 9
-        told._heard(events.Queued(job="six", ahead=1))
+        told._heard(events.JobQueued(job="six", ahead=1))
         assert [(m["job"], m["type"]) for _, m in told._events] == [
             ("one", "armed"), ("one", "progress"), ("five", "armed"), ("six", "queued"),
         ]  # fmt: skip
-        told._heard(events.Queued(job="six", ahead=0))  # the same one again: nothing is forgotten
+        told._heard(
+            events.JobQueued(job="six", ahead=0)
+        )  # the same one again: nothing is forgotten
         assert len(told._events) == 5
         await told.close()
 

@@ -11,17 +11,17 @@ from typing import Any
 
 import pytest
 
-from pdcd.client import Unreachable
+from pdcd.client import UnreachableError
 from pdcd.errors import BusyError
 from pdcd.protocol import events
 from pdcd.web import news as module
-from pdcd.web.asks import Asks
+from pdcd.web.asks import DaemonQueries
 from pdcd.web.news import News
 
 PATIENCE_S = 30.0
 
 
-class Idle(Asks):
+class Idle(DaemonQueries):
     """A daemon whose state is always the same."""
 
     def __init__(self) -> None:
@@ -98,8 +98,13 @@ async def until(page: AsyncGenerator[bytes, None], wanted: Callable[[Any], bool]
 def test_the_listener_comes_back_and_tells_why_it_was_away(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    queued, armed = events.Queued(job="a", ahead=0), events.Armed(job="b", shot="s", frames=9)
-    daemons = Daemons(Unreachable("nobody answers"), BusyError("it is full"), [queued], [armed])
+    queued, armed = (
+        events.JobQueued(job="a", ahead=0),
+        events.ShotArmed(job="b", shot="s", frames=9),
+    )
+    daemons = Daemons(
+        UnreachableError("nobody answers"), BusyError("it is full"), [queued], [armed]
+    )
     monkeypatch.setattr(module, "Client", daemons.client)
 
     async def scenario() -> None:
@@ -133,7 +138,7 @@ def test_the_listener_comes_back_and_tells_why_it_was_away(
 def test_who_reaches_the_daemon_after_the_end_asks_it_for_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    daemons = Daemons([events.Queued(job="a", ahead=0)])
+    daemons = Daemons([events.JobQueued(job="a", ahead=0)])
 
     async def scenario() -> None:
         told = News(Path("/there"), Idle())

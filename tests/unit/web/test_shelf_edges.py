@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.web.shelf import Shelf
+from pdcd.web.shelf import RunShelf
 from tests.run_folders import finished, job
 from tests.unit.web.test_web_shelf import JOB, OTHER, run
 
@@ -16,7 +16,7 @@ def test_the_newest_hundred_runs_are_listed_the_newest_first(tmp_path: Path) -> 
     names = [job(second, day) for day in (1, 2) for second in range(51)]
     for name in names:
         finished(tmp_path / "captures", name)
-    found = Shelf(tmp_path).runs()
+    found = RunShelf(tmp_path).runs()
     assert [one.job for one in found] == names[:1:-1] and len(found) == 100
     assert all(one.entry is not None and one.entry.job == one.job for one in found)
     assert not any(one.pictures or one.report for one in found)
@@ -28,13 +28,13 @@ def test_the_goal_comes_first_and_what_still_goes_on_last(tmp_path: Path) -> Non
         (folder / f"{name}.png").touch()
     (folder / "notes.txt").touch()
     wanted = ("indirect", "direct", "white", "y" * 64, "zoom", "running")
-    assert Shelf(tmp_path).run(JOB).pictures == wanted
+    assert RunShelf(tmp_path).run(JOB).pictures == wanted
 
 
 def test_a_calibration_has_pictures_and_no_entry_finished_or_not(tmp_path: Path) -> None:
     run(tmp_path, JOB, "calibrations")
     (run(tmp_path, f"{OTHER}.partial", "calibrations") / "report.html").write_text("<p>c")
-    shelf = Shelf(tmp_path)
+    shelf = RunShelf(tmp_path)
     for name, report in ((JOB, False), (OTHER, True)):
         found = shelf.run(name)
         assert (found.job, found.entry, found.report) == (name, None, report)
@@ -48,13 +48,13 @@ def test_a_run_without_pictures_has_none(tmp_path: Path) -> None:
     folder = finished(tmp_path / "captures", OTHER)
     (folder / "preview").write_text("no folder")
     for name in (JOB, OTHER):
-        assert Shelf(tmp_path).run(name).pictures == ()
+        assert RunShelf(tmp_path).run(name).pictures == ()
 
 
 def test_a_report_that_is_a_link_is_none(tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text("<p>")
     (run(tmp_path, JOB) / "report.html").symlink_to(tmp_path / "page.html")
-    shelf = Shelf(tmp_path)
+    shelf = RunShelf(tmp_path)
     assert not shelf.run(JOB).report and [one.report for one in shelf.runs()] == [False]
     with pytest.raises(RequestError):
         shelf.report(JOB)
@@ -66,7 +66,7 @@ def test_what_cannot_be_had_is_said_with_the_reason(tmp_path: Path) -> None:
         file.truncate(2**26 + 1)
     with (folder / "preview" / "large.png").open("wb") as file:
         file.truncate(2**25 + 1)
-    shelf = Shelf(tmp_path)
+    shelf = RunShelf(tmp_path)
     for wrong, what in (
         (lambda: shelf.picture(JOB, "none"), f"preview/none.png of {JOB} .*: No such file"),
         (lambda: shelf.picture(JOB, "large"), "it has 33554433 bytes, more than the 33554432"),

@@ -19,7 +19,7 @@ def documented() -> dict[str, str]:
 
 def test_the_limits_are_those_of_the_document() -> None:
     told = documented()
-    limits: Any = serve.LIMITS
+    limits: Any = serve.SERVER_SETTINGS
     assert told["connections"].startswith(f"{door.STRANGERS} that have not shown")
     assert told["time of a request"] == (
         f"{door.STRANGER_S:g} s until it has shown the token, {door.REQUEST_S:g} s in all; "
@@ -30,7 +30,7 @@ def test_the_limits_are_those_of_the_document() -> None:
         f"the first {limits['max_line_size'] / KIB:g} KiB"
     )
     assert told["body of a request"] == (
-        f"1 MiB less {(MIB - app.MOST_BYTES) / KIB:g} KiB for a photo, "
+        f"1 MiB less {(MIB - app.MOST_BODY_BYTES) / KIB:g} KiB for a photo, "
         f"{app.SMALL_BYTES / KIB:g} KiB else"
     )
     assert told["pages that are told news"] == str(news.PAGES)

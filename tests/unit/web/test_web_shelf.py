@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.web.shelf import MOST_PICTURE_BYTES, Shelf
+from pdcd.web.shelf import MOST_PICTURE_BYTES, RunShelf
 
 JOB, OTHER = "20260101T120301Z-7f3a", "20260101T120302Z-0001"
 
@@ -30,7 +30,7 @@ def run(state: Path, job: str, place: str = "captures") -> Path:
 
 def test_the_picture_of_the_goal_comes_first(tmp_path: Path) -> None:
     run(tmp_path, JOB)
-    shelf = Shelf(tmp_path)
+    shelf = RunShelf(tmp_path)
     found = shelf.run(JOB)
     assert found.pictures == ("indirect", "direct", "white")
     assert found.entry is not None and not found.report
@@ -41,7 +41,7 @@ def test_the_picture_of_the_goal_comes_first(tmp_path: Path) -> None:
 def test_a_report_is_told_of_only_where_there_is_one(tmp_path: Path) -> None:
     (run(tmp_path, JOB) / "report.html").write_text("<p>")
     (run(tmp_path, OTHER) / "report.html").mkdir()
-    shelf = Shelf(tmp_path)
+    shelf = RunShelf(tmp_path)
     assert [(one.job, one.report) for one in shelf.runs()] == [(OTHER, False), (JOB, True)]
     assert shelf.report(JOB) == b"<p>"
     with pytest.raises(RequestError):
@@ -51,7 +51,7 @@ def test_a_report_is_told_of_only_where_there_is_one(tmp_path: Path) -> None:
 def test_quick_photos_and_calibrations_are_no_runs_but_can_be_seen(tmp_path: Path) -> None:
     run(tmp_path, JOB, "preview")
     run(tmp_path, OTHER, "calibrations")
-    shelf = Shelf(tmp_path)
+    shelf = RunShelf(tmp_path)
     assert shelf.runs() == []
     assert shelf.picture(JOB, "white") == b"white"
 
@@ -65,7 +65,7 @@ def test_nothing_else_can_be_had(tmp_path: Path) -> None:
     with (folder / "preview" / "large.png").open("wb") as file:
         file.truncate(MOST_PICTURE_BYTES + 1)
     (tmp_path / "captures" / OTHER).symlink_to(folder)
-    shelf = Shelf(tmp_path)
+    shelf = RunShelf(tmp_path)
     assert set(shelf.run(JOB).pictures) == {"indirect", "direct", "white", "large"}
     wrong = [
         (JOB, "linked"), (JOB, "pipe"), (JOB, "large"), (JOB, "../../../secret"), (JOB, ""),

@@ -6,7 +6,7 @@ from typing import Any
 
 from pdcd.virtual.scene.scene import Scene
 
-__all__ = ["OFF_AXIS", "PRESETS", "STAGED", "builder_of", "kinds"]
+__all__ = ["OFF_AXIS_PRESETS", "PRESETS", "STAGED", "find_builder", "list_presets"]
 
 Builder = Callable[[tuple[int, int], Mapping[str, Any]], Scene]
 
@@ -31,7 +31,7 @@ PRESETS: dict[str, Builder] = {
 """Each builder takes a grid (rows, cols), both at least 1, and the options of the [scene] table;
 it raises ConfigError for options it does not know."""
 
-OFF_AXIS: dict[str, Builder] = {
+OFF_AXIS_PRESETS: dict[str, Builder] = {
     "off-axis-box": _later("off_axis", "box_before_wall"),
     "off-axis-wedge": _later("off_axis", "wedge"),
     "off-axis-shelf": _later("off_axis", "shelf"),
@@ -50,11 +50,11 @@ STAGED: dict[str, Builder] = {
 measured on every one of `PRESETS` is not measured on them."""
 
 
-def builder_of(kind: str) -> Builder | None:
+def find_builder(kind: str) -> Builder | None:
     """Return the builder of a preset by its name, of any kind; None where there is none."""
-    return PRESETS.get(kind) or STAGED.get(kind) or OFF_AXIS.get(kind)
+    return PRESETS.get(kind) or STAGED.get(kind) or OFF_AXIS_PRESETS.get(kind)
 
 
-def kinds() -> list[str]:
+def list_presets() -> list[str]:
     """Return the names of all presets, in their order."""
-    return sorted([*PRESETS, *STAGED, *OFF_AXIS])
+    return sorted([*PRESETS, *STAGED, *OFF_AXIS_PRESETS])

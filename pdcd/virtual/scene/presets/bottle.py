@@ -8,35 +8,41 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.virtual.scene.effects import Array, rgb
-from pdcd.virtual.scene.milk import FORWARD, VEIL, milk
-from pdcd.virtual.scene.presets.canvas import Canvas, Raster, Shape, seed_of
-from pdcd.virtual.scene.presets.detail import DARKEST, detail, grain, pressed, written
+from pdcd.virtual.scene.effects import Array, make_tint
+from pdcd.virtual.scene.milk import FORWARD, VEIL, make_milk_effects
+from pdcd.virtual.scene.presets.canvas import Canvas, FrameRaster, Shape, read_seed
+from pdcd.virtual.scene.presets.detail import (
+    DARKEST_TEXTURE,
+    draw_text,
+    make_grain,
+    make_letter_factors,
+    make_texture_raster,
+)
 from pdcd.virtual.scene.scene import Scene
 
-OPTICAL_DEPTH = 0.75
+_OPTICAL_DEPTH = 0.75
 """Of the milk along the bottle's axis."""
-PROFILE_Y = (-0.94, -0.80, -0.79, -0.52, -0.22, -0.10, 0.80, 0.86)
-PROFILE_HALF = (0.15, 0.15, 0.12, 0.13, 0.40, 0.46, 0.46, 0.40)
+_PROFILE_Y = (-0.94, -0.80, -0.79, -0.52, -0.22, -0.10, 0.80, 0.86)
+_PROFILE_HALF = (0.15, 0.15, 0.12, 0.13, 0.40, 0.46, 0.46, 0.40)
 """Half width of the bottle at heights from its cap to its foot."""
-MILK_TOP = -0.50
-TABLE = 0.78
+_MILK_TOP = -0.50
+_TABLE = 0.78
 """Where the wall ends."""
-PRINT = (("MILKY WATER", -0.34, 0.100, 0.026), ("shake well, then read", -0.33, 0.640, 0.026))
+_PRINT = (("MILKY WATER", -0.34, 0.100, 0.026), ("shake well, then read", -0.33, 0.640, 0.026))
 """What stands on the bands of the label, where, and how high an x is."""
 
 
 def milky_bottle(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a bottle before a tiled wall; `seed` sets the shades of the tiles."""
-    seed = seed_of("milky-bottle", options)
+    seed = read_seed("milky-bottle", options)
     canvas = Canvas(grid)
-    effects = milk(
+    effects = make_milk_effects(
         grid,
         canvas.pitch,
         canvas.cells(_depth(canvas)),
         canvas.cells(_behind(canvas, seed)),
         sigma=0.12,
-        tint=rgb(0.95, 0.93, 0.86),
+        tint=make_tint(0.95, 0.93, 0.86),
     )
     return Scene(
         "milky-bottle",
@@ -47,17 +53,17 @@ def milky_bottle(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     )
 
 
-def _bottle(raster: Raster) -> tuple[Shape, Array]:
+def _bottle(raster: FrameRaster) -> tuple[Shape, Array]:
     """Return the inside of the glass, and the half width of the bottle at each point's height."""
-    half = np.interp(raster.y, PROFILE_Y, PROFILE_HALF, left=0.0, right=0.0)
+    half = np.interp(raster.y, _PROFILE_Y, _PROFILE_HALF, left=0.0, right=0.0)
     return (np.abs(raster.x) < half) & ~_cap(raster), half
 
 
-def _cap(raster: Raster) -> Shape:
+def _cap(raster: FrameRaster) -> Shape:
     return raster.box(-0.15, -0.94, 0.15, -0.79)
 
 
-def _behind(raster: Raster, seed: int) -> Array:
+def _behind(raster: FrameRaster, seed: int) -> Array:
     """Draw all that there is without the milk."""
     image = _wall(raster, np.random.default_rng(seed))
     inside, half = _bottle(raster)
@@ -69,40 +75,40 @@ def _behind(raster: Raster, seed: int) -> Array:
     return image
 
 
-def _depth(raster: Raster) -> Array:
+def _depth(raster: FrameRaster) -> Array:
     """Return the optical depth of the milk before each point."""
     inside, half = _bottle(raster)
-    filled = inside & (raster.y > MILK_TOP)
+    filled = inside & (raster.y > _MILK_TOP)
     # A round bottle: the way through the milk is longest on the axis.
     across = np.where(filled, raster.x / np.maximum(half, 1e-9), 1.0)
-    depth: Array = OPTICAL_DEPTH * np.sqrt(np.maximum(1.0 - across**2, 0.0))
+    depth: Array = _OPTICAL_DEPTH * np.sqrt(np.maximum(1.0 - across**2, 0.0))
     return depth
 
 
 @lru_cache(maxsize=1)
 def _texture(seed: int) -> Array:
     """Draw what is seen straight through the milk, in detail."""
-    raster = detail()
+    raster = make_texture_raster()
     image = _behind(raster, seed)
     image *= np.exp(-2.0 * _depth(raster))[..., None]
-    table = (raster.y > TABLE) & ~_bottle(raster)[0]
-    image *= np.where(table, grain(0.10, along=32), grain(0.02))[..., None]
-    image *= pressed(written(PRINT))[..., None]
+    table = (raster.y > _TABLE) & ~_bottle(raster)[0]
+    image *= np.where(table, make_grain(0.10, along=32), make_grain(0.02))[..., None]
+    image *= make_letter_factors(draw_text(_PRINT))[..., None]
     return image
 
 
 @lru_cache(maxsize=1)
 def _veil(seed: int) -> Array:
     """Draw what comes back from the milk: an even veil, and what is lit through it."""
-    raster = detail()
+    raster = make_texture_raster()
     scattered = (1.0 - np.exp(-2.0 * _depth(raster)))[..., None]
     behind = _behind(raster, seed).mean(axis=-1, keepdims=True)
     # Half of the blurred light is lost on its way back: a mean, good enough for a proportion.
     blurred = 0.5 * np.sqrt(FORWARD * scattered * behind)
-    return np.repeat(DARKEST + VEIL * scattered + blurred, 3, axis=-1)
+    return np.repeat(DARKEST_TEXTURE + VEIL * scattered + blurred, 3, axis=-1)
 
 
-def _wall(raster: Raster, rng: np.random.Generator) -> Array:
+def _wall(raster: FrameRaster, rng: np.random.Generator) -> Array:
     """Return tiles above a table."""
     image = raster.fill((0.28, 0.42, 0.46))
     tile = 0.4
@@ -111,11 +117,11 @@ def _wall(raster: Raster, rng: np.random.Generator) -> Array:
     image *= shades[row.astype(int) % 8, col.astype(int) % 8][..., None]
     joint = ((raster.x + 2.0) % tile < 0.03) | ((raster.y + 2.0) % tile < 0.03)
     image[joint] = (0.55, 0.55, 0.52)
-    image[raster.y > TABLE] = (0.34, 0.22, 0.13)
+    image[raster.y > _TABLE] = (0.34, 0.22, 0.13)
     return image
 
 
-def _label(raster: Raster, image: Array) -> None:
+def _label(raster: FrameRaster, image: Array) -> None:
     """Draw a label with a bold M between two bands."""
     image[raster.box(-0.38, 0.0, 0.38, 0.70)] = (0.85, 0.85, 0.82)
     for top in (0.05, 0.60):

@@ -20,13 +20,13 @@ from pdcd.virtual.scene.effects import Array
 
 Shape = NDArray[np.bool_]
 
-WIDTH = 8.0 / 3.0
-HEIGHT = 2.0
-FINE = 5
+FRAME_WIDTH = 8.0 / 3.0
+FRAME_HEIGHT = 2.0
+_FINE = 5
 """Raster points a cell, along either axis."""
 
 
-class Raster:
+class FrameRaster:
     """Points over the frame, and shapes on them.
 
     Attributes
@@ -43,9 +43,9 @@ class Raster:
         """Rows and columns of points."""
         return (self.x.shape[0], self.x.shape[1])
 
-    def part(self, rows: slice, cols: slice) -> Raster:
+    def part(self, rows: slice, cols: slice) -> FrameRaster:
         """Return some of the points, where a small thing is drawn: all others cost nothing."""
-        fewer = Raster.__new__(Raster)
+        fewer = FrameRaster.__new__(FrameRaster)
         fewer.x, fewer.y = self.x[rows, cols], self.y[rows, cols]
         return fewer
 
@@ -75,8 +75,8 @@ class Raster:
         return inside
 
 
-class Canvas(Raster):
-    """The raster of a grid, `FINE` points a cell along either axis.
+class Canvas(FrameRaster):
+    """The raster of a grid, `_FINE` points a cell along either axis.
 
     Attributes
     ----------
@@ -87,15 +87,15 @@ class Canvas(Raster):
     """
 
     def __init__(self, grid: tuple[int, int]) -> None:
-        super().__init__((FINE * grid[0], FINE * grid[1]))
+        super().__init__((_FINE * grid[0], _FINE * grid[1]))
         self.grid = grid
-        self.pitch = (HEIGHT / grid[0], WIDTH / grid[1])
+        self.pitch = (FRAME_HEIGHT / grid[0], FRAME_WIDTH / grid[1])
         self.cell_x, self.cell_y = _places(grid)
 
     def cells(self, image: NDArray[Any]) -> Array:
         """Average an image or a shape over cells: (N, 3) or (N,) float64."""
         rows, cols = self.grid
-        parts = image.reshape(rows, FINE, cols, FINE, -1).mean(axis=(1, 3), dtype=np.float64)
+        parts = image.reshape(rows, _FINE, cols, _FINE, -1).mean(axis=(1, 3), dtype=np.float64)
         averaged: Array = parts.reshape(rows * cols, *image.shape[2:])
         return averaged
 
@@ -105,13 +105,13 @@ class Canvas(Raster):
         `x`, `y` (fine rows, fine cols) are the places where the light of each raster point
         arrives; light that leaves the frame is lost, so columns sum to at most 1.
         """
-        column = np.floor((x[shape] / WIDTH + 0.5) * self.grid[1]).astype(np.intp)
-        row = np.floor((y[shape] / HEIGHT + 0.5) * self.grid[0]).astype(np.intp)
+        column = np.floor((x[shape] / FRAME_WIDTH + 0.5) * self.grid[1]).astype(np.intp)
+        row = np.floor((y[shape] / FRAME_HEIGHT + 0.5) * self.grid[0]).astype(np.intp)
         hit = (column >= 0) & (column < self.grid[1]) & (row >= 0) & (row < self.grid[0])
         numbers = np.arange(self.grid[0] * self.grid[1]).reshape(self.grid)
-        source = numbers.repeat(FINE, axis=0).repeat(FINE, axis=1)[shape]
+        source = numbers.repeat(_FINE, axis=0).repeat(_FINE, axis=1)[shape]
         target = (row * self.grid[1] + column)[hit]
-        share = np.full(target.size, 1.0 / FINE**2)
+        share = np.full(target.size, 1.0 / _FINE**2)
         links = scipy.sparse.coo_array(
             (share, (target, source[hit])), shape=(numbers.size, numbers.size)
         )
@@ -119,13 +119,13 @@ class Canvas(Raster):
 
 
 def _places(grid: tuple[int, int]) -> tuple[Array, Array]:
-    x = WIDTH * ((np.arange(grid[1]) + 0.5) / grid[1] - 0.5)
-    y = HEIGHT * ((np.arange(grid[0]) + 0.5) / grid[0] - 0.5)
+    x = FRAME_WIDTH * ((np.arange(grid[1]) + 0.5) / grid[1] - 0.5)
+    y = FRAME_HEIGHT * ((np.arange(grid[0]) + 0.5) / grid[0] - 0.5)
     across, down = np.meshgrid(x, y)
     return across, down
 
 
-def seed_of(kind: str, options: Mapping[str, Any]) -> int:
+def read_seed(kind: str, options: Mapping[str, Any]) -> int:
     """Return the only option of a preset, `seed` (0 when left out): it sets what chance decides.
 
     Raises

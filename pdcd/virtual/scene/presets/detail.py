@@ -10,41 +10,41 @@ from numpy.typing import NDArray
 
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.presets import letters
-from pdcd.virtual.scene.presets.canvas import HEIGHT, WIDTH, Raster
-from pdcd.virtual.scene.texture import cell_means
+from pdcd.virtual.scene.presets.canvas import FRAME_HEIGHT, FRAME_WIDTH, FrameRaster
+from pdcd.virtual.scene.texture import average_cells
 
 DETAIL = (768, 1024)
 """Rows and columns of a texture: pixels of a projector, whatever the grid."""
-PIXELS = DETAIL[0] / HEIGHT
+TEXTURE_PIXELS = DETAIL[0] / FRAME_HEIGHT
 """Pixels of a texture in one unit of the frame, along either axis."""
-DARKEST = 0.004
+DARKEST_TEXTURE = 0.004
 """Least value of a texture, which is divided by its means over cells."""
 
-AROUND, STRENGTH = 17, 1.3
+_AROUND, _STRENGTH = 17, 1.3
 """Pixels over which the ground makes up for bright letters, about a cell; their contrast."""
 
-Line = tuple[str, float, float, float]
+TextLine = tuple[str, float, float, float]
 """A text, the x of its left end, the y of its base line, and the height of its small letters."""
 
 
-def detail() -> Raster:
+def make_texture_raster() -> FrameRaster:
     """Return the raster of a texture."""
-    return Raster(DETAIL)
+    return FrameRaster(DETAIL)
 
 
-def written(lines: Iterable[Line]) -> letters.Coverage:
+def draw_text(lines: Iterable[TextLine]) -> letters.Coverage:
     """Return the share of ink in each pixel of a texture, `DETAIL`. Text must lie in the frame."""
     page = np.zeros(DETAIL, dtype=np.float32)
     for text, x, y, size in lines:
-        line = letters.line(text, size * PIXELS)
-        left = round((x + WIDTH / 2.0) * PIXELS)
-        top = round((y + HEIGHT / 2.0 - letters.TOP * size) * PIXELS)
+        line = letters.draw_text_line(text, size * TEXTURE_PIXELS)
+        left = round((x + FRAME_WIDTH / 2.0) * TEXTURE_PIXELS)
+        top = round((y + FRAME_HEIGHT / 2.0 - letters.TOP * size) * TEXTURE_PIXELS)
         there = page[top : top + line.shape[0], left : left + line.shape[1]]
         np.maximum(there, line, out=there)
     return page
 
 
-def stretched(page: letters.Coverage, stretch: Array) -> letters.Coverage:
+def stretch_columns(page: letters.Coverage, stretch: Array) -> letters.Coverage:
     """Return a page whose columns are stretched from the middle up and down, by `stretch` each."""
     rows, cols = page.shape
     middle = (rows - 1) / 2.0
@@ -56,23 +56,23 @@ def stretched(page: letters.Coverage, stretch: Array) -> letters.Coverage:
     return tall
 
 
-def inked(image: Array, ink: NDArray[np.float32], colour: Sequence[float]) -> None:
+def print_ink(image: Array, ink: NDArray[np.float32], colour: Sequence[float]) -> None:
     """Print on an image (rows, cols, 3) of any raster, in place; `ink` is of `DETAIL`."""
     share = ink[..., None].astype(np.float64)
     if image.shape[:2] != ink.shape:
-        share = cell_means(share, (image.shape[0], image.shape[1])).reshape(*image.shape[:2], 1)
+        share = average_cells(share, (image.shape[0], image.shape[1])).reshape(*image.shape[:2], 1)
     image += share * (np.asarray(colour) - image)
 
 
-def pressed(page: letters.Coverage) -> Array:
+def make_letter_factors(page: letters.Coverage) -> Array:
     """Return factors, `DETAIL`, that show a page without a change in the means of cells: letters
     are brighter than their ground, and the ground around them is darker."""
-    near = scipy.ndimage.uniform_filter(page.astype(np.float64), AROUND)
-    factors: Array = 1.0 + STRENGTH * (page - near)
+    near = scipy.ndimage.uniform_filter(page.astype(np.float64), _AROUND)
+    factors: Array = 1.0 + _STRENGTH * (page - near)
     return factors
 
 
-def grain(strength: float, along: int = 1) -> Array:
+def make_grain(strength: float, along: int = 1) -> Array:
     """Return factors about 1, `DETAIL`, that scatter by `strength`: fibres, plaster, wood.
 
     along : how many pixels of a row are alike.
@@ -83,7 +83,7 @@ def grain(strength: float, along: int = 1) -> Array:
     return factors.repeat(along, axis=1)[:, : DETAIL[1]]
 
 
-def scratched(rng: np.random.Generator, count: int, radius: float) -> Array:
+def draw_scratches(rng: np.random.Generator, count: int, radius: float) -> Array:
     """Return hairline scratches over a disk about the middle of the frame, `DETAIL`, 0 to 1."""
     image = np.zeros(DETAIL)
     steps = np.linspace(0.0, 1.0, 400)
@@ -91,9 +91,13 @@ def scratched(rng: np.random.Generator, count: int, radius: float) -> Array:
         away, around, turn = radius * np.sqrt(rng.random()), *rng.uniform(0.0, 2.0 * np.pi, 2)
         length, bend, depth = rng.exponential(0.18), rng.normal(0.0, 0.4), rng.uniform(0.3, 1.0)
         way = turn + bend * steps
-        step = min(length, 0.9) / steps.size * PIXELS
-        across = (away * np.cos(around) + WIDTH / 2.0) * PIXELS + step * np.cumsum(np.cos(way))
-        down = (away * np.sin(around) + HEIGHT / 2.0) * PIXELS + step * np.cumsum(np.sin(way))
+        step = min(length, 0.9) / steps.size * TEXTURE_PIXELS
+        across = (away * np.cos(around) + FRAME_WIDTH / 2.0) * TEXTURE_PIXELS + step * np.cumsum(
+            np.cos(way)
+        )
+        down = (away * np.sin(around) + FRAME_HEIGHT / 2.0) * TEXTURE_PIXELS + step * np.cumsum(
+            np.sin(way)
+        )
         left, top = np.floor(across - 0.5), np.floor(down - 0.5)
         for x, y in ((0, 0), (1, 0), (0, 1), (1, 1)):  # shared by the four pixels around
             near = (1.0 - np.abs(across - 0.5 - left - x)) * (1.0 - np.abs(down - 0.5 - top - y))

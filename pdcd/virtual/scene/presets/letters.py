@@ -15,22 +15,22 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-Point = tuple[float, float]
-Stroke = Sequence[Point]
+_Point = tuple[float, float]
+_Stroke = Sequence[_Point]
 Coverage = NDArray[np.float32]
 """Share of each pixel that is ink, (rows, cols)."""
 
-PEN = (0.165, 0.10)
+_PEN = (0.165, 0.10)
 """Half width of upright and of level strokes."""
-TOP, BOTTOM = 1.75, -0.65
+TOP, _BOTTOM = 1.75, -0.65
 """Of the tallest and the deepest letter, pen included."""
-SPACE = 0.5
+_SPACE = 0.5
 """Width of a space."""
-GAP = 0.22
+_GAP = 0.22
 """Between two letters, beside their pens."""
 
 
-def _bow(x: float, y: float, across: float, up: float, start: float, stop: float) -> list[Point]:
+def _bow(x: float, y: float, across: float, up: float, start: float, stop: float) -> list[_Point]:
     """Part of an ellipse about (x, y), from `start` to `stop` degrees, counter-clockwise from the
     right."""
     steps = max(2, round(abs(stop - start) / 20.0))
@@ -38,7 +38,7 @@ def _bow(x: float, y: float, across: float, up: float, start: float, stop: float
     return [(x + across * math.cos(turn), y + up * math.sin(turn)) for turn in turns]
 
 
-def _ring(x: float, width: float) -> list[Point]:
+def _ring(x: float, width: float) -> list[_Point]:
     """A small round letter of that width, its left end at x."""
     return _bow(x + width / 2, 0.5, width / 2, 0.5, 0, 360)
 
@@ -46,10 +46,10 @@ def _ring(x: float, width: float) -> list[Point]:
 _O = _ring(0.0, 0.8)
 _SHOULDER = [*_bow(0.36, 0.62, 0.34, 0.38, 150, 0), (0.70, 0.0)]
 _CUP = [(0.0, 1.0), *_bow(0.34, 0.36, 0.34, 0.36, 180, 330)]
-_STEM: list[Point] = [(0.0, 0.0), (0.0, 1.0)]
-_TALL: list[Point] = [(0.0, 0.0), (0.0, 1.6)]
+_STEM: list[_Point] = [(0.0, 0.0), (0.0, 1.0)]
+_TALL: list[_Point] = [(0.0, 0.0), (0.0, 1.6)]
 
-STROKES: dict[str, tuple[Stroke, ...]] = {
+STROKES: dict[str, tuple[_Stroke, ...]] = {
     "a": (
         [*_bow(0.34, 0.68, 0.32, 0.32, 150, 0), (0.66, 0.0)],
         _bow(0.34, 0.29, 0.34, 0.29, 20, 340),
@@ -117,19 +117,19 @@ STROKES: dict[str, tuple[Stroke, ...]] = {
 """What can be written, beside spaces."""
 
 
-def width(text: str, size: float) -> float:
+def measure_text(text: str, size: float) -> float:
     """Return how wide a text is whose x is `size` high, in the unit of `size`."""
     return size * sum(map(_advance, text))
 
 
-def line(text: str, size_px: float) -> Coverage:
+def draw_text_line(text: str, size_px: float) -> Coverage:
     """Return a line of text whose x is `size_px` high: (rows, cols) float32, 0 to 1.
 
     The base line is `TOP` times `size_px` below the top edge. Raises KeyError for a character that
     the font does not have.
     """
-    rows = math.ceil((TOP - BOTTOM) * size_px)
-    image = np.zeros((rows, math.ceil(width(text, size_px)) + 2), dtype=np.float32)
+    rows = math.ceil((TOP - _BOTTOM) * size_px)
+    image = np.zeros((rows, math.ceil(measure_text(text, size_px)) + 2), dtype=np.float32)
     place = 0.0
     for character in text:
         if character != " ":
@@ -146,29 +146,29 @@ def line(text: str, size_px: float) -> Coverage:
 def _advance(character: str) -> float:
     """Return how far the pen moves on, in heights of an x."""
     if character == " ":
-        return SPACE
+        return _SPACE
     right = max(x for stroke in STROKES[character] for x, _ in stroke)
-    return right + 2.0 * PEN[0] + GAP
+    return right + 2.0 * _PEN[0] + _GAP
 
 
 @lru_cache(maxsize=512)
 def _tile(character: str, size_px: float, shift_px: float) -> Coverage:
     """Return one letter, its left edge `shift_px` from the left of its image."""
-    rows = math.ceil((TOP - BOTTOM) * size_px)
+    rows = math.ceil((TOP - _BOTTOM) * size_px)
     cols = math.ceil(size_px * _advance(character) + shift_px)
-    x = (np.arange(cols) + 0.5 - shift_px) / size_px - PEN[0]
+    x = (np.arange(cols) + 0.5 - shift_px) / size_px - _PEN[0]
     y = TOP - (np.arange(rows) + 0.5) / size_px
     # The pen is an ellipse: in units of its half widths it is a circle, and distances are plain.
-    points = np.stack(np.meshgrid(x / PEN[0], y / PEN[1]), axis=-1)[..., None, :]
+    points = np.stack(np.meshgrid(x / _PEN[0], y / _PEN[1]), axis=-1)[..., None, :]
     lines = [
         (start, stop) for stroke in STROKES[character] for start, stop in itertools.pairwise(stroke)
     ]
-    ends = np.array(lines) / PEN
+    ends = np.array(lines) / _PEN
     start, way = ends[:, 0], ends[:, 1] - ends[:, 0]
     part = ((points - start) * way).sum(axis=-1) / (way**2).sum(axis=-1)
     nearest = start + np.clip(part, 0.0, 1.0)[..., None] * way
     distance = np.sqrt(((points - nearest) ** 2).sum(axis=-1)).min(axis=-1)
     # Half covered where the edge runs through the pixel's middle.
-    soft = size_px * math.sqrt(PEN[0] * PEN[1])
+    soft = size_px * math.sqrt(_PEN[0] * _PEN[1])
     covered: Coverage = np.clip(0.5 + (1.0 - distance) * soft, 0.0, 1.0).astype(np.float32)
     return covered

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.virtual.scene.effects import Array
-from pdcd.virtual.scene.presets.canvas import Raster, Shape
+from pdcd.virtual.scene.presets.canvas import FrameRaster, Shape
 from pdcd.virtual.scene.presets.thrown import Landing
 
-MIRROR = 0.85
+FACET_REFLECTANCE = 0.85
 """Reflectance of a facet."""
 
-Plane = tuple[float, float, float]
+_Plane = tuple[float, float, float]
 """A plane by its height at the middle of the frame and its rise to the right and down. A room is
 the highest of its planes at each place: seen from within it bulges outwards everywhere."""
 
@@ -102,7 +102,7 @@ class MirrorBall:
         middles: Array = np.array([*self.centre]) + self.radius * self.facets[0]
         return middles
 
-    def draw(self, raster: Raster, image: Array, facets: Array) -> None:
+    def draw(self, raster: FrameRaster, image: Array, facets: Array) -> None:
         """Draw the ball over an image in detail; its facets have these values (facets,)."""
         ring, place = self.along(raster.x, raster.y)
         facet = self.facet(raster.x, raster.y)
@@ -113,7 +113,7 @@ class MirrorBall:
         glue = np.maximum(np.abs(across), np.abs(down)) > 0.45
         image[ball] = (facets[facet[ball]] * np.where(glue, 0.15, spot))[:, None]
 
-    def lands(self, room: Sequence[Plane]) -> Landing:
+    def lands(self, room: Sequence[_Plane]) -> Landing:
         """Return where its light lands in a room of planes, see `thrown.Landing`."""
 
         def landing(x: Array, y: Array) -> tuple[Shape, Array, Array]:
@@ -121,7 +121,7 @@ class MirrorBall:
             ball = facet >= 0
             to_x, to_y = np.zeros(x.shape), np.zeros(x.shape)
             start = self.points(x[ball], y[ball])
-            to_x[ball], to_y[ball] = met(room, start, self.rays[facet[ball]])
+            to_x[ball], to_y[ball] = find_ray_ends(room, start, self.rays[facet[ball]])
             there = ball & np.isfinite(to_x)
             # What lies behind the ball is lit by nothing that is seen.
             there &= self.facet(np.where(there, to_x, 0.0), np.where(there, to_y, 0.0)) < 0
@@ -130,7 +130,7 @@ class MirrorBall:
         return landing
 
 
-def met(room: Sequence[Plane], start: Array, ray: Array) -> tuple[Array, Array]:
+def find_ray_ends(room: Sequence[_Plane], start: Array, ray: Array) -> tuple[Array, Array]:
     """Return where rays (s, 3) from points (s, 3) meet a room: x, y, infinite if nowhere."""
     far = np.full(len(ray), np.inf)
     for height, right, down in room:

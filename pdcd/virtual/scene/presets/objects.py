@@ -1,7 +1,7 @@
 """Things that more than one scene is set up with: round balls, a drinking glass, a glass rod.
 
 A place is looked at along one direction, from which the light comes, too: rays are parallel. What
-stands on a table is seen from above by some `TILT`: a step towards the camera is `TILT` of a step
+stands on a table is seen from above by some `_TILT`: a step towards the camera is `_TILT` of a step
 down in the picture.
 """
 
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdcd.virtual.scene.effects import Array
-from pdcd.virtual.scene.presets.canvas import Raster, Shape
+from pdcd.virtual.scene.presets.canvas import FrameRaster, Shape
 
-TILT = 0.40
+_TILT = 0.40
 """Sine of the angle from which tables are seen."""
-WAVES = 0.10
+_WAVES = 0.10
 """How uneven blown glass is: the angle by which it throws light aside, and the share up or down."""
 
 
@@ -28,17 +28,17 @@ class Ball:
     y: float
     radius: float
 
-    def on(self, raster: Raster) -> Shape:
+    def on(self, raster: FrameRaster) -> Shape:
         """Where it is seen."""
         return raster.disk(self.x, self.y, self.radius)
 
-    def facing(self, raster: Raster) -> Array:
+    def facing(self, raster: FrameRaster) -> Array:
         """Cosine of the light's angle on it, 0 outside, (rows, cols)."""
         square = ((raster.x - self.x) ** 2 + (raster.y - self.y) ** 2) / self.radius**2
         cosine: Array = np.sqrt(np.maximum(1.0 - square, 0.0))
         return cosine
 
-    def glint(self, raster: Raster) -> Array:
+    def glint(self, raster: FrameRaster) -> Array:
         """A window's shine on a polished ball, 0 to 1, (rows, cols)."""
         across = (raster.x - self.x) / self.radius + 0.35
         down = (raster.y - self.y) / self.radius + 0.40
@@ -67,17 +67,17 @@ class Tumbler:
 
     def on(self, x: Array, y: Array) -> Shape:
         """Where any of the glass is seen."""
-        half = TILT * self._half(x)
+        half = _TILT * self._half(x)
         inside: Shape = np.abs(x - self.x) < self.radius
         return inside & (y < self.y + half) & (y > self.y - self.height - half)
 
     def far_side(self, x: Array, y: Array) -> tuple[Shape, Array]:
         """Where the inner far side is seen, and at what height above the table."""
-        height = self.y - TILT * self._half(x) - y
+        height = self.y - _TILT * self._half(x) - y
         inside: Shape = np.abs(x - self.x) < 0.985 * self.radius
         return inside & (height > 0.0) & (height < self.height), height
 
-    def caustic(self, x: Array, y: Array, waves: float = WAVES) -> tuple[Shape, Array, Array]:
+    def caustic(self, x: Array, y: Array, waves: float = _WAVES) -> tuple[Shape, Array, Array]:
         """Where light arrives on the table that the far side reflects, see `thrown.Landing`.
 
         A ray meets the round wall at the angle a, goes on at 2 a from where it came, and falls
@@ -89,12 +89,12 @@ class Tumbler:
         level = height / self.radius
         aside = 2.0 * angle + waves * np.sin(8.0 * angle + 7.0 * level)
         aside = aside + 0.7 * waves * np.sin(13.0 * angle - 9.0 * level + 1.0)
-        far = height / TILT * (1.0 + waves * np.sin(10.0 * level + 3.0 * angle))
+        far = height / _TILT * (1.0 + waves * np.sin(10.0 * level + 3.0 * angle))
         across = self.radius * np.sin(angle) - far * np.sin(aside)
         near = -self.radius * np.cos(angle) + far * np.cos(aside)
-        return there, self.x + across, self.y + TILT * near
+        return there, self.x + across, self.y + _TILT * near
 
-    def draw(self, raster: Raster, image: Array) -> None:
+    def draw(self, raster: FrameRaster, image: Array) -> None:
         """Draw the glass over what stands behind and in it: its rims and its shine."""
         x, y = raster.x, raster.y
         across = (x - self.x) / self.radius
@@ -104,7 +104,7 @@ class Tumbler:
         half = self._half(x)
         for middle in (self.y, self.y - self.height):
             for sign in (-1.0, 1.0):
-                edge = np.abs(y - middle - sign * TILT * half) < 0.006
+                edge = np.abs(y - middle - sign * _TILT * half) < 0.006
                 edge &= np.abs(across) < 0.999
                 image[edge] = 0.5 * image[edge] + 0.22
         upright = on & (y < self.y) & (y > self.y - self.height)
@@ -147,7 +147,7 @@ class Rod:
         land = self.x + self.radius * across - self.wall * np.tan(bend)
         return there, land, y
 
-    def draw(self, raster: Raster, image: Array) -> None:
+    def draw(self, raster: FrameRaster, image: Array) -> None:
         """Draw the rod over what stands behind it."""
         across = (raster.x - self.x) / self.radius
         on = self.on(raster.x, raster.y)

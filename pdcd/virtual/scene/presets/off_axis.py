@@ -10,20 +10,26 @@ from collections.abc import Mapping
 from typing import Any
 
 from pdcd.errors import ConfigError
-from pdcd.virtual.scene.depth import HEIGHT, PLANE, WIDTH, OffAxis, off_axis_scene
+from pdcd.virtual.scene.depth import (
+    FIELD_HEIGHT,
+    FIELD_WIDTH,
+    PLANE,
+    OffAxisRig,
+    build_off_axis_scene,
+)
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.solids import Rectangle, box, wall
+from pdcd.virtual.scene.solids import Rectangle, make_box, make_wall
 
-BASELINE = 0.5
-RED, GREEN, BLUE = (0.75, 0.12, 0.08), (0.15, 0.65, 0.20), (0.15, 0.25, 0.75)
-WHITE, GREY = (0.80, 0.80, 0.78), (0.55, 0.55, 0.58)
-FAR = 3.0
+_BASELINE = 0.5
+_RED, _GREEN, _BLUE = (0.75, 0.12, 0.08), (0.15, 0.65, 0.20), (0.15, 0.25, 0.75)
+_WHITE, _GREY = (0.80, 0.80, 0.78), (0.55, 0.55, 0.58)
+_FAR = 3.0
 """Distance of the wall behind everything."""
-DEEP = 0.35
+_DEEP = 0.35
 """How deep boxes are."""
-FLOOR = 0.4
+_FLOOR = 0.4
 """How far below the axis the floor lies, on which boxes stand."""
-SHELF = (1.6, 2.0, 2.3, 2.6)
+_SHELF = (1.6, 2.0, 2.3, 2.6)
 """Distances of the fronts of the boxes on the shelf, from left to right."""
 
 
@@ -31,7 +37,7 @@ def box_before_wall(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """A red box before a grey wall (`baseline`, `disparity`: of the box's front, in cells;
     `painted`: true for boards and letters on it, and for bricks)."""
     numbers = {name: value for name, value in options.items() if name != "painted"}
-    baseline = _number("off-axis-box", numbers, ("baseline", "disparity"), "baseline", BASELINE)
+    baseline = _number("off-axis-box", numbers, ("baseline", "disparity"), "baseline", _BASELINE)
     disparity = _number("off-axis-box", numbers, ("baseline", "disparity"), "disparity", 0.0)
     painted = options.get("painted", False)
     if not isinstance(painted, bool):
@@ -39,56 +45,56 @@ def box_before_wall(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
             f"[scene] options of 'off-axis-box': painted = {painted!r}", hint="true or false"
         )
     _check_baseline(baseline)
-    rig = OffAxis(grid, baseline, ())
-    least, most = rig.disparity_cells(FAR - DEEP), rig.disparity_cells(0.5 * PLANE)
+    rig = OffAxisRig(grid, baseline, ())
+    least, most = rig.disparity_cells(_FAR - _DEEP), rig.disparity_cells(0.5 * PLANE)
     if not least < disparity <= most:
         raise ConfigError(
             f"[scene] options of 'off-axis-box': a disparity of {disparity:g} cells",
             hint=f"above {least:.2f} and at most {most:.2f}: between the wall and half its way",
         )
     front = rig.distance(disparity)
-    red = box((-0.05, -0.15, front), (0.55, FLOOR, front + DEEP), RED)
-    rig = OffAxis(grid, baseline, (*red, *_room(baseline)))
+    red = make_box((-0.05, -0.15, front), (0.55, _FLOOR, front + _DEEP), _RED)
+    rig = OffAxisRig(grid, baseline, (*red, *_room(baseline)))
     if not painted:
-        return off_axis_scene("off-axis-box", rig)
-    from pdcd.virtual.scene.presets.painted import painted_box
+        return build_off_axis_scene("off-axis-box", rig)
+    from pdcd.virtual.scene.presets.painted import paint_box
 
-    return off_axis_scene("off-axis-box", rig, painted_box(rig))
+    return build_off_axis_scene("off-axis-box", rig, paint_box(rig))
 
 
 def wedge(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Two walls that meet at a right angle, open to the rig, lighting each other (`baseline`)."""
     baseline = _baseline("off-axis-wedge", options)
-    left = Rectangle((-0.75, -0.6, 1.7), (1.0, 0.0, 1.0), (0.0, 1.2, 0.0), RED)
-    right = Rectangle((0.25, -0.6, 2.7), (1.0, 0.0, -1.0), (0.0, 1.2, 0.0), WHITE)
+    left = Rectangle((-0.75, -0.6, 1.7), (1.0, 0.0, 1.0), (0.0, 1.2, 0.0), _RED)
+    right = Rectangle((0.25, -0.6, 2.7), (1.0, 0.0, -1.0), (0.0, 1.2, 0.0), _WHITE)
     surfaces = (left, right, _room(baseline)[0])
-    return off_axis_scene("off-axis-wedge", OffAxis(grid, baseline, surfaces))
+    return build_off_axis_scene("off-axis-wedge", OffAxisRig(grid, baseline, surfaces))
 
 
 def shelf(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Boxes at four depths before a wall (`baseline`)."""
     baseline = _baseline("off-axis-shelf", options)
-    places = ((-0.45, RED), (-0.05, WHITE), (0.35, GREEN), (0.85, BLUE))
+    places = ((-0.45, _RED), (-0.05, _WHITE), (0.35, _GREEN), (0.85, _BLUE))
     boxes = [
         face
-        for z, (x, colour) in zip(SHELF, places, strict=True)
-        for face in box((x - 0.14, -0.3, z), (x + 0.14, FLOOR, z + 0.2), colour)
+        for z, (x, colour) in zip(_SHELF, places, strict=True)
+        for face in make_box((x - 0.14, -0.3, z), (x + 0.14, _FLOOR, z + 0.2), colour)
     ]
-    rig = OffAxis(grid, baseline, (*boxes, *_room(baseline)))
-    return off_axis_scene("off-axis-shelf", rig)
+    rig = OffAxisRig(grid, baseline, (*boxes, *_room(baseline)))
+    return build_off_axis_scene("off-axis-shelf", rig)
 
 
 def _room(baseline: float) -> tuple[Rectangle, Rectangle]:
     """A wall that fills the sight of both devices, and a floor before it."""
-    larger = FAR / PLANE
-    width = 0.5 * WIDTH * larger + baseline
-    back = wall(FAR, (width, 0.5 * HEIGHT * larger), WHITE)
-    floor = Rectangle((-width, FLOOR, 1.0), (2.0 * width, 0.0, 0.0), (0.0, 0.0, FAR - 1.0), GREY)
+    larger = _FAR / PLANE
+    width = 0.5 * FIELD_WIDTH * larger + baseline
+    back = make_wall(_FAR, (width, 0.5 * FIELD_HEIGHT * larger), _WHITE)
+    floor = Rectangle((-width, _FLOOR, 1.0), (2.0 * width, 0.0, 0.0), (0.0, 0.0, _FAR - 1.0), _GREY)
     return back, floor
 
 
 def _baseline(kind: str, options: Mapping[str, Any]) -> float:
-    baseline = _number(kind, options, ("baseline",), "baseline", BASELINE)
+    baseline = _number(kind, options, ("baseline",), "baseline", _BASELINE)
     _check_baseline(baseline)
     return baseline
 

@@ -15,14 +15,14 @@ import numpy as np
 import scipy
 from scipy.ndimage import gaussian_filter
 
-from pdcd.virtual.scene.effects import COLOURS, Array, Sparse, both_ways
-from pdcd.virtual.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Shape
-from pdcd.virtual.scene.presets.detail import DETAIL, PIXELS, detail
-from pdcd.virtual.scene.texture import sampled
+from pdcd.virtual.scene.effects import COLOUR_NAMES, Array, SparseEffect, make_two_way_paths
+from pdcd.virtual.scene.presets.canvas import FRAME_HEIGHT, FRAME_WIDTH, Canvas, Shape
+from pdcd.virtual.scene.presets.detail import DETAIL, TEXTURE_PIXELS, make_texture_raster
+from pdcd.virtual.scene.texture import sample_texture
 
-SOFT_PX = 1.1
+_SOFT_PX = 1.1
 """How much rays are spread in detail: a texture has few of them in a pixel."""
-RAYS = 4
+_RAYS = 4
 """Rays of a pixel along either axis."""
 
 Landing = Callable[[Array, Array], tuple[Shape, Array, Array]]
@@ -49,7 +49,7 @@ class Thrower:
 
 
 @dataclass(frozen=True, eq=False)
-class Thrown:
+class _Thrown:
     """What throwers do between cells.
 
     effects : paths from throwers to what they light, and back, a colour each
@@ -58,40 +58,40 @@ class Thrown:
         direct, see row 1 of Table 2 of the paper.
     """
 
-    effects: tuple[Sparse, ...]
+    effects: tuple[SparseEffect, ...]
     back: Array
 
 
-def thrown(canvas: Canvas, throwers: Sequence[Thrower], lit: Array) -> Thrown:
+def make_thrown_paths(canvas: Canvas, throwers: Sequence[Thrower], lit: Array) -> _Thrown:
     """Return the paths of all throwers; `lit` (N, 3) is what cells return of light on
     them, as their direct light does: slope included."""
-    effects: list[Sparse] = []
+    effects: list[SparseEffect] = []
     back = np.zeros_like(lit)
     for one in throwers:
         arriving = one.share * _links(canvas, one)
         total = lit * np.asarray(arriving.sum(axis=1)).ravel()[:, None]
         reached = lit * np.minimum(1.0, one.budget / np.maximum(total, 1e-9))
         back += one.share * (arriving.T @ reached)
-        for channel, colour in enumerate(COLOURS):
+        for channel, colour in enumerate(COLOUR_NAMES):
             paths = scipy.sparse.diags_array(reached[:, channel]) @ arriving
             # A path within a cell is there and back in one: it must not be counted twice.
             paths = paths - scipy.sparse.diags_array(0.5 * paths.diagonal())
-            effects.append(both_ways(f"{one.name}, {colour}", paths, np.eye(3)[channel]))
-    return Thrown(tuple(effects), back)
+            effects.append(make_two_way_paths(f"{one.name}, {colour}", paths, np.eye(3)[channel]))
+    return _Thrown(tuple(effects), back)
 
 
-def thrown_in_detail(throwers: Sequence[Thrower], lit: Array) -> Array:
+def draw_thrown_light(throwers: Sequence[Thrower], lit: Array) -> Array:
     """Return the light that throwers send, and what is seen in them, (H, W, 3) of `DETAIL`.
 
     lit : (H, W, 3) float64, as that of cells
     """
     light = np.zeros((*DETAIL, 3))
     for one in throwers:
-        light += spots(one)[..., None] * lit
+        light += draw_spots(one)[..., None] * lit
     return light + _shown(throwers, lit)
 
 
-def shown_back(throwers: Sequence[Thrower], lit: Array) -> Array:
+def draw_returned_light(throwers: Sequence[Thrower], lit: Array) -> Array:
     """Return what comes back to its own point of throwers, (H, W, 3) of `DETAIL`."""
     light = np.zeros((*DETAIL, 3))
     for one in throwers:
@@ -99,36 +99,36 @@ def shown_back(throwers: Sequence[Thrower], lit: Array) -> Array:
     return light
 
 
-def spots(one: Thrower) -> Array:
+def draw_spots(one: Thrower) -> Array:
     """Return the light that arrives at each pixel, (H, W) of `DETAIL`; 1 is full projection."""
-    raster = detail()
+    raster = make_texture_raster()
     light = np.zeros(DETAIL[0] * DETAIL[1])
     rng = np.random.default_rng(1)  # rays at even steps would draw rings
     on = one.lands(raster.x, raster.y)[0]
     # Some rays of a pixel may leave from a thrower whose middle does not.
     near = gaussian_filter(on.astype(np.float32), 2.0) > 0.01
     from_x, from_y = raster.x[near], raster.y[near]
-    for number in range(RAYS**2):
+    for number in range(_RAYS**2):
         within = rng.random((2, from_x.size))
-        right, down = (within + np.array([[number % RAYS], [number // RAYS]])) / RAYS - 0.5
-        hit, x, y = one.lands(from_x + right / PIXELS, from_y + down / PIXELS)
-        col = np.floor((x[hit] + WIDTH / 2.0) * PIXELS).astype(np.intp)
-        row = np.floor((y[hit] + HEIGHT / 2.0) * PIXELS).astype(np.intp)
+        right, down = (within + np.array([[number % _RAYS], [number // _RAYS]])) / _RAYS - 0.5
+        hit, x, y = one.lands(from_x + right / TEXTURE_PIXELS, from_y + down / TEXTURE_PIXELS)
+        col = np.floor((x[hit] + FRAME_WIDTH / 2.0) * TEXTURE_PIXELS).astype(np.intp)
+        row = np.floor((y[hit] + FRAME_HEIGHT / 2.0) * TEXTURE_PIXELS).astype(np.intp)
         seen = (row >= 0) & (row < DETAIL[0]) & (col >= 0) & (col < DETAIL[1])
         light += np.bincount(row[seen] * DETAIL[1] + col[seen], minlength=light.size)
-    arrived: Array = gaussian_filter(light.reshape(DETAIL), SOFT_PX)
-    return arrived * (one.share / RAYS**2)
+    arrived: Array = gaussian_filter(light.reshape(DETAIL), _SOFT_PX)
+    return arrived * (one.share / _RAYS**2)
 
 
 def _shown(throwers: Sequence[Thrower], lit: Array) -> Array:
     """What throwers show of `lit`: sight goes the way of light."""
-    raster = detail()
+    raster = make_texture_raster()
     light = np.zeros((*DETAIL, 3))
     for one in throwers:
         hit, x, y = one.lands(raster.x, raster.y)
-        hit = hit & (np.abs(x) < WIDTH / 2.0) & (np.abs(y) < HEIGHT / 2.0)
-        place = np.stack([x[hit] / WIDTH, y[hit] / HEIGHT], axis=-1) + 0.5
-        light[hit] += one.share * sampled(lit, place)
+        hit = hit & (np.abs(x) < FRAME_WIDTH / 2.0) & (np.abs(y) < FRAME_HEIGHT / 2.0)
+        place = np.stack([x[hit] / FRAME_WIDTH, y[hit] / FRAME_HEIGHT], axis=-1) + 0.5
+        light[hit] += one.share * sample_texture(lit, place)
     return light
 
 

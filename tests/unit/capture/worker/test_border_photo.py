@@ -11,12 +11,20 @@ import pytest
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.capture.worker.answers import Photo, Spoilt
+from pdcd.capture.worker.answers import AuxiliaryPhoto, SpoiltPhoto
 from pdcd.capture.worker.border_check import photograph_borders
 from pdcd.capture.worker.exposing import Orders
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import BLACK
-from pdcd.planning.border_photo import DARK, INNER, LIT, LOOK_S, BorderFrames, due, wanted
+from pdcd.planning.border_photo import (
+    BORDER_PHOTO_S,
+    DARK,
+    INNER,
+    LIT,
+    BorderFrames,
+    is_border_photo_due,
+    is_border_photo_needed,
+)
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.protocol.request import CaptureRequest
@@ -52,13 +60,13 @@ def planned(config: Config = APART, **fields: Any) -> Plan:
 def test_a_photo_is_taken_where_it_tells_something(
     config: Config, fields: dict[str, Any], is_wanted: bool
 ) -> None:
-    assert wanted(planned(config, **fields), config) is is_wanted
+    assert is_border_photo_needed(planned(config, **fields), config) is is_wanted
 
 
 def test_it_comes_after_the_white_photo() -> None:
     plan = planned()
-    assert not due(plan, set())
-    assert due(plan, {"white"})
+    assert not is_border_photo_due(plan, set())
+    assert is_border_photo_due(plan, {"white"})
 
 
 @pytest.mark.parametrize("name", [LIT, INNER, DARK])
@@ -79,7 +87,7 @@ def test_both_panels_are_nearly_dark_and_each_pixel_has_its_turn(name: str) -> N
 def test_the_brightest_quad_gets_no_more_light_than_in_the_white_photo() -> None:
     rows = [BorderFrames.of(planned(), APART, widest).rows for widest in (1.0, 0.5, 0.25)]
     assert rows[1] == pytest.approx(2 * rows[0], abs=1)
-    assert rows[2] == round(LOOK_S * APART.row_hz)  # and no longer than that
+    assert rows[2] == round(BORDER_PHOTO_S * APART.row_hz)  # and no longer than that
 
 
 class Exposing:
@@ -108,7 +116,7 @@ def taken(*photos: Any) -> tuple[Any, list[str], Orders]:
 
 
 def test_the_run_remembers_all_photos() -> None:
-    lit, inner, dark = (Photo(((f"raw/{n}.dng", n[0] * 64),), 2.0) for n in "abc")
+    lit, inner, dark = (AuxiliaryPhoto(((f"raw/{n}.dng", n[0] * 64),), 2.0) for n in "abc")
     found, names, _ = taken(lit, inner, dark)
     assert names == [LIT, INNER, DARK]
     assert [p.raw for p in (found, found.inner, found.dark)] == [f"raw/{n}.dng" for n in "abc"]
@@ -118,7 +126,7 @@ def test_the_run_remembers_all_photos() -> None:
 
 
 def test_a_display_without_pictures_of_pixels_is_told_of() -> None:
-    found, names, orders = taken(Spoilt("the display takes no frames of pixels (old)"))
+    found, names, orders = taken(SpoiltPhoto("the display takes no frames of pixels (old)"))
     assert found is None and names == [LIT]
     (note,) = orders.end().notes
     assert isinstance(note, str) and "errs by more: the display takes no frames" in note

@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.capture.worker.calls import start_worker
 from pdcd.capture.worker.spawned import _for_child
-from pdcd.capture.worker.work import FIRST, WORK, broken, out_of_memory
+from pdcd.capture.worker.work import FRESH_JOBS, WORK, make_memory_error, make_work_error
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import DecodeError, PdcdError, PlanError
 from tests.child_rig import Children, stand_ins
@@ -37,10 +37,10 @@ def test_a_worker_is_a_module_of_ours_with_one_thread_for_linear_algebra(
 
 def test_the_table_names_its_tasks_and_says_what_broke() -> None:
     assert all(getattr(Worker, name) is task for name, task in WORK.items())
-    for name in FIRST:
-        assert isinstance(out_of_memory(name), PlanError)
-    for name in WORK.keys() - FIRST:
-        error = broken(name, "ended with status 1", "look")
+    for name in FRESH_JOBS:
+        assert isinstance(make_memory_error(name), PlanError)
+    for name in WORK.keys() - FRESH_JOBS:
+        error = make_work_error(name, "ended with status 1", "look")
         assert isinstance(error, DecodeError)
         assert error.message == "the decoding process ended with status 1"
         assert error.hint == "the RAW files are kept; look"

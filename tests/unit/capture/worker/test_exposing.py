@@ -13,7 +13,7 @@ from pdcd.bench.devices import CameraSettings
 from pdcd.bench.stops import Stop
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import exposing
-from pdcd.capture.worker.answers import Enough, Facts, Order, Photo, Wanted
+from pdcd.capture.worker.answers import AuxiliaryPhoto, ConvergenceNote, Order, PhotoOrder, RigFacts
 from pdcd.capture.worker.exposing import Exposer, Orders
 from pdcd.errors import ConfigError
 from pdcd.planning.metering import MAX_TESTS
@@ -37,7 +37,7 @@ PROFILE: Any = SimpleNamespace(saturation_dn=lambda iso: 10.0 * iso)
 def exposer(f_number: Any = "auto", f_numbers: Any = (4.0, 8.0), iso: int | None = None) -> Exposer:
     config: Any = SimpleNamespace(camera=SimpleNamespace(f_number=f_number, stops=()))
     camera: Any = SimpleNamespace(isos=(200, 100, 400), f_numbers=f_numbers)
-    return Exposer(Facts(config, PROFILE, (3, 4), None), camera, iso, Path("/run"), Orders())
+    return Exposer(RigFacts(config, PROFILE, (3, 4), None), camera, iso, Path("/run"), Orders())
 
 
 def metered(made: Exposer, shot: Shot = CODED, *, planes: int = 1) -> tuple[float, list[Order]]:
@@ -54,7 +54,7 @@ def metered(made: Exposer, shot: Shot = CODED, *, planes: int = 1) -> tuple[floa
         assert order.photo is not None
         name = order.photo.name
         raws = ((f"raw/{name}.dng", SHA), (f"raw/{name}-b.dng", SECOND))
-        taken = Photo(raws[:planes], 1.0)
+        taken = AuxiliaryPhoto(raws[:planes], 1.0)
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def shares(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return stop, told.get("settles", True) and len(told["steps"]) > 1
 
     monkeypatch.setattr(Exposer, "_shares", seen)
-    monkeypatch.setattr(exposing, "metered_pairs", lambda sequence: (3, "ratio"))
-    monkeypatch.setattr(exposing, "next_aperture", step)
+    monkeypatch.setattr(exposing, "choose_test_pairs", lambda sequence: (3, "ratio"))
+    monkeypatch.setattr(exposing, "choose_next_aperture", step)
     return told
 
 
@@ -91,8 +91,8 @@ def test_an_aperture_is_metered_once(shares: dict[str, Any]) -> None:
     frames: Any = "frames of 3 pairs"
     settings = [CameraSettings(200, f) for f in (7.5, 4.0)]
     assert [vars(order.photo) for order in orders] == [
-        vars(Wanted("test", "meter-coded-1", frames, settings[0], 7.5)),
-        vars(Wanted("test", "meter-coded-2", frames, settings[1], 4.0)),
+        vars(PhotoOrder("test", "meter-coded-1", frames, settings[0], 7.5)),
+        vars(PhotoOrder("test", "meter-coded-2", frames, settings[1], 4.0)),
     ]
     first = MeterRecord(raw="raw/meter-coded-1.dng", f_number=7.5, peak=0.2)
     second = MeterRecord(raw="raw/meter-coded-2.dng", f_number=4.0, peak=0.5)
@@ -201,8 +201,8 @@ def test_a_lens_that_cannot_be_set_is_not_set() -> None:
 
 def test_a_note_waits_for_the_next_order() -> None:
     orders = Orders()
-    orders.note("first", Enough())
-    assert orders.tell("second") == Order(("first", Enough(), "second"))
+    orders.note("first", ConvergenceNote())
+    assert orders.tell("second") == Order(("first", ConvergenceNote(), "second"))
     assert orders.end() == Order((), done=True)
 
 
@@ -220,7 +220,7 @@ def test_a_test_exposure_is_held_against_the_cells(
 
     monkeypatch.setattr(exposing, "read_raw", read)
     made = exposer()
-    made.facts = Facts(Config(), PROFILE, (3, 4), None)
+    made.facts = RigFacts(Config(), PROFILE, (3, 4), None)
     peak, expected = made._shares("raw/a.dng", SHA, np.full((3, 4), 2.0), 100.0)
     assert asked == [(Path("/run/raw/a.dng"), {"sha256": SHA, "saturation_dn": 100.0})]
     assert peak == pytest.approx(0.6) and expected == pytest.approx(1.2)

@@ -14,12 +14,19 @@ import pytest
 from pdcd.bench.devices import CameraSettings
 from pdcd.capture.worker import plan_owner as module
 from pdcd.capture.worker import worker as worker_module
-from pdcd.capture.worker.answers import Adopted, Enough, Facts, Photo, Spoilt, Wanted
+from pdcd.capture.worker.answers import (
+    AdoptedPlan,
+    AuxiliaryPhoto,
+    ConvergenceNote,
+    PhotoOrder,
+    RigFacts,
+    SpoiltPhoto,
+)
 from pdcd.capture.worker.leak_check import AmbientResponse
 from pdcd.capture.worker.plan_owner import Course, PlannedJob
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import PdcdError, RequestError
-from pdcd.planning.guided import Piloted
+from pdcd.planning.guided import PilotOutcome
 from pdcd.protocol import events
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import DarkPhoto, MeterRecord
@@ -115,12 +122,12 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
     """A job by a plan that goes through these steps; what is stored is noted in its darkroom."""
 
     def make(plan: Plan, *steps: Any, until: float | None = None) -> Any:
-        facts: Any = Facts(CONFIG, None, (3, 4), None, cells_meet=True)  # type: ignore[arg-type]
+        facts: Any = RigFacts(CONFIG, None, (3, 4), None, cells_meet=True)  # type: ignore[arg-type]
         request: Any = SimpleNamespace(seed=7, until_error=until)
         room, left = Room(), list(steps)
         monkeypatch.setattr(module, "Darkroom", lambda folder, record: room)
         monkeypatch.setattr(
-            module, "record_of",
+            module, "make_run_record",
             lambda plan, request, config, camera, profile, shots, cells, **_: (
                 plan.name, shots, cells,
             ),
@@ -129,7 +136,9 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
             Course, "_write_patterns", lambda self: room.told.append(f"codes of {self.plan.name}")
         )
         monkeypatch.setattr(
-            module, "next_step", lambda plan, taken, *, looked, fresh: left.pop(0) if left else None
+            module,
+            "choose_next_step",
+            lambda plan, taken, *, looked, fresh: left.pop(0) if left else None,
         )
         known: Any = plan
         course: Any = Course(facts, PlannedJob(request, CAMERA, known), Path("/run"))
@@ -157,7 +166,7 @@ def notes(orders: list[Any]) -> list[Any]:
 def adopted(name: str, shots: tuple[str, ...] = ("a", "b")) -> Any:
     record: Any = (name, (), None)
     summary: Any = f"summary of {name} within 60 s"
-    return Adopted(summary, record, shots)
+    return AdoptedPlan(summary, record, shots)
 
 
 def test_a_shot_is_ordered_and_kept(made: Made) -> None:
@@ -166,21 +175,21 @@ def test_a_shot_is_ordered_and_kept(made: Made) -> None:
     first, last = run(course, (taken,))
     frames: Any = "frames of b"
     assert vars(first.photo) == vars(
-        Wanted("shot", "b", frames, CameraSettings(100, 8.0), 8.0, "quarter")
+        PhotoOrder("shot", "b", frames, CameraSettings(100, 8.0), 8.0, "quarter")
     )
     assert course.darkroom.record.shots == (taken,)
     assert (first.notes, last.notes, first.done) == ((), (), False)
 
 
-LEARNING = events.Learning(photos=4)
+LEARNING = events.PilotLearning(photos=4)
 
 
-@pytest.mark.parametrize("found", [None, Piloted(Plan("x"), "no use", "")])  # type: ignore[arg-type]
+@pytest.mark.parametrize("found", [None, PilotOutcome(Plan("x"), "no use", "")])  # type: ignore[arg-type]
 def test_a_pilot_that_may_still_pay_goes_on(
     made: Made, monkeypatch: pytest.MonkeyPatch, found: Any
 ) -> None:
     course = made(Plan("asked"), "scouts")
-    monkeypatch.setattr(module, "after_pilot", lambda *_, **__: None)
+    monkeypatch.setattr(module, "decide_after_pilot", lambda *_, **__: None)
     course.darkroom.learnt = found
     first, last = run(course)
     # It is told before the work that takes long.
@@ -207,17 +216,17 @@ def test_other_codes_follow_what_a_pilot_shows(
     course = made(Plan("asked"), "scouts" if outcome == "stopped" else "pilot")
     asked: list[Any] = []
 
-    def after(plan: Plan, learned: str, shots: Any, **said: Any) -> Piloted:
+    def after(plan: Plan, learned: str, shots: Any, **said: Any) -> PilotOutcome:
         asked.append((plan.name, learned, shots, said))
         other: Any = Plan("better", patterns="others")
-        return Piloted(other, outcome, told)
+        return PilotOutcome(other, outcome, told)
 
-    monkeypatch.setattr(module, "after_pilot", after)
+    monkeypatch.setattr(module, "decide_after_pilot", after)
     orders = run(course)
     said = {"scouts": outcome == "stopped", "seed": 7, "limit_s": 60.0, "watch": WATCH}
     assert asked == [("asked", "learnt", (), said)]
     photos = 4 if outcome == "stopped" else 16
-    assert notes(orders) == [events.Learning(photos=photos), adopted("better"), *words]
+    assert notes(orders) == [events.PilotLearning(photos=photos), adopted("better"), *words]
     assert course.darkroom.told == ["learned", "codes of better", ("better", (), "cells")]
     assert course.decided == ((told,) if told else ())
     assert (course._before is None) is (outcome == "guided")
@@ -229,15 +238,17 @@ def test_a_pilot_that_was_of_no_use_changes_no_codes(
 ) -> None:
     course = made(Plan("asked"), "pilot")
     same: Any = Plan("asked")
-    monkeypatch.setattr(module, "after_pilot", lambda *_, **__: Piloted(same, "no use", told))
+    monkeypatch.setattr(
+        module, "decide_after_pilot", lambda *_, **__: PilotOutcome(same, "no use", told)
+    )
     orders = run(course)
     assert course.darkroom.told == ["learned"] and course.plan is same
     words = "the pilot found nothing that better codes could avoid"
     assert notes(orders)[1:] == ([adopted("asked")] if told else [words])
 
 
-def dark(name: str) -> Photo:
-    return Photo(((f"raw/{name}.dng", SHA),), 2.0)
+def dark(name: str) -> AuxiliaryPhoto:
+    return AuxiliaryPhoto(((f"raw/{name}.dng", SHA),), 2.0)
 
 
 def metered(name: str) -> MeterRecord:
@@ -308,9 +319,9 @@ def test_what_follows_from_dark_photos(
 
     monkeypatch.setattr(AmbientResponse, "after", after)
     monkeypatch.setattr(module, "DarkFrames", Due)
-    monkeypatch.setattr(module, "leaks_in", leaks)
-    monkeypatch.setattr(module, "quiet", lambda plan, leaks: Plan("quiet"))
-    monkeypatch.setattr(module, "with_blacks", blacks)
+    monkeypatch.setattr(module, "estimate_leaks", leaks)
+    monkeypatch.setattr(module, "note_harmless_leaks", lambda plan, leaks: Plan("quiet"))
+    monkeypatch.setattr(module, "with_black_exposures", blacks)
     course = made(Plan("asked", look=SimpleNamespace(average=True)), "dark")
     course.darkroom.record.shots = shots
     names = ["look-dark", "look-ambient"][:photos]
@@ -338,10 +349,10 @@ def test_a_dark_photo_that_was_spoilt_ends_the_look_and_not_the_run(
 ) -> None:
     monkeypatch.setattr(module, "DarkFrames", Due)
     unsure = SimpleNamespace(both=2.0, limit=1.0)
-    monkeypatch.setattr(module, "leaks_in", lambda *_: unsure)
+    monkeypatch.setattr(module, "estimate_leaks", lambda *_: unsure)
     course = made(Plan("asked"), "dark")
     photos = [dark("look-dark")][:spoilt]
-    orders = run(course, *photos, Spoilt("late"))
+    orders = run(course, *photos, SpoiltPhoto("late"))
     words = "no look at ambient light and leaks: late"
     assert notes(orders) == [*[metered("look-dark")][:spoilt], words]
     assert course.plan.name == "asked" and course._looked
@@ -362,20 +373,20 @@ def test_only_a_spread_that_is_small_enough_ends_a_run(
     plan = Plan("asked")
     one = shot("a")
     monkeypatch.setattr(Plan, "last_exposed", one if last else shot("z"))
-    monkeypatch.setattr(module, "completes_part", lambda plan, shot: True)
-    monkeypatch.setattr(module, "rms_sigma", lambda answer: sigma)
-    monkeypatch.setattr(module, "part_numbers", lambda recipe: (1, 2, 3))
+    monkeypatch.setattr(module, "is_last_of_part", lambda plan, shot: True)
+    monkeypatch.setattr(module, "compute_rms_sigma", lambda answer: sigma)
+    monkeypatch.setattr(module, "list_parts", lambda recipe: (1, 2, 3))
     monkeypatch.setattr(module, "write_png", lambda path, picture: None)
     monkeypatch.setattr(module, "Previews", lambda *_: SimpleNamespace(drawn=lambda name: None))
     course = made(plan, one, shot("b"), until=0.1)
     course.darkroom.answer = SimpleNamespace(kind=kind)
-    monkeypatch.setattr(module, "completes_part", lambda plan, shot: shot is one)
+    monkeypatch.setattr(module, "is_last_of_part", lambda plan, shot: shot is one)
     records = (SimpleNamespace(name="a"),)
     orders = run(course, records, records)
     told = notes(orders)
     known = None if np.isinf(sigma) else sigma
-    assert told[0] == events.Converging(part=3, rms_sigma=known, target=0.1)
-    assert (Enough() in told) is enough
+    assert told[0] == events.PartCompleted(part=3, rms_sigma=known, target=0.1)
+    assert (ConvergenceNote() in told) is enough
     assert len([order for order in orders if order.photo is not None]) == 2 - ends
     missed = [note for note in told if isinstance(note, str)]
     words = f"sigma came down to {100.0 * sigma:.2g} %, not to the 10 % asked for"
@@ -383,7 +394,7 @@ def test_only_a_spread_that_is_small_enough_ends_a_run(
 
 
 def worker(**known: Any) -> Any:
-    facts: Any = Facts(CONFIG, None, (3, 4), None, cells_meet=True)  # type: ignore[arg-type]
+    facts: Any = RigFacts(CONFIG, None, (3, 4), None, cells_meet=True)  # type: ignore[arg-type]
     one: Any = Worker(facts)
     for name, value in known.items():
         setattr(one, name, value)
@@ -413,10 +424,10 @@ def test_a_job_without_a_folder_or_a_camera_has_no_pictures() -> None:
 
 
 def test_the_page_of_a_run_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker_module, "gathered", lambda *run: run)
+    monkeypatch.setattr(worker_module, "gather_material", lambda *run: run)
     monkeypatch.setattr(worker_module, "read_manifest", lambda folder: f"manifest of {folder}")
     monkeypatch.setattr(
-        worker_module, "written",
+        worker_module, "write_gathered_report",
         lambda folder, manifest, material: SimpleNamespace(name=f"{manifest} {material[1:]}"),
     )  # fmt: skip
     one = worker(_finished=("/run", "record", "decoded", None))

@@ -10,12 +10,19 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import spawned
-from pdcd.capture.worker.answers import Facts
-from pdcd.capture.worker.calls import Call, Done, Failed, Sign, Stop, start_worker
+from pdcd.capture.worker.answers import RigFacts
+from pdcd.capture.worker.calls import (
+    LifeSign,
+    StopCall,
+    TaskCall,
+    TaskFailure,
+    TaskResult,
+    start_worker,
+)
 from pdcd.capture.worker.spawned import SpawnedWorker
 from pdcd.capture.worker.work import SPENT
 from pdcd.capture.worker.worker import Worker
-from pdcd.child import PICKLES, REAP_S, Line
+from pdcd.child import PICKLES, REAP_S, MessageLine
 from pdcd.errors import Cancelled, DecodeError, PdcdError, PlanError, RequestError
 from pdcd.watch import Watch
 from tests.child_rig import Children, Process, stand_ins
@@ -26,14 +33,14 @@ class Other:
 
     def __init__(self, children: Children) -> None:
         self.children = children
-        self._lines: dict[int, Line[Any]] = {}
+        self._lines: dict[int, MessageLine[Any]] = {}
 
     @property
     def processes(self) -> list[Process]:
         return self.children.started
 
     @property
-    def line(self) -> Line[Any]:
+    def line(self) -> MessageLine[Any]:
         last = self.children.last
         if last.pid not in self._lines:
             self._lines[last.pid] = last.line(PICKLES)
@@ -55,7 +62,7 @@ class Other:
 
 @pytest.fixture
 def other(monkeypatch: pytest.MonkeyPatch) -> Iterator[Other]:
-    monkeypatch.setattr("pdcd.child.LOOK_S", 0.001)
+    monkeypatch.setattr("pdcd.child.LOOK_INTERVAL_S", 0.001)
     monkeypatch.setattr(spawned, "STOP_S", 0.02)
     for children in stand_ins(monkeypatch):
         yield Other(children)
@@ -65,7 +72,7 @@ def other(monkeypatch: pytest.MonkeyPatch) -> Iterator[Other]:
 def worker(other: Other) -> Iterator[SpawnedWorker]:
     limits = msgspec.structs.replace(Config().limits, work_silent_s=0.05)
     profile: Any = None
-    facts = Facts(msgspec.structs.replace(Config(), limits=limits), profile, (3, 4), None)
+    facts = RigFacts(msgspec.structs.replace(Config(), limits=limits), profile, (3, 4), None)
     made = SpawnedWorker(facts, ("program",), start_worker(("program",)))
     yield made
     for process in other.processes:
@@ -85,7 +92,7 @@ def when_asked(other: Other, *answers: object, then: Callable[[], object] | None
 
     def alive() -> None:
         found = other.heard()
-        if any(isinstance(one, Call) for one in found):
+        if any(isinstance(one, TaskCall) for one in found):
             other.say(*answers)
             if then is not None:
                 then()
@@ -103,16 +110,16 @@ def heard_by(watch: Watch) -> list[Any]:
 
 def test_facts_are_told_once_and_each_call_is_answered(worker: SpawnedWorker, other: Other) -> None:
     for number in (1, 2):
-        watch = when_asked(other, Done(number))
+        watch = when_asked(other, TaskResult(number))
         assert worker.do(watch, FLIP, "folder", raw="a") == number
         kinds = [type(one) for one in heard_by(watch)]
-        assert kinds == ([Facts, Call] if number == 1 else [Call])
-        assert heard_by(watch)[-1] == Call("head", ("folder",), {"raw": "a"})
+        assert kinds == ([RigFacts, TaskCall] if number == 1 else [TaskCall])
+        assert heard_by(watch)[-1] == TaskCall("head", ("folder",), {"raw": "a"})
     assert worker.pid == 100 and len(other.processes) == 1
 
 
 def test_signs_tell_how_far_it_is_only_where_they_know(worker: SpawnedWorker, other: Other) -> None:
-    watch, steps = when_asked(other, Sign(), Sign(1.0, 4.0, "codes"), Done(None)), []
+    watch, steps = when_asked(other, LifeSign(), LifeSign(1.0, 4.0, "codes"), TaskResult(None)), []
     watch._step = lambda *told: steps.append((*told, watch.stage))
     worker.do(watch, ANSWERED)
     assert steps == [(1.0, 4.0, "codes")]
@@ -123,7 +130,7 @@ def test_a_task_that_failed_raises_and_a_spent_process_is_replaced(
     worker: SpawnedWorker, other: Other, spent: bool
 ) -> None:
     with pytest.raises(RequestError, match="no such"):
-        worker.do(when_asked(other, Failed(RequestError("no such"), spent)), ANSWERED)
+        worker.do(when_asked(other, TaskFailure(RequestError("no such"), spent)), ANSWERED)
     assert ("kill" in other.processes[0].done) == spent and worker.pid == 100 + spent
 
 
@@ -146,7 +153,7 @@ def test_a_death_is_told_in_words_and_the_next_one_is_ready(
     with pytest.raises(kind, match=words):
         worker.do(when_asked(other, then=lambda: other.die(status)), task)
     assert worker.pid == 101 and other.processes[0].returncode == (-9 if status is None else status)
-    assert worker.do(when_asked(other, Done(7)), PLAN) == 7
+    assert worker.do(when_asked(other, TaskResult(7)), PLAN) == 7
 
 
 def test_a_death_between_jobs_is_no_ones_and_amid_a_job_is_told(
@@ -156,7 +163,7 @@ def test_a_death_between_jobs_is_no_ones_and_amid_a_job_is_told(
     with pytest.raises(DecodeError, match="ended with status 3"):
         worker.do(Watch(), ANSWERED)
     other.processes[1].returncode = 3
-    assert worker.do(when_asked(other, Done(1)), PLAN) == 1
+    assert worker.do(when_asked(other, TaskResult(1)), PLAN) == 1
     assert worker.pid == 102
 
 
@@ -175,13 +182,13 @@ def test_signs_of_life_keep_a_long_task_alive(worker: SpawnedWorker, other: Othe
             nonlocal now_s, told
             now_s += 0.04
             told += 1
-            other.say(Done(None) if told == 9 else Sign())
+            other.say(TaskResult(None) if told == 9 else LifeSign())
 
         worker.do(Watch(alive), ANSWERED)
     assert told >= 9 and worker.pid == 100
 
 
-@pytest.mark.parametrize("answer", [Done(1), Failed(PdcdError("x")), None])
+@pytest.mark.parametrize("answer", [TaskResult(1), TaskFailure(PdcdError("x")), None])
 def test_who_gives_up_has_the_task_stopped_and_the_process_if_need_be(
     worker: SpawnedWorker, other: Other, answer: object
 ) -> None:
@@ -192,7 +199,7 @@ def test_who_gives_up_has_the_task_stopped_and_the_process_if_need_be(
         looks += 1
         if looks == 3:
             if answer is not None:
-                other.say(Sign(), answer)
+                other.say(LifeSign(), answer)
             raise Cancelled("nobody waits")
 
     with pytest.raises(Cancelled):
@@ -200,8 +207,8 @@ def test_who_gives_up_has_the_task_stopped_and_the_process_if_need_be(
     if answer is None:
         assert "kill" in other.processes[0].done and worker.pid == 101
     else:
-        assert isinstance(other.heard()[-1], Stop) and worker.pid == 100
-        assert worker.do(when_asked(other, Done(2)), ANSWERED) == 2
+        assert isinstance(other.heard()[-1], StopCall) and worker.pid == 100
+        assert worker.do(when_asked(other, TaskResult(2)), ANSWERED) == 2
 
 
 @pytest.mark.parametrize("look", [1, 2])
@@ -218,10 +225,10 @@ def test_who_gives_up_before_it_asked_costs_nobody_anything(
 
     with pytest.raises(Cancelled):
         worker.do(Watch(alive), FLIP, "x" * (1 << 22), "")
-    watch = when_asked(other, Done(None))
+    watch = when_asked(other, TaskResult(None))
     worker.do(watch, ANSWERED)
     assert worker.pid == 100 and "kill" not in other.processes[0].done
-    assert [type(one) for one in heard_by(watch)] == [Facts, Call]
+    assert [type(one) for one in heard_by(watch)] == [RigFacts, TaskCall]
 
 
 def test_an_answer_that_comes_too_late_is_not_that_to_the_next_task(
@@ -234,7 +241,7 @@ def test_an_answer_that_comes_too_late_is_not_that_to_the_next_task(
         nonlocal looks
         looks += 1
         if looks == 3:
-            other.say(*[Sign()] * 20)
+            other.say(*[LifeSign()] * 20)
             raise Cancelled("nobody waits")
 
     with pytest.raises(Cancelled):
@@ -274,4 +281,4 @@ def test_where_no_process_can_be_had_the_next_task_tries_again(
     with pytest.raises(PdcdError, match="no more processes"):
         worker.do(Watch(), PLAN)
     other.children.refusal = None
-    assert worker.do(when_asked(other, Done(1)), PLAN) == 1
+    assert worker.do(when_asked(other, TaskResult(1)), PLAN) == 1

@@ -14,19 +14,19 @@ import pytest
 import scipy.sparse
 from numpy.typing import NDArray
 
-from pdcd.bench.calibration import ARRAYS, MAPS, PROFILE
+from pdcd.bench.calibration import CALIBRATION_ARRAYS, MAPS, PROFILE
 from pdcd.bench.tables import Config, LimitsConfig
-from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.script import Ask, Measured, Outcome, Script, Wanted
-from pdcd.calibration.shown import Shown
+from pdcd.calibration.figures import MeasuredFigure, Verdict
+from pdcd.calibration.script import ConfigValue, PhotoRequest, StepOutcome, StepScript, UserPrompt
+from pdcd.calibration.shown import PanelSequence
 from pdcd.capture.worker import calibrating, leak_check
-from pdcd.capture.worker.answers import Facts, rms_sigma, transport_figures
+from pdcd.capture.worker.answers import RigFacts, compute_rms_sigma, compute_transport_figures
 from pdcd.capture.worker.calibrating import (
-    Begin,
-    Found,
-    NextAsk,
+    CalibrationStart,
+    CalibrationStudy,
     NextPhoto,
-    Study,
+    OperatorTask,
+    StepResult,
     read_arrays,
     write_arrays,
 )
@@ -35,12 +35,12 @@ from pdcd.capture.worker.worker import Worker
 from pdcd.errors import CalibrationError, DiskError, PdcdError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_map
-from pdcd.pictures.leaks import Answer, Dark
+from pdcd.pictures.leaks import DarkPhotoLight, LeakAnswer
 from pdcd.pictures.picture import Picture
-from pdcd.pictures.transport import Sliced
-from pdcd.planning.guided import stopped, with_links
+from pdcd.pictures.transport import TransportSlice
+from pdcd.planning.guided import end_pilot, with_links
 from pdcd.planning.make import make_plan
-from pdcd.protocol.plan_summary import Leaks
+from pdcd.protocol.plan_summary import LeakErrors
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import DarkPhoto
 from pdcd.watch import Watch
@@ -61,13 +61,13 @@ def test_sigma_over_image_where_it_is_known(
     image: list[float], sigma: list[float], wanted: float
 ) -> None:
     picture = Picture(np.array([[image]]), np.array([[sigma]]))
-    assert rms_sigma(picture) == pytest.approx(wanted)
+    assert compute_rms_sigma(picture) == pytest.approx(wanted)
 
 
-def sliced(sigma: float) -> Sliced:
+def sliced(sigma: float) -> TransportSlice:
     cells = np.array([0, 1])
     entries = np.full((2, 2, 3), 2.0)
-    return Sliced(entries, np.full(entries.shape, sigma), cells, cells, 7, 0.0, 0.0)
+    return TransportSlice(entries, np.full(entries.shape, sigma), cells, cells, 7, 0.0, 0.0)
 
 
 def known_scene(truth: float, textures: object = None, grid: tuple[int, int] = (1, 2)) -> Any:
@@ -92,13 +92,13 @@ def known_scene(truth: float, textures: object = None, grid: tuple[int, int] = (
 def test_entries_of_t_are_compared_where_their_truth_is_known(
     scene: Any, pixels: bool, error: float | None
 ) -> None:
-    told = transport_figures(sliced(0.5), scene, (1, 2), pixels=pixels)
+    told = compute_transport_figures(sliced(0.5), scene, (1, 2), pixels=pixels)
     assert told == {"transport_photos": 7, "transport_sigma": 0.25, "transport_error": error}
 
 
 def test_of_entries_that_are_not_there_or_not_known_nothing_is_told() -> None:
-    assert transport_figures(None, known_scene(1.0), (1, 2), pixels=False) == {}
-    told = transport_figures(sliced(np.inf), None, (1, 2), pixels=False)
+    assert compute_transport_figures(None, known_scene(1.0), (1, 2), pixels=False) == {}
+    told = compute_transport_figures(sliced(np.inf), None, (1, 2), pixels=False)
     assert told["transport_sigma"] is None
 
 
@@ -109,7 +109,7 @@ DARKS = (
 )
 
 
-AMBIENT = Leaks(ambient=5.0, mask=0.0, both=5.0, floor=0.0, limit=0.01, raw=())
+AMBIENT = LeakErrors(ambient=5.0, mask=0.0, both=5.0, floor=0.0, limit=0.01, raw=())
 
 
 def leaks(
@@ -121,23 +121,23 @@ def leaks(
     """Of an answer of brightness 1, open for 3 s and behind a closed mask for 5 s, and one that
     takes nothing of any leak. The former is made of photos open for 4 s less others of 1 s."""
 
-    def answer(opened: float, closed: float) -> Answer:
+    def answer(opened: float, closed: float) -> LeakAnswer:
         one = np.ones((2, 3))
         seen = np.ones(2, np.bool_)
         gross = np.array([opened + 1.0, 1.0])[:, None, None] * one[None, :, :1]
-        return Answer(one, 0.0 * one, opened * one[:, :1], closed * one[:, :1], seen, gross)
+        return LeakAnswer(one, 0.0 * one, opened * one[:, :1], closed * one[:, :1], seen, gross)
 
     answers = [answer(3.0, 5.0), answer(0.0, 0.0)]
-    monkeypatch.setattr(leak_check, "answers_of", lambda *_, **__: answers)
+    monkeypatch.setattr(leak_check, "make_leak_answers", lambda *_, **__: answers)
     darkroom: Any = SimpleNamespace(
         means=lambda watch: (SimpleNamespace(shots=()), MEANS),
         record=SimpleNamespace(normalise="row"),
-        dark_means=lambda photo: Dark(
+        dark_means=lambda photo: DarkPhotoLight(
             np.full((2, 3), light[photo.raw] / photo.phase_s), np.full((2, 3), 1e-13)
         ),
     )
     plan: Any = SimpleNamespace(look=SimpleNamespace(limit=0.01))
-    return leak_check.leaks_in(plan, darkroom, darks, Watch(), before)
+    return leak_check.estimate_leaks(plan, darkroom, darks, Watch(), before)
 
 
 def test_one_dark_photo_tells_the_most_that_leaks_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +173,7 @@ def test_a_room_that_changed_counts_for_all_photos_of_one_sign(
 def test_only_ambient_light_that_matters_is_taken_off_a_pilot(
     ambient: float | None, known: bool
 ) -> None:
-    leaks = Leaks(ambient=ambient, mask=0.5, both=0.5, floor=0.0, limit=0.01, raw=())
+    leaks = LeakErrors(ambient=ambient, mask=0.5, both=0.5, floor=0.0, limit=0.01, raw=())
     plan = replace(
         make_plan(CaptureRequest(goal="indirect", codes=8), Config(), (3, 4)), leaks=leaks
     )
@@ -194,7 +194,7 @@ def test_a_pilot_goes_on_where_ambient_light_had_hidden_what_it_looks_for(
 ) -> None:
     request = CaptureRequest(goal="indirect", codes=128, pilot=16, window="whole", white=False)
     before = make_plan(request, Config(), (6, 8))
-    ended = replace(stopped(before, 0, 60.0), leaks=AMBIENT)
+    ended = replace(end_pilot(before, 0, 60.0), leaks=AMBIENT)
     limits = LimitsConfig(memory_bytes=memory)
     mended = AmbientResponse(request, Config(limits=limits), None, before, average=False)
     seen: Any = SimpleNamespace(promising=True, sharpness=0.4, pays=False)
@@ -238,7 +238,7 @@ def test_a_map_that_is_clearer_guides_the_codes_that_were_not_shown() -> None:
 def test_a_plan_that_looks_at_no_dark_photo_has_no_leaks() -> None:
     nothing: Any = SimpleNamespace(look=None)
     with pytest.raises(PdcdError, match="looks at no dark photo"):
-        leak_check.leaks_in(nothing, nothing, (), Watch())
+        leak_check.estimate_leaks(nothing, nothing, (), Watch())
 
 
 def test_arrays_come_back_as_they_were_written(tmp_path: Path) -> None:
@@ -257,15 +257,18 @@ def test_a_calibration_that_keeps_no_arrays_is_one_to_go_on_from(
 ) -> None:
     """As that of the focus alone, with which a bench is set up."""
 
-    def script() -> Script:
-        yield Ask("turn the ring")
-        return Outcome()
+    def script() -> StepScript:
+        yield UserPrompt("turn the ring")
+        return StepOutcome()
 
     one = study(tmp_path, monkeypatch, script())
     one.begin("focus", UTC)
-    assert isinstance(one.answered(), Found)
+    assert isinstance(one.answered(), StepResult)
     one.write()
-    assert not (tmp_path / ARRAYS).exists() and read_arrays(tmp_path / ARRAYS) == {}
+    assert (
+        not (tmp_path / CALIBRATION_ARRAYS).exists()
+        and read_arrays(tmp_path / CALIBRATION_ARRAYS) == {}
+    )
 
 
 def test_arrays_that_are_none_are_refused(tmp_path: Path) -> None:
@@ -283,17 +286,19 @@ def test_arrays_that_are_none_are_refused(tmp_path: Path) -> None:
         read_arrays(tmp_path / "pipe.npz")  # nobody writes into it: it would be waited for for ever
 
 
-def study(folder: Path, monkeypatch: pytest.MonkeyPatch, script: Script, **begin: Any) -> Study:
+def study(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, script: StepScript, **begin: Any
+) -> CalibrationStudy:
     camera: Any = SimpleNamespace(isos=(400, 100, 200))
     profile: Any = object()
-    monkeypatch.setattr(calibrating, "script_of", lambda step, session: script)
-    return Study.begun(Begin(Config(), profile, camera, **begin), folder)
+    monkeypatch.setattr(calibrating, "start_step_script", lambda step, session: script)
+    return CalibrationStudy.begun(CalibrationStart(Config(), profile, camera, **begin), folder)
 
 
-def shown(name: str) -> Shown:
+def shown(name: str) -> PanelSequence:
     none = np.zeros((0, 1, 1), np.bool_)
     index = np.full(2, -1, np.int32)
-    return Shown(name, none, none, index, index)
+    return PanelSequence(name, none, none, index, index)
 
 
 def test_a_step_asks_and_ends_with_what_it_found(
@@ -301,18 +306,18 @@ def test_a_step_asks_and_ends_with_what_it_found(
 ) -> None:
     (tmp_path / "preview").mkdir()
     figures = (
-        Figure("a", 1.5, np.inf, "s", "below 2", Verdict.GOOD),
-        Figure("b", np.nan, 0.25, "px", "", Verdict.DOUBTFUL),
-        Figure("c", 1.0, 0.0, "", "", Verdict.DOUBTFUL),
+        MeasuredFigure("a", 1.5, np.inf, "s", "below 2", Verdict.GOOD),
+        MeasuredFigure("b", np.nan, 0.25, "px", "", Verdict.DOUBTFUL),
+        MeasuredFigure("c", 1.0, 0.0, "", "", Verdict.DOUBTFUL),
     )
-    words = {"mask.skew_s": Measured(0.001, 1e-4), "mask.rise_s": Measured(0.002)}
+    words = {"mask.skew_s": ConfigValue(0.001, 1e-4), "mask.rise_s": ConfigValue(0.002)}
     maps = {"mask": Map.filling((40, 30))}
 
-    def script() -> Script:
-        assert (yield Wanted(shown("dots"))) is None
-        assert (yield Ask("cover the lens")) is None
-        yield Wanted(shown("dark"), iso=400, f_number=5.6, covered=True)
-        return Outcome(
+    def script() -> StepScript:
+        assert (yield PhotoRequest(shown("dots"))) is None
+        assert (yield UserPrompt("cover the lens")) is None
+        yield PhotoRequest(shown("dark"), iso=400, f_number=5.6, covered=True)
+        return StepOutcome(
             figures,
             words,
             maps,
@@ -327,12 +332,12 @@ def test_a_step_asks_and_ends_with_what_it_found(
     assert (first.name, first.iso, first.f_number) == ("geometry-dots", 100, None)
     assert not first.covered and first.frames.primal_index.size == 2
     asked = one.answered()
-    assert isinstance(asked, NextAsk) and asked.ask.text == "cover the lens"
+    assert isinstance(asked, OperatorTask) and asked.ask.text == "cover the lens"
     last = one.answered()
     assert isinstance(last, NextPhoto)
     assert (last.name, last.iso, last.f_number, last.covered) == ("geometry-dark", 400, 5.6, True)
     found = one.answered()
-    assert isinstance(found, Found)
+    assert isinstance(found, StepResult)
     step = found.step
     assert (step.name, step.made_utc, step.verdict) == ("geometry", UTC, "doubtful")
     assert [(f.value, f.sigma, f.verdict) for f in step.figures] == [
@@ -351,7 +356,7 @@ def test_a_step_asks_and_ends_with_what_it_found(
     assert {(e.step, e.made_utc, e.folder) for e in entries.values()} == {("geometry", UTC, None)}
     assert entries["mask.skew_s"].sigma == 1e-4 and entries["mask.rise_s"].sigma is None
     assert one.session.config.mask.skew_s == 0.001 and one.session.done == ["geometry"]
-    assert [*read_arrays(tmp_path / ARRAYS)] == ["kept"]
+    assert [*read_arrays(tmp_path / CALIBRATION_ARRAYS)] == ["kept"]
     assert load_map(tmp_path / MAPS, "mask").size_px == (40, 30)
     assert not (tmp_path / PROFILE).exists()
 
@@ -359,11 +364,11 @@ def test_a_step_asks_and_ends_with_what_it_found(
 def test_what_is_bad_is_kept_out_with_what_goes_by_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def script(key: str, verdict: Verdict) -> Script:
-        yield Ask("wait")
-        figure = Figure("a", 1.0, 0.0, "", "", verdict)
+    def script(key: str, verdict: Verdict) -> StepScript:
+        yield UserPrompt("wait")
+        figure = MeasuredFigure("a", 1.0, 0.0, "", "", verdict)
         maps = {"mask": Map.filling((40, 30))} if key == "rig.misregistration_px" else {}
-        return Outcome((figure,), {key: Measured(0.5)}, maps, {key: np.ones(2)})
+        return StepOutcome((figure,), {key: ConfigValue(0.5)}, maps, {key: np.ones(2)})
 
     one = study(tmp_path, monkeypatch, script("", Verdict.GOOD))
     left_out = {}
@@ -374,17 +379,22 @@ def test_what_is_bad_is_kept_out_with_what_goes_by_it(
         ("registration", "rig.misregistration_px", Verdict.GOOD),
         ("response", "mask.gamma", Verdict.GOOD),
     ):
-        monkeypatch.setattr(calibrating, "script_of", lambda *_, k=key, v=verdict: script(k, v))
+        monkeypatch.setattr(
+            calibrating, "start_step_script", lambda *_, k=key, v=verdict: script(k, v)
+        )
         one.begin(step, UTC)
         found = one.answered()
-        assert isinstance(found, Found)
+        assert isinstance(found, StepResult)
         left_out[step] = found.left_out
     assert left_out == {
         "light": "", "timing": "bad", "shutter": "it goes by timing",
         "registration": "it goes by timing", "response": "",
     }  # fmt: skip
     assert one.write("kept").keys() == {"mask.contrast", "mask.gamma"}
-    assert read_arrays(tmp_path / "kept" / ARRAYS).keys() == {"mask.contrast", "mask.gamma"}
+    assert read_arrays(tmp_path / "kept" / CALIBRATION_ARRAYS).keys() == {
+        "mask.contrast",
+        "mask.gamma",
+    }
     assert not (tmp_path / "kept" / MAPS).exists()
     # The rest of this calibration goes by what was seen, for what is told of it.
     assert one.session.config.mask.skew_s == 0.5
@@ -395,17 +405,17 @@ def test_a_calibration_begins_with_the_arrays_of_the_one_before(
 ) -> None:
     before = tmp_path / "before"
     before.mkdir()
-    write_arrays(before / ARRAYS, {"old": np.ones(3)})
+    write_arrays(before / CALIBRATION_ARRAYS, {"old": np.ones(3)})
 
-    def script() -> Script:
-        yield Ask("wait")
-        return Outcome()
+    def script() -> StepScript:
+        yield UserPrompt("wait")
+        return StepOutcome()
 
     one = study(tmp_path, monkeypatch, script(), before=before)
     assert [*one.session.arrays] == ["old"] and not one.session.helped
     one.session.f_number, one.session.full = 8.0, 30
     one.photos, one.seconds = [object()], 5.0  # type: ignore[list-item]
-    assert isinstance(one.begin("timing", UTC), NextAsk)
+    assert isinstance(one.begin("timing", UTC), OperatorTask)
     assert one.photos == [] and one.seconds < 5.0
     assert one.settings == {
         "iso": 100.0, "full_refreshes": 30.0, "helped": 0.0, "f_number": 8.0,
@@ -418,7 +428,7 @@ def test_a_calibration_begins_with_the_arrays_of_the_one_before(
 
 def test_a_worker_without_a_job_says_what_is_missing(tmp_path: Path) -> None:
     nothing: Any = None
-    worker, watch = Worker(Facts(Config(), nothing, (3, 4), None)), Watch()
+    worker, watch = Worker(RigFacts(Config(), nothing, (3, 4), None)), Watch()
     for call, words in (
         (lambda: worker.step(watch, "timing", UTC), "no calibration is under way"),
         (lambda: worker.answered(watch), "no calibration is under way"),
@@ -436,8 +446,8 @@ def test_a_worker_without_a_job_says_what_is_missing(tmp_path: Path) -> None:
 def test_an_error_of_a_script_is_not_taken_for_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def script() -> Script:
-        yield Ask("wait")
+    def script() -> StepScript:
+        yield UserPrompt("wait")
         raise CalibrationError("no dots were seen")
 
     one = study(tmp_path, monkeypatch, script())

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig
-from pdcd.capture.worker.truths import pictures_in_truth
-from pdcd.protocol.plan_summary import How
+from pdcd.capture.worker.truths import compute_true_pictures
+from pdcd.protocol.plan_summary import CaptureScheme
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.arrays import NOTHING, target_of
+from pdcd.recipes.arrays import NO_ARRAYS, read_target
 from pdcd.recipes.goals import check_target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.build import build_scene
 from tests import bench_rig
@@ -55,8 +55,10 @@ def test_pictures_are_sums_over_the_matrix(goal: str, tmp_path: Path) -> None:
     config = bench_rig.config(tmp_path, camera=camera)
     optics = OpticalBench(config, build_scene(config.scene), (4 * GRID[0], 4 * GRID[1]))
     request = msgspec.convert(fields, CaptureRequest)
-    recipe = recipe_of(check_target(target_of(request, NOTHING, GRID)), How(codes=16))
-    found = pictures_in_truth(recipe, optics)
+    recipe = make_recipe(
+        check_target(read_target(request, NO_ARRAYS, GRID)), CaptureScheme(codes=16)
+    )
+    found = compute_true_pictures(recipe, optics)
     assert set(found) == set(dense)
     for name, cells in dense.items():
         seen = cells.reshape(*GRID, 1).repeat(4, axis=0).repeat(4, axis=1)

@@ -10,20 +10,20 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from pdcd.bench.stops import Scale
+from pdcd.bench.stops import AbsoluteScale
 from pdcd.bench.tables import Config
 from pdcd.capture.worker import process
-from pdcd.capture.worker.answers import Facts, record_of
-from pdcd.capture.worker.calls import Call, Done, Failed, Sign, Stop
-from pdcd.capture.worker.process import Talk, main, serve
+from pdcd.capture.worker.answers import RigFacts, make_run_record
+from pdcd.capture.worker.calls import LifeSign, StopCall, TaskCall, TaskFailure, TaskResult
+from pdcd.capture.worker.process import TaskLine, run_worker, serve_tasks
 from pdcd.capture.worker.proxy import InProcessWorker
-from pdcd.child import PICKLES, Line, LineClosedError
+from pdcd.child import PICKLES, LineClosedError, MessageLine
 from pdcd.errors import Cancelled, ConfigError, PdcdError, PlanError
-from pdcd.protocol.plan_summary import How
+from pdcd.protocol.plan_summary import CaptureScheme
 from pdcd.watch import Watch
 
 NOBODY: Any = None
-FACTS = Facts(Config(), NOBODY, (3, 4), None)
+FACTS = RigFacts(Config(), NOBODY, (3, 4), None)
 
 
 class Far:
@@ -32,8 +32,8 @@ class Far:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 100.0
         ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.ours, self.theirs = (Line(end, PICKLES) for end in ends)
-        self.talk = Talk(self.theirs)
+        self.ours, self.theirs = (MessageLine(end, PICKLES) for end in ends)
+        self.talk = TaskLine(self.theirs)
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
         monkeypatch.setattr(process, "time", clock)
 
@@ -65,34 +65,38 @@ def far(monkeypatch: pytest.MonkeyPatch) -> Iterator[Far]:
 def test_a_sign_of_life_is_given_twice_a_second(far: Far) -> None:
     watch = far.talk.watch()
     heard = [far.at(now_s, watch) for now_s in (100.0, 100.25, 100.49, 100.52, 100.9, 101.1)]
-    assert heard == [[Sign()], [], [], [Sign()], [], [Sign()]]
+    assert heard == [[LifeSign()], [], [], [LifeSign()], [], [LifeSign()]]
 
 
 def test_whether_the_work_is_wanted_is_looked_at_fifty_times_a_second(far: Far) -> None:
     watch = far.talk.watch()
     watch()
-    far.say(Stop())
+    far.say(StopCall())
     far.at(100.019, watch)
     with pytest.raises(Cancelled):
         far.at(100.021, watch)
-    far.say(Sign())  # anything else ends nothing
+    far.say(LifeSign())  # anything else ends nothing
     far.at(100.06, watch)
 
 
 def test_the_first_moment_at_which_it_is_time_counts(
     far: Far, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, seconds in (("LOOK_S", 0.25), ("SIGN_S", 0.5), ("STEP_S", 0.5)):
+    for name, seconds in (("_LOOK_S", 0.25), ("_SIGN_S", 0.5), ("_STEP_S", 0.5)):
         monkeypatch.setattr(process, name, seconds)
     watch = far.talk.watch()
-    assert [far.at(now_s, watch) for now_s in (100.0, 100.25, 100.5)] == [[Sign()], [], [Sign()]]
-    far.say(Stop())
+    assert [far.at(now_s, watch) for now_s in (100.0, 100.25, 100.5)] == [
+        [LifeSign()],
+        [],
+        [LifeSign()],
+    ]
+    far.say(StopCall())
     with pytest.raises(Cancelled):
         far.at(100.75, watch)
     watch.step(1.0, 10.0)
     far.now_s = 101.25
     watch.step(2.0, 10.0)
-    assert far.heard() == [Sign(1.0, 10.0), Sign(2.0, 10.0)]
+    assert far.heard() == [LifeSign(1.0, 10.0), LifeSign(2.0, 10.0)]
 
 
 def test_how_far_it_is_is_told_now_and_then_and_at_the_end(far: Far) -> None:
@@ -104,14 +108,14 @@ def test_how_far_it_is_is_told_now_and_then_and_at_the_end(far: Far) -> None:
         watch.step(done, 10.0)
         return far.heard()
 
-    assert told(100.0, 1.0) == [Sign(1.0, 10.0, "codes")]
+    assert told(100.0, 1.0) == [LifeSign(1.0, 10.0, "codes")]
     assert told(100.04, 2.0) == told(100.04, 9.999) == []
-    assert told(100.051, 3.0) == [Sign(3.0, 10.0, "codes")]
+    assert told(100.051, 3.0) == [LifeSign(3.0, 10.0, "codes")]
     assert told(100.06, 4.0) == []
     last = 10.0 * (1.0 - 1e-10)
-    assert told(100.06, last) == [Sign(last, 10.0, "codes")]
+    assert told(100.06, last) == [LifeSign(last, 10.0, "codes")]
     assert far.at(100.55, watch) == []  # what was told was a sign of life, too
-    assert far.at(100.58, watch) == [Sign()]
+    assert far.at(100.58, watch) == [LifeSign()]
 
 
 class Table:
@@ -119,7 +123,7 @@ class Table:
 
     made: ClassVar[list[Table]] = []
 
-    def __init__(self, facts: Facts) -> None:
+    def __init__(self, facts: RigFacts) -> None:
         self.facts, self.forgotten = facts, 0
         Table.made.append(self)
 
@@ -155,7 +159,7 @@ def limits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     found: list[int] = []
     Table.made = []
     monkeypatch.setattr(process, "Worker", Table)
-    monkeypatch.setattr(process, "bound_memory", found.append)
+    monkeypatch.setattr(process, "limit_memory", found.append)
     return found
 
 
@@ -163,7 +167,7 @@ def served(monkeypatch: pytest.MonkeyPatch, work: dict[str, Any], *messages: obj
     monkeypatch.setattr(process, "WORK", work)
     line: Any = Said(*messages)
     with pytest.raises(LineClosedError):
-        serve(line)
+        serve_tasks(line)
     return line.sent
 
 
@@ -176,9 +180,9 @@ def test_what_is_asked_is_done_in_turn_once_the_facts_are_known(
         seen.append((desk.facts, args, kwargs))
         return len(seen)
 
-    call = Call("plan", (1,), {"a": 2})
-    sent = served(monkeypatch, {"plan": task}, call, Stop(), FACTS, call, call)
-    assert sent == [Done(1), Done(2)]
+    call = TaskCall("plan", (1,), {"a": 2})
+    sent = served(monkeypatch, {"plan": task}, call, StopCall(), FACTS, call, call)
+    assert sent == [TaskResult(1), TaskResult(2)]
     assert seen == [(FACTS, (1,), {"a": 2})] * 2
     assert limits == [Config().limits.work_bytes]
     assert [desk.forgotten for desk in Table.made] == [0]
@@ -191,14 +195,14 @@ def test_whatever_a_task_raises_is_the_answer_and_the_job_is_forgotten(
     work = {
         "plan": failing(MemoryError()), "look": failing(error), "see": failing(ValueError("x")),
     }  # fmt: skip
-    calls = [Call(name, (), {}) for name in ("look", "plan", "see", "none")]
+    calls = [TaskCall(name, (), {}) for name in ("look", "plan", "see", "none")]
     own, full, fault, unknown = served(monkeypatch, work, FACTS, *calls)
     assert (own.error, own.spent) == (error, False)
     assert isinstance(full.error, PlanError) and full.spent
     assert "ran out of memory" in full.error.message
     assert (fault.error.message, fault.spent) == ("internal error: ValueError: x", False)
     assert type(fault.error) is PdcdError and "KeyError" in unknown.error.message
-    assert all(isinstance(one, Failed) for one in (own, full, fault, unknown))
+    assert all(isinstance(one, TaskFailure) for one in (own, full, fault, unknown))
     assert [desk.forgotten for desk in Table.made] == [4]
 
 
@@ -206,8 +210,8 @@ def test_nobody_is_told_where_nobody_is_left(
     monkeypatch: pytest.MonkeyPatch, limits: list[int]
 ) -> None:
     work = {"plan": failing(LineClosedError()), "look": failing(EOFError("of a file"))}
-    assert served(monkeypatch, work, FACTS, Call("plan", (), {})) == [] and limits
-    (failed,) = served(monkeypatch, work, FACTS, Call("look", (), {}))
+    assert served(monkeypatch, work, FACTS, TaskCall("plan", (), {})) == [] and limits
+    (failed,) = served(monkeypatch, work, FACTS, TaskCall("look", (), {}))
     assert "EOFError: of a file" in failed.error.message
 
 
@@ -222,7 +226,7 @@ def test_how_the_process_ends(
     end: Exception, status: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    monkeypatch.setattr(process, "serve", failing(end))
+    monkeypatch.setattr(process, "serve_tasks", failing(end))
     monkeypatch.setattr(
         "pdcd.capture.worker.process.faulthandler.enable", lambda: told.append("crashes")
     )
@@ -230,9 +234,9 @@ def test_how_the_process_ends(
     with ours:
         if status is None:
             with pytest.raises(ValueError, match="a fault"):
-                main(theirs.detach())
+                run_worker(theirs.detach())
         else:
-            assert main(theirs.detach()) == status
+            assert run_worker(theirs.detach()) == status
         assert ours.recv(1) == b"" and told == ["crashes"]  # its end is closed
 
 
@@ -253,7 +257,7 @@ def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
 def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
     plan: Any = SimpleNamespace(
         recipe=SimpleNamespace(target=SimpleNamespace(goal="goal", grid=(3, 4))),
-        how=How(pilot=8), smooth=True, dark="dark", leaks=None,
+        how=CaptureScheme(pilot=8), smooth=True, dark="dark", leaks=None,
     )  # fmt: skip
     config: Any = SimpleNamespace(
         schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
@@ -266,21 +270,21 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
         request: Any = SimpleNamespace(normalise=own, white_patch="patch")
         shots: Any = ["shot"]
         cells: Any = "cells"
-        found = record_of(plan, request, config, camera, profile, shots, cells)
+        found = make_run_record(plan, request, config, camera, profile, shots, cells)
         told = {name: getattr(found, name) for name in found.__struct_fields__}
         assert told == {
-            "goal": "goal", "how": How(pilot=8), "smooth": True, "normalise": wanted,
+            "goal": "goal", "how": CaptureScheme(pilot=8), "smooth": True, "normalise": wanted,
             "grid": (3, 4),
             "cells": "cells", "projector": "projector", "mask": "mask",
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch",
             "dark": "dark", "leak": 0.0, "room_changed": 0.0, "panels": None, "room": None,
-            "borders": None, "stops": (), "scale": Scale("of a nominal camera"),
+            "borders": None, "stops": (), "scale": AbsoluteScale("of a nominal camera"),
         }  # fmt: skip
     cases: list[Any] = [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
     for level, limit, left in cases:
         plan.leaks = SimpleNamespace(both=0.2, limit=limit, changed=0.0)
-        plan.how = How(black_level=level)
-        assert record_of(plan, request, config, camera, profile).leak == left
-    bare = record_of(plan, request, config, camera, profile)
+        plan.how = CaptureScheme(black_level=level)
+        assert make_run_record(plan, request, config, camera, profile).leak == left
+    bare = make_run_record(plan, request, config, camera, profile)
     assert (bare.shots, bare.cells) == ((), None)

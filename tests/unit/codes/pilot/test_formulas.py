@@ -10,13 +10,20 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from pdcd.codes.pilot import links, matching, pursuit
-from pdcd.codes.pilot.codes import pilot_codes, pilot_share
-from pdcd.codes.pilot.links import Worth, correction, estimate_links, match_links, sharpness, worth
+from pdcd.codes.pilot.codes import choose_pilot_count, make_pilot_codes
+from pdcd.codes.pilot.links import (
+    PilotPrediction,
+    compute_path_correction,
+    estimate_links,
+    estimate_sharpness,
+    match_links,
+    predict_pilot_errors,
+)
 from pdcd.codes.pilot.scene_light import (
     check_photos,
-    direct_light,
-    projections,
-    signs,
+    compute_projections,
+    estimate_direct_light,
+    to_signs,
 )
 from pdcd.errors import ConfigError
 
@@ -39,19 +46,21 @@ def shown(codes: NDArray[np.bool_], transport: Floats) -> Floats:
 
 
 def test_signs_and_projections_are_those_of_the_codes() -> None:
-    codes = pilot_codes(GRID, 32, seed=1)
+    codes = make_pilot_codes(GRID, 32, seed=1)
     transport = scene(0)
     photos = shown(codes, transport)
-    assert set(np.unique(signs(codes))) == {-1.0, 1.0} and signs(codes)[codes].min() == 1.0
+    assert set(np.unique(to_signs(codes))) == {-1.0, 1.0} and to_signs(codes)[codes].min() == 1.0
     # In each half of the time, so that twice the deviation is T h.
-    assert np.allclose(projections(photos), signs(codes) @ transport.T)
-    own = np.array([np.mean(signs(codes)[:, n] * projections(photos)[:, n]) for n in range(N)])
-    assert np.allclose(direct_light(codes, photos), own)
+    assert np.allclose(compute_projections(photos), to_signs(codes) @ transport.T)
+    own = np.array(
+        [np.mean(to_signs(codes)[:, n] * compute_projections(photos)[:, n]) for n in range(N)]
+    )
+    assert np.allclose(estimate_direct_light(codes, photos), own)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.02])
 def test_sharpness_is_what_is_left_beside_direct_light(sigma: float) -> None:
-    codes = pilot_codes(GRID, 4, seed=2)
+    codes = make_pilot_codes(GRID, 4, seed=2)
     photos = shown(codes, scene(1)) + np.random.default_rng(0).normal(0.0, 0.02, (4, N))
     h, z = np.where(codes, 1.0, -1.0), 2.0 * (photos - photos.mean(axis=0))
     direct, squares = (h * z).mean(axis=0), np.zeros(N)
@@ -60,34 +69,34 @@ def test_sharpness_is_what_is_left_beside_direct_light(sigma: float) -> None:
     square = squares.mean() - 4.0 * sigma**2
     indirect = 2.0 * photos.mean(axis=0) - direct
     wanted = np.sqrt(0.75 * square / np.mean(indirect**2))
-    assert sharpness(codes, photos, sigma=sigma) == pytest.approx(wanted)
-    loud = sharpness(codes, photos, sigma=9.0)
-    assert loud == 0.0 == sharpness(codes, np.zeros((4, N)))
+    assert estimate_sharpness(codes, photos, sigma=sigma) == pytest.approx(wanted)
+    loud = estimate_sharpness(codes, photos, sigma=9.0)
+    assert loud == 0.0 == estimate_sharpness(codes, np.zeros((4, N)))
 
 
 @pytest.mark.parametrize("chunk", [2**22, 7, 1])
 def test_what_is_added_for_paths_is_what_their_weights_lack(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(links, "CHUNK", chunk)
+    monkeypatch.setattr(links, "PATH_CHUNK", chunk)
     rng = np.random.default_rng(4)
     left, right = rng.random((3, N)), rng.random((3, N))
     paths = scipy.sparse.random_array((N, N), density=0.05, rng=rng).tocsr()
     realised = left.T @ right / 0.7
     wanted = ((1.0 - realised) * paths.toarray()).sum(axis=1)
-    assert np.allclose(correction(left, right, 0.7, paths), wanted)
+    assert np.allclose(compute_path_correction(left, right, 0.7, paths), wanted)
     # Each cell over its own weight, and each path wanted by its own share.
     share, weight = rng.random((N, N)), 0.5 + rng.random(N)
     lacking = (share - left.T @ right / weight[:, None]) * paths.toarray()
     row, column = paths.tocoo().coords
-    found = correction(left, right, weight, paths, share[row, column])
+    found = compute_path_correction(left, right, weight, paths, share[row, column])
     assert np.allclose(found, lacking.sum(axis=1))
 
 
 def test_channels_are_matched_by_their_mean_and_the_noise_of_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    codes = pilot_codes(GRID, 8, seed=5)
+    codes = make_pilot_codes(GRID, 8, seed=5)
     rng = np.random.default_rng(6)
     photos, sigma = rng.random((8, N, 3)), rng.random((8, N, 3))
     heard: dict[str, Any] = {}
@@ -103,7 +112,7 @@ def test_channels_are_matched_by_their_mean_and_the_noise_of_it(
         return scipy.sparse.csr_array(np.full((N, N), float(channel)))
 
     monkeypatch.setattr(links, "find_partners", find)
-    monkeypatch.setattr(links, "weigh", weigh)
+    monkeypatch.setattr(links, "weigh_partners", weigh)
     whole, *own = match_links(codes, photos, GRID, sigma=sigma)
     assert np.allclose(heard["grey"], photos.mean(axis=2))
     # The mean of three has a third of the root of the sum of their squares.
@@ -112,23 +121,27 @@ def test_channels_are_matched_by_their_mean_and_the_noise_of_it(
 
 
 def test_noise_of_a_pilot_is_that_of_its_projections(monkeypatch: pytest.MonkeyPatch) -> None:
-    codes = pilot_codes(GRID, 32, seed=7)
+    codes = make_pilot_codes(GRID, 32, seed=7)
     photos, sigma = shown(codes, scene(3)), np.random.default_rng(8).random((32, N))
     heard: list[Any] = []
-    monkeypatch.setattr(links, "pursue", lambda *told: heard.append(told))
+    monkeypatch.setattr(links, "pursue_paths", lambda *told: heard.append(told))
     estimate_links(codes, photos, GRID, sigma=sigma)
     h, z, grid, level = heard[0]
-    assert np.array_equal(h, signs(codes)) and np.allclose(z, projections(photos)) and grid == GRID
+    assert (
+        np.array_equal(h, to_signs(codes))
+        and np.allclose(z, compute_projections(photos))
+        and grid == GRID
+    )
     assert np.allclose(level**2, 4.0 * (sigma**2).mean(axis=0))
 
 
 def test_worth_is_by_how_much_two_sets_disagree() -> None:
-    codes = pilot_codes(GRID, 32, seed=9)
+    codes = make_pilot_codes(GRID, 32, seed=9)
     rng = np.random.default_rng(10)
     photos = shown(codes, scene(4)) + rng.normal(0.0, 0.05, (32, N))
     paths = scipy.sparse.csr_array(np.where(scene(4) > 0.3, scene(4), 0.0) * (1 - np.eye(N)))
     sigma = 0.05
-    found = worth(codes, photos, paths, 128, sigma=sigma)
+    found = predict_pilot_errors(codes, photos, paths, 128, sigma=sigma)
 
     def own(part: slice, series: Floats) -> Floats:
         h = np.where(codes[part], 1.0, -1.0)
@@ -147,19 +160,19 @@ def test_worth_is_by_how_much_two_sets_disagree() -> None:
     assert found.alone == pytest.approx(np.sqrt(wanted[0] * max(shared[128], 0.0)))
     assert found.piloted == pytest.approx(np.sqrt(wanted[1] * max(shared[96], 0.0)))
     assert found.unguided == pytest.approx(np.sqrt(wanted[0] * max(shared[96], 0.0)))
-    few = worth(codes, photos, paths, 40, sigma=sigma)
+    few = predict_pilot_errors(codes, photos, paths, 40, sigma=sigma)
     assert few.unguided == pytest.approx(np.sqrt(wanted[0] * (N / 7 - 1.0) / (N - 1)))
     assert few.piloted == pytest.approx(np.sqrt(wanted[1] * (N / 7 - 1.0) / (N - 1)))
-    assert worth(codes, photos, paths, 33).alone == pytest.approx(
-        worth(codes, photos, paths, 33).unguided * np.sqrt((N / 32 - 1.0) / (N - 1))
+    assert predict_pilot_errors(codes, photos, paths, 33).alone == pytest.approx(
+        predict_pilot_errors(codes, photos, paths, 33).unguided * np.sqrt((N / 32 - 1.0) / (N - 1))
     )  # one code left has all cells in common
     with pytest.raises(ConfigError, match="leaves nothing"):
-        worth(codes, photos, paths, 32)
+        predict_pilot_errors(codes, photos, paths, 32)
 
 
 @pytest.mark.parametrize(("piloted", "pays"), [(0.0699, True), (0.07, False), (0.08, False)])
 def test_paths_are_avoided_where_that_is_clearly_better(piloted: float, pays: bool) -> None:
-    assert Worth(alone=1.0, piloted=piloted, unguided=0.1).pays is pays
+    assert PilotPrediction(alone=1.0, piloted=piloted, unguided=0.1).pays is pays
 
 
 @pytest.mark.parametrize(
@@ -180,15 +193,15 @@ def test_photos_fit_their_codes(shape: tuple[int, int], cells: int, lit: int) ->
      (48, False, 32), (40, False, 0), (256, False, 128)],
 )  # fmt: skip
 def test_a_pilot_takes_its_share_of_codes(count: int, by_map: bool, share: int) -> None:
-    assert pilot_share(count, by_map=by_map) == share
+    assert choose_pilot_count(count, by_map=by_map) == share
     assert 3 * share <= 2 * count
 
 
 def test_rows_of_paths_are_solved_as_one_by_one() -> None:
     """After each round the entries of a row are its least squares fit, with the ridge."""
-    codes = pilot_codes(GRID, 64, seed=11)
+    codes = make_pilot_codes(GRID, 64, seed=11)
     transport = scene(5)
-    h, z = signs(codes), projections(shown(codes, transport))
+    h, z = to_signs(codes), compute_projections(shown(codes, transport))
     rows = pursuit._Rows(h, z, np.full(N, 1e-3))
     for _ in range(3):
         rows.grow(*pursuit._candidates(rows, pursuit._beside(GRID)))
@@ -213,10 +226,12 @@ def test_rows_of_paths_are_solved_as_one_by_one() -> None:
 
 
 def test_candidates_of_all_blocks_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    codes = pilot_codes(GRID, 64, seed=12)
-    rows = pursuit._Rows(signs(codes), projections(shown(codes, scene(6))), np.full(N, 1e-3))
+    codes = make_pilot_codes(GRID, 64, seed=12)
+    rows = pursuit._Rows(
+        to_signs(codes), compute_projections(shown(codes, scene(6))), np.full(N, 1e-3)
+    )
     whole: Any = pursuit._candidates(rows, pursuit._beside(GRID))
-    monkeypatch.setattr(pursuit, "BLOCK", 7)
+    monkeypatch.setattr(pursuit, "ROW_BLOCK", 7)
     again: Any = pursuit._candidates(rows, pursuit._beside(GRID))
     for one, other in zip(whole, again, strict=True):
         assert np.allclose(one, other)
@@ -242,7 +257,7 @@ def test_smooth_light_is_the_likeliest_beside_direct_light() -> None:
 
 def test_evidence_is_what_photos_say_when_direct_light_may_be_anything() -> None:
     rng = np.random.default_rng(14)
-    codes = pilot_codes((3, 4), 8, seed=1)
+    codes = make_pilot_codes((3, 4), 8, seed=1)
     photos, noise = rng.random((8, 12)) + codes, rng.uniform(0.0, 0.1, 12)
     found = matching._Likelihood(codes, photos, noise)
     metric, product, square = found.metric(found.widest())

@@ -9,11 +9,17 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.pilot import matching
-from pdcd.codes.pilot.codes import MATCHED, SCOUTS, pilot_codes
-from pdcd.codes.pilot.links import correction, match_links
-from pdcd.codes.pilot.matching import BREAK_COST, FAR_COST, MOST_CELLS, find_partners, weigh
+from pdcd.codes.pilot.codes import MATCHED, SCOUTS, make_pilot_codes
+from pdcd.codes.pilot.links import compute_path_correction, match_links
+from pdcd.codes.pilot.matching import (
+    BREAK_COST,
+    FAR_COST,
+    MOST_MATCHING_CELLS,
+    find_partners,
+    weigh_partners,
+)
 from pdcd.errors import RequestError
-from pdcd.recipes.alternatives import fitted_weights
+from pdcd.recipes.alternatives import fit_weights
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -50,10 +56,10 @@ def indirect_errors(transport: Floats, codes: Bools, photos: Floats) -> tuple[fl
     truth = transport.sum(axis=1) - np.diag(transport)
     noise = np.zeros(CELLS)
     partners = find_partners(codes, photos, GRID, noise)
-    paths = weigh(partners, codes, photos, GRID, noise)
-    weights = fitted_weights(codes, direct=0.0, indirect=1.0)
+    paths = weigh_partners(partners, codes, photos, GRID, noise)
+    weights = fit_weights(codes, direct=0.0, indirect=1.0)
     image = np.sum(weights * photos, axis=0)
-    better = image + correction(weights, codes.astype(np.float64), 1.0, paths)
+    better = image + compute_path_correction(weights, codes.astype(np.float64), 1.0, paths)
     scale = np.sqrt(np.mean(truth**2))
     return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in (image, better))  # type: ignore[return-value]
 
@@ -64,17 +70,17 @@ def indirect_errors(transport: Floats, codes: Bools, photos: Floats) -> tuple[fl
 )
 def test_the_map_of_a_mirror_is_found(slope: float, count: int) -> None:
     transport = mirror(slope)
-    codes = pilot_codes(GRID, count, seed=1)
+    codes = make_pilot_codes(GRID, count, seed=1)
     plain, mapped = indirect_errors(transport, codes, photos_of(transport, codes))
     assert mapped < {8: 0.6, 12: 0.3, 16: 0.25}[count] * plain
 
 
 def test_paths_have_the_strength_of_the_mirror() -> None:
     transport = mirror(1.0)
-    codes = pilot_codes(GRID, 16, seed=2)
+    codes = make_pilot_codes(GRID, 16, seed=2)
     photos = photos_of(transport, codes)
     noise = np.zeros(CELLS)
-    sparse = weigh(find_partners(codes, photos, GRID, noise), codes, photos, GRID, noise)
+    sparse = weigh_partners(find_partners(codes, photos, GRID, noise), codes, photos, GRID, noise)
     paths = sparse.toarray()
     assert sparse.nnz == np.count_nonzero(paths)  # what is no path takes no room
     true = np.where(transport > 0.1, transport, 0.0)
@@ -87,7 +93,7 @@ def test_paths_have_the_strength_of_the_mirror() -> None:
 def test_a_map_that_is_not_smooth_is_not_made_up() -> None:
     """The same light from anywhere: no map, and little harm."""
     transport = mirror(1.0, shuffled=True)
-    codes = pilot_codes(GRID, 8, seed=3)
+    codes = make_pilot_codes(GRID, 8, seed=3)
     plain, mapped = indirect_errors(transport, codes, photos_of(transport, codes))
     assert mapped < 1.2 * plain
 
@@ -97,20 +103,20 @@ def test_noise_that_is_told_of_does_not_become_paths() -> None:
     """Nothing but noise between the photos: half of it, not all, may look like a partner's."""
     sigma = 0.05
     transport = np.diag(np.full(CELLS, 0.8)) + 0.1 / CELLS
-    codes = pilot_codes(GRID, 8, seed=4)
+    codes = make_pilot_codes(GRID, 8, seed=4)
     photos = photos_of(transport, codes, sigma)
     sums = []
     for told in (0.0, sigma):
         noise = np.full(CELLS, told)
         partners = find_partners(codes, photos, GRID, noise)
-        sums.append(float(weigh(partners, codes, photos, GRID, noise).sum()))
+        sums.append(float(weigh_partners(partners, codes, photos, GRID, noise).sum()))
     assert sums[1] < 0.7 * sums[0]
 
 
 @pytest.mark.long
 def test_channels_share_the_map_and_differ_in_light() -> None:
     transport = mirror(1.25)
-    codes = pilot_codes(GRID, 12, seed=6)
+    codes = make_pilot_codes(GRID, 12, seed=6)
     grey = photos_of(transport, codes)
     direct = codes * np.diag(transport)
     photos = np.stack([grey, 0.5 * (grey - direct) + direct, grey], axis=2)
@@ -127,11 +133,14 @@ def test_channels_share_the_map_and_differ_in_light() -> None:
 @pytest.mark.parametrize("scale", [1e-9, 1e6])
 def test_units_do_not_matter(scale: float) -> None:
     transport = mirror(1.25)
-    codes = pilot_codes(GRID, 8, seed=7)
+    codes = make_pilot_codes(GRID, 8, seed=7)
     photos = photos_of(transport, codes)
     noise = np.zeros(CELLS)
     found = [
-        weigh(find_partners(codes, s * photos, GRID, noise), codes, s * photos, GRID, noise) / s
+        weigh_partners(
+            find_partners(codes, s * photos, GRID, noise), codes, s * photos, GRID, noise
+        )
+        / s
         for s in (1.0, scale)
     ]
     np.testing.assert_allclose(found[1].sum(axis=1), found[0].sum(axis=1), rtol=0.02, atol=1e-3)
@@ -139,38 +148,40 @@ def test_units_do_not_matter(scale: float) -> None:
 
 @pytest.mark.parametrize("photos", [np.zeros((8, 12)), np.ones((8, 12))])
 def test_black_and_even_photos_have_no_paths(photos: Floats) -> None:
-    codes = pilot_codes((3, 4), 8, seed=0)
+    codes = make_pilot_codes((3, 4), 8, seed=0)
     noise = np.zeros(12)
-    paths = weigh(find_partners(codes, photos, (3, 4), noise), codes, photos, (3, 4), noise)
+    paths = weigh_partners(
+        find_partners(codes, photos, (3, 4), noise), codes, photos, (3, 4), noise
+    )
     assert np.all(np.isfinite(paths.data)) and paths.sum() < 1e-6 * max(photos.sum(), 1e-30)
 
 
 @pytest.mark.parametrize("grid", [(1, 1), (1, 9), (7, 1), (13, 17)])
 def test_any_grid_will_do(grid: tuple[int, int]) -> None:
-    codes = pilot_codes(grid, 8, seed=0)
+    codes = make_pilot_codes(grid, 8, seed=0)
     cells = grid[0] * grid[1]
     photos = np.where(codes, 0.8, 0.1)
     noise = np.zeros(cells)
-    paths = weigh(find_partners(codes, photos, grid, noise), codes, photos, grid, noise)
+    paths = weigh_partners(find_partners(codes, photos, grid, noise), codes, photos, grid, noise)
     assert paths.shape == (cells, cells) and np.all(np.isfinite(paths.data))
 
 
 @pytest.mark.parametrize("count", MATCHED)
 def test_codes_of_a_short_pilot(count: int) -> None:
-    codes = pilot_codes((13, 22), count, seed=3)
+    codes = make_pilot_codes((13, 22), count, seed=3)
     rest = count - SCOUTS
     assert codes.shape == (count, 286) and codes.dtype == np.bool_
-    np.testing.assert_array_equal(codes[:SCOUTS], pilot_codes((13, 22), SCOUTS, seed=3))
+    np.testing.assert_array_equal(codes[:SCOUTS], make_pilot_codes((13, 22), SCOUTS, seed=3))
     assert np.all(codes[:SCOUTS].sum(axis=0) == SCOUTS // 2)
     assert np.all(np.abs(codes[SCOUTS:].sum(axis=0) - rest / 2) <= 1)
     tile = codes[SCOUTS:].reshape(rest, 13, 22)[:, :4, :4].reshape(rest, 16)
     assert len(np.unique(tile, axis=1).T) >= min(16, 14 if count == 8 else 16)
-    assert not np.array_equal(codes, pilot_codes((13, 22), count, seed=4))
+    assert not np.array_equal(codes, make_pilot_codes((13, 22), count, seed=4))
 
 
 def test_grids_too_fine_for_a_map_are_refused() -> None:
-    with pytest.raises(RequestError, match=f"at most {MOST_CELLS} cells"):
-        pilot_codes((64, 65), 8, seed=0)
+    with pytest.raises(RequestError, match=f"at most {MOST_MATCHING_CELLS} cells"):
+        make_pilot_codes((64, 65), 8, seed=0)
 
 
 def test_messages_along_a_row_are_those_of_all_ways_to_choose() -> None:
@@ -259,8 +270,8 @@ def test_the_cells_around_foretell_a_partner_by_their_plane(scattered: float) ->
     own = (weight * places).sum(axis=(1, 3))
     for cell in range(cells):
         step = (at - at[:, cell, None]).T
-        near = (np.abs(step).max(axis=1) <= matching.REACH) & (np.arange(cells) != cell)
-        says = near * sure * np.exp(-(step**2).sum(axis=1) / matching.REACH)
+        near = (np.abs(step).max(axis=1) <= matching.MATCHING_REACH) & (np.arange(cells) != cell)
+        says = near * sure * np.exp(-(step**2).sum(axis=1) / matching.MATCHING_REACH)
         # Three rows that hold the plane back a little, so that there always is one.
         rows = np.vstack([np.column_stack([np.ones(cells), step]), np.eye(3)])
         by = np.sqrt(np.append(says, [1e-6, 0.3, 0.3]))

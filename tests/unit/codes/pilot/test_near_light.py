@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.codes.pilot.codes import pilot_codes
-from pdcd.codes.pilot.scene_light import near_light
+from pdcd.codes.pilot.codes import make_pilot_codes
+from pdcd.codes.pilot.scene_light import estimate_adjacent_light
 
 Floats = NDArray[np.float64]
 GRID = (24, 32)
@@ -39,9 +39,9 @@ def test_light_from_beside_is_found_whatever_direct_light_there_is(
     rng = np.random.default_rng(1)
     found = []
     for seed in range(4):
-        codes = pilot_codes(GRID, count, seed).astype(np.bool_)
+        codes = make_pilot_codes(GRID, count, seed).astype(np.bool_)
         photos = codes @ paths.T + codes * rng.uniform(0.5, 2.0, N) + 0.3
-        found.append(near_light(codes, np.stack([photos, 2.0 * photos], axis=2), GRID))
+        found.append(estimate_adjacent_light(codes, np.stack([photos, 2.0 * photos], axis=2), GRID))
     mean = np.sqrt(np.mean(np.square(found), axis=(0, 1)))
     true = float(np.sqrt(np.mean(beside(paths) ** 2)))
     assert 0.55 * true < mean[0] < 1.8 * true
@@ -54,13 +54,13 @@ def test_paths_from_afar_add_little() -> None:
     rng = np.random.default_rng(2)
     found = []
     for seed in range(4):
-        codes = pilot_codes(GRID, 16, seed).astype(np.bool_)
+        codes = make_pilot_codes(GRID, 16, seed).astype(np.bool_)
         photos = (codes[:, rng.permutation(N)] + 0.5).astype(np.float64)[..., None]
-        found.append(near_light(codes, photos, GRID))
+        found.append(estimate_adjacent_light(codes, photos, GRID))
     assert float(np.sqrt(np.mean(np.square(found)))) < 0.02
 
 
 def test_codes_that_tell_nothing_find_nothing() -> None:
     codes = np.ones((4, 12), np.bool_)
     photos = np.random.default_rng(3).random((4, 12, 3))
-    assert not near_light(codes, photos, (3, 4)).any()
+    assert not estimate_adjacent_light(codes, photos, (3, 4)).any()

@@ -12,10 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import prior_codes
+from pdcd.codes.hadamard import make_prior_codes
 from pdcd.codes.make import make_codes
-from pdcd.codes.pilot.codes import SCOUTS, pilot_codes, pilot_share
-from pdcd.codes.pilot.links import SHARP, Worth, correction, estimate_links, sharpness, worth
+from pdcd.codes.pilot.codes import SCOUTS, choose_pilot_count, make_pilot_codes
+from pdcd.codes.pilot.links import (
+    SHARP,
+    PilotPrediction,
+    compute_path_correction,
+    estimate_links,
+    estimate_sharpness,
+    predict_pilot_errors,
+)
 from pdcd.errors import ConfigError, RequestError
 from tests.places import DATA
 from tests.sampled import sampled
@@ -63,7 +70,7 @@ def two_caustics(seed: int) -> Floats:
 def take_pilot(
     transport: Floats, count: int, seed: int, sigma: float = 0.0
 ) -> tuple[Bools, Floats]:
-    codes = pilot_codes(GRID, count, seed)
+    codes = make_pilot_codes(GRID, count, seed)
     noise = np.random.default_rng(seed).normal(0.0, 1.0, codes.shape)
     return codes, codes @ transport.T + sigma * noise
 
@@ -75,7 +82,7 @@ def shot_error(transport: Floats, codes: Bools, paths: Any = None) -> float:
     weight = float(probing.sum() / (CELLS * (CELLS - 1)))
     image = (probing / weight * transport).sum(axis=1)
     if paths is not None:
-        image = image + correction(1.0 - lit, lit, weight, paths)
+        image = image + compute_path_correction(1.0 - lit, lit, weight, paths)
     truth = transport.sum(axis=1) - np.diag(transport)
     return float(np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)))
 
@@ -86,19 +93,19 @@ def plain_error(transport: Floats, family: str, count: int, seed: int) -> float:
 
 
 def piloted_error(transport: Floats, count: int, seed: int, sigma: float = 0.0) -> float:
-    codes, photos = take_pilot(transport, pilot_share(count, by_map=False), seed, sigma)
+    codes, photos = take_pilot(transport, choose_pilot_count(count, by_map=False), seed, sigma)
     paths = estimate_links(codes, photos, GRID, sigma=sigma)
     rng = np.random.default_rng(seed)
-    return shot_error(transport, prior_codes(GRID, count - len(codes), paths, rng), paths)
+    return shot_error(transport, make_prior_codes(GRID, count - len(codes), paths, rng), paths)
 
 
 @pytest.mark.parametrize("count", [32, 64, 128])
 def test_every_cell_is_lit_in_half_of_the_pilot(count: int) -> None:
-    codes = pilot_codes((7, 9), count, seed=2)
+    codes = make_pilot_codes((7, 9), count, seed=2)
     assert codes.shape == (count, 63) and codes.dtype == np.bool_
     assert np.all(codes.sum(axis=0) == count // 2)
-    assert np.array_equal(codes, pilot_codes((7, 9), count, seed=2))
-    assert not np.array_equal(codes, pilot_codes((7, 9), count, seed=3))
+    assert np.array_equal(codes, make_pilot_codes((7, 9), count, seed=2))
+    assert not np.array_equal(codes, make_pilot_codes((7, 9), count, seed=3))
 
 
 @pytest.mark.parametrize(
@@ -113,7 +120,7 @@ def test_every_cell_is_lit_in_half_of_the_pilot(count: int) -> None:
 def test_a_pilot_takes_at_most_two_thirds_and_leaves_an_order(
     count: int, by_map: bool, share: int
 ) -> None:
-    assert pilot_share(count, by_map=by_map) == share
+    assert choose_pilot_count(count, by_map=by_map) == share
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -197,7 +204,7 @@ def test_a_pilot_pays_on_sharp_paths_and_not_on_smooth_light() -> None:
         for sigma in (0.0, 0.002):
             codes, photos = take_pilot(transport, 64, 1, sigma)
             paths = estimate_links(codes, photos, GRID, sigma=sigma)
-            assert worth(codes, photos, paths, 128, sigma=sigma).pays is pays
+            assert predict_pilot_errors(codes, photos, paths, 128, sigma=sigma).pays is pays
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -211,7 +218,7 @@ def test_scouts_measure_how_sharp_light_is(seed: int, sigma: float) -> None:
     codes, photos = take_pilot(transport, 32, seed, sigma)
     rest = transport - np.diag(np.diag(transport))
     true = np.sqrt(np.mean(np.sum(rest**2, axis=1)) / np.mean(np.sum(rest, axis=1) ** 2))
-    seen = sharpness(codes[:SCOUTS], photos[:SCOUTS], sigma=sigma)
+    seen = estimate_sharpness(codes[:SCOUTS], photos[:SCOUTS], sigma=sigma)
     assert seen == pytest.approx(true, rel=0.1)
 
 
@@ -220,10 +227,12 @@ def test_noise_that_is_told_of_is_neither_sharp_light_nor_an_error_of_codes() ->
     transport = np.eye(CELLS) + smooth(0.3)
     sigma = 0.1
     codes, photos = take_pilot(transport, 32, 0, sigma)
-    assert sharpness(codes[:SCOUTS], photos[:SCOUTS]) > 2 * SHARP
-    assert sharpness(codes[:SCOUTS], photos[:SCOUTS], sigma=sigma) < SHARP
+    assert estimate_sharpness(codes[:SCOUTS], photos[:SCOUTS]) > 2 * SHARP
+    assert estimate_sharpness(codes[:SCOUTS], photos[:SCOUTS], sigma=sigma) < SHARP
     nothing = scipy.sparse.csr_array((CELLS, CELLS))
-    blind, told = (worth(codes, photos, nothing, 128, sigma=s).alone for s in (0.0, sigma))
+    blind, told = (
+        predict_pilot_errors(codes, photos, nothing, 128, sigma=s).alone for s in (0.0, sigma)
+    )
     assert told < 0.5 * blind
 
 
@@ -232,15 +241,17 @@ def test_ambient_light_that_is_taken_off_hides_no_sharp_light(level: float) -> N
     """Left in, it looks like smooth indirect light."""
     transport, sigma = scattered_paths(0), 0.02
     codes, photos = take_pilot(transport, SCOUTS, 3, sigma)
-    known = sharpness(codes, photos, sigma=sigma)
+    known = estimate_sharpness(codes, photos, sigma=sigma)
     rng = np.random.default_rng(1)
     around = level * rng.uniform(0.5, 1.5, CELLS)
     hidden = photos + around
     measured = around + 0.05 * rng.standard_normal(CELLS)
-    off = sharpness(codes, hidden - measured, sigma=sigma, taken_off=np.full(CELLS, 0.05**2))
+    off = estimate_sharpness(
+        codes, hidden - measured, sigma=sigma, taken_off=np.full(CELLS, 0.05**2)
+    )
     assert known > 2.0 * SHARP
     assert off == pytest.approx(known, rel=0.1)
-    assert level == 0.0 or sharpness(codes, hidden, sigma=sigma) < SHARP
+    assert level == 0.0 or estimate_sharpness(codes, hidden, sigma=sigma) < SHARP
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -249,9 +260,9 @@ def test_noise_of_ambient_light_is_no_sharp_light(seed: int) -> None:
     smooth_light = smooth(0.2) + np.diag(np.ones(CELLS))
     codes, photos = take_pilot(smooth_light, SCOUTS, seed, 2.0)
     off = np.full(CELLS, 1.0)
-    assert sharpness(codes, photos, sigma=2.0, taken_off=off) < SHARP
+    assert estimate_sharpness(codes, photos, sigma=2.0, taken_off=off) < SHARP
     nothing = np.zeros_like(photos)
-    assert sharpness(codes, nothing, sigma=1.0, taken_off=off) == 0.0
+    assert estimate_sharpness(codes, nothing, sigma=1.0, taken_off=off) == 0.0
 
 
 def test_scouts_tell_sharp_paths_from_smooth_light() -> None:
@@ -266,43 +277,43 @@ def test_scouts_tell_sharp_paths_from_smooth_light() -> None:
             (np.eye(CELLS), False),
         ):
             codes, photos = take_pilot(transport, 64, seed)
-            assert (sharpness(codes[:SCOUTS], photos[:SCOUTS]) >= SHARP) is sharp
+            assert (estimate_sharpness(codes[:SCOUTS], photos[:SCOUTS]) >= SHARP) is sharp
 
 
 def test_worth_predicts_unrelated_paths_without_a_pilot() -> None:
     """One path a cell to anywhere is what the rule was made for."""
     transport = scattered_paths(2)
     codes, photos = take_pilot(transport, 64, 2)
-    predicted = worth(codes, photos, estimate_links(codes, photos, GRID), 128).alone
+    predicted = predict_pilot_errors(codes, photos, estimate_links(codes, photos, GRID), 128).alone
     measured = np.mean([plain_error(transport, "hadamard", 128, seed) for seed in range(5)])
     assert predicted == pytest.approx(measured, rel=0.25)
 
 
 def test_worth_compares_what_is_left_to_do() -> None:
     """Codes that the pilot has used up are gone, whether or not it found something."""
-    assert Worth(alone=0.009, piloted=0.01, unguided=0.02).pays
-    assert not Worth(alone=0.02, piloted=0.01, unguided=0.012).pays
+    assert PilotPrediction(alone=0.009, piloted=0.01, unguided=0.02).pays
+    assert not PilotPrediction(alone=0.02, piloted=0.01, unguided=0.012).pays
 
 
 @pytest.mark.parametrize("count", [0, 2, 7, 10, 20, 30, 44])
 def test_pilots_that_cannot_be_made_are_refused(count: int) -> None:
     with pytest.raises(RequestError, match=f"pilot of {count} codes"):
-        pilot_codes((4, 4), count, seed=0)
+        make_pilot_codes((4, 4), count, seed=0)
 
 
 def test_photos_that_do_not_fit_are_refused() -> None:
-    codes = pilot_codes((4, 4), 32, seed=0)
+    codes = make_pilot_codes((4, 4), 32, seed=0)
     with pytest.raises(ConfigError, match="do not fit 16 cells"):
         estimate_links(codes, np.ones((31, 16)), (4, 4))
     with pytest.raises(ConfigError, match="not lit in half"):
         estimate_links(~(codes & False), np.ones((32, 16)), (4, 4))
     with pytest.raises(ConfigError, match="leaves nothing of 32"):
-        worth(codes, np.ones((32, 16)), scipy.sparse.csr_array((16, 16)), 32)
+        predict_pilot_errors(codes, np.ones((32, 16)), scipy.sparse.csr_array((16, 16)), 32)
 
 
 @pytest.mark.parametrize("count", [8, 16, 32, 64])
 def test_seeds_and_parts_of_a_pilot_have_codes_of_their_own(count: int) -> None:
-    first, second = (pilot_codes(GRID, count, seed) for seed in (1, 2))
+    first, second = (make_pilot_codes(GRID, count, seed) for seed in (1, 2))
     quarter = 0 if count < 32 else count // 4
     edges = [0, SCOUTS, SCOUTS + quarter, SCOUTS + 2 * quarter, count]
     parts = [slice(a, b) for a, b in itertools.pairwise(edges) if a < b]

@@ -11,19 +11,31 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import is_order
-from pdcd.codes.pilot.codes import MATCHED, POWERS, SCOUTS, TILE, pilot_codes, pilot_share
+from pdcd.codes.pilot.codes import (
+    MATCHED,
+    POWERS,
+    SCOUTS,
+    TILE,
+    choose_pilot_count,
+    make_pilot_codes,
+)
 from pdcd.codes.pilot.links import (
     CLEARLY,
     SHARP,
-    Worth,
+    PilotPrediction,
     estimate_links,
+    estimate_sharpness,
     match_links,
-    sharpness,
-    worth,
+    predict_pilot_errors,
 )
-from pdcd.codes.pilot.matching import MOST_CELLS, find_partners, weigh
-from pdcd.codes.pilot.pursuit import AT_ONCE, LIKELY, ROW_SHARE, STEPS, SURE
-from pdcd.codes.pilot.scene_light import check_photos, direct_light, projections, signs
+from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS, find_partners, weigh_partners
+from pdcd.codes.pilot.pursuit import AT_ONCE, LIKELY, PATH_SIGMAS, PURSUIT_STEPS, ROW_SHARE
+from pdcd.codes.pilot.scene_light import (
+    check_photos,
+    compute_projections,
+    estimate_direct_light,
+    to_signs,
+)
 from pdcd.errors import ConfigError, RequestError
 
 GRID = (6, 9)
@@ -37,14 +49,14 @@ N = 54
 )  # fmt: skip
 def test_seeds_of_pilots_keep_their_codes(count: int, digest: str) -> None:
     """Photos of a pilot that was stored are read by codes that are made again."""
-    codes = pilot_codes((7, 9), count, seed=3)
+    codes = make_pilot_codes((7, 9), count, seed=3)
     assert codes.shape == (count, 63) and codes.dtype == np.bool_
     assert hashlib.sha256(np.packbits(codes).tobytes()).hexdigest().startswith(digest)
 
 
 @pytest.mark.parametrize("count", [32, 64])
 def test_a_long_pilot_has_scouts_two_sets_and_balanced_codes(count: int) -> None:
-    quarter, codes = count // 4, pilot_codes((7, 9), count, seed=5)
+    quarter, codes = count // 4, make_pilot_codes((7, 9), count, seed=5)
     sets = [("hadamard", SCOUTS), ("hadamard", quarter), ("hadamard", quarter),
             ("balanced", count - 2 * quarter - SCOUTS)]  # fmt: skip
     start = 0
@@ -58,13 +70,13 @@ def test_a_long_pilot_has_scouts_two_sets_and_balanced_codes(count: int) -> None
 def test_cells_of_a_tile_have_different_codes_as_far_as_these_go() -> None:
     """Twelve photos: eight after the scouts, lit three to five times; sixteen cells a tile."""
     assert (MATCHED, POWERS, SCOUTS, TILE) == ((8, 12, 16), (32, 64, 128), 4, 4)
-    codes = pilot_codes((8, 8), 12, seed=1)[SCOUTS:]
+    codes = make_pilot_codes((8, 8), 12, seed=1)[SCOUTS:]
     assert set(codes.sum(axis=0).tolist()) <= {3, 4, 5}
     of_tiles = codes.reshape(8, 2, 4, 2, 4).swapaxes(2, 3).reshape(8, 4, 16)
     for tile in range(4):
         assert len(np.unique(of_tiles[:, tile], axis=1).T) == 16
     # Four photos have fourteen such codes: each is used once before any comes again.
-    few = pilot_codes((4, 4), 8, seed=2)[SCOUTS:]
+    few = make_pilot_codes((4, 4), 8, seed=2)[SCOUTS:]
     assert set(few.sum(axis=0).tolist()) == {1, 2, 3}
     _, times = np.unique(few, axis=1, return_counts=True)
     assert sorted(times.tolist()) == [1] * 12 + [2] * 2
@@ -73,18 +85,18 @@ def test_cells_of_a_tile_have_different_codes_as_far_as_these_go() -> None:
 @pytest.mark.parametrize("count", [0, 2, 6, 20, 24, 28, 30, 36, 40, 52])
 def test_pilots_of_other_numbers_are_refused(count: int) -> None:
     if count >= 32 and count % 4 == 0 and is_order(count // 4):
-        assert len(pilot_codes((2, 3), count, seed=0)) == count
+        assert len(make_pilot_codes((2, 3), count, seed=0)) == count
         return
     with pytest.raises(RequestError, match=f"pilot of {count} codes"):
-        pilot_codes((2, 3), count, seed=0)
+        make_pilot_codes((2, 3), count, seed=0)
 
 
 def test_the_finest_grid_of_a_map() -> None:
-    assert MOST_CELLS == 4096
-    assert pilot_codes((1, 4097), SCOUTS, seed=0).shape == (4, 4097)
-    assert pilot_codes((1, 4096), 8, seed=0).shape == (8, 4096)
+    assert MOST_MATCHING_CELLS == 4096
+    assert make_pilot_codes((1, 4097), SCOUTS, seed=0).shape == (4, 4097)
+    assert make_pilot_codes((1, 4096), 8, seed=0).shape == (8, 4096)
     with pytest.raises(RequestError, match="at most 4096 cells"):
-        pilot_codes((1, 4097), 8, seed=0)
+        make_pilot_codes((1, 4097), 8, seed=0)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +108,7 @@ def test_the_finest_grid_of_a_map() -> None:
 def test_a_pilot_leaves_a_third_of_the_codes_and_an_order(
     count: int, by_map: bool, share: int
 ) -> None:
-    assert pilot_share(count, by_map=by_map) == share
+    assert choose_pilot_count(count, by_map=by_map) == share
 
 
 def transport() -> NDArray[np.float64]:
@@ -111,7 +123,7 @@ def transport() -> NDArray[np.float64]:
 
 
 def photos_of(count: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    codes = pilot_codes(GRID, count, seed=3)
+    codes = make_pilot_codes(GRID, count, seed=3)
     noise = np.random.default_rng(2).normal(0.0, 0.01, (count, N))
     return codes, codes @ transport().T + noise
 
@@ -129,7 +141,7 @@ def test_a_small_mirror_is_mapped_as_it_was(count: int, of_row: list[float], mom
     """0.3 into its left part, 0.2 into its right one; numbers as runs were decoded with them."""
     codes, photos = photos_of(count)
     noise = np.full(N, 0.01)
-    paths = weigh(find_partners(codes, photos, GRID, noise), codes, photos, GRID, noise)
+    paths = weigh_partners(find_partners(codes, photos, GRID, noise), codes, photos, GRID, noise)
     row = np.asarray(paths.sum(axis=1))[9:18]
     np.testing.assert_allclose(row, of_row, rtol=2e-4, atol=1e-5)
     assert row[:3] == pytest.approx(0.3, rel=0.1) and row[-3:] == pytest.approx(0.2, rel=0.1)
@@ -154,7 +166,7 @@ def test_channels_that_are_alike_are_weighed_once() -> None:
 
 def test_strong_paths_are_found_one_by_one_and_in_patches() -> None:
     """Single paths stand out by 4.2 deviations, those beside another by 2.7."""
-    assert (SURE, LIKELY, STEPS, AT_ONCE, ROW_SHARE) == (4.2, 2.7, 12, 2, 4)
+    assert (PATH_SIGMAS, LIKELY, PURSUIT_STEPS, AT_ONCE, ROW_SHARE) == (4.2, 2.7, 12, 2, 4)
     codes, photos = photos_of(64)
     found = estimate_links(codes, photos, GRID, sigma=0.01).toarray()
     true = np.where(transport() > 0.1, transport(), 0.0)
@@ -174,7 +186,7 @@ def test_rows_of_many_paths_and_weak_ones_beside_strong_ones_are_found() -> None
     light = np.diag(np.full(N, 0.8))
     light[12] *= 0.01
     light[25] = 0.0
-    codes = pilot_codes(GRID, 128, seed=3)
+    codes = make_pilot_codes(GRID, 128, seed=3)
     found = estimate_links(codes, codes @ (light + true).T, GRID).toarray()
     np.testing.assert_allclose(found, true, atol=2e-3)
     np.testing.assert_allclose(found[12], true[12], atol=2e-5)
@@ -197,7 +209,7 @@ def test_arrays_of_a_pilot_must_fit_each_other() -> None:
     ):
         for use in (
             lambda c, p: estimate_links(c, p, GRID),
-            lambda c, p: worth(c, p, paths, 99),
+            lambda c, p: predict_pilot_errors(c, p, paths, 99),
             lambda c, p: check_photos(c, p, N),
         ):
             with pytest.raises(ConfigError):
@@ -206,29 +218,34 @@ def test_arrays_of_a_pilot_must_fit_each_other() -> None:
         check_photos(codes, photos, 53)
     odd = codes.copy()
     odd[0, 7] = ~odd[0, 7]
-    for use_one in (lambda c: estimate_links(c, photos, GRID), lambda c: sharpness(c, photos)):
+    for use_one in (
+        lambda c: estimate_links(c, photos, GRID),
+        lambda c: estimate_sharpness(c, photos),
+    ):
         with pytest.raises(ConfigError, match="half of the pilot codes"):
             use_one(odd)
 
 
 def test_scouts_tell_sharp_light_from_smooth() -> None:
     assert (SHARP, CLEARLY) == (0.15, 0.7)
-    codes = pilot_codes(GRID, SCOUTS, seed=3)
+    codes = make_pilot_codes(GRID, SCOUTS, seed=3)
     smooth = np.diag(np.full(N, 0.8)) + 0.3 / N
-    found = [sharpness(codes, codes @ one.T) for one in (smooth, transport())]
+    found = [estimate_sharpness(codes, codes @ one.T) for one in (smooth, transport())]
     assert found[0] < 0.02 < SHARP < found[1]
 
 
 def test_one_code_left_has_all_cells_in_common_and_many_have_none() -> None:
     codes, photos = photos_of(32)
     paths = scipy.sparse.csr_array((N, N))
-    one = worth(codes, photos, paths, 33, sigma=0.0)
+    one = predict_pilot_errors(codes, photos, paths, 33, sigma=0.0)
     assert one.unguided == one.piloted > one.alone > 0.0
-    assert worth(codes, photos, paths, 34, sigma=0.0).unguided == one.unguided
-    many = worth(codes, photos, paths, 32 + N + 1, sigma=0.0)
+    assert predict_pilot_errors(codes, photos, paths, 34, sigma=0.0).unguided == one.unguided
+    many = predict_pilot_errors(codes, photos, paths, 32 + N + 1, sigma=0.0)
     assert many.unguided == 0.0 == many.alone
     # All that noise could explain is none of the codes' doing.
-    assert worth(codes, photos, paths, 40, sigma=9.0) == Worth(0.0, 0.0, 0.0)
+    assert predict_pilot_errors(codes, photos, paths, 40, sigma=9.0) == PilotPrediction(
+        0.0, 0.0, 0.0
+    )
 
 
 def test_noise_of_both_sets_alone_counts_for_what_they_disagree() -> None:
@@ -237,21 +254,25 @@ def test_noise_of_both_sets_alone_counts_for_what_they_disagree() -> None:
     paths = scipy.sparse.csr_array((N, N))
     sigma = np.full((32, N), 9.0)
     sigma[4:20] = 0.02
-    even = worth(codes, photos, paths, 40, sigma=0.02)
-    assert even.unguided > 0.0 and worth(codes, photos, paths, 40, sigma=sigma) == even
+    even = predict_pilot_errors(codes, photos, paths, 40, sigma=0.02)
+    assert (
+        even.unguided > 0.0 and predict_pilot_errors(codes, photos, paths, 40, sigma=sigma) == even
+    )
     for photo in (4, 19):
         sigma[photo] = 9.0
-        assert worth(codes, photos, paths, 40, sigma=sigma).unguided == 0.0
+        assert predict_pilot_errors(codes, photos, paths, 40, sigma=sigma).unguided == 0.0
         sigma[photo] = 0.02
 
 
 def test_signs_see_the_rows_of_the_transport() -> None:
     codes, _ = photos_of(32)
     photos = codes @ transport().T
-    np.testing.assert_allclose(projections(photos), signs(codes) @ transport().T, atol=1e-12)
     np.testing.assert_allclose(
-        direct_light(codes, photos),
-        ((signs(codes) @ transport().T) * signs(codes)).mean(axis=0),
+        compute_projections(photos), to_signs(codes) @ transport().T, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        estimate_direct_light(codes, photos),
+        ((to_signs(codes) @ transport().T) * to_signs(codes)).mean(axis=0),
         atol=1e-12,
     )
 
@@ -260,8 +281,8 @@ def test_signs_see_the_rows_of_the_transport() -> None:
 def test_a_pilot_of_more_codes_than_cells_needs_no_guide(light: float) -> None:
     """No two cells share a code in either of its sets, so that these tell nothing of others."""
     grid, count = (3, 4), 64
-    codes = pilot_codes(grid, count, seed=0)
+    codes = make_pilot_codes(grid, count, seed=0)
     rng = np.random.default_rng(1)
     photos = codes @ (light * rng.random((12, 12)))
-    found = worth(codes, photos, scipy.sparse.csr_array((12, 12)), 128, sigma=1e-3)
-    assert found == Worth(0.0, 0.0, 0.0) and not found.pays
+    found = predict_pilot_errors(codes, photos, scipy.sparse.csr_array((12, 12)), 128, sigma=1e-3)
+    assert found == PilotPrediction(0.0, 0.0, 0.0) and not found.pays

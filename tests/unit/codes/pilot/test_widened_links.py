@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from pdcd.codes.pilot.links import BESIDE, widened
+from pdcd.codes.pilot.links import BESIDE, widen_links
 
 GRID = (3, 4)
 
@@ -15,7 +15,7 @@ def test_links_reach_the_cells_beside_partners_and_never_the_cell_itself() -> No
     links[0, 5] = 0.8  # row 1, column 1: four cells beside it
     links[7, 3] = 0.4  # the corner beside cell 7: one cell but itself
     links[9, 5] = 0.2
-    found = widened(scipy.sparse.csr_array(links), GRID).toarray()
+    found = widen_links(scipy.sparse.csr_array(links), GRID).toarray()
     wanted = np.zeros((12, 12))
     wanted[0, [1, 4, 6, 9]] = 0.8 * BESIDE
     wanted[0, 5] = 0.8

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pages.report.packing import Block
+from pdcd.pages.report.packing import PackedBlock
 
 
 def raw(text: str, dtype: str) -> NDArray[Any]:
     return np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype)
 
 
-def unpacked(block: Block) -> NDArray[Any]:
+def unpacked(block: PackedBlock) -> NDArray[Any]:
     """As docs say that `unpack.js` does: along the last axis differences are summed up."""
     shape = block["shape"]
     if block["kind"] in ("linear", "logarithmic"):

@@ -18,12 +18,12 @@ from pdcd.capture.salvage import decode_partial
 from pdcd.capture.worker.worker import Worker
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
-from pdcd.pages.report import material, write
-from pdcd.protocol.events import Armed
+from pdcd.pages.report import material, write_report
+from pdcd.protocol.events import ShotArmed
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
-from pdcd.runs.verify import verify
+from pdcd.runs.verify import verify_run
 from tests import bench_rig
 
 EVIL = "</script><b onclick=x()>&amp;{{data}}\u202e\x1b[2J"
@@ -63,9 +63,11 @@ def test_a_capture_ends_with_its_page(kept: CaptureResult) -> None:
     folder = Path(str(kept.folder))
     assert "report.html" in kept.files
     assert "report.html" not in read_manifest(folder).files
-    assert verify(folder).later == ("report.html",)
+    assert verify_run(folder).later == ("report.html",)
     made = (folder / "report.html").read_bytes()
-    assert write(folder).read_bytes() == made  # the same from the folder alone, truth included
+    assert (
+        write_report(folder).read_bytes() == made
+    )  # the same from the folder alone, truth included
     assert b'"kind":"truth"' in made
 
 
@@ -75,7 +77,7 @@ def test_no_page_where_it_is_dear_or_unwanted(
     monkeypatch.setattr(material, "DEFAULT_S", 0.0)
     result = captured(tmp_path)
     assert "report.html" not in result.files
-    assert verify(Path(str(result.folder))).later == ()
+    assert verify_run(Path(str(result.folder))).later == ()
     engine = Engine.from_config(bench_rig.config(tmp_path))
     monkeypatch.undo()
     engine.start()
@@ -92,11 +94,11 @@ def test_a_page_that_cannot_be_made_costs_the_run_nothing(
 
     monkeypatch.setattr(Worker, "report", broken)
     result = captured(tmp_path)
-    assert "report.html" not in result.files and verify(Path(str(result.folder))).whole
+    assert "report.html" not in result.files and verify_run(Path(str(result.folder))).whole
 
 
 def test_texts_of_others_are_escaped(folder: Path) -> None:
-    text = write(folder).read_text()
+    text = write_report(folder).read_text()
     assert "\u202e" not in text and "\x1b" not in text
     assert text.count("<script") == 2 and text.count("</script") == 2
     shown = "&lt;/script&gt;&lt;b onclick=x()&gt;&amp;amp;{{data}}"
@@ -106,7 +108,7 @@ def test_texts_of_others_are_escaped(folder: Path) -> None:
 
 
 def test_the_policy_allows_the_one_script_and_nothing_from_anywhere(folder: Path) -> None:
-    text = write(folder).read_text()
+    text = write_report(folder).read_text()
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
     assert policy is not None and policy[1].startswith("default-src 'none'; ")
     script = text.rsplit("<script>", 1)[1].split("</script>")[0]
@@ -119,7 +121,7 @@ def test_a_changed_run_gets_no_page(folder: Path) -> None:
     with (folder / "frames.csv").open("a") as file:
         file.write("x")
     with pytest.raises(DecodeError, match=r"frames.csv"):
-        write(folder)
+        write_report(folder)
     assert not (folder / "report.html").exists()
 
 
@@ -130,28 +132,28 @@ def test_a_run_that_was_cut_has_a_page_that_says_so(tmp_path: Path) -> None:
     cut = engine.capture(
         CaptureRequest(goal="indirect", codes=8, parts=4, out=str(tmp_path)),
         job="job",
-        emit=lambda event: armed.append(event.shot) if isinstance(event, Armed) else None,
+        emit=lambda event: armed.append(event.shot) if isinstance(event, ShotArmed) else None,
         cancelled=lambda: "coded-3" in armed,
     )
     engine.stop()
     made = decode_partial(Path(str(cut.folder)))
     assert made.missing == ("coded-3", "coded-4")
-    text = write(Path(made.folder)).read_text()
+    text = write_report(Path(made.folder)).read_text()
     assert "missing shots: coded-3, coded-4" in text
-    found = verify(Path(made.folder))
+    found = verify_run(Path(made.folder))
     assert [finding.what for finding in found.findings] == ["partial"]
 
 
 def test_entries_of_t_are_on_the_page(tmp_path: Path) -> None:
     folder = Path(str(captured(tmp_path, goal="transport", rows=(0, 1)).folder))
     picture = base64.b64encode((folder / "preview/transport.png").read_bytes()).decode()
-    assert picture in write(folder).read_text()
+    assert picture in write_report(folder).read_text()
 
 
 def test_a_truth_that_does_not_fit_is_refused(folder: Path) -> None:
     np.savez(folder / "truth.npz", image=np.zeros(3))
     with pytest.raises(DecodeError, match=r"truth.npz"):
-        write(folder)
+        write_report(folder)
 
 
 def test_the_command_says_where_the_page_is(

@@ -11,18 +11,18 @@ import pytest
 from pdcd.bench.tables import PanelConfig
 from pdcd.pages.report import layers
 from pdcd.panels.map import Map
-from pdcd.pictures.picture import Barred
-from pdcd.pictures.upright import View
+from pdcd.pictures.picture import PictureWithErrors
+from pdcd.pictures.upright import FieldView
 from tests.unit.pages.report._blocks import unpacked
 
 
-def pictures(count: int, frame: tuple[int, int] = (4, 6)) -> dict[str, Barred]:
+def pictures(count: int, frame: tuple[int, int] = (4, 6)) -> dict[str, PictureWithErrors]:
     rng = np.random.default_rng(4)
     made = {}
     for n in range(count):
         error = np.full((*frame, 3), 0.5, np.float32)
         image = 100.0 + 10.0 * n + rng.random((*frame, 3))
-        made[f"p{n}"] = Barred(image, error, error, 0.0 * error, "sensor")
+        made[f"p{n}"] = PictureWithErrors(image, error, error, 0.0 * error, "sensor")
     return made
 
 
@@ -40,7 +40,7 @@ def test_the_white_picture_has_room_before_others(
 ) -> None:
     made = pictures(count)
     named = {("white" if name == f"p{white}" else name): one for name, one in made.items()}
-    shown = layers.layers(named, View(Map.filling((6, 4)), 1.5), None, side=2)
+    shown = layers.pack_layers(named, FieldView(Map.filling((6, 4)), 1.5), None, side=2)
     assert [one["name"] for one in shown.data] == kept and shown.left_out == left
     assert shown.size_px == (6, 4) and shown.quads == 4.0
     assert all(one["kind"] == "picture" and one["sigma"] is not None for one in shown.data)
@@ -49,9 +49,9 @@ def test_the_white_picture_has_room_before_others(
 def test_pictures_and_their_truth_come_back_from_a_page() -> None:
     made = pictures(2)
     made["p1"].image[1, 2] = np.nan
-    truth = layers.Truth(made["p0"].image + 1.0, np.ones((4, 6), np.bool_))
+    truth = layers.AnswerTruth(made["p0"].image + 1.0, np.ones((4, 6), np.bool_))
     truth.seen[3, 0] = False
-    shown = layers.layers(made, View(Map.filling((6, 4)), 1.5), truth)
+    shown = layers.pack_layers(made, FieldView(Map.filling((6, 4)), 1.5), truth)
     assert [(one["name"], one["kind"]) for one in shown.data] == [
         ("p0", "picture"), ("p1", "picture"), ("p0", "truth"),
     ]  # fmt: skip
@@ -73,17 +73,17 @@ def test_pictures_and_their_truth_come_back_from_a_page() -> None:
 def test_large_pictures_have_every_second_sigma(monkeypatch: pytest.MonkeyPatch) -> None:
     for most, shape in ((24, [3, 4, 6]), (23, [3, 2, 3])):
         monkeypatch.setattr(layers, "LARGE_PX", most)
-        shown = layers.layers(pictures(1), View(Map.filling((6, 4)), 1.5), None)
+        shown = layers.pack_layers(pictures(1), FieldView(Map.filling((6, 4)), 1.5), None)
         assert shown.data[0]["sigma"]["shape"] == shape
 
 
 def test_room_for_pixels_is_shared_between_pictures_and_a_truth() -> None:
-    view = View(Map.filling((4000, 3000)), 4.0 / 3.0)
+    view = FieldView(Map.filling((4000, 3000)), 4.0 / 3.0)
     for count in (3, 8):
-        width, height = layers.size_of(count, view)
+        width, height = layers.choose_layer_size(count, view)
         assert width * height * (count + 1) == pytest.approx(layers.MOST_PIXELS, rel=0.01)
-    assert layers.size_of(9, view) == layers.size_of(8, view)
-    assert layers.size_of(1, View(Map.filling((400, 300)), 4.0 / 3.0)) == (400, 300)
+    assert layers.choose_layer_size(9, view) == layers.choose_layer_size(8, view)
+    assert layers.choose_layer_size(1, FieldView(Map.filling((400, 300)), 4.0 / 3.0)) == (400, 300)
 
 
 def test_squares_of_quads_are_nearly_as_wide_as_a_pixel_of_the_page() -> None:
@@ -97,30 +97,30 @@ def test_squares_of_quads_are_nearly_as_wide_as_a_pixel_of_the_page() -> None:
     }  # fmt: skip
     for found, side in (({"cells": cells}, 5), ({"cells": any_side}, 6), ({"cells": None}, 1)):
         record: Any = SimpleNamespace(**(told | found))
-        assert layers.enough_side(8, record) == side
+        assert layers.choose_bin_side(8, record) == side
 
 
-def barred(level: float, sigma: float, frame: tuple[int, int]) -> Barred:
+def barred(level: float, sigma: float, frame: tuple[int, int]) -> PictureWithErrors:
     error = np.full((*frame, 3), sigma, np.float32)
-    return Barred(np.full((*frame, 3), level), error, error, 0.0 * error, "sensor")
+    return PictureWithErrors(np.full((*frame, 3), level), error, error, 0.0 * error, "sensor")
 
 
 def test_brightness_of_a_page_is_told_by_picture() -> None:
     """The white one gets to 0.9, and what is as weak as a tenth is shown eight times brighter."""
     made = {"indirect": barred(0.06, 1e-5, (8, 12)), "white": barred(0.6, 1e-5, (8, 12))}
-    shown = layers.layers(made, View(Map.filling((12, 8)), 1.5), None)
+    shown = layers.pack_layers(made, FieldView(Map.filling((12, 8)), 1.5), None)
     assert shown.scale == pytest.approx(1.5)
     assert [(one["name"], one["factor"], one["signed"]) for one in shown.data] == [
         ("indirect", 8.0, False), ("white", 1.0, False),
     ]  # fmt: skip
     made["indirect"].image[...] = -0.06
-    signed = layers.layers(made, View(Map.filling((12, 8)), 1.5), None).data[0]
+    signed = layers.pack_layers(made, FieldView(Map.filling((12, 8)), 1.5), None).data[0]
     assert signed["signed"] and signed["factor"] == 8.0
 
 
 def test_steps_of_pictures_go_by_their_noise_but_not_below_their_brightest() -> None:
     """Half of the usual sigma; of pictures without noise a 2^-14th of the largest value."""
-    view = View(Map.filling((12, 8)), 1.5)
+    view = FieldView(Map.filling((12, 8)), 1.5)
     for sigma, step in ((0.02, 0.01), (1e-9, 0.6 * 2.0**-14)):
-        (one,) = layers.layers({"white": barred(0.6, sigma, (8, 12))}, view, None).data
+        (one,) = layers.pack_layers({"white": barred(0.6, sigma, (8, 12))}, view, None).data
         assert one["values"]["step"] == pytest.approx(step, rel=1e-4)

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.pages.render import json_in_page
-from pdcd.pages.report.facts import MOST_ROWS, Table, figures, tables
-from pdcd.pages.report.write import page
-from pdcd.printable import percent
+from pdcd.pages.render import encode_page_json
+from pdcd.pages.report.facts import MOST_ROWS, ReportTable, list_key_figures, list_tables
+from pdcd.pages.report.write import render_report_page
+from pdcd.printable import to_percent
 from pdcd.protocol.result import Quality
 
 SHOT = {
@@ -47,12 +47,12 @@ def material(layers: dict[str, Any] | None = None, **fields: Any) -> Any:
 
 def shown(told: Any = None, made: Any = None) -> str:
     """The page without its head and its data, spaces as a browser shows them."""
-    text = page(told or manifest(), made or material())
+    text = render_report_page(told or manifest(), made or material())
     return " ".join(text[text.index("<body>") : text.index('<script type="application')].split())
 
 
-def table(title: str, told: Any, made: Any = None) -> Table:
-    (found,) = [one for one in tables(told, made or material()) if one.title == title]
+def table(title: str, told: Any, made: Any = None) -> ReportTable:
+    (found,) = [one for one in list_tables(told, made or material()) if one.title == title]
     return found
 
 
@@ -65,7 +65,7 @@ def table(title: str, told: Any, made: Any = None) -> Table:
     ],
 )  # fmt: skip
 def test_shares_are_percentages(share: object, words: str) -> None:
-    assert percent(share) == words
+    assert to_percent(share) == words
 
 
 def test_figures_that_are_not_known_have_no_line() -> None:
@@ -73,7 +73,7 @@ def test_figures_that_are_not_known_have_no_line() -> None:
         "rms_error_quads": 0.0123, "rms_sigma": float("inf"), "predicted_error": None, "codes": 64,
         "exposure_s": 2.0, "refreshes": 120, "missed_refreshes": 0, "shots": 4, "wall_s": 3.14159,
     }  # fmt: skip
-    assert figures(manifest(summary=summary), material(kind="new")) == [
+    assert list_key_figures(manifest(summary=summary), material(kind="new")) == [
         ("error of quads against the known truth", "1.23 %"),
         ("error bars", "new"),
         ("codes", "64"),
@@ -87,14 +87,17 @@ def test_figures_that_are_not_known_have_no_line() -> None:
 
 def test_figures_of_a_wrong_kind_are_shown_as_they_are() -> None:
     found = dict(
-        figures(manifest(summary={"exposure_s": "long", "wall_s": float("nan")}), material())
+        list_key_figures(
+            manifest(summary={"exposure_s": "long", "wall_s": float("nan")}), material()
+        )
     )
     assert found["exposure"] == "long" and "wall time" not in found
 
 
 def test_kinds_of_error_bars_are_told_in_words() -> None:
     words = [
-        dict(figures(manifest(), material(kind=k)))["error bars"] for k in ("measured", "sensor")
+        dict(list_key_figures(manifest(), material(kind=k)))["error bars"]
+        for k in ("measured", "sensor")
     ]
     assert words[0] != words[1] and "measured" in words[0]
 
@@ -175,7 +178,7 @@ def test_versions_and_files_are_told() -> None:
 
 
 def test_the_tables_that_are_open_are_those_of_the_photo() -> None:
-    opened = [one.title for one in tables(manifest(), material()) if not one.closed]
+    opened = [one.title for one in list_tables(manifest(), material()) if not one.closed]
     assert opened == ["Light budget", "Probing matrices", "What was asked", "Versions"]
 
 
@@ -253,7 +256,7 @@ def test_the_note_below_the_pictures_says_what_they_are(
 
 def test_data_ends_no_element_and_has_no_value_that_is_no_number() -> None:
     told = {"a": [np.float64("nan"), (np.inf, 1.5)], "b": {"c": -np.inf, "d": "</script>&"}}
-    text = json_in_page(told)
+    text = encode_page_json(told)
     assert not re.search("[<>& ]", text)
     assert json.loads(text) == {"a": [None, [None, 1.5]], "b": {"c": None, "d": "</script>&"}}
 

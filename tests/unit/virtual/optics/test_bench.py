@@ -19,15 +19,15 @@ from pdcd.bench.tables import (
     ScheduleConfig,
 )
 from pdcd.panels.frames import WHITE, FrameLog, Frames
-from pdcd.panels.patterns import none, pack
-from pdcd.panels.placing import Placing, placed
-from pdcd.probing.realised import bench_factors
+from pdcd.panels.patterns import make_empty_patterns, pack_bits
+from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.probing.realised import compute_bench_factors
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.needed import optics_of
-from pdcd.virtual.optics.products import Exposure
-from pdcd.virtual.optics.raster import EXACT_POINTS, Raster
+from pdcd.virtual.optics.needed import choose_optics
+from pdcd.virtual.optics.products import PanelExposure
+from pdcd.virtual.optics.raster import EXACT_POINTS, MapRaster
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.effects import Dense, coloured_direct
+from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
 
 GRID = (3, 4)
@@ -45,30 +45,33 @@ def config_of(**more: Any) -> Config:
 def scene_of(texture: NDArray[np.float64] | None = None) -> Scene:
     rng = np.random.default_rng(2)
     cells = GRID[0] * GRID[1]
-    direct = coloured_direct(rng.random((cells, 3)))
-    return Scene("s", GRID, (*direct, Dense("all", rng.random((cells, cells)))), texture=texture)
+    direct = make_direct_effects(rng.random((cells, 3)))
+    return Scene(
+        "s", GRID, (*direct, DenseEffect("all", rng.random((cells, cells)))), texture=texture
+    )
 
 
-def exposure_of(frames: Frames) -> Exposure:
+def exposure_of(frames: Frames) -> PanelExposure:
     count = len(frames)
     at = 50_000_000 + np.arange(count + 1) * REFRESH_NS
     rows = np.arange(count, dtype=np.int32)
     missed = np.zeros(count, dtype=np.int32)
     log = FrameLog(rows, rows, at[:-1], at[:-1], at[[-1, -1]], missed, "mock", True)
-    return Exposure(frames, log, 0, int(at[-1]) + 50_000_000)
+    return PanelExposure(frames, log, 0, int(at[-1]) + 50_000_000)
 
 
 def white(count: int = 3) -> Frames:
     index = np.full(count, WHITE, dtype=np.int32)
     return Frames(
-        none(), none(), index, index, np.zeros(count, np.uint8), np.arange(count, dtype=np.int32),
+        make_empty_patterns(), make_empty_patterns(), index, index, np.zeros(count, np.uint8),
+        np.arange(count, dtype=np.int32),
         np.zeros(count, np.bool_), GRID, GRID, "whole",
     )  # fmt: skip
 
 
 def coded(rng: np.random.Generator) -> Frames:
     lattice = (GRID[0] + 1, GRID[1] + 1)
-    patterns = [pack(rng.random((5, lattice[0] * lattice[1])) < 0.5) for _ in range(2)]
+    patterns = [pack_bits(rng.random((5, lattice[0] * lattice[1])) < 0.5) for _ in range(2)]
     index = np.repeat(np.arange(5, dtype=np.int32), 4)
     shift = np.tile(np.arange(4, dtype=np.uint8), 5)
     return Frames(
@@ -79,10 +82,10 @@ def coded(rng: np.random.Generator) -> Frames:
 
 def test_a_bench_is_made_once_for_whoever_asks_while_it_is_held() -> None:
     config, scene = config_of(camera=CameraConfig(quads_per_cell=3)), scene_of()
-    bench = optics_of(config, scene, ("quarter",))
+    bench = choose_optics(config, scene, ("quarter",))
     assert bench is not None
-    assert optics_of(config, scene, ("quarter",)) is bench
-    assert optics_of(config, scene_of(), ("quarter",)) is not bench
+    assert choose_optics(config, scene, ("quarter",)) is bench
+    assert choose_optics(config, scene_of(), ("quarter",)) is not bench
 
 
 @pytest.mark.parametrize(
@@ -96,18 +99,18 @@ def test_a_bench_is_made_once_for_whoever_asks_while_it_is_held() -> None:
     ],
 )
 def test_a_bench_of_pixels_is_for_what_cells_cannot_say(more: dict[str, Any]) -> None:
-    assert optics_of(config_of(), scene_of()) is None
-    assert optics_of(config_of(camera=CameraConfig(quads_per_cell=3)), scene_of()) is None
-    assert optics_of(config_of(**more), scene_of()) is not None
+    assert choose_optics(config_of(), scene_of()) is None
+    assert choose_optics(config_of(camera=CameraConfig(quads_per_cell=3)), scene_of()) is None
+    assert choose_optics(config_of(**more), scene_of()) is not None
 
 
 def test_detail_needs_a_camera_that_resolves_it(tmp_path: Path) -> None:
     detailed = scene_of(np.random.default_rng(0).random((9, 9, 3)) + 0.1)
-    assert optics_of(config_of(), detailed) is None
-    assert optics_of(config_of(camera=CameraConfig(quads_per_cell=2)), detailed) is not None
+    assert choose_optics(config_of(), detailed) is None
+    assert choose_optics(config_of(camera=CameraConfig(quads_per_cell=2)), detailed) is not None
     truth = tmp_path / "truth.toml"
     truth.touch()
-    assert optics_of(config_of(bench=BenchConfig(truth=str(truth))), scene_of()) is not None
+    assert choose_optics(config_of(bench=BenchConfig(truth=str(truth))), scene_of()) is not None
 
 
 def test_on_squared_paper_it_is_the_bench_of_cells() -> None:
@@ -116,11 +119,11 @@ def test_on_squared_paper_it_is_the_bench_of_cells() -> None:
     config = config_of(projector=slow, mask=slow, camera=CameraConfig(frame_quads=(4, 3)))
     scene, exposure = scene_of(), exposure_of(coded(np.random.default_rng(1)))
     cells = np.zeros((12, 3))
-    for part in bench_factors(
+    for part in compute_bench_factors(
         exposure.frames, exposure.log, slow, slow, open_ns=0, close_ns=exposure.close_ns
     ):
         cells += scene.photo(part.left, part.right, part.coaxial, part.open_s)
-    bench = optics_of(config, scene)
+    bench = choose_optics(config, scene)
     assert bench is not None
     found = bench.photo(exposure)
     np.testing.assert_allclose(found, cells.reshape(3, 4, 3), rtol=1e-12)
@@ -174,14 +177,16 @@ def test_codes_may_have_other_cells_than_the_scene() -> None:
 
 
 def test_a_large_raster_is_close_to_the_map_itself() -> None:
-    lens = placed(
+    lens = make_placed_map(
         Placing(turn_deg=4.0, scale=1.1, radial=(0.03, -0.004), tangential=(0.002, 0.001)),
         (1600, 1200), (1024, 768), "mask",
     )  # fmt: skip
-    eye = placed(Placing(turn_deg=-3.0, radial=(0.02, 0.0)), (800, 600), (1024, 768), "camera")
+    eye = make_placed_map(
+        Placing(turn_deg=-3.0, radial=(0.02, 0.0)), (800, 600), (1024, 768), "camera"
+    )
     x, y = np.arange(0.5, 800.0), np.arange(0.5, 600.0)
     assert x.size * y.size > EXACT_POINTS
-    raster = Raster(lambda points: lens.from_field(eye.to_field(points)), x, y)
+    raster = MapRaster(lambda points: lens.from_field(eye.to_field(points)), x, y)
     assert not raster.exact
     across, down = raster.rows(100, 103)
     points = np.stack(np.meshgrid(x, y[100:103]), axis=-1)
@@ -191,11 +196,11 @@ def test_a_large_raster_is_close_to_the_map_itself() -> None:
 
 def test_a_map_that_no_polynomials_follow_is_computed_point_by_point() -> None:
     x = np.arange(0.5, 700.0)
-    raster = Raster(lambda points: np.floor(points / 7.0), x, x)
+    raster = MapRaster(lambda points: np.floor(points / 7.0), x, x)
     assert raster.exact
     np.testing.assert_array_equal(raster.rows(8, 9)[1], 1.0)
 
 
 def test_the_default_bench_has_no_optics() -> None:
     """So that nothing of it costs anything there."""
-    assert optics_of(Config(), build_scene(SceneConfig())) is None
+    assert choose_optics(Config(), build_scene(SceneConfig())) is None

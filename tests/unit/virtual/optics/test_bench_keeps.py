@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import BenchConfig, CameraConfig
-from pdcd.panels.frames import PIXELS, Frames
+from pdcd.panels.frames import PIXEL_WINDOW, Frames
 from pdcd.virtual.optics import bench as benches
 from pdcd.virtual.optics import render
 from pdcd.virtual.optics import sights as sights_module
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.lookup import MOST_PAIRS
-from pdcd.virtual.optics.sights import Looks
-from pdcd.virtual.optics.spread import CellLight
-from pdcd.virtual.scene.effects import Dense, coloured_direct, rgb
+from pdcd.virtual.optics.sights import CameraSamples
+from pdcd.virtual.optics.spread import LitCellPoints
+from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects, make_tint
 from pdcd.virtual.scene.scene import Scene
 from tests.unit.virtual.optics.test_bench import (
     GRID,
@@ -65,7 +65,7 @@ def of_pixels(grey: bool = False) -> Frames:
     index = np.array([0, 1, 1], np.int32)
     return Frames(
         stripes, stripes, index, index[::-1].copy(), np.zeros(3, np.uint8), index,
-        np.zeros(3, np.bool_), GRID, GRID, PIXELS,
+        np.zeros(3, np.bool_), GRID, GRID, PIXEL_WINDOW,
     )  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def test_three_ways_of_driving_the_panels_are_kept(
 ) -> None:
     """A white shot's, a coded one's and the truth's; a fourth takes the place of the oldest."""
     bench = bench_of(scene_of(TEXTURE))
-    looked, lit = counted(benches, "look"), counted(CellLight, "by_site")
+    looked, lit = counted(benches, "find_sights"), counted(LitCellPoints, "by_site")
     whites, codes = exposure_of(white()), exposure_of(coded(np.random.default_rng(1)))
     pixels = exposure_of(of_pixels(grey=True))  # too many histories to be looked up
 
@@ -106,11 +106,11 @@ def test_weights_are_kept_as_far_as_there_is_room(
     room: int, kept: str, monkeypatch: pytest.MonkeyPatch,
     counted: Callable[[Any, str], list[int]],
 ) -> None:  # fmt: skip
-    monkeypatch.setattr(render, "KEPT_BYTES", room)
+    monkeypatch.setattr(render, "WEIGHT_CACHE_BYTES", room)
     monkeypatch.setattr(sights_module, "CHUNK_SAMPLES", 1)  # a row of quads at a time
     bench, exposure = bench_of(scene_of(TEXTURE)), exposure_of(white())
     first = bench.photo(exposure)
-    looks = counted(Looks, "on_field")
+    looks = counted(CameraSamples, "on_field")
     np.testing.assert_array_equal(bench.photo(exposure), first)
     assert {"all": len(looks) == 0, "none": len(looks) == 6, "some": 0 < len(looks) < 6}[kept]
 
@@ -121,7 +121,7 @@ def test_a_table_of_all_pairs_is_the_same_photo(
     """Made where it is no larger than it may be: here four histories of either panel, black among
     them, and twelve cells that send light to others."""
     bench, exposure = bench_of(scene_of()), exposure_of(of_pixels())
-    made = counted(benches, "rendered")
+    made = counted(benches, "render_by_lookup")
     found = bench.photo(exposure)
     assert len(made) == 1 and found.max() > 1.5 * found.min() > 0.0
     size = next(n for n in range(12, 99, 12) if _fits(bench, exposure, n, monkeypatch, made))
@@ -142,7 +142,7 @@ def _fits(
 def test_too_many_histories_make_no_table(counted: Callable[[Any, str], list[int]]) -> None:
     """As many as pixels, here: a table of them would have three million pairs."""
     assert (PX[0] * PX[1]) ** 2 > MOST_PAIRS
-    made = counted(benches, "rendered")
+    made = counted(benches, "render_by_lookup")
     bench_of(scene_of()).photo(exposure_of(of_pixels(grey=True)))
     assert made == []
 
@@ -151,7 +151,7 @@ def test_a_textured_scene_is_looked_up_as_its_sights_have_it(
     counted: Callable[[Any, str], list[int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Samples of a quad lie elsewhere, of both as many. (All of it: `test_golden`.)"""
-    made, exposure = counted(benches, "rendered"), exposure_of(of_pixels())
+    made, exposure = counted(benches, "render_by_lookup"), exposure_of(of_pixels())
     found = bench_of(scene_of(TEXTURE)).photo(exposure)
     assert made == [1] and np.ptp(found) > 0.0
     monkeypatch.setattr(OpticalBench, "_whole", lambda *_: None)
@@ -187,17 +187,17 @@ def test_light_of_one_colour_is_looked_up_once_and_of_three_thrice(grey: bool) -
     """A grey scene is that of its three channels, which are alike."""
     rng = np.random.default_rng(8)
     albedo = np.repeat(rng.random((12, 1)), 3, axis=1) if grey else rng.random((12, 3))
-    direct = bench_of(Scene("s", GRID, tuple(coloured_direct(albedo))))
+    direct = bench_of(Scene("s", GRID, tuple(make_direct_effects(albedo))))
     found = direct.photo(exposure_of(of_pixels()))
     channels = []
     for channel in range(3):
         one = np.zeros((12, 3))
         one[:, channel] = albedo[:, channel]
-        part = bench_of(Scene("s", GRID, tuple(coloured_direct(one))))
+        part = bench_of(Scene("s", GRID, tuple(make_direct_effects(one))))
         channels.append(part.photo(exposure_of(of_pixels()))[..., channel])
     np.testing.assert_allclose(found, np.stack(channels, axis=-1), rtol=1e-12)
-    glow = Dense("g", rng.random((12, 12)), tint=rgb(1.0, 0.5, 0.0))
-    both = bench_of(Scene("s", GRID, (*coloured_direct(albedo), glow)))
+    glow = DenseEffect("g", rng.random((12, 12)), tint=make_tint(1.0, 0.5, 0.0))
+    both = bench_of(Scene("s", GRID, (*make_direct_effects(albedo), glow)))
     sent = both.photo(exposure_of(of_pixels())) - found
     np.testing.assert_allclose(sent[..., 1], 0.5 * sent[..., 0], rtol=1e-9)
     np.testing.assert_allclose(sent[..., 2], 0.0, atol=1e-12)

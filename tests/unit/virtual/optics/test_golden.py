@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.placed import make_camera_map, panels_of
 from pdcd.bench.tables import BenchConfig, CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import truth_of
-from pdcd.panels.frames import BLACK, PIXELS, WHITE, FrameLog, Frames
-from pdcd.panels.patterns import Patterns, pack
+from pdcd.bench.truth import load_bench_truth
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, FrameLog, Frames
+from pdcd.panels.patterns import Patterns, pack_bits
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.products import Exposure
-from pdcd.virtual.scene.effects import Dense, Effect, coloured_direct, rgb
+from pdcd.virtual.optics.products import PanelExposure
+from pdcd.virtual.scene.effects import DenseEffect, Effect, make_direct_effects, make_tint
 from pdcd.virtual.scene.scene import Scene
 from tests.dense_bench import DenseBench, DensePanel
 from tests.sampled import sampled
@@ -73,16 +73,16 @@ blur_taps = 3
 
 def frames_of(window: str, rng: np.random.Generator, *, grey: bool) -> Frames:
     """Random patterns, some refreshes black, some white, under all sub-shifts."""
-    more = int(window not in ("whole", PIXELS))
+    more = int(window not in ("whole", PIXEL_WINDOW))
     lattice = (GRID[0] + more, GRID[1] + more)
     sizes = [lattice[0] * lattice[1]] * 2
-    if window == PIXELS:
+    if window == PIXEL_WINDOW:
         sizes = [size[0] * size[1] for size in (PROJECTOR_PX, MASK_PX)]
     patterns: list[Patterns]
     if grey:
         patterns = [rng.random((4, cells)).astype(np.float32) for cells in sizes]
     else:
-        patterns = [pack(rng.random((4, cells)) < 0.5) for cells in sizes]
+        patterns = [pack_bits(rng.random((4, cells)) < 0.5) for cells in sizes]
     primal = np.array([0, 0, 1, 1, WHITE, 2, 3, 3, BLACK, 2, 1], dtype=np.int32)
     dual = np.array([BLACK, 0, 1, BLACK, 2, WHITE, BLACK, 3, 1, 0, 2], dtype=np.int32)
     count = primal.size
@@ -129,9 +129,9 @@ def scene_of(rng: np.random.Generator, *, textured: bool) -> tuple[Scene, NDArra
     cells = GRID[0] * GRID[1]
     direct = rng.random((cells, 3))
     matrices = [rng.random((cells, cells)) / cells for _ in range(4)]
-    tints = [rgb(*rng.random(3)) for _ in matrices]
-    effects: list[Effect] = [*coloured_direct(direct)]
-    effects += [Dense("all", m, tint=t) for m, t in zip(matrices, tints, strict=True)]
+    tints = [make_tint(*rng.random(3)) for _ in matrices]
+    effects: list[Effect] = [*make_direct_effects(direct)]
+    effects += [DenseEffect("all", m, tint=t) for m, t in zip(matrices, tints, strict=True)]
     transport = sum(t[:, None, None] * m for m, t in zip(matrices, tints, strict=True))
     texture = rng.random((8, 6, 3)) + 0.2 if textured else None
     assert not isinstance(transport, int)
@@ -140,7 +140,7 @@ def scene_of(rng: np.random.Generator, *, textured: bool) -> tuple[Scene, NDArra
 
 def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> DenseBench:
     """The dense bench of the same file; its blur is written down anew."""
-    truth = truth_of(config)
+    truth = load_bench_truth(config)
     true, drawn = truth.of(config), panels_of(config)
     placed = panels_of(true)
     panels = []
@@ -169,7 +169,7 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
             for i in range(3)
         ]
     return DenseBench(
-        panels[0], panels[1], camera_map(true, FRAME), GRID, direct, transport,
+        panels[0], panels[1], make_camera_map(true, FRAME), GRID, direct, transport,
         truth.camera.samples or 2, true.scene.ambient, scene.texture,
         (true.mask.offset_px[0] / size[0], true.mask.offset_px[1] / size[1]), taps,
         true.camera.blur_quads, truth.camera.falloff,
@@ -179,7 +179,8 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
 @pytest.mark.parametrize(
     ("window", "textured"),
     [("whole", False), pytest.param("quarter", False, marks=pytest.mark.long), ("quarter", True),
-     ("side-3/4", False), pytest.param(PIXELS, False, marks=pytest.mark.long), (PIXELS, True)],
+     ("side-3/4", False), pytest.param(PIXEL_WINDOW, False, marks=pytest.mark.long), (PIXEL_WINDOW,
+     True)],
 )  # fmt: skip
 def test_everything_on_is_the_dense_bench_at_every_quad(
     tmp_path: Path, window: str, textured: bool
@@ -190,15 +191,15 @@ def test_everything_on_is_the_dense_bench_at_every_quad(
     scene, transport = scene_of(rng, textured=textured)
     config = config_of(tmp_path, TRUTH)
     close_ns = int(log.end_ns.max()) + 50_000_000
-    found = OpticalBench(config, scene, FRAME).photo(Exposure(frames, log, 0, close_ns))
+    found = OpticalBench(config, scene, FRAME).photo(PanelExposure(frames, log, 0, close_ns))
     dense = dense_of(config, scene, transport)
-    dense = replace(dense, scattered=window == PIXELS)
+    dense = replace(dense, scattered=window == PIXEL_WINDOW)
     wanted = dense.photo(frames, log, 0, close_ns)
     assert wanted.max() > 10.0 * wanted.min() >= 0.0
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * wanted.max())
 
 
-@pytest.mark.parametrize("window", sampled(["quarter", PIXELS], 2))
+@pytest.mark.parametrize("window", sampled(["quarter", PIXEL_WINDOW], 2))
 def test_a_table_of_lights_is_the_dense_bench_too(tmp_path: Path, window: str) -> None:
     """Grey levels of a projector with a file of lights, and of a mask that is believed to have
     another curve than it has. G-LUT."""
@@ -212,8 +213,8 @@ def test_a_table_of_lights_is_the_dense_bench_too(tmp_path: Path, window: str) -
     mask = msgspec.structs.replace(config.mask, gamma=None, lut=(0.0, 0.5, 1.0, 1.0))
     config = msgspec.structs.replace(config, mask=mask)
     close_ns = int(log.end_ns.max()) + 50_000_000
-    found = OpticalBench(config, scene, FRAME).photo(Exposure(frames, log, 0, close_ns))
-    dense = replace(dense_of(config, scene, transport), scattered=window == PIXELS)
+    found = OpticalBench(config, scene, FRAME).photo(PanelExposure(frames, log, 0, close_ns))
+    dense = replace(dense_of(config, scene, transport), scattered=window == PIXEL_WINDOW)
     assert dense.projector.lut == (0.0, 0.02, 0.31, 0.8, 1.0) and dense.mask.gamma == 2.3
     wanted = dense.photo(frames, log, 0, close_ns)
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * wanted.max())
@@ -226,7 +227,7 @@ def test_what_is_absent_is_the_dense_bench_too(tmp_path: Path) -> None:
     scene, transport = scene_of(rng, textured=False)
     config = config_of(tmp_path, "[camera]\nsamples = 3\n")
     close_ns = int(log.end_ns.max()) + 50_000_000
-    found = OpticalBench(config, scene, FRAME).photo(Exposure(frames, log, 0, close_ns))
+    found = OpticalBench(config, scene, FRAME).photo(PanelExposure(frames, log, 0, close_ns))
     dense = dense_of(config, scene, transport)
     # Nothing leaks here, so that any dead pixel stands for what lies beside the mask.
     wanted = replace(dense, mask=replace(dense.mask, dead_rows=())).photo(frames, log, 0, close_ns)

@@ -10,10 +10,10 @@ from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import Config, PanelConfig, SceneConfig
 from pdcd.capture.rig import Rig
 from pdcd.panels.frames import Frames
-from pdcd.panels.patterns import pack
-from pdcd.virtual.optics.needed import optics_of
+from pdcd.panels.patterns import pack_bits
+from pdcd.virtual.optics.needed import choose_optics
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.effects import coloured_direct
+from pdcd.virtual.scene.effects import make_direct_effects
 from pdcd.virtual.scene.scene import Scene
 from tests.unit.virtual.optics.test_bench import exposure_of
 
@@ -44,21 +44,21 @@ def test_cells_say_it_all_where_edges_are_edges_of_pixels(
 ) -> None:
     config = config_of(grid, (1024, 768), (1600, 1200))
     scene = build_scene(config.scene)
-    assert (optics_of(config, scene, (window,)) is not None) is pixels
+    assert (choose_optics(config, scene, (window,)) is not None) is pixels
 
 
 def test_light_goes_through_the_mask_of_the_next_cell_where_pixels_say_so() -> None:
     """Six pixels for four cells: 0 1 1 2 3 3 are the cells that their centres fall in. Cell 1 is
     lit from 1/6 to 1/2 of the field, of which 1/12, a third of a cell, lies in cell 0."""
     config = config_of((1, 4), (6, 2), (400, 100))
-    scene = Scene("s", (1, 4), tuple(coloured_direct(np.ones((4, 3)))))
+    scene = Scene("s", (1, 4), tuple(make_direct_effects(np.ones((4, 3)))))
     lit, opened = (np.arange(4) == cell for cell in (1, 0))
     index = np.zeros(1, np.int32)
     frames = Frames(
-        pack(lit[None]), pack(opened[None]), index, index, index.astype(np.uint8), index,
+        pack_bits(lit[None]), pack_bits(opened[None]), index, index, index.astype(np.uint8), index,
         index.astype(np.bool_), (1, 4), (1, 4), "whole",
     )  # fmt: skip
-    bench = optics_of(config, scene)
+    bench = choose_optics(config, scene)
     assert bench is not None
     light = bench.photo(exposure_of(frames))[0, :, 1] * 60.0
     np.testing.assert_allclose(light, [1.0 / 3.0, 0.0, 0.0, 0.0], atol=0.02)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.panels.placing import Placing
-from pdcd.pictures.truth import answer
-from pdcd.protocol.plan_summary import Goal, How
+from pdcd.pictures.truth import compute_true_answer
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import make_recipe
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.scene.effects import Dense, coloured_direct
+from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -43,9 +43,9 @@ def scene_of(rng: np.random.Generator) -> tuple[Scene, Floats]:
     """A textured scene, and its transport beside direct light, of the same in all channels; near
     light and what wanders within a cell are strong in it."""
     transport = rng.random((N, N)) + 3.0 * np.eye(N)
-    direct = coloured_direct(rng.random((N, 3)))
+    direct = make_direct_effects(rng.random((N, 3)))
     texture = 0.2 + rng.random((9, 12, 3))
-    return Scene("s", GRID, (*direct, Dense("all", transport)), texture=texture), transport
+    return Scene("s", GRID, (*direct, DenseEffect("all", transport)), texture=texture), transport
 
 
 def reflected(y: Floats, cells: Floats, texture: Floats) -> Floats:
@@ -95,8 +95,8 @@ def test_what_is_wanted_at_a_place_is_the_row_of_the_cell_it_lies_in(name: str) 
     scene, transport = scene_of(np.random.default_rng(3))
     bench = bench_of(scene)
     target, weights = MEANT[name]
-    recipe = recipe_of(target, How())
-    found = bench.wanted(lambda part: answer(part, recipe), recipe.wanted)
+    recipe = make_recipe(target, CaptureScheme())
+    found = bench.wanted(lambda part: compute_true_answer(part, recipe), recipe.wanted)
     direct = np.stack([e.diagonal()[:, None] * e.tint for e in scene.effects[:3]]).sum(axis=0)
     texture, samples = scene.texture, bench._setting.samples
     assert texture is not None
@@ -112,7 +112,7 @@ def test_what_is_wanted_at_a_place_is_the_row_of_the_cell_it_lies_in(name: str) 
             wanted[row, col] += reflected(y, cells, texture) / samples**2
     np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-9)  # shares in single precision
     # Cell by cell, what is wanted of the next cell counts as wanted here.
-    before = bench.wanted(lambda part: answer(part, recipe))
+    before = bench.wanted(lambda part: compute_true_answer(part, recipe))
     assert float(np.abs(before - wanted).max()) > 0.03 * float(wanted.max())
 
 
@@ -152,8 +152,8 @@ def test_codes_on_a_part_of_the_picture_mean_their_own_cells(
         "indirect, lit": (1.0 - np.eye(cells)) * light,
     }[name]  # fmt: skip
     arrays = {"illumination": light} if "lit" in name else {}
-    recipe = recipe_of(Target(Goal(name=name.split(",")[0]), grid, arrays), How())  # type: ignore[arg-type]
-    found = bench.wanted(lambda part: answer(part, recipe), recipe.wanted, grid=grid)
+    recipe = make_recipe(Target(Goal(name=name.split(",")[0]), grid, arrays), CaptureScheme())  # type: ignore[arg-type]
+    found = bench.wanted(lambda part: compute_true_answer(part, recipe), recipe.wanted, grid=grid)
     direct = np.stack([e.diagonal()[:, None] * e.tint for e in scene.effects[:3]]).sum(axis=0)
     lit, samples = codes_lit(grid), bench._setting.samples
     wanted = np.zeros((*FRAME, 3))
@@ -181,7 +181,7 @@ def test_codes_on_a_part_of_the_picture_mean_their_own_cells(
 def test_a_flat_scene_stays_flat_where_the_blur_reaches_beyond_the_field(place: Placing) -> None:
     """Beyond it is dark, whether the frame ends there or not."""
     cells = np.ones((N, 3))
-    scene = Scene("flat", GRID, coloured_direct(cells))
+    scene = Scene("flat", GRID, make_direct_effects(cells))
     bench = bench_of(scene, blur_quads=1.2, place=place)
     found = bench.wanted(lambda part: part.white())
     inside, share = bench.inside, bench.share
@@ -191,7 +191,7 @@ def test_a_flat_scene_stays_flat_where_the_blur_reaches_beyond_the_field(place: 
 
 
 def test_a_frame_that_ends_within_the_field_goes_on_beyond_its_edge() -> None:
-    scene = Scene("flat", GRID, coloured_direct(np.ones((N, 3))))
+    scene = Scene("flat", GRID, make_direct_effects(np.ones((N, 3))))
     bench = bench_of(scene, blur_quads=1.2, place=Placing(scale=0.5))
     assert bench.share is not None
     np.testing.assert_allclose(bench.share, 1.0, atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.virtual.optics import raster as rasters
-from pdcd.virtual.optics.raster import Raster
+from pdcd.virtual.optics.raster import MapRaster
 
 Floats = NDArray[np.float64]
 X, Y = np.linspace(0.5, 99.5, 300), np.linspace(3.0, 40.0, 200)
@@ -38,7 +38,7 @@ def test_only_large_rasters_are_interpolated(rows: int, exact: bool) -> None:
         calls.append(points.size)
         return curved(points)
 
-    raster = Raster(place, X, Y[:rows])
+    raster = MapRaster(place, X, Y[:rows])
     assert raster.exact is exact and bool(calls) is not exact
     calls.clear()
     found = np.stack(raster.rows(10, 20), axis=-1)
@@ -48,12 +48,12 @@ def test_only_large_rasters_are_interpolated(rows: int, exact: bool) -> None:
 
 @pytest.mark.parametrize("rows", [(0, 1), (0, 200), (199, 200), (97, 103)])
 def test_polynomials_follow_one_of_their_degree_everywhere(rows: tuple[int, int]) -> None:
-    across, down = Raster(curved, X, Y).rows(*rows)
+    across, down = MapRaster(curved, X, Y).rows(*rows)
     assert across.shape == down.shape == (rows[1] - rows[0], 300)
     np.testing.assert_allclose(np.stack([across, down], axis=-1), wanted(*rows), rtol=1e-10)
 
 
-def wave(length: float) -> rasters.Place:
+def wave(length: float) -> rasters.PointMap:
     """Across and down by a wave so long."""
     return lambda points: np.sin(2.0 * np.pi * points / length)
 
@@ -65,12 +65,12 @@ def test_more_nodes_are_tried_where_few_do_not_do(monkeypatch: pytest.MonkeyPatc
         seen.append(points.shape)
         return wave(14.0)(points)
 
-    raster = Raster(place, X, Y)
+    raster = MapRaster(place, X, Y)
     assert not raster.exact
     assert [shape[0] for shape in seen if len(shape) == 3] == [65, 129]
     points = np.stack(np.meshgrid(X, Y[50:53]), axis=-1)
     assert np.abs(np.stack(raster.rows(50, 53), axis=-1) - wave(14.0)(points)).max() < 2e-5
-    assert Raster(wave(5.0), X, Y).exact
+    assert MapRaster(wave(5.0), X, Y).exact
 
 
 def test_a_map_is_followed_to_a_hundred_thousandth() -> None:
@@ -80,7 +80,7 @@ def test_a_map_is_followed_to_a_hundred_thousandth() -> None:
         def place(points: Floats, height: float = height) -> Floats:
             return curved(points) + height * np.sign(np.sin(1e4 * points[..., :1]))
 
-        assert Raster(place, X, Y).exact is exact
+        assert MapRaster(place, X, Y).exact is exact
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -90,7 +90,7 @@ def test_a_map_that_ends_somewhere_is_computed_point_by_point(axis: int) -> None
         found[points[..., axis] > 30.0] = np.nan
         return found
 
-    raster = Raster(place, X, Y)
+    raster = MapRaster(place, X, Y)
     assert raster.exact
     across, down = raster.rows(100, 120)
     np.testing.assert_array_equal(
@@ -106,7 +106,7 @@ def test_nodes_on_either_side_of_a_point_take_part() -> None:
         far = (points - [50.0, 21.5]) / [12.0, 5.0]
         return np.asarray(np.sin(2.0 * np.pi * points / 9.52) * np.exp(-(far**2)))
 
-    assert not Raster(ripple, X, Y).exact
+    assert not MapRaster(ripple, X, Y).exact
 
 
 @pytest.mark.parametrize("rows", [199, 200])
@@ -114,7 +114,7 @@ def test_points_beside_a_raster_go_where_the_map_has_them(rows: int) -> None:
     """Exactly where the map is asked; else to the second order of half a step."""
     rng = np.random.default_rng(1)
     right, below = rng.uniform(-0.5, 0.5, (2, 40, 300))
-    raster = Raster(curved, X, Y[:rows])
+    raster = MapRaster(curved, X, Y[:rows])
     found = np.stack(raster.rows(100, 140, (right, below)), axis=-1)
     points = np.stack(np.meshgrid(X, Y[100:140]), axis=-1)
     points += np.stack([right * (X[1] - X[0]), below * (Y[1] - Y[0])], axis=-1)

@@ -9,23 +9,25 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import TrueCamera, TruePanel, TrueScene, Truth
+from pdcd.bench.truth import BenchTruth, TrueCamera, TruePanel, TrueScene
 from pdcd.errors import ConfigError
 from pdcd.panels.placing import Placing
-from pdcd.virtual.optics.setting import Setting, Tap, falloff, gaussian_taps
+from pdcd.virtual.optics.setting import OpticalSetting, Tap, compute_falloff, make_gaussian_taps
 
 PX = (48, 36)
 
 
-def setting_of(frame: tuple[int, int] = (3, 4), truth: Truth | None = None, **more: Any) -> Setting:
+def setting_of(
+    frame: tuple[int, int] = (3, 4), truth: BenchTruth | None = None, **more: Any
+) -> OpticalSetting:
     panel = PanelConfig(size_px=PX)
     given = {"projector": panel, "mask": panel, "scene": SceneConfig(grid=(3, 4)), **more}
-    return Setting(msgspec.structs.replace(Config(), **given), truth or Truth(), frame)
+    return OpticalSetting(msgspec.structs.replace(Config(), **given), truth or BenchTruth(), frame)
 
 
 @pytest.mark.parametrize("count", [3, 5, 15])
 def test_points_of_a_gaussian_have_its_variance(count: int) -> None:
-    place, share = gaussian_taps(count)
+    place, share = make_gaussian_taps(count)
     assert place.shape == share.shape == (count,)
     assert share.sum() == pytest.approx(1.0) and (share * place**2).sum() == pytest.approx(1.0)
     np.testing.assert_allclose(np.diff(place), np.diff(place)[0])
@@ -35,13 +37,13 @@ def test_points_of_a_gaussian_have_its_variance(count: int) -> None:
 
 
 def test_light_falls_by_the_square_of_the_radius() -> None:
-    assert falloff(0.0, (4, 2)) is None
-    light = falloff(0.5, (4, 2))
+    assert compute_falloff(0.0, (4, 2)) is None
+    light = compute_falloff(0.5, (4, 2))
     assert light is not None and light.shape == (2, 4)
     # Corners of the device are at radius^2 = 4 + 1 from its centre, pixels at 0.5 or 1.5, and 0.5.
     rows = [1.0 - 0.5 * (x * x + 0.25) / 5.0 for x in (-1.5, -0.5, 0.5, 1.5)]
     np.testing.assert_allclose(light, [rows, rows], rtol=1e-14)
-    tall = falloff(0.2, (1, 3))
+    tall = compute_falloff(0.2, (1, 3))
     assert tall is not None
     np.testing.assert_allclose(tall[:, 0], [1.0 - 0.2 / 2.5, 1.0, 1.0 - 0.2 / 2.5])
 
@@ -64,9 +66,9 @@ def test_a_quad_is_looked_at_as_often_as_it_has_pixels_of_the_mask(
 
 
 def test_who_says_how_often_is_believed() -> None:
-    truth = Truth(camera=TrueCamera(samples=7))
+    truth = BenchTruth(camera=TrueCamera(samples=7))
     assert setting_of(truth=truth).samples == 7
-    assert setting_of(truth=Truth(camera=TrueCamera(samples=1))).samples == 1
+    assert setting_of(truth=BenchTruth(camera=TrueCamera(samples=1))).samples == 1
 
 
 def test_a_quad_on_its_side_counts_its_way_along_both_axes() -> None:
@@ -87,7 +89,7 @@ def test_the_points_of_a_field_on_both_panels() -> None:
 
 
 def test_drawing_goes_by_what_is_believed_and_light_by_what_is_true() -> None:
-    truth = Truth(
+    truth = BenchTruth(
         projector=TruePanel(place=Placing(flip="horizontal")),
         camera=TrueCamera(place=Placing(flip="vertical")),
     )
@@ -112,7 +114,7 @@ def test_every_map_is_made_when_a_bench_is_checked(name: str) -> None:
     assert caught.value.device == name
     true: Any = TrueCamera(place=beside) if name == "camera" else TruePanel(place=beside)
     with pytest.raises(ConfigError, match="beside the field"):
-        setting_of(truth=Truth(**{name: true})).check()
+        setting_of(truth=BenchTruth(**{name: true})).check()
 
 
 def test_without_blur_there_is_one_tap() -> None:
@@ -122,7 +124,7 @@ def test_without_blur_there_is_one_tap() -> None:
 def test_taps_are_those_of_a_round_gaussian() -> None:
     """In projector pixels; rows of them one after the other."""
     mask = PanelConfig(size_px=PX, blur_px=1.5)
-    setting = setting_of(mask=mask, truth=Truth(scene=TrueScene(blur_taps=3)))
+    setting = setting_of(mask=mask, truth=BenchTruth(scene=TrueScene(blur_taps=3)))
     offsets = np.array([tap.offset for tap in setting.taps]) * PX
     shares = np.array([tap.share for tap in setting.taps])
     assert len(offsets) == 9 and shares.sum() == pytest.approx(1.0)

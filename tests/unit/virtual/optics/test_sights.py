@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
-from pdcd.bench.truth import Truth
+from pdcd.bench.truth import BenchTruth
 from pdcd.panels.placing import Placing
-from pdcd.virtual.optics.setting import Setting
-from pdcd.virtual.optics.sights import Looks
+from pdcd.virtual.optics.setting import OpticalSetting
+from pdcd.virtual.optics.sights import CameraSamples
 
 GRID = (24, 32)
 
@@ -29,7 +29,7 @@ def test_samples_on_the_border_of_a_cell_fall_to_one_side_on_both_panels(
         camera=CameraConfig(place=place, frame_quads=(frame[1], frame[0])),
         scene=SceneConfig(grid=GRID),
     )
-    looks = Looks(Setting(config, Truth(), frame))
+    looks = CameraSamples(OpticalSetting(config, BenchTruth(), frame))
     apart = 0
     for chunk in looks.chunks():
         on_mask, on_projector = looks.on_mask(chunk), looks.on_projector(chunk, 0)

@@ -9,35 +9,35 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import TrueCamera, Truth
+from pdcd.bench.truth import BenchTruth, TrueCamera
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import sights as sights_module
-from pdcd.virtual.optics.setting import Setting
+from pdcd.virtual.optics.setting import OpticalSetting
 from pdcd.virtual.optics.sights import (
-    NOWHERE,
-    Away,
+    NO_SITE,
+    CameraSamples,
     CellGrid,
-    Looks,
-    Runs,
-    Scattered,
-    changes,
-    look,
-    pixels,
+    LightOrigins,
+    SampleRuns,
+    ScatteredSamples,
+    find_changes,
+    find_sights,
+    sample_pixels,
 )
-from pdcd.virtual.optics.sites import Kind, PanelSites
+from pdcd.virtual.optics.sites import PanelSites, SiteKind
 
 IMAGE = np.arange(12, dtype=np.int32).reshape(3, 4)
 PANEL = PanelConfig(size_px=(12, 9))
 
 
-def setting_of(truth: Truth | None = None, **more: Any) -> Setting:
+def setting_of(truth: BenchTruth | None = None, **more: Any) -> OpticalSetting:
     given = {"projector": PANEL, "mask": PANEL, "scene": SceneConfig(grid=(3, 4)), **more}
-    return Setting(msgspec.structs.replace(Config(), **given), truth or Truth(), (4, 5))
+    return OpticalSetting(msgspec.structs.replace(Config(), **given), truth or BenchTruth(), (4, 5))
 
 
 def test_a_point_has_the_value_of_the_pixel_it_lies_in() -> None:
     x, y = np.array([0.0, 0.99, 1.0, 3.999, 2.5]), np.array([0.0, 1.0, 2.999, 2.0, 1.5])
-    assert pixels(IMAGE, x, y, missing=-1).tolist() == [0, 4, 9, 11, 6]
+    assert sample_pixels(IMAGE, x, y, missing=-1).tolist() == [0, 4, 9, 11, 6]
 
 
 @pytest.mark.parametrize(
@@ -46,9 +46,9 @@ def test_a_point_has_the_value_of_the_pixel_it_lies_in() -> None:
 )
 def test_beside_the_pixels_there_is_nothing(x: float, y: float) -> None:
     across, down = np.array([1.5, x, 2.5]), np.array([1.5, y, 1.5])
-    assert pixels(IMAGE, across, down, missing=-7).tolist() == [5, -7, 6]
+    assert sample_pixels(IMAGE, across, down, missing=-7).tolist() == [5, -7, 6]
     light = IMAGE.astype(np.float64)
-    assert pixels(light, across, down, missing=0.25).tolist() == [5.0, 0.25, 6.0]
+    assert sample_pixels(light, across, down, missing=0.25).tolist() == [5.0, 0.25, 6.0]
     assert across[1] == x or np.isnan(x)  # what is given stays as it is
 
 
@@ -56,14 +56,14 @@ def test_places_where_any_of_some_numbers_is_another() -> None:
     first = np.array([3, 3, 3, 4, 4, 4, 4], dtype=np.int32)
     other = np.array([1, 1, 2, 2, 2, 2, 3], dtype=np.int32)
     third = np.array([0, 0, 0, 0, 0, 9, 9], dtype=np.int32)
-    assert changes(first).tolist() == [0, 3]
-    assert changes(first, other).tolist() == [0, 2, 3, 6]
-    assert changes(first, other, third).tolist() == [0, 2, 3, 5, 6]
-    assert changes(first[:1]).tolist() == [0] and changes(first).dtype == np.int32
+    assert find_changes(first).tolist() == [0, 3]
+    assert find_changes(first, other).tolist() == [0, 2, 3, 6]
+    assert find_changes(first, other, third).tolist() == [0, 2, 3, 5, 6]
+    assert find_changes(first[:1]).tolist() == [0] and find_changes(first).dtype == np.int32
 
 
 def test_runs_are_spread_over_their_samples() -> None:
-    runs = Runs(np.array([0, 2, 3], np.int32), np.array([7, 5, 7], np.int32))
+    runs = SampleRuns(np.array([0, 2, 3], np.int32), np.array([7, 5, 7], np.int32))
     assert runs.spread(6).tolist() == [7, 7, 5, 7, 7, 7]
     assert runs.spread(4).tolist() == [7, 7, 5, 7]
 
@@ -83,7 +83,7 @@ def test_cells_of_one_value_are_counted_row_by_row() -> None:
 def test_beside_the_field_there_is_no_cell(x: float, y: float, smooth: bool) -> None:
     cells = CellGrid((2, 3), smooth=smooth)
     found = cells.at(np.array([0.1, x, 0.9]), np.array([0.1, y, 0.9]))
-    assert found[1] == NOWHERE and (found[[0, 2]] >= 0).all()
+    assert found[1] == NO_SITE and (found[[0, 2]] >= 0).all()
 
 
 @pytest.mark.parametrize("grid", [(2, 3), (1, 1), (4, 2)])
@@ -120,7 +120,7 @@ def test_light_comes_from_further_down_and_right() -> None:
     """By so many cells as that of the point says; from nowhere where it says nothing."""
     moved = np.zeros((6, 2))
     moved[1], moved[5] = (0.5, -1.0), (np.nan, np.nan)
-    away = Away((2, 3), moved)
+    away = LightOrigins((2, 3), moved)
     points = np.array([[0.1, 0.1], [0.5, 0.25], [0.9, 0.9], [1.5, 0.5], [np.nan, 0.5]])
     found = away.of(points)
     np.testing.assert_allclose(found[:2], [[0.1, 0.1], [0.5 - 1 / 3, 0.25 + 0.25]])
@@ -134,9 +134,9 @@ def test_samples_are_looked_at_chunk_by_chunk(
     """Whole rows of quads, at least one, and all of them in turn; a row has 45 samples here."""
     setting = setting_of()
     assert setting.samples == 3
-    whole = Looks(setting)
+    whole = CameraSamples(setting)
     monkeypatch.setattr(sights_module, "CHUNK_SAMPLES", samples)
-    looks = Looks(setting)
+    looks = CameraSamples(setting)
     chunks = list(looks.chunks())
     step = 4 if samples == 1 << 16 else max(1, samples // (5 * setting.samples**2))
     assert chunks == [(row, min(row + step, 4)) for row in range(0, 4, step)]
@@ -149,21 +149,21 @@ def test_samples_are_looked_at_chunk_by_chunk(
 def test_samples_lie_evenly_in_every_quad() -> None:
     setting = setting_of(camera=CameraConfig(frame_quads=(5, 4)))
     count = setting.samples
-    x, y = Looks(setting).on_field((1, 3))
+    x, y = CameraSamples(setting).on_field((1, 3))
     across = (np.arange(5 * count) + 0.5) / (5 * count)
     down = (np.arange(count, 3 * count) + 0.5) / (4 * count)
     np.testing.assert_allclose(x.reshape(2 * count, -1), np.tile(across, (2 * count, 1)), atol=1e-8)
     np.testing.assert_allclose(y.reshape(2 * count, -1)[:, 0], down, atol=1e-8)
-    mask_x, mask_y = Looks(setting).on_mask((1, 3))
+    mask_x, mask_y = CameraSamples(setting).on_mask((1, 3))
     np.testing.assert_allclose([mask_x, mask_y], [12 * x, 9 * y], atol=1e-7)
 
 
 def test_scattered_samples_lie_evenly_and_each_in_its_share_of_a_quad() -> None:
-    setting = Setting(setting_of().believed, Truth(), (40, 50))
+    setting = OpticalSetting(setting_of().believed, BenchTruth(), (40, 50))
     count = setting.samples
     raster, scattered = (
         np.stack(looks.on_field((0, 40))) * [[50.0 * count], [40.0 * count]]
-        for looks in (Looks(setting), Scattered(setting))
+        for looks in (CameraSamples(setting), ScatteredSamples(setting))
     )
     aside = scattered - raster
     assert np.abs(aside).max() <= 0.5 + 1e-6
@@ -171,15 +171,19 @@ def test_scattered_samples_lie_evenly_and_each_in_its_share_of_a_quad() -> None:
     part = np.clip((8 * (aside + 0.5)).astype(int), 0, 7)
     filled = np.bincount(part[0] * 8 + part[1], minlength=64)
     assert filled.max() < 1.2 * filled.min()
-    parts = [Scattered(setting).on_field((row, row + 8)) for row in range(0, 40, 8)]
-    whole = np.stack(Scattered(setting).on_field((0, 40)))
+    parts = [ScatteredSamples(setting).on_field((row, row + 8)) for row in range(0, 40, 8)]
+    whole = np.stack(ScatteredSamples(setting).on_field((0, 40)))
     np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
 
 
 def test_of_a_camera_with_one_sample_a_quad_none_is_scattered() -> None:
-    setting = Setting(setting_of().believed, Truth(camera=TrueCamera(samples=1)), (1, 1))
+    setting = OpticalSetting(
+        setting_of().believed, BenchTruth(camera=TrueCamera(samples=1)), (1, 1)
+    )
     for read in ("on_field", "on_mask"):
-        assert getattr(Scattered(setting), read)((0, 1)) == getattr(Looks(setting), read)((0, 1))
+        assert getattr(ScatteredSamples(setting), read)((0, 1)) == getattr(
+            CameraSamples(setting), read
+        )((0, 1))
 
 
 @pytest.mark.parametrize("blur", [0.0, 1.5])
@@ -194,11 +198,11 @@ def test_each_sample_has_its_sight(
     camera = CameraConfig(place=Placing(turn_deg=5.0, scale=1.3))
     setting = setting_of(mask=mask_config, camera=camera)
     truth, true = setting.truth, setting.true
-    kind = Kind((3, 4), "quarter", True)
+    kind = SiteKind((3, 4), "quarter", True)
     lit = PanelSites(setting.drawn.projector, kind, truth.projector, true.projector)
     mask = PanelSites(setting.drawn.mask, kind, truth.mask, true.mask)
-    cells, looks = CellGrid((3, 4), smooth=False), Looks(setting)
-    sights = look(looks, setting, cells, lit, mask if masked else None)
+    cells, looks = CellGrid((3, 4), smooth=False), CameraSamples(setting)
+    sights = find_sights(looks, setting, cells, lit, mask if masked else None)
     assert len({*zip(sights.mask, sights.lit, sights.place, strict=True)}) == len(sights.mask)
     assert len(sights.runs) == len(list(looks.chunks()))
     for number, span in enumerate(looks.chunks()):
@@ -206,13 +210,13 @@ def test_each_sample_has_its_sight(
         assert len(sights.runs[number]) == len(setting.taps)
         for which, (tap, runs) in enumerate(zip(setting.taps, sights.runs[number], strict=True)):
             sight = runs.spread(x.size)
-            before = pixels(mask.image, *looks.on_mask(span), missing=0)
+            before = sample_pixels(mask.image, *looks.on_mask(span), missing=0)
             np.testing.assert_array_equal(sights.mask[sight], before if masked else 0 * before)
-            behind = pixels(lit.image, *looks.on_projector(span, which), missing=NOWHERE)
+            behind = sample_pixels(lit.image, *looks.on_projector(span, which), missing=NO_SITE)
             np.testing.assert_array_equal(sights.lit[sight], behind)
             place = cells.at(x + tap.offset[0], y + tap.offset[1])
             np.testing.assert_array_equal(sights.place[sight], place)
-    assert (sights.lit == NOWHERE).any() and (sights.place == NOWHERE).any()
+    assert (sights.lit == NO_SITE).any() and (sights.place == NO_SITE).any()
 
 
 def test_what_lies_infinitely_far_has_shares_without_a_warning() -> None:

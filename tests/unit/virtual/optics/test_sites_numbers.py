@@ -10,17 +10,17 @@ import pytest
 import scipy
 
 from pdcd.bench.tables import Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import TruePanel, Truth
-from pdcd.panels.curve import power
-from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.bench.truth import BenchTruth, TruePanel
+from pdcd.panels.curve import make_power_curve
+from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import histories as histories_module
 from pdcd.virtual.optics.histories import Histories
-from pdcd.virtual.optics.setting import Setting
-from pdcd.virtual.optics.sites import Kind, PanelSites
+from pdcd.virtual.optics.setting import OpticalSetting
+from pdcd.virtual.optics.sites import PanelSites, SiteKind
 
 GRID = (2, 3)
-LINEAR = power(1.0)
+LINEAR = make_power_curve(1.0)
 
 
 def sites_of(
@@ -33,16 +33,16 @@ def sites_of(
     config = msgspec.structs.replace(config, mask=PanelConfig(size_px=size))
     name = "mask" if mask else "projector"
     config = msgspec.structs.replace(config, **{name: PanelConfig(size_px=size, **panel)})
-    setting = Setting(config, Truth(), (4, 4))
+    setting = OpticalSetting(config, BenchTruth(), (4, 4))
     view, timed = getattr(setting.drawn, name), getattr(setting.true, name)
-    return PanelSites(view, Kind(GRID, window, patterned), true or TruePanel(), timed)
+    return PanelSites(view, SiteKind(GRID, window, patterned), true or TruePanel(), timed)
 
 
 def frames_of(
     window: str, patterns: np.ndarray, index: list[int], shift: list[int] | None = None
 ) -> Frames:
     """The same patterns on both panels."""
-    count, more = len(index), int(window not in ("whole", PIXELS))
+    count, more = len(index), int(window not in ("whole", PIXEL_WINDOW))
     numbers = np.array(index, np.int32)
     return Frames(
         patterns.astype(np.float32), patterns.astype(np.float32), numbers, numbers,
@@ -81,7 +81,7 @@ def test_half_cells_and_strips_of_windows() -> None:
 
 @pytest.mark.parametrize("patterned", [True, False])
 def test_pixels_are_sites_of_their_own(patterned: bool) -> None:
-    sites = sites_of(PIXELS, (3, 2), patterned=patterned)
+    sites = sites_of(PIXEL_WINDOW, (3, 2), patterned=patterned)
     assert sites.image.tolist() == ([[1, 2, 3], [4, 5, 6]] if patterned else [[1] * 3] * 2)
     assert sites.pixels.tolist() == ([-1, 0, 1, 2, 3, 4, 5] if patterned else [-1, 0])
     assert sites.pixel_count == 6 and sites.image.dtype == np.int32
@@ -112,7 +112,7 @@ def test_a_panel_shows_its_patterns() -> None:
     assert not white[0].any() and (white[1:] == 1.0).all()
     part = sites.levels(frames, 0, LINEAR, slice(2, 4))
     np.testing.assert_allclose(part, [0.2, 0.4])
-    squared = sites.levels(frames, 0, power(2.0), slice(2, 4))
+    squared = sites.levels(frames, 0, make_power_curve(2.0), slice(2, 4))
     np.testing.assert_allclose(squared, [0.04, 0.16])
 
 
@@ -176,7 +176,7 @@ def test_near_sites_are_of_one_tile_and_bands_apart() -> None:
     image, tile = sites.image, sites.tile
     assert tile[image[0, 0]] == tile[image[79 // 2 - 1, 40 // 2]]
     assert tile[image[0, 0]] != tile[image[79, 0]]
-    many = sites_of(PIXELS, (20, 20))
+    many = sites_of(PIXEL_WINDOW, (20, 20))
     tiles = many.tile[many.image]
     assert len(np.unique(tiles)) == 9
     assert (tiles[:8, :8] == tiles[0, 0]).all() and (tiles[:8, 8:16] == tiles[0, 8]).all()
@@ -186,7 +186,7 @@ def test_near_sites_are_of_one_tile_and_bands_apart() -> None:
 def pixel_frames() -> Frames:
     """Three patterns of 4 x 2 pixels; of the eight pixels three pairs are alike throughout."""
     rows = [[0, 1, 1, 0, 0.4, 0.4, 1, 0.2], [1, 0, 0, 1, 0, 0, 1, 1], [0, 0, 0, 0, 0.6, 0.6, 1, 0]]
-    return frames_of(PIXELS, np.array(rows), [0, 1, 2, WHITE, BLACK])
+    return frames_of(PIXEL_WINDOW, np.array(rows), [0, 1, 2, WHITE, BLACK])
 
 
 @pytest.mark.parametrize("mask", [True, False])
@@ -195,7 +195,7 @@ def test_pixels_that_show_the_same_have_one_history(
     mask: bool, limit: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(histories_module, "KEY_LIMIT", limit)
-    sites, frames = sites_of(PIXELS, (4, 2), mask=mask), pixel_frames()
+    sites, frames = sites_of(PIXEL_WINDOW, (4, 2), mask=mask), pixel_frames()
     histories = Histories(sites, frames, mask=mask)
     assert len(histories) == 6  # five kinds of pixels, and black
     groups = [np.flatnonzero(histories.of == one).tolist() for one in range(6)]
@@ -207,14 +207,14 @@ def test_pixels_that_show_the_same_have_one_history(
         found = histories.levels(frames, row, LINEAR, slice(0, 6))
         np.testing.assert_allclose(found[histories.of], every)
     np.testing.assert_allclose(
-        histories.levels(frames, 0, power(2.0), slice(1, 3)),
+        histories.levels(frames, 0, make_power_curve(2.0), slice(1, 3)),
         histories.levels(frames, 0, LINEAR, slice(0, 6))[1:3] ** 2, atol=1e-12,
     )  # fmt: skip
     assert histories.band.tolist() == [0] * 6 and histories.in_band(0) == slice(0, 6)
 
 
 def test_histories_of_late_rows_are_their_own() -> None:
-    sites = sites_of(PIXELS, (4, 2), scan_s=0.001, scan_bands=2)
+    sites = sites_of(PIXEL_WINDOW, (4, 2), scan_s=0.001, scan_bands=2)
     histories = Histories(sites, pixel_frames(), mask=False)
     assert (np.diff(histories.band) >= 0).all() and histories.delay_ns.tolist() == [0, 1_000_000]
     np.testing.assert_array_equal(histories.band[histories.of], sites.band)
@@ -226,7 +226,7 @@ def test_histories_of_late_rows_are_their_own() -> None:
 
 
 def test_what_histories_light_is_what_their_sites_light() -> None:
-    sites = sites_of(PIXELS, (4, 2))
+    sites = sites_of(PIXEL_WINDOW, (4, 2))
     histories = Histories(sites, pixel_frames(), mask=False)
     share = np.random.default_rng(1).random((9, 5))
     found = histories.spread(scipy.sparse.csr_array(share)).toarray()

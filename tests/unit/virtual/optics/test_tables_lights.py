@@ -11,20 +11,20 @@ import pytest
 import scipy
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import TruePanel, Truth
+from pdcd.bench.truth import BenchTruth, TruePanel
 from pdcd.panels.placing import Placing
-from pdcd.probing.panel import Kept, Trajectory
+from pdcd.probing.panel import StoredSpans, Trajectory
 from pdcd.virtual.optics import bench as benches
 from pdcd.virtual.optics import products, render
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.lit import Lit
-from pdcd.virtual.optics.lookup import every
-from pdcd.virtual.optics.needed import optics_of
-from pdcd.virtual.optics.products import Exposure, Pairs, distinct
-from pdcd.virtual.optics.setting import Setting, falloff
-from pdcd.virtual.optics.sites import Kind, PanelSites
-from pdcd.virtual.optics.spread import CellLight
-from pdcd.virtual.scene.effects import Dense, coloured_direct, rgb
+from pdcd.virtual.optics.lit import IlluminatedEffect
+from pdcd.virtual.optics.lookup import list_all_pairs
+from pdcd.virtual.optics.needed import choose_optics
+from pdcd.virtual.optics.products import PanelExposure, SitePairs, find_distinct_pairs
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
+from pdcd.virtual.optics.sites import PanelSites, SiteKind
+from pdcd.virtual.optics.spread import LitCellPoints
+from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects, make_tint
 from pdcd.virtual.scene.scene import Scene
 from tests.unit.virtual.optics.test_bench import coded, config_of, exposure_of, scene_of, white
 
@@ -32,30 +32,32 @@ RNG = np.random.default_rng(6)
 
 
 def test_pairs_of_histories_are_counted_once() -> None:
-    pairs = Pairs(np.array([0, 1, 2, 2, 1]), np.array([3, 3, 0, 1, 2]))
+    pairs = SitePairs(np.array([0, 1, 2, 2, 1]), np.array([3, 3, 0, 1, 2]))
     mask, other = np.array([5, 4, 4]), np.array([0, 0, 7, 0])
-    few, which = distinct(pairs, mask, other)
+    few, which = find_distinct_pairs(pairs, mask, other)
     made = list(zip(few.mask.tolist(), few.other.tolist(), strict=True))
     assert sorted(made) == [(4, 0), (4, 7), (5, 0)]
     assert [made[at] for at in which] == [(5, 0), (4, 0), (4, 0), (4, 0), (4, 7)]
-    cells, which = distinct(pairs, mask, None)
+    cells, which = find_distinct_pairs(pairs, mask, None)
     made = list(zip(cells.mask.tolist(), cells.other.tolist(), strict=True))
     assert [made[at] for at in which] == [(5, 3), (4, 3), (4, 0), (4, 1), (4, 2)]
-    none, which = distinct(Pairs(np.zeros(0, np.int64), np.zeros(0, np.int64)), mask, other)
+    none, which = find_distinct_pairs(
+        SitePairs(np.zeros(0, np.int64), np.zeros(0, np.int64)), mask, other
+    )
     assert none.mask.size == which.size == 0
 
 
 def test_all_pairs_lie_in_the_order_of_a_table() -> None:
-    pairs = every(2, 3)
+    pairs = list_all_pairs(2, 3)
     assert pairs.mask.tolist() == [0, 0, 0, 1, 1, 1] and pairs.other.tolist() == [0, 1, 2] * 2
-    assert every(2, 0).mask.size == every(2, 0).other.size == 0
+    assert list_all_pairs(2, 0).mask.size == list_all_pairs(2, 0).other.size == 0
 
 
 def test_an_effect_is_lit_unevenly() -> None:
     transport, light = RNG.random((5, 5)), RNG.random(5)
-    effect = Dense("glow", transport, tint=rgb(0.1, 0.2, 0.3))
-    lit = Lit(effect, light)
-    scaled = Dense("glow", transport * light, tint=rgb(0.1, 0.2, 0.3))
+    effect = DenseEffect("glow", transport, tint=make_tint(0.1, 0.2, 0.3))
+    lit = IlluminatedEffect(effect, light)
+    scaled = DenseEffect("glow", transport * light, tint=make_tint(0.1, 0.2, 0.3))
     left, right = RNG.random((3, 5)), RNG.random((3, 5))
     np.testing.assert_allclose(lit.apply(left), scaled.apply(left))
     np.testing.assert_allclose(lit.probe(left, right), scaled.probe(left, right))
@@ -75,7 +77,7 @@ def test_a_covered_lens_lets_nothing_out_and_ambient_light_in() -> None:
     dim = Scene("s", scene.grid, scene.effects, ambient=lights)
     frames = white()
     given = exposure_of(frames)
-    covered = Exposure(frames, given.log, given.open_ns, given.close_ns, covered=True)
+    covered = PanelExposure(frames, given.log, given.open_ns, given.close_ns, covered=True)
     for one, ambient in ((scene, 0.0 * lights), (dim, lights)):
         bench = bench_of(one)
         found = bench.photo(covered) / (given.log.end_ns[0] - given.log.primal_ns[0]) * 1e9
@@ -90,10 +92,13 @@ def test_light_of_any_number_of_effects_comes_together(
     effects: int, room: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A photo is the sum of those of its effects, however much is worked on at a time."""
-    monkeypatch.setattr(products, "CHUNK_BYTES", room)
-    monkeypatch.setattr(render, "KEPT_BYTES", room)
-    direct = coloured_direct(RNG.random((12, 3)))
-    more = [Dense(f"d{n}", RNG.random((12, 12)), tint=rgb(*RNG.random(3))) for n in range(effects)]
+    monkeypatch.setattr(products, "SPAN_CHUNK_BYTES", room)
+    monkeypatch.setattr(render, "WEIGHT_CACHE_BYTES", room)
+    direct = make_direct_effects(RNG.random((12, 3)))
+    more = [
+        DenseEffect(f"d{n}", RNG.random((12, 12)), tint=make_tint(*RNG.random(3)))
+        for n in range(effects)
+    ]
     exposure = exposure_of(coded(np.random.default_rng(1)))
     whole = bench_of(Scene("s", (3, 4), (*direct, *more)))
     found = whole.photo(exposure)
@@ -108,7 +113,7 @@ def test_a_bench_knows_what_it_is_made_of(tmp_path: Path) -> None:
     scene = scene_of()
     bench = bench_of(scene)
     assert bench.scene is scene and bench.frame == (6, 8) and bench.inside.all()
-    assert bench.truth == Truth() and bench.true.projector == bench.true.projector
+    assert bench.truth == BenchTruth() and bench.true.projector == bench.true.projector
     turned = CameraConfig(frame_quads=(8, 6), place=Placing(scale=1.25))
     inside = OpticalBench(config_of(camera=turned), scene, (6, 8)).inside
     # The frame is a quarter larger than the field: one quad less on either side, and by rounding
@@ -126,7 +131,7 @@ def test_quads_lie_inside_up_to_the_border_by_rounding(beyond: float, inside: bo
 
 
 def test_a_few_ways_of_driving_the_panels_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benches, "KEPT", 1)
+    monkeypatch.setattr(benches, "MOST_DRIVES", 1)
     bench, other = bench_of(scene_of()), bench_of(scene_of())
     first, second = exposure_of(white()), exposure_of(coded(np.random.default_rng(1)))
     for exposure in (first, second, first, second):
@@ -139,11 +144,11 @@ def cell_light(size: tuple[int, int], grid: tuple[int, int], **panel: Any) -> An
         Config(), projector=PanelConfig(size_px=size, **panel), scene=SceneConfig(grid=grid)
     )
     config = msgspec.structs.replace(config, mask=PanelConfig(size_px=size))
-    setting = Setting(config, Truth(), (4, 4))
+    setting = OpticalSetting(config, BenchTruth(), (4, 4))
     sites = PanelSites(
-        setting.drawn.projector, Kind(grid, "whole", True), TruePanel(), config.projector
+        setting.drawn.projector, SiteKind(grid, "whole", True), TruePanel(), config.projector
     )
-    return CellLight.of(setting, grid), sites
+    return LitCellPoints.of(setting, grid), sites
 
 
 @pytest.mark.parametrize(("size", "grid"), [((12, 8), (2, 3)), ((13, 9), (2, 3)), ((4, 2), (4, 8))])
@@ -168,7 +173,7 @@ def test_each_cell_is_lit_by_the_pixels_on_it(size: tuple[int, int], grid: tuple
 @pytest.mark.parametrize("uneven", [False, True])
 def test_sites_light_what_their_pixels_light(uneven: bool) -> None:
     light, sites = cell_light((12, 8), (2, 3), place=Placing(turn_deg=20.0, scale=0.8))
-    bright = falloff(0.5, (12, 8)) if uneven else None
+    bright = compute_falloff(0.5, (12, 8)) if uneven else None
     found = light.by_site(sites, bright)
     assert isinstance(found, scipy.sparse.csr_array) and found.shape == (len(sites), 6)
     table = np.zeros((96, 6))
@@ -192,7 +197,7 @@ def test_finer_quads_are_needed_where_there_is_something_finer(
 ) -> None:
     texture = RNG.random((6, 8, 3)) + 0.1 if textured else None
     config = config_of(camera=CameraConfig(quads_per_cell=quads))
-    bench = optics_of(config, scene_of(texture), ("quarter" if cut else "whole",))
+    bench = choose_optics(config, scene_of(texture), ("quarter" if cut else "whole",))
     assert (bench is not None) is needed
     if bench is not None:
         assert bench.frame == (6, 8)
@@ -205,13 +210,13 @@ def test_photos_are_the_same_whether_what_the_mask_did_is_kept_or_not(
     scanned = msgspec.structs.replace(slow, scan_s=0.012, scan_bands=5)
     late = msgspec.structs.replace(slow, scan_s=-0.009, scan_bands=3, skew_s=0.004)
     config = config_of(projector=scanned, mask=late, camera=CameraConfig(frame_quads=(21, 15)))
-    bench = optics_of(config, scene_of())
+    bench = choose_optics(config, scene_of())
     assert bench is not None
     kept = count_kept(monkeypatch)
     exposure = exposure_of(coded(np.random.default_rng(1)))
     once = bench.photo(exposure)
     assert kept == [True] * 3
-    monkeypatch.setattr(products, "KEPT_BYTES", 0)
+    monkeypatch.setattr(products, "MASK_CACHE_BYTES", 0)
     np.testing.assert_array_equal(bench.photo(exposure), once)
     assert kept == [True] * 3
 
@@ -220,10 +225,10 @@ def count_kept(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """An entry for each band of the mask that was kept."""
     found: list[bool] = []
 
-    class Counted(Kept):
+    class Counted(StoredSpans):
         def __init__(self, track: Trajectory) -> None:
             super().__init__(track)
             found.append(True)
 
-    monkeypatch.setattr(products, "Kept", Counted)
+    monkeypatch.setattr(products, "StoredSpans", Counted)
     return found

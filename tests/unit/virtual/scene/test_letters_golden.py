@@ -21,7 +21,7 @@ NEAR = 0.02
 
 def profiles(letter: str) -> NDArray[np.float64]:
     """Ink of each row, and then of each column."""
-    image = letters.line(letter, SIZE_PX).astype(np.float64)
+    image = letters.draw_text_line(letter, SIZE_PX).astype(np.float64)
     return np.concatenate([image.sum(axis=1), image.sum(axis=0)])
 
 
@@ -42,13 +42,15 @@ def test_the_same_letters_can_be_written() -> None:
 def test_a_line_is_its_letters_side_by_side() -> None:
     """Each begins where the one before has moved the pen to, to half a pixel."""
     size = 20.0
-    whole = letters.line("ab b", size)
+    whole = letters.draw_text_line("ab b", size)
     assert whole.shape[0] == 48  # 1.75 above and 0.65 below the base line
-    steps = [letters.width("a", size), letters.width("ab ", size)]
-    assert letters.width("ab b", size) == pytest.approx(steps[1] + letters.width("b", size))
-    assert steps[1] == pytest.approx(steps[0] + letters.width("b", size) + 0.5 * size)
-    assert whole.shape[1] == int(np.ceil(letters.width("ab b", size))) + 2
-    first, other = letters.line("a", size), letters.line("b", size)
+    steps = [letters.measure_text("a", size), letters.measure_text("ab ", size)]
+    assert letters.measure_text("ab b", size) == pytest.approx(
+        steps[1] + letters.measure_text("b", size)
+    )
+    assert steps[1] == pytest.approx(steps[0] + letters.measure_text("b", size) + 0.5 * size)
+    assert whole.shape[1] == int(np.ceil(letters.measure_text("ab b", size))) + 2
+    first, other = letters.draw_text_line("a", size), letters.draw_text_line("b", size)
     np.testing.assert_array_equal(whole[:, : first.shape[1] - 4], first[:, :-4])
     for begin in steps:
         ink = whole[:, round(begin) : round(begin) + other.shape[1] - 2].sum()
@@ -58,9 +60,9 @@ def test_a_line_is_its_letters_side_by_side() -> None:
 def test_upright_strokes_are_thick_and_level_ones_thin() -> None:
     """In the middle of the stem of an l, and of the top bar of a T."""
     size = 40.0
-    stem = letters.line("l", size)
+    stem = letters.draw_text_line("l", size)
     assert stem[40].sum() == pytest.approx(2.0 * 0.165 * size, abs=0.5)
-    bar = letters.line("T", size)
+    bar = letters.draw_text_line("T", size)
     column = round((0.165 + 0.25) * size)
     assert bar[:, column].sum() == pytest.approx(2.0 * 0.10 * size, abs=0.5)
 

@@ -10,18 +10,24 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.depth import HEIGHT, PLANE, WIDTH, OffAxis, between_surfaces
-from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.depth import (
+    FIELD_HEIGHT,
+    FIELD_WIDTH,
+    PLANE,
+    OffAxisRig,
+    make_surface_effects,
+)
+from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import Array
-from pdcd.virtual.scene.presets import OFF_AXIS
-from pdcd.virtual.scene.solids import Rectangle, box, wall
+from pdcd.virtual.scene.presets import OFF_AXIS_PRESETS
+from pdcd.virtual.scene.solids import Rectangle, make_box, make_wall
 
 GRID = (6, 8)
 GREY = (0.5, 0.5, 0.5)
 FRONT = 1.5
 SURFACES = (
-    *box((-0.2, -0.2, FRONT), (0.25, 0.15, 1.9), (0.7, 0.2, 0.1)),
-    wall(2.7, (2.0, 1.5), GREY),
+    *make_box((-0.2, -0.2, FRONT), (0.25, 0.15, 1.9), (0.7, 0.2, 0.1)),
+    make_wall(2.7, (2.0, 1.5), GREY),
     Rectangle((-0.9, -0.5, 1.9), (0.5, 0.0, 0.6), (-0.06, 0.6, 0.05), GREY),
 )
 
@@ -41,13 +47,13 @@ def solved(start: Array, way: Array) -> tuple[int, float]:
 
 def point_of(cell: int) -> Array:
     row, col = divmod(cell, GRID[1])
-    x = WIDTH * ((col + 0.5) / GRID[1] - 0.5)
-    return np.array([x, HEIGHT * ((row + 0.5) / GRID[0] - 0.5), PLANE])
+    x = FIELD_WIDTH * ((col + 0.5) / GRID[1] - 0.5)
+    return np.array([x, FIELD_HEIGHT * ((row + 0.5) / GRID[0] - 0.5), PLANE])
 
 
 def test_24_shadows_and_disparities_are_those_of_single_rays() -> None:
     baseline = 0.35
-    rig = OffAxis(GRID, baseline, SURFACES)
+    rig = OffAxisRig(GRID, baseline, SURFACES)
     eye = np.array([baseline, 0.0, 0.0])
     shadows = 0
     for cell in range(GRID[0] * GRID[1]):
@@ -59,8 +65,8 @@ def test_24_shadows_and_disparities_are_those_of_single_rays() -> None:
         # From the projector the same point must be the first thing met.
         _, there = solved(np.zeros(3), point)
         behind = point[:2] * PLANE / point[2]  # where the projector's field has it
-        right = (behind[0] / WIDTH + 0.5) * GRID[1] - (cell % GRID[1] + 0.5)
-        inside = abs(behind[0]) < WIDTH / 2
+        right = (behind[0] / FIELD_WIDTH + 0.5) * GRID[1] - (cell % GRID[1] + 0.5)
+        inside = abs(behind[0]) < FIELD_WIDTH / 2
         if there < 1.0 - 1e-6 or not inside:
             shadows += inside
             assert np.isnan(rig.displacement[cell]).all()
@@ -78,7 +84,7 @@ def test_direct_transport_is_the_share_of_points_lit_by_each_projector_cell() ->
     moved = np.round(rng.uniform(-3, 3, (cells, 2)) * fine) / fine
     moved[rng.random(cells) < 0.2] = np.nan
     albedo = rng.random(cells)
-    effect = Displaced("direct", GRID, albedo, moved)
+    effect = DisplacedEffect("direct", GRID, albedo, moved)
     expected = np.zeros((cells, cells))
     inner = (np.arange(fine) + 0.5) / fine
     for n in range(cells):
@@ -97,7 +103,7 @@ def test_direct_transport_is_the_share_of_points_lit_by_each_projector_cell() ->
     np.testing.assert_allclose(effect.entries(seen, lit), expected.ravel(), atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", sorted(OFF_AXIS))
+@pytest.mark.parametrize("kind", sorted(OFF_AXIS_PRESETS))
 def test_energy_and_what_surfaces_send_to_each_other(kind: str) -> None:
     scene = build_scene(SceneConfig(kind=kind, grid=(12, 16)))
     whole = scene.dense()
@@ -115,8 +121,8 @@ def test_energy_and_what_surfaces_send_to_each_other(kind: str) -> None:
 
 
 def test_paths_between_surfaces_can_be_reversed_where_both_devices_are_in_one_place() -> None:
-    rig = OffAxis(GRID, 1e-12, SURFACES)
-    for effect in between_surfaces(rig):
+    rig = OffAxisRig(GRID, 1e-12, SURFACES)
+    for effect in make_surface_effects(rig):
         dense = effect.dense()
         # Radiance at n by the flux from m: the other way round it is the same number.
         np.testing.assert_allclose(dense, dense.T, rtol=1e-6, atol=1e-12)
@@ -126,15 +132,15 @@ def test_paths_between_surfaces_can_be_reversed_where_both_devices_are_in_one_pl
 def test_surfaces_send_on_no_more_light_than_they_get() -> None:
     """The flux of every projector cell, summed up over all that it reaches in all bounces."""
     closed = (
-        wall(2.6, (1.5, 1.0), (0.9, 0.9, 0.9)),
+        make_wall(2.6, (1.5, 1.0), (0.9, 0.9, 0.9)),
         Rectangle((-0.7, -1.0, 1.0), (0.0, 0.0, 1.6), (0.0, 2.0, 0.0), (0.9, 0.9, 0.9)),
         Rectangle((0.7, -1.0, 1.0), (0.0, 0.0, 1.6), (0.0, 2.0, 0.0), (0.9, 0.9, 0.9)),
     )
-    rig = OffAxis((12, 16), 0.01, closed)
-    dense = between_surfaces(rig)[0].dense()
+    rig = OffAxisRig((12, 16), 0.01, closed)
+    dense = make_surface_effects(rig)[0].dense()
     # Area of what a camera cell sees, over that of a cell at the plane.
-    areas = np.divide(1.0, rig.facing) * WIDTH * HEIGHT / 192
-    flux = WIDTH * HEIGHT / 192
+    areas = np.divide(1.0, rig.facing) * FIELD_WIDTH * FIELD_HEIGHT / 192
+    flux = FIELD_WIDTH * FIELD_HEIGHT / 192
     leaving = areas @ dense / flux
     assert leaving.max() < 0.9**2 / (1.0 - 0.9)
     assert leaving.max() > 0.05

@@ -12,7 +12,7 @@ from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.presets import PRESETS, book, detail, letters
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import cell_means
+from pdcd.virtual.scene.texture import average_cells
 from tests.sampled import sampled
 from tests.textured import detailed
 
@@ -50,11 +50,11 @@ def test_textures_are_true_to_the_cells(kind: str) -> None:
     for texture, cells, limit in zip(scene.textures, scene.split(), limits, strict=True):
         assert texture.shape == (768, 1024, 3) and texture.dtype == np.float64
         assert texture.min() > 0.0 and np.isfinite(texture).all()
-        light = cell_means(detailed(cells, GRID, texture, places), GRID)
+        light = average_cells(detailed(cells, GRID, texture, places), GRID)
         assert np.sqrt(np.mean((light - cells) ** 2) / np.mean(cells**2)) < limit
     # And it holds what cells cannot.
     first = scene.textures[0]
-    means = cell_means(first, GRID).reshape(*GRID, 3).repeat(32, axis=0).repeat(32, axis=1)
+    means = average_cells(first, GRID).reshape(*GRID, 3).repeat(32, axis=0).repeat(32, axis=1)
     assert np.sqrt(np.mean((first - means) ** 2) / np.mean(first**2)) > 0.1
 
 
@@ -76,7 +76,7 @@ def test_no_texture_is_drawn_before_it_is_asked_for(
     def refuse(shape: tuple[int, int]) -> None:
         raise AssertionError(f"a raster of {shape} was asked for")
 
-    monkeypatch.setattr(detail, "Raster", refuse)
+    monkeypatch.setattr(detail, "FrameRaster", refuse)
     # A grid and a seed of its own: other tests may have built, and drawn, the usual ones.
     scene = build_scene(SceneConfig(kind=kind, grid=(5, 9), ambient=0.1, options={"seed": 7}))
     scene.white()
@@ -95,9 +95,9 @@ def test_scratches_are_on_the_wax_and_not_in_it() -> None:
 def test_ink_lies_where_the_words_of_the_title_stand() -> None:
     texture = preset("open-book").texture
     assert texture is not None
-    flat = detail.written([(book.TITLE, book.RIGHT[0], -0.54, book.TITLE_SIZE)])
+    flat = detail.draw_text([(book.TITLE, book.RIGHT[0], -0.54, book.TITLE_SIZE)])
     x = (np.arange(1024) + 0.5) / 384.0 - 4.0 / 3.0
-    title = detail.stretched(flat, 1.0 + book.CURVE * np.abs(x))
+    title = detail.stretch_columns(flat, 1.0 + book.CURVE * np.abs(x))
     area = (slice(100, 180), slice(560, 940), 0)
     ink, paper = texture[title > 0.99][:, 0], texture[area][title[area[:2]] == 0.0]
     assert ink.size > 3000 and ink.max() < 0.1
@@ -107,14 +107,14 @@ def test_ink_lies_where_the_words_of_the_title_stand() -> None:
 @pytest.mark.parametrize("scale", [1.0, 0.625])
 def test_every_letter_is_told_from_all_others(scale: float) -> None:
     """At the size of the book's text, at a projector's pixels and at 640 x 480."""
-    size, shape = book.SIZE * detail.PIXELS, (24, 20)
+    size, shape = book.SIZE * detail.TEXTURE_PIXELS, (24, 20)
     rows, cols = round(38 / scale), round(32 / scale)
 
     def seen(character: str, shift: int) -> Array:
-        line = letters.line(character, size)[:38, :31]
+        line = letters.draw_text_line(character, size)[:38, :31]
         room = np.zeros((rows, cols, 1))
         room[: line.shape[0], shift : shift + line.shape[1], 0] = line
-        return cell_means(room, (38, 32) if scale == 1.0 else shape)[:, 0]
+        return average_cells(room, (38, 32) if scale == 1.0 else shape)[:, 0]
 
     known = {character: seen(character, 0) for character in letters.STROKES}
     for character in letters.STROKES:
@@ -124,13 +124,16 @@ def test_every_letter_is_told_from_all_others(scale: float) -> None:
 
 
 def test_a_line_is_as_wide_as_its_letters_and_knows_no_others() -> None:
-    assert letters.width("ab c", 10.0) == pytest.approx(
-        letters.width("a", 10.0) + letters.width("b", 10.0) + letters.width("c", 10.0) + 5.0
+    assert letters.measure_text("ab c", 10.0) == pytest.approx(
+        letters.measure_text("a", 10.0)
+        + letters.measure_text("b", 10.0)
+        + letters.measure_text("c", 10.0)
+        + 5.0
     )
-    image = letters.line("ab c", 10.0)
-    assert image.shape == (24, int(np.ceil(letters.width("ab c", 10.0))) + 2)
+    image = letters.draw_text_line("ab c", 10.0)
+    assert image.shape == (24, int(np.ceil(letters.measure_text("ab c", 10.0))) + 2)
     assert image.min() == 0.0 and image.max() == 1.0
     with pytest.raises(KeyError, match="%"):
-        letters.line("a %", 10.0)
+        letters.draw_text_line("a %", 10.0)
     for sentence in (book.TITLE, *book.SENTENCES):
-        assert letters.line(sentence, 5.0).any()
+        assert letters.draw_text_line(sentence, 5.0).any()

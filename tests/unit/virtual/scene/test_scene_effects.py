@@ -13,56 +13,62 @@ from hypothesis import strategies as st
 from pdcd.virtual.scene import kernel as kernel_module
 from pdcd.virtual.scene.effects import (
     Array,
-    Dense,
-    Direct,
+    DenseEffect,
+    DirectEffect,
     Effect,
-    LowRank,
-    Sparse,
-    both_ways,
-    coloured_direct,
-    rgb,
+    LowRankEffect,
+    SparseEffect,
+    make_direct_effects,
+    make_tint,
+    make_two_way_paths,
 )
-from pdcd.virtual.scene.kernel import Kernel, gaussian
-from pdcd.virtual.scene.milk import milk
-from pdcd.virtual.scene.radiosity import Radiosity, Relief, hat_weights, radiosity
+from pdcd.virtual.scene.kernel import KernelEffect, make_gaussian_kernel
+from pdcd.virtual.scene.milk import make_milk_effects
+from pdcd.virtual.scene.radiosity import Radiosity, Relief, make_hat_weights, make_radiosity_effects
 from pdcd.virtual.scene.scene import Scene
 
 Maker = Callable[[tuple[int, int], np.random.Generator], Effect]
 
 
 def make_direct(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
-    return Direct("d", rng.random(grid[0] * grid[1]))
+    return DirectEffect("d", rng.random(grid[0] * grid[1]))
 
 
 def make_low_rank(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
     n = grid[0] * grid[1]
-    return LowRank("l", rng.random((n, 2)), rng.random((n, 2)))
+    return LowRankEffect("l", rng.random((n, 2)), rng.random((n, 2)))
 
 
 def make_sparse(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
     n = grid[0] * grid[1]
-    return Sparse("s", scipy.sparse.csr_array(rng.random((n, n)) * (rng.random((n, n)) < 0.1)))
+    return SparseEffect(
+        "s", scipy.sparse.csr_array(rng.random((n, n)) * (rng.random((n, n)) < 0.1))
+    )
 
 
 def make_dense(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
     n = grid[0] * grid[1]
-    return Dense("m", rng.random((n, n)))
+    return DenseEffect("m", rng.random((n, n)))
 
 
 def make_gaussian(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
     n = grid[0] * grid[1]
-    return Kernel("g", grid, gaussian(grid, (1.0, 0.8), 1.7), rng.random(n), rng.random(n))
+    return KernelEffect(
+        "g", grid, make_gaussian_kernel(grid, (1.0, 0.8), 1.7), rng.random(n), rng.random(n)
+    )
 
 
 def make_any_kernel(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
     n = grid[0] * grid[1]
-    return Kernel("k", grid, rng.random((5, 3)), rng.random(n), rng.random(n))
+    return KernelEffect("k", grid, rng.random((5, 3)), rng.random(n), rng.random(n))
 
 
 def make_radiosity(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
     n = grid[0] * grid[1]
     height = 2.0 * rng.random(grid)
-    return radiosity("r", Relief(height, (1.0, 0.8)), 0.9 * rng.random((n, 1)), [np.ones(3)])[0]
+    return make_radiosity_effects(
+        "r", Relief(height, (1.0, 0.8)), 0.9 * rng.random((n, 1)), [np.ones(3)]
+    )[0]
 
 
 MAKERS: tuple[Maker, ...] = (
@@ -128,14 +134,14 @@ def test_kernel_matrix_is_the_sum_over_offsets() -> None:
                         n, m = y_to * cols + x_to, y_from * cols + x_from
                         expected[n, m] = out[n] * taps[down + 1, across + 2] * into[m]
     np.testing.assert_array_equal(
-        Kernel("k", (rows, cols), taps, out, into).dense(), expected.astype(np.float64)
+        KernelEffect("k", (rows, cols), taps, out, into).dense(), expected.astype(np.float64)
     )
 
 
 def test_low_rank_and_radiosity_matrices_are_their_products() -> None:
     rng = np.random.default_rng(5)
     a, b = rng.random((4, 2)), rng.random((4, 2))
-    low = LowRank("l", a, b).dense()
+    low = LowRankEffect("l", a, b).dense()
     for n in range(4):
         for m in range(4):
             assert low[n, m] == pytest.approx(sum(a[n, j] * b[m, j] for j in range(2)), rel=1e-14)
@@ -159,11 +165,11 @@ def test_both_routes_of_a_kernel_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     grid, light = (9, 11), rng.random((4, 99))
     taps, ones = rng.random((17, 21)), np.ones(99)
     monkeypatch.setattr(kernel_module, "FFT_COST", 0)
-    by_fourier = Kernel("k", grid, taps, ones, ones)
+    by_fourier = KernelEffect("k", grid, taps, ones, ones)
     spread = by_fourier.apply(light)
     assert by_fourier._factors == ()
     monkeypatch.setattr(kernel_module, "FFT_COST", 10**9)
-    separable = Kernel("k", grid, taps, ones, ones)
+    separable = KernelEffect("k", grid, taps, ones, ones)
     np.testing.assert_allclose(separable.apply(light), spread, rtol=1e-12)
     assert len(separable._factors) == 17
     np.testing.assert_allclose(spread, light @ separable.dense().T, rtol=1e-12)
@@ -171,13 +177,13 @@ def test_both_routes_of_a_kernel_agree(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_gaussian_is_one_separable_term_and_keeps_its_light() -> None:
     grid = (40, 50)
-    taps = gaussian(grid, (0.5, 0.25), 1.0)
+    taps = make_gaussian_kernel(grid, (0.5, 0.25), 1.0)
     assert taps.shape == (79, 99)
     assert taps.sum() == pytest.approx(1.0, abs=1e-12)
     offsets = 0.5 * np.arange(-39, 40)
     assert (taps.sum(axis=1) * offsets**2).sum() == pytest.approx(1.0, rel=1e-6)
     ones = np.ones(2000)
-    kernel = Kernel("g", grid, taps, ones, ones)
+    kernel = KernelEffect("g", grid, taps, ones, ones)
     assert len(kernel._factors) == 1
     # The centre keeps nearly all; a corner loses what lies beyond two edges.
     lit = np.zeros((2, 2000))
@@ -188,7 +194,7 @@ def test_a_gaussian_is_one_separable_term_and_keeps_its_light() -> None:
 
 
 def test_a_wide_gaussian_on_a_small_grid_loses_light_instead_of_gaining() -> None:
-    taps = gaussian((3, 3), (1.0, 1.0), 10.0)
+    taps = make_gaussian_kernel((3, 3), (1.0, 1.0), 10.0)
     assert taps.sum() < 0.05
     assert taps[2, 2] == pytest.approx(1.0 / (2 * np.pi * 100.0), rel=1e-3)
 
@@ -200,23 +206,23 @@ def test_only_direct_light_is_coaxial() -> None:
 
 def test_coloured_direct_gives_each_channel_its_own_albedo() -> None:
     albedo = np.random.default_rng(8).random((6, 3))
-    scene = Scene("s", (2, 3), coloured_direct(albedo))
+    scene = Scene("s", (2, 3), make_direct_effects(albedo))
     np.testing.assert_allclose(scene.white(), albedo, rtol=1e-15)
 
 
 def test_both_ways_adds_the_reverse_of_every_path() -> None:
     one_way = scipy.sparse.coo_array(([0.5, 0.25], ([0, 2], [1, 0])), shape=(3, 3))
-    matrix = both_ways("m", one_way, np.ones(3)).dense()
+    matrix = make_two_way_paths("m", one_way, np.ones(3)).dense()
     np.testing.assert_array_equal(matrix, [[0, 0.5, 0.25], [0.5, 0, 0], [0.25, 0, 0]])
 
 
 def test_hat_weights_share_each_cell_out_completely() -> None:
     for cells, patches in ((1, 1), (7, 7), (13, 4), (64, 16)):
-        weights = hat_weights(cells, patches)
+        weights = make_hat_weights(cells, patches)
         assert weights.min() >= 0.0
         np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-14)
         assert (weights > 0).sum(axis=1).max() <= 2
-    np.testing.assert_array_equal(hat_weights(7, 7), np.eye(7))
+    np.testing.assert_array_equal(make_hat_weights(7, 7), np.eye(7))
 
 
 @given(
@@ -242,10 +248,12 @@ def small_scene(ambient: Array | None = None) -> Scene:
     rng = np.random.default_rng(9)
     grid, n = (3, 4), 12
     effects = (
-        Direct("direct", rng.random(n), tint=rgb(1.0, 0.5, 0.25)),
-        Kernel("blur", grid, rng.random((3, 3)), rng.random(n), rng.random(n)),
-        LowRank("veil", rng.random((n, 1)), rng.random((n, 1)), tint=rgb(0.1, 0.2, 0.3)),
-        Dense("rest", rng.random((n, n)), tint=rgb(0.3, 0.1, 0.0)),
+        DirectEffect("direct", rng.random(n), tint=make_tint(1.0, 0.5, 0.25)),
+        KernelEffect("blur", grid, rng.random((3, 3)), rng.random(n), rng.random(n)),
+        LowRankEffect(
+            "veil", rng.random((n, 1)), rng.random((n, 1)), tint=make_tint(0.1, 0.2, 0.3)
+        ),
+        DenseEffect("rest", rng.random((n, n)), tint=make_tint(0.3, 0.1, 0.0)),
     )
     return Scene("small", grid, effects, ambient)
 
@@ -306,7 +314,9 @@ def milky(depth: float) -> tuple[Array, Array]:
     """Direct and indirect images of an evenly milky patch over a two-tone surface."""
     n, grid = 48, (6, 8)
     albedo = np.where(np.arange(n) % 2, 0.8, 0.2)[:, None] * np.ones(3)
-    effects = milk(grid, (1.0, 1.0), np.full(n, depth), albedo, sigma=1.0, tint=np.ones(3))
+    effects = make_milk_effects(
+        grid, (1.0, 1.0), np.full(n, depth), albedo, sigma=1.0, tint=np.ones(3)
+    )
     return Scene("milk", grid, effects).split()
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.virtual.scene.presets import builder_of, kinds
+from pdcd.virtual.scene.presets import find_builder, list_presets
 from pdcd.virtual.scene.scene import Scene
 from tests.places import DATA
 
@@ -25,7 +25,7 @@ NEAR = 2e-3
 
 
 def built(kind: str) -> Scene:
-    build = builder_of(kind)
+    build = find_builder(kind)
     assert build is not None
     return build(GRID, {})
 
@@ -61,7 +61,7 @@ def same(found: Iterator[tuple[str, NDArray[np.float64]]], kind: str) -> None:
             assert np.abs(values - wanted).max() <= NEAR * scale, f"{kind}: {name}"
 
 
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", list_presets())
 def test_cells_of_a_scene_send_what_they_did(kind: str) -> None:
     same(cells(kind), kind)
 
@@ -72,7 +72,7 @@ DEAR = ("still-life", "glass-and-balls", "ball-wax-book", "disco-ball")
 
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(k, marks=pytest.mark.long) if k in DEAR else k for k in kinds()],
+    [pytest.param(k, marks=pytest.mark.long) if k in DEAR else k for k in list_presets()],
 )
 def test_textures_of_a_scene_have_the_contrast_that_they_had(kind: str) -> None:
     same(contrast(kind), kind)
@@ -81,7 +81,7 @@ def test_textures_of_a_scene_have_the_contrast_that_they_had(kind: str) -> None:
 if __name__ == "__main__":
     kept = {
         f"{kind}: {name}": values.astype(np.float32)
-        for kind in kinds()
+        for kind in list_presets()
         for made in (cells, contrast)
         for name, values in made(kind)
     }

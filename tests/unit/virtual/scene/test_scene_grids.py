@@ -12,10 +12,10 @@ import pytest
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.files.opening import Limits, Unsound
+from pdcd.files.opening import ArrayLimits, UnsoundFileError
 from pdcd.virtual.scene import matrix
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.effects import Array, Dense, Direct, Sparse
+from pdcd.virtual.scene.effects import Array, DenseEffect, DirectEffect, SparseEffect
 from pdcd.virtual.scene.matrix import read_transport
 from pdcd.virtual.scene.scene import Scene
 
@@ -99,7 +99,8 @@ def test_each_colour_takes_the_cheaper_form_of_its_own(tmp_path: Path) -> None:
     scene = built(tmp_path, transport=transport, grid=[4, 5])
     forms: list[tuple[type, str]] = [(type(e), e.name.split()[1]) for e in scene.effects]
     assert forms == [
-        (Direct, "red"), (Dense, "red"), (Direct, "green"), (Sparse, "green"), (Direct, "blue"),
+        (DirectEffect, "red"), (DenseEffect, "red"), (DirectEffect, "green"), (SparseEffect,
+        "green"), (DirectEffect, "blue"),
     ]  # fmt: skip
     np.testing.assert_array_equal(scene.dense(), transport.transpose(2, 0, 1))
 
@@ -136,9 +137,9 @@ def test_what_is_too_large_is_refused_before_there_is_room_for_it(
 ])  # fmt: skip
 def test_a_prior_is_one_matrix_over_one_grid(tmp_path: Path, arrays: dict[str, Any]) -> None:
     np.savez(tmp_path / "p.npz", **arrays)
-    with pytest.raises(Unsound, match="two grids or in colour"):
-        read_transport((tmp_path / "p.npz").read_bytes(), Limits(1000))
+    with pytest.raises(UnsoundFileError, match="two grids or in colour"):
+        read_transport((tmp_path / "p.npz").read_bytes(), ArrayLimits(1000))
     np.savez(tmp_path / "p.npz", transport=np.eye(6), grid=[2, 3], texture=np.zeros(1))
-    transport, grid = read_transport((tmp_path / "p.npz").read_bytes(), Limits(1000))
+    transport, grid = read_transport((tmp_path / "p.npz").read_bytes(), ArrayLimits(1000))
     np.testing.assert_array_equal(transport, np.eye(6))
     assert grid == (2, 3)

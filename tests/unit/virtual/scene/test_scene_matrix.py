@@ -11,8 +11,8 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.effects import Dense, Direct, Effect, Sparse
-from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.effects import DenseEffect, DirectEffect, Effect, SparseEffect
+from pdcd.virtual.scene.matrix import split_into_effects
 from tests.places import DATA
 
 TRACED = ["corner_32x24", "mirror_32x24"]
@@ -43,18 +43,18 @@ def test_traced_scenes_load_as_they_are(name: str) -> None:
     np.testing.assert_allclose(direct[:, 0], np.diag(transport), rtol=1e-12)
     off = transport - np.diag(np.diag(transport))
     np.testing.assert_allclose(indirect[:, 1], off.sum(axis=1), rtol=1e-12, atol=1e-14)
-    assert forms(scene.effects) == [Direct, Dense]
+    assert forms(scene.effects) == [DirectEffect, DenseEffect]
 
 
 def test_the_rest_of_a_matrix_takes_its_cheaper_form() -> None:
     rng = np.random.default_rng(1)
     full = rng.random((20, 20))
     few = full * (rng.random((20, 20)) < 0.05)
-    assert forms(matrix_effects(full)) == [Direct, Dense]
-    assert forms(matrix_effects(few)) == [Direct, Sparse]
-    assert forms(matrix_effects(np.diag(full.diagonal()))) == [Direct]
+    assert forms(split_into_effects(full)) == [DirectEffect, DenseEffect]
+    assert forms(split_into_effects(few)) == [DirectEffect, SparseEffect]
+    assert forms(split_into_effects(np.diag(full.diagonal()))) == [DirectEffect]
     for matrix in (full, few):
-        np.testing.assert_array_equal(sum(e.dense() for e in matrix_effects(matrix)), matrix)
+        np.testing.assert_array_equal(sum(e.dense() for e in split_into_effects(matrix)), matrix)
 
 
 def test_rows_are_camera_cells_and_columns_projector_cells(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.effects import Array, LowRank, Sparse
-from pdcd.virtual.scene.kernel import Kernel
+from pdcd.virtual.scene.effects import Array, LowRankEffect, SparseEffect
+from pdcd.virtual.scene.kernel import KernelEffect
 from pdcd.virtual.scene.presets import PRESETS
 from pdcd.virtual.scene.radiosity import Radiosity
 from pdcd.virtual.scene.scene import Scene
@@ -101,10 +101,10 @@ def test_panels_that_stay_black_make_a_black_photo(kind: str) -> None:
     ("kind", "effects"),
     [
         ("open-book", {Radiosity}),
-        ("wax-disk", {Kernel}),
-        ("disco-ball", {Sparse, Radiosity}),
-        ("milky-bottle", {Kernel, LowRank}),
-        ("mirror-and-vase", {Sparse, Radiosity}),
+        ("wax-disk", {KernelEffect}),
+        ("disco-ball", {SparseEffect, Radiosity}),
+        ("milky-bottle", {KernelEffect, LowRankEffect}),
+        ("mirror-and-vase", {SparseEffect, Radiosity}),
     ],
 )
 def test_presets_hold_only_the_effects_they_need(kind: str, effects: set[type]) -> None:
@@ -137,7 +137,7 @@ def test_the_key_in_the_wax_shows_only_in_indirect_light() -> None:
 
 def test_facets_throw_spots_that_are_far_and_sharp() -> None:
     scene = preset("disco-ball")
-    (spots,) = (e for e in scene.effects if isinstance(e, Sparse))
+    (spots,) = (e for e in scene.effects if isinstance(e, SparseEffect))
     paths = spots.matrix.tocoo()
     rows, cols = (np.stack(np.divmod(side, 64)) for side in paths.coords)
     assert np.median(np.hypot(*(rows - cols))) > 5.0

@@ -10,10 +10,10 @@ import pytest
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.radiosity import (
     Relief,
-    clear_pairs,
-    closed_exchange,
-    form_kernel,
-    radiosity,
+    compute_form_kernel,
+    find_clear_pairs,
+    make_radiosity_effects,
+    solve_exchange,
 )
 
 
@@ -41,7 +41,7 @@ def test_closed_form_is_the_sum_over_bounces(albedo: float, bounces: int) -> Non
     for _ in range(bounces):
         total += bounce
         bounce = kernel @ ((area * albedos)[:, None] * bounce)
-    np.testing.assert_allclose(closed_exchange(kernel, area, albedos), total, rtol=1e-11)
+    np.testing.assert_allclose(solve_exchange(kernel, area, albedos), total, rtol=1e-11)
 
 
 def test_closed_form_keeps_the_light_of_a_closed_room_at_albedo_0_999() -> None:
@@ -49,16 +49,16 @@ def test_closed_form_keeps_the_light_of_a_closed_room_at_albedo_0_999() -> None:
     # the absorbed share of all arriving light is exactly 1: (1 - rho) sum_i A_i X_ij = 1.
     patches, albedo = 12, 0.999
     kernel = (1.0 - np.eye(patches)) / (patches - 1)
-    exchange = closed_exchange(kernel, np.ones(patches), np.full(patches, albedo))
+    exchange = solve_exchange(kernel, np.ones(patches), np.full(patches, albedo))
     np.testing.assert_allclose((1.0 - albedo) * exchange.sum(axis=0), 1.0, rtol=1e-10)
 
 
 def test_effect_is_the_sum_of_two_bounces_and_more_over_patches() -> None:
     grid, rng = (4, 6), np.random.default_rng(2)
     relief, albedo = groove(grid), 0.9 * rng.random((24, 1))
-    (effect,) = radiosity("r", relief, albedo, [np.ones(3)])
+    (effect,) = make_radiosity_effects("r", relief, albedo, [np.ones(3)])
     # As many patches as cells: the cells themselves exchange light.
-    kernel = form_kernel(relief, grid)
+    kernel = compute_form_kernel(relief, grid)
     cell = relief.pitch[0] * relief.pitch[1]
     rho = albedo[:, 0]
     leaving = cell * np.diag(rho)  # flux that leaves after the first bounce, for each lit cell
@@ -73,7 +73,7 @@ def test_effect_is_the_sum_of_two_bounces_and_more_over_patches() -> None:
 def test_paths_can_be_reversed_to_the_last_bit() -> None:
     rng = np.random.default_rng(3)
     relief = Relief(rng.random((13, 17)), (0.1, 0.15))
-    (effect,) = radiosity("r", relief, 0.95 * rng.random((221, 1)), [np.ones(3)])
+    (effect,) = make_radiosity_effects("r", relief, 0.95 * rng.random((221, 1)), [np.ones(3)])
     matrix = effect.dense()
     np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12, atol=1e-18)
     assert matrix.min() >= 0.0
@@ -81,7 +81,7 @@ def test_paths_can_be_reversed_to_the_last_bit() -> None:
 
 
 def test_a_flat_surface_does_not_light_itself() -> None:
-    (effect,) = radiosity(
+    (effect,) = make_radiosity_effects(
         "r", Relief(np.zeros((6, 8)), (1.0, 1.0)), np.ones((48, 1)) * 0.9, [np.ones(3)]
     )
     assert effect.apply(np.ones((1, 48))).max() == 0.0
@@ -89,8 +89,8 @@ def test_a_flat_surface_does_not_light_itself() -> None:
 
 def test_a_ridge_does_not_light_itself_but_a_groove_does() -> None:
     albedo = np.full((96, 1), 0.8)
-    (ridge,) = radiosity("r", groove((8, 12), slope=-1.0), albedo, [np.ones(3)])
-    (valley,) = radiosity("r", groove((8, 12), slope=1.0), albedo, [np.ones(3)])
+    (ridge,) = make_radiosity_effects("r", groove((8, 12), slope=-1.0), albedo, [np.ones(3)])
+    (valley,) = make_radiosity_effects("r", groove((8, 12), slope=1.0), albedo, [np.ones(3)])
     assert ridge.apply(np.ones((1, 96))).max() < 1e-15
     assert valley.apply(np.ones((1, 96))).min() > 0.0
 
@@ -102,7 +102,7 @@ def test_two_far_patches_exchange_by_the_cosine_law() -> None:
     cosines = (normal[0] @ way) * -(normal[3] @ way) / (way @ way)
     # One cell a patch: its four points coincide and carry a quarter of its area each.
     quarter = 0.25 / tall.cosine[0, 0]
-    kernel = form_kernel(tall, (1, 4))
+    kernel = compute_form_kernel(tall, (1, 4))
     assert cosines > 0.0
     assert kernel[0, 3] == pytest.approx(cosines / (np.pi * (way @ way) + quarter), rel=1e-12)
 
@@ -113,7 +113,7 @@ def test_groove_form_factor_is_that_of_two_strips() -> None:
     # strings; here of length 6, seen from the middle.
     pitch = 1.0 / 24.0
     height = np.abs(pitch * (np.arange(48) - 23.5)) * np.ones((144, 1))
-    kernel = form_kernel(Relief(height, (pitch, pitch)), (36, 12))
+    kernel = compute_form_kernel(Relief(height, (pitch, pitch)), (36, 12))
     area = np.sqrt(2.0) / 36.0
     side = np.tile(np.arange(12) < 6, 36)
     middle = np.repeat(np.abs(np.arange(36) - 17.5) < 3, 12)
@@ -124,7 +124,7 @@ def test_groove_form_factor_is_that_of_two_strips() -> None:
 def test_form_factors_never_exceed_one() -> None:
     rng = np.random.default_rng(4)
     relief = Relief(5.0 * rng.random((24, 32)), (0.2, 0.2))
-    kernel = form_kernel(relief, (12, 16))
+    kernel = compute_form_kernel(relief, (12, 16))
     np.testing.assert_allclose(kernel, kernel.T, rtol=1e-14)
     cell = 0.04
     y, x = np.meshgrid(np.arange(24), np.arange(32), indexing="ij")
@@ -138,18 +138,18 @@ def test_a_wall_between_two_points_hides_them() -> None:
     points = relief.points[0]
     pairs = [(0, 4), (1, 3), (0, 1), (0, 2), (2, 4)]
     start, end = (points[[pair[k] for pair in pairs]] for k in (0, 1))
-    clear = clear_pairs(relief, start, end, steps=16)
+    clear = find_clear_pairs(relief, start, end, steps=16)
     np.testing.assert_array_equal(clear, [False, False, True, True, True])
     dip = Relief(np.array([[2.0, 1.0, 0.0, 1.0, 2.0]]), (1.0, 1.0))
     points = dip.points[0]
-    assert clear_pairs(dip, points[[0, 1, 0]], points[[4, 3, 2]], steps=16).all()
+    assert find_clear_pairs(dip, points[[0, 1, 0]], points[[4, 3, 2]], steps=16).all()
 
 
 def test_a_wall_stops_the_exchange_between_what_it_parts() -> None:
     height = np.array([4.0, 2.0, 0.0, 0.0, 9.0, 0.0, 0.0, 2.0, 4.0]) * np.ones((3, 1))
-    parted = form_kernel(Relief(height, (1.0, 1.0)), (3, 9))
+    parted = compute_form_kernel(Relief(height, (1.0, 1.0)), (3, 9))
     height[:, 4] = 0.0
-    joined = form_kernel(Relief(height, (1.0, 1.0)), (3, 9))
+    joined = compute_form_kernel(Relief(height, (1.0, 1.0)), (3, 9))
     assert joined[1, 7] > 0.0
     assert parted[1, 7] == 0.0
     assert parted[1, 3] > 0.0
@@ -157,7 +157,7 @@ def test_a_wall_stops_the_exchange_between_what_it_parts() -> None:
 
 @cache
 def groove_kernel(grid: tuple[int, int]) -> Array:
-    return form_kernel(groove(grid), grid)
+    return compute_form_kernel(groove(grid), grid)
 
 
 @pytest.mark.long
@@ -168,7 +168,7 @@ def test_light_is_absorbed_or_escapes_and_nothing_else(albedo: float | None) -> 
     area = ((2.0 / 16) * (2.0 / 24) / relief.cosine).ravel()
     rng = np.random.default_rng(5)
     rho = rng.random(384) if albedo is None else np.full(384, albedo)
-    arriving = closed_exchange(kernel, area, rho)  # on i, for unit flux that leaves j
+    arriving = solve_exchange(kernel, area, rho)  # on i, for unit flux that leaves j
     leaving = np.eye(384) + (rho * area)[:, None] * arriving
     absorbed = ((1.0 - rho) * area) @ arriving
     escaped = (1.0 - kernel @ area) @ leaving
@@ -176,6 +176,6 @@ def test_light_is_absorbed_or_escapes_and_nothing_else(albedo: float | None) -> 
 
 
 def test_indirect_light_is_strongest_where_the_walls_meet() -> None:
-    (effect,) = radiosity("r", groove((12, 32)), np.full((384, 1), 0.8), [np.ones(3)])
+    (effect,) = make_radiosity_effects("r", groove((12, 32)), np.full((384, 1), 0.8), [np.ones(3)])
     line = effect.apply(np.ones((1, 384))).reshape(12, 32)[6]
     assert line[13] > line[8] > line[2]

@@ -10,13 +10,23 @@ import pytest
 
 from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.virtual.scene.build import ALBEDO, build_scene, card
-from pdcd.virtual.scene.depth import OffAxis
-from pdcd.virtual.scene.displaced import Displaced, coloured_displaced, shares_of
-from pdcd.virtual.scene.kernel import gaussian
-from pdcd.virtual.scene.milk import milk
-from pdcd.virtual.scene.radiosity import hat_weights, limited
-from pdcd.virtual.scene.solids import Rectangle, box, clear, first_met, wall
+from pdcd.virtual.scene.build import ALBEDO, build_scene, make_card
+from pdcd.virtual.scene.depth import OffAxisRig
+from pdcd.virtual.scene.displaced import (
+    DisplacedEffect,
+    compute_displaced_shares,
+    make_displaced_effects,
+)
+from pdcd.virtual.scene.kernel import make_gaussian_kernel
+from pdcd.virtual.scene.milk import make_milk_effects
+from pdcd.virtual.scene.radiosity import limit_kernel, make_hat_weights
+from pdcd.virtual.scene.solids import (
+    Rectangle,
+    find_clear_lines,
+    find_first_hit,
+    make_box,
+    make_wall,
+)
 
 GREY = (0.5, 0.5, 0.5)
 SQUARE = Rectangle((0.0, 0.0, 2.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), GREY)
@@ -53,9 +63,9 @@ def test_places_along_both_edges() -> None:
 
 
 def test_a_wall_and_the_five_faces_of_a_box() -> None:
-    back = wall(3.0, (2.0, 1.0), GREY)
+    back = make_wall(3.0, (2.0, 1.0), GREY)
     assert (back.corner, back.across, back.down) == ((-2, -1, 3), (4, 0, 0), (0, 2, 0))
-    faces = box((0.0, 0.0, 1.0), (2.0, 3.0, 5.0), GREY)
+    faces = make_box((0.0, 0.0, 1.0), (2.0, 3.0, 5.0), GREY)
     assert [face.area for face in faces] == [6.0, 12.0, 12.0, 8.0, 8.0]
     corners = [(face.corner, *_far(face)) for face in faces]
     assert corners == [
@@ -70,26 +80,29 @@ def _far(face: Rectangle) -> tuple[float, ...]:
 
 
 def test_the_first_of_several_surfaces_is_seen() -> None:
-    near, far = wall(2.0, (0.5, 0.5), GREY), wall(4.0, (2.0, 2.0), GREY)
+    near, far = make_wall(2.0, (0.5, 0.5), GREY), make_wall(4.0, (2.0, 2.0), GREY)
     way = np.array([[0.0, 0.0, 1.0], [0.4, 0.0, 1.0], [0.9, 0.0, 1.0]])
-    which, points = first_met([far, near], np.zeros(3), way)
+    which, points = find_first_hit([far, near], np.zeros(3), way)
     assert which.tolist() == [1, 0, -1]
     np.testing.assert_allclose(points[:2], [[0.0, 0.0, 2.0], [1.6, 0.0, 4.0]])
     assert np.isnan(points[2]).all()
 
 
 def test_what_lies_between_two_points_hides_them_but_not_their_own_surfaces() -> None:
-    middle = wall(2.0, (0.5, 0.5), GREY)
+    middle = make_wall(2.0, (0.5, 0.5), GREY)
     start = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     end = np.array([[0.0, 0.0, 3.0], [0.0, 0.0, 3.0], [0.0, 0.0, 2.0], [2.0, 0.0, 3.0]])
-    assert clear([middle], start, end).tolist() == [False, True, True, True]
-    assert clear([wall(9.0, (9.0, 9.0), GREY), middle], start, end).tolist()[0] is False
+    assert find_clear_lines([middle], start, end).tolist() == [False, True, True, True]
+    assert (
+        find_clear_lines([make_wall(9.0, (9.0, 9.0), GREY), middle], start, end).tolist()[0]
+        is False
+    )
 
 
 def test_a_moved_cell_takes_its_light_by_the_shares_that_it_covers() -> None:
     """A quarter down and half to the right; the last column and row lose what lies beyond."""
     moved = np.tile([0.25, 0.5], (6, 1))
-    dense = shares_of((2, 3), moved).toarray()
+    dense = compute_displaced_shares((2, 3), moved).toarray()
     wanted = np.zeros((6, 6))
     for row in range(2):
         for col in range(3):
@@ -100,20 +113,20 @@ def test_a_moved_cell_takes_its_light_by_the_shares_that_it_covers() -> None:
     np.testing.assert_allclose(dense, wanted)
     back = np.tile([0.0, -1.0], (6, 1))
     back[4] = np.nan
-    dense = shares_of((2, 3), back).toarray()
+    dense = compute_displaced_shares((2, 3), back).toarray()
     assert np.argwhere(dense).tolist() == [[1, 0], [2, 1], [5, 4]] and dense.max() == 1.0
 
 
 def test_displaced_light_is_one_effect_a_colour() -> None:
     albedo = np.random.default_rng(0).random((6, 3))
     moved = np.tile([0.0, 0.5], (6, 1))
-    effects = coloured_displaced((2, 3), albedo, moved)
+    effects = make_displaced_effects((2, 3), albedo, moved)
     assert [one.name for one in effects] == ["direct red", "direct green", "direct blue"]
     light = np.random.default_rng(1).random((2, 6))
     for channel, one in enumerate(effects):
-        assert isinstance(one, Displaced) and not one.coaxial
+        assert isinstance(one, DisplacedEffect) and not one.coaxial
         np.testing.assert_array_equal(one.tint, np.eye(3)[channel])
-        dense = shares_of((2, 3), moved).toarray() * albedo[:, channel, None]
+        dense = compute_displaced_shares((2, 3), moved).toarray() * albedo[:, channel, None]
         np.testing.assert_allclose(one.dense(), dense)
         np.testing.assert_allclose(one.apply(light), light @ dense.T)
         np.testing.assert_allclose(one.diagonal(), np.diag(dense))
@@ -122,7 +135,7 @@ def test_displaced_light_is_one_effect_a_colour() -> None:
 
 def test_disparity_and_distance_are_each_others_inverse() -> None:
     """At the plane there is none; at half its distance it is the baseline, in cells."""
-    rig = OffAxis((12, 16), 0.2, (wall(2.0, (9.0, 9.0), GREY),))
+    rig = OffAxisRig((12, 16), 0.2, (make_wall(2.0, (9.0, 9.0), GREY),))
     assert rig.disparity_cells(2.0) == 0.0
     assert rig.disparity_cells(1.0) == pytest.approx(0.2 * 16 / (4.0 / 3.0))
     for z in (0.7, 1.0, 3.0):
@@ -138,7 +151,7 @@ def test_disparity_and_distance_are_each_others_inverse() -> None:
 
 
 def test_nothing_is_seen_beside_all_surfaces() -> None:
-    rig = OffAxis((4, 8), 0.2, (wall(1.0, (0.15, 9.0), GREY),))
+    rig = OffAxisRig((4, 8), 0.2, (make_wall(1.0, (0.15, 9.0), GREY),))
     which, _ = rig.seen
     seen = which >= 0
     assert 0 < seen.sum() < 32
@@ -150,7 +163,7 @@ def test_nothing_is_seen_beside_all_surfaces() -> None:
     ("options", "albedo"), [({}, ALBEDO), ({"albedo": 1.0}, 1.0), ({"albedo": 1}, 1.0)]
 )
 def test_a_card_is_flat_and_matt(options: dict[str, Any], albedo: float) -> None:
-    scene = card((2, 3), options)
+    scene = make_card((2, 3), options)
     direct, indirect = scene.split()
     np.testing.assert_array_equal(direct, np.full((6, 3), albedo))
     assert not indirect.any() and (scene.name, scene.grid) == ("card", (2, 3)) and ALBEDO == 0.9
@@ -162,7 +175,7 @@ def test_a_card_is_flat_and_matt(options: dict[str, Any], albedo: float) -> None
 )
 def test_a_card_of_no_albedo_is_refused(options: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="options of 'card'"):
-        card((2, 3), options)
+        make_card((2, 3), options)
 
 
 def test_a_table_of_a_scene_makes_it(tmp_path: Path) -> None:
@@ -190,26 +203,26 @@ def test_milk_is_three_effects_of_known_strength() -> None:
     grid, depth = (1, 3), np.array([0.0, 0.5, 1.0])
     albedo = np.tile([0.2, 0.5, 0.8], (3, 1))
     tint = np.array([1.0, 0.9, 0.8])
-    *direct, blur, veil = milk(grid, (1.0, 1.0), depth, albedo, sigma=0.7, tint=tint)
+    *direct, blur, veil = make_milk_effects(grid, (1.0, 1.0), depth, albedo, sigma=0.7, tint=tint)
     scattered = 1.0 - np.exp(-2.0 * depth)
     for channel, one in enumerate(direct):
         np.testing.assert_allclose(one.diagonal(), albedo[:, channel] * np.exp(-2.0 * depth))
     gate = np.sqrt(0.3 * scattered * 0.5)
-    line = gaussian(grid, (1.0, 1.0), 0.7)[0]
+    line = make_gaussian_kernel(grid, (1.0, 1.0), 0.7)[0]
     spread = np.array([[line[2 + n - m] for m in range(3)] for n in range(3)])
     np.testing.assert_allclose(blur.dense(), gate[:, None] * spread * gate)
     np.testing.assert_allclose(veil.dense(), 0.6 * np.outer(scattered, scattered / scattered.sum()))
     assert np.array_equal(blur.tint, tint) and np.array_equal(veil.tint, tint)
-    clear_water = milk(grid, (1.0, 1.0), 0.0 * depth, albedo, sigma=0.7, tint=tint)
+    clear_water = make_milk_effects(grid, (1.0, 1.0), 0.0 * depth, albedo, sigma=0.7, tint=tint)
     assert len(clear_water) == 3
 
 
 def test_weights_of_patches_and_their_limit() -> None:
     np.testing.assert_allclose(
-        hat_weights(4, 2), [[1.0, 0.0], [0.75, 0.25], [0.25, 0.75], [0.0, 1.0]]
+        make_hat_weights(4, 2), [[1.0, 0.0], [0.75, 0.25], [0.25, 0.75], [0.0, 1.0]]
     )
-    np.testing.assert_allclose(hat_weights(3, 3), np.eye(3))
+    np.testing.assert_allclose(make_hat_weights(3, 3), np.eye(3))
     kernel, area = np.array([[0.0, 2.0], [2.0, 0.0]]), np.array([1.0, 0.25])
     # The second patch would get twice all light, the first half of it.
-    np.testing.assert_allclose(limited(kernel, area), [[0.0, 1.0], [1.0, 0.0]])
-    np.testing.assert_allclose(limited(0.25 * kernel, area), 0.25 * kernel)
+    np.testing.assert_allclose(limit_kernel(kernel, area), [[0.0, 1.0], [1.0, 0.0]])
+    np.testing.assert_allclose(limit_kernel(0.25 * kernel, area), 0.25 * kernel)

@@ -11,15 +11,15 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.displaced import Displaced
-from pdcd.virtual.scene.effects import Array, Sparse
+from pdcd.virtual.scene.displaced import DisplacedEffect
+from pdcd.virtual.scene.effects import Array, SparseEffect
 from pdcd.virtual.scene.presets import STAGED
-from pdcd.virtual.scene.presets.canvas import HEIGHT, WIDTH
-from pdcd.virtual.scene.presets.chart import bars
-from pdcd.virtual.scene.presets.mirror_ball import met
+from pdcd.virtual.scene.presets.canvas import FRAME_HEIGHT, FRAME_WIDTH
+from pdcd.virtual.scene.presets.chart import list_chart_bars
+from pdcd.virtual.scene.presets.mirror_ball import find_ray_ends
 from pdcd.virtual.scene.presets.objects import Tumbler
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import cell_means
+from pdcd.virtual.scene.texture import average_cells
 from tests.textured import detailed
 
 GRID = (24, 32)
@@ -39,7 +39,7 @@ def staged(kind: str, grid: tuple[int, int] = GRID) -> Scene:
 
 def at(x: float, y: float, grid: tuple[int, int] = GRID) -> tuple[int, int]:
     """Cell at a place of the drawing frame."""
-    return int((y / HEIGHT + 0.5) * grid[0]), int((x / WIDTH + 0.5) * grid[1])
+    return int((y / FRAME_HEIGHT + 0.5) * grid[0]), int((x / FRAME_WIDTH + 0.5) * grid[1])
 
 
 def images(kind: str) -> tuple[Array, Array]:
@@ -71,7 +71,7 @@ def test_energy_and_texture_at_the_grid_of_the_figures(kind: str) -> None:
     points = np.stack([x, y], axis=-1)
     for texture, cells, limit in zip(scene.textures, scene.split(), CELL_MEANS[kind], strict=True):
         assert texture.shape == (768, 1024, 3) and texture.min() > 0.0
-        light = cell_means(detailed(cells, scene.grid, texture, points), scene.grid)
+        light = average_cells(detailed(cells, scene.grid, texture, points), scene.grid)
         assert np.sqrt(np.mean((light - cells) ** 2) / np.mean(cells**2)) < limit
 
 
@@ -129,7 +129,7 @@ def test_rays_end_where_small_steps_find_the_room() -> None:
     rng = np.random.default_rng(0)
     start = np.stack([*rng.uniform(-0.5, 0.5, (2, 40)), np.full(40, 0.4)], axis=-1)
     ray = rng.normal(size=(40, 3))
-    x, y = met(room, start, ray)
+    x, y = find_ray_ends(room, start, ray)
     for number in range(40):
         steps = np.linspace(0.0, 6.0, 60001)[:, None] * ray[number] + start[number]
         ground = np.max([h + a * steps[:, 0] + b * steps[:, 1] for h, a, b in room], axis=0)
@@ -143,7 +143,7 @@ def test_rays_end_where_small_steps_find_the_room() -> None:
 
 def test_spots_of_the_ball_are_sharp_and_its_neighbours_soft() -> None:
     scene = staged("ball-wax-book")
-    spots = [e for e in scene.effects if isinstance(e, Sparse)]
+    spots = [e for e in scene.effects if isinstance(e, SparseEffect)]
     assert len(spots) == 3
     links = np.bincount(spots[0].matrix.tocoo().coords[1], minlength=scene.cells)
     assert 0 < np.median(links[links > 0]) <= 6
@@ -171,7 +171,7 @@ def test_milk_hides_the_chart_and_the_next_cell_shows_what_to_take_off() -> None
     assert contrast(direct + indirect / 16.0) < 0.65
     assert contrast(direct) > 0.7
     assert contrast(taken) > contrast(direct) + 0.02
-    ink_pixels, gaps = bars()[0]
+    ink_pixels, gaps = list_chart_bars()[0]
     assert not (ink_pixels & gaps).any() and ink_pixels.sum() > 1000
 
 
@@ -184,10 +184,10 @@ def test_paint_on_the_box_takes_light_and_unpainted_it_is_as_it_was() -> None:
     np.testing.assert_array_equal(box(painted=False).dense(), plain.dense())
     share = painted.dense().sum(axis=2) / np.maximum(plain.dense().sum(axis=2), 1e-12)
     assert 0.1 < share.min() < 0.5 and share.max() <= 1.0 + 1e-12
-    direct = [e for e in painted.effects if isinstance(e, Displaced)]
+    direct = [e for e in painted.effects if isinstance(e, DisplacedEffect)]
     light = sum(e.apply(np.ones((1, plain.cells)))[0][:, None] * e.tint for e in direct)
     lit = np.asarray(light)[:, 0] > 0.02
-    means = cell_means(painted.texture, GRID)
+    means = average_cells(painted.texture, GRID)
     ratio = np.asarray(light)[lit] / means[lit]
     np.testing.assert_allclose(np.median(ratio, axis=0), 1.0, rtol=0.03)
     with pytest.raises(ConfigError, match="painted"):

@@ -7,9 +7,9 @@ import pickle
 import numpy as np
 import pytest
 
-from pdcd.virtual.scene.effects import Array, coloured_direct
+from pdcd.virtual.scene.effects import Array, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
-from pdcd.virtual.scene.texture import between, cell_means, sampled
+from pdcd.virtual.scene.texture import average_cells, sample_cells, sample_texture
 from tests.textured import detailed
 
 DRAWN: list[int] = []
@@ -31,32 +31,32 @@ def centres(height: int, width: int) -> Array:
 def test_means_over_cells_are_those_of_ever_finer_points(grid: tuple[int, int]) -> None:
     texture = np.random.default_rng(1).random((8, 12, 3))
     # Points of a raster that both the pixels and the cells divide: their mean is exact.
-    fine = sampled(texture, centres(8 * grid[0], 12 * grid[1]))
+    fine = sample_texture(texture, centres(8 * grid[0], 12 * grid[1]))
     wanted = fine.reshape(grid[0], 8, grid[1], 12, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(cell_means(texture, grid), wanted.reshape(-1, 3), rtol=1e-13)
+    np.testing.assert_allclose(average_cells(texture, grid), wanted.reshape(-1, 3), rtol=1e-13)
 
 
 def test_a_point_takes_the_pixel_that_it_lies_in() -> None:
     texture = np.arange(18.0).reshape(2, 3, 3)
-    np.testing.assert_array_equal(sampled(texture, centres(2, 3)), texture)
+    np.testing.assert_array_equal(sample_texture(texture, centres(2, 3)), texture)
     points = np.array([[0.0, 0.0], [0.999, 0.999], [1.0, 1.0], [-2.0, 0.4], [5.0, -1.0]])
     pixels = [(0, 0), (1, 2), (1, 2), (0, 0), (0, 2)]
-    np.testing.assert_array_equal(sampled(texture, points), [texture[p] for p in pixels])
-    np.testing.assert_array_equal(sampled(texture, np.full((1, 2), np.nan)), texture[0, :1])
+    np.testing.assert_array_equal(sample_texture(texture, points), [texture[p] for p in pixels])
+    np.testing.assert_array_equal(sample_texture(texture, np.full((1, 2), np.nan)), texture[0, :1])
 
 
 def test_values_between_cells_are_linear_and_go_on_at_the_border() -> None:
     cells = np.array([[0.0], [1.0], [10.0], [11.0]])  # 2 x 2: one to the right, ten down
     points = np.array([[0.25, 0.25], [0.5, 0.25], [0.5, 0.5], [0.0, 0.0], [0.9, 0.6], [3.0, 3.0]])
-    found = between(cells, (2, 2), points)[:, 0]
+    found = sample_cells(cells, (2, 2), points)[:, 0]
     np.testing.assert_allclose(found, [0.0, 0.5, 5.5, 0.0, 8.0, 11.0], rtol=1e-13, atol=1e-13)
-    lost = between(cells, (2, 2), np.array([[np.nan, 0.5]]))
+    lost = sample_cells(cells, (2, 2), np.array([[np.nan, 0.5]]))
     assert lost[0, 0] == pytest.approx(5.0)
 
 
 def test_light_that_follows_the_texture_comes_back_as_the_texture() -> None:
     texture = 0.1 + np.random.default_rng(2).random((24, 24, 3))
-    cells = 0.7 * cell_means(texture, (6, 8))
+    cells = 0.7 * average_cells(texture, (6, 8))
     points = centres(24, 24)
     np.testing.assert_allclose(detailed(cells, (6, 8), texture, points), 0.7 * texture, rtol=1e-12)
     # Only proportions count.
@@ -66,7 +66,7 @@ def test_light_that_follows_the_texture_comes_back_as_the_texture() -> None:
 
 def test_a_texture_is_drawn_when_it_is_first_asked_for_and_once() -> None:
     DRAWN.clear()
-    effects = coloured_direct(np.ones((2, 3)))
+    effects = make_direct_effects(np.ones((2, 3)))
     scene = Scene("s", (1, 2), effects, texture=draw)
     scene.white(), scene.split()
     assert not DRAWN
