@@ -39,8 +39,8 @@ from pdcd.errors import ConfigError
 SHARP = 0.15
 """`estimate_sharpness` from which a pilot goes on. On the diffuse scenes of 24 x 32 and 48 x 64
 cells here it is 0.004 to 0.11, before mirrors and a mirror ball 0.22 to 0.75."""
-PATH_CHUNK = 2**22
-"""Numbers held at once when the weights of single paths are summed up."""
+PATH_CHUNK, _ROWS = 2**17, 32
+"""Paths whose weights are summed up at once, and rows of factors that are looked into meanwhile."""
 
 BESIDE = 0.25
 """Share of a partner's light that a cell gets from each of those beside it, where its quads look up
@@ -201,11 +201,13 @@ def compute_path_correction(
     """
     table = scipy.sparse.coo_array(paths)
     row, col = table.coords
-    realised = np.empty(row.size)
-    step = max(1, PATH_CHUNK // max(left.shape[0], 1))
-    for start in range(0, row.size, step):
-        part = slice(start, start + step)
-        realised[part] = np.einsum("rp,rp->p", left[:, row[part]], right[:, col[part]])
+    realised = np.zeros(row.size)
+    for start in range(0, row.size, PATH_CHUNK):
+        part = slice(start, start + PATH_CHUNK)
+        for first in range(0, left.shape[0], _ROWS):  # few rows of each, which a cache holds
+            lit, opened = left[first : first + _ROWS], right[first : first + _ROWS]
+            one, other = np.take(lit, row[part], axis=1), np.take(opened, col[part], axis=1)
+            realised[part] += np.einsum("rp,rp->p", one, other)
     missing = np.zeros(left.shape[1])
     own = np.broadcast_to(weight, missing.shape)
     np.add.at(missing, row, (wanted - realised / own[row]) * table.data)

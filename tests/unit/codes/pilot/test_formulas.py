@@ -74,13 +74,13 @@ def test_sharpness_is_what_is_left_beside_direct_light(sigma: float) -> None:
     assert loud == 0.0 == estimate_sharpness(codes, np.zeros((4, N)))
 
 
-@pytest.mark.parametrize("chunk", [2**22, 7, 1])
+@pytest.mark.parametrize("chunk", [2**17, 7, 1])
 def test_what_is_added_for_paths_is_what_their_weights_lack(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(links, "PATH_CHUNK", chunk)
     rng = np.random.default_rng(4)
-    left, right = rng.random((3, N)), rng.random((3, N))
+    left, right = rng.random((70, N)), rng.random((70, N))
     paths = scipy.sparse.random_array((N, N), density=0.05, rng=rng).tocsr()
     realised = left.T @ right / 0.7
     wanted = ((1.0 - realised) * paths.toarray()).sum(axis=1)
