@@ -38,19 +38,13 @@ def count_parts(request: CaptureRequest) -> int:
     return request.parts if isinstance(request.parts, int) else 1
 
 
-def find_most_repeats(request: CaptureRequest) -> int:
-    """How often a photo may be taken: one in parts only once (`pdcd.planning.make`)."""
-    return MOST_REPEATS if count_parts(request) == 1 else 1
-
-
 def list_code_counts(request: CaptureRequest) -> Iterator[int]:
-    """Numbers of codes that the family can have, each once, few first: those of the ladder, or the
-    next multiples of what it needs; as many in each part where the request names parts."""
+    """Numbers of codes of one exposure that the family can have, each once, few first: those of the
+    ladder, or the next multiples of what it needs."""
     family, step = find_code_family(request)
-    parts = count_parts(request)
     for count in dict.fromkeys(-(-rung // step) * step for rung in LADDER):
         if family != "hadamard" or can_make_hadamard_codes(count, request.p or 0.5):
-            yield parts * count
+            yield count
 
 
 _NEAR = 0.25

@@ -122,6 +122,11 @@ def is_search_needed(request: CaptureRequest) -> bool:
     return True
 
 
+def can_split_codes(family: FamilyName, count: int) -> bool:
+    """Whether parts of so many codes each measure the error of their codes."""
+    return family in _FAMILIES and count >= _FEWEST_CODES
+
+
 def is_camera_needed(request: CaptureRequest) -> bool:
     """Whether the plan of a request depends on what a RAW file costs."""
     return "auto" in (request.parts, request.pilot) or "auto" in _left_open(request)

@@ -82,11 +82,11 @@ class Worker:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
             from pdcd.planning.choose import choose_plan  # no plain capture waits for a search
-            from pdcd.planning.outlook import RigSetting
+            from pdcd.planning.predict import RigSetting
 
             setting = RigSetting(facts.config, camera, facts.profile, mask_lag_s)
             known = facts.scene if facts.scene and facts.scene.grid == facts.grid else None
-            plan = choose_plan(request, setting, facts.grid, known, given, watch).plan
+            plan = choose_plan(request, setting, facts.grid, known, given, watch)
         self._job = PlannedJob(request, camera, plan)
         return PlannedRun(
             summary=plan.summary(config.limits.max_exposure_s),

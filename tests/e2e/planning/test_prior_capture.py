@@ -201,7 +201,7 @@ def test_foreseen_and_achieved_agree_with_a_prior(tmp_path: Path) -> None:
     result = bench_rig.capture(engine, request)
     plain = engine.plan(CaptureRequest(goal="indirect", error=0.02, white=False))
     engine.stop()
-    assert error(result) == pytest.approx(float(str(result.summary["predicted_error"])), rel=0.2)
+    assert error(result) == pytest.approx(float(str(result.summary["predicted_error"])), rel=0.3)
     assert float(str(result.summary["codes"])) < plain.codes / 4
 
 

@@ -7,242 +7,272 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
-from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from pdcd.codes.pilot.codes import MATCHED
 from pdcd.errors import RequestError
 from pdcd.planning.choose import choose_plan
+from pdcd.planning.code_counts import LADDER, MOST_REPEATS, list_code_counts
 from pdcd.planning.defaults import is_search_needed
 from pdcd.planning.given import read_request_arrays
-from pdcd.planning.outlook import ErrorEstimate, RigSetting
-from pdcd.protocol.plan_summary import PlanSummary
+from pdcd.planning.make import make_plan
+from pdcd.planning.plan import Plan
+from pdcd.planning.predict import (
+    PhotoCodes,
+    PredictedError,
+    RigSetting,
+    assume_scene_light,
+    predict_error,
+)
+from pdcd.protocol.plan_summary import PlanSummary, Prediction
 from pdcd.protocol.request import CaptureRequest
+from pdcd.watch import Watch
 from tests import bench_rig
 from tests.bench_rig import from_path
 from tests.places import DATA
 
-NOISY = CameraConfig(noise="full")
-MIRROR = SceneConfig(kind="matrix", path=str(DATA / "mirror_32x24.npz"))
+NOISY = CameraConfig(noise="full", readout_s=0.5)
+MIRROR = str(DATA / "mirror_32x24.npz")
+GRID = (6, 8)
+MOST_S = 3.0
 
 
-SMALL = SceneConfig(kind="wax-disk", grid=(9, 12))
-
-
-def plan(folder: Path, request: CaptureRequest, **tables: Any) -> PlanSummary:
-    given = {"camera": NOISY, "scene": MIRROR, **tables}
-    return Engine.from_config(bench_rig.config(folder, **given)).plan(request)
-
-
-def setting(config: Config) -> RigSetting:
+def setting(folder: Path, **tables: Any) -> RigSetting:
+    panels = {name: PanelConfig(size_px=(1600, 1200)) for name in ("projector", "mask")}
+    limits = LimitsConfig(min_free_bytes=0, max_exposure_s=MOST_S)
+    given: dict[str, Any] = {"camera": NOISY, "limits": limits, **panels, **tables}
+    config = bench_rig.config(folder, **given)
     engine = Engine.from_config(config)
-    rig = engine._rig
-    return RigSetting(config, rig.look_at_camera(), engine._profile, rig.mask_lag_s())
+    return RigSetting(config, engine._rig.look_at_camera(), engine._profile, 0.0)
+
+
+def request_of(**fields: Any) -> CaptureRequest:
+    return msgspec.convert({"goal": "indirect", "window": "whole", **fields}, CaptureRequest)
+
+
+def seconds_of(plan: Plan) -> float:
+    return sum(plan.exposure_s(shot) for shot in plan.recipe.shots)
+
+
+def told_of(plan: Plan) -> Prediction:
+    assert plan.prediction is not None
+    return plan.prediction
+
+
+def every_plan(rig: RigSetting, goal: str) -> list[tuple[int, int, float, int, PredictedError]]:
+    """Codes, exposures, seconds, files and error of all plans the limits allow, one by one, of
+    exposures with the same codes or, of 16 and more, with their own."""
+    found = []
+    for count in LADDER:
+        try:
+            once = make_plan(
+                request_of(goal=goal, codes=count, pilot=0, parts=1), rig.config, GRID, 0.0
+            )
+        except RequestError:
+            return found
+        longest_s = max(once.exposure_s(shot) for shot in once.recipe.shots)
+        for exposures in range(1, MOST_REPEATS + 1):
+            split = goal == "indirect" and count >= 16 and exposures >= 4
+            plan = once.scaled(1, exposures)
+            codes = PhotoCodes(goal, "hadamard", 0.5, GRID, count, longest_s, split=split)
+            error = predict_error(codes, assume_scene_light(), rig, 100).repeated(exposures)
+            shown = count * exposures if split else count
+            found.append((shown, exposures, seconds_of(plan), len(plan.recipe.shots), error))
+    return found
 
 
 @pytest.mark.parametrize(
     ("fields", "what"),
     [
-        ({"error": 0.1, "seconds": 9.0}, "both"),
-        ({"error": 0.1, "codes": 64}, "codes"),
-        ({"error": 0.1, "pilot": 32}, "pilot"),
-        ({"error": 0.1, "repeat": 2}, "repeat"),
+        ({"confidence": 0.9}, "confidence goes with a wanted error only"),
+        ({"error": 0.1, "seconds": 9.0}, "an error and a time are both asked for"),
+        ({"error": 0.1, "codes": 8, "repeat": 2}, "codes and repeat and error are both"),
+        ({"error": 0.1, "pilot": 32}, "pilot and error are both"),
+        ({"error": 0.1, "pilot": "auto"}, "pilot and error are both"),
+        ({"seconds": 3.0, "parts": "auto"}, "parts and seconds are both asked for"),
         ({"seconds": 9.0, "exposure_s": 2.0}, "exposure_s"),
-        ({"seconds": 9.0, "method": "nayar"}, "coded"),
-        ({"error": 0.1, "family": "isolation"}, "coded"),
+        ({"error": 0.1, "equal_brightness": True}, "equal_brightness and error"),
+        ({"seconds": 9.0, "method": "nayar"}, "seconds is for coded photos"),
+        ({"error": 0.1, "family": "isolation"}, "error is for coded photos"),
         ({"goal": "transport", "error": 0.1}, "its entries"),
         ({"goal": "transport", "seconds": 9.0}, "its entries"),
-        ({"confidence": 0.9}, "confidence"),
     ],
 )
-def test_contradictions_are_refused(fields: dict[str, Any], what: str) -> None:
+def test_what_decides_twice_is_refused(fields: dict[str, Any], what: str) -> None:
     with pytest.raises(RequestError, match=what) as caught:
-        is_search_needed(CaptureRequest(**{"goal": "indirect", **fields}))
+        is_search_needed(request_of(**fields))
     assert caught.value.hint
 
 
-def test_explicit_requests_are_left_alone() -> None:
-    assert not is_search_needed(CaptureRequest(goal="indirect", codes=64, pilot=32))
+@pytest.mark.parametrize(
+    ("fields", "wanted"),
+    [
+        ({}, False),
+        ({"codes": 64, "pilot": 32}, False),
+        ({"error": 0.1}, True),
+        ({"seconds": 3.0, "pilot": 0}, True),
+        ({"error": 0.1, "confidence": 0.6, "family": "balanced", "seed": 3}, True),
+    ],
+)
+def test_an_error_or_a_time_leaves_the_rest_open(fields: dict[str, Any], wanted: bool) -> None:
+    assert is_search_needed(request_of(**fields)) is wanted
 
 
-@pytest.mark.long
-def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:
-    tables: dict[str, Any] = {
-        "scene": SMALL,
-        "limits": LimitsConfig(min_free_bytes=0, max_exposure_s=60.0),
-    }
-    with pytest.raises(RequestError, match=r"0\.01 % cannot be had.*codes.*sensor") as caught:
-        plan(tmp_path, CaptureRequest(goal="indirect", error=1e-4), **tables)
-    words = str(caught.value.hint).split()
-    reachable = float(words[2]) / 100.0
-    summary = plan(tmp_path, CaptureRequest(goal="indirect", error=reachable), **tables)
-    assert summary.prediction is not None and summary.prediction.bound <= reachable
-
-
-@pytest.mark.long
-def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
-    short = LimitsConfig(min_free_bytes=0, max_exposure_s=0.5)
-    with pytest.raises(RequestError, match=r"cannot be had.*0\.5 s"):
-        plan(tmp_path, CaptureRequest(goal="indirect", error=0.001), limits=short, scene=SMALL)
-    with pytest.raises(RequestError, match=r"no plan fits into 0\.1 s"):
-        plan(tmp_path, CaptureRequest(goal="indirect", seconds=0.1))
-
-
-@pytest.mark.long
-def test_a_leak_is_measured_where_that_pays(tmp_path: Path) -> None:
-    """Dark frames take half of the time, and a mask of 300 : 1 leaves 6 % without them."""
-    leaking = PanelConfig(size_px=(1600, 1200), rise_s=0.001, fall_s=0.002, contrast=300.0)
-    tables: dict[str, Any] = {
-        "scene": SceneConfig(kind="open-book", grid=(24, 32)),
-        "limits": LimitsConfig(min_free_bytes=0, max_exposure_s=60.0),
-    }
-    request = CaptureRequest(goal="indirect", error=0.03)
-
-    def blacks(**more: Any) -> set[str]:
-        shots = plan(tmp_path, request, **tables, **more).shots
-        return {shot.name for shot in shots if "black" in shot.name}
-
-    assert blacks(mask=leaking) == {"coded-black-dual", "white-black-dual"}
-    assert not blacks()
-    request = msgspec.structs.replace(request, error=0.1)
-    assert not blacks(mask=leaking)
-    request = msgspec.structs.replace(request, black_level="both")
-    assert len(blacks(mask=leaking)) == 6
-    request = msgspec.structs.replace(request, error=0.03, black_level="none")
-    with pytest.raises(RequestError, match="3 % cannot be had"):
-        blacks(mask=leaking)
-
-
-def test_no_codes_that_take_long_are_chosen_for_plans_that_are_compared(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("goal", ["indirect", "direct"])
+@pytest.mark.parametrize("error", [0.2, 0.03, 0.006])
+def test_a_wanted_error_is_met_in_the_shortest_time_with_files(
+    tmp_path: Path, error: float, goal: str
 ) -> None:
-    calls: list[int] = []
-
-    def woven(lattice: tuple[int, int], count: int, *_: Any) -> np.ndarray:
-        calls.append(count)
-        return np.ones((count, lattice[0] * lattice[1]))
-
-    monkeypatch.setattr("pdcd.planning.pairs.make_joint_codes", woven)
-    far: dict[str, Any] = {"goal": "long-range", "radius": 1}
-    plan(tmp_path, CaptureRequest(**far, seconds=5.0), scene=SMALL)
-    assert not calls
-    plan(tmp_path, CaptureRequest(**far, codes=16), scene=SMALL)
-    assert calls == [16]
-
-
-def test_confidence_costs_time(tmp_path: Path) -> None:
-    """Between a coin toss and near certainty lies more light."""
-    sums = [
-        plan(tmp_path, CaptureRequest(goal="indirect", error=0.04, confidence=c, family="balanced"))
-        for c in (0.5, 0.999999)
-    ]
-    assert sums[0].prediction and sums[1].prediction
-    assert sums[0].prediction.bound == pytest.approx(sums[0].prediction.error)
-    assert sums[1].prediction.bound > sums[1].prediction.error
-    assert sums[1].prediction.error <= sums[0].prediction.error
+    rig = setting(tmp_path)
+    found = choose_plan(request_of(goal=goal, error=error), rig, GRID, None)
+    fitting = [one for one in every_plan(rig, goal) if one[-1].bound(0.95) <= error]
+    # A half second a file, and what its trigger takes.
+    file_s = 0.5 + rig.config.trigger.lag_s
+    codes, exposures, seconds, files, best = min(fitting, key=lambda one: one[2] + one[3] * file_s)
+    how = found.how
+    assert (how.codes, how.parts * how.repeat) == (codes, exposures)
+    assert (how.parts > 1) == (goal == "indirect" and exposures >= 4 and codes >= 16 * exposures)
+    # A white photo is shown once beside parts, and with every repetition of what it is part of.
+    assert seconds_of(found) <= seconds + 1e-9 and len(found.recipe.shots) <= files
+    told = told_of(found)
+    assert told.bound == pytest.approx(best.bound(0.95)) and told.bound <= error
+    assert (told.code, told.sensor) == pytest.approx((best.code, best.sensor))
+    assert (told.confidence, told.iso, found.iso) == (0.95, 100, 100)
+    assert told.prior == "guess: 50 paths, 30 % indirect, contrast 3"
+    assert found.look is not None and found.look.limit == error and found.look.may_add
 
 
-@pytest.mark.long
-def test_a_mirror_gets_a_pilot_where_nothing_else_will_do(tmp_path: Path) -> None:
-    """Exposures of 2 s hold about 100 codes, too few without a pilot (see test_pilot)."""
-    short = LimitsConfig(min_free_bytes=0, max_exposure_s=2.0)
-    easy = plan(tmp_path, CaptureRequest(goal="indirect", error=0.05), limits=short)
-    hard = plan(tmp_path, CaptureRequest(goal="indirect", error=0.012), limits=short)
-    assert easy.pilot == 0
-    assert hard.pilot in MATCHED and hard.raw_files > hard.pilot
-    assert hard.prediction is not None and hard.prediction.bound <= 0.012
+@pytest.mark.parametrize("seconds", [1.0, 3.0, 20.0])
+def test_a_given_time_is_spent_on_the_smallest_error(tmp_path: Path, seconds: float) -> None:
+    rig = setting(tmp_path)
+    found = choose_plan(request_of(seconds=seconds), rig, GRID, None)
+    assert seconds_of(found) <= seconds
+    fitting = [one[-1] for one in every_plan(rig, "indirect") if one[2] <= seconds]
+    assert told_of(found).error == pytest.approx(min(error.error for error in fitting))
+    assert found.look is not None and not found.look.may_add
+
+
+def test_confidence_costs_light(tmp_path: Path) -> None:
+    rig = setting(tmp_path)
+    low, high = (
+        told_of(choose_plan(request_of(error=0.04, confidence=c), rig, GRID, None))
+        for c in (0.5, 0.999)
+    )
+    assert low.bound == pytest.approx(low.error) and high.bound > high.error
+    assert high.error < low.error
+
+
+def test_parts_that_are_named_stay_and_may_end_early(tmp_path: Path) -> None:
+    rig = setting(tmp_path)
+    named = choose_plan(request_of(error=0.05, parts=5), rig, GRID, None)
+    assert named.how.parts == 5 and named.how.codes % 5 == 0 and named.how.repeat == 1
+    early = choose_plan(request_of(error=0.2, until_error=0.1), rig, GRID, None)
+    assert early.how.parts >= 4  # as nothing else tells when it is enough
+
+
+def test_the_rest_is_as_the_request_has_it(tmp_path: Path) -> None:
+    found = choose_plan(
+        request_of(error=0.2, black_level="both", family="balanced", guards="lag"),
+        setting(tmp_path), GRID, None,
+    )  # fmt: skip
+    assert (found.schedule, found.how.black_level, found.family) == ("lag", "both", "balanced")
+    assert found.look is None and found.passes == 1 and found.how.pilot == 0
 
 
 @pytest.mark.parametrize(
-    ("mask", "guards"),
+    ("fields", "family", "multiple"),
     [
-        ({}, False),
-        ({"skew_s": 0.002}, True),
-        ({"jitter_s": 1e-4}, True),
-        ({"phase_s": 0.001}, True),
+        ({}, "hadamard", 4),
+        ({"family": "bernoulli"}, "bernoulli", 1),
+        ({"goal": "fraction", "p": 0.3}, "balanced", 10),
+        ({"goal": "fraction", "p": 0.5}, "hadamard", 4),
+        ({"goal": "fraction", "p": 0.2, "family": "singer"}, "singer", 21),
     ],
 )
-def test_guards_go_where_panels_are_in_step(
-    mask: dict[str, float], guards: bool, tmp_path: Path
+def test_codes_are_of_a_family_that_can_be_lit_so_often(
+    tmp_path: Path, fields: dict[str, Any], family: str, multiple: int
 ) -> None:
-    panel = PanelConfig(size_px=(1600, 1200), **mask)  # type: ignore[arg-type]
-    summary = plan(tmp_path, CaptureRequest(goal="indirect", error=0.05), mask=panel)
-    assert summary.guards is guards
+    found = choose_plan(request_of(error=0.3, **fields), setting(tmp_path), GRID, None)
+    assert found.family == family and found.how.codes % multiple == 0
 
 
-def test_a_dim_rig_gets_longer_exposures_or_gain(tmp_path: Path) -> None:
-    """A thousandth of the light at the widest aperture there is: more passes, or a higher ISO."""
-    dim = CameraConfig(noise="full", responsivity_e=(48.0, 86.0, 56.0), profile="mark2")
-    bright = plan(tmp_path, CaptureRequest(goal="indirect", error=0.05))
-    summary = plan(tmp_path, CaptureRequest(goal="indirect", seconds=60.0), camera=dim)
-    assert summary.prediction is not None
-    assert bright.passes == 1
-    assert summary.passes > 1 or summary.prediction.iso > 100
+@pytest.mark.parametrize(
+    ("p", "family", "counts"),
+    [
+        (None, None, [8, 12, 16, 24, 32, 48]),
+        (0.01, "balanced", [100, 200, 300, 400, 600, 800]),
+        (1 / 9, "singer", [73, 146, 219, 292, 438, 584]),
+    ],
+)
+def test_numbers_of_codes_are_tried_once_each(
+    p: float | None, family: str | None, counts: list[int]
+) -> None:
+    found = list(list_code_counts(request_of(goal="fraction", p=p or 0.5, family=family)))
+    assert found[:6] == counts and len(set(found)) == len(found)
 
 
-def test_a_fixed_aperture_that_saturates_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match="saturates"):
-        plan(
-            tmp_path,
-            CaptureRequest(goal="indirect", error=0.05),
-            camera=CameraConfig(noise="full", f_number=1.0),
-            scene=SMALL,
-        )
+def test_a_family_that_suits_no_number_of_codes_is_said(tmp_path: Path) -> None:
+    asked = request_of(goal="fraction", p=0.3, family="hadamard", seconds=9.0)
+    with pytest.raises(RequestError, match=r"no hadamard codes .* p = 0\.3") as caught:
+        choose_plan(asked, setting(tmp_path), GRID, None)
+    assert "family" in str(caught.value.hint)
 
 
-def test_unknown_scenes_are_guessed(tmp_path: Path) -> None:
-    config = bench_rig.config(tmp_path, camera=NOISY)
-    rig, grid = setting(config), (24, 32)
-    few, many = (
-        choose_plan(CaptureRequest(goal="indirect", error=e), rig, grid, None).plan
-        for e in (0.05, 0.01)
-    )
-    assert few.prediction and many.prediction
-    assert many.prediction.bound <= 0.01 < few.prediction.bound <= 0.05
-    assert many.how.coded > few.how.coded
-    assert "50 paths" in few.prediction.prior
-    with pytest.raises(RequestError, match="unknown scene"):
-        choose_plan(CaptureRequest(goal="long-range", radius=1, error=0.05), rig, grid, None)
+def test_the_watch_hears_of_the_codes(tmp_path: Path) -> None:
+    heard: list[tuple[float, float]] = []
+    watch = Watch(step=lambda done, total: heard.append((done, total)))
+    choose_plan(request_of(error=0.1), setting(tmp_path), GRID, None, watch=watch)
+    assert watch.stage == "codes" and heard and heard[-1][0] == pytest.approx(heard[-1][1])
+
+
+def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:
+    rig = setting(tmp_path)
+    with pytest.raises(RequestError, match=r"0\.0001 % cannot be had: .*codes.*sensor") as caught:
+        choose_plan(request_of(error=1e-6), rig, GRID, None)
+    reachable = float(str(caught.value.hint).split()[2]) / 100.0
+    assert told_of(choose_plan(request_of(error=reachable), rig, GRID, None)).bound <= reachable
+    with pytest.raises(RequestError, match="cannot be had"):
+        choose_plan(request_of(error=reachable / 1.2), rig, GRID, None)
+
+
+def test_a_time_too_short_for_any_plan_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match=r"no plan fits into 0\.05 s: the shortest plan takes 0"):
+        choose_plan(request_of(seconds=0.05), setting(tmp_path), GRID, None)
+
+
+def test_limits_of_the_rig_are_kept(tmp_path: Path) -> None:
+    brief = LimitsConfig(min_free_bytes=0, max_exposure_s=0.55)
+    found = choose_plan(request_of(seconds=9.0), setting(tmp_path, limits=brief), GRID, None)
+    assert max(found.exposure_s(shot) for shot in found.recipe.shots) <= 0.55
+    none = LimitsConfig(min_free_bytes=0, max_exposure_s=0.15)
+    with pytest.raises(RequestError, match=r"limit is 0\.15 s"):
+        choose_plan(request_of(seconds=9.0), setting(tmp_path, limits=none), GRID, None)
+
+
+@pytest.mark.parametrize(
+    "fields", [{"goal": "long-range", "radius": 1}, {"goal": "diagonal"}, {"shift": (0, 1)}]
+)
+def test_no_formula_tells_the_error_of_other_goals(tmp_path: Path, fields: dict[str, Any]) -> None:
+    with pytest.raises(RequestError, match="cannot be foreseen") as caught:
+        choose_plan(request_of(error=0.1, **fields), setting(tmp_path), GRID, None)
+    assert "number of codes" in str(caught.value.hint)
 
 
 def test_a_prior_file_stands_for_the_scene(tmp_path: Path) -> None:
-    rig, grid = setting(bench_rig.config(tmp_path, camera=NOISY)), (24, 32)
-    files = {"prior": from_path(Path(str(MIRROR.path)))}
-    asked, given = read_request_arrays(CaptureRequest(goal="indirect", error=0.02), files, grid)
+    rig, grid = setting(tmp_path, limits=LimitsConfig(min_free_bytes=0)), (24, 32)
+    files = {"prior": from_path(Path(MIRROR))}
+    asked, given = read_request_arrays(request_of(error=0.02), files, grid)
     known = choose_plan(asked, rig, grid, None, given=given)
-    same = plan(tmp_path, CaptureRequest(goal="indirect", error=0.02))
-    assert known.plan.prediction is not None and same.prediction is not None
-    assert known.plan.prediction.prior == "file mirror_32x24.npz"
-    assert known.plan.prediction.bound <= 0.02
-    assert known.plan.how.coded < same.codes  # the codes avoid the paths of the prior
-    assert known.plan.prior == "file mirror_32x24.npz" and same.prior is None
+    assert known.prior == told_of(known).prior == "file mirror_32x24.npz"
+    scene = SceneConfig(kind="matrix", path=MIRROR)
+    same = Engine.from_config(bench_rig.config(tmp_path, camera=NOISY, scene=scene)).plan(
+        request_of(error=0.02)
+    )
+    assert known.how.coded < same.codes  # the codes avoid the paths of the prior
     with pytest.raises(RequestError, match="24 x 32 cells, the rig of 3 x 4"):
         choose_plan(asked, rig, (3, 4), None, given=given)
-
-
-def test_the_bound_is_kept_as_often_as_it_says() -> None:
-    """Mean squares of 20 000 drawn pictures of 300 pixels: code errors that stay, noise that does
-    not."""
-    rng = np.random.default_rng(0)
-    pixels, repeat = 300, 3
-    code, sensor = 0.02 * rng.standard_normal(pixels), 0.01 * (1.0 + rng.random(pixels))
-    estimate = ErrorEstimate(
-        code=float(np.sqrt(np.mean(code**2))),
-        sensor=float(np.sqrt(np.mean(sensor**2))),
-        code_var=0.0,
-        cross_var=float(4.0 * np.sum(code**2 * sensor**2)) / pixels**2,
-        sensor_var=float(2.0 * np.sum(sensor**4)) / pixels**2,
-        headroom=1.0,
-    )
-    noise = sensor / np.sqrt(repeat) * rng.standard_normal((20_000, pixels))
-    drawn = np.sqrt(np.mean((code + noise) ** 2, axis=1))
-    assert estimate.error(repeat) == pytest.approx(np.sqrt(np.mean(drawn**2)), rel=1e-3)
-    for confidence in (0.5, 0.9, 0.95):
-        kept = np.mean(drawn <= estimate.bound(confidence, repeat))
-        assert kept == pytest.approx(confidence, abs=0.012)
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""What a plan settles without a rehearsal: looks, lags, apertures, families, counts of codes."""
+"""What a plan settles: looks, lags, apertures, families, counts of codes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from pdcd.planning.look import (
 from pdcd.planning.make import make_plan
 from pdcd.planning.metering import choose_next_aperture, pick_aperture
 from pdcd.planning.next_step import is_dark_photo_due
-from pdcd.planning.outlook import ErrorEstimate, RigSetting
 from pdcd.planning.plan import LeakProbe, Plan, average_pair_light
 from pdcd.planning.schedule_fit import convert_lag_to_rows, is_lag_needed, list_tolerant_schedules
 from pdcd.protocol.plan_summary import LeakErrors
@@ -346,33 +345,6 @@ def test_the_next_aperture_puts_the_brightest_sample_where_it_is_wanted(
     stops = (1.0, 2.0, 4.0, 8.0, 16.0)
     assert choose_next_aperture(stops, now, peak, expected) == (aperture, sure)
     assert [pick_aperture(stops, f) for f in (0.5, 2.0, 2.1, 99.0)] == [1.0, 2.0, 4.0, 16.0]
-
-
-def test_errors_of_exposures_fall_as_they_add_up() -> None:
-    one = ErrorEstimate(0.03, 0.04, 1e-8, 2e-8, 4e-8, 1.0)
-    assert one.error() == pytest.approx(0.05)
-    assert one.error(4) == pytest.approx(np.hypot(0.03, 0.02))
-    assert one.bound(0.5) == pytest.approx(0.05)
-    # 97.725 % of a normal distribution lie below two standard deviations.
-    spread = np.sqrt(1e-8 + 1e-8 + 1e-8)
-    wanted = np.sqrt(0.03**2 + 0.04**2 / 2 + 2.0 * spread)
-    assert one.bound(0.977250, 2) == pytest.approx(wanted, rel=1e-4)
-    for headroom, too_bright in ((0.63, True), (0.64, False), (2.0, False)):
-        assert replace(one, headroom=headroom).saturates is too_bright
-
-
-def test_what_a_rig_leaves_open_is_chosen() -> None:
-    camera: Any = type("Camera", (), {"isos": (100, 200), "f_numbers": (2.0, 4.0, 8.0)})
-    row = type("Row", (), {"gain_e_per_dn": 2.0})
-    profile: Any = type("P", (), {"saturation_dn": lambda _, iso: 5.0 * iso, "row": lambda *_: row})
-    free = RigSetting(config(camera={"iso": None, "f_number": "auto"}), camera, profile())
-    assert free.isos == (100, 200) and free.full_e(200) == 2000.0
-    # 9600 electrons at f/1 are 0.6 of 1000 at f/4.
-    assert [free.f_number(e, 100) for e in (9600.0, 9700.0, 1e9, 1.0)] == [4.0, 8.0, 8.0, 2.0]
-    fixed = RigSetting(config(camera={"iso": 200, "f_number": 5.6}), camera, profile())
-    assert fixed.isos == (200,) and fixed.f_number(9600.0, 100) == 5.6
-    silent = RigSetting(config(camera={"noise": "none"}), camera, profile())
-    assert silent.variance_dn2(np.zeros(3), 100, 1.0).tolist() == [1.0 / 12.0] * 3
 
 
 def test_light_of_codes_is_the_mean_of_products() -> None:

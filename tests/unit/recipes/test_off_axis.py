@@ -11,13 +11,14 @@ import pytest
 
 from pdcd.bench.tables import Config, RigConfig, ScheduleConfig
 from pdcd.errors import RequestError
+from pdcd.panels.frames import FrameLog
 from pdcd.panels.patterns import read_pattern_levels
 from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
-from pdcd.planning.rehearse import predict_probing_matrix
 from pdcd.probing.convolved import SameRowPart
+from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors
 from pdcd.probing.wanted import (
     MatchPart,
     MatrixPart,
@@ -29,6 +30,7 @@ from pdcd.probing.wanted import (
 from pdcd.protocol.plan_summary import Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.partners import find_match_places, find_matched_cells
+from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import DenseEffect
@@ -68,10 +70,25 @@ def realised(plan: Plan, program: str) -> np.ndarray:
     return np.asarray(mask.T @ light)
 
 
+def shown_on_time(plan: Plan, shot: Shot, scene: Scene) -> Factors:
+    """Probing matrix of a shot on panels that miss nothing."""
+    frames, rig = plan.frames(shot), config()
+    rows = np.arange(len(frames), dtype=np.int32)
+    settle_ns, period_ns = round(plan.settle_s * 1e9), 1e9 / plan.row_hz
+    at_ns = settle_ns + np.rint(np.arange(rows.size + 1) * period_ns).astype(np.int64)
+    missed = np.zeros(rows.size, dtype=np.int32)
+    log = FrameLog(rows, rows, at_ns[:-1], at_ns[:-1], at_ns[[-1, -1]], missed, "test", True)
+    factors = compute_bench_factors(
+        frames, log, rig.projector, rig.mask,
+        open_ns=0, close_ns=int(at_ns[-1]) + settle_ns, displacement=scene.displacement,
+    )  # fmt: skip
+    return collect_factors(factors)
+
+
 def pictures(plan: Plan, scene: Scene) -> dict[str, np.ndarray]:
     shots = {}
     for shot in plan.recipe.shots:
-        matrix = predict_probing_matrix(plan, shot, config(), displacement=scene.displacement)
+        matrix = shown_on_time(plan, shot, scene)
         light = scene.photo(
             matrix.left, matrix.right, matrix.coaxial, matrix.open_s, matrix.displaced
         ).reshape(*plan.grid, 3)
