@@ -32,7 +32,7 @@ from pdcd.planning.predict import (
     PredictedError,
     RigSetting,
     SceneLight,
-    assume_scene_light,
+    guess_scene_light,
     measure_scene_light,
     predict_error,
 )
@@ -112,7 +112,7 @@ def choose_plan(
     elif scene is not None:
         light = measure_scene_light(scene, f"scene {scene.name}")
     else:
-        light = assume_scene_light()
+        light = guess_scene_light()
     return _Search(request, given, setting, grid, light, prior, watch or Watch()).run()
 
 

@@ -43,7 +43,7 @@ _APART = 0.8
 _SMOOTH_LEFT = 0.4
 """What a single exposure leaves of the light that models of smooth light explain, as measured;
 parts leave next to nothing of it."""
-_UNSURE = 0.2
+_UNSURE = 0.12
 """RMS of what measured errors are off from these forecasts before known scenes, relative."""
 _STOP_LIGHT = 0.89
 """Light at the stop that is set, over that wanted: stops come in thirds, and the next narrower one
@@ -95,7 +95,7 @@ class SceneLight:
         return float(self.rough[ring] + smooth)
 
 
-def assume_scene_light() -> SceneLight:
+def guess_scene_light() -> SceneLight:
     """What is taken of a scene that is not known: 50 paths to each cell, 30 % of the light
     indirect, and the brightest sample of a picture 3 times its RMS."""
     paths, indirect, contrast, cells = 50.0, 0.3, 3.0, 12

@@ -23,7 +23,7 @@ from pdcd.planning.predict import (
     PhotoCodes,
     PredictedError,
     RigSetting,
-    assume_scene_light,
+    guess_scene_light,
     predict_error,
 )
 from pdcd.protocol.plan_summary import PlanSummary, Prediction
@@ -77,7 +77,7 @@ def every_plan(rig: RigSetting, goal: str) -> list[tuple[int, int, float, int, P
             split = goal == "indirect" and count >= 16 and exposures >= 4
             plan = once.scaled(1, exposures)
             codes = PhotoCodes(goal, "hadamard", 0.5, GRID, count, longest_s, split=split)
-            error = predict_error(codes, assume_scene_light(), rig, 100).repeated(exposures)
+            error = predict_error(codes, guess_scene_light(), rig, 100).repeated(exposures)
             shown = count * exposures if split else count
             found.append((shown, exposures, seconds_of(plan), len(plan.recipe.shots), error))
     return found

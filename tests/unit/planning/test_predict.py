@@ -16,7 +16,7 @@ from pdcd.planning.predict import (
     PredictedError,
     RigSetting,
     SceneLight,
-    assume_scene_light,
+    guess_scene_light,
     measure_scene_light,
     predict_error,
 )
@@ -189,7 +189,7 @@ def test_errors_of_exposures_fall_as_they_add_up() -> None:
 
 
 def test_a_guess_is_what_it_says() -> None:
-    light = assume_scene_light()
+    light = guess_scene_light()
     assert light.name == "guess: 50 paths, 30 % indirect, contrast 3"
     for picture, share in ((light.direct, 0.7), (light.indirect, 0.3)):
         rms = np.sqrt(np.mean(picture**2))
