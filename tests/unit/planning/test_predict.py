@@ -29,12 +29,12 @@ from tests.unit.planning.test_measured import config
 
 GRID = (12, 16)
 CELLS = 192
-PATHS, INDIRECT = 20, 0.3
+PATHS, INDIRECT = 2, 0.3
 COUNT = 32
 
 
 def random_transport() -> NDArray[np.float64]:
-    """Every cell alike: direct light 0.7, and 0.3 from 20 cells drawn at random."""
+    """Every cell alike: direct light 0.7, and 0.3 from two cells drawn at random."""
     rng = np.random.default_rng(5)
     transport = (1.0 - INDIRECT) * np.eye(CELLS)
     for n in range(CELLS):
@@ -53,7 +53,7 @@ ALIKE = SceneLight(
 
 
 def rig(tables: Config | None = None) -> RigSetting:
-    camera = CameraInfo("", "", "modern", np.array([10.0, 40.0, 20.0]), (100,), ())
+    camera = CameraInfo("", "", "modern", np.array([40.0, 10.0, 20.0]), (100,), ())
     return RigSetting(
         tables or config(camera={"noise": "full"}), camera, load_profile("modern"), 0.0
     )
@@ -64,11 +64,11 @@ def shown(goal: str, family: FamilyName = "hadamard", p: float = 0.5, **more: bo
 
 
 def error_of_codes(goal: str, family: FamilyName, p: float) -> float:
-    """RMS error over the RMS of the truth, by sums over codes, cells and eight seeds."""
+    """RMS error over the RMS of the truth, by sums over codes, cells and 24 seeds."""
     own = np.diag(TRANSPORT)
     others = TRANSPORT.sum(axis=1) - own
     squares = []
-    for seed in range(8):
+    for seed in range(24):
         dual = "same" if goal == "fraction" else "complement"
         codes = make_codes(family, GRID, COUNT, dual=dual, p=p, seed=seed)
         image = (codes.dual * (codes.primal @ TRANSPORT.T)).sum(axis=0)
@@ -92,7 +92,7 @@ def error_of_codes(goal: str, family: FamilyName, p: float) -> float:
 )
 def test_codes_err_as_the_formulas_say(goal: str, family: FamilyName, p: float) -> None:
     found = predict_error(shown(goal, family, p), ALIKE, rig(), 100)
-    assert found.code == pytest.approx(error_of_codes(goal, family, p), rel=0.12)
+    assert found.code == pytest.approx(error_of_codes(goal, family, p), rel=0.1)
 
 
 def test_as_many_columns_as_cells_are_never_shared() -> None:
