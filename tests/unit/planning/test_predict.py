@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def error_of_codes(goal: str, family: FamilyName, p: float) -> float:
     others = TRANSPORT.sum(axis=1) - own
     squares = []
     for seed in range(24):
-        dual = "same" if goal == "fraction" else "complement"
+        dual: Literal["same", "complement"] = "same" if goal == "fraction" else "complement"
         codes = make_codes(family, GRID, COUNT, dual=dual, p=p, seed=seed)
         image = (codes.dual * (codes.primal @ TRANSPORT.T)).sum(axis=0)
         weight = p * COUNT if goal == "fraction" else p * (1.0 - p) * COUNT
@@ -126,7 +127,7 @@ def test_noise_is_that_of_a_picture_with_its_brightest_sample_metered() -> None:
         quads = np.stack([red, 0.5 * (green + green2), blue], axis=1)
         spread.append(np.mean(quads.var(axis=2) * (picture / dn) ** 2) / np.mean(picture**2))
     found = predict_error(shown("indirect"), light, setting, 100)
-    assert found.sensor == pytest.approx(np.sqrt(np.mean(spread)), rel=0.05)
+    assert found.sensor == pytest.approx(np.sqrt(np.mean(spread)), rel=0.02)
 
 
 def test_a_camera_without_noise_rounds() -> None:
@@ -161,6 +162,7 @@ def test_smooth_light_errs_less_than_sharp_light_and_least_in_parts() -> None:
         measure_scene_light(scene, "") for scene in (even, scene_of("mirror-and-vase"))
     )
     for light, left in ((smooth, 0.4), (mirror, 1.0)):
+        assert light.rough is not None and light.smooth is not None
         whole = replace(light, rough=light.rough + light.smooth, smooth=0.0 * light.smooth)
         all_of_it = predict_error(shown("indirect"), whole, rig(), 100).code
         single = predict_error(shown("indirect"), light, rig(), 100).code
