@@ -1,5 +1,5 @@
-"""What the verdict says of an answer as a whole: of its noise, its error bars, light below zero,
-and light in it that belongs elsewhere. Pure functions of numbers, as in `pdcd.verdict.quality`.
+"""What the verdict says of the answer as a whole: its noise, its error bars, light below zero, and
+light in it that belongs elsewhere.
 """
 
 from __future__ import annotations
@@ -9,9 +9,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from pdcd.arrays import Floats
-from pdcd.printable import to_percent
-from pdcd.verdict.limits import LIMITS, Grade, VerdictFinding, VerdictLimits, choose_grade
+from pdcd.recipes.parts import FLOODLIT
+from pdcd.recipes.recipe import Extremes
+from pdcd.verdict.causes import Cause, Grade, VerdictFinding, judge
+from pdcd.verdict.evidence import Evidence, compute_rms
 
+_LIGHT = (
+    "indirect", "direct", "fraction", "diagonal", "off-diagonal", "warped", "long-range",
+    "short-range", "keyed", "epipolar", "stereo",
+)  # fmt: skip
+"""Goals whose answer is light that paths bring, and so never below zero."""
 _UPPER = 1.645
 """Standard deviations below which a normal number lies in 19 of 20 cases."""
 _FEWEST_CODES = 80
@@ -20,43 +27,48 @@ _FREEDOM = 3.0
 """Degrees of freedom of a sigma that the fewest parts have measured."""
 
 
-def judge_noise(
-    image: Floats, sigma: Floats, sensor: Floats, limits: VerdictLimits = LIMITS
-) -> Iterator[VerdictFinding]:
+def judge_answer(seen: Evidence) -> Iterator[VerdictFinding]:
+    """All that is said of the answer."""
+    made, record, transport = seen.decoded.answer, seen.record, seen.decoded.transport
+    image, sigma, sensor = (seen.inside(p) for p in (made.image, made.sigma, made.sensor))
+    yield from judge_noise(image, sigma, sensor)
+    if transport is not None:
+        yield from _judge_common_light(transport.common)
+    else:
+        target = seen.decoded.recipe.target
+        if made.kind == "measured":
+            yield from judge_error_bars(image, sigma, sensor, target.cells)
+        if target.goal.name in _LIGHT:
+            yield from judge_negative_light(image, sensor)
+        if made.kind == "sensor":
+            codes = record.how.codes
+            advice = "--parts 4" if codes >= _FEWEST_CODES else f"{_FEWEST_CODES} codes or more"
+            share = _error_by_single_paths(seen, image)
+            yield from judge(Cause.CODES_UNMEASURED, share, advice=advice)
+    yield from judge(Cause.LEAKS_LEFT, record.leak)
+    yield from judge(Cause.ROOM_CHANGED, record.room_changed)
+    if FLOODLIT in seen.pictures:
+        lit, both = seen.pictures[FLOODLIT], seen.pictures["white"]
+        variance = seen.inside(lit.sensor) ** 2 + seen.inside(both.sensor) ** 2
+        yield from judge_pair_sum(seen.inside(both.image), seen.inside(lit.image), variance)
+
+
+def judge_noise(image: Floats, sigma: Floats, sensor: Floats) -> Iterator[VerdictFinding]:
     """Whether the answer stands above its noise; (n, C) each, of pixels in the field.
 
     The sensor's noise decides, and sigma only where most of the picture drowns in it.
     """
     known = np.isfinite(sigma) & np.isfinite(image)
     if not known.any():
-        yield VerdictFinding(
-            Grade.BAD,
-            "nothing is known of the answer: all of the field is saturated or unseen; close the "
-            "aperture and look at what the camera sees",
-        )
+        yield from judge(Cause.ANSWER_UNKNOWN)
         return
-    rms = float(np.sqrt(np.mean(image[known] ** 2)))
-    noise = float(np.sqrt(np.mean(sensor[known] ** 2)))
-    share = noise / rms if rms > 0.0 else np.inf
-    grade = choose_grade(share, limits.noise)
-    if grade:
-        yield VerdictFinding(
-            grade,
-            f"the sensor's noise is {to_percent(share)} of the answer (limit "
-            f"{to_percent(limits.noise[0])}); open the aperture, or expose longer",
-        )
-    unsure = float(np.mean(sigma[known] > rms))
-    grade = choose_grade(unsure, limits.unsure)
-    if grade:
-        yield VerdictFinding(
-            grade,
-            f"in {to_percent(unsure)} of the field sigma is larger than the answer (limit "
-            f"{to_percent(limits.unsure[0])}); take more codes, or parts to measure it",
-        )
+    rms, noise = compute_rms(image[known]), float(np.sqrt(np.mean(sensor[known] ** 2)))
+    yield from judge(Cause.NOISE, noise / rms if rms > 0.0 else np.inf)
+    yield from judge(Cause.UNSURE, float(np.mean(sigma[known] > rms)))
 
 
 def judge_error_bars(
-    image: Floats, sigma: Floats, sensor: Floats, cells: int, limits: VerdictLimits = LIMITS
+    image: Floats, sigma: Floats, sensor: Floats, cells: int
 ) -> Iterator[VerdictFinding]:
     """What a measured sigma says of the whole answer; (n, C) each, of pixels in the field of
     `cells` cells.
@@ -67,32 +79,23 @@ def judge_error_bars(
     fault with, `judge_noise` has done so.
     """
     known = np.isfinite(sigma) & np.isfinite(image)
-    if not known.any():
-        return
-    power, squares = float(np.mean(image[known] ** 2)), sigma[known] ** 2
+    squares = sigma[known] ** 2
     total = float(np.sum(squares))
     if not total > 0.0:
         return
     # Channels share their paths, and the quads of a cell its codes.
     single = total**2 / float(np.sum(squares**2)) * min(cells / squares.size, 1.0 / 3.0)
-    spread = np.sqrt(2.0 / max(single, 1.0) * (1.0 + 1.0 / _FREEDOM))
-    mean = float(np.mean(squares))
-    share = _of_the_rest(mean * (1.0 + _UPPER * float(spread)), power)
-    noise = _of_the_rest(float(np.mean(sensor[known] ** 2)), power)
-    least = limits.error[0]
-    grade = Grade.DOUBTFUL if share >= least else Grade.REMARK
-    grade = max(grade, choose_grade(_of_the_rest(mean, power), limits.error))
-    if grade > choose_grade(noise, limits.noise):
-        yield VerdictFinding(
-            grade,
-            f"the answer may be off by {_error(share)} (RMS, limit {to_percent(least)}) "
-            "by its error bars: the codes err on sharp light, as of mirrors; take more codes",
-        )
+    spread = float(np.sqrt(2.0 / max(single, 1.0) * (1.0 + 1.0 / _FREEDOM)))
+    power, mean = float(np.mean(image[known] ** 2)), float(np.mean(squares))
+    share = _over_the_rest(mean * (1.0 + _UPPER * spread), power)
+    row = Cause.ERROR_BARS.value
+    grade = max(min(row.grade(share), Grade.DOUBTFUL), row.grade(_over_the_rest(mean, power)))
+    noise = _over_the_rest(float(np.mean(sensor[known] ** 2)), power)
+    if grade > Cause.NOISE.value.grade(noise):
+        yield from judge(Cause.ERROR_BARS, share, grade)
 
 
-def judge_negative_light(
-    image: Floats, sensor: Floats, limits: VerdictLimits = LIMITS
-) -> Iterator[VerdictFinding]:
+def judge_negative_light(image: Floats, sensor: Floats) -> Iterator[VerdictFinding]:
     """Light below zero, in a picture that no path makes darker; (n, C) each, of pixels in the field
 
     What is below zero is error for certain. Errors go as far up as down, so that of a picture that
@@ -102,88 +105,45 @@ def judge_negative_light(
     known = np.isfinite(sensor) & np.isfinite(image)
     if not known.any():
         return
-    power = float(np.mean(image[known] ** 2))
     below = 2.0 * float(np.mean(np.minimum(image[known], 0.0) ** 2))
-    noise = float(np.mean(sensor[known] ** 2))
     # Noise is found by itself, and scatters below zero where there is no light.
-    share = _of_the_rest(max(below - noise, 0.0), power)
-    grade = choose_grade(share, limits.below)
-    if grade:
-        yield VerdictFinding(
-            grade,
-            f"the answer has light below zero, which is error: it is off by {_error(share)} or "
-            f"more (RMS, limit {to_percent(limits.below[0])}); the codes err on other light, which "
-            "is much more than what is wanted; take more codes",
-        )
+    below -= float(np.mean(sensor[known] ** 2))
+    power = float(np.mean(image[known] ** 2))
+    yield from judge(Cause.BELOW_ZERO, _over_the_rest(max(below, 0.0), power))
 
 
-def judge_unmeasured_codes(
-    share: float, codes: int, limits: VerdictLimits = LIMITS
-) -> Iterator[VerdictFinding]:
-    """Error by codes that nothing has measured. share : RMS over that of the answer if each point
-    gets its light by one path, which errs most; of light by many paths it is far less. codes : of
-    the photo in all."""
-    if share < limits.exact:
-        return
-    advice = "--parts 4" if codes >= _FEWEST_CODES else f"{_FEWEST_CODES} codes or more"
-    yield VerdictFinding(
-        Grade.DOUBTFUL if share >= limits.unmeasured else Grade.REMARK,
-        f"codes are not in the error bar: on sharp light, as of mirrors, the answer may be off by "
-        f"{_error(share)} (RMS, limit {to_percent(limits.unmeasured)}); take {advice}, as four "
-        "parts measure it",
-    )
-
-
-def judge_leak(error: float, limits: VerdictLimits = LIMITS) -> Iterator[VerdictFinding]:
-    """RMS error by leaks that a dark photo showed, over the RMS of the answer they are in."""
-    grade = choose_grade(error, limits.left)
-    if grade:
-        yield VerdictFinding(
-            grade,
-            f"ambient light and leaks are {to_percent(error)} of the answer and were not taken off "
-            f"(limit {to_percent(limits.left[0])}); darken the room, or take black exposures",
-        )
-
-
-def judge_common_light(share: float, limits: VerdictLimits = LIMITS) -> Iterator[VerdictFinding]:
-    """Share of the light of a slice's photos that comes whatever is shown: it is in the picture of
-    the scene under all patterns, and not in the entries of T."""
-    if share < 1.0 and share / (1.0 - share) < limits.stray[0]:
-        return
-    yield VerdictFinding(
-        Grade.DOUBTFUL,
-        f"{to_percent(share)} of the light comes whatever is shown (limit "
-        f"{to_percent(limits.stray[0])} of the rest): entries of T are without it, the picture is "
-        "not; darken the room",
-    )
-
-
-def judge_pair_sum(
-    sums: Floats, floodlit: Floats, variance: Floats, limits: VerdictLimits = LIMITS
-) -> Iterator[VerdictFinding]:
-    """Whether a complement pair adds up to the floodlit photo; (n, C) each, of pixels in the field,
-    `variance` that of their difference."""
-    known = np.isfinite(variance)
-    power = float(np.mean(floodlit[known] ** 2)) if known.any() else 0.0
-    if not power > 0.0:
-        return
-    apart = float(np.mean((sums - floodlit)[known] ** 2 - variance[known]))
-    share = float(np.sqrt(max(apart, 0.0) / power))
-    grade = choose_grade(share, limits.pair_sum)
-    if grade:
-        yield VerdictFinding(
-            grade,
-            f"the pair of exposures does not add up to the white photo: it is {to_percent(share)} "
-            f"off (limit {to_percent(limits.pair_sum[0])}); look at ambient light and leaks "
-            "(black_level), a lamp that drifts, an aperture that does not come back, or a missed "
-            "refresh",
-        )
-
-
-def _of_the_rest(error: float, power: float) -> float:
+def _over_the_rest(error: float, power: float) -> float:
     """RMS error over the RMS of what a picture has without it; both are mean squares."""
     return float(np.sqrt(error / (power - error))) if error < power else np.inf
 
 
-def _error(share: float) -> str:
-    return to_percent(share) if np.isfinite(share) else "as much as all that it shows"
+def _error_by_single_paths(seen: Evidence, image: Floats) -> float:
+    """RMS error by codes over that of the answer, (n, C) in the field, if each point got all its
+    indirect light by one path: what its weight is off, of all paths alike."""
+    rule = seen.decoded.recipe.answer
+    if isinstance(rule, Extremes):
+        weights = dict.fromkeys(rule.photos, max(abs(rule.largest), abs(rule.smallest)))
+    else:
+        weights = {name: abs(weight) for weight, name in rule}
+    all_light = seen.pictures.get("indirect", seen.pictures.get("white"))
+    light = compute_rms(image if all_light is None else seen.inside(all_light.image))
+    off = sum(weights[name] * seen.deviations[name].off_rms for name in weights)
+    answer = compute_rms(image)
+    return off * light / answer if answer > 0.0 else np.inf
+
+
+def _judge_common_light(share: float) -> list[VerdictFinding]:
+    """Share of the light of a slice's photos that comes whatever is shown: it is in the picture of
+    the scene under all patterns, and not in the entries of T."""
+    rest = share / (1.0 - share) if share < 1.0 else np.inf
+    return judge(Cause.COMMON_LIGHT, rest, share=share)
+
+
+def judge_pair_sum(sums: Floats, floodlit: Floats, variance: Floats) -> Iterator[VerdictFinding]:
+    """Whether a complement pair adds up to the floodlit photo; (n, C) each, of pixels in the field,
+    `variance` that of their difference."""
+    known = np.isfinite(variance)
+    power = float(np.mean(floodlit[known] ** 2)) if known.any() else 0.0
+    if power > 0.0:
+        apart = float(np.mean((sums - floodlit)[known] ** 2 - variance[known]))
+        yield from judge(Cause.PAIR_SUM, float(np.sqrt(max(apart, 0.0) / power)))

@@ -6,29 +6,32 @@ those. So it takes the same few hundredths of a second for a frame of any size.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.arrays import Bools, Floats
+from pdcd.arrays import Floats
 from pdcd.pictures.darkroom import DecodedRun
 from pdcd.pictures.exposed import ExposedShot
 from pdcd.pictures.picture import PictureWithErrors
-from pdcd.pictures.transport import TransportSlice
 from pdcd.probing.deviation import Deviation
 from pdcd.probing.realised import Factors, sum_signed_factors
-from pdcd.recipes.recipe import Extremes, Recipe, RecipePhoto, Shot
+from pdcd.recipes.recipe import Extremes, RecipePhoto, Shot
+from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.verdict.placement import LightSample
-from pdcd.words import NormaliseName
 
 _PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
 PIXELS_PER_CELL = 4
 """The same for each cell, where that is more: of those that see the field."""
+_STACK = 24
+"""Photos of single codes that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,6 @@ class PixelSample:
         """(n, C), its variance."""
         return self._flat(shot.variance_at(self._each, self._each))
 
-    def blown(self, shot: ExposedShot) -> NDArray[np.bool_]:
-        """(n,), where it is saturated."""
-        return shot.saturated[self._each, self._each].ravel()
-
     def _flat(self, some: NDArray[Any]) -> Floats:
         return np.asarray(some, dtype=np.float64).reshape(self.cell.size, -1)
 
@@ -97,56 +96,56 @@ class PixelSample:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What is known of a run whose pictures were made.
+    """A run whose pictures were made, and what of it is looked at.
 
-    photos : those that the answer is made of. names : of their shots, single codes included.
-    planned : shots as the recipe has them. panels : shots and weighted sums of them, by name, as
-    the photos name them. deviations : of photos from what was wanted. apart : of photos, the share
-    of the field in which the panels showed different cells. takes_out : whether direct light was
-    taken out of a photo. thin : the pixels that are looked at. field : (h, w), quads that lie
-    wholly within the field.
+    cells : the map of its frame. deviations : of photos from what was wanted.
     """
 
-    recipe: Recipe
-    photos: tuple[RecipePhoto, ...]
-    names: tuple[str, ...]
-    planned: Mapping[str, Shot]
-    shots: Mapping[str, ExposedShot]
-    panels: Mapping[str, ExposedShot]
-    pictures: Mapping[str, PictureWithErrors]
-    answer: PictureWithErrors
-    transport: TransportSlice | None
+    record: RunRecord
+    cells: CellMap
+    decoded: DecodedRun
     deviations: Mapping[str, Deviation]
-    apart: Mapping[str, float]
-    takes_out: Callable[[RecipePhoto, NormaliseName], bool]
-    thin: PixelSample
-    field: Bools
 
-    @classmethod
-    def of(
-        cls, decoded: DecodedRun, cells: CellMap, deviations: Mapping[str, Deviation]
-    ) -> Evidence:
-        """That of a run that was decoded; `cells` is the map of its frame."""
-        recipe = decoded.recipe
-        rule = recipe.answer
-        named = rule.photos if isinstance(rule, Extremes) else [name for _, name in rule]
-        photos = tuple(photo for photo in recipe.photos if photo.name in set(named))
-        return cls(
-            recipe=recipe,
-            photos=photos,
-            names=tuple(dict.fromkeys(_shots_of(photos, decoded))),
-            planned={shot.name: shot for shot in recipe.shots},
-            shots=decoded.shots,
-            panels={**decoded.shots, **decoded.sums},
-            pictures=decoded.pictures,
-            answer=decoded.answer,
-            transport=decoded.transport,
-            deviations=deviations,
-            apart={photo.name: decoded.apart_in(photo) for photo in photos},
-            takes_out=decoded.takes_out,
-            thin=PixelSample.of(cells),
-            field=cells.known,
-        )
+    @cached_property
+    def photos(self) -> list[RecipePhoto]:
+        """Those that the answer is made of."""
+        rule = self.decoded.recipe.answer
+        names = rule.photos if isinstance(rule, Extremes) else [name for _, name in rule]
+        return [photo for photo in self.decoded.recipe.photos if photo.name in names]
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of their shots, single codes included."""
+        found, recipe = dict[str, None](), self.decoded.recipe
+        for _, name in itertools.chain.from_iterable(photo.shots for photo in self.photos):
+            found |= dict.fromkeys([name] if name in self.decoded.shots else recipe.stack)
+        return [*found]
+
+    @cached_property
+    def thin(self) -> PixelSample:
+        """The pixels that are looked at."""
+        return PixelSample.of(self.cells)
+
+    @property
+    def pictures(self) -> Mapping[str, PictureWithErrors]:
+        """All of them, by name."""
+        return self.decoded.pictures
+
+    @cached_property
+    def planned(self) -> dict[str, Shot]:
+        """Shots as the recipe has them, by name."""
+        return {shot.name: shot for shot in self.decoded.recipe.shots}
+
+    @cached_property
+    def records(self) -> list[ShotRecord]:
+        """What the run wrote down of the shots that the answer is made of."""
+        names = set(self.names)
+        return [shot for shot in self.record.shots if shot.name in names]
+
+    @cached_property
+    def panels(self) -> dict[str, ExposedShot]:
+        """Shots and weighted sums of them, by the names that photos call them."""
+        return {**self.decoded.shots, **self.decoded.sums}
 
     def inside(self, image: NDArray[Any]) -> Floats:
         """Values of a picture (h, w, C) at the pixels of the field that are looked at, (n, C)."""
@@ -155,17 +154,19 @@ class Evidence:
     def sample(self, terms: Iterable[tuple[float, str]]) -> LightSample:
         """A signed sum of shots, by the means of its cells."""
         thin = self.thin
-        shots = [(sign, self.shots[name]) for sign, name in terms]
+        shots = [(sign, self.decoded.shots[name]) for sign, name in terms]
         grey = sum((s * thin.light(e).mean(axis=1) for s, e in shots), np.zeros(len(thin.cell)))
-        blown = np.logical_or.reduce([thin.blown(e) for _, e in shots])
+        blown = np.any([thin.pick(e.saturated)[:, 0] for _, e in shots], axis=0)
         realised: Factors = sum_signed_factors((sign, shot.realised) for sign, shot in shots)
         return LightSample(thin.mean(grey, blown), realised)
 
 
-def _shots_of(photos: Iterable[RecipePhoto], decoded: DecodedRun) -> Iterator[str]:
-    for photo in photos:
-        for _, name in photo.shots:
-            if name in decoded.shots:
-                yield name
-            else:
-                yield from decoded.recipe.stack
+def compute_rms(values: Floats) -> float:
+    """Of the values that are known; 0 where none is."""
+    known = np.isfinite(values)
+    return float(np.sqrt(np.mean(values[known] ** 2))) if known.any() else 0.0
+
+
+def list_evenly(names: Sequence[str]) -> Sequence[str]:
+    """At most `_STACK` of them, evenly spread."""
+    return names[:: -(-len(names) // _STACK)] if names else names

@@ -1,25 +1,127 @@
-"""What the matrices of photos tell by themselves: of torn windows, of light that was to be blocked
-and got through, and of weights of direct light that are off.
+"""What the verdict says of probing matrices as the panels realised them: of weights that are off,
+of torn windows, and of light that was to be blocked and got through.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from pdcd.arrays import Indices
+from pdcd.arrays import Floats, Indices
 from pdcd.pictures.weights import RealisedShot, is_divided_by_row, sum_realised_matrices
 from pdcd.probing.convolved import SameRowPart
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import FullPart, Grid, MatchPart, MatrixPart, WantedMatrix
-from pdcd.recipes.recipe import RecipePhoto
+from pdcd.recipes.recipe import Extremes, RecipePhoto
 from pdcd.runs.record import ShotRecord
+from pdcd.verdict.causes import Cause, VerdictFinding, judge
+from pdcd.verdict.evidence import Evidence
 from pdcd.words import NormaliseName
 
 _TOGETHER = 1
 """Cells by which the partners of neighbours may lie nearer or further apart than these."""
+_NO_WEIGHT = 1e-9
+"""Weight that is none."""
+_LEAST_SHOWN = 0.05
+"""Least share of the direct light that a picture of it is taken to show."""
+
+
+def judge_matrices(seen: Evidence) -> Iterator[VerdictFinding]:
+    """All that is said of the matrices of the answer's photos."""
+    yield from judge(Cause.TORN, warp_tear_share(seen.photos, seen.records))
+    for photo in seen.photos:
+        one = seen.deviations[photo.name]
+        yield from judge(Cause.DIRECT_WEIGHT, abs(one.diagonal_mean), photo=photo.name)
+        yield from judge(Cause.PATH_WEIGHTS, one.off_rms, photo=photo.name)
+    off = compute_direct_weight_errors(seen.photos, seen.panels, seen.record.normalise)
+    for name, wrong in off.items():
+        yield from judge(Cause.DIRECT_BY_CELL, wrong, photo=name)
+    rule = seen.decoded.recipe.answer
+    if "direct" in seen.pictures:
+        yield from _judge_direct_left(seen)
+    elif not isinstance(rule, Extremes):
+        shares = {name: share for share, name in rule}
+        if "white" not in seen.pictures:
+            yield from _judge_direct_unseen(seen, shares)
+        elif "white" not in shares:
+            yield from _judge_blocked_left(seen, shares)
+
+
+def _judge_direct_left(seen: Evidence) -> Iterator[VerdictFinding]:
+    """What is direct light in an answer of one photo without any, of which a picture shows how much
+    there is."""
+    if len(seen.photos) != 1:
+        return
+    (photo,) = seen.photos
+    if photo.wanted.uniform is None or photo.wanted.uniform[0] != 0.0:
+        return
+    there, answer = (seen.inside(p.image) for p in (seen.pictures["direct"], seen.decoded.answer))
+    mean = abs(seen.deviations[photo.name].diagonal_mean)
+    weight = max(mean, _weight_at_borders(seen, photo))
+    # What is left of it in this picture is missing in that of direct light.
+    share = compute_light_share(weight, there / max(1.0 - mean, _LEAST_SHOWN), answer)
+    found = judge(Cause.DIRECT_LEFT, share, weight=weight)
+    if found and seen.decoded.takes_out(photo, seen.record.normalise):
+        found = judge(Cause.DIRECT_TAKEN_OUT, compute_light_share(weight, there, answer))
+    yield from found
+
+
+def compute_light_share(weight: float, light: Floats, answer: Floats) -> float:
+    """RMS of light with this weight over that of the answer, (n, C) each, where both are known."""
+    known = np.isfinite(light) & np.isfinite(answer)
+    power = float(np.sum(answer[known] ** 2))
+    return weight * float(np.sqrt(np.sum(light[known] ** 2) / power)) if power > 0.0 else 0.0
+
+
+def _weight_at_borders(seen: Evidence, photo: RecipePhoto) -> float:
+    """RMS over the quads of the weight of direct light that gets through between cells.
+
+    It lies along the borders of cells, in lines that are one quad wide or, where quads are finer
+    than that, as wide as the panels are apart.
+    """
+    apart = seen.decoded.apart_in(photo)
+    quads = max(int(np.count_nonzero(seen.cells.known)), 1)
+    quad = float(np.sqrt(seen.decoded.recipe.target.cells / quads))
+    return apart / float(np.sqrt(max(min(2.0 * quad, 1.0), apart)))
+
+
+def _judge_blocked_left(seen: Evidence, shares: Mapping[str, float]) -> Iterator[VerdictFinding]:
+    """What is left of light that was to be blocked by its depth, or by its row.
+
+    Where windows cut cells, what holds between cells says nothing of direct light, which goes from
+    point to point.
+    """
+    if any(shot.window != "whole" for shot in seen.record.shots):
+        return
+    if not any(list_blocked_parts(photo.wanted) for photo in seen.photos):
+        return
+    weight = 0.0
+    for photo in seen.photos:
+        realised = sum_realised_matrices(photo.shots, seen.panels)
+        full_s = seen.deviations[photo.name].weight_s
+        weight += shares[photo.name] * compute_blocked_weight(realised, photo.wanted, full_s)
+    weight = abs(weight)
+    white, answer = (seen.inside(p.image) for p in (seen.pictures["white"], seen.decoded.answer))
+    # What is left of it in this picture is missing in the difference.
+    blocked = (white - answer) / max(1.0 - weight, _LEAST_SHOWN)
+    share = compute_light_share(weight, blocked, answer)
+    yield from judge(Cause.BLOCKED_LEFT, share, weight=weight)
+
+
+def _judge_direct_unseen(seen: Evidence, shares: Mapping[str, float]) -> Iterator[VerdictFinding]:
+    """Direct light in an answer that is to have none in some cells, where no photo shows how much
+    there is. Off the axis it comes another way."""
+    if not seen.photos:
+        return
+    wanted, got = np.zeros((2, seen.photos[0].wanted.cells))
+    for photo in seen.photos:
+        realised = sum_realised_matrices(photo.shots, seen.panels)
+        wanted += shares[photo.name] * photo.wanted.diagonal()
+        got += shares[photo.name] * realised.coaxial / seen.deviations[photo.name].weight_s
+    none = np.abs(wanted) < _NO_WEIGHT
+    yield from judge(Cause.DIRECT_UNSEEN, float(np.abs(got[none]).sum() / none.size))
 
 
 def warp_tear_share(photos: Iterable[RecipePhoto], shots: Sequence[ShotRecord]) -> float:

@@ -1,4 +1,4 @@
-"""What the verdict says of panels and a camera that lie elsewhere, as blocks showed them."""
+"""What the verdict says of panels and a camera that lie elsewhere, by photos of blocks."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pdcd.pictures.misplaced import (
     LostDirectLight,
     Misplacement,
     estimate_lost_direct,
+    find_quads_beside_mask,
     known_shift_px,
     mean_cell_px,
     measure_misplacement,
 )
-from pdcd.printable import to_percent
 from pdcd.runs.record import PanelLook, RunRecord
-from pdcd.verdict.limits import LIMITS, Grade, VerdictFinding, VerdictLimits, choose_grade
+from pdcd.verdict.causes import Cause, Grade, VerdictFinding, judge
+from pdcd.verdict.evidence import Evidence, compute_rms
 
-_CALIBRATE = "run pdcd calibrate geometry"
 _FLIPS = {
     "horizontal": "mirrored left to right",
     "vertical": "mirrored top to bottom",
@@ -30,39 +30,73 @@ _FLIPS = {
 }
 _LEAST_DEG, _LEAST_SCALE = 0.05, 0.002
 """Turn and change of size from which they are told."""
-HOPELESS = 0.5
+_HOPELESS = 0.5
 """Direct light that goes through wrong cells from which photos do not tell how much there is."""
 _HARDLY = 0.05
 """Share of direct light in a scene that is hardly any."""
 
 
-def judge_unseen_panels(look: PanelLook, *, measured: bool) -> Iterator[VerdictFinding]:
+def judge_blocks(seen: Evidence, look: PanelLook) -> Iterator[VerdictFinding]:
+    """What photos of blocks say of where panels and camera are, once the pictures are made."""
+    record, image = seen.record, seen.decoded.answer.image
+    windows = {shot.name: shot.window for shot in record.shots}
+    shown = [windows[n] for n in seen.names if n in windows and not seen.planned[n].white]
+    lost = estimate_lost_direct(record, next(iter(shown), "whole"))
+    answer = compute_rms(seen.inside(image))
+    share = _predict_share(look.direct, lost.rms)
+    white, direct = (seen.pictures.get(name) for name in ("white", "direct"))
+    if white is not None and answer > 0.0 and record.goal.name != "fraction":
+        light = look.direct * seen.inside(white.image)
+        if lost.mean < _HOPELESS and direct is not None:
+            light = seen.inside(direct.image) / (1.0 - lost.mean)
+        share = lost.rms * float(np.sqrt(np.nanmean(light**2))) / answer
+    yield from _judge_look(record, look, lost, share)
+    beside = find_quads_beside_mask(record, seen.cells)
+    if beside is not None and beside.any():
+        part = float(np.count_nonzero(beside & seen.cells.known)) / max(
+            int(seen.cells.known.sum()), 1
+        )
+        missing = _missing_share(beside, seen.cells.known, image, seen.thin.step)
+        yield from judge(Cause.BESIDE_MASK, missing, part=part)
+
+
+def list_placement_warnings(record: RunRecord, window: str) -> list[str]:
+    """What a user is to hear at once, before the other photos are taken; a share of the answer is
+    not known yet, and is that of a scene with as much light of either kind as the blocks show."""
+    look = record.panels
+    if look is None:
+        return []
+    lost = estimate_lost_direct(record, window)
+    share = _predict_share(look.direct, lost.rms)
+    return [finding.text for finding in _judge_look(record, look, lost, share)]
+
+
+def _predict_share(direct: float, lost: float) -> float:
+    """Error of indirect light by direct light that was lost to it, in a scene with such a share of
+    direct light."""
+    return lost * direct / max(1.0 - direct + lost * direct, _HARDLY)
+
+
+def _judge_look(
+    record: RunRecord, look: PanelLook, lost: LostDirectLight, share: float
+) -> Iterator[VerdictFinding]:
+    """Both panels and the camera; `share` is of the answer, by direct light that was lost."""
+    size_px, cell_px = record.projector.field_size_px, mean_cell_px(record)
+    measured = record.mask.place.map is not None and record.camera_place.map is not None
+    yield from judge_unseen_panels(look, measured=measured)
+    yield from judge_mask_place(look, record.mask, size_px, lost, share, cell_px)
+    yield from judge_camera_place(look, record.camera_place, size_px, cell_px)
+
+
+def judge_unseen_panels(look: PanelLook, *, measured: bool) -> list[VerdictFinding]:
     """Panels of which no photos tell where they lie. measured : whether a calibration does: where
     nobody could look, its word is taken. Too few quads are a remark: only toys have so few."""
-    if look.mask is not None:
-        return
+    if look.mask is not None or (look.why and measured):
+        return []
     if look.why:
-        if measured:
-            return
-        text = (
-            f"nobody looked whether panels and camera lie where they are believed to: {look.why}; "
-            f"{_CALIBRATE}"
-        )
-        if look.why == TOO_FEW:
-            yield VerdictFinding(Grade.REMARK, text)
-            return
-    elif look.mask_seen:
-        text = (
-            "nobody knows whether both panels lie alike: blocks on the projector are not seen in "
-            "the scene, which has hardly any direct light, or the projector is out of focus or "
-            f"lies elsewhere; look at a plain card, or {_CALIBRATE}"
-        )
-    else:
-        text = (
-            "nobody knows where the mask lies: blocks on it are not seen by the camera; look at "
-            f"its picture, its polarisers and the camera's focus, and {_CALIBRATE}"
-        )
-    yield VerdictFinding(Grade.DOUBTFUL, text)
+        grade = Grade.REMARK if look.why == TOO_FEW else Grade.DOUBTFUL
+        return judge(Cause.NOBODY_LOOKED, grade=grade, why=look.why)
+    return judge(Cause.PROJECTOR_UNSEEN if look.mask_seen else Cause.MASK_UNSEEN)
 
 
 def judge_mask_place(
@@ -71,84 +105,69 @@ def judge_mask_place(
     size_px: tuple[int, int],
     lost: LostDirectLight,
     share: float,
-    side_px: float,
-    limits: VerdictLimits = LIMITS,
-) -> Iterator[VerdictFinding]:
+    cell_px: float,
+) -> list[VerdictFinding]:
     """The mask's picture against the projector's.
 
     size_px : (width, height) of the field in projector pixels. share : RMS of that over the RMS of
-        the answer. side_px : of the cells; a mask that lies a quarter of one elsewhere opened at
+        the answer. cell_px : side of a cell; a mask that lies a quarter of one elsewhere opened at
         other quads than these are divided by, of all light alike.
     """
     if look.mask is None:
-        return
+        return []
     lie = measure_misplacement(look.mask, size_px, known_shift_px(mask))
-    grade = choose_grade(share, limits.misplaced)
-    if lie.median_px >= 0.25 * side_px:
-        grade = max(grade, Grade.DOUBTFUL)
-    if lie.flip != "none" or (lost.mean >= HOPELESS and look.direct > _HARDLY):
+    quarter_px, flipped = 0.25 * cell_px, lie.flip != "none"
+    grade = Cause.MASK_PLACE.value.grade(share)
+    if flipped or (lost.mean >= _HOPELESS and look.direct > _HARDLY):
         grade = Grade.BAD
-    if not grade:
-        return
-    what = "all" if lie.flip != "none" else to_percent(lost.mean)
-    yield VerdictFinding(
+    elif lie.median_px >= quarter_px:
+        grade = max(grade, Grade.DOUBTFUL)
+    return judge(
+        Cause.MASK_PLACE,
+        share,
         grade,
-        f"the mask's picture {_lies(lie)} [mask.place] says: {what} of the direct light goes "
-        f"through wrong cells, {to_percent(share)} of the answer (limit "
-        f"{to_percent(limits.misplaced[0])}), and a quarter of a cell is {0.25 * side_px:.3g} px; "
-        f"{_mend('mask', mask.place, lie)}",
+        lies=_describe_lie(lie),
+        lost="all" if flipped else lost.mean,
+        quarter_px=quarter_px,
+        mend=_describe_mend("mask", mask.place, lie),
     )
 
 
-def judge_field_beside_mask(
-    beside_mask: Bools, field: Bools, image: Floats, step: int, limits: VerdictLimits = LIMITS
-) -> Iterator[VerdictFinding]:
-    """A part of the field that lies beside the mask's picture, from where no light comes.
+def judge_camera_place(
+    look: PanelLook, place: Placing, size_px: tuple[int, int], cell_px: float
+) -> list[VerdictFinding]:
+    """What the camera sees against where it is believed to look; cells have sides of `cell_px`."""
+    if look.camera is None:
+        return []
+    lie = measure_misplacement(look.camera, size_px)
+    return judge(
+        Cause.CAMERA_PLACE,
+        lie.median_px / cell_px if lie.flip == "none" else np.inf,
+        lies=_describe_lie(lie),
+        half_px=0.5 * cell_px,
+        mend=_describe_mend("camera", place, lie),
+    )
 
-    beside_mask, field : (h, w). image : the answer, (h, w, C). step : every so many quads are
-    looked at. Its error bars say that nothing is known there, so that what is left may be right;
-    whoever looks at the whole picture sees a dark edge, which is doubtful where light next to it
-    would be much of the answer.
+
+def _missing_share(beside_mask: Bools, field: Bools, image: Floats, step: int) -> float:
+    """RMS over the answer's, (h, w, C), of the light that it lacks where the field lies beside the
+    mask's picture, were it as much there as next to it; 1 where nothing else is seen.
+
+    beside_mask, field : (h, w). step : every so many quads are looked at. Error bars say that
+    nothing is known there; whoever looks at the whole picture sees a dark edge.
     """
     import scipy  # few photos have such a part
 
     lost, seen = beside_mask[::step, ::step], (field & ~beside_mask)[::step, ::step]
     square = np.mean(image[::step, ::step] ** 2, axis=-1)
-    share = 1.0
-    if seen.any():
-        near = scipy.ndimage.distance_transform_edt(
-            ~seen, return_distances=False, return_indices=True
-        )
-        whole = float(np.nansum(square[seen]))
-        if whole > 0.0:
-            share = float(np.sqrt(np.nansum(square[tuple(near)][lost]) / whole))
-    part = float(np.count_nonzero(beside_mask & field)) / max(int(np.count_nonzero(field)), 1)
-    yield VerdictFinding(
-        Grade.DOUBTFUL if share >= limits.beyond else Grade.REMARK,
-        f"{to_percent(part)} of the field lies beside the mask's picture, and nothing is known "
-        f"there: were it as bright as next to it, {to_percent(share)} of the answer would be "
-        f"missing (limit {to_percent(limits.beyond)}); {_CALIBRATE}, or move the mask",
-    )
+    whole = float(np.nansum(square[seen]))
+    if not whole > 0.0:
+        return 1.0
+    near = scipy.ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    return float(np.sqrt(np.nansum(square[tuple(near)][lost]) / whole))
 
 
-def judge_camera_place(
-    look: PanelLook, place: Placing, size_px: tuple[int, int], side_px: float
-) -> Iterator[VerdictFinding]:
-    """What the camera sees against where it is believed to look; cells have sides of `side_px`."""
-    if look.camera is None:
-        return
-    lie = measure_misplacement(look.camera, size_px)
-    if lie.flip == "none" and lie.median_px < 0.5 * side_px:
-        return
-    yield VerdictFinding(
-        Grade.DOUBTFUL,
-        f"what the camera sees {_lies(lie)} [camera.place] says, and half a cell is "
-        f"{0.5 * side_px:.3g} px: quads count as seeing other cells than they do; "
-        f"{_mend('camera', place, lie)}",
-    )
-
-
-def _lies(lie: Misplacement) -> str:
+def _describe_lie(lie: Misplacement) -> str:
     """Words that end in "where"."""
     right, down = lie.offset_px
     parts = [_FLIPS[lie.flip]] if lie.flip != "none" else []
@@ -166,10 +185,10 @@ def _lies(lie: Misplacement) -> str:
     )
 
 
-def _mend(device: str, place: Placing, lie: Misplacement) -> str:
+def _describe_mend(device: str, place: Placing, lie: Misplacement) -> str:
     """One thing to do, and what else does where places are given by hand."""
     if place.map is not None or place.homography is not None:
-        return _CALIBRATE
+        return "run pdcd calibrate geometry"
     right, down = lie.offset_px
     keys = []
     if lie.flip == "none":
@@ -186,29 +205,4 @@ def _mend(device: str, place: Placing, lie: Misplacement) -> str:
             keys.append(f'flip = "{lie.flip}"')
     else:
         keys.append("flip")
-    return f"{_CALIBRATE}, or set {', '.join(keys)} in [{device}.place]"
-
-
-def is_place_measured(record: RunRecord) -> bool:
-    """Whether a calibration has measured where mask and camera lie."""
-    return record.mask.place.map is not None and record.camera_place.map is not None
-
-
-def list_placement_warnings(record: RunRecord, window: str) -> list[str]:
-    """What a user is to hear at once, before the other photos are taken; a share of the answer is
-    not known yet, and is that of a scene with as much light of either kind as the blocks show."""
-    look, found = record.panels, list[VerdictFinding]()
-    if look is None:
-        return []
-    size_px, lost = record.projector.field_size_px, estimate_lost_direct(record, window)
-    share = predict_indirect_error(look.direct, lost.rms)
-    found += judge_unseen_panels(look, measured=is_place_measured(record))
-    found += judge_mask_place(look, record.mask, size_px, lost, share, mean_cell_px(record))
-    found += judge_camera_place(look, record.camera_place, size_px, mean_cell_px(record))
-    return [finding.text for finding in found]
-
-
-def predict_indirect_error(direct: float, lost: float) -> float:
-    """Error of indirect light by direct light that was lost to it, in a scene with such a share of
-    direct light."""
-    return lost * direct / max(1.0 - direct + lost * direct, _HARDLY)
+    return f"run pdcd calibrate geometry, or set {', '.join(keys)} in [{device}.place]"

@@ -20,7 +20,7 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.verdict.answer import judge_pair_sum
-from pdcd.verdict.limits import Grade
+from pdcd.verdict.causes import Grade
 from tests import bench_rig
 
 GRID = (3, 4)

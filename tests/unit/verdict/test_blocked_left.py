@@ -8,7 +8,7 @@ import pytest
 from pdcd.probing.convolved import SameRowPart
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import MatchPart, MatrixPart, NearPart, UniformPart, WantedMatrix
-from pdcd.verdict.matrices import compute_blocked_weight
+from pdcd.verdict.matrices import compute_blocked_weight, compute_light_share
 
 GRID, N = (3, 4), 12
 
@@ -58,3 +58,10 @@ def test_photos_that_block_neither_have_nothing_left(
     parts: tuple[tuple[float, MatrixPart], ...],
 ) -> None:
     assert compute_blocked_weight(some(4), WantedMatrix(GRID, parts), 1.0) == 0.0
+
+
+def test_light_counts_by_its_weight_where_both_pictures_are_known() -> None:
+    light, answer = np.full((50, 3), 10.0), np.full((50, 3), 2.0)
+    light[0], answer[1] = np.nan, np.inf
+    assert compute_light_share(0.06, light, answer) == pytest.approx(0.3)
+    assert compute_light_share(0.06, light, np.zeros((50, 3))) == 0.0

@@ -10,7 +10,7 @@ from pdcd.panels.blocks import TOO_FEW
 from pdcd.panels.placing import Placing
 from pdcd.pictures.misplaced import LostDirectLight
 from pdcd.runs.record import PanelLook, Six
-from pdcd.verdict.limits import Grade
+from pdcd.verdict.causes import Grade
 from pdcd.verdict.misplaced import judge_camera_place, judge_mask_place, judge_unseen_panels
 
 SIZE = (1024, 768)

@@ -1,0 +1,252 @@
+"""The table of the verdict: from which figure on a photo is doubtful or bad, and what is said then.
+
+`judge` holds one figure against its row; that figure is worked out beside it, by the room's other
+modules. docs/quality.md has the same table for users.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+from pdcd.bench.exposure_time import OFF_S, OFF_SHARE
+from pdcd.printable import to_percent
+from pdcd.protocol.result import Quality
+
+NEVER = math.nan
+"""A limit that no figure reaches."""
+YES = 1.0
+"""The limit of what is counted, or true."""
+
+
+class Grade(IntEnum):
+    """How heavily a figure weighs; remarks leave a photo good."""
+
+    SOUND = 0
+    REMARK = 1
+    DOUBTFUL = 2
+    BAD = 3
+
+
+@dataclass(frozen=True)
+class VerdictRow:
+    """One cause: doubtful from this figure on, bad from that, and what is said.
+
+    says : one sentence with what to do. ``{figure}`` and ``{limit}``, as all shares, are written as
+    percentages unless a format follows the name; other names are what the figure came from.
+    remark : from which figure on it is worth a remark. falls : small figures are the bad ones.
+    """
+
+    doubtful: float
+    bad: float
+    says: str
+    remark: float = NEVER
+    falls: bool = False
+
+    def grade(self, figure: float) -> Grade:
+        """That of the heaviest limit which the figure reaches."""
+        for limit, grade in (
+            (self.bad, Grade.BAD),
+            (self.doubtful, Grade.DOUBTFUL),
+            (self.remark, Grade.REMARK),
+        ):
+            if figure < limit if self.falls else figure >= limit:
+                return grade
+        return Grade.SOUND
+
+
+class Cause(Enum):
+    """All that a photo may not be good for; shares are of 1."""
+
+    # fmt: off
+    # Single shots.
+    SATURATED = VerdictRow(0.002, 0.05,  # a few glints are left alone by metering
+        "shot {shot}: {figure} of the field is saturated (limit {limit}); close the aperture, or "
+        "take fewer passes")
+    FIELD_UNSEEN = VerdictRow(NEVER, YES,
+        "shot {shot}: no pixel of the camera sees the field")
+    NO_LIGHT = VerdictRow(NEVER, 5.0,
+        "shot {shot}: no light, its mean is {figure:.2g} times its error (limit {limit:g}); look "
+        "at lens cap, shutter, projector and mask", falls=True)
+    UNDER_EXPOSED = VerdictRow(0.3, 1.0,
+        "shot {shot} is under-exposed: its noise is {figure} of its light (limit {limit}); open "
+        "the aperture, or expose longer")
+    # Panels are black outside the field.
+    LIGHT_OUTSIDE = VerdictRow(0.25, NEVER,
+        "ambient or stray light: shot {shot} has {figure} of the field's light outside it (limit "
+        "{limit}); darken the room, or check that [camera.place] says where the field lies")
+    # A white card gets 5 % in a lit room; bright places of scenes reflect half as much and more.
+    ROOM = VerdictRow(0.1, 1.0,
+        "ambient or stray light: in shot {shot} the room's light is {figure} of white (limit "
+        "{limit}); it is taken off, but what it changes by from photo to photo is not: darken the "
+        "room")
+    # Without a white photo: a shot of codes may be dark as its scene has little of what is wanted.
+    STRAY = VerdictRow(0.25, 1.0,
+        "ambient or stray light: beyond what the panels let through, shot {shot} has {figure} of "
+        "the light of the lit shot (limit {limit}); it is taken off, but what it changes by from "
+        "photo to photo is not: darken the room, or cover the way of the light")
+    MISSED = VerdictRow(YES, NEVER,
+        "{missed} refreshes were missed in {shots}, so that codes got unequal light; let nothing "
+        "else run on the display, or set rig.on_miss to balance")
+    CLOSED_EARLY = VerdictRow(NEVER, YES,
+        "the shutter closed {early_s:.3g} s before the panels went black in {shots}; give the "
+        "shutter more time (trigger lag)")
+    UNVERIFIED = VerdictRow(YES, NEVER,
+        "presentation times are not verified in {shots} (time source {source}): nobody knows "
+        "whether refreshes were lost; use a display with a verified time source")
+    EXPOSURE_TIMES = VerdictRow(YES, NEVER,
+        f"{{shots}}: {{conflict}} (limit the larger of {OFF_S:g} s and {to_percent(OFF_SHARE)}); "
+        "see that nothing stops this program, that the camera stands at bulb, and look at the "
+        "shutter's cable")
+
+    # Places of panels and camera, by light that follows codes, and by photos of blocks.
+    # Misplaced panels have 0.5 to 1 of the light follow their codes, others up to 0.2.
+    WRONG_WAY = VerdictRow(NEVER, 0.3,
+        "a panel is {how}: {figure} of the light follows codes that lie so (limit {limit}); look "
+        "at [projector.place], [mask.place] and [camera.place]")
+    LESS_THAN_NO_DIRECT = VerdictRow(NEVER, -0.2,
+        "the coded photo has more light than all there is (direct light {figure}, limit {limit}): "
+        "a panel is inverted, or there is much ambient light; look at the polarisers of the mask, "
+        "or measure with black_level ambient", falls=True)
+    # A tenth of all cells must have so much: of misplaced panels 0.05, of the virtual scenes 0.9.
+    NO_DIRECT = VerdictRow(0.15, NEVER,
+        "no direct light in the scene (at most {figure} in nine of ten places, limit {limit}): "
+        "mask and projector do not show the same place, or one is much out of focus; look at "
+        "[projector.place], [mask.place] and [camera.place]", falls=True)
+    NOBODY_LOOKED = VerdictRow(YES, NEVER,
+        "nobody looked whether panels and camera lie where they are believed to: {why}; run pdcd "
+        "calibrate geometry")
+    PROJECTOR_UNSEEN = VerdictRow(YES, NEVER,
+        "nobody knows whether both panels lie alike: blocks on the projector are not seen in the "
+        "scene, which has hardly any direct light, or the projector is out of focus or lies "
+        "elsewhere; look at a plain card, or run pdcd calibrate geometry")
+    MASK_UNSEEN = VerdictRow(YES, NEVER,
+        "nobody knows where the mask lies: blocks on it are not seen by the camera; look at its "
+        "picture, its polarisers and the camera's focus, and run pdcd calibrate geometry")
+    MASK_PLACE = VerdictRow(0.06, 0.4,
+        "the mask's picture {lies} [mask.place] says: {lost} of the direct light goes through "
+        "wrong cells, {figure} of the answer (limit {limit}), and a quarter of a cell is "
+        "{quarter_px:.3g} px; {mend}")
+    CAMERA_PLACE = VerdictRow(0.5, NEVER,
+        "what the camera sees {lies} [camera.place] says, and half a cell is {half_px:.3g} px: "
+        "quads count as seeing other cells than they do; {mend}")
+    BESIDE_MASK = VerdictRow(0.06, NEVER,
+        "{part} of the field lies beside the mask's picture, and nothing is known there: were it "
+        "as bright as next to it, {figure} of the answer would be missing (limit {limit}); run "
+        "pdcd calibrate geometry, or move the mask", remark=0.0)
+
+    # Probing matrices, as the panels realised them.
+    TORN = VerdictRow(0.1, 0.5,
+        "{figure} of the cells share windows with others that are matched with another place "
+        "(limit {limit}), and see that; take whole windows")
+    DIRECT_WEIGHT = VerdictRow(0.1, 0.5,
+        "photo {photo}: direct light has a weight that is {figure} off (limit {limit}); look at "
+        "contrast, guards and offset of the panels, or take more codes")
+    # A single path may be wrong by 1 where codes are few: sums over many paths are not.
+    PATH_WEIGHTS = VerdictRow(1.0, 3.0,
+        "photo {photo}: paths have weights that are {figure} off (limit {limit}); take more codes")
+    DIRECT_BY_CELL = VerdictRow(0.3, 1.0,
+        "photo {photo}: direct light has weights that are {figure} off from cell to cell (RMS, "
+        "limit {limit}); look at guards, lag and offset of the panels, or take more codes")
+    DIRECT_LEFT = VerdictRow(0.15, 0.5,
+        "{figure} of the picture is direct light (limit {limit}), as it has a weight of {weight}; "
+        "take quarter windows, and look at contrast, guards and places of the panels")
+    # A third of it may be wrong: what leaks goes by the exponential of times known to ten percent.
+    DIRECT_TAKEN_OUT = VerdictRow(0.45, 1.5,
+        "direct light as strong as {figure} of the picture was taken out of it, by what is known "
+        "of the panels (limit {limit}); take quarter windows, and look at contrast, guards and "
+        "places of the panels")
+    BLOCKED_LEFT = VerdictRow(0.15, 0.5,
+        "{figure} of the picture is light that was to be blocked (limit {limit}), as it has a "
+        "weight of {weight}; look at contrast, guards and places of the panels")
+    # Direct light is taken for ten times the rest of the scene.
+    DIRECT_UNSEEN = VerdictRow(0.015, 0.05,
+        "direct light that was to be blocked has a weight of {figure} (limit {limit}), and no "
+        "photo tells how much there is; look at contrast and places of the panels, take --schedule "
+        "auto or tail before a slow mask, or take indirect, which shows it")
+
+    # The answer.
+    ANSWER_UNKNOWN = VerdictRow(NEVER, YES,
+        "nothing is known of the answer: all of the field is saturated or unseen; close the "
+        "aperture and look at what the camera sees")
+    NOISE = VerdictRow(0.3, 1.0,
+        "the sensor's noise is {figure} of the answer (limit {limit}); open the aperture, or "
+        "expose longer")
+    UNSURE = VerdictRow(0.5, 0.9,
+        "in {figure} of the field sigma is larger than the answer (limit {limit}); take more "
+        "codes, or parts to measure it")
+    # Over the light that is left without the error: at 1, half of the picture's power is error.
+    ERROR_BARS = VerdictRow(0.3, 1.0,
+        "the answer may be off by {figure} (RMS, limit {limit}) by its error bars: the codes err "
+        "on sharp light, as of mirrors; take more codes")
+    # Light below zero shows as little as half of the error.
+    BELOW_ZERO = VerdictRow(0.15, 1.0,
+        "the answer has light below zero, which is error: it is off by {figure} or more (RMS, "
+        "limit {limit}); the codes err on other light, which is much more than what is wanted; "
+        "take more codes")
+    # 16 codes have 0.25, 100 of them 0.1; codes that leave no error less than 0.003.
+    CODES_UNMEASURED = VerdictRow(0.1, NEVER,
+        "codes are not in the error bar: on sharp light, as of mirrors, the answer may be off by "
+        "{figure} (RMS, limit {limit}); take {advice}, as four parts measure it", remark=0.003)
+    LEAKS_LEFT = VerdictRow(0.05, 0.3,
+        "ambient light and leaks are {figure} of the answer and were not taken off (limit "
+        "{limit}); darken the room, or take black exposures")
+    # Nobody knows which photos saw the change, so that the answer may be right.
+    ROOM_CHANGED = VerdictRow(0.05, NEVER,
+        "the room's light was not the same before and after the photos: the difference makes up to "
+        "{figure} of the answer (limit {limit}); see that no light is switched, and capture again")
+    COMMON_LIGHT = VerdictRow(0.25, NEVER,
+        "{share} of the light comes whatever is shown (limit {limit} of the rest): entries of T "
+        "are without it, the picture is not; darken the room")
+    PAIR_SUM = VerdictRow(0.02, 0.1,
+        "the pair of exposures does not add up to the white photo: it is {figure} off (limit "
+        "{limit}); look at ambient light and leaks (black_level), a lamp that drifts, an aperture "
+        "that does not come back, or a missed refresh")
+    # fmt: on
+
+
+@dataclass(frozen=True)
+class VerdictFinding:
+    """One plain sentence with its figure, its limit and what to do."""
+
+    grade: Grade
+    text: str
+
+
+class _Share(float):
+    """A share of 1, as sentences have it."""
+
+    def __format__(self, spec: str) -> str:
+        if spec:
+            return super().__format__(spec)
+        return to_percent(self) if math.isfinite(self) else "as much as all that it shows"
+
+
+def judge(
+    cause: Cause, figure: float = YES, grade: Grade | None = None, **words: float | str
+) -> list[VerdictFinding]:
+    """What this figure comes to: one finding, or none.
+
+    grade : where more than the figure decides it. words : further names in the sentence.
+    """
+    row = cause.value
+    grade = row.grade(figure) if grade is None else grade
+    if not grade:
+        return []
+    limit = row.bad if math.isnan(row.doubtful) else row.doubtful
+    shares = {"figure": figure, "limit": limit, **words}
+    told = {n: _Share(w) if isinstance(w, float) else w for n, w in shares.items()}
+    return [VerdictFinding(grade, row.says.format(**told))]
+
+
+def combine_findings(findings: Iterable[VerdictFinding]) -> Quality:
+    """The worst finding decides; reasons come worst first, remarks apart."""
+    listed = sorted(findings, key=lambda f: -f.grade)
+    worst = max((f.grade for f in listed), default=Grade.SOUND)
+    return Quality(
+        verdict="bad" if worst == Grade.BAD else "doubtful" if worst == Grade.DOUBTFUL else "good",
+        reasons=tuple(f.text for f in listed if f.grade > Grade.REMARK),
+        remarks=tuple(f.text for f in listed if f.grade == Grade.REMARK),
+    )

@@ -1,0 +1,117 @@
+"""What the verdict says of where panels and camera are: by light that follows codes, and by photos
+of blocks where these were taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from pdcd.arrays import Floats
+from pdcd.recipes.recipe import RecipePhoto
+from pdcd.verdict.causes import Cause, VerdictFinding, judge
+from pdcd.verdict.evidence import Evidence, list_evenly
+from pdcd.verdict.placement import (
+    LightSample,
+    PlacementFit,
+    estimate_direct_shares,
+    fit_fingerprints,
+    fit_stack_fingerprints,
+)
+
+_CHANCE = 6.0
+"""Fit over chance from which light follows codes. Misplaced panels have 14 to 54, others up to 3.
+"""
+_TOO_MUCH = 1.5
+"""Share of the light that follows codes which is more than there is. It is found where such codes
+hardly differ from cell to cell, as at the borders of matched ones."""
+
+
+def judge_panels(seen: Evidence) -> Iterator[VerdictFinding]:
+    """All that is said of where panels and camera are."""
+    yield from _judge_light(seen)
+    if seen.record.panels is not None:
+        from pdcd.verdict.misplaced import judge_blocks  # few runs have looked
+
+        yield from judge_blocks(seen, seen.record.panels)
+
+
+def _judge_light(seen: Evidence) -> Iterator[VerdictFinding]:
+    """What the photos say of where the panels are."""
+    record, shots = seen.record, seen.decoded.shots
+    told: list[LightSample] = []
+    prints: list[LightSample] = []
+    white = None
+    for photo in seen.decoded.recipe.photos:
+        if any(name not in shots for _, name in photo.shots):
+            continue  # a sum of single codes, which the stack tells of
+        samples = _list_samples(photo, seen)
+        if photo.wanted.uniform is not None:
+            told += samples
+        if any(seen.planned[name].white for _, name in photo.shots):
+            white = samples[0].light
+        elif photo in seen.photos:
+            prints = prints or samples
+    fits: Iterable[PlacementFit] = ()
+    if prints:
+        if white is None and len(prints) == 2:  # all that a signed pair gathered
+            white = prints[0].light + prints[1].light
+        sample = LightSample(prints[0].light, prints[0].realised, white)
+        fits = fit_fingerprints(sample, record.grid)
+    stack = list_evenly([n for n in seen.decoded.recipe.stack if n in shots])
+    yield from judge_panel_places(
+        estimate_direct_shares(told, record.grid),
+        fits,
+        list(fit_stack_fingerprints([seen.sample([(1.0, n)]) for n in stack], record.grid)),
+        upright=record.panels is not None and record.panels.upright,
+    )
+
+
+def _list_samples(photo: RecipePhoto, seen: Evidence) -> list[LightSample]:
+    """What was added in a photo, and what was subtracted, each without what leaks through black."""
+    sides: dict[float, list[tuple[float, str]]] = {1.0: [], -1.0: []}
+    of = {name: sign for sign, name in photo.shots}
+    for name, sign in of.items():
+        base = of.get(name.partition("-black-")[0], sign)
+        side = 1.0 if base > 0.0 else -1.0
+        sides[side].append((side * sign, name))
+    return [seen.sample(terms) for terms in sides.values() if terms]
+
+
+def judge_panel_places(
+    shares: Floats,
+    fits: Iterable[PlacementFit],
+    stack: Iterable[PlacementFit],
+    *,
+    upright: bool = False,
+) -> list[VerdictFinding]:
+    """Whether panels are where they are believed to be (`pdcd.verdict.placement`).
+
+    shares : of direct light. fits, stack : of one photo and of single codes. Two pages of a book
+    send each other light from mirrored places. So a photo whose direct light comes from where it
+    should, and more of it than by the codes of a panel that lies in another way, speaks of the
+    scene. So does any photo of panels that blocks showed `upright`: they say where panels lie by
+    themselves, and of fingerprints only one by inverse codes of the own place.
+    """
+    in_place = float(np.median(shares)) if shares.size else 0.0
+    strange = [fit for fit in fits if abs(fit.share) > in_place]
+    stack = list(stack)
+    wrong = [
+        fit
+        for fit in (*strange, *stack)
+        if Cause.WRONG_WAY.value.bad <= abs(fit.share) <= _TOO_MUCH
+        and abs(fit.over_chance) >= _CHANCE
+        and (fit.share < 0.0 if fit.name == "as believed" else not upright)
+    ]
+    if wrong:
+        worst = max(wrong, key=lambda fit: abs(fit.over_chance))
+        how = [] if worst.name == "as believed" else [worst.name]
+        how += ["inverted"] if worst.share < 0.0 else []
+        return judge(Cause.WRONG_WAY, abs(worst.share), how=" and ".join(how))
+    if own := [fit.share for fit in stack if fit.name == "as believed"]:
+        shares = np.array(own)
+    if not shares.size:
+        return []
+    found = judge(Cause.LESS_THAN_NO_DIRECT, float(np.median(shares)))
+    return found or judge(Cause.NO_DIRECT, float(np.percentile(shares, 90.0)))

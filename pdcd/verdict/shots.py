@@ -1,0 +1,153 @@
+"""What the verdict says of single shots: their light, the room's, and how panels kept time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from pdcd.arrays import Floats
+from pdcd.bench.exposure_time import describe_time_conflict
+from pdcd.runs.record import ShotRecord
+from pdcd.verdict.causes import Cause, VerdictFinding, judge
+from pdcd.verdict.evidence import Evidence, list_evenly
+
+_NO_WEIGHT = 1e-9
+"""Light that is none."""
+_BRIGHT = 95.0
+"""Percentile of the field's light that is that of bright places."""
+
+
+def judge_shots(seen: Evidence) -> Iterator[VerdictFinding]:
+    """All that is said of the shots which the answer is made of."""
+    shares = {name: _saturated_share(seen, name) for name in seen.names}
+    if shares:
+        worst = max(shares, key=lambda name: shares[name])
+        yield from judge(Cause.SATURATED, shares[worst], shot=worst)
+    yield from _judge_lit_shots(seen)
+    yield from _judge_room_light(seen)
+    yield from judge_refreshes(seen.records)
+    exif = {name: shot.exif.get("exposure_s") for name, shot in seen.decoded.shots.items()}
+    told_s = {name: told for name, told in exif.items() if isinstance(told, float)}
+    yield from judge_exposure_times(seen.records, told_s)
+
+
+def _saturated_share(seen: Evidence, name: str) -> float:
+    """Of the quads of the field in a shot."""
+    saturated = int(np.count_nonzero(seen.decoded.shots[name].saturated & seen.cells.known))
+    return saturated / max(int(np.count_nonzero(seen.cells.known)), 1)
+
+
+def _judge_lit_shots(seen: Evidence) -> Iterator[VerdictFinding]:
+    """Whether shots that were lit have light, and none outside the field."""
+    thin = seen.thin
+    for name in list_evenly([n for n in seen.names if not seen.planned[n].of_leaks]):
+        shot = seen.decoded.shots[name]
+        if not shot.realised.total_s > 0.0:  # meant to be dark, as one pattern of a few cells is
+            continue
+        light, variance = thin.light(shot), thin.variance(shot)
+        yield from judge_light(name, thin.inside(light), thin.inside(variance))
+        grey = light.mean(axis=1)
+        yield from judge_light_outside(name, thin.inside(grey), thin.outside(grey))
+
+
+def judge_light(shot: str, light: Floats, variance: Floats) -> list[VerdictFinding]:
+    """Whether a shot that was lit has light; light, variance (n, C) of pixels in the field."""
+    grey = light.mean(axis=1)
+    if not grey.size:
+        return judge(Cause.FIELD_UNSEEN, shot=shot)
+    noise = variance.mean(axis=1) / variance.shape[1]
+    error, mean = float(np.sqrt(noise.sum())) / grey.size, float(grey.mean())
+    times = np.inf if mean > 0.0 else 0.0
+    if error > 0.0:
+        times = mean / error
+    if found := judge(Cause.NO_LIGHT, times, shot=shot):
+        return found
+    # What is left of the square when the noise's share is taken off; never less than the mean's.
+    power = max(float(np.mean(grey**2) - noise.mean()), mean**2)
+    return judge(Cause.UNDER_EXPOSED, float(np.sqrt(noise.mean() / power)), shot=shot)
+
+
+def judge_light_outside(shot: str, inside: Floats, outside: Floats) -> list[VerdictFinding]:
+    """Light (n,) of pixels inside and outside the field."""
+    if not inside.size or not outside.size:
+        return []
+    share = _over(float(np.median(outside)), float(np.median(inside)))
+    return judge(Cause.LIGHT_OUTSIDE, share, shot=shot)
+
+
+def _judge_room_light(seen: Evidence) -> Iterator[VerdictFinding]:
+    """The worst of the shots with a black projector, against bright places of the white photo;
+    where there is none, against the shot which it belongs to."""
+    shots, thin = seen.decoded.shots, seen.thin
+    white, found = _white_rate(seen), []
+    for name in seen.names:
+        base, shot = name.partition("-black-")[0], seen.planned[name]
+        if not shot.primal_black or shot.dual_black or base not in shots:
+            continue
+        black, lit = shots[name].realised, shots[base].realised
+        dark, bright = (float(thin.inside(thin.light(shots[n])).mean()) for n in (name, base))
+        stray = dark - _over(black.total_s, lit.total_s) * bright
+        share = _over(stray, bright)
+        if white is not None:
+            rate = _over(stray, float(black.open_s.mean()))
+            share = rate / max(white - rate, _NO_WEIGHT)  # the white photo holds the room's, too
+        found.append((share, name))
+    if found:
+        share, name = max(found)
+        yield from judge(Cause.STRAY if white is None else Cause.ROOM, share, shot=name)
+
+
+def _white_rate(seen: Evidence) -> float | None:
+    """Light within a second in bright places of a photo of all light, None where there is none."""
+    for name, shot in seen.planned.items():
+        if not shot.all_light or name not in seen.decoded.shots:
+            continue
+        white = seen.decoded.shots[name]
+        light = seen.thin.inside(seen.thin.light(white).mean(axis=1))
+        if light.size:
+            bright = float(np.percentile(light, _BRIGHT))
+            rate = _over(bright, float(white.realised.open_s.mean()))
+            if rate > 0.0:
+                return rate
+    return None
+
+
+def _over(one: float, other: float) -> float:
+    """What one is of the other; 0 of what is not there."""
+    return one / other if other > 0.0 else 0.0
+
+
+def judge_refreshes(shots: Sequence[ShotRecord]) -> Iterator[VerdictFinding]:
+    """Whether panels showed what they were to show, while the shutter was open."""
+    unequal = [s for s in shots if s.level is None]
+    missed = sum(s.missed for s in unequal)
+    yield from judge(Cause.MISSED, len(unequal), shots=_list_first(unequal), missed=missed)
+    early = [s for s in shots if s.refreshes and s.close_ns < max(s.end_ns)]
+    early_s = max((max(s.end_ns) - s.close_ns for s in early), default=0) * 1e-9
+    yield from judge(Cause.CLOSED_EARLY, len(early), shots=_list_first(early), early_s=early_s)
+    unsure = [s for s in shots if s.refreshes and not s.verified]
+    source = next((s.source for s in unsure), "")
+    yield from judge(Cause.UNVERIFIED, len(unsure), shots=_list_first(unsure), source=source)
+
+
+def judge_exposure_times(
+    shots: Sequence[ShotRecord], told_s: Mapping[str, float]
+) -> list[VerdictFinding]:
+    """Whether planned, logged and the camera's own exposure agree; `told_s` is the camera's, by
+    shot, 0 where its file says nothing."""
+    found = []
+    for shot in shots:
+        open_s = (shot.close_ns - shot.open_ns) * 1e-9
+        told = describe_time_conflict(shot.planned_s or open_s, open_s, told_s.get(shot.name, 0.0))
+        if told:
+            found.append((shot, told))
+    conflict = found[0][1] if found else ""
+    shots = [shot for shot, _ in found]
+    return judge(Cause.EXPOSURE_TIMES, len(found), shots=_list_first(shots), conflict=conflict)
+
+
+def _list_first(shots: Sequence[ShotRecord]) -> str:
+    if not shots:
+        return ""
+    return f"shot {shots[0].name}" + (f" and {len(shots) - 1} more" if len(shots) > 1 else "")
