@@ -142,33 +142,20 @@ class _Shares:
 
     @classmethod
     def of(cls, found: Structure) -> _Shares:
-        cells = found.gain.size
-        both = found.gain**2, found.light**2
-        even = float(
-            np.sum((found.camera @ found.camera.T) * (found.projector @ found.projector.T))
-        )
-        level = found.level**2 * float(both[0].sum() * both[1].sum())
-        near = sum(
-            weight**2 * float(both[0] @ _whole(NearPart(found.grid, radius), both[1]))
-            for weight, radius in found.near
-        )
-        matches = tuple(
-            weight**2 * float(np.sum((both[0] * both[1][partner])[partner >= 0]))
-            for weight, partner in found.matches
-        )
-        rest = 0.0
-        if found.rest is not None:
-            rest = float(sum(both[0][n] * (found.rest[n] ** 2 @ both[1]) for n in range(cells)))
+        def squares(*parts: tuple[float, MatrixPart]) -> float:
+            behind = tuple((weight, GainPart(found.gain, part)) for weight, part in parts)
+            wanted = WantedMatrix(found.grid, behind, found.light)
+            return float(wanted.squares().sum() + np.sum(wanted.diagonal() ** 2))
+
+        products = zip(found.camera, found.projector, strict=True)
+        even = squares(*((1.0, OuterPart(*sides)) for sides in products))
+        level = squares((found.level, UniformPart(found.gain.size)))
+        near = sum(squares((w, NearPart(found.grid, radius))) for w, radius in found.near)
+        matches = [squares((weight, MatchPart(partner))) for weight, partner in found.matches]
+        rest = 0.0 if found.rest is None else squares((1.0, FullPart(found.rest)))
         total = even + level + near + sum(matches) + rest
-        return cls(
-            even / total, level / total, near / total, tuple(m / total for m in matches),
-            rest / total,
-        )  # fmt: skip
-
-
-def _whole(near: NearPart, image: Floats) -> Floats:
-    """Sums of an image (N,) over the band, the cell itself among it."""
-    return np.asarray(near.others(image[None])[0] + image)
+        shared = tuple(squared / total for squared in matches)
+        return cls(even / total, level / total, near / total, shared, rest / total)
 
 
 class _Composition:

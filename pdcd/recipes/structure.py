@@ -122,12 +122,13 @@ def find_structure(matrix: Floats, grid: _Grid) -> Structure:
     for weight, radius in near:
         _subtract_near(rest, grid, weight, radius)
     matches = _matches(rest, grid, least)
-    found = replace(found, near=near, matches=matches, rest=rest)
-    if _largest_left(found) <= EQUAL_WEIGHTS * largest:
-        found = replace(found, rest=None)
-    if not found.found or _left(found, matrix) > _MOST_REST or not _is(found, matrix, largest):
-        return whole
-    return found
+    found = replace(found, near=near, matches=matches)
+    most, left, off = _compared(found, rest, matrix)
+    if most > EQUAL_WEIGHTS * largest:
+        found = replace(found, rest=rest)
+        if left > _MOST_REST:
+            return whole
+    return found if found.found and off <= 2.0 * EQUAL_WEIGHTS * largest else whole
 
 
 def find_nearest_product(matrix: Floats, grid: _Grid) -> Structure:
@@ -373,36 +374,15 @@ def _largest(rest: Floats) -> float:
     return max(float(rest.max()), -float(rest.min()))
 
 
-def _largest_left(found: Structure) -> float:
-    """Largest weight of the rest in the matrix."""
-    most = 0.0
-    if found.rest is not None:
-        for start in range(0, len(found.rest), _BLOCK):
-            here = slice(start, start + _BLOCK)
-            weight = found.gain[here, None] * found.light
-            most = max(most, float(np.abs(found.rest[here] * weight).max()))
-    return most
-
-
-def _left(found: Structure, matrix: Floats) -> float:
-    """Share of the squared weights of a matrix that the rest has."""
-    if found.rest is None:
-        return 0.0
-    squares = 0.0
+def _compared(parts: Structure, rest: Floats, matrix: Floats) -> tuple[float, float, float]:
+    """Of a matrix and its parts: the largest weight of the rest in it, the share of its squared
+    weights that the rest has, and by how much parts and rest together are not that matrix."""
+    most = squares = off = 0.0
     for start in range(0, len(matrix), _BLOCK):
-        here = slice(start, start + _BLOCK)
-        weight = found.gain[here, None] * found.light
-        squares += float(np.sum((found.rest[here] * weight) ** 2))
-    return squares / float(np.einsum("nm,nm->", matrix, matrix))
-
-
-def _is(found: Structure, matrix: Floats, largest: float) -> bool:
-    """Whether parts and rest together are the matrix, to `EQUAL_WEIGHTS` of its largest weight."""
-    for start in range(0, len(matrix), _BLOCK):
-        stop = min(start + _BLOCK, len(matrix))
-        if (
-            np.abs(found.rows(start, stop) - matrix[start:stop]).max()
-            > 2.0 * EQUAL_WEIGHTS * largest
-        ):
-            return False
-    return True
+        here = slice(start, min(start + _BLOCK, len(matrix)))
+        left = rest[here] * (parts.gain[here, None] * parts.light)
+        most = max(most, float(np.abs(left).max()))
+        squares += float(np.sum(left**2))
+        told = parts.rows(here.start, here.stop) + left
+        off = max(off, float(np.abs(told - matrix[here]).max()))
+    return most, squares / float(np.einsum("nm,nm->", matrix, matrix)), off
