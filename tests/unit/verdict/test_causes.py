@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from string import Formatter
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ ROOT = Path(__file__).parents[3]
 SOUND, REMARK, DOUBTFUL, BAD = Grade
 
 
-def words_of(cause: Cause) -> dict[str, float | str]:
+def words_of(cause: Cause) -> dict[str, Any]:
     """Something for every further name in its sentence."""
     fields = Formatter().parse(cause.value.says)
     named = {name: spec for _, name, spec, _ in fields if name not in (None, "figure", "limit")}

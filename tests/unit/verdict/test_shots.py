@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def test_light_outside_the_field_goes_by_medians() -> None:
 
 
 def test_the_shutter_may_close_when_the_panels_are_black_and_no_sooner() -> None:
-    late = {"end_ns": (10**9, 15 * 10**8)}
+    late: dict[str, Any] = {"end_ns": (10**9, 15 * 10**8)}
     assert told(judge_refreshes([shot(close_ns=15 * 10**8, **late)])) == []
     shots = [shot("a", close_ns=14 * 10**8, **late), shot("b", close_ns=13 * 10**8, **late)]
     ((grade, text),) = told(judge_refreshes([shot(), *shots]))
