@@ -72,7 +72,6 @@ def plan_rows(summary: PlanSummary) -> list[list[str]]:
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
         ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
-        ["memory", f"{summary.memory_bytes / 2**20:.0f} MiB at most"],
     ]
     cost = summary.pilot_cost
     if cost is not None:

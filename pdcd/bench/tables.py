@@ -290,8 +290,6 @@ class LimitsConfig(_Table, frozen=True):
     """[limits] what the daemon refuses to exceed."""
 
     max_exposure_s: PositiveFloat = 600.0
-    memory_bytes: Annotated[int, Meta(ge=2**26)] | None = None
-    """Most memory that a job may be foreseen to take; None: half of the machine's."""
     min_free_bytes: Annotated[int, Meta(ge=0)] = 256 * 1024 * 1024
     connections: Annotated[int, Meta(ge=1)] = 16
     """Clients at a time. Beyond these, places are kept for root and the daemon's own user."""
@@ -301,7 +299,8 @@ class LimitsConfig(_Table, frozen=True):
     idle_s: PositiveFloat = 300.0
     """A client is parted from after this time without a job, a subscription or a request."""
     work_bytes: Annotated[int, Meta(ge=2**28)] = 4 * 2**30
-    """Memory of the process that plans and decodes; a job that wants more fails."""
+    """Memory of the process that plans and decodes; a job that cannot fit is refused, and one that
+    wants more after all fails."""
     work_silent_s: PositiveFloat = 120.0
     """How long that process may give no sign of life before it is killed, and its job fails."""
 

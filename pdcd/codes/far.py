@@ -24,7 +24,6 @@ from pdcd.codes.alike import (
     sum_beyond_radius,
 )
 from pdcd.codes.greyed import can_make_grey_masks, make_grey_masks
-from pdcd.codes.woven import TIMES_LIT, can_make_joint_codes, count_stretches, make_stretched_codes
 
 _Indices = NDArray[np.intp]
 
@@ -34,11 +33,6 @@ thirds of the light, and leave room to choose what else is closed."""
 _SELDOM_GREY = 0.6
 """Before masks of grey levels cells are lit in the square root of the number of those codes, times
 this: the fewer are lit together, the less has to be made up for."""
-_MOST_TIMES = TIMES_LIT + 1
-"""Where cells would be lit more often than so, stretches of them would cost light."""
-_FEW_PARTS = 2
-"""Stretches of a row or column up to which codes that are chosen together with masks err less, or
-as little, and let more light pass."""
 _LEAST_LIGHT = 0.25
 """Cells are lit one by one where that leaves this share of the light, or more."""
 MOST_EVENED = 2**22
@@ -63,15 +57,6 @@ def choose_times_lit(count: int, cells: int, best: float, *, grey: bool = False)
     return max(1, round(_SELDOM * best * count))
 
 
-def are_joint_codes_best(lattice: tuple[int, int], count: int, best: float) -> bool:
-    """Whether codes and masks of grey levels are to be chosen together (`pdcd.codes.woven`): not
-    where each cell is lit alone, nor where there are enough codes for short stretches."""
-    cells = lattice[0] * lattice[1]
-    alone = choose_times_lit(count, cells, best, grey=True) * cells <= count
-    few = _parts(lattice, count, best) <= _FEW_PARTS
-    return few and not alone and can_make_joint_codes(count, cells)
-
-
 def make_long_range_codes(
     lattice: tuple[int, int],
     count: int,
@@ -83,11 +68,8 @@ def make_long_range_codes(
     """Codes (K, L) that light each cell equally often, and as many cells in each code as can be.
 
     The codes are split into as many shares as each cell is lit times (`choose_times_lit`); all
-    cells are dealt out over the codes of each share by chance. Before masks of grey levels, where
-    there are many codes, half light stretches of rows and columns (`pdcd.codes.woven`).
+    cells are dealt out over the codes of each share by chance.
     """
-    if grey and (parts := _parts(lattice, count, best)):
-        return make_stretched_codes(lattice, count, parts, rng)
     cells = lattice[0] * lattice[1]
     times = choose_times_lit(count, cells, best, grey=grey)
     codes = np.zeros((count, cells), dtype=np.bool_)
@@ -96,32 +78,19 @@ def make_long_range_codes(
     return codes
 
 
-def _parts(lattice: tuple[int, int], count: int, best: float) -> int:
-    """Into how many stretches rows and columns are cut before masks of grey levels, or 0."""
-    cells = lattice[0] * lattice[1]
-    few = count < cells and choose_times_lit(count, cells, best, grey=True) <= _MOST_TIMES
-    return count_stretches(lattice, count) if few and can_make_grey_masks(count, cells) else 0
-
-
 def make_long_range_masks(
-    lit: Bools | Floats,
-    seen: Bools,
-    lattice: tuple[int, int],
-    radius: int,
-    *,
-    grey: bool = False,
+    lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int, *, grey: bool = False
 ) -> Bools | Floats:
     """Where the mask is open, by `make_binary_masks`, or how far, by
-    `pdcd.codes.greyed.make_grey_masks`. Codes of grey levels are those that were chosen together
-    with masks.
+    `pdcd.codes.greyed.make_grey_masks`.
 
     It has no grey levels where there is nothing to make up for, as each code lights one cell, nor
     where choosing them would take long.
     """
     count, cells = lit.shape
     if grey and radius and can_make_grey_masks(count, cells) and lit.sum(axis=1).max() > 1:
-        return make_grey_masks(lit, seen, lattice, radius, fine=lit.dtype != np.bool_)
-    return make_binary_masks(lit > 0, seen, lattice, radius)
+        return make_grey_masks(lit, seen, lattice, radius)
+    return make_binary_masks(lit, seen, lattice, radius)
 
 
 def make_binary_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Bools:
@@ -160,20 +129,6 @@ def make_binary_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius:
         group.append(block)
     _choose(open_, group, far, cells)
     return open_
-
-
-def binary_masks_bytes(count: int, cells: int) -> int:
-    """Bytes that `make_binary_masks` takes for so many codes and cells beside what it is given."""
-    if count * cells > MOST_EVENED:
-        return 0
-    some = min(cells, max(1, CHUNK_ENTRIES // count))
-    blocks = 2 + some // CELL_BLOCK_SIDE**2
-    return (
-        62 * count * cells
-        + 16 * blocks * count**2
-        + 104 * count * some
-        + 24 * cells * CELL_BLOCK_SIDE**2
-    )
 
 
 def _choose(open_: Bools, blocks: list[CellBlock], far: Floats, cells: Floats) -> None:

@@ -15,12 +15,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from pdcd.arrays import Bools, Floats
-from pdcd.codes.alike import CELL_BLOCK_SIDE, CHUNK_ENTRIES, CellBlock, split_into_cell_blocks
+from pdcd.codes.alike import CHUNK_ENTRIES, CellBlock, split_into_cell_blocks
 
 MEAN_OPEN_LEVEL = 0.5
 """Mean level over the share of codes in which a cell may be open at all: as much room upwards as
 downwards."""
-LEVEL_STEPS = 256
+_LEVEL_STEPS = 256
 """Levels are whole multiples of one part in so many."""
 MOST_WORK = 2**29
 """Codes squared times cells up to which levels are chosen: ten seconds."""
@@ -39,25 +39,17 @@ def can_make_grey_masks(count: int, cells: int) -> bool:
     return count**2 * cells <= MOST_WORK
 
 
-def make_grey_masks(
-    lit: Bools | Floats,
-    seen: Bools,
-    lattice: tuple[int, int],
-    radius: int,
-    *,
-    fine: bool = False,
-) -> Floats:
+def make_grey_masks(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Floats:
     """How far the mask is open, 0..1, so that far light is counted as evenly as can be had.
 
     Parameters
     ----------
-    lit : (K, L) bool, or float64 0..1
-        How far cells of the projector are lit.
+    lit : (K, L) bool
+        Cells of the projector that are lit.
     seen : (K, L) bool
         Cells of the mask that may be open: no cell is lit within the radius of them.
     lattice : (rows, cols), L cells in all
     radius : cells along each axis, 1 or more
-    fine : whether the codes were chosen together with masks (`pdcd.codes.woven`)
 
     Returns
     -------
@@ -67,15 +59,9 @@ def make_grey_masks(
     level = MEAN_OPEN_LEVEL * float(seen.mean())
     counted = level * float(bits.sum()) / bits.shape[1]
     found = np.empty(seen.shape)
-    for group in _groups(split_into_cell_blocks(bits, lattice, radius, fine=fine), len(lit)):
+    for group in _groups(split_into_cell_blocks(bits, lattice, radius), len(lit)):
         _level(found, group, seen, level, counted)
     return found
-
-
-def grey_masks_bytes(count: int, cells: int) -> int:
-    """Bytes that `make_grey_masks` takes for so many codes and cells beside what it is given."""
-    some = min(cells, max(CELL_BLOCK_SIDE**2, CHUNK_ENTRIES // count))
-    return 48 * count * cells + 40 * count**2 + 80 * count * some + 24 * cells * CELL_BLOCK_SIDE**2
 
 
 def _groups(found: Iterator[CellBlock], count: int) -> Iterator[list[CellBlock]]:
@@ -119,7 +105,7 @@ def _least(together: Floats, wanted: Floats, most: Floats, first: Floats) -> Flo
         faster = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace**2))
         ahead = _rounded(after + (pace - 1.0) / faster * (after - now), _FINE)
         now, pace = after, faster
-    return _rounded(now, LEVEL_STEPS)
+    return _rounded(now, _LEVEL_STEPS)
 
 
 def _steepest(matrices: Floats) -> Floats:

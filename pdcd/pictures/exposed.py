@@ -18,7 +18,7 @@ from pdcd.sensor.raw import WHOLE_AXIS, RawFrame, compute_rgb_variance, to_rgb
 _Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""
 
-LARGE_QUADS = 2**18
+_LARGE_QUADS = 2**18
 """Quads from which error bars are held in single precision."""
 
 
@@ -169,7 +169,7 @@ class RawShot:
 
     @property
     def _precision(self) -> type[np.floating]:
-        return np.float32 if self.saturated.size >= LARGE_QUADS else np.float64
+        return np.float32 if self.saturated.size >= _LARGE_QUADS else np.float64
 
 
 def refuse_unlike(name: str, raw: RawFrame, frame: tuple[int, int], like: tuple[str, int]) -> None:

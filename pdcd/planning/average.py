@@ -19,9 +19,9 @@ from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.defaults import readout_s
-from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.memory import check_memory
 from pdcd.planning.pairs import make_pattern_pairs
-from pdcd.planning.plan import Plan, has_joint_codes
+from pdcd.planning.plan import Plan
 from pdcd.printable import to_percent
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import make_recipe
@@ -35,6 +35,9 @@ error of the codes themselves, 0.8 % at most where nothing disturbs them, it mak
 MOST_EXPOSURES = 112
 """Most exposures of codes, black ones not counted: 7 parts sixteen times, for a quarter of the
 noise. Who wants less should rather see to the light."""
+_MEMORY_SHARE = 0.5
+"""Share of the memory limit that all photos may need for what is kept of each: the rest is left for
+making pictures of them."""
 MOST_S = 600.0
 """Most seconds that this adds, files included: nobody who asked for nothing waits longer."""
 
@@ -119,32 +122,25 @@ def _once_s(plan: Plan, config: Config, camera: CameraInfo | None) -> float:
 def _shown(plan: Plan, times: int, request: CaptureRequest, config: Config, watch: Watch) -> Plan:
     """A plan with everything shown so often. Raises RequestError where memory does not hold it."""
     how = plan.how
-    lattice = Lattice(plan.grid, plan.window)
-    # Photos that are not of codes, as the white one of direct light, have no parts; and codes that
-    # were chosen together with masks would err alike in all of them.
-    alike = any(
-        has_joint_codes(program, lattice, how.coded, how.family)
-        for program in plan.recipe.programs.values()
-    )
-    split = len(_rule(plan)) == 1 and times * how.parts >= FEWEST_PARTS and not alike
+    # Photos that are not of codes, as the white one of direct light, have no parts.
+    split = len(_rule(plan)) == 1 and times * how.parts >= FEWEST_PARTS
     if split:
         codes, parts = how.pilot + times * how.coded, times * how.parts
         how = msgspec.structs.replace(how, codes=codes, parts=parts)
     else:
         how = msgspec.structs.replace(how, repeat=times)
     recipe = make_recipe(plan.recipe.target, how)
-    family = how.family or config.schedule.family
-    bytes_ = memory_bytes(recipe, how, family, lattice, plan.passes, config)
-    check_memory(bytes_, config, plan.grid)
+    check_memory(recipe, how, config, _MEMORY_SHARE)
     patterns = plan.patterns
     if split:
+        family, lattice = how.family or config.schedule.family, Lattice(plan.grid, plan.window)
         curves, passes = plan.curves, plan.passes
         more = make_pattern_pairs(
             recipe, how, family, lattice,
             p=request.p, seed=request.seed, watch=watch, curves=curves, passes=passes,
         )  # fmt: skip
         patterns = {name: patterns.get(name, pair) for name, pair in more.items()}
-    return replace(plan, recipe=recipe, how=how, patterns=patterns, memory_bytes=bytes_)
+    return replace(plan, recipe=recipe, how=how, patterns=patterns)
 
 
 def _noted(plan: Plan, noise: float, times: int) -> Plan:

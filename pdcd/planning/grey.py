@@ -9,8 +9,7 @@ import numpy as np
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.panels.lattice import Lattice
-from pdcd.planning.plan import PatternPair, has_joint_codes, is_long_range
-from pdcd.protocol.plan_summary import CaptureScheme
+from pdcd.planning.plan import PatternPair, is_long_range
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Recipe
 
@@ -68,12 +67,11 @@ def can_use_grey_masks(request: CaptureRequest, config: Config) -> bool:
 
 
 def explain_long_range_masks(
-    recipe: Recipe, how: CaptureScheme, request: CaptureRequest, config: Config, rig: Lattice
+    recipe: Recipe, request: CaptureRequest, config: Config, rig: Lattice
 ) -> Iterator[str]:
     """Why masks of far light have grey levels or none, where nobody asked for either; and why they
     open whole cells where those of other codes do not."""
-    far = [program for program in recipe.programs.values() if is_long_range(program)]
-    if not far:
+    if not any(is_long_range(program) for program in recipe.programs.values()):
         return
     if rig.window != "whole":
         yield "masks of far light: whole cells, as no light from near them gets in"
@@ -82,8 +80,6 @@ def explain_long_range_masks(
         yield "masks of far light: " + (
             f"black and white, as {why}" if why else "grey levels, which count it more evenly"
         )
-    if any(has_joint_codes(program, rig, how.coded, how.family) for program in far):
-        yield "codes of far light: grey levels, chosen together with the masks"
 
 
 def _black_and_white(config: Config) -> str:

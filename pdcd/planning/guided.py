@@ -12,9 +12,8 @@ import scipy
 from pdcd.bench.tables import Config
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.codes.pilot.links import SHARP
-from pdcd.panels.lattice import Lattice
 from pdcd.pictures.learn import PilotFindings
-from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.memory import check_memory
 from pdcd.planning.pairs import make_linked_pairs
 from pdcd.planning.plan import Plan
 from pdcd.recipes.make import make_recipe
@@ -136,9 +135,7 @@ def resume_pilot(full: Plan, ended: Plan, config: Config, sharpness: float) -> P
     """
     how = msgspec.structs.replace(full.how, black_level=ended.how.black_level, late=True)
     recipe = make_recipe(full.recipe.target, how)
-    lattice, family = Lattice(full.grid, full.window), how.family or config.schedule.family
-    bytes_ = memory_bytes(recipe, how, family, lattice, full.passes, config)
-    check_memory(bytes_, config, full.grid)
+    check_memory(recipe, how, config)
     text = (
         "pilot: it goes on, as ambient light had hidden sharp light (sharpness "
         f"{sharpness:.2g} without it, limit {SHARP:g}); codes that were shown before count no more"
@@ -149,7 +146,6 @@ def resume_pilot(full: Plan, ended: Plan, config: Config, sharpness: float) -> P
         how=how,
         white_slots=ended.white_slots,
         iso=ended.iso,
-        memory_bytes=bytes_,
         look=None,
         leaks=ended.leaks,
         dark=ended.dark,

@@ -19,10 +19,9 @@ import numpy as np
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.panels.frames import BLACK, WHITE, Frames
-from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import make_empty_patterns
 from pdcd.panels.schedule import count_slot_rows
-from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.memory import check_memory
 from pdcd.planning.plan import LeakProbe, Plan
 from pdcd.printable import to_percent
 from pdcd.protocol.plan_summary import LeakErrors
@@ -143,16 +142,12 @@ def with_black_exposures(
     plan = _as_taken(plan, config, taken)
     how = msgspec.structs.replace(plan.how, black_level=level)
     recipe = make_recipe(plan.recipe.target, how)
-    lattice = Lattice(plan.grid, plan.window)
-    family = how.family or config.schedule.family
-    bytes_ = memory_bytes(recipe, how, family, lattice, plan.passes, config)
-    check_memory(bytes_, config, plan.grid)
+    check_memory(recipe, how, config)
     text = f"black exposures: {level}, decided after a look at dark photos: {_said(leaks)}"
     return replace(
         plan,
         recipe=recipe,
         how=how,
-        memory_bytes=bytes_,
         look=None,
         leaks=leaks,
         reasons=_reasons(plan, text),

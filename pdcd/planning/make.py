@@ -30,11 +30,10 @@ from pdcd.planning.grey import (
     can_use_grey_masks,
     explain_grey_levels,
     explain_long_range_masks,
-    is_grey_light_unknown,
 )
 from pdcd.planning.guided import can_be_guided, follow_prior
 from pdcd.planning.look import resolve_black_level, with_leak_probe
-from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.memory import check_memory
 from pdcd.planning.pairs import count_white_slots, make_pattern_pairs, resolve_family
 from pdcd.planning.plan import LeakProbe, PatternPair, Plan, has_code_mask, is_windowed
 from pdcd.planning.schedule_fit import RANGES, resolve_schedule
@@ -62,8 +61,8 @@ class _Decisions:
     """All that is decided of a plan before its codes are made.
 
     recipe, how : what is photographed, and how. family : also of a recipe without codes.
-    memory_bytes : foreseen peak. smooth : whether smooth light is to be corrected. look : at a dark
-    photo; None where black exposures are settled.
+    smooth : whether smooth light is to be corrected. look : at a dark photo; None where black
+    exposures are settled.
     """
 
     request: CaptureRequest
@@ -73,7 +72,6 @@ class _Decisions:
     lattice: Lattice
     schedule: ScheduleName
     passes: int
-    memory_bytes: int
     smooth: bool
     look: LeakProbe | None
 
@@ -102,8 +100,7 @@ def plan_request(
         return plan
     other = make_plan(found.otherwise, config, grid, mask_lag_s, given, watch, average=average)
     other = replace(other, unasked=unasked, reasons=(*other.reasons, *found.reasons))
-    needed = max(plan.memory_bytes, other.memory_bytes)
-    return replace(plan, memory_bytes=needed, otherwise=other)
+    return replace(plan, otherwise=other)
 
 
 def plan_with_prior(
@@ -155,18 +152,16 @@ def make_plan(
     given: Given = NO_ARRAYS,
     watch: Watch | None = None,
     *,
-    compared: bool = False,
     average: bool = False,
 ) -> Plan:
     """Plan a request that leaves nothing open but what the configuration says.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
     `given` holds the request's arrays. A `watch` is told how many programs have their codes, and
-    may end the work. Of plans that are `compared` with many others codes are made in short time
-    (`How.woven`). `average` : whether everything may be shown more often against the noise of
+    may end the work. `average` : whether everything may be shown more often against the noise of
     ambient light. Raises RequestError when the request contradicts itself, the rig, or the limits.
     """
-    decided = _decide(request, config, grid, mask_lag_s, given, compared=compared, average=average)
+    decided = _decide(request, config, grid, mask_lag_s, given, average=average)
     plan = _with_codes(decided, config, mask_lag_s, watch or Watch())
     if plan.how.coded:
         return plan
@@ -182,14 +177,13 @@ def _decide(
     mask_lag_s: float | None,
     given: Given,
     *,
-    compared: bool = False,
     average: bool = False,
 ) -> _Decisions:
     """Resolve a request against the configuration; no codes are made. As `make_plan`, whose errors
     it raises."""
     request = add_bench_plane(request, config)
     blacks = resolve_black_level(request, config, average=average)
-    how = _how(request, config, blacks.level, compared=compared)
+    how = _how(request, config, blacks.level)
     draft = make_draft_recipe(read_target(request, given, grid), how)
     smoothable = _smoothable(draft, request)
     lattice = Lattice(grid, resolve_window(request, config, grid))
@@ -203,8 +197,7 @@ def _decide(
     slot_s = count_slot_rows(schedule) / config.row_hz
     check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot_s)
-    needed = memory_bytes(recipe, how, family, lattice, passes, config)
-    check_memory(needed, config, grid)
+    check_memory(recipe, how, config)
     # Far light has no Hadamard codes; balanced ones stand in for them.
     far = draft.coded is None and family == "balanced" and request.family is None
     usual = family == "hadamard" or far
@@ -216,7 +209,6 @@ def _decide(
         lattice=lattice,
         schedule=schedule,
         passes=passes,
-        memory_bytes=needed,
         smooth=smoothable and (usual if request.smooth is None else request.smooth),
         look=blacks.look,
     )
@@ -256,7 +248,6 @@ def _with_codes(
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
-        memory_bytes=decided.memory_bytes,
         reasons=tuple(_reasons(decided, patterns, config, mask_lag_s)),
         curves=curves,
         smooth=decided.smooth,
@@ -275,37 +266,28 @@ def _reasons(
     yield from explain_bit_planes(config)
     yield from explain_wandering_light(recipe, lattice.window)
     yield from explain_grey_levels(patterns.values(), config)
-    yield from explain_long_range_masks(recipe, how, request, config, lattice)
+    yield from explain_long_range_masks(recipe, request, config, lattice)
     yield from explain_depth_codes(recipe, count_part_codes(how.coded, how.parts), lattice.window)
 
 
-def _how(
-    request: CaptureRequest, config: Config, black_level: BlackLevel, *, compared: bool
-) -> CaptureScheme:
-    """How to photograph, before the family is settled; `compared` as of `make_plan`. Raises
-    RequestError."""
+def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> CaptureScheme:
+    """How to photograph, before the family is settled. Raises RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     if request.equal_brightness:
         from pdcd.planning.code_counts import scale_code_count  # few requests ask for it
 
         total = scale_code_count(total, request)
-    parts, grey = check_parts(request), _grey_masks(request, config)
-    # Parts would err alike; and many plans that are compared would take minutes.
-    woven = (
-        grey and parts == 1 and not compared and not is_grey_light_unknown(config.projector, config)
-    )
     how = CaptureScheme(
         codes=total,
         pilot=request.pilot if isinstance(request.pilot, int) else 0,
-        parts=parts,
+        parts=check_parts(request),
         repeat=request.repeat,
         method=request.method,
         family=None,
         black_level=black_level,
         white=request.white,
         buckets=config.camera.buckets if request.method == "pairs" else 1,
-        grey_masks=grey,
-        woven=woven,
+        grey_masks=_grey_masks(request, config),
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(

@@ -11,7 +11,6 @@ from pdcd.arrays import Floats
 from pdcd.bench.stops import STOP_SIGMA
 from pdcd.panels.curve import compute_pattern_light
 from pdcd.panels.patterns import make_empty_patterns
-from pdcd.planning.memory import count_exact_pairs
 from pdcd.planning.plan import ShotSequence, is_long_range
 from pdcd.recipes.programs import BlockProgram, SignedBlockProgram
 from pdcd.recipes.recipe import Shot
@@ -68,11 +67,9 @@ def choose_test_pairs(shot: ShotSequence) -> tuple[int, Floats]:
     same = np.full(shot.grid, float(shot.passes))
     if program is not None and not program.coded:
         # Copies of a sequence differ by no more than the rounding of their levels.
-        once = (
-            count_exact_pairs(program)
-            if isinstance(program, BlockProgram | SignedBlockProgram)
-            else of_shot
-        )
+        once = of_shot
+        if isinstance(program, BlockProgram | SignedBlockProgram):
+            once = len(program.camera) * (1 + isinstance(program, SignedBlockProgram))
         return (once, same * (of_shot // once)) if of_shot > once else (of_shot, same)
     pairs = _METER_PAIRS
     if program is not None and is_long_range(program):

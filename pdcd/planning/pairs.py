@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 import scipy
 
@@ -14,7 +12,6 @@ from pdcd.codes.independent import make_partner_codes
 from pdcd.codes.lines import make_comb_codes, make_matched_codes, make_row_codes
 from pdcd.codes.make import make_codes
 from pdcd.codes.pilot.codes import make_pilot_codes
-from pdcd.codes.woven import make_joint_codes
 from pdcd.errors import RequestError
 from pdcd.panels.curve import UNKNOWN_CURVES, Curves, prepare_codes, prepare_sequence
 from pdcd.panels.lattice import Lattice
@@ -25,7 +22,6 @@ from pdcd.planning.plan import (
     average_pair_light,
     find_code_lattice,
     has_code_mask,
-    has_joint_codes,
     is_windowed,
 )
 from pdcd.protocol.plan_summary import CaptureScheme
@@ -34,7 +30,6 @@ from pdcd.recipes.partners import link_partners, list_distant_partners
 from pdcd.recipes.parts import count_part_codes, derive_part_seed, randomise_signs
 from pdcd.recipes.programs import (
     CodedProgram,
-    Levels,
     LongRangeProgram,
     Program,
     extend_partners,
@@ -93,16 +88,16 @@ def make_pattern_pairs(
     for name, program in recipe.programs.items():
         part = part_of.get(name, 0)
         own_seed = derive_part_seed(seed, how.parts, part)
-        bits: Levels
+        bits: Bools
         if not program.coded:
             bits = np.zeros((0, 0), dtype=np.bool_)
         elif name == "pilot":
             bits = make_pilot_codes(lattice.grid, how.pilot, seed)
         else:
             count = count_part_codes(how.coded, how.parts)
-            bits = _bits(program, lattice, family, count, p, own_seed, watch)
+            bits = _bits(program, lattice, family, count, p, own_seed)
         if part and family == "hadamard" and program.p == 0.5:
-            bits = randomise_signs(bits > 0, own_seed)
+            bits = randomise_signs(bits, own_seed)
         patterns[name] = _compiled(program, recipe, lattice, bits, curves, slots)
         watch.did(1.0)
     return patterns
@@ -160,9 +155,8 @@ def _bits(
     count: int,
     p: float | None,
     seed: int,
-    watch: Watch,
-) -> Levels:
-    """Code bits (K, L) of a coded program, or levels."""
+) -> Bools:
+    """Code bits (K, L) of a coded program."""
     lines = _line_codes(program, lattice, family, count, seed)
     if lines is not None:
         return lines
@@ -170,8 +164,6 @@ def _bits(
     own = find_code_lattice(program, lattice)
     rng = np.random.Generator(np.random.PCG64(seed))
     if isinstance(inner, LongRangeProgram) and inner.radius and family not in COINS:
-        if has_joint_codes(program, lattice, count, family):
-            return make_joint_codes(own.shape, count, inner.radius, seed, watch)
         return make_long_range_codes(own.shape, count, share, rng, grey=inner.grey)
     if share != 0.5 and p is None and not isinstance(inner, CodedProgram):
         # The best share of lit cells, rounded to what balanced codes can do.
@@ -209,12 +201,11 @@ def _line_codes(
 
 
 def _compiled(
-    program: Program, recipe: Recipe, lattice: Lattice, bits: Levels, curves: Curves, slots: int
+    program: Program, recipe: Recipe, lattice: Lattice, bits: Bools, curves: Curves, slots: int
 ) -> PatternPair:
     """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
     own = find_code_lattice(program, lattice)
-    # Only codes that come in levels are given to the program that takes them.
-    primal, dual = program.pairs(cast(Bools, bits), own)
+    primal, dual = program.pairs(bits, own)
     # A pilot looks at the whole scene: it learns paths, not the picture.
     if recipe.target.light is not None and has_code_mask(program):
         primal = primal * extend_values(recipe.target.light, own)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
-from pdcd.codes.far import are_joint_codes_best
 from pdcd.codes.orders import is_order
 from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.panels.curve import UNKNOWN_CURVES, Curves, compute_pattern_light
@@ -131,8 +130,6 @@ class Plan:
     """Time by which the mask is sent its frames later, or earlier."""
     iso: int | None = None
     """None: the camera's lowest."""
-    memory_bytes: int = 0
-    """Foreseen peak of planning, taking and decoding (`pdcd.planning.memory`)."""
     smooth: bool = False
     """Whether the indirect photo is to be corrected for its smooth light
     (`pdcd.pictures.smooth`)."""
@@ -334,7 +331,6 @@ class Plan:
             seconds=sum(s.exposure_s * s.exposures for s in shots),
             light_share=next(s.light_share for s in shots if s.name == main),
             raw_files=len(self.recipe.shots),
-            memory_bytes=self.memory_bytes,
             pilot=self.how.pilot,
             prediction=self.prediction,
             prior=self.prior,
@@ -370,19 +366,6 @@ def is_long_range(program: Program) -> bool:
     """Whether a program keeps light from beyond a radius alone."""
     inner = find_inner_program(program)
     return isinstance(inner, LongRangeProgram) and inner.radius > 0
-
-
-def has_joint_codes(program: Program, rig: Lattice, count: int, family: FamilyName | None) -> bool:
-    """Whether so many codes of a program are chosen together with its masks."""
-    inner = find_inner_program(program)
-    if (
-        not isinstance(inner, LongRangeProgram)
-        or not inner.woven
-        or not is_long_range(program)
-        or family in COINS
-    ):
-        return False
-    return are_joint_codes_best(find_code_lattice(program, rig).shape, count, inner.p)
 
 
 def average_pair_light(pair: PatternPair, cells: int, curves: Curves = UNKNOWN_CURVES) -> float:

@@ -49,9 +49,6 @@ class CaptureScheme(msgspec.Struct, frozen=True, kw_only=True):
     """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
     grey_masks: bool = False
     """Whether masks of far light may have grey levels (`pdcd.codes.greyed`)."""
-    woven: bool = False
-    """Whether codes of far light may have them, too, and are chosen together with the masks
-    (`pdcd.codes.woven`)."""
     late: bool = False
     """Whether codes had been shown before the pilot went on: the shots of codes that count have
     names of their own (`pdcd.recipes.parts`)."""
@@ -153,8 +150,6 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float
     light_share: float
     raw_files: int
-    memory_bytes: int = 0
-    """Foreseen peak of planning, taking and decoding, beside the program itself and the scene."""
     pilot: int = 0
     pilot_cost: PilotCost | None = None
     prediction: Prediction | None = None

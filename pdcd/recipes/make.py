@@ -61,7 +61,7 @@ def _whole(target: Target, how: CaptureScheme) -> Recipe:
     """The recipe in single exposures, each in one piece."""
     if target.goal.name == "transport":
         return make_transport_recipe(target, how)
-    maker = RecipeMaker(target, how.black_level, grey=how.grey_masks, woven=how.woven)
+    maker = RecipeMaker(target, how.black_level, grey=how.grey_masks)
     if how.method != "coded":
         if how.pilot:
             raise RequestError(f"method {how.method} takes no pilot", hint="leave it out")

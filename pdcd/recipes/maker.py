@@ -33,14 +33,10 @@ _BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
 class RecipeMaker:
     """Collects the programs, shots and photos of one recipe."""
 
-    def __init__(
-        self, target: Target, black_level: BlackLevel, *, grey: bool = False, woven: bool = False
-    ) -> None:
+    def __init__(self, target: Target, black_level: BlackLevel, *, grey: bool = False) -> None:
         self.target = target
         self.grey = grey
         """Whether masks of far light may have grey levels."""
-        self.woven = woven
-        """Whether its codes may have them, too."""
         self.blacks = _BLACKS[black_level]
         self.programs: dict[str, Program] = {}
         self.shots: list[Shot] = []
@@ -88,7 +84,7 @@ class RecipeMaker:
         self, name: str, radius: int, *, light: Floats | None = None, gain: Floats | None = None
     ) -> None:
         """A photo of light from beyond a radius; `light` and `gain` as of `coded`."""
-        program = LongRangeProgram(radius, self.grey, self.woven)
+        program = LongRangeProgram(radius, self.grey)
         everything = (1.0, UniformPart(self.target.cells))
         near = (-1.0, NearPart(self.target.grid, radius))
         self.coded(name, program, everything, near, light=light, gain=gain)

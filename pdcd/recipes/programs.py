@@ -229,8 +229,6 @@ class LongRangeProgram:
     radius: int
     grey: bool = False
     """Whether the mask may have grey levels."""
-    woven: bool = False
-    """Whether the light may have them, too: codes and masks are chosen together."""
     coded: bool = True
 
     @property
@@ -238,11 +236,11 @@ class LongRangeProgram:
         """``1 / (W + 1)``, which makes the weight ``p (1 - p)^W`` largest."""
         return 1.0 / ((2 * self.radius + 1) ** 2 + 1)
 
-    def pairs(self, bits: Levels, lattice: Lattice) -> LevelPairs:
-        """K pairs; codes that are chosen together with masks come in levels."""
+    def pairs(self, bits: Bools, lattice: Lattice) -> LevelPairs:
+        """K pairs."""
         side = 2 * self.radius + 1
         around = np.ones((side, side), dtype=np.uint8)
-        lit = (bits > 0).reshape(-1, *lattice.shape).astype(np.uint8)
+        lit = bits.reshape(-1, *lattice.shape).astype(np.uint8)
         near = np.stack([cv2.dilate(one, around) for one in lit]).astype(np.bool_)
         seen = ~near.reshape(len(bits), -1)
         return bits, make_long_range_masks(bits, seen, lattice.shape, self.radius, grey=self.grey)

@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.far import are_joint_codes_best, make_long_range_codes
+from pdcd.codes.far import make_long_range_codes
 from pdcd.codes.make import make_codes
-from pdcd.codes.woven import make_joint_codes
 from pdcd.panels.lattice import Lattice
 from pdcd.pictures.smooth import compute_colour_correction
 from pdcd.probing.wanted import NearPart
@@ -38,9 +37,9 @@ SHOWN, SHOWN_SEED = 6, 0
 Floats = NDArray[np.float64]
 Errors = dict[tuple[str, int, str, str], float]
 """(scene, number of codes, goal, a key of `HOW`) -> RMS error over the true RMS."""
-HOW = ("balanced", "black and white", "grey masks", "grey")
-"""Balanced codes, each closed around lit cells and nowhere else; masks of black and white; masks of
-grey levels; and what is taken by default where both panels show them."""
+HOW = ("balanced", "black and white", "grey masks")
+"""Balanced codes, each closed around lit cells and nowhere else; masks of black and white; and of
+grey levels."""
 
 
 def run(*, quick: bool, folder: Path) -> Section:
@@ -61,12 +60,10 @@ def run(*, quick: bool, folder: Path) -> Section:
             "as brings most light, each for itself, and the mask closed around them alone. Black "
             "and white: dealt out evenly, half as often, and the mask closed at more cells so "
             "that far light is counted alike. Grey masks: lit less often, and the mask at the "
-            "levels that count far light most alike, the default where the mask's levels alone "
-            "are known. Grey: where both panels' are. 128 codes are chosen together with the "
-            "masks, of 512 half light stretches either way. But for the balanced ones less what "
-            "the codes get wrong of smooth light, by a model that the photo gives. Short-range "
-            "light is the difference of the indirect photo, which is corrected in all, and the "
-            "far one."
+            "levels that count far light most alike, the default where the mask's levels are "
+            "known. But for the balanced ones less what the codes get wrong of smooth light, by a "
+            "model that the photo gives. Short-range light is the difference of the indirect "
+            "photo, which is corrected in all, and the far one."
         ),
         tables=[table],
         aims=[],
@@ -78,9 +75,9 @@ def draw(path: Path) -> None:
     """Some codes of each way, a row each: light in red, the mask in green."""
     rows = {}
     ways = (
-        ("128 codes: cells scattered behind grey masks", 128, HOW[2]),
-        ("128 codes: light and masks chosen together", 128, HOW[3]),
-        ("512 codes: half of them light stretches", 512, HOW[3]),
+        ("128 codes, masks of black and white", 128, HOW[1]),
+        ("128 codes, grey masks", 128, HOW[2]),
+        ("512 codes, grey masks", 512, HOW[2]),
     )
     for title, count, how in ways:
         light, mask = _codes(GRID, count, SHOWN_SEED)[how]
@@ -157,16 +154,12 @@ def _codes(grid: tuple[int, int], count: int, seed: int) -> dict[str, tuple[Floa
     size = 2 * RADIUS + 1
     kernel, images = np.ones((size, size)), old.reshape(-1, *grid).astype(np.float64)
     near = np.stack([cv2.dilate(image, kernel) for image in images]).reshape(old.shape)
-    levels: dict[str, NDArray[np.bool_] | Floats] = {
+    dealt = {
         how: make_long_range_codes(grid, count, best, np.random.default_rng(seed), grey=grey)
         for how, grey in ((HOW[1], False), (HOW[2], True))
     }
-    together = are_joint_codes_best(grid, count, best)
-    levels[HOW[3]] = (
-        make_joint_codes(grid, count, RADIUS, seed, lambda: None) if together else levels[HOW[2]]
-    )
     found = {HOW[0]: (old.astype(np.float64), np.asarray(1.0 - near, np.float64))}
-    for how, light in levels.items():
+    for how, light in dealt.items():
         both = LongRangeProgram(RADIUS, how != HOW[1]).pairs(light, Lattice(grid, "whole"))
         found[how] = (both[0].astype(np.float64), both[1].astype(np.float64))
     return found

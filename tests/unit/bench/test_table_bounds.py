@@ -56,7 +56,7 @@ BOUNDS: list[tuple[str, object, object]] = [
     ("schedule.codes", 1, 0), ("schedule.codes", 65536, 65537),
     ("calibration.sha256", "0" * 64, "0" * 63), ("calibration.sha256", "f" * 64, "g" * 64),
     ("calibration.max_age_days", 1e-9, 0.0), ("limits.max_exposure_s", 1e-9, 0.0),
-    ("limits.memory_bytes", 2**26, 2**26 - 1), ("limits.min_free_bytes", 0, -1),
+    ("limits.min_free_bytes", 0, -1),
     ("limits.connections", 1, 0), ("limits.connections_per_user", 1, 0),
     ("limits.queued_per_user", 1, 0), ("limits.idle_s", 1e-9, 0.0),
     ("limits.work_bytes", 2**28, 2**28 - 1), ("limits.work_silent_s", 1e-9, 0.0),

@@ -222,57 +222,13 @@ def test_masks_of_far_light_are_grey_where_their_light_is_known(
         request = request_of(goal=goal, radius=2, codes=32, grey_masks=asked)
         plan = make_plan(request, rig, grid)
         assert plan.how.grey_masks is grey
+        assert plan.patterns["far"][0].dtype == np.uint8
         assert (plan.patterns["far"][1].dtype == np.float32) is grey
         lines = [line for line in plan.reasons if line.startswith("masks of far light")]
         assert [told in line for line in lines] == [True] * bool(told)
     unconcerned = make_plan(request_of(goal="indirect"), rig, grid)
-    assert not unconcerned.how.grey_masks and not unconcerned.how.woven
+    assert not unconcerned.how.grey_masks
     assert not any(line.startswith("masks of far") for line in unconcerned.reasons)
-
-
-CHOSEN = "codes of far light: grey levels, chosen together with the masks"
-
-
-@pytest.mark.parametrize(
-    ("tables", "fields", "woven", "shown"),
-    [
-        ({}, {}, True, True),
-        (
-            {"projector": {"gamma": 2.2}, "mask": {"gamma": 2.2}, "bench": {"truth": "x.toml"}},
-            {}, True, True,
-        ),
-        # It is not known what light the projector's levels give, or the mask's.
-        ({"mask": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, {}, False, False),
-        ({"projector": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, {}, False, False),
-        ({"display": {"planes_per_refresh": 24}}, {}, False, False),
-        ({}, {"grey_masks": False}, False, False),
-        # In parts, which would err alike.
-        ({}, {"parts": 2}, False, False),
-        # Each cell is lit alone, or stretches are.
-        ({}, {"codes": 500}, True, False),
-        ({}, {"codes": 190}, True, False),
-    ],
-)  # fmt: skip
-def test_codes_of_far_light_are_chosen_together_with_masks_where_both_are_known(
-    tables: dict[str, Any], fields: dict[str, Any], woven: bool, shown: bool
-) -> None:
-    request = request_of(**{"goal": "long-range", "radius": 2, "codes": 32, **fields})
-    plan = make_plan(request, config(**tables), (12, 16))
-    assert plan.how.woven is woven
-    light = next(both for name, both in plan.patterns.items() if name.startswith("far"))[0]
-    assert (light.dtype == np.float32) is shown
-    assert (CHOSEN in plan.reasons) is shown
-    assert any(line.startswith("grey levels of the proj") for line in plan.reasons) is (
-        shown and "projector" in tables
-    )
-
-
-def test_an_illumination_is_no_reason_to_say_so() -> None:
-    """It has grey levels, and codes that are not chosen together with masks have them under it."""
-    lit = np.linspace(0.2, 1.0, 192).reshape(12, 16).tolist()
-    request = request_of(goal="long-range", radius=2, codes=190, illumination=lit)
-    plan = make_plan(request, config(), (12, 16))
-    assert plan.patterns["far"][0].dtype == np.float32 and CHOSEN not in plan.reasons
 
 
 @pytest.mark.parametrize(

@@ -188,14 +188,14 @@ def test_only_ambient_light_that_matters_is_taken_off_a_pilot(
     assert replace(after[-1], dark=None) == plan
 
 
-@pytest.mark.parametrize("memory", [None, 1])
+@pytest.mark.parametrize("memory", [2**32, 1])
 def test_a_pilot_goes_on_where_ambient_light_had_hidden_what_it_looks_for(
-    memory: int | None,
+    memory: int,
 ) -> None:
     request = CaptureRequest(goal="indirect", codes=128, pilot=16, window="whole", white=False)
     before = make_plan(request, Config(), (6, 8))
     ended = replace(end_pilot(before, 0, 60.0), leaks=AMBIENT)
-    limits = LimitsConfig(memory_bytes=memory)
+    limits = LimitsConfig(work_bytes=memory)
     mended = AmbientResponse(request, Config(limits=limits), None, before, average=False)
     seen: Any = SimpleNamespace(promising=True, sharpness=0.4, pays=False)
     darkroom: Any = SimpleNamespace(
@@ -204,7 +204,7 @@ def test_a_pilot_goes_on_where_ambient_light_had_hidden_what_it_looks_for(
     after: list[Any] = []
     found = mended.after(ended, DARKS[1], darkroom, after.append, Watch())
     plan = after[-1]
-    if memory is not None:  # there is none for it
+    if memory == 1:  # there is none for it
         assert (plan.how, found.told) == (ended.how, ())
         return
     assert (plan.how.pilot, plan.how.coded, plan.how.late) == (16, 112, True)
