@@ -38,13 +38,6 @@ def test_upright_panels_by_exact_fractions(grid: tuple[int, int], flip: str) -> 
     assert (found == found[:, :1, :])[..., 1].all()
 
 
-def test_centres_on_edges() -> None:
-    """Two pixels a cell: every centre lies on an edge between atoms."""
-    found = find_atoms(view((6, 4)), (2, 3))
-    np.testing.assert_array_equal(found[0, :, 0], [1, 3, 5, 7, 9, 11])
-    np.testing.assert_array_equal(found[:, 0, 1], [1, 3, 5, 7])
-
-
 def test_a_quarter_turn_is_exact() -> None:
     """Of a square panel: rows become columns, in whole numbers."""
     upright, turned = (
@@ -54,30 +47,6 @@ def test_a_quarter_turn_is_exact() -> None:
     centre = [Fraction(2 * k + 1, 72) for k in range(36)]
     np.testing.assert_array_equal(turned[:, 0, 0], [int(48 * (1 - y)) for y in centre])
     np.testing.assert_array_equal(turned[0, :, 1], upright[:, 0, 1])
-
-
-def test_a_map_that_bends_is_followed() -> None:
-    panel = view(turn_deg=7.0, scale=0.9, offset_px=(3.0, -2.0), radial=(0.05, -0.01))
-    found = find_atoms(panel, (6, 8))
-    wanted = np.floor(panel.map.centres() * (32, 24)).astype(int)
-    outside = ((wanted < 0) | (wanted >= (32, 24))).any(axis=-1)
-    wanted[outside] = OUTSIDE
-    assert 0 < np.count_nonzero(outside) < outside.size
-    np.testing.assert_array_equal(found, wanted)
-
-
-def test_many_blocks_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    panel = view(turn_deg=7.0, radial=(0.05, -0.01))
-    whole = find_atoms(panel, (6, 8))
-    monkeypatch.setattr("pdcd.panels.atoms.BLOCK_PX", 100)
-    np.testing.assert_array_equal(whole, find_atoms.__wrapped__(panel, (6, 8)))
-
-
-def test_what_is_remembered_cannot_be_spoilt() -> None:
-    found = find_atoms(view(), (6, 8))
-    assert find_atoms(view(), (6, 8)) is found
-    with pytest.raises(ValueError, match="read-only"):
-        found[0, 0] = 3
 
 
 def test_places_beyond_infinity_are_outside() -> None:

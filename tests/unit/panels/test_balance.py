@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.errors import SyncError
-from pdcd.panels.balance import catch_up, count_lit_weights, join_logs, play_all, streams
+from pdcd.panels.balance import catch_up, join_logs, play_all, streams
 from pdcd.panels.frames import BLACK, FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
@@ -54,11 +54,6 @@ def undisturbed(frames: Frames, log: FrameLog, row_hz: float) -> bool:
         return False
 
 
-def test_nothing_missed_needs_nothing() -> None:
-    frames = frames_of()
-    assert catch_up(frames, log_of(range(12)), HZ) is None
-
-
 @pytest.mark.parametrize("row", [0, 2, 3, 11])
 def test_a_stretched_guard_is_harmless(row: int) -> None:
     lasts = np.ones(12, dtype=int)
@@ -75,12 +70,6 @@ def test_a_stretched_code_asks_for_all_others_with_their_guards() -> None:
     np.testing.assert_array_equal(more, [0, 1, 2, 6, 7, 8, 9, 10, 11])
 
 
-def test_a_code_that_was_lit_thrice_asks_twice_for_the_others() -> None:
-    more = catch_up(frames_of(3), log_of(range(9), [1, 3, 1, 1, 1, 1, 1, 1, 1]), HZ)
-    assert more is not None
-    np.testing.assert_array_equal(more, [3, 4, 5, 6, 7, 8] * 2)
-
-
 def test_codes_planned_twice_and_lit_thrice_are_brought_to_four_times() -> None:
     """Three is no multiple of the plan, and no code may be shown less than it was."""
     lasts = [1, 2, *[1] * 10]
@@ -95,24 +84,6 @@ def test_a_mask_that_stayed_black_asks_for_its_code_alone() -> None:
     np.testing.assert_array_equal(more, [3, 4, 5])
 
 
-def test_sub_shifts_are_weighed_apart() -> None:
-    """Three refreshes under each of four sub-shifts: one of them is shown again, not the code."""
-    frames = frames_of(2, window="quarter")
-    lost = list(range(24))
-    lost[13] = 12  # the mask misses the first sub-shift of the second code
-    more = catch_up(frames, log_of(range(24), dual=lost), HZ)
-    assert more is not None
-    np.testing.assert_array_equal(more, [12, 13, 14])
-
-
-def test_a_mask_under_another_codes_light_cannot_be_undone() -> None:
-    frames = frames_of(4, schedule="none")
-    log = log_of(range(4), dual=[0, 1, 1, 3])
-    with pytest.raises(SyncError, match="another code"):
-        catch_up(frames, log, HZ)
-    assert not undisturbed(frames, log, HZ)
-
-
 def test_a_projector_that_slipped_alone_cannot_be_undone() -> None:
     """Without guards, light of a code that stays on meets the next mask."""
     frames = frames_of(4, schedule="none")
@@ -125,14 +96,6 @@ def test_a_projector_that_slipped_alone_cannot_be_undone() -> None:
     guarded.primal_ns[5:] += T_NS
     guarded.end_ns[0] += T_NS
     assert undisturbed(frames_of(), guarded, HZ)
-
-
-def test_a_white_shot_has_one_weight() -> None:
-    """All its refreshes are alike: a stretched one only makes it brighter, which decoding knows."""
-    frames = build_frames(None, (3, 4), window="whole", schedule="full", passes=3)
-    weights = count_lit_weights(frames, log_of(range(9), [1, 2, 1, 1, 1, 1, 1, 1, 1]), HZ)
-    assert weights.level == pytest.approx(4 / 3)
-    assert catch_up(frames, log_of(range(9), [1, 2, 1, 1, 1, 1, 1, 1, 1]), HZ) is None
 
 
 def test_black_shots_are_weighed_by_their_open_mask() -> None:
@@ -209,18 +172,6 @@ def test_passes_that_do_not_end_are_given_up() -> None:
         )  # fmt: skip
 
 
-def test_the_last_pass_that_is_allowed_is_played() -> None:
-    """The mask misses all codes at first: one more pass over all of them mends that."""
-    played = []
-
-    def play(rows: NDArray[np.int32]) -> FrameLog:
-        played.append(rows)
-        return log_of(rows.tolist(), dual=[0] * 12 if len(played) == 1 else None)
-
-    play_all(play, frames_of(), on_miss="balance", rounds=1, row_hz=HZ)
-    assert [len(rows) for rows in played] == [12, 12]
-
-
 def test_a_stall_of_seconds_is_not_made_up_for_by_hours() -> None:
     played = []
 
@@ -231,24 +182,6 @@ def test_a_stall_of_seconds_is_not_made_up_for_by_hours() -> None:
     with pytest.raises(SyncError, match="do not mend"):
         play_all(play, frames_of(), on_miss="balance", rounds=3, row_hz=HZ)
     assert len(played) == 1
-
-
-def test_many_codes_take_no_time() -> None:
-    """65536 codes under guards: a search over all rows for each of them would take minutes."""
-    count = 65536
-    bits = np.zeros((count, 1), dtype=np.uint8)
-    frames = build_frames((bits, bits), (1, 8), window="whole", schedule="full", passes=1)
-    lasts = np.ones(3 * count, dtype=int)
-    lasts[4] = 2
-    more = catch_up(frames, log_of(range(3 * count), lasts.tolist()), HZ)
-    assert more is not None and more.size == 3 * (count - 1)
-
-
-def test_joined_logs_have_a_black_row_between() -> None:
-    whole = join_logs([log_of([0, 1, 2]), log_of([0, 1])])
-    np.testing.assert_array_equal(whole.primal_shown, [0, 1, 2, BLACK, 0, 1])
-    np.testing.assert_array_equal(whole.asked[1], [0, 1, 2, BLACK, 0, 1])
-    assert whole.dual_ns[3] == log_of([0, 1, 2]).end_ns[1]
 
 
 @pytest.mark.parametrize("verified", [(True, True), (True, False), (False, True)])

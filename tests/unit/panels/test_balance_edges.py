@@ -88,28 +88,6 @@ def test_only_one_policy_shows_codes_again(on_miss: str) -> None:
     assert log.primal_shown.tolist() == ([0, 1, 2, -1, 1, 2] if len(played) == 2 else [0, 1, 2])
 
 
-def test_what_is_shown_again_is_counted_over_all_passes() -> None:
-    """Three codes, one round: three rows may be shown again, and two passes ask for four."""
-    played: list[int] = []
-
-    def play(rows: NDArray[np.int32]) -> FrameLog:
-        played.append(rows.size)
-        lasts = [2] + [1] * (rows.size - 1) if len(played) < 3 else None
-        return log_of(rows.tolist(), rows.tolist(), lasts)
-
-    with pytest.raises(SyncError, match="1 further passes"):
-        play_all(play, frames_of(3), on_miss="balance", rounds=1, row_hz=HZ)
-    assert played == [3, 2]
-
-
-def test_weights_count_refreshes_and_name_the_rows_of_each_pair() -> None:
-    frames = frames_of(2, "both")
-    weights = count_lit_weights(frames, log_of([0, 1, 2, 3], [0, 1, 2, 3], [1, 4, 3, 1]), HZ)
-    assert weights.realised.tolist() == [1, 3] and weights.planned.tolist() == [1, 1]
-    assert [slot.tolist() for slot in weights.slots] == [[0, 1], [2, 3]]
-    assert weights.level is None
-
-
 @pytest.mark.parametrize(
     ("realised", "planned", "level"),
     [([2, 2], [1, 1], 2.0), ([3, 6], [2, 4], 1.5), ([2, 3], [1, 1], None), ([0, 0], [1, 2], 0.0),
@@ -131,12 +109,6 @@ def test_a_dark_mask_has_no_weights_to_be_equal() -> None:
 def test_all_is_shown_again_where_nothing_was_seen() -> None:
     more = catch_up(frames_of(3), log_of([BLACK] * 3, [0, 1, 2]), HZ)
     assert more is not None and more.tolist() == [0, 1, 2] and more.dtype == np.int32
-
-
-def test_light_that_the_projector_withheld_is_asked_for() -> None:
-    """A dark projector under an open mask harms nothing, but the code is missing."""
-    more = catch_up(frames_of(3), log_of([0, BLACK, 2], [0, 1, 2]), HZ)
-    assert more is not None and more.tolist() == [1]
 
 
 def test_sub_shifts_of_the_first_code_are_weighed_apart() -> None:
@@ -178,10 +150,3 @@ def test_half_a_refresh_is_the_next_one(late_ns: int, harm: bool) -> None:
             catch_up(frames_of(3), log, HZ)
     else:
         assert catch_up(frames_of(3), log, HZ) is None
-
-
-def test_rows_that_end_before_they_begin_last_no_time() -> None:
-    log = log_of([0, 1, 2], [0, 1, 2])
-    log.dual_ns[2], log.primal_ns[2] = (int(log.end_ns[0]) + 3 * T_NS,) * 2
-    weights = count_lit_weights(frames_of(3), log, HZ)
-    assert weights.realised.tolist() == [1, 5, 0]

@@ -47,12 +47,6 @@ def test_packing_loses_nothing(planes: NDArray[np.bool_], order: str) -> None:
     assert not again[len(planes) :].any()
 
 
-@settings(max_examples=30)
-@given(arrays.arrays(np.uint8, (4, 3)), st.sampled_from(ORDERS))
-def test_every_picture_is_24_patterns(picture: NDArray[np.uint8], order: str) -> None:
-    np.testing.assert_array_equal(pack_planes(unpack_planes(picture, order), order), picture)
-
-
 def test_bad_input_is_refused() -> None:
     with pytest.raises(ConfigError, match="25 planes"):
         pack_planes(np.zeros((25, 1), dtype=np.bool_))

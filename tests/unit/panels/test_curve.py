@@ -61,14 +61,6 @@ def test_black_and_white_are_sent_as_bits_under_any_curve() -> None:
         )
 
 
-def test_what_nobody_knows_is_sent_as_it_is() -> None:
-    light = np.random.default_rng(3).random((4, 9))
-    primal, dual = prepare_codes(light, light > 0.5, (None, make_power_curve(2.2)))
-    np.testing.assert_array_equal(primal, light.astype(np.float32))
-    assert len(prepare_sequence(light, light > 0.5, (None, None), 64)[0]) == 4
-    assert dual.dtype == np.uint8
-
-
 def test_levels_of_codes_are_mixed_in_two_accounts() -> None:
     """By bytes as they are drawn, and a power law by hand: the sum over the codes in which a cell
     is lit, and over all others, is off by one step at most; a closed cell stays closed."""

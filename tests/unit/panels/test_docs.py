@@ -32,10 +32,6 @@ def test_an_example_is_read(tmp_path: Path, example: str) -> None:
     make_camera_map(found, (200, 300))
 
 
-def test_the_page_has_its_examples() -> None:
-    assert len(EXAMPLES) == 7
-
-
 def test_the_keystone_is_the_one_that_is_told(tmp_path: Path) -> None:
     (example,) = (text for text in EXAMPLES if "homography" in text)
     path = tmp_path / "rig.toml"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +17,6 @@ from pdcd.panels.patterns import pack_planes, read_pattern_levels
 from pdcd.panels.placing import Placing, make_placed_map
 from tests.panel_pixels import planned, random_frames, upright
 
-Flip = Literal["none", "horizontal", "vertical"]
 SIZE = (90, 70)
 MASK = upright(SIZE, mask=True)
 BENT = Placing(
@@ -54,18 +53,6 @@ def test_every_pixel_under_a_map_that_bends(window: str, grey: bool, mask: bool)
         np.testing.assert_array_equal(draw(frames, panel, row), planned(frames, row, panel))
     white = draw(frames, panel, 4 if mask else 7)
     assert 0.2 < (white == 0).mean() < 0.5 and set(np.unique(white)) == {0, 255}
-
-
-@pytest.mark.parametrize("flip", ["none", "horizontal", "vertical"])
-def test_a_mirrored_panel_shows_a_mirrored_picture(flip: Flip) -> None:
-    """No centre lies on an edge here: there a mirror changes sides."""
-    frames = random_frames((7, 9), "quarter", 8)
-    for plain in (upright(SIZE, mask=False), MASK):
-        panel = PanelView(plain.role, make_placed_map(Placing(flip=flip), SIZE, SIZE, plain.role))
-        for row in range(len(frames)):
-            picture = draw(frames, plain, row)
-            wanted = {"none": picture, "horizontal": picture[:, ::-1], "vertical": picture[::-1]}
-            np.testing.assert_array_equal(draw(frames, panel, row), wanted[flip])
 
 
 @pytest.mark.parametrize("mask", [False, True])

@@ -15,7 +15,7 @@ from pdcd.panels.draw import check_fit, draw, draw_planes
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.map import Map, PanelView
 from pdcd.panels.patterns import pack_bits, pack_levels
-from tests.panel_pixels import random_frames, upright
+from tests.panel_pixels import upright
 
 PROJECTOR, MASK = upright((5, 3), mask=False), upright((4, 2), mask=True)
 
@@ -56,14 +56,6 @@ def test_pixels_of_another_panel_are_refused() -> None:
         with pytest.raises(ConfigError, match="not the") as caught:
             draw(frames, panel, 1)
         assert caught.value.device == panel.role
-
-
-def test_cells_without_a_pixel_are_refused_for_either_panel() -> None:
-    frames = random_frames((6, 8), "whole", 4)
-    for mask in (False, True):
-        check_fit(frames, upright((8, 6), mask=mask))
-        with pytest.raises(ConfigError, match="have no pixel"):
-            check_fit(frames, upright((7, 6), mask=mask))
 
 
 def test_bit_planes_look_at_the_patterns_of_their_own_panel() -> None:

@@ -10,12 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
 from pdcd.bench.reading import format_toml
-from pdcd.errors import ConfigError, DiskError
+from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import from_map_table, load_map, load_maps, save_maps, to_map_table
 from tests.unit.panels.test_map import bent
@@ -55,19 +54,6 @@ def test_tables_come_back_through_toml(seed: int) -> None:
     map_ = bent(seed)
     text = format_toml({"mask": to_map_table(map_)})
     assert from_map_table(tomllib.loads(text)["mask"], "mask") == map_
-
-
-def test_a_table_that_is_no_map() -> None:
-    with pytest.raises(ConfigError, match="no map"):
-        from_map_table({"size_px": [4, 4]}, "mask")
-    with pytest.raises(ConfigError, match="singular"):
-        from_map_table({"size_px": [4, 4], "homography": [0.0] * 9}, "mask")
-
-
-def test_a_file_without_the_device(tmp_path: Path) -> None:
-    save_maps(tmp_path / "m.npz", {"mask": bent(1)})
-    with pytest.raises(ConfigError, match="no map of the camera, but of mask"):
-        load_map(tmp_path / "m.npz", "camera")
 
 
 def huge() -> bytes:
@@ -143,15 +129,3 @@ def test_what_is_no_file_at_all(tmp_path: Path) -> None:
     for name, says in (("none", "No such file"), ("fifo", "a FIFO"), ("", "a folder")):
         with pytest.raises(ConfigError, match=says):
             load_maps(tmp_path / name)
-
-
-def test_what_cannot_be_saved(tmp_path: Path) -> None:
-    path = tmp_path / "maps.npz"
-    folded = msgspec.structs.replace(bent(1), radial=(-0.9, 0.0))
-    attempts: list[dict[str, Map]] = [{}, {"a b": bent(1)}, {"mask": folded}]
-    for maps in attempts:
-        with pytest.raises(ConfigError):
-            save_maps(path, maps)
-    with pytest.raises(DiskError):
-        save_maps(tmp_path / "none" / "maps.npz", {"mask": bent(1)})
-    assert not list(tmp_path.iterdir())

@@ -15,7 +15,7 @@ import pytest
 
 from pdcd.errors import ConfigError, DiskError, NoSpaceError
 from pdcd.panels.map import Map
-from pdcd.panels.map_file import from_map_table, load_map, load_maps, save_maps, to_map_table
+from pdcd.panels.map_file import from_map_table, load_maps, save_maps, to_map_table
 
 GOOD = Map.filling((64, 48))
 NODES = tuple(tuple((1e-6 * row, 1e-6 * col) for col in range(32)) for row in range(32))
@@ -48,20 +48,6 @@ def test_twelve_maps_fit_a_file(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["m.npz"]
 
 
-def test_a_file_of_many_small_maps_has_one_too_many(tmp_path: Path) -> None:
-    stream = io.BytesIO()
-    for count in (12, 13):
-        named: dict[str, Any] = {}
-        for n in range(count):
-            named |= {f"d{n}.size_px": np.array([2, 2]), f"d{n}.homography": np.diag([0.5, 0.5, 1])}
-        stream = io.BytesIO()
-        np.savez(stream, **named)
-        (tmp_path / f"{count}.npz").write_bytes(stream.getvalue())
-    assert len(load_maps(tmp_path / "12.npz")) == 12
-    with pytest.raises(ConfigError, match="it holds 13 maps; at most 12 are read"):
-        load_maps(tmp_path / "13.npz")
-
-
 def test_what_is_zero_throughout_is_left_out(tmp_path: Path) -> None:
     save_maps(tmp_path / "m.npz", {"mask": GOOD, "camera": BENT})
     assert stored(tmp_path / "m.npz") == {
@@ -69,12 +55,6 @@ def test_what_is_zero_throughout_is_left_out(tmp_path: Path) -> None:
         "camera.size_px": (2,), "camera.homography": (3, 3), "camera.radial": (2,),
         "camera.tangential": (2,), "camera.residual": (32, 32, 2),
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", ["a", "mask", "x9_-", "a" * 32])
-def test_names_that_can_be_stored(tmp_path: Path, name: str) -> None:
-    save_maps(tmp_path / "m.npz", {name: GOOD})
-    assert load_map(tmp_path / "m.npz", name) == GOOD
 
 
 @pytest.mark.parametrize("name", ["", "A", "9a", "_a", "a" * 33, "a.b", "a/b", "a\nb", "mask "])
@@ -115,19 +95,6 @@ def test_arrays_of_another_form_are_refused(
     assert caught.value.hint and "calibration" in caught.value.hint
 
 
-def test_the_matrix_of_a_file_is_held_over_its_last_number(tmp_path: Path) -> None:
-    path = written(tmp_path / "m.npz", homography=np.diag([2 / 64, 2 / 48, 2.0]))
-    assert load_map(path, "mask") == GOOD
-
-
-def test_an_unsound_map_is_told_with_its_device(tmp_path: Path) -> None:
-    path = written(tmp_path / "m.npz", radial=np.array([-0.9, 0.0]))
-    with pytest.raises(ConfigError, match="folds") as caught:
-        load_maps(path)
-    assert caught.value.device == "mask"
-    assert caught.value.message.startswith(f"the maps of {path} cannot be used: the map of the")
-
-
 def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
     """12 maps of 2 + 9 + 2 + 2 + 2 x 32 x 32 numbers, of 8 bytes each, and 1 MiB."""
     most = 12 * 2063 * 8 + 2**20
@@ -135,16 +102,6 @@ def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
         (tmp_path / "m").write_bytes(bytes(size))
         with pytest.raises(ConfigError, match=says):
             load_maps(tmp_path / "m")
-
-
-def test_no_descriptor_stays_open(tmp_path: Path) -> None:
-    save_maps(tmp_path / "m.npz", {"mask": GOOD})
-    (tmp_path / "bad").write_bytes(b"PK\x03\x04")
-    before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
-    load_maps(tmp_path / "m.npz")
-    with pytest.raises(ConfigError):
-        load_maps(tmp_path / "bad")
-    assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
 
 
 def test_all_is_on_the_disk_before_it_takes_the_place_of_the_old(
@@ -196,23 +153,3 @@ def test_a_table_that_is_no_map_names_the_device() -> None:
         with pytest.raises(ConfigError) as caught:
             from_map_table(given, "mask")
         assert caught.value.device == "mask"
-
-
-def test_faults_of_ours_are_not_taken_for_those_of_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(*_: Any, **__: Any) -> Any:
-        raise LookupError("ours")
-
-    save_maps(tmp_path / "m.npz", {"mask": GOOD})
-    before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "pread", fails)
-        with pytest.raises(LookupError, match="ours"):
-            load_maps(tmp_path / "m.npz")
-    monkeypatch.setattr(msgspec, "convert", fails)
-    with pytest.raises(LookupError, match="ours"):
-        load_maps(tmp_path / "m.npz")
-    with pytest.raises(LookupError, match="ours"):
-        from_map_table(to_map_table(GOOD), "mask")
-    assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208

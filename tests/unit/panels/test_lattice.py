@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -19,28 +18,6 @@ WINDOWS = ["whole", "quarter", "side-5/8", "side-3/4", "side-7/8"]
 
 def pattern(lattice: Lattice) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.random.default_rng(2).random(lattice.lattice_cells)
-
-
-@pytest.mark.parametrize(
-    ("window", "fields", "dual_fields", "shape"),
-    [
-        ("whole", 1, 1, (2, 3)),
-        ("quarter", 4, 4, (3, 4)),
-        ("side-5/8", 4, 16, (3, 4)),
-        ("side-7/8", 4, 16, (3, 4)),
-        ("pixels", 1, 1, (2, 3)),
-    ],
-)
-def test_numbers_of_fields_and_cells(
-    window: str, fields: int, dual_fields: int, shape: tuple[int, int]
-) -> None:
-    lattice = Lattice(GRID, window)
-    assert (lattice.fields, lattice.dual_fields, lattice.shape) == (fields, dual_fields, shape)
-    assert (lattice.cells, lattice.lattice_cells) == (6, shape[0] * shape[1])
-    kinds = math.isqrt(dual_fields)
-    pairs = list(itertools.product(range(kinds), repeat=2))
-    assert [lattice.dual_field(*pair) for pair in pairs] == list(range(dual_fields))
-    assert [lattice.strips(field) for field in range(dual_fields)] == pairs
 
 
 def test_the_grid_goes_on_over_its_far_edges() -> None:
@@ -64,13 +41,6 @@ def test_halves_of_cells_see_the_code_cell_over_them(shift: int) -> None:
         assert values[field, row, col] == full[math.floor(y), math.floor(x)]
 
 
-def test_whole_cells_have_their_own_values() -> None:
-    lattice = Lattice(GRID)
-    full = pattern(lattice)
-    np.testing.assert_array_equal(lattice.primal_field_values(full, 0), full[None])
-    np.testing.assert_array_equal(lattice.dual_field_values(full, 0), [[*full, 0.0]])
-
-
 @pytest.mark.parametrize("shift", range(4))
 @pytest.mark.parametrize("window", ["quarter", "side-5/8", "side-7/8"])
 def test_strips_of_the_mask_show_the_code_cell_over_them_or_nothing(
@@ -92,30 +62,6 @@ def test_strips_of_the_mask_show_the_code_cell_over_them_or_nothing(
             y, x = (math.floor(place) for place in places)
             wanted = full[y, x] if y < full.shape[0] and x < full.shape[1] else 0.0
         assert values[field, row * full.shape[1] + col] == wanted
-
-
-def test_an_open_mask_is_open_in_all_cells_of_its_codes() -> None:
-    values = Lattice(GRID, "quarter").dual_field_uniform(0.7)
-    assert values.shape == (4, 13)
-    assert (values[:, :-1] == 0.7).all() and not values[:, -1].any()
-
-
-@pytest.mark.parametrize(
-    ("offset", "wanted"),
-    [
-        (0.0, [(0.0, 1.0, 0)]),
-        (0.25, [(0.0, 0.75, 0), (0.75, 1.0, 1)]),
-        (-0.25, [(0.0, 0.25, -1), (0.25, 1.0, 0)]),
-        (2.0, [(0.0, 1.0, 2)]),
-        (-1.5, [(0.0, 0.5, -2), (0.5, 1.0, -1)]),
-    ],
-)
-def test_whole_cells_are_cut_where_those_of_the_mask_end(
-    offset: float, wanted: list[tuple[float, float, int]]
-) -> None:
-    down, right = Lattice(GRID, "whole", (offset, 0.0)).pieces
-    assert down == tuple(Piece(low, high, 0, step) for low, high, step in wanted)
-    assert right == (Piece(0.0, 1.0, 0, 0),)
 
 
 @pytest.mark.parametrize(
@@ -182,29 +128,3 @@ def test_parts_of_cells_are_where_their_places_are(
     for (dual, _, *step), area in parts.items():
         summed[(dual, step[0], step[1])] = summed.get((dual, step[0], step[1]), 0.0) + area
     assert of_windows == pytest.approx(summed)
-
-
-@pytest.mark.parametrize("step", [(0, 0), (1, 1), (0, 2), (2, 0), (-1, 0), (0, -1), (1, -2)])
-def test_fields_are_seen_so_many_cells_further(step: tuple[int, int]) -> None:
-    """What lies beyond the code's cells is the rest of the panel."""
-    lattice = Lattice(GRID, "quarter")
-    field = np.random.default_rng(3).random((2, lattice.lattice_cells + 1))
-    found = lattice.stepped(field, step)
-    assert found.shape == (2, *GRID)
-    for image, row, col in np.ndindex(2, *GRID):
-        y, x = row + step[0], col + step[1]
-        inside = 0 <= y < 3 and 0 <= x < 4
-        assert found[image, row, col] == field[image, 4 * y + x if inside else 12]
-
-
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.4, -0.75)])
-@pytest.mark.parametrize("window", ["whole", "quarter", "side-3/4"])
-def test_means_over_cells_are_those_of_their_parts(
-    window: str, offset: tuple[float, float]
-) -> None:
-    lattice = Lattice(GRID, window, offset)
-    fields = np.random.default_rng(4).random((lattice.dual_fields, lattice.lattice_cells + 1))
-    wanted = np.zeros(GRID)
-    for part in lattice.overlaps:
-        wanted += part.area * lattice.seen(fields[part.dual_field][None], part)[0]
-    np.testing.assert_allclose(fields.ravel() @ lattice.spread, wanted.ravel(), rtol=1e-13)

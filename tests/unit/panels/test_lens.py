@@ -19,22 +19,6 @@ def test_a_point_by_hand() -> None:
     np.testing.assert_allclose(found, [[0.573125 - 0.005, -1.14625 + 0.00375]], rtol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("radial", "tangential", "seen"),
-    [
-        ((0.1, 0.0), (0.0, 0.0), [1.1, 0.0]),
-        ((0.0, 0.1), (0.0, 0.0), [1.1, 0.0]),
-        ((0.0, 0.0), (0.1, 0.0), [1.0, 0.1]),  # the first bends down
-        ((0.0, 0.0), (0.0, 0.1), [1.3, 0.0]),  # the second stretches to the right
-    ],
-)
-def test_each_number_moves_a_point_its_way(
-    radial: tuple[float, float], tangential: tuple[float, float], seen: list[float]
-) -> None:
-    found = correct_distortion(np.array([1.0, 0.0]), radial, tangential)
-    np.testing.assert_allclose(found, seen, rtol=1e-14, atol=1e-16)
-
-
 def test_the_slope_is_that_of_small_steps() -> None:
     step = 1e-5
     numbers = np.stack(

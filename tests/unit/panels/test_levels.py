@@ -7,20 +7,12 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.curve import (
-    COPIES,
-    PANEL_LEVELS,
-    compute_pattern_light,
-    find_table_fault,
     make_power_curve,
-    make_table_curve,
     prepare_codes,
-    prepare_sequence,
 )
 from pdcd.panels.frames import BLACK, WHITE, invert_mask_patterns
 from pdcd.panels.patterns import (
     check_binary,
-    has_cell_count,
-    make_empty_patterns,
     pack_bits,
     pack_levels,
     read_pattern_bytes,
@@ -64,18 +56,6 @@ def test_patterns_are_read_back_as_levels_and_as_bytes() -> None:
     assert to_grey_bytes(grey).dtype == read_pattern_bytes(pack_bits(BITS), 0, 3).dtype == np.uint8
 
 
-@pytest.mark.parametrize(("cells", "fits"), [(8, False), (9, True), (16, True), (17, False)])
-def test_bits_fit_a_number_of_cells_in_whole_bytes(cells: int, fits: bool) -> None:
-    assert has_cell_count(np.zeros((1, 2), dtype=np.uint8), cells) == fits
-    assert has_cell_count(np.zeros((1, cells), dtype=np.float32), cells)
-    assert not has_cell_count(np.zeros((1, cells), dtype=np.float32), cells + 1)
-    assert (
-        has_cell_count(make_empty_patterns(), cells)
-        and make_empty_patterns().shape == (0, 0)
-        and make_empty_patterns().dtype == np.uint8
-    )
-
-
 def test_bit_planes_refuse_grey_levels_of_any_pattern() -> None:
     check_binary(pack_bits(BITS), pack_bits(BITS))
     for patterns in (
@@ -112,24 +92,6 @@ def test_an_open_mask_leaves_nothing_to_the_second_bucket() -> None:
     assert other.primal_index.tolist() == [WHITE] * 4
 
 
-@pytest.mark.parametrize(("count", "told"), [(1, True), (2, False), (256, False), (257, True)])
-def test_a_table_has_at_most_a_light_for_each_level(count: int, told: bool) -> None:
-    assert PANEL_LEVELS == 256
-    assert ("needs 2 to 256" in find_table_fault(np.linspace(0.0, 1.0, count).tolist())) == told
-
-
-def test_lights_of_a_table_may_be_whole_numbers() -> None:
-    assert find_table_fault([0, 1]) == "" and find_table_fault([0, 0, 1]) == ""
-    assert "falls from 0.5 to 0.25" in find_table_fault([0.0, 0.4, 0.5, 0.25, 0.2, 1.0])
-
-
-def test_a_remembered_curve_cannot_be_spoilt() -> None:
-    for curve in (make_power_curve(2.0), make_table_curve((0.0, 1.0))):
-        assert curve.light.shape == (256,)
-        with pytest.raises(ValueError, match="read-only"):
-            curve.light[3] = 0.5
-
-
 def test_what_is_sent_gives_its_light_rounded_to_levels() -> None:
     curve = make_power_curve(2.0)
     sent = np.array([0.0, 0.5 / 255.0 - 1e-9, 0.5 / 255.0 + 1e-9, 100.4 / 255.0, 1.0])
@@ -138,46 +100,6 @@ def test_what_is_sent_gives_its_light_rounded_to_levels() -> None:
     )
     np.testing.assert_allclose(curve.of(np.array([0, 51, 255], np.uint8)), [0.0, 0.04, 1.0])
     assert curve.sent(np.array([0.0, 0.04, 1.0])) == pytest.approx([0.0, 0.2, 1.0])
-
-
-def test_grey_levels_are_light_by_the_curve_of_their_panel() -> None:
-    grey = pack_levels(np.array([[0.2, 0.0, 1.0]]))
-    assert compute_pattern_light(grey, 0, 3, make_power_curve(2.0)) == pytest.approx(
-        [0.04, 0.0, 1.0]
-    )
-    assert compute_pattern_light(grey, 0, 3, None) == pytest.approx([0.2, 0.0, 1.0], rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("room", "copies"),
-    [(0, 1), (-3, 1), (1, 1), (2, 2), (COPIES, COPIES), (COPIES + 1, COPIES)],
-)
-def test_a_sequence_has_as_many_copies_as_there_is_room_for(room: int, copies: int) -> None:
-    """Grey levels of either panel are reason enough; both panels get as many."""
-    assert COPIES == 16
-    for light, mask in ((GREY, BITS), (BITS, GREY)):
-        sent = prepare_sequence(light, mask, (make_power_curve(2.2), make_power_curve(2.2)), room)
-        assert [len(patterns) for patterns in sent] == [2 * copies] * 2
-        bits = sent[1] if mask is BITS else sent[0]
-        np.testing.assert_array_equal(bits, np.tile(pack_bits(BITS), (copies, 1)))
-
-
-def test_a_sequence_of_bits_needs_no_copies() -> None:
-    """However its bits are given, and whatever room there is."""
-    for bits in (BITS, BITS.astype(np.float64), np.zeros((2, 3)), np.ones((2, 3))):
-        sent = prepare_sequence(bits, BITS, (make_power_curve(2.2), make_power_curve(2.2)), 8)
-        np.testing.assert_array_equal(sent[0], pack_bits(bits > 0.5))
-        np.testing.assert_array_equal(sent[1], pack_bits(BITS))
-
-
-def test_what_one_copy_rounds_off_the_next_makes_up_for() -> None:
-    """A level of a quarter between 100 and 101: three of four copies show 100."""
-    wanted = (100.0 + 0.25) / 255.0
-    linear = make_table_curve((0.0, 1.0))
-    sent, _ = prepare_sequence(
-        np.full((1, 1), wanted), np.ones((1, 1), np.bool_), (linear, linear), 8
-    )
-    assert sorted(to_grey_bytes(sent).ravel().tolist()) == [100] * 6 + [101] * 2
 
 
 def test_black_and_white_stay_what_they_are_whatever_is_owed() -> None:
@@ -191,16 +113,3 @@ def test_black_and_white_stay_what_they_are_whatever_is_owed() -> None:
         assert (white, black) == (255, 0)
         # The next grey level makes up for the first one.
         assert (first, again) == ((1, 0) if owed == "less" else (0, 1))
-
-
-def test_codes_that_the_other_panel_passes_have_an_account_of_their_own() -> None:
-    """At 100.4: shown as 100 first, then 101 twice in five; the others go by themselves."""
-    linear = make_table_curve((0.0, 1.0))
-    light = np.full((10, 1), 100.4 / 255.0)
-    mask = np.arange(10)[:, None] % 2 == 0
-    primal, dual = prepare_codes(light, mask, (linear, linear))
-    shown = to_grey_bytes(primal).ravel()
-    for account in (shown[::2], shown[1::2]):
-        assert account[0] == 100 and sorted(account.tolist()) == [100] * 3 + [101] * 2
-    np.testing.assert_array_equal(dual, pack_bits(mask))
-    assert shown[::2].tolist() == shown[1::2].tolist()

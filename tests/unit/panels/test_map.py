@@ -86,13 +86,6 @@ def test_a_stored_picture_turns_and_flips_with_its_pixels(seed: int, quarters: i
         np.testing.assert_allclose(flipped.centres(), wanted, atol=1e-12)
 
 
-def test_pictures_turn_clockwise() -> None:
-    map_ = Map.filling((4, 2)).turned(1)
-    assert map_.size_px == (2, 4)
-    # The first pixel is what was lowest at the left.
-    np.testing.assert_allclose(map_.to_field([0.5, 0.5]), [0.125, 0.75])
-
-
 def test_the_grid_of_centres_is_that_of_single_points() -> None:
     map_ = bent(5, size_px=(90, 61))  # several pieces, the last one short
     x, y = np.meshgrid(np.arange(90) + 0.5, np.arange(61) + 0.5)
@@ -183,11 +176,6 @@ def test_points_go_from_device_to_device_over_the_field(seeds: tuple[int, int]) 
         one.to_field(there[known]), two.to_field(points[known]), rtol=0.0, atol=1e-11
     )
     assert known.any()
-
-
-def test_points_that_are_none() -> None:
-    with pytest.raises(ValueError, match="x and y"):
-        Map.filling((4, 4)).to_field(np.zeros((2, 3, 4)))
 
 
 @few

@@ -7,7 +7,6 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.pixels import BLACK_PICTURE, WHITE_SUM, Recorder, crop_panel
-from tests.panel_pixels import from_pictures
 
 
 def test_panels_are_cut_out_of_the_screen() -> None:
@@ -38,22 +37,6 @@ def test_each_picture_is_kept_once_and_black_never() -> None:
     assert shown.mask.index.tolist() == [black, black, 0, 0, black, 0]
     assert [int(p[0, 0]) for p in shown.projector.pictures] == [21, 24]
     assert not shown.mask.levels(BLACK_PICTURE).any()
-
-
-def test_pictures_that_differ_in_one_level_are_not_the_same() -> None:
-    one, other = np.zeros((2, 2), dtype=np.uint8), np.zeros((2, 2), dtype=np.uint8)
-    one[1, 1], other[1, 1] = 200, 201
-    assert from_pictures([one, other, one], [one, one, one]).projector.index.tolist() == [0, 1, 0]
-
-
-def test_black_is_none_of_the_pictures_that_are_kept() -> None:
-    recorder = Recorder((1, 1), (1, 1))
-    for level in (3, 6, 0, 9):
-        recorder.add(*(np.full((1, 1), level, dtype=np.uint16) for _ in range(2)))
-    panel = recorder.shown().projector
-    assert [float(panel.levels(k)[0, 0]) for k in range(3)] == [3 / 765, 6 / 765, 9 / 765]
-    assert panel.index.tolist() == [0, 1, BLACK_PICTURE, 2] and panel.index.dtype == np.int32
-    np.testing.assert_array_equal(panel.levels(BLACK_PICTURE), [[0.0]])
 
 
 def test_a_screen_that_has_shrunk_is_refused() -> None:

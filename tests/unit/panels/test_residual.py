@@ -21,11 +21,6 @@ def test_between_two_nodes_lies_a_line() -> None:
     np.testing.assert_allclose(plane.at(points), wanted, atol=1e-14)
 
 
-def test_a_residual_is_made_once() -> None:
-    assert make_residual(PLANE, SIZE) is make_residual(PLANE, SIZE)
-    assert make_residual(PLANE, (40, 60)) is not make_residual(PLANE, SIZE)
-
-
 def test_it_has_a_slope_up_to_the_edges_and_none_beyond() -> None:
     plane = make_residual(PLANE, SIZE)
     across, down = [3.0 / 60.0, -6.0 / 60.0], [2.0 / 40.0, 8.0 / 40.0]
@@ -57,12 +52,6 @@ def test_a_grid_is_its_points(shape: tuple[int, int]) -> None:
     points = np.stack(np.meshgrid(x, y), axis=-1)
     found = wavy.on_grid(x, y)
     np.testing.assert_allclose(found, wavy.at(points.reshape(-1, 2)).reshape(5, 6, 2), atol=1e-12)
-
-
-def test_nodes_lie_evenly_and_are_met() -> None:
-    wavy = MapResidual(WAVY, SIZE)
-    found = wavy.on_grid(np.linspace(0.0, 60.0, 7), np.linspace(0.0, 40.0, 5))
-    np.testing.assert_allclose(found, WAVY, atol=1e-12)
 
 
 def test_what_is_no_number_moves_to_nowhere() -> None:

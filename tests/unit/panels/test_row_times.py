@@ -18,9 +18,7 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.panels.balance import count_lit_weights, join_logs
 from pdcd.panels.frames import FrameLog, Frames, check_row_times
-from pdcd.panels.pixels import PanelPictures, ShownPictures
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.pixel_matrix import compute_pixel_factors
 from pdcd.probing.realised import compute_bench_factors
 from pdcd.runs.frame_table import append_frames
 from pdcd.virtual.optics.bench import OpticalBench
@@ -109,19 +107,6 @@ def test_nobody_passes_over_what_he_does_not_know(use: Use, name: str, tmp_path:
         other = log if some is not frames else having(log, name, seconds(len(log)))
         with pytest.raises(ConfigError, match="of their own"):
             use(some, other, tmp_path)
-
-
-def test_nor_do_pictures_of_pixels() -> None:
-    _, log = plain()
-    pictures = PanelPictures(
-        (40, 30), (np.zeros((30, 40), np.uint16),), np.zeros(len(log), np.int32)
-    )
-    given = {"grid": GRID, "open_ns": -MS, "close_ns": 10**9}
-    shown = ShownPictures(pictures, pictures)
-    list(compute_pixel_factors(shown, log, PANEL, PANEL, **given))  # type: ignore[arg-type]
-    dark = replace(log, dark_s=seconds(len(log)))
-    with pytest.raises(ConfigError, match="of their own"):
-        list(compute_pixel_factors(shown, dark, PANEL, PANEL, **given))  # type: ignore[arg-type]
 
 
 def test_a_display_that_does_not_know_them_is_never_given_them(tmp_path: Path) -> None:

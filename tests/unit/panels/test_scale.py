@@ -11,7 +11,6 @@ from pdcd.panels.map_soundness import (
     find_fewest_pixels,
     find_points_on_device,
     is_field_covered,
-    list_cell_centres,
     measure_cell_sides,
 )
 
@@ -25,20 +24,6 @@ def moved(right: float, down: float) -> Map:
     return FULL.then([[1.0, 0.0, right / 64], [0.0, 1.0, down / 48], [0.0, 0.0, 1.0]])
 
 
-def test_centres_of_few_cells_are_all_of_them_row_by_row() -> None:
-    wanted = [[x, y] for y in (0.25, 0.75) for x in (1 / 6, 3 / 6, 5 / 6)]
-    np.testing.assert_allclose(list_cell_centres((2, 3)), wanted, rtol=1e-15)
-    np.testing.assert_allclose(list_cell_centres((64, 1))[:, 1], (np.arange(64) + 0.5) / 64)
-
-
-@pytest.mark.parametrize("cells", [65, 200])
-def test_of_many_cells_64_are_taken_with_the_first_and_the_last(cells: int) -> None:
-    for x, y in (list_cell_centres((1, cells)).T, list_cell_centres((cells, 1)).T[::-1]):
-        assert len(x) == 64 and (y == 0.5).all()
-        np.testing.assert_allclose(x[[0, -1]], [0.5 / cells, 1.0 - 0.5 / cells])
-        np.testing.assert_allclose(x * cells % 1.0, 0.5, rtol=1e-9)
-
-
 def test_a_point_lies_on_the_device_up_to_its_edges() -> None:
     points = [[0.0, 0.0], [64.0, 48.0], [10.0, 20.0], [-0.01, 20.0], [64.01, 20.0], [20.0, -0.01],
               [20.0, 48.01], [60.0, 50.0], [np.nan, 20.0], [20.0, np.nan]]  # fmt: skip
@@ -49,13 +34,6 @@ def test_pixels_across_a_cell_are_counted_each_way() -> None:
     assert measure_cell_sides(FULL, np.array([[1.0, 2.0]]), (6, 4)) == pytest.approx((8.0, 16.0))
     assert measure_cell_sides(FULL, np.array([[1.0, 2.0]]), (2, 16)) == pytest.approx((4.0, 24.0))
     assert measure_cell_sides(FULL, np.empty((0, 2)), (6, 4)) == (0.0, 0.0)
-
-
-def test_fewest_and_most_are_those_of_all_points() -> None:
-    # Along the upper edge a step leads (2 / (1 + t)^2, 0) across and (0, 2 / (1 + t)) down.
-    points = np.array([[0.0, 0.0], [64.0, 0.0], [32.0, 0.0]])
-    few, many = measure_cell_sides(NARROWING, points, (1, 64))
-    assert (few, many) == pytest.approx((0.5, 48.0))
 
 
 def test_only_cells_on_the_device_are_counted() -> None:
@@ -103,9 +81,3 @@ def test_a_device_is_asked_all_along_the_border() -> None:
         nodes[row][col] = (-1.5 * (col - 1), -1.5 * (row - 1))
         bent = msgspec.structs.replace(FULL, residual=tuple(map(tuple, nodes)))
         assert not is_field_covered(bent), side
-
-
-def test_a_field_that_reaches_behind_the_horizon_is_not_covered() -> None:
-    behind = Map(size_px=(8, 8), homography=(0.2, 0.0, 0.0, 0.0, 0.2, 0.0, 0.25, 0.0, 1.0))
-    assert np.isnan(behind.from_field([[1.0, 0.5]])).all()
-    assert not is_field_covered(behind)

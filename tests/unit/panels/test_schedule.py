@@ -7,25 +7,10 @@ import pytest
 
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
-from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
 from pdcd.planning.bench_fit import choose_window
 from tests import bench_rig
-
-
-def test_twelve_refresh_sequence_of_one_code() -> None:
-    """H4 and R-rows: [P P P] / [0 M 0] under each of the four sub-shifts."""
-    codes = make_codes("bernoulli", (4, 5), 2, dual="complement")
-    frames = build_frames(
-        bench_rig.pairs(codes), (3, 4), window="quarter", schedule="full", passes=1
-    )
-    assert len(frames) == 24
-    np.testing.assert_array_equal(frames.primal_index[:12], 0)
-    np.testing.assert_array_equal(frames.dual_index[:12], [BLACK, 0, BLACK] * 4)
-    np.testing.assert_array_equal(frames.shift[:12], np.repeat([0, 1, 2, 3], 3))
-    np.testing.assert_array_equal(frames.guard[:12], [True, False, True] * 4)
-    np.testing.assert_array_equal(frames.code, np.repeat([0, 1], 12))
 
 
 def test_paper_counts() -> None:
@@ -36,44 +21,6 @@ def test_paper_counts() -> None:
     )
     assert len(frames) == 1536
     assert len(frames) / 60.0 == pytest.approx(25.6)
-
-
-def test_passes_repeat_the_whole_sequence() -> None:
-    codes = make_codes("balanced", (3, 4), 4, dual="same")
-    frames = build_frames(bench_rig.pairs(codes), (3, 4), window="whole", schedule="none", passes=3)
-    np.testing.assert_array_equal(frames.primal_index, list(range(4)) * 3)
-    np.testing.assert_array_equal(frames.code, range(12))
-    assert not frames.guard.any()
-
-
-@pytest.mark.parametrize("side", ["primal", "dual"])
-def test_black_level_shots_keep_the_timing(side: str) -> None:
-    codes = make_codes("balanced", (3, 4), 4, dual="same")
-    black = {f"{side}_black": True}
-    frames = build_frames(
-        bench_rig.pairs(codes), (3, 4), window="whole", schedule="full", passes=1, **black
-    )
-    index = frames.primal_index if side == "primal" else frames.dual_index
-    assert len(frames) == 12
-    assert np.all(index == BLACK)
-
-
-def test_white_slots() -> None:
-    frames = build_frames(
-        None,
-        (3, 4),
-        window="quarter",
-        schedule="full",
-        passes=2,
-    )
-    np.testing.assert_array_equal(frames.primal_index, WHITE)
-    np.testing.assert_array_equal(frames.dual_index, [BLACK, WHITE, BLACK] * 2)
-
-
-def test_codes_of_another_lattice_are_refused() -> None:
-    codes = make_codes("balanced", (3, 4), 4, dual="same")
-    with pytest.raises(ConfigError, match="do not cover"):
-        build_frames(bench_rig.pairs(codes), (3, 4), window="quarter", schedule="full", passes=1)
 
 
 @pytest.mark.parametrize(
@@ -108,10 +55,3 @@ def test_an_open_mask_ends_at_its_border(window: str) -> None:
     open_share = seen / seen[0, 0]
     np.testing.assert_allclose(open_share[:2], 1.0)
     np.testing.assert_allclose(open_share[2], 0.5 if inside == 1.0 else 1.0)
-
-
-def test_whole_cells_in_register_need_one_field() -> None:
-    lattice = Lattice((3, 5))
-    assert lattice.fields == 1 and len(lattice.overlaps) == 1
-    assert Lattice((3, 5), "quarter").shape == (4, 6)
-    assert len(Lattice((3, 5), "quarter").overlaps) == 16

@@ -82,14 +82,6 @@ def test_patterns_have_one_bit_or_level_for_each_cell(
             build_frames(pairs, grid, window=window, schedule="none", passes=1)
 
 
-@pytest.mark.parametrize("side", [0, 1])
-def test_either_panels_patterns_are_looked_at(side: int) -> None:
-    pairs = [BITS, BITS]
-    pairs[side] = np.zeros((2, 2), dtype=np.uint8)
-    with pytest.raises(ConfigError, match="do not cover"):
-        build_frames((pairs[0], pairs[1]), (1, 3), window="whole", schedule="none", passes=1)
-
-
 def test_a_log_without_rows_asked_was_asked_for_all_in_order() -> None:
     shown, ns = np.array([5, 6, 7], np.int32), np.zeros(3, np.int64)
     log = FrameLog(shown, shown, ns, ns, np.zeros(2, np.int64), shown, "test", True)

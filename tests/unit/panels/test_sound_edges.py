@@ -136,12 +136,6 @@ def test_the_share_of_the_field_that_a_device_covers(map_: Map, covered: float) 
     assert compute_field_share(map_) == pytest.approx(covered, abs=1e-12)
 
 
-def test_a_share_is_looked_at_with_so_many_points_a_side() -> None:
-    little = GOOD.then(np.diag([0.3, 1.0, 1.0]))
-    assert compute_field_share(little, 2) == 0.5 and compute_field_share(little, 4) == 0.25
-    assert compute_field_share(little) == pytest.approx(0.3, abs=1 / 64)
-
-
 def test_a_panel_covers_a_quarter_at_least() -> None:
     quarter = beside(0.5, -0.5)
     assert check_share(quarter, "mask") is quarter

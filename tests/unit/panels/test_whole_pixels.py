@@ -29,10 +29,6 @@ def homography(**changes: float) -> tuple[float, ...]:
     return tuple({**names, **changes}.values())
 
 
-def test_an_upright_panel_of_so_many_pixels_fits() -> None:
-    assert is_on_whole_pixels(EIGHTHS, panel(), GRID)
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -87,9 +83,3 @@ def test_cells_of_so_many_pixels_fit(name: str, axis: int) -> None:
         view = PanelView("mask", Map.filling(size_px))
         fits = bool((pixels * ends == np.rint(pixels * ends)).all())
         assert is_on_whole_pixels(name, view, GRID) == fits, pixels
-
-
-@pytest.mark.parametrize(("size_px", "fits"), [((24, 24), True), ((32, 24), False)])
-def test_all_cells_must_fit_not_only_some(size_px: tuple[int, int], fits: bool) -> None:
-    """Of 32 pixels for three cells: 3/8 of the first cell are 4 of them, 1/8 is no whole number."""
-    assert is_on_whole_pixels(EIGHTHS, PanelView("mask", Map.filling(size_px)), (3, 3)) == fits

@@ -23,18 +23,6 @@ def test_a_window_has_the_side_of_its_name(name: str) -> None:
     assert found.kinds == (2 if name == "quarter" else 4)
 
 
-@pytest.mark.parametrize("name", ["whole", "pixels"])
-def test_whole_cells_have_one_strip_that_is_always_open(name: str) -> None:
-    found = find_window_kind(name)
-    assert (found.side, found.area, found.guard, found.kinds) == (1.0, 1.0, 0.0, 1)
-    assert not found.shifted
-    for place in (0.0, 0.3, 0.5, 0.99):
-        assert found.strip(place) == 0
-        for moved in (0, 1):
-            assert found.opens(found.strip(place), moved)
-            assert found.further(found.strip(place), moved) == 0
-
-
 @pytest.mark.parametrize("moved", [0, 1])
 @pytest.mark.parametrize("name", SIDES)
 def test_a_place_is_open_where_the_middle_of_a_cell_lies_over_it(name: str, moved: int) -> None:
