@@ -8,17 +8,6 @@ import pytest
 from pdcd.sensor.bands import BAND_ROWS, fill_in_bands, run_in_bands
 
 
-@pytest.mark.parametrize("rows", [1, BAND_ROWS, BAND_ROWS + 1, 3 * BAND_ROWS, 5 * BAND_ROWS - 1])
-def test_every_row_is_worked_on_once(rows: int) -> None:
-    seen = np.zeros(rows, np.int64)
-
-    def work(band: slice) -> None:
-        seen[band] += 1
-
-    run_in_bands(rows, work)
-    assert (seen == 1).all()
-
-
 def test_a_frame_is_what_its_bands_are() -> None:
     frame = np.random.default_rng(0).random((4 * BAND_ROWS + 3, 5, 3))
     made = fill_in_bands(frame.shape, np.float32, lambda rows: 2.0 * frame[rows])

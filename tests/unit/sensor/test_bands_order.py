@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from pdcd.sensor.bands import fill_in_bands, make_planar_image, run_in_bands, run_in_channels
+from pdcd.sensor.bands import make_planar_image, run_in_bands, run_in_channels
 
 
 @pytest.mark.parametrize(
@@ -64,11 +64,3 @@ def test_channels_lie_one_after_the_other(more: tuple[int, ...]) -> None:
     for at in np.ndindex(*more):
         assert image[:, :, *at].flags.c_contiguous
     assert make_planar_image((4, 5), np.float32).dtype == np.float32
-
-
-def test_a_frame_of_one_value_a_pixel_is_made_of_bands() -> None:
-    rows = np.arange(150)
-    made = fill_in_bands(
-        (150, 2), np.int64, lambda some: np.stack([rows[some], -rows[some]], axis=1)
-    )
-    np.testing.assert_array_equal(made, np.stack([rows, -rows], axis=1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -26,14 +25,6 @@ def shifted(right: float, down: float = 0.0) -> CellMap:
     return CellMap(grid=(2, 6), frame=(4, 12), map=map_)
 
 
-def test_a_map_of_cells_is_said_by_names() -> None:
-    with pytest.raises(TypeError):
-        CellMap((1, 1), (1, 1))  # type: ignore[call-arg]
-    with pytest.raises(AttributeError):
-        BLOCKS.grid = (1, 1)  # type: ignore[misc]
-    assert hash(BLOCKS) == hash(CellMap(grid=(2, 3), frame=(4, 6)))
-
-
 def test_blocks_divide_the_frame_both_ways() -> None:
     assert BLOCKS.blocks == (2, 2) and FILLED.blocks is None
     assert CellMap.block((2, 3), (2, 12)).blocks == (1, 4)
@@ -43,15 +34,6 @@ def test_blocks_divide_the_frame_both_ways() -> None:
         with pytest.raises(DecodeError, match=r"cannot be cut into 2 x 3 cells") as caught:
             CellMap.block((2, 3), frame)
         assert caught.value.device == "camera" and "scene.grid" in (caught.value.hint or "")
-
-
-def test_squares_of_quads_divide_the_map_and_the_blur() -> None:
-    cells = msgspec.structs.replace(FILLED, blur_quads=0.6)
-    assert cells.binned(2) == CellMap(
-        grid=(2, 3), frame=(2, 3), map=Map.filling((3, 2)), blur_quads=0.3
-    )
-    assert BLOCKS.binned(2) == CellMap(grid=(2, 3), frame=(2, 3))
-    assert not BLOCKS.can_bin(4) and not FILLED.can_bin(3) and FILLED.can_bin(2)
 
 
 @pytest.mark.parametrize("cells", [BLOCKS, FILLED])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.sensor.fit import check_frame_fit, measure_frame_fit
@@ -39,37 +38,6 @@ def test_the_share_of_cells_that_is_seen(
     size: tuple[int, int], place: dict[str, object], seen: float
 ) -> None:
     assert measure_frame_fit(of(size, **place), GRID).seen == pytest.approx(seen, abs=0.02)
-
-
-@pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, 270.0])
-def test_one_quad_a_cell_is_enough_where_it_is_the_cell(turn: float) -> None:
-    """Also of a camera that stands on its side."""
-    size = (32, 32)
-    map_ = make_placed_map(Placing(turn_deg=turn), size, size, "camera")
-    fit = measure_frame_fit(map_, (32, 32))
-    assert fit.aligned and fit.across == pytest.approx((1.0, 1.0))
-    check_frame_fit(fit, "quarter")
-    half = measure_frame_fit(
-        make_placed_map(Placing(turn_deg=turn), (16, 16), size, "camera"), (32, 32)
-    )
-    with pytest.raises(ConfigError, match=r"has 0\.5 quads along"):
-        check_frame_fit(half, "quarter")
-
-
-def test_between_one_and_two_quads_whole_windows_can_be_told_apart_and_quarters_not() -> None:
-    fit = measure_frame_fit(Map.filling((96, 72)), GRID)
-    assert fit.across == pytest.approx((1.5, 1.5)) and not fit.aligned
-    check_frame_fit(fit, "whole")
-    with pytest.raises(ConfigError, match="does not resolve its quarter windows"):
-        check_frame_fit(fit, "quarter")
-
-
-@pytest.mark.parametrize(
-    "place", [{"turn_deg": 1.0}, {"offset_px": (3.0, 0.0)}, {"radial": (0.01, 0.0)}]
-)
-def test_what_is_turned_shifted_or_bent_is_not_aligned(place: dict[str, object]) -> None:
-    assert measure_frame_fit(of((64, 48)), GRID).aligned
-    assert not measure_frame_fit(of((64, 48), **place), GRID).aligned
 
 
 def test_quads_are_counted_where_the_map_is_coarsest() -> None:

@@ -80,12 +80,6 @@ def test_numbers_that_make_none(changes: dict[str, Any], says: str) -> None:
     assert caught.value.hint == "correct the profile's TOML file"
 
 
-def test_faults_are_told_one_after_the_other() -> None:
-    with pytest.raises(ConfigError) as caught:
-        made(bits=0, frame_quads=(0, 0), rows=())
-    assert caught.value.message.count("; ") == 2
-
-
 def test_a_row_is_found_by_its_iso() -> None:
     assert made().row(200) == IsoRow(200, 1.0, 3.0)
     with pytest.raises(ConfigError) as caught:
@@ -187,18 +181,3 @@ def test_the_variance_by_hand() -> None:
 
 def test_the_variance_of_single_precision_is_worked_out_in_double() -> None:
     assert compute_variance_dn2(np.ones(2, np.float32), made(), 100, 20.0).dtype == np.float64
-
-
-@pytest.mark.parametrize("where", ["read_bytes", "decode"])
-def test_faults_of_ours_are_not_taken_for_those_of_a_profile(
-    monkeypatch: pytest.MonkeyPatch, where: str
-) -> None:
-    def fails(*_: Any, **__: Any) -> Any:
-        raise LookupError("ours")
-
-    if where == "decode":
-        monkeypatch.setattr(msgspec.toml, "decode", fails)
-    else:
-        monkeypatch.setattr(Path, "read_bytes", fails)
-    with pytest.raises(LookupError, match="ours"):
-        load_profile("modern")

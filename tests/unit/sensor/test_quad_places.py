@@ -92,14 +92,6 @@ def test_a_turn_of_a_billionth_of_the_field_is_none(base: np.ndarray, at: tuple[
         assert (find_upright_axes(map_, (8, 3)) is not None) is same, turn
 
 
-def test_places_are_counted_from_the_centre_of_the_first_cell() -> None:
-    found = compute_quad_places(FULL, (4, 6), (8, 3))
-    assert found.shape == (2, 4, 6) and found.dtype == np.float32
-    np.testing.assert_allclose(found[0], np.tile((np.arange(6) + 0.5) / 2 - 0.5, (4, 1)), rtol=1e-6)
-    down = np.tile(((np.arange(4) + 0.5) * 2 - 0.5)[:, None], (1, 6))
-    np.testing.assert_allclose(found[1], down, rtol=1e-6)
-
-
 @pytest.mark.parametrize("size", [(200, 140), (64, 65), (2, 3), (1, 1), (560, 420)])
 def test_places_are_those_of_the_map(size: tuple[int, int]) -> None:
     """Worked out at some quads: at all of up to 64 a side, at every eighth of many."""
@@ -165,10 +157,3 @@ def test_both_ways_between_cells_agree(map_: Map, grid: tuple[int, int]) -> None
     assert down.nnz <= 2 * 4 and (down.data > 0.0).all()
     wanted = interpolate_between_cells(values, compute_quad_places(map_, (4, 6), grid))
     np.testing.assert_allclose(found, wanted, atol=0.02)  # OpenCV counts in 32nds of a pixel
-
-
-def test_weights_of_the_two_cells_beside_a_quad() -> None:
-    lines = make_axis_weights(Map.filling((8, 1)), (1, 8), (1, 2))
-    assert lines is not None
-    weights = lines[2].toarray()[:, 1]  # of the right cell, whose centre is that of quads 5 and 6
-    np.testing.assert_allclose(weights, [0, 0, 0.125, 0.375, 0.625, 0.875, 1, 1], atol=1e-9)

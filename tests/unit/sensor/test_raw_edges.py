@@ -44,17 +44,6 @@ def dng(path: Path, shape: tuple[int, int] = (82, 100), **given: Any) -> np.ndar
     return image
 
 
-def test_the_signal_is_what_is_above_black() -> None:
-    samples = np.arange(96, dtype=np.uint16).reshape(4, 4, 6) * 20
-    raw = frame(samples)
-    wanted = samples.astype(np.float32) - BLACK.astype(np.float32)[:, None, None]
-    np.testing.assert_array_equal(raw.planes, wanted)
-    assert raw.planes.dtype == np.float32 and raw.planes.min() < 0.0
-    np.testing.assert_array_equal(raw.signal(slice(1, 3)), wanted[:, 1:3])
-    np.testing.assert_array_equal(raw.signal(columns=slice(2, 5)), wanted[:, :, 2:5])
-    assert raw.frame == (4, 6)
-
-
 @pytest.mark.parametrize(("masked", "said"), [(True, "masked border"), (False, "LibRaw")])
 def test_what_a_manifest_keeps(masked: bool, said: str) -> None:
     assert frame(np.zeros((4, 1, 1), np.uint16), masked=masked, flip=6).exif() == {
@@ -62,18 +51,6 @@ def test_what_a_manifest_keeps(masked: bool, said: str) -> None:
         "black_dn": [500.0, 510.0, 520.0, 530.0], "black_from": said,
         "libraw_black_dn": [499.0, 509.0, 519.0, 529.0], "white_dn": 15000.0,
     }  # fmt: skip
-
-
-def test_squares_of_squares_are_larger_squares() -> None:
-    samples = np.random.default_rng(1).integers(0, 9000, (4, 8, 12)).astype(np.uint16)
-    raw = frame(samples)
-    twice = raw.binned(2).binned(2)
-    assert twice.side == 4 and raw.binned(4).side == 4 and twice.frame == (2, 3)
-    assert twice.samples.dtype == np.float32
-    means = samples.reshape(4, 2, 4, 3, 4).mean(axis=(2, 4))
-    np.testing.assert_allclose(twice.samples, means, rtol=1e-6)
-    np.testing.assert_allclose(raw.binned(4).samples, means, rtol=1e-6)
-    assert not twice.saturated.any()
 
 
 def test_squares_without_a_sound_quad_are_dark_and_saturated() -> None:
@@ -119,21 +96,6 @@ def test_the_last_row_or_column_of_an_odd_number_is_left_out(
     np.testing.assert_array_equal(raw.planes[3], even[1::2, 1::2])
 
 
-@pytest.mark.parametrize(
-    ("flip", "words"),
-    [
-        (0, "upright"),
-        (3, "turned by 180"),
-        (5, "turned by 90 left"),
-        (6, "turned by 90 right"),
-        (1, "flip 1"),
-        (4, "flip 4"),
-    ],
-)
-def test_an_orientation_in_words(flip: int, words: str) -> None:
-    assert RawHead((1, 1), flip, "", (0, 0)).turned == words
-
-
 @pytest.mark.parametrize("read", [read_raw, read_raw_head])
 def test_a_file_is_checked_before_it_is_decoded(tmp_path: Path, read: Any) -> None:
     path = tmp_path / "a.dng"
@@ -151,17 +113,6 @@ def test_a_file_is_checked_before_it_is_decoded(tmp_path: Path, read: Any) -> No
     with pytest.raises(DecodeError, match=r"cannot decode b\.dng: ") as caught:
         read(tmp_path / "b.dng")
     assert caught.value.hint and "fetch it" in caught.value.hint
-
-
-@pytest.mark.parametrize("more", [1, -1])
-def test_a_file_has_the_announced_size(tmp_path: Path, more: int) -> None:
-    path = tmp_path / "a.dng"
-    dng(path)
-    size = path.stat().st_size
-    assert read_raw(path, size_bytes=size).frame == (37, 40)
-    with pytest.raises(DecodeError, match=f"has {size} bytes, not {size + more}") as caught:
-        read_raw(path, size_bytes=size + more)
-    assert caught.value.hint == "fetch it from the camera again"
 
 
 @pytest.mark.parametrize(
@@ -182,30 +133,6 @@ def test_what_the_decoder_raises_is_one_error(
     monkeypatch.setattr(rawpy, "imread", fails)
     with pytest.raises(DecodeError, match=f"cannot decode a.dng: {words}"):
         read_raw(tmp_path / "a.dng")
-
-
-def test_a_fault_of_ours_is_not_taken_for_damage(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(*_: Any) -> None:
-        raise LookupError("ours")
-
-    dng(tmp_path / "a.dng")
-    monkeypatch.setattr(rawpy, "imread", fails)
-    with pytest.raises(LookupError, match="ours"):
-        read_raw(tmp_path / "a.dng")
-
-
-@pytest.mark.parametrize("read", [read_raw, read_raw_head])
-def test_only_a_disk_that_refuses_is_told_as_such(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: Any
-) -> None:
-    def fails(_: Path) -> bytes:
-        raise LookupError("ours")
-
-    monkeypatch.setattr(Path, "read_bytes", fails)
-    with pytest.raises(LookupError, match="ours"):
-        read(tmp_path / "a.dng")
 
 
 def bordered(path: Path, values: list[int], columns: int = 16) -> RawFrame:
@@ -315,22 +242,3 @@ def test_only_a_crop_too_small_for_the_decoder_is_applied(
     assert raw.frame == read_raw_head(path).frame == shown
     wanted = image[0 : 2 * shown[0] : 2, 0 : 2 * shown[1] : 2]
     np.testing.assert_array_equal(raw.planes[0] + 512.0, wanted)
-
-
-def test_samples_are_kept_as_the_file_has_them(tmp_path: Path) -> None:
-    dng(tmp_path / "a.dng")
-    raw = read_raw(tmp_path / "a.dng")
-    assert raw.samples.dtype == np.uint16 and raw.saturated.dtype == np.bool_
-    assert raw.black.dtype == raw.libraw_black.dtype == np.float64
-
-
-def test_greens_are_added_without_rounding() -> None:
-    planes = np.array([0.0, 2.0**24, 1.0, 0.0], np.float32).reshape(4, 1, 1)
-    assert to_rgb(planes)[0, 0, 1] == 2.0**23 + 0.5
-
-
-def test_a_factor_is_given_for_each_colour() -> None:
-    planes = np.ones((4, 1, 1), np.float32)
-    for factors in ((1.0, 1.0), (1.0,) * 4):
-        with pytest.raises(ValueError, match="zip"):
-            compute_rgb_variance(planes, load_profile("mark2"), 50, 1.0, factors)

@@ -9,7 +9,6 @@ import msgspec
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.sensor.appendix import compute_appendix_rows, make_appendix_pixel
 from pdcd.sensor.profile import IsoRow, SensorProfile
 from pdcd.sensor.snr import (
     LCD_TRANSMISSION,
@@ -63,23 +62,6 @@ def test_what_a_pixel_may_be(changes: dict[str, Any], says: str) -> None:
         SnrPixel(**told)
     assert caught.value.message == says
     assert caught.value.hint == "correct the options of the comparison"
-
-
-def test_values_are_frozen_and_pixels_said_by_names() -> None:
-    with pytest.raises(TypeError):
-        SnrPixel(1.0, 1.0, 2, 0.0)  # type: ignore[call-arg]
-    row, (first, *_) = compute_sensor_rows(SENSOR, 100, PIXEL)[0], compute_appendix_rows()
-    for value, name in ((PIXEL, "codes"), (SnrReading(1.0, 1.0, 1.0), "signal_e"), (row, "iso"),
-                        (first, "ours"), (SENSOR, "name"), (SENSOR.rows[0], "iso")):  # fmt: skip
-        with pytest.raises(AttributeError):
-            setattr(value, name, 1)
-
-
-@pytest.mark.parametrize("kind", [SensorProfile, IsoRow])
-def test_profiles_have_only_the_fields_they_have(kind: Any) -> None:
-    value = SENSOR if kind is SensorProfile else SENSOR.rows[0]
-    with pytest.raises(msgspec.ValidationError, match="more"):
-        msgspec.convert({**msgspec.to_builtins(value), "more": 1}, type=kind)
 
 
 def test_a_dimmer_pixel_has_less_light_and_less_time() -> None:
@@ -167,26 +149,3 @@ def test_procedures_at_the_isos_that_suit_them(iso: int, short: tuple[int, ...])
     assert (rows[0].signal_e, rows[0].additive_e) == (500.0, noise)
     assert rows[-2].signal_e == pytest.approx(50.0)
     assert rows[-2].additive_e == pytest.approx(math.sqrt(2.0) * 4.0)
-
-
-def test_numbers_of_the_appendix_that_need_words_have_them() -> None:
-    noted = {row.quantity: row.note for row in compute_appendix_rows() if row.note}
-    assert list(noted) == [
-        "mean intensity, 12-bit DN", "photo, ISO 50, dB", "masked sum, ISO 50, dB",
-        "masked sum, ISO 1600, dB",
-    ]  # fmt: skip
-    assert "truncated" in noted["masked sum, ISO 50, dB"]
-    assert [row.quantity for row in compute_appendix_rows() if row.truncated] == [
-        "mean intensity, 12-bit DN", "masked sum, ISO 50, dB",
-    ]  # fmt: skip
-
-
-def test_ratios_of_the_appendix_are_told_in_both_conventions() -> None:
-    for row in compute_appendix_rows():
-        assert (row.shot is not None) is row.quantity.endswith("dB"), row.quantity
-    dim = make_appendix_pixel().dimmed()
-    last = compute_appendix_rows()[-1]
-    assert (last.ours, last.shot) == (
-        compute_masked_sum(dim, 3.9, "paper").snr_db, compute_masked_sum(dim, 3.9, "shot").snr_db,
-    )  # fmt: skip
-    assert make_appendix_pixel().exposure_s == 30.0 and make_appendix_pixel().codes == 512

@@ -96,11 +96,6 @@ def test_four_bytes_are_the_value_and_five_a_place(order: str) -> None:
     assert tags.text(MODEL) == "abcde" and tags.needs_bytes == 31
 
 
-def test_letters_that_are_none_are_replaced() -> None:
-    tags = tags_of(head("<") + directory("<", (MODEL, ASCII, 4, b"a\xffb\0")))
-    assert tags.text(MODEL) == "a\ufffdb"
-
-
 @ORDERS
 def test_directories_are_found_by_chain_exif_and_sub(order: str) -> None:
     """The first that has a tag tells it, in the order in which they are read."""
