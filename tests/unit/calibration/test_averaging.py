@@ -19,35 +19,6 @@ def averaging(block: int = 2, period: float = 8.0, **dark: slice) -> StripeAvera
     return StripeAverager(lit, WHITE, period, block)
 
 
-@pytest.mark.parametrize("power", [1, 2])
-def test_light_over_white_is_summed_over_the_lit_quads_of_each_block(power: int) -> None:
-    found = averaging(4, rows=slice(0, 2), cols=slice(0, 3))
-    light = RNG.random(SHAPE)
-    light[0, 0] = np.nan  # where nothing is lit there may be anything
-    summed = found.over_white(light, power)
-    assert summed.shape == (16, 20)
-    over = light / WHITE**power
-    over[:2, :3] = 0.0
-    assert summed[3, 5] == pytest.approx(over[12:16, 20:24].sum())
-    assert summed[0, 0] == pytest.approx(over[:4, :4].sum())
-    assert found.count[0, 0] == 10.0 and found.count[3, 5] == 16.0
-    assert np.array_equal(found.over_white(light), found.over_white(light, 1))
-
-
-def test_what_is_beyond_the_last_whole_block_is_left_out() -> None:
-    found = StripeAverager(np.ones((13, 22), np.bool_), np.ones((13, 22)), 8.0, 4)
-    assert found.count.shape == (3, 5) and (found.count == 16.0).all()
-    assert found.over_white(np.ones((13, 22))).tolist() == [[16.0] * 5] * 3
-
-
-def test_an_average_over_stripes_is_that_of_one_quad() -> None:
-    even = averaging()
-    flat = even.over_white(0.3 * WHITE)
-    np.testing.assert_allclose(even.smooth(flat), 0.3)
-    holed = averaging(rows=slice(10, 14), cols=slice(20, 30))
-    np.testing.assert_allclose(holed.smooth(holed.over_white(0.3 * WHITE)), 0.3)
-
-
 @pytest.mark.parametrize("period", [8.0, 9.0, 10.0, 12.0, 16.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_stripes_go_out_of_averages(period: float, axis: int) -> None:
@@ -58,21 +29,6 @@ def test_stripes_go_out_of_averages(period: float, axis: int) -> None:
     inside = found.places(1.0).astype(int)
     left = smooth[inside[:, 1], inside[:, 0]] - 0.5
     assert np.abs(left).max() < 0.003
-
-
-def test_boxes_are_one_period_long_and_centred() -> None:
-    """A single light spreads evenly to both sides, over three periods less two blocks."""
-    found = averaging(1, 8.0)
-    light = np.zeros(SHAPE)
-    light[32, 40] = WHITE[32, 40]
-    spread = found.smooth(found.over_white(light))
-    across = spread.sum(axis=0)
-    middle = 40
-    reach = int(np.flatnonzero(across > 1e-12).max()) - middle
-    assert reach == (7 + 7 + 9) // 2 == 11 or reach == (7 + 9 + 9) // 2 == 12
-    np.testing.assert_allclose(
-        across[middle - 11 : middle], across[middle + 1 : middle + 12][::-1], atol=1e-12
-    )
 
 
 def test_noise_of_an_average_is_that_of_its_weights() -> None:
@@ -107,10 +63,3 @@ def test_places_lie_on_a_lattice_with_light_all_around() -> None:
     assert dense.min(axis=0).tolist() == [15.0, 15.0] and dense.max(axis=0).tolist() == [65.0, 49.0]
     assert len(dense) == 26 * 18
     assert len(averaging(2, 8.0).places(1.0)) == len(averaging(2, 8.0).places(2.0))
-
-
-def test_values_at_places_are_those_of_their_blocks() -> None:
-    found = averaging(4, 8.0)
-    blocks = np.arange(16.0 * 20.0).reshape(16, 20)
-    places = np.array([[0.0, 0.0], [3.9, 4.0], [79.9, 63.9], [41.0, 9.0]])
-    assert found.at(blocks, places).tolist() == [0.0, 20.0, 319.0, 2.0 * 20.0 + 10.0]

@@ -69,12 +69,3 @@ def test_panels_that_do_not_meet_are_refused() -> None:
     right = seen(replace(MASK, scale=0.4, shift_quads=(700.0, 0.0)), 0.01, 2)
     with pytest.raises(CalibrationError, match="shows both"):
         compose_maps(left, right)
-
-
-def test_both_maps_are_of_one_camera() -> None:
-    other = replace(PROJECTOR, frame=(1000, 1500))
-    with pytest.raises(ValueError, match="one camera"):
-        found = seen(PROJECTOR, 0.01, 1)
-        wrong = replace(found, map=found.map.turned(1))
-        assert other.frame != FRAME
-        compose_maps(found, wrong)

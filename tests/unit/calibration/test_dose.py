@@ -34,21 +34,6 @@ def test_a_straight_line_is_found_as_it_is() -> None:
     assert np.array_equal(np.isnan(found.deviations), low > STRAIGHT)
 
 
-def test_deviations_are_those_of_a_line_by_relative_weights() -> None:
-    bent = STRAIGHT * (1.0 + 0.01 * np.sin(np.arange(8)))
-    found = line("red", DOSES, bent)
-    used = ~np.isnan(found.deviations)
-    columns = np.stack([DOSES[used], np.ones(used.sum())], axis=1) / bent[used, None]
-    normal = columns.T @ columns
-    slope, base = np.linalg.solve(normal, columns.sum(axis=0))
-    assert found.offset_refreshes == pytest.approx(base / slope)
-    away = bent[used] / (slope * DOSES[used] + base) - 1.0
-    np.testing.assert_allclose(found.deviations[used], away, atol=1e-12)
-    assert found.error == pytest.approx(np.abs(away).max())
-    spread = np.sqrt(np.sum(away**2) / (used.sum() - 2) * np.linalg.inv(normal)[1, 1])
-    assert found.offset_sigma == pytest.approx(spread / slope)
-
-
 @pytest.mark.parametrize(
     ("share", "noise", "saturates", "clipped"),
     [
@@ -107,22 +92,3 @@ def test_a_photo_without_its_light_is_the_shutter_s(share: float, at: int) -> No
     ) as found:
         line("red", DOSES, signal)
     assert found.value.device == "shutter" and "cable" in str(found.value.hint)
-
-
-@pytest.mark.parametrize("share", [0.899, 0.901])
-def test_more_refreshes_give_no_less_light(share: float) -> None:
-    signal = STRAIGHT.copy()
-    signal[2] = share * signal[1]
-    if share < 0.9:
-        with pytest.raises(CalibrationError, match=r"the photo of 4 refreshes lacks light"):
-            line("red", DOSES, signal)
-    else:
-        line("red", DOSES, signal)
-
-
-def test_a_dose_beyond_saturation_is_not_missed() -> None:
-    """The signal that is due is no more than the highest that was seen."""
-    stopped = np.minimum(STRAIGHT, 1000.0)
-    doses = np.append(DOSES, 2000.0)
-    found = line("red", doses, np.append(stopped, 1000.0))
-    assert found.saturation_dn == 1000.0

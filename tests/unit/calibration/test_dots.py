@@ -7,17 +7,11 @@ import pytest
 from scipy.ndimage import binary_dilation, center_of_mass, label
 
 from pdcd.calibration.geometry.dots import DotGrid, PanelName
-from pdcd.calibration.geometry.lattice import SYMMETRIES, find_lattice_place
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 
 PROJECTOR = DotGrid.usual("projector", (1024, 768))
 MASK = DotGrid.usual("mask", (1600, 1200))
-
-
-def test_usual_dots_are_those_of_the_figures() -> None:
-    assert (PROJECTOR.pitch_px, PROJECTOR.radius_px, PROJECTOR.shape) == (32, 6.0, (24, 32))
-    assert (MASK.pitch_px, MASK.radius_px, MASK.shape) == (40, 8.0, (30, 40))
 
 
 @pytest.mark.parametrize("size_px", [(256, 192), (250, 187)])
@@ -51,38 +45,6 @@ def test_photos_of_one_panel_let_all_light_pass_the_other() -> None:
     assert PROJECTOR.shown(2)[0].mask_index.tolist() == [WHITE] * 2
 
 
-def test_any_part_of_the_code_is_found_however_it_lies() -> None:
-    rng = np.random.default_rng(3)
-    code = PROJECTOR.holes()
-    for numbers in SYMMETRIES:
-        top, left = int(rng.integers(0, 15)), int(rng.integers(0, 20))
-        part = np.where(code[top : top + 8, left : left + 11], -1.0, 1.0)
-        part[rng.random(part.shape) < 0.1] *= -1.0  # a speck of dust, a glint
-        part[rng.random(part.shape) < 0.1] = np.nan
-        row, col = np.mgrid[:8, :11]
-        # Where the cells lie when they are counted another way.
-        back = np.array(numbers).T
-        cells = np.stack([2 * (left + col) + 1, 2 * (top + row) + 1], axis=-1).reshape(-1, 2)
-        counted = (cells @ back.T - 1) // 2
-        counted -= counted.min(axis=0)
-        seen = np.full(counted.max(axis=0)[::-1] + 1, np.nan)
-        seen[counted[:, 1], counted[:, 0]] = part.ravel()
-        place = find_lattice_place(seen, code)
-        assert place.sure
-        # Corner dots of a cell, told apart again, are those about the cell.
-        dots = np.stack([place.index(counted), place.index(counted + 1)])
-        middle = dots.sum(axis=0) / 2.0
-        np.testing.assert_array_equal(2 * middle, cells)
-
-
-def test_a_code_is_not_found_in_noise_or_in_the_other_panel() -> None:
-    rng = np.random.default_rng(4)
-    noise = rng.choice([-1.0, 1.0], (20, 28))
-    assert not find_lattice_place(noise, PROJECTOR.holes()).sure
-    theirs = np.where(MASK.holes()[:23, :31], -1.0, 1.0)
-    assert not find_lattice_place(theirs, PROJECTOR.holes()).sure
-
-
 @pytest.mark.parametrize(
     ("size_px", "pitch_px", "radius_px"),
     [((256, 192), 8, 4.0), ((256, 192), 16, 1.0), ((60, 192), 32, 4.0)],
@@ -100,7 +62,3 @@ def test_a_panel_too_small_for_dots_is_refused_by_name(size_px: tuple[int, int])
     with pytest.raises(CalibrationError, match="too few for its dots") as caught:
         DotGrid.usual("mask", size_px)
     assert caught.value.device == "mask" and "mask.size_px" in str(caught.value.hint)
-
-
-def test_the_smallest_panel_that_is_not_refused_has_dots() -> None:
-    assert DotGrid.usual("mask", (128, 32)).shape == (4, 16)

@@ -78,12 +78,6 @@ def test_errors_of_dots_are_honest() -> None:
     assert 0.85 < np.concatenate(ratios).std() < 1.15
 
 
-@pytest.mark.parametrize("blur_quads", [0.7, 1.0, 1.6])
-def test_blur_is_that_of_the_lens_and_of_the_quads(blur_quads: float) -> None:
-    _, dots, _ = found(bench(blur_quads=blur_quads))
-    assert dots.blur_quads == pytest.approx(np.hypot(blur_quads, np.sqrt(1.0 / 12.0)), rel=0.08)
-
-
 @pytest.mark.long
 def test_colours_lie_where_their_samples_do() -> None:
     way = small_way(turn_deg=3.0, colour=(0.002, 0.0, -0.001))
@@ -151,29 +145,9 @@ def test_pictures_that_were_not_shown_are_named() -> None:
         find_dots(plain, black, dots, GRID)
 
 
-def test_dots_that_a_camera_sees_too_small_are_told_by_how_far_they_lie_apart() -> None:
-    grid = DotGrid.usual("projector", (2048, 1536))
-    way = small_way(size_px=grid.size_px, scale=0.14, keystone=(0.0, 0.0), radial=0.0)
-    white, black, dots = bench(way, blur_quads=0.3).photos(grid.shown(1), 2)
-    plain = replace(white, light=np.full_like(white.light, 20_000.0))
-    with pytest.raises(CalibrationError, match="not which is which") as caught:
-        find_dots(plain, black, dots, grid)
-    assert " quads apart: let the field fill" in str(caught.value)
-
-
 def test_dots_of_the_other_panel_are_recognised() -> None:
     asked = DotGrid.usual("mask", (256, 192))
     white, black, dots = photos()
     with pytest.raises(CalibrationError, match="dots of the projector") as caught:
         find_dots(white, black, dots, asked, other=GRID)
     assert "swapped" in str(caught.value)
-
-
-def test_photos_must_be_whole() -> None:
-    white, black, dots = photos()
-    broken = white.light.copy()
-    broken[::4, ::4] = np.nan
-    with pytest.raises(CalibrationError, match="not finite"):
-        find_dots(replace(white, light=broken), black, dots, GRID)
-    with pytest.raises(ValueError, match="differ in shape"):
-        QuadPhoto(white.light, white.variance[:10])

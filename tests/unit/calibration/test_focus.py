@@ -49,23 +49,6 @@ def test_depth_is_that_of_blurred_stripes() -> None:
     assert soft.number_sigma < 0.02 * soft.number
 
 
-def test_stripes_may_lie() -> None:
-    upright = photo(1.0)
-    lying = QuadPhoto(upright.light.swapaxes(0, 1), upright.variance.swapaxes(0, 1))
-    found = [
-        measure_stripe_depth(upright, PERIOD).number,
-        measure_stripe_depth(lying, PERIOD).number,
-    ]
-    assert found[0] == pytest.approx(found[1], rel=0.02)
-
-
-def test_one_photo_shows_which_side_is_sharper() -> None:
-    blur = np.broadcast_to(np.linspace(1.5, 0.7, 160), (120, 160))
-    right, down = measure_stripe_depth(photo(blur), PERIOD).slope
-    assert right > 0.5
-    assert abs(down) < 0.1
-
-
 def test_what_is_wrong_is_named() -> None:
     plain = photo(1.0)
     with pytest.raises(CalibrationError, match="no light"):

@@ -17,7 +17,6 @@ from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.geometry.fit import PointPairs, fit_map
 from pdcd.calibration.geometry.geometry_step import calibrate_geometry, choose_marks
-from pdcd.calibration.geometry.striped import base_px
 from pdcd.calibration.script import PhotoRequest, StepOutcome
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, map_between
@@ -107,14 +106,6 @@ def test_a_scene_needs_eight_stripes_by_the_maps_in_use() -> None:
     assert off_px(found, bench, "mask") < 0.1
 
 
-@pytest.mark.long
-def test_a_bumped_camera_is_no_matter() -> None:
-    """The maps in use are 12 quads beside the camera; mask and projector lie as they did."""
-    bench = scene()
-    found, _ = seen_by(bench, known(bench, moved_px=(12.0, -9.0)), subject="scene")
-    assert off_px(found, bench, "projector") < 0.05
-
-
 def test_maps_that_were_never_measured_are_asked_for() -> None:
     with pytest.raises(CalibrationError, match="lies was not measured"):
         seen_by(scene(), subject="scene", marks="phase")
@@ -202,16 +193,3 @@ def test_half_a_scene_is_doubtful_and_what_is_seen_of_it_right() -> None:
     seen = {f.name: f for f in found.figures if f.name.endswith("seen")}
     assert seen["projector.seen"].verdict is not Verdict.GOOD
     assert seen["projector.seen"].value == pytest.approx(0.55, abs=0.15)
-
-
-@pytest.mark.long
-def test_colours_apart_are_told_of_stripes_as_of_dots() -> None:
-    wide = replace(PROJECTOR, colour=(0.004, 0.0, -0.004))
-    bench = scene(projector=wide, grey=False)
-    found, _ = seen_by(bench, known(bench), subject="scene")
-    apart = {f.name: f.value for f in found.figures if f.name.endswith("apart_px")}
-    assert apart["projector.red_apart_px"] == pytest.approx(0.5, abs=0.15), apart
-
-
-def test_base_stripes_are_as_wide_as_the_camera_resolves() -> None:
-    assert [base_px(scale) for scale in (1.76, 0.9, 0.5, 0.2, 0.01)] == [4, 4, 8, 32, 32]

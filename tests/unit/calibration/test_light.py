@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -20,7 +19,7 @@ from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import make_empty_patterns
 from pdcd.probing.realised import collect_factors, compute_bench_factors
-from tests.unit.calibration.light_bench import LightBench, TruePanel, TrueSensor
+from tests.unit.calibration.light_bench import LightBench, TruePanel
 
 Floats = NDArray[np.float64]
 
@@ -82,13 +81,6 @@ def test_finds_contrasts_and_room() -> None:
     assert max(f.verdict for f in light.figures()) == Verdict.GOOD
 
 
-@pytest.mark.parametrize(("lamp", "verdict"), [(0.009, Verdict.GOOD), (0.02, Verdict.DOUBTFUL)])
-def test_a_lamp_beyond_its_limit_is_doubtful(lamp: float, verdict: Verdict) -> None:
-    light = replace(measured(series(1)), lamp=lamp)
-    figure = next(f for f in light.figures() if f.name == "light.lamp_change")
-    assert figure.verdict == verdict and (lamp <= float(figure.limit.split()[-1])) == (not verdict)
-
-
 def test_errors_are_those_it_tells() -> None:
     pulls = []
     for seed in range(12):
@@ -135,16 +127,6 @@ def test_a_black_that_cannot_be_seen_is_only_bounded() -> None:
     value, _ = light.mask.contrast
     assert 5000.0 < value < 1e6
     assert "at least" in light.figures()[1].limit
-
-
-def test_a_scene_of_its_own_does_as_well_as_a_card() -> None:
-    rng = np.random.default_rng(9)
-    light = measured(series(5, card=0.1 + 0.8 * rng.random((64, 80, 1)), room=0.0))
-    assert light.mask.contrast[0] == pytest.approx(500.0, rel=0.01)
-
-
-def all_but(name: str, factor: float) -> dict[str, float]:
-    return {shown.name: 1.0 if shown.name == name else factor for shown in PLAN.photos()}
 
 
 @pytest.mark.parametrize(
@@ -260,9 +242,3 @@ def test_plan_opens_the_mask_around_the_light() -> None:
         if lit.size:
             assert (lit[0], shown.refreshes - 1 - lit[-1]) == (PLAN.lead, PLAN.lead)
         assert np.unique(shown.mask_index).size == 1
-
-
-def test_sensor_bench_rounds_and_clips() -> None:
-    rng = np.random.default_rng(0)
-    full = TrueSensor().samples(np.full((40, 40), 1e6), rng)
-    assert np.unique(full) == pytest.approx([14605 - 1024])

@@ -14,7 +14,6 @@ import pytest
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.light_plan import COVERED
 from pdcd.calibration.light.light_step import COVER, LAMP_PHOTOS, UNCOVER, calibrate_light
-from pdcd.calibration.light.stop_series import plan_stop_photos
 from pdcd.calibration.photo import QuadPhoto, RawSettings
 from pdcd.calibration.script import PhotoRequest
 from pdcd.calibration.sensor.sensor_step import BLACK_SIGMA_KEY, EDGE_KEY, GAIN_KEY
@@ -210,15 +209,6 @@ def test_of_a_sound_bench_there_is_nothing_to_advise() -> None:
     ]  # fmt: skip
 
 
-def test_a_lamp_that_dims_within_the_series_is_advised_on() -> None:
-    dims = tuple((name, 0.98) for name in ("WW-again", "WB-again"))
-    _, found = stepped(lamp=dims)
-    out = found.outcome
-    assert out is not None
-    assert any(text.startswith("the lamp drifts") for text in out.advice)
-    assert len(out.advice) == len(set(out.advice))  # each is said once
-
-
 @pytest.mark.parametrize(
     ("fields", "words", "device"),
     [
@@ -265,9 +255,3 @@ def test_stops_that_are_too_wide_for_a_pulse_are_compared_by_flashes_of_the_proj
     for one in short:
         lit = np.flatnonzero(one.shown.projector_index == WHITE)
         assert all((one.shown.mask_index[lit + k] == WHITE).all() for k in (-2, -1, 0, 1))
-
-
-def test_stops_of_a_lens_that_is_left_alone_are_not_compared() -> None:
-    assert plan_stop_photos((8.0,), 8.0, 0.05) == ()
-    names = [photo.name for photo in plan_stop_photos((4.0, 8.0), 8.0, 0.05)]
-    assert names == ["stop-8", "stop-4", "stop-8-again"]

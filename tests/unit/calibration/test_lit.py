@@ -75,18 +75,6 @@ def test_photos_that_tell_nothing_say_why(
     assert caught.value.device == device and caught.value.hint
 
 
-def test_what_is_borne_is_borne() -> None:
-    assert find_panel_light(photo(7.0, room=5.0), photo(0.0, room=5.0, seed=1), "mask").mean() > 0.9
-    assert find_panel_light(photo(10.6), photo(0.0, seed=1), "mask").mean() > 0.9
-    assert find_panel_light(corner(20), photo(0.0, seed=1), "mask").sum() == 160
-
-
-def test_photos_of_two_sizes_are_none_of_one_bench() -> None:
-    small = QuadPhoto(np.ones((40, 50, 3)), np.ones((40, 50, 3)))
-    with pytest.raises(CalibrationError, match="differ in size"):
-        find_panel_light(photo(100.0), small, "mask")
-
-
 @pytest.mark.parametrize(("count", "refused"), [(16, False), (17, True)])
 def test_two_thousandths_may_be_saturated(count: int, refused: bool) -> None:
     white = photo(100.0)

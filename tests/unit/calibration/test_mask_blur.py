@@ -67,27 +67,12 @@ def test_parts_of_the_field_are_told_apart() -> None:
     np.testing.assert_allclose(cells[2, :, 1], 2.4, rtol=0.01)
 
 
-def test_a_few_places_that_are_far_off_move_nothing() -> None:
-    odd = np.where(np.arange(len(PLACES)) % 16 == 5, 3.0, 1.6)
-    odd += np.random.default_rng(1).normal(0.0, 0.01, len(PLACES))
-    found = measured(odd, odd)
-    np.testing.assert_allclose(found.blur_px, 1.6, rtol=0.01)
-
-
 def test_the_error_of_a_blur_is_that_of_the_mean_of_its_places() -> None:
     rng = np.random.default_rng(2)
     spread = 0.05
     found = measured(*(alike(1.8) + rng.normal(0.0, spread, (2, len(PLACES)))))
     assert found.sigma_px.shape == found.blur_px.shape == (2,)
     np.testing.assert_allclose(found.sigma_px, spread / np.sqrt(len(PLACES)), rtol=0.2)
-
-
-def test_the_error_of_both_is_that_of_the_root_of_their_mean_square() -> None:
-    blur_px, sigma_px = np.array([1.5, 2.5]), np.array([0.02, 0.01])
-    drawn = np.random.default_rng(3).normal(blur_px, sigma_px, (100_000, 2))
-    found = MaskBlur(blur_px, sigma_px, np.zeros((3, 4, 2)))
-    spread = np.sqrt((drawn**2).mean(axis=1)).std()
-    assert found.both_sigma_px == pytest.approx(spread, rel=0.02)
 
 
 @pytest.mark.parametrize(("part", "told"), [(0.95, True), (1.05, False)])
@@ -101,9 +86,3 @@ def test_stripes_that_noise_hides_tell_no_blur(part: float, told: bool) -> None:
     else:
         with pytest.raises(CalibrationError, match="stripes of 8 px are blurred away on the mask"):
             measured(alike(2.0), alike(2.0), noise)
-
-
-def test_stripes_of_two_axes_are_no_pair() -> None:
-    coarse, fine = series(0, COARSE, alike(2.0)), series(1, FINE, alike(2.0))
-    with pytest.raises(ValueError, match="same stripes"):
-        measure_mask_blur([coarse], [fine], DEVICE, DEVICE, DEVICE)

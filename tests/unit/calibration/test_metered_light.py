@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.metering import (
     FULL_SHARE,
     LEAST,
@@ -103,15 +102,6 @@ def test_no_light_is_refused_after_the_widest_and_the_longest(f_numbers: tuple[f
     with pytest.raises(CalibrationError, match=r"0\.00% of saturation") as caught:
         run(meter_light(session), lit(session, 0.0))
     assert caught.value.device == "camera" and "lens cap" in str(caught.value.hint)
-
-
-def test_more_refreshes_than_all_steps_take_are_doubtful() -> None:
-    session, found = metered(FULL_SHARE / 1300.0, f_numbers=(8.0,))
-    assert session.full == MOST_WHITE_REFRESHES and found.outcome is not None
-    assert found.outcome.verdict is Verdict.DOUBTFUL
-    session, found = metered(FULL_SHARE / 1100.0, f_numbers=(8.0,))
-    assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
-    assert session.full == pytest.approx(1100, abs=1)
 
 
 def test_a_lens_that_is_fixed_or_not_set_from_here_stays() -> None:

@@ -16,7 +16,6 @@ from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import WHITE
 from tests.unit.calibration.decoding import decode_by_prior, decode_xor
 from tests.unit.calibration.geometry_bench import Bench, Way
 
@@ -66,14 +65,6 @@ def test_sixteen_black_and_white_pictures_make_a_sine_of_one_run() -> None:
             assert np.abs(line - wanted).max() <= 0.5 / 16.0 + 1e-12
 
 
-def test_photos_are_as_many_as_counted_and_light_one_panel() -> None:
-    usual = PhaseCode("mask", (1024, 768))
-    shown = usual.shown(0, repeats=2) + usual.shown(1, repeats=2)
-    assert len({one.name for one in shown}) == len(shown) == 8
-    assert {one.refreshes for one in shown} == {32}
-    assert all((one.projector_index == WHITE).all() for one in shown)
-
-
 @pytest.mark.long
 def test_stripes_tell_each_quad_its_pixel() -> None:
     found = decode(photos(STRIPES))
@@ -90,14 +81,6 @@ def test_errors_of_stripes_are_honest_in_dim_light() -> None:
     ratio = (found.panel_px - TRUE)[found.valid & MIDDLE] / found.sigma_px[found.valid & MIDDLE]
     assert np.median(np.abs(ratio)) / 0.6745 == pytest.approx(1.0, abs=0.1)
     assert found.valid[MIDDLE].mean() > 0.8
-
-
-def test_quads_are_decoded_where_a_map_is_known() -> None:
-    unknown = TRUE.copy()
-    unknown[:, :150] = np.nan
-    half = decode_by_prior(photos(STRIPES), CODE, unknown)
-    assert not half.valid[:, :146].any()
-    assert half.valid[:, 156:].any()
 
 
 def test_a_map_that_is_half_a_period_off_is_refused() -> None:
@@ -155,9 +138,3 @@ def test_a_covered_code_is_refused() -> None:
     code = XorCode("projector", SIZE)
     with pytest.raises(CalibrationError, match="of the photo only"):
         decode_xor(photos(code.shown(1), electrons=1.0), code)
-
-
-def test_periods_are_whole() -> None:
-    for period_px, steps in ((15, 4), (2, 4), (16, 2)):
-        with pytest.raises(ValueError, match="period"):
-            PhaseCode("projector", SIZE, period_px, steps)

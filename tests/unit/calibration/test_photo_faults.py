@@ -23,18 +23,6 @@ from pdcd.errors import CalibrationError
 LIGHT = np.arange(4.0 * 6.0 * 3.0).reshape(4, 6, 3)
 
 
-def test_a_photo_has_three_colours_and_one_shape() -> None:
-    whole = QuadPhoto(LIGHT, LIGHT, np.zeros((4, 6), np.bool_))
-    assert whole.frame == (4, 6)
-    for light in (LIGHT[..., 0], LIGHT[..., :2]):
-        with pytest.raises(ValueError, match=r"a photo is \(h, w, 3\)"):
-            QuadPhoto(light, light)
-    with pytest.raises(ValueError, match="light and variance"):
-        QuadPhoto(LIGHT, LIGHT[:3])
-    with pytest.raises(ValueError, match="saturated quads differ"):
-        QuadPhoto(LIGHT, LIGHT, np.zeros((6, 4), np.bool_))
-
-
 def test_the_share_of_saturated_quads_is_of_those_asked_for() -> None:
     saturated = np.zeros((4, 6), np.bool_)
     saturated[0, :3] = True

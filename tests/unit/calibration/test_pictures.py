@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.calibration.pictures import FLASH_EVERY, MOVING, POSITIONS, STILL, WEDGE_LEVELS
+from pdcd.calibration.pictures import FLASH_EVERY, MOVING, POSITIONS, STILL
 from pdcd.capture.show import PATTERNS, draw_sheet, make_pattern_frames, make_pixel_frames
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import BLACK
@@ -29,19 +29,6 @@ def test_levels_and_sizes(size: tuple[int, int]) -> None:
     for picture in [*(make(size) for make in STILL.values()), *MOVING["bar"](size)]:
         assert picture.shape == size[::-1]
         assert picture.min() == 0.0 and picture.max() == 1.0
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_no_pixel_of_the_checkerboard_is_like_its_neighbours(size: tuple[int, int]) -> None:
-    picture = STILL["pixels"](size)
-    assert picture[0, 0] == 1.0
-    assert (np.diff(picture, axis=0) != 0).all() and (np.diff(picture, axis=1) != 0).all()
-
-
-def test_the_wedge_has_all_its_steps_in_both_directions() -> None:
-    picture = STILL["wedge"]((170, 40))
-    assert np.array_equal(np.unique(picture), np.arange(WEDGE_LEVELS) / (WEDGE_LEVELS - 1))
-    assert (np.diff(picture[0]) >= 0).all() and np.array_equal(picture[-1], picture[0][::-1])
 
 
 def test_the_letter_tells_every_mirrored_and_turned_panel() -> None:

@@ -331,13 +331,6 @@ def test_a_bench_that_changes_amid_the_series_is_noticed(what: str, from_step: i
         measure(RULER[0], photos, it.white, it.camera, it.bench.projector)
 
 
-def test_too_few_offsets_make_no_correction() -> None:
-    points = np.array([[10.0, 10.0], [20.0, 20.0]])
-    few = MaskOffsets(points, np.zeros((2, 2)), np.full((2, 2), 0.01))
-    with pytest.raises(CalibrationError, match="too few"):
-        fit_map_correction(few, one().mask)
-
-
 def test_stripes_are_as_wide_as_the_mask_can_show() -> None:
     for mask_px, periods in ((0.64, (16, 6)), (1.3, (16, 6)), (1.9, (16, 10)), (3.0, (32, 14))):
         pairs = choose_stripe_periods(mask_px)

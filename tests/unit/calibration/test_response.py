@@ -12,8 +12,6 @@ from scipy.ndimage import gaussian_filter
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.response.levels import (
-    NO_STRIP,
-    STRIP_LEVELS,
     GreyResponse,
     find_seen_strips,
     make_strip_orders,
@@ -167,12 +165,6 @@ def test_bad_input_has_a_named_cause(bench: dict[str, object], words: str) -> No
         measured(series(**asked))  # type: ignore[arg-type]
 
 
-def test_strips_that_are_not_in_view() -> None:
-    strips = np.where(STRIPS == 4, NO_STRIP, STRIPS)
-    with pytest.raises(CalibrationError, match="strip 5 of 17"):
-        measure_grey_response(series(power(2.2)), strips)
-
-
 def test_orders_show_every_level_and_a_mirror() -> None:
     first, second = make_strip_orders()
     for order in (first, second):
@@ -181,11 +173,3 @@ def test_orders_show_every_level_and_a_mirror() -> None:
     # Seen mirrored, a level gets other light from one order than from the other.
     seen = [order[::-1][np.argsort(order)] for order in (first, second)]
     assert np.all(seen[0] != seen[1])
-
-
-def test_levels_are_held_for_whole_cycles() -> None:
-    for steps in plan_level_photos("mask", (170, 20), refreshes=50, cycle=16):
-        assert steps.refreshes == 64
-        assert steps.levels.shape == (20, 170)
-    assert set(np.unique(steps.levels)) == set(STRIP_LEVELS)
-    assert len(set(map(tuple, steps.levels))) == 1

@@ -13,7 +13,6 @@ from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import QuadPhoto, RawSettings
 from pdcd.calibration.response.response_step import HELD, calibrate_response
 from pdcd.calibration.script import PhotoRequest
-from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
@@ -95,10 +94,3 @@ def test_a_panel_that_follows_none_is_sent_by_its_table() -> None:
     assert table.sigma == pytest.approx(float(sigma.max()))
     (told,) = out.advice
     assert told.startswith("grey of the mask follows no power law")
-
-
-def test_a_camera_that_was_set_otherwise_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="at ISO 200, not at ISO 100"):
-        stepped(said=RawSettings(iso=200))
-    with pytest.raises(CalibrationError, match="was taken at f/22"):
-        stepped(said=RawSettings(iso=100, f_number=22.0))

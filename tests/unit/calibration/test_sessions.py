@@ -8,30 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.calibration.figures import MeasuredFigure, Verdict
-from pdcd.calibration.light.light_plan import COVERED, LightPlan
 from pdcd.calibration.script import (
     CalibrationPhoto,
     ConfigValue,
-    PhotoRequest,
     StepOutcome,
-    take_photo,
 )
 from pdcd.calibration.shown import make_still_sequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
-from tests.unit.calibration.scripted import run, session_of
+from tests.unit.calibration.scripted import session_of
 from tests.unit.planning.test_measured import config
-
-
-def test_an_outcome_is_as_bad_as_its_worst_figure() -> None:
-    assert StepOutcome().verdict is Verdict.GOOD
-    figures = [MeasuredFigure("a", 1.0, 0.1, "px", "", verdict) for verdict in Verdict]
-    assert StepOutcome(tuple(figures)).verdict is Verdict.BAD
-    assert StepOutcome(tuple(figures[:2])).verdict is Verdict.DOUBTFUL
-    assert StepOutcome(tuple(figures[:1])).verdict is Verdict.GOOD
 
 
 def test_a_session_goes_on_by_what_a_step_found() -> None:
@@ -73,22 +61,6 @@ def test_where_a_device_lies_must_have_been_measured(device: str) -> None:
         named.found("mask")
 
 
-def test_a_session_knows_its_panels_and_its_refresh() -> None:
-    session = session_of(config(projector={"size_px": (640, 480), "refresh_hz": 50.0}))
-    assert session.sizes == ((640, 480), (1600, 1200))
-    assert session.refresh_s == pytest.approx(1.0 / 50.0)
-
-
-def test_a_photo_that_is_wanted_must_come() -> None:
-    wanted = PhotoRequest(make_still_sequence("white", 3, WHITE, WHITE))
-    found = run(take_photo(wanted))  # type: ignore[arg-type]
-    assert found.wanted == [wanted] and id(found.outcome) == id(wanted)
-    script = take_photo(wanted)
-    next(script)
-    with pytest.raises(ValueError, match="is sent one"):
-        script.send(None)
-
-
 def test_a_photo_was_open_from_its_opening_to_its_closing() -> None:
     raw: Any = SimpleNamespace(
         iso=200, exposure_s=1.5, f_number=8.0, black=np.array([1024.0, 1023.0]), masked=True
@@ -103,22 +75,3 @@ def test_a_photo_was_open_from_its_opening_to_its_closing() -> None:
     assert said.black_dn == (1024.0, 1023.0)
     raw.masked = False
     assert taken.seen.black_dn == ()
-
-
-def test_a_series_of_light_shows_both_panels_in_all_four_ways() -> None:
-    plan = LightPlan(refreshes=10, longer=3, lead=2, refresh_s=0.02)
-    shown = {one.name: one for one in plan.photos()}
-    assert list(shown) == [
-        "WW", "BW", "WB", "BB", "WB-again", "BW-again", "WW-again", *COVERED,
-    ]  # fmt: skip
-    for name, one in shown.items():
-        letters = "BW" if name in COVERED else name[:2]
-        light, mask = (WHITE if letter == "W" else BLACK for letter in letters)
-        count = 10 if letters == "WW" else 30
-        assert one.projector_index.tolist() == [BLACK] * 2 + [light] * count + [BLACK] * 2
-        assert one.mask_index.tolist() == [mask] * (count + 4)
-        assert not one.projector.size and not one.mask.size
-    assert plan.lit_s(1) == pytest.approx(0.2)
-    assert plan.lit_s(3, 0.004) == pytest.approx(0.604)
-    assert plan.open_s(1) == pytest.approx(0.28)
-    assert plan.open_s(3, -0.004) == pytest.approx(0.676)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from pdcd.calibration.geometry import shared_field as module
 from pdcd.calibration.geometry.shared_field import (
     FieldBox,
     SharedField,
@@ -56,17 +55,6 @@ def test_no_rectangle_is_larger(good: Bools) -> None:
     left, top, width, height = find_largest_box(good)
     assert width * height == every_rectangle(good)
     assert good[top : top + height, left : left + width].all()
-
-
-def test_a_large_picture_is_searched_by_blocks_and_to_the_pixel(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    good = np.zeros((97, 131), dtype=np.bool_)
-    good[7:90, 11:118] = True
-    good[40, 3] = good[2, 60] = True
-    monkeypatch.setattr(module, "MOST_PLACES", 500)
-    assert find_largest_box(good) == (11, 7, 107, 83)
-    assert find_largest_box(np.zeros((97, 131), dtype=np.bool_)) == (0, 0, 0, 0)
 
 
 def devices(mask: dict[str, Any], camera: dict[str, Any]) -> dict[str, Map]:

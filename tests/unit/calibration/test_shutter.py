@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.calibration.photo import QuadPhoto
-from pdcd.calibration.shown import PanelSequence, make_still_sequence
-from pdcd.calibration.shutter.bars import BarLight, make_bar_sequence, read_bar
+from pdcd.calibration.shown import PanelSequence
+from pdcd.calibration.shutter.bars import make_bar_sequence, read_bar
 from pdcd.calibration.shutter.blades import (
     ShutterTimes,
     choose_bar_cells,
@@ -19,7 +19,7 @@ from pdcd.calibration.shutter.blades import (
     fit_shutter,
 )
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import WHITE, FrameLog
+from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map
 
 T = 1.0 / 60.0
@@ -161,17 +161,6 @@ def test_sigmas_are_honest() -> None:
     assert 0.4 < np.sqrt(np.mean(np.square(rows))) < 1.8
 
 
-def test_a_wrong_time_constant_is_in_the_sigma() -> None:
-    """A tenth more than they are, and known to a tenth."""
-    camera = Camera(5.26, 5.695)
-    light = read_bar(camera.photo(BAR), camera.white(), CAMERA)
-    slower = (1.1 * TAUS[0], 1.1 * TAUS[1])
-    got = fit_shutter(light, log(90), (5.2, 5.8), slower, tau_sigma=0.1)
-    sure = fit_shutter(light, log(90), (5.2, 5.8), slower)
-    assert abs(got.opened_s - camera.opened_s) < 3.0 * got.opened_sigma_s
-    assert got.closed_sigma_s > 2.0 * sure.closed_sigma_s
-
-
 def test_blades_that_take_their_time() -> None:
     camera = Camera(5.2601, 5.6903, travel_s=(0.0027, 0.0031))
     got = fitted(camera, bands=6)
@@ -274,11 +263,3 @@ def test_a_camera_turned_by_a_quarter_sees_the_bar_in_one_band() -> None:
     got = fit_shutter(light, log(BAR.refreshes), (5.2, 5.7), TAUS)
     assert got.opened_s == pytest.approx(camera.opened_s, abs=0.2e-3)
     assert got.closed_s == pytest.approx(camera.closed_s, abs=0.2e-3)
-
-
-def test_an_always_white_projector_has_no_bar() -> None:
-    shown = replace(make_still_sequence("white", 90, WHITE, WHITE), projector=BAR.projector)
-    camera = Camera(5.26, 5.84, electrons=5000.0)
-    light: BarLight = read_bar(camera.photo(shown), camera.white(), CAMERA)
-    with pytest.raises(CalibrationError, match="equally bright"):
-        fit_shutter(light, log(90), (5.2, 5.7), TAUS)

@@ -111,21 +111,6 @@ def test_one_lag_is_told_where_opening_and_closing_are_alike() -> None:
     assert preview_of(out)[:4] == b"\x89PNG"
 
 
-def test_photos_of_white_and_of_the_room_and_five_of_a_bar_in_two_lengths() -> None:
-    found = stepped(LATE)
-    names = [wanted.shown.name for wanted in found.wanted]
-    assert names == ["white", "room", *(f"bar-{n}" for n in range(1, 6))]
-    assert found.wanted[0].shown.refreshes == 24
-    cells = [len(wanted.shown.projector) for wanted in found.wanted[2:]]
-    assert cells[0] == cells[2] == cells[4] != cells[1] == cells[3]
-    open_s = max(0.75 - SURE_S, 0.2)
-    for wanted in found.wanted[2:]:
-        moving = wanted.moving
-        assert moving is not None and moving.after == 30  # half a second
-        assert moving.open_s == pytest.approx(open_s)
-        assert wanted.shown.refreshes == 30 + round((2.0 * SURE_S + open_s + 1.5) / T)
-
-
 def test_the_longer_lag_counts_where_opening_and_closing_differ() -> None:
     for opening_s, closing_s in ((0.045, 0.058), (0.058, 0.045)):
         found = stepped((opening_s,), (closing_s,))
@@ -138,14 +123,6 @@ def test_the_longer_lag_counts_where_opening_and_closing_differ() -> None:
         figures = {figure.name: figure.value for figure in out.figures}
         assert figures["shutter.opening_s"] == pytest.approx(opening_s, abs=3e-4)
         assert figures["shutter.closing_s"] == pytest.approx(closing_s, abs=3e-4)
-
-
-def test_scatter_of_the_exposures_is_jitter() -> None:
-    late = (0.048, 0.056, 0.050, 0.054, 0.052)
-    found = stepped(late)
-    assert found.outcome is not None
-    jitter = found.outcome.words["trigger.jitter_s"].value
-    assert jitter == pytest.approx(float(np.std(late * 2, ddof=1)), rel=0.15)
 
 
 def test_rise_and_fall_that_were_not_measured_are_told() -> None:

@@ -172,15 +172,6 @@ def test_too_much_light_of_the_room_has_its_name_and_number() -> None:
         found_beside_room_light(bench(ambient=0.24, falls=0.1))
 
 
-def test_a_lag_that_no_line_follows_is_doubtful() -> None:
-    timing = found(bench(scan_s=0.0011))
-    for bent_s, verdict in ((0.1e-3, Verdict.GOOD), (0.25e-3, Verdict.DOUBTFUL)):
-        bent = replace(timing, lag_s=timing.lag_s + bent_s * np.array([0.0, 1.0, 0.0]))
-        assert bent.beside_s == pytest.approx(bent_s, abs=0.03e-3)
-        (scan,) = (figure for figure in bent.figures() if figure.name == "mask.scan_s")
-        assert scan.verdict == verdict
-
-
 def test_panels_that_scan_against_each_other() -> None:
     on = bench(skew_s=0.0155, scan_s=-0.0317)
     timing = found(on, bands=8)
@@ -217,19 +208,6 @@ def test_a_mask_that_is_many_refreshes_late(lag: float) -> None:
     strips = make_pulse_strips(PROJECTOR, programmes=tuple(COARSE))
     reading = read_strips(*photos(on, strips, periods=2), CAMERA, strips, bands=2)
     assert abs(find_coarse_delay(reading) + lag) < 0.8  # the rest is found by the finer strips
-
-
-def test_two_photos_with_strips_in_another_order_agree() -> None:
-    on, both, ran = bench(), [], []
-    for number in (0, 1):
-        strips = make_pulse_strips(PROJECTOR, number)
-        both.append(read(on, strips, seed=number))
-        shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
-        ran.append(on.log(shown))
-    assert both[0].programmes != both[1].programmes
-    timing = fit_timing(both, ran, REFRESH_S)
-    np.testing.assert_allclose(timing.lag_s, on.skew_s, rtol=0, atol=0.1e-3)
-    assert timing.light.shape == (2, 3, 24)
 
 
 def test_an_answer_of_two_times_is_told_and_its_leak_is_right() -> None:
@@ -359,15 +337,6 @@ def test_mirrored_panels_are_sent_to_the_geometry(spoil: Callable[[Bench], None]
     with pytest.raises(CalibrationError) as caught:
         found(on, bands=2)
     assert "run geometry" in str(caught.value.hint)
-
-
-def test_a_lamp_that_changes_its_light_amid_the_strips_is_refused() -> None:
-    """An eco mode, or an iris: strips that lie side by side differ by what no time explains."""
-    on, strips = bench(flat=0.05), make_pulse_strips(PROJECTOR)
-    shown = make_strip_sequence("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
-    with pytest.raises(CalibrationError, match="no rise, fall and lag explain") as caught:
-        fit_timing([read(on, strips)], [on.log(shown)], REFRESH_S)
-    assert caught.value.hint
 
 
 def test_a_projector_with_too_few_pixels_has_no_strips() -> None:

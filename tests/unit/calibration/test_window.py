@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.window import WHOLE, Window, find_shared_window
+from pdcd.calibration.window import WHOLE, find_shared_window
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 
@@ -52,12 +52,3 @@ def test_what_hardly_meets_is_refused() -> None:
         find_shared_window(lying(0.0, 0.45, 0.0, 1.0), lying(0.3, 1.0, 0.0, 1.0))
     with pytest.raises(CalibrationError, match="hardly any of the field"):
         find_shared_window(lying(0.0, 0.2, 0.0, 0.2), lying(0.8, 1.0, 0.8, 1.0))
-
-
-def test_there_and_back() -> None:
-    window = Window(0.2, 0.9, 0.1, 0.6)
-    at = np.linspace(-0.3, 1.4, 9)
-    assert window.across(window.x(at)) == pytest.approx(at)
-    assert window.down(window.y(at)) == pytest.approx(at)
-    assert window.x(np.array([0.0, 1.0])) == pytest.approx([0.2, 0.9])
-    assert window.y(np.array([0.0, 1.0])) == pytest.approx([0.1, 0.6])

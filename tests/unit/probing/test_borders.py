@@ -119,10 +119,3 @@ def test_the_nearest_cells_that_end_on_the_pixels_of_both_panels(
     assert find_nearest_grid(panels.projector, panels.mask, grid) == wanted
     if wanted is not None:
         assert all(size[1] % wanted[0] == 0 == size[0] % wanted[1] for size in (projector, mask))
-
-
-def test_no_cells_end_on_the_pixels_of_a_mask_that_is_turned() -> None:
-    turned = panels_of(config((1024, 768), (1600, 1200), turn_deg=2.0, scale=1.1))
-    assert find_nearest_grid(turned.projector, turned.mask, (36, 48)) is None
-    half = panels_of(config((1024, 768), (1600, 1200), turn_deg=180.0))
-    assert find_nearest_grid(half.projector, half.mask, (36, 48)) == (48, 64)

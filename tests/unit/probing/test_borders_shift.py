@@ -46,12 +46,6 @@ def test_corners_do_not_widen_what_lies_beside_one_border(axis: int, by_px: floa
     assert by_px - STEP_PX <= found_px <= by_px
 
 
-def test_shares_of_both_ways_add_up_but_for_the_corners() -> None:
-    _, share = apart((0.4, 0.2), (24, 32))
-    across, down = 31 * 0.4 / 512, 23 * 0.2 / 384
-    assert share == pytest.approx(across + down - across * down, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("grid", "offset", "seen"),
     [

@@ -51,15 +51,6 @@ def test_direct_light_less_that_of_a_neighbour_is_scaled_by_the_direct_light() -
     assert fits < 0.7 * seconds
 
 
-def test_filters_without_direct_light_are_scaled_by_what_fits() -> None:
-    kernel = np.array([[0.0, 0.5, 0.0], [0.5, 0.0, 0.5], [0.0, 0.5, 0.0]])
-    for centre, scaled in ((0.0, False), (-2.0, True)):
-        kernel[1, 1] = centre
-        target = dense_recipe.target(GRID, "filtered", {"kernel": kernel})
-        (photo,) = make_recipe(target, CaptureScheme()).photos
-        assert photo.wanted.by_direct is scaled
-
-
 def test_stripes_and_matched_cells_with_a_share_of_the_rest_are_scaled_by_all_their_light() -> None:
     for goal, numbers, scaled in (
         ("split", {"period": 4}, True),

@@ -60,32 +60,6 @@ def test_a_sharp_bench_leaks_what_is_out_of_place() -> None:
     assert float(compute_leak(4.0, 0.5, (1.5, 0.0), 0.0)) == pytest.approx(0.25)
 
 
-def test_small_leaks_are_the_sum_over_edges() -> None:
-    # 1.6 s / c of whole cells in place: [2 S(0)] / c on both axes.
-    assert float(compute_leak(1000.0, 1.0, (0.0, 0.0), 1.0)) == pytest.approx(1.596e-3, rel=2e-3)
-
-
-# The table of the bench studied beforehand, offset along the diagonal, % of (whole, half windows).
-STUDIED: dict[tuple[float, float], dict[int, tuple[float, float]]] = {
-    (0.3, 0.3): {16: (3.6, 0.0), 8: (7, 0.0), 6: (10, 0.0), 4: (14, 0.04), 2: (26, 6)},
-    (0.3, 0.7): {16: (7, 0.0), 8: (14, 0.07), 6: (19, 0.7), 4: (28, 6), 2: (49, 37)},
-    (1.0, 0.7): {16: (10, 0.0), 8: (19, 0.5), 6: (25, 3), 4: (35, 15), 2: (65, 59)},
-    (0.3, 1.2): {16: (11, 0.01), 8: (23, 2.4), 6: (30, 8), 4: (43, 27), 2: (72, 66)},
-}
-
-
-@pytest.mark.parametrize(("e", "s"), STUDIED)
-def test_leak_agrees_with_the_bench_that_was_studied(e: float, s: float) -> None:
-    for cell_px, (whole, half) in STUDIED[e, s].items():
-        # Figures of simulated photos, rounded; the simulation had pixels, too.
-        found = [
-            100 * float(compute_bench_leak(MaskAlignment(e, s), cell_px, window))
-            for window in (1.0, 0.5)
-        ]
-        assert found[0] == pytest.approx(whole, abs=0.6, rel=0.08)
-        assert found[1] == pytest.approx(half, abs=0.06, rel=0.13)
-
-
 def test_the_smallest_cell_keeps_the_guard() -> None:
     bench = MaskAlignment(e95_px=0.06, blur_px=0.5)
     smallest = smallest_cell_px(bench)
@@ -106,12 +80,6 @@ def test_the_smallest_cell_for_a_leak_is_the_smallest() -> None:
     )
     assert find_cell_below_leak(MaskAlignment(e95_px=40.0, blur_px=40.0), 0.005) == np.inf
     assert find_cell_below_leak(MaskAlignment(0.0, 0.0), 0.0) > 0.0
-
-
-def test_pixels_of_the_mask_count_as_blur() -> None:
-    bench, coarse = MaskAlignment(0.1, 0.3), MaskAlignment(0.1, 0.3, mask_px=1.2)
-    assert coarse.spread_px == pytest.approx(np.hypot(0.3, 1.2 / np.sqrt(12.0)))
-    assert smallest_cell_px(coarse) > smallest_cell_px(bench)
 
 
 def test_the_table_says_which_cells_are_too_small() -> None:

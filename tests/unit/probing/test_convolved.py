@@ -6,16 +6,6 @@ import numpy as np
 import pytest
 
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.convolved import KernelPart
-from pdcd.probing.wanted import (
-    FullPart,
-    MatchPart,
-    MatrixPart,
-    NearPart,
-    UniformPart,
-    WantedMatrix,
-    shift_cells,
-)
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes import each
 from pdcd.recipes.goals import Target
@@ -52,24 +42,3 @@ def test_a_kernel_over_the_whole_grid_is_the_sum_of_its_taps(
         wanted, found = program.pairs(bits, lattice), whole.programs[name].pairs(bits, lattice)
         np.testing.assert_array_equal(found[0], wanted[0])
         np.testing.assert_allclose(found[1], wanted[1], atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        NearPart(GRID, 2),
-        NearPart(GRID, 9),
-        UniformPart(CELLS),
-        MatchPart(shift_cells(GRID, (1, -2))),
-        FullPart(np.random.default_rng(6).standard_normal((CELLS, CELLS))),
-        KernelPart(GRID, np.random.default_rng(7).standard_normal((5, 9))),
-    ],
-)
-def test_what_it_shares_with_other_parts_is_summed_up(other: MatrixPart) -> None:
-    kernel = KernelPart(GRID, np.random.default_rng(8).standard_normal((3, 11)))
-    weights = np.random.default_rng(9).random(CELLS)
-    both = kernel.rows(0, CELLS) * other.rows(0, CELLS)
-    np.fill_diagonal(both, 0.0)
-    np.testing.assert_allclose(kernel.overlap(other, weights), both @ weights, atol=1e-12)
-    np.testing.assert_allclose(other.overlap(kernel, weights), both @ weights, atol=1e-12)
-    assert WantedMatrix(GRID, ((1.0, kernel),)).uniform is None

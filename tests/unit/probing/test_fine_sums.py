@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.placing import Placing
 from pdcd.probing.fine import (
     GAUSSIAN_REACH,
     Blur,
@@ -19,9 +15,8 @@ from pdcd.probing.fine import (
     is_cut_by_windows,
     sum_piece_weights,
 )
-from pdcd.probing.spans import ALL_AT_ONCE, Band, band_delays_ns, split_into_bands
+from pdcd.probing.spans import split_into_bands
 
-Floats = NDArray[np.float64]
 GRID = (2, 3)
 
 
@@ -50,12 +45,6 @@ def test_what_is_missing_or_cut_in_another_way_has_no_sum() -> None:
     assert sum_piece_weights([(1.0, None), (1.0, fine(1))]) is None
     assert sum_piece_weights([(1.0, fine(1)), (1.0, None)]) is None
     assert sum_piece_weights([(1.0, fine(1)), (1.0, fine(2, cut=0.25))]) is None
-
-
-def test_direct_light_and_that_of_others_are_kept_by_their_weights() -> None:
-    one = fine(3)
-    wanted = 3.0 * one.coaxial + 0.25 * (one.light - one.own)
-    np.testing.assert_allclose(one.kept(3.0, 0.25), wanted)
 
 
 @pytest.mark.parametrize(
@@ -106,38 +95,6 @@ def test_whole_cells_change_at_their_edges() -> None:
     assert not PieceSums(Lattice(GRID, "whole", (0.25, 0.0))).fine().smooth
 
 
-def _spread(a: float, b: float, c: float, d: float, sigma: float) -> float:
-    """Light of [c, d] on [a, b] through a Gaussian, by many short pieces of it."""
-    x = a + (np.arange(400) + 0.5) * (b - a) / 400
-    share = [
-        0.5 * (math.erf((d - at) / sigma / 2**0.5) - math.erf((c - at) / sigma / 2**0.5))
-        for at in x
-    ]
-    return float(np.mean(share))
-
-
-@pytest.mark.parametrize("window", ["whole", "quarter"])
-def test_blurred_light_is_spread_over_the_pieces_of_cells(window: str) -> None:
-    lattice = Lattice(GRID, window, (0.0, 0.25))
-    sigmas, halves = (0.3, 0.6), 2 if window == "quarter" else 1
-    for axis, (shares, sigma) in enumerate(zip(Blur(lattice, sigmas).shares, sigmas, strict=True)):
-        cells = GRID[axis]
-        assert len(shares) == len(lattice.pieces[axis])
-        for piece, share in zip(lattice.pieces[axis], shares, strict=True):
-            assert share.shape == (halves * cells, cells)
-            for half, lit, to in np.ndindex(halves, cells, cells):
-                low = lit + half / halves
-                wanted = _spread(to + piece.low, to + piece.high, low, low + 1 / halves, sigma)
-                assert share[half * cells + lit, to] == pytest.approx(wanted, abs=2e-6)
-
-
-def test_light_that_is_not_blurred_stays_on_its_piece() -> None:
-    first, middle, _ = Blur(Lattice(GRID, "quarter"), (0.0, 0.5)).shares[0]
-    # The upper quarter of a cell lies in its upper half alone, its middle half in both.
-    np.testing.assert_allclose(first, [[1, 0], [0, 1], [0, 0], [0, 0]], atol=1e-15)
-    np.testing.assert_allclose(middle, 0.5 * np.tile(np.eye(2), (2, 1)), atol=1e-15)
-
-
 def test_nothing_is_left_of_a_gaussian_beyond_its_reach() -> None:
     lattice, sigma = Lattice((1, 40)), 0.5
     (share,) = Blur(lattice, (0.0, sigma)).shares[1]
@@ -145,63 +102,6 @@ def test_nothing_is_left_of_a_gaussian_beyond_its_reach() -> None:
     assert (share[apart >= GAUSSIAN_REACH * sigma] == 0.0).all()
     assert (share[apart <= 5.0 * sigma] > 0.0).all()
     np.testing.assert_allclose(share[:, 15:25].sum(axis=0), 1.0, rtol=1e-12)
-
-
-def test_blurred_light_of_both_axes_is_their_product() -> None:
-    lattice = Lattice(GRID, "quarter")
-    blur = Blur(lattice, (0.2, 0.4))
-    lights = np.random.default_rng(5).random((2, 4, 6))
-    found = list(blur.light(lights))
-    halves = lights.reshape(2, 2, 2, *GRID)
-    wanted = [
-        np.einsum("rijyx,iyp,jxq->rpq", halves, down.reshape(2, 2, 2), right.reshape(2, 3, 3))
-        for down in blur.shares[0]
-        for right in blur.shares[1]
-    ]
-    assert len(found) == len(wanted) == 9
-    for one, other in zip(found, wanted, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("scan_s", "bands", "delays"),
-    [
-        (0.009, 4, [0, 3_000_000, 6_000_000, 9_000_000]),
-        (-0.009, 4, [9_000_000, 6_000_000, 3_000_000, 0]),
-        (0.009, 2, [0, 9_000_000]),
-        (0.009, 1, [0]),
-        (0.0, 3, [0, 0, 0]),
-    ],
-)
-def test_bands_come_one_after_the_other(scan_s: float, bands: int, delays: list[int]) -> None:
-    assert band_delays_ns(scan_s, bands).tolist() == delays
-
-
-def panel(**more: object) -> PanelConfig:
-    return PanelConfig(size_px=(6, 4), **more)  # type: ignore[arg-type]
-
-
-def test_panels_without_rows_to_wait_for_come_at_once() -> None:
-    lattice = Lattice((4, 3))
-    for config in (panel(scan_bands=4), panel(scan_s=0.009, scan_bands=1)):
-        assert split_into_bands(config, config, lattice, mask=False) == ALL_AT_ONCE
-    assert ALL_AT_ONCE[0].count(7) == 7
-    assert Band(3, np.array([4, 6])).count(7) == 2
-
-
-@pytest.mark.parametrize(("turn_deg", "rows"), [(0.0, [0, 1, 2, 3]), (180.0, [3, 2, 1, 0])])
-def test_cells_come_with_the_row_under_their_centre(turn_deg: float, rows: list[int]) -> None:
-    """Four rows of cells on four rows of pixels; more bands than rows are as many as rows."""
-    config = panel(scan_s=0.003, scan_bands=99, place=Placing(turn_deg=turn_deg))
-    for mask in (False, True):
-        bands = split_into_bands(config, config, Lattice((4, 3)), mask=mask)
-        assert [band.delay_ns for band in bands] == [0, 1_000_000, 2_000_000, 3_000_000]
-        for band, row in zip(bands, rows, strict=True):
-            assert isinstance(band.pixels, np.ndarray)
-            wanted = [3 * row, 3 * row + 1, 3 * row + 2]
-            if mask and row == 3:
-                wanted.append(12)  # the rest of the panel goes with the last cell
-            assert band.pixels.tolist() == wanted
 
 
 @pytest.mark.parametrize("mask", [False, True])

@@ -13,14 +13,11 @@ from scipy.special import ndtr
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.codes.make import make_codes
-from pdcd.errors import ConfigError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.pixels import PanelPictures, ShownPictures
 from pdcd.panels.placing import Placing
 from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import PanelOptics, offset_cells
-from pdcd.probing.pixel_matrix import compute_pixel_factors
 from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors
 from pdcd.probing.spans import ALL_AT_ONCE, band_delays_ns, split_into_bands
 from tests import bench_rig, oracles
@@ -265,20 +262,3 @@ def test_parts_of_cells_add_up_to_cells(more: dict[str, float]) -> None:
     ):
         mean = np.einsum("iajb,ab->ij", part.reshape(shape), areas).ravel()
         np.testing.assert_allclose(mean, whole, rtol=1e-12)
-
-
-@pytest.mark.parametrize("more", [{"scan_s": 0.01}, {"blur_px": 0.5}])
-def test_pictures_of_single_pixels_refuse_what_they_do_not_know(more: dict[str, float]) -> None:
-    _, log, close_ns = exposure("whole")
-    rows = np.zeros(len(log), np.int32)
-    projector, pictures = (
-        PanelPictures(panel.size_px, (np.zeros(panel.size_px[::-1], np.uint16),), rows)
-        for panel in (PROJECTOR, MASK)
-    )
-    shown = ShownPictures(projector, pictures)
-    with pytest.raises(ConfigError, match="single pixels"):
-        list(
-            compute_pixel_factors(
-                shown, log, PROJECTOR, told(MASK, **more), grid=GRID, open_ns=0, close_ns=close_ns
-            )
-        )

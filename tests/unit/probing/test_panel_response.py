@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.panels.curve import make_power_curve
 from pdcd.probing.panel import (
     PanelOptics,
     Trajectory,
     blur_cells,
-    compute_decay_integral,
     vblank_lag_s,
 )
 
@@ -37,16 +35,6 @@ def test_a_panel_leaves_its_leak_for_what_it_is_asked_and_comes_back() -> None:
         found, [[1.0, -0.9, 0.0], [grey, 0.0, first - grey], [0.1, 0.0, second - 0.1]], atol=1e-15
     )
     assert track.reached == 3
-
-
-def test_one_constant_for_both_ways_makes_two_fields() -> None:
-    track = levels(PanelOptics(0.004, 0.004), [[1.0, 0.0], [0.0, 1.0]], [0, 2])
-    left = np.exp(-0.5)
-    np.testing.assert_allclose(
-        track.take(0, 2),
-        [[[1.0, 0.0], [-1.0, 0.0]], [[0.0, 1.0], [1.0 - left, -1.0]]],
-        atol=1e-15,
-    )
 
 
 @pytest.mark.parametrize(("rise", "fall"), [(0.0, 0.003), (0.003, 0.0)])
@@ -93,20 +81,6 @@ def test_rates_of_one_edge_that_jumps_leave_that_field_alone() -> None:
     assert PanelOptics(0.01, 0.01).rates.tolist() == [0.0, 100.0]
 
 
-def test_later_rows_behave_as_the_panel_does_but_later() -> None:
-    panel = PanelOptics(0.001, 0.002, 0.1, 500, make_power_curve(2.2))
-    assert panel.later(0) is panel
-    assert panel.later(70) == PanelOptics(0.001, 0.002, 0.1, 570, panel.curve)
-    assert panel.later(-70).skew_ns == 430
-
-
-def test_a_panel_knows_the_light_of_its_levels() -> None:
-    config = PanelConfig(size_px=(8, 8), gamma=2.0, skew_s=1.6e-9)
-    panel = PanelOptics.from_config(config)
-    assert panel.curve is not None and panel.curve.light[51] == pytest.approx(0.04)
-    assert panel.skew_ns == 2 and panel.leak == 0.0
-
-
 def test_blur_is_in_cells_down_and_across() -> None:
     projector = PanelConfig(size_px=(100, 60))
     mask = PanelConfig(size_px=(10, 10), blur_px=3.0)
@@ -123,9 +97,3 @@ def test_half_a_period_apart_the_mask_leads(first: float, second: float, apart: 
     projector = PanelConfig(size_px=(8, 8), refresh_hz=100.0, phase_s=first)
     mask = PanelConfig(size_px=(8, 8), refresh_hz=100.0, phase_s=second)
     assert vblank_lag_s(projector, mask) == pytest.approx(apart, abs=1e-15)
-
-
-def test_decays_are_integrated_element_by_element() -> None:
-    rate, duration = np.array([0.0, 2.0, 500.0]), np.array([0.3, 0.3, 2.0])
-    found = compute_decay_integral(rate, duration)
-    assert found == pytest.approx([0.3, (1.0 - np.exp(-0.6)) / 2.0, 1 / 500])

@@ -256,17 +256,6 @@ def code(cells: list[int], size_px: tuple[int, int]) -> Bytes:
     return levels.reshape(GRID).repeat(rows, axis=0).repeat(columns, axis=1)
 
 
-def test_right_pixels_of_one_code() -> None:
-    lit, seen = [10, 20], [11, 20]
-    args = [code(lit, PROJECTOR_PX)], [code(seen, MASK_PX)]
-    direct = np.zeros(N)
-    direct[20] = REFRESH_S  # lit and seen
-    np.testing.assert_allclose(photo(*args, FLAT), direct, atol=1e-15)
-    indirect = np.zeros(N)
-    indirect[11] = REFRESH_S  # 10 is lit and shines on to 11, which is seen
-    np.testing.assert_allclose(photo(*args, NEXT), indirect, atol=1e-15)
-
-
 def test_one_wrong_pixel_costs_its_share_of_the_cell() -> None:
     right = code([20], PROJECTOR_PX), code([20], MASK_PX)
     dark = right[0].copy()
@@ -292,42 +281,6 @@ def test_swapped_panels_transpose_the_probing() -> None:
     np.testing.assert_allclose(right, wanted, atol=1e-15)
     # 11 is lit and shines on 12; only 10 is seen.
     np.testing.assert_allclose(swapped, np.zeros(N), atol=1e-15)
-
-
-def test_a_mirrored_panel_lights_the_mirrored_cell() -> None:
-    lit = code([8], PROJECTOR_PX)  # row 1, column 0
-    seen = code([8, 15], MASK_PX)  # columns 0 and 7
-    wanted = np.zeros(N)
-    wanted[8] = REFRESH_S
-    np.testing.assert_allclose(photo([lit], [seen], FLAT), wanted, atol=1e-15)
-    np.testing.assert_allclose(
-        photo([np.ascontiguousarray(lit[:, ::-1])], [seen], FLAT), np.roll(wanted, 7), atol=1e-15
-    )
-    upside_down = photo([np.ascontiguousarray(lit[::-1])], [seen], FLAT)
-    np.testing.assert_allclose(upside_down, np.zeros(N), atol=1e-15)  # row 4 is lit
-
-
-@pytest.mark.parametrize(("panel_name", "share"), [("projector", 1 / 4), ("mask", 1 / 8)])
-def test_a_shift_by_one_pixel_costs_a_column_of_the_cell(panel_name: str, share: float) -> None:
-    """A code cell on both panels; one of them one pixel to the right."""
-    pictures = {"projector": code([20], PROJECTOR_PX), "mask": code([20], MASK_PX)}
-    pictures[panel_name] = np.roll(pictures[panel_name], 1, axis=1)
-    found = photo([pictures["projector"]], [pictures["mask"]], FLAT)
-    wanted = np.zeros(N)
-    wanted[20] = REFRESH_S * (1.0 - share)
-    np.testing.assert_allclose(found, wanted, atol=1e-15)
-
-
-def test_both_panels_shifted_alike_by_a_quarter_cell() -> None:
-    """1 and 2 pixels are a quarter cell both: cell 20 keeps 3/4, its neighbour gets 1/4."""
-    found = photo(
-        [np.roll(code([20], PROJECTOR_PX), 1, axis=1)],
-        [np.roll(code([20], MASK_PX), 2, axis=1)],
-        FLAT,
-    )
-    wanted = np.zeros(N)
-    wanted[20], wanted[21] = 0.75 * REFRESH_S, 0.25 * REFRESH_S
-    np.testing.assert_allclose(found, wanted, atol=1e-15)
 
 
 def test_pictures_that_do_not_fit_are_refused() -> None:

@@ -79,15 +79,6 @@ def test_pixels_are_shared_by_the_cells_they_lie_over() -> None:
     )
 
 
-def test_a_mask_beside_its_place_is_black_where_it_ends() -> None:
-    """Seen half a cell further on: the last half cell looks beyond it."""
-    shown = from_pictures([lit([[255, 255]])], [lit([[255, 255]])])
-    mask = PanelConfig(size_px=(2, 1), offset_px=(0.5, 0.0))
-    got = matrix(shown, PanelConfig(size_px=(2, 1)), mask, (1, 2))
-    np.testing.assert_allclose(got.coaxial, [0.01, 0.005], atol=1e-15)
-    np.testing.assert_allclose(got.open_s, [0.01, 0.005], atol=1e-15)
-
-
 def test_levels_are_light_by_the_curve_of_their_panel() -> None:
     shown = from_pictures([lit([[51]])], [lit([[102]])])
     square = PanelConfig(size_px=(1, 1), gamma=2.0)
@@ -96,12 +87,3 @@ def test_levels_are_light_by_the_curve_of_their_panel() -> None:
     np.testing.assert_allclose(got.open_s, [0.01 * 0.4], rtol=1e-12)
     got = matrix(shown, PanelConfig(size_px=(1, 1)), square, (1, 1))
     np.testing.assert_allclose(got.coaxial, [0.01 * 0.2 * 0.16], rtol=1e-12)
-
-
-def test_refreshes_after_one_another_add_up() -> None:
-    """Black rows between them, and a leak that goes on for all of the exposure."""
-    on, off = lit([[255]]), lit([[0]])
-    shown = from_pictures([on, off, on], [on, on, off])
-    leak = PanelConfig(size_px=(1, 1), contrast=10.0)
-    got = matrix(shown, PanelConfig(size_px=(1, 1)), leak, (1, 1))
-    np.testing.assert_allclose(got.coaxial, [0.01 + 0.1 * 0.01], rtol=1e-12)

@@ -15,7 +15,6 @@ from pdcd.probing.panel import PanelOptics
 from pdcd.probing.pulses import (
     PanelResponse,
     compute_code_separation,
-    compute_pulse_light,
     compute_pulse_product,
 )
 from pdcd.probing.realised import collect_factors, compute_factors
@@ -93,17 +92,6 @@ def test_the_closed_form_is_the_realised_matrix(lag_s: float, taus_s: tuple[floa
     assert want.max() > 0.9  # seconds
 
 
-@pytest.mark.parametrize("slower", [1.0, 4.0])
-def test_a_panel_alone_shows_fall_minus_rise(slower: float) -> None:
-    answer = PanelResponse(0.002, 0.007, 0.1 if slower > 1.0 else 0.0, slower)
-    pulse, always = np.arange(6) < 2, np.ones(6, dtype=np.bool_)
-    through = compute_pulse_product(answer, PanelResponse(0.001, 0.001), pulse, always, 0.003, T)
-    assert float(compute_pulse_light(answer, pulse, T)) == pytest.approx(float(through), rel=1e-12)
-    plain = 2 / 6 + (0.007 - 0.002) / (6 * T)  # panels that settle between their pulses
-    if slower == 1.0:
-        assert float(through) == pytest.approx(plain, rel=2e-3)
-
-
 @pytest.mark.parametrize("name", list(SLOTS))
 @pytest.mark.parametrize("late", [-1.3, -0.8, -0.3, 0.0, 0.4, 0.9])
 def test_panels_that_switch_at_once_leak_as_their_slots_overlap(
@@ -133,18 +121,3 @@ def test_panels_that_switch_at_once_leak_as_their_slots_overlap(
     }  # fmt: skip
     low, high = tolerated[name]
     assert (kept.leak < 1e-4) is (low <= late <= high)
-
-
-def test_slow_panels_leak_as_worked_out_by_hand() -> None:
-    """A mask that closes slowly, in no time open, under `lag` with no lag: its tail meets one more
-    refresh of its own light, then the next code's for two."""
-    fall = 0.005
-    kept = compute_code_separation("lag", PanelResponse(0.0, 0.0), PanelResponse(0.0, fall), 0.0, T)
-
-    def tail(low: float, high: float) -> float:
-        return float(fall * (np.exp(-low / fall) - np.exp(-high / fall)))
-
-    own = T + tail(0.0, T)
-    others = tail(T, 23 * T)
-    assert kept.leak == pytest.approx(others / own, rel=1e-3)
-    assert kept.light == pytest.approx(own / T, rel=1e-4)

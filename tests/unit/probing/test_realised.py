@@ -10,9 +10,9 @@ from pdcd.codes.make import make_codes
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.deviation import measure_deviation, weight_s
+from pdcd.probing.deviation import measure_deviation
 from pdcd.probing.panel import PanelOptics
-from pdcd.probing.realised import collect_factors, compute_factors, sum_signed_factors
+from pdcd.probing.realised import collect_factors, compute_factors
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles
 
@@ -108,91 +108,6 @@ def test_misregistration_equals_pixel_by_pixel(window: str, offset: tuple[float,
     assert np.abs(got_coaxial - coaxial).max() <= 1e-12 * want.max()
 
 
-def test_time_steps_converge_to_the_closed_form_at_first_order() -> None:
-    primal, dual = PANELS["uneven"]
-    frames = frames_for("whole", "full", count=3)
-    log = log_for(frames)
-    end = close_ns(log)
-    got = collect_factors(
-        compute_factors(frames, log, primal, dual, open_ns=0, close_ns=end)
-    ).dense()
-    tp = oracles.timeline(frames, log, primal, 0, True, 1)
-    td = oracles.timeline(frames, log, dual, 0, False, 1)
-    errors = []
-    for steps in (100, 200, 400, 800):
-        stepped = oracles.stepped_integrals(tp, td, primal, dual, end * 1e-9, steps)
-        errors.append(np.abs(stepped - got).max() / got.max())
-    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert errors[-1] < 2e-3
-    assert np.all(np.abs(orders - 1.0) < 0.05)
-
-
-def test_many_chunks_and_low_rank_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    primal, dual = PANELS["uneven"]
-    frames = frames_for("quarter", "full", count=5)
-    log = log_for(frames)
-
-    def run() -> list[NDArray[np.float64]]:
-        parts = list(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
-        whole = collect_factors(parts)
-        assert whole.left.shape[0] <= 6  # never more than the cells there are
-        return [whole.dense(), whole.coaxial, whole.open_s, np.array([float(len(parts))])]
-
-    one = run()
-    monkeypatch.setattr("pdcd.probing.realised.FIELD_CHUNK_BYTES", 1)
-    many = run()
-    assert one[3] < many[3]
-    for a, b in zip(one[:3], many[:3], strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-13)
-
-
-@pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("skew", [-1.0, -0.5, 0.0, 0.7, 1.0])
-def test_guards_keep_direct_light_out_up_to_one_refresh_of_skew(window: str, skew: float) -> None:
-    frames = frames_for(window, "full", count=8, grid=(3, 4))
-    log = log_for(frames, start_ns=40_000_000)
-    dual = PanelOptics(skew_ns=round(skew * REFRESH_NS))
-    got = collect_factors(
-        compute_factors(frames, log, PanelOptics(), dual, open_ns=0, close_ns=close_ns(log))
-    )
-    assert got.coaxial.max() == 0.0
-    assert got.total_s > 0.0
-
-
-@pytest.mark.parametrize("skew", [-0.8, -0.25, 0.0, 0.4, 1.0])
-def test_without_guards_the_leak_equals_the_formula(skew: float) -> None:
-    """Mask k meets primal k+1 (or k-1) for |skew| of a refresh: sum over k of m_k i_k+-1."""
-    frames = frames_for("whole", "none", count=16, grid=(3, 4))
-    log = log_for(frames, start_ns=40_000_000)
-    dual = PanelOptics(skew_ns=round(skew * REFRESH_NS))
-    got = collect_factors(
-        compute_factors(frames, log, PanelOptics(), dual, open_ns=0, close_ns=close_ns(log))
-    )
-    on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[:, :12].astype(float)
-    closed = 1.0 - on
-    meets = closed[:-1] * on[1:] if skew > 0 else closed[1:] * on[:-1]
-    want = abs(dual.skew_ns) * 1e-9 * meets.sum(axis=0)
-    np.testing.assert_allclose(got.coaxial, want, rtol=1e-12, atol=1e-15)
-
-
-def test_slow_panels_leak_as_the_report_says() -> None:
-    """One code, the mask open in the middle refresh: its decaying tail never meets its own cells'
-    light, but the black level of the projector and the mask's leak do; against a hand integral."""
-    tau, leak = 0.006, 1 / 300
-    frames = frames_for("whole", "full", count=1, grid=(2, 2), seed=3)
-    log = log_for(frames, start_ns=0)
-    primal, dual = PanelOptics(), PanelOptics(tau, tau, leak)
-    end = 3 * REFRESH_NS
-    got = collect_factors(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=end))
-    t = REFRESH_NS * 1e-9
-    on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[0, :4].astype(bool)
-    # A lit cell's mask never opens: it leaks for all three refreshes.
-    np.testing.assert_allclose(got.coaxial[on], 3 * t * leak, rtol=1e-12)
-    assert np.all(got.coaxial[~on] == 0.0)
-    report = measure_deviation(got, bench_rig.uniform((2, 2), 0.0, 1.0))
-    assert report.diagonal_max == pytest.approx(3 * t * leak / report.weight_s, rel=1e-12)
-
-
 @pytest.mark.parametrize("family", ["bernoulli", "balanced", "hadamard"])
 @pytest.mark.parametrize("window", ["whole", "quarter"])
 @pytest.mark.parametrize("count", [2, 8, 12, 64])
@@ -211,20 +126,6 @@ def test_indirect_codes_have_an_exactly_zero_diagonal(family: str, window: str, 
         assert np.abs(np.diag(got.dense())).max() == 0.0
 
 
-def test_windows_tile_the_mask() -> None:
-    """Every point is open under exactly one sub-shift: the open time is one refresh a code."""
-    grid = (4, 3)
-    codes = make_codes("hadamard", Lattice(grid, "quarter").shape, 64, dual="same", seed=5)
-    frames = build_frames(bench_rig.pairs(codes), grid, window="quarter", schedule="full", passes=1)
-    log = log_for(frames)
-    got = collect_factors(
-        compute_factors(
-            frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log)
-        )
-    )
-    np.testing.assert_allclose(got.open_s, 32 * REFRESH_NS * 1e-9, rtol=1e-12)
-
-
 @pytest.mark.parametrize("window", ["side-5/8", "side-7/8"])
 def test_windows_that_overlap_equal_pixel_by_pixel(window: str) -> None:
     """Places that open under two sub-shifts of an axis remember both: panels are slow."""
@@ -234,34 +135,6 @@ def test_windows_that_overlap_equal_pixel_by_pixel(window: str) -> None:
     got, got_coaxial, want, coaxial = both(frames, log, primal, dual, fine=16)
     assert np.abs(got - want).max() <= 1e-12 * want.max()
     assert np.abs(got_coaxial - coaxial).max() <= 1e-12 * want.max()
-
-
-@pytest.mark.parametrize(
-    ("window", "guard", "light"),
-    [("side-5/8", 3 / 16, 1.5625), ("side-3/4", 1 / 8, 2.25), ("side-7/8", 1 / 16, 3.0625)],
-)
-def test_larger_windows_gain_light_and_keep_off_what_their_guard_covers(
-    window: str, guard: float, light: float
-) -> None:
-    """Improvements 5, 6 and 21 of the catalogue: (1 - 2 e / c)^2 of a cell opens, and no direct
-    light gets in up to a misregistration of e."""
-
-    def weight(window: str, offset: tuple[float, float]) -> tuple[float, float]:
-        frames = frames_for(window, "full", count=16, grid=(3, 3))
-        log = log_for(frames)
-        got = collect_factors(
-            compute_factors(
-                frames, log, PanelOptics(), PanelOptics(), open_ns=0, close_ns=close_ns(log),
-                offset_cells=offset,
-            )
-        )  # fmt: skip
-        return float(got.coaxial.max()), float(got.open_s.mean())
-
-    assert weight(window, (guard, -guard))[0] == 0.0
-    assert weight(window, (guard + 0.02, 0.0))[0] > 1e-9
-    # The mean over codes of the lattice differs a little: each cell shows more of its neighbours.
-    gain = weight(window, (0.0, 0.0))[1] / weight("quarter", (0.0, 0.0))[1]
-    assert gain == pytest.approx(light, rel=0.05)
 
 
 @pytest.mark.parametrize(("offset", "leaks"), [(0.24, False), (0.25, False), (0.27, True)])
@@ -275,49 +148,6 @@ def test_quarter_windows_tolerate_a_quarter_cell(offset: float, leaks: bool) -> 
         )
     )  # fmt: skip
     assert bool(got.coaxial.max() > 1e-9) is leaks
-
-
-def test_weight_is_the_least_squares_factor_and_report_is_the_dense_difference() -> None:
-    primal, dual = PANELS["uneven"]
-    frames = frames_for("quarter", "full", count=6, grid=(3, 4))
-    log = log_for(frames)
-    got = collect_factors(
-        compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log))
-    )
-    n = 12
-    off = ~np.eye(n, dtype=bool)
-    matrix = got.dense()
-    indirect = bench_rig.uniform((3, 4), 0.0, 1.0)
-    assert weight_s(got, indirect) == pytest.approx(matrix[off].mean(), rel=1e-12)
-    report = measure_deviation(got, indirect)
-    error = matrix[off] / report.weight_s - 1.0
-    assert report.off_max == pytest.approx(np.abs(error).max(), rel=1e-10)
-    assert report.off_rms == pytest.approx(np.sqrt((error**2).mean()), rel=1e-10)
-    assert report.diagonal_max == pytest.approx((got.coaxial / report.weight_s).max(), rel=1e-12)
-
-
-def test_black_level_shots_leave_the_codes_alone() -> None:
-    """L3: P(i,m) - P(i,0) - P(0,m) + P(0,0) = (1 - eps)(1 - delta) sum m i, exactly."""
-    primal, dual = PanelOptics(leak=0.01), PanelOptics(leak=0.02)
-    grid = (3, 4)
-    codes = make_codes("hadamard", grid, 8, dual="complement", seed=2)
-    parts = []
-    for sign, p, d in [
-        (1.0, False, False), (-1.0, False, True), (-1.0, True, False), (1.0, True, True),
-    ]:  # fmt: skip
-        frames = build_frames(bench_rig.pairs(codes), grid, window="whole", schedule="full",
-        passes=1,
-            primal_black=p, dual_black=d,
-        )  # fmt: skip
-        log = log_for(frames)
-        one = collect_factors(
-            compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log))
-        )
-        parts.append((sign, one))
-    total = sum_signed_factors(parts)
-    want = (codes.dual.astype(float).T @ codes.primal) * REFRESH_NS * 1e-9 * 0.99 * 0.98
-    np.testing.assert_allclose(total.dense(), want, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(total.coaxial, 0.0, atol=1e-15)
 
 
 def test_white_frames_open_everything() -> None:

@@ -134,17 +134,3 @@ def test_spans_that_meet_give_the_time_of_pairs_of_pixels() -> None:
     np.testing.assert_allclose(left, [[1e-9, 0.5e-9]])
     np.testing.assert_allclose(open_s, [3e-9, 1.5e-9])
     assert track.reached == 3
-
-
-def test_spans_after_the_end_meet_nothing() -> None:
-    track = Trajectory(PanelOptics(), np.array([0], np.int64), 3, lambda span: np.ones(3))
-    rows, opens = compute_span_weights(
-        PanelOptics(),
-        PanelOptics(),
-        np.array([0, 9], np.int64),
-        np.array([0], np.int64),
-        exposure_ns=8,
-    )
-    left, alive, open_s = meet_spans(np.ones((1, 2)), track, rows[1:], opens[[1]].sum(axis=0))
-    assert left.shape == (0, 3) and alive.tolist() == [False] and open_s.tolist() == [0.0] * 3
-    assert track.reached == 0

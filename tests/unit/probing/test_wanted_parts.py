@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.probing import wanted as module
-from pdcd.probing.convolved import KernelPart, SameRowPart, filter_images
+from pdcd.probing.convolved import KernelPart, SameRowPart
 from pdcd.probing.wanted import (
     FullPart,
     GainPart,
@@ -94,35 +93,6 @@ def test_sums_leave_out_the_diagonal(name: str) -> None:
         np.testing.assert_allclose(part.overlap(other, weights), both @ weights, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", PARTS)
-def test_products_say_so(name: str) -> None:
-    part, dense = PARTS[name]
-    sides = part.product()
-    assert (sides is None) == (name not in ("uniform", "outer"))
-    if sides is not None:
-        np.testing.assert_allclose(np.outer(*sides), dense)
-        for more, whole in (
-            (GainPart(LIGHT, part), LIGHT[:, None] * dense),
-            (IlluminatedPart(part, LIGHT), dense * LIGHT),
-        ):
-            again = more.product()
-            assert again is not None
-            np.testing.assert_allclose(np.outer(*again), whole)
-
-
-def test_blocks_of_a_matrix_without_structure_make_no_difference(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    weights = np.random.default_rng(5).random(CELLS)
-    part, dense = PARTS["full"]
-    off = (dense * _near(1)) * (1.0 - np.eye(CELLS))
-    for block in (1, 7, CELLS, 512):
-        monkeypatch.setattr(module, "WANTED_BLOCK", block)
-        np.testing.assert_allclose(
-            part.overlap(NearPart(GRID, 1), weights), off @ weights, atol=1e-12
-        )
-
-
 @pytest.mark.parametrize("light", [None, LIGHT])
 def test_a_sum_of_parts_is_the_sum_of_their_matrices(light: Floats | None) -> None:
     terms = tuple((0.5 + k, PARTS[name][0]) for k, name in enumerate(("near1", "match", "outer")))
@@ -142,15 +112,6 @@ def test_a_sum_of_parts_is_the_sum_of_their_matrices(light: Floats | None) -> No
     np.testing.assert_allclose(camera.T @ projector + wanted.banded().dense(), dense, atol=1e-14)
     nothing = WantedMatrix(GRID, terms[:2], light).products()
     assert [side.shape for side in nothing] == [(0, CELLS)] * 2
-
-
-def test_another_light_leaves_the_rest_as_it_is() -> None:
-    wanted = WantedMatrix(GRID, ((2.0, UniformPart(CELLS)),), None, by_direct=True, by_light=True)
-    under = wanted.under(LIGHT)
-    assert under.light is LIGHT and under.by_direct and under.by_light
-    assert under.parts is wanted.parts and under.grid == GRID
-    plain = WantedMatrix(GRID, wanted.parts).under(LIGHT)
-    assert not plain.by_direct and not plain.by_light
 
 
 @pytest.mark.parametrize(
@@ -196,21 +157,3 @@ def test_partners_of_a_shift_lie_down_and_right() -> None:
     assert shift_cells((2, 3), (-1, 0)).tolist() == [-1, -1, -1, 0, 1, 2]
     assert shift_cells((2, 3), (0, -1)).tolist() == [-1, 0, 1, -1, 3, 4]
     assert shift_cells((2, 3), (0, 2)).tolist() == [2, -1, -1, 5, -1, -1]
-
-
-def test_many_images_are_convolved_as_single_ones() -> None:
-    images = np.random.default_rng(6).random((35, CELLS))
-    found = filter_images(images, TAPS, GRID)
-    np.testing.assert_allclose(found, images @ _kernel().T, atol=1e-12)
-    assert filter_images(images[:0], TAPS, GRID).shape == (0, CELLS)
-
-
-@pytest.mark.parametrize("radius", [0, 1, 2, 6])
-def test_neighbours_of_a_row_are_summed_up(radius: int) -> None:
-    weights = np.random.default_rng(7).random(CELLS)
-    both = _near(radius) * (ROW[:, None] == ROW) * (1.0 - np.eye(CELLS))
-    for one, other in (
-        (SameRowPart(GRID), NearPart(GRID, radius)),
-        (NearPart(GRID, radius), SameRowPart(GRID)),
-    ):
-        np.testing.assert_allclose(one.overlap(other, weights), both @ weights, atol=1e-13)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdcd.probing.deviation import EXACT_CELLS, compute_row_deviations, measure_deviation, weight_s
 from pdcd.probing.fine import PieceWeights
@@ -30,7 +29,6 @@ from pdcd.probing.wanted import (
 )
 from tests import bench_rig
 
-Floats = NDArray[np.float64]
 GRID = (3, 4)
 CELLS = 12
 OFF = ~np.eye(CELLS, dtype=bool)
@@ -41,18 +39,6 @@ def some(seed: int, *, rank: int = 5, cells: int = CELLS, fine: bool = False) ->
     left, right = rng.random((2, rank, cells))
     parts = PieceWeights(((0.0, 1.0), (0.0, 1.0)), True, *rng.random((3, *GRID))) if fine else None
     return Factors(left, right, rng.random(cells), rng.random(cells), parts)
-
-
-def test_sums_of_a_matrix_are_those_of_its_entries() -> None:
-    one = some(1)
-    dense = one.left.T @ one.right
-    np.testing.assert_allclose(one.dense(), dense)
-    assert one.total_s == pytest.approx(dense.sum())
-    assert one.trace_s == pytest.approx(dense.trace())
-    sums, own = one.row_sums_s
-    np.testing.assert_allclose(sums, dense.sum(axis=1))
-    np.testing.assert_allclose(own, dense.diagonal())
-    assert one.fine is None and one.displaced is None
 
 
 @pytest.mark.parametrize(
@@ -82,23 +68,6 @@ def test_chunks_add_up() -> None:
     assert len(whole.left) == CELLS  # three times five rows are more than there are cells
     assert collect_factors([parts[0], replace(parts[1], fine=None)]).fine is None
     assert collect_factors(some(seed) for seed in range(3)).fine is None
-
-
-@pytest.mark.parametrize(("rank", "kept"), [(6, 12), (7, 12), (4, 8)])
-def test_chunks_of_few_rows_are_kept_as_they_are(rank: int, kept: int) -> None:
-    """Up to as many rows as cells; one more, and their matrix is."""
-    parts = [some(seed, rank=rank) for seed in range(2)]
-    whole = collect_factors(parts)
-    assert len(whole.left) == kept
-    assert np.array_equal(whole.left, np.eye(CELLS)) == (rank == 7)
-    np.testing.assert_allclose(whole.dense(), parts[0].dense() + parts[1].dense())
-
-
-def test_light_of_displaced_places_adds_up_where_it_was_asked_for() -> None:
-    parts = [replace(some(seed), displaced=np.full(CELLS, 1.0 + seed)) for seed in range(2)]
-    found = collect_factors(parts).displaced
-    assert found is not None
-    np.testing.assert_allclose(found, 3.0)
 
 
 def test_a_photo_that_was_divided_has_a_share_of_its_matrix() -> None:
@@ -189,14 +158,6 @@ def test_direct_light_of_borders_has_the_weight_of_other_paths(apart: float) -> 
     # Other goals have no one weight for it.
     near = WantedMatrix(GRID, ((1.0, NearPart(GRID, 1)),))
     assert measure_deviation(one, near, apart=apart) == measure_deviation(one, near)
-
-
-def test_a_photo_without_any_weight_is_compared_as_it_is() -> None:
-    dark = Factors(np.zeros((1, CELLS)), np.ones((1, CELLS)), np.zeros(CELLS), np.zeros(CELLS))
-    report = measure_deviation(dark, bench_rig.uniform(GRID, 0.5, 2.0))
-    assert report.weight_s == 0.0
-    assert (report.off_rms, report.off_rms_worst, report.off_max) == pytest.approx((2.0, 2.0, 2.0))
-    assert (report.diagonal_max, report.diagonal_mean) == pytest.approx((0.5, -0.5))
 
 
 @pytest.mark.parametrize(("grid", "exact"), [((32, 32), True), ((25, 41), False)])
