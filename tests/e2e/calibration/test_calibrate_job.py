@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -330,48 +325,6 @@ def test_a_lens_cap_is_named_and_nothing_changes(tmp_path: Path) -> None:
         assert engine._config.calibration.sha256 is None
     finally:
         engine.stop()
-    assert (
-        find_newest_calibration(tmp_path / "state" / CALIBRATIONS_FOLDER, load_config(path)) is None
-    )
-
-
-def test_a_cancelled_one_leaves_the_old_in_use(tmp_path: Path) -> None:
-    engine = Engine.from_config(load_config(bench(tmp_path)))
-    engine.start()
-    photos: list[str] = []
-
-    def emit(event: Event) -> None:
-        if event.type == "shutter_open":
-            photos.append(event.type)
-
-    try:
-        result = engine.calibrate(
-            CalibrateRequest(steps=("geometry",)),
-            job="20260101T000000Z-0001",
-            emit=emit,
-            cancelled=lambda: len(photos) > 2,
-        )
-        assert result.state == "cancelled" and engine._config.calibration.sha256 is None
-    finally:
-        engine.stop()
-
-
-def test_a_killed_one_leaves_no_finished_folder(tmp_path: Path) -> None:
-    path = bench(tmp_path)
-    command = [sys.executable, "-m", "pdcd", "calibrate", "geometry", "--local", "--config"]
-    log = tmp_path / "log"
-    with log.open("w") as err:
-        child = subprocess.Popen(
-            [*command, str(path)], stdin=subprocess.DEVNULL, stdout=err, stderr=err
-        )
-        until_s = time.monotonic() + 60.0
-        while "geometry-white-projector" not in log.read_text():
-            assert time.monotonic() < until_s and child.poll() is None, log.read_text()
-            time.sleep(0.02)
-        os.kill(child.pid, signal.SIGKILL)
-        child.wait(30.0)
-    (left,) = (tmp_path / "state" / CALIBRATIONS_FOLDER).iterdir()
-    assert left.name.endswith(".partial") and not (left / kept.RECORD).exists()
     assert (
         find_newest_calibration(tmp_path / "state" / CALIBRATIONS_FOLDER, load_config(path)) is None
     )

@@ -161,11 +161,6 @@ def test_grey_levels_of_both_panels_are_found(tmp_path: Path) -> None:
     assert used.projector.lut is used.mask.lut is None
 
 
-def test_grey_levels_need_the_geometry(tmp_path: Path) -> None:
-    done = once(SmallBench(tmp_path / "bench", TRUTH, quads=SMALL), "response")
-    assert "not measured yet" in done.error
-
-
 @pytest.mark.long
 def test_nobody_covers_the_projector_and_something_covers_half_of_the_field(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

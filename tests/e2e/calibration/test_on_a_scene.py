@@ -62,13 +62,3 @@ def test_a_bumped_camera_is_found_on_the_scene_and_computed_again(tmp_path: Path
     assert off_px(before, bumped) > 2.0
     assert off_px(found, bumped) < 0.1
     assert recompute_calibration(found.folder).identical
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_a_bench_without_maps_is_found_on_the_scene(tmp_path: Path) -> None:
-    made = bench(tmp_path, turn_deg=2.0)
-    found = made.calibrate("geometry", subject="scene")
-    assert len(found.step("geometry").photos) == 3 + 32 + 9
-    assert off_px(found, made) < 0.1
-    assert found.record.verdict != "bad"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -21,7 +20,6 @@ from pdcd.bench.tables import (
 from pdcd.bench.truth import load_bench_truth
 from pdcd.calibration.registration.registration_step import calibrate_registration
 from pdcd.calibration.script import CalibrationSession
-from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map, map_between
 from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands
@@ -160,24 +158,3 @@ def test_a_coarse_camera_makes_the_map_better_and_its_picture_says_so(tmp_path: 
     drawn = [float(axes.get_title().split("below ")[1].split()[0]) for axes in figure.axes[:2]]
     assert drawn[0] == pytest.approx(believed, rel=0.25)
     assert drawn[1] < 2.0 * left
-
-
-def test_a_mirrored_mask_is_named(tmp_path: Path) -> None:
-    one = hands(tmp_path)
-    misplace(one.session, 0.0, flip=True)
-    with pytest.raises(CalibrationError, match=r"wrong way|not where the maps"):
-        one.run("registration", calibrate_registration(one.session))
-
-
-def test_a_lens_cap_is_named(tmp_path: Path) -> None:
-    one = hands(tmp_path, "", albedo=1e-6)
-    with pytest.raises(CalibrationError, match="no light"):
-        one.run("registration", calibrate_registration(one.session))
-
-
-def test_it_needs_the_maps(tmp_path: Path) -> None:
-    one = hands(tmp_path)
-    one.session = replace(one.session, config=one.config)
-    with pytest.raises(CalibrationError) as caught:
-        one.run("registration", calibrate_registration(one.session))
-    assert "geometry" in (caught.value.hint or "")

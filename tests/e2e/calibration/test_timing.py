@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import Config, RigConfig
+from pdcd.bench.tables import Config
 from pdcd.bench.truth import load_bench_truth
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse
@@ -127,17 +127,6 @@ def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_projector_that_is_set_at_once_is_not_said_to_run_against_the_mask(
-    tmp_path: Path,
-) -> None:
-    scan = "skew_s = 0.002\nscan_s = 0.0158\nscan_bands = 24"
-    result, _ = calibrated(bench(tmp_path, TAUS.format(projector="", mask=scan)), "timing")
-    (said,) = (text for text in record_of(result).steps[-1].advice if "top and bottom" in text)
-    assert "only one of the panels is set row by row, or" in said
-    assert "Where both are, mount one of them turned" in said
-
-
-@pytest.mark.long
 def test_times_are_found_again_once_the_delay_is_taken_out(tmp_path: Path) -> None:
     """The display delays the mask by itself now: what is measured says so, and is as before."""
     believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = -0.0287"))
@@ -157,14 +146,6 @@ def test_timing_wants_maps(tmp_path: Path) -> None:
         assert "was not measured yet" in str(result.error["message"])
         assert "geometry" in str(result.error["hint"])
         assert found.mask.skew_s == 0.0
-
-
-def test_a_mirrored_mask_is_told(tmp_path: Path) -> None:
-    truth = TAUS.format(projector="", mask="skew_s = 0.004") + '[mask.place]\nflip = "horizontal"\n'
-    result, found = calibrated(bench(tmp_path, truth), "timing")
-    assert result.state == "failed" and result.error is not None
-    assert "mask" in str(result.error["message"])
-    assert found.mask.rise_s == 0.0
 
 
 TRIGGER = "[trigger]\nlag_s = {}\njitter_s = {}\n"
@@ -196,16 +177,3 @@ def test_the_lag_of_the_shutter_is_that_of_the_projectors_first_row(tmp_path: Pa
     travel_s = {figure.name: figure.value for figure in record_of(result).steps[-1].figures}
     assert travel_s["shutter.travel_opening_s"] == pytest.approx(-0.0155, abs=0.5e-3)
     assert found.trigger.lag_s == pytest.approx(0.0863, abs=0.4e-3)
-
-
-@pytest.mark.long
-def test_a_shutter_that_is_a_cycle_later(tmp_path: Path) -> None:
-    """One bar alone would look the same then; photos wait long enough for such a shutter."""
-    truth = TRIGGER.format(0.06 + 29 * REFRESH_S, 0.0)
-    believed = bench(tmp_path, truth, rise_s=0.003, fall_s=0.002)
-    believed = msgspec.structs.replace(believed, rig=RigConfig(settle_s=0.7))
-    result, found = calibrated(believed, "shutter")
-    assert result.error is not None
-    assert "quarter of a second off" in str(result.error["message"])
-    assert "trigger.lag_s" in str(result.error["hint"])
-    assert found.trigger.lag_s == 0.06

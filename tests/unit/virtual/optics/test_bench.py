@@ -194,13 +194,6 @@ def test_a_large_raster_is_close_to_the_map_itself() -> None:
     assert np.abs(np.stack([across, down], axis=-1) - wanted).max() < 1e-7
 
 
-def test_a_map_that_no_polynomials_follow_is_computed_point_by_point() -> None:
-    x = np.arange(0.5, 700.0)
-    raster = MapRaster(lambda points: np.floor(points / 7.0), x, x)
-    assert raster.exact
-    np.testing.assert_array_equal(raster.rows(8, 9)[1], 1.0)
-
-
 def test_the_default_bench_has_no_optics() -> None:
     """So that nothing of it costs anything there."""
     assert choose_optics(Config(), build_scene(SceneConfig())) is None

@@ -12,25 +12,17 @@ import pytest
 from pdcd.bench.tables import BenchConfig, CameraConfig
 from pdcd.panels.frames import PIXEL_WINDOW, Frames
 from pdcd.virtual.optics import bench as benches
-from pdcd.virtual.optics import render
-from pdcd.virtual.optics import sights as sights_module
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.lookup import MOST_PAIRS
-from pdcd.virtual.optics.sights import CameraSamples
-from pdcd.virtual.optics.spread import LitCellPoints
 from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects, make_tint
 from pdcd.virtual.scene.scene import Scene
 from tests.unit.virtual.optics.test_bench import (
     GRID,
     PX,
-    coded,
     config_of,
     exposure_of,
     scene_of,
     white,
 )
-
-TEXTURE = np.random.default_rng(4).random((6, 8, 3)) + 0.1
 
 
 def bench_of(scene: Scene, **more: Any) -> OpticalBench:
@@ -69,52 +61,6 @@ def of_pixels(grey: bool = False) -> Frames:
     )  # fmt: skip
 
 
-def test_three_ways_of_driving_the_panels_are_kept(
-    counted: Callable[[Any, str], list[int]],
-) -> None:
-    """A white shot's, a coded one's and the truth's; a fourth takes the place of the oldest."""
-    bench = bench_of(scene_of(TEXTURE))
-    looked, lit = counted(benches, "find_sights"), counted(LitCellPoints, "by_site")
-    whites, codes = exposure_of(white()), exposure_of(coded(np.random.default_rng(1)))
-    pixels = exposure_of(of_pixels(grey=True))  # too many histories to be looked up
-
-    def truth() -> None:
-        bench.wanted(lambda part: part.white())
-
-    bench.photo(whites)
-    bench.photo(codes)
-    truth()
-    assert len(looked) == 3
-    bench.photo(whites)
-    bench.photo(codes)
-    truth()
-    assert len(looked) == 3 and len(lit) <= 3
-    bench.photo(whites)  # now what was used longest ago are the codes
-    bench.photo(pixels)
-    assert len(looked) == 4
-    spread = len(lit)
-    bench.photo(whites)
-    truth()
-    bench.photo(pixels)
-    assert len(looked) == 4 and len(lit) == spread
-    bench.photo(codes)
-    assert len(looked) == 5
-
-
-@pytest.mark.parametrize(("room", "kept"), [(1 << 28, "all"), (1, "none"), (3000, "some")])
-def test_weights_are_kept_as_far_as_there_is_room(
-    room: int, kept: str, monkeypatch: pytest.MonkeyPatch,
-    counted: Callable[[Any, str], list[int]],
-) -> None:  # fmt: skip
-    monkeypatch.setattr(render, "WEIGHT_CACHE_BYTES", room)
-    monkeypatch.setattr(sights_module, "CHUNK_SAMPLES", 1)  # a row of quads at a time
-    bench, exposure = bench_of(scene_of(TEXTURE)), exposure_of(white())
-    first = bench.photo(exposure)
-    looks = counted(CameraSamples, "on_field")
-    np.testing.assert_array_equal(bench.photo(exposure), first)
-    assert {"all": len(looks) == 0, "none": len(looks) == 6, "some": 0 < len(looks) < 6}[kept]
-
-
 def test_a_table_of_all_pairs_is_the_same_photo(
     monkeypatch: pytest.MonkeyPatch, counted: Callable[[Any, str], list[int]]
 ) -> None:
@@ -137,27 +83,6 @@ def _fits(
     made.clear()
     bench.photo(exposure)
     return bool(made)
-
-
-def test_too_many_histories_make_no_table(counted: Callable[[Any, str], list[int]]) -> None:
-    """As many as pixels, here: a table of them would have three million pairs."""
-    assert (PX[0] * PX[1]) ** 2 > MOST_PAIRS
-    made = counted(benches, "render_by_lookup")
-    bench_of(scene_of()).photo(exposure_of(of_pixels(grey=True)))
-    assert made == []
-
-
-def test_a_textured_scene_is_looked_up_as_its_sights_have_it(
-    counted: Callable[[Any, str], list[int]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Samples of a quad lie elsewhere, of both as many. (All of it: `test_golden`.)"""
-    made, exposure = counted(benches, "render_by_lookup"), exposure_of(of_pixels())
-    found = bench_of(scene_of(TEXTURE)).photo(exposure)
-    assert made == [1] and np.ptp(found) > 0.0
-    monkeypatch.setattr(OpticalBench, "_whole", lambda *_: None)
-    by_sights = bench_of(scene_of(TEXTURE)).photo(exposure)
-    assert made == [1]
-    np.testing.assert_allclose(found, by_sights, atol=0.01 * float(by_sights.max()))
 
 
 @pytest.mark.parametrize("frames", [white(), of_pixels()])

@@ -73,16 +73,6 @@ def test_more_nodes_are_tried_where_few_do_not_do(monkeypatch: pytest.MonkeyPatc
     assert MapRaster(wave(5.0), X, Y).exact
 
 
-def test_a_map_is_followed_to_a_hundred_thousandth() -> None:
-    """Noise on top of what is smooth, of which polynomials make twice as much at most."""
-    for height, exact in ((0.3e-5, False), (0.7e-5, True)):
-
-        def place(points: Floats, height: float = height) -> Floats:
-            return curved(points) + height * np.sign(np.sin(1e4 * points[..., :1]))
-
-        assert MapRaster(place, X, Y).exact is exact
-
-
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_map_that_ends_somewhere_is_computed_point_by_point(axis: int) -> None:
     def place(points: Floats) -> Floats:
@@ -96,17 +86,6 @@ def test_a_map_that_ends_somewhere_is_computed_point_by_point(axis: int) -> None
     np.testing.assert_array_equal(
         np.stack([across, down], axis=-1), place(np.stack(np.meshgrid(X, Y[100:120]), axis=-1))
     )
-
-
-def test_nodes_on_either_side_of_a_point_take_part() -> None:
-    """A short wave in the middle of a raster is followed by the nodes about each point; with as
-    many that lie further to one side it would not be."""
-
-    def ripple(points: Floats) -> Floats:
-        far = (points - [50.0, 21.5]) / [12.0, 5.0]
-        return np.asarray(np.sin(2.0 * np.pi * points / 9.52) * np.exp(-(far**2)))
-
-    assert not MapRaster(ripple, X, Y).exact
 
 
 @pytest.mark.parametrize("rows", [199, 200])

@@ -12,7 +12,7 @@ from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.bench.truth import BenchTruth, TrueCamera, TruePanel, TrueScene
 from pdcd.errors import ConfigError
 from pdcd.panels.placing import Placing
-from pdcd.virtual.optics.setting import OpticalSetting, Tap, compute_falloff, make_gaussian_taps
+from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
 
 PX = (48, 36)
 
@@ -23,17 +23,6 @@ def setting_of(
     panel = PanelConfig(size_px=PX)
     given = {"projector": panel, "mask": panel, "scene": SceneConfig(grid=(3, 4)), **more}
     return OpticalSetting(msgspec.structs.replace(Config(), **given), truth or BenchTruth(), frame)
-
-
-@pytest.mark.parametrize("count", [3, 5, 15])
-def test_points_of_a_gaussian_have_its_variance(count: int) -> None:
-    place, share = make_gaussian_taps(count)
-    assert place.shape == share.shape == (count,)
-    assert share.sum() == pytest.approx(1.0) and (share * place**2).sum() == pytest.approx(1.0)
-    np.testing.assert_allclose(np.diff(place), np.diff(place)[0])
-    np.testing.assert_allclose([place, share], [-place[::-1], share[::-1]], atol=1e-15)
-    # Before they are spread the outermost ones are at 2.5 standard deviations.
-    assert share[0] / share[count // 2] == pytest.approx(np.exp(-0.5 * 2.5**2))
 
 
 def test_light_falls_by_the_square_of_the_radius() -> None:
@@ -65,27 +54,11 @@ def test_a_quad_is_looked_at_as_often_as_it_has_pixels_of_the_mask(
     assert setting_of(frame).samples == samples
 
 
-def test_who_says_how_often_is_believed() -> None:
-    truth = BenchTruth(camera=TrueCamera(samples=7))
-    assert setting_of(truth=truth).samples == 7
-    assert setting_of(truth=BenchTruth(camera=TrueCamera(samples=1))).samples == 1
-
-
 def test_a_quad_on_its_side_counts_its_way_along_both_axes() -> None:
     """Turned by 45 degrees a step of a quad goes as far right as down."""
     camera = CameraConfig(place=Placing(turn_deg=45.0, scale=2.0))
     # Twice 48 / 40 pixels long: 2.4 / sqrt(2) each way, 3.39 together.
     assert setting_of((30, 40), camera=camera).samples == 4
-
-
-def test_the_points_of_a_field_on_both_panels() -> None:
-    mask = PanelConfig(size_px=(24, 36), offset_px=(4.8, -3.6))
-    setting = setting_of(mask=mask)
-    points = np.array([[0.25, 0.5], [0.5, 0.75]])
-    np.testing.assert_allclose(setting.on_projector(points), [[12.0, 18.0], [24.0, 27.0]])
-    # The mask is seen a tenth of the field further right and higher.
-    np.testing.assert_allclose(setting.on_mask(points), [[0.35 * 24, 14.4], [14.4, 0.65 * 36]])
-    assert setting.projector_px.tolist() == [48.0, 36.0]
 
 
 def test_drawing_goes_by_what_is_believed_and_light_by_what_is_true() -> None:
@@ -115,10 +88,6 @@ def test_every_map_is_made_when_a_bench_is_checked(name: str) -> None:
     true: Any = TrueCamera(place=beside) if name == "camera" else TruePanel(place=beside)
     with pytest.raises(ConfigError, match="beside the field"):
         setting_of(truth=BenchTruth(**{name: true})).check()
-
-
-def test_without_blur_there_is_one_tap() -> None:
-    assert setting_of().taps == (Tap((0.0, 0.0), 1.0),)
 
 
 def test_taps_are_those_of_a_round_gaussian() -> None:

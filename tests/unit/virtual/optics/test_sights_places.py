@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import BenchTruth, TrueCamera
+from pdcd.bench.truth import BenchTruth
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import sights as sights_module
 from pdcd.virtual.optics.setting import OpticalSetting
@@ -18,9 +18,7 @@ from pdcd.virtual.optics.sights import (
     CameraSamples,
     CellGrid,
     LightOrigins,
-    SampleRuns,
     ScatteredSamples,
-    find_changes,
     find_sights,
     sample_pixels,
 )
@@ -50,30 +48,6 @@ def test_beside_the_pixels_there_is_nothing(x: float, y: float) -> None:
     light = IMAGE.astype(np.float64)
     assert sample_pixels(light, across, down, missing=0.25).tolist() == [5.0, 0.25, 6.0]
     assert across[1] == x or np.isnan(x)  # what is given stays as it is
-
-
-def test_places_where_any_of_some_numbers_is_another() -> None:
-    first = np.array([3, 3, 3, 4, 4, 4, 4], dtype=np.int32)
-    other = np.array([1, 1, 2, 2, 2, 2, 3], dtype=np.int32)
-    third = np.array([0, 0, 0, 0, 0, 9, 9], dtype=np.int32)
-    assert find_changes(first).tolist() == [0, 3]
-    assert find_changes(first, other).tolist() == [0, 2, 3, 6]
-    assert find_changes(first, other, third).tolist() == [0, 2, 3, 5, 6]
-    assert find_changes(first[:1]).tolist() == [0] and find_changes(first).dtype == np.int32
-
-
-def test_runs_are_spread_over_their_samples() -> None:
-    runs = SampleRuns(np.array([0, 2, 3], np.int32), np.array([7, 5, 7], np.int32))
-    assert runs.spread(6).tolist() == [7, 7, 5, 7, 7, 7]
-    assert runs.spread(4).tolist() == [7, 7, 5, 7]
-
-
-def test_cells_of_one_value_are_counted_row_by_row() -> None:
-    cells = CellGrid((2, 3), smooth=False)
-    assert cells.places == 6 and cells.corners.tolist() == [[n] for n in range(6)]
-    x = np.array([0.0, 0.34, 0.99, 0.0, 0.67])
-    y = np.array([0.0, 0.49, 0.0, 0.5, 0.99])
-    assert cells.at(x, y).tolist() == [0, 1, 2, 3, 5]
 
 
 @pytest.mark.parametrize("smooth", [False, True])
@@ -108,12 +82,6 @@ def test_between_the_centres_of_cells_values_lie_on_lines(grid: tuple[int, int])
     )
     np.testing.assert_allclose(found, (1.0 - part) * upper + part * lower, atol=1e-12)
     np.testing.assert_allclose(shares.sum(axis=1), 1.0)
-
-
-def test_what_lies_nowhere_has_the_shares_of_a_corner() -> None:
-    cells = CellGrid((2, 3), smooth=True)
-    shares = cells.shares(np.array([np.nan, 0.5]), np.array([0.25, np.nan]))
-    assert np.isfinite(shares).all() and shares.sum(axis=1).tolist() == [1.0, 1.0]
 
 
 def test_light_comes_from_further_down_and_right() -> None:
@@ -176,16 +144,6 @@ def test_scattered_samples_lie_evenly_and_each_in_its_share_of_a_quad() -> None:
     np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
 
 
-def test_of_a_camera_with_one_sample_a_quad_none_is_scattered() -> None:
-    setting = OpticalSetting(
-        setting_of().believed, BenchTruth(camera=TrueCamera(samples=1)), (1, 1)
-    )
-    for read in ("on_field", "on_mask"):
-        assert getattr(ScatteredSamples(setting), read)((0, 1)) == getattr(
-            CameraSamples(setting), read
-        )((0, 1))
-
-
 @pytest.mark.parametrize("blur", [0.0, 1.5])
 @pytest.mark.parametrize("masked", [True, False])
 @pytest.mark.parametrize("chunk", [1 << 16, 50])
@@ -217,13 +175,3 @@ def test_each_sample_has_its_sight(
             place = cells.at(x + tap.offset[0], y + tap.offset[1])
             np.testing.assert_array_equal(sights.place[sight], place)
     assert (sights.lit == NO_SITE).any() and (sights.place == NO_SITE).any()
-
-
-def test_what_lies_infinitely_far_has_shares_without_a_warning() -> None:
-    shares = CellGrid((2, 3), smooth=True).shares(np.array([np.inf, 0.5]), np.array([0.5, -np.inf]))
-    assert np.isfinite(shares).all()
-
-
-def test_sights_are_shown_without_their_runs() -> None:
-    few = np.zeros(1, np.int64)
-    assert "runs" not in repr(sights_module.Sights(few, few, few, []))

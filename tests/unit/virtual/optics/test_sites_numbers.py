@@ -7,7 +7,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-import scipy
 
 from pdcd.bench.tables import Config, PanelConfig, SceneConfig
 from pdcd.bench.truth import BenchTruth, TruePanel
@@ -64,27 +63,6 @@ def test_whole_cells_are_sites_behind_black() -> None:
     assert sites.band.tolist() == [0] * 7 and sites.delay_ns.tolist() == [0]
     assert sites.in_band(0) == slice(0, 7)
     assert sites.image.dtype == sites.band.dtype == np.int32
-
-
-def test_half_cells_and_strips_of_windows() -> None:
-    assert len(sites_of("quarter")) == 1 + 4 * 6  # a projector's half cells
-    assert len(sites_of("quarter", mask=True)) == 1 + 5 * 7
-    assert len(sites_of("side-3/4", (48, 32), mask=True)) == 1 + 9 * 13
-    assert len(sites_of("quarter", patterned=False)) == 2
-    half = sites_of("quarter").image
-    np.testing.assert_array_equal(half[::2, ::2] - 1, np.arange(24).reshape(4, 6))
-    strips = sites_of("quarter", mask=True).image - 1
-    # Cells of four pixels: one is of the strip before, two of the middle, one of the strip behind.
-    assert strips[0].tolist() == [0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6]
-    assert strips[:, 0].tolist() == [0, 7, 7, 14, 14, 21, 21, 28]
-
-
-@pytest.mark.parametrize("patterned", [True, False])
-def test_pixels_are_sites_of_their_own(patterned: bool) -> None:
-    sites = sites_of(PIXEL_WINDOW, (3, 2), patterned=patterned)
-    assert sites.image.tolist() == ([[1, 2, 3], [4, 5, 6]] if patterned else [[1] * 3] * 2)
-    assert sites.pixels.tolist() == ([-1, 0, 1, 2, 3, 4, 5] if patterned else [-1, 0])
-    assert sites.pixel_count == 6 and sites.image.dtype == np.int32
 
 
 def test_beside_the_field_and_on_dead_lines_a_panel_is_black() -> None:
@@ -171,18 +149,6 @@ def test_rows_of_a_band_are_sites_of_their_own(
     assert sites.levels(frames, 0, LINEAR, slice(0, 1)).tolist() == [0.0]
 
 
-def test_near_sites_are_of_one_tile_and_bands_apart() -> None:
-    sites = sites_of("quarter", (120, 80), scan_s=0.01, scan_bands=2)
-    image, tile = sites.image, sites.tile
-    assert tile[image[0, 0]] == tile[image[79 // 2 - 1, 40 // 2]]
-    assert tile[image[0, 0]] != tile[image[79, 0]]
-    many = sites_of(PIXEL_WINDOW, (20, 20))
-    tiles = many.tile[many.image]
-    assert len(np.unique(tiles)) == 9
-    assert (tiles[:8, :8] == tiles[0, 0]).all() and (tiles[:8, 8:16] == tiles[0, 8]).all()
-    assert (tiles[16:, 16:] == tiles[19, 19]).all() and (tiles[8:16, :8] == tiles[8, 0]).all()
-
-
 def pixel_frames() -> Frames:
     """Three patterns of 4 x 2 pixels; of the eight pixels three pairs are alike throughout."""
     rows = [[0, 1, 1, 0, 0.4, 0.4, 1, 0.2], [1, 0, 0, 1, 0, 0, 1, 1], [0, 0, 0, 0, 0.6, 0.6, 1, 0]]
@@ -211,25 +177,3 @@ def test_pixels_that_show_the_same_have_one_history(
         histories.levels(frames, 0, LINEAR, slice(0, 6))[1:3] ** 2, atol=1e-12,
     )  # fmt: skip
     assert histories.band.tolist() == [0] * 6 and histories.in_band(0) == slice(0, 6)
-
-
-def test_histories_of_late_rows_are_their_own() -> None:
-    sites = sites_of(PIXEL_WINDOW, (4, 2), scan_s=0.001, scan_bands=2)
-    histories = Histories(sites, pixel_frames(), mask=False)
-    assert (np.diff(histories.band) >= 0).all() and histories.delay_ns.tolist() == [0, 1_000_000]
-    np.testing.assert_array_equal(histories.band[histories.of], sites.band)
-    assert histories.in_band(0).stop == histories.in_band(1).start
-    assert (
-        histories.in_band(1).stop == len(histories) == 6
-    )  # black, and two and three kinds of pixels
-    np.testing.assert_array_equal(histories.tile, histories.band)
-
-
-def test_what_histories_light_is_what_their_sites_light() -> None:
-    sites = sites_of(PIXEL_WINDOW, (4, 2))
-    histories = Histories(sites, pixel_frames(), mask=False)
-    share = np.random.default_rng(1).random((9, 5))
-    found = histories.spread(scipy.sparse.csr_array(share)).toarray()
-    assert found.shape == (6, 5)
-    for one in range(6):
-        np.testing.assert_allclose(found[one], share[histories.of == one].sum(axis=0))

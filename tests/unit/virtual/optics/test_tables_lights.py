@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -13,14 +12,11 @@ import scipy
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.bench.truth import BenchTruth, TruePanel
 from pdcd.panels.placing import Placing
-from pdcd.probing.panel import StoredSpans, Trajectory
-from pdcd.virtual.optics import bench as benches
 from pdcd.virtual.optics import products, render
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.lit import IlluminatedEffect
-from pdcd.virtual.optics.lookup import list_all_pairs
 from pdcd.virtual.optics.needed import choose_optics
-from pdcd.virtual.optics.products import PanelExposure, SitePairs, find_distinct_pairs
+from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
 from pdcd.virtual.optics.sites import PanelSites, SiteKind
 from pdcd.virtual.optics.spread import LitCellPoints
@@ -29,28 +25,6 @@ from pdcd.virtual.scene.scene import Scene
 from tests.unit.virtual.optics.test_bench import coded, config_of, exposure_of, scene_of, white
 
 RNG = np.random.default_rng(6)
-
-
-def test_pairs_of_histories_are_counted_once() -> None:
-    pairs = SitePairs(np.array([0, 1, 2, 2, 1]), np.array([3, 3, 0, 1, 2]))
-    mask, other = np.array([5, 4, 4]), np.array([0, 0, 7, 0])
-    few, which = find_distinct_pairs(pairs, mask, other)
-    made = list(zip(few.mask.tolist(), few.other.tolist(), strict=True))
-    assert sorted(made) == [(4, 0), (4, 7), (5, 0)]
-    assert [made[at] for at in which] == [(5, 0), (4, 0), (4, 0), (4, 0), (4, 7)]
-    cells, which = find_distinct_pairs(pairs, mask, None)
-    made = list(zip(cells.mask.tolist(), cells.other.tolist(), strict=True))
-    assert [made[at] for at in which] == [(5, 3), (4, 3), (4, 0), (4, 1), (4, 2)]
-    none, which = find_distinct_pairs(
-        SitePairs(np.zeros(0, np.int64), np.zeros(0, np.int64)), mask, other
-    )
-    assert none.mask.size == which.size == 0
-
-
-def test_all_pairs_lie_in_the_order_of_a_table() -> None:
-    pairs = list_all_pairs(2, 3)
-    assert pairs.mask.tolist() == [0, 0, 0, 1, 1, 1] and pairs.other.tolist() == [0, 1, 2] * 2
-    assert list_all_pairs(2, 0).mask.size == list_all_pairs(2, 0).other.size == 0
 
 
 def test_an_effect_is_lit_unevenly() -> None:
@@ -109,18 +83,6 @@ def test_light_of_any_number_of_effects_comes_together(
     np.testing.assert_array_equal(whole.photo(exposure), found)
 
 
-def test_a_bench_knows_what_it_is_made_of(tmp_path: Path) -> None:
-    scene = scene_of()
-    bench = bench_of(scene)
-    assert bench.scene is scene and bench.frame == (6, 8) and bench.inside.all()
-    assert bench.truth == BenchTruth() and bench.true.projector == bench.true.projector
-    turned = CameraConfig(frame_quads=(8, 6), place=Placing(scale=1.25))
-    inside = OpticalBench(config_of(camera=turned), scene, (6, 8)).inside
-    # The frame is a quarter larger than the field: one quad less on either side, and by rounding
-    # the field's border runs through the first one.
-    assert inside.sum() == 4 * 6 and not inside[0].any() and not inside[:, -1].any()
-
-
 @pytest.mark.parametrize(("beyond", "inside"), [(0.5e-9, True), (1.5e-9, False)])
 def test_quads_lie_inside_up_to_the_border_by_rounding(beyond: float, inside: bool) -> None:
     larger = CameraConfig(frame_quads=(8, 6), place=Placing(scale=1.0 + 2.0 * beyond))
@@ -128,15 +90,6 @@ def test_quads_lie_inside_up_to_the_border_by_rounding(beyond: float, inside: bo
     assert found[1:-1, 1:-1].all()
     for edge in (found[0], found[-1], found[:, 0], found[:, -1]):
         assert edge.all() == inside and edge.any() == inside
-
-
-def test_a_few_ways_of_driving_the_panels_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benches, "MOST_DRIVES", 1)
-    bench, other = bench_of(scene_of()), bench_of(scene_of())
-    first, second = exposure_of(white()), exposure_of(coded(np.random.default_rng(1)))
-    for exposure in (first, second, first, second):
-        np.testing.assert_array_equal(bench.photo(exposure), other.photo(exposure))
-        other = bench_of(scene_of())
 
 
 def cell_light(size: tuple[int, int], grid: tuple[int, int], **panel: Any) -> Any:
@@ -201,34 +154,3 @@ def test_finer_quads_are_needed_where_there_is_something_finer(
     assert (bench is not None) is needed
     if bench is not None:
         assert bench.frame == (6, 8)
-
-
-def test_photos_are_the_same_whether_what_the_mask_did_is_kept_or_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    slow = PanelConfig(size_px=(96, 72), rise_s=0.002, fall_s=0.005, contrast=80.0)
-    scanned = msgspec.structs.replace(slow, scan_s=0.012, scan_bands=5)
-    late = msgspec.structs.replace(slow, scan_s=-0.009, scan_bands=3, skew_s=0.004)
-    config = config_of(projector=scanned, mask=late, camera=CameraConfig(frame_quads=(21, 15)))
-    bench = choose_optics(config, scene_of())
-    assert bench is not None
-    kept = count_kept(monkeypatch)
-    exposure = exposure_of(coded(np.random.default_rng(1)))
-    once = bench.photo(exposure)
-    assert kept == [True] * 3
-    monkeypatch.setattr(products, "MASK_CACHE_BYTES", 0)
-    np.testing.assert_array_equal(bench.photo(exposure), once)
-    assert kept == [True] * 3
-
-
-def count_kept(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """An entry for each band of the mask that was kept."""
-    found: list[bool] = []
-
-    class Counted(StoredSpans):
-        def __init__(self, track: Trajectory) -> None:
-            super().__init__(track)
-            found.append(True)
-
-    monkeypatch.setattr(products, "StoredSpans", Counted)
-    return found

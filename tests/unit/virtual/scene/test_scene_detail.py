@@ -10,7 +10,7 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import Array
-from pdcd.virtual.scene.presets import PRESETS, book, detail, letters
+from pdcd.virtual.scene.presets import PRESETS, detail
 from pdcd.virtual.scene.scene import Scene
 from pdcd.virtual.scene.texture import average_cells
 from tests.sampled import sampled
@@ -82,58 +82,3 @@ def test_no_texture_is_drawn_before_it_is_asked_for(
     scene.white()
     with pytest.raises(AssertionError, match="768, 1024"):
         _ = scene.texture
-
-
-def test_scratches_are_on_the_wax_and_not_in_it() -> None:
-    surface, glow = preset("wax-disk").textures or (None, None)
-    assert surface is not None and glow is not None
-    wax = (slice(480, 560), slice(400, 600))  # below the key
-    np.testing.assert_allclose(glow[wax], glow[wax][0, 0] * np.ones((80, 200, 1)), rtol=1e-12)
-    assert surface[wax].max() > 1.3 * np.median(surface[wax])
-
-
-def test_ink_lies_where_the_words_of_the_title_stand() -> None:
-    texture = preset("open-book").texture
-    assert texture is not None
-    flat = detail.draw_text([(book.TITLE, book.RIGHT[0], -0.54, book.TITLE_SIZE)])
-    x = (np.arange(1024) + 0.5) / 384.0 - 4.0 / 3.0
-    title = detail.stretch_columns(flat, 1.0 + book.CURVE * np.abs(x))
-    area = (slice(100, 180), slice(560, 940), 0)
-    ink, paper = texture[title > 0.99][:, 0], texture[area][title[area[:2]] == 0.0]
-    assert ink.size > 3000 and ink.max() < 0.1
-    assert np.percentile(paper, 10) > 0.75
-
-
-@pytest.mark.parametrize("scale", [1.0, 0.625])
-def test_every_letter_is_told_from_all_others(scale: float) -> None:
-    """At the size of the book's text, at a projector's pixels and at 640 x 480."""
-    size, shape = book.SIZE * detail.TEXTURE_PIXELS, (24, 20)
-    rows, cols = round(38 / scale), round(32 / scale)
-
-    def seen(character: str, shift: int) -> Array:
-        line = letters.draw_text_line(character, size)[:38, :31]
-        room = np.zeros((rows, cols, 1))
-        room[: line.shape[0], shift : shift + line.shape[1], 0] = line
-        return average_cells(room, (38, 32) if scale == 1.0 else shape)[:, 0]
-
-    known = {character: seen(character, 0) for character in letters.STROKES}
-    for character in letters.STROKES:
-        found = seen(character, 1)
-        nearest = min(known, key=lambda one: float(np.sum((known[one] - found) ** 2)))
-        assert nearest == character
-
-
-def test_a_line_is_as_wide_as_its_letters_and_knows_no_others() -> None:
-    assert letters.measure_text("ab c", 10.0) == pytest.approx(
-        letters.measure_text("a", 10.0)
-        + letters.measure_text("b", 10.0)
-        + letters.measure_text("c", 10.0)
-        + 5.0
-    )
-    image = letters.draw_text_line("ab c", 10.0)
-    assert image.shape == (24, int(np.ceil(letters.measure_text("ab c", 10.0))) + 2)
-    assert image.min() == 0.0 and image.max() == 1.0
-    with pytest.raises(KeyError, match="%"):
-        letters.draw_text_line("a %", 10.0)
-    for sentence in (book.TITLE, *book.SENTENCES):
-        assert letters.draw_text_line(sentence, 5.0).any()

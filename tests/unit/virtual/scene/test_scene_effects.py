@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pdcd.virtual.scene import kernel as kernel_module
 from pdcd.virtual.scene.effects import (
@@ -18,12 +16,10 @@ from pdcd.virtual.scene.effects import (
     Effect,
     LowRankEffect,
     SparseEffect,
-    make_direct_effects,
     make_tint,
     make_two_way_paths,
 )
 from pdcd.virtual.scene.kernel import KernelEffect, make_gaussian_kernel
-from pdcd.virtual.scene.milk import make_milk_effects
 from pdcd.virtual.scene.radiosity import Radiosity, Relief, make_hat_weights, make_radiosity_effects
 from pdcd.virtual.scene.scene import Scene
 
@@ -193,23 +189,6 @@ def test_a_gaussian_is_one_separable_term_and_keeps_its_light() -> None:
     assert 0.25 < back[1] < 0.5
 
 
-def test_a_wide_gaussian_on_a_small_grid_loses_light_instead_of_gaining() -> None:
-    taps = make_gaussian_kernel((3, 3), (1.0, 1.0), 10.0)
-    assert taps.sum() < 0.05
-    assert taps[2, 2] == pytest.approx(1.0 / (2 * np.pi * 100.0), rel=1e-3)
-
-
-def test_only_direct_light_is_coaxial() -> None:
-    rng = np.random.default_rng(7)
-    assert [maker((2, 2), rng).coaxial for maker in MAKERS] == [True] + [False] * 6
-
-
-def test_coloured_direct_gives_each_channel_its_own_albedo() -> None:
-    albedo = np.random.default_rng(8).random((6, 3))
-    scene = Scene("s", (2, 3), make_direct_effects(albedo))
-    np.testing.assert_allclose(scene.white(), albedo, rtol=1e-15)
-
-
 def test_both_ways_adds_the_reverse_of_every_path() -> None:
     one_way = scipy.sparse.coo_array(([0.5, 0.25], ([0, 2], [1, 0])), shape=(3, 3))
     matrix = make_two_way_paths("m", one_way, np.ones(3)).dense()
@@ -223,25 +202,6 @@ def test_hat_weights_share_each_cell_out_completely() -> None:
         np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-14)
         assert (weights > 0).sum(axis=1).max() <= 2
     np.testing.assert_array_equal(make_hat_weights(7, 7), np.eye(7))
-
-
-@given(
-    st.sampled_from(MAKERS),
-    st.integers(1, 5),
-    st.integers(1, 5),
-    st.integers(0, 2**32 - 1),
-    st.floats(-3, 3),
-)
-@settings(deadline=None, derandomize=True, max_examples=50)
-def test_effects_are_linear(maker: Maker, rows: int, cols: int, seed: int, factor: float) -> None:
-    rng = np.random.default_rng(seed)
-    effect = maker((rows, cols), rng)
-    x, y, left = (rng.normal(size=(2, rows * cols)) for _ in range(3))
-    np.testing.assert_allclose(
-        effect.apply(x + factor * y), effect.apply(x) + factor * effect.apply(y), atol=1e-11
-    )
-    both = effect.probe(np.vstack([left, left]), np.vstack([x, factor * y]))
-    np.testing.assert_allclose(both, effect.probe(left, x + factor * y), atol=1e-11)
 
 
 def small_scene(ambient: Array | None = None) -> Scene:
@@ -303,35 +263,3 @@ def test_photo_takes_direct_light_and_ambient_by_their_own_times() -> None:
     first_part = scene.photo(left[:3], right[:3], coaxial, open_s)
     second_part = scene.photo(left[3:], right[3:], zero, zero)
     np.testing.assert_allclose(first_part + second_part, photo, rtol=1e-13)
-
-
-def test_ambient_light_is_no_part_of_the_transport() -> None:
-    lit, dark = small_scene(np.ones((12, 3))), small_scene()
-    np.testing.assert_array_equal(lit.white(), dark.white())
-
-
-def milky(depth: float) -> tuple[Array, Array]:
-    """Direct and indirect images of an evenly milky patch over a two-tone surface."""
-    n, grid = 48, (6, 8)
-    albedo = np.where(np.arange(n) % 2, 0.8, 0.2)[:, None] * np.ones(3)
-    effects = make_milk_effects(
-        grid, (1.0, 1.0), np.full(n, depth), albedo, sigma=1.0, tint=np.ones(3)
-    )
-    return Scene("milk", grid, effects).split()
-
-
-def test_clear_water_is_no_medium() -> None:
-    direct, indirect = milky(0.0)
-    np.testing.assert_allclose(direct[:2, 0], [0.2, 0.8])
-    np.testing.assert_array_equal(indirect, 0.0)
-
-
-def test_milk_attenuates_both_ways_and_veils_the_contrast() -> None:
-    direct, indirect = milky(0.5)
-    contrast = direct[1::2].mean() - direct[0::2].mean()
-    # Contrast of the surface survives only by what crosses the medium twice, plus the little
-    # that is blurred back into its own cell.
-    assert np.exp(-1.0) * 0.6 <= contrast < np.exp(-1.0) * 0.6 + 0.05
-    assert indirect.mean() > 0.3 * (1 - np.exp(-1.0))
-    veiled = (direct + indirect)[1::2].mean() / (direct + indirect)[0::2].mean()
-    assert veiled < 0.7 * direct[1::2].mean() / direct[0::2].mean()

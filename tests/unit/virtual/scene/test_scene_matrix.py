@@ -74,12 +74,6 @@ def test_any_real_numbers_are_taken(tmp_path: Path, dtype: Any) -> None:
     np.testing.assert_array_equal(build_scene(config).white(), 2.0)
 
 
-def test_a_matrix_of_one_cell(tmp_path: Path) -> None:
-    scene = build_scene(stored(tmp_path / "s.npz", transport=[[0.25]], grid=[1, 1]))
-    np.testing.assert_array_equal(scene.white(), [[0.25] * 3])
-    np.testing.assert_array_equal(scene.split()[1], 0.0)
-
-
 def test_ambient_light_is_the_same_everywhere(tmp_path: Path) -> None:
     path = str(tmp_path / "s.npz")
     stored(Path(path), transport=np.eye(2), grid=[1, 2])

@@ -13,13 +13,10 @@ from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import ALBEDO, build_scene, make_card
 from pdcd.virtual.scene.depth import OffAxisRig
 from pdcd.virtual.scene.displaced import (
-    DisplacedEffect,
     compute_displaced_shares,
-    make_displaced_effects,
 )
 from pdcd.virtual.scene.kernel import make_gaussian_kernel
 from pdcd.virtual.scene.milk import make_milk_effects
-from pdcd.virtual.scene.radiosity import limit_kernel, make_hat_weights
 from pdcd.virtual.scene.solids import (
     Rectangle,
     find_clear_lines,
@@ -50,16 +47,6 @@ def test_a_rectangle_is_met_ahead_only_and_from_either_side() -> None:
     assert met((0.5, 0.5, 2.0), (0.0, 0.0, 1.0)) == np.inf  # it starts there
     assert met((0.5, 0.5, 2.0), (1.0, 0.0, 0.0)) == np.inf  # within its plane
     assert met((0.0, 0.5, 0.0), (0.5, 0.0, 1.0)) == pytest.approx(2.0)
-
-
-def test_places_along_both_edges() -> None:
-    slanted = Rectangle((1.0, 2.0, 3.0), (2.0, 0.0, 0.0), (0.0, 3.0, 4.0), GREY)
-    u, v = slanted.place(np.array([[2.0, 3.5, 5.0], [1.0, 2.0, 3.0]]))
-    np.testing.assert_allclose(u, [0.5, 0.0])
-    np.testing.assert_allclose(v, [0.5, 0.0])
-    assert slanted.area == pytest.approx(10.0)
-    np.testing.assert_allclose(np.abs(slanted.normal), [0.0, 0.8, 0.6])
-    assert np.linalg.norm(slanted.normal) == pytest.approx(1.0)
 
 
 def test_a_wall_and_the_five_faces_of_a_box() -> None:
@@ -115,39 +102,6 @@ def test_a_moved_cell_takes_its_light_by_the_shares_that_it_covers() -> None:
     back[4] = np.nan
     dense = compute_displaced_shares((2, 3), back).toarray()
     assert np.argwhere(dense).tolist() == [[1, 0], [2, 1], [5, 4]] and dense.max() == 1.0
-
-
-def test_displaced_light_is_one_effect_a_colour() -> None:
-    albedo = np.random.default_rng(0).random((6, 3))
-    moved = np.tile([0.0, 0.5], (6, 1))
-    effects = make_displaced_effects((2, 3), albedo, moved)
-    assert [one.name for one in effects] == ["direct red", "direct green", "direct blue"]
-    light = np.random.default_rng(1).random((2, 6))
-    for channel, one in enumerate(effects):
-        assert isinstance(one, DisplacedEffect) and not one.coaxial
-        np.testing.assert_array_equal(one.tint, np.eye(3)[channel])
-        dense = compute_displaced_shares((2, 3), moved).toarray() * albedo[:, channel, None]
-        np.testing.assert_allclose(one.dense(), dense)
-        np.testing.assert_allclose(one.apply(light), light @ dense.T)
-        np.testing.assert_allclose(one.diagonal(), np.diag(dense))
-        np.testing.assert_allclose(one.probe(light, light), np.sum(light * (light @ dense.T), 0))
-
-
-def test_disparity_and_distance_are_each_others_inverse() -> None:
-    """At the plane there is none; at half its distance it is the baseline, in cells."""
-    rig = OffAxisRig((12, 16), 0.2, (make_wall(2.0, (9.0, 9.0), GREY),))
-    assert rig.disparity_cells(2.0) == 0.0
-    assert rig.disparity_cells(1.0) == pytest.approx(0.2 * 16 / (4.0 / 3.0))
-    for z in (0.7, 1.0, 3.0):
-        assert rig.distance(rig.disparity_cells(z)) == pytest.approx(z)
-    np.testing.assert_allclose(rig.field[0], [(0.5 / 16 - 0.5) * 4.0 / 3.0, 0.5 / 12 - 0.5, 2.0])
-    # A facing white wall at the plane has a light of 1 in the middle, and less towards its edges.
-    middle = rig.facing.reshape(12, 16)[5:7, 7:9]
-    np.testing.assert_allclose(middle, 1.0, atol=5e-3)
-    x, y = rig.field[0, :2]
-    cosine = 2.0 / np.sqrt(x**2 + y**2 + 4.0)
-    assert rig.facing[0] == pytest.approx(cosine * 4.0 / (x**2 + y**2 + 4.0))
-    np.testing.assert_allclose(rig.displacement, 0.0, atol=1e-12)
 
 
 def test_nothing_is_seen_beside_all_surfaces() -> None:
@@ -215,14 +169,3 @@ def test_milk_is_three_effects_of_known_strength() -> None:
     assert np.array_equal(blur.tint, tint) and np.array_equal(veil.tint, tint)
     clear_water = make_milk_effects(grid, (1.0, 1.0), 0.0 * depth, albedo, sigma=0.7, tint=tint)
     assert len(clear_water) == 3
-
-
-def test_weights_of_patches_and_their_limit() -> None:
-    np.testing.assert_allclose(
-        make_hat_weights(4, 2), [[1.0, 0.0], [0.75, 0.25], [0.25, 0.75], [0.0, 1.0]]
-    )
-    np.testing.assert_allclose(make_hat_weights(3, 3), np.eye(3))
-    kernel, area = np.array([[0.0, 2.0], [2.0, 0.0]]), np.array([1.0, 0.25])
-    # The second patch would get twice all light, the first half of it.
-    np.testing.assert_allclose(limit_kernel(kernel, area), [[0.0, 1.0], [1.0, 0.0]])
-    np.testing.assert_allclose(limit_kernel(0.25 * kernel, area), 0.25 * kernel)

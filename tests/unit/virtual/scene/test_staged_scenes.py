@@ -12,10 +12,9 @@ from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import DisplacedEffect
-from pdcd.virtual.scene.effects import Array, SparseEffect
+from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.presets import STAGED
 from pdcd.virtual.scene.presets.canvas import FRAME_HEIGHT, FRAME_WIDTH
-from pdcd.virtual.scene.presets.chart import list_chart_bars
 from pdcd.virtual.scene.presets.mirror_ball import find_ray_ends
 from pdcd.virtual.scene.presets.objects import Tumbler
 from pdcd.virtual.scene.scene import Scene
@@ -40,11 +39,6 @@ def staged(kind: str, grid: tuple[int, int] = GRID) -> Scene:
 def at(x: float, y: float, grid: tuple[int, int] = GRID) -> tuple[int, int]:
     """Cell at a place of the drawing frame."""
     return int((y / FRAME_HEIGHT + 0.5) * grid[0]), int((x / FRAME_WIDTH + 0.5) * grid[1])
-
-
-def images(kind: str) -> tuple[Array, Array]:
-    direct, indirect = staged(kind).split()
-    return direct.reshape(*GRID, 3), indirect.reshape(*GRID, 3)
 
 
 @pytest.mark.parametrize(
@@ -85,24 +79,6 @@ def test_the_seed_makes_the_scene_and_other_options_are_refused(kind: str) -> No
         white({"sed": 1})
 
 
-def test_the_star_in_the_wax_shows_only_in_indirect_light() -> None:
-    direct, indirect = images("still-life")
-    star, beside = at(-0.64, 0.18), at(-0.46, 0.30)
-    assert indirect[star].sum() < 0.75 * indirect[beside].sum()
-    np.testing.assert_allclose(direct[star], direct[beside], rtol=0.12)
-
-
-def test_the_mirror_throws_its_light_along_its_row() -> None:
-    scene = staged("still-life")
-    row, col = at(0.63, -0.5)
-    lit = np.zeros((1, scene.cells))
-    lit[0, row * GRID[1] + col] = 1.0
-    back = scene.apply(lit)[0].sum(axis=1).reshape(GRID)
-    back[row, col] = 0.0
-    assert back[row].sum() > 0.8 * back.sum()
-    assert abs(int(back[row].argmax()) - at(0.92, -0.5)[1]) <= 2
-
-
 def test_the_caustic_of_a_round_glass_is_that_of_single_mirrored_rays() -> None:
     """Without waves, at some places: a ray, its mirror image, and the table, each in space."""
     glass = Tumbler(0.1, 0.2, 0.5, 0.6)
@@ -139,40 +115,6 @@ def test_rays_end_where_small_steps_find_the_room() -> None:
         else:
             far = np.hypot(x[number] - start[number, 0], y[number] - start[number, 1])
             assert not np.isfinite(far) or far > 5.9 * np.hypot(*ray[number, :2])
-
-
-def test_spots_of_the_ball_are_sharp_and_its_neighbours_soft() -> None:
-    scene = staged("ball-wax-book")
-    spots = [e for e in scene.effects if isinstance(e, SparseEffect)]
-    assert len(spots) == 3
-    links = np.bincount(spots[0].matrix.tocoo().coords[1], minlength=scene.cells)
-    assert 0 < np.median(links[links > 0]) <= 6
-    lit = np.zeros((1, scene.cells))
-    row, col = at(0.45, 0.62)  # in the wax
-    lit[0, row * GRID[1] + col] = 1.0
-    assert np.count_nonzero(scene.apply(lit)[0].sum(axis=1) > 1e-4) > 20
-
-
-def test_milk_hides_the_chart_and_the_next_cell_shows_what_to_take_off() -> None:
-    scene = staged("chart-in-milk", (48, 64))
-    ink, paper = (r * 64 + c for r, c in (at(-0.98, -0.4, (48, 64)), at(-0.905, -0.4, (48, 64))))
-    direct, indirect = (light.sum(axis=1) for light in scene.split())
-
-    def contrast(light: Array) -> float:
-        return float((light[paper] - light[ink]) / (light[paper] + light[ink]))
-
-    lit = np.zeros((2, scene.cells))
-    lit[0, ink - 1], lit[1, paper - 1] = 1.0, 1.0
-    beside = scene.apply(lit).sum(axis=2)
-    taken = direct.copy()
-    taken[ink] -= beside[0, ink]
-    taken[paper] -= beside[1, paper]
-    assert 0.02 < contrast(direct + indirect) < 0.12
-    assert contrast(direct + indirect / 16.0) < 0.65
-    assert contrast(direct) > 0.7
-    assert contrast(taken) > contrast(direct) + 0.02
-    ink_pixels, gaps = list_chart_bars()[0]
-    assert not (ink_pixels & gaps).any() and ink_pixels.sum() > 1000
 
 
 def test_paint_on_the_box_takes_light_and_unpainted_it_is_as_it_was() -> None:
