@@ -10,7 +10,6 @@ from pathlib import Path
 
 from tests import world
 from tests.bench import (
-    alternatives,
     calibrating,
     camera,
     closed_form,
@@ -23,7 +22,6 @@ from tests.bench import (
     presenter,
     ranges,
     report,
-    representations,
     throughput,
 )
 from tests.bench import hard_cases as hard
@@ -33,8 +31,6 @@ from tests.places import ROOT
 
 SECTIONS: tuple[Callable[..., Section], ...] = (
     closed_form.run,
-    alternatives.run,
-    representations.run,
     code_error.run,
     ranges.run,
     pilots.run,

@@ -14,9 +14,8 @@ from pdcd.capture.again import recompute_calibration
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import make_job_id
-from tests.bench.measure import alone_in, peak_mib
+from tests.bench.measure import alone, peak_mib
 from tests.bench.tables import Aim, Section, Table, seconds
-from tests.places import ROOT
 
 FRAME, QUICK_FRAME = (2136, 1424), (534, 356)
 """Width and height in quads: a RAW file has twice as many samples each way."""
@@ -46,8 +45,8 @@ def run(*, quick: bool, folder: Path) -> Section:
     width, height = QUICK_FRAME if quick else FRAME
     with tempfile.TemporaryDirectory(prefix="pdcd-bench-") as place:
         keywords = {"place": place, "quads": [width, height]}
-        found = alone_in(ROOT, "calibrating:taken", TIMEOUT_S, **keywords)
-        computed = alone_in(ROOT, "calibrating:computed", TIMEOUT_S, folder=found["folder"])
+        found = alone("calibrating:taken", TIMEOUT_S, **keywords)
+        computed = alone("calibrating:computed", TIMEOUT_S, folder=found["folder"])
     raw = f"RAW {2 * width}x{2 * height}"
     table = Table(
         f"Steps of `pdcd calibrate`, {raw}", ("step", "photos", "open shutter", "computing")

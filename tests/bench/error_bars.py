@@ -1,20 +1,25 @@
 """Plain captures against the known truth: do error bars fit, with no option but the seed?
 
     python -m tests.bench.error_bars --seeds 10
+    python -m tests.bench.error_bars --seeds 3 --ambient 0.3 --noise none
+    python -m tests.bench.error_bars --seeds 5 --asked '{"codes": 128, "pilot": 16, "parts": 7}'
 
 Each capture runs through the mock bench with full sensor noise, default panels and a frame of one
-quad a cell, as `pdcd capture indirect --seed N` would take it.
+quad a cell, as `pdcd capture indirect --seed N` would take it; in ambient light, or with other
+options of a request, where they are named.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
@@ -71,12 +76,8 @@ def take(config: Config, **fields: Any) -> Found:
     return Found(rms[0], rms[1], rms[2], covered, kind, dict(result.summary))
 
 
-def judge(name: str, grid: tuple[int, int], seeds: int, **camera: Any) -> str:
-    """A row of the table."""
-    found = []
-    for seed in range(seeds):
-        with tempfile.TemporaryDirectory() as folder:
-            found.append(take(bench(name, grid, seed, Path(folder), **camera), seed=seed))
+def judge(found: list[Found]) -> str:
+    """Columns of the table: means over the seeds."""
     error, sigma, sensor = (
         float(np.sqrt(np.mean([getattr(f, k) ** 2 for f in found])))
         for k in ("error", "sigma", "sensor")
@@ -85,10 +86,11 @@ def judge(name: str, grid: tuple[int, int], seeds: int, **camera: Any) -> str:
     covered = 100.0 * float(np.mean([f.covered for f in found]))
     parts = "/".join(str(p) for p in sorted({f.summary["parts"] for f in found}))
     kinds = "/".join(sorted({f.kind for f in found}))
+    exposed = float(np.mean([f.summary["exposure_s"] for f in found]))
     return (
-        f"| {name} | {100 * error:.2f} % | {100 * sensor:.2f} % | {100 * sigma:.2f} % | "
+        f"{100 * error:.2f} % | {100 * sensor:.2f} % | {100 * sigma:.2f} % | "
         f"{sigma / error:.2f} ({min(ratios):.2f} to {max(ratios):.2f}) | {covered:.1f} | "
-        f"{parts} | {kinds} |"
+        f"{parts} | {kinds} | {exposed:.0f} s"
     )
 
 
@@ -99,15 +101,27 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--cells", default="32x24", help="columns x rows of the presets")
     parser.add_argument("--readout", type=float, help="seconds that a RAW file costs")
+    parser.add_argument("--noise", choices=("full", "none"), default="full")
+    parser.add_argument("--ambient", type=float, default=0.0, help="of a white card's light")
+    parser.add_argument("--asked", type=json.loads, default={}, help="fields of the request, JSON")
     parser.add_argument("--scene", choices=SCENES, action="append")
     args = parser.parse_args()
     cols, rows = (int(n) for n in args.cells.split("x"))
-    camera = {} if args.readout is None else {"readout_s": args.readout}
+    camera = {"readout_s": args.readout, "noise": args.noise}
     say = sys.stdout.write
-    say("| scene | error | noise | sigma | sigma / error | covered | parts | error bars |\n")
-    say("|---|---|---|---|---|---|---|---|\n")
+    say(
+        "| scene | error | noise | sigma | sigma / error | covered | parts | error bars | exposed |"
+    )
+    say(f"\n{'|---' * 9}|\n")
     for name in args.scene or SCENES:
-        say(judge(name, (rows, cols), args.seeds, **camera) + "\n")
+        found = []
+        for seed in range(args.seeds):
+            with tempfile.TemporaryDirectory() as folder:
+                config = bench(name, (rows, cols), seed, Path(folder), **camera)
+                scene = msgspec.structs.replace(config.scene, ambient=args.ambient)
+                config = msgspec.structs.replace(config, scene=scene)
+                found.append(take(config, seed=seed, **args.asked))
+        say(f"| {name} | {judge(found)} |\n")
         sys.stdout.flush()
 
 

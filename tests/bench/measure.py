@@ -26,16 +26,12 @@ LONG_S = 2.0
 TIMEOUT_S = 300.0
 
 
-def alone(function: str, **keywords: Any) -> Any:
-    """Result of "module:function" below `tests.bench`, called in a fresh interpreter."""
-    return alone_in(ROOT, function, TIMEOUT_S, **keywords)
-
-
-def alone_in(root: Path, function: str, timeout_s: float, **keywords: Any) -> Any:
-    """The same in another copy of the project, of any age. Raises TimeoutExpired."""
+def alone(function: str, timeout_s: float = TIMEOUT_S, **keywords: Any) -> Any:
+    """Result of "module:function" below `tests.bench`, called in a fresh interpreter. Raises
+    TimeoutExpired."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.bench.measure", function, json.dumps(keywords)],
-        cwd=root,
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
