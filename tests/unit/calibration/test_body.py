@@ -130,20 +130,6 @@ def test_errors_are_those_it_tells() -> None:
     assert abs(float(np.mean(pulls))) < 0.6
 
 
-def test_blocks_at_the_edge_of_the_picture_do_not_count() -> None:
-    """Partly dark ones scatter more than their number of samples allows; faded ones do not."""
-    light = np.zeros((96, 128))
-    light[16:, :-16] = 8000.0 * np.linspace(1.0, 0.7, 112)
-    rng = np.random.default_rng(5)
-    first, second, dark = (
-        TrueSensor().samples(electrons, rng) for electrons in (light, light, 0.0 * light)
-    )
-    counts = compare_plane_pair(first, second, dark).samples.reshape(3, 4) > 0
-    assert counts[1:, :3].all()
-    assert not counts[0].any() and not counts[:, 3].any()
-    assert (compare_plane_pair(dark, dark).samples > 0).all()
-
-
 def test_a_picture_that_is_uneven_everywhere_tells_no_gain() -> None:
     stripes = np.tile((np.arange(160) // 12) % 2, (128, 1))
     with pytest.raises(CalibrationError, match="evenly lit"):
@@ -228,18 +214,6 @@ def test_flicker_texture_and_banding_do_not_move_it() -> None:
     assert linearity.verdict == Verdict.DOUBTFUL
 
 
-def test_a_lamp_of_very_different_light_gives_the_same_gain() -> None:
-    rng, sensor = np.random.default_rng(11), TrueSensor()
-    dark, again, first, second = (
-        sensor.samples(np.full((256, 256), light), rng) for light in (0.0, 0.0, 20000.0, 9000.0)
-    )
-    first[::37, ::41] += 4000.0  # what particles of cosmic rays leave
-    lit = compare_plane_pair(first, second, dark)
-    found = fit_photon_transfer("G1", compare_plane_pair(dark, again), (lit,), highest_dn=9000.0)
-    assert found.gain_e_per_dn == pytest.approx(2.96, abs=4 * found.gain_sigma)
-    assert found.gain_sigma < 0.03
-
-
 def test_blocks_near_saturation_do_not_count() -> None:
     body = measured(series(13, before=lambda name, light: 1.8 * light))
     for plane in body.transfer:
@@ -261,12 +235,6 @@ def test_a_bent_response_is_bad() -> None:
     linearity = next(f for f in body.figures() if f.name == "sensor.linearity")
     assert linearity.value > 0.01
     assert linearity.verdict == Verdict.BAD
-
-
-def test_the_edges_of_the_panel_are_its_offset() -> None:
-    # LightBench: fall 4 ms, rise 2 ms.
-    value, sigma = measured(series(5)).offset_refreshes
-    assert value == pytest.approx(0.12, abs=max(5 * sigma, 2e-3))
 
 
 def test_profile_is_a_file_that_can_be_read(tmp_path: Path) -> None:

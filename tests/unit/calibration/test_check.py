@@ -226,18 +226,6 @@ def test_what_no_similarity_explains_calls_for_a_new_calibration() -> None:
     assert verdicts(checked(replace(BENCH, mask=bent)))["mask.place"] is BAD
 
 
-@pytest.mark.long
-def test_errors_of_a_movement_are_as_said() -> None:
-    ratios = []
-    for seed in range(30):
-        found = checked(BENCH, 300 + seed)
-        ratios.append(found.mask.numbers / found.mask.sigma)
-        ratios.append(found.camera.numbers / found.camera.sigma)
-    parts = np.concatenate(ratios)
-    # The reference's own errors are in all of them.
-    assert 0.5 < parts.std() < 1.4
-
-
 def test_photos_that_say_nothing_are_refused() -> None:
     now = BENCH.look(3)
     few = replace(now.mask, count=40)

@@ -78,14 +78,6 @@ def test_errors_of_dots_are_honest() -> None:
     assert 0.85 < np.concatenate(ratios).std() < 1.15
 
 
-@pytest.mark.long
-def test_colours_lie_where_their_samples_do() -> None:
-    way = small_way(turn_deg=3.0, colour=(0.002, 0.0, -0.001))
-    for channel, dots in enumerate(found(bench(way, grey=False))):
-        error = way.to_panel(dots.camera_px, channel) - dots.panel_px
-        assert np.abs(np.median(error, axis=0)).max() < 0.02
-
-
 REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("no light reaches", {"electrons": 0.0}),
     ("too dim", {"electrons": 20.0}),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -13,7 +12,6 @@ from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.registration.focus_step import watch_focus
 from pdcd.calibration.script import PhotoRequest
-from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
 from tests.unit.calibration.scripted import Answered, Run, run, session_of
@@ -158,22 +156,3 @@ def test_a_camera_turned_by_a_quarter_sees_the_stripes(placed: bool) -> None:
     found = run(watch_focus(session))
     assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
     assert found.outcome.figures[0].value == pytest.approx(0.9, abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("answer", "words"),
-    [
-        (lambda wanted: stripes(0.0, 6.0), "no stripes of about 6.0 quads are seen"),
-        (
-            lambda wanted: QuadPhoto(np.zeros((*FRAME, 3)), np.ones((*FRAME, 3))),
-            "there is no light",
-        ),
-    ],
-)
-def test_photos_without_stripes_are_refused(
-    answer: Callable[[PhotoRequest], QuadPhoto], words: str
-) -> None:
-    session = session_of(bench(), answer)
-    session.full = 240
-    with pytest.raises(CalibrationError, match=words):
-        run(watch_focus(session))

@@ -17,7 +17,6 @@ from pdcd.calibration.light.light_step import COVER, LAMP_PHOTOS, UNCOVER, calib
 from pdcd.calibration.photo import QuadPhoto, RawSettings
 from pdcd.calibration.script import PhotoRequest
 from pdcd.calibration.sensor.sensor_step import BLACK_SIGMA_KEY, EDGE_KEY, GAIN_KEY
-from pdcd.errors import CalibrationError
 from pdcd.panels.frames import WHITE
 from tests.unit.calibration.scripted import Answered, Run, preview_of, run, session_of
 from tests.unit.planning.test_measured import config
@@ -195,32 +194,6 @@ def test_the_scale_goes_by_what_the_cards_maker_says() -> None:
     unsaid, said = (np.array(found.value) for found in values)
     assert said == pytest.approx(unsaid * 0.9 / 0.99, rel=1e-6)
     assert np.array(values[1].sigma) / said == pytest.approx(0.01 / 0.99, rel=0.05)
-
-
-def test_of_a_sound_bench_there_is_nothing_to_advise() -> None:
-    _, found = stepped()
-    out = found.outcome
-    assert out is not None
-    assert out.verdict is Verdict.GOOD and not out.advice
-    assert [figure.name for figure in out.figures] == [
-        "projector.contrast", "mask.contrast", "light.lamp_change", "scene.ambient",
-        "light.lamp_drift", "light.lamp_flicker", "light.stops", "light.stops_worst",
-        "camera.responsivity_e",
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("fields", "words", "device"),
-    [
-        ({"lamp": (("WW-again", 0.9),)}, "the lamp changed by", "projector"),
-        ({"mask": 2.0}, "photo WB is saturated", "camera"),
-        ({"lamp": (("WW", 0.0),)}, "is dark", "shutter"),
-    ],
-)
-def test_what_spoils_the_series_is_named(fields: dict[str, Any], words: str, device: str) -> None:
-    with pytest.raises(CalibrationError, match=words) as caught:
-        stepped(**fields)
-    assert caught.value.device == device and caught.value.hint
 
 
 def test_stops_are_compared_by_pulses_whose_number_fits_their_light() -> None:

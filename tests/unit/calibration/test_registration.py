@@ -18,7 +18,6 @@ from pdcd.calibration.registration.correction import (
     correct_mask_map,
     fit_map_correction,
 )
-from pdcd.calibration.registration.mask_blur import measure_mask_blur
 from pdcd.calibration.registration.offsets import (
     MaskOffsets,
     StripeSeries,
@@ -36,7 +35,6 @@ from pdcd.calibration.registration.stripes import (
 from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
-from pdcd.probing.cell_size import MaskAlignment
 from tests.unit.calibration.ruler_bench import RulerBench, misplaced
 
 Floats = NDArray[np.float64]
@@ -162,19 +160,6 @@ def test_errors_are_as_large_as_said() -> None:
     wrong = correction.at(points) - one().bench.offset_px(mask, points)
     ratio = wrong / correction.sigma_at(points)
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.6
-
-
-@pytest.mark.long
-def test_blur_is_found_on_either_axis() -> None:
-    _, _, coarse, fine = measured()
-    found = measure_mask_blur(coarse, fine, one().camera, one().bench.projector, one().mask)
-    np.testing.assert_allclose(found.blur_px, (0.4, 0.7), rtol=0.05)
-    assert (np.abs(found.blur_px - (0.4, 0.7)) < 5.0 * found.sigma_px).all()
-    assert found.both_px == pytest.approx(0.570, rel=0.05)
-    assert 0.0 < found.both_sigma_px < 0.03
-    assert found.worst_px == pytest.approx(0.7, rel=0.15)
-    # And so the smallest cell is known.
-    assert MaskAlignment(again()[1].e95_px, found.both_px).guard_px < 2.0
 
 
 def test_slow_panels_move_no_stripes() -> None:

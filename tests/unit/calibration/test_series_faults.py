@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 from pdcd.calibration.registration.averaging import StripeAverager
 from pdcd.calibration.registration.series_faults import (
     check_offset_range,
-    check_same_stripe,
     check_series_consistency,
     check_stripe_contrast,
     check_stripe_direction,
-    check_stripe_saturation,
     check_window_coverage,
     find_lit_quads,
 )
@@ -61,20 +59,6 @@ def test_lit_quads_have_a_tenth_of_the_brightest_light() -> None:
     for photo in (np.full((9, 9), np.nan), np.zeros((9, 9)), part):
         with pytest.raises(CalibrationError, match="there is no light"):
             find_lit_quads(photo, np.ones((9, 9)))
-
-
-def test_more_than_a_thousandth_of_lit_quads_saturated_is_refused() -> None:
-    where = np.zeros((60, 50), np.bool_)
-    where[:40] = True
-    saturated = np.zeros((60, 50), np.bool_)
-    saturated[50:] = True  # where nothing is lit that does not matter
-    saturated[0, :2] = True
-    check_stripe_saturation(saturated, where)
-    check_stripe_saturation(None, where)
-    saturated[0, :3] = True
-    with pytest.raises(CalibrationError, match=r"0\.1% of the lit part") as caught:
-        check_stripe_saturation(saturated, where)
-    assert caught.value.device == "camera" and "expose less" in str(caught.value.hint)
 
 
 @pytest.mark.parametrize(("columns", "enough"), [(16, True), (10, True), (9, False), (0, False)])
@@ -144,24 +128,6 @@ def test_offsets_near_half_a_period_are_ambiguous() -> None:
     ) as caught:
         check_offset_range(offsets, 16)
     assert caught.value.device == "mask" and "geometry" in str(caught.value.hint)
-
-
-@pytest.mark.parametrize(
-    ("apart", "other"), [(0.99, False), (-1.0, False), (1.01, True), (-2.0, True)]
-)
-def test_periods_must_agree_to_a_pixel(apart: float, other: bool) -> None:
-    for axis in (0, 1):
-        beside = np.zeros((9, 2))
-        beside[:, axis] = apart
-        beside[0] = 50.0
-        if other:
-            with pytest.raises(
-                CalibrationError, match=r"stripes of 16 px .* further apart"
-            ) as found:
-                check_same_stripe(beside, 16)
-            assert found.value.device == "mask"
-        else:
-            check_same_stripe(beside, 16)
 
 
 def test_of_a_field_that_is_larger_than_the_photo_the_part_in_view_counts() -> None:

@@ -195,13 +195,6 @@ def test_panels_that_are_turned_against_the_field() -> None:
     assert timing.chi2 < 0.2
 
 
-@pytest.mark.parametrize(("lag", "delay"), [(2.2, -2), (-1.6, 2)])
-def test_whole_refreshes_are_told(lag: float, delay: int) -> None:
-    timing = found(bench(skew_s=lag * REFRESH_S), bands=1)
-    assert timing.delay_refreshes == delay
-    assert timing.lag_s[0] == pytest.approx(lag * REFRESH_S, abs=0.15e-3)
-
-
 @pytest.mark.parametrize("lag", [0.3, 7.2, -10.7])
 def test_a_mask_that_is_many_refreshes_late(lag: float) -> None:
     on = bench(skew_s=lag * REFRESH_S)

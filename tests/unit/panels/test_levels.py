@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.errors import ConfigError
 from pdcd.panels.curve import (
     make_power_curve,
     prepare_codes,
 )
 from pdcd.panels.frames import BLACK, WHITE, invert_mask_patterns
 from pdcd.panels.patterns import (
-    check_binary,
     pack_bits,
     pack_levels,
     read_pattern_bytes,
@@ -54,18 +52,6 @@ def test_patterns_are_read_back_as_levels_and_as_bytes() -> None:
     )  # 63.75 is nearest to 64
     assert to_grey_bytes(grey).tolist() == [[0, 64, 255], [128, 255, 26]]
     assert to_grey_bytes(grey).dtype == read_pattern_bytes(pack_bits(BITS), 0, 3).dtype == np.uint8
-
-
-def test_bit_planes_refuse_grey_levels_of_any_pattern() -> None:
-    check_binary(pack_bits(BITS), pack_bits(BITS))
-    for patterns in (
-        (pack_levels(GREY),),
-        (pack_bits(BITS), pack_levels(GREY)),
-        (pack_levels(GREY), pack_bits(BITS)),
-    ):
-        with pytest.raises(ConfigError, match="grey levels") as caught:
-            check_binary(*patterns)
-        assert caught.value.device == "display"
 
 
 @pytest.mark.parametrize("grey", [False, True])

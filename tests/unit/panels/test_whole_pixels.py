@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.panels.windows import find_window_kind, is_on_whole_pixels
 
 GRID = (3, 4)
@@ -48,26 +47,6 @@ def test_a_panel_that_stands_askew_or_bends_does_not_fit(changes: dict[str, Any]
     assert not is_on_whole_pixels(EIGHTHS, panel(**changes), GRID)
     for name in ("whole", "quarter"):
         assert is_on_whole_pixels(name, panel(**changes), GRID)
-
-
-@pytest.mark.parametrize(
-    ("place", "fits"),
-    [
-        (Placing(flip="horizontal"), True),
-        (Placing(turn_deg=180.0), True),
-        (Placing(offset_px=(8.0, 0.0)), True),
-        (Placing(offset_px=(0.0, 0.5)), False),
-        (Placing(scale=2.0), False),
-        (Placing(turn_deg=1.0), False),
-    ],
-)
-def test_a_panel_placed_by_hand(place: Placing, fits: bool) -> None:
-    assert (
-        is_on_whole_pixels(
-            EIGHTHS, PanelView("mask", make_placed_map(place, SIZE, SIZE, "mask")), GRID
-        )
-        == fits
-    )
 
 
 @pytest.mark.parametrize("name", ["side-5/8", "side-3/4", "side-7/8"])

@@ -162,20 +162,6 @@ def test_a_straight_edge_cuts_a_turned_quad_as_it_cuts_its_polygon(degrees: floa
     np.testing.assert_allclose(shares(down, (2, 1))[:, :, :, 0], found, atol=1e-9)
 
 
-def test_shares_of_a_quad_add_up_to_one_where_it_touches_the_field() -> None:
-    map_ = turned_by(25.0, 1.4, (0.0, 0.0), 30)
-    for blur in (0.0, 0.6):
-        seen = compute_footprint(map_, (30, 30), (4, 3), QUARTERS, blur)
-        whole = seen.gather(np.ones((8, 9)))
-        assert np.logical_or(np.isclose(whole, 1.0), whole == 0.0).all()
-        assert np.isclose(whole[seen.known], 1.0).all() and (whole == 0.0).any()
-        assert 0.2 < seen.known.mean() < 0.9
-        if blur:
-            assert seen.inside is not None
-            assert seen.inside.max() == pytest.approx(1.0, abs=1e-3)
-            assert seen.inside[seen.known].min() > 0.3
-
-
 def test_quads_are_known_up_to_the_border_of_the_field() -> None:
     """A frame that fills the field lies in it, by whatever rounding, and one that is larger not."""
     lens = msgspec.structs.replace(Map.filling((5, 5)), radial=(1e-12, 0.0))

@@ -43,22 +43,6 @@ def test_the_lines_of_an_upright_frame() -> None:
     )  # fmt: skip
 
 
-def test_the_lines_of_a_frame_on_its_side() -> None:
-    """Rows of quads lie along columns of cells: 3 cells in 4 quads, 8 in 6."""
-    turned, ((start, step), (across, wide)) = find_upright_axes(SWAPPED, (8, 3)) or (
-        False,
-        ((0, 0), (0, 0)),
-    )
-    assert turned and (start, across) == (0.0, 0.0)
-    assert (step, wide) == pytest.approx((3 / 4, 8 / 6))
-    shifted = SWAPPED.then([[1.0, 0.0, 0.5], [0.0, 1.0, 0.25], [0.0, 0.0, 1.0]])
-    turned, ((start, _), (across, _)) = find_upright_axes(shifted, (8, 3)) or (
-        False,
-        ((0, 0), (0, 0)),
-    )
-    assert turned and (start, across) == pytest.approx((1.5, 2.0))
-
-
 @pytest.mark.parametrize(
     ("change", "is_upright"),
     [
@@ -126,12 +110,6 @@ def test_quads_beyond_infinity_lie_far_away() -> None:
     assert (found[:, :, :4] > -1.0).all()
     (a, _), _ = PlaceNodes(map_, (4, 6), (8, 3)).slopes(slice(0, 4))
     assert (a[:, 5] == 0.0).all() and np.isfinite(a).all()
-
-
-def test_values_lie_on_lines_between_centres_and_go_on_beyond_them() -> None:
-    values = np.array([[1.0, 3.0], [5.0, 7.0]], np.float32)
-    where = np.array([[[0.0, 0.25, 1.0, -2.0, 5.0]], [[0.0, 0.5, 1.0, 0.5, 9.0]]], np.float32)
-    assert interpolate_between_cells(values, where).tolist() == [[1.0, 3.5, 7.0, 3.0, 7.0]]
 
 
 @pytest.mark.parametrize(

@@ -132,21 +132,6 @@ def test_the_white_level_counts_beside_a_higher_saturation_level(tmp_path: Path)
     assert read_raw(path, saturation_dn=1e9).saturated.sum() == 1
 
 
-def test_ideal_photo_comes_back_within_half_a_dn(tmp_path: Path) -> None:
-    path = tmp_path / "a.dng"
-    modern = load_profile("modern")
-    electrons = np.random.default_rng(3).uniform(0.0, 47000.0, (48, 64))
-    write(path, expose_sensor(electrons, modern, 100, 30.0, None))
-    red, green1, green2, blue = read_raw(path).planes
-    for plane, part in (
-        (red, electrons[0::2, 0::2]),
-        (green1, electrons[0::2, 1::2]),
-        (green2, electrons[1::2, 0::2]),
-        (blue, electrons[1::2, 1::2]),
-    ):
-        assert np.abs(plane - part / 3.0).max() <= 0.5 + 1e-3  # float32 planes
-
-
 def test_noise_below_black_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     mark2 = load_profile("mark2")

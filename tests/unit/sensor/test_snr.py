@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from pdcd.errors import ConfigError
 from pdcd.sensor.appendix import PrintedRow, compute_appendix_rows
-from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor, load_profile
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose_sensor
 from pdcd.sensor.snr import (
     SNR_GOALS,
     THERMALS,
@@ -25,10 +25,8 @@ from pdcd.sensor.snr import (
     compute_masked_sum,
     compute_primal_dual_pair,
     compute_primal_dual_photo,
-    compute_sensor_rows,
     compute_short_photo,
     compute_signed_sum,
-    make_sensor_pixel,
 )
 
 
@@ -214,30 +212,6 @@ def test_mask_never_pays_where_its_rival_has_as_few_photos() -> None:
 
 
 # --- any sensor ---------------------------------------------------------------------------------
-
-
-def test_procedures_of_the_appendix_for_the_mark2_give_its_numbers() -> None:
-    mark2 = load_profile("mark2")
-    pixel = make_sensor_pixel(mark2, 50, codes=512, exposure_s=30.0, signal_e=ELECTRONS)
-    found = {
-        (row.procedure, row.light, row.iso): row.paper_db
-        for row in compute_sensor_rows(mark2, 50, pixel)
-    }
-    expected = {
-        ("photo", 1.0, 50): 19.934,
-        ("mask-less photo", 1.0, 50): 1.221,
-        ("mask-less photo", 1.0, 1600): 7.409,
-        ("masked sum", 1.0, 50): 13.262,
-        ("masked sum", 1.0, 1600): 19.442,
-        ("signed pair", 1.0, 50): paper_db(ELECTRONS, math.sqrt(2) * 30.62, 7.5),
-        ("signed sum", 1.0, 50): paper_db(2 * ELECTRONS, math.sqrt(512) * 30.62, 7.5),
-        ("signed sum", 1.0, 1600): paper_db(2 * ELECTRONS, math.sqrt(512) * 3.9, 7.5),
-        ("photo", 0.1, 1600): 15.097,
-        ("masked sum", 0.1, 1600): 11.782,
-        ("signed pair", 0.1, 1600): paper_db(0.1 * ELECTRONS, math.sqrt(2) * 3.9, 0.75),
-        ("signed sum", 0.1, 1600): paper_db(0.2 * ELECTRONS, math.sqrt(512) * 3.9, 0.75),
-    }
-    assert found == pytest.approx(expected, abs=6e-4)
 
 
 def test_every_fault_of_a_pixel_is_named_at_once() -> None:

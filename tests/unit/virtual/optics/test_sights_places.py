@@ -17,47 +17,18 @@ from pdcd.virtual.optics.sights import (
     NO_SITE,
     CameraSamples,
     CellGrid,
-    LightOrigins,
     ScatteredSamples,
     find_sights,
     sample_pixels,
 )
 from pdcd.virtual.optics.sites import PanelSites, SiteKind
 
-IMAGE = np.arange(12, dtype=np.int32).reshape(3, 4)
 PANEL = PanelConfig(size_px=(12, 9))
 
 
 def setting_of(truth: BenchTruth | None = None, **more: Any) -> OpticalSetting:
     given = {"projector": PANEL, "mask": PANEL, "scene": SceneConfig(grid=(3, 4)), **more}
     return OpticalSetting(msgspec.structs.replace(Config(), **given), truth or BenchTruth(), (4, 5))
-
-
-def test_a_point_has_the_value_of_the_pixel_it_lies_in() -> None:
-    x, y = np.array([0.0, 0.99, 1.0, 3.999, 2.5]), np.array([0.0, 1.0, 2.999, 2.0, 1.5])
-    assert sample_pixels(IMAGE, x, y, missing=-1).tolist() == [0, 4, 9, 11, 6]
-
-
-@pytest.mark.parametrize(
-    ("x", "y"),
-    [(-1e-9, 1.0), (4.0, 1.0), (1.0, -1e-9), (1.0, 3.0), (np.nan, 1.0), (1.0, np.nan), (99.0, 9.0)],
-)
-def test_beside_the_pixels_there_is_nothing(x: float, y: float) -> None:
-    across, down = np.array([1.5, x, 2.5]), np.array([1.5, y, 1.5])
-    assert sample_pixels(IMAGE, across, down, missing=-7).tolist() == [5, -7, 6]
-    light = IMAGE.astype(np.float64)
-    assert sample_pixels(light, across, down, missing=0.25).tolist() == [5.0, 0.25, 6.0]
-    assert across[1] == x or np.isnan(x)  # what is given stays as it is
-
-
-@pytest.mark.parametrize("smooth", [False, True])
-@pytest.mark.parametrize(
-    ("x", "y"), [(1.0, 0.5), (0.5, 1.0), (-1e-9, 0.5), (0.5, -1e-9), (np.nan, 0.5), (0.5, np.nan)]
-)
-def test_beside_the_field_there_is_no_cell(x: float, y: float, smooth: bool) -> None:
-    cells = CellGrid((2, 3), smooth=smooth)
-    found = cells.at(np.array([0.1, x, 0.9]), np.array([0.1, y, 0.9]))
-    assert found[1] == NO_SITE and (found[[0, 2]] >= 0).all()
 
 
 @pytest.mark.parametrize("grid", [(2, 3), (1, 1), (4, 2)])
@@ -84,17 +55,6 @@ def test_between_the_centres_of_cells_values_lie_on_lines(grid: tuple[int, int])
     np.testing.assert_allclose(shares.sum(axis=1), 1.0)
 
 
-def test_light_comes_from_further_down_and_right() -> None:
-    """By so many cells as that of the point says; from nowhere where it says nothing."""
-    moved = np.zeros((6, 2))
-    moved[1], moved[5] = (0.5, -1.0), (np.nan, np.nan)
-    away = LightOrigins((2, 3), moved)
-    points = np.array([[0.1, 0.1], [0.5, 0.25], [0.9, 0.9], [1.5, 0.5], [np.nan, 0.5]])
-    found = away.of(points)
-    np.testing.assert_allclose(found[:2], [[0.1, 0.1], [0.5 - 1 / 3, 0.25 + 0.25]])
-    assert np.isnan(found[2:]).all()
-
-
 @pytest.mark.parametrize("samples", [1 << 16, 64, 1])
 def test_samples_are_looked_at_chunk_by_chunk(
     samples: int, monkeypatch: pytest.MonkeyPatch
@@ -112,18 +72,6 @@ def test_samples_are_looked_at_chunk_by_chunk(
         parts = [getattr(looks, read)(chunk) for chunk in chunks]
         for axis, wanted in enumerate(getattr(whole, read)((0, 4))):
             np.testing.assert_array_equal(np.concatenate([part[axis] for part in parts]), wanted)
-
-
-def test_samples_lie_evenly_in_every_quad() -> None:
-    setting = setting_of(camera=CameraConfig(frame_quads=(5, 4)))
-    count = setting.samples
-    x, y = CameraSamples(setting).on_field((1, 3))
-    across = (np.arange(5 * count) + 0.5) / (5 * count)
-    down = (np.arange(count, 3 * count) + 0.5) / (4 * count)
-    np.testing.assert_allclose(x.reshape(2 * count, -1), np.tile(across, (2 * count, 1)), atol=1e-8)
-    np.testing.assert_allclose(y.reshape(2 * count, -1)[:, 0], down, atol=1e-8)
-    mask_x, mask_y = CameraSamples(setting).on_mask((1, 3))
-    np.testing.assert_allclose([mask_x, mask_y], [12 * x, 9 * y], atol=1e-7)
 
 
 def test_scattered_samples_lie_evenly_and_each_in_its_share_of_a_quad() -> None:

@@ -12,7 +12,6 @@ from pdcd.bench.tables import Config, PanelConfig, SceneConfig
 from pdcd.bench.truth import BenchTruth, TruePanel
 from pdcd.panels.curve import make_power_curve
 from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
-from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import histories as histories_module
 from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.setting import OpticalSetting
@@ -48,105 +47,6 @@ def frames_of(
         np.array(shift or [0] * count, np.uint8), numbers, np.zeros(count, np.bool_), GRID,
         (GRID[0] + more, GRID[1] + more), window,
     )  # fmt: skip
-
-
-def shown(sites: PanelSites, frames: Frames, row: int) -> np.ndarray:
-    """What each pixel shows, (height, width)."""
-    return sites.levels(frames, row, LINEAR, slice(0, len(sites)))[sites.image]
-
-
-def test_whole_cells_are_sites_behind_black() -> None:
-    sites = sites_of()
-    assert len(sites) == 7
-    wanted = (1 + np.arange(6).reshape(2, 3)).repeat(4, axis=0).repeat(4, axis=1)
-    np.testing.assert_array_equal(sites.image, wanted)
-    assert sites.band.tolist() == [0] * 7 and sites.delay_ns.tolist() == [0]
-    assert sites.in_band(0) == slice(0, 7)
-    assert sites.image.dtype == sites.band.dtype == np.int32
-
-
-def test_beside_the_field_and_on_dead_lines_a_panel_is_black() -> None:
-    image = sites_of(place=Placing(scale=2.0)).image
-    assert (image[:2] == 0).all() and (image[:, :3] == 0).all() and image[2, 3] == 1
-    white = sites_of(place=Placing(scale=2.0), patterned=False).image
-    np.testing.assert_array_equal(white, (image > 0).astype(np.int32))
-    dead = sites_of(true=TruePanel(dead_rows=(1, 7), dead_columns=(0,))).image
-    expected = sites_of().image.copy()
-    expected[[1, 7]] = 0
-    expected[:, 0] = 0
-    np.testing.assert_array_equal(dead, expected)
-
-
-def test_a_panel_shows_its_patterns() -> None:
-    patterns = np.array([[0.0, 0.2, 0.4, 0.6, 0.8, 1.0], [1.0, 0.0, 0.0, 0.0, 0.0, 0.6]])
-    frames = frames_of("whole", patterns, [0, 1, BLACK, WHITE])
-    sites = sites_of(true=TruePanel(dead_rows=(0,)))
-    wide = patterns.reshape(2, 2, 3).repeat(4, axis=1).repeat(4, axis=2)
-    wide[:, 0] = 0.0
-    for row in (0, 1):
-        np.testing.assert_allclose(shown(sites, frames, row), wide[row], atol=1e-12)
-    assert not shown(sites, frames, 2).any() and not shown(sites, frames, -1).any()
-    white = shown(sites, frames, 3)
-    assert not white[0].any() and (white[1:] == 1.0).all()
-    part = sites.levels(frames, 0, LINEAR, slice(2, 4))
-    np.testing.assert_allclose(part, [0.2, 0.4])
-    squared = sites.levels(frames, 0, make_power_curve(2.0), slice(2, 4))
-    np.testing.assert_allclose(squared, [0.04, 0.16])
-
-
-@pytest.mark.parametrize("shift", [0, 1, 2, 3])
-def test_sub_shifts_move_cells_by_half_and_windows_open(shift: int) -> None:
-    """Bit 0 moves along columns and bit 1 along rows, towards the origin."""
-    levels = np.arange(1, 13) / 15.0  # of a lattice of 3 x 4
-    frames = frames_of("quarter", levels[None], [0], [shift])
-    moved_down, moved_right = shift >> 1, shift & 1
-    half_y, half_x = np.divmod(np.arange(8 * 12).reshape(8, 12), 12)
-    half_y, half_x = half_y // 2, half_x // 2
-    code = ((half_y + moved_down) >> 1) * 4 + ((half_x + moved_right) >> 1)
-    projector = sites_of("quarter")
-    np.testing.assert_allclose(shown(projector, frames, 0), levels[code], atol=1e-12)
-    # Of the mask the middle of each code cell is open: pixels 1 and 2 of four, or 3 and 0.
-    y, x = np.indices((8, 12))
-    opened = np.isin(y % 4, (3, 0) if moved_down else (1, 2))
-    opened &= np.isin(x % 4, (3, 0) if moved_right else (1, 2))
-    mask = sites_of("quarter", mask=True)
-    found = shown(mask, frames, 0)
-    assert (found[~opened] == 0.0).all()
-    np.testing.assert_allclose(found[opened], levels[code][opened], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("scan_s", "bands", "delays"),
-    [
-        (0.0, 4, [0]),
-        (0.006, 1, [0]),
-        (0.006, 2, [0, 6_000_000]),
-        (-0.006, 4, [6_000_000, 4_000_000, 2_000_000, 0]),
-        (0.007, 99, [1_000_000 * n for n in range(8)]),  # no more than there are rows
-    ],
-)
-@pytest.mark.parametrize("place", [Placing(), Placing(scale=1.5), Placing(scale=0.9)])
-def test_rows_of_a_band_are_sites_of_their_own(
-    scan_s: float, bands: int, delays: list[int], place: Placing
-) -> None:
-    sites = sites_of(scan_s=scan_s, scan_bands=bands, place=place)
-    plain = sites_of(place=place)
-    assert sites.delay_ns.tolist() == delays
-    count = len(delays)
-    row_band = np.arange(8) * count // 8
-    assert sites.in_band(0).start == 0 and sites.in_band(count - 1).stop == len(sites)
-    assert (np.diff(sites.band) >= 0).all() and sites.band[0] == 0
-    lit = sites.image > 0
-    np.testing.assert_array_equal(lit, plain.image > 0)
-    of_row = np.broadcast_to(row_band[:, None], lit.shape)
-    np.testing.assert_array_equal(sites.band[sites.image][lit], of_row[lit])
-    for band in range(count):
-        part = sites.in_band(band)
-        assert (sites.band[part] == band).all()
-    # Site 0 is black in every panel, and each pixel shows its own cell.
-    frames = frames_of("whole", np.arange(1, 7)[None] / 15.0, [0])
-    np.testing.assert_allclose(shown(sites, frames, 0), shown(plain, frames, 0))
-    assert sites.levels(frames, 0, LINEAR, slice(0, 1)).tolist() == [0.0]
 
 
 def pixel_frames() -> Frames:

@@ -4,41 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
-import scipy
 
-from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import BenchTruth, TruePanel
+from pdcd.bench.tables import CameraConfig
 from pdcd.panels.placing import Placing
 from pdcd.virtual.optics import products, render
 from pdcd.virtual.optics.bench import OpticalBench
-from pdcd.virtual.optics.lit import IlluminatedEffect
 from pdcd.virtual.optics.needed import choose_optics
 from pdcd.virtual.optics.products import PanelExposure
-from pdcd.virtual.optics.setting import OpticalSetting, compute_falloff
-from pdcd.virtual.optics.sites import PanelSites, SiteKind
-from pdcd.virtual.optics.spread import LitCellPoints
 from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects, make_tint
 from pdcd.virtual.scene.scene import Scene
 from tests.unit.virtual.optics.test_bench import coded, config_of, exposure_of, scene_of, white
 
 RNG = np.random.default_rng(6)
-
-
-def test_an_effect_is_lit_unevenly() -> None:
-    transport, light = RNG.random((5, 5)), RNG.random(5)
-    effect = DenseEffect("glow", transport, tint=make_tint(0.1, 0.2, 0.3))
-    lit = IlluminatedEffect(effect, light)
-    scaled = DenseEffect("glow", transport * light, tint=make_tint(0.1, 0.2, 0.3))
-    left, right = RNG.random((3, 5)), RNG.random((3, 5))
-    np.testing.assert_allclose(lit.apply(left), scaled.apply(left))
-    np.testing.assert_allclose(lit.probe(left, right), scaled.probe(left, right))
-    np.testing.assert_allclose(lit.diagonal(), scaled.diagonal())
-    np.testing.assert_allclose(lit.dense(), scaled.dense())
-    assert lit.name == "glow" and lit.coaxial is effect.coaxial
-    np.testing.assert_array_equal(lit.tint, effect.tint)
 
 
 def bench_of(scene: Scene, **more: Any) -> OpticalBench:
@@ -90,52 +69,6 @@ def test_quads_lie_inside_up_to_the_border_by_rounding(beyond: float, inside: bo
     assert found[1:-1, 1:-1].all()
     for edge in (found[0], found[-1], found[:, 0], found[:, -1]):
         assert edge.all() == inside and edge.any() == inside
-
-
-def cell_light(size: tuple[int, int], grid: tuple[int, int], **panel: Any) -> Any:
-    config = msgspec.structs.replace(
-        Config(), projector=PanelConfig(size_px=size, **panel), scene=SceneConfig(grid=grid)
-    )
-    config = msgspec.structs.replace(config, mask=PanelConfig(size_px=size))
-    setting = OpticalSetting(config, BenchTruth(), (4, 4))
-    sites = PanelSites(
-        setting.drawn.projector, SiteKind(grid, "whole", True), TruePanel(), config.projector
-    )
-    return LitCellPoints.of(setting, grid), sites
-
-
-@pytest.mark.parametrize(("size", "grid"), [((12, 8), (2, 3)), ((13, 9), (2, 3)), ((4, 2), (4, 8))])
-def test_each_cell_is_lit_by_the_pixels_on_it(size: tuple[int, int], grid: tuple[int, int]) -> None:
-    light, _ = cell_light(size, grid)
-    cells = grid[0] * grid[1]
-    assert light.cells == cells
-    table = np.zeros((size[0] * size[1], cells))
-    np.add.at(table, (light.pixel, light.cell), light.share)
-    # What a pixel covers of a cell, across times down, to the pitch of the points.
-    parts = []
-    for pixels, count in ((size[1], grid[0]), (size[0], grid[1])):
-        edges, ends = np.arange(pixels + 1) / pixels, np.arange(count + 1) / count
-        low = np.maximum(edges[:-1, None], ends[:-1])
-        high = np.minimum(edges[1:, None], ends[1:])
-        parts.append(np.clip(high - low, 0.0, None) * count)
-    wanted = np.einsum("yr,xc->yxrc", *parts).reshape(table.shape)
-    np.testing.assert_allclose(table.sum(axis=0), 1.0)
-    np.testing.assert_allclose(table, wanted, atol=0.04 if size[0] % grid[1] else 1e-12)
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-def test_sites_light_what_their_pixels_light(uneven: bool) -> None:
-    light, sites = cell_light((12, 8), (2, 3), place=Placing(turn_deg=20.0, scale=0.8))
-    bright = compute_falloff(0.5, (12, 8)) if uneven else None
-    found = light.by_site(sites, bright)
-    assert isinstance(found, scipy.sparse.csr_array) and found.shape == (len(sites), 6)
-    table = np.zeros((96, 6))
-    np.add.at(table, (light.pixel, light.cell), light.share)
-    weight = np.ones(96) if bright is None else bright.ravel()
-    wanted = np.zeros(found.shape)
-    np.add.at(wanted, sites.image.ravel(), table * weight[:, None])
-    np.testing.assert_allclose(found.toarray(), wanted, atol=1e-12)
-    assert wanted.sum() < 6.0 - 0.1  # beside the panel it is dark
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from pdcd.virtual.scene.effects import (
     make_two_way_paths,
 )
 from pdcd.virtual.scene.kernel import KernelEffect, make_gaussian_kernel
-from pdcd.virtual.scene.radiosity import Radiosity, Relief, make_hat_weights, make_radiosity_effects
+from pdcd.virtual.scene.radiosity import Radiosity, Relief, make_radiosity_effects
 from pdcd.virtual.scene.scene import Scene
 
 Maker = Callable[[tuple[int, int], np.random.Generator], Effect]
@@ -195,15 +195,6 @@ def test_both_ways_adds_the_reverse_of_every_path() -> None:
     np.testing.assert_array_equal(matrix, [[0, 0.5, 0.25], [0.5, 0, 0], [0.25, 0, 0]])
 
 
-def test_hat_weights_share_each_cell_out_completely() -> None:
-    for cells, patches in ((1, 1), (7, 7), (13, 4), (64, 16)):
-        weights = make_hat_weights(cells, patches)
-        assert weights.min() >= 0.0
-        np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-14)
-        assert (weights > 0).sum(axis=1).max() <= 2
-    np.testing.assert_array_equal(make_hat_weights(7, 7), np.eye(7))
-
-
 def small_scene(ambient: Array | None = None) -> Scene:
     rng = np.random.default_rng(9)
     grid, n = (3, 4), 12
@@ -233,16 +224,6 @@ def test_scene_views_agree_with_its_matrix() -> None:
     np.testing.assert_allclose(
         scene.apply(light), np.einsum("cnm,bm->bnc", whole, light), rtol=1e-13
     )
-
-
-def test_photo_is_the_probed_matrix_when_cells_have_no_inner_structure() -> None:
-    rng = np.random.default_rng(11)
-    scene = small_scene()
-    left, right = rng.random((7, 12)), rng.random((7, 12))
-    probing = left.T @ right
-    photo = scene.photo(left, right, np.diag(probing).copy(), np.zeros(12))
-    expected = np.einsum("nm,cnm->nc", probing, scene.dense())
-    np.testing.assert_allclose(photo, expected, rtol=1e-13)
 
 
 def test_photo_takes_direct_light_and_ambient_by_their_own_times() -> None:

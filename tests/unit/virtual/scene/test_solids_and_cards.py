@@ -12,96 +12,13 @@ from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.virtual.scene.build import ALBEDO, build_scene, make_card
 from pdcd.virtual.scene.depth import OffAxisRig
-from pdcd.virtual.scene.displaced import (
-    compute_displaced_shares,
-)
 from pdcd.virtual.scene.kernel import make_gaussian_kernel
 from pdcd.virtual.scene.milk import make_milk_effects
 from pdcd.virtual.scene.solids import (
-    Rectangle,
-    find_clear_lines,
-    find_first_hit,
-    make_box,
     make_wall,
 )
 
 GREY = (0.5, 0.5, 0.5)
-SQUARE = Rectangle((0.0, 0.0, 2.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), GREY)
-
-
-def met(start: tuple[float, float, float], way: tuple[float, float, float]) -> float:
-    return float(SQUARE.met(np.array([start]), np.array([way]))[0])
-
-
-def test_a_rectangle_is_met_within_its_edges_and_on_them() -> None:
-    for x, y in ((0.0, 0.0), (1.0, 1.0), (0.5, 0.25), (0.0, 1.0)):
-        assert met((x, y, 0.0), (0.0, 0.0, 1.0)) == pytest.approx(2.0)
-    for x, y in ((-1e-6, 0.5), (1.0 + 1e-6, 0.5), (0.5, -1e-6), (0.5, 1.0 + 1e-6)):
-        assert met((x, y, 0.0), (0.0, 0.0, 1.0)) == np.inf
-
-
-def test_a_rectangle_is_met_ahead_only_and_from_either_side() -> None:
-    assert met((0.5, 0.5, 0.0), (0.0, 0.0, 4.0)) == pytest.approx(0.5)
-    assert met((0.5, 0.5, 3.0), (0.0, 0.0, -1.0)) == pytest.approx(1.0)
-    assert met((0.5, 0.5, 3.0), (0.0, 0.0, 1.0)) == np.inf
-    assert met((0.5, 0.5, 2.0), (0.0, 0.0, 1.0)) == np.inf  # it starts there
-    assert met((0.5, 0.5, 2.0), (1.0, 0.0, 0.0)) == np.inf  # within its plane
-    assert met((0.0, 0.5, 0.0), (0.5, 0.0, 1.0)) == pytest.approx(2.0)
-
-
-def test_a_wall_and_the_five_faces_of_a_box() -> None:
-    back = make_wall(3.0, (2.0, 1.0), GREY)
-    assert (back.corner, back.across, back.down) == ((-2, -1, 3), (4, 0, 0), (0, 2, 0))
-    faces = make_box((0.0, 0.0, 1.0), (2.0, 3.0, 5.0), GREY)
-    assert [face.area for face in faces] == [6.0, 12.0, 12.0, 8.0, 8.0]
-    corners = [(face.corner, *_far(face)) for face in faces]
-    assert corners == [
-        ((0, 0, 1), 2, 3, 1), ((0, 0, 1), 0, 3, 5), ((2, 0, 1), 2, 3, 5), ((0, 0, 1), 2, 0, 5),
-        ((0, 3, 1), 2, 3, 5),
-    ]  # fmt: skip
-    assert all(face.albedo == GREY for face in faces)
-
-
-def _far(face: Rectangle) -> tuple[float, ...]:
-    return tuple(np.array(face.corner) + np.array(face.across) + np.array(face.down))
-
-
-def test_the_first_of_several_surfaces_is_seen() -> None:
-    near, far = make_wall(2.0, (0.5, 0.5), GREY), make_wall(4.0, (2.0, 2.0), GREY)
-    way = np.array([[0.0, 0.0, 1.0], [0.4, 0.0, 1.0], [0.9, 0.0, 1.0]])
-    which, points = find_first_hit([far, near], np.zeros(3), way)
-    assert which.tolist() == [1, 0, -1]
-    np.testing.assert_allclose(points[:2], [[0.0, 0.0, 2.0], [1.6, 0.0, 4.0]])
-    assert np.isnan(points[2]).all()
-
-
-def test_what_lies_between_two_points_hides_them_but_not_their_own_surfaces() -> None:
-    middle = make_wall(2.0, (0.5, 0.5), GREY)
-    start = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
-    end = np.array([[0.0, 0.0, 3.0], [0.0, 0.0, 3.0], [0.0, 0.0, 2.0], [2.0, 0.0, 3.0]])
-    assert find_clear_lines([middle], start, end).tolist() == [False, True, True, True]
-    assert (
-        find_clear_lines([make_wall(9.0, (9.0, 9.0), GREY), middle], start, end).tolist()[0]
-        is False
-    )
-
-
-def test_a_moved_cell_takes_its_light_by_the_shares_that_it_covers() -> None:
-    """A quarter down and half to the right; the last column and row lose what lies beyond."""
-    moved = np.tile([0.25, 0.5], (6, 1))
-    dense = compute_displaced_shares((2, 3), moved).toarray()
-    wanted = np.zeros((6, 6))
-    for row in range(2):
-        for col in range(3):
-            for down, high in ((0, 0.75), (1, 0.25)):
-                for right, wide in ((0, 0.5), (1, 0.5)):
-                    if row + down < 2 and col + right < 3:
-                        wanted[3 * row + col, 3 * (row + down) + col + right] = high * wide
-    np.testing.assert_allclose(dense, wanted)
-    back = np.tile([0.0, -1.0], (6, 1))
-    back[4] = np.nan
-    dense = compute_displaced_shares((2, 3), back).toarray()
-    assert np.argwhere(dense).tolist() == [[1, 0], [2, 1], [5, 4]] and dense.max() == 1.0
 
 
 def test_nothing_is_seen_beside_all_surfaces() -> None:
