@@ -9,18 +9,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.panels.frames import FrameLog
 from pdcd.panels.patterns import pack_levels
 from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import PanelOptics
 from pdcd.probing.realised import Factors, collect_factors, compute_factors
 from pdcd.virtual.scene.effects import DenseEffect, DirectEffect
 from pdcd.virtual.scene.scene import Scene
+from tests.frame_logs import REFRESH_NS, make_log
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]
 
-REFRESH_NS = 16_666_667
 REFRESH_S = REFRESH_NS * 1e-9
 SETTLE_NS = 50_000_000
 
@@ -48,19 +47,14 @@ def show(
         primal_black=primal_black,
         dual_black=dual_black,
     )
-    count = len(frames)
-    rows = np.arange(count, dtype=np.int32)
-    at_ns = SETTLE_NS + np.arange(count + 1, dtype=np.int64) * REFRESH_NS
-    log = FrameLog(
-        rows, rows, at_ns[:-1], at_ns[:-1], at_ns[[-1, -1]], np.zeros(count, np.int32), "test", True
-    )
+    log = make_log(len(frames), start_ns=SETTLE_NS)
     parts = compute_factors(
         frames,
         log,
         projector or PanelOptics(),
         mask or PanelOptics(),
         open_ns=0,
-        close_ns=int(at_ns[-1]) + SETTLE_NS,
+        close_ns=int(log.end_ns[0]) + SETTLE_NS,
         offset_cells=offset_cells,
     )
     return collect_factors(parts)

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from pdcd.bench.placed import compute_mock_frame, make_camera_map
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
-from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.pictures.photos import make_corrected_photos
@@ -37,6 +36,7 @@ from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import LowRankEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import world
+from tests.frame_logs import make_log
 
 Floats = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ def indirect(config: Config, plan: Plan, scene: Scene) -> tuple[Picture, Optical
     shots = {}
     for shot in plan.recipe.shots:
         frames = plan.frames(shot)
-        log = on_time(frames)
+        log = make_log(len(frames))
         exposure = PanelExposure(frames, log, 0, int(log.end_ns.max()) + 50_000_000)
         realised = collect_factors(
             compute_bench_factors(
@@ -144,15 +144,6 @@ def indirect(config: Config, plan: Plan, scene: Scene) -> tuple[Picture, Optical
         plan.recipe, shots, None, cells, normalise="auto", smooth=plan.smooth
     )
     return combine_photos(plan.recipe, photos)[plan.recipe.answer_name], bench
-
-
-def on_time(frames: Frames) -> FrameLog:
-    """The log of a display that misses nothing."""
-    count = len(frames)
-    rows = np.arange(count, dtype=np.int32)
-    at = 50_000_000 + np.arange(count + 1) * REFRESH_NS
-    missed = np.zeros(count, dtype=np.int32)
-    return FrameLog(rows, rows, at[:-1], at[:-1], at[[-1, -1]], missed, "test", True)
 
 
 def at_pitch(config: Config, picture: Picture, bench: OpticalBench) -> float:

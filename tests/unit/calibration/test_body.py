@@ -154,32 +154,6 @@ def test_light_that_panels_leak_is_no_read_noise() -> None:
     assert believed[0] > 1.005 * known[0]
 
 
-def test_light_that_leaks_unevenly_has_its_noise_where_it_is() -> None:
-    """A quiet sensor, over which half a DN of leaked light falls off to nothing."""
-    gain, read_dn, shape = 3.0, 0.55, (256, 384)
-    leaked = 0.5 * np.linspace(0.0, 2.0, shape[1])[None] * np.ones(shape)
-
-    def photo(level: float, rng: np.random.Generator) -> Floats:
-        electrons = rng.poisson((leaked + level) * gain)
-        return np.rint(electrons / gain + read_dn * rng.standard_normal(shape))
-
-    chi2, read = [], []
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        dark, again = (photo(0.0, rng) for _ in range(2))
-        pairs = [
-            compare_plane_pair(photo(level, rng), photo(level, rng), dark)
-            for level in (1500.0, 4000.0)
-        ]
-        found = fit_photon_transfer(
-            "R", compare_plane_pair(dark, again), tuple(pairs), highest_dn=9000.0, leaked_dn=0.5
-        )
-        chi2.append(found.chi2)
-        read.append(found.read_noise_e)
-    assert np.mean(chi2) < 1.1 and max(chi2) < 1.3
-    assert np.mean(read) == pytest.approx(gain * read_dn, rel=0.01)
-
-
 def test_quads_beyond_the_field_do_not_count() -> None:
     """The frame sees past the field by eight quads on all sides, as far as a quarter of a block."""
 

@@ -8,17 +8,7 @@ import pytest
 from pdcd.calibration.shown import PanelSequence
 from pdcd.calibration.timing.delayed import shift_mask, undo_mask_shift
 from pdcd.calibration.timing.timing_model import PhotoLog
-from pdcd.panels.frames import FrameLog
-
-REFRESH_NS = 16_666_667
-
-
-def log_of(shown: PanelSequence, late_ns: int) -> FrameLog:
-    """A display that shows all rows, the mask later by its phase."""
-    rows = np.arange(shown.refreshes, dtype=np.int32)
-    at = np.arange(shown.refreshes + 1, dtype=np.int64) * REFRESH_NS
-    end = np.array([at[-1], at[-1] + late_ns])
-    return FrameLog(rows, rows, at[:-1], at[:-1] + late_ns, end, rows * 0, "test", True)
+from tests.frame_logs import REFRESH_NS, make_log
 
 
 @pytest.mark.parametrize("rows", [-3, 0, 2])
@@ -28,7 +18,11 @@ def test_the_log_tells_what_was_planned(rows: int) -> None:
     planned = PanelSequence("one", picture, picture, index, index)
     moved = shift_mask(planned, rows, trail=4)
     assert moved.refreshes == 5 + abs(rows) + 4
-    ran = undo_mask_shift(PhotoLog(log_of(moved, 1_000_000), 0, 10**9), rows, planned.refreshes)
+    ran = undo_mask_shift(
+        PhotoLog(make_log(moved.refreshes, start_ns=0, late_ns=1_000_000), 0, 10**9),
+        rows,
+        planned.refreshes,
+    )
     for shown, asked in (
         (ran.log.primal_shown, moved.projector_index),
         (ran.log.dual_shown, moved.mask_index),

@@ -12,7 +12,6 @@ from pdcd.calibration.geometry.disparity import fit_card_plane, measure_disparit
 from pdcd.calibration.geometry.xor import XorCode
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.shown import pack_frames
-from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.protocol.plan_summary import Goal
@@ -20,6 +19,7 @@ from pdcd.recipes.partners import find_match_places, find_matched_cells
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.build import build_scene
+from tests.frame_logs import make_log
 from tests.unit.calibration.decoding import decode_xor
 
 GRID = (12, 16)
@@ -30,14 +30,8 @@ FRAME = (144, 192)
 def photos(bench: OpticalBench, code: XorCode) -> Iterator[QuadPhoto]:
     for shown in code.shown(1):
         frames = pack_frames(shown)
-        count = len(frames)
-        rows = np.arange(count, dtype=np.int32)
-        at = 1_000_000 * np.arange(count + 1)
-        log = FrameLog(
-            rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), np.zeros(count, np.int32),
-            "test", True,
-        )  # fmt: skip
-        light = bench.photo(PanelExposure(frames, log, 0, int(at[-1]))) * 2e5
+        log = make_log(len(frames), start_ns=0, refresh_ns=1_000_000)
+        light = bench.photo(PanelExposure(frames, log, 0, int(log.end_ns[0]))) * 2e5
         yield QuadPhoto(light, np.full(light.shape, 1.0), np.zeros(light.shape[:2], np.bool_))
 
 

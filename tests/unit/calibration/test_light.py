@@ -16,9 +16,10 @@ from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.shown import PanelSequence
 from pdcd.errors import CalibrationError
-from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.frames import Frames
 from pdcd.panels.patterns import make_empty_patterns
 from pdcd.probing.realised import collect_factors, compute_bench_factors
+from tests.frame_logs import make_log
 from tests.unit.calibration.light_bench import LightBench, TruePanel
 
 Floats = NDArray[np.float64]
@@ -176,7 +177,7 @@ def test_half_of_the_field_is_covered() -> None:
 
 def photo_by_realised(shown: PanelSequence, projector: PanelConfig, mask: PanelConfig) -> Floats:
     """Seconds of light and of an open mask, by the matrix that decoding believes in."""
-    count, period = shown.refreshes, round(1e9 / 60)
+    count = shown.refreshes
     frames = Frames(
         make_empty_patterns(),
         make_empty_patterns(),
@@ -189,20 +190,8 @@ def photo_by_realised(shown: PanelSequence, projector: PanelConfig, mask: PanelC
         (1, 1),
         "whole",
     )
-    start, rows = 100_000_000, np.arange(count)
-    times = start + rows * period
-    end = np.full(2, start + count * period)
-    log = FrameLog(
-        rows.astype(np.int32),
-        rows.astype(np.int32),
-        times,
-        times,
-        end,
-        np.zeros(count, np.int32),
-        "test",
-        True,
-    )
-    close = int(end[0]) + 100_000_000
+    log = make_log(count, start_ns=100_000_000)
+    close = int(log.end_ns[0]) + 100_000_000
     found = collect_factors(
         compute_bench_factors(frames, log, projector, mask, open_ns=0, close_ns=close)
     )

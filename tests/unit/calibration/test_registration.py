@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,83 +199,57 @@ def test_a_correction_is_a_map_like_any_other() -> None:
     np.testing.assert_allclose(same.to_field(points), mask.to_field(points), atol=1e-5)
 
 
-def cap(it: Session) -> None:
-    it.bench.electrons = 0.1
-    it.white = it.bench.white()
-
-
-def saturated(it: Session) -> None:
-    full = it.white.light[..., 1] > 0.9 * it.white.light.max()
-    it.white = replace(it.white, saturated=full)
-
-
-def out_of_focus(it: Session) -> None:
-    it.bench.blur_px = (9.0, 9.0)
-
-
-def mirrored(it: Session) -> None:
-    it.mask = it.mask.flipped("horizontal")
-
-
-def upside_down(it: Session) -> None:
-    it.mask = it.mask.turned(2)
-
-
-def half_covered(it: Session) -> None:
-    it.bench.albedo[:, : it.bench.frame[0] // 2] = 0.02
-    it.white = it.bench.white()
-
-
-def too_far(it: Session) -> None:
-    wrong = np.eye(3)
-    wrong[0, 2] = 7.4 / it.bench.projector_px[0]
-    it.mask = it.bench.mask.then(wrong)
-
-
-def turned(it: Session) -> None:
-    angle = np.radians(12.0)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.2], [np.sin(angle), np.cos(angle), -0.1],
-                     [0.0, 0.0, 1.0]])  # fmt: skip
-    it.mask = it.bench.mask.then(turn)
-
-
-def mask_open(it: Session) -> None:
-    it.bench.leak = 1.0
-    it.white = it.bench.white()
-
-
-def mask_closed(it: Session) -> None:
-    white = it.white
-    it.bench.electrons *= 1e-3
-    it.white = white
-
-
-def white_is_not_white(it: Session) -> None:
-    it.white = QuadPhoto(it.white.light * 0.2, it.white.variance)
+TURN = np.radians(12.0)
+TURNED = [
+    [np.cos(TURN), -np.sin(TURN), 0.2], [np.sin(TURN), np.cos(TURN), -0.1], [0.0, 0.0, 1.0],
+]  # fmt: skip
+FAR = [[1.0, 0.0, 7.4 / SIZES["projector_px"][0]], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("changed", "believed", "said"),
     [
-        (cap, "there is no light"),
-        (saturated, "saturated"),
-        (out_of_focus, "do not modulate"),
-        (mirrored, "mirrored or upside down"),
-        (upside_down, "mirrored or upside down"),
-        (half_covered, "of the field only"),
-        (too_far, "px or more apart"),
-        (turned, "not where the maps have them|px or more apart"),
-        (mask_open, "shows no stripes|times the light"),
-        (mask_closed, "are black"),
-        (white_is_not_white, "times the light"),
+        ({"electrons": 0.1}, None, "there is no light"),
+        ({"blur_px": (9.0, 9.0)}, None, "do not modulate"),
+        ({"leak": 1.0}, None, "shows no stripes|times the light"),
+        ({}, lambda it: it.mask.flipped("horizontal"), "mirrored or upside down"),
+        ({}, lambda it: it.mask.turned(2), "mirrored or upside down"),
+        ({}, lambda it: it.bench.mask.then(FAR), "px or more apart"),
+        ({}, lambda it: it.bench.mask.then(TURNED), "not where the maps|px or more apart"),
     ],
 )
-def test_what_is_wrong_is_named(spoil: Callable[[Session], None], said: str) -> None:
+def test_what_is_wrong_with_a_bench_is_named(
+    changed: dict[str, Any], believed: Callable[[Session], Map] | None, said: str
+) -> None:
     it = deepcopy(some())
-    spoil(it)
+    for name, value in changed.items():
+        setattr(it.bench, name, value)
+    if changed:
+        it.white = it.bench.white()
+    if believed:
+        it.mask = believed(it)
+    refused(it, said)
+
+
+def refused(it: Session, said: str) -> None:
     with pytest.raises(CalibrationError, match=said) as failed:
         measure_mask_offsets(*it.series(RULER), it.camera, it.mask)
     assert failed.value.hint
+
+
+def test_what_is_wrong_with_photos_is_named() -> None:
+    full, half, dark, dim = (deepcopy(some()) for _ in range(4))
+    full.white = replace(
+        full.white, saturated=full.white.light[..., 1] > 0.9 * full.white.light.max()
+    )
+    refused(full, "saturated")
+    half.bench.albedo[:, : half.bench.frame[0] // 2] = 0.02
+    half.white = half.bench.white()
+    refused(half, "of the field only")
+    dark.bench.electrons *= 1e-3
+    refused(dark, "are black")
+    dim.white = QuadPhoto(dim.white.light * 0.2, dim.white.variance)
+    refused(dim, "times the light")
 
 
 def test_stripes_finer_than_the_camera_sees_are_measured_once_longer_ones_told_where() -> None:

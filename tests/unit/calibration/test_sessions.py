@@ -11,9 +11,11 @@ import pytest
 from pdcd.calibration.script import (
     CalibrationPhoto,
     ConfigValue,
+    PhotoRequest,
     StepOutcome,
 )
 from pdcd.calibration.shown import make_still_sequence
+from pdcd.calibration.steps import AT_WISH, METER, STEP_SCRIPTS, order_steps, start_step_script
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import BLACK, WHITE
 from pdcd.panels.map import Map
@@ -75,3 +77,19 @@ def test_a_photo_was_open_from_its_opening_to_its_closing() -> None:
     assert said.black_dn == (1024.0, 1023.0)
     raw.masked = False
     assert taken.seen.black_dn == ()
+
+
+def test_all_steps_but_those_at_wish_are_run_in_their_order() -> None:
+    whole = ("sensor", "light", "geometry", "timing", "shutter", "registration", "check")
+    assert order_steps(()) == whole
+    assert set(STEP_SCRIPTS) - set(whole) == AT_WISH == {"response", "focus", "disparity"}
+    assert order_steps((), "scene") == ("geometry",)
+    assert order_steps(("shutter", "sensor"), "scene") == ("sensor", "shutter")
+    assert order_steps(("check", "focus", "sensor")) == ("sensor", "focus", "check")
+    assert order_steps(("response",)) == ("response",)
+
+
+def test_metering_comes_first_and_wants_white_light() -> None:
+    first = next(start_step_script(METER, session_of()))
+    assert isinstance(first, PhotoRequest) and first.shown.name == "meter-1"
+    assert METER not in STEP_SCRIPTS

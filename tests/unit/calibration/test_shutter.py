@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from pdcd.calibration.shutter.blades import (
 from pdcd.errors import CalibrationError
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map
+from tests.frame_logs import make_log
 
 T = 1.0 / 60.0
 TAUS = (0.0015, 0.003)
@@ -31,10 +31,7 @@ STEP_S = 2e-5
 
 
 def log(count: int) -> FrameLog:
-    at = np.round((START_S + np.arange(count + 1) * T) * 1e9).astype(np.int64)
-    rows = np.arange(count, dtype=np.int32)
-    none = np.zeros(count, np.int32)
-    return FrameLog(rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), none, "test", True)
+    return make_log(count, start_ns=round(1e9 * START_S))
 
 
 @dataclass
@@ -194,39 +191,18 @@ def test_lag_and_jitter_of_several_exposures() -> None:
         estimate_shutter_lag([0.01], [0.0], [1e-4])
 
 
-def _dark(camera: Camera) -> None:
-    camera.electrons = 0.01
-
-
-def _bright(camera: Camera) -> None:
-    camera.electrons = 1e6
-
-
-def _stuck(camera: Camera) -> None:
-    camera.stray, camera.electrons = 20.0, 500.0
-
-
-def _early(camera: Camera) -> None:
-    camera.opened_s = 4.98
-
-
-def _bounces(camera: Camera) -> None:
-    camera.flat = 0.2
-
-
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("fault", "told"),
     [
-        (_dark, "dark where the bar runs"),
-        (_bright, "saturated"),
-        (_stuck, "all cells are equally bright"),
-        (_early, "opened while the bar did not run"),
-        (_bounces, "no opening and closing explain"),
+        ({"electrons": 0.01}, "dark where the bar runs"),
+        ({"electrons": 1e6}, "saturated"),
+        ({"stray": 20.0, "electrons": 500.0}, "all cells are equally bright"),
+        ({"opened_s": 4.98}, "opened while the bar did not run"),
+        ({"flat": 0.2}, "no opening and closing explain"),
     ],
 )
-def test_bad_photos_end_in_a_named_cause(spoil: Callable[[Camera], None], told: str) -> None:
-    camera = Camera(5.26, 5.69)
-    spoil(camera)
+def test_bad_photos_end_in_a_named_cause(fault: dict[str, float], told: str) -> None:
+    camera = replace(Camera(5.26, 5.69), **fault)  # type: ignore[arg-type]
     with pytest.raises(CalibrationError, match=told) as caught:
         light = read_bar(camera.photo(BAR), camera.white(), CAMERA)
         fit_shutter(light, log(90), (5.05, 5.7), TAUS)

@@ -25,6 +25,7 @@ from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.build import build_scene
 from tests import bench_rig
+from tests.frame_logs import make_log
 
 GRID = bench_rig.GRID
 PANEL = PanelConfig(size_px=(40, 30))
@@ -34,10 +35,7 @@ MS = 1_000_000
 def plain() -> tuple[Frames, FrameLog]:
     codes = make_codes("balanced", GRID, 8, dual="complement")
     frames = build_frames(bench_rig.pairs(codes), GRID, window="whole", schedule="both", passes=1)
-    rows = np.arange(len(frames), dtype=np.int32)
-    at = 16 * MS * np.arange(len(frames) + 1, dtype=np.int64)
-    none = np.zeros(len(frames), dtype=np.int32)
-    return frames, FrameLog(rows, rows, at[:-1], at[:-1], at[[-1, -1]], none, "test", True)
+    return frames, make_log(len(frames), start_ns=0, refresh_ns=16 * MS)
 
 
 def seconds(count: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -62,23 +62,6 @@ def test_l4_a_mask_of_300_to_1_spoils_indirect_light_by_percents(
     np.testing.assert_allclose(seen / 0.25 - 1.0, excess, rtol=1e-9)
 
 
-def test_x1_off_diagonal_weight_of_indirect_codes_is_positive() -> None:
-    pi = OPEN.T @ LIT / len(LIT)
-    assert pi.min() >= 0.0
-    assert pi[~np.eye(N, dtype=bool)].mean() == pytest.approx(0.25, abs=0.02)
-
-
-def test_x5_equation_9_is_not_equation_6_times_the_matrix() -> None:
-    """With orthogonal codes both limits are exact: row sums of Pi o T, and Pi diag(T)."""
-    pi = np.random.default_rng(2).normal(size=(N, N))
-    h = 2.0 * make_codes("hadamard", GRID, 32, dual="same", seed=1).primal - 1.0
-    ninth = np.mean((h @ pi.T) * (h @ T.T), axis=0)
-    np.testing.assert_allclose(ninth, np.sum(pi * T, axis=1), atol=1e-12)
-    sixth = pi @ np.mean(h * (h @ T.T), axis=0)
-    np.testing.assert_allclose(sixth, pi @ D, atol=1e-12)
-    assert np.abs(ninth - sixth).max() > 0.1
-
-
 def test_x8_difference_of_shifted_photos_has_weight_p_times_one_less_p() -> None:
     """(i, i) less (i, i shifted): 1 on the diagonal and -1 beside it, times 1/4, not times 1."""
     bits = make_codes("hadamard", GRID, 32, dual="same", seed=2).primal

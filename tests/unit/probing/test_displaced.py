@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, DisplayConfig, PanelConfig, ScheduleConfig
-from pdcd.panels.frames import FrameLog
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.make import make_plan
 from pdcd.probing.fine import Beams
@@ -16,6 +15,7 @@ from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.products import PanelExposure
 from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.scene import Scene
+from tests.frame_logs import make_log
 
 GRID = (3, 5)
 FINE = 40
@@ -70,15 +70,6 @@ def test_fig11_displaced_light_is_the_sum_over_points(
     assert found.max() > 0.05
 
 
-def log_of(count: int) -> FrameLog:
-    rows = np.arange(count, dtype=np.int32)
-    at = 10_000_000 * np.arange(count + 1)
-    return FrameLog(
-        rows, rows, at[:-1], at[:-1], np.array([at[-1], at[-1]]), np.zeros(count, np.int32),
-        "test", True,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("window", ["whole", "quarter"])
 def test_the_bench_of_pixels_and_that_of_cells_see_the_same(window: str) -> None:
     """Displacements of whole projector pixels: the camera's points then err nowhere."""
@@ -98,7 +89,7 @@ def test_the_bench_of_pixels_and_that_of_cells_see_the_same(window: str) -> None
     )
     plan = make_plan(CaptureRequest(goal="indirect", codes=12, smooth=False), config, grid)
     frames = plan.frames(next(s for s in plan.recipe.shots if s.name == "coded"))
-    log = log_of(len(frames))
+    log = make_log(len(frames), start_ns=0, refresh_ns=10_000_000)
     end_ns = int(log.end_ns.max())
     whole = collect_factors(
         compute_bench_factors(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import PanelConfig
 from pdcd.panels.lattice import Lattice
 from pdcd.probing.fine import (
     GAUSSIAN_REACH,
@@ -15,7 +14,6 @@ from pdcd.probing.fine import (
     is_cut_by_windows,
     sum_piece_weights,
 )
-from pdcd.probing.spans import split_into_bands
 
 GRID = (2, 3)
 
@@ -102,35 +100,3 @@ def test_nothing_is_left_of_a_gaussian_beyond_its_reach() -> None:
     assert (share[apart >= GAUSSIAN_REACH * sigma] == 0.0).all()
     assert (share[apart <= 5.0 * sigma] > 0.0).all()
     np.testing.assert_allclose(share[:, 15:25].sum(axis=0), 1.0, rtol=1e-12)
-
-
-@pytest.mark.parametrize("mask", [False, True])
-def test_whole_cells_come_with_the_row_under_their_middle(mask: bool) -> None:
-    """Eight rows of pixels on two rows of cells: the third and the seventh."""
-    config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
-    first, second = split_into_bands(config, config, Lattice((2, 3)), mask=mask)
-    assert (first.delay_ns, second.delay_ns) == (2_000_000, 6_000_000)
-    assert np.asarray(first.pixels).tolist() == [0, 1, 2]
-    assert np.asarray(second.pixels).tolist() == [3, 4, 5, 6] if mask else [3, 4, 5]
-
-
-@pytest.mark.parametrize("mask", [False, True])
-def test_halves_and_windows_come_with_their_own_row(mask: bool) -> None:
-    """Eight rows of pixels on two rows of cells; of the projector halves of cells, centred in the
-    second, fourth ... row; of the mask strips at the edges and in the middle of cells."""
-    config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
-    lattice = Lattice((2, 3), "quarter")
-    late = {}
-    for band in split_into_bands(config, config, lattice, mask=mask):
-        assert isinstance(band.pixels, np.ndarray)
-        late.update(dict.fromkeys(band.pixels.tolist(), band.delay_ns // 1_000_000))
-    if not mask:
-        wanted = [[1] * 3 + [5] * 3] * 2 + [[3] * 3 + [7] * 3] * 2
-        assert [late[pixel] for pixel in range(24)] == [row for part in wanted for row in part]
-        return
-    assert len(late) == 4 * 13
-    for field in range(4):
-        strips = lattice.strips(field)
-        for row, col in np.ndindex(*lattice.shape):
-            centre = 4 * row + (2 if strips[0] == 0 else 0)
-            assert late[13 * field + 4 * row + col] == min(centre, 7)

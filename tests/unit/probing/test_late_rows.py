@@ -21,6 +21,7 @@ from pdcd.probing.panel import PanelOptics, offset_cells
 from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors
 from pdcd.probing.spans import ALL_AT_ONCE, band_delays_ns, split_into_bands
 from tests import bench_rig, oracles
+from tests.frame_logs import make_log
 from tests.sampled import sampled
 
 Floats = NDArray[np.float64]
@@ -35,20 +36,8 @@ def exposure(window: str) -> tuple[Frames, FrameLog, int]:
     shape = Lattice(GRID, window).shape
     codes = make_codes("bernoulli", shape, 2, dual="complement", seed=1)
     frames = build_frames(bench_rig.pairs(codes), GRID, window=window, schedule="lag", passes=1)
-    rows = np.arange(len(frames), dtype=np.int32)
-    at = 9_000_000 + np.arange(len(frames) + 1, dtype=np.int64) * 16_666_667
-    late = np.zeros(len(frames), np.int32)
-    log = FrameLog(
-        rows,
-        rows,
-        at[:-1],
-        at[:-1] + 700_000,
-        np.array([at[-1], at[-1] + 700_000]),
-        late,
-        "t",
-        True,
-    )
-    return frames, log, int(at[-1]) + 90_000_000
+    log = make_log(len(frames), start_ns=9_000_000, late_ns=700_000)
+    return frames, log, int(log.end_ns[0]) + 90_000_000
 
 
 @dataclass(frozen=True)

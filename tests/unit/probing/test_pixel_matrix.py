@@ -27,6 +27,7 @@ from pdcd.probing.realised import Factors, collect_factors, compute_bench_factor
 from pdcd.virtual.scene.matrix import split_into_effects
 from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
+from tests.frame_logs import make_log
 from tests.panel_pixels import from_pictures
 
 Floats = NDArray[np.float64]
@@ -36,13 +37,9 @@ MS = 1_000_000
 REFRESH_NS = 16 * MS
 
 
-def log_of(count: int, *, lag_ns: int = 0, start_ns: int = 50 * MS) -> FrameLog:
+def log_of(count: int, *, lag_ns: int = 0) -> FrameLog:
     """Every refresh on time, the mask `lag_ns` behind the projector."""
-    stamps = start_ns + REFRESH_NS * np.arange(count + 1, dtype=np.int64)
-    rows = np.arange(count, dtype=np.int32)
-    end = np.array([stamps[-1], stamps[-1] + lag_ns])
-    missed = np.zeros(count, dtype=np.int32)
-    return FrameLog(rows, rows, stamps[:-1], stamps[:-1] + lag_ns, end, missed, "test", True)
+    return make_log(count, refresh_ns=REFRESH_NS, late_ns=lag_ns)
 
 
 def panel(width: int, height: int, **more: Any) -> PanelConfig:
@@ -290,3 +287,65 @@ def test_pictures_that_do_not_fit_are_refused() -> None:
         of_pixels(pictures, log_of(2), (1, 1), panel(2, 2), panel(2, 2))
     with pytest.raises(ConfigError, match="mask: pictures of"):
         of_pixels(pictures, log_of(1), (1, 1), panel(2, 2), panel(3, 2))
+
+
+def matrix(
+    shown: ShownPictures, projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
+) -> Factors:
+    log = make_log(len(shown), start_ns=5 * MS, refresh_ns=10 * MS)
+    return collect_factors(
+        compute_pixel_factors(shown, log, projector, mask, grid=grid, open_ns=0, close_ns=200 * MS)
+    )
+
+
+def lit(levels: list[list[int]]) -> NDArray[np.uint8]:
+    return np.array(levels, dtype=np.uint8)
+
+
+@pytest.mark.parametrize("defect", [{"scan_s": 0.001}, {"scan_s": -0.001}, {"blur_px": 0.5}])
+@pytest.mark.parametrize("side", ["projector", "mask"])
+def test_panels_of_which_pixels_do_not_tell_all_are_refused(
+    side: str, defect: dict[str, Any]
+) -> None:
+    plain = PanelConfig(size_px=(2, 1))
+    panels = {"projector": plain, "mask": plain}
+    panels[side] = PanelConfig(size_px=(2, 1), **defect)
+    shown = from_pictures([lit([[255, 0]])], [lit([[255, 0]])])
+    with pytest.raises(ConfigError, match="one after the other") as caught:
+        matrix(shown, panels["projector"], panels["mask"], (1, 2))
+    assert caught.value.device == side
+
+
+@pytest.mark.parametrize("side", ["projector", "mask"])
+def test_pictures_of_another_panel_are_refused(side: str) -> None:
+    panels = {"projector": PanelConfig(size_px=(2, 1)), "mask": PanelConfig(size_px=(2, 1))}
+    panels[side] = PanelConfig(size_px=(1, 2))
+    shown = from_pictures([lit([[255, 0]])], [lit([[255, 0]])])
+    with pytest.raises(ConfigError, match="pictures of") as caught:
+        matrix(shown, panels["projector"], panels["mask"], (1, 1))
+    assert caught.value.device == side
+
+
+def test_pixels_are_shared_by_the_cells_they_lie_over() -> None:
+    """Three pixels of the projector and two of the mask over four cells, one refresh of 10 ms.
+
+    The projector's middle pixel covers the thirds of the field from 1/3 to 2/3, the mask's second
+    one its right half: they meet from 1/2 to 2/3, which is the first two thirds of the third cell.
+    """
+    shown = from_pictures([lit([[0, 255, 0]])], [lit([[0, 255]])])
+    got = matrix(shown, PanelConfig(size_px=(3, 1)), PanelConfig(size_px=(2, 1)), (1, 4))
+    np.testing.assert_allclose(got.coaxial, [0.0, 0.0, 0.01 * 2 / 3, 0.0], atol=1e-15)
+    np.testing.assert_allclose(got.open_s, [0.0, 0.0, 0.01, 0.01], atol=1e-15)
+    np.testing.assert_allclose(
+        got.dense(), 0.01 * np.outer([0, 0, 1, 1], [0, 2 / 3, 2 / 3, 0]), atol=1e-15
+    )
+
+
+def test_levels_are_light_by_the_curve_of_their_panel() -> None:
+    shown = from_pictures([lit([[51]])], [lit([[102]])])
+    square = PanelConfig(size_px=(1, 1), gamma=2.0)
+    got = matrix(shown, square, PanelConfig(size_px=(1, 1)), (1, 1))
+    np.testing.assert_allclose(got.coaxial, [0.01 * 0.04 * 0.4], rtol=1e-12)
+    np.testing.assert_allclose(got.open_s, [0.01 * 0.4], rtol=1e-12)
+    got = matrix(shown, PanelConfig(size_px=(1, 1)), square, (1, 1))
+    np.testing.assert_allclose(got.coaxial, [0.01 * 0.2 * 0.16], rtol=1e-12)

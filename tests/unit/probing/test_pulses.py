@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.timing.programmes import SETS, WHITES, Programme, expand_programmes
 from pdcd.calibration.timing.strips import StripReadings
 from pdcd.calibration.timing.timing_model import PanelTimes, PhotoLog, StripModel
-from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.frames import Frames
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.panel import PanelOptics
 from pdcd.probing.pulses import (
@@ -19,18 +19,15 @@ from pdcd.probing.pulses import (
 )
 from pdcd.probing.realised import collect_factors, compute_factors
 from pdcd.words import ScheduleName
+from tests.frame_logs import make_log
 
 T = 1.0 / 60.0
 
 
 def ran(count: int) -> PhotoLog:
-    rows = np.arange(count, dtype=np.int32)
     # Whole nanoseconds a refresh, so that the log's rounding is no part of the comparison.
-    at = np.arange(count + 1, dtype=np.int64) * round(T * 1e9) + 100_000_000
-    log = FrameLog(
-        rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), np.zeros(count, np.int32), "t", True
-    )
-    return PhotoLog(log, 0, int(at[-1]) + 500_000_000)
+    log = make_log(count, start_ns=100_000_000, refresh_ns=round(T * 1e9))
+    return PhotoLog(log, 0, int(log.end_ns[0]) + 500_000_000)
 
 
 def through_s(

@@ -15,8 +15,8 @@ from pdcd.probing.panel import PanelOptics
 from pdcd.probing.realised import collect_factors, compute_factors
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles
+from tests.frame_logs import REFRESH_NS, make_log
 
-REFRESH_NS = 16_666_667
 FINE = 4
 
 
@@ -37,16 +37,7 @@ def frames_for(
 def log_for(
     frames: Frames, *, start_ns: int = 10_000_000, jitter_ns: int = 0, phase_ns: int = 0
 ) -> FrameLog:
-    n = len(frames)
-    rng = np.random.default_rng(7)
-    at = start_ns + np.arange(n + 1, dtype=np.int64) * REFRESH_NS
-    wobble = rng.integers(-jitter_ns, jitter_ns + 1, size=(2, n + 1))
-    rows = np.arange(n, dtype=np.int32)
-    primal, dual = at + wobble[0], at + wobble[1] + phase_ns
-    return FrameLog(
-        rows, rows, primal[:-1], dual[:-1], np.array([primal[-1], dual[-1]]),
-        np.zeros(n, dtype=np.int32), "test", True,
-    )  # fmt: skip
+    return make_log(len(frames), start_ns=start_ns, jitter_ns=jitter_ns, late_ns=phase_ns)
 
 
 def close_ns(log: FrameLog) -> int:

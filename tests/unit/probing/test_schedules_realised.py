@@ -14,6 +14,7 @@ from pdcd.probing.panel import PanelOptics
 from pdcd.probing.realised import Factors, collect_factors, compute_factors
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles
+from tests.frame_logs import make_log
 
 T_NS = 16_000_000
 GRID = (2, 3)
@@ -36,11 +37,7 @@ def frames_of(schedule: ScheduleName, count: int = 6, window: str = "whole") -> 
 
 
 def log_of(frames: Frames) -> FrameLog:
-    rows = np.arange(len(frames), dtype=np.int32)
-    at = 40_000_000 + T_NS * np.arange(len(frames) + 1, dtype=np.int64)
-    late = np.zeros(len(frames), dtype=np.int32)
-    end = np.array([at[-1], at[-1]])
-    return FrameLog(rows, rows, at[:-1], at[:-1], end, late, "test", True)
+    return make_log(len(frames), start_ns=40_000_000, refresh_ns=T_NS)
 
 
 def realised(frames: Frames, primal: PanelOptics, dual: PanelOptics) -> Factors:

@@ -10,11 +10,9 @@ import pytest
 from pdcd.probing.deviation import EXACT_CELLS, compute_row_deviations, measure_deviation, weight_s
 from pdcd.probing.fine import PieceWeights
 from pdcd.probing.realised import (
-    CELL_BLOCK,
     Factors,
     collect_factors,
     divide_factors,
-    split_into_blocks,
     sum_arrays,
     sum_signed_factors,
 )
@@ -39,21 +37,6 @@ def some(seed: int, *, rank: int = 5, cells: int = CELLS, fine: bool = False) ->
     left, right = rng.random((2, rank, cells))
     parts = PieceWeights(((0.0, 1.0), (0.0, 1.0)), True, *rng.random((3, *GRID))) if fine else None
     return Factors(left, right, rng.random(cells), rng.random(cells), parts)
-
-
-@pytest.mark.parametrize(
-    "cells",
-    [1, 2, CELL_BLOCK - 1, CELL_BLOCK, CELL_BLOCK + 1, 2 * CELL_BLOCK, 2 * CELL_BLOCK + 1, 5000],
-)
-def test_blocks_hold_each_cell_once_and_none_is_short(cells: int) -> None:
-    assert CELL_BLOCK == 1024
-    found = [(part.start, part.stop) for part in split_into_blocks(cells)]
-    assert found[0][0] == 0 and found[-1][1] == cells
-    assert [stop for _, stop in found[:-1]] == [start for start, _ in found[1:]]
-    if cells > CELL_BLOCK:
-        assert all(CELL_BLOCK <= stop - start <= 2 * CELL_BLOCK for start, stop in found)
-    else:
-        assert len(found) == 1
 
 
 def test_chunks_add_up() -> None:

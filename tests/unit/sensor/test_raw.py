@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.sensor.profile import expose_sensor, load_profile
-from pdcd.sensor.raw import RawFrame, compute_rgb_variance, read_raw, to_rgb
+from pdcd.sensor.raw import RawFrame, read_raw
 from tests.dng_file import write_dng
 
 BLACK, WHITE = 512, 16383
@@ -165,20 +165,6 @@ def test_flipped_bit_is_noticed_by_the_hash(dng: Path) -> None:
     assert not np.array_equal(read_raw(dng).planes, good.planes)
     with pytest.raises(DecodeError, match="SHA-256"):
         read_raw(dng, sha256=digest)
-
-
-def test_rgb_variance_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
-    """Spread over 40 000 equal quads, within 4 standard errors (2.9 %)."""
-    path = tmp_path / "a.dng"
-    camera = load_profile("mark2")
-    quad = np.array([[3000.0, 9000.0], [9000.0, 500.0]])
-    electrons = np.tile(quad, (200, 200))
-    write(path, expose_sensor(electrons, camera, 50, 60.0, np.random.default_rng(5)))
-    planes = read_raw(path).planes
-    spread = to_rgb(planes).var(axis=(0, 1))
-    predicted = compute_rgb_variance(planes, camera, 50, 60.0)
-    assert predicted.shape == (200, 200, 3)
-    assert predicted.mean(axis=(0, 1)) == pytest.approx(spread, rel=4 * np.sqrt(2 / 40000))
 
 
 def test_squares_of_quads_are_means_of_those_that_are_not_saturated() -> None:

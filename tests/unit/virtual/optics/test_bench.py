@@ -18,7 +18,7 @@ from pdcd.bench.tables import (
     SceneConfig,
     ScheduleConfig,
 )
-from pdcd.panels.frames import WHITE, FrameLog, Frames
+from pdcd.panels.frames import WHITE, Frames
 from pdcd.panels.patterns import make_empty_patterns, pack_bits
 from pdcd.panels.placing import Placing, make_placed_map
 from pdcd.probing.realised import compute_bench_factors
@@ -29,10 +29,10 @@ from pdcd.virtual.optics.raster import EXACT_POINTS, MapRaster
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
+from tests.frame_logs import REFRESH_NS, make_log
 
 GRID = (3, 4)
 PX = (48, 36)
-REFRESH_NS = 16_666_667
 
 
 def config_of(**more: Any) -> Config:
@@ -52,12 +52,8 @@ def scene_of(texture: NDArray[np.float64] | None = None) -> Scene:
 
 
 def exposure_of(frames: Frames) -> PanelExposure:
-    count = len(frames)
-    at = 50_000_000 + np.arange(count + 1) * REFRESH_NS
-    rows = np.arange(count, dtype=np.int32)
-    missed = np.zeros(count, dtype=np.int32)
-    log = FrameLog(rows, rows, at[:-1], at[:-1], at[[-1, -1]], missed, "mock", True)
-    return PanelExposure(frames, log, 0, int(at[-1]) + 50_000_000)
+    log = make_log(len(frames))
+    return PanelExposure(frames, log, 0, int(log.end_ns[0]) + 50_000_000)
 
 
 def white(count: int = 3) -> Frames:

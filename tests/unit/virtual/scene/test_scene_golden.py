@@ -3,7 +3,7 @@
 `tests/data/scenes.npz` has what cells send and the textures' contrast, coarsely: rounding of
 another machine passes, and whatever an eye would see does not. Where a scene is changed on purpose,
 write it anew by ``python -m tests.unit.virtual.scene.test_scene_golden``, and look at the figures
-again.
+again. `tests/data/letters.npz` has the ink of each row and column of each letter of the font.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.virtual.scene.presets import find_builder, list_presets
+from pdcd.virtual.scene.presets import find_builder, letters, list_presets
 from pdcd.virtual.scene.scene import Scene
 from tests.places import DATA
 
@@ -78,6 +78,27 @@ def test_textures_of_a_scene_have_the_contrast_that_they_had(kind: str) -> None:
     same(contrast(kind), kind)
 
 
+LETTERS = DATA / "letters.npz"
+SIZE_PX = 24.0
+NEAR_INK = 0.02
+"""Of a pixel's ink."""
+
+
+def profiles(letter: str) -> NDArray[np.float64]:
+    """Ink of each row, and then of each column."""
+    image = letters.draw_text_line(letter, SIZE_PX).astype(np.float64)
+    return np.concatenate([image.sum(axis=1), image.sum(axis=0)])
+
+
+@pytest.mark.parametrize("letter", sorted(letters.STROKES))
+def test_a_letter_looks_as_it_did(letter: str) -> None:
+    with np.load(LETTERS) as golden:
+        wanted = golden[f"ink of {ord(letter)}"].astype(np.float64)
+    found = profiles(letter)
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() <= NEAR_INK
+
+
 if __name__ == "__main__":
     kept = {
         f"{kind}: {name}": values.astype(np.float32)
@@ -86,3 +107,5 @@ if __name__ == "__main__":
         for name, values in made(kind)
     }
     np.savez_compressed(GOLDEN, **kept)  # type: ignore[arg-type]
+    inked = {f"ink of {ord(letter)}": profiles(letter) for letter in letters.STROKES}
+    np.savez_compressed(LETTERS, **{n: v.astype(np.float32) for n, v in inked.items()})  # type: ignore[arg-type]
