@@ -9,20 +9,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from pdcd.bench.tables import (
-    BenchConfig,
-    CameraConfig,
-    Config,
-    PanelConfig,
-    SceneConfig,
-    ServerConfig,
-)
+from pdcd.bench.tables import PanelConfig, SceneConfig
 from pdcd.calibration.check.check_step import REFERENCE_KEPT, check_bench
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.script import StepOutcome
 from pdcd.capture.worker.calibrating import read_arrays, write_arrays
 from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands
+from tests.e2e.calibration.steps_rig import MASK_PX, make_config
 
 SKEW_S, CONTRAST = 3.7e-3, 450.0
 T_S = 1.0 / 60.0
@@ -44,9 +38,7 @@ class Truth:
 
     def hands(self, folder: Path) -> Hands:
         """The bench as it is, believed to be as in the data sheets."""
-        folder.mkdir(exist_ok=True)
-        (folder / "truth.toml").write_text(
-            f"""
+        truth = f"""
             [projector]
             contrast = 900.0
             falloff = 0.3
@@ -69,17 +61,11 @@ class Truth:
             [scene]
             ambient = {self.ambient}
             """
-        )
-        config = Config(
-            projector=PanelConfig(size_px=(256, 192)),
-            mask=PanelConfig(size_px=(400, 300), contrast=CONTRAST),
-            camera=CameraConfig(
-                profile="450d", frame_quads=(300, 216), seed=self.seed, iso=self.iso
-            ),
+        config = make_config(
+            folder, truth, quads=(300, 216), camera={"seed": self.seed, "iso": self.iso},
+            mask=PanelConfig(size_px=MASK_PX, contrast=CONTRAST),
             scene=SceneConfig(kind="card", grid=(12, 16), options={"albedo": self.albedo}),
-            bench=BenchConfig(truth=str(folder / "truth.toml")),
-            server=ServerConfig(state_dir=str(folder / "state")),
-        )
+        )  # fmt: skip
         return Hands(config, folder, full=80, f_number=22.0)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from pdcd.bench.calibration import Calibration, FigureRecord, StepRecord, read_calibration
@@ -27,6 +29,37 @@ QUADS = (256, 192)
 PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
 
 
+def make_config(
+    folder: Path,
+    truth: str = "",
+    *,
+    projector_px: tuple[int, int] = PROJECTOR_PX,
+    mask_px: tuple[int, int] = MASK_PX,
+    quads: tuple[int, int] = QUADS,
+    placed: bool = False,
+    camera: Mapping[str, Any] = MappingProxyType({}),
+    **tables: Any,
+) -> Config:
+    """A mock bench before a card with that truth. placed : whether maps are believed that fill the
+    field. camera : more of its table."""
+    folder.mkdir(exist_ok=True)
+    (folder / "truth.toml").write_text(truth)
+
+    def place(size: tuple[int, int]) -> Placing:
+        return Placing(map=Map.filling(size)) if placed else Placing()
+
+    said: dict[str, Any] = {"seed": 5, "frame_quads": quads, "place": place(quads), **camera}
+    given: dict[str, Any] = {
+        "projector": PanelConfig(size_px=projector_px, place=place(projector_px)),
+        "mask": PanelConfig(size_px=mask_px, place=place(mask_px)),
+        "camera": CameraConfig(profile="450d", **said),
+        "scene": SceneConfig(kind="card"),
+        "bench": BenchConfig(truth=str(folder / "truth.toml")),
+        "server": ServerConfig(state_dir=str(folder / "state")),
+    }
+    return Config(**{**given, **tables})
+
+
 @dataclass
 class SmallBench:
     """truth : text of the truth's file. scene, card : kind and options of the scene. placed :
@@ -44,24 +77,12 @@ class SmallBench:
 
     @property
     def config(self) -> Config:
-        self.folder.mkdir(exist_ok=True)
-        truth = self.folder / "truth.toml"
-        truth.write_text(self.truth)
-
-        def place(size: tuple[int, int]) -> Placing:
-            return Placing(map=Map.filling(size)) if self.placed else Placing()
-
-        return Config(
-            projector=PanelConfig(size_px=PROJECTOR_PX, place=place(PROJECTOR_PX)),
-            mask=PanelConfig(size_px=MASK_PX, place=place(MASK_PX)),
-            camera=CameraConfig(
-                profile="450d", seed=5, frame_quads=self.quads, place=place(self.quads)
-            ),
-            scene=SceneConfig(kind=self.scene, options=self.card),
-            bench=BenchConfig(truth=str(truth)),
-            calibration=CalibrationConfig(use=self.use),
-            server=ServerConfig(state_dir=str(self.folder / "state")),
-        )
+        kind = SceneConfig(kind=self.scene, options=self.card)
+        used = CalibrationConfig(use=self.use)
+        return make_config(
+            self.folder, self.truth, quads=self.quads, placed=self.placed, scene=kind,
+            calibration=used,
+        )  # fmt: skip
 
     def engine(self) -> Engine:
         engine = Engine.from_config(self.config)

@@ -9,20 +9,14 @@ import numpy as np
 import pytest
 
 from pdcd.bench.placed import panels_of
-from pdcd.bench.tables import (
-    BenchConfig,
-    CameraConfig,
-    Config,
-    PanelConfig,
-    SceneConfig,
-    ServerConfig,
-)
+from pdcd.bench.tables import SceneConfig
 from pdcd.bench.truth import load_bench_truth
 from pdcd.calibration.registration.registration_step import calibrate_registration
 from pdcd.calibration.script import CalibrationSession
 from pdcd.panels.map import Map, map_between
 from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands
+from tests.e2e.calibration.steps_rig import make_config
 from tests.unit.calibration.scripted import preview_of
 
 TRUTH = """
@@ -54,19 +48,13 @@ def hands(
     folder: Path,
     more: str = AMBIENT,
     *,
-    albedo: float = 0.9,
     quads: tuple[int, int] = QUADS,
 ) -> Hands:
     """A small bench whose maps are known, as after geometry."""
-    (folder / "truth.toml").write_text(TRUTH + more)
-    config = Config(
-        projector=PanelConfig(size_px=(192, 144)),
-        mask=PanelConfig(size_px=(288, 216)),
-        camera=CameraConfig(profile="450d", frame_quads=quads, seed=5),
-        scene=SceneConfig(kind="card", grid=(12, 18), options={"albedo": albedo}),
-        bench=BenchConfig(truth=str(folder / "truth.toml")),
-        server=ServerConfig(state_dir=str(folder / "state")),
-    )
+    config = make_config(
+        folder, TRUTH + more, projector_px=(192, 144), mask_px=(288, 216), quads=quads,
+        scene=SceneConfig(kind="card", grid=(12, 18)),
+    )  # fmt: skip
     found = Hands(config, folder, full=80, f_number=22.0)
     found.knows_maps()
     return found
@@ -101,16 +89,8 @@ def test_a_camera_that_looks_straight_on_is_not_called_one_that_moved(
     quads: tuple[int, int], tmp_path: Path
 ) -> None:
     """All three devices on one raster, where quads and pixels may fall into step."""
-    (tmp_path / "truth.toml").write_text("")
     size = (256, 192)
-    config = Config(
-        projector=PanelConfig(size_px=size),
-        mask=PanelConfig(size_px=size),
-        camera=CameraConfig(profile="450d", frame_quads=quads, seed=5),
-        scene=SceneConfig(kind="card", grid=(12, 16)),
-        bench=BenchConfig(truth=str(tmp_path / "truth.toml")),
-        server=ServerConfig(state_dir=str(tmp_path / "state")),
-    )
+    config = make_config(tmp_path, projector_px=size, mask_px=size, quads=quads)
     one = Hands(config, tmp_path, full=80, f_number=22.0)
     one.knows_maps()
     told = {f.name: f for f in one.run("registration", calibrate_registration(one.session)).figures}

@@ -12,13 +12,7 @@ from pdcd.bench.tables import Config
 from pdcd.bench.truth import load_bench_truth
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse
-from tests.e2e.calibration.timing_rig import (
-    REFRESH_S,
-    bench,
-    calibrated,
-    leaks_of,
-    record_of,
-)
+from tests.e2e.calibration.timing_rig import REFRESH_S, bench, calibrated, leaks_of, record_of
 
 STRIPS = tuple(f"rhythms-{number}" for number in (1, 2, 3, 4))
 TAUS = """

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from pdcd.bench.calibration import Calibration, read_calibration
 from pdcd.bench.measured import apply_calibration as measured
-from pdcd.bench.tables import (
-    BenchConfig,
-    CameraConfig,
-    Config,
-    PanelConfig,
-    SceneConfig,
-    ServerConfig,
-)
+from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.panels.map import Map
-from pdcd.panels.placing import Placing
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.pulses import PanelResponse, compute_code_separation
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
+from tests.e2e.calibration.steps_rig import make_config
 
 REFRESH_S = 1.0 / 60.0
 PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)
@@ -33,21 +26,12 @@ F_NUMBER = 22.0
 def bench(folder: Path, truth: str, *, placed: bool = True, **panels: object) -> Config:
     """A bench before a card. placed : whether maps are known, as after the step of geometry.
     panels : more of [projector], which is believed and true."""
-    (folder / "truth.toml").write_text(truth)
-
-    def place(size: tuple[int, int]) -> Placing:
-        return Placing(map=Map.filling(size)) if placed else Placing()
-
-    return Config(
-        projector=PanelConfig(size_px=PROJECTOR_PX, place=place(PROJECTOR_PX), **panels),  # type: ignore[arg-type]
-        mask=PanelConfig(size_px=MASK_PX, place=place(MASK_PX)),
-        camera=CameraConfig(
-            profile="450d", frame_quads=QUADS, place=place(QUADS), f_number=F_NUMBER, seed=4
-        ),
-        scene=SceneConfig(kind="card", grid=(12, 16)),
-        bench=BenchConfig(truth=str(folder / "truth.toml")),
-        server=ServerConfig(state_dir=str(folder / "state")),
-    )
+    config = make_config(
+        folder, truth, projector_px=PROJECTOR_PX, mask_px=MASK_PX, quads=QUADS, placed=placed,
+        camera={"f_number": F_NUMBER, "seed": 4}, scene=SceneConfig(kind="card", grid=(12, 16)),
+    )  # fmt: skip
+    projector = msgspec.structs.replace(config.projector, **panels)
+    return msgspec.structs.replace(config, projector=projector)
 
 
 def calibrated(config: Config, step: str) -> tuple[CaptureResult, Config]:

@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.calibration.script import (
-    CalibrationPhoto,
-    ConfigValue,
-    PhotoRequest,
-    StepOutcome,
-)
+from pdcd.calibration.script import CalibrationPhoto, ConfigValue, PhotoRequest, StepOutcome
 from pdcd.calibration.shown import make_still_sequence
 from pdcd.calibration.steps import AT_WISH, METER, STEP_SCRIPTS, order_steps, start_step_script
 from pdcd.errors import CalibrationError

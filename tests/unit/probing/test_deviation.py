@@ -7,10 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.probing.deviation import (
-    compute_row_deviations,
-    row_weights_s,
-)
+from pdcd.probing.deviation import compute_row_deviations, row_weights_s
 from pdcd.probing.realised import Factors, sum_signed_factors
 from pdcd.probing.wanted import (
     FullPart,

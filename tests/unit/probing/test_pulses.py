@@ -12,11 +12,7 @@ from pdcd.calibration.timing.timing_model import PanelTimes, PhotoLog, StripMode
 from pdcd.panels.frames import Frames
 from pdcd.panels.schedule import SLOTS
 from pdcd.probing.panel import PanelOptics
-from pdcd.probing.pulses import (
-    PanelResponse,
-    compute_code_separation,
-    compute_pulse_product,
-)
+from pdcd.probing.pulses import PanelResponse, compute_code_separation, compute_pulse_product
 from pdcd.probing.realised import collect_factors, compute_factors
 from pdcd.words import ScheduleName
 from tests.frame_logs import make_log

@@ -8,10 +8,7 @@ from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import pack_levels
 from pdcd.probing.panel import PanelOptics
-from pdcd.probing.spans import (
-    find_frame_spans,
-    find_span_starts,
-)
+from pdcd.probing.spans import find_frame_spans, find_span_starts
 
 
 def starts_of(

@@ -15,14 +15,7 @@ from pdcd.virtual.optics import bench as benches
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects, make_tint
 from pdcd.virtual.scene.scene import Scene
-from tests.unit.virtual.optics.test_bench import (
-    GRID,
-    PX,
-    config_of,
-    exposure_of,
-    scene_of,
-    white,
-)
+from tests.unit.virtual.optics.test_bench import GRID, PX, config_of, exposure_of, scene_of, white
 
 
 def bench_of(scene: Scene, **more: Any) -> OpticalBench:

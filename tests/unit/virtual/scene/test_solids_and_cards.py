@@ -14,9 +14,7 @@ from pdcd.virtual.scene.build import ALBEDO, build_scene, make_card
 from pdcd.virtual.scene.depth import OffAxisRig
 from pdcd.virtual.scene.kernel import make_gaussian_kernel
 from pdcd.virtual.scene.milk import make_milk_effects
-from pdcd.virtual.scene.solids import (
-    make_wall,
-)
+from pdcd.virtual.scene.solids import make_wall
 
 GREY = (0.5, 0.5, 0.5)
 
