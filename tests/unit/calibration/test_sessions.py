@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from types import SimpleNamespace
 from typing import Any
 
@@ -88,3 +89,10 @@ def test_metering_comes_first_and_wants_white_light() -> None:
     first = next(start_step_script(METER, session_of()))
     assert isinstance(first, PhotoRequest) and first.shown.name == "meter-1"
     assert METER not in STEP_SCRIPTS
+
+
+@pytest.mark.parametrize("name", [METER, *STEP_SCRIPTS])
+def test_each_name_has_a_script(name: str) -> None:
+    script = start_step_script(name, session_of())
+    assert isinstance(script, Generator)
+    script.close()
