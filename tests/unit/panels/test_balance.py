@@ -179,6 +179,18 @@ def test_passes_that_do_not_end_are_given_up() -> None:
         )  # fmt: skip
 
 
+def test_the_last_pass_that_is_allowed_is_played() -> None:
+    """The mask misses all codes at first: one more pass over all of them mends that."""
+    played = []
+
+    def play(rows: NDArray[np.int32]) -> FrameLog:
+        played.append(rows)
+        return log_of(rows.tolist(), dual=[0] * 12 if len(played) == 1 else None)
+
+    play_all(play, frames_of(), on_miss="balance", rounds=1, row_hz=HZ)
+    assert [len(rows) for rows in played] == [12, 12]
+
+
 def test_a_stall_of_seconds_is_not_made_up_for_by_hours() -> None:
     played = []
 
