@@ -57,22 +57,6 @@ def test_dots_off_the_lattice_are_no_steps_of_it() -> None:
     assert sorted(index_dots(stray)[1].tolist()) == list(range(35))
 
 
-def test_steps_may_change_slowly() -> None:
-    """Each step is 4 % longer than that before."""
-    across = np.concatenate([[0.0], np.cumsum(10.0 * 1.04 ** np.arange(14))])
-    x, y = np.meshgrid(across, across[:8])
-    counts, which = index_dots(np.stack([x.ravel(), y.ravel()], axis=-1))
-    assert len(which) == 15 * 8 == len({tuple(c) for c in counts.tolist()})
-
-
-@pytest.mark.parametrize("count", [0, 1, 3])
-def test_fewer_than_four_dots_are_no_lattice(count: int) -> None:
-    points, _ = lattice(2, 2, 10.0, 10.0j)
-    counts, which = index_dots(points[:count])
-    assert counts.shape == (0, 2) and which.size == 0
-    assert len(index_dots(points)[1]) == 4
-
-
 def test_dots_in_a_line_have_no_second_direction() -> None:
     line = np.stack([np.arange(9.0) * 10.0, np.zeros(9)], axis=-1)
     assert len(index_dots(line)[1]) == 0
@@ -110,21 +94,6 @@ def test_a_part_of_the_code_is_found_whichever_way_it_is_seen(
     dots = np.array([[0, 0], [2, 1], [5, 4]])
     wanted = [np.array(SYMMETRIES[symmetry]) @ dot + shift for dot in dots]
     assert found.index(dots).tolist() == [w.tolist() for w in wanted]
-
-
-def test_score_and_lead_are_shares_of_all_that_is_known() -> None:
-    """Of cells of one sure and one faint light: agreement by their strength."""
-    cells = cells_of(0, (3, 2), 6, 8)
-    whole = find_lattice_place(cells, CODE)
-    code = np.where(CODE, -1.0, 1.0)
-    code -= code.mean()
-    assert whole.score == pytest.approx(float((cells * code[2:8, 3:11]).sum()) / 48.0)
-    assert 0.0 < whole.lead < whole.score
-    faint = find_lattice_place(0.25 * cells, CODE)
-    assert (faint.score, faint.lead) == pytest.approx((whole.score, whole.lead))
-    wrong = cells.copy()
-    wrong[0, :4] *= -1.0
-    assert find_lattice_place(wrong, CODE).score < whole.score - 0.15
 
 
 def test_chance_is_not_sure() -> None:

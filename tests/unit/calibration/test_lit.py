@@ -75,20 +75,6 @@ def test_photos_that_tell_nothing_say_why(
     assert caught.value.device == device and caught.value.hint
 
 
-@pytest.mark.parametrize(("count", "refused"), [(16, False), (17, True)])
-def test_two_thousandths_may_be_saturated(count: int, refused: bool) -> None:
-    white = photo(100.0)
-    saturated = np.zeros(SHAPE, np.bool_)
-    saturated.ravel()[:count] = True
-    given = QuadPhoto(white.light, white.variance, saturated)
-    if refused:
-        with pytest.raises(CalibrationError, match=r"0\.2% of the photo is saturated") as caught:
-            find_panel_light(given, photo(0.0, seed=1), "mask")
-        assert caught.value.device == "mask" and "shorter" in str(caught.value.hint)
-    else:
-        assert find_panel_light(given, photo(0.0, seed=1), "mask").all()
-
-
 @pytest.mark.parametrize("pattern", OFFSETS_QUADS)
 def test_samples_lie_a_quarter_of_a_quad_off_its_middle(pattern: str) -> None:
     """Letters of the four samples: above left, above right, below left, below right."""

@@ -70,13 +70,6 @@ def test_a_stretched_guard_is_harmless(row: int) -> None:
     assert log.missed.sum() == (4 if row < 11 else 0)
 
 
-def test_a_stretched_code_asks_for_all_others_with_their_guards() -> None:
-    lasts = [1, 1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1]
-    more = catch_up(frames_of(), log_of(range(12), lasts), HZ)
-    assert more is not None
-    np.testing.assert_array_equal(more, [0, 1, 2, 6, 7, 8, 9, 10, 11])
-
-
 def test_codes_planned_twice_and_lit_thrice_are_brought_to_four_times() -> None:
     """Three is no multiple of the plan, and no code may be shown less than it was."""
     lasts = [1, 2, *[1] * 10]

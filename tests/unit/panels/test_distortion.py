@@ -71,13 +71,6 @@ RNG = np.random.default_rng(11)
 WAVY = RNG.normal(size=(5, 7, 2))
 
 
-def test_between_two_nodes_lies_a_line() -> None:
-    plane = make_residual(PLANE, SIZE)
-    points = np.array([[0.0, 0.0], [60.0, 40.0], [30.0, 10.0], [15.0, 40.0]])
-    wanted = [[1.0, 0.0], [6.0, 2.0], [3.0, -1.0], [3.75, 6.5]]
-    np.testing.assert_allclose(plane.at(points), wanted, atol=1e-14)
-
-
 def test_it_has_a_slope_up_to_the_edges_and_none_beyond() -> None:
     plane = make_residual(PLANE, SIZE)
     across, down = [3.0 / 60.0, -6.0 / 60.0], [2.0 / 40.0, 8.0 / 40.0]

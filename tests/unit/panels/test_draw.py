@@ -14,9 +14,8 @@ from pdcd.errors import ConfigError
 from pdcd.panels.atoms import ATOMS_PER_CELL, OUTSIDE, find_atoms
 from pdcd.panels.draw import check_fit, draw, draw_planes
 from pdcd.panels.frames import BLACK, WHITE, Frames
-from pdcd.panels.lattice import Lattice
 from pdcd.panels.map import Map, PanelView
-from pdcd.panels.patterns import pack_bits, pack_levels, pack_planes, read_pattern_levels
+from pdcd.panels.patterns import pack_bits, pack_levels, pack_planes
 from pdcd.panels.placing import Placing, make_placed_map
 from tests.panel_pixels import planned, random_frames, upright
 
@@ -85,40 +84,6 @@ def test_what_cannot_be_drawn_is_refused() -> None:
     assert caught.value.device == "mask"
     with pytest.raises(ConfigError, match="grey levels"):
         draw_planes(random_frames((6, 8), "whole", 4, grey=True), MASK, [0])
-
-
-@pytest.mark.parametrize(
-    ("window", "shift"), [("whole", 0), *(("quarter", shift) for shift in range(4))]
-)
-def test_pixels_are_what_the_lattice_says(window: str, shift: int) -> None:
-    """Cell means of both panels, and of their product, where quarters of cells divide the panel."""
-    grid, size = (6, 5), (40, 24)
-    frames, lattice = random_frames(grid, window, 8), Lattice(grid, window)
-    row = shift if window == "quarter" else 0
-    light = draw(frames, upright(size, mask=False), row) / 255
-    opening = draw(frames, upright(size, mask=True), row) / 255
-    primal = read_pattern_levels(
-        frames.primal_patterns, frames.primal_index[row], lattice.lattice_cells
-    )
-    dual = read_pattern_levels(frames.dual_patterns, frames.dual_index[row], lattice.lattice_cells)
-    fields = lattice.primal_field_values(primal, shift)
-    windows = lattice.dual_field_values(dual, shift)
-    np.testing.assert_allclose(cell_means(light, grid), fields.mean(axis=0), atol=1e-12)
-    np.testing.assert_allclose(
-        cell_means(opening, grid), windows.ravel() @ lattice.spread, atol=1e-12
-    )
-    coaxial = sum(
-        o.area * lattice.seen(windows[o.dual_field][None], o)[0].ravel() * fields[o.primal_field]
-        for o in lattice.overlaps
-    )
-    np.testing.assert_allclose(cell_means(light * opening, grid), coaxial, atol=1e-12)
-
-
-def cell_means(image: np.ndarray[Any, Any], grid: tuple[int, int]) -> np.ndarray[Any, Any]:
-    rows, cols = grid
-    height, width = image.shape
-    blocks = image.reshape(rows, height // rows, cols, width // cols)
-    return np.asarray(blocks.mean(axis=(1, 3))).ravel()
 
 
 SMALL_PROJECTOR, SMALL_MASK = upright((5, 3), mask=False), upright((4, 2), mask=True)

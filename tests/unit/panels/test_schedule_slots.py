@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, WHITE, FrameLog
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import SLOTS, build_frames, count_slot_rows
 from pdcd.planning.bench_fit import choose_window
 from pdcd.words import ScheduleName
-from tests import bench_rig
 
 B, W = BLACK, WHITE
 BITS = np.array([[0b10100000], [0b01100000]], dtype=np.uint8)
@@ -95,16 +93,6 @@ def test_a_log_without_rows_asked_was_asked_for_all_in_order() -> None:
         shown, shown, ns, ns, np.zeros(2, np.int64), shown, "test", True, primal_asked=shown
     )
     assert [rows.tolist() for rows in asked.asked] == [[5, 6, 7], [0, 1, 2]]
-
-
-def test_paper_counts() -> None:
-    """Printed 512 codes are 128 pairs under 4 shifts: 1536 refreshes, 25.6 s at 60 Hz (H5)."""
-    codes = make_codes("hadamard", (49, 65), 128, dual="complement")
-    frames = build_frames(
-        bench_rig.pairs(codes), (48, 64), window="quarter", schedule="full", passes=1
-    )
-    assert len(frames) == 1536
-    assert len(frames) / 60.0 == pytest.approx(25.6)
 
 
 @pytest.mark.parametrize(

@@ -87,17 +87,6 @@ def test_x9_direct_needs_photos_of_equal_weight() -> None:
     assert np.all(np.abs(white - indirect - D) > 0.5 * S)
 
 
-def test_x10_distance_is_two_dimensional() -> None:
-    """The last cell of a row and the first of the next are neighbours as numbers only."""
-    wanted = make_recipe(
-        Target(Goal(name="long-range", radius=1), GRID), CaptureScheme()
-    ).wanted.dense()
-    last, first = GRID[1] - 1, GRID[1]
-    assert wanted[last, first] == 1.0
-    assert wanted[0, GRID[1] + 1] == 0.0  # diagonal neighbours, 6 apart as numbers
-    assert wanted[0, 2 * GRID[1]] == 1.0  # two rows down in the same column
-
-
 def test_x11_shifts_have_one_sign_and_filters_the_other() -> None:
     """off-diagonal w: m = n + w. filtered: n = m + w, so its tap at -w is the same picture."""
     shift = (1, -2)
