@@ -49,6 +49,13 @@ def test_a_quarter_turn_is_exact() -> None:
     np.testing.assert_array_equal(turned[0, :, 1], upright[:, 0, 1])
 
 
+def test_many_blocks_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    panel = view(turn_deg=7.0, radial=(0.05, -0.01))
+    whole = find_atoms(panel, (6, 8))
+    monkeypatch.setattr("pdcd.panels.atoms.BLOCK_PX", 100)
+    np.testing.assert_array_equal(whole, find_atoms.__wrapped__(panel, (6, 8)))
+
+
 def test_places_beyond_infinity_are_outside() -> None:
     """A panel that reaches behind the projection shows nothing there."""
     bent = msgspec.structs.replace(Map.filling((8, 8)), homography=(1, 0, 0, 0, 1, 0, -0.2, 0, 1))

@@ -90,10 +90,22 @@ def test_a_residual_has_2_to_32_nodes_a_side() -> None:
 
 
 def test_a_fold_between_many_nodes_is_seen() -> None:
-    """One node of 32 that leaps over its neighbour: four samples lie between any two."""
+    """One node of 32 that leaps over its neighbour: so narrow a fold lies between 33 points a
+    side, and is met by four from each node to the next."""
     nodes = [[(0.0, 0.0)] * 32 for _ in range(32)]
-    nodes[16][16] = (5.0, 0.0)
+    nodes[16][16] = (2.0, 0.0)
     refused("folds", residual=tuple(map(tuple, nodes)))
+
+
+@pytest.mark.parametrize(("wrong_px", "sound"), [(5.8e-5, True), (7e-5, False), (np.nan, False)])
+def test_the_way_back_ends_within_a_millionth_of_the_longer_side(
+    wrong_px: float, sound: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Map, "from_field", lambda _, field: field * (64, 48) + wrong_px)
+    if sound:
+        assert check_map(GOOD, "mask") is GOOD
+    else:
+        refused("cannot be inverted over the whole device")
 
 
 def test_a_device_turned_around_by_its_residual_cannot_be_inverted() -> None:
