@@ -311,3 +311,17 @@ def test_a_decoded_file_as_a_photo() -> None:
     assert photo.saturated is not None and photo.saturated[1, 2]
     assert RawSettings.of(raw) == RawSettings(100, 2.0, 8.0, (1024.25, 1024.0, 1024.0, 1023.75))
     assert RawSettings.of(replace(raw, masked=False)).black_dn == ()
+
+
+def test_blocks_at_the_edge_of_the_picture_do_not_count() -> None:
+    """Partly dark ones scatter more than their number of samples allows; faded ones do not."""
+    light = np.zeros((96, 128))
+    light[16:, :-16] = 8000.0 * np.linspace(1.0, 0.7, 112)
+    rng = np.random.default_rng(5)
+    first, second, dark = (
+        TrueSensor().samples(electrons, rng) for electrons in (light, light, 0.0 * light)
+    )
+    counts = compare_plane_pair(first, second, dark).samples.reshape(3, 4) > 0
+    assert counts[1:, :3].all()
+    assert not counts[0].any() and not counts[:, 3].any()
+    assert (compare_plane_pair(dark, dark).samples > 0).all()

@@ -139,3 +139,8 @@ def test_strips_are_of_one_width_from_edge_to_edge() -> None:
     for steps, order in zip((first, second), make_strip_orders(), strict=True):
         assert steps.levels[2, ::10].tolist() == [STRIP_LEVELS[n] for n in order]
         assert steps.panel == "projector"
+
+
+def test_light_beyond_black_and_white_is_cut_off() -> None:
+    light = made(np.concatenate([[0.0, -0.1], GREY[2:-2], [1.1, 1.0]])).light_of()
+    assert light.min() == 0.0 and light.max() == 1.0 and (np.diff(light) >= 0.0).all()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdcd.calibration.figures import Verdict
 from pdcd.calibration.light.metering import (
     FULL_SHARE,
     LEAST,
@@ -128,3 +129,12 @@ def test_short_photos_may_have_a_wider_lens() -> None:
     fixed = session_of(config(camera={"f_number": 8.0}), f_numbers=(4.0, 8.0))
     fixed.f_number, fixed.full = 8.0, 240
     assert choose_wide_aperture(fixed, 60) == (8.0, 240)
+
+
+def test_more_refreshes_than_all_steps_take_are_doubtful() -> None:
+    session, found = metered(FULL_SHARE / 1300.0, f_numbers=(8.0,))
+    assert session.full == MOST_WHITE_REFRESHES and found.outcome is not None
+    assert found.outcome.verdict is Verdict.DOUBTFUL
+    session, found = metered(FULL_SHARE / 1100.0, f_numbers=(8.0,))
+    assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
+    assert session.full == pytest.approx(1100, abs=1)

@@ -91,3 +91,21 @@ def test_it_is_the_same_once_it_was_kept() -> None:
     again = MapDrift.kept(SIZE, found.array)
     np.testing.assert_array_equal(again.array, found.array)
     assert again.since(found).worst_px[0] == 0.0
+
+
+def test_sure_points_count_for_more() -> None:
+    """Half of the points with a tenth of the others' error, which are 1 px off."""
+    sigma = np.where(np.arange(COUNT) % 2, 0.1, 1.0)
+    now = POINTS + np.where(np.arange(COUNT) % 2, 0.0, 1.0)[:, None] * (1.0, 0.0)
+    found = fitted(SIZE, POINTS, now, sigma)
+    assert np.hypot(*found.numbers[:2]) < 0.02
+
+
+def test_the_corner_that_moved_most_is_told_with_its_error() -> None:
+    """A shift right and down and a turn about the middle: the corner above moves to the right."""
+    numbers, sigma = np.array([3.0, 4.0, 0.0, 0.1]), np.array([0.3, 0.3, 0.05, 0.05])
+    found = MapDrift((20, 16), numbers, sigma, np.zeros((3, 4, 2)), 9)
+    steps = [np.hypot(3.0 - 0.1 * y, 4.0 + 0.1 * x) for x in (-10, 10) for y in (-8, 8)]
+    far, error = found.worst_px
+    assert far == pytest.approx(max(steps)) == pytest.approx(np.hypot(3.8, 5.0))
+    assert error == pytest.approx(np.hypot(0.3, 0.05 * np.hypot(10.0, 8.0)))

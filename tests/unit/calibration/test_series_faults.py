@@ -10,6 +10,7 @@ from pdcd.calibration.registration.averaging import StripeAverager
 from pdcd.calibration.registration.series_faults import (
     check_series_consistency,
     check_stripe_direction,
+    check_stripe_saturation,
     check_window_coverage,
 )
 from pdcd.errors import CalibrationError
@@ -82,3 +83,17 @@ def test_stripes_of_the_mask_run_by_their_map(turning: NDArray[np.complex128], w
     with pytest.raises(CalibrationError, match=words) as caught:
         check_stripe_direction(turning, CARRIER, first, AVERAGING, PLACES)
     assert caught.value.device == "mask" and caught.value.hint
+
+
+def test_more_than_a_thousandth_of_lit_quads_saturated_is_refused() -> None:
+    where = np.zeros((60, 50), np.bool_)
+    where[:40] = True
+    saturated = np.zeros((60, 50), np.bool_)
+    saturated[50:] = True  # where nothing is lit that does not matter
+    saturated[0, :2] = True
+    check_stripe_saturation(saturated, where)
+    check_stripe_saturation(None, where)
+    saturated[0, :3] = True
+    with pytest.raises(CalibrationError, match=r"0\.1% of the lit part") as caught:
+        check_stripe_saturation(saturated, where)
+    assert caught.value.device == "camera" and "expose less" in str(caught.value.hint)

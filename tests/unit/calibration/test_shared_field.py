@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
+from pdcd.calibration.geometry import shared_field as module
 from pdcd.calibration.geometry.shared_field import (
     FieldBox,
     SharedField,
@@ -188,3 +189,14 @@ def test_a_pixel_lies_on_another_device_with_all_of_its_corners() -> None:
     found = find_pixels_on(one, other)
     assert wanted.any() and not wanted.all()
     np.testing.assert_array_equal(found[sure], wanted[sure])
+
+
+def test_a_large_picture_is_searched_by_blocks_and_to_the_pixel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    good = np.zeros((97, 131), dtype=np.bool_)
+    good[7:90, 11:118] = True
+    good[40, 3] = good[2, 60] = True
+    monkeypatch.setattr(module, "MOST_PLACES", 500)
+    assert find_largest_box(good) == (11, 7, 107, 83)
+    assert find_largest_box(np.zeros((97, 131), dtype=np.bool_)) == (0, 0, 0, 0)

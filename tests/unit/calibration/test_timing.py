@@ -313,3 +313,12 @@ def test_strips_of_both_panels_lie_on_each_other_wherever_the_panels_are() -> No
     edge = np.abs(field[:, 0] * 24 - np.rint(field[:, 0] * 24)) < 0.05
     pixel = np.floor(mask.from_field(field[edge])).astype(int)
     assert not white.mask[0][pixel[:, 1], pixel[:, 0]].any()
+
+
+def test_a_lag_that_no_line_follows_is_doubtful() -> None:
+    timing = found(bench(scan_s=0.0011))
+    for bent_s, verdict in ((0.1e-3, Verdict.GOOD), (0.25e-3, Verdict.DOUBTFUL)):
+        bent = replace(timing, lag_s=timing.lag_s + bent_s * np.array([0.0, 1.0, 0.0]))
+        assert bent.beside_s == pytest.approx(bent_s, abs=0.03e-3)
+        (scan,) = (figure for figure in bent.figures() if figure.name == "mask.scan_s")
+        assert scan.verdict == verdict

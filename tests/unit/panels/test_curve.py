@@ -47,6 +47,8 @@ def test_a_table_is_straight_between_its_lights() -> None:
     ("lights", "told"),
     [
         ((0.0,), "needs 2 to 256"),
+        ((0.0,) * 256 + (1.0,), "needs 2 to 256"),
+        ((0.0,) * 255 + (1.0,), ""),
         ((0.1, 1.0), "begin with 0"),
         ((0.0, 0.9), "end with 1"),
         ((0.0, 0.7, 0.6, 1.0), "falls from 0.7 to 0.6"),
@@ -219,3 +221,17 @@ def test_black_and_white_stay_what_they_are_whatever_is_owed() -> None:
         assert (white, black) == (255, 0)
         # The next grey level makes up for the first one.
         assert (first, again) == ((1, 0) if owed == "less" else (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("room", "copies"),
+    [(0, 1), (-3, 1), (1, 1), (2, 2), (COPIES, COPIES), (COPIES + 1, COPIES)],
+)
+def test_a_sequence_has_as_many_copies_as_there_is_room_for(room: int, copies: int) -> None:
+    """Grey levels of either panel are reason enough; both panels get as many."""
+    assert COPIES == 16
+    for light, mask in ((GREY, BITS), (BITS, GREY)):
+        sent = prepare_sequence(light, mask, (make_power_curve(2.2), make_power_curve(2.2)), room)
+        assert [len(patterns) for patterns in sent] == [2 * copies] * 2
+        bits = sent[1] if mask is BITS else sent[0]
+        np.testing.assert_array_equal(bits, np.tile(pack_bits(BITS), (copies, 1)))

@@ -176,3 +176,22 @@ def test_parts_of_cells_are_looked_at_where_asked_and_where_there_are_any(
     )
     assert (got.fine is not None) is given
     assert got.displaced is None
+
+
+def test_many_chunks_and_low_rank_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    primal, dual = PANELS["uneven"]
+    frames = frames_for("quarter", "full", count=5)
+    log = log_for(frames)
+
+    def run() -> list[NDArray[np.float64]]:
+        parts = list(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
+        whole = collect_factors(parts)
+        assert whole.left.shape[0] <= 6  # never more than the cells there are
+        return [whole.dense(), whole.coaxial, whole.open_s, np.array([float(len(parts))])]
+
+    one = run()
+    monkeypatch.setattr("pdcd.probing.realised.FIELD_CHUNK_BYTES", 1)
+    many = run()
+    assert one[3] < many[3]
+    for a, b in zip(one[:3], many[:3], strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-13)

@@ -123,3 +123,13 @@ def test_each_sample_has_its_sight(
             place = cells.at(x + tap.offset[0], y + tap.offset[1])
             np.testing.assert_array_equal(sights.place[sight], place)
     assert (sights.lit == NO_SITE).any() and (sights.place == NO_SITE).any()
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize(
+    ("x", "y"), [(1.0, 0.5), (0.5, 1.0), (-1e-9, 0.5), (0.5, -1e-9), (np.nan, 0.5), (0.5, np.nan)]
+)
+def test_beside_the_field_there_is_no_cell(x: float, y: float, smooth: bool) -> None:
+    cells = CellGrid((2, 3), smooth=smooth)
+    found = cells.at(np.array([0.1, x, 0.9]), np.array([0.1, y, 0.9]))
+    assert found[1] == NO_SITE and (found[[0, 2]] >= 0).all()
