@@ -325,3 +325,41 @@ def test_blocks_at_the_edge_of_the_picture_do_not_count() -> None:
     assert counts[1:, :3].all()
     assert not counts[0].any() and not counts[:, 3].any()
     assert (compare_plane_pair(dark, dark).samples > 0).all()
+
+
+def test_light_that_leaks_unevenly_has_its_noise_where_it_is() -> None:
+    """A quiet sensor, over which half a DN of leaked light falls off to nothing."""
+    gain, read_dn, shape = 3.0, 0.55, (256, 384)
+    leaked = 0.5 * np.linspace(0.0, 2.0, shape[1])[None] * np.ones(shape)
+
+    def photo(level: float, rng: np.random.Generator) -> Floats:
+        electrons = rng.poisson((leaked + level) * gain)
+        return np.rint(electrons / gain + read_dn * rng.standard_normal(shape))
+
+    chi2, read = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        dark, again = (photo(0.0, rng) for _ in range(2))
+        pairs = [
+            compare_plane_pair(photo(level, rng), photo(level, rng), dark)
+            for level in (1500.0, 4000.0)
+        ]
+        found = fit_photon_transfer(
+            "R", compare_plane_pair(dark, again), tuple(pairs), highest_dn=9000.0, leaked_dn=0.5
+        )
+        chi2.append(found.chi2)
+        read.append(found.read_noise_e)
+    assert np.mean(chi2) < 1.1 and max(chi2) < 1.3
+    assert np.mean(read) == pytest.approx(gain * read_dn, rel=0.01)
+
+
+def test_a_lamp_of_very_different_light_gives_the_same_gain() -> None:
+    rng, sensor = np.random.default_rng(11), TrueSensor()
+    dark, again, first, second = (
+        sensor.samples(np.full((256, 256), light), rng) for light in (0.0, 0.0, 20000.0, 9000.0)
+    )
+    first[::37, ::41] += 4000.0  # what particles of cosmic rays leave
+    lit = compare_plane_pair(first, second, dark)
+    found = fit_photon_transfer("G1", compare_plane_pair(dark, again), (lit,), highest_dn=9000.0)
+    assert found.gain_e_per_dn == pytest.approx(2.96, abs=4 * found.gain_sigma)
+    assert found.gain_sigma < 0.03

@@ -100,3 +100,9 @@ def test_nothing_is_left_of_a_gaussian_beyond_its_reach() -> None:
     assert (share[apart >= GAUSSIAN_REACH * sigma] == 0.0).all()
     assert (share[apart <= 5.0 * sigma] > 0.0).all()
     np.testing.assert_allclose(share[:, 15:25].sum(axis=0), 1.0, rtol=1e-12)
+
+
+def test_direct_light_and_that_of_others_are_kept_by_their_weights() -> None:
+    one = fine(3)
+    wanted = 3.0 * one.coaxial + 0.25 * (one.light - one.own)
+    np.testing.assert_allclose(one.kept(3.0, 0.25), wanted)

@@ -7,8 +7,8 @@ import numpy as np
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import pack_levels
-from pdcd.probing.panel import PanelOptics
-from pdcd.probing.spans import find_frame_spans, find_span_starts
+from pdcd.probing.panel import PanelOptics, Trajectory
+from pdcd.probing.spans import compute_span_weights, find_frame_spans, find_span_starts, meet_spans
 
 
 def starts_of(
@@ -65,3 +65,17 @@ def test_a_row_that_was_not_shown_is_black() -> None:
     shown, at = np.array([1, BLACK, 0], np.int32), np.array([10, 20, 30], np.int64)
     rows, starts = find_frame_spans(frames, shown, at, 40, PanelOptics(), 0, True)
     assert (rows, starts.tolist()) == ([-1, 1, BLACK, 0, -1], [0, 10, 20, 30, 40])
+
+
+def test_spans_after_the_end_meet_nothing() -> None:
+    track = Trajectory(PanelOptics(), np.array([0], np.int64), 3, lambda span: np.ones(3))
+    rows, opens = compute_span_weights(
+        PanelOptics(),
+        PanelOptics(),
+        np.array([0, 9], np.int64),
+        np.array([0], np.int64),
+        exposure_ns=8,
+    )
+    left, alive, open_s = meet_spans(np.ones((1, 2)), track, rows[1:], opens[[1]].sum(axis=0))
+    assert left.shape == (0, 3) and alive.tolist() == [False] and open_s.tolist() == [0.0] * 3
+    assert track.reached == 0

@@ -157,3 +157,28 @@ def test_partners_of_a_shift_lie_down_and_right() -> None:
     assert shift_cells((2, 3), (-1, 0)).tolist() == [-1, -1, -1, 0, 1, 2]
     assert shift_cells((2, 3), (0, -1)).tolist() == [-1, 0, 1, -1, 3, 4]
     assert shift_cells((2, 3), (0, 2)).tolist() == [2, -1, -1, 5, -1, -1]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_products_say_so(name: str) -> None:
+    part, dense = PARTS[name]
+    sides = part.product()
+    assert (sides is None) == (name not in ("uniform", "outer"))
+    if sides is not None:
+        np.testing.assert_allclose(np.outer(*sides), dense)
+        for more, whole in (
+            (GainPart(LIGHT, part), LIGHT[:, None] * dense),
+            (IlluminatedPart(part, LIGHT), dense * LIGHT),
+        ):
+            again = more.product()
+            assert again is not None
+            np.testing.assert_allclose(np.outer(*again), whole)
+
+
+def test_another_light_leaves_the_rest_as_it_is() -> None:
+    wanted = WantedMatrix(GRID, ((2.0, UniformPart(CELLS)),), None, by_direct=True, by_light=True)
+    under = wanted.under(LIGHT)
+    assert under.light is LIGHT and under.by_direct and under.by_light
+    assert under.parts is wanted.parts and under.grid == GRID
+    plain = WantedMatrix(GRID, wanted.parts).under(LIGHT)
+    assert not plain.by_direct and not plain.by_light

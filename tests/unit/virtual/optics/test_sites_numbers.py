@@ -77,3 +77,14 @@ def test_pixels_that_show_the_same_have_one_history(
         histories.levels(frames, 0, LINEAR, slice(0, 6))[1:3] ** 2, atol=1e-12,
     )  # fmt: skip
     assert histories.band.tolist() == [0] * 6 and histories.in_band(0) == slice(0, 6)
+
+
+def test_histories_of_late_rows_are_their_own() -> None:
+    sites = sites_of(PIXEL_WINDOW, (4, 2), scan_s=0.001, scan_bands=2)
+    histories = Histories(sites, pixel_frames(), mask=False)
+    assert (np.diff(histories.band) >= 0).all() and histories.delay_ns.tolist() == [0, 1_000_000]
+    np.testing.assert_array_equal(histories.band[histories.of], sites.band)
+    assert histories.in_band(0).stop == histories.in_band(1).start
+    # Black, and two and three kinds of pixels.
+    assert histories.in_band(1).stop == len(histories) == 6
+    np.testing.assert_array_equal(histories.tile, histories.band)

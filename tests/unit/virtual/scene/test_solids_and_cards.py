@@ -14,9 +14,14 @@ from pdcd.virtual.scene.build import ALBEDO, build_scene, make_card
 from pdcd.virtual.scene.depth import OffAxisRig
 from pdcd.virtual.scene.kernel import make_gaussian_kernel
 from pdcd.virtual.scene.milk import make_milk_effects
-from pdcd.virtual.scene.solids import make_wall
+from pdcd.virtual.scene.solids import Rectangle, find_first_hit, make_wall
 
 GREY = (0.5, 0.5, 0.5)
+SQUARE = Rectangle((0.0, 0.0, 2.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), GREY)
+
+
+def met(start: tuple[float, float, float], way: tuple[float, float, float]) -> float:
+    return float(SQUARE.met(np.array([start]), np.array([way]))[0])
 
 
 def test_nothing_is_seen_beside_all_surfaces() -> None:
@@ -84,3 +89,21 @@ def test_milk_is_three_effects_of_known_strength() -> None:
     assert np.array_equal(blur.tint, tint) and np.array_equal(veil.tint, tint)
     clear_water = make_milk_effects(grid, (1.0, 1.0), 0.0 * depth, albedo, sigma=0.7, tint=tint)
     assert len(clear_water) == 3
+
+
+def test_the_first_of_several_surfaces_is_seen() -> None:
+    near, far = make_wall(2.0, (0.5, 0.5), GREY), make_wall(4.0, (2.0, 2.0), GREY)
+    way = np.array([[0.0, 0.0, 1.0], [0.4, 0.0, 1.0], [0.9, 0.0, 1.0]])
+    which, points = find_first_hit([far, near], np.zeros(3), way)
+    assert which.tolist() == [1, 0, -1]
+    np.testing.assert_allclose(points[:2], [[0.0, 0.0, 2.0], [1.6, 0.0, 4.0]])
+    assert np.isnan(points[2]).all()
+
+
+def test_a_rectangle_is_met_ahead_only_and_from_either_side() -> None:
+    assert met((0.5, 0.5, 0.0), (0.0, 0.0, 4.0)) == pytest.approx(0.5)
+    assert met((0.5, 0.5, 3.0), (0.0, 0.0, -1.0)) == pytest.approx(1.0)
+    assert met((0.5, 0.5, 3.0), (0.0, 0.0, 1.0)) == np.inf
+    assert met((0.5, 0.5, 2.0), (0.0, 0.0, 1.0)) == np.inf  # it starts there
+    assert met((0.5, 0.5, 2.0), (1.0, 0.0, 0.0)) == np.inf  # within its plane
+    assert met((0.0, 0.5, 0.0), (0.5, 0.0, 1.0)) == pytest.approx(2.0)
