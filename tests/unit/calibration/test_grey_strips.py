@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import QuadPhoto
 from pdcd.calibration.response.levels import (
+    NO_STRIP,
     STRIP_LEVELS,
     GreyResponse,
     find_level_strip,
@@ -19,6 +20,7 @@ from pdcd.calibration.response.levels import (
     measure_grey_response,
     plan_level_photos,
 )
+from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
 
@@ -144,3 +146,56 @@ def test_strips_are_of_one_width_from_edge_to_edge() -> None:
 def test_light_beyond_black_and_white_is_cut_off() -> None:
     light = made(np.concatenate([[0.0, -0.1], GREY[2:-2], [1.1, 1.0]])).light_of()
     assert light.min() == 0.0 and light.max() == 1.0 and (np.diff(light) >= 0.0).all()
+
+
+def fallen(fall: float, **more: Any) -> dict[str, QuadPhoto]:
+    """Level 9 gives less light than level 8."""
+    light = gamma_of(1.0)
+    light[9] = light[8] - fall
+    return photos(light, **more)
+
+
+def apart(many: int) -> dict[str, QuadPhoto]:
+    """Two orders of strips that disagree by a fifth of the light, at `many` levels."""
+    light = gamma_of(1.0)
+    other = light.copy()
+    other[-1 - many : -1] -= 0.2 * np.where(np.arange(many) % 2, 1.0, 0.999)
+    return photos((light, other))
+
+
+def shaded(share: float) -> dict[str, QuadPhoto]:
+    """A strip with `share` of the mean white light of all."""
+    white = np.ones(17)
+    white[6] = share * (16.0 / (17.0 - share))
+    return photos(gamma_of(2.2), white=white)
+
+
+@pytest.mark.parametrize(
+    ("borne", "refused", "words"),
+    [
+        (photos((GREY, 1.029 * GREY)), photos((GREY, 1.032 * GREY)), "the lamp changed by +3"),
+        (photos((GREY, 0.971 * GREY)), photos((GREY, 0.968 * GREY)), "the lamp changed by -3"),
+        (apart(0), apart(4), "two orders of strips disagree by"),
+        (fallen(0.019), fallen(0.021), f"from level {STRIP_LEVELS[8]} to level {STRIP_LEVELS[9]}"),
+        (fallen(0.021, sigma=0.05), fallen(0.3, sigma=0.05), "light falls from level"),
+        (shaded(0.11), shaded(0.09), "strip 7 of 17 is dark in the white photo"),
+        (photos(GREY, sigma=0.075), photos(GREY, sigma=0.12), "too dim: a strip is known to"),
+        (photos(gamma_of(1.0, 0.19)), photos(gamma_of(1.0, 0.21)), "black strips have 21 % of"),
+    ],
+)
+def test_strips_are_refused_just_beyond_what_is_borne(
+    borne: dict[str, QuadPhoto], refused: dict[str, QuadPhoto], words: str
+) -> None:
+    measure_grey_response(borne, STRIPS)
+    with pytest.raises(CalibrationError) as caught:
+        measure_grey_response(refused, STRIPS)
+    assert words in str(caught.value)
+
+
+def test_strips_need_thirty_quads() -> None:
+    strips = STRIPS.copy()
+    strips[0, 3 * QUADS + 30 : 4 * QUADS] = NO_STRIP
+    measure_grey_response(photos(gamma_of(2.2)), strips)
+    strips[0, 3 * QUADS + 29] = NO_STRIP
+    with pytest.raises(CalibrationError, match="strip 4 of 17 is seen by 29 quads"):
+        measure_grey_response(photos(gamma_of(2.2)), strips)

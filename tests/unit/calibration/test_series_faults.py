@@ -8,10 +8,14 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.registration.averaging import StripeAverager
 from pdcd.calibration.registration.series_faults import (
+    check_offset_range,
+    check_same_stripe,
     check_series_consistency,
+    check_stripe_contrast,
     check_stripe_direction,
     check_stripe_saturation,
     check_window_coverage,
+    find_lit_quads,
 )
 from pdcd.errors import CalibrationError
 from pdcd.panels.map import Map
@@ -97,3 +101,82 @@ def test_more_than_a_thousandth_of_lit_quads_saturated_is_refused() -> None:
     with pytest.raises(CalibrationError, match=r"0\.1% of the lit part") as caught:
         check_stripe_saturation(saturated, where)
     assert caught.value.device == "camera" and "expose less" in str(caught.value.hint)
+
+
+def mostly(dark: int) -> Floats:
+    """Stripes everywhere but at some places."""
+    share = triangle()
+    share[:dark] = 0.25
+    return share
+
+
+@pytest.mark.parametrize(
+    ("share", "sigma", "words"),
+    [
+        (triangle(level=0.59), 1e-4, ""),
+        (triangle(level=0.61), 1e-4, "gave 0.6 times the light"),
+        (triangle(level=0.019, size=0.01), 1e-4, "the photos of stripes are black"),
+        (np.full((N, STEPS), 0.45), 1e-4, "one of the panels shows no stripes"),
+        (triangle(level=0.3, size=0.066), 1e-4, ""),
+        (triangle(level=0.3, size=0.055), 1e-4, "the stripes do not modulate"),
+        (mostly(N // 10 - 1), 1e-4, ""),
+        (mostly(N // 10), 1e-4, "the stripes do not modulate"),
+        (triangle(), 0.019, ""),
+        (triangle(), 0.021, "the stripes do not modulate"),
+    ],
+)
+def test_photos_without_stripes_tell_why(share: Floats, sigma: float, words: str) -> None:
+    if not words:
+        check_stripe_contrast(share, first_of(share), np.full(N, sigma))
+        return
+    with pytest.raises(CalibrationError, match=words):
+        check_stripe_contrast(share, first_of(share), np.full(N, sigma))
+
+
+def test_offsets_near_half_a_period_are_ambiguous() -> None:
+    """But for a hundredth of them."""
+    offsets = np.full((200, 2), 6.3)
+    offsets[:2, 0] = -6.5
+    check_offset_range(offsets, 16)
+    offsets[:3, 0] = -6.5
+    with pytest.raises(CalibrationError, match=r"6\.4 px or more apart: stripes of 16 px"):
+        check_offset_range(offsets, 16)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_periods_must_agree_to_a_pixel_in_both_directions(axis: int) -> None:
+    beside = np.zeros((9, 2))
+    beside[:, axis] = -0.99
+    beside[0] = 50.0
+    check_same_stripe(beside, 16)
+    beside[1:, axis] = -1.01
+    with pytest.raises(CalibrationError, match=r"stripes of 16 px .* further apart"):
+        check_same_stripe(beside, 16)
+
+
+def test_lit_quads_have_a_tenth_of_the_brightest_light_and_it_is_above_noise() -> None:
+    white = np.full((20, 20), 100.0)
+    white[0, :3] = 9.9, 10.1, np.nan
+    found = find_lit_quads(white, np.ones((20, 20)))
+    assert found.sum() == 398 and found[0, :3].tolist() == [False, True, False]
+    assert find_lit_quads(np.full((9, 9), 5.1), np.ones((9, 9))).all()
+    for dark in (np.full((9, 9), 4.9), np.full((9, 9), np.nan), np.zeros((9, 9))):
+        with pytest.raises(CalibrationError, match="there is no light"):
+            find_lit_quads(dark, np.ones((9, 9)))
+
+
+@pytest.mark.parametrize(
+    ("columns", "beside", "enough"), [(10, 0.0, True), (9, 0.0, False), (16, 4.9, False)]
+)
+def test_three_fifths_of_the_field_must_be_measured(
+    columns: int, beside: float, enough: bool
+) -> None:
+    """Of 16 columns of the field, each 10 quads wide, as many have a place; it counts as measured
+    within two periods and a half of one."""
+    camera = Map.filling((160, 120))
+    x, y = np.meshgrid(np.arange(columns) * 10.0 + 5.0 + beside, np.arange(12) * 10.0 + 5.0)
+    places = np.stack([x.ravel(), y.ravel()], axis=-1)
+    check_window_coverage(places, camera, 2.0 if enough or beside else 5.0)
+    if not enough:
+        with pytest.raises(CalibrationError, match="of the field only; 60%"):
+            check_window_coverage(places, camera, 1.0)
