@@ -184,14 +184,18 @@ def test_many_chunks_and_low_rank_agree(monkeypatch: pytest.MonkeyPatch) -> None
     log = log_for(frames)
 
     def run() -> list[NDArray[np.float64]]:
-        parts = list(compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
+        parts = list(
+            compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log), fine=True)
+        )
         whole = collect_factors(parts)
         assert whole.left.shape[0] <= 6  # never more than the cells there are
-        return [whole.dense(), whole.coaxial, whole.open_s, np.array([float(len(parts))])]
+        assert whole.fine is not None
+        found = [whole.dense(), whole.coaxial, whole.open_s, whole.fine.light, whole.fine.coaxial]
+        return [*found, np.array([float(len(parts))])]
 
     one = run()
     monkeypatch.setattr("pdcd.probing.realised.FIELD_CHUNK_BYTES", 1)
     many = run()
-    assert one[3] < many[3]
-    for a, b in zip(one[:3], many[:3], strict=True):
+    assert one[-1] < many[-1]
+    for a, b in zip(one[:-1], many[:-1], strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-13)

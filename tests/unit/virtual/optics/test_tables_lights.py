@@ -45,19 +45,19 @@ def test_light_of_any_number_of_effects_comes_together(
     effects: int, room: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A photo is the sum of those of its effects, however much is worked on at a time."""
-    monkeypatch.setattr(products, "SPAN_CHUNK_BYTES", room)
-    monkeypatch.setattr(render, "WEIGHT_CACHE_BYTES", room)
     direct = make_direct_effects(RNG.random((12, 3)))
     more = [
         DenseEffect(f"d{n}", RNG.random((12, 12)), tint=make_tint(*RNG.random(3)))
         for n in range(effects)
     ]
     exposure = exposure_of(coded(np.random.default_rng(1)))
-    whole = bench_of(Scene("s", (3, 4), (*direct, *more)))
-    found = whole.photo(exposure)
     parts = bench_of(Scene("s", (3, 4), tuple(direct))).photo(exposure)
     for effect in more:
         parts = parts + bench_of(Scene("s", (3, 4), (effect,))).photo(exposure)
+    monkeypatch.setattr(products, "SPAN_CHUNK_BYTES", room)
+    monkeypatch.setattr(render, "WEIGHT_CACHE_BYTES", room)
+    whole = bench_of(Scene("s", (3, 4), (*direct, *more)))
+    found = whole.photo(exposure)
     np.testing.assert_allclose(found, parts, rtol=1e-10)
     np.testing.assert_array_equal(whole.photo(exposure), found)
 
