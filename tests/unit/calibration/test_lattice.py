@@ -115,3 +115,11 @@ def test_more_cells_than_the_panel_has_have_no_place() -> None:
     assert (found.score, found.lead) == (0.0, 0.0)
     upright = cells_of(0, (2, 0), 14, 15)
     assert find_lattice_place(upright, CODE).shift.tolist() == [2, 0]
+
+
+def test_steps_may_change_slowly() -> None:
+    """Each step is 4 % longer than that before."""
+    across = np.concatenate([[0.0], np.cumsum(10.0 * 1.04 ** np.arange(14))])
+    x, y = np.meshgrid(across, across[:8])
+    counts, which = index_dots(np.stack([x.ravel(), y.ravel()], axis=-1))
+    assert len(which) == 15 * 8 == len({tuple(c) for c in counts.tolist()})

@@ -82,3 +82,23 @@ def test_samples_lie_a_quarter_of_a_quad_off_its_middle(pattern: str) -> None:
     for number, colour in enumerate("RGB"):
         own = [place for letter, place in zip(pattern, places, strict=True) if letter == colour]
         assert OFFSETS_QUADS[pattern][number] == pytest.approx(tuple(np.mean(own, axis=0)))
+
+
+@pytest.mark.parametrize(("count", "refused"), [(16, False), (17, True)])
+def test_two_thousandths_may_be_saturated(count: int, refused: bool) -> None:
+    white = photo(100.0)
+    saturated = np.zeros(SHAPE, np.bool_)
+    saturated.ravel()[:count] = True
+    given = QuadPhoto(white.light, white.variance, saturated)
+    if refused:
+        with pytest.raises(CalibrationError, match=r"0\.2% of the photo is saturated") as caught:
+            find_panel_light(given, photo(0.0, seed=1), "mask")
+        assert caught.value.device == "mask" and "shorter" in str(caught.value.hint)
+    else:
+        assert find_panel_light(given, photo(0.0, seed=1), "mask").all()
+
+
+def test_what_is_borne_is_borne() -> None:
+    assert find_panel_light(photo(7.0, room=5.0), photo(0.0, room=5.0, seed=1), "mask").mean() > 0.9
+    assert find_panel_light(photo(10.6), photo(0.0, seed=1), "mask").mean() > 0.9
+    assert find_panel_light(corner(20), photo(0.0, seed=1), "mask").sum() == 160

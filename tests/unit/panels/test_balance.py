@@ -331,3 +331,10 @@ def test_half_a_refresh_is_the_next_one(late_ns: int, harm: bool) -> None:
             catch_up(zero_frames(3), log, HZ_50)
     else:
         assert catch_up(zero_frames(3), log, HZ_50) is None
+
+
+def test_a_stretched_code_asks_for_all_others_with_their_guards() -> None:
+    lasts = [1, 1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1]
+    more = catch_up(frames_of(), log_of(range(12), lasts), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [0, 1, 2, 6, 7, 8, 9, 10, 11])

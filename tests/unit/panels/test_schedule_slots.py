@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, WHITE, FrameLog
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import SLOTS, build_frames, count_slot_rows
 from pdcd.planning.bench_fit import choose_window
 from pdcd.words import ScheduleName
+from tests import bench_rig
 
 B, W = BLACK, WHITE
 BITS = np.array([[0b10100000], [0b01100000]], dtype=np.uint8)
@@ -127,3 +129,13 @@ def test_an_open_mask_ends_at_its_border(window: str) -> None:
     open_share = seen / seen[0, 0]
     np.testing.assert_allclose(open_share[:2], 1.0)
     np.testing.assert_allclose(open_share[2], 0.5 if inside == 1.0 else 1.0)
+
+
+def test_paper_counts() -> None:
+    """Printed 512 codes are 128 pairs under 4 shifts: 1536 refreshes, 25.6 s at 60 Hz (H5)."""
+    codes = make_codes("hadamard", (49, 65), 128, dual="complement")
+    frames = build_frames(
+        bench_rig.pairs(codes), (48, 64), window="quarter", schedule="full", passes=1
+    )
+    assert len(frames) == 1536
+    assert len(frames) / 60.0 == pytest.approx(25.6)

@@ -72,6 +72,14 @@ def test_e1_the_quantised_photo_is_within_half_a_number_of_the_sensor(tmp_path: 
     assert off_dn.max() > 0.05  # it is quantised indeed
 
 
+def test_e2_probing_equation_holds_for_any_known_matrix() -> None:
+    """N pairs, one open cell each, make any matrix; the sum over m is taken by a loop."""
+    pi = RNG.random((N, N)).astype(np.float32).astype(float)
+    seen = photo(show(pi, np.eye(N), GRID), scene_of(T, GRID))
+    brute = [sum(pi[n, m] * T[n, m] for m in range(N)) for n in range(N)]
+    np.testing.assert_allclose(seen, brute, rtol=1e-12)
+
+
 def test_e3_relit_scene_view_is_the_floodlit_photo_of_the_product() -> None:
     bits = make_codes("balanced", GRID, 16, dual="complement", seed=1)
     coded = show(bits.primal, bits.dual, GRID)
@@ -81,12 +89,43 @@ def test_e3_relit_scene_view_is_the_floodlit_photo_of_the_product() -> None:
     np.testing.assert_allclose(photo(coded, scene_of(T, GRID)), virtual, rtol=1e-12)
 
 
+@pytest.mark.parametrize(("family", "exact"), [("hadamard", True), ("bernoulli", False)])
+def test_e4_rank_one_split_adds_up_to_the_matrix_that_is_reported(family: str, exact: bool) -> None:
+    """Sum of m i^T against 1 - I over 4, in Frobenius norm and largest entry; 0 with K > N."""
+    codes = make_codes(family, GRID, 32, dual="complement", seed=2)
+    split = sum(np.outer(m, i) for m, i in zip(codes.dual + 0.0, codes.primal + 0.0, strict=True))
+    realised = show(codes.primal, codes.dual, GRID).dense() / catalogue_rig.REFRESH_S
+    np.testing.assert_allclose(realised, split, rtol=1e-12, atol=1e-12)
+    error = split / 32 - 0.25 * (1.0 - np.eye(N))
+    frobenius, largest = np.linalg.norm(error), np.abs(error).max()
+    if exact:
+        assert largest == 0.0
+    else:
+        # Entries of random codes scatter by sqrt(p(1-p) (1 - p(1-p)) / K) = 0.077 each.
+        assert frobenius == pytest.approx(0.0765 * np.sqrt(N * (N - 1)), rel=0.2)
+
+
 @pytest.mark.parametrize("family", ["bernoulli", "balanced", "hadamard"])
 def test_e5_pipeline_is_the_sum_of_masked_photos(family: str) -> None:
     codes = make_codes(family, GRID, 32, dual="complement", seed=4)
     one_by_one = sum(m * (T @ i) for m, i in zip(codes.dual, codes.primal + 0.0, strict=True))
     at_once = photo(show(codes.primal, codes.dual, GRID), scene_of(T, GRID))
     np.testing.assert_allclose(at_once, one_by_one, rtol=1e-12)
+
+
+def test_e6_diagonal_estimator_has_no_bias() -> None:
+    h = draws(8)
+    estimates = np.mean(h * (h @ T.T), axis=1)
+    standard_error = estimates.std(axis=0, ddof=1) / np.sqrt(DRAWS)
+    assert np.all(np.abs(estimates.mean(axis=0) - np.diag(T)) < 4.0 * standard_error)
+
+
+def test_e7_variance_of_rademacher_is_the_sum_of_squares_over_k() -> None:
+    count = 8
+    h = draws(count)
+    variance = np.mean(h * (h @ T.T), axis=1).var(axis=0, ddof=1)
+    squares = np.sum(T**2, axis=1) - np.diag(T) ** 2
+    np.testing.assert_allclose(variance * count / squares, 1.0, atol=4.0 * np.sqrt(2.0 / DRAWS))
 
 
 @pytest.mark.parametrize("shift", [(0, 1), (1, -2), (-1, 0)])
@@ -105,6 +144,21 @@ def test_e8_mask_of_a_shifted_code_samples_the_off_diagonal(shift: tuple[int, in
         if 0 <= r < GRID[0] and 0 <= c < GRID[1]:
             want[n] = T[n, r * GRID[1] + c]
     np.testing.assert_allclose(seen, want, atol=1e-12)
+
+
+def test_e9_general_matrix_estimator_has_no_bias_and_the_variance_derived() -> None:
+    """Var = (|pi|^2 |t|^2 + (pi . t)^2 - 2 sum pi^2 t^2) / K, row by row."""
+    pi = RNG.normal(size=(N, N))
+    count = 8
+    h = draws(count)
+    estimates = np.mean((h @ pi.T) * (h @ T.T), axis=1)
+    want = np.sum(pi * T, axis=1)
+    spread = estimates.std(axis=0, ddof=1) / np.sqrt(DRAWS)
+    assert np.all(np.abs(estimates.mean(axis=0) - want) < 4.0 * spread)
+    formula = (
+        np.sum(pi**2, axis=1) * np.sum(T**2, axis=1) + want**2 - 2 * np.sum(pi**2 * T**2, axis=1)
+    ) / count
+    np.testing.assert_allclose(estimates.var(axis=0, ddof=1) / formula, 1.0, atol=0.15)
 
 
 def test_e10_negative_values_are_two_photos_of_twice_the_codes() -> None:
@@ -143,3 +197,16 @@ def test_e11_matrix_of_few_distinct_rows_takes_that_many_codes_and_is_exact() ->
     seen = photo(shown, scene_of(T, GRID)) * matrix.max()
     # Grey levels are stored in single precision.
     np.testing.assert_allclose(seen, np.sum(matrix * T, axis=1), rtol=1e-6)
+
+
+def test_e12_gaussian_codes_have_more_variance_than_rademacher() -> None:
+    """(Q + 2 D^2) / K instead of Q / K: their squares scatter too."""
+    count = 8
+    z = np.random.default_rng(8).standard_normal((DRAWS, count, N))
+    variance = np.mean(z * (z @ T.T), axis=1).var(axis=0, ddof=1)
+    own = np.diag(T) ** 2
+    squares = np.sum(T**2, axis=1) - own
+    np.testing.assert_allclose(variance * count / (squares + 2.0 * own), 1.0, atol=0.2)
+    h = draws(count)
+    rademacher = np.mean(h * (h @ T.T), axis=1).var(axis=0, ddof=1)
+    assert np.all(rademacher < 0.5 * variance)

@@ -12,7 +12,7 @@ from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
 from pdcd.probing.deviation import measure_deviation
 from pdcd.probing.panel import PanelOptics
-from pdcd.probing.realised import collect_factors, compute_factors
+from pdcd.probing.realised import collect_factors, compute_factors, sum_signed_factors
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles
 from tests.frame_logs import REFRESH_NS, make_log
@@ -199,3 +199,27 @@ def test_many_chunks_and_low_rank_agree(monkeypatch: pytest.MonkeyPatch) -> None
     assert one[-1] < many[-1]
     for a, b in zip(one[:-1], many[:-1], strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-13)
+
+
+def test_black_level_shots_leave_the_codes_alone() -> None:
+    """L3: P(i,m) - P(i,0) - P(0,m) + P(0,0) = (1 - eps)(1 - delta) sum m i, exactly."""
+    primal, dual = PanelOptics(leak=0.01), PanelOptics(leak=0.02)
+    grid = (3, 4)
+    codes = make_codes("hadamard", grid, 8, dual="complement", seed=2)
+    parts = []
+    for sign, p, d in [
+        (1.0, False, False), (-1.0, False, True), (-1.0, True, False), (1.0, True, True),
+    ]:  # fmt: skip
+        frames = build_frames(
+            bench_rig.pairs(codes), grid, window="whole", schedule="full", passes=1,
+            primal_black=p, dual_black=d,
+        )  # fmt: skip
+        log = log_for(frames)
+        one = collect_factors(
+            compute_factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log))
+        )
+        parts.append((sign, one))
+    total = sum_signed_factors(parts)
+    want = (codes.dual.astype(float).T @ codes.primal) * REFRESH_NS * 1e-9 * 0.99 * 0.98
+    np.testing.assert_allclose(total.dense(), want, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(total.coaxial, 0.0, atol=1e-15)
