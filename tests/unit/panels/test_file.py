@@ -49,6 +49,8 @@ def test_maps_come_back_to_the_last_bit(tmp_path: Path) -> None:
     assert load_map(path, "mask") == maps["mask"]
     save_maps(path, {"mask": bent(3)})  # replaced, and nothing left beside it
     assert load_maps(path) == {"mask": bent(3)}
+    with pytest.raises(ConfigError, match="holds no map of the camera, but of mask"):
+        load_map(path, "camera")
     assert os.listdir(tmp_path) == ["maps.npz"]  # noqa: PTH208 - every name, also a hidden one
 
 

@@ -93,7 +93,7 @@ def test_cells_are_cut_where_windows_end(
     assert down == Lattice(GRID, window).pieces[0]
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.125, -0.3), (-1.25, 0.5)])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.125, -0.3), (-1.25, 0.5), (1e-17, 0.5 + 1e-16)])
 @pytest.mark.parametrize("window", WINDOWS)
 def test_parts_of_cells_are_where_their_places_are(
     window: str, offset: tuple[float, float]
