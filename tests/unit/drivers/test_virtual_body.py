@@ -8,19 +8,24 @@ from typing import Any
 import pytest
 
 from drivers.ptp.codes import ExposureMode, FocusMode
-from drivers.ptp.events import ObjectAdded, PlainRecord, PropValue, parse_events
-from drivers.virtual_camera.body import DATA_OUT, CameraBody
+from drivers.ptp.events import ObjectAdded, PropValue, parse_events
+from drivers.virtual_camera.body import CameraBody
 from drivers.virtual_camera.faults import FaultScript, ScriptedFault, WireKind
 from drivers.virtual_camera.films import PlainFilm
-from drivers.virtual_camera.model import BULB_BODY, RELEASE_BODY, CameraModel
-from drivers.virtual_camera.reply import OK as DONE
+from drivers.virtual_camera.model import BULB_BODY, CameraModel
+from drivers.virtual_camera.objects import FileStore
+from drivers.virtual_camera.properties import Properties
 from drivers.virtual_camera.reply import CameraReply
 from pdcd.bench.clock import VirtualClock
 
 OK, GENERAL, NO_SESSION, UNSUPPORTED, BAD_HANDLE = 0x2001, 0x2002, 0x2003, 0x2005, 0x2009
+
 BAD_PROPERTY, FULL, BUSY, BAD_VALUE, BAD_PARAMETER = 0x200A, 0x200C, 0x2019, 0x201C, 0x201D
+
 OPEN, CLOSE, REMOTE, EVENTS, GET_EVENT, SET = 0x1002, 0x1003, 0x9114, 0x9115, 0x9116, 0x9110
+
 START, END, KEEP_ON = 0x9125, 0x9126, 0x911D
+
 SHOTS, DESTINATION = 0xD11B, 0xD11C
 
 
@@ -65,13 +70,6 @@ class Camera:
         return found
 
 
-def test_answers_are_plain_unless_more_is_said() -> None:
-    assert CameraReply(0x2001, (), None, None) == DONE == CameraReply()
-    assert frozenset({0x9110, 0x1016, 0x100C, 0x100D}) == DATA_OUT
-    with pytest.raises(AttributeError):
-        DONE.code = 0x2002  # type: ignore[misc]
-
-
 def test_a_session_is_opened_once_and_by_a_number() -> None:
     camera = Camera()
     assert not camera.body.session_open
@@ -111,14 +109,6 @@ def test_modes_are_left_as_they_are_entered() -> None:
     camera.ask(EVENTS, 1)
     assert len(camera.heard()) == 1  # what was asked for meanwhile, and not all over again
     assert camera.ask(START) == OK
-
-
-def test_a_low_battery_is_told_with_the_settings() -> None:
-    for battery, told in ((0, [PlainRecord(0xC18D, bytes(4))]), (1, []), (2, [])):
-        camera = Camera(battery=battery)
-        for word in ((OPEN, 1), (EVENTS, 1)):
-            camera.ask(*word)
-        assert [record for record in camera.heard() if isinstance(record, PlainRecord)] == told
 
 
 def test_a_setting_is_refused_for_its_own_reason() -> None:
@@ -199,19 +189,6 @@ def test_bulb_is_held_and_ended() -> None:
     assert camera.ask(START) == OK
 
 
-def test_a_timed_exposure_is_released_and_told_when_it_is_over() -> None:
-    camera = Camera().begin()
-    camera.set(0xD102, 0x38)
-    camera.heard()
-    assert camera.ask(START) == GENERAL  # bulb alone is held
-    assert camera.body.transact(0x910F) == CameraReply(OK, (0,))
-    camera.body.release()  # which ends bulb alone
-    assert camera.body.shutter.is_open
-    camera.wait(2.0)
-    assert camera.ask(0x910F) == BUSY
-    assert [record.size_bytes for record in camera.heard()] == [5]
-
-
 @pytest.mark.parametrize(
     ("script", "bulb", "timed"),
     [
@@ -248,23 +225,6 @@ def test_a_dial_on_b_is_ready_as_well() -> None:
     assert not camera.body.shutter.is_open and camera.body.shutter.opened == 2
 
 
-def test_a_release_that_is_held_is_pressed_half_and_full() -> None:
-    camera = Camera(RELEASE_BODY).begin()
-    assert camera.ask(0x9128, 0) == BAD_PARAMETER and camera.ask(0x9128, 4) == BAD_PARAMETER
-    assert camera.ask(0x9128, 1) == OK and camera.body.shutter.opened == 0
-    assert camera.body.transact(0x9128, (3, 1)) == CameraReply(OK, (0,))
-    assert camera.ask(0x9128, 2) == BUSY
-    assert camera.ask(0x9129, 1) == OK and camera.body.shutter.is_open
-    assert camera.ask(0x9129, 2) == OK and not camera.body.shutter.is_open
-    assert camera.ask(START) == UNSUPPORTED
-    camera.wait(1.0)
-    camera.heard()
-    camera.set(0xD102, 0x10)  # 30 s
-    camera.heard()
-    assert camera.ask(0x9128, 3) == OK
-    assert camera.ask(0x9129, 3) == OK and camera.body.shutter.is_open  # it takes its time
-
-
 def test_settings_of_the_exposure_are_those_of_the_camera() -> None:
     camera = Camera().begin()
     camera.set(0xD103, 0x60)
@@ -277,15 +237,6 @@ def test_settings_of_the_exposure_are_those_of_the_camera() -> None:
 
 
 # The cable, and faults.
-
-
-def test_a_cable_that_comes_back_brings_no_session() -> None:
-    camera = Camera().begin()
-    camera.body.unplug()
-    assert not camera.body.plugged and camera.body.session_open
-    camera.body.replug()
-    assert camera.body.plugged and not camera.body.session_open
-    assert camera.body.plugged_again == 1
 
 
 @pytest.mark.parametrize(
@@ -311,22 +262,32 @@ def test_a_fault_is_done_or_told_to_the_transport(
     assert camera.body.session_open == (kind != "lost-session")
 
 
-def test_data_may_be_damaged_or_left_out() -> None:
-    whole = Camera().begin().body.transact(0x9108).data
-    assert whole is not None
-    damaged = Camera(wire=(ScriptedFault("corrupt", 0x9108),)).begin().body.transact(0x9108).data
-    assert damaged is not None and len(damaged) == len(whole)
-    differ = [at for at, pair in enumerate(zip(whole, damaged, strict=True)) if pair[0] != pair[1]]
-    assert differ == [len(whole) // 2]
-    left_out = Camera(wire=(ScriptedFault("no-data", 0x9108),)).begin().body.transact(0x9108)
-    assert left_out == CameraReply(OK, (), None, None)
-    empty = Camera(wire=(ScriptedFault("corrupt", KEEP_ON),)).begin().body.transact(KEEP_ON)
-    assert (empty.code, empty.data) == (OK, None)
+def test_what_a_sound_body_tells_at_first() -> None:
+    told = Properties(BULB_BODY, FaultScript()).everything()
+    values = {r.prop: r.value for r in told if isinstance(r, PropValue) and len(r.data) == 4}
+    assert values == {
+        0xD101: 0x30,  # f/5.6
+        0xD102: 0x68,  # 1/60 s
+        0xD103: 0x48,  # ISO 100
+        0xD105: 3,  # the dial on M
+        0xD106: 0,
+        0xD108: 3,  # manual focus
+        0xD111: 2,  # a full battery
+        0xD114: 60,
+        0xD11B: 92,  # what its card has room for
+        0xD11C: 2,  # the card
+        0xD11E: 0x20001,
+    }
+    packed = {r.prop: r.data for r in told if isinstance(r, PropValue) and len(r.data) != 4}
+    assert packed[0xD120] == struct.pack("<5I", 1, 16, 6, 0, 4)
+    custom = struct.unpack(f"<{len(packed[0xD1A0]) // 4}I", packed[0xD1A0])
+    assert custom[0] == len(packed[0xD1A0]) and custom[1] == 2  # bytes in all, and groups
+    assert custom[2:11] == (1, 32, 2, 0x101, 1, 0, 0x10F, 1, 0)
+    assert custom[11:] == (2, 32, 2, 0x201, 1, 0, 0x202, 1, 0)
 
 
-def test_the_card_is_one_of_2_gb_with_room() -> None:
-    camera = Camera().begin()
-    for code in (0x1005, 0x9102):
-        data = camera.body.transact(code, (0x20001,)).data
-        fixed = struct.pack("<HHHQQI", 4, 3, 0, 2_059_010_048, 1_156_874_240, 0xFFFFFFFF)
-        assert data == fixed + b"\x03S\0D\0\0\0\0"
+def test_names_begin_again_after_9999() -> None:
+    store = FileStore()
+    store._count = 9997
+    names = [store.add(b"", on_card=True, announced_bytes=0).name for _ in range(3)]
+    assert names == ["IMG_9998.CR2", "IMG_9999.CR2", "IMG_0001.CR2"]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drivers.ptp.codes import ExposureMode, FocusMode
+from drivers.ptp.codes import ExposureMode
 from drivers.virtual_camera import (
     BULB_BODY,
     CABLE_BODY,
@@ -91,19 +91,6 @@ def test_the_property_list_comes_once_a_session(make: Make) -> None:
     assert client.start() == first
 
 
-def test_settings_are_held_against_the_lists(make: Make) -> None:
-    client = make()
-    client.start()
-    assert client.set(0xD103, 0x40) == 0x201C  # ISO 50
-    assert client.set(0xD103, 0x50) == OK
-    assert client.events() == [struct.pack("<4I", 16, 0xC189, 0xD103, 0x50)]
-    assert client.set(0xD105, 3) == 0x201C  # the dial is turned by hand
-    assert client.set(0xDEAD, 1) == 0x200A
-    assert client.call(0x9127, 0xDEAD)[0] == GENERAL
-    client.ok(0x9127, 0xD103)
-    assert client.events() == [struct.pack("<4I", 16, 0xC189, 0xD103, 0x50)]
-
-
 def test_a_bulb_exposure_to_memory(make: Make) -> None:
     client = make()
     client.ready()
@@ -168,21 +155,6 @@ def test_what_happened_must_be_heard_before_a_release(make: Make) -> None:
     assert client.body.shutter.opened == 1
 
 
-def test_a_file_on_the_card_stays_until_deleted(make: Make) -> None:
-    client = make()
-    client.start()
-    client.set(*BULB)
-    client.events()
-    bulb(client, 1.0)
-    client.wait(0.2)
-    ((handle, size, _),) = client.files()
-    client.ok(0x9117, handle)
-    assert len(client.ok(0x1009, handle)) == size
-    assert struct.unpack("<4I", client.ok(0x1007, 0x20001, 0, 0))[0] == 3  # two folders and it
-    client.ok(0x100B, handle)
-    assert client.call(0x1008, handle)[0] == 0x2009
-
-
 def test_a_timed_release(make: Make) -> None:
     client = make()
     client.start()
@@ -223,26 +195,6 @@ def test_a_cable_release_needs_no_computer(make: Make) -> None:
     assert exposure.close_ns - exposure.open_ns == 2_000_000_000
 
 
-@pytest.mark.parametrize(
-    ("script", "refusal"),
-    [
-        (FaultScript(dial=ExposureMode.APERTURE_PRIORITY), GENERAL),
-        (FaultScript(focus=FocusMode.ONE_SHOT), GENERAL),
-        (FaultScript(battery=0), GENERAL),
-        (FaultScript(buffer_full=True), FULL),
-    ],
-    ids=["dial", "autofocus", "battery", "buffer"],
-)
-def test_a_camera_not_set_for_bulb_does_not_release(
-    make: Make, script: FaultScript, refusal: int
-) -> None:
-    client = make(script)
-    client.ready()
-    assert client.call(0x9125)[0] == refusal
-    client.body.press()
-    assert client.body.shutter.opened == 0
-
-
 def test_the_dial_off_m_offers_no_speeds_and_a_low_battery_speaks_up(make: Make) -> None:
     client = make(FaultScript(dial=ExposureMode.APERTURE_PRIORITY, battery=0))
     first = client.start()
@@ -250,14 +202,6 @@ def test_the_dial_off_m_offers_no_speeds_and_a_low_battery_speaks_up(make: Make)
     assert client.set(*BULB) == 0x201C
     assert struct.pack("<4I", 16, 0xC189, 0xD105, 2) in first
     assert struct.pack("<III", 12, 0xC18D, 0) in first
-
-
-def test_autofocus_is_told_by_the_parameter_of_a_timed_release(make: Make) -> None:
-    client = make(FaultScript(focus=FocusMode.ONE_SHOT))
-    client.start()
-    client.events()
-    assert client.call(0x910F)[:2] == (OK, (1,))
-    assert client.body.shutter.opened == 0
 
 
 def test_noise_reduction_doubles_the_time(make: Make) -> None:

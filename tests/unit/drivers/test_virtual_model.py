@@ -9,7 +9,6 @@ import pytest
 import usb.core
 import usb.util
 
-from drivers.ptp.codes import APERTURE_CODES, ISO_CODES
 from drivers.ptp.events import is_raw_only
 from drivers.virtual_camera import usb_backend
 from drivers.virtual_camera.model import (
@@ -20,8 +19,6 @@ from drivers.virtual_camera.model import (
     RAW_AND_JPEG,
     RAW_FORMAT,
     RELEASE_BODY,
-    STORAGE,
-    USB_ID,
 )
 from tests.virtual_eos import virtual_usb
 
@@ -64,32 +61,6 @@ def test_the_other_bodies_differ_in_how_they_are_released() -> None:
     assert {body.info.model for body in (BULB_BODY, RELEASE_BODY, CABLE_BODY)} == {
         "Canon EOS 450D", "Virtual EOS (release on/off)", "Virtual EOS (cable only)",
     }  # fmt: skip
-
-
-def test_a_450d_offers_100_to_1600_in_whole_stops() -> None:
-    assert [ISO_CODES[code] for code in BULB_BODY.isos] == [0, 100, 200, 400, 800, 1600]
-
-
-def test_shutter_speeds_are_bulb_and_thirds_from_30_s_to_a_4000th() -> None:
-    bulb, *codes = BULB_BODY.shutter_speeds
-    assert bulb == 0x0C
-    assert codes == [code for code in range(0x10, 0x99) if code % 8 in (0, 3, 5)]
-    slowest, fastest = (30.0 * 2.0 ** (-(code - 0x10) / 8.0) for code in (codes[0], codes[-1]))
-    assert slowest == 30.0 and fastest == pytest.approx(1.0 / 4369.0, rel=1e-3)
-
-
-def test_the_lens_is_a_kit_zoom_at_its_long_end() -> None:
-    codes = list(BULB_BODY.apertures)
-    assert codes == [code for code in range(0x30, 0x59) if code % 8 in (0, 3, 5)]
-    assert (APERTURE_CODES[codes[0]], APERTURE_CODES[codes[-1]]) == (5.6, 32.0)
-
-
-def test_other_settings_are_those_of_the_body() -> None:
-    assert BULB_BODY.drive_modes == (0, 1, 0x10)  # single, continuous, self-timer
-    assert BULB_BODY.destinations == (2, 4)  # card, then the computer
-    assert BULB_BODY.ram_shots == 5
-    assert STORAGE == 0x20001  # the first partition of the second medium
-    assert USB_ID == (0x04A9, 0x3145)
 
 
 def test_picture_formats_are_as_the_camera_packs_them() -> None:
@@ -180,11 +151,3 @@ def test_errors_are_those_of_libusb(code: int, number: int, words: str) -> None:
     error = usb_backend._error(code)
     assert (error.backend_error_code, error.errno) == (code, number)
     assert words in str(error)
-
-
-def test_a_time_out_is_one_to_pyusb_as_well(device: Any) -> None:
-    usb.util.claim_interface(device, 0)
-    with pytest.raises(usb.core.USBTimeoutError) as caught:
-        device.read(0x81, 512, 1)
-    assert (caught.value.backend_error_code, caught.value.errno) == (-7, 110)
-    usb.util.dispose_resources(device)

@@ -11,11 +11,19 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.virtual_camera import BULB_BODY, CameraBody, FaultScript, PlainFilm, ScriptedFault
-from drivers.virtual_camera.ptpip import _LONGEST_BYTES, PtpIpServer
+from drivers.virtual_camera.ptpip import _LONGEST_BYTES, PORT, Packet, PtpIpServer
 from pdcd.bench.clock import VirtualClock
 
 HELLO = struct.pack("<II", 30, 1) + bytes(16) + b"x\0\0\0"[:2] + struct.pack("<I", 0x10000)
+
 KEEP_ON = 0x911D
+PHOTO = (bytes(range(251)) * 10_000)[:2_500_000]
+GUID = b"pdcd" + bytes(10) + b"\x45\0"  # that of a 450D that is not there
+
+NAMES = (
+    "INIT_COMMAND INIT_COMMAND_ACK INIT_EVENT INIT_EVENT_ACK INIT_FAIL OPERATION RESPONSE EVENT "
+    "START_DATA DATA CANCEL END_DATA PING PONG"
+)
 
 
 class Line:
@@ -62,7 +70,7 @@ class Line:
 @pytest.fixture
 def body() -> CameraBody:
     faults = (ScriptedFault("unplug", 0x911B), ScriptedFault("wrong-transaction", 0x911C))
-    film = PlainFilm(lambda _: bytes(2_500_000))
+    film = PlainFilm(lambda _: PHOTO)
     return CameraBody(VirtualClock(), film, BULB_BODY, FaultScript(wire=faults))
 
 
@@ -102,27 +110,6 @@ def test_a_connection_that_ends_in_any_way_ends_its_session(
     assert not body.session_open
 
 
-def test_a_client_is_greeted_and_served(server: PtpIpServer, line: Line, body: CameraBody) -> None:
-    line.socket.sendall(HELLO)
-    kind, ack = line.receive()
-    assert kind == 2
-    assert struct.unpack_from("<I", ack) == (1,)
-    assert ack[20:-4].decode("utf-16-le") == "Virtual EOS\0"
-    events = Line(server)
-    events.send(3, struct.pack("<I", 1))
-    assert events.receive() == (4, b"")
-    line.send(13, b"")
-    assert line.receive() == (14, b"")
-    line.operate(KEEP_ON, 5)
-    assert line.response() == (0x2003, 5)  # no session yet
-    line.operate(0x1002, 0, 1)
-    assert line.response() == (0x2001, 0)
-    line.operate(KEEP_ON, 1)
-    assert line.response() == (0x2001, 1)
-    assert body.kept_on == 1
-    events.socket.close()
-
-
 def test_data_go_both_ways(line: Line, body: CameraBody) -> None:
     line.open()
     iso = struct.pack("<III", 12, 0xD103, 0x50)
@@ -132,41 +119,17 @@ def test_data_go_both_ways(line: Line, body: CameraBody) -> None:
     line.send(12, struct.pack("<I", 1) + iso[5:])
     assert line.response() == (0x2001, 1)
     assert body.settings.iso == 200
-
     body.settings.put(0xD102, struct.pack("<I", 0x0C))
     body.press()
     body.release()
     (handle,) = body.store.files
+    number, block = struct.pack("<I", 2), 1 << 20
     line.operate(0x1009, 2, handle)
-    kind, start = line.receive()
-    assert (kind, start) == (9, struct.pack("<IQ", 2, 2_500_000))
-    sizes = []
-    while kind != 12:
-        kind, piece = line.receive()
-        assert struct.unpack_from("<I", piece) == (2,)
-        sizes.append(len(piece) - 4)
-    assert sizes == [1 << 20, 1 << 20, 2_500_000 - (2 << 20)]
+    assert line.receive() == (9, struct.pack("<IQ", 2, len(PHOTO)))
+    assert line.receive() == (10, number + PHOTO[:block])
+    assert line.receive() == (10, number + PHOTO[block : 2 * block])
+    assert line.receive() == (12, number + PHOTO[2 * block :])
     assert line.response() == (0x2001, 2)
-
-
-def test_the_session_ends_with_the_connection(
-    server: PtpIpServer, line: Line, body: CameraBody
-) -> None:
-    line.open()
-    line.socket.close()
-    again = Line(server)
-    again.socket.sendall(HELLO)
-    assert again.receive()[0] == 2
-    # The other connection's end may be noticed a little later than this one's beginning.
-    code = 0x201E
-    for attempt in range(200):
-        again.operate(0x1002, attempt, 1)
-        code = again.response()[0]
-        if code == 0x2001:
-            break
-        threading.Event().wait(0.01)
-    assert code == 0x2001
-    again.socket.close()
 
 
 @pytest.mark.parametrize("more", [0, 1, 999])
@@ -226,3 +189,48 @@ def test_faults_that_tcp_can_carry(server: PtpIpServer, line: Line, body: Camera
     refused.socket.sendall(HELLO)
     assert refused.receive()[0] == 2
     refused.socket.close()
+
+
+def test_packets_have_the_numbers_of_the_standard() -> None:
+    """CIPA DC-005."""
+    assert PORT == 15740
+    assert {kind.name: kind.value for kind in Packet} == {
+        name: number for number, name in enumerate(NAMES.split(), 1)
+    }
+
+
+def test_a_client_is_greeted_with_number_name_and_version(line: Line, body: CameraBody) -> None:
+    line.socket.sendall(HELLO)
+    name = "Virtual EOS".encode("utf-16-le") + b"\0\0"
+    assert line.receive() == (2, struct.pack("<I", 1) + GUID + name + struct.pack("<I", 0x10000))
+    line.send(13, b"")
+    assert line.receive() == (14, b"")
+    for ignored in (11, 14):
+        line.send(ignored, b"")
+    line.operate(KEEP_ON, 4)
+    assert line.response() == (0x2003, 4)  # no session yet
+    line.operate(0x1002, 5, 1)
+    assert line.response() == (0x2001, 5) and body.session_open
+    line.operate(0x1002, 6, 9)
+    assert line.receive() == (7, struct.pack("<HII", 0x201E, 6, 1))
+
+
+def test_events_have_a_line_of_their_own(line: Line) -> None:
+    line.send(3, struct.pack("<I", 1))
+    assert line.receive() == (4, b"")
+    line.operate(0x1002, 0, 1)  # which is none for operations
+    with pytest.raises(ConnectionError):
+        line.receive()
+
+
+def test_the_end_of_the_server_is_the_end_of_its_lines(body: CameraBody) -> None:
+    with PtpIpServer(body, 0) as server:
+        assert (server.host, server.port > 0) == ("127.0.0.1", True)
+        lines = Line(server), Line(server)
+        for line in lines:
+            line.socket.sendall(HELLO)
+            assert line.receive()[0] == 2
+    for line in lines:
+        with pytest.raises(ConnectionError):
+            line.receive()
+        line.socket.close()

@@ -1,11 +1,15 @@
-"""The virtual camera's USB: errors, packets and speed as libusb has them."""
+"""The virtual camera's USB as libusb has it: claims, halts, resets, and transfers to the byte."""
 
 from __future__ import annotations
 
 import array
 import errno
 import hashlib
+import struct
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +17,15 @@ import usb.core
 import usb.util
 
 from drivers.mock import MockDisplay, MockReadout, MockShutter
-from drivers.virtual_camera import BenchFilm, FaultScript, PlainFilm, ScriptedFault
+from drivers.virtual_camera import (
+    CameraBody,
+    FaultScript,
+    PlainFilm,
+    ScriptedFault,
+    VirtualUsb,
+)
 from drivers.virtual_camera import make_bench_backend as bench_backend_of
-from drivers.virtual_camera.faults import WireKind
+from drivers.virtual_camera.model import BULB_BODY, CameraModel
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig
@@ -25,101 +35,287 @@ from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.virtual_eos import Client, virtual_usb
 
-KEEP_ON = 0x911D
+IN, OUT, INTERRUPT = 0x81, 0x02, 0x83
+
+KEEP_ON, INFO = 0x911D, 0x1001
+
+PACKET = 512
 
 
-def faulty(*faults: ScriptedFault) -> Client:
-    client = Client(virtual_usb(FaultScript(wire=faults)))
-    client.start()
-    return client
+class Bus:
+    """A backend with a camera, opened and claimed."""
+
+    def __init__(self, *faults: ScriptedFault, model: CameraModel = BULB_BODY) -> None:
+        self.clock = VirtualClock()
+        self.body = CameraBody(
+            self.clock, PlainFilm(lambda _: b"raw"), model, FaultScript(wire=faults)
+        )
+        self.usb = VirtualUsb(self.body)
+        self.handle: Any = self.open()
+        self.usb.claim_interface(self.handle, 0)
+
+    def open(self) -> Any:
+        (device,) = self.usb.enumerate_devices()
+        return self.usb.open_device(device)
+
+    def write(self, data: bytes) -> int:
+        return self.usb.bulk_write(self.handle, OUT, 0, array.array("B", data), 100)
+
+    def command(self, code: int, *parameters: int, number: int = 0) -> None:
+        size = 12 + 4 * len(parameters)
+        head = struct.pack("<IHHI", size, 1, code, number)
+        data = head + struct.pack(f"<{len(parameters)}I", *parameters)
+        assert self.write(data) == len(data)
+
+    def read(self, size: int = 4096) -> bytes:
+        buffer = array.array("B", bytes(size))
+        return buffer[: self.usb.bulk_read(self.handle, IN, 0, buffer, 100)].tobytes()
+
+    def control(self, kind: int, request: int, data: bytes | int = b"", value: int = 0) -> bytes:
+        buffer = array.array("B", bytes(data) if isinstance(data, int) else data)
+        count = self.usb.ctrl_transfer(self.handle, kind, request, value, 0, buffer, 100)
+        return buffer[:count].tobytes()
+
+    def response(self, number: int = 0) -> int:
+        length, kind, code, stated = struct.unpack_from("<IHHI", self.read())
+        assert (kind, stated) == (3, number) and length >= 12
+        return int(code)
 
 
-def test_a_stall_is_over_when_the_halt_is_cleared() -> None:
-    client = faulty(ScriptedFault("stall", KEEP_ON))
-    client.send(KEEP_ON)
-    for _ in range(2):
-        with pytest.raises(usb.core.USBError) as caught:
-            client.read()
-        assert caught.value.errno == errno.EPIPE
-    status = client.device.ctrl_transfer(0xA1, 0x67, 0, 0, 64).tobytes()
-    assert status == bytes.fromhex("0800 1f20 81000000")  # cancelled, and which endpoint halts
-    client.device.clear_halt(0x81)
-    assert client.answer()[0] == 0x2001
-    assert client.device.ctrl_transfer(0xA1, 0x67, 0, 0, 64).tobytes() == bytes.fromhex("0400 0120")
+def fails(number: int) -> Any:
+    return pytest.raises(usb.core.USBError, match=f"Errno {number}")
 
 
-@pytest.mark.parametrize(("kind", "done"), [("mute", 1), ("deaf", 0)])
-def test_no_answer_is_a_timeout_of_the_clock(kind: WireKind, done: int) -> None:
-    client = faulty(ScriptedFault(kind, KEEP_ON))
-    before = client.body.clock.now_ns()
-    client.send(KEEP_ON)
-    with pytest.raises(usb.core.USBTimeoutError) as caught:
-        client.read()
-    assert caught.value.errno == errno.ETIMEDOUT
-    assert client.body.clock.now_ns() - before == 1_000_000_000
-    assert client.body.kept_on == done
-    client.device.ctrl_transfer(0x21, 0x64, 0, 0, b"\x01\x40\x04\0\0\0")  # cancel
-    assert client.call(KEEP_ON)[0] == 0x2001
+def test_a_claim_is_for_one_and_ends_with_its_release() -> None:
+    bus = Bus()
+    other = bus.open()
+    with fails(errno.EBUSY):
+        bus.usb.claim_interface(other, 0)
+    bus.usb.claim_interface(bus.handle, 0)  # its own again
+    with fails(errno.ENOENT):
+        bus.usb.release_interface(other, 0)
+    bus.usb.release_interface(bus.handle, 0)
+    with fails(errno.ENOENT):
+        bus.usb.release_interface(bus.handle, 0)
+    with fails(errno.EIO):
+        bus.read()
+    bus.usb.claim_interface(other, 0)
+    bus.usb.close_device(bus.handle)  # which has claimed nothing
+    with fails(errno.EBUSY):
+        bus.usb.claim_interface(bus.handle, 0)
+    bus.usb.close_device(other)
+    bus.usb.claim_interface(bus.handle, 0)
+    bus.usb.held_by_other = True
+    with fails(errno.EBUSY):
+        bus.usb.claim_interface(bus.handle, 0)
 
 
-def test_a_device_reset_takes_the_session() -> None:
-    client = faulty()
-    client.device.ctrl_transfer(0x21, 0x66, 0, 0, b"")
-    assert client.call(KEEP_ON)[0] == 0x2003
-    assert client.start()
+@pytest.mark.parametrize("gone", ["unplugged", "reset", "replugged"])
+def test_a_device_that_went_does_nothing_any_more(gone: str) -> None:
+    bus = Bus()
+    if gone == "unplugged":
+        bus.body.unplug()
+        assert list(bus.usb.enumerate_devices()) == []
+        with fails(errno.ENODEV):
+            bus.usb.open_device(SimpleNamespace(address=7))
+    elif gone == "reset":
+        bus.usb.reset_device(bus.handle)
+    else:
+        bus.body.replug()
+    handle, usb_ = bus.handle, bus.usb
+    for do in (
+        lambda: usb_.get_configuration(handle),
+        lambda: usb_.set_configuration(handle, 1),
+        lambda: usb_.set_interface_altsetting(handle, 0, 0),
+        lambda: usb_.claim_interface(handle, 0),
+        lambda: usb_.release_interface(handle, 0),
+        lambda: usb_.clear_halt(handle, IN),
+        lambda: usb_.reset_device(handle),
+        bus.read,
+        lambda: bus.write(b""),
+        lambda: bus.control(0xA1, 0x67, 64),
+    ):
+        with fails(errno.ENODEV):
+            do()
+    assert bus.body.plugged == (gone != "unplugged")
+    if gone == "unplugged":
+        return
+    assert usb_.address == 8
+    usb_.claim_interface(bus.open(), 0)  # what the old one had went with it
 
 
-def test_a_port_reset_moves_the_camera() -> None:
-    backend = virtual_usb()
-    client = Client(backend)
-    client.start()
-    client.device.reset()
-    with pytest.raises(usb.core.USBError) as caught:
-        client.ok(KEEP_ON)
-    assert caught.value.errno in (errno.ENODEV, errno.EIO)
-    again = Client(backend)
-    assert again.device.address != client.device.address
-    assert again.start()
+def test_a_reset_of_the_port_takes_session_answers_and_halts() -> None:
+    bus = Bus(ScriptedFault("stall", KEEP_ON))
+    for number, word in enumerate(((0x1002, 1), (KEEP_ON,))):
+        bus.command(*word, number=number)
+        if not number:
+            assert bus.response() == 0x2001
+    with fails(errno.EPIPE):
+        bus.read()
+    bus.usb.reset_device(bus.handle)
+    assert not bus.body.session_open and bus.usb.address == 8
+    bus.handle = bus.open()
+    bus.usb.claim_interface(bus.handle, 0)
+    assert bus.control(0xA1, 0x67, 64) == bytes.fromhex("0400 0120")
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    bus.command(KEEP_ON)
+    assert bus.response() == 0x2003
 
 
-def test_an_unplugged_camera_is_gone_and_comes_back_without_a_session() -> None:
-    backend = virtual_usb(FaultScript(wire=(ScriptedFault("unplug", 0x9126),)))
-    client = Client(backend)
-    client.ready()
-    client.ok(0x9125)
-    for _ in range(2):
-        with pytest.raises(usb.core.USBError) as caught:
-            client.send(0x9126)
-        assert caught.value.errno == errno.ENODEV
-    assert usb.core.find(backend=backend) is None
-    assert backend.body.shutter.is_open  # nobody told it to close
-    backend.body.replug()
-    again = Client(backend)
-    assert again.call(KEEP_ON)[0] == 0x2003
-    again.start()
-    again.ok(0x9126)
-    assert backend.body.shutter.opened == 1
+# Control requests.
 
 
-def test_a_busy_interface_cannot_be_claimed() -> None:
-    backend = virtual_usb()
-    backend.held_by_other = True
-    with pytest.raises(usb.core.USBError) as caught:
-        Client(backend)
-    assert caught.value.errno == errno.EBUSY
-    backend.held_by_other = False
-    first = Client(backend)
-    with pytest.raises(usb.core.USBError, match="busy"):
-        Client(backend)
-    first.close()
-    Client(backend).close()
+def test_a_cancel_gives_up_the_answer_and_keeps_the_halt() -> None:
+    bus = Bus(ScriptedFault("stall", INFO))
+    bus.command(INFO)
+    assert bus.control(0xA1, 0x67, 64) == bytes.fromhex("0800 1f20 81000000")
+    assert bus.control(0xA1, 0x67, 4) == bytes.fromhex("0800 1f20")  # what fits
+    assert len(bus.control(0x21, 0x64, b"\x01\x40" + bytes(4))) == 6
+    with fails(errno.EPIPE):
+        bus.read()
+    bus.usb.clear_halt(bus.handle, OUT)
+    with fails(errno.EPIPE):
+        bus.read()
+    bus.usb.clear_halt(bus.handle, IN)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
 
 
-def test_an_unclaimed_interface_moves_no_bytes() -> None:
-    client = Client(virtual_usb())
-    usb.util.release_interface(client.device, 0)
-    with pytest.raises(usb.core.USBError):
-        client.device.read(0x81, 512)
+def test_a_device_reset_ends_halts_answers_and_the_session() -> None:
+    bus = Bus(ScriptedFault("stall", KEEP_ON))
+    bus.command(0x1002, 1)
+    bus.command(KEEP_ON, number=1)
+    assert bus.control(0x21, 0x66) == b""
+    assert not bus.body.session_open
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+
+
+@pytest.mark.parametrize(
+    ("kind", "request_", "data", "value"),
+    [
+        (0x21, 0x64, bytes(5), 0),  # a cancel has six bytes
+        (0xA1, 0x65, 64, 0),
+        (0x80, 6, 64, 0x0200),  # no string
+        (0x80, 6, 64, 0x0304),  # one that is not there
+    ],
+)
+def test_other_requests_are_refused(
+    kind: int, request_: int, data: bytes | int, value: int
+) -> None:
+    with fails(errno.EPIPE):
+        Bus().control(kind, request_, data, value)
+
+
+# Transfers.
+
+
+def test_waits_are_on_the_cameras_clock() -> None:
+    bus = Bus()
+    before_ns = bus.clock.now_ns()
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    assert bus.clock.now_ns() - before_ns == 100_000_000
+    buffer = array.array("B", bytes(8))
+    with fails(errno.ETIMEDOUT):
+        bus.usb.intr_read(bus.handle, INTERRUPT, 0, buffer, 30)
+    assert bus.clock.now_ns() - before_ns == 130_000_000
+
+
+def test_a_transfer_is_read_in_pieces_of_whole_packets() -> None:
+    wordy = replace(BULB_BODY.info, device_version="x" * 200)
+    bus, info = Bus(model=replace(BULB_BODY, info=wordy)), wordy.pack()
+    assert PACKET < 12 + len(info) < 2 * PACKET
+    bus.command(INFO)
+    first, rest = bus.read(PACKET), bus.read(PACKET)
+    assert len(first) == PACKET and (first + rest)[12:] == info
+    bus.response()
+    bus.command(INFO)
+    with fails(errno.EOVERFLOW):
+        bus.read(PACKET + 1)  # the second packet does not fit, and is lost
+    assert bus.response() == 0x2001
+    bus.command(INFO)
+    assert len(bus.read(12 + len(info))) == 12 + len(info)  # to the byte
+
+
+def test_a_new_command_gives_up_the_answer_to_the_last() -> None:
+    bus = Bus()
+    bus.command(INFO, number=1)
+    bus.command(0x1002, 1, number=2)
+    assert bus.response(2) == 0x2001
+
+
+def test_data_to_the_camera_may_come_in_pieces_behind_their_command() -> None:
+    bus = Bus()
+    bus.command(0x1002, 1)
+    bus.response()
+    setting = struct.pack("<3I", 12, 0xD103, 0x50)
+    whole = struct.pack("<IHHI", 12 + len(setting), 2, 0x9110, 1) + setting
+    for pieces in ((whole,), (whole[:12], whole[12:]), (whole[:20], whole[20:], b"")):
+        bus.command(0x9110, number=1)
+        with fails(errno.ETIMEDOUT):
+            bus.read()  # it waits for them
+        for piece in pieces:
+            assert bus.write(piece) == len(piece)
+        assert bus.response(1) == 0x2001 and bus.body.settings.iso == 200
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        b"\xff" * 40,
+        struct.pack("<IHHI", 12, 3, 0x2001, 0),  # a response
+        struct.pack("<IHHI", 12, 1, KEEP_ON, 0) + b"more",
+    ],
+)
+def test_nonsense_halts_the_way_out_and_all_is_forgotten(nonsense: bytes) -> None:
+    bus = Bus()
+    bus.command(INFO)
+    for data in (nonsense, b""):
+        with fails(errno.EPIPE):
+            bus.write(data)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    bus.usb.clear_halt(bus.handle, OUT)
+    assert bus.write(b"") == 0
+    bus.command(0x1002, 1)
+    assert bus.response() == 0x2001
+
+
+def test_an_operation_on_which_the_cable_is_pulled_has_no_answer() -> None:
+    bus = Bus(ScriptedFault("unplug", KEEP_ON))
+    bus.command(INFO)
+    with fails(errno.ENODEV):
+        bus.command(KEEP_ON)
+    bus.body.replug()
+    bus.handle = bus.open()
+    bus.usb.claim_interface(bus.handle, 0)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+
+
+@pytest.mark.parametrize("kind", ["mute", "deaf"])
+def test_no_answer_is_none(kind: Any) -> None:
+    bus = Bus(ScriptedFault(kind, INFO))
+    bus.command(INFO)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    bus.command(INFO)
+    assert len(bus.read()) > 12
+
+
+def test_answers_may_break_off_or_carry_anothers_number() -> None:
+    bus = Bus(ScriptedFault("short-read", INFO), ScriptedFault("wrong-transaction", INFO, first=2))
+    info = BULB_BODY.info.pack()
+    bus.command(INFO)
+    short = bus.read()
+    assert short[12:] == info[: len(info) // 2]
+    assert struct.unpack_from("<I", short) == (12 + len(info),)
+    assert bus.response() == 0x2001
+    bus.command(INFO, number=0xFFFFFFFF)
+    bus.read()
+    assert bus.response(0) == 0x2001
 
 
 def test_whole_packets_end_with_an_empty_one() -> None:
@@ -140,23 +336,6 @@ def test_whole_packets_end_with_an_empty_one() -> None:
     wide = array.array("B", bytes(1024))  # a buffer that is not full has seen the end
     assert client.device.read(0x81, wide, 100) == 512
     assert client.device.read(0x81, wide, 100) in (0, 16)
-
-
-def test_a_buffer_smaller_than_a_packet_overflows() -> None:
-    client = faulty()
-    client.send(0x9108)
-    with pytest.raises(usb.core.USBError) as caught:
-        client.device.read(0x81, array.array("B", bytes(20)), 100)
-    assert caught.value.errno == errno.EOVERFLOW
-
-
-def test_nonsense_halts_the_endpoint() -> None:
-    client = faulty()
-    with pytest.raises(usb.core.USBError) as caught:
-        client.device.write(2, b"\xff" * 40, 100)
-    assert caught.value.errno == errno.EPIPE
-    client.device.clear_halt(2)
-    assert client.call(KEEP_ON)[0] == 0x2001
 
 
 def test_24_mb_come_identical() -> None:
@@ -226,12 +405,3 @@ def test_it_photographs_the_bench_as_the_mock_camera_does(tmp_path: Path) -> Non
     np.testing.assert_array_equal(ours.planes, theirs.planes)
     assert ours.planes.std() > 10.0  # light and noise, not a black frame
     assert (ours.exposure_s, ours.f_number, ours.iso) == (theirs.exposure_s, 8.0, 100)
-
-
-def test_a_bench_offers_what_its_sensor_and_lens_have(tmp_path: Path) -> None:
-    config = bench_rig.config(tmp_path)
-    film = BenchFilm(DriverContext(config, VirtualClock()))
-    settings = bench_backend_of(DriverContext(config, VirtualClock())).body.settings
-    assert set(settings.lists[0xD103]) <= {0x00, 0x48, 0x50, 0x58, 0x60, 0x68}
-    assert 100 in film.isos
-    assert 0x38 in settings.lists[0xD101]
