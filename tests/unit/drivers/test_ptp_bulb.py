@@ -96,41 +96,17 @@ def test_a_refused_start_is_closed_and_says_what_to_look_at() -> None:
     assert shutter.since_ns is None and wire.codes == [START]
 
 
-def test_an_unanswered_start_is_ended_and_never_sent_twice() -> None:
-    wire = Wire(NoAnswer("x"))
-    shutter = bulb(wire)
-    with pytest.raises(ExposureError, match="did not confirm"):
-        shutter.begin()
-    assert wire.codes == [START, STOP] and shutter.since_ns is None
-
-
-def test_a_start_that_lost_the_camera_may_have_opened() -> None:
-    wire = Wire(DeviceLost("x"))
-    shutter = bulb(wire)
-    with pytest.raises(DeviceLost):
-        shutter.begin()
-    assert shutter.since_ns is not None
-
-
 def test_an_end_that_fails_leaves_it_open_to_be_ended_again() -> None:
-    wire = Wire(ResponseCode.OK, *[int(ResponseCode.DEVICE_BUSY)] * 3, DeviceLost("x"))
+    wire = Wire(ResponseCode.OK, DeviceLost("x"))
     shutter = bulb(wire)
     shutter.begin()
-    with pytest.raises(ExposureError, match="refuses to close"):
-        shutter.end()
     with pytest.raises(DeviceLost):
         shutter.end()
     assert shutter.since_ns is not None
     shutter.end()
     assert shutter.since_ns is None
-
-
-def test_one_refused_end_is_not_believed() -> None:
-    wire = Wire(ResponseCode.OK, ResponseCode.GENERAL_ERROR)
-    shutter = bulb(wire)
-    shutter.begin()
     shutter.end()
-    assert wire.codes == [START, STOP, STOP] and shutter.since_ns is None
+    assert wire.codes == [START, STOP, STOP]  # one that is closed is left alone
 
 
 def test_an_open_shutter_is_not_opened_again() -> None:
@@ -150,9 +126,13 @@ def test_a_photo_is_owed_by_whatever_may_have_opened() -> None:
         (DeviceLost("x"), True),
     ):
         shutter = bulb(Wire(answer))
+        assert not shutter.owed
         with suppress(ExposureError, DeviceLost):
             shutter.begin()
         assert shutter.owed == owed
+        assert (shutter.since_ns is not None) == (
+            owed and not isinstance(answer, NoAnswer)
+        )  # one that was lost may have opened
 
 
 def test_after_a_repeated_end_the_second_refusal_is_the_first_ones_success() -> None:
@@ -208,12 +188,6 @@ def test_a_shutter_is_closed_by_a_new_session_only_where_the_camera_does_it(
     assert wire.codes[-1] == STOP
 
 
-def test_a_shutter_that_is_closed_is_left_alone() -> None:
-    wire = Wire()
-    bulb(wire).end()
-    assert wire.sent == []
-
-
 def test_a_shutter_is_overdue_once_it_is_open_for_longer_than_allowed() -> None:
     clock = VirtualClock()
     shutter = bulb(Wire(), clock)
@@ -226,10 +200,6 @@ def test_a_shutter_is_overdue_once_it_is_open_for_longer_than_allowed() -> None:
         assert shutter.overdue(1000) == late, open_ns
     shutter.end()
     assert not shutter.overdue(1000)
-
-
-def test_nothing_is_owed_before_the_first_exposure() -> None:
-    assert not bulb(Wire()).owed
 
 
 @pytest.mark.parametrize("refusals", [0, 1, 2, 3])
@@ -258,10 +228,12 @@ def test_a_camera_is_asked_three_times_to_close(refusals: int) -> None:
 def test_what_an_unanswered_start_leaves_depends_on_the_answer_to_its_end(
     answer: int | DeviceLost, open_still: bool, owed: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The error is that of the start, whatever became of the end."""
-    shutter = bulb(Wire(NoAnswer("x"), answer))
+    """It is never sent twice; the error is that of the start, whatever became of the end."""
+    wire = Wire(NoAnswer("x"), answer)
+    shutter = bulb(wire)
     with pytest.raises(ExposureError, match="did not confirm"):
         shutter.begin()
+    assert wire.codes == [START, STOP]
     assert (shutter.since_ns is not None, shutter.owed) == (open_still, owed)
     assert ("may be open" in caplog.text) == open_still
 
@@ -295,6 +267,22 @@ def test_what_spoiled_one_exposure_is_not_said_of_the_next() -> None:
         assert shutter.since_ns is None
 
 
+def test_a_session_that_is_renewed_while_the_shutter_is_closed_has_closed_it() -> None:
+    wire = Wire()
+    shutter = bulb(wire)
+    shutter.begin()
+
+    def renewing(code: Operation, *params: int, once: bool = False) -> TransactionReply:
+        shutter._order = wire
+        shutter.new_session(REMOTE)
+        return TransactionReply(ResponseCode.DEVICE_BUSY, (), memoryview(b""))
+
+    shutter._order = renewing
+    with pytest.raises(ExposureError, match="connection was lost while the shutter was open"):
+        shutter.end()
+    assert wire.codes == [START, REMOTE.stop] and shutter.since_ns is None
+
+
 def test_an_exposure_that_was_spoiled_is_refused_once() -> None:
     wire = Wire()
     shutter = bulb(wire)
@@ -314,6 +302,5 @@ def test_settling_closes_an_open_shutter_and_forgets_what_spoiled_the_last(is_op
         shutter.begin()
     shutter.spoil("it lasted too long")
     shutter.settle()
-    assert wire.codes == ([START, STOP] if is_open else [])
-    assert shutter.since_ns is None
     shutter.end()
+    assert wire.codes == [START, STOP] * is_open and shutter.since_ns is None

@@ -6,7 +6,6 @@ with what it exposed.
 
 from __future__ import annotations
 
-import errno
 import gc
 import subprocess
 import sys
@@ -14,15 +13,10 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
-from unittest.mock import Mock
 
 import pytest
-import usb.core
 
 from drivers.ptp.codes import ExposureMode, FocusMode
-from drivers.ptp.eos import EosCamera
 from drivers.ptp.keepalive import KeepAlive
 from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, FaultScript, PlainFilm
 from pdcd.bench.devices import CameraSettings
@@ -98,18 +92,6 @@ def test_a_camera_that_is_not_ready_is_not_released(script: FaultScript, hint: s
     rig.disconnect()
 
 
-def test_a_dial_with_bulb_on_it_does_as_well(tmp_path: Path) -> None:
-    rig = PtpRig(FaultScript(dial=ExposureMode.BULB))
-    rig.connect()
-    rig.readout.arm(CameraSettings(100, None))
-    rig.shutter.open()
-    rig.wait(2.0)
-    rig.shutter.close()
-    raw = rig.readout.fetch(tmp_path, "photo", 60.0)
-    assert rig.is_photo_of(raw, rig.body.shutter.exposures[0])
-    rig.disconnect()
-
-
 def test_newer_bodies_are_released_by_their_own_operations(tmp_path: Path) -> None:
     rig = PtpRig(model=RELEASE_BODY)
     assert rig.shutter.connect()["release"] == "remote"
@@ -179,11 +161,6 @@ def test_a_forced_release_is_not_questioned() -> None:
     with pytest.raises(ExposureError, match="OPERATION_NOT_SUPPORTED"):
         rig.shutter.open()
     rig.disconnect()
-
-
-def test_an_external_release_and_this_shutter_exclude_each_other() -> None:
-    with pytest.raises(ConfigError, match="another driver"):
-        PtpRig(camera={"release": "external"})
 
 
 def test_photos_on_the_card_are_fetched_and_stay_there(tmp_path: Path) -> None:
@@ -347,19 +324,6 @@ def test_a_camera_held_by_another_program_is_named(rig: PtpRig) -> None:
     rig.shutter.connect()
 
 
-def test_a_camera_that_may_not_be_opened_is_a_matter_of_rights(
-    rig: PtpRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rig.disconnect()
-
-    def refuse(_device: object) -> None:
-        raise usb.core.USBError("Access denied", -3, errno.EACCES)
-
-    monkeypatch.setattr(rig.usb, "open_device", refuse)
-    with pytest.raises(DeviceLost, match="udev rule"):
-        rig.shutter.connect()
-
-
 def test_unplugged_while_it_exposes(rig: PtpRig, tmp_path: Path) -> None:
     rig.readout.arm(SETTINGS)
     rig.shutter.open()
@@ -383,18 +347,6 @@ def test_unplugged_for_good_everything_can_still_be_let_go(rig: PtpRig) -> None:
         rig.readout.arm(SETTINGS)
     rig.disconnect()
     rig.disconnect()
-
-
-def test_what_a_camera_says_when_nobody_holds_it_is_logged_but_no_fault_of_ours(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    def camera(error: Exception) -> Any:
-        return SimpleNamespace(close=Mock(side_effect=error))
-
-    EosCamera.let_go(camera(DeviceLost("unplugged", device="camera")), "shutter")
-    assert "unplugged" in caplog.text
-    with pytest.raises(AttributeError):
-        EosCamera.let_go(camera(AttributeError("bulb")), "shutter")
 
 
 def test_the_options_choose_the_body(rig: PtpRig) -> None:

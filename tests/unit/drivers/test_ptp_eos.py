@@ -7,11 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers.ptp.codes import Operation, Property, ResponseCode
+from drivers.ptp.eos import EosCamera
+from drivers.ptp.events import EosRecord, ObjectAdded, PlainRecord, PropValue, pack_events
+from drivers.ptp.faults import TransactionMismatch
 from drivers.ptp.transport import TransactionReply
+from pdcd.bench.clock import VirtualClock
+from pdcd.bench.devices import CameraSettings, DriverContext
+from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.errors import ExposureError
 from tests.ptp_rig import SETTINGS, PtpRig
 
@@ -36,31 +43,6 @@ def refuse(
         return order(code, *params, once=once)
 
     rig.camera.bulb._order = asked
-
-
-def test_a_new_session_closes_the_shutter_and_the_exposure_is_not_used(rig: PtpRig) -> None:
-    rig.shutter.open()
-    rig.camera.renew()
-    assert not rig.body.shutter.is_open and rig.body.session_open
-    with pytest.raises(ExposureError, match="connection was lost while the shutter was open"):
-        rig.shutter.close()
-
-
-def test_a_session_that_ended_is_begun_again_by_an_exposure(rig: PtpRig) -> None:
-    rig.camera.session.close()
-    rig.shutter.open()
-    assert rig.body.shutter.is_open
-    rig.wait(1.0)
-    rig.shutter.close()
-    assert not rig.body.shutter.is_open
-
-
-def test_a_session_that_ended_in_an_exposure_is_begun_again_to_end_it(rig: PtpRig) -> None:
-    rig.shutter.open()
-    rig.camera.session.close()
-    with pytest.raises(ExposureError, match="spoiled"):
-        rig.shutter.close()
-    assert rig.body.session_open and not rig.body.shutter.is_open
 
 
 def test_a_camera_that_refuses_to_close_gets_a_new_session(rig: PtpRig) -> None:
@@ -130,30 +112,145 @@ def test_a_pause_is_a_sign_of_life(rig: PtpRig) -> None:
     assert signs == [before_ns] and rig.clock.now_ns() == before_ns + 250_000_000
 
 
-def test_events_that_cannot_be_read_do_not_hide_those_behind_them(
-    rig: PtpRig, caplog: pytest.LogCaptureFixture
-) -> None:
-    rig.expose()
-    rig.wait(2.0)
-    rig.camera.files.clear()
-    call, damaged = rig.camera.session.call, [b"\x07\0\0\0"]
-
-    def first_damaged(code: Operation, *params: int, **more: object) -> TransactionReply:
-        if code == Operation.EOS_GET_EVENT and damaged:
-            return TransactionReply(ResponseCode.OK, (), memoryview(damaged.pop()))
-        return call(code, *params, **more)  # type: ignore[arg-type]
-
-    rig.camera.session.call = first_damaged  # type: ignore[method-assign]
-    rig.camera.poll()
-    assert "events lost" in caplog.text and len(rig.camera.files) == 1
-
-
 def test_a_value_that_was_not_taken_is_not_believed(rig: PtpRig) -> None:
     iso = rig.camera.values[Property.ISO]
     other = next(value for value in rig.camera.choices[Property.ISO] if value != iso)
     rig.camera.set_value(Property.ISO, other, "this ISO")
     assert rig.body.settings[Property.ISO] == other
+    calls = Calls(rig, {})
+    rig.camera.set_value(Property.ISO, other, "this ISO")
+    assert calls.done == []  # it is set already
     with pytest.raises(ExposureError, match=r"does not take this ISO \(set it on the camera"):
         rig.camera.set_value(Property.ISO, 0xEE, "this ISO")
     assert rig.camera.values.get(Property.ISO) != 0xEE
     assert rig.body.settings[Property.ISO] == other
+
+
+BUSY = ResponseCode.DEVICE_BUSY
+
+PING = Operation.EOS_KEEP_DEVICE_ON
+
+
+def answer(code: int, data: bytes = b"") -> TransactionReply:
+    return TransactionReply(code, (), memoryview(data))
+
+
+class Calls:
+    """Stands before the session of a camera: answers some operations itself, notes all."""
+
+    def __init__(self, rig: PtpRig, answers: dict[Operation, list[Any]]) -> None:
+        self.real = rig.camera.session.call
+        self.answers = answers
+        self.rig = rig
+        rig.camera.session.call = self  # type: ignore[method-assign]
+        self.done: list[tuple[int, Operation]] = []
+
+    def __call__(self, code: Operation, *params: int, **more: Any) -> TransactionReply:
+        self.done.append((self.rig.clock.now_ns(), code))
+        if self.answers.get(code):
+            found = self.answers[code].pop(0)
+            if isinstance(found, Exception):
+                raise found
+            assert isinstance(found, TransactionReply)
+            return found
+        return self.real(code, *params, **more)
+
+    def times(self, code: Operation) -> list[int]:
+        return [at for at, one in self.done if one == code]
+
+
+def test_a_busy_camera_is_asked_again_ever_more_slowly_for_five_seconds(rig: PtpRig) -> None:
+    calls = Calls(rig, {PING: [answer(BUSY)] * 100})
+    before_ns = rig.clock.now_ns()
+    assert rig.camera.order(PING).code == BUSY
+    at_ms = [(at - before_ns) // 1_000_000 for at in calls.times(PING)]
+    assert at_ms == [0, 50, 150, 350, 750, 1550, 2350, 3150, 3950, 4750, 5550]
+    assert len(calls.times(Operation.EOS_GET_EVENT)) >= 10  # its events are heard meanwhile
+
+
+def test_events_are_heard_until_there_are_none_and_64_times_at_most(rig: PtpRig) -> None:
+    record = pack_events([PropValue.of(0xD103, 0x50)])
+    calls = Calls(rig, {Operation.EOS_GET_EVENT: [answer(0x2001, record)] * 1000})
+    rig.camera.poll()
+    assert len(calls.done) == 64 and rig.camera.values[0xD103] == 0x50
+    # What cannot be read does not hide what is behind it, and a busy camera is asked another time.
+    calls.done.clear()
+    damaged = answer(0x2001, b"\x07\0\0\0")
+    calls.answers[Operation.EOS_GET_EVENT] = [damaged, answer(BUSY, record)]
+    rig.camera.poll()
+    assert len(calls.done) == 2
+
+
+def test_what_is_told_is_kept_by_its_kind(rig: PtpRig) -> None:
+    camera = rig.camera
+    camera.custom = {1: 2}
+    told: list[EosRecord] = [
+        PropValue.of(0xD111, 1),
+        PropValue(0xD112, b"\1\0"),  # not a number of 32 bits: not kept
+        PropValue(0xD1A0, b"\xff"),  # packed otherwise: what is known stays
+        PlainRecord(0xC18D, bytes(4)),
+    ]
+    calls = Calls(rig, {Operation.EOS_GET_EVENT: [answer(0x2001, pack_events(told))]})
+    camera.poll()
+    assert camera.values[0xD111] == 1 and 0xD112 not in camera.values
+    assert camera.custom == {1: 2}
+    assert len(calls.times(PING)) == 1  # it would switch itself off
+
+
+def test_a_photo_on_the_card_is_not_announced_to_us_twice(rig: PtpRig) -> None:
+    card = ObjectAdded(7, 0xB103, 5, "IMG_0001.CR2", True)
+    assert rig.camera.discard(card)
+    other = ObjectAdded(8, 0xB103, 5, "IMG_0002.CR2", True)
+    told = answer(0x2001, pack_events([card, other]))
+    Calls(rig, {Operation.EOS_GET_EVENT: [told]})
+    rig.camera.poll()
+    assert [photo.handle for photo in rig.camera.files] == [8]
+
+
+def test_a_camera_that_tells_no_settings_is_out_of_step_after_a_second(rig: PtpRig) -> None:
+    Calls(rig, {Operation.EOS_GET_EVENT: [answer(0x2001, pack_events([]))] * 1000})
+    before_ns = rig.clock.now_ns()
+    with pytest.raises(TransactionMismatch, match="does not tell its settings"):
+        rig.camera._set_modes()
+    assert rig.clock.now_ns() - before_ns == 20 * 50 * 1_000_000
+    assert not rig.camera.values and not rig.camera.choices
+
+
+def test_a_body_that_refuses_a_mode_is_named_with_its_answer(rig: PtpRig) -> None:
+    Calls(rig, {Operation.EOS_SET_EVENT_MODE: [answer(0x2005)]})
+    with pytest.raises(ExposureError, match=r"EOS_SET_EVENT_MODE is refused: 0x2005 OPERATION_NOT"):
+        rig.camera._set_modes()
+
+
+def test_an_exposure_that_was_told_of_is_ended_by_its_own_time(rig: PtpRig) -> None:
+    rig.shutter.expect_exposure(2.0, 34.0)
+    rig.shutter.open()
+    open_ns = rig.camera.bulb.since_ns
+    assert open_ns is not None
+    for t_ns, is_open in ((open_ns + 34_000_000_000, True), (open_ns + 34_000_000_001, False)):
+        rig.clock.sleep_until_ns(t_ns)
+        rig.camera.tick()
+        assert rig.body.shutter.is_open == is_open
+    with pytest.raises(ExposureError, match="longer than the 34 s that it can take"):
+        rig.shutter.close()
+    rig.readout.arm(CameraSettings(100, None))
+    rig.shutter.open()  # of this one nothing is known
+    rig.wait(60.0)
+    rig.camera.tick()
+    assert rig.body.shutter.is_open
+    rig.shutter.close()
+    rig.shutter.expect_exposure(2.0, 1e9)  # beyond the limit of all
+    rig.readout.arm(CameraSettings(100, None))
+    rig.shutter.open()
+    rig.wait(611.0)
+    rig.camera.tick()
+    assert not rig.body.shutter.is_open
+
+
+def test_exposures_without_a_longest_one_are_not_overdue_after_a_day() -> None:
+    longest = LimitsConfig(max_exposure_s=float("inf"))
+    context = DriverContext(Config(limits=longest), VirtualClock())
+    camera = EosCamera.of(context)
+    camera.bulb.since_ns = context.clock.now_ns()
+    context.clock.sleep_until_ns(10**14)
+    assert not camera.bulb.overdue(camera._longest_ns)

@@ -18,7 +18,6 @@ from typing import get_args
 import pytest
 
 from drivers.ptp.codes import Operation
-from drivers.ptp.readout import FILE_EXTRA_S
 from drivers.ptp.session import LONGEST_OPERATION_S
 from drivers.virtual_camera import (
     RELEASE_BODY,
@@ -48,7 +47,9 @@ OPERATIONS = (
     Operation.EOS_TRANSFER_COMPLETE,
     Operation.CLOSE_SESSION,
 )
+
 KINDS: tuple[WireKind, ...] = get_args(WireKind)
+
 CAPTURE_S = 4 * LONGEST_OPERATION_S
 """Bound of one capture in which a single operation fails: connect, arm, open, close and fetch."""
 
@@ -163,45 +164,12 @@ def test_a_late_photo_is_waited_for(tmp_path: Path) -> None:
     rig.disconnect()
 
 
-def test_a_photo_announced_twice_is_fetched_once(tmp_path: Path) -> None:
-    rig = PtpRig(FaultScript(file="twice"))
-    rig.connect()
-    for name in ("one", "two", "three"):
-        raw = rig.photo(tmp_path, name)
-        assert rig.is_photo_of(raw, own_exposure(rig))
-    assert rig.body.shutter.opened == 3
-    rig.disconnect()
-
-
 def test_a_truncated_photo_is_refused(tmp_path: Path) -> None:
     rig = PtpRig(FaultScript(file="truncated"))
     rig.connect()
     with pytest.raises(ExposureError, match="did not come whole"):
         rig.photo(tmp_path, "photo")
     assert list(tmp_path.iterdir()) == [] and rig.body.store.in_ram == 0
-    rig.disconnect()
-
-
-def test_a_photo_that_never_comes_is_waited_for_as_long_as_is_said(tmp_path: Path) -> None:
-    rig = PtpRig(FaultScript(file="none"))
-    rig.connect()
-    rig.expose(10.0)
-    began_ns = rig.clock.now_ns()
-    with pytest.raises(ExposureError, match="no photo came within 50 s"):
-        rig.readout.fetch(tmp_path, "photo", 600.0)
-    waited_s = (rig.clock.now_ns() - began_ns) * 1e-9
-    assert waited_s == pytest.approx(2 * 10.2 + FILE_EXTRA_S, abs=0.5)
-    rig.disconnect()
-
-
-def test_the_wait_is_bounded_by_the_caller(tmp_path: Path) -> None:
-    rig = PtpRig(FaultScript(file="none"))
-    rig.connect()
-    rig.expose(10.0)
-    began_ns = rig.clock.now_ns()
-    with pytest.raises(ExposureError, match="within 5 s"):
-        rig.readout.fetch(tmp_path, "photo", 5.0)
-    assert (rig.clock.now_ns() - began_ns) * 1e-9 < 6.0
     rig.disconnect()
 
 

@@ -46,3 +46,13 @@ def test_the_kernel_tells_the_same_of_this_process(tmp_path: Path) -> None:
     with path.open():
         assert os.getpid() in [holder.pid for holder in list_holders(path.resolve())]
     assert os.getpid() not in [holder.pid for holder in list_holders(path.resolve())]
+
+
+def test_processes_that_cannot_be_seen_hold_nothing(tmp_path: Path) -> None:
+    node = tmp_path / "node"
+    for pid in ("5", "6", "x7"):
+        (tmp_path / pid / "fd").mkdir(parents=True)
+        (tmp_path / pid / "fd" / "3").symlink_to(node)
+    (tmp_path / "6" / "fd" / "0").touch()  # no link any more: it was closed meanwhile
+    (tmp_path / "5" / "comm").write_bytes(b"caf\xe9\n")
+    assert list_holders(node, tmp_path) == [Holder(5, "caf\ufffd"), Holder(6, "unknown")]

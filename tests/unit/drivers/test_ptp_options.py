@@ -1,4 +1,4 @@
-"""Which camera is meant: the options of both roles, checked and put together."""
+"""Options of the PTP drivers, of both roles put together, and settings in the words of dials."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.ptp.options import PtpOptions, read_ptp_options
-from drivers.ptp.values import list_f_numbers, list_isos
+from drivers.ptp.values import list_f_numbers, list_isos, list_setup_faults
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.errors import ConfigError
 
@@ -43,8 +43,10 @@ def test_photos_that_nobody_fetches_stay_on_the_card() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"id": "450D"}, {"release": "half"}, {"usb": ""}, {"fast": True}]
-)
+    "wrong",
+    [{"id": "450D"}, {"id": "04a9:31455"}, {"id": "04g9:3145"}, {"release": "half"}, {"usb": ""},
+     {"fast": True}],
+)  # fmt: skip
 def test_wrong_options_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r"camera\.options"):
         options(wrong, None)
@@ -56,6 +58,32 @@ def test_two_roles_that_disagree_are_refused() -> None:
 
 
 def test_the_lists_of_a_450d_in_the_words_of_its_dials() -> None:
-    assert list(list_isos((0, 0x48, 0x50, 0x58, 0x60, 0x68))) == [100, 200, 400, 800, 1600]
-    assert list_f_numbers((0x3D, 0x0C, 0x0D, 0x38)) == {1.2: 0x0C, 8.0: 0x38, 10.0: 0x3D}
-    assert list_f_numbers(()) == {}
+    """In the order of their values; what nobody knows is left out."""
+    isos = list_isos((0, 0x68, 0x48, 0x50, 0x58, 0x60, 0x99))
+    assert list(isos) == [100, 200, 400, 800, 1600] and isos[200] == 0x50
+    f_numbers = list_f_numbers((0x3D, 0x38, 0x0C, 0x0D, 0xFF))
+    assert f_numbers == {1.2: 0x0C, 8.0: 0x38, 10.0: 0x3D}
+    assert list(f_numbers) == [1.2, 8.0, 10.0] and list_f_numbers(()) == {}
+
+
+@pytest.mark.parametrize(
+    ("values", "custom", "words"),
+    [
+        ({}, {}, None),  # what was not told is not judged
+        ({0xD105: 3, 0xD108: 3, 0xD111: 1, 0xD11B: 5}, {0x201: 0}, None),
+        ({0xD105: 4}, {}, None),
+        ({0xD105: 0}, {}, "mode dial"),
+        ({0xD105: 2}, {}, "mode dial"),
+        ({0xD108: 0}, {}, "autofocus"),
+        ({0xD111: 0}, {}, "battery"),
+        ({0xD11B: 0}, {}, "no room on the card: change it"),
+        ({}, {0x201: 1}, "noise reduction"),
+        ({}, {0x201: 2}, "noise reduction"),
+    ],
+)
+def test_what_is_to_be_changed_is_said(
+    values: dict[int, int], custom: dict[int, int], words: str | None
+) -> None:
+    found = list_setup_faults(values, custom, "card")
+    assert len(found) == (words is not None)
+    assert words is None or words in found[0]

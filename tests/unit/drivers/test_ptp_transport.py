@@ -7,21 +7,33 @@ the code under test.
 from __future__ import annotations
 
 import array
+import errno
 import struct
 from contextlib import suppress
 from typing import Any
 
 import pytest
+import usb.core
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.ptp.codes import Operation, ResponseCode
-from drivers.ptp.faults import TransactionMismatch, WireFault, WireTimeout
+from drivers.ptp.faults import (
+    DeviceGone,
+    EndpointStall,
+    TransactionMismatch,
+    WireFault,
+    WireTimeout,
+    to_wire_fault,
+)
 from drivers.ptp.transport import BLOCK_B, Transport
 from pdcd.bench.clock import VirtualClock
+from pdcd.errors import DeviceLost
 
 PACKET_B = 512
+
 COMMAND, DATA, RESPONSE, EVENT = 1, 2, 3, 4
+
 READ = Operation.GET_PARTIAL_OBJECT
 
 
@@ -48,6 +60,7 @@ class Port:
         self.statuses = list(status)
         self.written: list[bytes] = []
         self.cancelled: list[int] = []
+        self.done: list[str] = []
 
     def read_into(self, buffer: array.array[int], timeout_s: float) -> int:
         if not self.transfers:
@@ -69,6 +82,15 @@ class Port:
 
     def status(self) -> int:
         return self.statuses.pop(0) if len(self.statuses) > 1 else self.statuses[0]
+
+    def device_reset(self) -> None:
+        self.done.append("device reset")
+
+    def usb_reset(self) -> None:
+        self.done.append("usb reset")
+
+    def close(self) -> None:
+        self.done.append("close")
 
 
 def transport(port: Port) -> Transport:
@@ -130,11 +152,6 @@ def test_an_event_between_is_passed_over() -> None:
     assert bytes(wire.transact(READ).data) == b"x"
 
 
-def test_the_data_of_a_block_is_not_copied() -> None:
-    wire = transport(Port(data(bytes(BLOCK_B)), ok(0)))
-    assert wire.transact(READ).data.obj is wire._buffer
-
-
 @pytest.mark.parametrize(
     "transfers",
     {
@@ -180,16 +197,88 @@ def test_back_in_step_cancels_waits_and_drains() -> None:
     assert bytes(wire.transact(READ).data) == b"good"
 
 
-def test_a_camera_that_stays_busy_or_does_not_stop_sending_is_not_back_in_step() -> None:
-    with pytest.raises(WireTimeout, match="ready"):
-        transport(Port(status=(0x2019,))).back_in_step()
-    with pytest.raises(TransactionMismatch, match="goes on"):
-        transport(Port(*[b"x" * 100] * 50)).back_in_step()
-
-
 @given(transfers=st.lists(st.binary(max_size=80), max_size=6), header=st.booleans())
 def test_whatever_comes_is_a_reply_or_a_fault(transfers: list[bytes], header: bool) -> None:
     """Bytes without sense, alone or behind a header that is right as far as it goes."""
     first = [struct.pack("<IHHI", 60, DATA, READ, 0) + t for t in transfers[:1]] if header else []
     with suppress(WireFault):
         transport(Port(*first, *transfers)).transact(READ)
+
+
+def test_transactions_are_numbered_from_0_up_to_the_one_that_means_all() -> None:
+    port = Port(ok(0), ok(1), ok(0), ok(0xFFFFFFFE), ok(0))
+    wire = transport(port)
+    wire.transact(READ)
+    wire.transact(READ)
+    wire.restart_ids()
+    wire.transact(READ)
+    wire._next_id = 0xFFFFFFFE
+    wire.transact(READ)
+    wire.transact(READ)
+    sent = [struct.unpack_from("<I", data, 8)[0] for data in port.written]
+    assert sent == [0, 1, 0, 0xFFFFFFFE, 0]
+    wire.usb_reset()
+    wire.close()
+    assert port.done == ["usb reset", "close"] and wire.name == "scripted"
+
+
+def test_64_mib_of_data_are_taken_and_not_a_byte_more() -> None:
+    whole = 64 << 20
+    for size, words in ((whole, "of 67108864 bytes"), (whole + 1, "announces 67108865 bytes")):
+        head = struct.pack("<IHHI", 12 + size, DATA, READ, 0) + bytes(500)
+        with pytest.raises(TransactionMismatch, match=words):
+            transport(Port(head, ok(0))).transact(READ)
+
+
+def test_what_came_too_much_is_of_the_next_container_and_forgotten_at_a_new_start() -> None:
+    port = Port()
+    wire = transport(port)
+    for again in (wire.device_reset, wire.back_in_step):
+        wire.restart_ids()
+        port.transfers = [data(b"x") + ok(0) + b"rest"]
+        assert bytes(wire.transact(READ).data) == b"x"
+        again()
+        wire.restart_ids()
+        port.transfers = [ok(0)]
+        assert wire.transact(READ).code == ResponseCode.OK
+
+
+@pytest.mark.parametrize(("busy", "late", "fault"), [
+    (19, 7, None), (20, 0, WireTimeout), (0, 8, TransactionMismatch), (0, -1, EndpointStall),
+])  # fmt: skip
+def test_back_in_step_waits_for_a_camera_and_empties_the_line(
+    busy: int, late: int, fault: type[WireFault] | None
+) -> None:
+    """Two seconds until it is ready, and so much that was on its way; -1 is a line that fails."""
+    transfers: list[Any] = [b"late"] * late if late >= 0 else [EndpointStall("halted")]
+    port = Port(*transfers, status=(*[0x2019] * busy, 0x2001))
+    wire = transport(port)
+    if fault is None:
+        wire.back_in_step()
+    else:
+        with pytest.raises(fault):
+            wire.back_in_step()
+    port = Port(b"late", b"", b"more")
+    transport(port).back_in_step()  # an empty packet is an end, too
+    assert port.transfers == [b"more"]
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "words"),
+    [
+        (usb.core.USBError("x", -4, errno.ENODEV), DeviceGone, "unplugged or switched off"),
+        (usb.core.USBError("x", -4, errno.ESHUTDOWN), DeviceGone, "check cable"),
+        (usb.core.USBError("x", -4, errno.ENXIO), DeviceGone, "unplugged"),
+        (usb.core.USBError("x", -7, errno.ETIMEDOUT), WireTimeout, "does not answer"),
+        (usb.core.USBTimeoutError("x", -7, None), WireTimeout, "does not answer"),
+        (usb.core.USBError("x", -9, errno.EPIPE), EndpointStall, "endpoint halted"),
+        (usb.core.USBError("x", -1, errno.EIO), TransactionMismatch, "USB transfer failed"),
+        (usb.core.USBError("x", -1, None), TransactionMismatch, "USB transfer failed"),
+    ],
+)
+def test_each_error_of_libusb_has_its_kind(
+    error: usb.core.USBError, kind: type[WireFault], words: str
+) -> None:
+    fault = to_wire_fault(error)
+    assert type(fault) is kind and words in str(fault)
+    assert isinstance(fault, DeviceLost) and fault.device == "camera" and fault.hint
