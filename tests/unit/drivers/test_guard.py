@@ -10,12 +10,15 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers import guard as guard_module
 from drivers.guard import ShutterGuard
+from pdcd.child import WORDS, LineClosedError, start_child
 from pdcd.errors import DeviceLost
+from tests.child_rig import Process, stand_ins
 from tests.processes import ended
 
 ANSWER_S = 20.0
@@ -27,13 +30,13 @@ talk = socket.socket(fileno=int(sys.argv[1]))
 while word := talk.recv(64):
     talk.send(word)
 """
+
 SILENT = """
 import socket, sys
 talk = socket.socket(fileno=int(sys.argv[1]))
 while talk.recv(64):
     pass
 """
-STUBBORN = ECHO + "import time\ntime.sleep(600)\n"
 
 
 def guard_of(program: str, answer_s: float = ANSWER_S) -> ShutterGuard:
@@ -46,10 +49,6 @@ def guard() -> Iterator[ShutterGuard]:
     guard.insist("ready")
     yield guard
     guard.stop()
-
-
-def test_it_answers(guard: ShutterGuard) -> None:
-    assert guard.ask("open") == b"open"
 
 
 def test_a_guardian_that_is_stopped_in_its_tracks_is_not_waited_for(guard: ShutterGuard) -> None:
@@ -69,19 +68,6 @@ def test_a_guardian_is_deaf_to_every_signal_from_its_birth_on(guard: ShutterGuar
     blocked = int(next(line for line in status.splitlines() if line[:6] == "SigBlk")[8:], 16)
     heard = {number for number in signal.valid_signals() if not blocked >> (number - 1) & 1}
     assert heard == {signal.SIGKILL, signal.SIGSTOP}
-
-
-def test_only_a_guardian_that_had_another_before_it_is_called_a_replacement(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    guard = guard_of(ECHO)
-    guard.insist("ready")
-    assert "replaced" not in caplog.text
-    assert guard.pid is not None
-    os.kill(guard.pid, signal.SIGKILL)
-    guard.insist("ready")
-    assert caplog.text.count("guardian replaced") == 1
-    guard.stop()
 
 
 # A guardian lost in an exposure.
@@ -130,24 +116,6 @@ def test_one_thread_at_a_time_looks_and_it_keeps_no_process_alive(armed: Shutter
     assert soon(lambda: not lookers()) and not armed.look()
 
 
-def test_a_lost_guardian_is_noticed_within_half_a_second(armed: ShutterGuard) -> None:
-    """By the bounds themselves: a busy machine makes a measured time say nothing."""
-    assert guard_module.GUARD_LOOK_S + guard_module.HEARD_S <= 0.5
-    asked = []
-    armed.ask = lambda word, answer_s=None: asked.append((word, answer_s)) or b"ok"  # type: ignore[func-returns-value, method-assign]
-    assert soon(lambda: len(asked) > 1)
-    assert set(asked) == {("look", guard_module.HEARD_S)}
-
-
-def test_one_that_replaces_another_is_armed_for_what_is_left(armed: ShutterGuard) -> None:
-    words = iter(["arm 30", "arm 20"])
-    armed.arm(lambda: next(words))
-    armed.ask = lambda word, answer_s=None: b"" if word == "look" else said.append(word) or b"ok"  # type: ignore[func-returns-value, method-assign]
-    said: list[str] = []
-    assert soon(lambda: bool(said))
-    assert said[0] == "arm 20"
-
-
 def test_an_exposure_without_any_guardian_is_ended() -> None:
     reasons: list[str] = []
     guard = ShutterGuard((sys.executable, "-c", ECHO), answer_s=ANSWER_S, unguarded=reasons.append)
@@ -192,20 +160,177 @@ def test_answers_have_their_bound() -> None:
     guard.stop()
 
 
-def test_one_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard_module, "_END_S", 0.3)
-    guard = guard_of(STUBBORN)
-    guard.insist("ready")
-    pid = guard.pid
-    assert pid is not None
-    guard.stop()
-    assert ended(pid)
-    assert guard.pid is None and guard.ask("open") == b""
+class Guardians:
+    """Those that were started; each says in advance what it answers to whatever it is told."""
+
+    def __init__(self) -> None:
+        self.answers: tuple[str, ...] = ("ok",) * 3
+        self.started: list[Process] = []
+
+    def start(self, process: Process) -> None:
+        self.started.append(process)
+        line = process.line(WORDS)
+        for answer in self.answers:
+            line.send(answer)
+
+    def heard(self, number: int = 0) -> list[bytes]:
+        words: list[bytes] = []
+        line = self.started[number].lines[0]
+        while line.wait(0.0):
+            try:
+                words.append(line.receive())
+            except LineClosedError:
+                return [*words, b"(end)"]
+        return words
 
 
-def test_one_that_ends_is_waited_for(guard: ShutterGuard) -> None:
-    pid = guard.pid
-    assert pid is not None
+@pytest.fixture
+def guardians(monkeypatch: pytest.MonkeyPatch) -> Iterator[Guardians]:
+    monkeypatch.setattr(guard_module, "_look_after", lambda *_: None)  # nobody looks by himself
+    for children in stand_ins(monkeypatch):
+        found = Guardians()
+        children.on_start = found.start
+        yield found
+
+
+def made(answer_s: float = 0.01, **how: Any) -> ShutterGuard:
+    return ShutterGuard(("guardian",), 7, 8, answer_s=answer_s, **how)
+
+
+def test_a_guardian_gets_what_it_inherits_and_is_born_deaf(
+    guardians: Guardians, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[bool] = []
+
+    def started(*what: Any, **how: Any) -> Any:
+        told.append(how["deaf"])
+        return start_child(*what, **how)
+
+    monkeypatch.setattr(guard_module, "start_child", started)
+    guard = made()
+    assert guard.pid is None
+    guard.start()
+    (process,) = guardians.started
+    assert guard.pid == process.pid and told == [True]
+    assert process.inherits == (7, 8) and process.command[:-1] == ["guardian"]
     guard.stop()
-    assert ended(pid)
+
+
+def test_one_that_does_not_answer_is_killed(guardians: Guardians) -> None:
+    guardians.answers = ()
+    guard = made()
+    guard.start()
+    assert guard.ask("look") == b""
+    assert guardians.started[0].done == ["kill", ("wait", 5.0)]
+    assert guardians.heard() == [b"look", b"(end)"]
+    assert guard.pid is None
+    assert guard.ask("look") == b""
+    assert len(guardians.started[0].done) == 2  # it is no more
+
+
+def test_one_that_does_not_hear_is_replaced_once_and_told_the_same(
+    guardians: Guardians, caplog: pytest.LogCaptureFixture
+) -> None:
+    guardians.answers = ()
+    guard = made()
+    with pytest.raises(DeviceLost, match="does not start"):
+        guard.insist("a")
+    assert len(guardians.started) == 1 and guardians.started[0].done[0] == "kill"
+    assert "replaced" not in caplog.text
+    guard.start()
+    guardians.answers = ("ok",)
+    guard.insist("b")
+    assert [len(guardians.started), guardians.heard(2)] == [3, [b"b"]]
+    assert "guardian replaced" in caplog.text
     guard.stop()
+
+
+def test_a_lost_one_is_replaced_and_armed_and_a_lost_cause_is_told_once(
+    guardians: Guardians, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guard_module, "HEARD_S", 0.01)
+    ended: list[str] = []
+    words = iter(["arm 30", "arm 20", "arm 10"])
+    guardians.answers = ("ok",)
+    guard = made(unguarded=ended.append)
+    guard.arm(lambda: next(words))
+    assert guard.look() is True
+    assert [guardians.heard(n) for n in range(len(guardians.started))] == [
+        [b"arm 30", b"look", b"(end)"],
+        [b"arm 20"],
+    ]
+    assert ended == []
+    guardians.answers = ()
+    assert guard.look() is False
+    assert ended == ["the process that guards the shutter does not start"]
+    assert guard.look() is False
+    assert (len(ended), len(guardians.started)) == (1, 3)
+
+
+@pytest.mark.parametrize("later", ["ended", "guarded", "disarmed"])
+def test_an_exposure_that_could_not_be_ended_is_looked_after_still(
+    guardians: Guardians, monkeypatch: pytest.MonkeyPatch, later: str
+) -> None:
+    monkeypatch.setattr(guard_module, "HEARD_S", 0.01)
+    guardians.answers = ("ok",)
+    failures = [DeviceLost("the camera does not answer")] * 2
+    ended: list[str] = []
+
+    def unguarded(why: str) -> None:
+        ended.append(why)
+        if failures:
+            raise failures.pop()
+
+    guard = made(unguarded=unguarded)
+    guard.arm(lambda: "arm 30")
+    guardians.answers = ()
+    assert guard.look() is True and guard.look() is True
+    assert len(ended) == 2
+    if later == "ended":
+        assert guard.look() is False and len(ended) == 3
+    elif later == "guarded":
+        guardians.answers = ("ok",) * 3
+        assert guard.look() is True and guard.look() is True
+        assert guardians.heard(-1) == [b"arm 30", b"look"]
+    else:
+        guard.disarm()
+    if later != "guarded":
+        assert guard.look() is False
+    guard.stop()
+
+
+def test_one_that_is_told_to_end_is_waited_for_and_killed_where_it_stays(
+    guardians: Guardians,
+) -> None:
+    for ends, wait, done in (
+        (True, True, [("wait", 5.0)]),
+        (False, True, [("wait", 5.0), "kill", ("wait", 5.0)]),
+        (False, False, [("wait", 0.0)]),  # nobody waits for it: it is buried later
+    ):
+        guard = made()
+        guard.start()
+        process = guardians.started[-1]
+        process.returncode = 0 if ends else None
+        guard.stop(wait=wait)
+        guard.stop()
+        assert process.done == done and guardians.heard(-1) == [b"(end)"]
+        assert guard.pid is None and guard.ask("open") == b""
+
+
+def test_an_armed_guardian_is_looked_at_until_it_is_disarmed_or_stopped(
+    guardians: Guardians,
+) -> None:
+    ended: list[str] = []
+    guardians.answers = ("ok",) * 4
+    guard = made(unguarded=ended.append)
+    guard.start()
+    assert guard.look() is False  # nobody is armed, and nobody is asked
+    guard.arm(lambda: "arm 30")
+    assert guard.look() is True
+    assert guard.disarm() == b"ok"
+    assert guard.look() is False
+    assert guardians.heard(0) == [b"arm 30", b"look", b"disarm"]
+    guard.arm(lambda: "arm 30")
+    guard.stop()
+    assert guard.look() is False
+    assert (len(guardians.started), ended) == (1, [])
