@@ -13,8 +13,8 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -52,10 +52,12 @@ class Served:
         return [self.ask(word) for word in words]
 
     def fires(self) -> None:
+        """By the time it was armed for, however often it is looked at meanwhile."""
         until_s = time.monotonic() + LONG_S
         before = len(self.released)
-        assert self.ask("arm 0.02") == b"ok"
+        assert self.ask("arm 0.05") == b"ok"
         while len(self.released) == before and time.monotonic() < until_s:
+            self.ask("look")
             time.sleep(0.005)
         assert len(self.released) == before + 1
 
@@ -76,12 +78,9 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
 @pytest.mark.parametrize(
     ("words", "released"),
     [
-        ([], 0),
         (["look"], 0),
-        (["arm 600"], 1),
         (["arm 600", "look"], 1),  # a look disarms nobody
         (["arm 600", "disarm"], 0),
-        (["disarm", "look"], 0),
         (["arm 600", "disarm", "arm 600"], 1),
         (["arm 600", "arm 500"], 1),
     ],
@@ -280,29 +279,6 @@ def test_a_guardian_that_fired_ended_the_exposure(
     assert guard.looked == (not answer)  # which replaces it
 
 
-@pytest.mark.parametrize("takes", [True, False])
-def test_an_exposure_that_nobody_guards_is_ended_and_said_once(
-    guarded: tuple[watchdog.Guardian, Guarded],
-    monkeypatch: pytest.MonkeyPatch,
-    takes: bool,
-) -> None:
-    made, guard = guarded
-    asked: list[object] = []
-    monkeypatch.setattr(watchdog, "release_shutter", lambda *how: asked.append(how) or takes)  # type: ignore[func-returns-value]
-    made.arm(30.0)
-    if takes:
-        guard.unguarded("no process is left")
-    else:  # it is asked again then
-        with pytest.raises(DeviceLost, match="does not take it"):
-            guard.unguarded("no process is left")
-    assert asked == [(7, "rts", "0")]
-    assert [made.disarm(), made.disarm()] == ["no process is left", ""]
-    with suppress(DeviceLost):
-        guard.unguarded("no process is left")
-    made.arm(30.0)  # the next exposure is not the last one
-    assert made.disarm() == ""
-
-
 def alarm(error: Exception | None = None) -> tuple[watchdog.Alarm, threading.Event]:
     rung = threading.Event()
 
@@ -328,14 +304,14 @@ def test_an_alarm_ends_an_exposure_and_says_so_once(
 @pytest.mark.parametrize("end", [watchdog.Alarm.disarm, watchdog.Alarm.stop])
 def test_an_alarm_in_time_leaves_nothing_behind(end: Callable[[watchdog.Alarm], object]) -> None:
     made, rung = alarm()
-    assert made.disarm() == ""
+    made.arm(0.0)
+    assert rung.wait(LONG_S)
     for _ in range(2):
-        made.arm(600.0)
+        made.arm(600.0)  # that it rang in the exposure before is not heard in this one
         (timer,) = (t for t in threading.enumerate() if isinstance(t, threading.Timer))
         assert timer.daemon  # a program that ends does not wait for it
     assert end(made) in ("", None)
     assert not any(isinstance(t, threading.Timer) for t in threading.enumerate())
-    assert not rung.is_set()
 
 
 def test_an_alarm_that_is_not_heard_rings_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -352,14 +328,6 @@ def test_an_alarm_that_is_not_heard_rings_again(monkeypatch: pytest.MonkeyPatch)
     made.arm(0.0)
     assert rung.wait(LONG_S)
     assert made.disarm() == "it lasted 0 s"
-
-
-def test_an_alarm_that_rang_in_one_exposure_is_not_heard_in_the_next() -> None:
-    made, rung = alarm()
-    made.arm(0.0)
-    assert rung.wait(LONG_S)
-    made.arm(600.0)
-    assert made.disarm() == ""
 
 
 # A port that nobody has opened.
@@ -392,41 +360,24 @@ def test_a_port_is_good_under_its_name_and_under_another(tmp_path: Path) -> None
     assert found(str(alias)) == ("good", f"{alias}, which is /dev/null", None)
 
 
-@pytest.mark.parametrize(
-    ("mode", "group"), [(os.R_OK, "dialout"), (os.W_OK, "dialout"), (0, None), (6, "dialout")]
-)
+@pytest.mark.parametrize(("mode", "group"), [(os.R_OK, "dialout"), (os.W_OK, None), (6, "dialout")])
 def test_a_port_has_to_be_read_and_written(
     monkeypatch: pytest.MonkeyPatch, mode: int, group: str | None
 ) -> None:
-    monkeypatch.setattr(os, "access", lambda path, wanted: wanted & mode == wanted)
-
-    class Entry:
-        gr_name = group
-
-    def getgrgid(gid: int) -> Entry:
+    def name_of(gid: int) -> SimpleNamespace:
         if group is None:
             raise KeyError(gid)
-        return Entry()
+        return SimpleNamespace(gr_name=group)
 
-    monkeypatch.setattr(grp, "getgrgid", getgrgid)
+    monkeypatch.setattr(os, "access", lambda path, wanted: wanted & mode == wanted)
+    monkeypatch.setattr(grp, "getgrgid", name_of)
     verdict, words, hint = found("/dev/null")
     if mode == os.R_OK | os.W_OK:
         assert (verdict, hint) == ("good", None)
     else:
         owner = group or str(Path("/dev/null").stat().st_gid)
-        assert (verdict, words) == (
-            "fault",
-            "/dev/null may not be read and written by this user",
-        )
+        assert (verdict, words) == ("fault", "/dev/null may not be read and written by this user")
         assert hint == f"add the user to the group {owner}, which owns the port"
-
-
-def test_a_port_elsewhere_is_not_looked_for() -> None:
-    assert found("rfc2217://box:4000") == (
-        "unknown",
-        "rfc2217://box:4000: only --click asks it",
-        None,
-    )
 
 
 def test_what_is_no_port_is_told_with_its_reason(dev: Path) -> None:
@@ -441,7 +392,7 @@ def test_what_is_no_port_is_told_with_its_reason(dev: Path) -> None:
         assert hint == "is it plugged in? this machine has no serial port at all"
 
 
-@pytest.mark.parametrize("count", [1, 5, 6, 7, 9])
+@pytest.mark.parametrize("count", [1, 6, 9])
 def test_other_ports_are_named_up_to_six(dev: Path, count: int) -> None:
     names = [str(dev / f"ttyUSB{number}") for number in range(count)]
     for name in names:
