@@ -20,9 +20,13 @@ from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw
 
 GRID = (3, 4)
+
 SECONDS = 4
+
 CONTRAST = 4.0
+
 RESPONSIVITY = (3000.0, 6000.0, 1500.0)
+
 SETTINGS = CameraSettings(iso=100, f_number=2.0)
 
 
@@ -48,12 +52,6 @@ class Rig:
 
     def planes(self, path: Path) -> NDArray[np.floating]:
         return read_raw(path, saturation_dn=1e9).planes
-
-
-def test_the_lens_has_every_third_stop_from_1_to_256() -> None:
-    assert len(F_NUMBERS) == 49 and len(set(F_NUMBERS)) == 49
-    assert F_NUMBERS[::6] == (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
-    assert (F_NUMBERS[1], F_NUMBERS[3], F_NUMBERS[5]) == (1.12, 1.41, 1.78)
 
 
 @pytest.mark.parametrize(
@@ -94,23 +92,6 @@ def test_samples_are_the_light_of_their_colour_at_the_lens(tmp_path: Path) -> No
         np.testing.assert_allclose(plane, level, atol=0.51)
 
 
-def test_a_photo_is_taken_once(tmp_path: Path) -> None:
-    rig = Rig()
-    with pytest.raises(ExposureError, match=r"not armed \(call arm first"):
-        rig.readout.fetch(tmp_path, "shot", 1.0)
-    rig.readout.arm(SETTINGS)
-    with pytest.raises(ExposureError, match="no finished exposure"):
-        rig.readout.fetch(tmp_path, "shot", 1.0)
-    rig.expose()
-    rig.readout.fetch(tmp_path, "shot", 1.0)
-    with pytest.raises(ExposureError, match="no finished exposure"):
-        rig.readout.fetch(tmp_path, "again", 1.0)
-    rig.readout.disconnect()
-    rig.expose()
-    with pytest.raises(ExposureError, match="not armed"):
-        rig.readout.fetch(tmp_path, "again", 1.0)
-
-
 def test_settings_that_the_camera_lacks_are_refused() -> None:
     rig = Rig()
     with pytest.raises(ConfigError, match=r"no ring to leave alone \(set f_number"):
@@ -119,10 +100,6 @@ def test_settings_that_the_camera_lacks_are_refused() -> None:
         rig.readout.arm(CameraSettings(123456, 2.0))
     with pytest.raises(ConfigError, match=r"\[camera\.options\] port: the driver mock has no"):
         Rig(options={"port": "x"})
-
-
-def test_the_photographed_bench_is_told_of() -> None:
-    assert Rig().context.shared.photographed
 
 
 def test_a_sensor_of_two_buckets_makes_two_files_of_one_exposure(tmp_path: Path) -> None:

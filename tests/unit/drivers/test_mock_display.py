@@ -28,7 +28,9 @@ from pdcd.errors import Cancelled, ConfigError, PdcdError
 from pdcd.panels.frames import BLACK, FrameLog, Frames
 
 MS = 1_000_000
+
 T0 = 1000 * MS
+
 GRID = (3, 4)
 
 
@@ -118,9 +120,7 @@ def test_the_vblanks_nearest_each_other_take_a_refresh(
         assert (primal[0], dual[0]) == first
 
 
-@pytest.mark.parametrize(
-    ("later_ns", "first_ms"), [(0, 0), (5, 0), (15, 10), (3 * MS, 10), (10 * MS, 10)]
-)
+@pytest.mark.parametrize(("later_ns", "first_ms"), [(0, 0), (5, 0), (15, 10), (10 * MS, 10)])
 def test_the_first_refresh_is_shown_at_the_next_vblank(later_ns: int, first_ms: int) -> None:
     """A vblank that is 10 ns over is taken for now: so much may be lost in rounding."""
     rig = Rig()
@@ -134,12 +134,6 @@ def test_the_slower_panel_throttles_both() -> None:
     log = rig.play(4)
     assert times(log) == ([0, 10, 30, 50, 70], [0, 20, 40, 60, 80])
     assert log.missed.tolist() == [0, 0, 1, 1]  # vblanks of the faster one without a new frame
-
-
-def test_the_clock_is_at_the_end_when_all_was_shown() -> None:
-    rig = Rig(mask={"phase_s": 0.004})
-    log = rig.play(5)
-    assert rig.clock.now_ns() == int(log.end_ns.max()) == T0 + 54 * MS
 
 
 def test_panels_jitter_as_much_as_said_and_never_run_backwards() -> None:
@@ -184,11 +178,6 @@ def test_a_stale_panel_keeps_what_it_showed_alone() -> None:
     assert log.missed.tolist() == [0, 1, 0, 1, 0]
     assert log.primal_asked is not None and log.primal_asked.tolist() == [0, 1, 2, 3, 4]
     assert log.dual_asked is not None and log.dual_asked.tolist() == [0, 1, 2, 3, 4]
-
-
-def test_a_refresh_that_is_late_and_dropped_counts_as_late() -> None:
-    log = Rig(faults=FaultsConfig(late={"2": 3}, dropped=(2,))).play(4)
-    assert log.missed.tolist() == [0, 0, 3, 0]
 
 
 @pytest.mark.parametrize(
@@ -299,7 +288,7 @@ def test_the_bench_keeps_what_was_shown_and_since_when_it_is_black() -> None:
     log = rig.play(3)
     assert rig.bench.log is log and rig.bench.whole
     assert rig.bench.frames is not None and len(rig.bench.frames) == 3
-    assert rig.bench.black_since_ns == T0 + 34 * MS
+    assert rig.bench.black_since_ns == T0 + 34 * MS == rig.clock.now_ns() == log.end_ns.max()
 
 
 def test_panels_that_hold_a_refresh_are_lit_until_they_are_black() -> None:
@@ -331,11 +320,6 @@ def test_panels_say_what_they_are() -> None:
         assert (drifting.refresh_hz, drifting.mask_lag_s) == (50.0, None)
 
 
-def test_what_is_not_loaded_is_not_played() -> None:
-    with pytest.raises(ConfigError, match=r"no frames are loaded \(call load first"):
-        Rig().display.play(lambda *_: None, lambda: False)
-
-
 def test_frames_must_fit_the_bench_and_both_panels() -> None:
     rig = Rig()
     wide = replace(frames_of(2), grid=(4, 3), lattice=(4, 3))
@@ -348,8 +332,3 @@ def test_frames_must_fit_the_bench_and_both_panels() -> None:
     rig.display.load(grey)
     with pytest.raises(ConfigError):
         Rig(planes_per_refresh=24).display.load(grey)
-
-
-def test_the_mock_has_no_options() -> None:
-    with pytest.raises(ConfigError, match=r"\[display\.options\] grab_px: the driver mock has no"):
-        Rig(options={"grab_px": [[0, 0]]})

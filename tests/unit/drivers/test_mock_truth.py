@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from drivers.mock.bench import MockBench
 from drivers.mock.camera import BenchSensor, make_true_profile
-from drivers.mock.display import MockDisplay
 from drivers.mock.shutter import MockShutter
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import DriverContext
@@ -88,12 +87,6 @@ def test_a_sensor_is_off_its_profile_by_factors() -> None:
     assert true.dark_e_per_s == profile.dark_e_per_s * 3.0
     assert true.full_well_e == profile.full_well_e * 0.5
     assert make_true_profile(profile, TrueSensor()) == profile
-
-
-def test_the_display_tells_true_vblanks_and_believed_light(tmp_path: Path) -> None:
-    config = config_of(tmp_path, "[mask]\nphase_s = 0.004\nskew_s = 0.002\n")
-    context = DriverContext(config=config, clock=VirtualClock())
-    assert MockDisplay.create(context).connect().mask_lag_s == pytest.approx(0.004)
 
 
 def test_a_truth_that_cannot_be_is_refused_before_any_device_moves(tmp_path: Path) -> None:

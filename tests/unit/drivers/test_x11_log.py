@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers import x11
-from drivers.x11 import X11Display, build_frame_log, has_several_codes
-from pdcd.bench.clock import RealClock
-from pdcd.bench.devices import DriverContext
-from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
+from drivers.x11 import build_frame_log, has_several_codes
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
-from tests import bench_rig
 
 PERIOD_NS = 10_000_000
 
@@ -98,91 +91,44 @@ def test_a_miss_makes_codes_unequal_where_there_are_several(
     assert has_several_codes(frames_of(primal, dual, shift)) is several
 
 
-class Process:
-    """Stands in for the display process; says `ready`, and shows each row for one vblank."""
-
-    ready = Ready("clock", 100.0, {"renderer": "none"}, 0.001)
-    told: tuple[tuple[int, int], ...] = ()
-
-    def __init__(self, request: Any, alive: Any) -> None:
-        self.alive = True
-        self.looks_alive = alive
-        self.given: list[Any] = []
-
-    def load(self, frames: Frames) -> None:
-        self.given.append(frames)
-
-    def play(self, primal: Any, dual: Any, progress: Any, cancelled: Any, **_: Any) -> Any:
-        self.given.append((primal, dual))
-        for numbers in self.told:
-            progress(*numbers)
-        return log_of(list(range(5, 6 + len(primal))))
-
-
-def panels_of(folder: Path, patch: pytest.MonkeyPatch, **tables: Any) -> X11Display:
-    patch.setattr(x11, "DisplayProcess", Process)
-    display = tables.pop("display", {})
-    options = {"projector": "HDMI-1", "mask": "HDMI-2"}
-    given: dict[str, Any] = {
-        "rig": RigConfig(clock="real", on_miss="flag"),
-        "projector": PanelConfig(size_px=(256, 192), refresh_hz=100.0, skew_s=0.001),
-        "mask": PanelConfig(size_px=(320, 240), refresh_hz=100.0, skew_s=0.0035),
-        "display": DisplayConfig(driver="x11", options=options, **display),
-        **tables,
-    }
-    config = bench_rig.config(folder, **given)
-    return X11Display.create(DriverContext(config=config, clock=RealClock()))
-
-
-def test_panels_say_what_they_are_and_how_far_the_mask_is_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("count", [5, 6])
+def test_planes_of_a_picture_have_their_part_of_the_refresh_each_time_it_is_shown(
+    count: int,
 ) -> None:
-    panels = panels_of(tmp_path, monkeypatch, display={"mask_delay_refreshes": 2})
-    info = panels.connect()
-    assert (info.primal_size_px, info.dual_size_px) == ((256, 192), (320, 240))
-    assert (info.refresh_hz, info.identity) == (100.0, {"renderer": "none"})
-    assert info.mask_lag_s == pytest.approx(0.001 + 0.0035 - 0.001 + 0.02)
-    monkeypatch.setattr(Process, "ready", Ready("clock", 100.0, {}, None))
-    assert panels.connect().mask_lag_s is None
-    assert X11Display.maturity == "experimental"
+    """The second of three pictures lasts two refreshes of 10 ms; the third may be half empty."""
+    starts, period_ns = (0.1, 0.4), 10_000_000
+    late = [0, 1, 0]
+    log = np.zeros((4, LOG_COLUMNS), dtype=np.int64)
+    log[:, Column.MSC] = [100, 101, 103, 104]
+    log[:, Column.NS] = log[:, Column.MSC] * period_ns
+    primal = np.arange(10, 10 + count, dtype=np.int32)
+    found = build_frame_log(primal, primal + 50, log, Ready("clock", 100.0, {}), starts)
+
+    wanted: list[tuple[int, int, int]] = []
+    for picture, again in enumerate(late):
+        for turn in range(1 + again):
+            for plane, start in enumerate(starts):
+                at_ns = int(log[picture, Column.NS]) + round((turn + start) * period_ns)
+                lost = late[picture - 1] if picture and not turn and not plane else 0
+                wanted.append((10 + 2 * picture + plane, at_ns, lost))
+    end_ns = 1040 * 1_000_000 + 1_000_000  # black begins with its own first plane
+    if count == 5:  # the plane that fills the last picture up is black already
+        end_ns = wanted.pop()[1]
+    rows, times_ns, missed = (list(column) for column in zip(*wanted, strict=True))
+    assert found.primal_shown.tolist() == rows
+    assert found.dual_shown.tolist() == [row + 50 for row in rows]
+    assert found.primal_ns.tolist() == found.dual_ns.tolist() == times_ns
+    assert found.missed.tolist() == missed
+    assert found.end_ns.tolist() == [end_ns, end_ns]
+    assert found.primal_shown.dtype == found.missed.dtype == np.int32
 
 
-def test_the_mask_is_sent_its_rows_later_and_the_log_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    panels = panels_of(tmp_path, monkeypatch, display={"mask_delay_refreshes": 1})
-    panels.load(frames_of([0, 1, 2], [0, 1, 2], [0, 0, 0]))
-    log = panels.play(lambda *_: None, lambda: False)
-    assert panels._presenter is not None
-    primal, dual = panels._presenter.given[-1]  # type: ignore[attr-defined]
-    assert primal.tolist() == [[0], [1], [2], [BLACK]]
-    assert dual.tolist() == [[BLACK], [0], [1], [2]]
-    assert log.mask_delay == 1 and len(log) == 4
-    assert log.primal_shown.tolist() == [0, 1, 2, BLACK]
-
-
-def test_pictures_of_24_planes_are_filled_up_by_black_and_counted_in_rows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    panels = panels_of(tmp_path, monkeypatch, display={"planes_per_refresh": 24})
-    monkeypatch.setattr(Process, "told", ((0, 0), (1, 3), (2, 3)))
-    panels.load(frames_of([0] * 30, [0] * 30, [0] * 30))
-    told: list[tuple[int, int, int]] = []
-    log = panels.play(lambda *numbers: told.append(numbers), lambda: False)
-    assert told == [(0, 30, 0), (24, 30, 3), (30, 30, 3), (30, 30, 0)]
-    assert panels._presenter is not None
-    primal, _ = panels._presenter.given[-1]  # type: ignore[attr-defined]
-    assert primal.shape == (2, 24)
-    assert primal.ravel().tolist() == [*range(30), *[BLACK] * 18]
-    assert len(log) == 30 and panels._shared.pixels is None
-
-
-def test_frames_may_be_played_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    panels = panels_of(tmp_path, monkeypatch)
-    frames = frames_of([0, 1], [0, 1], [0, 0])
-    panels.load(frames)
-    first, second = (panels.play(lambda *_: None, lambda: False) for _ in range(2))
-    assert first.primal_shown.tolist() == second.primal_shown.tolist() == [0, 1]
-    panels.load(replace(frames, guard=np.ones(2, np.bool_)))
-    assert panels._presenter is not None
-    assert len(panels._presenter.given) == 4  # type: ignore[attr-defined]
+def test_planes_never_run_backwards_where_stamps_jitter() -> None:
+    log = np.zeros((3, LOG_COLUMNS), dtype=np.int64)
+    log[:, Column.MSC] = [100, 101, 102]
+    log[:, Column.NS] = [1_000_000_000, 1_008_000_000, 1_020_000_000]
+    rows = np.arange(4, dtype=np.int32)
+    found = build_frame_log(rows, rows, log, Ready("clock", 100.0, {}), (0.0, 0.9))
+    assert found.primal_ns.tolist() == [
+        1_000_000_000, 1_009_000_000, 1_009_000_000, 1_017_000_000,
+    ]  # fmt: skip

@@ -17,7 +17,7 @@ from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.panels.frames import Frames
+from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.schedule import build_frames
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
 from tests import bench_rig
@@ -29,12 +29,14 @@ class Process:
     """Stands in for the display process; `said` is what all of them were asked, in order."""
 
     said: list[Any]
+    sent: list[Any]
+    told: tuple[tuple[int, int], ...]
     fault: Exception | None
     late: dict[int, int]
+    ready = Ready("clock", 60.0, {"renderer": "none"}, 0.001)
 
     def __init__(self, request: Any, alive: Callable[[], object]) -> None:
         self.alive = True
-        self.ready = Ready("clock", 60.0, {"renderer": "none"}, 0.001)
         self.said.append("start")
 
     def _do(self, what: Any) -> None:
@@ -59,8 +61,10 @@ class Process:
         self, primal: Any, dual: Any, progress: Any, cancelled: Any, **asked: Any
     ) -> np.ndarray[Any, Any]:
         self._do(("play", len(primal), asked["abort"], asked["stalls_from"]))
+        self.sent[:] = primal, dual
         assert not cancelled()
-        progress(1, 0)
+        for numbers in self.told:
+            progress(*numbers)
         log = np.zeros((len(primal) + 1, LOG_COLUMNS), dtype=np.int64)
         steps = [1 + self.late.get(n, 0) for n in range(len(log))]
         log[:, Column.MSC] = np.cumsum(steps)
@@ -71,20 +75,28 @@ class Process:
 @pytest.fixture
 def process(monkeypatch: pytest.MonkeyPatch) -> type[Process]:
     monkeypatch.setattr(x11, "DisplayProcess", Process)
-    Process.said, Process.fault, Process.late = [], None, {}
+    Process.said, Process.sent, Process.told = [], [], ((1, 0),)
+    Process.fault, Process.late = None, {}
     return Process
 
 
-def display(folder: Path, *, rig: dict[str, Any] | None = None, **options: Any) -> X11Display:
-    size = (256, 192)
+def display(
+    folder: Path,
+    *,
+    rig: dict[str, Any] | None = None,
+    shown: dict[str, Any] | None = None,
+    **options: Any,
+) -> X11Display:
+    panels = {
+        role: PanelConfig(size_px=(256, 192), skew_s=skew_s)
+        for role, skew_s in (("projector", 0.001), ("mask", 0.0035))
+    }
+    named = {"projector": "HDMI-1", "mask": "HDMI-2", **options}
     config = bench_rig.config(
         folder,
         rig=RigConfig(clock="real", **(rig or {})),
-        projector=PanelConfig(size_px=size),
-        mask=PanelConfig(size_px=size),
-        display=DisplayConfig(
-            driver="x11", options={"projector": "HDMI-1", "mask": "HDMI-2", **options}
-        ),
+        display=DisplayConfig(driver="x11", options=named, **(shown or {})),
+        **panels,
     )
     return X11Display.create(DriverContext(config=config, clock=RealClock()))
 
@@ -172,8 +184,7 @@ def test_patterns_that_were_refused_are_not_played(process: type[Process], tmp_p
 
 
 @pytest.mark.parametrize(
-    ("on_miss", "codes", "abort"),
-    [("abort", 4, True), ("abort", 1, False), ("balance", 4, False), ("flag", 4, False)],
+    ("on_miss", "codes", "abort"), [("abort", 4, True), ("abort", 1, False), ("balance", 4, False)]
 )
 def test_a_miss_ends_a_pass_only_where_it_makes_codes_unequal_and_that_is_asked_for(
     process: type[Process], tmp_path: Path, on_miss: str, codes: int, abort: bool
@@ -231,109 +242,9 @@ def test_progress_counts_on_through_the_passes_that_make_up_for_a_miss(
     ]
 
 
-def test_misses_of_earlier_passes_are_counted_while_the_next_is_shown(
-    process: type[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    panels = display(tmp_path, rig={"on_miss": "balance"})
-    shown = frames()
-    panels.load(shown)
-    code = int(np.flatnonzero(shown.dual_index >= 0)[0])
-    process.late = {code + 1: 2}
-    real = Process.play
-
-    def missing_one(self: Process, primal: Any, dual: Any, progress: Any, *a: Any, **k: Any) -> Any:
-        progress(1, 1)
-        found = real(self, primal, dual, progress, *a, **k)
-        process.late = {}
-        return found
-
-    monkeypatch.setattr(Process, "play", missing_one)
-    lost = [numbers[2] for numbers in play(panels)]
-    assert lost == [1, 0, 2, 3, 2, 2]
-
-
-def test_grey_is_not_sent_in_single_bits(process: type[Process], tmp_path: Path) -> None:
-    size = (256, 192)
-    config = bench_rig.config(
-        tmp_path,
-        rig=RigConfig(clock="real"),
-        projector=PanelConfig(size_px=size),
-        mask=PanelConfig(size_px=size),
-        display=DisplayConfig(
-            driver="x11", planes_per_refresh=24, options={"projector": "A", "mask": "B"}
-        ),
-    )
-    panels = X11Display.create(DriverContext(config=config, clock=RealClock()))
-    grey = replace(frames(), dual_patterns=np.full((4, 12), 0.5, dtype=np.float32))
-    with pytest.raises(ConfigError):
-        panels.load(grey)
-    assert process.said == []
-    panels.load(frames())
-    play(panels)
-    assert process.said[-1] == ("play", -(-len(frames()) // 24), True, 0)
-
-
 def test_pictures_of_several_planes_are_not_looked_at(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="several planes"):
-        X11Display.create(
-            DriverContext(
-                config=bench_rig.config(
-                    tmp_path,
-                    rig=RigConfig(clock="real"),
-                    display=DisplayConfig(
-                        driver="x11",
-                        planes_per_refresh=24,
-                        options={
-                            "projector": "A", "mask": "B", "grab_px": [[0, 0], [300, 0]],
-                        },
-                    ),
-                ),
-                clock=RealClock(),
-            )
-        )  # fmt: skip
-
-
-@pytest.mark.parametrize("count", [5, 6])
-def test_planes_of_a_picture_have_their_part_of_the_refresh_each_time_it_is_shown(
-    count: int,
-) -> None:
-    """The second of three pictures lasts two refreshes of 10 ms; the third may be half empty."""
-    starts, period_ns = (0.1, 0.4), 10_000_000
-    late = [0, 1, 0]
-    log = np.zeros((4, LOG_COLUMNS), dtype=np.int64)
-    log[:, Column.MSC] = [100, 101, 103, 104]
-    log[:, Column.NS] = log[:, Column.MSC] * period_ns
-    primal = np.arange(10, 10 + count, dtype=np.int32)
-    found = x11.build_frame_log(primal, primal + 50, log, Ready("clock", 100.0, {}), starts)
-
-    wanted: list[tuple[int, int, int]] = []
-    for picture, again in enumerate(late):
-        for turn in range(1 + again):
-            for plane, start in enumerate(starts):
-                at_ns = int(log[picture, Column.NS]) + round((turn + start) * period_ns)
-                lost = late[picture - 1] if picture and not turn and not plane else 0
-                wanted.append((10 + 2 * picture + plane, at_ns, lost))
-    end_ns = 1040 * 1_000_000 + 1_000_000  # black begins with its own first plane
-    if count == 5:  # the plane that fills the last picture up is black already
-        end_ns = wanted.pop()[1]
-    rows, times_ns, missed = (list(column) for column in zip(*wanted, strict=True))
-    assert found.primal_shown.tolist() == rows
-    assert found.dual_shown.tolist() == [row + 50 for row in rows]
-    assert found.primal_ns.tolist() == found.dual_ns.tolist() == times_ns
-    assert found.missed.tolist() == missed
-    assert found.end_ns.tolist() == [end_ns, end_ns]
-    assert found.primal_shown.dtype == found.missed.dtype == np.int32
-
-
-def test_planes_never_run_backwards_where_stamps_jitter() -> None:
-    log = np.zeros((3, LOG_COLUMNS), dtype=np.int64)
-    log[:, Column.MSC] = [100, 101, 102]
-    log[:, Column.NS] = [1_000_000_000, 1_008_000_000, 1_020_000_000]
-    rows = np.arange(4, dtype=np.int32)
-    found = x11.build_frame_log(rows, rows, log, Ready("clock", 100.0, {}), (0.0, 0.9))
-    assert found.primal_ns.tolist() == [
-        1_000_000_000, 1_009_000_000, 1_009_000_000, 1_017_000_000,
-    ]  # fmt: skip
+        display(tmp_path, shown={"planes_per_refresh": 24}, grab_px=[[0, 0], [300, 0]])
 
 
 def test_pictures_of_the_screen_are_kept_with_the_black_between_two_passes(
@@ -378,3 +289,45 @@ def test_pictures_of_the_screen_are_kept_with_the_black_between_two_passes(
     pair = [("p0", "m0"), ("p1", "m1")]
     assert kept == [((256, 192), (256, 192)), *pair, "black", *pair]
     assert panels._shared.pixels == "all of them"  # type: ignore[comparison-overlap]
+
+
+def test_panels_say_what_they_are_and_how_far_the_mask_is_behind(
+    process: type[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panels = display(tmp_path, shown={"mask_delay_refreshes": 2})
+    info = panels.connect()
+    assert (info.primal_size_px, info.dual_size_px) == ((256, 192), (256, 192))
+    assert (info.refresh_hz, info.identity) == (60.0, {"renderer": "none"})
+    assert info.mask_lag_s == pytest.approx(0.001 + 0.0035 - 0.001 + 2 / 60)
+    monkeypatch.setattr(Process, "ready", Ready("clock", 60.0, {}, None))
+    assert panels.connect().mask_lag_s is None
+
+
+def test_the_mask_is_sent_its_rows_later_and_the_log_says_so(
+    process: type[Process], tmp_path: Path
+) -> None:
+    panels = display(tmp_path, rig={"on_miss": "flag"}, shown={"mask_delay_refreshes": 1})
+    panels.load(frames())
+    log = panels.play(lambda *_: None, lambda: False)
+    count = len(frames())
+    primal, dual = (sent.ravel().tolist() for sent in process.sent)
+    assert primal == [*range(count), BLACK] and dual == [BLACK, *range(count)]
+    assert log.mask_delay == 1 and log.primal_shown.tolist() == primal
+
+
+def test_pictures_of_24_planes_are_filled_up_by_black_and_counted_in_rows(
+    process: type[Process], tmp_path: Path
+) -> None:
+    panels = display(tmp_path, rig={"on_miss": "flag"}, shown={"planes_per_refresh": 24})
+    grey = replace(frames(), dual_patterns=np.full((4, 12), 0.5, dtype=np.float32))
+    with pytest.raises(ConfigError):
+        panels.load(grey)  # grey is not sent in single bits
+    assert process.said == []
+    process.told = ((0, 0), (1, 3), (2, 3))
+    panels.load(frames(12))
+    told: list[tuple[int, int, int]] = []
+    log = panels.play(lambda *numbers: told.append(numbers), lambda: False)
+    assert told == [(0, 36, 0), (24, 36, 3), (36, 36, 3), (36, 36, 0)]
+    assert process.sent[0].shape == (2, 24)
+    assert process.sent[0].ravel().tolist() == [*range(36), *[BLACK] * 12]
+    assert len(log) == 36 and panels._shared.pixels is None
