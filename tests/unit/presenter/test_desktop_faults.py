@@ -21,15 +21,13 @@ CHECK = "_NET_SUPPORTING_WM_CHECK"
 
 
 class Window:
-    """A window with properties; `dead` where any question about it fails."""
+    """A window with properties."""
 
     def __init__(self, number: int, **properties: Any) -> None:
-        self.id, self.properties, self.dead = number, properties, False
+        self.id, self.properties = number, properties
 
     def get_full_property(self, name: str, kind: int) -> Any:
         assert kind == X.AnyPropertyType
-        if self.dead:
-            raise error.BadWindow.__new__(error.BadWindow)
         value = self.properties.get(name)
         return None if value is None else SimpleNamespace(value=value)
 
@@ -88,11 +86,6 @@ def server() -> Server:
     return Server()
 
 
-def test_a_bare_server_has_no_faults(server: Server) -> None:
-    assert inspect_desktop(server) == Desktop()
-    check_desktop(server)
-
-
 def test_owners_are_those_of_the_screen_that_is_used(server: Server) -> None:
     server.owners = {
         "_NET_WM_CM_S0": Window(8, WM_NAME=b"picom"), "WM_S0": Window(9, WM_NAME="twm"),
@@ -121,12 +114,6 @@ def test_a_manager_is_called_by_the_best_of_its_names(
     assert inspect_desktop(server).window_manager == name
 
 
-def test_a_manager_that_has_just_gone_has_no_name(server: Server) -> None:
-    server.owners = {"WM_S0": Window(9, WM_NAME="twm")}
-    server.owners["WM_S0"].dead = True
-    assert inspect_desktop(server).window_manager == "unnamed"
-
-
 @pytest.mark.parametrize(
     ("on_root", "on_window", "manager"),
     [
@@ -140,13 +127,6 @@ def test_a_manager_that_announces_itself_counts_where_its_window_says_the_same(
     server.root.properties = {CHECK: on_root}
     server.windows = {9: Window(9, WM_NAME="lives", **{CHECK: on_window}), 8: Window(8)}
     assert inspect_desktop(server).window_manager == manager
-
-
-def test_an_announcement_whose_window_is_gone_does_not_count(server: Server) -> None:
-    server.root.properties = {CHECK: [9]}
-    server.windows = {9: Window(9, WM_NAME="dead")}
-    server.windows[9].dead = True
-    assert inspect_desktop(server).window_manager is None
 
 
 @pytest.mark.parametrize(

@@ -172,13 +172,6 @@ def test_stalls_are_for_passes_that_are_to_have_them(
     assert stage.slept_s == [pytest.approx(0.03)] * slept
 
 
-def test_what_the_screen_shows_is_looked_at_after_each_refresh(stage: Stage) -> None:
-    took: list[object] = []
-    stage.presenter._grabs = SimpleNamespace(begin=took.append, take=took.append)  # type: ignore[assignment]
-    stage.play()
-    assert isinstance(took[0], dict) and [int(n) for n in took[1:]] == [0, 1, 2, 3]  # type: ignore[call-overload]
-
-
 @pytest.mark.parametrize("refused", [False, True])
 def test_what_was_loaded_is_taken_over_where_the_windows_take_it(
     stage: Stage, refused: bool

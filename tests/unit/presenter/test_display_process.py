@@ -39,6 +39,7 @@ from pdcd.presenter.options import X11Options
 from pdcd.presenter.process import SOURCES, Presenter
 
 PERIOD_NS = 10_000_000
+
 READY = Ready("clock", 100.0, {"renderer": "none"})
 
 
@@ -171,14 +172,6 @@ def test_a_driver_that_is_gone_leaves_black_panels_and_no_error(
     assert panels.made[0].calls == [("gone", False), ("gone", True), "close"]
 
 
-def test_answers_that_nobody_waits_for_end_it_quietly(line: Talk, panels: type[Panels]) -> None:
-    line.driver.send(opening())
-    line.driver.send(Show(1))
-    line.driver.close()
-    assert process.run_display_process(line.its.detach()) == 0
-    assert panels.made[0].calls == ["close"]
-
-
 def test_signals_of_a_terminal_or_a_service_are_not_for_it(
     line: Talk, panels: type[Panels]
 ) -> None:
@@ -227,12 +220,6 @@ def test_patterns_that_are_refused_are_no_end(line: Talk, panels: type[Panels]) 
         0, [READY, Failed("config", "no such row", "fewer", True), Done(), Done()]
     )  # fmt: skip
     assert panels.made[0].calls == [("show", 3), "black", "black", "close"]
-
-
-def test_panels_that_are_refused_are_the_end(line: Talk, panels: type[Panels]) -> None:
-    panels.faults["open"] = ConfigError("no such output", device="display")
-    assert line.run(opening(), Show(3)) == 0
-    assert line.said() == [Failed("config", "no such output", None, False)]
 
 
 def test_nothing_is_shown_before_the_panels_are_open(line: Talk, panels: type[Panels]) -> None:

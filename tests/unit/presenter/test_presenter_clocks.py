@@ -138,9 +138,3 @@ def test_a_server_that_is_gone_ends_the_probing() -> None:
 
     with pytest.raises(DeviceLost, match=":7 does not answer"):
         clocks.measure_period_ns(Completions(reports, swap), lambda: None, float(PERIOD_NS))
-
-
-def test_a_server_that_reports_no_swap_is_not_believed() -> None:
-    reports: Any = Reports()
-    source = Completions(reports, lambda: None)
-    assert clocks.measure_period_ns(source, lambda: None, float(PERIOD_NS)) is None

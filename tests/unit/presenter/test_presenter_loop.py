@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.presenter import clocks, loop
+from pdcd.presenter import loop
 from pdcd.presenter.loop import Loop
 from pdcd.presenter.messages import HEAD_SIZE, LOG_COLUMNS, Column, Head
 
@@ -84,6 +84,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Screen, NDArray[
 
 
 Run = Callable[..., tuple[Screen, NDArray[np.int64]]]
+
 GUARDED = [False, False] + [False, True, False] * 4 + [False]
 
 
@@ -264,34 +265,3 @@ class Steady:
     def shown(self) -> None:
         self.ns += self._period_ns
         self.msc += self._step
-
-
-class Hurried(Steady):
-    """Every frame comes a refresh late for as long as the machine is busy."""
-
-    def __init__(self, busy_frames: int) -> None:
-        super().__init__(PERIOD_NS, 1)
-        self._busy_frames = busy_frames
-
-    def shown(self) -> None:
-        super().shown()
-        self._busy_frames -= 1
-        if self._busy_frames >= 0:
-            super().shown()
-
-
-def test_a_source_that_repeats_counts_or_runs_at_another_rate_is_not_believed() -> None:
-    nominal = float(PERIOD_NS)
-    assert clocks.measure_period_ns(Steady(PERIOD_NS, 1), lambda: None, nominal) == nominal
-    assert (
-        clocks.measure_period_ns(Steady(PERIOD_NS + 150_000, 1), lambda: None, nominal) is not None
-    )
-    assert clocks.measure_period_ns(Steady(2 * PERIOD_NS, 1), lambda: None, nominal) is None
-    assert clocks.measure_period_ns(Steady(PERIOD_NS, 0), lambda: None, nominal) is None
-    assert clocks.measure_period_ns(Steady(0, 1), lambda: None, nominal) is None
-
-
-def test_a_busy_moment_does_not_lead_to_a_worse_source() -> None:
-    nominal = float(PERIOD_NS)
-    assert clocks.measure_period_ns(Hurried(40), lambda: None, nominal) == nominal
-    assert clocks.measure_period_ns(Hurried(10_000), lambda: None, nominal) is None

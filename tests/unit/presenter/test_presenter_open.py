@@ -15,13 +15,15 @@ from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import process, realtime
 from pdcd.presenter.client import make_open_request
-from pdcd.presenter.messages import Black, Load, Open, PanelMode, Play, Quit, Rect, Show
+from pdcd.presenter.messages import Open, PanelMode, Rect
 from pdcd.presenter.options import X11Options, read_x11_options
 from pdcd.presenter.phase import VblankPhase
 from pdcd.presenter.process import Presenter
 
 SIZES = (256, 192), (400, 300)
+
 PANELS = Rect(0, 0, 256, 192), Rect(256, 0, 400, 300)
+
 PHASE = VblankPhase((1 / 60, 1 / 59.5), 0.0025, 2.0)
 
 
@@ -35,10 +37,8 @@ class Parts:
         self.registered: list[tuple[int, int]] = []
         for name, made in (
             ("Places", self._places), ("_start_glfw", lambda name: self.note("glfw", name)),
-            ("PanelWindows", self._windows), ("PresentEvents", self._events),
-            ("measure_vblank_phase", self._measure),
-            ("measure_period_ns", self._probe),
-            ("Grabs", lambda *words: self.note("grabs", *words)),
+            ("PanelWindows", self._windows), ("PresentEvents", self._events), ("measure_vblank_phase", self._measure),
+            ("measure_period_ns", self._probe), ("Grabs", lambda *words: self.note("grabs", *words)),
         ):  # fmt: skip
             monkeypatch.setattr(process, name, made)
         system = {
@@ -224,19 +224,6 @@ def test_a_library_that_cannot_open_the_display_is_a_lost_device(
     assert opened == [":9"]
 
 
-@pytest.mark.parametrize("message", [Load([], (1, 1), (1, 1), "whole"), Play([])])
-def test_what_needs_memory_and_comes_without_does_nothing(message: Load | Play) -> None:
-    process._answer(SimpleNamespace(), message, None)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("message", "said"), [(Show(3), 3), (Black(), ()), (Quit(), ())])
-def test_what_needs_no_memory_is_answered_without(message: Any, said: Any) -> None:
-    done: list[Any] = []
-    presenter = SimpleNamespace(show=done.append, black=lambda: done.append(()))
-    process._answer(presenter, message, None)  # type: ignore[arg-type]
-    assert done == [said]
-
-
 def test_windows_and_outputs_are_looked_at_while_nothing_is_asked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -300,14 +287,3 @@ def test_options_have_limits(key: str, good: tuple[Any, ...], bad: tuple[Any, ..
     for value in bad:
         with pytest.raises(ConfigError, match=key):
             read(value)
-
-
-def test_options_that_are_left_out_are_as_documented() -> None:
-    usual = X11Options(projector="A", mask="B")
-    assert usual == X11Options(
-        projector="A", mask="B", display=None, layout="span", time_source="auto",
-        allow_software=False, realtime_priority=20, hang_s=2.0, positions_px=None, grab_px=None,
-        stalls_ms={}, stall_exposures=0,
-    )  # fmt: skip
-    with pytest.raises(TypeError):
-        X11Options("A", "B")  # type: ignore[call-arg]

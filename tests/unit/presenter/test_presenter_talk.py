@@ -11,22 +11,16 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from Xlib import X, error
-from Xlib.ext import randr
+from Xlib import error
 
-from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter import edid, phase, xconnection
-from pdcd.presenter.edid import parse_edid
+from pdcd.errors import ConfigError
+from pdcd.presenter import phase, xconnection
 from pdcd.presenter.messages import (
-    LOG_COLUMNS,
     REPLIES,
     REQUESTS,
-    Column,
     Done,
     Failed,
-    Head,
     Play,
-    Ready,
     Rect,
     Slot,
     copy_to_shared_memory,
@@ -38,11 +32,9 @@ from pdcd.presenter.xconnection import (
     ServerLost,
     close_x_connection,
     guard_x_calls,
-    make_server_lost,
     open_x_connection,
 )
 from pdcd.presenter.xpresent import KIND_MSC
-from tests.edid_block import block
 
 # Shared memory.
 
@@ -77,17 +69,6 @@ def test_shared_arrays_are_one_for_all_who_hold_the_descriptor() -> None:
 # Messages.
 
 
-def test_both_processes_mean_the_same_entries() -> None:
-    """A driver and a display process of the same version share them by number."""
-    assert {entry.name: int(entry) for entry in Head} == {
-        "SHOWN": 0, "STOP": 1, "MISSED": 2, "FIRST": 3, "SPOILT": 4,
-    }  # fmt: skip
-    assert {entry.name: int(entry) for entry in Column} == {
-        "NS": 0, "MSC": 1, "PUT_NS": 2, "SWAP_NS": 3, "CPU_NS": 4, "FLIPPED": 5,
-    }  # fmt: skip
-    assert LOG_COLUMNS == 6
-
-
 def test_what_is_a_reply_is_no_request() -> None:
     said = Failed("sync", "late", None, True)
     assert REPLIES.decode(REQUESTS.encode(said)) == said
@@ -95,10 +76,6 @@ def test_what_is_a_reply_is_no_request() -> None:
     assert REQUESTS.decode(REPLIES.encode(play)) == play and play.stalls
     with pytest.raises(msgspec.ValidationError):
         REQUESTS.decode(REPLIES.encode(Done()))
-
-
-def test_a_lag_that_was_not_measured_is_none() -> None:
-    assert Ready("clock", 60.0, {}).lag_s is None
 
 
 # A connection to the X server.
@@ -235,50 +212,6 @@ def test_a_connection_is_closed_whatever_its_state(fault: Exception | None, hidd
             close_x_connection(display)
 
 
-def test_a_lost_server_is_a_lost_display() -> None:
-    told = make_server_lost(":7", "it went")
-    assert isinstance(told, DeviceLost) and told.device == "display"
-    assert told.message == "the X server :7 does not answer: it went"
-
-
-EPSON = block(name="EPSON PJ")
-
-
-def test_a_panel_is_asked_for_by_the_atom_of_its_property(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked: list[Any] = []
-    known = ["EDID"]
-    answer: tuple[int, bytes] | None = None
-
-    def request(**words: Any) -> Any:
-        asked.append(words)
-        return SimpleNamespace(value=answer)
-
-    monkeypatch.setattr(edid, "_GetOutputProperty", request)
-    inner = SimpleNamespace(get_extension_major=lambda name: {randr.extname: 140}[name])
-
-    def atom(name: str, only_if_exists: bool) -> int:
-        assert only_if_exists
-        return 55 if name in known else int(X.NONE)
-
-    display = SimpleNamespace(intern_atom=atom, display=inner)
-    for answered, found in (
-        ((8, EPSON), parse_edid(EPSON)),
-        ((32, EPSON), None),  # of another form
-        ((8, b"edid"), None),
-        (None, None),
-    ):
-        answer = answered
-        assert edid.read_edid(display, 41) == found
-    assert asked == [{
-        "display": inner, "opcode": 140, "output": 41, "property": 55, "type": X.AnyPropertyType,
-        "long_offset": 0, "long_length": 256, "delete": False, "pending": False,
-    }] * 4  # fmt: skip
-    known.clear()  # a server that knows no such property is not asked for it
-    assert edid.read_edid(display, 41) is None and len(asked) == 4
-
-
 # The phase of two outputs.
 
 PERIOD_NS = 16_000_000
@@ -357,37 +290,3 @@ def test_a_screens_stamps_scatter_by_less_than_a_tenth_of_a_millisecond(
     steady = np.stack([10**12 + msc * PERIOD_NS, msc], axis=1)
     for both in ((stamps, steady), (steady, stamps)):
         assert (compare_vblanks(*both) is not None) is screen
-
-
-def test_windows_that_are_never_shown_are_asked(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    done: list[Any] = []
-    sources = [Vblanks(), Vblanks(-2_000_000)]
-    waiting = list(sources)
-
-    def window(*place: int, **how: Any) -> Any:
-        done.append((*place, how))
-        return SimpleNamespace(id=100 + len(done))
-
-    root = SimpleNamespace(create_window=window)
-    display = SimpleNamespace(
-        screen=lambda: SimpleNamespace(root=root, root_depth=24), sync=lambda: done.append("sync")
-    )
-
-    def events(name: str, number: int) -> Vblanks:
-        done.append((name, number))
-        return waiting.pop(0)
-
-    monkeypatch.setattr(phase, "open_x_connection", lambda name: display)
-    monkeypatch.setattr(phase, "close_x_connection", lambda display: done.append("left"))
-    monkeypatch.setattr(phase, "PresentEvents", events)
-    places = SimpleNamespace(x=3, y=4), SimpleNamespace(x=256, y=7)
-    found = phase.measure_vblank_phase(":7", places)  # type: ignore[arg-type]
-    assert found is not None and found.lag_s == pytest.approx(-0.002)
-    hidden = {"override_redirect": True}
-    assert done == [
-        (3, 4, 1, 1, 0, 24, hidden), (256, 7, 1, 1, 0, 24, hidden), "sync", (":7", 101),
-        (":7", 102), "left",
-    ]  # fmt: skip
-    assert [source.closed for source in sources] == [1, 1]

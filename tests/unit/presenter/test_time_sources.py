@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.errors import DeviceLost
+from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import clocks
 from pdcd.presenter.clocks import (
     Completions,
@@ -49,12 +49,6 @@ def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
     desk = Desk()
     keep_time(monkeypatch, desk)
     return desk
-
-
-def test_two_frames_are_handed_over_only_where_each_is_reported() -> None:
-    """Elsewhere the second would take the place of the first."""
-    every = (Completions, Vblanks, SwapReturns, ProcessorClock)
-    assert [source for source in (*every, FreeRunningSource) if source.queues] == [Completions]
 
 
 # The processor's clock.
@@ -161,28 +155,6 @@ def test_who_hears_nothing_of_a_swap_or_a_vblank_gives_up(desk: Desk) -> None:
     assert 3 / 60 <= settled_s < 6 / 60 and min(others_s) >= 30 / 60
 
 
-def test_a_vblank_source_finishes_the_drawing_before_it_waits(desk: Desk) -> None:
-    class Regular(Mute):
-        def ask(self, msc: int) -> None:
-            self.msc = max(msc, desk.now_ns // PERIOD_NS)
-
-        def wait(self, kind: int, timeout_s: float) -> bool:
-            desk.now_ns = max(desk.now_ns, self.msc * PERIOD_NS)
-            self.ns = self.msc * PERIOD_NS
-            return True
-
-    events: Any = Regular()
-    source = Vblanks(events, desk.swap, desk.finish, float(PERIOD_NS))
-    assert (source.ns, source.msc, source.flipped) == (0, 0, 0)
-    source.sync()
-    last = source.msc
-    source.put()
-    assert desk.words() == ["finish"]
-    source.shown()
-    assert source.msc == last + 1
-    assert desk.done[1:] == [("swap", source.ns)]
-
-
 # Waiting, and looking whether a source is to be believed.
 
 
@@ -273,3 +245,20 @@ def test_a_source_that_counts_backwards_once_is_not_believed() -> None:
 
     source.shown = back  # type: ignore[method-assign]
     assert clocks.measure_period_ns(source, lambda: None, float(PERIOD_NS)) is None
+
+
+def test_only_a_lost_device_is_a_source_that_does_not_deliver() -> None:
+    def source(fault: Exception) -> Even:
+        made = Even(PERIOD_NS)
+
+        def shown() -> None:
+            raise fault
+
+        made.shown = shown  # type: ignore[method-assign]
+        return made
+
+    lost = source(DeviceLost("late"))
+    assert clocks.measure_period_ns(lost, lambda: None, float(PERIOD_NS)) is None
+    for fault in (ZeroDivisionError(), ConfigError("odd")):
+        with pytest.raises(type(fault)):
+            clocks.measure_period_ns(source(fault), lambda: None, float(PERIOD_NS))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,13 +10,20 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
+from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK
 from pdcd.presenter import timing
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
-from pdcd.presenter.timing import RefreshTiming, make_random_codes, measure_refreshes
+from pdcd.presenter.timing import (
+    RefreshTiming,
+    draw_histogram,
+    make_random_codes,
+    measure_refreshes,
+)
 from tests import bench_rig
 
 READY = Ready("clock", 100.0, {})
+
 MS = 1_000_000
 
 
@@ -121,3 +129,18 @@ def test_so_many_refreshes_are_shown_and_the_process_ended(
     for sent in process.sent:
         assert sent.shape == (refreshes, planes) and sent.dtype == np.int32
         np.testing.assert_array_equal(sent.ravel(), np.arange(sent.size) % 192)
+
+
+def test_a_picture_is_drawn(tmp_path: Path) -> None:
+    seconds = np.array([0.010, 0.020, 0.030])
+    timing = RefreshTiming(
+        Ready("swap", 100.0, {}), seconds, np.array([0, 1, 2]), seconds, seconds, seconds / 10, 0.0
+    )
+    draw_histogram(timing, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ConfigError, match=r"needs matplotlib \(.* install matplotlib\)"):
+        draw_histogram(RefreshTiming.of(log(), READY), Path("a.png"))

@@ -16,18 +16,15 @@ from pdcd.panels.map import Map, PanelView
 from pdcd.presenter.viewport import (
     CELLS,
     HALVES,
-    STRIPS,
-    TEXTURE_WIDTH,
-    UNITS,
-    WINDOWS,
     Viewport,
     build_pixel_table,
-    count_pieces,
 )
 from pdcd.presenter.viewport import PIXELS as OF_PIXELS
 
 SIZE_PX = (16, 12)
+
 GRID = (3, 4)
+
 BITS = np.packbits(np.arange(36).reshape(3, 12) % 5 == 0, axis=1)
 """Three patterns of twelve cells, two bytes each."""
 
@@ -135,40 +132,6 @@ def drawn(made: Viewport, card: Card, number: int) -> list[Any]:
     return card.told()
 
 
-@pytest.mark.parametrize(("unit", "order", "groups"), [(0, None, 1), (UNITS, "GRB", 6)])
-def test_a_panel_has_texture_units_a_corner_and_colours_of_its_own(
-    unit: int, order: str | None, groups: int
-) -> None:
-    card = Card()
-    viewport(card, unit=unit, order=order)
-    first, second = card.programs
-    assert first.source.startswith(f"#version 330 core\n#define GROUPS {groups}\n")
-    assert second.source.startswith("#version 330 core\n#define CORNER ivec2(5, 7)\n")
-    assert first["patterns"] == unit and (second["table"], second["pieces"]) == (unit + 1, unit + 2)
-    # Green comes first in the picture, then red, then blue.
-    assert first.get("colours") == (None if order is None else (8, 0, 16))
-
-
-def test_patterns_lie_in_one_texture_of_whole_rows() -> None:
-    card = Card()
-    made = viewport(card, "mask", UNITS)
-    made.load(frames())
-    patterns, table, pieces = card.textures
-    assert (patterns.size, patterns.channels, patterns.dtype) == ((TEXTURE_WIDTH, 1), 1, "u4")
-    stream = patterns.data.view(np.uint8).reshape(-1)
-    np.testing.assert_array_equal(stream[: BITS.size], BITS[::-1].reshape(-1))
-    assert not stream[BITS.size :].any()
-    assert (table.size, table.channels, table.dtype) == (SIZE_PX, 2, "u1")
-    wanted = build_pixel_table(view("mask"), GRID, CELLS, "whole")[::-1]
-    np.testing.assert_array_equal(table.data, wanted)
-    assert (pieces.size, pieces.channels, pieces.dtype) == ((5, 4), 4, "f1")
-    assert not pieces.data.any()
-    assert [made.unit for made in card.textures] == [3, 4, 5]
-    for texture in card.textures:
-        assert texture.filter == (moderngl.NEAREST, moderngl.NEAREST) and texture.alignment == 1
-    assert card.told() == [("canvas", pieces)]
-
-
 @pytest.mark.parametrize(("size", "rows"), [(1, 1), (16384, 1), (16385, 2), (40000, 3)])
 def test_a_texture_has_as_many_rows_as_its_bytes_need(size: int, rows: int) -> None:
     card = Card(3)
@@ -186,23 +149,6 @@ def test_a_texture_has_as_many_rows_as_its_bytes_need(size: int, rows: int) -> N
     assert told.value.device == "projector" and "--parts" in str(told.value.hint)
 
 
-def test_a_row_is_drawn_by_the_first_byte_and_sub_shift_of_its_pattern() -> None:
-    card = Card()
-    made = viewport(card)
-    made.load(frames())
-    first = card.programs[0]
-    assert (first["kind"], first["cols"], first["grey"]) == (CELLS, 4, False)
-    made.prepare(np.array([[0], [1], [2], [3], [BLACK]], dtype=np.int32))
-    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"]
-    assert card.viewport == (5, 7, *SIZE_PX)
-    assert drawn(made, card, 1) == [] and drawn(made, card, 4) == []  # black is not drawn
-    assert drawn(made, card, 2) == ["canvas", "pieces", "panel"]
-    assert drawn(made, card, 3) == ["canvas", "pieces", "panel"]
-    assert first["frame"].written == [
-        block([4], [0], 4), block([WHITE], [0], 4), block([0], [3], 4),
-    ]  # fmt: skip
-
-
 def test_pieces_that_stay_as_they_are_are_not_drawn_again() -> None:
     card = Card()
     made = viewport(card)
@@ -217,19 +163,6 @@ def test_pieces_that_stay_as_they_are_are_not_drawn_again() -> None:
     assert drawn(made, card, 0) == ["canvas", "pieces", "panel"]
 
 
-def test_the_planes_of_a_picture_are_drawn_in_one_go() -> None:
-    card = Card()
-    made = viewport(card, "mask", order="RGB")
-    made.load(frames())
-    rows = np.full((2, 24), BLACK, dtype=np.int32)
-    rows[0, :4] = [0, 1, 2, 3]
-    made.prepare(rows)
-    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"] and drawn(made, card, 1) == []
-    ends = [BLACK] * 20
-    wanted = block([0, WHITE, BLACK, 4, *ends], [0, 0, 0, 3] + [0] * 20, 24)
-    assert card.programs[0]["frame"].written == [wanted]
-
-
 def test_it_is_warmed_up_by_a_white_refresh_that_is_forgotten() -> None:
     card = Card()
     made = viewport(card)
@@ -241,55 +174,6 @@ def test_it_is_warmed_up_by_a_white_refresh_that_is_forgotten() -> None:
     assert card.viewport == (5, 7, *SIZE_PX)
     with pytest.raises(IndexError):
         made.draw(0)
-
-
-def test_grey_patterns_are_whole_bytes() -> None:
-    card = Card()
-    levels = np.linspace(0.0, 1.0, 36, dtype=np.float32).reshape(3, 12)
-    made = viewport(card)
-    made.load(frames(primal_patterns=levels))
-    assert card.programs[0]["grey"] is True
-    stream = card.textures[0].data.view(np.uint8).reshape(-1)[:36]
-    np.testing.assert_array_equal(stream, np.rint(255 * levels).reshape(-1))
-    made.prepare(np.array([[0]], dtype=np.int32))
-    made.draw_pieces(0)
-    assert card.programs[0]["frame"].written == [block([24], [0], 4)]
-    made.load(frames())
-    assert card.programs[0]["grey"] is False
-
-
-@pytest.mark.parametrize(
-    ("window", "role", "kind", "size"),
-    [
-        ("whole", "projector", CELLS, (5, 4)), ("whole", "mask", CELLS, (5, 4)),
-        ("quarter", "projector", HALVES, (9, 7)), ("quarter", "mask", WINDOWS, (10, 8)),
-        ("side-3/4", "projector", HALVES, (9, 7)), ("side-3/4", "mask", STRIPS, (18, 14)),
-    ],
-)  # fmt: skip
-def test_each_window_has_pieces_of_its_own(
-    window: str, role: str, kind: int, size: tuple[int, int]
-) -> None:
-    card = Card()
-    made = viewport(card, role)
-    made.load(frames(window=window))
-    assert card.programs[0]["kind"] == kind and card.programs[0]["cols"] == 4
-    assert card.textures[2].size == size
-    np.testing.assert_array_equal(
-        card.textures[1].data, build_pixel_table(view(role), GRID, kind, window)[::-1]
-    )
-
-
-def test_patterns_of_pixels_have_a_piece_for_each() -> None:
-    card = Card()
-    made = viewport(card)
-    lattice = SIZE_PX[1], SIZE_PX[0]
-    size = lattice[0] * lattice[1] // 8
-    bits = np.zeros((3, size), dtype=np.uint8)
-    made.load(
-        frames(window=PIXEL_WINDOW, lattice=lattice, primal_patterns=bits, dual_patterns=bits)
-    )
-    assert (card.programs[0]["kind"], card.programs[0]["cols"]) == (OF_PIXELS, 16)
-    assert card.textures[2].size == (17, 13)
 
 
 def test_a_geometry_is_kept_while_it_is_the_same_and_let_go_of_with_the_next() -> None:
@@ -322,14 +206,6 @@ def test_pieces_that_exceed_a_texture_are_refused_and_the_next_geometry_is_made_
     count = len(card.textures)
     made.load(frames())
     assert len(card.textures) == count + 3
-
-
-@pytest.mark.parametrize(
-    ("kind", "count"), [(CELLS, 7), (HALVES, 14), (WINDOWS, 15), (OF_PIXELS, 7), (STRIPS, 29)]
-)
-def test_there_are_so_many_pieces_along_an_axis(kind: int, count: int) -> None:
-    assert count_pieces(7, kind) == count
-    assert (CELLS, HALVES, WINDOWS, OF_PIXELS, STRIPS) == (0, 1, 2, 3, 4)
 
 
 def test_a_table_names_the_piece_of_each_pixel_and_0_beside_the_field() -> None:
