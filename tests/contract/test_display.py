@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.devices import Display
-from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, PanelConfig
+from pdcd.bench.tables import Config, PanelConfig
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import make_codes
 from pdcd.errors import Cancelled, ConfigError
@@ -117,30 +117,3 @@ def test_unequal_rates_slip_and_cost_a_refresh_each_time_around(tmp_path: Path) 
     seconds = (log.end_ns.max() - log.primal_ns[0]) * 1e-9
     assert log.missed.sum() == pytest.approx(seconds * 0.6, abs=1.0)
     assert len(log) / seconds == pytest.approx(59.4, rel=2e-3)
-
-
-def test_jitter_is_seeded(tmp_path: Path) -> None:
-    def stamps(seed: int) -> list[int]:
-        config = with_mask(tmp_path, jitter_s=1e-4)
-        camera = type(config.camera)(noise="none", seed=seed)
-        display = mock_display(bench_rig.config(tmp_path, mask=config.mask, camera=camera))
-        display.load(frames())
-        log = display.play(lambda *_: None, lambda: False)
-        return [int(t) for t in log.dual_ns - log.primal_ns]
-
-    assert stamps(1) == stamps(1)
-    assert stamps(1) != stamps(2)
-    assert np.std(stamps(1)) == pytest.approx(1e5, rel=0.5)
-
-
-def test_faults_appear_in_the_log(tmp_path: Path) -> None:
-    faults = FaultsConfig(late={"4": 3}, dropped=(7,), stale_mask=(10,), stale_projector=(12,))
-    display = mock_display(bench_rig.config(tmp_path, display=DisplayConfig(faults=faults)))
-    display.load(frames())
-    log = display.play(lambda *_: None, lambda: False)
-    np.testing.assert_array_equal(np.flatnonzero(log.missed), [4, 7, 10, 12])
-    assert log.missed[4] == 3
-    assert log.primal_ns[4] - log.primal_ns[3] == pytest.approx(4e9 / 60, abs=3)
-    assert (log.primal_shown[7], log.dual_shown[7]) == (6, 6)
-    assert (log.primal_shown[10], log.dual_shown[10]) == (10, 9)
-    assert (log.primal_shown[12], log.dual_shown[12]) == (11, 12)

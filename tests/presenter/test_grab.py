@@ -18,22 +18,26 @@ from numpy.typing import NDArray
 from Xlib import X
 
 from drivers.mock.bench import MockBench
-from pdcd.bench.tables import DisplayConfig, RigConfig, SceneConfig
+from pdcd.bench.tables import RigConfig, SceneConfig
 from pdcd.capture.rig import Rig
-from pdcd.errors import ConfigError, SyncError
+from pdcd.errors import SyncError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import build_frames
 from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from pdcd.probing.pixel_matrix import compute_pixel_factors
-from tests import bench_rig, lateness, x11_rig
+from tests import lateness, x11_rig
 from tests.panel_pixels import from_pictures, planned, upright
 from tests.xserver import QUARTER, XServer, run
 
 GRID = (6, 8)
+
 CELL = 20
 """Row 2, column 4: projector pixels 128..159 by 64..95, mask pixels 200..249 by 100..149."""
+
 PROJECTOR_PX, MASK_PX = QUARTER
+
 N = GRID[0] * GRID[1]
+
 TRIES = 5
 
 
@@ -299,22 +303,3 @@ def test_pictures_of_several_passes_join_as_their_logs_do(
         rig._context.shared.pixels = None
         np.testing.assert_allclose(pixels, bench.photo(), rtol=1e-12)
     assert len(log) > len(frames)
-
-
-def test_what_cannot_be_looked_at_is_refused(tmp_path: Path, x_quarter: XServer) -> None:
-    config = x11_rig.config(tmp_path, x_quarter, more={"grab_px": [[0, 0], [256, 0]]})
-    packed = DisplayConfig(driver="x11", options=config.display.options, planes_per_refresh=24)
-    with pytest.raises(ConfigError, match="several planes"):
-        Rig(bench_rig.config(tmp_path, rig=config.rig, display=packed))
-    long = build_frames(
-        (np.zeros((1, 2), np.uint8), np.zeros((1, 2), np.uint8)),
-        bench_rig.GRID, window="whole", schedule="full", passes=2500,
-    )  # fmt: skip
-    display = x11_rig.display(config)
-    display.connect()
-    try:
-        display.load(long)
-        with pytest.raises(ConfigError, match="pictures of"):
-            display.play(lambda *_: None, lambda: False)
-    finally:
-        display.disconnect()

@@ -6,21 +6,20 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from Xlib import X
-from Xlib.ext import randr
 
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import outputs as x_outputs
-from pdcd.presenter.outputs import Output, OutputPair, Watcher, find_output, find_pair, read_outputs
+from pdcd.presenter.outputs import Output, Watcher, find_output, find_pair, read_outputs
 from pdcd.presenter.xconnection import close_x_connection, open_x_connection
 from tests.edid_block import block
 from tests.xserver import QUARTER, XServer, run
 
 PROJECTOR, MASK = ("DUMMY1", QUARTER[0]), ("DUMMY0", QUARTER[1])
+
 ANSWER_S = 5.0
 
 
@@ -107,24 +106,6 @@ def test_two_panels_of_one_serial_are_refused(display: Any) -> None:
         find_output(read_outputs(display), "SAME", "mask")
 
 
-def test_an_unknown_output_is_refused_with_what_there_is(server: XServer) -> None:
-    outputs = tuple(read(server).values())
-    with pytest.raises(ConfigError) as caught:
-        find_output(outputs, "HDMI-1", "projector")
-    assert "DUMMY0: 400 x 300 at +256+0, 60.0000 Hz; DUMMY1: 256 x 192" in str(caught.value)
-    assert caught.value.hint == "set [display.options] projector to exactly one of them"
-
-
-def test_an_output_by_number_is_refused(server: XServer) -> None:
-    with pytest.raises(ConfigError, match="no output is named '0'"):
-        find_output(tuple(read(server).values()), "0", "mask")
-
-
-def test_an_unplugged_output_is_lost(server: XServer) -> None:
-    with pytest.raises(DeviceLost, match="'DUMMY5' is not connected"):
-        find_output(tuple(read(server).values()), "DUMMY5", "mask")
-
-
 def test_an_output_that_is_off_is_refused(server: XServer) -> None:
     server.xrandr("--output", "DUMMY1", "--off")
     found = read(server)["DUMMY1"]
@@ -133,27 +114,11 @@ def test_an_output_that_is_off_is_refused(server: XServer) -> None:
         find_output((found,), "DUMMY1", "projector")
 
 
-def test_a_wrong_mode_is_refused(display: Any) -> None:
-    with pytest.raises(ConfigError, match="DUMMY1 shows 256 x 192 pixels, not 1024 x 768"):
-        find_pair(read_outputs(display), projector=("DUMMY1", (1024, 768)), mask=MASK)
-
-
 def test_overlapping_outputs_are_refused(server: XServer) -> None:
     server.xrandr("--output", "DUMMY0", "--pos", "255x0")
     with pytest.raises(ConfigError, match="same part of the screen") as caught:
         find_pair(tuple(read(server).values()), projector=PROJECTOR, mask=MASK)
     assert caught.value.hint == "xrandr --output DUMMY0 --right-of DUMMY1"
-
-
-def test_outputs_that_only_touch_do_not_overlap() -> None:
-    left = Output("a", True, 0, 0, 10, 10)
-    for x, y, wanted in ((10, 0, False), (9, 0, True), (0, 10, False), (9, 9, True)):
-        assert x_outputs.has_overlap(left, Output("b", True, x, y, 10, 10)) is wanted
-
-
-def test_one_output_cannot_be_both_panels(display: Any) -> None:
-    with pytest.raises(ConfigError, match="same part of the screen"):
-        find_pair(read_outputs(display), projector=PROJECTOR, mask=("DUMMY1", QUARTER[0]))
 
 
 def test_rates_that_slip_too_fast_are_refused() -> None:
@@ -177,39 +142,6 @@ def test_published_timings_have_their_published_rates() -> None:
     x_outputs.check_rates(projector_hz, mask_hz)
     assert x_outputs.mode_hz(74_250_000, 2200, 1125, 0x10) == pytest.approx(60.0)  # interlaced
     assert x_outputs.mode_hz(25_175_000, 800, 525, 0x20) == pytest.approx(29.97, abs=0.01)
-
-
-def test_a_rate_that_the_server_does_not_know_is_none() -> None:
-    assert x_outputs.mode_hz(0, 0, 0) is None
-    x_outputs.check_rates(None, 60.0)
-    pair = OutputPair(Output("a", True), Output("b", True, refresh_hz=60.0))
-    assert pair.refresh_hz is None and pair.slip_s is None
-
-
-def test_a_turned_output_is_taken_and_said(display: Any) -> None:
-    """This server cannot turn outputs; what it says of one that is turned is put in its mouth."""
-    outputs = [
-        replace(o, turned=x_outputs.describe_rotation(randr.Rotate_180 | randr.Reflect_X))
-        if o.name == "DUMMY1"
-        else o
-        for o in read_outputs(display)
-    ]
-    pair = find_pair(outputs, projector=PROJECTOR, mask=MASK)
-    said = "60.0000 Hz, rotated by 180 degrees and mirrored left to right by the X server"
-    assert str(pair.projector).endswith(said)
-    assert str(pair.mask).endswith("60.0000 Hz")
-
-
-def test_turned_outputs_have_the_size_that_the_screen_gives_them(display: Any) -> None:
-    """A panel that stands upright is as wide as it is high otherwise."""
-    outputs = [
-        replace(
-            o, turned=x_outputs.describe_rotation(randr.Rotate_90), width=o.height, height=o.width
-        )
-        for o in read_outputs(display)
-    ]
-    with pytest.raises(ConfigError, match="DUMMY1 shows 192 x 256 pixels, not 256 x 192"):
-        find_pair(outputs, projector=PROJECTOR, mask=MASK)
 
 
 def test_one_large_output_is_divided_by_the_configuration() -> None:
@@ -244,13 +176,3 @@ def test_a_server_that_dies_between_questions_is_lost(server: XServer, display: 
     os.kill(server.pid, signal.SIGKILL)
     with pytest.raises(DeviceLost, match=server.display):
         read_outputs(display)
-
-
-def test_without_a_server_the_message_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    with pytest.raises(ConfigError, match="DISPLAY is not set"):
-        open_x_connection()
-    with pytest.raises(ConfigError, match="not the name of an X server"):
-        open_x_connection("HDMI-1")
-    with pytest.raises(DeviceLost, match="systemctl status pdcd-x"):
-        open_x_connection(":4242")

@@ -142,6 +142,7 @@ def test_panels_jitter_as_much_as_said_and_never_run_backwards() -> None:
     off = np.array(primal) - 10.0 * np.arange(401)
     assert off.std() == pytest.approx(1.0, rel=0.15) and abs(off.mean()) < 0.2
     assert dual == [10.0 * n for n in range(401)]
+    assert times(Rig({"jitter_s": 0.001}).play(400)) == (primal, dual)  # of the same seed
     wild = Rig({"jitter_s": 0.1})
     assert (np.diff(wild.play(50).primal_ns) >= 0).all()
 

@@ -36,10 +36,14 @@ class Parts:
         self.phase: VblankPhase | None = PHASE
         self.registered: list[tuple[int, int]] = []
         for name, made in (
-            ("Places", self._places), ("_start_glfw", lambda name: self.note("glfw", name)),
-            ("PanelWindows", self._windows), ("PresentEvents", self._events), ("measure_vblank_phase", self._measure),
-            ("measure_period_ns", self._probe), ("Grabs", lambda *words: self.note("grabs", *words)),
-        ):  # fmt: skip
+            ("Places", self._places),
+            ("_start_glfw", lambda name: self.note("glfw", name)),
+            ("PanelWindows", self._windows),
+            ("PresentEvents", self._events),
+            ("measure_vblank_phase", self._measure),
+            ("measure_period_ns", self._probe),
+            ("Grabs", lambda *words: self.note("grabs", *words)),
+        ):
             monkeypatch.setattr(process, name, made)
         system = {
             "raise_priority": "SCHED_FIFO 20",
