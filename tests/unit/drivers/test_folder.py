@@ -356,17 +356,6 @@ def test_the_folder_vanishes(bench: Bench) -> None:
         bench.arm()
 
 
-def test_settings_are_needed_first_and_once(bench: Bench) -> None:
-    bench.put("b.dng")
-    bench.fetch()
-    with pytest.raises(ExposureError, match="arm"):
-        bench.readout.fetch(bench.run, "again", 1.0)
-    bench.arm()
-    bench.readout.disconnect()
-    with pytest.raises(ExposureError, match="arm"):
-        bench.readout.fetch(bench.run, "again", 1.0)
-
-
 @pytest.mark.parametrize("options", [{}, {"folder": "/", "suffix": ".x"}])
 def test_wrong_options_are_refused(options: dict[str, Any]) -> None:
     context = DriverContext(config=Config(camera=CameraConfig(options=options)), clock=Script())

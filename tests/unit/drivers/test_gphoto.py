@@ -132,15 +132,6 @@ def test_a_shutter_that_is_forgotten_ends_its_exposure(
     assert ("may be open" in caplog.text) == refuses
 
 
-def test_a_second_connect_ends_an_exposure(bench: Bench) -> None:
-    bench.shutter.connect()
-    bench.shutter.open()
-    bench.shutter.connect()
-    assert bench.camera.written[-1] == ("bulb", 0) and bench.camera.opened == 1
-    before_ns = bench.clock.now_ns()
-    assert bench.shutter.close() == before_ns == bench.clock.now_ns()
-
-
 # The readout.
 
 
@@ -204,16 +195,6 @@ def test_events_are_waited_for_in_halves_of_a_second_up_to_the_end(armed: Bench)
     assert armed.clock.now_ns() == before_ns + 1200 * MS
 
 
-def test_after_a_photo_a_second_one_is_listened_for_three_tenths_of_a_second(armed: Bench) -> None:
-    armed.camera.later(0.2, "A.CR2", armed.raw)
-    armed.camera.later(0.51, "B.CR2", armed.raw)  # too late to be of this exposure
-    before_ns = armed.clock.now_ns()
-    raw = armed.readout.fetch(armed.root, "shot", 60.0)
-    assert raw.path == armed.root / "shot.cr2"
-    assert armed.clock.now_ns() == before_ns + 500 * MS
-    assert armed.camera.asked_for == [("/store", "A.CR2", gp.GP_FILE_TYPE_NORMAL)]
-
-
 def test_a_second_photo_in_that_time_is_refused_and_a_third_not_waited_for(armed: Bench) -> None:
     for at_s, name in ((0.2, "a.cr2"), (0.49, "b.cr2"), (0.7, "c.cr2")):
         armed.camera.later(at_s, name, armed.raw)
@@ -254,17 +235,6 @@ def test_the_photo_of_an_exposure_that_was_given_up_is_not_taken_for_the_next(
     before_ns = bench.clock.now_ns()
     bench.readout.arm(SETTINGS)  # nothing is owed any more
     assert bench.clock.now_ns() - before_ns < 100 * MS
-
-
-def test_a_photo_is_fetched_once_for_each_arming(armed: Bench) -> None:
-    armed.camera.add("a.cr2", armed.raw)
-    armed.readout.fetch(armed.root, "shot", 5.0)
-    with pytest.raises(ExposureError, match="call arm first"):
-        armed.readout.fetch(armed.root, "again", 5.0)
-    armed.readout.arm(SETTINGS)
-    armed.readout.disconnect()
-    with pytest.raises(ExposureError, match="call arm first"):
-        armed.readout.fetch(armed.root, "again", 5.0)
 
 
 def test_a_raw_file_that_is_no_tiff_is_not_looked_into(armed: Bench) -> None:

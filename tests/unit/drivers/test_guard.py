@@ -16,7 +16,7 @@ import pytest
 
 from drivers import guard as guard_module
 from drivers.guard import ShutterGuard
-from pdcd.child import WORDS, LineClosedError, start_child
+from pdcd.child import WORDS, LineClosedError
 from pdcd.errors import DeviceLost
 from tests.child_rig import Process, stand_ins
 from tests.processes import ended
@@ -29,13 +29,6 @@ import socket, sys
 talk = socket.socket(fileno=int(sys.argv[1]))
 while word := talk.recv(64):
     talk.send(word)
-"""
-
-SILENT = """
-import socket, sys
-talk = socket.socket(fileno=int(sys.argv[1]))
-while talk.recv(64):
-    pass
 """
 
 
@@ -105,17 +98,6 @@ def lookers() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name == "pdcd-guard"]
 
 
-def test_one_thread_at_a_time_looks_and_it_keeps_no_process_alive(armed: ShutterGuard) -> None:
-    for _ in range(2):
-        armed.arm(lambda: "arm")
-    assert soon(lambda: len(lookers()) == 1)
-    time.sleep(guard_module.GUARD_LOOK_S)
-    (looker,) = lookers()
-    assert looker.daemon and armed.look()
-    armed.stop()
-    assert soon(lambda: not lookers()) and not armed.look()
-
-
 def test_an_exposure_without_any_guardian_is_ended() -> None:
     reasons: list[str] = []
     guard = ShutterGuard((sys.executable, "-c", ECHO), answer_s=ANSWER_S, unguarded=reasons.append)
@@ -149,15 +131,6 @@ def test_a_guard_that_is_forgotten_is_not_kept_by_the_one_who_looks() -> None:
         warnings.simplefilter("ignore", ResourceWarning)  # nobody waits for the process
         del guard
         assert ended(pid)  # its line is closed
-
-
-def test_answers_have_their_bound() -> None:
-    guard = guard_of(SILENT, answer_s=0.5)
-    began_s = time.monotonic()
-    with pytest.raises(DeviceLost, match="guards the shutter does not start"):
-        guard.insist("ready")
-    assert time.monotonic() - began_s < 30.0
-    guard.stop()
 
 
 class Guardians:
@@ -195,25 +168,6 @@ def guardians(monkeypatch: pytest.MonkeyPatch) -> Iterator[Guardians]:
 
 def made(answer_s: float = 0.01, **how: Any) -> ShutterGuard:
     return ShutterGuard(("guardian",), 7, 8, answer_s=answer_s, **how)
-
-
-def test_a_guardian_gets_what_it_inherits_and_is_born_deaf(
-    guardians: Guardians, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[bool] = []
-
-    def started(*what: Any, **how: Any) -> Any:
-        told.append(how["deaf"])
-        return start_child(*what, **how)
-
-    monkeypatch.setattr(guard_module, "start_child", started)
-    guard = made()
-    assert guard.pid is None
-    guard.start()
-    (process,) = guardians.started
-    assert guard.pid == process.pid and told == [True]
-    assert process.inherits == (7, 8) and process.command[:-1] == ["guardian"]
-    guard.stop()
 
 
 def test_one_that_does_not_answer_is_killed(guardians: Guardians) -> None:

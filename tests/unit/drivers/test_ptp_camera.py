@@ -153,16 +153,6 @@ def test_a_cable_that_is_not_plugged_in_can_be_plugged_in(tmp_path: Path) -> Non
     rig.readout.disconnect()
 
 
-def test_a_forced_release_is_not_questioned() -> None:
-    rig = PtpRig(model=CABLE_BODY, camera={"release": "bulb"})
-    assert rig.shutter.connect()["release"] == "bulb"
-    rig.readout.connect()
-    rig.readout.arm(SETTINGS)
-    with pytest.raises(ExposureError, match="OPERATION_NOT_SUPPORTED"):
-        rig.shutter.open()
-    rig.disconnect()
-
-
 def test_photos_on_the_card_are_fetched_and_stay_there(tmp_path: Path) -> None:
     rig = PtpRig(FaultScript(file="twice"), camera={"destination": "card"})
     rig.connect()
@@ -188,17 +178,15 @@ def test_with_another_readout_the_photos_go_to_the_card() -> None:
 
 
 def test_one_device_serves_both_roles_until_the_last_lets_go(rig: PtpRig) -> None:
+    rig.shutter.open()
+    rig.shutter.disconnect()
+    assert rig.body.session_open and not rig.body.shutter.is_open
+    rig.shutter.connect()
     rig.readout.disconnect()
     assert rig.body.session_open
     rig.shutter.open()
     rig.shutter.disconnect()
     assert not rig.body.session_open and not rig.body.shutter.is_open
-
-
-def test_a_shutter_that_goes_first_closes(rig: PtpRig) -> None:
-    rig.shutter.open()
-    rig.shutter.disconnect()
-    assert rig.body.session_open and not rig.body.shutter.is_open
 
 
 def test_an_exposure_that_was_given_up_leaves_no_photo_behind(rig: PtpRig, tmp_path: Path) -> None:

@@ -92,32 +92,6 @@ def test_a_guardian_survives_every_signal_but_the_last(bench: Bench) -> None:
     assert soon(lambda: not bench.body.shutter.is_open)
 
 
-@pytest.mark.long
-def test_a_guardian_that_died_is_replaced(bench: Bench) -> None:
-    bench.tell("close")
-    first = int(bench.tell("pid"))
-    os.kill(first, signal.SIGKILL)
-    assert ended(first)
-    bench.tell("open")
-    assert int(bench.tell("pid")) != first
-    bench.kill()
-    assert soon(lambda: not bench.body.shutter.is_open)
-
-
-@pytest.mark.long
-def test_a_guardian_lost_in_an_exposure_is_replaced(bench: Bench) -> None:
-    bench.tell("open")
-    first = int(bench.tell("pid"))
-    os.kill(first, signal.SIGKILL)
-    assert ended(first)
-    assert soon(lambda: bench.tell("pid") not in ("None", str(first)))
-    assert bench.tell("armed") == "armed"
-    assert bench.body.shutter.is_open
-    bench.kill()
-    assert soon(lambda: not bench.body.shutter.is_open)
-    assert bench.body.shutter.opened == 1
-
-
 def test_an_exposure_that_nobody_guards_is_ended() -> None:
     body = CameraBody(RealClock(), PlainFilm(raw_of), BULB_BODY, FaultScript())
     config = Config(trigger=TriggerConfig(driver="ptp"))

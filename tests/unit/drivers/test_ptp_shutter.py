@@ -126,16 +126,6 @@ def test_a_shutter_that_may_be_open_keeps_its_guardian_armed(bench: Bench, last:
     assert bench.told[2:] == ([] if last == "close" else [("stop", False)])
 
 
-def test_an_exposure_that_nobody_guards_is_cut_short(bench: Bench) -> None:
-    bench.shutter.open()
-    bench.unguarded("no guardian is left")
-    assert not bench.body.shutter.is_open
-    with pytest.raises(ExposureError, match="no guardian is left"):
-        bench.shutter.close()
-    bench.shutter.open()
-    bench.shutter.close()
-
-
 def test_a_camera_in_this_process_needs_none(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(usb="virtual")
     monkeypatch.setattr(shutter_module, "ShutterGuard", bench.guard)

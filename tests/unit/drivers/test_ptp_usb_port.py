@@ -10,6 +10,7 @@ import array
 import errno
 from collections import deque
 from collections.abc import Callable
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,10 +27,12 @@ from drivers.ptp.faults import (
     WireTimeout,
 )
 from drivers.ptp.usb_port import UsbPort, find_cameras, find_still_image_devices
-from pdcd.errors import DeviceLost, DriverUnavailable
+from pdcd.errors import DeviceLost
 
 IN, OUT, INTERRUPT = 0x81, 0x02, 0x83
+
 BULK_TYPE, INTERRUPT_TYPE = 2, 3
+
 PACKET_B = 512
 
 
@@ -143,24 +146,6 @@ def test_cameras_are_found_by_their_interface_and_maker(monkeypatch: pytest.Monk
     assert find_still_image_devices("libusb") == [canon, phone]
 
 
-@pytest.mark.parametrize(
-    ("fault", "kind", "words"),
-    [
-        (usb.core.NoBackendError("none"), DriverUnavailable, "install libusb-1.0"),
-        (error(errno.EIO), DeviceLost, "cannot look at the USB: .*see dmesg"),
-    ],
-)
-def test_a_machine_that_cannot_look_says_what_to_do(
-    monkeypatch: pytest.MonkeyPatch, fault: Exception, kind: type[Exception], words: str
-) -> None:
-    def refuse(**_: Any) -> Any:
-        raise fault
-
-    monkeypatch.setattr(usb.core, "find", refuse)
-    with pytest.raises(kind, match=words):
-        find_cameras(None, None)
-
-
 # Claiming.
 
 
@@ -209,9 +194,7 @@ def test_a_device_that_may_not_be_claimed_is_let_go_and_says_why(
 # Transfers.
 
 
-@pytest.mark.parametrize(
-    ("seconds", "timeout_ms"), [(2.5, 2500), (0.0104, 10), (0.0, 1), (-1.0, 1)]
-)
+@pytest.mark.parametrize(("seconds", "timeout_ms"), [(0.0104, 10), (-1.0, 1)])
 def test_a_read_says_how_much_came(seconds: float, timeout_ms: int) -> None:
     """0 would mean for ever to libusb."""
     port, device = port_of(37)
@@ -219,10 +202,7 @@ def test_a_read_says_how_much_came(seconds: float, timeout_ms: int) -> None:
     assert device.done == [("read", IN, timeout_ms)]
 
 
-@pytest.mark.parametrize(
-    ("size", "packets"),
-    [(1, [1]), (511, [511]), (512, [512, 0]), (513, [513]), (1024, [1024, 0])],
-)
+@pytest.mark.parametrize(("size", "packets"), [(511, [511]), (512, [512, 0]), (1024, [1024, 0])])
 def test_a_write_of_whole_packets_is_ended_by_an_empty_one(size: int, packets: list[int]) -> None:
     port, device = port_of()
     port.write(bytes(size), 1.0)
@@ -329,31 +309,26 @@ def test_requests_that_fail_are_faults_of_the_wire(ask: Callable[[UsbPort], obje
 # The end.
 
 
-@pytest.mark.parametrize("number", [None, errno.ENODEV, errno.ENOENT])
-def test_a_device_that_comes_back_anew_was_reset(released: list[str], number: int | None) -> None:
-    port, device = port_of(*([] if number is None else [error(number)]))
-    port.usb_reset()
-    assert device.done == [("reset",)] and released[-1] == "dispose"
-
-
-def test_a_device_that_refuses_a_reset_is_released_all_the_same(released: list[str]) -> None:
-    port, _ = port_of(error(errno.EIO))
-    with pytest.raises(TransactionMismatch):
-        port.usb_reset()
-    assert released[-1] == "dispose"
-
-
 @pytest.mark.parametrize(
     ("number", "kind"),
-    [(errno.ENODEV, None), (errno.ENOENT, None), (errno.EIO, TransactionMismatch)],
+    [
+        (None, None),
+        (errno.ENODEV, None),  # it comes back anew
+        (errno.ENOENT, None),
+        (errno.EIO, TransactionMismatch),
+    ],
 )
-def test_a_device_that_is_gone_is_released_as_well(
-    monkeypatch: pytest.MonkeyPatch, number: int, kind: type[WireFault] | None
+def test_a_device_that_is_reset_or_gone_is_released_in_any_case(
+    released: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    number: int | None,
+    kind: type[WireFault] | None,
 ) -> None:
-    port, _ = port_of()
-    monkeypatch.setattr(usb.util, "dispose_resources", refusing(number))
-    if kind is None:
-        port.close()
-    else:
-        with pytest.raises(kind):
+    port, device = port_of(*([] if number is None else [error(number)]))
+    with pytest.raises(kind) if kind else nullcontext():
+        port.usb_reset()
+    assert device.done == [("reset",)] and released[-1] == "dispose"
+    if number is not None:
+        monkeypatch.setattr(usb.util, "dispose_resources", refusing(number))
+        with pytest.raises(kind) if kind else nullcontext():
             port.close()

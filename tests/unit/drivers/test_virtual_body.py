@@ -213,29 +213,6 @@ def test_a_body_releases_where_it_is_set_for_it(
     assert released.body.shutter.opened == int(timed == (OK, (0,)))
 
 
-def test_a_dial_on_b_is_ready_as_well() -> None:
-    camera = Camera(dial=ExposureMode.BULB).begin()
-    assert camera.ask(START) == OK
-    camera.ask(END)
-    camera.wait(1.0)
-    camera.heard()
-    camera.body.press()
-    camera.wait(1.0)
-    camera.body.release()
-    assert not camera.body.shutter.is_open and camera.body.shutter.opened == 2
-
-
-def test_settings_of_the_exposure_are_those_of_the_camera() -> None:
-    camera = Camera().begin()
-    camera.set(0xD103, 0x60)
-    camera.set(0xD101, 0x40)
-    camera.heard()
-    camera.photo()
-    (exposure,) = camera.body.shutter.exposures
-    assert (exposure.iso, exposure.f_number) == (800, 11.0)
-    assert exposure.close_ns - exposure.open_ns == 10**9
-
-
 # The cable, and faults.
 
 

@@ -19,7 +19,9 @@ from tests.unit.drivers.test_virtual_ptpip import Line
 from tests.virtual_eos import Client, raw_of, virtual_usb
 
 OK, BUSY = 0x2001, 0x2019
+
 BULB_START, BULB_END, GET_EVENT, GET_OBJECT = 0x9125, 0x9126, 0x9116, 0x1009
+
 PATIENCE_S = 20.0
 
 
@@ -115,34 +117,15 @@ def test_clients_on_the_network_are_answered_while_a_file_is_made(slow: Slow) ->
             numbers = itertools.count(1)
 
             def answered(code: int, *parameters: int) -> int:
-                number = next(numbers)
-                line.operate(code, number, *parameters)
+                line.operate(code, next(numbers), *parameters)
                 return line.response()[0]
 
-            def put(prop: int, value: int) -> None:
-                number = next(numbers)
-                line.operate(0x9110, number, out=2)
-                data = struct.pack("<III", 12, prop, value)
-                line.send(9, struct.pack("<IQ", number, len(data)))
-                line.send(12, struct.pack("<I", number) + data)
-                assert line.response() == (OK, number)
-
-            def events() -> bytes:
-                line.operate(GET_EVENT, number := next(numbers))
-                assert line.receive()[0] == 9
-                kind, body = line.receive()
-                assert kind == 12 and line.response() == (OK, number)
-                return body
-
-            assert answered(0x9114, 1) == answered(0x9115, 1) == OK
-            put(0xD102, 0x0C)
-            events()
+            assert answered(0x9114, 1) == OK
+            body.settings.put(0xD102, struct.pack("<I", 0x0C))
             assert answered(BULB_START) == OK
             assert answered(BULB_END) == OK  # not let yet: the answer did not wait for the file
-            assert not slow.let.is_set() and b"IMG_0001.CR2" not in events()
+            assert not slow.let.is_set() and not body.store.files
             slow.made()
-            while b"IMG_0001.CR2" not in events():
-                assert body.shutter.exposures
             line.socket.close()
 
 

@@ -50,14 +50,6 @@ def test_the_chart_goes_up_in_half_stops() -> None:
     assert shown.exposure_s == pytest.approx(1.0)
 
 
-def test_two_stops_down_is_a_quarter_of_the_light() -> None:
-    bright = photo(make_chart_film((64, 320))).planes.mean()
-    dark = photo(
-        make_chart_film((64, 320)), CameraExposure(0, 10**9, iso=100, f_number=16.0)
-    ).planes.mean()
-    assert dark == pytest.approx(bright / 4.0, rel=0.02)
-
-
 def test_noise_is_that_of_the_sensor_model() -> None:
     """The camera draws it in a faster way of its own: mean and spread must be the model's."""
     profile = load_profile("450d")

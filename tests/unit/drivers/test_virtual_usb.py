@@ -182,16 +182,6 @@ def test_a_cancel_gives_up_the_answer_and_keeps_the_halt() -> None:
         bus.read()
 
 
-def test_a_device_reset_ends_halts_answers_and_the_session() -> None:
-    bus = Bus(ScriptedFault("stall", KEEP_ON))
-    bus.command(0x1002, 1)
-    bus.command(KEEP_ON, number=1)
-    assert bus.control(0x21, 0x66) == b""
-    assert not bus.body.session_open
-    with fails(errno.ETIMEDOUT):
-        bus.read()
-
-
 @pytest.mark.parametrize(
     ("kind", "request_", "data", "value"),
     [
@@ -283,18 +273,6 @@ def test_nonsense_halts_the_way_out_and_all_is_forgotten(nonsense: bytes) -> Non
     assert bus.response() == 0x2001
 
 
-def test_an_operation_on_which_the_cable_is_pulled_has_no_answer() -> None:
-    bus = Bus(ScriptedFault("unplug", KEEP_ON))
-    bus.command(INFO)
-    with fails(errno.ENODEV):
-        bus.command(KEEP_ON)
-    bus.body.replug()
-    bus.handle = bus.open()
-    bus.usb.claim_interface(bus.handle, 0)
-    with fails(errno.ETIMEDOUT):
-        bus.read()
-
-
 @pytest.mark.parametrize("kind", ["mute", "deaf"])
 def test_no_answer_is_none(kind: Any) -> None:
     bus = Bus(ScriptedFault(kind, INFO))
@@ -303,19 +281,6 @@ def test_no_answer_is_none(kind: Any) -> None:
         bus.read()
     bus.command(INFO)
     assert len(bus.read()) > 12
-
-
-def test_answers_may_break_off_or_carry_anothers_number() -> None:
-    bus = Bus(ScriptedFault("short-read", INFO), ScriptedFault("wrong-transaction", INFO, first=2))
-    info = BULB_BODY.info.pack()
-    bus.command(INFO)
-    short = bus.read()
-    assert short[12:] == info[: len(info) // 2]
-    assert struct.unpack_from("<I", short) == (12 + len(info),)
-    assert bus.response() == 0x2001
-    bus.command(INFO, number=0xFFFFFFFF)
-    bus.read()
-    assert bus.response(0) == 0x2001
 
 
 def test_whole_packets_end_with_an_empty_one() -> None:
