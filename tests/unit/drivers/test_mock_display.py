@@ -159,12 +159,6 @@ def test_a_late_refresh_stretches_the_one_before() -> None:
     assert rig.told[-1] == (5, 5, 4)
 
 
-def test_the_black_at_the_end_may_be_late_as_well() -> None:
-    assert times(Rig(faults=FaultsConfig(late={"3": 2})).play(3))[0] == [0, 10, 20, 30]
-    first = Rig(faults=FaultsConfig(late={"0": 2})).play(3)
-    assert times(first)[0] == [20, 30, 40, 50] and first.missed.tolist() == [0, 0, 0]
-
-
 def test_a_dropped_refresh_leaves_the_one_before_on_both_panels() -> None:
     log = Rig(faults=FaultsConfig(dropped=(0, 2, 3, 5))).play(5)
     assert log.primal_shown.tolist() == log.dual_shown.tolist() == [0, 1, 1, 1, 4]
@@ -250,28 +244,6 @@ def test_progress_is_told_ten_times_a_second_and_at_both_ends() -> None:
     rig = Rig(faults=FaultsConfig(late={"15": 1}))
     rig.play(25)
     assert rig.told == [(0, 25, 0), (10, 25, 0), (19, 25, 1), (25, 25, 1)]
-
-
-def test_passes_that_make_up_for_a_miss_count_on() -> None:
-    """The first pass has 8 refreshes, of which the fourth code lasts two; the others follow."""
-    rig = Rig(rig={"on_miss": "balance", "retries": 3}, faults=FaultsConfig(late={"4": 1, "9": 2}))
-    frames = frames_of(8)
-    code = np.arange(8, dtype=np.int32)
-    patterns = np.eye(8, 12, dtype=np.float32)
-    rig.display.load(
-        replace(
-            frames, code=code, primal_patterns=patterns, dual_patterns=patterns,
-            primal_index=code, dual_index=code,
-        )
-    )  # fmt: skip
-    told: list[tuple[int, int, int]] = []
-    log = rig.display.play(lambda *numbers: told.append(numbers), lambda: False)
-    ends = [(done, total) for done, total, _ in told if done == total]
-    assert ends[0] == (8, 8) and len(ends) >= 3
-    assert [done for done, _, _ in told] == sorted(done for done, _, _ in told)
-    lost = [lost for _, _, lost in told]
-    assert lost == sorted(lost) and lost[-1] == int(log.missed.sum()) == 3
-    assert [done for done, _, _ in told][1:3] == [8, 8]  # the next pass begins where this ended
 
 
 def test_a_cancelled_exposure_ends_black_and_is_none() -> None:

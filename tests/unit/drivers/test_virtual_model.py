@@ -75,19 +75,6 @@ def test_picture_formats_are_as_the_camera_packs_them() -> None:
 # On the USB.
 
 
-def fields(described: Any, names: str) -> dict[str, int]:
-    return {name: getattr(described, name) for name in names.split()}
-
-
-def test_the_device_is_a_usb_2_device_of_high_speed(device: Any) -> None:
-    assert fields(device, "bLength bDescriptorType bcdUSB bMaxPacketSize0") == {
-        "bLength": 18, "bDescriptorType": 1, "bcdUSB": 0x0200, "bMaxPacketSize0": 64,
-    }  # fmt: skip
-    assert (device.idVendor, device.idProduct, device.bcdDevice) == (0x04A9, 0x3145, 2)
-    assert (device.iManufacturer, device.iProduct, device.iSerialNumber) == (1, 2, 3)
-    assert (device.speed, device.bus, device.address) == (3, 1, 7)
-
-
 def test_it_tells_its_names_in_english(device: Any) -> None:
     assert usb.util.get_langids(device) == (0x0409,)
     names = [usb.util.get_string(device, index) for index in (1, 2, 3)]
@@ -100,20 +87,3 @@ def test_it_tells_its_names_in_english(device: Any) -> None:
     assert head == bytes.fromhex("04 03 0904")
     cut = device.ctrl_transfer(0x80, 6, 0x0302, 0x0409, 6).tobytes()
     assert cut == bytes([2 + 2 * len("Canon EOS 450D"), 3]) + "Ca".encode("utf-16-le")
-
-
-def test_it_has_one_still_image_interface_with_two_bulk_endpoints_and_one_for_events(
-    device: Any,
-) -> None:
-    (configuration,) = device
-    assert fields(configuration, "bLength bDescriptorType wTotalLength bNumInterfaces") == {
-        "bLength": 9, "bDescriptorType": 2, "wTotalLength": 9 + 9 + 3 * 7, "bNumInterfaces": 1,
-    }  # fmt: skip
-    (interface,) = configuration
-    kind = fields(interface, "bInterfaceClass bInterfaceSubClass bInterfaceProtocol")
-    assert tuple(kind.values()) == (6, 1, 1) and interface.bInterfaceNumber == 0
-    found = [
-        (end.bEndpointAddress, end.bmAttributes, end.wMaxPacketSize, end.bInterval)
-        for end in interface
-    ]
-    assert found == [(0x81, 2, 512, 0), (0x02, 2, 512, 0), (0x83, 3, 8, 9)]

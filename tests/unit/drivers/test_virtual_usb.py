@@ -182,22 +182,6 @@ def test_a_cancel_gives_up_the_answer_and_keeps_the_halt() -> None:
         bus.read()
 
 
-@pytest.mark.parametrize(
-    ("kind", "request_", "data", "value"),
-    [
-        (0x21, 0x64, bytes(5), 0),  # a cancel has six bytes
-        (0xA1, 0x65, 64, 0),
-        (0x80, 6, 64, 0x0200),  # no string
-        (0x80, 6, 64, 0x0304),  # one that is not there
-    ],
-)
-def test_other_requests_are_refused(
-    kind: int, request_: int, data: bytes | int, value: int
-) -> None:
-    with fails(errno.EPIPE):
-        Bus().control(kind, request_, data, value)
-
-
 # Transfers.
 
 
@@ -229,13 +213,6 @@ def test_a_transfer_is_read_in_pieces_of_whole_packets() -> None:
     assert len(bus.read(12 + len(info))) == 12 + len(info)  # to the byte
 
 
-def test_a_new_command_gives_up_the_answer_to_the_last() -> None:
-    bus = Bus()
-    bus.command(INFO, number=1)
-    bus.command(0x1002, 1, number=2)
-    assert bus.response(2) == 0x2001
-
-
 def test_data_to_the_camera_may_come_in_pieces_behind_their_command() -> None:
     bus = Bus()
     bus.command(0x1002, 1)
@@ -249,28 +226,6 @@ def test_data_to_the_camera_may_come_in_pieces_behind_their_command() -> None:
         for piece in pieces:
             assert bus.write(piece) == len(piece)
         assert bus.response(1) == 0x2001 and bus.body.settings.iso == 200
-
-
-@pytest.mark.parametrize(
-    "nonsense",
-    [
-        b"\xff" * 40,
-        struct.pack("<IHHI", 12, 3, 0x2001, 0),  # a response
-        struct.pack("<IHHI", 12, 1, KEEP_ON, 0) + b"more",
-    ],
-)
-def test_nonsense_halts_the_way_out_and_all_is_forgotten(nonsense: bytes) -> None:
-    bus = Bus()
-    bus.command(INFO)
-    for data in (nonsense, b""):
-        with fails(errno.EPIPE):
-            bus.write(data)
-    with fails(errno.ETIMEDOUT):
-        bus.read()
-    bus.usb.clear_halt(bus.handle, OUT)
-    assert bus.write(b"") == 0
-    bus.command(0x1002, 1)
-    assert bus.response() == 0x2001
 
 
 @pytest.mark.parametrize("kind", ["mute", "deaf"])

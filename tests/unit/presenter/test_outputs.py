@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from Xlib import error
 from Xlib.ext import randr
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter import outputs as outputs_module
-from pdcd.presenter.edid import Edid, parse_edid
+from pdcd.presenter.edid import parse_edid
 from pdcd.presenter.outputs import (
     Output,
     OutputPair,
@@ -24,7 +21,6 @@ from pdcd.presenter.outputs import (
     has_overlap,
     mode_hz,
     place_pair,
-    read_outputs,
     slip_s,
 )
 from tests.edid_block import block
@@ -43,87 +39,6 @@ EVERY = (LEFT, RIGHT, DARK, GONE)
 
 
 # Reading.
-
-
-class Server:
-    """Answers about four connectors: one on, one on but turned, one off, one empty."""
-
-    def __init__(self) -> None:
-        self.asked: list[Any] = []
-        self.panels = {41: parse_edid(EPSON)}
-        self.has_randr = True
-        self.fault: Exception | None = None
-
-    def has_extension(self, name: str) -> bool:
-        self.asked.append(name)
-        return self.has_randr
-
-    def get_display_name(self) -> str:
-        return ":7"
-
-    def screen(self) -> Any:
-        return SimpleNamespace(root=self)
-
-    def xrandr_get_screen_resources(self) -> Any:
-        if self.fault is not None:
-            raise self.fault
-
-        def mode(number: int, length: int, clock: int, flags: int) -> dict[str, int]:
-            return {
-                "id": number, "name_length": length, "dot_clock": clock, "h_total": 500,
-                "v_total": 400, "flags": flags,
-            }  # fmt: skip
-
-        return SimpleNamespace(
-            modes=[mode(7, 4, 12_000_000, 0), mode(9, 5, 5_000_000, randr.Interlace)],
-            mode_names="leftright", config_timestamp=99, outputs=[41, 42, 43, 44],
-        )  # fmt: skip
-
-    def xrandr_get_output_info(self, number: int, stamp: int) -> Any:
-        assert stamp == 99
-        names = {41: "HDMI-1", 42: "DP-1", 43: "VGA-1", 44: "DVI-1"}
-        return SimpleNamespace(
-            name=names[number], crtc={41: 1, 42: 2, 43: 3, 44: 0}[number],
-            connection=randr.Disconnected if number == 44 else randr.Connected,
-        )  # fmt: skip
-
-    def xrandr_get_crtc_info(self, number: int, stamp: int) -> Any:
-        assert stamp == 99
-        mode, rotation = {1: (7, randr.Rotate_0), 2: (9, randr.Rotate_90), 3: (0, 1)}[number]
-        x, y, width, height = (3, 5, 40, 30) if number == 1 else (43, 6, 30, 50)
-        return SimpleNamespace(mode=mode, rotation=rotation, x=x, y=y, width=width, height=height)
-
-
-@pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Server:
-    made = Server()
-
-    def read(display: object, output: int) -> Edid | None:
-        assert display is made
-        return made.panels.get(output)
-
-    monkeypatch.setattr(outputs_module, "read_edid", read)
-    return made
-
-
-def test_every_connector_is_read_with_its_mode_and_its_panel(server: Server) -> None:
-    first, second, third, fourth = read_outputs(server)
-    assert first == Output("HDMI-1", True, 3, 5, 40, 30, "left", 60.0, "", parse_edid(EPSON))
-    assert second == Output(
-        "DP-1", True, 43, 6, 30, 50, "right", 50.0, "rotated by 90 degrees", None
-    )
-    assert third == Output("VGA-1", True)
-    assert fourth == Output("DVI-1", False)
-
-
-def test_a_server_without_outputs_or_one_that_goes_says_so(server: Server) -> None:
-    server.fault = error.ConnectionClosedError("server")
-    with pytest.raises(DeviceLost, match="X server :7 does not answer"):
-        read_outputs(server)
-    server.has_randr = False
-    with pytest.raises(ConfigError, match=r"no RandR extension \(see systemd/xorg\.conf\)"):
-        read_outputs(server)
-    assert server.asked == ["RANDR", "RANDR"]
 
 
 @pytest.mark.parametrize(

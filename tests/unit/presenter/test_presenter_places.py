@@ -36,17 +36,14 @@ class Screen:
             change_attributes=lambda **how: self.note("background", how),
             clear_area=lambda: self.note("clear"),
         )
-        for name, made in (
-            ("open_x_connection", self.connect), ("Watcher", self.Watcher),
-            ("read_outputs", self.read_outputs),
-        ):  # fmt: skip
-            monkeypatch.setattr(places_module, name, made)
+        for name in ("open_x_connection", "Watcher", "read_outputs"):
+            monkeypatch.setattr(places_module, name, getattr(self, name))
         monkeypatch.setattr(desktop, "check_desktop", lambda display: self.note("desktop"))
 
     def note(self, *what: Any) -> None:
         self.done.append(what[0] if len(what) == 1 else what)
 
-    def connect(self, name: str | None) -> Any:
+    def open_x_connection(self, name: str | None) -> Any:
         self.note("connect", name)
         return self
 

@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.frames import BLACK, PIXEL_WINDOW, WHITE, Frames
+from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.map import Map, PanelView
 from pdcd.presenter.viewport import (
     CELLS,
-    HALVES,
     Viewport,
     build_pixel_table,
 )
-from pdcd.presenter.viewport import PIXELS as OF_PIXELS
 
 SIZE_PX = (16, 12)
 
@@ -119,12 +117,6 @@ def viewport(
     return Viewport(card, view(role), (5, 7), unit, order)  # type: ignore[arg-type]
 
 
-def block(first: list[int], shift: list[int], room: int) -> bytes:
-    """Uniforms of a refresh: first bytes, then sub-shifts, each filled up with black."""
-    rows = [values + [BLACK] * (room - len(values)) for values in (first, shift)]
-    return np.array(rows, dtype=np.int32).tobytes()
-
-
 def drawn(made: Viewport, card: Card, number: int) -> list[Any]:
     card.told()
     made.draw_pieces(number)
@@ -147,33 +139,6 @@ def test_a_texture_has_as_many_rows_as_its_bytes_need(size: int, rows: int) -> N
         f"{size} bytes of patterns exceed the graphics card's textures ({16384 * (rows - 1)} bytes)"
     )
     assert told.value.device == "projector" and "--parts" in str(told.value.hint)
-
-
-def test_pieces_that_stay_as_they_are_are_not_drawn_again() -> None:
-    card = Card()
-    made = viewport(card)
-    made.load(frames())
-    made.prepare(np.array([[0], [0], [3], [1], [3]], dtype=np.int32))
-    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"]
-    assert drawn(made, card, 1) == ["panel"]
-    assert drawn(made, card, 2) == ["canvas", "pieces", "panel"]
-    assert drawn(made, card, 3) == [] and drawn(made, card, 4) == ["panel"]
-    made.load(frames())  # other patterns, perhaps
-    made.prepare(np.array([[3]], dtype=np.int32))
-    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"]
-
-
-def test_it_is_warmed_up_by_a_white_refresh_that_is_forgotten() -> None:
-    card = Card()
-    made = viewport(card)
-    made.load(frames())
-    card.told()
-    made.warm_up()
-    assert card.told() == ["canvas", "pieces", "screen", "panel"]
-    assert card.programs[0]["frame"].written == [block([WHITE], [0], 4)]
-    assert card.viewport == (5, 7, *SIZE_PX)
-    with pytest.raises(IndexError):
-        made.draw(0)
 
 
 def test_a_geometry_is_kept_while_it_is_the_same_and_let_go_of_with_the_next() -> None:
@@ -206,20 +171,6 @@ def test_pieces_that_exceed_a_texture_are_refused_and_the_next_geometry_is_made_
     count = len(card.textures)
     made.load(frames())
     assert len(card.textures) == count + 3
-
-
-def test_a_table_names_the_piece_of_each_pixel_and_0_beside_the_field() -> None:
-    panel = view()
-    cells = build_pixel_table(panel, GRID, CELLS, "whole")
-    across, down = np.meshgrid(np.arange(16) // 4 + 1, np.arange(12) // 4 + 1)
-    np.testing.assert_array_equal(cells, np.stack([across, down], axis=-1))
-    halves = build_pixel_table(panel, GRID, HALVES, "quarter")
-    across, down = np.meshgrid(np.arange(16) // 2 + 1, np.arange(12) // 2 + 1)
-    np.testing.assert_array_equal(halves, np.stack([across, down], axis=-1))
-    pixels = build_pixel_table(panel, (12, 16), OF_PIXELS, PIXEL_WINDOW)
-    across, down = np.meshgrid(np.arange(16) + 1, np.arange(12) + 1)
-    np.testing.assert_array_equal(pixels, np.stack([across, down], axis=-1))
-    assert cells.shape == (12, 16, 2) and cells.dtype == np.uint8
 
 
 @pytest.mark.parametrize(("cols", "dtype"), [(255, np.uint8), (256, np.uint16)])

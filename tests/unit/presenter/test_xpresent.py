@@ -104,36 +104,6 @@ def event(msc: int, kind: int = KIND_MSC, *, type_: int = 1, mode: int = 0) -> C
     return CompleteNotify(event_type=type_, kind=kind, mode=mode, ust=1000 + msc, msc=msc)
 
 
-def test_the_event_is_laid_out_as_the_header_has_it() -> None:
-    """sizeof and offsetof of xcb_present_complete_notify_event_t."""
-    offsets = {
-        "response_type": 0, "extension": 1, "sequence": 2, "length": 4, "event_type": 8, "kind": 10,
-        "mode": 11, "event": 12, "window": 16, "serial": 20, "ust": 24, "full_sequence": 32,
-        "msc": 36,
-    }  # fmt: skip
-    assert {name: getattr(CompleteNotify, name).offset for name in offsets} == offsets
-    assert ctypes.sizeof(CompleteNotify) == 44
-    assert (xpresent.COMPLETE_NOTIFY, xpresent.COMPLETE_MASK, xpresent.MODE_FLIP) == (1, 2, 1)
-    assert (KIND_PIXMAP, KIND_MSC) == (0, 1)
-
-
-def test_a_server_is_told_the_version_before_it_is_asked_for_events(server: Server) -> None:
-    made = PresentEvents(":7", 42)
-    assert server.names() == [
-        "xcb_connect", "xcb_present_query_version", "xcb_present_query_version_reply",
-        "xcb_generate_id", "xcb_register_for_special_xge", "xcb_present_select_input", "xcb_flush",
-        "xcb_get_file_descriptor", "poll",
-    ]  # fmt: skip
-    connect, version, reply, _, register, select_input, *_, poll = server.said
-    assert connect[1:] == (b":7", None)
-    assert version[1:] == (CONNECTION, 1, 2) and reply[1:] == (CONNECTION, 77, None)
-    assert server.freed == [REPLY]
-    assert (register[1], *register[3:]) == (CONNECTION, 555, None)
-    assert select_input[1:] == (CONNECTION, 555, 42, 2)
-    assert poll[1:] == (8, select.POLLIN)
-    assert (made.ns, made.msc, made.flipped) == (0, 0, 0)
-
-
 def test_a_server_that_does_not_answer_is_lost(server: Server) -> None:
     server.broken = 1
     with pytest.raises(ServerLost, match=":7 does not answer: connection refused"):
@@ -155,17 +125,6 @@ def test_a_library_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(xpresent, "_libraries", strange)
     with pytest.raises(AttributeError, match="undefined symbol"):  # it is there, and another
         PresentEvents(":7", 42)
-
-
-def test_each_question_has_a_number_of_its_own_and_is_sent_at_once(server: Server) -> None:
-    made = PresentEvents(":7", 42)
-    del server.said[:]
-    for msc in (0, 9):
-        made.ask(msc)
-    assert server.said == [
-        ("xcb_present_notify_msc", CONNECTION, 42, 1, 0, 0, 0), ("xcb_flush", CONNECTION),
-        ("xcb_present_notify_msc", CONNECTION, 42, 2, 9, 0, 0), ("xcb_flush", CONNECTION),
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("mode", "flipped"), [(0, 0), (1, 1), (2, 0)])
@@ -238,12 +197,3 @@ def test_a_server_that_goes_wakes_who_waits(server: Server) -> None:
         made.wait(KIND_MSC, 0.25)
     server.comes = lambda: False
     assert not made.wait(KIND_MSC, 0.25)  # nothing woke it: nobody asks whether it is there
-
-
-def test_a_connection_is_let_go_of_once(server: Server) -> None:
-    made = PresentEvents(":7", 42)
-    made.close()
-    made.close()
-    assert [words for words in server.said if words[0] == "xcb_disconnect"] == [
-        ("xcb_disconnect", CONNECTION)
-    ]
