@@ -178,14 +178,6 @@ def test_an_exposure_is_finished_once_it_is_closed_and_read_out_once(bench: Mock
         bench.photo()
 
 
-def test_of_another_drivers_shutter_the_rig_knows(bench: MockBench) -> None:
-    bench.shared.exposed_ns = (4, 8)
-    assert bench.exposed_ns() == (4, 8)
-    bench.photo_taken()
-    with pytest.raises(ExposureError):
-        bench.exposed_ns()
-
-
 def test_ambient_light_comes_through_what_the_mask_leaks() -> None:
     """1 of ambient for 2 s through a black mask of contrast 4."""
     bench = MockBench.of(context_of(mask=PanelConfig(size_px=(80, 60), contrast=4.0)))

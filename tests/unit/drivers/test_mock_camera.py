@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.mock.bench import MockBench
-from drivers.mock.camera import F_NUMBERS, BenchSensor, MockReadout
+from drivers.mock.camera import BenchSensor, MockReadout
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
@@ -52,22 +52,6 @@ class Rig:
 
     def planes(self, path: Path) -> NDArray[np.floating]:
         return read_raw(path, saturation_dn=1e9).planes
-
-
-@pytest.mark.parametrize(
-    ("fixed", "f_numbers"),
-    [({}, F_NUMBERS), ({"f_number": 5.6}, (5.6,)), ({"f_number": 4}, (4.0,))],
-)
-def test_a_camera_says_what_it_has(fixed: dict[str, Any], f_numbers: tuple[float, ...]) -> None:
-    info = Rig(quads_per_cell=2, **fixed).readout.connect()
-    profile = load_profile(CameraConfig().profile)
-    assert (info.model, info.serial, info.profile) == (
-        f"mock {profile.name}", "virtual", CameraConfig().profile,
-    )  # fmt: skip
-    assert (info.isos, info.f_numbers) == (profile.isos, f_numbers)
-    assert info.frame_quads == (8, 6)  # width, height
-    assert info.readout_s == 0.0
-    assert tuple(info.responsivity_e) == RESPONSIVITY
 
 
 def test_samples_are_the_light_of_their_colour_at_the_lens(tmp_path: Path) -> None:

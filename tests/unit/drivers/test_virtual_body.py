@@ -13,7 +13,6 @@ from drivers.virtual_camera.body import CameraBody
 from drivers.virtual_camera.faults import FaultScript, ScriptedFault, WireKind
 from drivers.virtual_camera.films import PlainFilm
 from drivers.virtual_camera.model import BULB_BODY, CameraModel
-from drivers.virtual_camera.objects import FileStore
 from drivers.virtual_camera.properties import Properties
 from drivers.virtual_camera.reply import CameraReply
 from pdcd.bench.clock import VirtualClock
@@ -96,19 +95,6 @@ def test_the_modes_go_with_the_session_and_an_open_shutter_stays(end: Any) -> No
     camera.ask(EVENTS, 1)
     told = [record.prop for record in camera.heard() if isinstance(record, PropValue)]
     assert told.count(0xD103) == 1  # the record that waited went with the session
-
-
-def test_modes_are_left_as_they_are_entered() -> None:
-    camera = Camera().begin()
-    camera.ask(REMOTE, 0)
-    assert camera.ask(START) == GENERAL
-    camera.ask(REMOTE, 1)
-    camera.ask(EVENTS, 0)
-    camera.ask(0x9127, 0xD103)
-    assert camera.heard() == []
-    camera.ask(EVENTS, 1)
-    assert len(camera.heard()) == 1  # what was asked for meanwhile, and not all over again
-    assert camera.ask(START) == OK
 
 
 def test_a_setting_is_refused_for_its_own_reason() -> None:
@@ -261,10 +247,3 @@ def test_what_a_sound_body_tells_at_first() -> None:
     assert custom[0] == len(packed[0xD1A0]) and custom[1] == 2  # bytes in all, and groups
     assert custom[2:11] == (1, 32, 2, 0x101, 1, 0, 0x10F, 1, 0)
     assert custom[11:] == (2, 32, 2, 0x201, 1, 0, 0x202, 1, 0)
-
-
-def test_names_begin_again_after_9999() -> None:
-    store = FileStore()
-    store._count = 9997
-    names = [store.add(b"", on_card=True, announced_bytes=0).name for _ in range(3)]
-    assert names == ["IMG_9998.CR2", "IMG_9999.CR2", "IMG_0001.CR2"]

@@ -49,17 +49,6 @@ def listed(records: list[bytes], prop: int) -> tuple[int, ...]:
     return struct.unpack_from(f"<{count}I", found, 0x14)
 
 
-def test_without_a_session_nothing_is_done(make: Make) -> None:
-    client = make()
-    assert client.call(0x9116)[0] == NO_SESSION
-    client.start()
-    assert client.call(0x1002, 1)[0] == 0x201E
-    assert client.call(0x9128, 3, 1)[0] == UNSUPPORTED
-    assert client.call(0x9153)[0] == UNSUPPORTED  # listed, not modelled
-    client.ok(0x1003)
-    assert client.call(0x9116)[0] == NO_SESSION
-
-
 def test_the_property_list_comes_once_a_session(make: Make) -> None:
     client = make()
     first = client.start()
@@ -116,17 +105,6 @@ def test_memory_is_full_until_files_are_fetched(make: Make) -> None:
     client.ok(0x9117, handles[0])
     client.events()
     assert client.call(0x9125)[0] == OK
-
-
-def test_what_happened_must_be_heard_before_a_release(make: Make) -> None:
-    client = make()
-    client.ready()
-    client.set(0xD103, 0x50)
-    assert client.call(0x9125)[0] == BUSY
-    client.events()
-    assert client.call(0x9125)[0] == OK
-    assert client.call(0x9125)[0] == BUSY
-    assert client.body.shutter.opened == 1
 
 
 def test_a_timed_release(make: Make) -> None:

@@ -127,17 +127,3 @@ def test_clients_on_the_network_are_answered_while_a_file_is_made(slow: Slow) ->
             assert not slow.let.is_set() and not body.store.files
             slow.made()
             line.socket.close()
-
-
-def test_the_command_makes_files_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`serve_virtual_camera` is the command without its parser; its server is left as soon as it
-    waits."""
-    seen = []
-
-    def wait(server: PtpIpServer) -> None:
-        seen.append(server._tcp.body.shutter._develop)
-
-    monkeypatch.setattr(PtpIpServer, "wait", wait)
-    command_module.serve_virtual_camera(0, scene="chart", small=True, say=lambda _: None)
-    (develop,) = seen
-    assert getattr(develop, "__name__", "") == "submit"
