@@ -302,5 +302,5 @@ def test_settling_closes_an_open_shutter_and_forgets_what_spoiled_the_last(is_op
         shutter.begin()
     shutter.spoil("it lasted too long")
     shutter.settle()
-    shutter.end()
     assert wire.codes == [START, STOP] * is_open and shutter.since_ns is None
+    shutter.end()

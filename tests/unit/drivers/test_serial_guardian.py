@@ -13,6 +13,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -209,7 +210,7 @@ class Guarded:
     """What a `ShutterGuard` is told; `answer` is what it hears."""
 
     def __init__(self, command: Any, *inherits: int, answer_s: float, unguarded: Any) -> None:
-        self.command, self.inherits = command, inherits
+        self.command, self.inherits, self.unguarded = command, inherits, unguarded
         self.word: Callable[[], str] = str
         self.answer = b"ok"
         self.looked, self.pid = 0, 5
@@ -371,3 +372,24 @@ def test_other_ports_are_named_up_to_six(dev: Path, count: int) -> None:
     _, _, hint = found(str(dev / "pdcd-trigger"))
     more = f" and {count - 6} more" if count > 6 else ""
     assert hint == f"is it plugged in? there are {', '.join(names[:6])}{more}"
+
+
+@pytest.mark.parametrize("takes", [True, False])
+def test_an_exposure_that_nobody_guards_is_ended_and_said_once(
+    guarded: tuple[watchdog.Guardian, Guarded], monkeypatch: pytest.MonkeyPatch, takes: bool
+) -> None:
+    made, guard = guarded
+    asked: list[object] = []
+    monkeypatch.setattr(watchdog, "release_shutter", lambda *how: asked.append(how) or takes)  # type: ignore[func-returns-value]
+    made.arm(30.0)
+    if takes:
+        guard.unguarded("no process is left")
+    else:  # it is asked again then
+        with pytest.raises(DeviceLost, match="does not take it"):
+            guard.unguarded("no process is left")
+    assert asked == [(7, "rts", "0")]
+    assert [made.disarm(), made.disarm()] == ["no process is left", ""]
+    with suppress(DeviceLost):
+        guard.unguarded("no process is left")
+    made.arm(30.0)  # the next exposure is not the last one
+    assert made.disarm() == ""
