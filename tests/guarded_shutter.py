@@ -1,8 +1,8 @@
 """A process that holds a camera's shutter open, and its guardian.
 
 ``python -m tests.guarded_shutter ADDRESS`` opens the shutter of the camera that is lent there (see
-`tests.remote_usb`) when told so on its input, prints the guardian's process id, or sees that one is
-armed; with options and an end of a line it is the guardian of the camera behind the address.
+`tests.remote_usb`) when told so on its input, or prints the guardian's process id; with options and
+an end of a line it is the guardian of the camera behind the address.
 """
 
 from __future__ import annotations
@@ -34,9 +34,6 @@ def main(address: str, *guarding: str) -> int:
         if word == "pid":
             assert shutter._guard is not None
             sys.stdout.write(f"{shutter._guard.pid}\n")
-        elif word == "armed":
-            assert shutter._guard is not None and shutter._guard.look()  # waits for a replacement
-            sys.stdout.write("armed\n")
         else:
             getattr(shutter, word)()
             sys.stdout.write(f"{word}\n")
