@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import select
 import signal
+import time
+from collections.abc import Callable
 
 LONG_S = 60.0
 """Bound of a wait for another process; it takes milliseconds when the machine is free."""
@@ -26,3 +28,11 @@ def send_every_signal(pid: int) -> None:
     """Send a process all signals that it can do something about: all but SIGKILL and SIGSTOP."""
     for number in sorted(signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP}):
         os.kill(pid, number)
+
+
+def soon(true: Callable[[], bool]) -> bool:
+    """Whether that becomes true within the bound."""
+    until_s = time.monotonic() + LONG_S
+    while not true() and time.monotonic() < until_s:
+        time.sleep(0.005)
+    return true()

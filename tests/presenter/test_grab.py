@@ -24,9 +24,7 @@ from pdcd.errors import SyncError
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import build_frames
 from pdcd.presenter.xconnection import close_x_connection, open_x_connection
-from pdcd.probing.pixel_matrix import compute_pixel_factors
 from tests import lateness, x11_rig
-from tests.panel_pixels import from_pictures, planned, upright
 from tests.xserver import QUARTER, XServer, run
 
 GRID = (6, 8)
@@ -160,38 +158,6 @@ def test_right_pixels_make_the_photo_of_the_frame_log(
         np.testing.assert_allclose(pixels, bench.photo(), rtol=1e-12)
     assert len(shown) == len(log)
     assert pixels.max() > 0.01
-
-
-@pytest.mark.long
-def test_cells_that_do_not_divide_the_panels_make_the_photo_of_their_pixels(
-    tmp_path: Path, x_quarter: XServer
-) -> None:
-    """7 x 9 cells, each pixel by exact fractions."""
-    grid = 7, 9
-    frames = one_code(list(range(0, 63, 2)), list(range(0, 63, 3)), grid)
-    config = x11_rig.config(
-        tmp_path, x_quarter, grid=grid, more={"grab_px": [[0, 0], [PROJECTOR_PX[0], 0]]}
-    )
-    rig = Rig(config)
-    rig.connect()
-    try:
-        _, log = expose(rig, frames)
-        shown = rig._context.shared.pixels
-        assert shown is not None
-    finally:
-        rig.disconnect()
-    rows = range(len(frames))
-    wanted = from_pictures(
-        [planned(frames, r, upright(PROJECTOR_PX, mask=False)) for r in rows],
-        [planned(frames, r, upright(MASK_PX, mask=True)) for r in rows],
-    )
-    for found, plan in ((shown.projector, wanted.projector), (shown.mask, wanted.mask)):
-        for row in rows:
-            np.testing.assert_array_equal(
-                found.levels(int(found.index[row])), plan.levels(int(plan.index[row]))
-            )
-    exposure = {"open_ns": int(log.dual_ns[0]), "close_ns": int(log.end_ns[1])}
-    (*_,) = compute_pixel_factors(shown, log, config.projector, config.mask, grid=grid, **exposure)
 
 
 def test_a_right_photo_and_wrong_pixels(tmp_path: Path, x_quarter: XServer) -> None:

@@ -6,9 +6,8 @@ import os
 import signal
 import sys
 import threading
-import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from drivers.guard import ShutterGuard
 from pdcd.child import WORDS, LineClosedError
 from pdcd.errors import DeviceLost
 from tests.child_rig import Process, stand_ins
-from tests.processes import ended
+from tests.processes import ended, soon
 
 ANSWER_S = 20.0
 """Longer than any start takes on a busy machine."""
@@ -71,13 +70,6 @@ def armed(guard: ShutterGuard) -> ShutterGuard:
     """Disarmed by its end."""
     guard.arm(lambda: "arm")
     return guard
-
-
-def soon(true: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + ANSWER_S
-    while not true() and time.monotonic() < until_s:
-        time.sleep(0.005)
-    return true()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])

@@ -10,7 +10,6 @@ import gc
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,14 +22,6 @@ from pdcd.bench.devices import CameraSettings
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 from tests.places import ROOT
 from tests.ptp_rig import SETTINGS, PtpRig
-
-
-@pytest.fixture
-def rig() -> Iterator[PtpRig]:
-    rig = PtpRig()
-    rig.connect()
-    yield rig
-    rig.disconnect_quietly()
 
 
 def test_the_camera_says_what_it_is_and_what_it_offers(rig: PtpRig) -> None:

@@ -5,7 +5,6 @@ On the virtual camera; what a body refuses is put in between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,6 @@ from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.errors import ExposureError
 from tests.ptp_rig import SETTINGS, PtpRig
-
-
-@pytest.fixture
-def rig() -> Iterator[PtpRig]:
-    rig = PtpRig()
-    rig.connect()
-    yield rig
-    rig.disconnect_quietly()
 
 
 def refuse(

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,7 +21,7 @@ from pdcd.bench.tables import Config, TriggerConfig
 from pdcd.errors import DeviceLost, ExposureError
 from tests import remote_usb
 from tests.places import ROOT
-from tests.processes import LONG_S, ended, send_every_signal
+from tests.processes import ended, send_every_signal, soon
 from tests.virtual_eos import raw_of
 
 
@@ -65,13 +65,6 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
     bench = Bench(tmp_path)
     yield bench
     bench.close()
-
-
-def soon(true: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + LONG_S
-    while not true() and time.monotonic() < until_s:
-        time.sleep(0.01)
-    return true()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])

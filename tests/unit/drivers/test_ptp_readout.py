@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +18,6 @@ from drivers.virtual_camera import FaultScript
 from pdcd.errors import ExposureError
 from pdcd.sensor.profile import load_profile
 from tests.ptp_rig import PHOTO_B, SETTINGS, PtpRig
-
-
-@pytest.fixture
-def rig() -> Iterator[PtpRig]:
-    rig = PtpRig()
-    rig.connect()
-    yield rig
-    rig.disconnect_quietly()
 
 
 def waiting(rig: PtpRig) -> ObjectAdded:
