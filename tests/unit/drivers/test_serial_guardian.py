@@ -22,7 +22,7 @@ import pytest
 
 from drivers.serial_shutter import guardian, look, watchdog
 from pdcd.errors import ConfigError, DeviceLost
-from tests.processes import LONG_S
+from tests.processes import LONG_S, soon
 
 
 class Served:
@@ -54,13 +54,9 @@ class Served:
 
     def fires(self) -> None:
         """By the time it was armed for, however often it is looked at meanwhile."""
-        until_s = time.monotonic() + LONG_S
         before = len(self.released)
         assert self.ask("arm 0.05") == b"ok"
-        while len(self.released) == before and time.monotonic() < until_s:
-            self.ask("look")
-            time.sleep(0.005)
-        assert len(self.released) == before + 1
+        assert soon(lambda: self.ask("look") != b"" and len(self.released) == before + 1)
 
     def hang_up(self) -> None:
         self.talk.close()
@@ -113,17 +109,12 @@ def test_a_port_is_told_again_until_somebody_says_that_the_shutter_is_closed(
     monkeypatch.setattr(guardian, "AGAIN_S", 0.01)
     served.takes = False
     served.ask("arm 0.01")
-    until_s = time.monotonic() + LONG_S
-    while len(served.released) < 4 and time.monotonic() < until_s:
-        time.sleep(0.005)
-    assert len(served.released) >= 4 and served.ask("look") == b"lost"
+    assert soon(lambda: len(served.released) >= 4) and served.ask("look") == b"lost"
     served.takes = True
-    while served.ask("look") == b"lost" and time.monotonic() < until_s:
-        time.sleep(0.005)
+    assert soon(lambda: served.ask("look") == b"fired")
     # A daemon that was stopped may send its command to open only now.
     closed = len(served.released)
-    while len(served.released) < closed + 2 and time.monotonic() < until_s:
-        time.sleep(0.005)
+    assert soon(lambda: len(served.released) >= closed + 2)
     assert served.say("look", "disarm") == [b"fired"] * 2
     closed = len(served.released)
     served.hang_up()
