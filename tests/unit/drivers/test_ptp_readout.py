@@ -216,3 +216,12 @@ def test_an_object_that_is_unknown_or_empty(rig: PtpRig, tmp_path: Path) -> None
     with pytest.raises(ExposureError, match="it is empty"):
         files.store_photo(rig.camera, empty, path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_photo_that_waits_is_thrown_away_before_the_next_exposure(rig: PtpRig) -> None:
+    rig.expose()
+    rig.wait(1.0)
+    before_ns = rig.clock.now_ns()
+    rig.readout.arm(SETTINGS)
+    assert rig.clock.now_ns() - before_ns < 10**9  # it was there, and nothing is waited for
+    assert not rig.body.store.files and not rig.camera.bulb.owed

@@ -246,7 +246,7 @@ SIZES: dict[str, Any] = {"projector": ("screen", (256, 192)), "mask": ("screen",
 def test_parts_of_one_output_are_a_pair_that_lies_within_it(
     mask_px: tuple[int, int], why: str | None
 ) -> None:
-    places = {"positions_px": ((2, 3), mask_px)}
+    places: dict[str, Any] = {"positions_px": ((2, 3), mask_px)}
     if why is None:
         found = place_pair((WHOLE,), **SIZES, **places)
         assert found.projector == replace(WHOLE, x=2, y=3, width=256, height=192)

@@ -87,7 +87,7 @@ def display(
     shown: dict[str, Any] | None = None,
     **options: Any,
 ) -> X11Display:
-    panels = {
+    panels: dict[str, Any] = {
         role: PanelConfig(size_px=(256, 192), skew_s=skew_s)
         for role, skew_s in (("projector", 0.001), ("mask", 0.0035))
     }
