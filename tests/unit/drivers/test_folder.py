@@ -434,3 +434,10 @@ def test_a_file_that_grows_or_pauses_is_waited_for(bench: Bench) -> None:
     before = bench.clock.now_ns()
     assert bench.fetch().read_bytes() == data
     assert bench.clock.now_ns() - before >= 1.5e9
+
+
+def test_an_unreadable_file_is_said_to_be_so_by_the_copy(bench: Bench) -> None:
+    (bench.card / "b.dng").mkdir()  # root may read any file, but nobody a folder
+    with pytest.raises(DecodeError, match=r"cannot copy .*b\.dng"):
+        bench.fetch()
+    assert bench.nothing_was_kept()

@@ -338,3 +338,30 @@ def test_the_options_choose_the_body(rig: PtpRig) -> None:
     other = PtpRig(camera={"serial": rig.body.model.info.serial, "id": "04A9:3145"})
     other.connect()
     other.disconnect()
+
+
+def test_a_dial_with_bulb_on_it_does_as_well(tmp_path: Path) -> None:
+    rig = PtpRig(FaultScript(dial=ExposureMode.BULB))
+    rig.connect()
+    rig.readout.arm(CameraSettings(100, None))
+    rig.shutter.open()
+    rig.wait(2.0)
+    rig.shutter.close()
+    raw = rig.readout.fetch(tmp_path, "photo", 60.0)
+    assert rig.is_photo_of(raw, rig.body.shutter.exposures[0])
+    rig.disconnect()
+
+
+def test_the_thread_may_be_stopped_from_within_its_own_tick() -> None:
+    made: list[KeepAlive] = []
+    began, stopped = threading.Event(), threading.Event()
+
+    def tick() -> None:
+        assert began.wait(30.0)
+        made[0].stop()
+        stopped.set()
+
+    made.append(KeepAlive(tick, 0.001))
+    began.set()
+    assert stopped.wait(30.0)
+    made[0].stop()

@@ -29,8 +29,11 @@ from pdcd.bench.clock import VirtualClock
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 
 INFO = DeviceInfo("Canon Inc.", "Canon EOS 450D", "3-1.0.4", "0001", (0x1001,))
+
 PING = Operation.EOS_KEEP_DEVICE_ON
+
 SHOOT = Operation.EOS_BULB_START
+
 OPEN, CLOSE, WHO = Operation.OPEN_SESSION, Operation.CLOSE_SESSION, Operation.GET_DEVICE_INFO
 
 
@@ -399,12 +402,6 @@ def test_a_camera_may_take_five_seconds_to_come_back(
 # Which camera, and the end.
 
 
-def test_no_camera(bench: Bench, camera: Camera) -> None:
-    camera.on_bus = False
-    with pytest.raises(DeviceLost, match="plug it in"):
-        bench.session()
-
-
 def test_of_two_cameras_the_serial_number_chooses(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = Camera("0001", address=5), Camera("0002", address=6)
     bench = Bench(monkeypatch, first, second)
@@ -436,3 +433,13 @@ def test_a_close_never_raises_and_is_done_once(
     session.close()
     assert camera.closed == 1 and not session.is_open
     assert "camera 0001" in caplog.text
+
+
+def test_a_camera_that_goes_again_and_again_is_said_to_be_gone(
+    bench: Bench, camera: Camera
+) -> None:
+    session = bench.session()
+    camera.fails(PING, DeviceGone())
+    camera.fails(OPEN, *[DeviceGone() for _ in range(1000)])
+    with pytest.raises(DeviceGone):
+        session.call(PING)

@@ -27,7 +27,7 @@ from drivers.ptp.faults import (
     WireTimeout,
 )
 from drivers.ptp.usb_port import UsbPort, find_cameras, find_still_image_devices
-from pdcd.errors import DeviceLost
+from pdcd.errors import DeviceLost, DriverUnavailable
 
 IN, OUT, INTERRUPT = 0x81, 0x02, 0x83
 
@@ -332,3 +332,21 @@ def test_a_device_that_is_reset_or_gone_is_released_in_any_case(
         monkeypatch.setattr(usb.util, "dispose_resources", refusing(number))
         with pytest.raises(kind) if kind else nullcontext():
             port.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "words"),
+    [
+        (usb.core.NoBackendError("none"), DriverUnavailable, "install libusb-1.0"),
+        (error(errno.EIO), DeviceLost, "cannot look at the USB: .*see dmesg"),
+    ],
+)
+def test_a_machine_that_cannot_look_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, fault: Exception, kind: type[Exception], words: str
+) -> None:
+    def refuse(**_: Any) -> Any:
+        raise fault
+
+    monkeypatch.setattr(usb.core, "find", refuse)
+    with pytest.raises(kind, match=words):
+        find_cameras(None, None)

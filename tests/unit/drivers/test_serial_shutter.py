@@ -407,3 +407,20 @@ def test_a_shutter_says_what_it_is_and_what_can_be_said_of_its_port(
         "feedback": "none",
         "watchdog": "alarm",
     }
+
+
+def test_what_was_open_when_the_port_was_lost_is_closed_when_it_is_back(
+    line: FakeLine, shutter: Make
+) -> None:
+    box = shutter()
+    box.connect()
+    box.open()
+    line.unplugged = True
+    with pytest.raises(DeviceLost):
+        box.connect()
+    line.unplugged = False
+    box.connect()
+    assert line.levels("rts")[-1] is False
+    before_ns = line.clock.now_ns()
+    assert box.close() == before_ns  # there is nothing to wait for
+    assert line.opened == 2

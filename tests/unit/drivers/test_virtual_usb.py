@@ -325,3 +325,30 @@ def test_it_photographs_the_bench_as_the_mock_camera_does(tmp_path: Path) -> Non
     np.testing.assert_array_equal(ours.planes, theirs.planes)
     assert ours.planes.std() > 10.0  # light and noise, not a black frame
     assert (ours.exposure_s, ours.f_number, ours.iso) == (theirs.exposure_s, 8.0, 100)
+
+
+@pytest.mark.parametrize(
+    ("begun", "nonsense"),
+    [
+        (INFO, b"\xff" * 40),
+        (INFO, struct.pack("<IHHI", 12, 1, KEEP_ON, 0) + b"more"),
+        (0x9110, struct.pack("<IHHI", 24, 3, 0x9110, 0) + bytes(12)),  # where data are due
+    ],
+)
+def test_nonsense_halts_the_way_out_and_all_is_forgotten(begun: int, nonsense: bytes) -> None:
+    bus = Bus()
+    bus.command(begun)
+    for data in (nonsense, b""):
+        with fails(errno.EPIPE):
+            bus.write(data)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    bus.usb.clear_halt(bus.handle, OUT)
+    bus.command(0x1002, 1)
+    assert bus.response() == 0x2001
+
+
+def test_requests_that_are_none_are_refused() -> None:
+    for kind, request, data in ((0x21, 0x64, bytes(5)), (0xA1, 0x65, 64)):
+        with fails(errno.EPIPE):
+            Bus().control(kind, request, data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import select
 from types import SimpleNamespace
@@ -291,3 +292,19 @@ def test_options_have_limits(key: str, good: tuple[Any, ...], bad: tuple[Any, ..
     for value in bad:
         with pytest.raises(ConfigError, match=key):
             read(value)
+
+
+def test_pages_are_locked_that_are_there_and_that_come_once_they_are_touched(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """MCL_CURRENT, MCL_FUTURE and MCL_ONFAULT of sys/mman.h."""
+    asked: list[int] = []
+
+    def lock(flags: int) -> int:
+        asked.append(flags)
+        return 0
+
+    library = SimpleNamespace(mlockall=lock)
+    monkeypatch.setattr(ctypes, "CDLL", lambda name, use_errno=False: library)
+    assert realtime.lock_memory() == "yes"
+    assert asked == [1 | 2 | 4]
