@@ -12,10 +12,14 @@ import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from drivers.ptp.codes import ExposureMode, FocusMode
+from drivers.ptp.eos import EosCamera
 from drivers.ptp.keepalive import KeepAlive
 from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, FaultScript, PlainFilm
 from pdcd.bench.devices import CameraSettings
@@ -365,3 +369,15 @@ def test_the_thread_may_be_stopped_from_within_its_own_tick() -> None:
     began.set()
     assert stopped.wait(30.0)
     made[0].stop()
+
+
+def test_what_a_camera_says_when_nobody_holds_it_is_logged_but_no_fault_of_ours(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def camera(error: Exception) -> Any:
+        return SimpleNamespace(close=Mock(side_effect=error))
+
+    EosCamera.let_go(camera(DeviceLost("unplugged", device="camera")), "shutter")
+    assert "unplugged" in caplog.text
+    with pytest.raises(AttributeError):
+        EosCamera.let_go(camera(AttributeError("bulb")), "shutter")
