@@ -9,12 +9,13 @@ import pytest
 
 from drivers.ptp.codes import ExposureMode, FocusMode
 from drivers.ptp.events import ObjectAdded, PropValue, parse_events
-from drivers.virtual_camera.body import CameraBody
+from drivers.virtual_camera.body import DATA_OUT, CameraBody
 from drivers.virtual_camera.faults import FaultScript, ScriptedFault, WireKind
 from drivers.virtual_camera.films import PlainFilm
 from drivers.virtual_camera.model import BULB_BODY, CameraModel
 from drivers.virtual_camera.properties import Properties
 from drivers.virtual_camera.reply import CameraReply
+from drivers.virtual_camera.shutter import DCIM, FOLDER_HANDLE, ROOT_HANDLE, FileStore
 from pdcd.bench.clock import VirtualClock
 
 OK, GENERAL, NO_SESSION, UNSUPPORTED, BAD_HANDLE = 0x2001, 0x2002, 0x2003, 0x2005, 0x2009
@@ -247,3 +248,15 @@ def test_what_a_sound_body_tells_at_first() -> None:
     assert custom[0] == len(packed[0xD1A0]) and custom[1] == 2  # bytes in all, and groups
     assert custom[2:11] == (1, 32, 2, 0x101, 1, 0, 0x10F, 1, 0)
     assert custom[11:] == (2, 32, 2, 0x201, 1, 0, 0x202, 1, 0)
+
+
+def test_folders_are_those_of_a_canon_card() -> None:
+    store = FileStore()
+    assert (ROOT_HANDLE, DCIM, FOLDER_HANDLE) == (0, 0x41000000, 0x41900000)
+    found = [store.info(DCIM), store.info(FOLDER_HANDLE)]
+    assert [(i.name, i.parent, i.format, i.storage) for i in found if i] == [
+        ("DCIM", ROOT_HANDLE, 0x3001, 0x20001), ("100CANON", DCIM, 0x3001, 0x20001),
+    ]  # fmt: skip
+    assert store.children(0) == store.children(0xFFFFFFFF) == [DCIM]
+    assert store.children(DCIM) == [FOLDER_HANDLE]
+    assert frozenset({0x9110, 0x1016, 0x100C, 0x100D}) == DATA_OUT  # what brings data of its own

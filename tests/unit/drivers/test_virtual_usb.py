@@ -352,3 +352,20 @@ def test_requests_that_are_none_are_refused() -> None:
     for kind, request, data in ((0x21, 0x64, bytes(5)), (0xA1, 0x65, 64)):
         with fails(errno.EPIPE):
             Bus().control(kind, request, data)
+
+
+def test_there_is_one_of_each() -> None:
+    usb_ = Bus().usb
+    (device,) = usb_.enumerate_devices()
+    for ask, *index in (
+        (usb_.get_configuration_descriptor, 1),
+        (usb_.get_interface_descriptor, 1, 0, 0),
+        (usb_.get_interface_descriptor, 0, 1, 0),
+        (usb_.get_interface_descriptor, 0, 0, 1),
+        (usb_.get_endpoint_descriptor, 0, 1, 0, 0),
+        (usb_.get_endpoint_descriptor, 0, 0, 1, 0),
+        (usb_.get_endpoint_descriptor, 0, 0, 0, 1),
+        (usb_.get_endpoint_descriptor, 3, 0, 0, 0),
+    ):
+        with pytest.raises(IndexError):
+            ask(device, *index)
