@@ -210,3 +210,15 @@ def test_black_is_drawn_shown_and_waited_for_in_every_window(desk: Desk, layout:
     ):
         call()
         assert desk.told() == done
+
+
+def test_a_window_has_two_plain_buffers_and_nothing_of_a_desktop(desk: Desk) -> None:
+    desk.open("windows")
+    assert desk.hints == {
+        glfw.DECORATED: False, glfw.RESIZABLE: False, glfw.AUTO_ICONIFY: False,
+        glfw.FOCUSED: False, glfw.FOCUS_ON_SHOW: False, glfw.VISIBLE: False,
+        glfw.CONTEXT_VERSION_MAJOR: 3, glfw.CONTEXT_VERSION_MINOR: 3,
+        glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE, glfw.DEPTH_BITS: 0, glfw.STENCIL_BITS: 0,
+        glfw.SAMPLES: 0, glfw.SRGB_CAPABLE: False, glfw.DOUBLEBUFFER: True,
+        glfw.POSITION_X: 256, glfw.POSITION_Y: 7,
+    }  # fmt: skip
