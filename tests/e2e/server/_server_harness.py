@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import functools
+import inspect
 import threading
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import msgspec
 
 from pdcd.bench.tables import Config, LimitsConfig, ServerConfig
 from pdcd.server.daemon import serve_daemon
+from tests.coroutines import Scene, sign_test
 from tests.e2e.server._fake_engine import FakeEngine
 
 PATIENCE_S = 60.0
@@ -142,6 +145,49 @@ async def daemon(
     assert engine.lit is None
     assert len(engine.threads) == 1
     assert threading.get_ident() not in engine.threads
+
+
+@overload
+def served(body: Scene, /) -> Callable[..., None]: ...
+
+
+@overload
+def served(
+    *, limits: LimitsConfig | None = None, server: ServerConfig | None = None
+) -> Callable[[Scene], Callable[..., None]]: ...
+
+
+def served(body: Scene | None = None, /, **tables: Any) -> Any:
+    """Run a coroutine as a test with a daemon of its own.
+
+    Its parameter `running` is the daemon, those of type `Wire` are connections to it, made in
+    their order; all others are fixtures.
+    """
+    if body is None:
+        return functools.partial(_serve_test, **tables)
+    return _serve_test(body)
+
+
+def _serve_test(body: Scene, **tables: Any) -> Callable[..., None]:
+    wanted = inspect.signature(body).parameters
+    wires = [name for name, one in wanted.items() if one.annotation == "Wire"]
+    fixtures = [one for name, one in wanted.items() if name not in ("running", *wires)]
+
+    @functools.wraps(body)
+    def test(_own_folder: Path, **given: Any) -> None:
+        async def scene() -> None:
+            async with AsyncExitStack() as stack:
+                running = await stack.enter_async_context(daemon(_own_folder, **tables))
+                mine = {name: await stack.enter_async_context(running.wire()) for name in wires}
+                if "running" in wanted:
+                    mine["running"] = running
+                await body(**mine, **given)
+
+        asyncio.run(scene())
+
+    folder = inspect.Parameter("_own_folder", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    sign_test(test, [folder, *fixtures])
+    return test
 
 
 @contextmanager

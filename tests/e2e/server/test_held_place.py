@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,7 @@ from pdcd.protocol.result import CaptureResult
 from pdcd.runs.verify import verify_run
 from pdcd.server.daemon import serve_daemon
 from tests import bench_rig
-from tests.e2e.server._server_harness import PATIENCE_S, Wire, nothing_left
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
+from tests.e2e.server._server_harness import PATIENCE_S, Wire
 
 
 class Patient(Engine):
@@ -123,13 +117,10 @@ def test_a_job_that_is_cancelled_while_it_waits_lets_go(tmp_path: Path) -> None:
     assert list((tmp_path / "outside").iterdir()) == []
 
 
-def test_a_job_that_is_refused_lets_go(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with patient(tmp_path) as wire:
-            await wire.result("capture.start", goal="indirect", codes=4)
-            for _ in range(5):
-                error = await wire.error("capture.start", goal="indirect", out="mine")
-                assert error["data"]["kind"] == "busy"
-            Patient.go.set()
-
-    asyncio.run(scenario())
+async def test_a_job_that_is_refused_lets_go(tmp_path: Path) -> None:
+    async with patient(tmp_path) as wire:
+        await wire.result("capture.start", goal="indirect", codes=4)
+        for _ in range(5):
+            error = await wire.error("capture.start", goal="indirect", out="mine")
+            assert error["data"]["kind"] == "busy"
+        Patient.go.set()

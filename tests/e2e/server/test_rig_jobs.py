@@ -5,28 +5,18 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pdcd.bench.tables import Config
-from pdcd.protocol.messages import ShowParams
 from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult
 from pdcd.recipes.arrays import NO_ARRAYS
-from pdcd.server.jobs import Job, JobTable, Owner
+from pdcd.server.jobs import Owner
 from pdcd.server.runner import Runner
 from pdcd.server.worker import EngineThread
 from tests.e2e.server._fake_engine import FakeEngine
-from tests.e2e.server._server_harness import Daemon, Wire, daemon, nothing_left
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
+from tests.e2e.server._server_harness import Daemon, Wire, served
 
 
 async def called(running: Daemon, call: str) -> None:
@@ -51,226 +41,170 @@ async def ask(wire: Wire, method: str, **params: Any) -> asyncio.Task[dict[str, 
     return task
 
 
-def test_a_plan_is_a_job_with_owner_events_and_end(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire, running.wire() as other:
-            await other.result("events.subscribe", jobs="all")
-            answer = await ask(wire, "capture.plan", goal="direct", note="slow")
-            await called(running, "plan")
-            job = await running_job(other)
-            assert (job["kind"], job["state"], job["goal"]) == ("plan", "running", "direct")
-            assert job["owner"]["uid"] == os.getuid()
-            error = await other.error("capture.plan", goal="white")
-            assert error["data"]["kind"] == "busy" and job["job"] in error["message"]
-
-            queued = await ask(other, "capture.plan", goal="white", queue=True)
-            while not (waiting := (await wire_status(running))["queued"]):
-                await asyncio.sleep(0.002)
-            assert waiting[0]["kind"] == "plan"
-            started = time.monotonic()
-            async with running.wire() as third:
-                ended = await third.result("capture.cancel", job=job["job"])
-            assert time.monotonic() - started < 2.0
-            assert ended["state"] == "cancelled"
-            assert (await answer)["error"]["data"]["kind"] == "cancelled"
-            assert (await queued)["result"]["goal"] == "white"
-            told = [e["type"] for e in other.events if e["job"] == job["job"]]
-            assert (told[0], told[-1]) == ("queued", "cancelled")
-            listed = (await wire.result("capture.list"))["jobs"]
-            assert [(j["kind"], j["state"]) for j in listed] == [
-                ("plan", "cancelled"),
-                ("plan", "done"),
-            ]
-
+@served
+async def test_a_plan_is_a_job_with_owner_events_and_end(
+    running: Daemon, wire: Wire, other: Wire
+) -> None:
     async def wire_status(running: Daemon) -> dict[str, Any]:
         async with running.wire() as wire:
             found: dict[str, Any] = await wire.result("rig.status")
             return found
 
-    asyncio.run(scenario())
+    await other.result("events.subscribe", jobs="all")
+    answer = await ask(wire, "capture.plan", goal="direct", note="slow")
+    await called(running, "plan")
+    job = await running_job(other)
+    assert (job["kind"], job["state"], job["goal"]) == ("plan", "running", "direct")
+    assert job["owner"]["uid"] == os.getuid()
+    error = await other.error("capture.plan", goal="white")
+    assert error["data"]["kind"] == "busy" and job["job"] in error["message"]
+
+    queued = await ask(other, "capture.plan", goal="white", queue=True)
+    while not (waiting := (await wire_status(running))["queued"]):
+        await asyncio.sleep(0.002)
+    assert waiting[0]["kind"] == "plan"
+    started = time.monotonic()
+    async with running.wire() as third:
+        ended = await third.result("capture.cancel", job=job["job"])
+    assert time.monotonic() - started < 2.0
+    assert ended["state"] == "cancelled"
+    assert (await answer)["error"]["data"]["kind"] == "cancelled"
+    assert (await queued)["result"]["goal"] == "white"
+    told = [e["type"] for e in other.events if e["job"] == job["job"]]
+    assert (told[0], told[-1]) == ("queued", "cancelled")
+    listed = (await wire.result("capture.list"))["jobs"]
+    assert [(j["kind"], j["state"]) for j in listed] == [
+        ("plan", "cancelled"),
+        ("plan", "done"),
+    ]
 
 
-def test_a_plan_ends_with_its_client(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as other:
-            await other.result("events.subscribe", jobs="all")
-            async with running.wire() as wire:
-                await ask(wire, "capture.plan", goal="white", note="slow")
-                await called(running, "plan")
-            await other.event("cancelled")
-            await other.result("capture.plan", goal="white")
-
-    asyncio.run(scenario())
+@served
+async def test_a_plan_ends_with_its_client(running: Daemon, other: Wire) -> None:
+    await other.result("events.subscribe", jobs="all")
+    async with running.wire() as wire:
+        await ask(wire, "capture.plan", goal="white", note="slow")
+        await called(running, "plan")
+    await other.event("cancelled")
+    await other.result("capture.plan", goal="white")
 
 
 @pytest.mark.parametrize(
     ("note", "kind"), [("fail:no_space", "no_space"), ("fail:request", "request"), ("raise", None)]
 )
-def test_a_plan_that_fails_says_how(tmp_path: Path, note: str, kind: str | None) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            error = await wire.error("capture.plan", goal="white", note=note)
-            assert error["data"]["kind"] == (kind or "internal")
-            if kind is not None:
-                assert error["data"]["device"] == "camera" and error["data"]["hint"] == "mend it"
-            (job,) = (await wire.result("capture.list"))["jobs"]
-            assert job["state"] == "failed"
-
-    asyncio.run(scenario())
+@served
+async def test_a_plan_that_fails_says_how(wire: Wire, note: str, kind: str | None) -> None:
+    error = await wire.error("capture.plan", goal="white", note=note)
+    assert error["data"]["kind"] == (kind or "internal")
+    if kind is not None:
+        assert error["data"]["device"] == "camera" and error["data"]["hint"] == "mend it"
+    (job,) = (await wire.result("capture.list"))["jobs"]
+    assert job["state"] == "failed"
 
 
-def test_a_long_plan_is_not_taken_for_a_stuck_thread() -> None:
+async def test_a_long_plan_is_not_taken_for_a_stuck_thread() -> None:
     """The engine's thread beats whenever `cancelled` is asked: the watchdog's only food."""
 
-    async def scenario() -> None:
-        worker = EngineThread()
-        runner = Runner(FakeEngine(Config()), worker, lambda job, event: None)
-        request = CaptureRequest(goal="white", note="slow")
-        job = runner.start(request, NO_ARRAYS, owner(1), kind="plan")
-        beats, silent_s, last_s = worker.beats, 0.0, time.monotonic()
-        end_s = last_s + 0.5
-        while time.monotonic() < end_s:
-            await asyncio.sleep(0.01)
-            if worker.beats != beats:
-                beats, last_s = worker.beats, time.monotonic()
-            silent_s = max(silent_s, time.monotonic() - last_s)
-        assert beats and silent_s < 2.0
-        assert (await runner.cancel(job.name)).state == "cancelled"
-        worker.close()
-
-    asyncio.run(scenario())
+    worker = EngineThread()
+    runner = Runner(FakeEngine(Config()), worker, lambda job, event: None)
+    request = CaptureRequest(goal="white", note="slow")
+    job = runner.start(request, NO_ARRAYS, owner(1), kind="plan")
+    beats, silent_s, last_s = worker.beats, 0.0, time.monotonic()
+    end_s = last_s + 0.5
+    while time.monotonic() < end_s:
+        await asyncio.sleep(0.01)
+        if worker.beats != beats:
+            beats, last_s = worker.beats, time.monotonic()
+        silent_s = max(silent_s, time.monotonic() - last_s)
+    assert beats and silent_s < 2.0
+    assert (await runner.cancel(job.name)).state == "cancelled"
+    worker.close()
 
 
-def test_a_picture_stays_until_its_job_is_cancelled(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire, running.wire() as other:
-            shown = await wire.result("display.show", pattern="grid")
-            assert running.engine.lit == "grid"
-            status = await other.result("rig.status")
-            assert status["state"] == "busy"
-            job = status["running"]
-            assert (job["job"], job["kind"], job["goal"]) == (shown["job"], "show", "grid")
-            ended = await other.result("capture.cancel", job=shown["job"])
-            assert ended["state"] == "cancelled"
-            assert running.engine.lit is None
-            await idle(other)
-
-    asyncio.run(scenario())
-
-
-def test_a_picture_ends_with_its_connection_unless_detached(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as other:
-            async with running.wire() as wire:
-                await wire.result("display.show", pattern="white")
-            await idle(other)
-            assert running.engine.lit is None
-            async with running.wire() as wire:
-                await wire.result("display.show", pattern="white", detach=True)
-            for _ in range(5):
-                await other.result("ping")
-            assert running.engine.lit == "white"
-            # and the daemon's end puts it out, which the harness looks for
-
-    asyncio.run(scenario())
+@served
+async def test_a_picture_stays_until_its_job_is_cancelled(
+    running: Daemon, wire: Wire, other: Wire
+) -> None:
+    shown = await wire.result("display.show", pattern="grid")
+    assert running.engine.lit == "grid"
+    status = await other.result("rig.status")
+    assert status["state"] == "busy"
+    job = status["running"]
+    assert (job["job"], job["kind"], job["goal"]) == (shown["job"], "show", "grid")
+    ended = await other.result("capture.cancel", job=shown["job"])
+    assert ended["state"] == "cancelled"
+    assert running.engine.lit is None
+    await idle(other)
 
 
-def test_the_next_thing_of_its_owner_takes_the_place_of_a_picture(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            await wire.result("events.subscribe", jobs="all")
-            first = await wire.result("display.show", pattern="white", detach=True)
-            second = await wire.result("display.show", pattern="checker", detach=True)
-            assert running.engine.lit == "checker" and first["job"] != second["job"]
-            assert (await wire.result("capture.wait", job=first["job"]))["state"] == "done"
-            await wire.result("capture.plan", goal="white")
-            assert running.engine.lit is None  # it does not come back
-            await wire.result("display.show", pattern="grid")
-            job = (await wire.result("capture.start", goal="white"))["job"]
-            # The engine fails where a picture is still on the panels.
-            assert (await wire.result("capture.wait", job=job))["state"] == "done"
-            await wire.result("display.show", pattern="grid")
-            assert (await wire.result("preview.grab"))["shape"] == [4, 6, 3]
-            await wire.result("display.show", pattern="grid")
-            black = await wire.result("display.show", pattern="black")
-            assert running.engine.lit is None
-            assert (await wire.result("capture.wait", job=black["job"]))["state"] == "done"
-            await idle(wire)
+@served
+async def test_a_picture_ends_with_its_connection_unless_detached(
+    running: Daemon, other: Wire
+) -> None:
+    # and the daemon's end puts it out, which the harness looks for
 
-    asyncio.run(scenario())
+    async with running.wire() as wire:
+        await wire.result("display.show", pattern="white")
+    await idle(other)
+    assert running.engine.lit is None
+    async with running.wire() as wire:
+        await wire.result("display.show", pattern="white", detach=True)
+    for _ in range(5):
+        await other.result("ping")
+    assert running.engine.lit == "white"
 
 
-def test_a_picture_that_cannot_be_shown_leaves_the_panels_black(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            error = await wire.error("display.show", pattern="code", index=100)
-            assert error["data"]["kind"] == "request" and error["data"]["hint"] == "0 to 99"
-            await idle(wire)
-            assert running.engine.calls[-2:] == ["show code 100", "show black 0"]
+@served
+async def test_the_next_thing_of_its_owner_takes_the_place_of_a_picture(
+    running: Daemon, wire: Wire
+) -> None:
+    await wire.result("events.subscribe", jobs="all")
+    first = await wire.result("display.show", pattern="white", detach=True)
+    second = await wire.result("display.show", pattern="checker", detach=True)
+    assert running.engine.lit == "checker" and first["job"] != second["job"]
+    assert (await wire.result("capture.wait", job=first["job"]))["state"] == "done"
+    await wire.result("capture.plan", goal="white")
+    assert running.engine.lit is None  # it does not come back
+    await wire.result("display.show", pattern="grid")
+    job = (await wire.result("capture.start", goal="white"))["job"]
+    # The engine fails where a picture is still on the panels.
+    assert (await wire.result("capture.wait", job=job))["state"] == "done"
+    await wire.result("display.show", pattern="grid")
+    assert (await wire.result("preview.grab"))["shape"] == [4, 6, 3]
+    await wire.result("display.show", pattern="grid")
+    black = await wire.result("display.show", pattern="black")
+    assert running.engine.lit is None
+    assert (await wire.result("capture.wait", job=black["job"]))["state"] == "done"
+    await idle(wire)
 
-    asyncio.run(scenario())
+
+@served
+async def test_a_picture_that_cannot_be_shown_leaves_the_panels_black(
+    running: Daemon, wire: Wire
+) -> None:
+    error = await wire.error("display.show", pattern="code", index=100)
+    assert error["data"]["kind"] == "request" and error["data"]["hint"] == "0 to 99"
+    await idle(wire)
+    assert running.engine.calls[-2:] == ["show code 100", "show black 0"]
 
 
 def owner(uid: int, connection: int = 1) -> Owner:
     return Owner(uid=uid, pid=7, user=f"user{uid}", connection=connection)
 
 
-def take(table: JobTable, uid: int, *, queue: bool = False) -> Job:
-    return table.admit(
-        CaptureRequest(goal="white"), NO_ARRAYS, owner(uid), detach=False, queue=queue
-    )
-
-
-def test_a_picture_is_in_the_way_of_others_and_not_of_its_owner() -> None:
-    table = JobTable()
-    pattern = ShowParams(pattern="grid")
-    show = table.admit(pattern, NO_ARRAYS, owner(1), kind="show", detach=True, queue=False)
-    with pytest.raises(Exception, match=rf"{show.name} \(show\) of user1 \(uid 1\)"):
-        take(table, 2)
-    waiting = take(table, 2, queue=True)
-    mine = take(table, 1)
-    show.given_up = True
-    assert list(table.queue) == [mine, waiting]
-    with pytest.raises(Exception, match="holds the rig"):
-        take(table, 1)  # one thing takes its place, not many
-
-
-def test_plans_do_not_make_the_table_forget_captures() -> None:
-    table = JobTable(history=3)
-    photo = take(table, 1)
-    table.finish(photo, photo_result(photo))
-    for _ in range(10):
-        plan = table.admit(
-            CaptureRequest(goal="white"),
-            NO_ARRAYS,
-            owner(1),
-            kind="plan",
-            detach=False,
-            queue=False,
-        )
-        table.finish(plan, photo_result(plan))
-    assert table.get(photo.name) is photo
-    assert len(table.all()) == 4
-
-
-def photo_result(job: Job) -> Any:
-    return CaptureResult(job=job.name, state="done")
-
-
-def test_a_preview_is_busy_has_an_owner_and_can_be_cancelled(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire, running.wire() as other:
-            running.engine.slow_previews = True
-            answer = await ask(wire, "preview.grab")
-            while not running.engine.shutter_open:
-                await asyncio.sleep(0.002)
-            status = await other.result("rig.status")
-            assert status["state"] == "busy"
-            assert status["running"]["kind"] == "preview"
-            assert status["running"]["owner"]["uid"] == os.getuid()
-            assert (await other.error("capture.start", goal="white"))["data"]["kind"] == "busy"
-            await other.result("capture.cancel", job=status["running"]["job"])
-            assert not running.engine.shutter_open
-            assert (await answer)["error"]["data"]["kind"] == "cancelled"
-
-    asyncio.run(scenario())
+@served
+async def test_a_preview_is_busy_has_an_owner_and_can_be_cancelled(
+    running: Daemon, wire: Wire, other: Wire
+) -> None:
+    running.engine.slow_previews = True
+    answer = await ask(wire, "preview.grab")
+    while not running.engine.shutter_open:
+        await asyncio.sleep(0.002)
+    status = await other.result("rig.status")
+    assert status["state"] == "busy"
+    assert status["running"]["kind"] == "preview"
+    assert status["running"]["owner"]["uid"] == os.getuid()
+    assert (await other.error("capture.start", goal="white"))["data"]["kind"] == "busy"
+    await other.result("capture.cancel", job=status["running"]["job"])
+    assert not running.engine.shutter_open
+    assert (await answer)["error"]["data"]["kind"] == "cancelled"

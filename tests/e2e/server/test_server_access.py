@@ -8,20 +8,17 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pdcd.bench.tables import RoleConfig, ServerConfig
-from pdcd.errors import ConfigError
 from pdcd.protocol.messages import METHODS
 from pdcd.protocol.views import ClientRole
 from pdcd.server import access
-from pdcd.server.access import Access, Names, Peer, peer_of
-from tests.e2e.server._server_harness import Daemon, Wire, daemon, nothing_left
+from pdcd.server.access import Access, Peer, peer_of
+from tests.e2e.server._server_harness import Daemon, Wire, daemon, served
 from tests.e2e.server._users import ANNA, BERT, CARL, Users
 
 ROLES = ServerConfig(
@@ -29,17 +26,6 @@ ROLES = ServerConfig(
     shoot=RoleConfig(uids=(BERT,)),
     administer=RoleConfig(uids=(CARL,)),
 )
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
-
-
-@pytest.fixture
-def users(monkeypatch: pytest.MonkeyPatch) -> Users:
-    return Users(monkeypatch)
 
 
 # --- who is it ----------------------------------------------------------------------------------
@@ -77,7 +63,7 @@ def test_no_user_database_is_asked_about_groups(monkeypatch: pytest.MonkeyPatch)
         assert Access({os.getuid(): ClientRole.SHOOT}, {}).role(peer_of(left)) is ClientRole.SHOOT
 
 
-def test_a_lookup_that_hangs_holds_up_nobody_else(
+async def test_a_lookup_that_hangs_holds_up_nobody_else(
     tmp_path: Path, users: Users, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = threading.Event()
@@ -89,33 +75,29 @@ def test_a_lookup_that_hangs_holds_up_nobody_else(
 
     monkeypatch.setattr(access, "_user_name", look_up)
     monkeypatch.setattr(access, "LOOKUP_S", 0.2)
-
-    async def scenario() -> None:
-        async with daemon(tmp_path, server=ROLES) as running, running.wire() as honest:
-            users.become(BERT)
+    async with daemon(tmp_path, server=ROLES) as running, running.wire() as honest:
+        users.become(BERT)
+        reader, writer = await asyncio.open_unix_connection(str(running.path))
+        hung = Wire(reader, writer)
+        served = 0
+        while not reader._buffer:  # type: ignore[attr-defined]
+            await honest.result("ping")
+            served += 1
+        assert served > 5
+        # Served all the same, by number; and the second time without a wait.
+        assert (await hung.receive())["method"] == "hello"
+        assert (await job_of(hung))["user"] == str(BERT)
+        monkeypatch.setattr(access, "LOOKUP_S", 600.0)
+        async with running.wire():
+            pass
+        gate.set()
+        while (await job_of(hung))["user"] != f"user {BERT}":
+            await asyncio.sleep(0.01)
+            await hung.close()
             reader, writer = await asyncio.open_unix_connection(str(running.path))
             hung = Wire(reader, writer)
-            served = 0
-            while not reader._buffer:  # type: ignore[attr-defined]
-                await honest.result("ping")
-                served += 1
-            assert served > 5
-            # Served all the same, by number; and the second time without a wait.
-            assert (await hung.receive())["method"] == "hello"
-            assert (await job_of(hung))["user"] == str(BERT)
-            monkeypatch.setattr(access, "LOOKUP_S", 600.0)
-            async with running.wire():
-                pass
-            gate.set()
-            while (await job_of(hung))["user"] != f"user {BERT}":
-                await asyncio.sleep(0.01)
-                await hung.close()
-                reader, writer = await asyncio.open_unix_connection(str(running.path))
-                hung = Wire(reader, writer)
-                await hung.receive()
-            await hung.close()
-
-    asyncio.run(scenario())
+            await hung.receive()
+        await hung.close()
 
 
 async def job_of(wire: Wire) -> dict[str, Any]:
@@ -125,23 +107,6 @@ async def job_of(wire: Wire) -> dict[str, Any]:
     views = {view["job"]: view for view in (await wire.result("capture.list"))["jobs"]}
     owner: dict[str, Any] = views[job]["owner"]
     return owner
-
-
-def test_a_name_is_looked_up_once_for_many_and_forgotten_in_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked: list[int] = []
-
-    async def scenario() -> None:
-        names = Names(lambda uid: asked.append(uid) or f"user {uid}")  # type: ignore[func-returns-value]
-        assert await asyncio.gather(*(names.of(7) for _ in range(5))) == ["user 7"] * 5
-        assert await names.of(7) == "user 7" and asked == [7]
-        now_s = time.monotonic()
-        monkeypatch.setattr(time, "monotonic", lambda: now_s + access.NAME_KEPT_S)
-        assert await names.of(7) == "user 7" and asked == [7, 7]
-        await names.close()
-
-    asyncio.run(scenario())
 
 
 # --- which role ---------------------------------------------------------------------------------
@@ -198,12 +163,6 @@ def test_an_abstract_socket_has_no_group() -> None:
         assert Access.to(sock, ServerConfig()).gids == {}
 
 
-def test_a_group_that_is_not_there_is_named() -> None:
-    tables = ServerConfig(look=RoleConfig(groups=("no such group",)))
-    with socket.socket(socket.AF_UNIX) as sock, pytest.raises(ConfigError, match="no such group"):
-        Access.to(sock, tables)
-
-
 # --- what each may do ---------------------------------------------------------------------------
 
 LOOK = {"hello", "ping", "rig.status", "rig.describe", "capture.wait", "capture.list"}
@@ -231,64 +190,62 @@ async def kinds(wire: Wire, job: str) -> dict[str, str]:
     return found
 
 
-def test_every_method_is_refused_below_its_role(tmp_path: Path, users: Users) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path, server=ROLES) as running, running.wire() as root:
-            job = (await root.result("capture.start", goal="white"))["job"]
-            await root.result("capture.wait", job=job)
-            users.become(ANNA)
-            before = list(running.engine.calls)
-            async with running.wire() as wire:
-                found = await kinds(wire, job)
-            assert {method for method, kind in found.items() if not kind} == LOOK
-            assert {found[method] for method in SHOOT} == {"denied"}
-            assert running.engine.calls == [*before, "describe"]
-            users.become(CARL, 5001)
-            async with running.wire() as wire:
-                assert set((await kinds(wire, job)).values()) == {""}
-            users.become(BERT, 5001)
-            async with running.wire() as wire:
-                found = await kinds(wire, job)
-            for method in ("capture.cancel", "calibrate.proceed"):
-                assert found.pop(method) == "denied"  # root's job
-            assert set(found.values()) == {""}
-            assert set(METHODS) == LOOK | SHOOT
+@served(server=ROLES)
+async def test_every_method_is_refused_below_its_role(
+    running: Daemon, root: Wire, users: Users
+) -> None:
+    job = (await root.result("capture.start", goal="white"))["job"]
+    await root.result("capture.wait", job=job)
+    users.become(ANNA)
+    before = list(running.engine.calls)
+    async with running.wire() as wire:
+        found = await kinds(wire, job)
+    assert {method for method, kind in found.items() if not kind} == LOOK
+    assert {found[method] for method in SHOOT} == {"denied"}
+    assert running.engine.calls == [*before, "describe"]
+    users.become(CARL, 5001)
+    async with running.wire() as wire:
+        assert set((await kinds(wire, job)).values()) == {""}
+    users.become(BERT, 5001)
+    async with running.wire() as wire:
+        found = await kinds(wire, job)
+    for method in ("capture.cancel", "calibrate.proceed"):
+        assert found.pop(method) == "denied"  # root's job
+    assert set(found.values()) == {""}
+    assert set(METHODS) == LOOK | SHOOT
 
-    asyncio.run(scenario())
 
-
-def test_only_its_owner_or_an_administrator_cancels_a_job(tmp_path: Path, users: Users) -> None:
+async def test_only_its_owner_or_an_administrator_cancels_a_job(
+    tmp_path: Path, users: Users
+) -> None:
     tables = ServerConfig(shoot=RoleConfig(uids=(ANNA, BERT)), administer=RoleConfig(uids=(CARL,)))
 
-    async def scenario() -> None:
-        async with daemon(tmp_path, server=tables) as running:
-            users.become(ANNA)
-            async with running.wire() as wire:
-                running_job = await start(wire, detach=True)
-                waiting = await start(wire, detach=True)
-                last = await start(wire, detach=True)
-                users.become(BERT)
-                async with running.wire() as other:
-                    await refused(other, running_job, waiting, last)
-                    await other.result("rig.status")
-            # Anna has gone: neither the next connection nor the one of her number is hers.
-            async with running.wire() as other:
-                await refused(other, running_job, waiting)
-                assert (await other.result("rig.status"))["running"]["job"] == running_job
-            users.become(ANNA)
-            async with running.wire() as again:
-                assert (await again.result("capture.cancel", job=waiting))["state"] == "cancelled"
-            users.become(CARL)
-            async with running.wire() as boss:
-                for job in (last, running_job):
-                    ended = await boss.result("capture.cancel", job=job)
-                    assert ended["state"] == "cancelled"
+    async with daemon(tmp_path, server=tables) as running:
+        users.become(ANNA)
+        async with running.wire() as wire:
+            running_job = await start(wire, detach=True)
+            waiting = await start(wire, detach=True)
+            last = await start(wire, detach=True)
             users.become(BERT)
             async with running.wire() as other:
-                await refused(other, running_job)  # also when nothing is left to cancel
-                assert (await other.result("capture.wait", job=last))["state"] == "cancelled"
-
-    asyncio.run(scenario())
+                await refused(other, running_job, waiting, last)
+                await other.result("rig.status")
+        # Anna has gone: neither the next connection nor the one of her number is hers.
+        async with running.wire() as other:
+            await refused(other, running_job, waiting)
+            assert (await other.result("rig.status"))["running"]["job"] == running_job
+        users.become(ANNA)
+        async with running.wire() as again:
+            assert (await again.result("capture.cancel", job=waiting))["state"] == "cancelled"
+        users.become(CARL)
+        async with running.wire() as boss:
+            for job in (last, running_job):
+                ended = await boss.result("capture.cancel", job=job)
+                assert ended["state"] == "cancelled"
+        users.become(BERT)
+        async with running.wire() as other:
+            await refused(other, running_job)  # also when nothing is left to cancel
+            assert (await other.result("capture.wait", job=last))["state"] == "cancelled"
 
 
 async def start(wire: Wire, **params: Any) -> str:
@@ -309,20 +266,14 @@ async def refused(wire: Wire, *jobs: str) -> None:
         )
 
 
-def test_a_user_who_is_not_permitted_is_told_so_and_gets_no_hello(
-    tmp_path: Path, users: Users
+@served(server=ROLES)
+async def test_a_user_who_is_not_permitted_is_told_so_and_gets_no_hello(
+    running: Daemon, users: Users
 ) -> None:
-    async def scenario(running: Daemon) -> None:
-        users.become(ANNA + 10)
-        async with running.wire() as wire:
-            error = wire.hello["error"]
-            assert error["data"]["kind"] == "denied"
-            assert f"uid {ANNA + 10}" in error["message"]
-            assert "allow_uids" in error["data"]["hint"]
-            assert await wire.ended()
-
-    async def serve() -> None:
-        async with daemon(tmp_path, server=ROLES) as running:
-            await scenario(running)
-
-    asyncio.run(serve())
+    users.become(ANNA + 10)
+    async with running.wire() as wire:
+        error = wire.hello["error"]
+        assert error["data"]["kind"] == "denied"
+        assert f"uid {ANNA + 10}" in error["message"]
+        assert "allow_uids" in error["data"]["hint"]
+        assert await wire.ended()

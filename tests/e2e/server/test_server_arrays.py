@@ -38,7 +38,7 @@ from pdcd.server.intake import Intake
 from pdcd.server.protocol import RpcRequest, parse_line
 from pdcd.server.readers import Readers
 from tests import bench_rig
-from tests.e2e.server._server_harness import daemon, nothing_left
+from tests.e2e.server._server_harness import Daemon, Wire, nothing_left, served
 from tests.e2e.server.test_daemon_real import connect
 from tests.e2e.server.test_daemon_real import daemon as real_daemon
 from tests.hostile import files
@@ -155,7 +155,7 @@ class Hanging:
         monkeypatch.setattr("pdcd.planning.given.read_contents", contents)
 
 
-def test_a_disk_that_hangs_costs_its_user_two_threads_and_others_nothing(
+async def test_a_disk_that_hangs_costs_its_user_two_threads_and_others_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hanging = Hanging(monkeypatch)
@@ -165,25 +165,22 @@ def test_a_disk_that_hangs_costs_its_user_two_threads_and_others_nothing(
     intake = Intake(None, GRID, Readers(each=2, total=3, limit_s=0.3))
     request = CaptureRequest(goal="illuminated", illumination=SentArray(fd=0))
 
-    async def scenario() -> None:
-        async def take(descriptor: int, peer: Peer) -> Any:
-            return await intake.take(request, [descriptor], peer)
+    async def take(descriptor: int, peer: Peer) -> Any:
+        return await intake.take(request, [descriptor], peer)
 
-        four = await asyncio.gather(*(take(hung, SELF) for _ in range(4)), return_exceptions=True)
-        kinds = [type(err) for err in four]
-        assert kinds.count(RequestError) == 2 and kinds.count(BusyError) == 2
-        assert any("within 0.3 s" in str(err) for err in four)
-        with pytest.raises(BusyError):
-            await take(sound, SELF)
-        other = replace(SELF, uid=12345)
-        _, given = await take(sound, other)
-        np.testing.assert_array_equal(given["illumination"], LIGHT)
-        hanging.let.set()
-        while len(hanging.ended) < 2 or intake._readers._busy:
-            await asyncio.sleep(0.01)
+    four = await asyncio.gather(*(take(hung, SELF) for _ in range(4)), return_exceptions=True)
+    kinds = [type(err) for err in four]
+    assert kinds.count(RequestError) == 2 and kinds.count(BusyError) == 2
+    assert any("within 0.3 s" in str(err) for err in four)
+    with pytest.raises(BusyError):
         await take(sound, SELF)
-
-    asyncio.run(scenario())
+    other = replace(SELF, uid=12345)
+    _, given = await take(sound, other)
+    np.testing.assert_array_equal(given["illumination"], LIGHT)
+    hanging.let.set()
+    while len(hanging.ended) < 2 or intake._readers._busy:
+        await asyncio.sleep(0.01)
+    await take(sound, SELF)
     os.close(hung)
     os.close(sound)
 
@@ -208,62 +205,54 @@ def test_a_descriptor_is_read_though_its_sender_closes_it(
     np.testing.assert_array_equal(array, LIGHT)
 
 
-def test_arrays_that_wait_are_bounded_and_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_arrays_that_wait_are_bounded_and_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pdcd.server.intake.HELD_BYTES", 10**6)
     intake = Intake(None, GRID, Readers(limit_s=0.2))
     text = base64.b64encode(files.npy(np.ones((250, 250)))).decode()
     request = CaptureRequest(goal="illuminated", illumination=SentArray(npy=text))
 
-    async def scenario() -> None:
-        held = [(await intake.take(request, (), SELF))[1]]
-        with pytest.raises(BusyError, match="too many arrays"):
-            while len(held) < 5:
-                held.append((await intake.take(request, (), SELF))[1])
-        assert len(held) == 1  # 0.5 MB are held, and 0.5 MB might come
-        held.clear()
-        gc.collect()
-        await intake.take(request, (), SELF)
-
-    asyncio.run(scenario())
+    held = [(await intake.take(request, (), SELF))[1]]
+    with pytest.raises(BusyError, match="too many arrays"):
+        while len(held) < 5:
+            held.append((await intake.take(request, (), SELF))[1])
+    assert len(held) == 1  # 0.5 MB are held, and 0.5 MB might come
+    held.clear()
+    gc.collect()
+    await intake.take(request, (), SELF)
 
 
-def test_long_rows_become_an_array_and_short_ones_stay() -> None:
-    async def scenario() -> None:
-        intake = Intake(None, (100, 100))
-        for size, kept_as in ((64, tuple), (65, SentArray)):
-            rows = ((0.5,) * size,) * 64
-            request = CaptureRequest(goal="illuminated", illumination=rows)
-            kept, given = await intake.take(request, (), SELF)
-            assert isinstance(kept.illumination, kept_as)
-            assert ("illumination" in given) == (kept_as is SentArray)
-
-    asyncio.run(scenario())
+async def test_long_rows_become_an_array_and_short_ones_stay() -> None:
+    intake = Intake(None, (100, 100))
+    for size, kept_as in ((64, tuple), (65, SentArray)):
+        rows = ((0.5,) * size,) * 64
+        request = CaptureRequest(goal="illuminated", illumination=rows)
+        kept, given = await intake.take(request, (), SELF)
+        assert isinstance(kept.illumination, kept_as)
+        assert ("illumination" in given) == (kept_as is SentArray)
 
 
-def test_the_engine_gets_the_arrays_and_jobs_let_go_of_them(tmp_path: Path) -> None:
+@served
+async def test_the_engine_gets_the_arrays_and_jobs_let_go_of_them(
+    running: Daemon, wire: Wire
+) -> None:
     text = base64.b64encode(files.npy(LIGHT)).decode()
 
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            for method in ("capture.plan", "capture.start"):
-                answer = await wire.result(
-                    method, goal="illuminated", illumination={"npy": text, "file": "l.npy"}
-                )
-                if method == "capture.start":
-                    await wire.result("capture.wait", job=answer["job"])
-                np.testing.assert_array_equal(running.engine.given[-1]["illumination"], LIGHT)
-            recorded = running.engine.requests[-1].illumination
-            assert isinstance(recorded, SentArray) and recorded.npy is None and recorded.sha256
-            bad = await wire.error(
-                "capture.start", goal="illuminated", illumination={"npy": "AA=="}
-            )
-            assert bad["data"]["kind"] == "request" and bad["code"] == -32602
-
-    asyncio.run(scenario())
+    for method in ("capture.plan", "capture.start"):
+        answer = await wire.result(
+            method, goal="illuminated", illumination={"npy": text, "file": "l.npy"}
+        )
+        if method == "capture.start":
+            await wire.result("capture.wait", job=answer["job"])
+        np.testing.assert_array_equal(running.engine.given[-1]["illumination"], LIGHT)
+    recorded = running.engine.requests[-1].illumination
+    assert isinstance(recorded, SentArray) and recorded.npy is None and recorded.sha256
+    bad = await wire.error("capture.start", goal="illuminated", illumination={"npy": "AA=="})
+    assert bad["data"]["kind"] == "request" and bad["code"] == -32602
 
 
-def test_a_client_that_leaves_while_its_arrays_are_read_starts_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@served
+async def test_a_client_that_leaves_while_its_arrays_are_read_starts_nothing(
+    running: Daemon, other: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reading, let = threading.Event(), threading.Event()
     whole = read_array
@@ -276,25 +265,19 @@ def test_a_client_that_leaves_while_its_arrays_are_read_starts_nothing(
     monkeypatch.setattr("pdcd.planning.given.read_array", slow)
     text = base64.b64encode(files.npy(LIGHT)).decode()
 
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as other:
-            async with running.wire() as wire:
-                params = {"goal": "illuminated", "illumination": {"npy": text}}
-                await wire.send(
-                    {"jsonrpc": "2.0", "id": 1, "method": "capture.start", "params": params}
-                )
-                while not reading.is_set():
-                    await asyncio.sleep(0.005)
-                await other.result("ping")
-                wire.writer.write_eof()
-                while (await other.result("rig.status"))["connections"] > 1:
-                    await asyncio.sleep(0.005)
-                let.set()
-                error = (await wire.answer(1))["error"]
-                assert error["data"]["kind"] == "cancelled"
-            assert (await other.result("capture.list"))["jobs"] == []
-
-    asyncio.run(scenario())
+    async with running.wire() as wire:
+        params = {"goal": "illuminated", "illumination": {"npy": text}}
+        await wire.send({"jsonrpc": "2.0", "id": 1, "method": "capture.start", "params": params})
+        while not reading.is_set():
+            await asyncio.sleep(0.005)
+        await other.result("ping")
+        wire.writer.write_eof()
+        while (await other.result("rig.status"))["connections"] > 1:
+            await asyncio.sleep(0.005)
+        let.set()
+        error = (await wire.answer(1))["error"]
+        assert error["data"]["kind"] == "cancelled"
+    assert (await other.result("capture.list"))["jobs"] == []
 
 
 def test_descriptors_are_sent_with_their_line(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import socket
 from pathlib import Path
@@ -16,7 +15,7 @@ from pdcd.protocol.events import Attention, Event
 from pdcd.protocol.messages import PROTOCOL, ClockAnchor, Hello
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.words import StepName
-from tests.e2e.server._server_harness import daemon, threaded_daemon
+from tests.e2e.server._server_harness import Daemon, Wire, served, threaded_daemon
 from tests.e2e.server._users import ANNA, BERT, Users
 from tests.e2e.server.test_server_client import scripted
 from tests.e2e.server.test_server_places import OPEN
@@ -77,65 +76,45 @@ def test_events_before_the_answer_that_names_the_job_are_heard(tmp_path: Path) -
     ]  # fmt: skip
 
 
-def test_while_it_waits_it_can_be_cancelled_and_others_wait(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire, running.wire() as other:
-            await wire.result("events.subscribe", jobs="own")
-            job = (await wire.result("calibrate.start", steps=["light"], attended=True))["job"]
-            await wire.event("attention", job)
-            refused = await other.error("capture.start", goal="white")
-            assert refused["data"]["kind"] == "busy" and "(calibrate)" in refused["message"]
-            await other.result("ping")
-            assert (await wire.result("capture.cancel", job=job))["state"] == "cancelled"
-
-    asyncio.run(scenario())
+@served
+async def test_while_it_waits_it_can_be_cancelled_and_others_wait(wire: Wire, other: Wire) -> None:
+    await wire.result("events.subscribe", jobs="own")
+    job = (await wire.result("calibrate.start", steps=["light"], attended=True))["job"]
+    await wire.event("attention", job)
+    refused = await other.error("capture.start", goal="white")
+    assert refused["data"]["kind"] == "busy" and "(calibrate)" in refused["message"]
+    await other.result("ping")
+    assert (await wire.result("capture.cancel", job=job))["state"] == "cancelled"
 
 
-def test_only_its_owner_says_that_it_may_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@served(server=OPEN)
+async def test_only_its_owner_says_that_it_may_go_on(
+    running: Daemon, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     users = Users(monkeypatch)
 
-    async def scenario() -> None:
-        async with daemon(tmp_path, server=OPEN) as running:
-            users.become(ANNA)
-            async with running.wire() as hers:
-                await hers.result("events.subscribe", jobs="own")
-                job = (await hers.result("calibrate.start", steps=["light"], attended=True))["job"]
-                await hers.event("attention", job)
-                users.become(BERT)
-                async with running.wire() as his:
-                    refused = await his.error("calibrate.proceed", job=job)
-                    assert refused["data"]["kind"] == "denied"
-                await hers.result("calibrate.proceed", job=job)
-                assert (await hers.result("capture.wait", job=job))["state"] == "done"
-
-    asyncio.run(scenario())
+    users.become(ANNA)
+    async with running.wire() as hers:
+        await hers.result("events.subscribe", jobs="own")
+        job = (await hers.result("calibrate.start", steps=["light"], attended=True))["job"]
+        await hers.event("attention", job)
+        users.become(BERT)
+        async with running.wire() as his:
+            refused = await his.error("calibrate.proceed", job=job)
+            assert refused["data"]["kind"] == "denied"
+        await hers.result("calibrate.proceed", job=job)
+        assert (await hers.result("capture.wait", job=job))["state"] == "done"
 
 
-def test_steps_that_are_none_are_refused(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            refused = await wire.error("calibrate.start", steps=["lihgt"])
-            assert refused["data"]["kind"] == "request"
-            refused = await wire.error("calibrate.proceed", job="none")
-            assert refused["data"]["kind"] == "request"
-
-    asyncio.run(scenario())
-
-
-def test_no_calibration_is_too_long_to_be_told_of(tmp_path: Path) -> None:
+@served
+async def test_no_calibration_is_too_long_to_be_told_of(wire: Wire) -> None:
     """Of a job that names a step a hundred thousand times everybody would be told, as long as it is
     remembered: the answers would be longer than a line."""
 
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            refused = await wire.error("calibrate.start", steps=["registration"] * 60_000)
-            assert refused["data"]["kind"] == "request"
-            assert "steps: it takes up to 10 words" in refused["message"]
-            every = list(get_args(StepName))
-            await wire.result("calibrate.start", steps=every, detach=True)
-            told = (await wire.result("capture.list"))["jobs"]
-            assert [job["goal"] for job in told] == [" ".join(every)]
-
-    asyncio.run(scenario())
+    refused = await wire.error("calibrate.start", steps=["registration"] * 60_000)
+    assert refused["data"]["kind"] == "request"
+    assert "steps: it takes up to 10 words" in refused["message"]
+    every = list(get_args(StepName))
+    await wire.result("calibrate.start", steps=every, detach=True)
+    told = (await wire.result("capture.list"))["jobs"]
+    assert [job["goal"] for job in told] == [" ".join(every)]

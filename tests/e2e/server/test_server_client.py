@@ -19,16 +19,10 @@ from pdcd.errors import BusyError, DeviceLost, PdcdError, ProtocolError, Request
 from pdcd.protocol.events import Event
 from pdcd.protocol.messages import MAX_LINE, PROTOCOL
 from pdcd.protocol.request import CaptureRequest
-from tests.e2e.server._server_harness import nothing_left, threaded_daemon
+from tests.e2e.server._server_harness import threaded_daemon
 
 WHITE = CaptureRequest(goal="white")
 SLOW = CaptureRequest(goal="white", note="slow")
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
 
 
 @contextmanager

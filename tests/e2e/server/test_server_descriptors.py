@@ -22,15 +22,9 @@ from pdcd.errors import ProtocolError
 from pdcd.protocol.messages import MAX_FDS
 from pdcd.server import connections
 from tests.e2e.server._house import Guest, held, house
-from tests.e2e.server._server_harness import PATIENCE_S, nothing_left
+from tests.e2e.server._server_harness import PATIENCE_S
 
 PLAN = {"jsonrpc": "2.0", "id": 1, "method": "capture.plan", "params": {"goal": "white"}}
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
 
 
 @pytest.fixture
@@ -81,25 +75,24 @@ def test_descriptors_arrive_with_their_requests_in_order(tmp_path: Path, files: 
     attacked(tmp_path, body)
 
 
-def test_the_client_passes_descriptors_and_keeps_its_own(tmp_path: Path, files: list[int]) -> None:
-    async def scenario() -> None:
-        async with house(tmp_path) as home:
+async def test_the_client_passes_descriptors_and_keeps_its_own(
+    tmp_path: Path, files: list[int]
+) -> None:
+    async with house(tmp_path) as home:
 
-            def use() -> None:
-                with Client(home.path) as client:
-                    params = {"goal": "white", "out": "x" * 1_000_000}
-                    for _ in range(3):
-                        asked = client._send("capture.plan", params, files[:16])
-                        told = client._answer(asked, PATIENCE_S, None)
-                        assert told["texts"] == [f"file {k}" for k in range(16)]
-                    with pytest.raises(ProtocolError, match="17 descriptors"):
-                        client._send("capture.plan", None, files)
-                assert os.pread(files[0], 10, 0) == b"file 0"
+        def use() -> None:
+            with Client(home.path) as client:
+                params = {"goal": "white", "out": "x" * 1_000_000}
+                for _ in range(3):
+                    asked = client._send("capture.plan", params, files[:16])
+                    told = client._answer(asked, PATIENCE_S, None)
+                    assert told["texts"] == [f"file {k}" for k in range(16)]
+                with pytest.raises(ProtocolError, match="17 descriptors"):
+                    client._send("capture.plan", None, files)
+            assert os.pread(files[0], 10, 0) == b"file 0"
 
-            await asyncio.to_thread(use)
-            await home.tidy()
-
-    asyncio.run(scenario())
+        await asyncio.to_thread(use)
+        await home.tidy()
 
 
 # --- what is not --------------------------------------------------------------------------------
@@ -185,60 +178,51 @@ def test_a_notification_and_an_end_of_stream_leave_none(tmp_path: Path, files: l
     attacked(tmp_path, body)
 
 
-def test_one_who_may_not_come_in_leaves_none(tmp_path: Path, files: list[int]) -> None:
-    async def scenario() -> None:
-        async with house(tmp_path, frozenset({os.getuid() + 1})) as home:
+async def test_one_who_may_not_come_in_leaves_none(tmp_path: Path, files: list[int]) -> None:
+    async with house(tmp_path, frozenset({os.getuid() + 1})) as home:
 
-            def push() -> None:
-                guest = Guest(home.path)
-                with contextlib.suppress(OSError):
-                    for _ in range(10):
-                        guest.send(plan(16), files[:16])
-                assert guest.kind() == "denied"
-                guest.close()
-
-            await asyncio.to_thread(push)
-            await home.tidy()
-
-    asyncio.run(scenario())
-
-
-def test_open_requests_hold_a_bounded_number(tmp_path: Path, files: list[int]) -> None:
-    async def scenario() -> None:
-        async with house(tmp_path) as home:
-            loop = asyncio.get_running_loop()
-
-            def body(guest: Guest) -> None:
-                guest.send(plan(10, note="wait", id="first"), files[:10])
+        def push() -> None:
+            guest = Guest(home.path)
+            with contextlib.suppress(OSError):
                 for _ in range(10):
-                    guest.send(plan(10, note="wait", id="more"), files[:10])
-                    assert guest.kind() == "busy"
-                    most = home.before + len(("guest", "accepted")) + 10 + 10
-                    assert held() <= most
-                loop.call_soon_threadsafe(home.service.gate.set)
-                assert guest.read()["id"] == "first"
-                guest.send(plan(16, id="later"), files[:16])
-                assert "result" in guest.read()
+                    guest.send(plan(16), files[:16])
+            assert guest.kind() == "denied"
+            guest.close()
 
-            await home.visit(body)
-
-    asyncio.run(scenario())
+        await asyncio.to_thread(push)
+        await home.tidy()
 
 
-def test_a_request_given_up_at_the_end_of_the_daemon_leaves_none(
+async def test_open_requests_hold_a_bounded_number(tmp_path: Path, files: list[int]) -> None:
+    async with house(tmp_path) as home:
+        loop = asyncio.get_running_loop()
+
+        def body(guest: Guest) -> None:
+            guest.send(plan(10, note="wait", id="first"), files[:10])
+            for _ in range(10):
+                guest.send(plan(10, note="wait", id="more"), files[:10])
+                assert guest.kind() == "busy"
+                most = home.before + len(("guest", "accepted")) + 10 + 10
+                assert held() <= most
+            loop.call_soon_threadsafe(home.service.gate.set)
+            assert guest.read()["id"] == "first"
+            guest.send(plan(16, id="later"), files[:16])
+            assert "result" in guest.read()
+
+        await home.visit(body)
+
+
+async def test_a_request_given_up_at_the_end_of_the_daemon_leaves_none(
     tmp_path: Path, files: list[int]
 ) -> None:
-    async def scenario() -> None:
-        async with house(tmp_path) as home:
-            guest = await asyncio.to_thread(Guest, home.path)
-            await asyncio.to_thread(guest.send, plan(10, note="wait"), files[:10])
-            async with asyncio.timeout(PATIENCE_S):
-                while held() < home.before + 12:
-                    await asyncio.sleep(0.002)
-            await asyncio.to_thread(guest.read)
-        guest.close()
-
-    asyncio.run(scenario())
+    async with house(tmp_path) as home:
+        guest = await asyncio.to_thread(Guest, home.path)
+        await asyncio.to_thread(guest.send, plan(10, note="wait"), files[:10])
+        async with asyncio.timeout(PATIENCE_S):
+            while held() < home.before + 12:
+                await asyncio.sleep(0.002)
+        await asyncio.to_thread(guest.read)
+    guest.close()
 
 
 @contextlib.contextmanager
@@ -259,44 +243,38 @@ def lingering() -> Iterator[int]:
         yield sender.detach()
 
 
-def test_what_takes_long_to_close_holds_up_nobody(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with house(tmp_path) as home:
-            with lingering() as slow:
-                guest = await asyncio.to_thread(Guest, home.path)
-                await asyncio.to_thread(guest.read)
-                await asyncio.to_thread(guest.send, plan(1, note="wait"), [slow])
-                os.close(slow)  # the last copy is the server's
-                home.service.gate.set()
-                begun_s = time.monotonic()
-                await home.visit_only(lambda guest: guest.send(PLAN))
-                assert time.monotonic() - begun_s < 1.0
-                assert (await asyncio.to_thread(guest.read))["id"] == 1
-                guest.close()
-                await home.tidy(less=1)  # the receiver
-                assert time.monotonic() - begun_s > 1.5, "closing was no matter of time"
-
-    asyncio.run(scenario())
+async def test_what_takes_long_to_close_holds_up_nobody(tmp_path: Path) -> None:
+    async with house(tmp_path) as home:
+        with lingering() as slow:
+            guest = await asyncio.to_thread(Guest, home.path)
+            await asyncio.to_thread(guest.read)
+            await asyncio.to_thread(guest.send, plan(1, note="wait"), [slow])
+            os.close(slow)  # the last copy is the server's
+            home.service.gate.set()
+            begun_s = time.monotonic()
+            await home.visit_only(lambda guest: guest.send(PLAN))
+            assert time.monotonic() - begun_s < 1.0
+            assert (await asyncio.to_thread(guest.read))["id"] == 1
+            guest.close()
+            await home.tidy(less=1)  # the receiver
+            assert time.monotonic() - begun_s > 1.5, "closing was no matter of time"
 
 
-def test_running_out_of_descriptors_ends_nothing_but_the_attack(
+async def test_running_out_of_descriptors_ends_nothing_but_the_attack(
     tmp_path: Path, files: list[int]
 ) -> None:
-    async def scenario() -> None:
-        async with house(tmp_path) as home:
-            guests = [await asyncio.to_thread(Guest, home.path) for _ in range(2)]
-            for guest in guests:
-                await asyncio.to_thread(guest.read)
-            with few_left(4):
-                await asyncio.to_thread(guests[0].send, plan(16), files[:16])
-                assert await asyncio.to_thread(guests[0].kind) == "protocol"
-                await asyncio.to_thread(guests[1].send, PLAN)
-                assert "result" in await asyncio.to_thread(guests[1].read)
-            for guest in guests:
-                guest.close()
-            await home.tidy()
-
-    asyncio.run(scenario())
+    async with house(tmp_path) as home:
+        guests = [await asyncio.to_thread(Guest, home.path) for _ in range(2)]
+        for guest in guests:
+            await asyncio.to_thread(guest.read)
+        with few_left(4):
+            await asyncio.to_thread(guests[0].send, plan(16), files[:16])
+            assert await asyncio.to_thread(guests[0].kind) == "protocol"
+            await asyncio.to_thread(guests[1].send, PLAN)
+            assert "result" in await asyncio.to_thread(guests[1].read)
+        for guest in guests:
+            guest.close()
+        await home.tidy()
 
 
 @contextlib.contextmanager
@@ -318,24 +296,21 @@ def few_left(count: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def test_running_out_of_descriptors_puts_off_who_comes_next(
+async def test_running_out_of_descriptors_puts_off_who_comes_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(connections, "NO_ACCEPT_S", 0.05)
 
-    async def scenario() -> None:
-        async with house(tmp_path) as home:
-            with socket.socket(socket.AF_UNIX) as late:
-                late.setblocking(False)
-                with few_left(0):
-                    late.connect(str(home.path))
-                    async with asyncio.timeout(PATIENCE_S):
-                        while not caplog.records:
-                            await asyncio.sleep(0.002)
+    async with house(tmp_path) as home:
+        with socket.socket(socket.AF_UNIX) as late:
+            late.setblocking(False)
+            with few_left(0):
+                late.connect(str(home.path))
                 async with asyncio.timeout(PATIENCE_S):
-                    said = await asyncio.get_running_loop().sock_recv(late, 65536)
-                assert b"hello" in said
-            await home.tidy()
-            assert 1 <= len(caplog.records) < 10
-
-    asyncio.run(scenario())
+                    while not caplog.records:
+                        await asyncio.sleep(0.002)
+            async with asyncio.timeout(PATIENCE_S):
+                said = await asyncio.get_running_loop().sock_recv(late, 65536)
+            assert b"hello" in said
+        await home.tidy()
+        assert 1 <= len(caplog.records) < 10

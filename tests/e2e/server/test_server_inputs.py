@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from pdcd.protocol.messages import MAX_LINE
-from tests.e2e.server._server_harness import daemon, nothing_left
+from tests.e2e.server._server_harness import Daemon, Wire, served
 
 
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
+@served
+async def test_the_server_speaks_first(wire: Wire) -> None:
+    assert wire.hello["method"] == "hello" and "id" not in wire.hello
+    said = wire.hello["params"]
+    assert said["server"] == "pdcd" and said["protocol"] == [1, 0]
+    assert said["max_line"] == 2**20 and said["state"] == "idle"
+    assert said["drivers"] == {"display": "mock", "shutter": "mock", "readout": "mock"}
+    assert said["clock"]["mono_ns"] > 0 and said["clock"]["utc"].endswith("+00:00")
+    assert await wire.result("hello", protocol=[1, 0]) == {"protocol": [1, 0]}
 
 
-def test_the_server_speaks_first(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            assert wire.hello["method"] == "hello" and "id" not in wire.hello
-            said = wire.hello["params"]
-            assert said["server"] == "pdcd" and said["protocol"] == [1, 0]
-            assert said["max_line"] == 2**20 and said["state"] == "idle"
-            assert said["drivers"] == {"display": "mock", "shutter": "mock", "readout": "mock"}
-            assert said["clock"]["mono_ns"] > 0 and said["clock"]["utc"].endswith("+00:00")
-            assert await wire.result("hello", protocol=[1, 0]) == {"protocol": [1, 0]}
-
-    asyncio.run(scenario())
-
-
-def test_bad_lines_are_answered_and_the_connection_goes_on(tmp_path: Path) -> None:
+@served
+async def test_bad_lines_are_answered_and_the_connection_goes_on(wire: Wire) -> None:
     bad = [
         b"{",
         b"nonsense",
@@ -44,16 +34,12 @@ def test_bad_lines_are_answered_and_the_connection_goes_on(tmp_path: Path) -> No
         b"[" * 100_000,
     ]
 
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            for line in bad:
-                await wire.send(line)
-                error = (await wire.answer(None))["error"]
-                assert error["data"]["kind"] == "protocol", line
-                assert error["data"]["hint"], line
-            await wire.result("ping")
-
-    asyncio.run(scenario())
+    for line in bad:
+        await wire.send(line)
+        error = (await wire.answer(None))["error"]
+        assert error["data"]["kind"] == "protocol", line
+        assert error["data"]["hint"], line
+    await wire.result("ping")
 
 
 @pytest.mark.parametrize(
@@ -72,142 +58,118 @@ def test_bad_lines_are_answered_and_the_connection_goes_on(tmp_path: Path) -> No
         ("capture.wait", {"job": 1}, "request"),
     ],
 )
-def test_a_bad_request_starts_nothing(
-    tmp_path: Path, method: str, params: dict[str, object], kind: str
+@served
+async def test_a_bad_request_starts_nothing(
+    running: Daemon, wire: Wire, method: str, params: dict[str, object], kind: str
 ) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            error = await wire.error(method, **params)
-            assert error["data"]["kind"] == kind and error["data"]["hint"]
-            assert (await wire.result("capture.list"))["jobs"] == []
-            assert "capture" not in running.engine.calls
-
-    asyncio.run(scenario())
+    error = await wire.error(method, **params)
+    assert error["data"]["kind"] == kind and error["data"]["hint"]
+    assert (await wire.result("capture.list"))["jobs"] == []
+    assert "capture" not in running.engine.calls
 
 
-def test_an_over_long_line_is_refused_and_ends_the_connection(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as other, running.wire() as wire:
-            wire.writer.write(b"x" * (MAX_LINE + 1))
-            error = (await wire.answer(None))["error"]
-            assert error["data"]["kind"] == "protocol" and error["code"] == -32700
-            assert await wire.ended()
-            await other.result("ping")
-
-    asyncio.run(scenario())
-
-
-def test_another_major_version_is_refused_and_ends_the_connection(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            error = await wire.error("hello", protocol=[2, 0])
-            assert error["data"]["kind"] == "protocol" and "1.0" in error["data"]["hint"]
-            assert await wire.ended()
-
-    asyncio.run(scenario())
+@served
+async def test_an_over_long_line_is_refused_and_ends_the_connection(
+    other: Wire, wire: Wire
+) -> None:
+    wire.writer.write(b"x" * (MAX_LINE + 1))
+    error = (await wire.answer(None))["error"]
+    assert error["data"]["kind"] == "protocol" and error["code"] == -32700
+    assert await wire.ended()
+    await other.result("ping")
 
 
-def test_results_stay_below_the_state_folder(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            state = tmp_path / "state"
-            outside = tmp_path / "outside"
-            outside.mkdir()
-            (state / "way-out").symlink_to(outside)
-            (state / "inside").mkdir()
-            (state / "way-in").symlink_to(state / "inside")
-            (state / "run").mkdir()
-            (state / "run" / "capture.json").touch()
-            (state / "run" / "raw").mkdir()
-            (state / "x.partial").mkdir()
-            (state / "file").touch()
-            (state / "loop").symlink_to("loop")
-            wrong = ("/etc", str(outside), "..", "a/../../b", "way-out", "way-out/x", "way-in",
-                     "\0", "loop", "x" * 300, "a/" * 3000, "file", "file/x", "a\nb", "run",
-                     "run/raw", "run/raw/new", "run/new", "x.partial", "x.partial/new",
-                     "new.partial", "new/20261122T030042Z-cadb/x",
-                     str(state / "run" / "raw"), f"{state}x")  # fmt: skip
-            before = sorted(tmp_path.rglob("*"))
-            for out in wrong:
-                for method in ("capture.start", "capture.plan"):
-                    error = await wire.error(method, goal="white", out=out)
-                    assert error["data"]["kind"] == "request" and error["code"] == -32602, out
-                    assert error["data"]["hint"], out
-            assert sorted(tmp_path.rglob("*")) == before
-            assert "capture" not in running.engine.calls
-            await wire.result("capture.plan", goal="white", out="new/one")
-            assert sorted(tmp_path.rglob("*")) == before, "a plan makes nothing"
-            good = {"new/one": "new/one", "inside": "inside", ".": "", str(state / "two"): "two"}
-            for out, meant in good.items():
-                started = await wire.result("capture.start", goal="white", out=out)
-                await wire.result("capture.wait", job=started["job"])
-                assert running.engine.requests[-1].out == str((state / meant).resolve())
-
-    asyncio.run(scenario())
+@served
+async def test_another_major_version_is_refused_and_ends_the_connection(wire: Wire) -> None:
+    error = await wire.error("hello", protocol=[2, 0])
+    assert error["data"]["kind"] == "protocol" and "1.0" in error["data"]["hint"]
+    assert await wire.ended()
 
 
-def test_notifications_are_done_but_not_answered(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            await wire.send(b'{"jsonrpc":"2.0","method":"nonsense"}')
-            await wire.send(
-                b'{"jsonrpc":"2.0","method":"display.show","params":{"pattern":"white"}}'
-            )
-            await wire.send(b'{"jsonrpc":"2.0","id":"after","method":"capture.plan",')
-            assert (await wire.receive())["id"] is None
-            assert (await wire.ask("capture.plan", goal="white"))["id"] == 1
-            assert "show white 0" in running.engine.calls
-
-    asyncio.run(scenario())
-
-
-def test_every_method_of_the_idle_rig(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            status = await wire.result("rig.status")
-            assert status["state"] == "idle" and status["running"] is None
-            assert status["connections"] == 1 and status["uptime_s"] >= 0
-            described = await wire.result("rig.describe")
-            assert described["rig"]["grid"] == [4, 6]
-            assert "capture.start" in described["schema"]["methods"]
-            assert (await wire.result("config.get"))["server"]["state_dir"].endswith("state")
-            plan = await wire.result("capture.plan", goal="indirect", codes=32)
-            assert plan["codes"] == 32 and plan["shots"][0]["refreshes"] == 256
-            shown = await wire.result("display.show", pattern="code", index=3)
-            job = (await wire.result("rig.status"))["running"]["job"]
-            assert shown == {"pattern": "code", "index": 3, "job": job}
-            assert len((await wire.result("preview.grab"))["sha256"]) == 64
-            assert await wire.result("events.subscribe", jobs="all") == {"jobs": "all"}
-            assert await wire.result("events.unsubscribe") == {"jobs": "none"}
-            assert (await wire.result("ping"))["clock"]["mono_ns"] > 0
-            asked = ["describe", "plan", "show code 3", "show black 0", "preview"]
-            assert running.engine.calls[2:] == asked
-
-    asyncio.run(scenario())
+@served
+async def test_results_stay_below_the_state_folder(
+    running: Daemon, wire: Wire, tmp_path: Path
+) -> None:
+    state = tmp_path / "state"
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (state / "way-out").symlink_to(outside)
+    (state / "inside").mkdir()
+    (state / "way-in").symlink_to(state / "inside")
+    (state / "run").mkdir()
+    (state / "run" / "capture.json").touch()
+    (state / "run" / "raw").mkdir()
+    (state / "x.partial").mkdir()
+    (state / "file").touch()
+    (state / "loop").symlink_to("loop")
+    wrong = ("/etc", str(outside), "..", "a/../../b", "way-out", "way-out/x", "way-in",
+             "\0", "loop", "x" * 300, "a/" * 3000, "file", "file/x", "a\nb", "run",
+             "run/raw", "run/raw/new", "run/new", "x.partial", "x.partial/new",
+             "new.partial", "new/20261122T030042Z-cadb/x",
+             str(state / "run" / "raw"), f"{state}x")  # fmt: skip
+    before = sorted(tmp_path.rglob("*"))
+    for out in wrong:
+        for method in ("capture.start", "capture.plan"):
+            error = await wire.error(method, goal="white", out=out)
+            assert error["data"]["kind"] == "request" and error["code"] == -32602, out
+            assert error["data"]["hint"], out
+    assert sorted(tmp_path.rglob("*")) == before
+    assert "capture" not in running.engine.calls
+    await wire.result("capture.plan", goal="white", out="new/one")
+    assert sorted(tmp_path.rglob("*")) == before, "a plan makes nothing"
+    good = {"new/one": "new/one", "inside": "inside", ".": "", str(state / "two"): "two"}
+    for out, meant in good.items():
+        started = await wire.result("capture.start", goal="white", out=out)
+        await wire.result("capture.wait", job=started["job"])
+        assert running.engine.requests[-1].out == str((state / meant).resolve())
 
 
-def test_a_burst_of_requests_is_answered_in_order(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            lines = [b'{"jsonrpc":"2.0","id":%d,"method":"ping"}\n' % k for k in range(3000)]
-            wire.writer.write(b"".join(lines))
-            assert [(await wire.receive())["id"] for _ in lines] == list(range(3000))
+@served
+async def test_notifications_are_done_but_not_answered(running: Daemon, wire: Wire) -> None:
+    await wire.send(b'{"jsonrpc":"2.0","method":"nonsense"}')
+    await wire.send(b'{"jsonrpc":"2.0","method":"display.show","params":{"pattern":"white"}}')
+    await wire.send(b'{"jsonrpc":"2.0","id":"after","method":"capture.plan",')
+    assert (await wire.receive())["id"] is None
+    assert (await wire.ask("capture.plan", goal="white"))["id"] == 1
+    assert "show white 0" in running.engine.calls
 
-    asyncio.run(scenario())
+
+@served
+async def test_every_method_of_the_idle_rig(running: Daemon, wire: Wire) -> None:
+    status = await wire.result("rig.status")
+    assert status["state"] == "idle" and status["running"] is None
+    assert status["connections"] == 1 and status["uptime_s"] >= 0
+    described = await wire.result("rig.describe")
+    assert described["rig"]["grid"] == [4, 6]
+    assert "capture.start" in described["schema"]["methods"]
+    assert (await wire.result("config.get"))["server"]["state_dir"].endswith("state")
+    plan = await wire.result("capture.plan", goal="indirect", codes=32)
+    assert plan["codes"] == 32 and plan["shots"][0]["refreshes"] == 256
+    shown = await wire.result("display.show", pattern="code", index=3)
+    job = (await wire.result("rig.status"))["running"]["job"]
+    assert shown == {"pattern": "code", "index": 3, "job": job}
+    assert len((await wire.result("preview.grab"))["sha256"]) == 64
+    assert await wire.result("events.subscribe", jobs="all") == {"jobs": "all"}
+    assert await wire.result("events.unsubscribe") == {"jobs": "none"}
+    assert (await wire.result("ping"))["clock"]["mono_ns"] > 0
+    asked = ["describe", "plan", "show code 3", "show black 0", "preview"]
+    assert running.engine.calls[2:] == asked
 
 
-def test_the_goals_and_their_parameters_are_told(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, running.wire() as wire:
-            told = await wire.result("rig.describe")
-            fields = told["schema"]["$defs"]["StartParams"]["properties"]
-            assert set(told["goals"]) == set(fields["goal"]["enum"])
-            assert told["goals"]["off-diagonal"]["needs"] == ["shift"]
-            assert told["goals"]["off-diagonal"]["may"] == ["p", "illumination"]
-            assert told["goals"]["illuminated"]["may"] == []
-            named = {
-                name for goal in told["goals"].values() for name in goal["needs"] + goal["may"]
-            }
-            assert named <= set(fields) and set(told["arrays"]) <= named
+@served
+async def test_a_burst_of_requests_is_answered_in_order(wire: Wire) -> None:
+    lines = [b'{"jsonrpc":"2.0","id":%d,"method":"ping"}\n' % k for k in range(3000)]
+    wire.writer.write(b"".join(lines))
+    assert [(await wire.receive())["id"] for _ in lines] == list(range(3000))
 
-    asyncio.run(scenario())
+
+@served
+async def test_the_goals_and_their_parameters_are_told(wire: Wire) -> None:
+    told = await wire.result("rig.describe")
+    fields = told["schema"]["$defs"]["StartParams"]["properties"]
+    assert set(told["goals"]) == set(fields["goal"]["enum"])
+    assert told["goals"]["off-diagonal"]["needs"] == ["shift"]
+    assert told["goals"]["off-diagonal"]["may"] == ["p", "illumination"]
+    assert told["goals"]["illuminated"]["may"] == []
+    named = {name for goal in told["goals"].values() for name in goal["needs"] + goal["may"]}
+    assert named <= set(fields) and set(told["arrays"]) <= named

@@ -29,23 +29,12 @@ from tests.e2e.server._server_harness import (
     Daemon,
     Wire,
     daemon,
-    nothing_left,
+    served,
     threaded_daemon,
 )
 from tests.e2e.server._users import ANNA, BERT, CARL, Users
 
 OPEN = ServerConfig(allow_uids=(ANNA, BERT, CARL))
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
-
-
-@pytest.fixture
-def users(monkeypatch: pytest.MonkeyPatch) -> Users:
-    return Users(monkeypatch)
 
 
 async def come(stack: AsyncExitStack, running: Daemon, count: int) -> list[Wire]:
@@ -60,75 +49,66 @@ def said(wire: Wire) -> str:
     return str(wire.hello["error"]["message"])
 
 
-def test_who_takes_all_places_locks_out_neither_root_nor_the_daemons_user(
+async def test_who_takes_all_places_locks_out_neither_root_nor_the_daemons_user(
     tmp_path: Path, users: Users
 ) -> None:
-    async def scenario() -> None:
-        async with (
-            daemon(tmp_path, server=OPEN) as running,
-            running.wire() as first,
-            AsyncExitStack() as stack,
-        ):
-            users.become(ANNA)
-            hers = await come(stack, running, 9)
-            assert [said(wire) for wire in hers[:8]] == ["hello"] * 8
-            assert said(hers[8]) == f"8 clients of uid {ANNA} are connected already"
-            assert await hers[8].ended()
-            users.become(BERT)
-            others = await come(stack, running, 8)
-            assert [said(wire) for wire in others] == ["hello"] * 8
-            users.become(CARL)
-            assert said((await come(stack, running, 1))[0]) == "16 clients are connected already"
-            users.become()  # `first` has one of the places that are kept
-            kept = await come(stack, running, KEPT_PLACES)
-            assert [said(wire) for wire in kept[:-1]] == ["hello"] * (KEPT_PLACES - 1)
-            assert said(kept[-1]) == "16 clients are connected already"
-            for wire in (first, hers[0], others[0]):
-                await wire.result("ping")
-            # A place that is given back can be had again.
-            await hers[0].close()
-            users.become(CARL)
-            async with asyncio.timeout(PATIENCE_S):
-                while said((await come(stack, running, 1))[0]) != "hello":
-                    await asyncio.sleep(0.01)
-
-    asyncio.run(scenario())
+    async with (
+        daemon(tmp_path, server=OPEN) as running,
+        running.wire() as first,
+        AsyncExitStack() as stack,
+    ):
+        users.become(ANNA)
+        hers = await come(stack, running, 9)
+        assert [said(wire) for wire in hers[:8]] == ["hello"] * 8
+        assert said(hers[8]) == f"8 clients of uid {ANNA} are connected already"
+        assert await hers[8].ended()
+        users.become(BERT)
+        others = await come(stack, running, 8)
+        assert [said(wire) for wire in others] == ["hello"] * 8
+        users.become(CARL)
+        assert said((await come(stack, running, 1))[0]) == "16 clients are connected already"
+        users.become()  # `first` has one of the places that are kept
+        kept = await come(stack, running, KEPT_PLACES)
+        assert [said(wire) for wire in kept[:-1]] == ["hello"] * (KEPT_PLACES - 1)
+        assert said(kept[-1]) == "16 clients are connected already"
+        for wire in (first, hers[0], others[0]):
+            await wire.result("ping")
+        # A place that is given back can be had again.
+        await hers[0].close()
+        users.become(CARL)
+        async with asyncio.timeout(PATIENCE_S):
+            while said((await come(stack, running, 1))[0]) != "hello":
+                await asyncio.sleep(0.01)
 
 
-def test_root_is_kept_places_apart_from_the_daemons_user(
+async def test_root_is_kept_places_apart_from_the_daemons_user(
     tmp_path: Path, users: Users, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: ANNA)  # as whom the daemon runs
 
-    async def scenario() -> None:
-        async with daemon(tmp_path, server=OPEN) as running, AsyncExitStack() as stack:
-            users.become(ANNA)
-            hers = await come(stack, running, 16 + KEPT_PLACES + 1)
-            assert [said(wire) for wire in hers[:-1]] == ["hello"] * (16 + KEPT_PLACES)
-            assert said(hers[-1]) == "16 clients are connected already"
-            users.become(0)
-            assert said((await come(stack, running, 1))[0]) == "hello"
-
-    asyncio.run(scenario())
+    async with daemon(tmp_path, server=OPEN) as running, AsyncExitStack() as stack:
+        users.become(ANNA)
+        hers = await come(stack, running, 16 + KEPT_PLACES + 1)
+        assert [said(wire) for wire in hers[:-1]] == ["hello"] * (16 + KEPT_PLACES)
+        assert said(hers[-1]) == "16 clients are connected already"
+        users.become(0)
+        assert said((await come(stack, running, 1))[0]) == "hello"
 
 
-def test_jobs_of_one_user_that_wait_are_bounded(tmp_path: Path, users: Users) -> None:
+async def test_jobs_of_one_user_that_wait_are_bounded(tmp_path: Path, users: Users) -> None:
     limits = LimitsConfig(queued_per_user=3)
 
-    async def scenario() -> None:
-        async with daemon(tmp_path, server=OPEN, limits=limits) as running:
-            users.become(ANNA)
-            async with running.wire() as wire, running.wire() as again:
-                answers = [await begin(w) for w in (wire, again, wire, again, wire, again)]
-                assert [kind for kind in answers if kind] == ["busy", "busy"]
-                users.become(BERT)
-                async with running.wire() as other:
-                    assert await begin(other) == ""
-                users.become()
-                async with running.wire() as own:
-                    assert [await begin(own) for _ in range(5)] == [""] * 5
-
-    asyncio.run(scenario())
+    async with daemon(tmp_path, server=OPEN, limits=limits) as running:
+        users.become(ANNA)
+        async with running.wire() as wire, running.wire() as again:
+            answers = [await begin(w) for w in (wire, again, wire, again, wire, again)]
+            assert [kind for kind in answers if kind] == ["busy", "busy"]
+            users.become(BERT)
+            async with running.wire() as other:
+                assert await begin(other) == ""
+            users.become()
+            async with running.wire() as own:
+                assert [await begin(own) for _ in range(5)] == [""] * 5
 
 
 async def begin(wire: Wire) -> str:
@@ -150,38 +130,29 @@ async def dismissed(wire: Wire) -> None:
     assert await wire.ended()
 
 
-def test_who_wants_nothing_is_parted_from_and_who_wants_something_is_not(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with (
-            daemon(tmp_path, limits=IDLE) as running,
-            running.wire() as silent,
-            running.wire() as noisy,
-            running.wire() as listener,
-            running.wire() as shooter,
-            running.wire() as waiter,
-            running.wire() as asker,
-        ):
-            await listener.result("events.subscribe", jobs="own")
-            job = (await shooter.result("capture.start", goal="white", note="slow"))["job"]
-            waiting = asyncio.create_task(waiter.result("capture.wait", job=job))
-            noise = asyncio.create_task(drip(noisy))
-            begun_s = time.monotonic()
-            while time.monotonic() < begun_s + 1.0:
-                await asker.result("ping")
-                await asyncio.sleep(0.05)
-            await dismissed(silent)
-            await dismissed(noisy)
-            await noise
-            assert (await shooter.result("rig.status"))["connections"] == 4
-            await listener.result("ping")
-            await shooter.result("capture.cancel", job=job)
-            assert (await waiting)["state"] == "cancelled"
-            # None of them has a reason any more.
-            await listener.result("events.unsubscribe")
-            for wire in (listener, shooter, waiter, asker):
-                await dismissed(wire)
-
-    asyncio.run(scenario())
+@served(limits=IDLE)
+async def test_who_wants_nothing_is_parted_from_and_who_wants_something_is_not(
+    silent: Wire, noisy: Wire, listener: Wire, shooter: Wire, waiter: Wire, asker: Wire
+) -> None:
+    await listener.result("events.subscribe", jobs="own")
+    job = (await shooter.result("capture.start", goal="white", note="slow"))["job"]
+    waiting = asyncio.create_task(waiter.result("capture.wait", job=job))
+    noise = asyncio.create_task(drip(noisy))
+    begun_s = time.monotonic()
+    while time.monotonic() < begun_s + 1.0:
+        await asker.result("ping")
+        await asyncio.sleep(0.05)
+    await dismissed(silent)
+    await dismissed(noisy)
+    await noise
+    assert (await shooter.result("rig.status"))["connections"] == 4
+    await listener.result("ping")
+    await shooter.result("capture.cancel", job=job)
+    assert (await waiting)["state"] == "cancelled"
+    # None of them has a reason any more.
+    await listener.result("events.unsubscribe")
+    for wire in (listener, shooter, waiter, asker):
+        await dismissed(wire)
 
 
 async def drip(wire: Wire) -> None:

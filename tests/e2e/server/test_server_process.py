@@ -27,17 +27,11 @@ from pdcd.protocol.messages import METHODS
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.daemon import serve_daemon
 from tests.e2e.server._fake_engine import FakeEngine
-from tests.e2e.server._server_harness import PATIENCE_S, Wire, nothing_left
+from tests.e2e.server._server_harness import PATIENCE_S, Wire
 from tests.places import ROOT
 from tests.tools import needs, program
 
 SLOW = CaptureRequest(goal="white", note="slow")
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left() -> Iterator[None]:
-    with nothing_left():
-        yield
 
 
 class Manager:
@@ -379,16 +373,6 @@ def test_the_watchdog_starves_while_the_engines_thread_is_frozen(
         assert watched.waiting() == []
         await asyncio.sleep(0.7)
         assert "WATCHDOG=1" in watched.waiting()
-
-    serve_here(tmp_path, FakeEngine(Config()), body)
-
-
-def test_the_watchdog_starves_while_the_loop_is_frozen(tmp_path: Path, watched: Manager) -> None:
-    async def body(wire: Wire) -> None:
-        await asyncio.sleep(0.2)
-        assert "WATCHDOG=1" in watched.waiting()
-        time.sleep(0.4)
-        assert watched.waiting() == []
 
     serve_here(tmp_path, FakeEngine(Config()), body)
 

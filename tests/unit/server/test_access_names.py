@@ -14,7 +14,6 @@ import pytest
 
 from pdcd.bench.tables import RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.protocol.views import ClientRole
 from pdcd.server import access
 from pdcd.server.access import Access, Names, Peer, peer_of
 from tests.processes import LONG_S
@@ -93,34 +92,6 @@ def test_a_name_is_believed_for_a_minute(monkeypatch: pytest.MonkeyPatch) -> Non
     asyncio.run(scenario())
 
 
-def test_a_look_up_that_hangs_is_waited_for_once_and_its_answer_kept(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    free, asked = threading.Event(), []
-
-    def look_up(uid: int) -> str:
-        asked.append(uid)
-        assert free.wait(LONG_S)
-        return "anna"
-
-    async def scenario() -> None:
-        names = Names(look_up)
-        monkeypatch.setattr(access, "LOOKUP_S", 0.01)
-        assert await names.of(7) == "7"
-        monkeypatch.setattr(access, "LOOKUP_S", LONG_S)
-        assert await asyncio.wait_for(names.of(7), LONG_S / 2) == "7"  # without a wait
-        assert asked == [7]
-        free.set()
-        async with asyncio.timeout(LONG_S):
-            while await names.of(7) != "anna":
-                await asyncio.sleep(0.001)
-        assert asked == [7]
-        await names.close()
-
-    asyncio.run(scenario())
-    assert caplog.text.count("the name of a user cannot be looked up uid=7") == 1
-
-
 def test_a_look_up_that_fails_is_made_again_and_the_end_waits_for_none() -> None:
     free, asked = threading.Event(), []
 
@@ -148,23 +119,6 @@ def test_a_look_up_that_fails_is_made_again_and_the_end_waits_for_none() -> None
         asyncio.run(scenario())
     finally:
         free.set()
-
-
-def test_every_table_of_the_configuration_gives_its_role() -> None:
-    tables = ServerConfig(
-        look=RoleConfig(uids=(71,), groups=(81,)),
-        shoot=RoleConfig(uids=(72,), groups=(82,)),
-        administer=RoleConfig(uids=(73,), groups=(83,)),
-        allow_uids=(73, 74),
-    )
-    with socket.socket(socket.AF_UNIX) as sock:
-        rule = Access.to(sock, tables)
-    own = dict.fromkeys(rule.own, ClientRole.ADMINISTER)
-    assert 0 in rule.own
-    assert rule.gids == {81: ClientRole.LOOK, 82: ClientRole.SHOOT, 83: ClientRole.ADMINISTER}
-    assert rule.uids == {
-        71: ClientRole.LOOK, 72: ClientRole.SHOOT, 73: ClientRole.ADMINISTER, 74: ClientRole.SHOOT,
-    } | own  # fmt: skip
 
 
 def test_a_group_without_a_number_is_named_with_a_way_out() -> None:

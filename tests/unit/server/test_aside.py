@@ -17,34 +17,28 @@ class Odd(BaseException):
     """An error that is no `Exception`."""
 
 
-def test_a_call_is_made_in_a_thread_of_its_own_which_is_gone_afterwards() -> None:
+async def test_a_call_is_made_in_a_thread_of_its_own_which_is_gone_afterwards() -> None:
     threads: list[threading.Thread] = []
 
     def call(*told: int, **more: str) -> Any:
         threads.append(threading.current_thread())
         return told, more
 
-    async def scenario() -> None:
-        assert await call_in_thread(call, 1, 2, more="x") == ((1, 2), {"more": "x"})
-        assert await call_in_thread(call) == ((), {})
-
-    asyncio.run(scenario())
+    assert await call_in_thread(call, 1, 2, more="x") == ((1, 2), {"more": "x"})
+    assert await call_in_thread(call) == ((), {})
     assert len(set(threads)) == 2 and threading.main_thread() not in threads
     for thread in threads:
         assert not thread.is_alive() and thread.daemon and thread.name == "pdcd-aside"
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("x"), RuntimeError("y"), Odd("z")])
-def test_whatever_it_raises_belongs_to_the_caller(error: BaseException) -> None:
+async def test_whatever_it_raises_belongs_to_the_caller(error: BaseException) -> None:
     def call() -> None:
         raise error
 
-    async def scenario() -> None:
-        with pytest.raises(type(error)) as caught:
-            await call_in_thread(call)
-        assert caught.value is error
-
-    asyncio.run(scenario())
+    with pytest.raises(type(error)) as caught:
+        await call_in_thread(call)
+    assert caught.value is error
 
 
 def left_behind(call: Callable[[], object], *, ends_first: bool) -> list[Any]:

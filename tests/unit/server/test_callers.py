@@ -48,132 +48,110 @@ async def turns() -> None:
         await asyncio.sleep(0)
 
 
-def test_a_new_client_listens_to_nothing_and_is_there() -> None:
-    async def scenario() -> None:
-        _, caller = met()
-        assert (caller.number, caller.peer, caller.role) == (7, ANNA, ClientRole.LOOK)
-        assert (caller.interest, caller.gone, caller.idle_s) == ("none", False, 0.0)
-
-    asyncio.run(scenario())
+async def test_a_new_client_listens_to_nothing_and_is_there() -> None:
+    _, caller = met()
+    assert (caller.number, caller.peer, caller.role) == (7, ANNA, ClientRole.LOOK)
+    assert (caller.interest, caller.gone, caller.idle_s) == ("none", False, 0.0)
 
 
-def test_lines_are_written_in_order_until_the_end_is_asked_for() -> None:
-    async def scenario() -> None:
-        far, caller = met()
-        pump = asyncio.create_task(caller.pump())
+async def test_lines_are_written_in_order_until_the_end_is_asked_for() -> None:
+    far, caller = met()
+    pump = asyncio.create_task(caller.pump())
+    await turns()
+    assert not pump.done()  # there is nothing as yet
+    for line in (b"a", b"b"):
+        caller.send(line)
         await turns()
-        assert not pump.done()  # there is nothing as yet
-        for line in (b"a", b"b"):
-            caller.send(line)
-            await turns()
-        assert far.lines == [b"a", b"b"] and not pump.done()
-        caller.send(b"c")
-        caller.finish()
-        caller.send(b"too late")
-        await asyncio.wait_for(pump, 30.0)
-        assert far.lines == [b"a", b"b", b"c"] and not far.is_cut
-
-    asyncio.run(scenario())
+    assert far.lines == [b"a", b"b"] and not pump.done()
+    caller.send(b"c")
+    caller.finish()
+    caller.send(b"too late")
+    await asyncio.wait_for(pump, 30.0)
+    assert far.lines == [b"a", b"b", b"c"] and not far.is_cut
 
 
-def test_256_lines_wait_and_of_more_the_oldest_thinned_one_is_left_out() -> None:
-    async def scenario() -> None:
-        far, caller = met()
-        for number in range(256):
-            caller.send(b"%d" % number, droppable=number in (3, 5))
-        caller.send(b"thinned", droppable=True)  # which is no news that another must go for
-        caller.send(b"first more")
-        caller.send(b"second more")
-        assert not far.is_cut
-        caller.finish()
-        await caller.pump()
-        wanted = [b"%d" % n for n in range(256) if n not in (3, 5)]
-        assert far.lines == [*wanted, b"first more", b"second more"]
-
-    asyncio.run(scenario())
+async def test_256_lines_wait_and_of_more_the_oldest_thinned_one_is_left_out() -> None:
+    far, caller = met()
+    for number in range(256):
+        caller.send(b"%d" % number, droppable=number in (3, 5))
+    caller.send(b"thinned", droppable=True)  # which is no news that another must go for
+    caller.send(b"first more")
+    caller.send(b"second more")
+    assert not far.is_cut
+    caller.finish()
+    await caller.pump()
+    wanted = [b"%d" % n for n in range(256) if n not in (3, 5)]
+    assert far.lines == [*wanted, b"first more", b"second more"]
 
 
-def test_who_does_not_take_what_must_be_said_is_parted_from(
+async def test_who_does_not_take_what_must_be_said_is_parted_from(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async def scenario() -> None:
-        far, caller = met()
-        for _ in range(256):
-            caller.send(b"kept")
-        assert not far.is_cut and not caplog.records
-        caller.send(b"one more")
-        assert far.is_cut
-        await caller.pump()
-        assert far.lines == []
-
-    asyncio.run(scenario())
+    far, caller = met()
+    for _ in range(256):
+        caller.send(b"kept")
+    assert not far.is_cut and not caplog.records
+    caller.send(b"one more")
+    assert far.is_cut
+    await caller.pump()
+    assert far.lines == []
     (record,) = caplog.records
     assert record.levelno == logging.WARNING
     assert "connection=7" in record.getMessage() and "its queue is full" in record.getMessage()
 
 
-def test_there_is_room_when_half_the_queue_is_free() -> None:
-    async def scenario() -> None:
-        far, caller = met(reads=False)
-        for _ in range(128):
-            caller.send(b"x")
-        await asyncio.wait_for(caller.room(), 30.0)
+async def test_there_is_room_when_half_the_queue_is_free() -> None:
+    far, caller = met(reads=False)
+    for _ in range(128):
         caller.send(b"x")
-        waiting = asyncio.create_task(caller.room())
-        await turns()
-        assert not waiting.done()
-        far.open.set()
-        pump = asyncio.create_task(caller.pump())
-        await asyncio.wait_for(waiting, 30.0)
-        caller.finish()
-        await pump
-        assert len(far.lines) == 129
-
-    asyncio.run(scenario())
-
-
-def test_nobody_waits_for_room_with_a_client_that_is_gone() -> None:
-    async def scenario() -> None:
-        _, caller = met(reads=False)
-        for _ in range(200):
-            caller.send(b"x")
-        waiting = asyncio.create_task(caller.room())
-        await turns()
-        caller.abort("it is gone")
-        await asyncio.wait_for(waiting, 30.0)
-
-    asyncio.run(scenario())
+    await asyncio.wait_for(caller.room(), 30.0)
+    caller.send(b"x")
+    waiting = asyncio.create_task(caller.room())
+    await turns()
+    assert not waiting.done()
+    far.open.set()
+    pump = asyncio.create_task(caller.pump())
+    await asyncio.wait_for(waiting, 30.0)
+    caller.finish()
+    await pump
+    assert len(far.lines) == 129
 
 
-def test_a_client_that_is_stuck_is_cut_off(
+async def test_nobody_waits_for_room_with_a_client_that_is_gone() -> None:
+    _, caller = met(reads=False)
+    for _ in range(200):
+        caller.send(b"x")
+    waiting = asyncio.create_task(caller.room())
+    await turns()
+    caller.abort("it is gone")
+    await asyncio.wait_for(waiting, 30.0)
+
+
+async def test_a_client_that_is_stuck_is_cut_off(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(callers, "STUCK_S", 0.0)
 
-    async def scenario() -> None:
-        far, caller = met(reads=False)
-        caller.send(b"x")
-        caller.send(b"y")
-        await asyncio.wait_for(caller.pump(), 30.0)
-        assert far.is_cut and far.lines == []
-
-    asyncio.run(scenario())
+    far, caller = met(reads=False)
+    caller.send(b"x")
+    caller.send(b"y")
+    await asyncio.wait_for(caller.pump(), 30.0)
+    assert far.is_cut and far.lines == []
     assert "it has not read for 0 s" in caplog.text
 
 
-def test_a_client_that_has_left_is_nothing_to_remark_on(caplog: pytest.LogCaptureFixture) -> None:
-    async def scenario() -> None:
-        far, caller = met()
-        far.breaks = BrokenPipeError()
-        caller.send(b"x")
-        await asyncio.wait_for(caller.pump(), 30.0)
-        assert far.is_cut
-        far, other = met()
-        far.breaks = ZeroDivisionError()
-        other.send(b"x")
-        with pytest.raises(ZeroDivisionError):
-            await other.pump()
-        assert not far.is_cut
-
-    asyncio.run(scenario())
+async def test_a_client_that_has_left_is_nothing_to_remark_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    far, caller = met()
+    far.breaks = BrokenPipeError()
+    caller.send(b"x")
+    await asyncio.wait_for(caller.pump(), 30.0)
+    assert far.is_cut
+    far, other = met()
+    far.breaks = ZeroDivisionError()
+    other.send(b"x")
+    with pytest.raises(ZeroDivisionError):
+        await other.pump()
+    assert not far.is_cut
     assert not caplog.records

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -139,29 +138,6 @@ def test_the_exit_code_tells_a_wrong_configuration_from_a_broken_rig(
         (config, False, {"socket": None, "engine_factory": factory}),
         (config, False, {"socket": Path("/s"), "engine_factory": factory}),
     ]
-
-
-def test_a_fault_of_ours_is_no_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def serve(config: Config, **_: Any) -> None:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(daemon, "serve_daemon", serve)
-    monkeypatch.setattr(log, "send_to_stderr", lambda *, verbose: None)
-    with pytest.raises(ZeroDivisionError):
-        run_daemon(Config(), engine_factory=cast(Any, object()))
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_either_signal_asks_for_the_end(
-    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def serve(config: Config, *, stop: asyncio.Event, **_: Any) -> None:
-        signal.raise_signal(number)
-        await asyncio.wait_for(stop.wait(), 60.0)
-
-    monkeypatch.setattr(daemon, "serve_daemon", serve)
-    monkeypatch.setattr(log, "send_to_stderr", lambda *, verbose: None)
-    assert run_daemon(Config(), engine_factory=cast(Any, object())) == 0
 
 
 def test_the_state_folder_is_made_and_held_for_one(tmp_path: Path) -> None:

@@ -42,8 +42,8 @@ def test_what_a_killed_holder_left_is_no_lock(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     script = (
         "import sys; from pathlib import Path; from pdcd.server.lock import hold_lock_file\n"
-        "with hold_lock_file(Path(sys.argv[1]), 'it', ''):\n"
-        "    print('held', flush=True); sys.stdin.read()"
+        "with hold_lock_file(Path(sys.argv[1]), 'it', ''): print('held', flush=True);"
+        " sys.stdin.read()"
     )
     words = [sys.executable, "-c", script, str(path)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError, to_error_fields
+from pdcd.errors import KINDS, BusyError, ProtocolError
 from pdcd.protocol import messages
-from pdcd.protocol.messages import CODES, METHODS, JobParams, StartParams
+from pdcd.protocol.messages import CODES, MAX_LINE, METHODS, JobParams, StartParams
 from pdcd.protocol.request import CaptureRequest
 from pdcd.server.protocol import (
     Connection,
@@ -25,92 +25,46 @@ from pdcd.server.protocol import (
 from pdcd.words import GoalName
 
 
-def line(method: str, params: Any = None, **envelope: Any) -> bytes:
+def line(method: str = "ping", params: Any = None, **envelope: Any) -> bytes:
     """A request line, without its newline."""
     message = {"jsonrpc": "2.0", "id": 1, "method": method, **envelope}
-    if params is not None:
-        message["params"] = params
-    return json.dumps(message).encode()
+    return json.dumps(message if params is None else {**message, "params": params}).encode()
 
 
-def fault(data: bytes) -> tuple[RpcFault, dict[str, Any]]:
-    """The fault that a line is, and its answer read by another JSON reader."""
+def fault(data: bytes) -> dict[str, Any]:
+    """The answer to a line that is refused, read by another JSON reader."""
     item = parse_line(data)
-    assert isinstance(item, RpcFault)
-    assert item.line is not None
+    assert isinstance(item, RpcFault) and item.line is not None and not item.close
     assert item.line.endswith(b"\n") and item.line.count(b"\n") == 1
-    return item, json.loads(item.line)
+    answer: dict[str, Any] = json.loads(item.line)
+    assert answer["jsonrpc"] == "2.0" and answer["error"]["data"]["hint"]
+    return answer
 
 
-def test_a_request_becomes_its_typed_parameters() -> None:
-    item = parse_line(
-        line("capture.start", {"goal": "indirect", "codes": 8, "queue": True}, id="a")
-    )
-    assert isinstance(item, RpcRequest)
-    assert (item.id, item.method) == ("a", "capture.start")
-    assert isinstance(item.params, StartParams)
-    assert item.params.request() == CaptureRequest(goal="indirect", codes=8)
-    assert item.params.queue and not item.params.detach
+# --- what is meant ------------------------------------------------------------------------------
+
+EVERY_FIELD = {
+    "goal": "fraction", "codes": 5, "family": "balanced", "p": 0.5, "shift": (1, -2), "radius": 2,
+    "mix": (0.5, -1.0), "period": 8, "disparity": (-1, 2), "keep": "out", "rows": (3, 4),
+    "plane": (1.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "masked": True,
+    "equal_brightness": True, "illumination": "light.npy", "warp": "warp.npy",
+    "warp_b": ((1.0, 0.0),), "region_a": "a.png", "region_b": "b.png",
+    "disparities": "disparities.npy", "kernel": ((1.0,),), "matrix": "matrix.npy",
+    "method": "nayar", "pilot": 4, "smooth": True, "grey_masks": False, "parts": 2,
+    "until_error": 0.01, "repeat": 3, "error": 0.02, "confidence": 0.9, "seconds": 30.0,
+    "prior": "prior.npz", "seed": 9, "exposure_s": 2.5, "window": "quarter", "guards": False,
+    "black_level": "both", "normalise": "row", "white": False, "white_patch": (0.25, 1.0),
+    "out": "here", "name": "a chart", "tags": ("glass",), "note": "n",
+}  # fmt: skip
 
 
-def test_the_request_keeps_every_field_of_the_wire() -> None:
-    given = {
-        "goal": "fraction",
-        "codes": 5,
-        "family": "balanced",
-        "p": 0.5,
-        "shift": (1, -2),
-        "radius": 2,
-        "mix": (0.5, -1.0),
-        "period": 8,
-        "disparity": (-1, 2),
-        "plane": (1.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        "keep": "out",
-        "rows": (3, 4),
-        "masked": True,
-        "equal_brightness": True,
-        "illumination": "light.npy",
-        "warp": "warp.npy",
-        "warp_b": ((1.0, 0.0),),
-        "region_a": "a.png",
-        "region_b": "b.png",
-        "disparities": "disparities.npy",
-        "kernel": ((1.0,),),
-        "matrix": "matrix.npy",
-        "method": "nayar",
-        "pilot": 4,
-        "smooth": True,
-        "grey_masks": False,
-        "parts": 2,
-        "until_error": 0.01,
-        "repeat": 3,
-        "error": 0.02,
-        "confidence": 0.9,
-        "seconds": 30.0,
-        "prior": "prior.npz",
-        "seed": 9,
-        "exposure_s": 2.5,
-        "window": "quarter",
-        "guards": False,
-        "black_level": "both",
-        "normalise": "row",
-        "white": False,
-        "white_patch": (0.25, 1.0),
-        "out": "here",
-        "name": "a chart",
-        "tags": ("glass",),
-        "note": "n",
-    }
-    assert set(given) == set(CaptureRequest.__struct_fields__)
-    item = parse_line(line("capture.start", given))
-    assert isinstance(item, RpcRequest) and isinstance(item.params, StartParams)
+def test_a_request_becomes_its_typed_parameters_with_every_field() -> None:
+    assert set(EVERY_FIELD) == set(CaptureRequest.__struct_fields__)
+    item = parse_line(line("capture.start", {**EVERY_FIELD, "queue": True}, id="a"))
+    assert isinstance(item, RpcRequest) and (item.id, item.method) == ("a", "capture.start")
+    assert isinstance(item.params, StartParams) and item.params.queue and not item.params.detach
     made = item.params.request()
-    assert {name: getattr(made, name) for name in given} == given
-
-
-def test_parameters_may_be_left_out_where_none_are_needed() -> None:
-    item = parse_line(line("ping"))
-    assert isinstance(item, RpcRequest) and item.method == "ping"
+    assert {name: getattr(made, name) for name in EVERY_FIELD} == EVERY_FIELD
 
 
 def test_a_notification_has_no_id_and_its_fault_no_answer() -> None:
@@ -120,87 +74,71 @@ def test_a_notification_has_no_id_and_its_fault_no_answer() -> None:
     assert isinstance(item, RpcFault) and item.line is None
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"{",
-        b"nonsense",
-        b'{"jsonrpc":"2.0","id":1,"method":"ping"} trailing',
-        b'{"jsonrpc":"2.0","id":1,"method":"capture.start","params":{"exposure_s":NaN}}',
-        b'{"jsonrpc":"2.0","id":1,"method":"capture.start","params":{"exposure_s":Infinity}}',
-        b'{"jsonrpc":"2.0","id":1,"method":"capture.start","params":{"exposure_s":1e999}}',
-        b'{"jsonrpc":"2.0","id":1,"method":"\xff"}',
-        b'{"jsonrpc":"2.0","id":1,"method":"\\ud800"}',
-        b"[" * 200_000,
-        b"9" * 5000,
-    ],
-)
-def test_what_is_no_json_is_a_parse_error_without_id(data: bytes) -> None:
-    item, answer = fault(data)
-    assert not item.close
-    assert answer["id"] is None
-    assert answer["error"]["code"] == -32700
-    assert answer["error"]["data"]["kind"] == "protocol"
+@pytest.mark.parametrize("good", [0, -1, 2**53 - 1, 1 - 2**53, "", "x" * 128])
+def test_ids_that_every_client_can_hold_are_echoed(good: str | int) -> None:
+    item = parse_line(line(id=good))
+    assert isinstance(item, RpcRequest) and item.id == good
+    assert fault(line("nonsense", id=good))["id"] == good
 
 
-@pytest.mark.parametrize(
-    ("data", "request_id"),
-    [
-        (b'[{"jsonrpc":"2.0","id":1,"method":"ping"}]', None),
-        (b"[]", None),
-        (b"1", None),
-        (b"null", None),
-        (b"{}", None),
-        (b'{"jsonrpc":"2.0","id":7}', 7),
-        (b'{"jsonrpc":"1.0","id":7,"method":"ping"}', 7),
-        (b'{"id":7,"method":"ping"}', 7),
-        (b'{"jsonrpc":"2.0","id":"x","method":5}', "x"),
-        (b'{"jsonrpc":"2.0","id":null,"method":"ping"}', None),
-        (b'{"jsonrpc":"2.0","id":1.5,"method":"ping"}', None),
-        (b'{"jsonrpc":"2.0","id":true,"method":"ping"}', None),
-        (b'{"jsonrpc":"2.0","id":[1],"method":"ping"}', None),
-        (b'{"jsonrpc":"2.0","id":9007199254740992,"method":"ping"}', None),
-        (b'{"jsonrpc":"2.0","id":"' + b"x" * 129 + b'","method":"ping"}', None),
-        (b'{"jsonrpc":"2.0","id":3,"result":{}}', 3),
-    ],
-)
-def test_what_is_no_request_is_an_invalid_request(data: bytes, request_id: object) -> None:
-    _, answer = fault(data)
-    assert answer["id"] == request_id
-    assert answer["error"]["code"] == -32600
-    assert answer["error"]["data"]["kind"] == "protocol"
+# --- what is not --------------------------------------------------------------------------------
+
+FAULTS: list[tuple[bytes, int, int | str | None]] = [
+    # No JSON.
+    (b"{", -32700, None),
+    (b"nonsense", -32700, None),
+    (line() + b" trailing", -32700, None),
+    *[(line("capture.start", {"exposure_s": 7}).replace(b"7", wrong), -32700, None)
+      for wrong in (b"NaN", b"Infinity", b"1e999")],
+    (b'{"jsonrpc":"2.0","id":1,"method":"\xff"}', -32700, None),
+    (b'{"jsonrpc":"2.0","id":1,"method":"\\ud800"}', -32700, None),
+    (b"[" * 200_000, -32700, None),
+    (b"[" * 5000 + b"]" * 5000, -32700, None),
+    (b"9" * 5000, -32700, None),
+    # No request; its id as far as it is sound.
+    (b"[" + line() + b"]", -32600, None),
+    (b"1", -32600, None),
+    (b"null", -32600, None),
+    (b"{}", -32600, None),
+    (b'{"jsonrpc":"2.0","id":7}', -32600, 7),
+    (line(jsonrpc="1.0", id=7), -32600, 7),
+    (b'{"id":7,"method":"ping"}', -32600, 7),
+    (b'{"jsonrpc":"2.0","id":"x","method":5}', -32600, "x"),
+    (b'{"jsonrpc":"2.0","id":3,"result":{}}', -32600, 3),
+    *[(line(id=wrong), -32600, None)
+      for wrong in (2**53, -(2**53), "x" * 129, 1.5, None, [1], True)],
+    (line(fds=17), -32600, 1),
+    # Not what the method takes.
+    (line("capture.erase", id=6), -32601, 6),
+    (line("capture.wait", {}, id=7), -32602, 7),
+    *[(line("capture.start", id=8, params=wrong), -32602, 8) for wrong in ([], ["white"], "x", 3)],
+    (line("capture.start"), -32602, 1),
+]  # fmt: skip
 
 
-def test_an_unknown_method_is_answered_with_the_known_ones() -> None:
-    _, answer = fault(line("capture.erase"))
-    assert answer["error"]["code"] == -32601
-    assert answer["error"]["data"]["kind"] == "protocol"
-    assert "capture.start" in answer["error"]["data"]["hint"]
-    _, answer = fault(line("m" * 100_000))
-    assert len(json.dumps(answer)) < 2000
+@pytest.mark.parametrize(("data", "code", "request_id"), FAULTS)
+def test_each_fault_has_its_code_and_id(
+    data: bytes, code: int, request_id: int | str | None
+) -> None:
+    answer = fault(data)
+    assert (answer["error"]["code"], answer["id"]) == (code, request_id)
+    assert answer["error"]["data"]["kind"] == ("request" if code == -32602 else "protocol")
 
 
 @pytest.mark.parametrize(
     ("method", "params", "named"),
     [
         ("capture.start", {}, "goal"),
-        ("capture.start", {"goal": "sideways"}, "goal"),
-        ("capture.start", {"goal": "white", "family": "random"}, "family"),
-        ("capture.start", {"goal": "white", "codes": 0}, "codes"),
-        ("capture.start", {"goal": "white", "codes": 65537}, "codes"),
-        ("capture.start", {"goal": "white", "codes": "8"}, "codes"),
-        ("capture.start", {"goal": "white", "codes": 8.0}, "codes"),
-        ("capture.start", {"goal": "white", "codes": True}, "codes"),
-        ("capture.start", {"goal": "white", "seed": -1}, "seed"),
-        ("capture.start", {"goal": "white", "seed": 2**53}, "seed"),
-        ("capture.start", {"goal": "white", "seed": 10**30}, "seed"),
-        ("capture.start", {"goal": "fraction", "p": 1}, "p"),
-        ("capture.start", {"goal": "white", "exposure_s": 0}, "exposure_s"),
-        ("capture.start", {"goal": "white", "code": 8}, "code"),
-        ("capture.start", {"goal": "white", "detach": 1}, "detach"),
-        ("capture.start", {"goal": "white", "note": "x" * 4097}, "note"),
+        *[
+            ("capture.start", {"goal": "white", **wrong}, next(iter(wrong)))
+            for wrong in (
+                {"goal": "sideways"}, {"family": "random"}, {"codes": 0}, {"codes": 65537},
+                {"codes": "8"}, {"codes": 8.0}, {"codes": True}, {"seed": -1}, {"seed": 2**53},
+                {"seed": 10**30}, {"p": 1}, {"exposure_s": 0}, {"code": 8}, {"detach": 1},
+                {"note": "x" * 4097},
+            )
+        ],
         ("capture.plan", {"goal": "white", "detach": True}, "detach"),
-        ("capture.wait", {}, "job"),
         ("capture.wait", {"job": 7}, "job"),
         ("capture.cancel", {"job": "x" * 65}, "job"),
         ("display.show", {"pattern": "stripes"}, "pattern"),
@@ -209,39 +147,36 @@ def test_an_unknown_method_is_answered_with_the_known_ones() -> None:
         ("ping", {"loud": True}, "loud"),
         ("hello", {"protocol": [1]}, "protocol"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_parameter_is_named(method: str, params: dict[str, Any], named: str) -> None:
-    _, answer = fault(line(method, params))
-    assert answer["id"] == 1
-    assert answer["error"]["code"] == -32602
-    assert answer["error"]["data"]["kind"] == "request"
-    message = answer["error"]["message"]
-    assert f" {named}: it takes" in message or f"`{named}`" in message
+    error = fault(line(method, params))["error"]
+    assert (error["code"], error["data"]["kind"]) == (-32602, "request")
+    assert f" {named}: it takes" in error["message"] or f"`{named}`" in error["message"]
 
 
-@pytest.mark.parametrize("params", [None, [], ["white"], "white", 3])
-def test_parameters_must_be_an_object(params: object) -> None:
-    message = {"jsonrpc": "2.0", "id": 1, "method": "capture.start", "params": params}
-    _, answer = fault(json.dumps(message).encode())
-    assert answer["error"]["code"] == -32602
+def test_faults_say_what_there_is() -> None:
+    error = fault(line("capture.start", {"goal": "sideways"}))["error"]
+    assert all(goal in error["message"] for goal in get_args(GoalName))
+    error = fault(line("display.show", {"pattern": "code", "index": -1}))["error"]
+    assert error["message"] == (
+        "display.show: index: it takes a whole number from 0 to 2147483647, not -1"
+    )
+    error = fault(line("display.show", {"pattern": "code", "more": 1}))["error"]
+    assert error["data"]["hint"].startswith("fields are: pattern, index, detach;")
+    error = fault(line("capture.erase"))["error"]
+    assert "capture.start" in error["data"]["hint"]
 
 
-def test_what_a_field_takes_is_said() -> None:
-    _, answer = fault(line("capture.start", {"goal": "sideways"}))
-    for goal in ("white", "indirect", "direct", "fraction"):
-        assert goal in answer["error"]["message"]
-    _, answer = fault(line("capture.start", {"goal": "white", "colour": 1}))
-    assert "codes" in answer["error"]["data"]["hint"]
+def test_of_a_clients_own_text_200_letters_are_echoed() -> None:
+    for length, echoed in ((200, "x" * 200), (201, "x" * 200 + "...")):
+        assert fault(line("x" * length))["error"]["message"] == f"unknown method {echoed}"
+
+
+# --- streams ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("wanted", "agreed"),
-    [
-        ([1, 0], True),
-        ([1, 1], False),
-        ([0, 9], False),
-        ([2, 0], False),
-    ],
+    ("wanted", "agreed"), [([1, 0], True), ([1, 1], False), ([0, 9], False), ([2, 0], False)]
 )
 def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed: bool) -> None:
     connection = Connection()
@@ -252,37 +187,32 @@ def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed:
 
 
 def test_lines_are_found_whatever_the_cut() -> None:
-    stream = b"".join(line("ping", id=k) + ending for k, ending in enumerate([b"\n", b"\r\n"] * 3))
-    whole = Connection().receive(b"\n  \n" + stream)
+    stream = b"".join(line(id=k) + ending for k, ending in enumerate([b"\n", b"\r\n"] * 3))
+    whole = Connection().receive(b"\n \t \r\n" + stream + line(id=6))
     assert [item.id for item in whole if isinstance(item, RpcRequest)] == [0, 1, 2, 3, 4, 5]
     connection = Connection()
     single = [item for k in range(len(stream)) for item in connection.receive(stream[k : k + 1])]
     assert single == whole
 
 
-def test_a_line_of_exactly_the_limit_passes_and_one_byte_more_does_not() -> None:
-    frame = line("capture.start", {"goal": "white", "note": ""})
-    limit = 4000
-    for extra, passes in ((0, True), (1, False)):
-        note = "x" * (limit - 1 - len(frame) + extra)
-        data = line("capture.start", {"goal": "white", "note": note}) + b"\n"
-        assert len(data) == limit + extra
+def test_a_line_of_exactly_the_limit_passes_and_one_byte_more_ends_the_connection() -> None:
+    limit = len(line()) + 1
+    assert len(Connection(max_line=limit).receive((line() + b"\n") * 2)) == 2
+    for begins in (line() + b" \n", b" " * limit):
         connection = Connection(max_line=limit)
-        items = connection.receive(data + line("ping") + b"\n")
-        assert isinstance(items[0], RpcRequest) is passes
-        assert connection.closed is not passes
-        if not passes:
-            (over,) = items
-            assert isinstance(over, RpcFault) and over.close and over.line is not None
-            assert json.loads(over.line)["error"]["data"]["kind"] == "protocol"
+        (over,) = connection.receive(begins)
+        assert isinstance(over, RpcFault) and over.close and over.line is not None
+        assert json.loads(over.line)["error"]["code"] == -32700 and connection.closed
+        assert connection.receive(b"\n" + line() + b"\n") == []
+    blank = Connection(max_line=limit)
+    assert blank.receive(b" " * (limit - 1)) == blank.receive(b"\n") == [] and not blank.closed
 
 
 def test_an_endless_line_is_refused_before_it_fills_the_memory() -> None:
     connection = Connection()
-    chunk = b"x" * 65536
     found: list[RpcRequest | RpcFault] = []
     for _ in range(64):
-        found += connection.receive(chunk)
+        found += connection.receive(b"x" * 65536)
         assert len(connection._rest) <= messages.MAX_LINE
     assert len(found) == 1 and connection.closed
 
@@ -321,26 +251,20 @@ def test_no_bytes_make_the_connection_raise(lines: list[bytes], cut: int) -> Non
 
 
 @settings(deadline=None, derandomize=True, max_examples=50)
-@given(JSON)
-def test_any_parameters_are_taken_or_refused_with_a_kind(params: object) -> None:
+@given(JSON, st.text(max_size=64))
+def test_any_parameters_are_taken_or_refused_with_a_kind(params: object, text: str) -> None:
     for method in METHODS:
-        message = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params}
-        item = parse_line(json.dumps(message).encode())
+        item = parse_line(line(method, params))
         if isinstance(item, RpcFault):
             assert item.error.kind in ("request", "protocol")
-
-
-@settings(deadline=None, derandomize=True, max_examples=50)
-@given(st.text(max_size=64))
-def test_a_sound_line_survives_the_way_in_and_out(text: str) -> None:
     item = parse_line(line("capture.wait", {"job": text}, id=text))
     assert isinstance(item, RpcRequest) and isinstance(item.params, JobParams)
     assert item.params.job == text
-    assert json.loads(encode_reply(text, {"job": text})) == {
-        "jsonrpc": "2.0",
-        "id": text,
-        "result": {"job": text},
-    }
+    wanted = {"jsonrpc": "2.0", "id": text, "result": {"job": text}}
+    assert json.loads(encode_reply(text, {"job": text})) == wanted
+
+
+# --- the way out --------------------------------------------------------------------------------
 
 
 def test_every_kind_of_error_has_its_own_code() -> None:
@@ -348,29 +272,26 @@ def test_every_kind_of_error_has_its_own_code() -> None:
     own = {kind: code for kind, code in CODES.items() if kind != "request"}
     assert len(set(own.values())) == len(own)
     assert CODES["request"] == CODES["config"]  # "invalid params", whoever wrote them
+    data = {"kind": "busy", "device": "display", "hint": "wait"}
+    wanted = {"code": CODES["busy"], "message": "taken", "data": data}
     error = BusyError("taken", device="display", hint="wait")
-    assert json.loads(encode_error(4, error)) == {
-        "jsonrpc": "2.0",
-        "id": 4,
-        "error": {
-            "code": CODES["busy"],
-            "message": "taken",
-            "data": {"kind": "busy", "device": "display", "hint": "wait"},
-        },
-    }
+    assert json.loads(encode_error(4, error)) == {"jsonrpc": "2.0", "id": 4, "error": wanted}
+    assert json.loads(encode_error(None, error, 7))["error"] == {**wanted, "code": 7}
 
 
-def test_an_answer_longer_than_a_line_is_refused() -> None:
-    with pytest.raises(ProtocolError):
-        encode_reply(1, "x" * messages.MAX_LINE)
+def test_a_line_out_may_be_as_long_as_one_in() -> None:
+    bare = len(encode_reply(1, ""))
+    assert len(encode_reply(1, "x" * (MAX_LINE - bare))) == MAX_LINE
+    with pytest.raises(ProtocolError, match=f"the answer is {MAX_LINE + 1} bytes") as caught:
+        encode_reply(1, "x" * (MAX_LINE - bare + 1))
+    assert caught.value.hint == "read it from the run folder instead"
 
 
 def test_no_nan_ever_leaves() -> None:
     text = encode_notification("event", {"rms_error_quads": float("nan"), "p": float("inf")})
-    assert json.loads(text, parse_constant=lambda _: pytest.fail("not JSON"))["params"] == {
-        "rms_error_quads": None,
-        "p": None,
-    }
+    told = json.loads(text, parse_constant=lambda _: pytest.fail("not JSON"))
+    assert told["method"] == "event" and "id" not in told
+    assert told["params"] == {"rms_error_quads": None, "p": None}
 
 
 def test_numbers_of_numpy_become_plain_and_objects_do_not_pass() -> None:
@@ -385,19 +306,8 @@ def test_numbers_of_numpy_become_plain_and_objects_do_not_pass() -> None:
 def test_the_schema_covers_every_method_and_refers_to_what_is_there() -> None:
     schema = json.loads(encode_reply(1, messages.build_message_schema()))["result"]
     assert set(schema["methods"]) == set(METHODS)
-    text = json.dumps(schema)
-    references = {part.split('"')[0] for part in text.split('"#/$defs/')[1:]}
-    assert references
-    assert references <= set(schema["$defs"])
-    goal = schema["$defs"]["StartParams"]["properties"]["goal"]
-    assert set(goal["enum"]) == set(get_args(GoalName))
-    assert schema["$defs"]["StartParams"]["additionalProperties"] is False
-
-
-def test_the_fields_of_an_error_are_those_of_a_result() -> None:
-    assert to_error_fields(PdcdError("m", hint="h")) == {
-        "kind": "internal",
-        "message": "m",
-        "device": None,
-        "hint": "h",
-    }
+    references = {part.split('"')[0] for part in json.dumps(schema).split('"#/$defs/')[1:]}
+    assert references and references <= set(schema["$defs"])
+    start = schema["$defs"]["StartParams"]
+    assert set(start["properties"]["goal"]["enum"]) == set(get_args(GoalName))
+    assert start["additionalProperties"] is False

@@ -58,7 +58,7 @@ async def until(done: Callable[[], bool]) -> None:
             await asyncio.sleep(0.001)
 
 
-def test_what_a_read_returns_or_raises_is_the_askers() -> None:
+async def test_what_a_read_returns_or_raises_is_the_askers() -> None:
     threads: list[threading.Thread] = []
 
     def read(alive: Callable[[], None]) -> str:
@@ -69,108 +69,90 @@ def test_what_a_read_returns_or_raises_is_the_askers() -> None:
     def fails(alive: Callable[[], None]) -> str:
         raise ZeroDivisionError
 
-    async def scenario() -> None:
-        readers = Readers(each=1, total=1)
-        for _ in range(3):
-            assert await readers.run(ANNA, lambda: read) == "read"
-            with pytest.raises(ZeroDivisionError):
-                await readers.run(ANNA, lambda: fails)
-        assert not readers._busy
-
-    asyncio.run(scenario())
+    readers = Readers(each=1, total=1)
+    for _ in range(3):
+        assert await readers.run(ANNA, lambda: read) == "read"
+        with pytest.raises(ZeroDivisionError):
+            await readers.run(ANNA, lambda: fails)
+    assert not readers._busy
     assert all(thread.daemon and thread.name == "pdcd-reader" for thread in threads)
 
 
-def test_two_threads_for_each_user_and_eight_for_all(disk: Disk) -> None:
-    async def scenario() -> None:
-        readers = Readers()
-        asked = []
-        for user in range(4):
-            for _ in range(2):
-                asked.append(asyncio.create_task(readers.run(user, disk.prepare)))
-            third = asyncio.create_task(readers.run(user, disk.prepare))
-            await until(lambda: disk.reads == len(asked))
-            third.cancel()
-            await asyncio.gather(third, return_exceptions=True)
-        assert disk.reads == 8
-        other = asyncio.create_task(readers.run(99, disk.prepare))
-        await asyncio.sleep(0.02)
-        assert disk.reads == 8 and not other.done()
-        disk.free.set()
-        assert await asyncio.gather(*asked, other) == ["read"] * 9
-
-    asyncio.run(scenario())
+async def test_two_threads_for_each_user_and_eight_for_all(disk: Disk) -> None:
+    readers = Readers()
+    asked = []
+    for user in range(4):
+        for _ in range(2):
+            asked.append(asyncio.create_task(readers.run(user, disk.prepare)))
+        third = asyncio.create_task(readers.run(user, disk.prepare))
+        await until(lambda: disk.reads == len(asked))
+        third.cancel()
+        await asyncio.gather(third, return_exceptions=True)
+    assert disk.reads == 8
+    other = asyncio.create_task(readers.run(99, disk.prepare))
+    await asyncio.sleep(0.02)
+    assert disk.reads == 8 and not other.done()
+    disk.free.set()
+    assert await asyncio.gather(*asked, other) == ["read"] * 9
     assert (module.EACH, module.ALL_READERS, module.LIMIT_S) == (2, 8, 10.0)
 
 
-def test_who_finds_no_thread_or_no_room_in_time_is_told_so(disk: Disk) -> None:
-    async def scenario() -> None:
-        readers = Readers(each=1, total=2, limit_s=0.0)
-        prepared: list[int] = []
+async def test_who_finds_no_thread_or_no_room_in_time_is_told_so(disk: Disk) -> None:
+    readers = Readers(each=1, total=2, limit_s=0.0)
+    prepared: list[int] = []
 
-        def prepare() -> Any:
-            prepared.append(1)
-            return disk.prepare()
+    def prepare() -> Any:
+        prepared.append(1)
+        return disk.prepare()
 
-        with pytest.raises(BusyError, match="too many arrays") as caught:
-            await readers.run(ANNA, prepare, lambda: False)
-        assert caught.value.hint == "wait until some are answered"
-        assert not readers._busy and not prepared
-        readers._limit_s = LONG_S
-        first = asyncio.create_task(readers.run(ANNA, prepare))
-        await until(lambda: disk.reads == 1)
-        readers._limit_s = 0.0
-        with pytest.raises(BusyError):
-            await readers.run(ANNA, prepare)
-        assert len(prepared) == 1 and readers._busy == {ANNA: 1}
-        disk.free.set()
-        assert await first == "read"
-
-    asyncio.run(scenario())
+    with pytest.raises(BusyError, match="too many arrays") as caught:
+        await readers.run(ANNA, prepare, lambda: False)
+    assert caught.value.hint == "wait until some are answered"
+    assert not readers._busy and not prepared
+    readers._limit_s = LONG_S
+    first = asyncio.create_task(readers.run(ANNA, prepare))
+    await until(lambda: disk.reads == 1)
+    readers._limit_s = 0.0
+    with pytest.raises(BusyError):
+        await readers.run(ANNA, prepare)
+    assert len(prepared) == 1 and readers._busy == {ANNA: 1}
+    disk.free.set()
+    assert await first == "read"
 
 
-def test_a_read_that_takes_too_long_is_left_behind_and_told_to_end(disk: Disk) -> None:
-    async def scenario() -> None:
-        readers = Readers(each=1, total=1, limit_s=0.01)
-        with pytest.raises(RequestError, match=r"within 0\.01 s") as caught:
-            await readers.run(ANNA, disk.prepare)
-        assert caught.value.hint == "give files of a disk that answers"
-        await until(lambda: disk.reads == 1)
-        assert readers._busy == {ANNA: 1}  # until it really ends
-        disk.free.set()
-        await until(lambda: not readers._busy)
-        assert disk.ended == ["_Over"]
-
-    asyncio.run(scenario())
+async def test_a_read_that_takes_too_long_is_left_behind_and_told_to_end(disk: Disk) -> None:
+    readers = Readers(each=1, total=1, limit_s=0.01)
+    with pytest.raises(RequestError, match=r"within 0\.01 s") as caught:
+        await readers.run(ANNA, disk.prepare)
+    assert caught.value.hint == "give files of a disk that answers"
+    await until(lambda: disk.reads == 1)
+    assert readers._busy == {ANNA: 1}  # until it really ends
+    disk.free.set()
+    await until(lambda: not readers._busy)
+    assert disk.ended == ["_Over"]
 
 
-def test_a_read_that_cannot_be_prepared_takes_no_thread() -> None:
+async def test_a_read_that_cannot_be_prepared_takes_no_thread() -> None:
     def prepare() -> Any:
         raise RequestError("there is no such file")
 
-    async def scenario() -> None:
-        readers = Readers(each=1, total=1)
-        for _ in range(2):
-            with pytest.raises(RequestError, match="no such file"):
-                await readers.run(ANNA, prepare)
-        assert not readers._busy
-
-    asyncio.run(scenario())
+    readers = Readers(each=1, total=1)
+    for _ in range(2):
+        with pytest.raises(RequestError, match="no such file"):
+            await readers.run(ANNA, prepare)
+    assert not readers._busy
 
 
-def test_a_read_whose_loop_has_ended_ends_in_silence(
+async def test_a_read_whose_loop_has_ended_ends_in_silence(
     disk: Disk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     unhandled: list[Any] = []
     monkeypatch.setattr(threading, "excepthook", unhandled.append)
 
-    async def scenario() -> None:
-        asked = asyncio.create_task(Readers().run(ANNA, disk.prepare))
-        await until(lambda: disk.reads == 1)
-        asked.cancel()
-        await asyncio.gather(asked, return_exceptions=True)
-
-    asyncio.run(scenario())
+    asked = asyncio.create_task(Readers().run(ANNA, disk.prepare))
+    await until(lambda: disk.reads == 1)
+    asked.cancel()
+    await asyncio.gather(asked, return_exceptions=True)
     disk.free.set()
     for thread in threading.enumerate():
         if thread.name == "pdcd-reader":

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Awaitable, Callable
-from types import SimpleNamespace
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import Any, cast
 
 import pytest
@@ -20,6 +20,7 @@ from pdcd.protocol.views import PreviewView
 from pdcd.server.jobs import Job, Owner
 from pdcd.server.runner import Runner
 from pdcd.server.worker import EngineThread
+from tests.coroutines import entered
 from tests.processes import LONG_S
 
 WHITE = CaptureRequest(goal="white")
@@ -82,18 +83,19 @@ class Desk:
         return [kind for kind, name in self.told if name == job.name]
 
 
-def play(scene: Callable[[Desk], Awaitable[None]]) -> None:
-    """Run it against a runner; whatever is left at its end must end, too."""
+@asynccontextmanager
+async def open_desk() -> AsyncIterator[Desk]:
+    """A runner; whatever is left when the test ends must end, too."""
+    desk = Desk()
+    try:
+        async with asyncio.timeout(LONG_S):
+            yield desk
+    finally:
+        await asyncio.wait_for(desk.runner.drain(), LONG_S)
+        desk.worker.close()
 
-    async def whole() -> None:
-        desk = Desk()
-        try:
-            await asyncio.wait_for(scene(desk), LONG_S)
-        finally:
-            await asyncio.wait_for(desk.runner.drain(), LONG_S)
-            desk.worker.close()
 
-    asyncio.run(whole())
+at_desk = entered(desk=open_desk)
 
 
 def until_cancelled(*, cancelled: Callable[[], bool], **_: Any) -> Any:
@@ -102,49 +104,49 @@ def until_cancelled(*, cancelled: Callable[[], bool], **_: Any) -> Any:
     raise Cancelled("cancelled")
 
 
-def test_a_job_is_announced_after_its_start_has_returned_and_numbered_in_the_queue() -> None:
-    async def scene(desk: Desk) -> None:
-        jobs = [desk.start(queue=True) for _ in range(3)]
-        assert desk.told == []
-        await desk.runner.wait(jobs[2].name)
-        queued = [event for event in desk.events if event.type == "queued"]
-        assert [(event.job, cast(Any, event).ahead) for event in queued] == [
-            (job.name, number) for number, job in enumerate(jobs)
-        ]
-        assert [desk.of(job) for job in jobs] == [["queued", "done"]] * 3
-        assert [event.seq for event in desk.events if event.job == jobs[0].name] == [0, 1]
-
-    play(scene)
-
-
-def test_a_job_that_waits_and_is_cancelled_at_once_is_only_told_to_have_ended() -> None:
-    async def scene(desk: Desk) -> None:
-        desk.engine.act = until_cancelled
-        first, second = desk.start(), desk.start(queue=True)
-        result = await desk.runner.cancel(second.name)
-        assert result.state == "cancelled" and result.error is not None
-        await asyncio.sleep(0)
-        assert desk.of(second) == ["cancelled"]
-        assert first.state == "running"
-        again = await desk.runner.cancel(second.name)  # harmless on one that has ended
-        assert again == result and desk.of(second) == ["cancelled"]
-
-    play(scene)
+@at_desk
+async def test_a_job_is_announced_after_its_start_has_returned_and_numbered_in_the_queue(
+    desk: Desk,
+) -> None:
+    jobs = [desk.start(queue=True) for _ in range(3)]
+    assert desk.told == []
+    await desk.runner.wait(jobs[2].name)
+    queued = [event for event in desk.events if event.type == "queued"]
+    assert [(event.job, cast(Any, event).ahead) for event in queued] == [
+        (job.name, number) for number, job in enumerate(jobs)
+    ]
+    assert [desk.of(job) for job in jobs] == [["queued", "done"]] * 3
+    assert [event.seq for event in desk.events if event.job == jobs[0].name] == [0, 1]
 
 
-def test_the_engine_hears_for_whom_it_works_and_answers_reach_those_who_wait() -> None:
-    async def scene(desk: Desk) -> None:
-        job = desk.start(BERT)
-        result = await desk.runner.wait(job.name)
-        assert result == await desk.runner.wait(job.name)  # also afterwards
-        assert (result.state, result.folder) == ("done", f"/x/{job.name}")
-        (asked,) = desk.engine.asked
-        assert asked["request"] is WHITE and asked["job"] == job.name
-        assert asked["owner"] == BERT.view() and asked["parent"] is None and asked["report"]
-        with pytest.raises(RequestError, match="no job"):
-            await desk.runner.wait(make_job_id())
+@at_desk
+async def test_a_job_that_waits_and_is_cancelled_at_once_is_only_told_to_have_ended(
+    desk: Desk,
+) -> None:
+    desk.engine.act = until_cancelled
+    first, second = desk.start(), desk.start(queue=True)
+    result = await desk.runner.cancel(second.name)
+    assert result.state == "cancelled" and result.error is not None
+    await asyncio.sleep(0)
+    assert desk.of(second) == ["cancelled"]
+    assert first.state == "running"
+    again = await desk.runner.cancel(second.name)  # harmless on one that has ended
+    assert again == result and desk.of(second) == ["cancelled"]
 
-    play(scene)
+
+@at_desk
+async def test_the_engine_hears_for_whom_it_works_and_answers_reach_those_who_wait(
+    desk: Desk,
+) -> None:
+    job = desk.start(BERT)
+    result = await desk.runner.wait(job.name)
+    assert result == await desk.runner.wait(job.name)  # also afterwards
+    assert (result.state, result.folder) == ("done", f"/x/{job.name}")
+    (asked,) = desk.engine.asked
+    assert asked["request"] is WHITE and asked["job"] == job.name
+    assert asked["owner"] == BERT.view() and asked["parent"] is None and asked["report"]
+    with pytest.raises(RequestError, match="no job"):
+        await desk.runner.wait(make_job_id())
 
 
 @pytest.mark.parametrize(
@@ -155,294 +157,296 @@ def test_the_engine_hears_for_whom_it_works_and_answers_reach_those_who_wait() -
         (ZeroDivisionError("by nothing"), "failed", "internal"),
     ],
 )
-def test_an_engine_that_raises_ends_its_job_and_the_next_one_runs(
-    error: Exception, state: str, kind: str, caplog: pytest.LogCaptureFixture
+@at_desk
+async def test_an_engine_that_raises_ends_its_job_and_the_next_one_runs(
+    desk: Desk, error: Exception, state: str, kind: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def scene(desk: Desk) -> None:
-        def fail(**_: Any) -> Any:
-            desk.engine.act = desk.engine.done
-            raise error
+    def fail(**_: Any) -> Any:
+        desk.engine.act = desk.engine.done
+        raise error
 
-        desk.engine.act = fail
-        job, following = desk.start(), desk.start(queue=True)
-        result = await desk.runner.wait(job.name)
-        assert result.error is not None and (result.state, result.error["kind"]) == (state, kind)
-        assert (await desk.runner.wait(following.name)).state == "done"
-        assert ("engine raised" in caplog.text) == (kind == "internal")
-        assert desk.runner.table.running is None
-        assert (await desk.runner.wait(desk.start().name)).state == "done"
-
-    play(scene)
+    desk.engine.act = fail
+    job, following = desk.start(), desk.start(queue=True)
+    result = await desk.runner.wait(job.name)
+    assert result.error is not None and (result.state, result.error["kind"]) == (state, kind)
+    assert (await desk.runner.wait(following.name)).state == "done"
+    assert ("engine raised" in caplog.text) == (kind == "internal")
+    assert desk.runner.table.running is None
+    assert (await desk.runner.wait(desk.start().name)).state == "done"
 
 
 @pytest.mark.parametrize("state", ["running", "queued"])
-def test_an_engine_that_returns_from_a_job_that_goes_on_has_failed(state: Any) -> None:
-    async def scene(desk: Desk) -> None:
-        desk.engine.act = lambda job, **_: CaptureResult(job=job, state=state)
-        result = await desk.runner.wait(desk.start().name)
-        assert result.error is not None
-        assert result.error["message"] == f"the engine returned in state {state}"
-
-    play(scene)
-
-
-def test_what_could_not_be_sent_fails_the_job_and_nobody_else() -> None:
-    async def scene(desk: Desk) -> None:
-        desk.engine.act = lambda job, **_: CaptureResult(
-            job=job, state="done", summary={"codes": cast(Any, object())}
-        )
-        assert (await desk.runner.wait(desk.start().name)).state == "failed"
-        desk.engine.act = lambda emit, **_: emit(ShotArmed(shot="coded", frames=cast(Any, "many")))
-        assert (await desk.runner.wait(desk.start().name)).state == "failed"
-
-    play(scene)
+@at_desk
+async def test_an_engine_that_returns_from_a_job_that_goes_on_has_failed(
+    desk: Desk, state: Any
+) -> None:
+    desk.engine.act = lambda job, **_: CaptureResult(job=job, state=state)
+    result = await desk.runner.wait(desk.start().name)
+    assert result.error is not None
+    assert result.error["message"] == f"the engine returned in state {state}"
 
 
-def test_an_answer_is_a_value_or_the_error_that_the_job_ended_by() -> None:
-    async def scene(desk: Desk) -> None:
-        desk.engine.act = lambda **_: PHOTO
-        job = desk.start(kind="preview")
-        assert await desk.runner.answer(job.name) == PHOTO
-        assert (await desk.runner.wait(job.name)).state == "done"
-        assert await desk.runner.answer(job.name) == PHOTO
-
-        def fail(**_: Any) -> Any:
-            raise DeviceLost("gone", device="camera", hint="plug it in")
-
-        desk.engine.act = fail
-        job = desk.start(kind="preview")
-        for _ in range(2):
-            with pytest.raises(DeviceLost) as caught:
-                await desk.runner.answer(job.name)
-            err = caught.value
-            assert (err.message, err.device, err.hint) == ("gone", "camera", "plug it in")
-
-    play(scene)
+@at_desk
+async def test_what_could_not_be_sent_fails_the_job_and_nobody_else(desk: Desk) -> None:
+    desk.engine.act = lambda job, **_: CaptureResult(
+        job=job, state="done", summary={"codes": cast(Any, object())}
+    )
+    assert (await desk.runner.wait(desk.start().name)).state == "failed"
+    desk.engine.act = lambda emit, **_: emit(ShotArmed(shot="coded", frames=cast(Any, "many")))
+    assert (await desk.runner.wait(desk.start().name)).state == "failed"
 
 
-def test_progress_that_is_held_back_comes_before_what_follows_it() -> None:
-    async def scene(desk: Desk) -> None:
-        def tell(*, job: str, emit: Callable[[Event], None], **_: Any) -> CaptureResult:
-            for frame in (1, 2, 3):
-                emit(progress(frame))
-            emit(ShotArmed(shot="b", frames=9))
-            emit(progress(4))
-            return desk.engine.done(job=job)
+@at_desk
+async def test_an_answer_is_a_value_or_the_error_that_the_job_ended_by(desk: Desk) -> None:
+    desk.engine.act = lambda **_: PHOTO
+    job = desk.start(kind="preview")
+    assert await desk.runner.answer(job.name) == PHOTO
+    assert (await desk.runner.wait(job.name)).state == "done"
+    assert await desk.runner.answer(job.name) == PHOTO
 
-        desk.engine.act = tell
-        await desk.runner.wait(desk.start().name)
-        told = [getattr(event, "frame", event.type) for event in desk.events]
-        assert told == ["queued", 1, 3, "armed", 4, "done"]
-        times = [event.t_mono_ns for event in desk.events]
-        assert times == sorted(times) and times[0] > 0
+    def fail(**_: Any) -> Any:
+        raise DeviceLost("gone", device="camera", hint="plug it in")
 
-    play(scene)
-
-
-def test_every_word_of_the_engine_is_a_sign_of_life() -> None:
-    async def scene(desk: Desk) -> None:
-        beats = []
-
-        def work(*, job: str, emit: Any, cancelled: Callable[[], bool], **_: Any) -> Any:
-            for step in (lambda: emit(progress(1)), cancelled, lambda: emit(progress(2))):
-                step()
-                beats.append(desk.worker.beats)
-            return desk.engine.done(job=job)
-
-        desk.engine.act = work
-        await desk.runner.wait(desk.start().name)
-        assert beats == [1, 2, 3]
-
-    play(scene)
+    desk.engine.act = fail
+    job = desk.start(kind="preview")
+    for _ in range(2):
+        with pytest.raises(DeviceLost) as caught:
+            await desk.runner.answer(job.name)
+        err = caught.value
+        assert (err.message, err.device, err.hint) == ("gone", "camera", "plug it in")
 
 
-def test_a_calibration_goes_on_when_told_and_not_by_what_was_said_before_it_asked() -> None:
-    async def scene(desk: Desk) -> None:
-        passed: list[str] = []
-        asks = threading.Event()
+@at_desk
+async def test_progress_that_is_held_back_comes_before_what_follows_it(desk: Desk) -> None:
+    def tell(*, job: str, emit: Callable[[Event], None], **_: Any) -> CaptureResult:
+        for frame in (1, 2, 3):
+            emit(progress(frame))
+        emit(ShotArmed(shot="b", frames=9))
+        emit(progress(4))
+        return desk.engine.done(job=job)
 
-        def work(*, job: str, emit: Any, proceed: Any, **_: Any) -> CaptureResult:
-            for text in ("card", "lens"):
-                emit(Attention(text=text))
-                asks.set()
-                proceed(text)
-                passed.append(text)
-            return desk.engine.done(job=job)
+    desk.engine.act = tell
+    await desk.runner.wait(desk.start().name)
+    told = [getattr(event, "frame", event.type) for event in desk.events]
+    assert told == ["queued", 1, 3, "armed", 4, "done"]
+    times = [event.t_mono_ns for event in desk.events]
+    assert times == sorted(times) and times[0] > 0
 
-        desk.engine.act = work
-        job = desk.start(request=CalibrateRequest())
-        job.proceed_flag.set()  # too early
-        await asyncio.to_thread(asks.wait, LONG_S)
-        await asyncio.sleep(0.02)
-        assert passed == []
-        asks.clear()
-        assert desk.runner.proceed(job.name) is job
-        await asyncio.to_thread(asks.wait, LONG_S)
-        assert passed == ["card"]
-        await desk.runner.cancel(job.name)  # whoever cancels need not proceed
-        assert passed == ["card", "lens"]
-        desk.runner.proceed(job.name)
-        with pytest.raises(RequestError):
-            desk.runner.proceed("none")
 
-    play(scene)
+@at_desk
+async def test_every_word_of_the_engine_is_a_sign_of_life(desk: Desk) -> None:
+    beats = []
+
+    def work(*, job: str, emit: Any, cancelled: Callable[[], bool], **_: Any) -> Any:
+        for step in (lambda: emit(progress(1)), cancelled, lambda: emit(progress(2))):
+            step()
+            beats.append(desk.worker.beats)
+        return desk.engine.done(job=job)
+
+    desk.engine.act = work
+    await desk.runner.wait(desk.start().name)
+    assert beats == [1, 2, 3]
+
+
+@at_desk
+async def test_a_calibration_goes_on_when_told_and_not_by_what_was_said_before_it_asked(
+    desk: Desk,
+) -> None:
+    passed: list[str] = []
+    asks = threading.Event()
+
+    def work(*, job: str, emit: Any, proceed: Any, **_: Any) -> CaptureResult:
+        for text in ("card", "lens"):
+            emit(Attention(text=text))
+            asks.set()
+            proceed(text)
+            passed.append(text)
+        return desk.engine.done(job=job)
+
+    desk.engine.act = work
+    job = desk.start(request=CalibrateRequest())
+    job.proceed_flag.set()  # too early
+    await asyncio.to_thread(asks.wait, LONG_S)
+    await asyncio.sleep(0.02)
+    assert passed == []
+    asks.clear()
+    assert desk.runner.proceed(job.name) is job
+    await asyncio.to_thread(asks.wait, LONG_S)
+    assert passed == ["card"]
+    await desk.runner.cancel(job.name)  # whoever cancels need not proceed
+    assert passed == ["card", "lens"]
+    desk.runner.proceed(job.name)
+    with pytest.raises(RequestError):
+        desk.runner.proceed("none")
 
 
 # A picture that is held.
 
 
-def test_a_picture_is_answered_when_shown_and_goes_black_at_its_end() -> None:
-    async def scene(desk: Desk) -> None:
-        job = desk.start(request=ShowParams(pattern="code", index=3))
-        assert await desk.runner.answer(job.name) == ShowReply("code", 3, job.name)
-        assert desk.engine.shown == [("code", 3)] and job.state == "running"
-        result = await desk.runner.cancel(job.name)
-        assert desk.engine.shown == [("code", 3), ("black", 0)]
-        assert result.state == "cancelled"
-
-    play(scene)
+@at_desk
+async def test_a_picture_is_answered_when_shown_and_goes_black_at_its_end(desk: Desk) -> None:
+    job = desk.start(request=ShowParams(pattern="code", index=3))
+    assert await desk.runner.answer(job.name) == ShowReply("code", 3, job.name)
+    assert desk.engine.shown == [("code", 3)] and job.state == "running"
+    result = await desk.runner.cancel(job.name)
+    assert desk.engine.shown == [("code", 3), ("black", 0)]
+    assert result.state == "cancelled"
 
 
-def test_black_is_shown_once_and_holds_nothing() -> None:
-    async def scene(desk: Desk) -> None:
-        job = desk.start(request=ShowParams(pattern="black"))
-        assert (await desk.runner.wait(job.name)).state == "done"
-        assert desk.engine.shown == [("black", 0)]
-
-    play(scene)
+@at_desk
+async def test_black_is_shown_once_and_holds_nothing(desk: Desk) -> None:
+    job = desk.start(request=ShowParams(pattern="black"))
+    assert (await desk.runner.wait(job.name)).state == "done"
+    assert desk.engine.shown == [("black", 0)]
 
 
-def test_a_picture_that_is_cancelled_before_its_turn_is_never_shown() -> None:
-    async def scene(desk: Desk) -> None:
-        job = desk.start(request=ShowParams(pattern="white"))
-        assert (await desk.runner.cancel(job.name)).state == "cancelled"
-        assert ("white", 0) not in desk.engine.shown
-
-    play(scene)
+@at_desk
+async def test_a_picture_that_is_cancelled_before_its_turn_is_never_shown(desk: Desk) -> None:
+    job = desk.start(request=ShowParams(pattern="white"))
+    assert (await desk.runner.cancel(job.name)).state == "cancelled"
+    assert ("white", 0) not in desk.engine.shown
 
 
-def test_a_picture_that_fails_half_way_goes_black_and_tells_who_asked() -> None:
-    async def scene(desk: Desk) -> None:
-        desk.engine.refuses = DeviceLost("gone", device="display")
-        job = desk.start(request=ShowParams(pattern="grid"))
-        with pytest.raises(DeviceLost, match="gone"):
-            await desk.runner.answer(job.name)
-        assert desk.engine.shown == [("grid", 0), ("black", 0)]
-        assert job.state == "failed"
-
-    play(scene)
+@at_desk
+async def test_a_picture_that_fails_half_way_goes_black_and_tells_who_asked(desk: Desk) -> None:
+    desk.engine.refuses = DeviceLost("gone", device="display")
+    job = desk.start(request=ShowParams(pattern="grid"))
+    with pytest.raises(DeviceLost, match="gone"):
+        await desk.runner.answer(job.name)
+    assert desk.engine.shown == [("grid", 0), ("black", 0)]
+    assert job.state == "failed"
 
 
-def test_a_picture_gives_way_to_its_owner_and_to_nobody_else() -> None:
-    async def scene(desk: Desk) -> None:
-        picture = desk.start(request=ShowParams(pattern="white"))
-        await desk.runner.answer(picture.name)
-        with pytest.raises(BusyError, match=picture.name):
-            desk.start(BERT)
-        waits = desk.start(BERT, queue=True)
-        assert not picture.given_up and picture.state == "running"
-        mine = desk.start()
-        with pytest.raises(BusyError):
-            desk.start()  # one follows the picture, the next has to wait
-        assert (await desk.runner.wait(mine.name)).state == "done"
-        assert (await desk.runner.wait(waits.name)).state == "done"
-        assert picture.result is not None and picture.result.state == "done"
-        ends = [name for kind, name in desk.told if kind == "done"]
-        assert ends == [picture.name, mine.name, waits.name]
-
-    play(scene)
+@at_desk
+async def test_a_picture_gives_way_to_its_owner_and_to_nobody_else(desk: Desk) -> None:
+    picture = desk.start(request=ShowParams(pattern="white"))
+    await desk.runner.answer(picture.name)
+    with pytest.raises(BusyError, match=picture.name):
+        desk.start(BERT)
+    waits = desk.start(BERT, queue=True)
+    assert not picture.given_up and picture.state == "running"
+    mine = desk.start()
+    with pytest.raises(BusyError):
+        desk.start()  # one follows the picture, the next has to wait
+    assert (await desk.runner.wait(mine.name)).state == "done"
+    assert (await desk.runner.wait(waits.name)).state == "done"
+    assert picture.result is not None and picture.result.state == "done"
+    ends = [name for kind, name in desk.told if kind == "done"]
+    assert ends == [picture.name, mine.name, waits.name]
 
 
 # The end of a client, and of the daemon.
 
 
-def test_a_client_that_leaves_takes_along_what_is_not_detached() -> None:
-    async def scene(desk: Desk) -> None:
-        desk.engine.act = until_cancelled
-        runs = desk.start()
-        waits, stays = desk.start(queue=True), desk.start(queue=True, detach=True)
-        other = desk.start(BERT, queue=True)
-        desk.runner.drop(ANNA.connection)
-        assert (await desk.runner.wait(waits.name)).state == "cancelled"
-        assert (await desk.runner.wait(runs.name)).state == "cancelled"
-        assert not stays.cancel_flag.is_set() and not other.cancel_flag.is_set()
-
-    play(scene)
+@at_desk
+async def test_a_client_that_leaves_takes_along_what_is_not_detached(desk: Desk) -> None:
+    desk.engine.act = until_cancelled
+    runs = desk.start()
+    waits, stays = desk.start(queue=True), desk.start(queue=True, detach=True)
+    other = desk.start(BERT, queue=True)
+    desk.runner.drop(ANNA.connection)
+    assert (await desk.runner.wait(waits.name)).state == "cancelled"
+    assert (await desk.runner.wait(runs.name)).state == "cancelled"
+    assert not stays.cancel_flag.is_set() and not other.cancel_flag.is_set()
 
 
-def test_a_daemon_that_stops_takes_nothing_more_and_waits_for_what_runs() -> None:
-    async def scene(desk: Desk) -> None:
-        desk.engine.act = until_cancelled
-        runs, waits = desk.start(), desk.start(queue=True)
-        await asyncio.sleep(0)
-        await desk.runner.drain()
-        assert (runs.state, waits.state) == ("cancelled", "cancelled")
-        assert len(desk.engine.asked) == 1
-        assert [desk.of(job)[-1] for job in (runs, waits)] == ["cancelled"] * 2
-        with pytest.raises(BusyError, match="stopping"):
-            desk.start()
-
-    play(scene)
+@at_desk
+async def test_a_daemon_that_stops_takes_nothing_more_and_waits_for_what_runs(desk: Desk) -> None:
+    desk.engine.act = until_cancelled
+    runs, waits = desk.start(), desk.start(queue=True)
+    await asyncio.sleep(0)
+    await desk.runner.drain()
+    assert (runs.state, waits.state) == ("cancelled", "cancelled")
+    assert len(desk.engine.asked) == 1
+    assert [desk.of(job)[-1] for job in (runs, waits)] == ["cancelled"] * 2
+    with pytest.raises(BusyError, match="stopping"):
+        desk.start()
 
 
-# The thread.
+class Place:
+    """Stands for a held folder."""
+
+    def __init__(self) -> None:
+        self.closed = 0
+
+    def close(self) -> None:
+        self.closed += 1
 
 
-def test_all_calls_run_in_one_thread_one_after_the_other() -> None:
-    async def scene(desk: Desk) -> None:
-        threads, at_work = [], []
-
-        def call(number: int, *, more: str = "") -> tuple[int, str]:
-            at_work.append(number)
-            threads.append(threading.current_thread())
-            threading.Event().wait(0.002)
-            assert at_work[-1] == number
-            return number, more
-
-        said = await asyncio.gather(*(desk.worker.call(call, n, more="x") for n in range(5)))
-        assert list(said) == [(n, "x") for n in range(5)]
-        (thread,) = set(threads)
-        assert thread is not threading.current_thread() and "pdcd-engine" in thread.name
-        with pytest.raises(ZeroDivisionError):
-            await desk.worker.call(lambda: 1 // 0)
-
-    play(scene)
+@at_desk
+async def test_a_capture_gets_its_arrays_and_its_place_which_is_let_go_of_at_its_end(
+    desk: Desk,
+) -> None:
+    place, given = Place(), {"kernel": cast(Any, object())}
+    job = desk.runner.start(WHITE, given, ANNA, place=cast(Any, place))
+    assert not job.detach and job.kind == "capture"
+    await desk.runner.wait(job.name)
+    (asked,) = desk.engine.asked
+    assert asked["given"] is given and asked["parent"] is place and asked["report"] is True
+    assert {"emit", "cancelled"} < asked.keys()
+    assert place.closed == 1 and not job.given
 
 
-def test_an_idle_thread_beats_when_probed_and_a_stuck_one_does_not() -> None:
-    async def scene(desk: Desk) -> None:
-        worker, free = desk.worker, threading.Event()
-        for count in (1, 2):
-            worker.probe()
-            await worker.call(lambda: None)
-            assert worker.beats == count
-        stuck = asyncio.ensure_future(worker.call(free.wait, LONG_S))
-        await asyncio.sleep(0)
-        for _ in range(5):
-            worker.probe()
-        await asyncio.sleep(0.01)
-        assert worker.beats == 2
-        free.set()
-        await stuck
-        await worker.call(lambda: None)
-        assert worker.beats == 3  # probes do not pile up
+@at_desk
+async def test_a_calibration_that_waits_looks_ten_times_a_second_whether_it_is_to_end(
+    desk: Desk,
+) -> None:
+    class Flag(threading.Event):
+        looks: list[float | None]
 
-    play(scene)
+        def wait(self, timeout: float | None = None) -> bool:
+            self.looks.append(timeout)
+            return len(self.looks) > 3
+
+    flag, beats = Flag(), []
+    flag.looks = []
+
+    def work(*, job: str, proceed: Callable[[str], None], **_: Any) -> CaptureResult:
+        proceed("put up the card")
+        beats.append(desk.worker.beats)
+        return desk.engine.done(job=job)
+
+    desk.engine.act = work
+    job = desk.start(request=CalibrateRequest())
+    job.proceed_flag = flag
+    await desk.runner.wait(job.name)
+    assert flag.looks == [0.1] * 4 and beats == [3]  # each look is a sign of life
 
 
-def test_the_thread_is_closed_after_what_it_was_given() -> None:
-    worker, done = EngineThread(), SimpleNamespace(count=0)
+@at_desk
+async def test_whoever_waits_hears_of_an_end_once_and_nothing_of_it_is_kept(desk: Desk) -> None:
+    desk.engine.act = until_cancelled
+    runs, waits = desk.start(), desk.start(queue=True)
+    waiting = [asyncio.create_task(desk.runner.wait(job.name)) for job in (runs, runs, waits)]
+    await asyncio.sleep(0)
+    for job in (waits, runs):
+        await desk.runner.cancel(job.name)
+    results = await asyncio.gather(*waiting)
+    assert [result.job for result in results] == [runs.name, runs.name, waits.name]
+    for marks in (desk.runner._ended, desk.runner._answered, desk.runner._let_go):
+        assert not marks
+    assert [kind for kind, _ in desk.told].count("cancelled") == 2
 
-    def work() -> None:
-        threading.Event().wait(0.02)
-        done.count += 1
 
-    async def scene() -> None:
-        for _ in range(2):
-            calling = asyncio.ensure_future(worker.call(work))
-            await asyncio.sleep(0)
-        worker.close()
-        assert done.count == 2
-        await calling
+@at_desk
+async def test_a_job_that_comes_in_the_turn_in_which_another_ends_is_run_once(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is the one to run before it has been announced."""
 
-    asyncio.run(scene())
+    late: list[Any] = []
+    call = desk.worker.call
+
+    async def and_one_more(*args: Any) -> Any:
+        result = await call(*args)
+        if not late:
+            late.append(desk.start(queue=True))
+        return result
+
+    monkeypatch.setattr(desk.worker, "call", and_one_more)
+    first = desk.start()
+    await desk.runner.wait(first.name)
+    assert (await desk.runner.wait(late[0].name)).state == "done"
+    await desk.runner.drain()
+    assert [asked["job"] for asked in desk.engine.asked] == [first.name, late[0].name]
+    assert desk.of(late[0]).count("done") == 1

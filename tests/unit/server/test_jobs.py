@@ -1,9 +1,10 @@
-"""The job table: who runs, who waits, what ends, and how progress is thinned."""
+"""The job table: who runs, who waits, what ends and what is kept; how progress is thinned."""
 
 from __future__ import annotations
 
 import re
 from itertools import pairwise
+from typing import Any, cast
 
 import pytest
 from hypothesis import given, settings
@@ -11,21 +12,150 @@ from hypothesis import strategies as st
 
 from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
 from pdcd.protocol.events import PilotLearning, Progress
-from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.messages import ShowParams
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, make_failed_result
+from pdcd.server.jobs import (
+    ENDED,
+    Coalescer,
+    Job,
+    JobTable,
+    Owner,
+    make_failed_result,
+)
 
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
+AGAIN = Owner(uid=1000, pid=13, user="anna", connection=3)
 BERT = Owner(uid=1001, pid=12, user="bert", connection=2)
+SHOW = ShowParams(pattern="grid")
 
 
-def admit(table: JobTable, owner: Owner = ANNA, *, queue: bool = True, detach: bool = False) -> Job:
-    return table.admit(WHITE, {}, owner, queue=queue, detach=detach)
+class Place:
+    def __init__(self) -> None:
+        self.closed = 0
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def admit(table: JobTable, owner: Owner = ANNA, request: Any = WHITE, **more: Any) -> Job:
+    return table.admit(request, {}, owner, **{"queue": True, "detach": False, **more})
+
+
+def ended(table: JobTable, job: Job) -> Job | None:
+    return table.finish(job, done(job))
 
 
 def frame(number: int) -> Progress:
     return Progress(shot="coded", frame=number, frames=1000, missed=0)
+
+
+def test_64_jobs_wait_and_64_that_ended_are_kept_of_each_kind() -> None:
+    table = JobTable()
+    jobs = [admit(table) for _ in range(65)]
+    with pytest.raises(BusyError, match="64 jobs are waiting already") as caught:
+        admit(table)
+    assert caught.value.hint == "wait until some have ended"
+    for job in jobs:
+        ended(table, job)
+    assert table.all() == jobs[1:]
+    with pytest.raises(RequestError, match=f"no job '{jobs[0].name}'") as gone:
+        table.get(jobs[0].name)
+    assert "the last 64" in str(gone.value.hint)
+    plan = admit(table, kind="plan")
+    ended(table, plan)
+    assert table.all() == [*jobs[1:], plan]  # of another kind
+
+
+def test_what_a_job_is_about_is_told_in_a_word() -> None:
+    goals = [
+        admit(JobTable(), request=request).goal
+        for request in (
+            WHITE, SHOW, CalibrateRequest(), CalibrateRequest(steps=("timing", "check")),
+        )
+    ]  # fmt: skip
+    assert goals == ["white", "grid", "all", "timing check"]
+
+
+def test_a_job_that_ended_lets_go_of_what_it_was_given() -> None:
+    table, places = JobTable(), [Place(), Place()]
+    runs, waits = (
+        table.admit(
+            WHITE, {"kernel": cast(Any, 1)}, ANNA, detach=False, queue=True, place=cast(Any, place)
+        )
+        for place in places
+    )
+    assert runs.given and waits.given
+    assert table.cancel(waits)
+    assert [place.closed for place in places] == [0, 1] and not waits.given
+    assert waits.result is not None and waits.result.error == {
+        "kind": "cancelled", "message": "cancelled before it began", "device": None,
+        "hint": "the rig was not touched",
+    }  # fmt: skip
+    assert ended(table, runs) is None
+    assert [place.closed for place in places] == [1, 1] and not runs.given
+    assert not table.cancel(waits) and waits.cancel_flag.is_set()
+
+
+def test_a_view_tells_the_whole_job() -> None:
+    table = JobTable()
+    job = admit(table, kind="plan", detach=True)
+    view = job.view()
+    assert (view.job, view.state, view.kind, view.detach) == (job.name, "running", "plan", True)
+    assert view.created_utc == job.created_utc and view.created_utc.endswith("Z")
+    assert len(view.created_utc) == len("2026-01-01T00:00:00Z") and view.folder is None
+    ended(table, job)
+    assert (job.view().state, job.view().folder) == ("done", f"/x/{job.name}")
+
+
+def test_a_picture_gives_way_to_its_user_from_anywhere_once() -> None:
+    table = JobTable()
+    show = admit(table, request=SHOW, kind="show")
+    assert show.gives_way_to(AGAIN) and not show.gives_way_to(BERT)
+    assert not admit(JobTable(), request=WHITE).gives_way_to(ANNA)
+    other = admit(table, BERT)
+    mine = admit(table, AGAIN, queue=False)  # needs no place in the queue
+    assert [*table.queue] == [mine, other]
+    show.given_up = True
+    with pytest.raises(BusyError):
+        admit(table, queue=False)
+    last = admit(table)
+    assert [*table.queue] == [mine, other, last]
+    assert ended(table, show) is mine
+
+
+def test_a_picture_that_was_given_up_for_one_that_is_gone_gives_way_again() -> None:
+    table = JobTable()
+    show = admit(table, request=SHOW, kind="show")
+    show.given_up = True
+    mine = admit(table, queue=False)
+    assert [*table.queue] == [mine]
+
+
+def test_a_refusal_says_who_holds_the_rig_and_how_to_wait() -> None:
+    table = JobTable()
+    assert table.busy().message == "the rig is busy" and table.busy().hint
+    holder = admit(table, request=SHOW, kind="show")
+    error = table.busy()
+    assert error.message == f"job {holder.name} (show) of anna (uid 1000) holds the rig"
+    assert '"queue": true' in str(error.hint)
+    table.stopping = True
+    with pytest.raises(BusyError, match="the daemon is stopping") as caught:
+        admit(table)
+    assert caught.value.hint == "ask again in a moment"
+
+
+def test_what_was_flushed_is_told_once_and_takes_no_turn() -> None:
+    thin = Coalescer(interval_ns=100)
+    assert thin.flush() is None and thin.due(0) is None
+    thin.offer(0, frame(0))
+    thin.offer(60, frame(1))
+    assert thin.wants_timer() and thin.timed
+    assert thin.flush() == (60, frame(1))
+    assert thin.due(70) is None and not thin.timed  # the timer finds nothing, and ends
+    assert not thin.wants_timer()
+    assert thin.offer(100, frame(2)) == frame(2)
 
 
 def done(job: Job) -> CaptureResult:
@@ -39,15 +169,6 @@ def test_the_first_job_runs_and_is_named_by_time_and_chance() -> None:
     assert re.fullmatch(r"\d{8}T\d{6}Z-[0-9a-f]{4}", job.name)
 
 
-def test_a_second_job_is_refused_with_the_name_of_the_holder() -> None:
-    table = JobTable()
-    holder = admit(table)
-    with pytest.raises(BusyError, match=r"anna \(uid 1000\)") as caught:
-        admit(table, BERT, queue=False)
-    assert holder.name in str(caught.value)
-    assert table.all() == [holder]
-
-
 def test_queued_jobs_run_in_order() -> None:
     table = JobTable()
     jobs = [admit(table) for _ in range(4)]
@@ -59,21 +180,6 @@ def test_queued_jobs_run_in_order() -> None:
     assert order == jobs
     assert table.running is None
     assert {job.state for job in jobs} == {"done"}
-
-
-def test_the_queue_is_bounded() -> None:
-    table = JobTable(queue_limit=2)
-    for _ in range(3):
-        admit(table)
-    with pytest.raises(BusyError, match="2 jobs are waiting"):
-        admit(table)
-
-
-def test_a_stopping_table_takes_nothing() -> None:
-    table = JobTable()
-    table.stopping = True
-    with pytest.raises(BusyError, match="stopping"):
-        admit(table)
 
 
 def test_cancel_ends_a_waiting_job_at_once_and_flags_a_running_one() -> None:
@@ -104,31 +210,12 @@ def test_a_leaving_client_takes_its_jobs_but_not_the_detached_ones() -> None:
     assert table.owned_by(ANNA.connection) == [waiting]
 
 
-def test_history_is_bounded_and_forgets_the_oldest() -> None:
-    table = JobTable(history=2)
-    jobs = []
-    for _ in range(4):
-        jobs.append(admit(table))
-        table.finish(jobs[-1], done(jobs[-1]))
-    assert table.all() == jobs[2:]
-    assert table.get(jobs[3].name) is jobs[3]
-    with pytest.raises(RequestError, match="no job"):
-        table.get(jobs[0].name)
-
-
 def test_events_are_numbered_by_job_and_cannot_be_relabelled() -> None:
     table = JobTable()
     first, second = admit(table), admit(table)
     assert [first.numbered(PilotLearning(photos=8), 5).seq for _ in range(3)] == [0, 1, 2]
     event = second.numbered(PilotLearning(photos=8, job="other", seq=99, t_mono_ns=3), 7)
     assert event == PilotLearning(photos=8, job=second.name, seq=0, t_mono_ns=7)
-
-
-def test_the_view_shows_the_owner_but_not_the_connection() -> None:
-    job = admit(JobTable(), detach=True)
-    view = job.view()
-    assert (view.owner.uid, view.owner.pid, view.owner.user) == (1000, 11, "anna")
-    assert view.detach and view.goal == "white" and view.folder is None
 
 
 def test_an_engine_that_raises_gives_a_failed_result() -> None:
