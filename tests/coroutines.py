@@ -25,17 +25,28 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     return True
 
 
-def entered(**makes: Callable[[], AbstractAsyncContextManager[Any]]) -> Callable[[Scene], Scene]:
-    """Decorate a coroutine test: these parameters are context managers, entered in its loop."""
+def entered(**makes: Callable[..., AbstractAsyncContextManager[Any]]) -> Callable[[Scene], Scene]:
+    """Decorate a coroutine test: these parameters are context managers, entered in its loop.
+
+    What makes one may itself have fixtures as its parameters.
+    """
+    needs = {name: inspect.signature(make).parameters for name, make in makes.items()}
 
     def decorate(body: Scene) -> Scene:
+        wanted = inspect.signature(body).parameters
+        own = {name: one for name, one in wanted.items() if name not in makes}
+        extra = {n: one for need in needs.values() for n, one in need.items() if n not in own}
+
         @functools.wraps(body)
         async def test(**fixtures: Any) -> None:
             async with AsyncExitStack() as stack:
-                own = {n: await stack.enter_async_context(make()) for n, make in makes.items()}
-                await body(**own, **fixtures)
+                made = {}
+                for name, make in makes.items():
+                    given = {n: fixtures[n] for n in needs[name]}
+                    made[name] = await stack.enter_async_context(make(**given))
+                await body(**made, **{name: fixtures[name] for name in own})
 
-        sign_test(test, [one for name, one in _parameters(body).items() if name not in makes])
+        sign_test(test, [*own.values(), *extra.values()])
         return test
 
     return decorate
@@ -45,7 +56,3 @@ def sign_test(test: Callable[..., Any], parameters: list[inspect.Parameter]) -> 
     """Have pytest see these parameters of a test that wraps another function."""
     del test.__wrapped__  # type: ignore[attr-defined]
     test.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-
-
-def _parameters(body: Scene) -> dict[str, inspect.Parameter]:
-    return dict(inspect.signature(body).parameters)

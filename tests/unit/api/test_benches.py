@@ -12,12 +12,12 @@ import pytest
 
 from pdcd.api import bench as bench_module
 from pdcd.api import connected as connected_module
-from pdcd.api.bench import Bench, open_finished_run
+from pdcd.api.bench import Bench
 from pdcd.api.connected import DaemonBench, connect
 from pdcd.api.local import LocalBench, local
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
-from pdcd.errors import DeniedError, PdcdError, RequestError
+from pdcd.errors import DeniedError, RequestError
 from pdcd.protocol.events import Event, JobStarted
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -70,14 +70,6 @@ def test_keywords_become_a_request_and_what_comes_back_a_run(
     assert second[3] == {"on_event": None, "report": True} and last == "close"
     with pytest.raises(RequestError, match="no such keyword"):
         bench.plan("white", code=4)  # type: ignore[call-arg]
-
-
-def test_a_job_that_is_done_and_lies_nowhere_is_no_run() -> None:
-    with pytest.raises(PdcdError, match="the job is done"):
-        open_finished_run(CaptureResult(job="j", state="done"))
-    with pytest.raises(PdcdError, match="the job is failed") as caught:
-        open_finished_run(CaptureResult(job="j", state="failed", folder="/kept"))
-    assert caught.value.__notes__ == ["What was taken lies in /kept"]
 
 
 # Behind a socket.

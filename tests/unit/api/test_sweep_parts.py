@@ -99,18 +99,6 @@ def test_real_devices_take_one_photo_after_the_other(hands: Hands) -> None:
     assert caught.value.hint == "leave out workers"
 
 
-def test_wrong_numbers_of_workers_and_requests_are_named(hands: Hands) -> None:
-    with pytest.raises(RequestError, match="-1 workers") as caught:
-        sweep(Config(), ["white"], workers=-1)
-    assert "1 or more" in str(caught.value.hint)
-    with pytest.raises(RequestError, match="request 2: whit: no such goal") as caught:
-        sweep(Config(), ["white", WHITE, "whit"], workers=1)
-    assert caught.value.hint == "docs/request.md lists goals and keywords"
-    with pytest.raises(RequestError, match=r"(?s)request 0: .*no such key"):
-        sweep(Config(), [{"goal": "white", "config": {"scen": {}}}], workers=1)
-    assert not hands.asked
-
-
 def test_a_folder_gets_one_of_its_own_for_each_and_knows_what_is_done(
     hands: Hands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -148,22 +136,6 @@ def test_a_bench_that_was_calibrated_anew_is_another_one(tmp_path: Path) -> None
         len({hash_capture(told, WHITE, {}, 0) for told in (before, first, describe_bench(config))})
         == 3
     )
-
-
-def test_what_was_asked_of_a_bench_is_told_key_by_key(hands: Hands) -> None:
-    requests: list[Any] = [
-        {"goal": "white", "config": {"scene": {"ambient": 0.5}}},
-        {"goal": "white", "config": "scene.ambient = 0.25"},
-        {"goal": "white", "codes": 4},
-        "white",
-    ]
-    table = sweep(Config(), requests, workers=1, progress=False)
-    assert table["asked.config.scene.ambient"].tolist()[0] == 0.5
-    assert table["asked.config.text"].tolist()[1] == "scene.ambient = 0.25"
-    assert "asked.goal" not in table.columns and "asked.config" not in table.columns
-    ambient = [task.config.scene.ambient for task in hands.tasks]
-    assert ambient == [0.5, 0.25, Config().scene.ambient, Config().scene.ambient]
-    assert [task.request.codes for task in hands.tasks] == [None, None, 4, None]
 
 
 class Own(Bench):
@@ -220,17 +192,6 @@ def test_a_bench_of_this_process_puts_runs_where_the_sweep_is(tmp_path: Path) ->
     sweep(bench, ["white"], progress=False)
     outs = [request.out for request in bench.taken]
     assert str(outs[0]).startswith(f"{tmp_path}/runs/") and outs[1:] == ["/elsewhere", None]
-
-
-def test_a_bench_keeps_its_configuration_and_takes_no_workers(tmp_path: Path) -> None:
-    for wrong in ({"workers": 1}, {"cluster": "tcp://there:1"}):
-        with pytest.raises(RequestError, match="one photo at a time") as caught:
-            sweep(Own(), ["white"], **wrong)
-        assert "configuration" in str(caught.value.hint)
-    assert len(sweep(Own(), ["white"], workers=0, progress=False)) == 1
-    with pytest.raises(RequestError, match="request 0: a bench keeps its configuration") as caught:
-        sweep(Own(), [{"goal": "white", "config": {}}])
-    assert caught.value.hint == "give one instead of it"
 
 
 def test_where_all_is_done_the_bar_has_a_length_all_the_same(

@@ -69,15 +69,6 @@ def test_a_prior_is_in_words_a_file_or_an_array() -> None:
     assert np.array_equal(found["transport"], matrix) and found["grid"].tolist() == [2.0, 3.0]
 
 
-@pytest.mark.parametrize("kernel", [[[1j]], [["a"]], [1.0], [[[1.0]]]])
-def test_arrays_are_rows_of_real_numbers(kernel: Any) -> None:
-    with pytest.raises(RequestError, match="rows and columns of real numbers"):
-        make_request("filtered", {"kernel": kernel}, grid)
-    for kind in (np.bool_, np.int8, np.uint16, np.float32):
-        _, arrays = make_request("filtered", {"kernel": np.ones((1, 1), kind)}, grid)
-        assert np.asarray(arrays["kernel"]).dtype == kind
-
-
 def test_arrays_of_files_go_with_a_task_by_their_content(tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_bytes(b"content")
     array = np.eye(2)

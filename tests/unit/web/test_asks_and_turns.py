@@ -38,7 +38,9 @@ async def until(done: Callable[[], bool]) -> None:
             await asyncio.sleep(0.001)
 
 
-def test_a_question_goes_over_a_connection_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_question_goes_over_a_connection_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     told: list[Any] = []
 
     class Client:
@@ -57,13 +59,10 @@ def test_a_question_goes_over_a_connection_of_its_own(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(module, "Client", Client)
 
-    async def scenario() -> None:
-        asks = DaemonQueries(Path("/there"))
-        assert await asks.ask("rig.status") == "answer to rig.status"
-        assert await asks.ask("capture.plan", {"a": 1}, answer_s=7.0) == "answer to capture.plan"
-        assert await asks.cancel("j") == "answer to capture.cancel"
-
-    asyncio.run(scenario())
+    asks = DaemonQueries(Path("/there"))
+    assert await asks.ask("rig.status") == "answer to rig.status"
+    assert await asks.ask("capture.plan", {"a": 1}, answer_s=7.0) == "answer to capture.plan"
+    assert await asks.cancel("j") == "answer to capture.cancel"
     there = (Path("/there"), 5.0)
     assert told == [
         there, ("rig.status", None, 10.0), "closed",
@@ -72,28 +71,27 @@ def test_a_question_goes_over_a_connection_of_its_own(monkeypatch: pytest.Monkey
     ]  # fmt: skip
 
 
-def test_three_questions_at_a_time_and_one_more_to_cancel(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_three_questions_at_a_time_and_one_more_to_cancel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(module, "WAIT_S", 0.0)
 
-    async def scenario() -> None:
-        held, asks = Held(), DaemonQueries(Path("/there"))
-        monkeypatch.setattr(asks, "_call", held.call)
-        asked = [asyncio.create_task(asks.ask("plan", answer_s=n)) for n in range(3)]
-        await until(lambda: held.began == 3)
-        with pytest.raises(BusyError, match="too much is asked of the daemon at a time") as caught:
-            await asks.ask("plan")
-        assert caught.value.hint == "try again in a moment"
-        asked.append(asyncio.create_task(asks.cancel("j")))
-        await until(lambda: held.began == 4)
-        with pytest.raises(BusyError):
-            await asks.cancel("j")
-        held.free.set()
-        answers = await asyncio.gather(*asked)
-        assert answers == [*(("plan", None, n) for n in range(3)),
-                           ("capture.cancel", {"job": "j"}, module.ENGINE_S)]  # fmt: skip
-
     # A place that is free is had without any wait, so that a wait of no time finds it.
-    asyncio.run(scenario())
+    held, asks = Held(), DaemonQueries(Path("/there"))
+    monkeypatch.setattr(asks, "_call", held.call)
+    asked = [asyncio.create_task(asks.ask("plan", answer_s=n)) for n in range(3)]
+    await until(lambda: held.began == 3)
+    with pytest.raises(BusyError, match="too much is asked of the daemon at a time") as caught:
+        await asks.ask("plan")
+    assert caught.value.hint == "try again in a moment"
+    asked.append(asyncio.create_task(asks.cancel("j")))
+    await until(lambda: held.began == 4)
+    with pytest.raises(BusyError):
+        await asks.cancel("j")
+    held.free.set()
+    answers = await asyncio.gather(*asked)
+    assert answers == [*(("plan", None, n) for n in range(3)),
+                       ("capture.cancel", {"job": "j"}, module.ENGINE_S)]  # fmt: skip
 
 
 def test_who_leaves_does_not_give_the_place_away(

@@ -95,48 +95,42 @@ def cut(*lines: Line) -> list[bool]:
     return [line.cut.is_set() for line in lines]
 
 
-def test_a_stranger_gives_way_to_the_next_and_a_guest_to_nobody(
+async def test_a_stranger_gives_way_to_the_next_and_a_guest_to_nobody(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(module, "STRANGERS", 2)
 
-    async def scenario() -> None:
-        places = VisitorPlaces()
-        guest, first = come(places), come(places)
-        places.admit(guest, None)
-        second = come(places)
-        assert cut(guest, first, second) == [False, False, False]
-        third = come(places)
-        assert cut(guest, first, second, third) == [False, True, False, False]
-        places.admit(first, 5.0)  # too late
-        places.leave(first)
-        places.leave(second)
-        fourth = come(places)
-        assert cut(guest, third, fourth) == [False, False, False]
-        places.end()
-        assert cut(guest, third, fourth) == [True, True, True]
-
-    asyncio.run(scenario())
+    places = VisitorPlaces()
+    guest, first = come(places), come(places)
+    places.admit(guest, None)
+    second = come(places)
+    assert cut(guest, first, second) == [False, False, False]
+    third = come(places)
+    assert cut(guest, first, second, third) == [False, True, False, False]
+    places.admit(first, 5.0)  # too late
+    places.leave(first)
+    places.leave(second)
+    fourth = come(places)
+    assert cut(guest, third, fourth) == [False, False, False]
+    places.end()
+    assert cut(guest, third, fourth) == [True, True, True]
 
 
-def test_the_token_gives_more_time_and_the_last_word_on_it_counts(
+async def test_the_token_gives_more_time_and_the_last_word_on_it_counts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(module, "STRANGER_S", 0.01)
 
-    async def scenario() -> None:
-        places = VisitorPlaces()
-        gone, slow, known, long = (come(places) for _ in range(4))
-        places.leave(gone)
-        places.admit(known, 0.02)
-        places.admit(long, 0.0)
-        places.admit(long, None)
-        places.admit(None, 0.0)
-        await asyncio.wait_for(slow.cut.wait(), 30.0)
-        await asyncio.wait_for(known.cut.wait(), 30.0)
-        assert cut(gone, long) == [False, False]
-
-    asyncio.run(scenario())
+    places = VisitorPlaces()
+    gone, slow, known, long = (come(places) for _ in range(4))
+    places.leave(gone)
+    places.admit(known, 0.02)
+    places.admit(long, 0.0)
+    places.admit(long, None)
+    places.admit(None, 0.0)
+    await asyncio.wait_for(slow.cut.wait(), 30.0)
+    await asyncio.wait_for(known.cut.wait(), 30.0)
+    assert cut(gone, long) == [False, False]
 
 
 @pytest.mark.parametrize(

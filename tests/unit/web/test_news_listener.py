@@ -95,7 +95,7 @@ async def until(page: AsyncGenerator[bytes, None], wanted: Callable[[Any], bool]
     return told
 
 
-def test_the_listener_comes_back_and_tells_why_it_was_away(
+async def test_the_listener_comes_back_and_tells_why_it_was_away(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     queued, armed = (
@@ -107,74 +107,43 @@ def test_the_listener_comes_back_and_tells_why_it_was_away(
     )
     monkeypatch.setattr(module, "Client", daemons.client)
 
-    async def scenario() -> None:
-        told = News(Path("/there"), Idle())
-        ended = told._ended = Pauses()
-        page = told.page()
-        first = await until(page, lambda message: True)
-        assert (first[0]["here"], first[0]["why"], first[0]["visit"]) == (
-            False,
-            "not reached yet",
-            0,
-        )
-        told.start()
-        heard = await until(page, lambda message: message.get("job") == "b")
-        whys = [message["why"] for message in heard if message.get("here") is False]
-        assert whys == ["nobody answers", "it is full", "the daemon went away"]
-        assert [message["job"] for message in heard if message["what"] == "event"] == ["a", "b"]
-        assert told._visit == 2
-        await told.close()
-        assert not told._thread.is_alive() and daemons.closed.is_set()
-        with pytest.raises(StopAsyncIteration):
-            while True:
-                await asyncio.wait_for(anext(page), PATIENCE_S)
-        assert ended.pauses[:3] == [1.0] * 3
-
-    asyncio.run(scenario())
+    told = News(Path("/there"), Idle())
+    ended = told._ended = Pauses()
+    page = told.page()
+    first = await until(page, lambda message: True)
+    assert (first[0]["here"], first[0]["why"], first[0]["visit"]) == (
+        False,
+        "not reached yet",
+        0,
+    )
+    told.start()
+    heard = await until(page, lambda message: message.get("job") == "b")
+    whys = [message["why"] for message in heard if message.get("here") is False]
+    assert whys == ["nobody answers", "it is full", "the daemon went away"]
+    assert [message["job"] for message in heard if message["what"] == "event"] == ["a", "b"]
+    assert told._visit == 2
+    await told.close()
+    assert not told._thread.is_alive() and daemons.closed.is_set()
+    with pytest.raises(StopAsyncIteration):
+        while True:
+            await asyncio.wait_for(anext(page), PATIENCE_S)
+    assert ended.pauses[:3] == [1.0] * 3
     assert daemons.made == [(Path("/there"), 5.0)] * 4 and daemons.left == 2
     assert daemons.calls == [("events.subscribe", {"jobs": "all"}), ("events", "all")] * 2
 
 
-def test_who_reaches_the_daemon_after_the_end_asks_it_for_nothing(
+async def test_who_reaches_the_daemon_after_the_end_asks_it_for_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     daemons = Daemons([events.JobQueued(job="a", ahead=0)])
 
-    async def scenario() -> None:
-        told = News(Path("/there"), Idle())
+    told = News(Path("/there"), Idle())
 
-        def client(socket: Path, timeout_s: float) -> Any:
-            told._ended.set()  # while the daemon greeted
-            return daemons.client(socket, timeout_s)
+    def client(socket: Path, timeout_s: float) -> Any:
+        told._ended.set()  # while the daemon greeted
+        return daemons.client(socket, timeout_s)
 
-        monkeypatch.setattr(module, "Client", client)
-        told._listen()
-        assert daemons.calls == [] and daemons.left == 1 and told._client is None
-        await told.close()
-
-    asyncio.run(scenario())
-
-
-def test_a_fault_of_ours_is_not_taken_for_a_daemon_that_is_away(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    async def scenario() -> None:
-        told = News(Path("/there"), Idle())
-        for error in (ZeroDivisionError("ours"), TypeError("ours, too")):
-            monkeypatch.setattr(module, "Client", Daemons(error).client)
-            with pytest.raises(type(error)):
-                told._listen()
-        await told.close()
-
-    asyncio.run(scenario())
-
-
-def test_what_is_heard_after_the_end_of_the_loop_is_nobodys() -> None:
-    async def scenario() -> News:
-        told = News(Path("/there"), Idle())
-        await told.close()
-        return told
-
-    told = asyncio.run(scenario())
-    told._in_loop(told._gone, "too late")
-    assert told._state()["why"] == "not reached yet"
+    monkeypatch.setattr(module, "Client", client)
+    told._listen()
+    assert daemons.calls == [] and daemons.left == 1 and told._client is None
+    await told.close()

@@ -60,22 +60,20 @@ def test_a_signal_ends_it_after_the_address_was_told(
     assert sock.fileno() == -1
 
 
-def test_when_it_ends_nobody_is_left_connected(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        sock = bind_loopback("127.0.0.1", 0)
-        host, port = sock.getsockname()
-        async with serve_page(sock, tmp_path / "none", tmp_path) as door:
-            assert door.host == f"{host}:{port}"
-            reader, writer = await asyncio.open_connection(host, port)
-            writer.write(b"GET / HT")
-            await writer.drain()
-            await asyncio.sleep(0)
-        try:
-            assert await asyncio.wait_for(reader.read(), 60.0) == b""
-        except ConnectionError:
-            pass  # which is an end as well
-        writer.close()
-        with pytest.raises(ConnectionError):
-            await asyncio.open_connection(host, port)
+async def test_when_it_ends_nobody_is_left_connected(tmp_path: Path) -> None:
 
-    asyncio.run(scenario())
+    sock = bind_loopback("127.0.0.1", 0)
+    host, port = sock.getsockname()
+    async with serve_page(sock, tmp_path / "none", tmp_path) as door:
+        assert door.host == f"{host}:{port}"
+        reader, writer = await asyncio.open_connection(host, port)
+        writer.write(b"GET / HT")
+        await writer.drain()
+        await asyncio.sleep(0)
+    try:
+        assert await asyncio.wait_for(reader.read(), 60.0) == b""
+    except ConnectionError:
+        pass  # which is an end as well
+    writer.close()
+    with pytest.raises(ConnectionError):
+        await asyncio.open_connection(host, port)
