@@ -14,10 +14,8 @@ from pdcd.bench.tables import (
     CameraConfig,
     Config,
     DisplayConfig,
-    LimitsConfig,
     PanelConfig,
     RigConfig,
-    RoleConfig,
     SceneConfig,
     ScheduleConfig,
     ServerConfig,
@@ -61,12 +59,6 @@ def test_either_panel_may_be_out_of_phase_by_a_refresh() -> None:
             assert found == ([] if sound else [(f"{name}.phase_s", f"{name}.refresh_hz")])
 
 
-def test_white_over_black_exceeds_one() -> None:
-    assert keys(Config(mask=mask(contrast=1.001))) == []
-    for contrast in (1.0, 0.5):
-        assert keys(Config(mask=mask(contrast=contrast))) == [("mask.contrast",)]
-
-
 @pytest.mark.parametrize(
     ("scan_s", "skew_s", "sound"),
     [(0.05, 0.0, True), (-0.05, 0.0, True), (0.03, 0.02, True), (0.03, -0.021, False),
@@ -92,35 +84,12 @@ def test_a_sensor_of_two_buckets_is_its_own_mask(told: dict[str, float]) -> None
     assert keys(Config(mask=mask(**told))) == []
 
 
-def test_settling_twice_leaves_time_for_light() -> None:
-    for settle_s, sound in ((0.499, True), (0.5, False), (0.6, False)):
-        config = Config(rig=RigConfig(settle_s=settle_s), limits=LimitsConfig(max_exposure_s=1.0))
-        expected = [] if sound else [("rig.settle_s", "limits.max_exposure_s")]
-        assert keys(config) == expected
-
-
-def test_an_iso_is_one_at_least() -> None:
-    assert keys(Config(camera=CameraConfig(iso=1))) == []
-    assert keys(Config(camera=CameraConfig(iso=0))) == [("camera.iso",)]
-
-
 def test_the_last_path_of_a_socket_has_107_bytes() -> None:
     for length, sound in ((107, True), (108, False)):
         config = Config(server=ServerConfig(socket="/" + "x" * (length - 1)))
         assert keys(config) == ([] if sound else [("server.socket",)])
     wide = Config(server=ServerConfig(socket="/" + "\u00e9" * 54))  # two bytes each
     assert keys(wide) == [("server.socket",)]
-
-
-def test_nobody_has_a_negative_number() -> None:
-    assert keys(Config(server=ServerConfig(allow_uids=(0,)))) == []
-    assert keys(Config(server=ServerConfig(allow_uids=(5, -1)))) == [("server.allow_uids",)]
-    for name in ("look", "shoot", "administer"):
-        sound = RoleConfig(uids=(0, 7), groups=(0, "x"))
-        assert keys(Config(server=msgspec.structs.replace(ServerConfig(), **{name: sound}))) == []
-        wrong = RoleConfig(uids=(7, -1), groups=("x", -1))
-        found = keys(Config(server=msgspec.structs.replace(ServerConfig(), **{name: wrong})))
-        assert found == [(f"server.{name}.uids",), (f"server.{name}.groups",)]
 
 
 def starts(at: int, moved: float) -> tuple[float, ...]:

@@ -12,9 +12,9 @@ import pytest
 
 from pdcd.bench import click
 from pdcd.bench.click import examine_shutter
-from pdcd.bench.devices import CameraInfo, Finding, fault
+from pdcd.bench.devices import CameraInfo, Finding
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
-from pdcd.errors import ConfigError, DeviceLost, PdcdError
+from pdcd.errors import ConfigError, DeviceLost
 
 
 class Bench:
@@ -192,10 +192,3 @@ def test_a_driver_that_cannot_be_had_is_the_only_finding(monkeypatch: pytest.Mon
     monkeypatch.setattr(click, "load_driver", none)
     (only,) = examine_shutter(Config(rig=RigConfig(clock="real")), click=True)
     assert only == Finding("trigger", "fault", "no such driver", "another")
-
-
-def test_an_error_of_another_device_is_said_to_be_of_that() -> None:
-    err: PdcdError = DeviceLost("gone", device="camera", hint="look")
-    assert fault("x", err, "shutter") == Finding("x", "fault", "camera: gone", "look")
-    assert fault("x", err, "camera") == Finding("x", "fault", "gone", "look")
-    assert fault("x", ConfigError("no")).found == "no"

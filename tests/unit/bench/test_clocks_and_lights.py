@@ -10,15 +10,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench import grey
 from pdcd.bench.clock import RealClock, VirtualClock
-from pdcd.bench.grey import curve_of, curves_of, find_curve_fault, read_lut, with_lut
+from pdcd.bench.grey import curve_of, curves_of, read_lut, with_lut
 from pdcd.bench.reading import (
     ConfigFault,
     check_integers,
     find_number_faults,
     format_toml,
-    make_faults_error,
     merge_table,
     parse_toml,
     read_toml,
@@ -68,14 +66,6 @@ def test_levels_give_light_by_a_power_or_by_a_table(tmp_path: Path) -> None:
     assert projector is None and mask is not None
 
 
-def test_faults_of_a_table_are_told_by_its_key() -> None:
-    assert find_curve_fault("mask", None) is None and find_curve_fault("mask", "file") is None
-    assert find_curve_fault("mask", (0.0, 1.0)) is None
-    fault = find_curve_fault("mask", (0.0, 0.5))
-    assert fault is not None and fault.keys == ("mask.lut",)
-    assert fault.message.startswith("mask.lut: ")
-
-
 def test_lights_of_a_file_are_parted_by_space_or_commas(tmp_path: Path) -> None:
     path = tmp_path / "lights"
     path.write_text("# levels\n0, 0.25\t0.5 # half\n\n1.0")
@@ -84,18 +74,6 @@ def test_lights_of_a_file_are_parted_by_space_or_commas(tmp_path: Path) -> None:
     assert len(read_lut(path)) == 256
     path.write_text(" ".join(["0.5"] * 257))
     with pytest.raises(ConfigError, match="holds more than 256 lights"):
-        read_lut(path)
-
-
-def test_a_file_of_lights_has_a_largest_size(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "lights"
-    path.write_text("0 1 ")
-    monkeypatch.setattr(grey, "MAX_LUT_BYTES", 4)
-    assert read_lut(path) == (0.0, 1.0)
-    monkeypatch.setattr(grey, "MAX_LUT_BYTES", 3)
-    with pytest.raises(ConfigError, match="holds more than"):
         read_lut(path)
 
 
@@ -149,11 +127,6 @@ def test_numbers_that_no_message_can_hold_are_named() -> None:
     assert list(find_number_faults({"a": 1 - 2**53}, "top")) == []
     (fault,) = find_number_faults({"a": 2**60}, "top")
     assert fault == ConfigFault(("top.a",), f"top.a: must be below 2**53 in size, not {2**60}")
-
-
-def test_faults_are_counted_and_listed() -> None:
-    assert make_faults_error("f", ["a"]).message == "1 fault in f:\n  a"
-    assert make_faults_error(None, ["a", "b"]).message == "2 faults in the mock bench:\n  a\n  b"
 
 
 def test_what_is_no_toml_is_refused_by_name(tmp_path: Path) -> None:

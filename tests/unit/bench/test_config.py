@@ -145,10 +145,6 @@ def test_emitter_writes_the_awkward_values() -> None:
     }
 
 
-def test_shown_default_is_the_mock_bench(tmp_path: Path) -> None:
-    assert config.load_config(write(tmp_path, config.format_config(Config()))) == Config()
-
-
 # --- files that come with pdcd ------------------------------------------------------------------
 
 
@@ -193,14 +189,6 @@ def test_bench_toml_is_sound() -> None:
 # --- what is filled in --------------------------------------------------------------------------
 
 
-def test_key_left_out_takes_the_mock_bench_value(tmp_path: Path) -> None:
-    rig = config.load_config(write(tmp_path, "[mask]\nrise_s = 1\n[camera]\niso = 200"))
-    assert rig.mask == tables.PanelConfig(size_px=(1600, 1200), rise_s=1.0)
-    assert isinstance(rig.mask.rise_s, float)
-    assert rig.camera == tables.CameraConfig(iso=200)
-    assert rig.projector == Config().projector
-
-
 def test_paths_are_meant_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     home, here = tmp_path / "rigs", tmp_path / "here"
     path = write(
@@ -220,12 +208,6 @@ def test_paths_are_meant_from_the_file(tmp_path: Path, monkeypatch: pytest.Monke
 
     (home / "a.npz").unlink()
     assert config.load_config(path).scene.path == str(here / "a.npz")
-
-
-def test_profile_name_is_not_a_path(tmp_path: Path) -> None:
-    assert (
-        config.load_config(write(tmp_path, "[camera]\nprofile = '450d'")).camera.profile == "450d"
-    )
 
 
 def test_search_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

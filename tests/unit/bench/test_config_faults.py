@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.bench import checks, config, tables
+from pdcd.bench import checks, config
 from pdcd.bench.reading import format_toml
 from pdcd.bench.tables import Config
 from pdcd.cli.main import main
@@ -41,66 +40,39 @@ def fault_lines(path: Path) -> list[str]:
     return [line.strip() for line in lines]
 
 
-X11 = "\n[display]\ndriver = 'x11'"
-
-
 @pytest.mark.parametrize(
     ("text", "starts", "says"),
     [
         ("foo = 1", "foo: ", "no such key"),
         ("[camrea]", "camrea: ", "is camera meant"),
         ("rig = 3", "rig: ", "must be a table"),
-        ("[display]\nfaults = 3", "display.faults: ", "must be a table"),
-        ("[camera]\nnoize = 'full'", "camera.noize: ", "is noise meant"),
         ("[display.faults]\nlat = {}", "display.faults.lat: ", "is late meant"),
         ("[camera]\nfetch_timeout_s = '3'", "camera.fetch_timeout_s: ", "expected float, got str"),
-        ("[schedule]\nguards = 1", "schedule.guards: ", "expected bool"),
         ("[schedule]\ncodes = 0", "schedule.codes: ", ">= 1"),
         ("[schedule]\ncodes = 8.5", "schedule.codes: ", "expected int"),
         ("[schedule]\nfamily = 'x'", "schedule.family: ", "bernoulli, rademacher, balanced"),
         ("[camera]\nf_number = 'f8'", "camera.f_number: ", "auto, a number"),
-        ("[camera]\nf_number = -8", "camera.f_number: ", "> 0"),
-        ("[projector]\nsize_px = [1024]", "projector.size_px: ", "length 2"),
         ("[projector]\nsize_px = [1024, 0]", "projector.size_px[1]: ", ">= 1"),
         ("[display.faults]\nlate = {4 = 'x'}", "display.faults.late: ", "expected int"),
-        ("[display.faults]\nlate = {4 = 0}", "display.faults.late: ", ">= 1"),
-        ("[display.faults]\nlate = {x4 = 1}", "display.faults.late: ", "counted 0, 1, 2"),
-        ("[display.faults]\nlate = {-4 = 1}", "display.faults.late: ", "counted 0, 1, 2"),
-        ("[display.faults]\nlate = {'²' = 1}", "display.faults.late: ", "counted"),
-        ("[display.faults]\ndropped = [-1]", "display.faults.dropped: ", "counted 0, 1, 2"),
-        ("[display.faults]\nstale_mask = [-1]", "display.faults.stale_mask: ", "counted"),
-        ("[display.faults]\nstale_projector = [-1]", "display.faults.stale_projector: ", "counted"),
-        ("[trigger]\nlag_s = inf", "trigger.lag_s: ", "finite"),
-        ("[mask]\nskew_s = nan", "mask.skew_s: ", "finite"),
+        ("[display.faults]\nlate = {'\u00b2' = 1}", "display.faults.late: ", "counted"),
+        *[(f"[display.faults]\n{name} = [-1]", f"display.faults.{name}: ", "counted 0, 1, 2")
+          for name in ("dropped", "stale_mask", "stale_projector")],
         ("[mask]\noffset_px = [0, -inf]", "mask.offset_px[1]: ", "finite"),
         ("[scene.options]\na = [{b = nan}]", "scene.options.a[0].b: ", "finite"),
         ("[camera]\nseed = 9007199254740992", "camera.seed: ", "2**53"),
-        ("[projector]\nrefresh_hz = 75" + X11, "mask.refresh_hz: ", "one rate"),
-        ("[mask]\nrefresh_hz = 59.94" + X11, "mask.refresh_hz: ", "one rate"),
-        ("[mask]\nphase_s = 0.017", "mask.phase_s: ", "more than one refresh"),
+        ("[projector]\nrefresh_hz = 75\n[display]\ndriver = 'x11'", "mask.refresh_hz: ",
+         "one rate"),
         ("[mask]\ncontrast = 1.0", "mask.contrast: ", "exceeds 1"),
-        (
-            '[rig]\narrangement = "off-axis"\nplane = [1, 0, 0, 2, 0, 0, 0, 0, 1]',
-            "rig.plane: ",
-            "no inverse",
-        ),
         ("[rig]\nplane = [1, 0, 0, 0, 1, 0, 0, 0, 1]", "rig.plane: ", "off-axis"),
         ("[projector]\noffset_px = [1, 0]", "projector.offset_px: ", "mask.offset_px"),
-        ("[scene]\nkind = 'matrix'", "scene.path: ", "needed"),
+        ("[scene]\nkind = 'matrix'\npath = 3", "scene.path: ", "expected str | null, got int"),
         ("[scene]\npath = 'rig.toml'", "scene.path: ", "belongs to"),
-        ("[scene]\nkind = 'matrix'\npath = 'gone.npz'", "scene.path: ", "no file"),
         ("[scene]\ngrid = [48, 2000]", "scene.grid: ", "on the projector"),
-        ("[scene]\ngrid = [1000, 64]\n[projector]\nsize_px = [4000, 4000]\n[mask]\nsize_px = "
-         "[4000, 999]", "scene.grid: ", "on the mask"),
-        ("[scene]\ngrid = [200, 200]\n[schedule]\nwindow = 'quarter'", "scene.grid: ", "quarter"),
-        ("[rig]\nmisregistration_px = 4.1\n[schedule]\nwindow = 'quarter'", "schedule.window: ",
-         "offset"),
         ("[camera]\niso = 0", "camera.iso: ", "at least 1"),
         ("[rig]\nsettle_s = 300", "rig.settle_s: ", "max_exposure_s"),
-        (f"[server]\nsocket = '/{'x' * 107}'", "server.socket: ", "107 bytes"),
         ("[server]\nallow_uids = [-1]", "server.allow_uids: ", "not negative"),
-        ("[server.look]\nuids = [7, -1]", "server.look.uids: ", "not negative"),
-        ("[server.administer]\ngroups = ['x', -1]", "server.administer.groups: ", "not negative"),
+        *[(f"[server.{role}]\n{who} = [7, -1]", f"server.{role}.{who}: ", "not negative")
+          for role in ("look", "shoot", "administer") for who in ("uids", "groups")],
         ("[server.shoot]\ngroups = [1.5]", "server.shoot.groups", "int"),
         ("[server.shout]\nuids = []", "server.shout", ""),
         ("[limits]\nidle_s = 0", "limits.idle_s", ""),
@@ -171,27 +143,6 @@ def test_any_table_is_either_sound_or_a_configuration_error(
         assert err.message.startswith(("1 fault in", f"{err.message.count(chr(10))} faults in"))
     else:
         assert checks.check_config(loaded) == []
-
-
-def test_no_fault_is_inferred_from_a_key_that_could_not_be_read(tmp_path: Path) -> None:
-    lines = fault_lines(write(tmp_path, "[scene]\nkind = 'matrix'\npath = 3"))
-    assert lines == ["scene.path: expected str | null, got int"]
-
-
-def test_limits_themselves_are_sound() -> None:
-    mask = tables.PanelConfig(size_px=(1024, 768), refresh_hz=60.02, phase_s=1 / 60.02)
-    rig = Config(
-        mask=mask,
-        rig=tables.RigConfig(misregistration_px=4.0),
-        schedule=tables.ScheduleConfig(window="quarter"),
-        server=tables.ServerConfig(socket="/" + "x" * 106),
-    )
-    assert checks.check_config(rig) == []
-
-
-def test_check_finds_what_python_callers_got_wrong() -> None:
-    rig = Config(rig=tables.RigConfig(settle_s=math.nan))
-    assert checks.check_config(rig) == ["rig.settle_s: must be a finite number, not nan"]
 
 
 @pytest.mark.parametrize(

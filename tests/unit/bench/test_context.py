@@ -30,12 +30,6 @@ def test_two_drivers_of_a_rig_get_one_camera() -> None:
     assert rig.the(OtherCamera, OtherCamera) is not camera
 
 
-def test_two_rigs_share_nothing() -> None:
-    one, other = context(), context()
-    assert one.the(Camera, Camera) is not other.the(Camera, Camera)
-    assert one.shared is not other.shared
-
-
 def test_what_could_not_be_made_is_tried_again() -> None:
     def fail() -> Camera:
         raise ConfigError("no such camera")

@@ -21,7 +21,6 @@ from pdcd.bench.measured import (
     check_same_bench,
     choose_calibration_folder,
     compute_age_days,
-    select_measured_values,
     with_measured_values,
     with_values,
 )
@@ -31,12 +30,14 @@ from pdcd.bench.tables import (
     Config,
     PanelConfig,
     RigConfig,
+    ScheduleConfig,
     ServerConfig,
 )
 from pdcd.bench.truth import restore_typed_values
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing
+from pdcd.words import GuardsName
 from tests.unit.bench._calibrations import entry, of_rig, record, written
 
 
@@ -61,12 +62,6 @@ def test_the_newest_whole_calibration_of_this_rig_is_taken(tmp_path: Path) -> No
     assert find_newest_calibration(tmp_path, Config(rig=RigConfig(name="a third"))) is None
 
 
-def test_where_there_is_no_folder_there_is_no_calibration(tmp_path: Path) -> None:
-    assert find_newest_calibration(tmp_path / "none", Config()) is None
-    (tmp_path / "file").write_text("")
-    assert find_newest_calibration(tmp_path / "file", Config()) is None
-
-
 def test_a_calibration_is_chosen_by_word_or_by_path(tmp_path: Path) -> None:
     state = ServerConfig(state_dir=str(tmp_path))
     one = written(tmp_path / "calibrations" / "a", record())
@@ -89,18 +84,6 @@ def test_what_was_taken_is_named_so_that_taking_it_again_changes_nothing(tmp_pat
     assert apply_calibration(found) == found and restore_typed_values(found).mask == asked.mask
     with pytest.raises(ConfigError, match="not the one with the digest"):
         apply_calibration(config(use=str(folder), sha256="0" * 64))
-
-
-def test_measured_times_of_both_panels_shorten_the_guards(tmp_path: Path) -> None:
-    times = {name: entry(0.001) for name in measured.TIME_KEYS}
-    folder = written(tmp_path / "cal", record(measured=times))
-    assert apply_calibration(config(use=str(folder))).schedule.guards == "auto"
-    # They were measured, also where what was typed is kept.
-    keep = config(use=str(folder), keep=("mask.skew_s",))
-    assert apply_calibration(keep).schedule.guards == "auto"
-    assert measured.TIME_KEYS == (
-        "mask.skew_s", "projector.rise_s", "projector.fall_s", "mask.rise_s", "mask.fall_s",
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -132,14 +115,6 @@ def test_the_same_bench_is_none_other(tmp_path: Path) -> None:
     folder = written(tmp_path / "cal", record(belief={"camera": {"driver": "ptp"}}))
     with pytest.raises(ConfigError, match="another bench"):
         apply_calibration(config(use=str(folder)))
-
-
-def test_keys_that_are_kept_as_typed_are_left_out() -> None:
-    told = record(measured={"mask.skew_s": entry(1.0), "mask.rise_s": entry(2.0)})
-    assert select_measured_values(told, CalibrationConfig(keep=("mask.skew_s",))).keys() == {
-        "mask.rise_s"
-    }
-    assert select_measured_values(told, CalibrationConfig()) == told.measured
 
 
 def test_values_replace_those_of_their_keys_and_no_others() -> None:
@@ -215,3 +190,20 @@ def test_the_age_of_a_calibration_counts_from_its_end() -> None:
     assert compute_age_days(record(), now) == 2.5
     assert math.isnan(compute_age_days(record(finished_utc="some day"), now))
     assert compute_age_days(record()) > 0.0
+
+
+def test_measured_times_make_the_schedule_go_by_the_lag() -> None:
+    assert measured.with_guards(Config(), measured.TIME_KEYS).schedule.guards == "auto"
+    assert measured.with_guards(Config(), measured.TIME_KEYS[1:]).schedule.guards is True
+    assert measured.with_guards(Config(), ()) == Config()
+
+
+@pytest.mark.parametrize("guards", [False, "full", "both", "auto"])
+def test_what_was_typed_otherwise_stays(guards: bool | GuardsName) -> None:
+    typed = Config(schedule=ScheduleConfig(guards=guards))
+    assert measured.with_guards(typed, measured.TIME_KEYS) == typed
+
+
+def test_guards_may_be_kept() -> None:
+    config = Config(calibration=CalibrationConfig(keep=("schedule.guards",)))
+    assert measured.with_guards(config, measured.TIME_KEYS) == config

@@ -87,14 +87,12 @@ def test_a_file_may_be_named_in_python(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "starts", "says"),
     [
-        ("[mask.place]\nmap = 'none.npz'", "mask.place.map: ", "No such file"),
         ("[mask.place]\nmap = 'text.npz'", "mask.place.map: ", "damaged"),
         ("[projector.place]\nmap = 'maps.npz'", "projector.place.map: ", "but of mask"),
         ("[mask.place]\nmap = 'maps.npz'\nturn_deg = 3", "mask.place: ", "so does turn_deg"),
         ("[mask]\nsize_px = [800, 600]\nplace.map = 'maps.npz'", "mask.place: ", "1600 x 1200"),
         ("[mask.place]\nradial = [-0.9, 0.0]", "mask.place: ", "folds"),
         ("[mask.place]\nhomography = [1, 2, 0, 2, 4, 0, 0, 0, 1]", "mask.place: ", "singular"),
-        ("[mask.place]\nhomography = [0, 0, 0, 0, 0, 0, 0, 0, 0]", "mask.place: ", "singular"),
         (
             "[mask.place]\nflip = 'vertical'\nhomography = [1, 0, 0, 0, 1, 0, 0, 0, 1]",
             "mask.place: ",
@@ -108,7 +106,6 @@ def test_a_file_may_be_named_in_python(tmp_path: Path) -> None:
         ("[mask.place]\noffset_px = [2000.0, 0.0]", "mask.place: ", "beside the field"),
         ("[projector.place]\nscale = 0.25", "projector.place: ", "6.2% of the field only; 25%"),
         ("[camera.place]\noffset_px = [0.0, 900.0]", "camera.place: ", "beside the field"),
-        ("[camera.place]\nhomography = [0, 0, 0, 0, 0, 0, 0, 0, 0]", "camera.place: ", "singular"),
         ("[mask.place.map]\nsize_px = [4, 4]", "mask.place.map: ", "homography"),
     ],
 )

@@ -9,7 +9,6 @@ import pytest
 
 from pdcd.bench.tables import (
     DEFAULT_GRID,
-    CameraConfig,
     Config,
     DisplayConfig,
     PanelConfig,
@@ -93,33 +92,6 @@ def test_a_key_of_the_truth_has_its_bounds(path: str, last: object, beyond: obje
         msgspec.convert({name: {key: beyond}}, BenchTruth)
 
 
-def test_a_truth_that_says_nothing_changes_nothing_of_the_sensor() -> None:
-    sensor, camera, scene, panel = (
-        BenchTruth().sensor,
-        BenchTruth().camera,
-        BenchTruth().scene,
-        BenchTruth().mask,
-    )
-    assert (sensor.gain, sensor.read_noise, sensor.dark, sensor.full_well) == (1.0, 1.0, 1.0, 1.0)
-    assert (sensor.prnu, camera.falloff, panel.falloff, scene.blur_taps) == (0.0, 0.0, 0.0, 5)
-
-
-@pytest.mark.parametrize("whole", [Config(), BenchTruth()])
-def test_tables_cannot_be_changed_and_know_their_keys(
-    whole: msgspec.Struct,
-) -> None:
-    for name in whole.__struct_fields__:
-        part = getattr(whole, name)
-        first = part.__struct_fields__[0]
-        with pytest.raises(AttributeError):
-            setattr(part, first, getattr(part, first))
-        given = {k: v for k, v in msgspec.to_builtins(part).items() if k != "place"}
-        with pytest.raises(msgspec.ValidationError, match="unknown field"):
-            msgspec.convert({**given, "no_such_key": 1}, type(part))
-    with pytest.raises(AttributeError):
-        setattr(whole, whole.__struct_fields__[0], None)
-
-
 def test_bit_planes_of_a_refresh_are_even_unless_measured() -> None:
     one = DisplayConfig()
     assert (one.starts, one.plane_shares) == ((0.0,), (1.0,))
@@ -143,13 +115,6 @@ def test_rows_are_counted_by_the_slower_panel_and_its_planes() -> None:
     assert Config(projector=slow, mask=fast, display=planes).row_hz == 1200.0
     assert Config(display=planes).mask_delay_rows == -48
     assert Config(display=DisplayConfig(mask_delay_refreshes=3)).mask_delay_rows == 3
-
-
-def test_cells_are_typed_or_left_open() -> None:
-    assert ScheduleConfig(grid=(2, 3)).cells == (2, 3)
-    assert ScheduleConfig(grid="auto").cells is None and ScheduleConfig().cells is None
-    assert DEFAULT_GRID == (48, 64)
-    assert CameraConfig().frame_quads is None and SceneConfig().grid is None
 
 
 def test_code_cells_are_those_of_the_schedule_then_of_the_scene_then_the_usual() -> None:

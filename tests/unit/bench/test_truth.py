@@ -5,15 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import msgspec
-import pytest
 
 from pdcd.bench import config
-from pdcd.bench.checks import check_config
 from pdcd.bench.placed import panels_of
 from pdcd.bench.reading import read_toml
 from pdcd.bench.tables import BenchConfig, Config
 from pdcd.bench.truth import BenchTruth, load_bench_truth, read_bench_truth
-from pdcd.errors import ConfigError
 
 EXAMPLE = Path(__file__).parents[3] / "config" / "truth.toml"
 
@@ -103,28 +100,6 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
     assert len(faults) == len(words)
 
 
-@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
-def test_numbers_that_are_none_are_refused(tmp_path: Path, number: str) -> None:
-    (fault,) = told(tmp_path, f"[mask]\nskew_s = {number}\n")
-    assert fault.startswith("mask.skew_s: must be a finite number")
-
-
-def test_the_configuration_tells_the_faults_of_its_truth(tmp_path: Path) -> None:
-    (tmp_path / "truth.toml").write_text("[mask]\nrise_s = -1.0\nfoo = 1\n")
-    rig = tmp_path / "rig.toml"
-    rig.write_text('[bench]\ntruth = "truth.toml"\n[camera]\niso = "x"\n')
-    with pytest.raises(ConfigError) as caught:
-        config.load_config(rig)
-    assert "3 faults" in caught.value.message
-    assert "mask.foo: no such key" in caught.value.message
-    rig.write_text('[bench]\ntruth = "nowhere.toml"\n')
-    with pytest.raises(ConfigError, match=r"bench\.truth: cannot read"):
-        config.load_config(rig)
-    (tmp_path / "nowhere.toml").write_text("[mask\n")
-    with pytest.raises(ConfigError, match="is not TOML"):
-        config.load_config(rig)
-
-
 def test_rows_and_blur_are_as_believed_where_nothing_is_said(tmp_path: Path) -> None:
     """They are words of the configuration, too; the truth has its own for what it changes."""
     replace = msgspec.structs.replace
@@ -144,19 +119,3 @@ def test_rows_and_blur_are_as_believed_where_nothing_is_said(tmp_path: Path) -> 
     assert believed == base
     assert (said.mask.scan_s, said.mask.scan_bands, said.mask.blur_px) == (0.0, 5, 1.5)
     assert (said.projector.scan_s, said.projector.scan_bands) == (-0.004, 3)
-
-
-@pytest.mark.parametrize(
-    ("table", "key", "told_"),
-    [
-        ("projector", "blur_px", "projector.blur_px: what is blurred is the light on the mask"),
-        ("mask", "scan_s", "mask.scan_s: rows that are set 0.6 s apart"),
-    ],
-)
-def test_rows_and_blur_that_cannot_be(table: str, key: str, told_: str) -> None:
-    replace = msgspec.structs.replace
-    base = Config()
-    panel = replace(getattr(base, table), **{key: 0.6})
-    found = check_config(replace(base, **{table: panel}))
-    assert [fault for fault in found if fault.startswith(told_)]
-    assert not check_config(base)
