@@ -77,18 +77,3 @@ def test_columns_of_whole_tables(tmp_path: Path) -> None:
     table.write_text("shot,refresh,code\r\na,0\r\n")
     with pytest.raises(DecodeError):
         read_frame_columns(table, ("shot",))
-
-
-def test_no_fault_of_ours_is_taken_for_a_damaged_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / FRAMES_FILE).write_text("shot,refresh,code\r\n")
-
-    def full(*_: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr("pdcd.runs.frame_table.csv.reader", full)
-    with pytest.raises(MemoryError):
-        read_frame_columns(tmp_path / FRAMES_FILE)
-    with pytest.raises(MemoryError):
-        FrameTable(tmp_path).of(SHOT, (make_empty_patterns(), make_empty_patterns()), grid=(2, 3))

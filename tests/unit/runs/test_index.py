@@ -176,14 +176,6 @@ def test_nothing_is_waited_for_and_no_link_followed(
     assert all(run.reason for run in found)
 
 
-def test_texts_of_forged_runs_are_cut(tmp_path: Path) -> None:
-    long = "x" * 10_000
-    asked = {"name": long, "note": long, "goal": long, "tags": [long] * 100}
-    finished(tmp_path, job(1), request=asked, started_utc=long)
-    cut(tmp_path, job(2), {**FAILED, "message": long})
-    assert max(len(msgspec.json.encode(run)) for run in find_runs(tmp_path)) < 6500
-
-
 def test_folders_of_others_are_not_looked_into(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

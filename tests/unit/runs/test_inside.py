@@ -5,13 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import platform
-from datetime import UTC, datetime
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, PdcdError
@@ -27,8 +23,6 @@ from pdcd.files.inside import (
 )
 from pdcd.protocol import events
 from pdcd.runs import manifest, provenance
-from pdcd.runs.patterns import read_patterns, read_stored_arrays
-from pdcd.runs.verify import _what, _words
 
 
 @pytest.mark.parametrize(
@@ -124,23 +118,6 @@ def test_a_digest_is_of_what_follows_and_gives_signs_of_life(
     assert found == (hashlib.sha256(b"123456789").hexdigest(), 9) and len(signs) == 3
 
 
-@pytest.mark.parametrize(
-    ("err", "what", "words"),
-    [
-        (DecodeError("it is a FIFO"), "changed", "it is a FIFO"),
-        (OSError(40, "Too many levels"), "changed", "Too many levels"),
-        (NotADirectoryError(20, "Not a directory"), "changed", "Not a directory"),
-        (PermissionError(13, "Permission denied"), "unreadable", "Permission denied"),
-        (OSError("bare"), "unreadable", "bare"),
-        (ValueError("null byte"), "unreadable", "null byte"),
-    ],
-)
-def test_what_cannot_be_opened_was_changed_or_cannot_be_read(
-    err: Exception, what: str, words: str
-) -> None:
-    assert (_what(err), _words(err)) == (what, words)
-
-
 def test_a_manifest_that_could_not_be_read_again_is_not_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -192,51 +169,6 @@ def test_the_commit_is_that_of_the_checkout(
     assert provenance.find_git_commit() == "5678"
 
 
-def test_versions_and_time_are_those_of_this_process() -> None:
-    found = provenance.list_versions()
-    assert (found["python"], found["numpy"]) == (platform.python_version(), np.__version__)
-    found["numpy"] = "another"  # which changes nothing of what is told next
-    assert provenance.list_versions()["numpy"] == np.__version__
-    told = datetime.fromisoformat(provenance.format_utc_now())
-    assert told.tzinfo == UTC and abs((datetime.now(UTC) - told).total_seconds()) < 60.0
-
-
-def test_arrays_have_room_for_what_they_say(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    arrays = {"a": np.arange(8.0), "b": np.zeros((2, 3), np.uint8)}
-    np.savez(tmp_path / "codes.npz", **arrays)  # type: ignore[arg-type]
-    back = read_patterns(tmp_path)
-    assert all(np.array_equal(back[name], array) for name, array in arrays.items())
-    whole = sum(128 + array.nbytes for array in arrays.values())
-    monkeypatch.setattr("pdcd.runs.patterns.MAX_CODES_BYTES", whole)
-    assert len(read_stored_arrays(tmp_path / "codes.npz")) == 2
-    monkeypatch.setattr("pdcd.runs.patterns.MAX_CODES_BYTES", whole - 1)
-    with pytest.raises(DecodeError, match="would take more"):
-        read_stored_arrays(tmp_path / "codes.npz")
-
-
-def test_an_event_on_the_wire_comes_back_and_a_newer_one_is_kept() -> None:
-    event = events.Progress(
-        job="one", seq=3, shot="coded", frame=2, frames=9, missed=1, t_mono_ns=7
-    )
-    told = events.encode_event(event)
-    assert (told["type"], told["job"], told["seq"], told["t_mono_ns"]) == ("progress", "one", 3, 7)
-    assert events.decode_event(told | {"more": 1}) == event
-    assert events.pick_event_fields(event) == {
-        "shot": "coded",
-        "frame": 2,
-        "frames": 9,
-        "missed": 1,
-    }
-    newer = events.decode_event(
-        {"type": "sang", "job": "one", "seq": 4, "song": "la", "t_mono_ns": 1}
-    )
-    assert isinstance(newer, events.UnknownEvent) and newer.type == "sang"
-    assert newer.fields == {"song": "la"} and (newer.job, newer.seq) == ("one", 4)
-    assert events.encode_event(newer)["song"] == "la"
-
-
 def test_a_log_has_the_time_of_the_event_else_of_now() -> None:
     event = events.Progress(shot="a", frame=0, frames=1, missed=0, t_mono_ns=7)
     line = events.to_log_entry(event, 99)
@@ -247,18 +179,6 @@ def test_a_log_has_the_time_of_the_event_else_of_now() -> None:
         99,
         "one",
     )
-
-
-@pytest.mark.parametrize("state", ["done", "failed", "cancelled"])
-def test_the_last_event_of_a_job_says_how_it_ended(state: str) -> None:
-    result: Any = SimpleNamespace(
-        state=state, job="one", folder="/x", manifest_sha256="0" * 64, error={"kind": "sync"},
-        files={"a": "b"}, summary={"codes": 4}, warnings=("w",),
-    )  # fmt: skip
-    end = events.make_end_event(result)
-    assert (end.type, isinstance(end, events.ENDS)) == (state, True)
-    for name, value in vars(result).items():
-        assert name == "state" or getattr(end, name) == value
 
 
 def test_the_schema_of_before_schemas_were_counted_anew_is_refused_by_its_name() -> None:

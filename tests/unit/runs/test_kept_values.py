@@ -2,50 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
-from types import ModuleType
 from typing import Any
 
 import msgspec
 import pytest
 
-from pdcd.protocol import entry, events, views
-from pdcd.protocol.entry import MOST_RUNS, RunQuery
-from pdcd.runs import ledger, record
-from pdcd.runs.folder import is_made_later, name_row_file
-from pdcd.runs.record import FileRecord, Nanoseconds, RecordCount, RecordPositive, Sha256
+from pdcd.protocol import events
+from pdcd.runs.later import is_made_later, name_row_file
+from pdcd.runs.record import Nanoseconds, RecordCount, RecordPositive, Sha256
 from pdcd.runs.walk import is_job, parse_spot
-
-MODULES = (entry, events, ledger, record, views)
-
-
-def structs(module: ModuleType) -> list[type[msgspec.Struct]]:
-    """The structs that a module defines for others."""
-    return [
-        kind
-        for name, kind in vars(module).items()
-        if inspect.isclass(kind) and issubclass(kind, msgspec.Struct)
-        and kind.__module__ == module.__name__ and not name.startswith("_")
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
-def test_what_was_told_is_not_changed_any_more(module: ModuleType) -> None:
-    found = structs(module)
-    assert found and all(kind.__struct_config__.frozen for kind in found)
-
-
-@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
-def test_fields_are_given_by_their_names(module: ModuleType) -> None:
-    for kind in structs(module):
-        if kind is not FileRecord and kind.__struct_fields__:
-            with pytest.raises(TypeError, match=r"[Ee]xtra positional"):
-                kind(0)
-
-
-def test_a_query_with_a_word_too_many_is_none() -> None:
-    with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({"newest": 3, "oldest": 3}, RunQuery)
 
 
 @pytest.mark.parametrize(
@@ -67,23 +32,6 @@ def test_numbers_that_are_kept_have_bounds(
     for value in bad:
         with pytest.raises(msgspec.ValidationError):
             msgspec.convert(value, kind)
-
-
-def test_bounds_of_a_query() -> None:
-    assert MOST_RUNS == 1000
-    usual = RunQuery()
-    assert (usual.newest, usual.failed, usual.previews, usual.tags) == (50, False, False, ())
-    assert entry.Page(state_folder="/x", runs=[]).cut is False
-
-
-def test_what_a_run_says_of_itself_unless_it_is_told_otherwise() -> None:
-    fields = {"p": None}
-    defaults = dict(zip(
-        record.RunRecord.__struct_fields__[-len(record.RunRecord.__struct_defaults__):],
-        record.RunRecord.__struct_defaults__, strict=True,
-    )) | fields  # fmt: skip
-    assert defaults["blur_quads"] == 0.0
-    assert defaults["dark"] is None and defaults["leak"] == 0.0
 
 
 def test_files_that_are_made_later_have_these_names_only() -> None:

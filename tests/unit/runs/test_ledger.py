@@ -18,7 +18,6 @@ from pdcd.runs.ledger import (
     ConvergenceEntry,
     RunLedger,
     RunStart,
-    ShotEntry,
     WarningEntry,
     read_ledger,
     read_run_start,
@@ -68,18 +67,6 @@ def test_what_was_written_is_read_again(tmp_path: Path) -> None:
     assert [one.frames for one in kept.taken] == [record(piece) for piece in pieces]
     assert kept.warnings == ("it was dark", "it is late") and kept.enough
     assert kept.planned is None and kept.run is None
-
-
-def test_the_record_of_the_run_has_the_shots_that_were_taken() -> None:
-    class Run(msgspec.Struct):
-        shots: tuple[ShotRecord, ...] = ()
-        grid: int = 5
-
-    planned: Any = SimpleNamespace(run=Run())
-    taken = ShotEntry(shot=SHOT, frames=record(b""))
-    kept = module.LedgerContents(begun=BEGUN, planned=planned, taken=(taken, taken))
-    found: Any = kept.run
-    assert found.shots == (SHOT, SHOT) and found.grid == 5
 
 
 def lines(*entries: module.LedgerEntry) -> list[bytes]:

@@ -41,11 +41,6 @@ def test_letters_that_nobody_sees_are_refused_to_a_client(letter: str, tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("letter", [" ", "~", "\xa0", "é"])
-def test_any_other_letter_is_a_letter(letter: str, tmp_path: Path) -> None:
-    assert made(tmp_path, f"a{letter}c") == tmp_path / f"a{letter}c"
-
-
 @pytest.mark.parametrize("out", [JOB, f"a/{JOB}", f"{JOB}/a"])
 def test_nobody_takes_the_name_of_a_run_to_come(out: str, tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=f"'{JOB}' is a name for runs"):

@@ -66,13 +66,6 @@ def test_a_folder_is_unfinished_until_it_is_whole(place: HeldFolder, run: RunFol
     )
 
 
-def test_what_it_is_called_and_what_lies_in_it_may_be_said(place: HeldFolder) -> None:
-    with RunFolder(place, "job", unfinished="job.again", below=("a",)) as run:
-        run.create(min_free_bytes=0)
-        assert names(place) == ["job.again"]
-        assert [path.name for path in run.path.iterdir()] == ["a"]
-
-
 def test_others_see_that_somebody_is_at_work(place: HeldFolder, run: RunFolder) -> None:
     """From the moment that it has its name until it is closed."""
     descriptor = os.open(place.real / "job.partial", os.O_RDONLY)
@@ -195,11 +188,6 @@ def test_a_place_that_is_not_to_be_written_to_is_asked_first(
     with RunFolder(place, "job") as run, pytest.raises(PdcdError, match="out of its bounds"):
         run.create(min_free_bytes=0)
     assert names(place) == []
-
-
-def test_a_folder_that_was_removed_is_nowhere(place: HeldFolder, run: RunFolder) -> None:
-    shutil.rmtree(place.real / "job.partial")
-    assert run.where is None
 
 
 def test_events_are_lines_and_a_full_disk_says_where(

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.errors import RequestError
 from pdcd.protocol.entry import RunEntry
-from pdcd.runs.index import find_runs, pick_run, read_run_at
+from pdcd.runs.index import pick_run, read_run_at
 from tests.run_folders import HEAD, cut, finished, job
 
 
@@ -74,28 +74,6 @@ def test_of_a_run_that_was_cut_the_beginning_of_its_ledger_tells(tmp_path: Path)
     assert (bare.state, bare.goal, bare.codes) == ("failed", None, None)
 
 
-def test_a_log_of_one_line_or_of_none_says_no_more_than_it_says(tmp_path: Path) -> None:
-    place = cut(tmp_path, job(1))
-    for log, state in (
-        ('{"event": "failed"}\n', "failed"),
-        ('{"event": "failed"}', "unfinished"),  # not written to its end
-        ("[" * 100_000 + "\n", "unfinished"),
-        ("\n", "unfinished"),
-        ('{"event": "armed"}\n', "unfinished"),
-    ):
-        (place / "log.jsonl").write_text(log)
-        assert read_run_at(place).state == state
-    (place / "log.jsonl").unlink()
-    assert read_run_at(place).state == "unfinished"
-
-
-def test_a_removal_that_was_not_finished_is_told_of_whatever_it_began_with(tmp_path: Path) -> None:
-    endings = ".removed", ".partial.removed", "-partial.removed"
-    for number, ending in enumerate(endings, 1):
-        found = read_run_at(finished(tmp_path, job(number), ending))
-        assert (found.state, found.reason) == ("unfinished", "its removal was not finished")
-
-
 def entry(state: Any, name: str = "a") -> RunEntry:
     return RunEntry(job=name, state=state, folder=f"/{name}{state}")
 
@@ -116,24 +94,6 @@ def test_the_newest_three_of_many_runs_of_one_name_are_named() -> None:
         assert raised.value.hint == f"name one by its job: {hint}"
     with pytest.raises(RequestError, match="no run is called"):
         pick_run([], "vase")
-
-
-def test_as_many_runs_are_told_as_are_wanted_and_one_at_least(tmp_path: Path) -> None:
-    for second in (1, 2, 3):
-        finished(tmp_path, job(second))
-    for newest in (1, 2, 3, 5000, None):
-        assert len(find_runs(tmp_path, newest=newest)) == min(newest or 3, 3)
-
-
-def test_a_copy_under_another_name_is_known_by_its_manifest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Told:
-        job = job(1)
-
-    monkeypatch.setattr("pdcd.runs.index.read_manifest", lambda _: Told)
-    found = read_run_at(finished(tmp_path, job(1)).rename(tmp_path / "vase"))
-    assert (found.job, found.state, found.folder) == (job(1), "done", str(tmp_path / "vase"))
 
 
 def test_a_run_of_another_schema_is_told_as_that(tmp_path: Path) -> None:
