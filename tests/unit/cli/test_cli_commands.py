@@ -18,7 +18,6 @@ from pdcd.cli.main import main
 from pdcd.cli.request import option_of
 from pdcd.client import UnreachableError
 from pdcd.errors import DeviceLost
-from pdcd.pictures.decode import ComparedFile, RunComparison
 from pdcd.protocol.fields import list_request_fields
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -256,21 +255,6 @@ def test_config_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
             "  rig.name: expected str, got int",
             "  rig.nane: no such key; is name meant?",
         ]
-
-
-def test_decode_fails_when_a_picture_differs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = (ComparedFile("linear/white.tif", True), ComparedFile("linear/indirect.tif", False))
-    report = RunComparison(False, files)
-    monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda *_: report)
-    assert main(["decode", "x"]) == 5
-    assert capsys.readouterr().out.splitlines() == [
-        "identical  linear/white.tif",
-        "DIFFERS    linear/indirect.tif",
-    ]
-    assert main(["decode", "x", "--json"]) == 5
-    assert last_object(capsys.readouterr().out) == json.loads(msgspec.json.encode(report))
 
 
 def test_serve_hands_over_configuration_and_socket(

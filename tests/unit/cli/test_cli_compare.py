@@ -15,7 +15,6 @@ from tests.unit.cli.cli_stubs import (
     home_at,
     last_object,
     stub_daemon,
-    stub_engine,
 )
 
 
@@ -38,18 +37,6 @@ def test_all_methods_are_asked_for_over_the_socket(monkeypatch: pytest.MonkeyPat
     assert [r.pilot for r in asked] == [4, 0, 0]
     assert [r.black_level for r in asked] == ["mask", "none", "none"]
     assert {r.seed for r in asked} == {3}
-
-
-def test_table_has_a_line_for_each_method(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stub_engine(monkeypatch)
-    assert main(["compare", "direct", "--local"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split("  ")[0] == "method" and len(lines) == 4
-    assert [line.split()[0] for line in lines[1:]] == ["coded", "multi-image", "nayar"]
-    assert "1.234 %" in lines[1] and "8.2 s" in lines[1] and "0.5 s" in lines[1]
-    assert lines[1].split()[2] == "-"  # this summary does not say how many RAW files
 
 
 def test_json_has_an_object_for_each_method(

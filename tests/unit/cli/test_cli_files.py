@@ -176,17 +176,3 @@ def test_figures_say_which_of_their_numbers_did_not_hold(
     assert main(["figures", "--out", "page", "--no-plots"]) == 0
     *_, (figures, _, mode, workers, how) = outcome.asked
     assert (figures, mode, workers, how["plots"]) == ([], QUICK_MODE, None, False)
-
-
-def test_how_far_figures_are_is_said(
-    outcome: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(["figures", "--out", str(tmp_path)])
-    tell = outcome.asked[0][-1]["tell"]
-    capsys.readouterr()
-    for taken, left_s in ((0, None), (1, 119.4), (2, 120.0), (3, 329.0)):
-        tell(taken, 7, left_s)
-    assert capsys.readouterr().err.splitlines() == [
-        "0 of 7 captures", "1 of 7 captures, about 119 s left", "2 of 7 captures, about 2 min left",
-        "3 of 7 captures, about 5 min left",
-    ]  # fmt: skip

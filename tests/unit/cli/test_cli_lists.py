@@ -17,7 +17,6 @@ from pdcd.cli.main import main
 from pdcd.client import UnreachableError
 from pdcd.errors import DecodeError, RequestError
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
-from pdcd.protocol.result import Quality
 from pdcd.runs.prune import UnwantedRun
 from tests.unit.cli.cli_stubs import home_at
 
@@ -70,36 +69,6 @@ def listed(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[list[str], 
     return said.out.splitlines(), said.err.splitlines()
 
 
-ERROR = "error: against the known truth, or +- what the photo itself expects, as a share of RMS"
-
-
-def test_a_list_has_a_row_for_each_run_and_lines_for_what_was_said_of_it(
-    finder: type[Finder], capsys: pytest.CaptureFixture[str]
-) -> None:
-    runs = [
-        entry(3, goal=None, state="failed", reason="no light", taken="1 of 2 shots"),
-        entry(2, verdict="good", codes=8, exposure_s=12.3456, rms_error_quads=0.0125, name="Chart",
-              tags=("wax", "glass"), note="two  words\nhere", rms_sigma=0.5),
-        entry(1, rms_sigma=0.02, reason="cut after 1 of 2", taken="1 of 2"),
-    ]  # fmt: skip
-    finder.pages = [Page(state_folder="/srv", runs=runs, closed=("a", "b"), cut=True)]
-    out, err = listed(capsys)
-    assert out == [
-        "job                    came out    goal          codes  exposure  error",
-        "20260101T000000Z-beef  done        white                          +-2 %",
-        "    cut after 1 of 2",
-        "20260102T000000Z-beef  good        white         8      12.35 s   1.25 %",
-        "    Chart #wax #glass two words here",
-        "20260103T000000Z-beef  failed      ?",
-        "    no light, after 1 of 2 shots",
-    ]
-    assert err == [
-        "3 runs in /srv", ERROR, "not looked into: /srv/a", "not looked into: /srv/b",
-        "there are more names than are looked at: some runs may be missing from this list",
-    ]  # fmt: skip
-    assert finder.asked == [RunQuery(newest=50)]
-
-
 def test_the_newest_fifty_are_listed_and_pages_asked_for_until_then(
     finder: type[Finder], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,45 +107,6 @@ def test_folders_are_looked_into_where_no_daemon_answers(
 
 
 # --- one run --------------------------------------------------------------------------------------
-
-
-def test_all_that_is_known_of_a_run_is_shown(
-    finder: type[Finder],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setattr("pdcd.cli.output.find_terminal_width", lambda: 300)
-    run = entry(
-        1, state="partial", verdict="good", name="Chart", tags=("wax", "glass"), note="one\ntwo",
-        method="coded", codes=8, exposure_s=1.5, rms_sigma=0.02, rms_error_quads=0.01, mock=False,
-        user="ada", started_utc="2026-01-02T03:04:05Z", finished_utc="soon", taken="1 of 2",
-        reason="cut", folder=str(tmp_path),
-    )  # fmt: skip
-    (tmp_path / "report.html").touch()
-    files = {"a": SimpleNamespace(size_bytes=3 << 20), "b": SimpleNamespace(size_bytes=0)}
-    manifest = SimpleNamespace(
-        request={"goal": "white", "codes": 8}, files=files, warnings=("dust",), versions={},
-        summary={}, quality=Quality(verdict="doubtful", reasons=("dark",)),
-    )  # fmt: skip
-    monkeypatch.setattr(runs_cli, "read_manifest", lambda folder: manifest)
-    finder.pages = [Page(state_folder="/srv", runs=[run])] * 9
-    out, _ = listed(capsys, "show", run.job)
-    rows = [line.split(maxsplit=1) for line in out]
-    (started,) = [row for row in rows if row[0] == "started"]
-    # In the time of this machine, as people write it.
-    assert started[1].startswith(("2026-01-01 ", "2026-01-02 ")) and started[1].count(":") == 2
-    rows.remove(started)
-    assert rows == [
-        ["job", run.job], ["state", "partial"], ["verdict", "good"], ["name", "Chart"],
-        ["tags", "wax glass"], ["note", "one"], ["two"], ["goal", "white"],
-        ["asked", "for  codes 8"], ["method", "coded"], ["taken", "1 of 2"], ["codes", "8"],
-        ["exposure", "1.500 s"], ["RMS", "sigma  2 % of the picture"],
-        ["RMS", "error  1 % of quads, against the known truth"],
-        ["bench", "real"], ["user", "ada"], ["finished", "soon"],
-        ["why", "cut"], ["folder", str(tmp_path)], ["files", "2, 3.0 MiB"],
-        ["report", f"{tmp_path}/report.html"], ["doubtful:", "dark"], ["warning:", "dust"],
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("state", "read"), [("done", True), ("partial", True), ("failed", False),

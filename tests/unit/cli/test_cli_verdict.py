@@ -9,7 +9,6 @@ import pytest
 from pdcd.capture.job import TOLD, merge_warnings
 from pdcd.cli.main import main
 from pdcd.cli.output import WIDTH, say_result
-from pdcd.protocol import events
 from pdcd.protocol.result import CaptureResult, Quality
 from tests.unit.cli.cli_stubs import StubClient, home_at, stub_daemon
 
@@ -38,12 +37,6 @@ def test_verdict_reasons_remarks_and_warnings(capsys: pytest.CaptureFixture[str]
     assert not any(line.startswith("pdcd:") for line in lines)
 
 
-def test_a_failed_run_prints_its_warnings(capsys: pytest.CaptureFixture[str]) -> None:
-    failed = CaptureResult(job="j", state="failed", error={"kind": "sync"}, warnings=("so so",))
-    assert say_result(failed, as_json=False) != 0
-    assert "warning: so so" in capsys.readouterr().out.split("\n")
-
-
 @pytest.mark.parametrize("command", [["capture", "white"], ["wait", "j"]])
 def test_json_and_daemon(
     monkeypatch: pytest.MonkeyPatch,
@@ -60,13 +53,6 @@ def test_json_and_daemon(
     assert last["warnings"] == list(RESULT.warnings)
     assert main(command) == 0
     assert "verdict  doubtful" in capsys.readouterr().out
-
-
-def test_the_last_event_carries_both() -> None:
-    sent = events.encode_event(events.make_end_event(RESULT))
-    got = events.decode_event(json.loads(json.dumps(sent)))
-    assert isinstance(got, events.JobDone)
-    assert (got.summary["quality"], got.warnings) == (QUALITY, RESULT.warnings)
 
 
 def test_what_many_shots_say_is_said_once() -> None:
