@@ -196,11 +196,6 @@ def test_an_interrupt_closes_the_shutter(
     capfd.readouterr()
 
 
-@pytest.mark.parametrize("seconds", ["-1", "1e9", "nan"])
-def test_a_time_out_of_range_is_refused(seconds: str) -> None:
-    assert main(["doctor", "trigger", "--click", "--seconds", seconds]) == 2
-
-
 def test_a_driver_that_does_not_import(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = config(tmp_path, '[trigger]\ndriver = "none-such"\n')
     code, found = ask(capfd, "trigger", "--config", path)
@@ -228,14 +223,6 @@ def look(folder: Path, capfd: pytest.CaptureFixture[str], port: Path | str) -> t
     return code, found["port"]
 
 
-def test_a_port_that_does_not_exist_is_to_be_mended_without_a_click(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    code, port = look(tmp_path, capfd, "/dev/pdcd-none")
-    assert code == 5 and port["state"] == "fault"
-    assert "/dev/pdcd-none: No such file" in port["found"] and "plugged in" in port["hint"]
-
-
 def test_a_port_that_is_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "port").touch()
     code, port = look(tmp_path, capfd, tmp_path / "port")
@@ -257,12 +244,3 @@ def test_a_port_that_is_there_is_not_opened(
     finally:
         os.close(ours)
         os.close(theirs)
-
-
-def test_what_was_not_tried_is_not_called_sound(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    with fake_line("box", VirtualClock()):
-        path = config(tmp_path, '[trigger]\ndriver = "serial"\noptions = {port = "line://box"}\n')
-        assert main(["doctor", "trigger", "--config", path]) == 0
-    assert capfd.readouterr().out.endswith("nothing to mend so far; not tried: port, click\n")

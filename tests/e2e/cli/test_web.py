@@ -18,11 +18,6 @@ from pdcd.extras import suggest_install
 PATIENCE_S = 60.0
 
 
-def test_another_interface_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["web", "--host", "0.0.0.0", "--port", "0"]) == 2
-    assert "loopback" in capsys.readouterr().err
-
-
 def test_without_the_extra_it_says_what_to_install(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -155,17 +155,6 @@ def test_a_shutter_that_may_be_open_is_told_of_and_the_camera_let_go_of(
     assert asked(monkeypatch, quiet)[-1].what == "photo"
 
 
-def test_one_who_stops_half_way_leaves_it_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench()
-    monkeypatch.setattr(click, "load_driver", bench.load)
-    steps = examine_shutter(BOTH, click=True)
-    for one in steps:
-        if one.what == "open":
-            break
-    steps.close()  # type: ignore[attr-defined]
-    assert bench.done[-3:] == ["open", "disconnect shutter", "disconnect camera"]
-
-
 @pytest.mark.parametrize(
     ("camera", "apertures", "armed"),
     [

@@ -118,21 +118,6 @@ def test_every_word_of_a_request_can_be_typed(option: str, names: object) -> Non
             assert args.goal == goal and name in vars(args).values()
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["", "fly", "capture", "capture sideways", "capture indirect --codes many", "wait", "decode",
-     "capture indirect --error 1%%", "capture indirect --error much",
-     "capture indirect --family best", "capture indirect --loc", "config", "config mend"],
-)  # fmt: skip
-def test_wrong_usage_exits_2(line: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(line.split())
-    assert caught.value.code == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert "usage: pdcd" in printed.err
-
-
 # --- capture over the socket --------------------------------------------------------------------
 
 
@@ -332,40 +317,6 @@ def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         assert printed.out == ""
         assert socket in printed.err
         assert "Traceback" not in printed.err
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("--codes 0", "--codes: it takes a whole number from 1 to 65536, not 0"),
-        ("--codes 70000", "--codes: it takes a whole number from 1 to 65536, not 70000"),
-        ("--p 1", "--p: it takes a number over 0 and below 1, not 1.0"),
-        ("--p nan", "--p: it takes a number over 0 and below 1, not NaN"),
-        (
-            "--white-patch 0.5 1.01",
-            "--white-patch: it takes 2 numbers from 0 to 1, not [0.5, 1.01]",
-        ),
-        ("--white-patch nan 0", "--white-patch: it takes 2 numbers from 0 to 1, not [NaN, 0.0]"),
-        ("--exposure 0", "--exposure: it takes a number over 0 and up to 3600, not 0.0"),
-        ("--disparity 1 2 3", "--disparity: it takes 1 or 2 whole numbers from -65536 to 65536"),
-        ("--disparity 70000", "--disparity: it takes 1 or 2 whole numbers from -65536 to 65536"),
-        ("--exposure inf", "--exposure: it takes a number over 0 and up to 3600"),
-        ("--seed -1", "--seed: it takes a whole number from 0 to 9007199254740991, not -1"),
-        ("--local --detach", "--local goes without --detach"),
-        ("--local --queue --socket x", "--local goes without --socket and --queue"),
-        ("--local --config gone.toml", "cannot read the configuration gone.toml"),
-    ],
-)
-def test_wrong_request_exits_2_before_anything_starts(
-    daemon: type[StubClient],
-    engine: type[StubEngine],
-    capsys: pytest.CaptureFixture[str],
-    options: str,
-    says: str,
-) -> None:
-    assert main(["capture", "indirect", *options.split()]) == 2
-    assert capsys.readouterr().err.startswith(f"pdcd: {says}")
-    assert daemon.asked == engine.calls == []
 
 
 @pytest.mark.parametrize("text", ["60%", "0.6", "60.0%", ".6"])

@@ -129,37 +129,11 @@ def test_all_may_be_measured_anew(calibrator: type[Calibrator]) -> None:
     assert calibrator.asked[1] == (CalibrateRequest(anew=True), False)
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["list --scene", "list x", "use", "use a b", "forget", "list --socket s", "use none --anew",
-     "use none --marks xor", "forget gone --yes", "use ../x", "use gone"],
-)  # fmt: skip
-def test_what_is_kept_is_managed_by_its_own_words_alone(
-    calibrator: type[Calibrator], line: str
-) -> None:
-    assert main(["calibrate", *line.split()]) == 2
-    assert calibrator.asked == []
-
-
 def test_a_scene_may_stand_in_the_place_of_the_card(calibrator: type[Calibrator]) -> None:
     assert main(["calibrate", "geometry", "--scene", "--marks", "phase", "--yes"]) == 0
     asked = CalibrateRequest(steps=("geometry",), subject="scene", marks="phase")
     assert calibrator.asked[1] == (asked, False)
     assert main(["calibrate", "timing", "--marks", "xor"]) == 2
-
-
-def test_a_step_that_is_unknown_or_another_rig_is_refused(
-    calibrator: type[Calibrator], capsys: pytest.CaptureFixture[str]
-) -> None:
-    for line, words in (
-        ("timing lead", "no step is called 'lead' (steps are"),
-        ("--local --queue", "without --queue"),
-        ("--local --socket x", "without --socket"), ("--again f timing", "--again goes alone"),
-        ("--again f --local", "--again goes alone"), ("--again f --socket x", "--again goes alone"),
-    ):  # fmt: skip
-        assert main(["calibrate", *line.split()]) == 2
-        assert words in capsys.readouterr().err
-    assert calibrator.asked == []
 
 
 @pytest.mark.parametrize("identical", [True, False])

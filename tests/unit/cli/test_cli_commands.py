@@ -280,21 +280,6 @@ def test_serve_hands_over_configuration_and_socket(
     assert [child.line.fileno() for child in children] == [-1, -1]
 
 
-def test_timing_on_the_mock_bench_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
-    """Not which keys the options of another driver lack."""
-    assert main(["timing"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("pdcd: display: panels are looked at with the driver x11")
-    assert "has 'mock'" in line
-    assert 'driver = "x11"' in line and "--config" in line
-
-
-@pytest.mark.parametrize("port", ["-1", "65536"])
-def test_a_port_out_of_range(port: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["virtual-camera", "--small", "--port", port]) == 2
-    assert capsys.readouterr().err == f"pdcd: --port {port} is not between 0 and 65535\n"
-
-
 @pytest.mark.parametrize("line", ["capture white --local", "serve", "timing"])
 def test_an_unknown_driver_exits_2(
     line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture

@@ -203,15 +203,6 @@ def test_a_daemons_panels_show_a_picture_as_long_as_the_command_lives(
     assert printed.err.splitlines() == said
 
 
-@pytest.mark.parametrize("seconds", ["-1", "nan", "inf"])
-def test_nothing_is_lit_for_what_is_no_time(
-    shower: Shower, capsys: pytest.CaptureFixture[str], seconds: str
-) -> None:
-    assert main(["show", "white", "--seconds", seconds]) == 2
-    assert f"--seconds {seconds} is not between 0 and" in capsys.readouterr().err
-    assert shower.done == []
-
-
 @pytest.mark.parametrize("words", [["--detach"], ["--socket", "/nobody.sock"]])
 def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
     monkeypatch: pytest.MonkeyPatch, words: list[str]

@@ -83,25 +83,6 @@ def test_every_folder_is_looked_at_and_one_that_is_not_whole_fails(
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("digits", "folders", "fits"),
-    [("a" * 64, 1, True), ("0123456789ABCDEF" * 4, 1, True), ("a" * 63, 1, False),
-     ("a" * 65, 1, False), ("g" * 64, 1, False), ("a" * 64, 2, False)],
-)  # fmt: skip
-def test_a_checksum_is_of_one_run(
-    checked: dict[str, Any],
-    capsys: pytest.CaptureFixture[str],
-    digits: str,
-    folders: int,
-    fits: bool,
-) -> None:
-    checked["a"] = verified("/a")
-    code = main(["verify", *["a"] * folders, "--manifest-sha256", digits])
-    assert code == (0 if fits else 2)
-    assert checked["asked"] == [("verify_run", "a", digits)] * fits
-    assert ("64 hexadecimal digits" in capsys.readouterr().err) == (not fits)
-
-
 # --- report ---------------------------------------------------------------------------------------
 
 

@@ -60,24 +60,6 @@ def test_command_prints_one_json_object(capsys: pytest.CaptureFixture[str]) -> N
         )
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("--profile nikon", "unknown sensor profile"),
-        ("--iso 123", "no ISO 123"),
-        ("--codes 0", "codes = 0"),
-        ("--exposure 0", "exposure = 0"),
-        ("--signal 1e9", "saturates 'modern'"),
-        ("--transmission 2", "mask transmission = 2.0"),
-    ],
-)
-def test_wrong_options_exit_2(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["snr", *line.split(), "--json"]) == 2
-    out, err = capsys.readouterr()
-    assert message in err
-    assert json.loads(out)["error"]["kind"] == "config"
-
-
 def test_the_appendix_is_printed_with_two_digits_more_than_the_paper_has(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

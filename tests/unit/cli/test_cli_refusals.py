@@ -1,0 +1,107 @@
+"""What is typed and cannot be done: refused in words, with code 2, before anything starts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdcd.cli.main import main
+from tests.unit.cli.cli_stubs import home_at, last_object, stub_daemon, stub_engine
+
+A = "a" * 64
+USAGE = (
+    "", "fly", "capture", "capture sideways", "capture indirect --codes many", "wait", "decode",
+    "capture indirect --error 1%%", "capture indirect --error much",
+    "capture indirect --family best", "capture indirect --loc", "config", "config mend",
+)  # fmt: skip
+"""What the parser itself refuses."""
+
+REFUSED = {
+    # Fields of a request, in the words of its bounds.
+    "capture indirect --codes 0": "--codes: it takes a whole number from 1 to 65536, not 0",
+    "capture indirect --codes 70000": "--codes: it takes a whole number from 1 to 65536, not 70000",
+    "capture indirect --p 1": "--p: it takes a number over 0 and below 1, not 1.0",
+    "capture indirect --p nan": "--p: it takes a number over 0 and below 1, not NaN",
+    "capture indirect --white-patch 0.5 1.01":
+        "--white-patch: it takes 2 numbers from 0 to 1, not [0.5, 1.01]",
+    "capture indirect --white-patch nan 0": "--white-patch: it takes 2 numbers from 0 to 1",
+    "capture indirect --exposure 0": "--exposure: it takes a number over 0 and up to 3600, not 0.0",
+    "capture indirect --exposure inf": "--exposure: it takes a number over 0 and up to 3600",
+    "capture indirect --disparity 1 2 3":
+        "--disparity: it takes 1 or 2 whole numbers from -65536 to 65536",
+    "capture indirect --disparity 70000":
+        "--disparity: it takes 1 or 2 whole numbers from -65536 to 65536",
+    "capture indirect --seed -1": "--seed: it takes a whole number from 0 to 9007199254740991",
+    "transport --rows 1 2 3": "--rows",
+    # Options that do not go together.
+    "capture indirect --local --detach": "--local goes without --detach",
+    "capture indirect --local --queue --socket x": "--local goes without --socket and --queue",
+    "plan indirect --local --socket x": "--local goes without --socket",
+    "capture indirect --local --config gone.toml": "cannot read the configuration gone.toml",
+    "calibrate timing lead": "no step is called 'lead' (steps are",
+    "calibrate timing --marks xor": "",
+    "calibrate --local --queue": "without --queue",
+    "calibrate --local --socket x": "without --socket",
+    "calibrate --again f timing": "--again goes alone",
+    "calibrate --again f --local": "--again goes alone",
+    "calibrate --again f --socket x": "--again goes alone",
+    **{f"calibrate {words}": "" for words in (
+        "list --scene", "list x", "use", "use a b", "forget", "list --socket s",
+        "use none --anew", "use none --marks xor", "forget gone --yes", "use ../x", "use gone",
+    )},
+    "decode run --out there": "--out goes with --partial",
+    f"verify a --manifest-sha256 {A[1:]}": "64 hexadecimal digits",
+    f"verify a --manifest-sha256 {A}a": "64 hexadecimal digits",
+    f"verify a --manifest-sha256 {A.replace('a', 'g')}": "64 hexadecimal digits",
+    f"verify a a --manifest-sha256 {A}": "64 hexadecimal digits",
+    # Numbers out of range.
+    "show white --seconds -1": "--seconds -1 is not between 0 and",
+    "show white --seconds nan": "--seconds nan is not between 0 and",
+    "show white --seconds inf": "--seconds inf is not between 0 and",
+    "doctor trigger --click --seconds -1": "--seconds",
+    "doctor trigger --click --seconds 1e9": "--seconds",
+    "doctor trigger --click --seconds nan": "--seconds",
+    "virtual-camera --small --port -1": "--port -1 is not between 0 and 65535",
+    "virtual-camera --small --port 65536": "--port 65536 is not between 0 and 65535",
+    "web --host 0.0.0.0 --port 0": "loopback",
+    "snr --profile nikon": "unknown sensor profile",
+    "snr --iso 123": "no ISO 123",
+    "snr --codes 0": "codes = 0",
+    "snr --exposure 0": "exposure = 0",
+    "snr --signal 1e9": "saturates 'modern'",
+    "snr --transmission 2": "mask transmission = 2.0",
+    "timing": "display: panels are looked at with the driver x11",
+}  # fmt: skip
+"""By what was typed: words of the message, which come after "pdcd: " in one line."""
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    home_at(monkeypatch, tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("line", USAGE)
+def test_wrong_usage_exits_2(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(line.split())
+    assert caught.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and "usage: pdcd" in printed.err
+
+
+@pytest.mark.parametrize("line", REFUSED)
+def test_what_cannot_be_done_is_refused_before_anything_starts(
+    line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon, engine = stub_daemon(monkeypatch), stub_engine(monkeypatch)
+    for_scripts = not line.startswith(("web", "virtual-camera"))
+    assert main([*line.split(), *["--json"] * for_scripts]) == 2
+    assert not [asked for asked in daemon.asked if isinstance(asked, tuple)]
+    assert "start" not in engine.calls
+    printed = capsys.readouterr()
+    assert printed.err.startswith("pdcd: ") and REFUSED[line] in printed.err
+    if for_scripts:
+        error = last_object(printed.out)["error"]
+        assert error["kind"] in ("config", "request") and error["message"] in printed.err
