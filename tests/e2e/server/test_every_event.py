@@ -83,23 +83,8 @@ def test_what_was_sent_is_what_is_read(kind: str) -> None:
     words = {"goal": "white", "cause": "late", "name": "x-1", "shot": "x", "stage": "codes"}
     words |= {"step": "light", "text": "do it", "verdict": "good"}
     fields: dict[str, object] = {**words, "rms_sigma": None, "figures": [], "advice": []}
-    numbers = dict.fromkeys(
-        (
-            "ahead",
-            "photos",
-            "frames",
-            "frame",
-            "missed",
-            "part",
-            "target",
-            "shots",
-            "done",
-            "number",
-            "steps",
-            "seconds",
-        ),
-        1,
-    )
+    counted = "ahead photos frames frame missed part target shots done number steps seconds"
+    numbers = dict.fromkeys(counted.split(), 1)
     wanted = set(TYPES[kind].__struct_fields__)
     given = {k: v for k, v in {**fields, **numbers, "total": 2}.items() if k in wanted}
     event = decode_event(

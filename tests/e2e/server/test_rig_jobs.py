@@ -9,13 +9,6 @@ from typing import Any
 
 import pytest
 
-from pdcd.bench.tables import Config
-from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.arrays import NO_ARRAYS
-from pdcd.server.jobs import Owner
-from pdcd.server.runner import Runner
-from pdcd.server.worker import EngineThread
-from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import Daemon, Wire, served
 
 
@@ -102,25 +95,6 @@ async def test_a_plan_that_fails_says_how(wire: Wire, note: str, kind: str | Non
     assert job["state"] == "failed"
 
 
-async def test_a_long_plan_is_not_taken_for_a_stuck_thread() -> None:
-    """The engine's thread beats whenever `cancelled` is asked: the watchdog's only food."""
-
-    worker = EngineThread()
-    runner = Runner(FakeEngine(Config()), worker, lambda job, event: None)
-    request = CaptureRequest(goal="white", note="slow")
-    job = runner.start(request, NO_ARRAYS, owner(1), kind="plan")
-    beats, silent_s, last_s = worker.beats, 0.0, time.monotonic()
-    end_s = last_s + 0.5
-    while time.monotonic() < end_s:
-        await asyncio.sleep(0.01)
-        if worker.beats != beats:
-            beats, last_s = worker.beats, time.monotonic()
-        silent_s = max(silent_s, time.monotonic() - last_s)
-    assert beats and silent_s < 2.0
-    assert (await runner.cancel(job.name)).state == "cancelled"
-    worker.close()
-
-
 @served
 async def test_a_picture_stays_until_its_job_is_cancelled(
     running: Daemon, wire: Wire, other: Wire
@@ -186,10 +160,6 @@ async def test_a_picture_that_cannot_be_shown_leaves_the_panels_black(
     assert error["data"]["kind"] == "request" and error["data"]["hint"] == "0 to 99"
     await idle(wire)
     assert running.engine.calls[-2:] == ["show code 100", "show black 0"]
-
-
-def owner(uid: int, connection: int = 1) -> Owner:
-    return Owner(uid=uid, pid=7, user=f"user{uid}", connection=connection)
 
 
 @served

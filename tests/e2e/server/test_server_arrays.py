@@ -14,7 +14,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -137,52 +136,6 @@ def test_descriptors_of_fifos_devices_and_giants_are_refused_at_once(
     with pytest.raises(RequestError, match=r"not a regular file|bytes; at most"):
         taken(Intake(None, GRID), SentArray(fd=0), descriptor_of(found))
     assert time.monotonic() - begun_s < 2.0
-
-
-class Hanging:
-    """Reads that never return, as from a file system whose server is gone, until they are let."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.let = threading.Event()
-        self.ended: list[bool] = []
-        whole = opening.read_contents
-
-        def contents(descriptor: int, limits: Any) -> bytes:
-            if os.fstat(descriptor).st_size == 1:
-                self.ended.append(self.let.wait(60.0))
-            return whole(descriptor, limits)
-
-        monkeypatch.setattr("pdcd.planning.given.read_contents", contents)
-
-
-async def test_a_disk_that_hangs_costs_its_user_two_threads_and_others_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hanging = Hanging(monkeypatch)
-    (tmp_path / "hangs").write_bytes(b"x")
-    np.save(tmp_path / "light.npy", LIGHT)
-    hung, sound = descriptor_of(tmp_path / "hangs"), descriptor_of(tmp_path / "light.npy")
-    intake = Intake(None, GRID, Readers(each=2, total=3, limit_s=0.3))
-    request = CaptureRequest(goal="illuminated", illumination=SentArray(fd=0))
-
-    async def take(descriptor: int, peer: Peer) -> Any:
-        return await intake.take(request, [descriptor], peer)
-
-    four = await asyncio.gather(*(take(hung, SELF) for _ in range(4)), return_exceptions=True)
-    kinds = [type(err) for err in four]
-    assert kinds.count(RequestError) == 2 and kinds.count(BusyError) == 2
-    assert any("within 0.3 s" in str(err) for err in four)
-    with pytest.raises(BusyError):
-        await take(sound, SELF)
-    other = replace(SELF, uid=12345)
-    _, given = await take(sound, other)
-    np.testing.assert_array_equal(given["illumination"], LIGHT)
-    hanging.let.set()
-    while len(hanging.ended) < 2 or intake._readers._busy:
-        await asyncio.sleep(0.01)
-    await take(sound, SELF)
-    os.close(hung)
-    os.close(sound)
 
 
 def test_a_descriptor_is_read_though_its_sender_closes_it(

@@ -7,9 +7,6 @@ import contextlib
 import os
 import select
 import socket
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -183,44 +180,6 @@ def wait_until(true: Any) -> None:
     while not true():
         assert time.monotonic() < give_up_s
         time.sleep(0.01)
-
-
-# --- others, for real ---------------------------------------------------------------------------
-
-HOARD = """
-import os, socket, sys
-uid = int(sys.argv[2])
-os.setgroups([])
-os.setgid(uid)
-os.setuid(uid)
-kept = []
-for _ in range(30):
-    sock = socket.socket(socket.AF_UNIX)
-    sock.connect(sys.argv[1])
-    kept.append(sock)
-print("all taken", flush=True)
-sys.stdin.read()
-"""
-
-
-@pytest.mark.skipif(os.getuid() != 0, reason="only root can start programs of other users")
-def test_real_users_who_hoard_connections_lock_out_nobody() -> None:
-    with contextlib.ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        folder.chmod(0o755)  # others may come in, as they may not below pytest's own folders
-        running = stack.enter_context(threaded_daemon(folder, server=OPEN))
-        for uid in (ANNA, BERT, CARL):
-            child = subprocess.Popen(
-                [sys.executable, "-I", "-c", HOARD, str(running.path), str(uid)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-            )
-            stack.enter_context(child)
-            stack.callback(child.kill)
-            assert child.stdout is not None
-            assert child.stdout.readline() == b"all taken\n"
-        with Client(running.path) as client:
-            wait_until(lambda: client.status().connections == 17)
 
 
 # --- a backlog that is full ---------------------------------------------------------------------

@@ -186,33 +186,6 @@ def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
     assert path.exists()
 
 
-@pytest.mark.long
-def test_of_daemons_on_one_state_folder_started_at_once_exactly_one_serves(tmp_path: Path) -> None:
-    with contextlib.ExitStack() as stack:
-        started = []
-        for k in range(2):
-            path = tmp_path / f"s{k}"
-            command = fake_daemon(tmp_path, "--socket", str(path))
-            started.append((stack.enter_context(process(*command)), path))
-        deadline = time.monotonic() + 2 * PATIENCE_S
-        while sum(child.poll() is None for child, _ in started) > 1:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        ((holder, path),) = [one for one in started if one[0].poll() is None]
-        for child, _ in started:
-            if child is holder:
-                continue
-            out, err = child.communicate(timeout=PATIENCE_S)
-            told = [line for line in err.splitlines() if " ERROR " in line]
-            assert child.returncode == 2 and out == "[]\n", err
-            assert len(told) == 1 and f"the state folder {tmp_path}" in told[0]
-            assert f"process {holder.pid} of uid {os.getuid()}" in told[0]
-        with Client(path, timeout_s=PATIENCE_S) as client:
-            assert client.capture(CaptureRequest(goal="white")).state == "done"
-        end(holder, signal.SIGTERM)
-    assert not list(tmp_path.rglob("*.lock"))
-
-
 @pytest.mark.parametrize("passed", ["file", "closed"])
 def test_what_was_passed_and_is_no_listening_socket_is_named(tmp_path: Path, passed: str) -> None:
     """As the service manager would pass it: at number 3, with its count and our pid."""

@@ -48,12 +48,6 @@ async def turns() -> None:
         await asyncio.sleep(0)
 
 
-async def test_a_new_client_listens_to_nothing_and_is_there() -> None:
-    _, caller = met()
-    assert (caller.number, caller.peer, caller.role) == (7, ANNA, ClientRole.LOOK)
-    assert (caller.interest, caller.gone, caller.idle_s) == ("none", False, 0.0)
-
-
 async def test_lines_are_written_in_order_until_the_end_is_asked_for() -> None:
     far, caller = met()
     pump = asyncio.create_task(caller.pump())

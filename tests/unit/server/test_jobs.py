@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from itertools import pairwise
 from typing import Any, cast
 
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
 from pdcd.protocol.events import PilotLearning, Progress
 from pdcd.protocol.messages import ShowParams
-from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.server.jobs import (
     ENDED,
@@ -66,16 +65,6 @@ def test_64_jobs_wait_and_64_that_ended_are_kept_of_each_kind() -> None:
     plan = admit(table, kind="plan")
     ended(table, plan)
     assert table.all() == [*jobs[1:], plan]  # of another kind
-
-
-def test_what_a_job_is_about_is_told_in_a_word() -> None:
-    goals = [
-        admit(JobTable(), request=request).goal
-        for request in (
-            WHITE, SHOW, CalibrateRequest(), CalibrateRequest(steps=("timing", "check")),
-        )
-    ]  # fmt: skip
-    assert goals == ["white", "grid", "all", "timing check"]
 
 
 def test_a_job_that_ended_lets_go_of_what_it_was_given() -> None:
@@ -162,13 +151,6 @@ def done(job: Job) -> CaptureResult:
     return CaptureResult(job=job.name, state="done", folder=f"/x/{job.name}")
 
 
-def test_the_first_job_runs_and_is_named_by_time_and_chance() -> None:
-    table = JobTable()
-    job = admit(table, queue=False)
-    assert job.state == "running" and table.running is job
-    assert re.fullmatch(r"\d{8}T\d{6}Z-[0-9a-f]{4}", job.name)
-
-
 def test_queued_jobs_run_in_order() -> None:
     table = JobTable()
     jobs = [admit(table) for _ in range(4)]
@@ -249,14 +231,6 @@ def test_what_is_held_goes_out_by_a_timer_and_no_sooner_than_others() -> None:
     assert thin.wants_timer()
     assert thin.offer(200, frame(3)) == frame(3)
     assert thin.due(201) is None and not thin.timed
-
-
-def test_nothing_is_held_after_progress_that_passed() -> None:
-    thin = Coalescer(interval_ns=100)
-    thin.offer(0, frame(0))
-    thin.offer(50, frame(1))
-    assert thin.offer(100, frame(2)) == frame(2)
-    assert thin.flush() is None
 
 
 @settings(deadline=None, derandomize=True, max_examples=50)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.server.notify import FIRST_FD, Notifier, count_listen_fds, watchdog_s
+from pdcd.server.notify import Notifier, count_listen_fds, watchdog_s
 
 
 def test_lines_arrive_as_one_datagram(tmp_path: Path) -> None:
@@ -26,11 +26,6 @@ def test_an_abstract_address_begins_with_an_at_sign() -> None:
         manager.bind("\0" + name)
         Notifier({"NOTIFY_SOCKET": "@" + name}).send("WATCHDOG=1")
         assert manager.recv(4096) == b"WATCHDOG=1"
-
-
-def test_without_a_manager_nothing_happens(caplog: pytest.LogCaptureFixture) -> None:
-    Notifier({}).send("READY=1")
-    assert not caplog.records
 
 
 def test_a_manager_that_is_gone_is_only_logged(
@@ -87,10 +82,3 @@ def test_what_is_told_stays_one_line_each(tmp_path: Path) -> None:
         manager.bind(address)
         Notifier({"NOTIFY_SOCKET": address}).send("STATUS=x\nMAINPID=1\x1b")
         assert manager.recv(4096) == b"STATUS=x\\nMAINPID=1\\u001b"
-
-
-def test_passed_sockets_begin_after_the_three_that_every_process_has() -> None:
-    assert FIRST_FD == 3  # SD_LISTEN_FDS_START of sd_listen_fds(3)
-    assert count_listen_fds({"LISTEN_FDS": "2", "LISTEN_PID": str(os.getpid())}) == 2
-    assert count_listen_fds({"LISTEN_PID": str(os.getpid())}) == 0
-    assert count_listen_fds({"LISTEN_FDS": "-1", "LISTEN_PID": str(os.getpid())}) == 0

@@ -7,12 +7,10 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 
 from pdcd.errors import BusyError, RequestError
 from pdcd.server import readers as module
-from pdcd.server.intake import HELD_BYTES, Intake
 from pdcd.server.readers import Readers
 from tests.processes import LONG_S
 
@@ -158,16 +156,3 @@ async def test_a_read_whose_loop_has_ended_ends_in_silence(
         if thread.name == "pdcd-reader":
             thread.join(LONG_S)
     assert unhandled == [] and disk.ended == ["_Over"]
-
-
-def test_arrays_that_wait_have_a_quarter_of_a_gibibyte_and_a_lone_request_all() -> None:
-    intake = Intake(None, (4, 6))
-    assert HELD_BYTES == 2**28 and intake._room(2**40)
-    ticket = object()
-    intake._expected[ticket] = 100
-    assert intake._room(2**28 - 100) and not intake._room(2**28 - 99)
-    kept = np.zeros(10)
-    intake._held[1] = kept
-    assert intake._room(2**28 - 180) and not intake._room(2**28 - 179)
-    del intake._expected[ticket], kept
-    assert intake._room(2**40)

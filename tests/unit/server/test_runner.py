@@ -11,12 +11,11 @@ from typing import Any, cast
 
 import pytest
 
-from pdcd.errors import BusyError, Cancelled, DeviceLost, PdcdError, RequestError
+from pdcd.errors import Cancelled, DeviceLost, PdcdError, RequestError
 from pdcd.protocol.events import Attention, Event, Progress, ShotArmed
-from pdcd.protocol.messages import ShowParams, ShowReply
+from pdcd.protocol.messages import ShowParams
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.result import CaptureResult, make_job_id
-from pdcd.protocol.views import PreviewView
+from pdcd.protocol.result import CaptureResult
 from pdcd.server.jobs import Job, Owner
 from pdcd.server.runner import Runner
 from pdcd.server.worker import EngineThread
@@ -26,7 +25,6 @@ from tests.processes import LONG_S
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
 BERT = Owner(uid=1001, pid=12, user="bert", connection=2)
-PHOTO = PreviewView(path="/x/preview.png", sha256="0" * 64, shape=(4, 6, 3))
 
 
 def progress(frame: int) -> Progress:
@@ -105,21 +103,6 @@ def until_cancelled(*, cancelled: Callable[[], bool], **_: Any) -> Any:
 
 
 @at_desk
-async def test_a_job_is_announced_after_its_start_has_returned_and_numbered_in_the_queue(
-    desk: Desk,
-) -> None:
-    jobs = [desk.start(queue=True) for _ in range(3)]
-    assert desk.told == []
-    await desk.runner.wait(jobs[2].name)
-    queued = [event for event in desk.events if event.type == "queued"]
-    assert [(event.job, cast(Any, event).ahead) for event in queued] == [
-        (job.name, number) for number, job in enumerate(jobs)
-    ]
-    assert [desk.of(job) for job in jobs] == [["queued", "done"]] * 3
-    assert [event.seq for event in desk.events if event.job == jobs[0].name] == [0, 1]
-
-
-@at_desk
 async def test_a_job_that_waits_and_is_cancelled_at_once_is_only_told_to_have_ended(
     desk: Desk,
 ) -> None:
@@ -132,21 +115,6 @@ async def test_a_job_that_waits_and_is_cancelled_at_once_is_only_told_to_have_en
     assert first.state == "running"
     again = await desk.runner.cancel(second.name)  # harmless on one that has ended
     assert again == result and desk.of(second) == ["cancelled"]
-
-
-@at_desk
-async def test_the_engine_hears_for_whom_it_works_and_answers_reach_those_who_wait(
-    desk: Desk,
-) -> None:
-    job = desk.start(BERT)
-    result = await desk.runner.wait(job.name)
-    assert result == await desk.runner.wait(job.name)  # also afterwards
-    assert (result.state, result.folder) == ("done", f"/x/{job.name}")
-    (asked,) = desk.engine.asked
-    assert asked["request"] is WHITE and asked["job"] == job.name
-    assert asked["owner"] == BERT.view() and asked["parent"] is None and asked["report"]
-    with pytest.raises(RequestError, match="no job"):
-        await desk.runner.wait(make_job_id())
 
 
 @pytest.mark.parametrize(
@@ -194,26 +162,6 @@ async def test_what_could_not_be_sent_fails_the_job_and_nobody_else(desk: Desk) 
     assert (await desk.runner.wait(desk.start().name)).state == "failed"
     desk.engine.act = lambda emit, **_: emit(ShotArmed(shot="coded", frames=cast(Any, "many")))
     assert (await desk.runner.wait(desk.start().name)).state == "failed"
-
-
-@at_desk
-async def test_an_answer_is_a_value_or_the_error_that_the_job_ended_by(desk: Desk) -> None:
-    desk.engine.act = lambda **_: PHOTO
-    job = desk.start(kind="preview")
-    assert await desk.runner.answer(job.name) == PHOTO
-    assert (await desk.runner.wait(job.name)).state == "done"
-    assert await desk.runner.answer(job.name) == PHOTO
-
-    def fail(**_: Any) -> Any:
-        raise DeviceLost("gone", device="camera", hint="plug it in")
-
-    desk.engine.act = fail
-    job = desk.start(kind="preview")
-    for _ in range(2):
-        with pytest.raises(DeviceLost) as caught:
-            await desk.runner.answer(job.name)
-        err = caught.value
-        assert (err.message, err.device, err.hint) == ("gone", "camera", "plug it in")
 
 
 @at_desk
@@ -280,26 +228,6 @@ async def test_a_calibration_goes_on_when_told_and_not_by_what_was_said_before_i
         desk.runner.proceed("none")
 
 
-# A picture that is held.
-
-
-@at_desk
-async def test_a_picture_is_answered_when_shown_and_goes_black_at_its_end(desk: Desk) -> None:
-    job = desk.start(request=ShowParams(pattern="code", index=3))
-    assert await desk.runner.answer(job.name) == ShowReply("code", 3, job.name)
-    assert desk.engine.shown == [("code", 3)] and job.state == "running"
-    result = await desk.runner.cancel(job.name)
-    assert desk.engine.shown == [("code", 3), ("black", 0)]
-    assert result.state == "cancelled"
-
-
-@at_desk
-async def test_black_is_shown_once_and_holds_nothing(desk: Desk) -> None:
-    job = desk.start(request=ShowParams(pattern="black"))
-    assert (await desk.runner.wait(job.name)).state == "done"
-    assert desk.engine.shown == [("black", 0)]
-
-
 @at_desk
 async def test_a_picture_that_is_cancelled_before_its_turn_is_never_shown(desk: Desk) -> None:
     job = desk.start(request=ShowParams(pattern="white"))
@@ -315,52 +243,6 @@ async def test_a_picture_that_fails_half_way_goes_black_and_tells_who_asked(desk
         await desk.runner.answer(job.name)
     assert desk.engine.shown == [("grid", 0), ("black", 0)]
     assert job.state == "failed"
-
-
-@at_desk
-async def test_a_picture_gives_way_to_its_owner_and_to_nobody_else(desk: Desk) -> None:
-    picture = desk.start(request=ShowParams(pattern="white"))
-    await desk.runner.answer(picture.name)
-    with pytest.raises(BusyError, match=picture.name):
-        desk.start(BERT)
-    waits = desk.start(BERT, queue=True)
-    assert not picture.given_up and picture.state == "running"
-    mine = desk.start()
-    with pytest.raises(BusyError):
-        desk.start()  # one follows the picture, the next has to wait
-    assert (await desk.runner.wait(mine.name)).state == "done"
-    assert (await desk.runner.wait(waits.name)).state == "done"
-    assert picture.result is not None and picture.result.state == "done"
-    ends = [name for kind, name in desk.told if kind == "done"]
-    assert ends == [picture.name, mine.name, waits.name]
-
-
-# The end of a client, and of the daemon.
-
-
-@at_desk
-async def test_a_client_that_leaves_takes_along_what_is_not_detached(desk: Desk) -> None:
-    desk.engine.act = until_cancelled
-    runs = desk.start()
-    waits, stays = desk.start(queue=True), desk.start(queue=True, detach=True)
-    other = desk.start(BERT, queue=True)
-    desk.runner.drop(ANNA.connection)
-    assert (await desk.runner.wait(waits.name)).state == "cancelled"
-    assert (await desk.runner.wait(runs.name)).state == "cancelled"
-    assert not stays.cancel_flag.is_set() and not other.cancel_flag.is_set()
-
-
-@at_desk
-async def test_a_daemon_that_stops_takes_nothing_more_and_waits_for_what_runs(desk: Desk) -> None:
-    desk.engine.act = until_cancelled
-    runs, waits = desk.start(), desk.start(queue=True)
-    await asyncio.sleep(0)
-    await desk.runner.drain()
-    assert (runs.state, waits.state) == ("cancelled", "cancelled")
-    assert len(desk.engine.asked) == 1
-    assert [desk.of(job)[-1] for job in (runs, waits)] == ["cancelled"] * 2
-    with pytest.raises(BusyError, match="stopping"):
-        desk.start()
 
 
 class Place:
@@ -385,32 +267,6 @@ async def test_a_capture_gets_its_arrays_and_its_place_which_is_let_go_of_at_its
     assert asked["given"] is given and asked["parent"] is place and asked["report"] is True
     assert {"emit", "cancelled"} < asked.keys()
     assert place.closed == 1 and not job.given
-
-
-@at_desk
-async def test_a_calibration_that_waits_looks_ten_times_a_second_whether_it_is_to_end(
-    desk: Desk,
-) -> None:
-    class Flag(threading.Event):
-        looks: list[float | None]
-
-        def wait(self, timeout: float | None = None) -> bool:
-            self.looks.append(timeout)
-            return len(self.looks) > 3
-
-    flag, beats = Flag(), []
-    flag.looks = []
-
-    def work(*, job: str, proceed: Callable[[str], None], **_: Any) -> CaptureResult:
-        proceed("put up the card")
-        beats.append(desk.worker.beats)
-        return desk.engine.done(job=job)
-
-    desk.engine.act = work
-    job = desk.start(request=CalibrateRequest())
-    job.proceed_flag = flag
-    await desk.runner.wait(job.name)
-    assert flag.looks == [0.1] * 4 and beats == [3]  # each look is a sign of life
 
 
 @at_desk
