@@ -129,14 +129,6 @@ def test_the_bench_of_a_daemon_is_asked_for_its_grid_once_and_parted_from() -> N
     assert daemon.asked == ["describe"] * 4 + ["close"]
 
 
-def test_two_daemons_are_the_same_bench_if_their_configurations_are() -> None:
-    """A sweep goes on with what is done where its bench is the same: a slower mask is another."""
-    first, restarted, slower = Daemon(), Daemon(), Daemon()
-    slower.rise_s = 0.004
-    assert behind(first).described() == behind(restarted).described()
-    assert behind(first).described() != behind(slower).described()
-
-
 @pytest.mark.parametrize("queue", [False, True])
 def test_requests_are_passed_on_with_their_arrays(queue: bool) -> None:
     daemon, arrays = Daemon(), {"kernel": b"x"}
@@ -152,14 +144,6 @@ def test_requests_are_passed_on_with_their_arrays(queue: bool) -> None:
         (WHITE, {"arrays": {}, "queue": queue, "on_event": None}),
     ]  # fmt: skip
     assert not behind(Daemon())._queue
-
-
-def test_an_interrupt_reaches_the_daemon_at_once_and_us_afterwards() -> None:
-    daemon = Daemon()
-    daemon.interrupt = True
-    with pytest.raises(KeyboardInterrupt):
-        behind(daemon).take(WHITE)
-    assert daemon.interrupted
 
 
 def test_a_daemon_is_where_it_is_told_or_where_the_configuration_says(

@@ -11,14 +11,12 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
-import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
 import pdcd
-from pdcd.api.arguments import Arguments, ArrayArgument, make_request
-from pdcd.protocol.fields import ARRAY_FIELDS, list_request_fields
-from pdcd.protocol.request import CaptureRequest
+from pdcd.api.arguments import Arguments, ArrayArgument
+from pdcd.protocol.fields import list_request_fields
 
 
 def test_import_pdcd_loads_next_to_nothing() -> None:
@@ -63,24 +61,3 @@ def test_the_keywords_are_the_fields_of_a_request_with_their_types() -> None:
     }
     assert get_type_hints(Arguments) == wanted
     assert list(Arguments.__annotations__) == list(wanted)
-
-
-def _grid() -> tuple[int, int]:
-    return 2, 3
-
-
-def test_keywords_become_a_request_and_its_arrays() -> None:
-    plane = np.ones((2, 3))
-    patch = np.array([0.25, 0.5])
-    given = {"codes": np.int64(8), "illumination": plane, "white_patch": patch, "p": None}
-    request, arrays = make_request("illuminated", given, _grid)
-    assert request == CaptureRequest(goal="illuminated", codes=8, white_patch=(0.25, 0.5))
-    assert arrays["illumination"] is plane
-
-
-def test_every_array_may_be_rows_or_a_path() -> None:
-    for name in ARRAY_FIELDS:
-        _, arrays = make_request("relit", {name: [[1.0, 0.0]]}, _grid)
-        assert np.array_equal(np.asarray(arrays[name]), [[1.0, 0.0]])
-        _, arrays = make_request("relit", {name: "here.npy"}, _grid)
-        assert str(arrays[name]) == "here.npy"

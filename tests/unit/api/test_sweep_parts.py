@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -192,27 +192,6 @@ def test_a_bench_of_this_process_puts_runs_where_the_sweep_is(tmp_path: Path) ->
     sweep(bench, ["white"], progress=False)
     outs = [request.out for request in bench.taken]
     assert str(outs[0]).startswith(f"{tmp_path}/runs/") and outs[1:] == ["/elsewhere", None]
-
-
-def test_where_all_is_done_the_bar_has_a_length_all_the_same(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    told: list[Any] = []
-
-    @contextmanager
-    def drawn(first: str) -> Iterator[Any]:
-        told.append(first)
-        yield lambda *said: told.append(said)
-
-    monkeypatch.setattr(module, "draw_progress", drawn)
-    assert len(sweep(Own(), [])) == 0
-    assert told == ["0 of 0 captures", ("0 of 0 captures", (0.0, 1.0), True)]
-    sweep(Own(), noted("lost", "lost"))
-    assert told[3:] == [
-        ("0 of 2 captures", (0.0, 2.0), True),
-        ("1 of 2 captures, 1 failed", (1.0, 2.0), False),
-        ("2 of 2 captures, 2 failed", (2.0, 2.0), False),
-    ]
 
 
 def test_a_folder_that_cannot_be_had_is_named(tmp_path: Path) -> None:

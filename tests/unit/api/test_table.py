@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -47,23 +46,6 @@ def test_columns_of_numbers_are_numbers_and_rows_are_found_by_all_values() -> No
         table.where(goal="white", speed=1)
     assert str(caught.value.hint).startswith("columns are number, asked.tags, goal")
     assert tuple(table[-1]) == table.columns and table[-1]["number"] == 2
-
-
-def test_a_cell_of_a_notebook_is_short() -> None:
-    told: list[Any] = [None, 1 / 3, 12345.678, 7, True, "<b>", 1e-9]
-    rows: list[TaskRecord] = [{"number": n, "asked.x": value, "state": "done"} for n, value in
-                          enumerate(told)]  # fmt: skip
-    shown = Table(rows)._repr_html_()
-    cells = ["", "0.3333", "1.235e+04", "7", "True", "&lt;b&gt;", "1e-09"]
-    for number, cell in enumerate(cells):
-        assert f"<tr><td>{number}</td><td>{cell}</td><td></td><td>done</td>" in shown
-    heads = "".join(
-        f"<th>{name}</th>"
-        for name in ("number", "asked.x", "goal", "state", "verdict", "codes", "exposure_s",
-                     "rms_sigma", "rms_error_quads", "rms_error_cells")
-    )  # fmt: skip
-    assert shown.startswith(f"<div><table><thead><tr>{heads}</tr></thead><tbody><tr>")
-    assert shown.endswith("</tr></tbody></table></div>")
 
 
 @pytest.mark.parametrize(("count", "more"), [(40, None), (41, "and 1 more"), (45, "and 5 more")])

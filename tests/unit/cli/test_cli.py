@@ -30,29 +30,9 @@ from tests.unit.cli.cli_stubs import (
     JOB,
     SUMMARY,
     StubClient,
-    StubEngine,
     ended,
-    home_at,
     last_object,
-    stub_daemon,
-    stub_engine,
 )
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
-
-
-@pytest.fixture
-def daemon(monkeypatch: pytest.MonkeyPatch) -> type[StubClient]:
-    return stub_daemon(monkeypatch)
-
-
-@pytest.fixture
-def engine(monkeypatch: pytest.MonkeyPatch) -> type[StubEngine]:
-    return stub_engine(monkeypatch)
-
 
 # --- start-up -----------------------------------------------------------------------------------
 
@@ -147,12 +127,6 @@ def test_capture_sends_what_was_typed(
         white_patch=(0.25, 0.5),
     )
     assert daemon.asked == [Path("/a/b.sock"), (wanted, True, True), "closed"]
-
-
-def test_capture_leaves_defaults_to_the_rig(daemon: type[StubClient], tmp_path: Path) -> None:
-    assert main(["capture", "indirect"]) == 0
-    wanted = CaptureRequest(goal="indirect")
-    assert daemon.asked == [tmp_path / "pdcd.sock", (wanted, False, False), "closed"]
 
 
 def test_files_are_opened_here_and_never_named_to_the_daemon(
@@ -296,16 +270,6 @@ def test_what_has_a_job_done_says_that_there_was_none(
     told = last_object(capsys.readouterr().out)
     assert (told["job"], told["state"], told["folder"]) == (None, "failed", None)
     assert told["error"]["kind"] == "unreachable"
-
-
-def test_other_commands_report_errors_without_a_job(
-    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
-) -> None:
-    daemon.error = ConfigError("unknown job")
-    assert main(["wait", "x", "--json"]) == 2
-    assert last_object(capsys.readouterr().out) == {
-        "error": {"kind": "config", "message": "unknown job", "device": None, "hint": None}
-    }
 
 
 def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,12 +15,7 @@ from pdcd.errors import Cancelled
 from pdcd.protocol.events import StepEnded
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.protocol.result import CaptureResult, Quality
-from tests.unit.cli.cli_stubs import JOB, StubClient, StubEngine, home_at, stub_engine
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
+from tests.unit.cli.cli_stubs import JOB, StubClient, StubEngine, stub_engine
 
 
 def record(name: str, value: float | None, sigma: float | None = None, unit: str = "") -> Any:

@@ -29,27 +29,8 @@ from tests.unit.cli.cli_stubs import (
     StubClient,
     StubEngine,
     ended,
-    home_at,
     last_object,
-    stub_daemon,
-    stub_engine,
 )
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
-
-
-@pytest.fixture
-def daemon(monkeypatch: pytest.MonkeyPatch) -> type[StubClient]:
-    return stub_daemon(monkeypatch)
-
-
-@pytest.fixture
-def engine(monkeypatch: pytest.MonkeyPatch) -> type[StubEngine]:
-    return stub_engine(monkeypatch)
-
 
 # --- capture in this process --------------------------------------------------------------------
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,15 +11,9 @@ from pdcd.protocol.request import CaptureRequest
 from tests.unit.cli.cli_stubs import (
     StubClient,
     ended,
-    home_at,
     last_object,
     stub_daemon,
 )
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
 
 
 def requests(asked: list[Any]) -> list[CaptureRequest]:

@@ -15,17 +15,10 @@ import pytest
 
 from pdcd.bench.devices import Finding
 from pdcd.bench.tables import Config
-from pdcd.cli import doctor as doctor_cli
 from pdcd.cli import panels as panels_cli
 from pdcd.cli.main import main
-from pdcd.cli.output import say
 from pdcd.client import UnreachableError
-from tests.unit.cli.cli_stubs import JOB, home_at
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
+from tests.unit.cli.cli_stubs import JOB
 
 
 def noting(asked: list[Any], answer: Any) -> Callable[..., Any]:
@@ -74,25 +67,6 @@ def test_a_doctor_ends_with_what_there_is_to_mend(
     told = json.loads(capsys.readouterr().out)
     assert told == {"fit": code == 0, "findings": msgspec.to_builtins(findings)}
     assert asked == [(Config(), ":7"), (Config(), None)]
-
-
-def test_a_camera_is_looked_at_and_its_photo_behind_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked: list[Any] = []
-
-    def camera(context: Any) -> list[Finding]:
-        asked.append((context.config, type(context.clock).__name__))
-        return [GOOD]
-
-    monkeypatch.setattr(
-        doctor_cli, "import_driver_module", noting(asked, SimpleNamespace(examine_ptp=camera))
-    )
-    monkeypatch.setattr("pdcd.capture.bench_check.examine_frame", noting(asked, [WARNING]))
-    assert main(["doctor", "camera", "--raw", "a.cr2", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [found["what"] for found in told["findings"]] == ["renderer", "real time"]
-    assert asked == ["ptp.doctor", (Config(), "RealClock"), (Config(), Path("a.cr2"))]
 
 
 @pytest.mark.parametrize(("seconds", "fits"), [("0", True), ("5", True), ("5.1", False),
@@ -244,31 +218,3 @@ def test_timing_prints_the_times_and_fails_for_what_was_missed(
 
 
 # --- a camera on the network ----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("port", [0, 65535])
-def test_a_camera_is_served_until_it_is_interrupted(
-    monkeypatch: pytest.MonkeyPatch, port: int
-) -> None:
-    served: list[Any] = []
-    end: list[BaseException] = []
-
-    def serve(port: int, **how: Any) -> None:
-        served.append((port, how.pop("say"), how))
-        if end:
-            raise end.pop()
-
-    monkeypatch.setattr(
-        "pdcd.bench.registry.import_driver_module",
-        noting(served, SimpleNamespace(serve_virtual_camera=serve)),
-    )
-    line = ["virtual-camera", "--port", str(port)]
-    assert main([*line, "--small"]) == 0
-    end.append(KeyboardInterrupt())
-    assert main([*line, "--scene", "book"]) == 0
-    end.append(OSError("taken"))
-    assert main(line) == 5
-    assert served[:2] == [
-        "virtual_camera.command", (port, say, {"scene": "chart", "small": True}),
-    ]  # fmt: skip
-    assert served[3][2] == {"scene": "book", "small": False}

@@ -18,12 +18,6 @@ from pdcd.client import UnreachableError
 from pdcd.errors import DecodeError, RequestError
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.runs.prune import UnwantedRun
-from tests.unit.cli.cli_stubs import home_at
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
 
 
 def entry(number: int, **more: Any) -> RunEntry:

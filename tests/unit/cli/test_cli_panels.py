@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -126,22 +125,6 @@ def test_without_a_time_it_stays_until_ctrl_c(
 def test_black_makes_the_panels_black_and_ends_at_once(panels: type[Panels]) -> None:
     assert main(["show", "black"]) == 0
     assert panels.calls == ["connect", "disconnect"]
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [(["grid"], {"pattern": "grid", "index": 0}),
-     (["code", "--index", "2"], {"pattern": "code", "index": 2}),
-     (["--loop"], {"pattern": "loop", "index": 0})],
-)  # fmt: skip
-def test_scripts_are_told_what_is_shown(
-    panels: type[Panels],
-    capsys: pytest.CaptureFixture[str],
-    words: list[str],
-    told: dict[str, object],
-) -> None:
-    assert main(["show", *words, "--seconds", "0", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == told
 
 
 @pytest.mark.parametrize("words", [["grid"], ["--loop"]])

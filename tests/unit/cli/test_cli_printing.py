@@ -10,13 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdcd.api.progress import describe_event
 from pdcd.cli.exits import DENIED, exit_code_of
 from pdcd.cli.main import main
 from pdcd.client import UnreachableError
 from pdcd.errors import DeviceLost
 from pdcd.printable import to_indented_lines, to_one_line
-from pdcd.protocol.events import Event, ShotArmed, UnknownEvent, decode_event
+from pdcd.protocol.events import Event, ShotArmed, decode_event
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import OwnerView
 from tests.places import ROOT
@@ -96,11 +95,6 @@ def test_an_error_is_shown_with_its_further_lines_indented(
     assert all(line.startswith("  ") and line.isprintable() for line in more)
 
 
-def test_the_bar_of_a_terminal_shows_words_that_are_escaped() -> None:
-    assert isinstance(EVENTS[1], UnknownEvent)
-    assert all(describe_event(event).isprintable() for event in EVENTS)
-
-
 @given(st.text())
 def test_what_can_be_seen_stays_and_all_else_is_escaped(text: str) -> None:
     shown = to_one_line(text)
@@ -109,12 +103,6 @@ def test_what_can_be_seen_stays_and_all_else_is_escaped(text: str) -> None:
         assert shown == text
     first, *more = to_indented_lines(text).split("\n")
     assert first.isprintable() and all(line[:2] == "  " and line.isprintable() for line in more)
-
-
-@given(st.text())
-def test_a_json_text_keeps_its_value(text: str) -> None:
-    value = {text: [text]}
-    assert json.loads(to_one_line(json.dumps(value, ensure_ascii=False))) == value
 
 
 def test_exit_code_6_is_for_what_one_may_not() -> None:

@@ -15,13 +15,7 @@ from pdcd.cli.main import main
 from pdcd.extras import suggest_install
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
-from tests.unit.cli.cli_stubs import JOB, home_at
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
-
+from tests.unit.cli.cli_stubs import JOB
 
 # --- demo -----------------------------------------------------------------------------------------
 
@@ -113,15 +107,6 @@ def test_a_demo_takes_one_photo_with_a_daemon_of_its_own(
     ]
     assert said.err.splitlines()[1] == "capture.start: indirect light, 16 codes"
     assert said.err.startswith(f"pdcd serve --config {options['--config']} --socket ")
-
-
-def test_a_demo_that_fails_names_no_pictures(
-    daemon: Daemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    result = CaptureResult(job=JOB, state="failed", error={"kind": "busy", "message": "taken"})
-    monkeypatch.setattr(demo_cli, "Client", client_of(result, []))
-    assert main(["demo"]) == 4
-    assert "look at" not in capsys.readouterr().out and daemon.done == ["terminated", "left"]
 
 
 # --- the page -------------------------------------------------------------------------------------

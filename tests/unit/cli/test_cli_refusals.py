@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.cli.main import main
-from tests.unit.cli.cli_stubs import home_at, last_object, stub_daemon, stub_engine
+from tests.unit.cli.cli_stubs import last_object, stub_daemon, stub_engine
 
 A = "a" * 64
 USAGE = (
@@ -77,8 +77,7 @@ REFUSED = {
 
 
 @pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
+def _here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
 
 

@@ -51,13 +51,6 @@ def test_row_is_that_of_the_stored_codes(tmp_path: Path) -> None:
     assert found.photo == "coded"
 
 
-def test_row_is_divided_by_what_the_picture_was_divided_by(tmp_path: Path) -> None:
-    fields: dict[str, Any] = {"goal": "indirect", "codes": 8, "family": "bernoulli"}
-    folder = finished(tmp_path, **fields, normalise="row")
-    found = read_matrix_row(folder, (0, 3))
-    assert found.realised.sum() / (ROWS * COLS - 1) == pytest.approx(1.0, rel=1e-9)
-
-
 def test_missed_refreshes_show_in_the_row(tmp_path: Path) -> None:
     """A late refresh stretches one code: the row is no longer that of the stored codes."""
     config = bench_rig.with_defects(tmp_path, rig=RigConfig(on_miss="flag"))
@@ -124,8 +117,3 @@ def test_faults_are_told(
     folder = finished(tmp_path, goal="indirect", codes=8)
     assert main(["row", str(folder), *more]) == code
     assert words in capsys.readouterr().err
-
-
-def test_a_folder_that_is_no_run_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["row", str(tmp_path), "--cell", "0", "0"]) == 5
-    assert "finished run" in capsys.readouterr().err

@@ -21,7 +21,6 @@ from pdcd.runs.index import find_runs
 from tests.run_folders import cut, finished, job
 from tests.unit.cli.cli_stubs import (
     StubClient,
-    home_at,
     last_object,
     stub_daemon,
 )
@@ -30,11 +29,6 @@ FAILED = {
     "event": "failed", "kind": "sync", "message": "the panels " + "missed refreshes " * 20,
     "taken": "1 of 3 shots",
 }  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
 
 
 @pytest.fixture

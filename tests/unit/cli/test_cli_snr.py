@@ -8,9 +8,8 @@ import re
 
 import pytest
 
-from pdcd.cli import snr as snr_cli
 from pdcd.cli.main import main
-from pdcd.sensor.appendix import PrintedRow, compute_appendix_rows
+from pdcd.sensor.appendix import compute_appendix_rows
 
 
 def test_command_prints_all_three_tables(capsys: pytest.CaptureFixture[str]) -> None:
@@ -58,22 +57,3 @@ def test_command_prints_one_json_object(capsys: pytest.CaptureFixture[str]) -> N
         assert (meets == "never") == (
             (row["goal"], row["thermal"], row["transmission"]) == ideal_by_the_paper
         )
-
-
-def test_the_appendix_is_printed_with_two_digits_more_than_the_paper_has(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = (PrintedRow("gain", "3.9", 3.8764), PrintedRow("codes", "64", 64.4, 3.6),
-            PrintedRow("loss", "1.25", 1.251234, 1.5, note="so it is"))  # fmt: skip
-    monkeypatch.setattr(snr_cli, "compute_appendix_rows", lambda: rows)
-    assert main(["snr"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[:7] == [
-        "appendix of the paper (profile mark2)",
-        "quantity  printed  ours    dark shot noise",
-        "gain      3.9      3.876",
-        "codes     64       64      4",
-        "loss      1.25     1.2512  1.5000",
-        "loss: so it is",
-        "",
-    ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -15,13 +14,7 @@ from pdcd.printable import to_percent
 from pdcd.protocol.plan_summary import PilotCost, PlanSummary, Prediction, ShotSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, Quality
-from tests.unit.cli.cli_stubs import JOB, PLAN, home_at, stub_daemon
-
-
-@pytest.fixture(autouse=True)
-def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    home_at(monkeypatch, tmp_path)
-
+from tests.unit.cli.cli_stubs import JOB, PLAN, stub_daemon
 
 # --- plans ----------------------------------------------------------------------------------------
 
