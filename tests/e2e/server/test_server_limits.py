@@ -15,6 +15,7 @@ from pdcd.bench.tables import Config, RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.server import callers
 from pdcd.server import daemon as server_daemon
+from pdcd.server.connections import OPEN_REQUESTS
 from pdcd.server.daemon import serve_daemon
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import Daemon, Wire, served
@@ -59,6 +60,20 @@ async def test_a_client_that_does_not_read_does_not_hold_up_the_end(
             await asyncio.sleep(0.01)
         assert asyncio.get_running_loop().time() - before < callers.STUCK_S
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
+
+
+@served
+async def test_who_asks_too_much_at_a_time_is_told_so(running: Daemon, wire: Wire) -> None:
+    job = (await wire.result("capture.start", goal="white", note="slow"))["job"]
+    for number in range(OPEN_REQUESTS + 1):
+        asks = {"jsonrpc": "2.0", "id": number, "method": "capture.wait", "params": {"job": job}}
+        await wire.send(asks)
+    error = (await wire.answer(OPEN_REQUESTS))["error"]
+    assert error["data"]["kind"] == "busy" and "64 requests" in error["message"]
+    async with running.wire() as other:
+        await other.result("capture.cancel", job=job)
+    for number in range(OPEN_REQUESTS):
+        assert (await wire.answer(number))["result"]["state"] == "cancelled"
 
 
 def refused(path: Path) -> ConfigError:

@@ -92,6 +92,31 @@ def test_a_name_is_believed_for_a_minute(monkeypatch: pytest.MonkeyPatch) -> Non
     asyncio.run(scenario())
 
 
+async def test_a_look_up_that_hangs_is_waited_for_once_and_its_answer_kept(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    free, asked = threading.Event(), []
+
+    def look_up(uid: int) -> str:
+        asked.append(uid)
+        assert free.wait(LONG_S)
+        return "anna"
+
+    names = Names(look_up)
+    monkeypatch.setattr(access, "LOOKUP_S", 0.01)
+    assert await names.of(7) == "7"
+    monkeypatch.setattr(access, "LOOKUP_S", LONG_S)
+    assert await asyncio.wait_for(names.of(7), LONG_S / 2) == "7"  # without a wait
+    assert asked == [7]
+    free.set()
+    async with asyncio.timeout(LONG_S):
+        while await names.of(7) != "anna":
+            await asyncio.sleep(0.001)
+    assert asked == [7]
+    await names.close()
+    assert caplog.text.count("the name of a user cannot be looked up uid=7") == 1
+
+
 def test_a_look_up_that_fails_is_made_again_and_the_end_waits_for_none() -> None:
     free, asked = threading.Event(), []
 

@@ -120,15 +120,6 @@ def test_every_request_is_answered_once_and_gives_back_what_came_with_it(
     assert caplog.text.count("method failed") == 2 * bool(logged)
 
 
-def test_one_who_asks_too_much_at_a_time_is_told_so() -> None:
-    line = Line(1, "none")
-    for request_id in ("a", None):
-        module._refuse_more(cast(Caller, line), RpcRequest(request_id, "ping", NoParams()))
-    ((message, _),) = line.got
-    assert (message["id"], message["error"]["data"]["kind"]) == ("a", "busy")
-    assert message["error"]["message"] == "64 requests of this connection are unanswered"
-
-
 class Listener:
     """A socket of which clients come, or what accepting raises."""
 

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import pytest
 
-from pdcd.errors import Cancelled, DeviceLost, PdcdError, RequestError
+from pdcd.errors import BusyError, Cancelled, DeviceLost, PdcdError, RequestError
 from pdcd.protocol.events import Attention, Event, Progress, ShotArmed
 from pdcd.protocol.messages import ShowParams
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
@@ -306,3 +306,16 @@ async def test_a_job_that_comes_in_the_turn_in_which_another_ends_is_run_once(
     await desk.runner.drain()
     assert [asked["job"] for asked in desk.engine.asked] == [first.name, late[0].name]
     assert desk.of(late[0]).count("done") == 1
+
+
+@at_desk
+async def test_a_daemon_that_stops_takes_nothing_more_and_waits_for_what_runs(desk: Desk) -> None:
+    desk.engine.act = until_cancelled
+    runs, waits = desk.start(), desk.start(queue=True)
+    await asyncio.sleep(0)
+    await desk.runner.drain()
+    assert (runs.state, waits.state) == ("cancelled", "cancelled")
+    assert len(desk.engine.asked) == 1
+    assert [desk.of(job)[-1] for job in (runs, waits)] == ["cancelled"] * 2
+    with pytest.raises(BusyError, match="stopping"):
+        desk.start()
