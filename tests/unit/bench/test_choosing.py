@@ -310,6 +310,7 @@ def test_one_is_forgotten_unless_it_is_in_use_and_never_what_a_link_leads_to(
     assert (elsewhere / RECORD).exists() and not (
         tmp_path / CALIBRATIONS_FOLDER / "a2"
     ).is_symlink()
+    written(tmp_path / CALIBRATIONS_FOLDER / "a" / "b", record())
     for wrong in ("..", "a/b", "", ".a1.forgotten", PINNED):
         with pytest.raises(ConfigError, match="no calibration is called"):
             find_calibration(config, wrong)

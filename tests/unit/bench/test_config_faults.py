@@ -65,6 +65,7 @@ def fault_lines(path: Path) -> list[str]:
         ("[mask]\ncontrast = 1.0", "mask.contrast: ", "exceeds 1"),
         ("[rig]\nplane = [1, 0, 0, 0, 1, 0, 0, 0, 1]", "rig.plane: ", "off-axis"),
         ("[projector]\noffset_px = [1, 0]", "projector.offset_px: ", "mask.offset_px"),
+        ("[projector]\nblur_px = 0.6", "projector.blur_px: ", "is the light on the mask"),
         ("[scene]\nkind = 'matrix'\npath = 3", "scene.path: ", "expected str | null, got int"),
         ("[scene]\npath = 'rig.toml'", "scene.path: ", "belongs to"),
         ("[scene]\ngrid = [48, 2000]", "scene.grid: ", "on the projector"),
