@@ -135,28 +135,6 @@ async def test_notifications_are_done_but_not_answered(running: Daemon, wire: Wi
 
 
 @served
-async def test_every_method_of_the_idle_rig(running: Daemon, wire: Wire) -> None:
-    status = await wire.result("rig.status")
-    assert status["state"] == "idle" and status["running"] is None
-    assert status["connections"] == 1 and status["uptime_s"] >= 0
-    described = await wire.result("rig.describe")
-    assert described["rig"]["grid"] == [4, 6]
-    assert "capture.start" in described["schema"]["methods"]
-    assert (await wire.result("config.get"))["server"]["state_dir"].endswith("state")
-    plan = await wire.result("capture.plan", goal="indirect", codes=32)
-    assert plan["codes"] == 32 and plan["shots"][0]["refreshes"] == 256
-    shown = await wire.result("display.show", pattern="code", index=3)
-    job = (await wire.result("rig.status"))["running"]["job"]
-    assert shown == {"pattern": "code", "index": 3, "job": job}
-    assert len((await wire.result("preview.grab"))["sha256"]) == 64
-    assert await wire.result("events.subscribe", jobs="all") == {"jobs": "all"}
-    assert await wire.result("events.unsubscribe") == {"jobs": "none"}
-    assert (await wire.result("ping"))["clock"]["mono_ns"] > 0
-    asked = ["describe", "plan", "show code 3", "show black 0", "preview"]
-    assert running.engine.calls[2:] == asked
-
-
-@served
 async def test_a_burst_of_requests_is_answered_in_order(wire: Wire) -> None:
     lines = [b'{"jsonrpc":"2.0","id":%d,"method":"ping"}\n' % k for k in range(3000)]
     wire.writer.write(b"".join(lines))

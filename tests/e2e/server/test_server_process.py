@@ -348,16 +348,3 @@ def test_the_watchdog_starves_while_the_engines_thread_is_frozen(
         assert "WATCHDOG=1" in watched.waiting()
 
     serve_here(tmp_path, FakeEngine(Config()), body)
-
-
-def test_without_a_watchdog_no_sign_is_given(
-    tmp_path: Path, manager: Manager, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("NOTIFY_SOCKET", manager.address)
-    monkeypatch.delenv("WATCHDOG_USEC", raising=False)
-
-    async def body(wire: Wire) -> None:
-        await asyncio.sleep(0.2)
-        assert "WATCHDOG=1" not in manager.waiting()
-
-    serve_here(tmp_path, FakeEngine(Config()), body)

@@ -129,23 +129,6 @@ def test_the_bench_of_a_daemon_is_asked_for_its_grid_once_and_parted_from() -> N
     assert daemon.asked == ["describe"] * 4 + ["close"]
 
 
-@pytest.mark.parametrize("queue", [False, True])
-def test_requests_are_passed_on_with_their_arrays(queue: bool) -> None:
-    daemon, arrays = Daemon(), {"kernel": b"x"}
-    heard: list[Event] = []
-    bench = behind(daemon, queue=queue)
-    plan: Any = bench.foresee(WHITE, arrays)
-    assert plan == "plan"
-    assert bench.take(WHITE, arrays, on_event=heard.append) is DONE
-    assert bench.take(WHITE) is DONE
-    told = {"arrays": arrays, "queue": queue}
-    assert daemon.asked == [
-        (WHITE, told), (WHITE, {**told, "on_event": heard.append}),
-        (WHITE, {"arrays": {}, "queue": queue, "on_event": None}),
-    ]  # fmt: skip
-    assert not behind(Daemon())._queue
-
-
 def test_a_daemon_is_where_it_is_told_or_where_the_configuration_says(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

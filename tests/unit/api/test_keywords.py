@@ -55,14 +55,6 @@ def test_a_fault_of_an_array_of_another_library_is_its_own() -> None:
             make_request(goal, {name: Odd()}, grid)
 
 
-def test_files_are_named_by_text_or_path_and_not_read() -> None:
-    for path in ("none.npy", Path("none.npy")):
-        _, arrays = make_request("filtered", {"kernel": path}, grid)
-        assert arrays == {"kernel": Path("none.npy")}
-    request, arrays = make_request("white", {"kernel": None, "codes": None}, grid)
-    assert arrays == {} and request.goal == "white"
-
-
 def test_the_grid_is_asked_for_only_where_a_prior_is_an_array() -> None:
     def never() -> tuple[int, int]:
         raise AssertionError("the rig was asked")

@@ -18,7 +18,7 @@ from pdcd.api.arguments import make_request, to_json_types
 from pdcd.api.bench import open_finished_run
 from pdcd.api.local import describe_bench
 from pdcd.api.run import Run
-from pdcd.api.task import ENDING, Task, load_arrays, make_failed_row, make_result_row, take_capture
+from pdcd.api.task import Task, load_arrays, take_capture
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.errors import DecodeError, DeviceLost, PdcdError, RequestError
 from pdcd.files.arrays import read_npz
@@ -79,26 +79,6 @@ def test_arrays_of_files_go_with_a_task_by_their_content(tmp_path: Path) -> None
     with pytest.raises(RequestError, match=r"warp \(.*none\): it cannot be opened") as caught:
         load_arrays({"warp": tmp_path / "none"})
     assert caught.value.hint
-
-
-def test_how_a_capture_ended_is_one_row() -> None:
-    summary: dict[str, Any] = {
-        "codes": 8,
-        "rms_sigma": 0.5,
-        "quality": Quality(verdict="good"),
-        "secret": 1,
-    }
-    result = CaptureResult(
-        job="j", state="done", folder="/x", manifest_sha256="0" * 64, summary=summary
-    )
-    row = make_result_row(WHITE, result)
-    assert tuple(row) == ENDING
-    assert (row["goal"], row["state"], row["job"], row["folder"]) == ("white", "done", "j", "/x")
-    assert (row["verdict"], row["codes"], row["rms_sigma"], row["parts"]) == ("good", 8, 0.5, None)
-    assert (row["manifest_sha256"], row["error"]) == ("0" * 64, None)
-    lost = make_failed_row(WHITE, DeviceLost("gone", device="camera"))
-    assert (lost["state"], lost["error_kind"], lost["folder"]) == ("failed", "device_lost", None)
-    assert "gone" in str(lost["error"]) and lost["verdict"] is None and lost["job"] == ""
 
 
 def test_whatever_goes_wrong_in_a_capture_of_a_sweep_is_a_row(

@@ -29,16 +29,6 @@ def run(state: Path, name: str, place: str = "captures") -> Path:
     return folder
 
 
-def test_the_picture_of_the_goal_comes_first(tmp_path: Path) -> None:
-    run(tmp_path, JOB)
-    shelf = RunShelf(tmp_path)
-    found = shelf.run(JOB)
-    assert found.pictures == ("indirect", "direct", "white")
-    assert found.entry is not None and not found.report
-    assert (found.entry.state, found.entry.goal, found.entry.user) == ("done", "indirect", "anna")
-    assert shelf.picture(JOB, "direct") == b"direct"
-
-
 def test_nothing_else_can_be_had(tmp_path: Path) -> None:
     folder = run(tmp_path, JOB)
     secret = tmp_path / "secret.png"
