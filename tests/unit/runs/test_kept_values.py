@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from pdcd.protocol import events
-from pdcd.runs.later import is_made_later, name_row_file
+from pdcd.runs.folder import is_made_later, name_row_file
 from pdcd.runs.record import Nanoseconds, RecordCount, RecordPositive, Sha256
 from pdcd.runs.walk import is_job, parse_spot
 
