@@ -19,6 +19,7 @@ import pdcd
 from pdcd.bench.tables import CameraConfig, ScheduleConfig
 from pdcd.errors import ConfigError, DecodeError, RequestError
 from pdcd.protocol.result import Quality
+from pdcd.runs.verify import verify_run
 from tests.bench_rig import GRID, config, transport
 
 
@@ -197,3 +198,10 @@ def test_its_truth_on_a_camera_of_any_frame(tmp_path: Path) -> None:
     for found in (run.truth, run.image):
         assert known.any() and np.allclose(found[known], wanted[known], rtol=0.1)
         assert not np.allclose(found[known], wanted[::-1][known], rtol=0.1)
+
+
+def test_its_page_is_written_and_the_run_stays_whole(folder: Path, tmp_path: Path) -> None:
+    run = pdcd.open(folder)
+    assert "report.html" in {path.name for path in folder.iterdir()}  # it was cheap
+    assert run.report(tmp_path / "page.html").read_text().startswith("<!")
+    assert run.report() == folder / "report.html" and verify_run(folder).whole

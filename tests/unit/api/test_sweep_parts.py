@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -223,3 +223,30 @@ def test_a_prior_is_over_the_cells_of_the_bench_that_takes_the_photo(
     monkeypatch.setattr(module, "LocalBench", bench_of)
     sweep(Config(), prior, workers=1, progress=False)
     assert grid_of(hands.tasks[0].arrays["prior"]) == [3, 2] and asked == [Config()]
+
+
+def test_where_all_is_done_the_bar_has_a_length_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[Any] = []
+
+    @contextmanager
+    def drawn(first: str) -> Iterator[Any]:
+        told.append(first)
+        yield lambda *said: told.append(said)
+
+    monkeypatch.setattr(module, "draw_progress", drawn)
+    assert len(sweep(Own(), [])) == 0
+    assert told == ["0 of 0 captures", ("0 of 0 captures", (0.0, 1.0), True)]
+    sweep(Own(), noted("lost", "lost"))
+    assert told[3:] == [
+        ("0 of 2 captures", (0.0, 2.0), True),
+        ("1 of 2 captures, 1 failed", (1.0, 2.0), False),
+        ("2 of 2 captures, 2 failed", (2.0, 2.0), False),
+    ]
+
+
+def test_nobody_takes_photos_with_less_than_no_process(hands: Hands) -> None:
+    with pytest.raises(RequestError, match="-1 workers") as caught:
+        sweep(Config(), ["white"], workers=-1)
+    assert "1 or more" in str(caught.value.hint) and not hands.asked

@@ -16,7 +16,7 @@ import pytest
 from pdcd.api import sweep
 from pdcd.api.arguments import make_request, to_json_types
 from pdcd.api.bench import open_finished_run
-from pdcd.api.local import describe_bench
+from pdcd.api.local import describe_bench, describe_owner
 from pdcd.api.run import Run
 from pdcd.api.task import Task, load_arrays, take_capture
 from pdcd.bench.tables import Config, SceneConfig
@@ -190,3 +190,25 @@ def test_a_preview_that_cannot_be_read_is_left_out(
     faults["high"] = ZeroDivisionError()
     with pytest.raises(ZeroDivisionError):
         shown()
+
+
+def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
+    known = run_of(
+        summary={"rms_sigma": 1, "rms_error_quads": "x", "quality": Quality(verdict="bad")}
+    )
+    assert (known.rms_sigma, known.rms_error_quads, known.verdict) == (1.0, None, "bad")
+    assert repr(known) == "<Run j: white, bad>" and known.sigma_kind == "sensor"
+    good = Quality(verdict="good")
+    bare = run_of(summary={"codes": 8, "sigma_kind": "measured", "quality": good})
+    assert (bare.quality, bare.sigma_kind) == (good, "measured")
+    assert repr(bare) == "<Run j: white, 8 codes, good>" and bare.codes == {} and bare.truth is None
+
+
+def test_a_user_whom_no_table_names_is_told_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(uid: int) -> None:
+        raise KeyError(uid)
+
+    known = describe_owner()
+    monkeypatch.setattr("pdcd.api.local.pwd.getpwuid", none)
+    bare = describe_owner()
+    assert (bare.uid, bare.pid, bare.user) == (known.uid, known.pid, str(known.uid))
