@@ -17,6 +17,7 @@ from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.row import read_matrix_row
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.views import OwnerView
+from pdcd.runs.index import read_run_at
 from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
 from pdcd.runs.record import SCHEMA_VERSION
 from pdcd.runs.verify import VerifyReport, verify_run
@@ -68,6 +69,8 @@ def test_a_finished_run_is_whole(run: Path, kept: tuple[Path, str]) -> None:
     manifest = {run / MANIFEST, run / MANIFEST_DIGEST}
     assert found.size_bytes == sum(p.stat().st_size for p in files if p not in manifest)
     assert decode_folder(run).identical
+    listed = read_run_at(run)  # a copy, known by its manifest and not by its name
+    assert (listed.job, listed.state, listed.folder) == ("job", "done", str(run))
 
 
 def test_the_digest_is_one_that_sha256sum_checks(run: Path) -> None:
