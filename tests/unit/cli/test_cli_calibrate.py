@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import select
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 from pdcd.bench.calibration import FigureRecord
+from pdcd.cli import calibrate as calibrate_cli
 from pdcd.cli.main import main
 from pdcd.errors import Cancelled
 from pdcd.protocol.events import StepEnded
@@ -172,3 +174,23 @@ def test_a_rig_of_this_process_is_stopped_whatever_comes_of_it(
     names = ["cancelled", "emit", "job", "out", "proceed"]
     assert asked == (CalibrateRequest(steps=("timing",), attended=False), names, False, len(JOB))
     assert ("in use" in capsys.readouterr().out) == (not fails)
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_who_is_asked_may_press_return_or_give_up(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], answered: bool
+) -> None:
+    looks: list[float] = []
+    read: list[str] = []
+
+    def look(readers: list[Any], _: Any, __: Any, wait_s: float) -> Any:
+        looks.append(wait_s)
+        return (readers * (answered and len(looks) == 3), [], [])
+
+    monkeypatch.setattr(select, "select", look)
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(readline=lambda: read.append("line")))
+    ask = calibrate_cli._asker(lambda: len(looks) == 5)
+    ask("put the card there")
+    assert capsys.readouterr().err == "put the card there; then press Return\n"
+    assert looks == [0.1] * (3 if answered else 5) and len(read) == answered
+    assert calibrate_cli._never() is False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -162,3 +163,19 @@ def test_the_mocks_panels_are_drawn_and_not_waited_for(
     picture.unlink()
     assert main(["show", "black", *words]) == 0
     assert "nothing to see" in capsys.readouterr().err and not picture.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["grid"], {"pattern": "grid", "index": 0}),
+     (["code", "--index", "2"], {"pattern": "code", "index": 2}),
+     (["--loop"], {"pattern": "loop", "index": 0})],
+)  # fmt: skip
+def test_scripts_are_told_what_is_shown(
+    panels: type[Panels],
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    told: dict[str, object],
+) -> None:
+    assert main(["show", *words, "--seconds", "0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == told

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 from pdcd.cli import demo as demo_cli
 from pdcd.cli.main import main
+from pdcd.client import UnreachableError
 from pdcd.extras import suggest_install
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
@@ -155,3 +157,38 @@ def test_what_an_unfinished_run_has_is_made_into_pictures(
     assert asked == [(Path("run"), Path("there")), (Path("run"), None)]
     assert main(["decode", "run", "--out", "there"]) == 2
     assert "--out goes with --partial" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("ended", "tries"), [(None, 1), (None, 3), (1, 1)], ids=["at once", "later", "it has ended"]
+)
+def test_a_daemon_is_waited_for_until_it_answers_or_has_ended(
+    daemon: Daemon,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    ended: int | None,
+    tries: int,
+) -> None:
+    slept: list[float] = []
+    count = 0
+
+    def client(socket: Path) -> Any:
+        nonlocal count
+        count += 1
+        if count < tries or ended is not None:
+            raise UnreachableError("nobody")
+        return socket
+
+    log = tmp_path / "log"
+    log.write_text("it begins\nit fails")
+    daemon.ended = ended
+    monkeypatch.setattr(demo_cli, "Client", client)
+    monkeypatch.setattr(time, "sleep", slept.append)
+    if ended is None:
+        assert demo_cli._connect(Path("s"), daemon, log) == Path("s")  # type: ignore[arg-type, comparison-overlap]
+        assert slept == [0.02] * (tries - 1) and capsys.readouterr().err == ""
+    else:
+        with pytest.raises(UnreachableError):
+            demo_cli._connect(Path("s"), daemon, log)  # type: ignore[arg-type]
+        assert capsys.readouterr().err == "it begins\nit fails\n" and count == 1
