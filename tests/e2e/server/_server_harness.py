@@ -178,7 +178,9 @@ def _serve_test(body: Scene, **tables: Any) -> Callable[..., None]:
         async def scene() -> None:
             async with AsyncExitStack() as stack:
                 running = await stack.enter_async_context(daemon(_own_folder, **tables))
-                mine = {name: await stack.enter_async_context(running.wire()) for name in wires}
+                mine: dict[str, Any] = {}
+                for name in wires:
+                    mine[name] = await stack.enter_async_context(running.wire())
                 if "running" in wanted:
                     mine["running"] = running
                 await body(**mine, **given)
