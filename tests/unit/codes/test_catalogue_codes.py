@@ -19,6 +19,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.programs import CodedProgram, IlluminatedProgram, LongRangeProgram, SignedProgram
 from tests import bench_rig, catalogue_rig, oracles
 from tests.catalogue_rig import photo, scene_of, show, transport
+from tests.frame_logs import REFRESH_NS
 
 GRID = (4, 5)
 N = 20
@@ -213,6 +214,6 @@ def test_long_range_codes_have_their_largest_weight_at_1_over_w_plus_1(radius: i
 def test_r6_skew_of_one_refresh_is_harmless_and_more_is_not() -> None:
     codes = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
     for refreshes, leaks in ((-1.0, False), (1.0, False), (1.2, True), (-1.2, True)):
-        mask = PanelOptics(skew_ns=round(refreshes * catalogue_rig.REFRESH_NS))
+        mask = PanelOptics(skew_ns=round(refreshes * REFRESH_NS))
         shown = show(codes.primal, codes.dual, GRID, mask=mask)
         assert bool(shown.coaxial.max() > 1e-9) is leaks

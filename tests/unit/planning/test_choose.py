@@ -64,7 +64,7 @@ def told_of(plan: Plan) -> Prediction:
 def every_plan(rig: RigSetting, goal: str) -> list[tuple[int, int, float, int, PredictedError]]:
     """Codes, exposures, seconds, files and error of all plans the limits allow, one by one, of
     exposures with the same codes or, of 16 and more, with their own."""
-    found = []
+    found: list[tuple[int, int, float, int, PredictedError]] = []
     for count in LADDER:
         try:
             once = make_plan(
