@@ -163,25 +163,6 @@ def test_error_bars_of_parts_cover_off_axis_goals(tmp_path: Path) -> None:
         assert 0.7 < summary["rms_sigma"] / summary["rms_error_quads"] < 1.5
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"goal": "keyed"},
-        {"goal": "stereo", "disparity": [-2, -1], "error": 0.05},
-        {"goal": "epipolar"},
-        {"goal": "epipolar", "keep": "out"},
-    ],
-)
-def test_errors_of_off_axis_goals_are_foreseen(fields: dict[str, Any], tmp_path: Path) -> None:
-    """With full noise, before the scene that is known: within a fifth, as of other goals."""
-    camera = CameraConfig(noise="full", seed=3)
-    engine = engine_of(tmp_path, "off-axis-box", {}, camera=camera)
-    _, folder, summary = run(engine, **{"error": 0.02, **fields})
-    prediction = read_manifest(folder).plan["prediction"]
-    assert isinstance(prediction, dict)
-    assert 0.8 < summary["rms_error_quads"] / prediction["error"] < 1.2
-
-
 @pytest.mark.long
 def test_fig11_holds_where_no_two_devices_share_a_grid(tmp_path: Path) -> None:
     """A camera that is turned and sees cells with many quads, and a mask beside by an eighth of a
