@@ -7,9 +7,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from drivers.ptp.codes import Operation
 from drivers.ptp.eos import EosCamera
 from drivers.ptp.readout import PtpReadout
 from drivers.ptp.shutter import PtpShutter
+from drivers.ptp.transport import TransactionReply
 from drivers.virtual_camera import (
     BULB_BODY,
     CameraBody,
@@ -106,3 +108,32 @@ class PtpRig:
             and raw.size_bytes == len(data)
             and raw.sha256 == hashlib.sha256(data).hexdigest()
         )
+
+
+def answer(code: int, data: bytes = b"") -> TransactionReply:
+    """What a camera says to one operation."""
+    return TransactionReply(code, (), memoryview(data))
+
+
+class Calls:
+    """Stands before the session of a camera: answers some operations itself, notes all."""
+
+    def __init__(self, rig: PtpRig, answers: dict[Operation, list[Any]]) -> None:
+        self.real = rig.camera.session.call
+        self.answers = answers
+        self.rig = rig
+        rig.camera.session.call = self  # type: ignore[method-assign]
+        self.done: list[tuple[int, Operation]] = []
+
+    def __call__(self, code: Operation, *params: int, **more: Any) -> TransactionReply:
+        self.done.append((self.rig.clock.now_ns(), code))
+        if self.answers.get(code):
+            found = self.answers[code].pop(0)
+            if isinstance(found, Exception):
+                raise found
+            assert isinstance(found, TransactionReply)
+            return found
+        return self.real(code, *params, **more)
+
+    def times(self, code: Operation) -> list[int]:
+        return [at for at, one in self.done if one == code]

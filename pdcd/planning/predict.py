@@ -116,7 +116,7 @@ def measure_scene_light(scene: Scene, name: str) -> SceneLight:
     lit[np.arange(chosen.size), chosen] = 1.0
     paths = scene.apply(lit).mean(axis=-1)
     paths[np.arange(chosen.size), chosen] = 0.0
-    column, row = np.arange(cells) % columns, np.arange(cells) // columns
+    row, column = np.divmod(np.arange(cells), columns)
     apart = np.hypot(row - row[chosen][:, None], column - column[chosen][:, None])
     grey = indirect.mean(axis=1)
     even = grey[chosen][:, None] * grey

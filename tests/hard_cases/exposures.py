@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.probing.panel import PanelOptics
 from pdcd.probing.realised import Factors, collect_factors, compute_factors
+from tests.frame_logs import REFRESH_NS, make_log
 
 Whole = NDArray[np.int64]
-REFRESH_NS = 16_666_667
 
 
 @dataclass(frozen=True)
@@ -61,16 +61,9 @@ def log_of(
     phase_ns: int = 0,
 ) -> FrameLog:
     """The log of panels that showed all frames, the mask `phase_ns` after the projector."""
-    n = len(frames)
-    rng = np.random.default_rng(7)
-    at = start_ns + np.arange(n + 1, dtype=np.int64) * refresh_ns
-    wobble = rng.integers(-jitter_ns, jitter_ns + 1, size=(2, n + 1))
-    rows = np.arange(n, dtype=np.int32)
-    primal, dual = at + wobble[0], at + wobble[1] + phase_ns
-    return FrameLog(
-        rows, rows, primal[:-1], dual[:-1], np.array([primal[-1], dual[-1]]),
-        np.zeros(n, dtype=np.int32), "test", True,
-    )  # fmt: skip
+    return make_log(
+        len(frames), start_ns=start_ns, refresh_ns=refresh_ns, late_ns=phase_ns, jitter_ns=jitter_ns
+    )
 
 
 def closing_ns(log: FrameLog) -> int:

@@ -19,8 +19,9 @@ from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import PanelOptics, compute_decay_integral
 from tests import bench_rig
+from tests.frame_logs import REFRESH_NS
 from tests.hard_cases.case import Case, Outcome, worst
-from tests.hard_cases.exposures import REFRESH_NS, log_of, realised, spans
+from tests.hard_cases.exposures import log_of, realised, spans
 
 GRID = (2, 3)
 DIGITS = 80

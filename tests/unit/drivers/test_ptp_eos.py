@@ -6,7 +6,6 @@ On the virtual camera; what a body refuses is put in between.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,7 +18,7 @@ from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.errors import ExposureError
-from tests.ptp_rig import SETTINGS, PtpRig
+from tests.ptp_rig import SETTINGS, Calls, PtpRig, answer
 
 
 def refuse(
@@ -120,34 +119,6 @@ def test_a_value_that_was_not_taken_is_not_believed(rig: PtpRig) -> None:
 BUSY = ResponseCode.DEVICE_BUSY
 
 PING = Operation.EOS_KEEP_DEVICE_ON
-
-
-def answer(code: int, data: bytes = b"") -> TransactionReply:
-    return TransactionReply(code, (), memoryview(data))
-
-
-class Calls:
-    """Stands before the session of a camera: answers some operations itself, notes all."""
-
-    def __init__(self, rig: PtpRig, answers: dict[Operation, list[Any]]) -> None:
-        self.real = rig.camera.session.call
-        self.answers = answers
-        self.rig = rig
-        rig.camera.session.call = self  # type: ignore[method-assign]
-        self.done: list[tuple[int, Operation]] = []
-
-    def __call__(self, code: Operation, *params: int, **more: Any) -> TransactionReply:
-        self.done.append((self.rig.clock.now_ns(), code))
-        if self.answers.get(code):
-            found = self.answers[code].pop(0)
-            if isinstance(found, Exception):
-                raise found
-            assert isinstance(found, TransactionReply)
-            return found
-        return self.real(code, *params, **more)
-
-    def times(self, code: Operation) -> list[int]:
-        return [at for at, one in self.done if one == code]
 
 
 def test_a_busy_camera_is_asked_again_ever_more_slowly_for_five_seconds(rig: PtpRig) -> None:

@@ -17,7 +17,7 @@ from drivers.ptp.transport import TransactionReply
 from drivers.virtual_camera import FaultScript
 from pdcd.errors import ExposureError
 from pdcd.sensor.profile import load_profile
-from tests.ptp_rig import PHOTO_B, SETTINGS, PtpRig
+from tests.ptp_rig import PHOTO_B, SETTINGS, Calls, PtpRig, answer
 
 
 def waiting(rig: PtpRig) -> ObjectAdded:
@@ -85,34 +85,6 @@ def test_a_readout_says_what_the_camera_says(rig: PtpRig) -> None:
     real = PtpReadout(rig.camera, rig.clock, config)
     rig.camera.options = msgspec.structs.replace(rig.camera.options, usb="libusb")
     assert real.connect().frame_quads == load_profile(config.profile).frame_quads
-
-
-def answer(code: int, data: bytes = b"") -> TransactionReply:
-    return TransactionReply(code, (), memoryview(data))
-
-
-class Calls:
-    """Stands before the session of a camera: answers some operations itself, notes all."""
-
-    def __init__(self, rig: PtpRig, answers: dict[Operation, list[Any]]) -> None:
-        self.real = rig.camera.session.call
-        self.answers = answers
-        self.rig = rig
-        rig.camera.session.call = self  # type: ignore[method-assign]
-        self.done: list[tuple[int, Operation]] = []
-
-    def __call__(self, code: Operation, *params: int, **more: Any) -> TransactionReply:
-        self.done.append((self.rig.clock.now_ns(), code))
-        if self.answers.get(code):
-            found = self.answers[code].pop(0)
-            if isinstance(found, Exception):
-                raise found
-            assert isinstance(found, TransactionReply)
-            return found
-        return self.real(code, *params, **more)
-
-    def times(self, code: Operation) -> list[int]:
-        return [at for at, one in self.done if one == code]
 
 
 # The readout.
