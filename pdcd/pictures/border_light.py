@@ -41,6 +41,8 @@ _SEEN_OFF = 0.03
 """The same of light that was photographed, edges and all: by how long panels show it."""
 _LEAST_SHARE = 1e-3
 """Share of direct light below which a quad counts as seeing no strip."""
+_LEAST_DIRECT = 0.1
+"""Share of its direct light that a quad must see to tell of it."""
 _BESIDE, _INNER = np.ones((5, 5)), np.zeros((5, 5))
 _BESIDE[1:-1, 1:-1], _INNER[1:-1, 1:-1] = 0.0, 1.0
 _INNER[2, 2] = 0.0
@@ -107,6 +109,15 @@ class BorderLight:
         parts = zip(self.strips, self.lit_s, strict=True)
         seen = sum((self.cells.gather(lit, s.cuts) for s, lit in parts), np.zeros(self.cells.frame))
         return np.asarray(seen / self.weight_s)
+
+    def weigh_direct(self, of_quads: QuadWeights) -> QuadWeights:
+        """What to divide the quads of a photo of direct light by, which has no such light along
+        the borders; a quad that sees little else is blind."""
+        seen = 1.0 - compute_strip_shares(self.strips, self.cells) + self.share()
+        dark = seen < _LEAST_DIRECT
+        blind = dark if of_quads.blind is None else of_quads.blind | dark
+        weight = of_quads.quads_s * np.where(dark, 1.0, seen)
+        return QuadWeights(weight, blind if blind.any() else None)
 
     def light(self, direct: NDArray[np.floating]) -> Floats:
         """Light that gets into each quad, (h, w, C), where direct light is that, (h, w, C)."""

@@ -93,7 +93,7 @@ def scale_photos(
     white = list_white_photos(recipe)
     outside = find_quads_outside(cells)
     for photo in recipe.photos:
-        of_quads = weigh_quads(weights[photo.name], cells)
+        of_quads = _weigh_quads(weights[photo.name], cells)
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         scaled[photo.name] = _scaled(taken, of_quads, added.get(photo.name), outside)
         if room is not None:
@@ -147,6 +147,16 @@ def find_removed_direct(
     of_quads = weigh_quads(weights, cells)
     share = compute_direct_share(weights.realised, of_quads, cells)
     return share, _border_of(weights.realised, of_quads, cells)
+
+
+def _weigh_quads(weights: CellWeights, cells: CellMap) -> QuadWeights:
+    """What to divide the quads of a photo by: those of direct light alone by less where panels draw
+    borders of cells apart, as that is dark there."""
+    of_quads = weigh_quads(weights, cells)
+    border = _border_of(weights.realised, of_quads, cells)
+    if border is None or weights.photo.wanted.uniform != (1.0, 0.0):
+        return of_quads
+    return border.weigh_direct(of_quads)
 
 
 def _border_of(realised: Factors, of_quads: QuadWeights, cells: CellMap) -> BorderLight | None:

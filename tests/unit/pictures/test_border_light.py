@@ -94,6 +94,23 @@ def test_each_quad_has_what_the_pixels_let_through(
     assert found.sum() == pytest.approx(wanted.sum(), rel=0.05)
 
 
+@pytest.mark.parametrize("mask", BENCHES)
+def test_quads_of_direct_light_weigh_what_both_panels_show_of_one_cell(
+    mask: dict[str, Any],
+) -> None:
+    frame = CAMERAS[0]
+    panels, cells, lit, opened = setting_of(mask, frame)
+    realised, light = light_between(panels, cells, 2.0)
+    there = 2.0 * ((lit == opened) | (lit < 0) | (opened < 0))
+    height, width = frame
+    alike = there.reshape(height, FINE, width, FINE).mean(axis=(1, 3))
+    wanted = alike + leak_of(realised, lit, opened, 1.0)
+    found = light.weigh_direct(QuadWeights(np.array(2.0), None))
+    assert wanted.min() < 1.95 and found.blind is None
+    off, dark = found.quads_s - wanted, 2.0 - wanted
+    assert np.sqrt(np.mean(off**2)) < 0.06 * np.sqrt(np.mean(dark**2))
+
+
 def slants(frame: tuple[int, int]) -> tuple[Floats, Floats]:
     """Direct and indirect light at all points."""
     down, right = ((np.arange(side * FINE) + 0.5) / (side * FINE) for side in frame)
