@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from pdcd.capture.worker.answers import Order, PhotoOrder, PhotoOutcome, RigFact
 from pdcd.capture.worker.exposing import Exposer, Orders
 from pdcd.panels.blocks import TOO_FEW, BlockPattern
 from pdcd.pictures.misplaced import BlockPhotos, find_panel_places, quad_px
+from pdcd.planning.metering import pick_aperture
 from pdcd.planning.panel_look import (
     MASK_BLOCK_PHOTO,
     PROJECTOR_BLOCK_PHOTO,
@@ -24,6 +26,17 @@ from pdcd.planning.panel_look import (
 from pdcd.planning.plan import Plan
 from pdcd.runs.record import MeterRecord, PanelLook, ShotRecord
 from pdcd.sensor.raw import RawFrame, read_raw
+
+_CLIPPED = 0.02
+"""Share of quads that may be clipped in a white photo: highlights are."""
+
+
+@dataclass(frozen=True)
+class _Exposure:
+    """F-number of a photo, and refreshes for which it is shown."""
+
+    f_number: float
+    rows: int
 
 
 class PanelCheck:
@@ -41,10 +54,9 @@ class PanelCheck:
         shots : that were taken, the white one among them if the plan has any.
         """
         config, shot = self._facts.config, find_white_shot(plan)
+        exposure = yield from self._exposure(plan)
         if shot is None:
-            white = yield from self._take(
-                plan, WHITE_BLOCK_PHOTO, BlockPattern(1, 1)
-            )  # it shows none
+            white, exposure = yield from self._take_white(exposure)
         else:
             record = next(one for one in shots if one.name == shot.name)
             white = self._read(record.raw, record.sha256)
@@ -56,7 +68,7 @@ class PanelCheck:
             return _nobody_looked(TOO_FEW)
         photos = []
         for name in (PROJECTOR_BLOCK_PHOTO, MASK_BLOCK_PHOTO):
-            photo = yield from self._take(plan, name, blocks)
+            photo = yield from self._take(name, blocks, exposure)
             if isinstance(photo, PanelLook):
                 return photo
             photos.append(photo)
@@ -72,13 +84,40 @@ class PanelCheck:
             seen, blocks, camera, (panels.projector.map, panels.mask.map), size_px
         )
 
-    def _take(
-        self, plan: Plan, name: str, blocks: BlockPattern
-    ) -> Generator[Order, PhotoOutcome, RawFrame | PanelLook]:
-        """Take one photo at the aperture of the white shot; where it was spoilt, says so."""
+    def _exposure(self, plan: Plan) -> Generator[Order, PhotoOutcome, _Exposure]:
+        """That of the white shot; without one, what the codes were metered for."""
         shot = find_white_shot(plan) or plan.last_exposed
-        frames = BlockFrames(self._facts.config, blocks, count_block_rows(plan)).frames(name)
         f_number = yield from self._exposer.aperture(shot, plan.recipe.shots, plan.sequence)
+        return _Exposure(f_number, count_block_rows(plan))
+
+    def _take_white(
+        self, exposure: _Exposure
+    ) -> Generator[Order, PhotoOutcome, tuple[RawFrame | PanelLook, _Exposure]]:
+        """A white photo of a run that has no such shot, and how it was exposed. Codes may have been
+        metered without the direct light, so that it is taken again while too much is clipped."""
+        while True:
+            photo = yield from self._take(WHITE_BLOCK_PHOTO, BlockPattern(1, 1), exposure)
+            if isinstance(photo, PanelLook) or photo.saturated.mean() < _CLIPPED:
+                return photo, exposure
+            dimmer = self._dimmed(exposure)
+            if dimmer == exposure:
+                return photo, exposure
+            exposure = dimmer
+
+    def _dimmed(self, exposure: _Exposure) -> _Exposure:
+        """With a ninth of the light by the aperture, or by the time where that is fixed; the same
+        where there is no less."""
+        if self._facts.config.camera.f_number != "auto":
+            return replace(exposure, rows=max(1, exposure.rows // 9))
+        stops = self._exposer.camera.f_numbers
+        return replace(exposure, f_number=pick_aperture(stops, 3.0 * exposure.f_number))
+
+    def _take(
+        self, name: str, blocks: BlockPattern, exposure: _Exposure
+    ) -> Generator[Order, PhotoOutcome, RawFrame | PanelLook]:
+        """Take one photo; where it was spoilt, says so."""
+        frames = BlockFrames(self._facts.config, blocks, exposure.rows).frames(name)
+        f_number = exposure.f_number
         settings = self._exposer.settings(f_number)
         taken = yield from self._orders.look(PhotoOrder("look", name, frames, settings, f_number))
         if isinstance(taken, SpoiltPhoto):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -202,3 +203,20 @@ def test_a_display_that_takes_no_pixels_is_photographed_all_the_same(
     assert "nobody looked whether panels and camera lie" in reason
     assert "this display draws cells alone" in reason
     assert reason in result.warnings
+
+
+@pytest.mark.parametrize("f_number", ["auto", 2.5])
+def test_blocks_are_seen_where_codes_were_metered_without_direct_light(
+    tmp_path: Path, f_number: Literal["auto"] | float
+) -> None:
+    """No white shot, and a book that returns mostly direct light: its last codes show none of it,
+    at a stop at which two thirds of a white photo are clipped."""
+    config = Config(
+        projector=PanelConfig(size_px=SIZE_PX),
+        scene=SceneConfig(kind="open-book", grid=(12, 16)),
+        camera=CameraConfig(frame_quads=QUADS, f_number=f_number),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+    _, taken = take_into(tmp_path, config, CaptureRequest(goal="diagonal", codes=64))
+    record = read_manifest(taken).run
+    assert record.panels is not None and record.panels.mask_seen
