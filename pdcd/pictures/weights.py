@@ -98,11 +98,6 @@ def sum_realised_matrices(terms: Combination, shots: Mapping[str, RealisedShot])
     return sum_signed_factors((sign, shots[name].realised) for sign, name in terms)
 
 
-def _cell_weights_s(photo: RecipePhoto, realised: Factors, *, by_row: bool) -> Floats:
-    """What to divide the cells of a photo by: one number (), or that of each cell's row (N,)."""
-    return _row_weights(photo, realised, by_row)[0]
-
-
 def _row_weights(
     photo: RecipePhoto, realised: Factors, by_row: bool
 ) -> tuple[Floats, Bools | None]:

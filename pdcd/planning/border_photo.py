@@ -19,7 +19,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
@@ -34,8 +33,6 @@ from pdcd.probing.borders import (
     find_border_pixels,
     measure_border_reach,
 )
-
-_Bits = NDArray[np.bool_]
 
 LIT, INNER, DARK = "look-borders", "look-borders-inner", "look-borders-dark"
 """The photos, as their RAW files are called."""
