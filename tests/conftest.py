@@ -12,20 +12,14 @@ from tests import world
 
 world.enter()  # before pdcd is imported, and whatever tests run while they are imported
 
-from tests import hastened, remembered
-from tests.hastened import full_previews
-from tests.heard import Heard
 from tests.xserver import x_full, x_quarter
 
-__all__ = ["full_previews", "heard", "x_full", "x_quarter"]
+__all__ = ["x_full", "x_quarter"]
 
 # A shell without job control starts what runs in its background with interrupts ignored, and that
 # is passed on: tests that interrupt themselves or a child would wait for ever.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-remembered.begin()
-hastened.begin()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -44,13 +38,3 @@ def _own_world() -> Iterator[None]:
     """Every test finds no configuration, runs or calibrations of another."""
     yield
     world.sweep()
-
-
-@pytest.fixture(autouse=True)
-def heard() -> Iterator[Heard]:
-    """In every test, each event is what the schema says; a test may look at what was heard."""
-    with pytest.MonkeyPatch.context() as patch:
-        recorder = Heard()
-        recorder.listen(patch)
-        yield recorder
-    assert not recorder.faults, "\n".join(recorder.faults[:5])

@@ -49,6 +49,9 @@ PYTEST_FILES = "PYTEST_DEBUG_TEMPROOT"
 """Where pytest makes its `tmp_path`: outside, so that files of failed tests can be looked at."""
 
 
+MEMORY, LEAST_FREE_BYTES = "/dev/shm", 4 << 30
+
+
 def enter() -> None:
     """Lead this process and all that it starts into the world; once inside, do nothing.
 
@@ -61,8 +64,9 @@ def enter() -> None:
         world, cache = Path(inside, worker), Path(os.environ["XDG_CACHE_HOME"])
         world.mkdir(0o755, exist_ok=True)
     else:
-        os.environ.setdefault(PYTEST_FILES, tempfile.gettempdir())
-        world, cache = Path(tempfile.mkdtemp(prefix="pdcd-w-")), None
+        where = _choose_disk()
+        os.environ.setdefault(PYTEST_FILES, where)
+        world, cache = Path(tempfile.mkdtemp(prefix="pdcd-w-", dir=where)), None
         world.chmod(0o755)
         atexit.register(_remove, world, os.getpid())
     for variable, (name, mode) in FOLDERS.items():
@@ -74,6 +78,19 @@ def enter() -> None:
         os.environ.pop(variable, None)
     tempfile.tempdir = None  # as it was found before, and kept
     os.environ[MARK] = str(world)
+
+
+def _choose_disk() -> str:
+    """Where files of tests lie: where the caller says, else in memory where there is enough of it,
+    as hundreds of runs wait for their files to be on a disk. Tests run programs that they write."""
+    if "TMPDIR" in os.environ:
+        return tempfile.gettempdir()
+    try:
+        said = os.statvfs(MEMORY)
+    except OSError:
+        return tempfile.gettempdir()
+    roomy = said.f_bavail * said.f_frsize >= LEAST_FREE_BYTES and os.access(MEMORY, os.W_OK)
+    return tempfile.gettempdir() if said.f_flag & os.ST_NOEXEC or not roomy else MEMORY
 
 
 def sweep() -> None:

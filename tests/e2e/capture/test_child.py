@@ -295,7 +295,6 @@ def test_a_job_that_wants_too_much_memory_fails_and_the_next_one_works(tmp_path:
         engine.stop()
 
 
-@pytest.mark.usefixtures("full_previews")
 def test_pictures_are_the_same_in_both_places_byte_for_byte(tmp_path: Path) -> None:
     requests = {
         "pilot": CaptureRequest(goal="indirect", codes=64, pilot=8, seed=3),

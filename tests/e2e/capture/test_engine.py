@@ -81,7 +81,6 @@ def test_every_goal_in_scene_units(
     assert error < (5e-4 if exact else 0.25)
 
 
-@pytest.mark.usefixtures("full_previews")
 def test_a_run_folder_holds_everything(tmp_path: Path) -> None:
     folder, _ = run(bench_rig.config(tmp_path), codes=8, out=str(tmp_path / "runs"))
     assert folder.parent == tmp_path / "runs"

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
@@ -35,7 +34,6 @@ def warned(manifest: Manifest) -> list[str]:
     return [text for text in manifest.warnings if "white patch" in text]
 
 
-@pytest.mark.usefixtures("full_previews")
 def test_amber_wax_that_is_said_to_be_white_is_grey(tmp_path: Path) -> None:
     config = bench_rig.config(tmp_path, scene=SceneConfig(kind="wax-disk", grid=(12, 16)))
     folder, manifest = taken(config, (0.5, 0.5))

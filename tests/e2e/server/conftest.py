@@ -10,6 +10,7 @@ import pytest
 from tests.coroutines import pytest_pyfunc_call
 from tests.e2e.server._server_harness import nothing_left
 from tests.e2e.server._users import Users
+from tests.heard import Heard
 
 __all__ = ["pytest_pyfunc_call"]
 
@@ -18,6 +19,16 @@ __all__ = ["pytest_pyfunc_call"]
 def _nothing_left() -> Iterator[None]:
     with nothing_left():
         yield
+
+
+@pytest.fixture(autouse=True)
+def heard() -> Iterator[Heard]:
+    """Each event of a test is what the schema says; a test may look at what was heard."""
+    with pytest.MonkeyPatch.context() as patch:
+        recorder = Heard()
+        recorder.listen(patch)
+        yield recorder
+    assert not recorder.faults, "\n".join(recorder.faults[:5])
 
 
 @pytest.fixture

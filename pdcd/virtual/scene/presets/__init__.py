@@ -1,5 +1,6 @@
 """Scenes that need no file: name -> builder of (grid, options)."""
 
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
@@ -11,12 +12,28 @@ __all__ = ["OFF_AXIS_PRESETS", "PRESETS", "STAGED", "find_builder", "list_preset
 Builder = Callable[[tuple[int, int], Mapping[str, Any]], Scene]
 
 
+_KEPT: OrderedDict[str, Scene] = OrderedDict()
+_MOST_KEPT = 4
+"""Scenes that are kept: sweeps and calibrations open a bench anew, and most look at one scene. One
+of 48 x 64 cells takes tens of megabytes."""
+
+
 def _later(module: str, function: str) -> Builder:
-    """A builder whose module is imported when called: a rig has one scene, and starts soon."""
+    """A builder whose module is imported when called: a rig has one scene, and starts soon. Of the
+    last few, which are frozen, it gives the same again."""
 
     def build(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
-        builder: Builder = getattr(import_module(f"pdcd.virtual.scene.presets.{module}"), function)
-        return builder(grid, options)
+        key = repr((function, tuple(grid), sorted(options.items())))
+        scene = _KEPT.pop(key, None)
+        if scene is None:
+            builder: Builder = getattr(
+                import_module(f"pdcd.virtual.scene.presets.{module}"), function
+            )
+            scene = builder(grid, options)
+        _KEPT[key] = scene
+        while len(_KEPT) > _MOST_KEPT:
+            _KEPT.popitem(last=False)
+        return scene
 
     return build
 
