@@ -1,9 +1,9 @@
-"""Error over the number of codes, two families, as a table for a spreadsheet."""
+"""Error over the number of codes of one exposure, two families, as a table for a spreadsheet."""
 
 import pdcd
 
 requests = [
-    {"goal": "indirect", "codes": codes, "family": family}
+    {"goal": "indirect", "codes": codes, "family": family, "parts": 1, "pilot": 0}
     for family in ("bernoulli", "hadamard")
     for codes in (8, 32, 128)
 ]
