@@ -160,16 +160,53 @@ def to_error_fields(error: PdcdError) -> dict[str, str | None]:
     }
 
 
+_SCARCE = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
+"""What the system says when a process, or all of them, have as much as there may be."""
+_MOST_TOLD = 1000
+"""Characters of a message made of somebody else's error."""
+
+
 @contextmanager
 def disk_errors(device: str) -> Iterator[None]:
-    """Turn a full disk into NoSpaceError and any other refusal of the disk into DiskError."""
+    """Turn a full disk into NoSpaceError, too few descriptors or too little memory into BusyError,
+    and any other refusal of the disk into DiskError."""
     try:
         yield
     except OSError as err:
-        if err.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise NoSpaceError(
-                "the disk is full", device=device, hint="free some space and run again"
-            ) from err
-        raise DiskError(
-            f"cannot write: {err.strerror or err}", device=device, hint="check folder and rights"
-        ) from err
+        raise _to_disk_error(err, device, "cannot write") from err
+
+
+def to_typed_error(error: BaseException) -> PdcdError:
+    """Whatever was raised, as an error that a client can be told.
+
+    Called where a request, a job or a command ends. What is no error of ours is a fault of the
+    program, unless the system refused something: then it is the error of that.
+    """
+    if isinstance(error, PdcdError):
+        return error
+    said = _said_by(error)
+    if isinstance(error, MemoryError) or "can't start new thread" in said:
+        return _to_disk_error(OSError(errno.ENOMEM, said or "out of memory"), None, "")
+    # A connection that breaks is no disk's affair.
+    if isinstance(error, OSError) and error.errno and not isinstance(error, ConnectionError):
+        name = error.filename if isinstance(error.filename, str | bytes) else "a file"
+        return _to_disk_error(error, None, f"cannot use {name!r:.200}")
+    message = f"{type(error).__name__}: {said}"
+    return PdcdError(message, hint="a fault of the program: see the daemon's log")
+
+
+def _said_by(error: BaseException) -> str:
+    try:
+        return str(error)[:_MOST_TOLD]
+    except Exception:  # an error of somebody else's making, which cannot even be told
+        return "it cannot be told"
+
+
+def _to_disk_error(error: OSError, device: str | None, what: str) -> PdcdError:
+    why = error.strerror or _said_by(error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return NoSpaceError("the disk is full", device=device, hint="free some space and run again")
+    if error.errno in _SCARCE:
+        hint = "try again in a moment; if it stays, raise LimitNOFILE or give it more memory"
+        return BusyError(f"the system has nothing left: {why}", device=device, hint=hint)
+    return DiskError(f"{what}: {why}", device=device, hint="check folder and rights")

@@ -142,9 +142,9 @@ class HeldFolder:
 
     def close(self) -> None:
         """Let go of the folder. Idempotent."""
-        if self._fd is not None:
-            os.close(self._fd)
-            self._fd = None
+        fd, self._fd = self._fd, None
+        if fd is not None:
+            os.close(fd)
 
     def __enter__(self) -> HeldFolder:
         return self

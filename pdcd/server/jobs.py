@@ -10,20 +10,25 @@ calibration.
 One runs at a time. A show has no end of its own, and gives way to whatever else its owner asks for.
 All of this is used from one thread (the event loop's); only the
 flags of `Job` and `Coalescer` are touched by the thread that captures.
+
+Any of the steps by which a job gets the rig and ends may be cut short by an error, between any two
+lines. Each may be made again then, and goes on from where it was.
 """
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Protocol
 
 import msgspec
 
-from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, to_error_fields
+from pdcd.errors import BusyError, Cancelled, RequestError, to_error_fields, to_typed_error
 from pdcd.protocol.events import Emit, Event
 from pdcd.protocol.messages import JobView, ShowParams, ShowReply
 from pdcd.protocol.plan_summary import PlanSummary
@@ -156,8 +161,20 @@ class Job:
     state: JobState = "queued"
     result: CaptureResult | None = None
     answer: JobAnswer | None = None
+    begun: bool = False
+    """The engine was asked to do it, which it is once."""
+    lit: int = 0
+    """Of a show: how often the panels may still be asked to go black."""
+    outcome: CaptureResult | None = None
+    """What came of it, before that is entered as its result."""
+    untold: int = 2
+    """How often its end may still be told, as long as that fails."""
     given_up: bool = False
     """Of a show: its owner wants the panels for something else."""
+    ended: asyncio.Event = field(default_factory=asyncio.Event)
+    answered: asyncio.Event = field(default_factory=asyncio.Event)
+    let_go: asyncio.Event = field(default_factory=asyncio.Event)
+    """Of a show: it is to end."""
     cancel_flag: threading.Event = field(default_factory=threading.Event)
     proceed_flag: threading.Event = field(default_factory=threading.Event)
     """Of a calibration: somebody has done what was asked."""
@@ -238,13 +255,12 @@ class JobTable:
                     f"{len(self.queue)} jobs are waiting already", hint="wait until some have ended"
                 )
         job = Job(self._new_name(), kind, request, owner, detach, _utc_now(), given, place)
-        self._jobs[job.name] = job
-        if self.running is None:
-            self._run(job)
-        elif self._next_after_show(owner):
+        if self._next_after_show(owner):
             self.queue.appendleft(job)
         else:
             self.queue.append(job)
+        self._jobs[job.name] = job
+        self.take_turn()
         return job
 
     def _next_after_show(self, owner: Owner) -> bool:
@@ -289,9 +305,8 @@ class JobTable:
         job.cancel_flag.set()
         if job.state != "queued":
             return False
-        self.queue.remove(job)
         error = Cancelled("cancelled before it began", hint="the rig was not touched")
-        self._end(job, CaptureResult(job=job.name, state="cancelled", error=to_error_fields(error)))
+        self.end(job, CaptureResult(job=job.name, state="cancelled", error=to_error_fields(error)))
         return True
 
     def owned_by(self, connection: int) -> list[Job]:
@@ -299,28 +314,41 @@ class JobTable:
         active = [*([] if self.running is None else [self.running]), *self.queue]
         return [j for j in active if j.owner.connection == connection and not j.detach]
 
-    def finish(self, job: Job, result: CaptureResult) -> Job | None:
-        """Enter the result of the running job; returns the job that runs next, if one waits."""
-        self._end(job, result)
-        self.running = None
-        if self.queue:
-            self._run(self.queue.popleft())
+    def take_turn(self) -> Job | None:
+        """The job that has the rig; where it is free, the first of those that wait gets it."""
+        while self.queue and self.queue[0].state in ENDED:
+            self.queue.popleft()
+        if self.running is None and self.queue:
+            self.running = self.queue[0]
+        if self.queue and self.queue[0] is self.running:
+            self.queue.popleft()
+        if self.running is not None and self.running.state == "queued":
+            self.running.state = "running"
         return self.running
 
-    def _run(self, job: Job) -> None:
-        job.state = "running"
-        self.running = job
-
-    def _end(self, job: Job, result: CaptureResult) -> None:
-        job.state = result.state
-        job.result = result
+    def end(self, job: Job, result: CaptureResult) -> None:
+        """Enter the result of a job, and let go of all that it was given."""
+        if job.result is None:
+            job.result = result
+        job.state = job.result.state
         job.given = NO_ARRAYS
-        if job.place is not None:
-            job.place.close()
+        with suppress(ValueError):
+            self.queue.remove(job)
         ended = self._ended.setdefault(job.kind, deque())
-        ended.append(job)
-        if len(ended) > self._history:
-            del self._jobs[ended.popleft().name]
+        if job not in ended:
+            ended.append(job)
+        while len(ended) > self._history:
+            self._jobs.pop(ended[0].name, None)
+            ended.popleft()
+        place, job.place = job.place, None
+        if place is not None:
+            with suppress(OSError):  # it is let go of all the same
+                place.close()
+
+    def release(self, job: Job) -> None:
+        """The job has ended: the rig is free."""
+        if self.running is job:
+            self.running = None
 
     def _new_name(self) -> str:
         # Four random digits a second can meet by chance; the folder must not.
@@ -329,13 +357,11 @@ class JobTable:
         return name
 
 
-def make_failed_result(job: Job, error: Exception) -> CaptureResult:
+def make_failed_result(job: Job, error: BaseException) -> CaptureResult:
     """The result of a job whose engine call raised instead of returning one."""
-    if not isinstance(error, PdcdError):
-        message = f"{type(error).__name__}: {error}"
-        error = PdcdError(message, hint="a fault of the program: see the daemon's log")
-    state: JobState = "cancelled" if isinstance(error, Cancelled) else "failed"
-    return CaptureResult(job=job.name, state=state, error=to_error_fields(error))
+    typed = to_typed_error(error)
+    state: JobState = "cancelled" if isinstance(typed, Cancelled) else "failed"
+    return CaptureResult(job=job.name, state=state, error=to_error_fields(typed))
 
 
 class Coalescer:

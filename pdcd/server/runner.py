@@ -1,4 +1,10 @@
-"""Carries jobs from the table to the engine and their events back to the event loop."""
+"""Carries jobs from the table to the engine and their events back to the event loop.
+
+Whatever is raised, and wherever: every job ends, whoever waits for it hears so, and the next one
+runs. The engine, those who are told and the system may raise anything. What they raise is met where
+they are called; and should the task that sees to the jobs be ended all the same, by a fault of ours
+or for want of memory, another takes its place and goes on from where it was.
+"""
 
 from __future__ import annotations
 
@@ -39,6 +45,12 @@ logger = logging.getLogger(__name__)
 _PROCEED_LOOK_S = 0.1
 """Time between two looks whether a calibration that waits for somebody is to end."""
 
+_ANEW_S = 0.1
+"""Time until the jobs are seen to again after a fault of ours, in seconds."""
+
+_BLACK_TRIES = 3
+"""How often the panels are asked to go black after a show."""
+
 _Publish = Callable[[Job, Event], None]
 """Takes an event of a job, in the loop's thread."""
 
@@ -54,10 +66,6 @@ class Runner:
         self._engine = engine
         self._worker = worker
         self._publish = publish
-        self._ended: dict[str, asyncio.Event] = {}
-        self._answered: dict[str, asyncio.Event] = {}
-        self._let_go: dict[str, asyncio.Event] = {}
-        """Set when a show is to end."""
         self._task: asyncio.Task[None] | None = None
 
     def start(
@@ -76,28 +84,33 @@ class Runner:
         Raises BusyError as `JobTable.admit` does.
         """
         holder = self.table.running
-        job = self.table.admit(
-            request, given, owner, kind=kind, detach=detach, queue=queue, place=place
-        )
-        for marks in (self._ended, self._answered, self._let_go):
-            marks[job.name] = asyncio.Event()
-        logger.info(
-            "%s admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
-            *(kind, job.name, job.state, job.goal, owner.uid, owner.user, detach),
-        )
-        if holder is not None and holder.gives_way_to(owner):
-            holder.given_up = True
-            self._let_go[holder.name].set()
-        # One turn of the loop later, so that the caller learns the job's name before its events.
-        asyncio.get_running_loop().call_soon(self._begin, job)
+        loop = asyncio.get_running_loop()
+        job: Job | None = None
+        try:
+            job = self.table.admit(
+                request, given, owner, kind=kind, detach=detach, queue=queue, place=place
+            )
+            if holder is not None and holder.gives_way_to(owner):
+                holder.given_up = True
+                holder.let_go.set()
+            # One turn of the loop later: the caller learns the job's name before its events.
+            loop.call_soon(self._announce, job)
+            logger.info(
+                "%s admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
+                *(kind, job.name, job.state, job.goal, owner.uid, owner.user, detach),
+            )
+        except BaseException:
+            if job is not None:  # nobody learns its name
+                self._cancel(job)
+            raise
+        finally:
+            loop.call_soon(self._see_to_jobs)
         return job
 
     async def wait(self, name: str) -> CaptureResult:
         """The result of a job, when it has ended. Raises RequestError for an unknown job."""
         job = self.table.get(name)
-        ended = self._ended.get(name)
-        if ended is not None:
-            await ended.wait()
+        await job.ended.wait()
         if job.result is None:
             raise PdcdError(f"job {name} ended without a result")
         return job.result
@@ -108,9 +121,7 @@ class Runner:
         Raises the error that the job ended by, Cancelled among them.
         """
         job = self.table.get(name)
-        answered = self._answered.get(name)
-        if answered is not None:
-            await answered.wait()
+        await job.answered.wait()
         if job.answer is None:
             error = {} if job.result is None else job.result.error or {}
             raise make_error(*(error.get(f) for f in ("kind", "message", "device", "hint")))
@@ -144,56 +155,88 @@ class Runner:
         running = self.table.running
         for job in [*self.table.queue, *([] if running is None else [running])]:
             self._cancel(job)
-        for ended in list(self._ended.values()):
-            await ended.wait()
-        if self._task is not None:
-            await self._task
+        while self.table.take_turn() is not None or not _is_over(self._task):
+            self._see_to_jobs()
+            if self._task is not None:
+                await asyncio.wait([self._task])
 
-    def _begin(self, job: Job) -> None:
-        """Announce an admitted job, and run it if it is the one to run."""
-        if job.state in ENDED:
-            return  # cancelled in the very turn in which it was admitted
-        ahead = list(self.table.queue).index(job) + 1 if job in self.table.queue else 0
-        self._tell(job, time.monotonic_ns(), events.JobQueued(ahead=ahead))
-        if job is self.table.running and self._task is None:
-            self._task = asyncio.get_running_loop().create_task(self._run(job))
+    def _announce(self, job: Job) -> None:
+        """Tell of an admitted job."""
+        if job.state not in ENDED:  # cancelled in the very turn in which it was admitted
+            ahead = list(self.table.queue).index(job) + 1 if job in self.table.queue else 0
+            self._tell(job, time.monotonic_ns(), events.JobQueued(ahead=ahead))
 
-    async def _run(self, job: Job) -> None:
-        """Run this job and all that wait behind it."""
-        current: Job | None = job
-        while current is not None:
-            try:
-                if isinstance(current.request, ShowParams):
-                    result = await self._hold(current, current.request)
-                else:
-                    result, current.answer = await self._worker.call(
-                        self._use, current, current.request, asyncio.get_running_loop()
-                    )
-            # The job must end for its waiters whatever the engine did, so nothing is let through.
-            except Exception as err:
-                if not isinstance(err, PdcdError):
-                    logger.exception("engine raised job=%s", current.name)
-                result = make_failed_result(current, err)
-            following = self.table.finish(current, result)
-            self._announce_end(current, result)
-            current = following
-        self._task = None
+    def _see_to_jobs(self) -> None:
+        """Where there is a job to run, see that somebody does."""
+        if _is_over(self._task) and self.table.take_turn() is not None:
+            self._task = asyncio.get_running_loop().create_task(self._run_jobs())
+            self._task.add_done_callback(self._look_after)
+
+    def _look_after(self, task: asyncio.Task[None]) -> None:
+        """The task that saw to the jobs is over: if it left any, another does so."""
+        if task.cancelled() and task.cancelling():  # the loop ends
+            return
+        error = None if task.cancelled() else task.exception()
+        if error is not None:
+            logger.error("fault of the program amid jobs", exc_info=error)
+        asyncio.get_running_loop().call_later(_ANEW_S, self._see_to_jobs)
+
+    async def _run_jobs(self) -> None:
+        """Run the job whose turn it is, and all that wait behind it. After an error at any line, it
+        may be begun anew."""
+        while (job := self.table.take_turn()) is not None:
+            if job.state not in ENDED:
+                await self._use_rig(job)
+                await self._go_black(job)
+            self._end(job)
+            self.table.release(job)
+
+    async def _use_rig(self, job: Job) -> None:
+        """Have the engine do a job, once; its `outcome` is there afterwards."""
+        if job.begun:
+            job.cancel_flag.set()  # should the engine still be at it
+            lost = PdcdError("what came of the job was lost", hint="see the daemon's log")
+            job.outcome = job.outcome or make_failed_result(job, lost)
+            return
+        job.begun = True
+        # The job must end for its waiters whatever the engine did, so nothing is let through.
+        try:
+            if isinstance(job.request, ShowParams):
+                job.outcome = await self._hold(job, job.request)
+            else:
+                job.outcome, job.answer = await self._worker.call(
+                    self._use, job, job.request, asyncio.get_running_loop()
+                )
+        except Exception as err:
+            if not isinstance(err, PdcdError):
+                logger.exception("engine raised job=%s", job.name)
+            job.outcome = make_failed_result(job, err)
 
     async def _hold(self, job: Job, shown: ShowParams) -> CaptureResult:
-        """Keep a pattern on the panels until the show is to end; then both are black."""
-        try:
-            if not job.cancel_flag.is_set():
-                await self._worker.call(self._engine.show, shown.pattern, shown.index)
-                job.answer = ShowReply(shown.pattern, shown.index, job.name)
-                self._answered[job.name].set()
-                if shown.pattern != "black":
-                    await self._let_go[job.name].wait()
-        finally:
-            if shown.pattern != "black":
-                await self._worker.call(self._engine.show, "black", 0)
+        """Keep a pattern on the panels until the show is to end; `_go_black` follows."""
+        if not job.cancel_flag.is_set():
+            job.lit = _BLACK_TRIES
+            await self._worker.call(self._engine.show, shown.pattern, shown.index)
+            job.answer = ShowReply(shown.pattern, shown.index, job.name)
+            job.answered.set()
+            if shown.pattern == "black":
+                job.lit = 0
+            else:
+                await job.let_go.wait()
         if job.cancel_flag.is_set():
             raise Cancelled("the show was ended", hint="both panels are black")
         return CaptureResult(job=job.name, state="done")
+
+    async def _go_black(self, job: Job) -> None:
+        """Both panels are black after a show, also after one that failed."""
+        while job.lit:
+            job.lit -= 1
+            try:
+                await self._worker.call(self._engine.show, "black", 0)
+                job.lit = 0
+            except Exception as err:
+                logger.exception("panels not black job=%s", job.name)
+                job.outcome = make_failed_result(job, err)
 
     def _use(
         self,
@@ -253,19 +296,43 @@ class Runner:
         return msgspec.convert(to_wire_types(result), CaptureResult), told
 
     def _cancel(self, job: Job) -> None:
-        if job.name in self._let_go:
-            self._let_go[job.name].set()
-        if self.table.cancel(job) and job.result is not None:
-            self._announce_end(job, job.result)
+        """Ask for the end of a job; one that waits has ended by this."""
+        # Looked at once more, should an error cut it short here: no task sees to one that waits.
+        asyncio.get_running_loop().call_soon(self._end_cancelled, job)
+        job.let_go.set()
+        self.table.cancel(job)
+        self._end_cancelled(job)
 
-    def _announce_end(self, job: Job, result: CaptureResult) -> None:
-        logger.info("%s ended job=%s state=%s", job.kind, job.name, result.state)
-        for marks in (self._answered, self._ended, self._let_go):
-            marks.pop(job.name).set()
-        self._tell(job, time.monotonic_ns(), events.make_end_event(result))
+    def _end_cancelled(self, job: Job) -> None:
+        if job.state in ENDED:
+            self._end(job)
 
-    def _tell(self, job: Job, t_mono_ns: int, event: Event) -> None:
-        self._publish(job, job.numbered(event, t_mono_ns))
+    def _end(self, job: Job) -> None:
+        """Enter how a job ended, and wake and tell whoever wants to know; harmless once done."""
+        result = job.result or job.outcome
+        if result is None:
+            result = make_failed_result(job, PdcdError("the job ended without a result"))
+        self.table.end(job, result)
+        for mark in (job.answered, job.ended, job.let_go):
+            mark.set()
+        while job.untold:
+            job.untold -= 1
+            if self._tell(job, time.monotonic_ns(), events.make_end_event(result)):
+                job.untold = 0
+                logger.info("%s ended job=%s state=%s", job.kind, job.name, job.state)
+
+    def _tell(self, job: Job, t_mono_ns: int, event: Event) -> bool:
+        """Whether all who listen could be told; where not, the job goes on, and ends."""
+        try:
+            self._publish(job, job.numbered(event, t_mono_ns))
+        except BaseException:
+            logger.exception("event not told job=%s type=%s", job.name, event.type)
+            return False
+        return True
+
+
+def _is_over(task: asyncio.Task[None] | None) -> bool:
+    return task is None or task.done()
 
 
 class _EventsToLoop:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import ParamSpec, TypeVar
+from functools import partial
+from typing import ParamSpec, TypeVar, cast
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -34,9 +35,27 @@ class EngineThread:
             self._probe = self._pool.submit(self.beat)
 
     async def call(self, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Run the call in the thread and wait for what it returns or raises."""
-        return await asyncio.wrap_future(self._pool.submit(function, *args, **kwargs))
+        """Run the call in the thread and wait for what it returns or raises.
+
+        What would end more than the call, as SystemExit does, is raised as a RuntimeError.
+        """
+        done = self._pool.submit(_outcome, partial(function, *args, **kwargs))
+        value, error = await asyncio.wrap_future(done)
+        if isinstance(error, Exception):
+            raise error
+        if error is not None:
+            raise RuntimeError(f"{type(error).__name__} was raised") from error
+        return cast(_R, value)
 
     def close(self) -> None:
         """End the thread after the calls that were made. Blocks until then."""
         self._pool.shutdown(wait=True)
+
+
+def _outcome(call: Callable[[], object]) -> tuple[object, BaseException | None]:
+    """What a call returns, or raises: handed on as a value, for not every error may pass through a
+    future or a loop."""
+    try:
+        return call(), None
+    except BaseException as err:
+        return None, err
