@@ -9,14 +9,13 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any
 
-import msgspec
-
 from pdcd.api.progress import tell_user
 from pdcd.api.rows import summary_rows
 from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code_of
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.printable import to_one_line
 from pdcd.protocol.result import CaptureResult, Quality, quality_of, read_summary_value
+from pdcd.protocol.wire import encode_json
 from pdcd.runs.folder import REPORT_FILE
 
 WIDTH = 80
@@ -37,7 +36,7 @@ def say(text: str) -> None:
 
 def say_json(value: object) -> None:
     """Print a wire object on one line."""
-    say(msgspec.json.encode(value).decode())
+    say(encode_json(value).decode())
 
 
 def say_comparison(report: object, items: Iterable[tuple[str, bool]], *, as_json: bool) -> int:

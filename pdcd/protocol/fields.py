@@ -11,10 +11,10 @@ import json
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 import msgspec
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from pdcd.protocol.about import FieldDescription
 from pdcd.protocol.request import CaptureRequest, SentArray
@@ -26,6 +26,8 @@ there are; any words; a text; an array; a prior, which is a text or an array."""
 _Bounds = Mapping[str, float]
 _S = TypeVar("_S", bound=msgspec.Struct)
 
+_MOST_SHOWN_BYTES = 200
+"""Longest value in JSON of which a refusal shows anything."""
 
 UNTOLD = FieldDescription(group="run")
 """Of a field of which nothing is told beside its type."""
@@ -75,6 +77,19 @@ class Field:
         takes = f"1 or {self.takes}" if called and self.about.one_is_both else self.takes
         return f"{called or self.name}: it takes {takes}" + f", not {shown}" * bool(shown)
 
+    @functools.cached_property
+    def decoder(self) -> msgspec.json.Decoder[Any]:
+        """Of its values; made once, for it takes longer than many of them do."""
+        return msgspec.json.Decoder(self.type)
+
+    def check(self, raw: msgspec.Raw) -> None:
+        """Raise FieldError, with `refusal`, where a value in JSON is not its own."""
+        try:
+            self.decoder.decode(raw)
+        except (ValueError, OverflowError, RecursionError) as err:
+            short = len(memoryview(raw)) <= _MOST_SHOWN_BYTES
+            raise FieldError(self.refusal(_decode_any(raw) if short else {})) from err
+
     def convert(self, value: Any, called: str = "") -> Any:
         """The value in the field's own type. Raises FieldError with `refusal`."""
         try:
@@ -109,20 +124,44 @@ def list_optional_fields(goal: str) -> tuple[str, ...]:
     )
 
 
-def convert_struct(raw: Any, kind: type[_S]) -> _S:
-    """A message as its struct.
+def decode_struct(data: bytes | msgspec.Raw, kind: type[_S]) -> _S:
+    """A message in JSON as its struct.
 
-    Raises FieldError where one of its fields is wrong; for all else what msgspec and Python
+    Nothing is made of what the struct has no place for, so that a line costs no more than its
+    length. Raises FieldError where one of its fields is wrong; for all else what msgspec and Python
     raise: ValueError, OverflowError, RecursionError.
     """
+    whole, loose = _decoders(kind)
     try:
-        return msgspec.convert(raw, kind)
-    except (ValueError, OverflowError, RecursionError):
-        if isinstance(raw, Mapping):
-            for name, field in fields_of(kind).items():
-                if name in raw and field.takes:
-                    field.convert(raw[name])
+        return cast(_S, whole.decode(data))
+    except (msgspec.ValidationError, OverflowError, RecursionError):
+        try:
+            given = loose.decode(data)
+        except (ValueError, RecursionError):
+            given = None
+        for name, field in fields_of(kind).items():
+            raw = getattr(given, name, UNSET)
+            if raw is not UNSET and field.takes:
+                field.check(raw)
         raise
+
+
+@functools.cache
+def _decoders(
+    kind: type[msgspec.Struct],
+) -> tuple[msgspec.json.Decoder[Any], msgspec.json.Decoder[Any]]:
+    """Of a struct, and of one that takes anything as its fields."""
+    names = [(name, msgspec.Raw | UnsetType, UNSET) for name in kind.__struct_fields__]
+    loose = msgspec.defstruct(f"Loose{kind.__name__}", names)
+    return msgspec.json.Decoder(kind), msgspec.json.Decoder(loose)
+
+
+def _decode_any(raw: msgspec.Raw) -> Any:
+    """A value in JSON types; one that is not shown where Python has none for it."""
+    try:
+        return msgspec.json.decode(raw)
+    except (ValueError, RecursionError):
+        return {}
 
 
 def _field(told: msgspec.structs.FieldInfo) -> Field:

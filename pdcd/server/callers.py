@@ -6,7 +6,7 @@ import asyncio
 import logging
 from collections import deque
 
-from pdcd.protocol.messages import Interest
+from pdcd.protocol.messages import MAX_LINE, Interest
 from pdcd.protocol.views import ClientRole
 from pdcd.server.access import Peer
 from pdcd.server.stream import Stream
@@ -15,6 +15,9 @@ logger = logging.getLogger(__name__)
 
 QUEUE_LINES = 256
 """Lines that wait for a slow client before thinned events are dropped, and then the client."""
+
+QUEUE_BYTES = 8 * MAX_LINE
+"""Bytes of those lines."""
 
 STUCK_S = 5.0
 """How long a client may leave its socket full, in seconds."""
@@ -37,6 +40,7 @@ class Caller:
         """How long it has wanted nothing."""
         self._stream = stream
         self._lines: deque[tuple[bytes, bool]] = deque()
+        self._bytes = 0
         self._changed = asyncio.Event()
         self._finishing = False
 
@@ -45,7 +49,7 @@ class Caller:
         the client."""
         if self._finishing:
             return
-        if len(self._lines) >= QUEUE_LINES:
+        if len(self._lines) >= QUEUE_LINES or self._bytes + len(line) > QUEUE_BYTES:
             if droppable:
                 return
             stale = next((entry for entry in self._lines if entry[1]), None)
@@ -53,12 +57,16 @@ class Caller:
                 self.abort("its queue is full")
                 return
             self._lines.remove(stale)
+            self._bytes -= len(stale[0])
         self._lines.append((line, droppable))
+        self._bytes += len(line)
         self._changed.set()
 
     async def room(self) -> None:
         """Wait until half the queue is free, so that a burst of requests is no reason to part."""
-        while len(self._lines) > QUEUE_LINES // 2 and not self._stream.is_cut:
+        while not self._stream.is_cut and (
+            len(self._lines) > QUEUE_LINES // 2 or self._bytes > QUEUE_BYTES // 8
+        ):
             await self._wait_change()
 
     async def pump(self) -> None:
@@ -69,6 +77,7 @@ class Caller:
                     await self._wait_change()
                     continue
                 line, _ = self._lines.popleft()
+                self._bytes -= len(line)
                 self._changed.set()
                 async with asyncio.timeout(STUCK_S):
                     await self._stream.send(line)
@@ -89,6 +98,7 @@ class Caller:
 
     def _cut(self) -> None:
         self._lines.clear()
+        self._bytes = 0
         self._stream.cut()
         self.finish()
 

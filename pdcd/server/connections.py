@@ -1,4 +1,4 @@
-"""The socket layer: accept, check who it is, read lines, answer, deliver events.
+"""The socket layer: accept, check who it is, let it speak (`reading`), deliver events.
 
 Nothing here knows what a method does, and nothing here blocks: a client that does not read, or
 does nothing at all, is cut off, and never holds up another one or the panels.
@@ -11,39 +11,24 @@ import dataclasses
 import logging
 import socket
 from collections import Counter
-from typing import Any, Protocol
-
-import msgspec
+from typing import Any
 
 from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import BusyError, DeniedError, PdcdError, ProtocolError
 from pdcd.protocol.events import THINNED, Event
-from pdcd.protocol.messages import Hello
 from pdcd.protocol.views import ClientRole
 from pdcd.server.access import Access, Names, Peer, peer_of
 from pdcd.server.callers import Caller
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.jobs import Job
-from pdcd.server.protocol import (
-    Connection,
-    RpcFault,
-    RpcRequest,
-    encode_error,
-    encode_notification,
-    encode_reply,
-)
+from pdcd.server.protocol import encode_error, encode_notification
+from pdcd.server.reading import FairShares, RequestReader, Service
 from pdcd.server.stream import Stream
 
 logger = logging.getLogger(__name__)
 
 LINGER_S = 2.0
 """How long requests made before an end of stream may still be answered, in seconds."""
-
-OPEN_REQUESTS = 64
-"""Requests of one client that may be unanswered at a time."""
-
-_CLOSE_S = 1.0
-"""How long new descriptors wait until those of answered requests are closed, in seconds."""
 
 KEPT_PLACES = 4
 """Places kept for root, and as many for the daemon's own user, when all others are taken."""
@@ -53,26 +38,6 @@ _ACCEPTS = 16
 
 NO_ACCEPT_S = 1.0
 """Pause in seconds when the system has nothing left to accept a client with."""
-
-
-class Service(Protocol):
-    """What the methods do; see `pdcd.server.methods`."""
-
-    def hello(self) -> Hello:
-        """The first words to a new client."""
-        ...
-
-    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct:
-        """Do what is asked and return the result. Raises PdcdError."""
-        ...
-
-    def engaged(self, caller: Caller) -> bool:
-        """Whether the client has a job that ends with it."""
-        ...
-
-    def gone(self, caller: Caller) -> None:
-        """The client has left."""
-        ...
 
 
 class Server:
@@ -90,6 +55,7 @@ class Server:
         self._places: Counter[int] = Counter()
         self._tasks: set[asyncio.Task[Any]] = set()
         self._accepted = 0
+        self._shares = FairShares()
 
     @property
     def connections(self) -> int:
@@ -195,11 +161,10 @@ class Server:
         """Hello, then requests and answers until either side has had enough."""
         self._callers[caller.number] = caller
         caller.send(encode_notification("hello", service.hello()))
-        open_requests: set[asyncio.Task[None]] = set()
+        reader = RequestReader(service, caller, stream, descriptors, self._shares)
         pump = asyncio.create_task(caller.pump())
-        reading = _read(service, caller, stream, descriptors, open_requests)
-        read = asyncio.create_task(reading)
-        idle = asyncio.create_task(self._idle(service, caller, open_requests))
+        read = asyncio.create_task(reader.read())
+        idle = asyncio.create_task(self._idle(service, caller, reader.open))
         try:
             await asyncio.wait({pump, read, idle}, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -207,12 +172,14 @@ class Server:
             service.gone(caller)
             read.cancel()
             idle.cancel()
-            if open_requests and not pump.done():
-                await asyncio.wait(open_requests, timeout=LINGER_S)
+            if reader.open and not pump.done():
+                await asyncio.wait(reader.open, timeout=LINGER_S)
             caller.finish()
-            for request in open_requests:
+            for request in reader.open:
                 request.cancel()
-            await asyncio.gather(read, idle, pump, *open_requests, return_exceptions=True)
+            await asyncio.gather(read, idle, pump, *reader.open, return_exceptions=True)
+            if not read.cancelled() and (fault := read.exception()) is not None:
+                logger.error("reading failed connection=%d", caller.number, exc_info=fault)
 
     async def _idle(
         self, service: Service, caller: Caller, open_requests: set[asyncio.Task[None]]
@@ -272,71 +239,3 @@ async def _refuse(stream: Stream, number: int, peer: Peer, error: PdcdError) -> 
             await stream.send(encode_error(None, error))
     except (OSError, TimeoutError):
         pass  # it did not wait to be told
-
-
-async def _read(
-    service: Service,
-    caller: Caller,
-    stream: Stream,
-    descriptors: Descriptors,
-    open_requests: set[asyncio.Task[None]],
-) -> None:
-    """Take requests until the end of the stream; each is answered by a task of its own."""
-    machine = Connection(descriptors=descriptors)
-    try:
-        while not machine.closed:
-            came = await stream.receive()
-            descriptors.receive(came.fds)
-            if not came.data:
-                return
-            if came.fds:  # who has waited for an answer may send as many again
-                await descriptors.settle(_CLOSE_S)
-            for item in machine.receive(came.data, lost=came.lost):
-                await caller.room()
-                if isinstance(item, RpcFault):
-                    logger.info("fault connection=%d error=%s", caller.number, item.error)
-                    if item.line is not None:
-                        caller.send(item.line)
-                    continue
-                caller.idle_s = 0.0
-                if len(open_requests) >= OPEN_REQUESTS:
-                    _refuse_more(caller, item)
-                    descriptors.release(item.fds)
-                    continue
-                task = asyncio.create_task(_answer(service, caller, item, descriptors))
-                open_requests.add(task)
-                task.add_done_callback(open_requests.discard)
-                # Its first steps come before the next line is looked at: what needs no
-                # waiting is done and answered in the order in which it was asked.
-                await asyncio.sleep(0)
-    except ConnectionError:
-        logger.info("reset connection=%d", caller.number)
-
-
-async def _answer(
-    service: Service, caller: Caller, request: RpcRequest, descriptors: Descriptors
-) -> None:
-    """Do one request and queue its answer, if it wants one."""
-    try:
-        result = await service.handle(caller, request)
-        line = b"" if request.id is None else encode_reply(request.id, result)
-    except PdcdError as err:
-        logger.info("refused method=%s error=%s", request.method, err)
-        line = b"" if request.id is None else encode_error(request.id, err)
-    # A fault of ours must not leave the client without an answer.
-    except Exception as err:
-        logger.exception("method failed method=%s", request.method)
-        fault = PdcdError(f"{type(err).__name__}: {err}", hint="see the daemon's log")
-        line = b"" if request.id is None else encode_error(request.id, fault)
-    if line:
-        caller.send(line)
-    descriptors.release(request.fds)
-
-
-def _refuse_more(caller: Caller, request: RpcRequest) -> None:
-    error = BusyError(
-        f"{OPEN_REQUESTS} requests of this connection are unanswered",
-        hint="wait for answers before asking more",
-    )
-    if request.id is not None:
-        caller.send(encode_error(request.id, error))

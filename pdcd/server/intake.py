@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import weakref
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -30,7 +31,7 @@ from pdcd.server.access import Peer
 from pdcd.server.readers import Readers
 
 HELD_BYTES = 256 * 2**20
-"""Arrays of all requests that wait; one request alone may have more."""
+"""Arrays of all requests that wait, half of it for one user; one request alone may have more."""
 
 
 class Intake:
@@ -44,8 +45,9 @@ class Intake:
     ) -> None:
         self._folder, self._grid = folder, grid
         self._readers = readers or Readers()
-        self._held: weakref.WeakValueDictionary[int, Floats] = weakref.WeakValueDictionary()
-        self._expected: dict[object, int] = {}
+        self._held: dict[int, weakref.WeakValueDictionary[int, Floats]] = {}
+        self._expected: dict[object, tuple[int, int]] = {}
+        """User and bytes of what is being read."""
 
     async def take(
         self, request: CaptureRequest, descriptors: Sequence[int], peer: Peer
@@ -59,7 +61,7 @@ class Intake:
         if not fields and not rows:
             return request, NO_ARRAYS
         size = 8 * (sum(rows.values()) + sum(count_most_elements(f, self._grid) for f in fields))
-        ticket = object()
+        ticket, uid = object(), peer.uid
 
         def prepare() -> Callable[[Callable[[], None]], tuple[CaptureRequest, Given]]:
             own = ExitStack()
@@ -67,7 +69,7 @@ class Intake:
                 on_error.push(own)
                 sources = self._sources(fields, descriptors, own)
                 on_error.pop_all()
-            self._expected[ticket] = size
+            self._expected[ticket] = uid, size
 
             def read(alive: Callable[[], None]) -> tuple[CaptureRequest, Given]:
                 with own:  # closing a file may take as long as reading it
@@ -78,17 +80,25 @@ class Intake:
             return read
 
         try:
-            kept, given = await self._readers.run(peer.uid, prepare, lambda: self._room(size))
+            kept, given = await self._readers.run(
+                peer.uid, prepare, lambda: self._room(peer.uid, size)
+            )
         finally:
             self._expected.pop(ticket, None)
+        held = self._held.setdefault(uid, weakref.WeakValueDictionary())
         for array in given.values():
-            self._held[id(array)] = array
+            held[id(array)] = array
         return kept, given
 
-    def _room(self, size: int) -> bool:
-        """Whether so many bytes may be read beside what is held; a lone request may have all."""
-        held = sum(self._expected.values()) + sum(a.nbytes for a in self._held.values())
-        return not held or held + size <= HELD_BYTES
+    def _room(self, uid: int, size: int) -> bool:
+        """Whether so many bytes may be read for a user beside what is held; a lone request may have
+        all, but nobody keeps others out by many."""
+        held = Counter({user: sum(a.nbytes for a in kept.values())
+                        for user, kept in self._held.items()})  # fmt: skip
+        for user, expected in self._expected.values():
+            held[user] += expected
+        fits = held.total() + size <= HELD_BYTES
+        return not held.total() or (fits and (not held[uid] or held[uid] + size <= HELD_BYTES // 2))
 
     def _sources(
         self, fields: Mapping[str, str | SentArray], descriptors: Sequence[int], own: ExitStack

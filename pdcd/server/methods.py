@@ -56,6 +56,7 @@ from pdcd.server.intake import Intake
 from pdcd.server.jobs import EngineLike, Job, Owner
 from pdcd.server.protocol import RpcRequest
 from pdcd.server.runner import Runner
+from pdcd.server.turns import UserTurns
 from pdcd.server.worker import EngineThread
 from pdcd.version import __version__
 
@@ -91,7 +92,8 @@ class Methods:
         self._runner = runner
         self._state_dir = state_dir
         self._connections = connections
-        self._listing = asyncio.Lock()
+        self._looks = UserTurns()
+        self._describing = asyncio.Lock()
         self._started_ns = time.monotonic_ns()
         self._description = description
         folder = config.server.arrays
@@ -139,7 +141,8 @@ class Methods:
 
     async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
-        self._permit(caller, request)
+        self.permit(caller, request.method)
+        self._permit_job(caller, request)
         params = request.params
         if not isinstance(params, CaptureRequest):
             return await self._table[request.method](caller, params)
@@ -159,24 +162,20 @@ class Methods:
         caller.gone = True
         self._runner.drop(caller.number)
 
-    def _permit(self, caller: Caller, request: RpcRequest) -> None:
-        """Raise DeniedError when this client may not do that: the one place that decides.
+    def permit(self, caller: Caller, method: str) -> None:
+        """Raise DeniedError when this client may not call that, whatever its parameters are."""
+        _require(caller, messages.METHODS[method].role, method)
+
+    def _permit_job(self, caller: Caller, request: RpcRequest) -> None:
+        """Raise DeniedError when this client may not do that to a job.
 
         Whose a job is, is told by the user for whom the kernel vouched, not by the connection.
         """
-        needed = messages.METHODS[request.method].role
-        what = request.method
         if request.method in _OWNERS and isinstance(request.params, JobParams):
             owner = self._runner.table.get(request.params.job).owner
             if owner.uid != caller.peer.uid:
-                needed = ClientRole.ADMINISTER
-                what += f" of a job of {owner.user} (uid {owner.uid})"
-        if caller.role < needed:
-            raise DeniedError(
-                f"uid {caller.peer.uid} may not do this: {what}",
-                hint=f"the role needed is {needed.name.lower()}: see [server.look], "
-                "[server.shoot] and [server.administer]",
-            )
+                what = f"{request.method} of a job of {owner.user} (uid {owner.uid})"
+                _require(caller, ClientRole.ADMINISTER, what)
 
     async def _hello(self, caller: Caller, params: msgspec.Struct) -> HelloReply:
         return HelloReply(messages.PROTOCOL)
@@ -197,9 +196,11 @@ class Methods:
         )
 
     async def _describe(self, caller: Caller, params: msgspec.Struct) -> RigDescription:
-        # During a job the last description must do: the engine's thread is taken.
-        if self.state == "idle":
-            self._description = await self._worker.call(self._engine.describe)
+        # During a job the last description must do, for the engine's thread is taken; and while it
+        # is being asked: many questions must not line up before a job.
+        if self.state == "idle" and not self._describing.locked():
+            async with self._describing:
+                self._description = await self._worker.call(self._engine.describe)
         return RigDescription(
             self._description, messages.build_message_schema(), _goals(), _arrays()
         )
@@ -268,26 +269,30 @@ class Methods:
     async def _list(self, caller: Caller, params: ListParams) -> JobList:
         found = None
         if params.find is not None:
-            found = await self._from_disk(search_runs, self._state_dir, params.find)
+            found = await self._from_disk(caller, search_runs, self._state_dir, params.find)
         return JobList([job.view() for job in self._runner.table.all()], found)
 
-    async def _from_disk(self, look: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
+    async def _from_disk(
+        self, caller: Caller, look: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs
+    ) -> _R:
         """What a look at the disk returns or raises.
 
         A disk may be slow, or hang: the loop, the rig and who asks for jobs alone are not for
         waiting on it. One at a time: lists are work for the processor, and anybody may ask for
-        them.
+        them; so users take turns.
         """
-        await self._listing.acquire()
+        uid = caller.peer.uid
+        await self._looks.take(uid)
         # Who leaves must not give the turn away while the disk is still looked at.
         task = asyncio.create_task(call_in_thread(look, *args, **kwargs))
-        task.add_done_callback(self._looked)
-        return await asyncio.shield(task)
 
-    def _looked(self, task: asyncio.Task[Any]) -> None:
-        self._listing.release()
-        if not task.cancelled():
-            task.exception()  # asked for, even where nobody waits for it any more
+        def looked(task: asyncio.Task[_R]) -> None:
+            self._looks.give_back(uid)
+            if not task.cancelled():
+                task.exception()  # asked for, even where nobody waits for it any more
+
+        task.add_done_callback(looked)
+        return await asyncio.shield(task)
 
     async def _show(self, caller: Caller, params: ShowParams) -> ShowReply:
         job = self._runner.start(
@@ -335,6 +340,16 @@ class Methods:
         if out is None and make:
             return HeldFolder.at(self._state_dir / "captures")
         return HeldFolder.below(self._state_dir, out or ".", make=make)
+
+
+def _require(caller: Caller, needed: ClientRole, what: str) -> None:
+    """Raise DeniedError for a client of a lower role: the one place that decides."""
+    if caller.role < needed:
+        raise DeniedError(
+            f"uid {caller.peer.uid} may not do this: {what}",
+            hint=f"the role needed is {needed.name.lower()}: see [server.look], "
+            "[server.shoot] and [server.administer]",
+        )
 
 
 def _owner(caller: Caller) -> Owner:

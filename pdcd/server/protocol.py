@@ -9,17 +9,19 @@ counting, so a client whose count is in doubt is parted from.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from pdcd.errors import PdcdError, ProtocolError, RequestError
+from pdcd.errors import PdcdError, ProtocolError, RequestError, make_error
 from pdcd.protocol import messages
-from pdcd.protocol.fields import FieldError, convert_struct
+from pdcd.protocol.fields import FieldError, decode_struct
 from pdcd.protocol.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
+from pdcd.protocol.wire import encode_json
 from pdcd.server.descriptors import Descriptors
 
 _Id = str | int
@@ -58,13 +60,24 @@ class RpcFault:
     close: bool = False
 
 
+_MOST_TOLD = 8000
+"""Longest text of an error, in characters."""
+
+_Permit = Callable[[str], None]
+"""Raises DeniedError for a method that the client may not call."""
+
+
 class _Envelope(msgspec.Struct):
-    """A request before its parameters are looked at; unknown members are ignored."""
+    """A request before its parameters are looked at; unknown members are ignored.
+
+    The parameters are so many bytes: nothing is made of them before it is known whether the client
+    may ask for that, and then only what the method has a place for.
+    """
 
     jsonrpc: str
     method: str
     id: _WireId = UNSET
-    params: Any = UNSET
+    params: msgspec.Raw = msgspec.Raw(b"{}")
     fds: Annotated[int, Meta(ge=0, le=MAX_FDS)] = 0
 
 
@@ -74,30 +87,47 @@ class _IdOnly(msgspec.Struct):
     id: _WireId = UNSET
 
 
+_BLANK = re.compile(rb"\s*\n")
+_ENVELOPE = msgspec.json.Decoder(_Envelope)
+_ID_ONLY = msgspec.json.Decoder(_IdOnly)
+_ANYTHING = msgspec.json.Decoder(msgspec.Raw)
+
+
 class Connection:
     """Cuts a byte stream into lines and lines into requests.
 
     `max_line` is the longest line accepted, in bytes, its newline included. `descriptors` gets
-    what comes beside the bytes, before them; whoever made it closes it.
+    what comes beside the bytes, before them; whoever made it closes it. `permit` tells what the
+    client may call.
     """
 
-    def __init__(self, max_line: int = MAX_LINE, descriptors: Descriptors | None = None) -> None:
+    def __init__(
+        self,
+        max_line: int = MAX_LINE,
+        descriptors: Descriptors | None = None,
+        permit: _Permit = lambda method: None,
+    ) -> None:
         self._max_line = max_line
+        self._permit = permit
         self._descriptors = Descriptors() if descriptors is None else descriptors
         self._rest = bytearray()
+        self.line_bytes = 0
+        """Length of the line that was looked at last."""
         self.closed = False
         """True after a fault that ends the connection; all further bytes are ignored."""
 
-    def receive(self, data: bytes, *, lost: bool = False) -> list[RpcRequest | RpcFault]:
-        """Take the next bytes, of any cut, and return what they complete, in order.
+    def receive(self, data: bytes, *, lost: bool = False) -> Iterator[RpcRequest | RpcFault]:
+        """Take the next bytes, of any cut, and give what they complete, in order: each line is
+        looked at when it is asked for. All are to be asked for before more is received.
 
         `lost` tells that more descriptors came with them than could be received.
         """
-        found: list[RpcRequest | RpcFault] = []
         if lost and not self.closed:
-            found.append(self._part(_too_many()))
+            yield self._part(_too_many())
         self._rest += data
         while not self.closed:
+            # Blank lines are let pass: people type at this socket.
+            del self._rest[: _count_blank(self._rest)]
             # A line is looked for in no more than its allowed length, so that a client cannot
             # make us search or keep megabytes.
             end = self._rest.find(b"\n", 0, self._max_line)
@@ -105,21 +135,19 @@ class Connection:
                 break
             line = bytes(self._rest[:end])
             del self._rest[: end + 1]
-            # Blank lines are let pass: people type at this socket.
-            if line.strip():
-                found.append(self._close_on(parse_line(line, self._descriptors)))
+            self.line_bytes = len(line)
+            yield self._close_on(parse_line(line, self._descriptors, self._permit))
         if not self.closed and len(self._rest) >= self._max_line:
             error = ProtocolError(
                 f"a line is longer than {self._max_line} bytes",
                 hint="send large data as files; every message is one short line",
             )
-            found.append(self._part(error, messages.PARSE_ERROR))
+            yield self._part(error, messages.PARSE_ERROR)
         if not self.closed and self._descriptors.unclaimed > MAX_FDS:
-            found.append(self._part(_too_many()))
+            yield self._part(_too_many())
         if self.closed:
             self._rest.clear()
             self._descriptors.drop_unclaimed()
-        return found
 
     def _part(self, error: PdcdError, code: int | None = None) -> RpcFault:
         self.closed = True
@@ -130,6 +158,12 @@ class Connection:
         return item
 
 
+def _count_blank(data: bytearray) -> int:
+    """Bytes of the blank lines that it begins with."""
+    found = _BLANK.match(data)
+    return 0 if found is None else found.end()
+
+
 def _too_many() -> ProtocolError:
     return ProtocolError(
         f"more than {MAX_FDS} descriptors came that no request has named",
@@ -137,60 +171,78 @@ def _too_many() -> ProtocolError:
     )
 
 
-def parse_line(line: bytes, descriptors: Descriptors | None = None) -> RpcRequest | RpcFault:
+def parse_line(
+    line: bytes, descriptors: Descriptors | None = None, permit: _Permit = lambda method: None
+) -> RpcRequest | RpcFault:
     """Check one line, without its newline: a `RpcRequest`, or what is wrong with it.
 
     The request's descriptors are taken from `descriptors`; those of a faulty one are closed.
+    `permit` is asked before the parameters are looked at.
     """
     held = Descriptors() if descriptors is None else descriptors
     # A line that cannot be read does not tell how many of the descriptors were meant for it.
     lost_count = held.unclaimed > 0
     try:
-        value = msgspec.json.decode(line)
+        envelope = _ENVELOPE.decode(line)
+        if envelope.jsonrpc != "2.0":
+            raise msgspec.ValidationError('`jsonrpc` is not "2.0"')
     except (ValueError, RecursionError) as err:
-        # ValueError covers bad syntax, NaN and Infinity, bad UTF-8 and numbers out of range.
-        error = ProtocolError(
-            f"not a JSON text: {err}", hint="send one JSON-RPC 2.0 object a line, in UTF-8"
-        )
-        return RpcFault(error, encode_error(None, error, messages.PARSE_ERROR), lost_count)
-    if isinstance(value, list):
+        return _no_request(line, err, lost_count)
+    return _with_fds(envelope, held, permit)
+
+
+def _no_request(line: bytes, err: Exception, lost_count: bool) -> RpcFault:
+    """What a line is that is no request, and perhaps no JSON."""
+    wrong = err
+    if isinstance(err, msgspec.ValidationError):
+        try:
+            _ANYTHING.decode(line)  # its form alone
+        # ValueError covers bad syntax, NaN and Infinity, bad UTF-8.
+        except (ValueError, RecursionError) as syntax:
+            wrong = syntax
+    if wrong is not err or not isinstance(err, msgspec.ValidationError):
+        return _no_json(wrong, lost_count)
+    if line.lstrip().startswith(b"["):
         error = ProtocolError("batches are not supported", hint="send one object a line")
         return RpcFault(error, encode_error(None, error), lost_count)
-    try:
-        envelope = msgspec.convert(value, _Envelope)
-        if envelope.jsonrpc != "2.0":
-            raise ValueError('`jsonrpc` is not "2.0"')
-    except ValueError as err:
-        error = ProtocolError(
-            f"not a JSON-RPC 2.0 request: {err}",
-            hint='a request is {"jsonrpc":"2.0","id":1,"method":"rig.status","params":{}}',
-        )
-        return RpcFault(error, encode_error(_sound_id(value), error), lost_count)
-    return _with_fds(envelope, held)
+    error = ProtocolError(
+        f"not a JSON-RPC 2.0 request: {err}",
+        hint='a request is {"jsonrpc":"2.0","id":1,"method":"rig.status","params":{}}',
+    )
+    return RpcFault(error, encode_error(_sound_id(line), error), lost_count)
 
 
-def _with_fds(envelope: _Envelope, descriptors: Descriptors) -> RpcRequest | RpcFault:
+def _no_json(err: Exception, lost_count: bool) -> RpcFault:
+    error = ProtocolError(
+        f"not a JSON text: {err}", hint="send one JSON-RPC 2.0 object a line, in UTF-8"
+    )
+    return RpcFault(error, encode_error(None, error, messages.PARSE_ERROR), lost_count)
+
+
+def _with_fds(
+    envelope: _Envelope, descriptors: Descriptors, permit: _Permit
+) -> RpcRequest | RpcFault:
     """Check method and parameters of a sound envelope, and give it its descriptors."""
     enough = envelope.fds <= descriptors.unclaimed
     try:
         fds = descriptors.take(envelope.fds)
     except PdcdError as err:
         return _fault(envelope, err, close=not enough)
-    item = _typed(envelope, fds)
+    item = _typed(envelope, fds, permit)
     if isinstance(item, RpcFault):
         descriptors.release(fds)
     return item
 
 
-def _sound_id(value: Any) -> _Id | None:
+def _sound_id(line: bytes) -> _Id | None:
     try:
-        found = msgspec.convert(value, _IdOnly).id
+        found = _ID_ONLY.decode(line).id
     except ValueError:
         return None
     return None if isinstance(found, UnsetType) else found
 
 
-def _typed(envelope: _Envelope, fds: tuple[int, ...]) -> RpcRequest | RpcFault:
+def _typed(envelope: _Envelope, fds: tuple[int, ...], permit: _Permit) -> RpcRequest | RpcFault:
     """Check method and parameters of a sound envelope."""
     close = False
     try:
@@ -201,18 +253,21 @@ def _typed(envelope: _Envelope, fds: tuple[int, ...]) -> RpcRequest | RpcFault:
                 hint="methods are: " + ", ".join(METHODS),
             )
             return _fault(envelope, error, messages.METHOD_NOT_FOUND)
+        permit(envelope.method)
         if fds and not method.takes_fds:
             takers = ", ".join(name for name, method in METHODS.items() if method.takes_fds)
             raise ProtocolError(
                 f"{envelope.method} takes no descriptors", hint=f"those that do: {takers}"
             )
-        raw = {} if envelope.params is UNSET else envelope.params
-        params = _params(envelope.method, raw, method.params)
+        params = _params(envelope.method, envelope.params, method.params)
         if isinstance(params, HelloParams):
             close = True
             _agree(params.protocol)
     except PdcdError as err:
-        return _fault(envelope, err, close=close)
+        # Without its traceback, which holds on to all that was made of the line.
+        return _fault(envelope, err.with_traceback(None), close=close)
+    except UnicodeDecodeError as err:
+        return _no_json(err, False)
     return RpcRequest(_id_of(envelope), envelope.method, params, fds)
 
 
@@ -237,13 +292,15 @@ def _agree(wanted: tuple[int, int]) -> None:
         )
 
 
-def _params(method: str, raw: Any, kind: type[msgspec.Struct]) -> msgspec.Struct:
+def _params(method: str, raw: msgspec.Raw, kind: type[msgspec.Struct]) -> msgspec.Struct:
     try:
-        return convert_struct(raw, kind)
+        return decode_struct(raw, kind)
     except FieldError as err:
         raise RequestError(
             f"{method}: {err}", hint="rig.describe has the schema of every message"
         ) from err
+    except UnicodeDecodeError:
+        raise
     # Besides its own errors, what numbers and depths beyond all measure make Python raise.
     except (ValueError, OverflowError, RecursionError) as err:
         names = ", ".join(kind.__struct_fields__) or "none"
@@ -260,7 +317,7 @@ def _short(text: str, limit: int = 200) -> str:
 
 def encode_line(message: Mapping[str, object]) -> bytes:
     """One message as a line. Raises ProtocolError when it is longer than `MAX_LINE`."""
-    line = msgspec.json.encode(message) + b"\n"
+    line = encode_json(message) + b"\n"
     if len(line) > MAX_LINE:
         raise ProtocolError(
             f"the answer is {len(line)} bytes, longer than a line may be",
@@ -275,7 +332,12 @@ def encode_reply(request_id: _Id, result: object) -> bytes:
 
 
 def encode_error(request_id: _Id | None, error: PdcdError, code: int | None = None) -> bytes:
-    """The answer to a request that failed; id None where the id could not be read."""
+    """The answer to a request that failed; id None where the id could not be read. It always fits
+    into a line: what is said beyond that is cut."""
+    told = (error.message, error.device, error.hint)
+    if sum(len(text) for text in told if text) > _MOST_TOLD:
+        message, device, hint = (_short(text or "", _MOST_TOLD) or None for text in told)
+        error = make_error(error.kind, message, device, hint)
     body = messages.make_error_object(error, code)
     return encode_line({"jsonrpc": "2.0", "id": request_id, "error": body})
 

@@ -3,21 +3,20 @@
 A read from a network mount, or from a file system that a client itself serves, may never return,
 and no time limit ends it. So each read has a thread of its own, which is left behind when its time
 is over. Threads are counted until they really end, for each user and for all: who gives files that
-hang soon can give no more, and others still can.
+hang soon can give no more, and others still can. Users take turns.
 """
 
 from __future__ import annotations
 
 import asyncio
 import threading
-import time
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
 from pdcd.errors import BusyError, RequestError
+from pdcd.server.turns import UserTurns
 
 _T = TypeVar("_T")
 _Alive = Callable[[], None]
@@ -26,6 +25,8 @@ LIMIT_S = 10.0
 """Time for reading all arrays of one request, in seconds."""
 EACH, ALL_READERS = 2, 8
 """Threads that read for one user, and for all."""
+_LOOK_S = 0.01
+"""Time between two looks whether there is room, in seconds."""
 
 
 class _Over(Exception):  # noqa: N818 - reads as the state it reports
@@ -38,9 +39,7 @@ class Readers:
     def __init__(
         self, *, each: int = EACH, total: int = ALL_READERS, limit_s: float = LIMIT_S
     ) -> None:
-        self._each, self._total, self._limit_s = each, total, limit_s
-        self._busy: Counter[int] = Counter()
-        self._lock = threading.Lock()
+        self._turns, self._limit_s = UserTurns(each, total), limit_s
 
     async def run(
         self,
@@ -59,18 +58,19 @@ class Readers:
         Raises BusyError when for all the time there is no thread or no room, RequestError when the
         read takes longer.
         """
-        # A moment for those before it to end: requests of one client come in bursts.
-        give_up = time.monotonic() + self._limit_s
-        while not (room() and self._taken(uid)):
-            if time.monotonic() > give_up:
-                raise BusyError(
-                    "requests that wait hold too many arrays", hint="wait until some are answered"
-                )
-            await asyncio.sleep(0.01)
+        try:
+            # A moment for those before it to end: requests of one client come in bursts.
+            async with asyncio.timeout(self._limit_s):
+                await self._turns.take(uid)
+                await self._wait_for(uid, room)
+        except TimeoutError as err:
+            raise BusyError(
+                "requests that wait hold too many arrays", hint="wait until some are answered"
+            ) from err
         try:
             function = prepare()
         except BaseException:
-            self._give_back(uid)
+            self._turns.give_back(uid)
             raise
         done, over = self._started(uid, function)
         try:
@@ -101,26 +101,25 @@ class Readers:
             # Whatever it was, it is the asker's to hear.
             except BaseException as err:
                 tell = partial(_failure, done, err)
-            self._give_back(uid)
             with suppress(RuntimeError):  # the loop has ended meanwhile
+                loop.call_soon_threadsafe(self._turns.give_back, uid)
                 loop.call_soon_threadsafe(tell)
 
-        threading.Thread(target=body, name="pdcd-reader", daemon=True).start()
+        try:
+            threading.Thread(target=body, name="pdcd-reader", daemon=True).start()
+        except RuntimeError:  # there are too many
+            self._turns.give_back(uid)
+            raise
         return done, over
 
-    def _give_back(self, uid: int) -> None:
-        with self._lock:
-            self._busy[uid] -= 1
-            if not self._busy[uid]:
-                del self._busy[uid]
-
-    def _taken(self, uid: int) -> bool:
-        """Count a thread for this user, if there may be one more."""
-        with self._lock:
-            if self._busy[uid] >= self._each or self._busy.total() >= self._total:
-                return False
-            self._busy[uid] += 1
-            return True
+    async def _wait_for(self, uid: int, room: Callable[[], bool]) -> None:
+        """Keep a place until there is room; it is given back if there never is."""
+        try:
+            while not room():
+                await asyncio.sleep(_LOOK_S)
+        except BaseException:
+            self._turns.give_back(uid)
+            raise
 
 
 def _result(future: asyncio.Future[_T], value: _T) -> None:

@@ -15,10 +15,11 @@ from aiohttp import web
 from pdcd.api.rows import plan_rows
 from pdcd.client import INTAKE_TIMEOUT_S
 from pdcd.errors import PdcdError, RequestError
-from pdcd.protocol.fields import FieldError, convert_struct
+from pdcd.protocol.fields import FieldError, decode_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
+from pdcd.protocol.wire import encode_json
 from pdcd.web.asks import ENGINE_S, WAIT_S, DaemonQueries, Turns
 from pdcd.web.door import REQUEST_S, BrowserAuth, Refusal, VisitorPlaces
 from pdcd.web.news import News, TooManyPagesError
@@ -218,7 +219,7 @@ class Site:
             raise Refusal(413, "the body is too long")
         body = await request.read()
         try:
-            asked = convert_struct(msgspec.json.decode(body), wants.params)
+            asked = decode_struct(body, wants.params)
         except FieldError as err:
             raise RequestError(str(err)) from err
         except (ValueError, OverflowError, RecursionError) as err:
@@ -241,7 +242,7 @@ async def _written(response: web.StreamResponse, data: bytes) -> None:
 
 
 def _json(value: Any) -> web.Response:
-    return web.Response(body=msgspec.json.encode(value), content_type="application/json")
+    return web.Response(body=encode_json(value), content_type="application/json")
 
 
 def _error(

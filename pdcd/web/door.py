@@ -14,8 +14,11 @@ import secrets
 
 from aiohttp import web
 
-STRANGERS = 32
+STRANGERS = 128
 """Connections that have not shown the token, at a time."""
+STAY_S = 0.25
+"""For how long one of them is safe from the next that comes, in seconds: whoever has the token has
+shown it by then."""
 STRANGER_S = 5.0
 """From the first byte to the last of a request without the token, in seconds."""
 REQUEST_S = 30.0
@@ -76,12 +79,22 @@ class VisitorPlaces:
     """The connections of one server: strangers have few places and little time.
 
     A connection is a stranger until its request has shown the token. Where all places of strangers
-    are taken, whoever came first goes: nobody is kept out by those who hold theirs.
+    are taken, whoever came first goes: nobody is kept out by those who hold theirs. Others wait at
+    the door (`wait_s`) until that one has had its time, so that nobody is swept out by those who
+    come in crowds, again and again, before a request could be read.
     """
 
     def __init__(self) -> None:
         self._timers: dict[asyncio.Transport, asyncio.TimerHandle | None] = {}
-        self._strangers: dict[asyncio.Transport, None] = {}
+        self._strangers: dict[asyncio.Transport, float] = {}
+        """And when they came, by the loop's clock; the first of them first."""
+
+    def wait_s(self) -> float:
+        """How long the next that comes has to wait, in seconds."""
+        if len(self._strangers) < STRANGERS:
+            return 0.0
+        first_s = next(iter(self._strangers.values()))
+        return max(0.0, first_s + STAY_S - asyncio.get_running_loop().time())
 
     def enter(self, transport: asyncio.Transport) -> None:
         """One more stranger."""
@@ -89,7 +102,7 @@ class VisitorPlaces:
             first = next(iter(self._strangers))
             self.leave(first)
             first.abort()
-        self._strangers[transport] = None
+        self._strangers[transport] = asyncio.get_running_loop().time()
         self._allow(transport, STRANGER_S)
 
     def admit(self, transport: asyncio.BaseTransport | None, seconds: float | None) -> None:

@@ -14,12 +14,11 @@ from collections.abc import AsyncGenerator
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from pdcd.api.progress import describe_event, read_share_done
 from pdcd.client import Client
 from pdcd.errors import PdcdError
 from pdcd.protocol.events import ENDS, THINNED, Event, JobQueued, JobStarted, encode_event
+from pdcd.protocol.wire import encode_json
 from pdcd.web.asks import CONNECT_S, DaemonQueries
 
 _RETRY_S = 1.0
@@ -213,7 +212,7 @@ class News:
 
 
 def _message(message: dict[str, Any]) -> bytes:
-    return b"data: " + msgspec.json.encode(message) + b"\n\n"
+    return b"data: " + encode_json(message) + b"\n\n"
 
 
 def _end(page: asyncio.Queue[bytes | None]) -> None:

@@ -21,9 +21,12 @@ from pdcd.web.door import BrowserAuth, VisitorConnection, VisitorPlaces
 from pdcd.web.news import News
 from pdcd.web.shelf import RunShelf
 
-_BACKLOG = 64
+_BACKLOG = 1024
 """Connections that wait to be accepted."""
+_SCARCE_S = 1.0
+"""Pause when the system has nothing left to accept a connection with, in seconds."""
 
+logger = logging.getLogger(__name__)
 _library = logging.getLogger("pdcd.web.library")
 # It tells of every malformed request at length. Faults of ours are logged by ourselves.
 _library.disabled = True
@@ -88,15 +91,34 @@ async def serve_page(sock: sockets.socket, socket: Path, state: Path) -> AsyncIt
     if runner.server is None:
         raise RuntimeError("a runner that is set up has a server")
     connection = partial(VisitorConnection, places, runner.server, **SERVER_SETTINGS)
-    server = await asyncio.get_running_loop().create_server(connection, sock=sock)
+    accepting = asyncio.create_task(_accept(sock, places, connection))
     news.start()
     try:
         yield door
     finally:
-        server.close()
+        accepting.cancel()
+        await asyncio.gather(accepting, return_exceptions=True)
+        sock.close()
         await news.close()
         places.end()
         await runner.cleanup()
+
+
+async def _accept(
+    sock: sockets.socket, places: VisitorPlaces, connection: Callable[[], asyncio.Protocol]
+) -> None:
+    """Let in whoever comes, no faster than there are places; never returns."""
+    loop = asyncio.get_running_loop()
+    while True:
+        try:
+            came, _ = await loop.sock_accept(sock)
+            await loop.connect_accepted_socket(connection, came)
+        except ConnectionError:
+            continue  # it has left
+        except Exception as err:  # too few descriptors, above all
+            logger.error("no connection can be accepted: %s", err)
+            await asyncio.sleep(_SCARCE_S)
+        await asyncio.sleep(places.wait_s())
 
 
 async def run_page_server(

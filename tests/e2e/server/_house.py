@@ -50,6 +50,9 @@ class Reader:
             clock=ClockAnchor(0, ""),
         )
 
+    def permit(self, caller: Caller, method: str) -> None:
+        pass
+
     async def handle(self, caller: Caller, request: RpcRequest) -> Contents:
         for fd in request.fds:
             assert fcntl.fcntl(fd, fcntl.F_GETFD) & fcntl.FD_CLOEXEC

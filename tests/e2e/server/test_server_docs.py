@@ -21,7 +21,7 @@ from pdcd.protocol import messages
 from pdcd.protocol.events import COMMON_FIELDS, TYPES
 from pdcd.protocol.messages import CODES, METHODS
 from pdcd.protocol.views import ClientRole
-from pdcd.server import callers, connections
+from pdcd.server import callers, connections, reading
 from tests.places import ROOT
 from tests.sampled import sampled
 from tests.tools import linked, needs, program
@@ -211,7 +211,8 @@ def test_the_python_of_the_document_runs(
 def test_the_limits_are_those_of_the_program() -> None:
     text = section("Limits")
     assert messages.MAX_LINE == 2**20 and "1 MiB" in text
-    assert f"| {connections.OPEN_REQUESTS};" in text
+    assert f"| {reading.OPEN_REQUESTS} of one client, lines of 2 MiB in all" in text
+    assert reading.OPEN_BYTES == 2**21 and reading._SHORT_BYTES == 2**16 and reading._REST_S == 0.1
     limits = LimitsConfig()
     assert f"| clients | {limits.connections}, or" in text
     assert f"are kept {connections.KEPT_PLACES} places each" in text
@@ -219,6 +220,6 @@ def test_the_limits_are_those_of_the_program() -> None:
     assert f"and {limits.queued_per_user} of one user, or" in text
     assert f"after {limits.idle_s:g} s, or" in text
     assert f"| {messages.MAX_FDS} that no request has named; {messages.MAX_FDS} in its" in text
-    assert f"| {callers.QUEUE_LINES};" in text
+    assert f"| {callers.QUEUE_LINES}, 8 MiB in all;" in text and callers.QUEUE_BYTES == 2**23
     assert f"after {callers.STUCK_S:g} s" in text
     assert f"for up to {connections.LINGER_S:g} s" in section("Life of a job")

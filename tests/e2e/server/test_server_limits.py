@@ -15,8 +15,8 @@ from pdcd.bench.tables import Config, RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.server import callers
 from pdcd.server import daemon as server_daemon
-from pdcd.server.connections import OPEN_REQUESTS
 from pdcd.server.daemon import serve_daemon
+from pdcd.server.reading import OPEN_REQUESTS
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import Daemon, Wire, served
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import AsyncIterator, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -88,6 +88,38 @@ def test_who_says_nothing_or_comes_in_crowds_keeps_nobody_out(
                 monkeypatch.setattr(module, "STRANGER_S", 0.2)
                 last = await held.enter_async_context(_opened(host, port, half))
                 assert await _cut(last) and not page.at_eof()
+
+    asyncio.run(scenario())
+
+
+def test_strangers_who_come_back_at_once_sweep_nobody_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ten times as many as there are places; a browser that takes its time is answered."""
+    monkeypatch.setattr(module, "STRANGERS", 4)
+    monkeypatch.setattr(module, "STAY_S", 0.05)
+
+    async def keep(host: str, port: int) -> None:
+        while True:
+            with suppress(ConnectionError):
+                async with _opened(host, port, b"") as reader:
+                    await reader.read()
+
+    async def scenario() -> None:
+        sock = bind_loopback("127.0.0.1", 0)
+        host, port = sock.getsockname()
+        async with serve_page(sock, tmp_path / "none", tmp_path) as door:
+            keepers = [asyncio.create_task(keep(host, port)) for _ in range(40)]
+            wanted = _head(inside_of(door), "GET /runs")
+            for _ in range(4):
+                reader, writer = await asyncio.open_connection(host, port)
+                await asyncio.sleep(0.02)
+                writer.write(wanted)
+                assert (await reader.read()).startswith(b"HTTP/1.1 200")
+                await parted(writer)
+            for keeper in keepers:
+                keeper.cancel()
+            await asyncio.gather(*keepers, return_exceptions=True)
 
     asyncio.run(scenario())
 

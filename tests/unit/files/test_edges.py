@@ -107,10 +107,22 @@ def test_headers_of_anything_else_are_refused(text: str, words: str) -> None:
 
 def test_a_header_is_of_so_many_letters_at_most() -> None:
     text = "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 1), }"
-    fits = text.ljust(10_000)
+    fits = text.ljust(2048)
     assert read_array(files.raw_npy(fits, bytes(8)), "x", LIMITS).shape == (1, 1)
-    assert "10001 characters" in refused(files.raw_npy(fits + " ", bytes(8), 2)).message
+    assert "2049 characters" in refused(files.raw_npy(fits + " ", bytes(8), 2)).message
     assert "version 1.0 or 2.0" in refused(b"\x93NUMPY\x01").message
+
+
+@pytest.mark.parametrize("filler", [" ", "1 ,", "1, ", "' ", '"', "''", "(", ": '", "9", "a "])
+def test_the_time_of_a_header_grows_as_its_length_does(
+    filler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of 600 kB: where it grew as the square, each would take five minutes."""
+    monkeypatch.setattr(npy, "_MAX_HEADER", 10**6)
+    sound = "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 1)"
+    for end in (0, 1, 20, 45, 53, len(sound)):
+        begun = sound[:end] + filler * (600_000 // len(filler))
+        assert "not that of real" in refused(files.raw_npy(begun + "x", bytes(8), 2)).message
 
 
 def test_an_array_ends_where_its_shape_says() -> None:

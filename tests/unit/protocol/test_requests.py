@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
@@ -12,7 +13,7 @@ from pdcd.protocol.fields import (
     ARRAY_FIELDS,
     UNTOLD,
     FieldError,
-    convert_struct,
+    decode_struct,
     fields_of,
     list_needed_fields,
     list_optional_fields,
@@ -124,11 +125,17 @@ def test_a_refusal_names_what_is_taken_and_a_short_value(name: str, value: Any, 
 
 
 def test_a_message_is_refused_by_its_wrong_field() -> None:
-    assert convert_struct({"goal": "white"}, CaptureRequest) == CaptureRequest(goal="white")
-    with pytest.raises(FieldError, match=r"^goal: it takes white, indirect"):
-        convert_struct({"goal": "whit"}, CaptureRequest)
-    with pytest.raises(msgspec.ValidationError, match="missing required field"):
-        convert_struct({}, CaptureRequest)
+    assert decode_struct(b'{"goal": "white"}', CaptureRequest) == CaptureRequest(goal="white")
+    for wrong, why in (
+        ({"goal": "whit"}, r'^goal: it takes white, indirect.* not "whit"'),
+        ({"goal": "white", "codes": 1e9}, r"^codes: it takes .*, not 1000000000.0$"),
+        ({"goal": "white", "kernel": [["x"] * 200]}, r"^kernel: it takes [^x]*$"),
+    ):
+        with pytest.raises(FieldError, match=why):
+            decode_struct(json.dumps(wrong).encode(), CaptureRequest)
+    for other in (b"{}", b"[]", b'{"goal": "white", "gaol": 1}'):
+        with pytest.raises(msgspec.ValidationError, match=r"required field|object|`gaol`"):
+            decode_struct(other, CaptureRequest)
 
 
 def test_goals_take_what_the_fields_say() -> None:

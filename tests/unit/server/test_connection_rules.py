@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import socket
 from collections.abc import Iterator
@@ -16,12 +17,12 @@ from pdcd.errors import DeniedError
 from pdcd.protocol import events
 from pdcd.protocol.messages import MAX_LINE, NoParams, ShowReply
 from pdcd.protocol.request import CaptureRequest
-from pdcd.server import connections as module
 from pdcd.server.access import Access
 from pdcd.server.callers import Caller
 from pdcd.server.connections import Server
 from pdcd.server.jobs import Job, JobTable, Owner
 from pdcd.server.protocol import RpcRequest
+from pdcd.server.reading import answer_request
 
 ANNA, BERT, OWN = 1001, 1002, 900
 
@@ -85,6 +86,8 @@ class Held:
 
 
 SHOWN = ShowReply("grid", 0, "j")
+OURS = "a fault of the program: see the daemon's log"
+SCARCE = "try again in a moment; if it stays, raise LimitNOFILE or give it more memory"
 
 
 @pytest.mark.parametrize(
@@ -93,7 +96,16 @@ SHOWN = ShowReply("grid", 0, "j")
         (SHOWN, {"pattern": "grid", "index": 0, "job": "j"}, ""),
         (DeniedError("no", hint="ask"), ("denied", "no", "ask"), ""),
         (ZeroDivisionError("by nothing"),
-         ("internal", "ZeroDivisionError: by nothing", "see the daemon's log"), "method failed"),
+         ("internal", "ZeroDivisionError: by nothing", OURS), "method failed"),
+        (SystemExit("\udce9"), ("internal", "SystemExit: \\udce9", OURS), "method failed"),
+        (OSError(errno.EMFILE, "too many"),
+         ("busy", "the system has nothing left: too many", SCARCE), "method failed"),
+        (MemoryError(), ("busy", "the system has nothing left: out of memory", SCARCE),
+         "method failed"),
+        (FileNotFoundError(errno.ENOENT, "gone", "a/b"),
+         ("disk", "cannot use 'a/b': gone", "check folder and rights"), "method failed"),
+        (DeniedError("x" * MAX_LINE, hint="ask"), ("denied", "x" * 8000 + "...", "ask"), ""),
+        (ShowReply("\udce9", 0, "j"), {"pattern": "\\udce9", "index": 0, "job": "j"}, ""),
         (ShowReply("x" * MAX_LINE, 0, "j"),
          ("protocol", None, "read it from the run folder instead"), ""),
     ],
@@ -104,7 +116,7 @@ def test_every_request_is_answered_once_and_gives_back_what_came_with_it(
     line, held = Line(1, "none"), Held()
     for request_id in (5, None):
         request = RpcRequest(request_id, "display.show", NoParams(), (7, 8))
-        body = module._answer(
+        body = answer_request(
             cast(Any, Service(answer)), cast(Caller, line), request, cast(Any, held)
         )
         asyncio.run(body)

@@ -107,7 +107,7 @@ def test_a_client_that_sends_too_many_descriptors_is_parted_from() -> None:
     for count, ends in ((MAX_FDS, False), (MAX_FDS + 1, True)):
         held = Kept(*range(count))
         connection = Connection(descriptors=held)
-        found = connection.receive(b"")
+        found = [*connection.receive(b"")]
         assert (len(found), connection.closed) == (int(ends), ends)
         assert held.closed == ([*range(count)] if ends else []) and held.unclaimed == count - len(
             held.closed
@@ -115,7 +115,7 @@ def test_a_client_that_sends_too_many_descriptors_is_parted_from() -> None:
     lost = Connection(descriptors=Kept(1))
     (told,) = lost.receive(line() + b"\n", lost=True)
     assert isinstance(told, RpcFault) and told.close and lost.closed
-    assert lost.receive(b"", lost=True) == []
+    assert [*lost.receive(b"", lost=True)] == []
 
 
 @pytest.mark.parametrize(

@@ -89,15 +89,15 @@ FAULTS: list[tuple[bytes, int, int | str | None]] = [
     (b"nonsense", -32700, None),
     (line() + b" trailing", -32700, None),
     *[(line("capture.start", {"exposure_s": 7}).replace(b"7", wrong), -32700, None)
-      for wrong in (b"NaN", b"Infinity", b"1e999")],
+      for wrong in (b"NaN", b"Infinity")],
     (b'{"jsonrpc":"2.0","id":1,"method":"\xff"}', -32700, None),
     (b'{"jsonrpc":"2.0","id":1,"method":"\\ud800"}', -32700, None),
     (b"[" * 200_000, -32700, None),
     (b"[" * 5000 + b"]" * 5000, -32700, None),
-    (b"9" * 5000, -32700, None),
     # No request; its id as far as it is sound.
     (b"[" + line() + b"]", -32600, None),
     (b"1", -32600, None),
+    (b"9" * 5000, -32600, None),
     (b"null", -32600, None),
     (b"{}", -32600, None),
     (b'{"jsonrpc":"2.0","id":7}', -32600, 7),
@@ -113,6 +113,8 @@ FAULTS: list[tuple[bytes, int, int | str | None]] = [
     (line("capture.wait", {}, id=7), -32602, 7),
     *[(line("capture.start", id=8, params=wrong), -32602, 8) for wrong in ([], ["white"], "x", 3)],
     (line("capture.start"), -32602, 1),
+    (line("capture.start", {"exposure_s": 7}).replace(b"7", b"1e999"), -32602, 1),
+    (line("capture.start", {"note": "7"}).replace(b"7", b"\xff"), -32700, None),
 ]  # fmt: skip
 
 
@@ -183,12 +185,12 @@ def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed:
     (item,) = connection.receive(line("hello", {"protocol": wanted}) + b"\n")
     assert isinstance(item, RpcRequest) is agreed
     assert connection.closed is not agreed
-    assert len(connection.receive(line("ping") + b"\n")) == (1 if agreed else 0)
+    assert len([*connection.receive(line("ping") + b"\n")]) == (1 if agreed else 0)
 
 
 def test_lines_are_found_whatever_the_cut() -> None:
     stream = b"".join(line(id=k) + ending for k, ending in enumerate([b"\n", b"\r\n"] * 3))
-    whole = Connection().receive(b"\n \t \r\n" + stream + line(id=6))
+    whole = [*Connection().receive(b"\n \t \r\n" + stream + line(id=6))]
     assert [item.id for item in whole if isinstance(item, RpcRequest)] == [0, 1, 2, 3, 4, 5]
     connection = Connection()
     single = [item for k in range(len(stream)) for item in connection.receive(stream[k : k + 1])]
@@ -197,15 +199,15 @@ def test_lines_are_found_whatever_the_cut() -> None:
 
 def test_a_line_of_exactly_the_limit_passes_and_one_byte_more_ends_the_connection() -> None:
     limit = len(line()) + 1
-    assert len(Connection(max_line=limit).receive((line() + b"\n") * 2)) == 2
+    assert len([*Connection(max_line=limit).receive((line() + b"\n") * 2)]) == 2
     for begins in (line() + b" \n", b" " * limit):
         connection = Connection(max_line=limit)
         (over,) = connection.receive(begins)
         assert isinstance(over, RpcFault) and over.close and over.line is not None
         assert json.loads(over.line)["error"]["code"] == -32700 and connection.closed
-        assert connection.receive(b"\n" + line() + b"\n") == []
+        assert [*connection.receive(b"\n" + line() + b"\n")] == []
     blank = Connection(max_line=limit)
-    assert blank.receive(b" " * (limit - 1)) == blank.receive(b"\n") == [] and not blank.closed
+    assert [*blank.receive(b" " * (limit - 1)), *blank.receive(b"\n")] == [] and not blank.closed
 
 
 def test_an_endless_line_is_refused_before_it_fills_the_memory() -> None:

@@ -116,6 +116,29 @@ async def test_a_stranger_gives_way_to_the_next_and_a_guest_to_nobody(
     assert cut(guest, third, fourth) == [True, True, True]
 
 
+async def test_the_next_waits_until_the_first_stranger_has_had_its_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "STRANGERS", 2)
+    monkeypatch.setattr(module, "STAY_S", 50.0)
+    now_s = asyncio.get_running_loop().time()
+    monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: now_s)
+
+    places = VisitorPlaces()
+    first = come(places)
+    assert places.wait_s() == 0.0
+    now_s += 10.0
+    come(places)
+    assert places.wait_s() == pytest.approx(40.0)
+    now_s += 45.0
+    assert places.wait_s() == 0.0  # it goes for the next
+    now_s -= 45.0
+    places.admit(first, None)
+    assert places.wait_s() == 0.0
+    come(places)
+    assert places.wait_s() == pytest.approx(50.0)
+
+
 async def test_the_token_gives_more_time_and_the_last_word_on_it_counts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

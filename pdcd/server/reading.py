@@ -1,0 +1,187 @@
+"""Requests of one connection: read line by line, begun in turn, answered by tasks of their own.
+
+One line is looked at in each turn of the loop, and users take turns: a client that sends thousands,
+or long ones, is in nobody's way but its own user's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Protocol
+
+import msgspec
+
+from pdcd.errors import BusyError, PdcdError, to_typed_error
+from pdcd.protocol.messages import MAX_LINE, Hello
+from pdcd.server.callers import Caller
+from pdcd.server.descriptors import Descriptors
+from pdcd.server.protocol import Connection, RpcFault, RpcRequest, encode_error, encode_reply
+from pdcd.server.stream import Stream
+from pdcd.server.turns import UserTurns
+
+logger = logging.getLogger(__name__)
+
+OPEN_REQUESTS = 64
+"""Requests of one client that may be unanswered at a time."""
+OPEN_BYTES = 2 * MAX_LINE
+"""Bytes of all unanswered requests of one user."""
+
+_SHORT_BYTES = 2**16
+"""A longer line is followed by a rest of its user."""
+_REST_S = 0.1
+"""The rest after the longest line, in seconds; shorter after others."""
+_CLOSE_S = 1.0
+"""How long new descriptors wait until those of answered requests are closed, in seconds."""
+
+
+class Service(Protocol):
+    """What the methods do; see `pdcd.server.methods`."""
+
+    def hello(self) -> Hello:
+        """The first words to a new client."""
+        ...
+
+    def permit(self, caller: Caller, method: str) -> None:
+        """Raise DeniedError for a method that this client may not call, whatever its parameters."""
+        ...
+
+    async def handle(self, caller: Caller, request: RpcRequest) -> msgspec.Struct:
+        """Do what is asked and return the result. Raises PdcdError."""
+        ...
+
+    def engaged(self, caller: Caller) -> bool:
+        """Whether the client has a job that ends with it."""
+        ...
+
+    def gone(self, caller: Caller) -> None:
+        """The client has left."""
+        ...
+
+
+@dataclass
+class FairShares:
+    """What all connections of a server share: whose line is next, and the bytes of unanswered
+    requests by user."""
+
+    lines: UserTurns = field(default_factory=UserTurns)
+    open_bytes: Counter[int] = field(default_factory=Counter)
+
+
+class RequestReader:
+    """Takes the requests of one client until the end of its stream."""
+
+    def __init__(
+        self,
+        service: Service,
+        caller: Caller,
+        stream: Stream,
+        descriptors: Descriptors,
+        shares: FairShares,
+    ) -> None:
+        self._service, self._caller, self._stream = service, caller, stream
+        self._descriptors, self._shares = descriptors, shares
+        self._machine = Connection(descriptors=descriptors, permit=partial(service.permit, caller))
+        self.open: set[asyncio.Task[None]] = set()
+        """Requests that are not answered yet."""
+
+    async def read(self) -> None:
+        """Take requests until the end of the stream."""
+        try:
+            while not self._machine.closed:
+                came = await self._stream.receive()
+                self._descriptors.receive(came.fds)
+                if not came.data:
+                    return
+                if came.fds:  # who has waited for an answer may send as many again
+                    await self._descriptors.settle(_CLOSE_S)
+                items = self._machine.receive(came.data, lost=came.lost)
+                while await self._take_line(items):
+                    pass
+        except ConnectionError:
+            logger.info("reset connection=%d", self._caller.number)
+
+    async def _take_line(self, items: Iterator[RpcRequest | RpcFault]) -> bool:
+        """Look at the next line when it is this user's turn, and begin what it asks for; false
+        where there is none."""
+        uid = self._caller.peer.uid
+        await self._caller.room()
+        await self._shares.lines.take(uid)
+        size = 0
+        try:
+            item = next(items, None)
+            if item is None:
+                return False
+            size = self._machine.line_bytes
+            self._begin(item, size)
+            del item  # nothing of it is held while this user waits for its next turn
+            # Its first steps come before the next line is looked at: what needs no
+            # waiting is done and answered in the order in which it was asked.
+            await asyncio.sleep(0)
+            return True
+        finally:
+            rest_s = _REST_S * size / MAX_LINE if size > _SHORT_BYTES else 0.0
+            self._shares.lines.give_back(uid, rest_s)
+
+    def _begin(self, item: RpcRequest | RpcFault, size: int) -> None:
+        caller = self._caller
+        if isinstance(item, RpcFault):
+            logger.info("fault connection=%d error=%s", caller.number, item.error)
+            if item.line is not None:
+                caller.send(item.line)
+            return
+        caller.idle_s = 0.0
+        full = self._full(size)
+        if full is not None:
+            if item.id is not None:
+                caller.send(encode_error(item.id, full))
+            self._descriptors.release(item.fds)
+            return
+        uid = caller.peer.uid
+        self._shares.open_bytes[uid] += size
+
+        def answered(task: asyncio.Task[None]) -> None:
+            self.open.discard(task)
+            self._shares.open_bytes[uid] -= size
+            if not self._shares.open_bytes[uid]:
+                del self._shares.open_bytes[uid]
+
+        task = asyncio.create_task(answer_request(self._service, caller, item, self._descriptors))
+        self.open.add(task)
+        task.add_done_callback(answered)
+
+    def _full(self, size: int) -> BusyError | None:
+        """Why no more may be asked now, or None."""
+        if len(self.open) >= OPEN_REQUESTS:
+            what = f"{OPEN_REQUESTS} requests of this connection"
+        elif 0 < self._shares.open_bytes[self._caller.peer.uid] > OPEN_BYTES - size:
+            what = f"more than {OPEN_BYTES} bytes of requests of this user"
+        else:
+            return None
+        return BusyError(f"{what} are unanswered", hint="wait for answers before asking more")
+
+
+async def answer_request(
+    service: Service, caller: Caller, request: RpcRequest, descriptors: Descriptors
+) -> None:
+    """Do one request and queue its answer, if it wants one."""
+    try:
+        result = await service.handle(caller, request)
+        line = b"" if request.id is None else encode_reply(request.id, result)
+    except asyncio.CancelledError:
+        raise
+    # A fault of ours must not leave the client without an answer.
+    except BaseException as err:
+        error = to_typed_error(err)
+        if isinstance(err, PdcdError):
+            logger.info("refused method=%s error=%s", request.method, error)
+        else:
+            logger.exception("method failed method=%s", request.method)
+        line = b"" if request.id is None else encode_error(request.id, error)
+    if line:
+        caller.send(line)
+    descriptors.release(request.fds)
