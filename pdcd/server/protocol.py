@@ -264,8 +264,9 @@ def _typed(envelope: _Envelope, fds: tuple[int, ...], permit: _Permit) -> RpcReq
             close = True
             _agree(params.protocol)
     except PdcdError as err:
-        # Without its traceback, which holds on to all that was made of the line.
-        return _fault(envelope, err.with_traceback(None), close=close)
+        # Anew: this one has a traceback and causes, which hold on to the line and what it became.
+        told = make_error(err.kind, err.message, err.device, err.hint)
+        return _fault(envelope, told, close=close)
     except UnicodeDecodeError as err:
         return _no_json(err, False)
     return RpcRequest(_id_of(envelope), envelope.method, params, fds)
