@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import html
 import json
+import sys
 from typing import Any
 
 
@@ -25,6 +27,14 @@ def to_indented_lines(text: str) -> str:
     """
     first, *more = (to_one_line(line) for line in text.split("\n"))
     return "\n".join([first, *("  " + line.removeprefix("  ") for line in more)])
+
+
+def write_stderr(text: str) -> None:
+    """Write a text for people, if there still is somebody: nothing fails because they do not hear,
+    a photo least of all."""
+    with contextlib.suppress(OSError, ValueError):
+        sys.stderr.write(text)
+        sys.stderr.flush()
 
 
 def to_html(words: object) -> str:

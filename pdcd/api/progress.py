@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pdcd.printable import to_html, to_one_line
+from pdcd.printable import to_html, to_one_line, write_stderr
 from pdcd.protocol.events import (
     Attention,
     DecodingProgress,
@@ -53,8 +53,7 @@ def show_progress(progress: ProgressChoice) -> Iterator[EventListener | None]:
 
 def tell_user(text: str) -> None:
     """Print one line for the human who watches; never part of the result. Escaped as by `say`."""
-    sys.stderr.write(to_one_line(text) + "\n")
-    sys.stderr.flush()
+    write_stderr(to_one_line(text) + "\n")
 
 
 @contextmanager

@@ -6,16 +6,21 @@ Nothing but the parser is imported until a command runs, so that `pdcd --help` a
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import json
-import os
 import sys
 from collections.abc import Callable, Sequence
 
 from pdcd.cli.exits import CANCELLED, FAILED, UNREACHABLE, exit_code_of
 from pdcd.cli.parser import build_parser
-from pdcd.errors import PdcdError, to_error_fields
-from pdcd.printable import to_indented_lines
+from pdcd.cli.streams import (
+    drop_broken_streams,
+    open_missing_streams,
+    write_stdout,
+)
+from pdcd.errors import PdcdError, to_error_fields, to_typed_error
+from pdcd.printable import to_indented_lines, write_stderr
 
 _JOBS = ("capture", "transport", "calibrate")
 """Commands that have one job done, and print how it ended."""
@@ -26,24 +31,32 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Wrong usage ends in SystemExit(2), as argparse does it.
     """
+    open_missing_streams()
     typed = sys.argv[1:] if argv is None else argv
-    args = build_parser(typed).parse_args(typed)
+    try:
+        return _run(build_parser(typed).parse_args(typed))
+    except BrokenPipeError:
+        return FAILED  # the reader of our output has gone
+    finally:
+        drop_broken_streams()
+
+
+def _run(args: argparse.Namespace) -> int:
     try:
         code = _command(args)(args)
-        sys.stdout.flush()
+        write_stdout("")
         return code
     except PdcdError as err:
         return _fail(args, exit_code_of(err.kind), str(err), err.kind, err)
     except KeyboardInterrupt:
         return _fail(args, CANCELLED, "interrupted", "cancelled")
     except BrokenPipeError:
-        # The reader of our output has gone; without this the interpreter complains when it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        raise
     except ConnectionError as err:  # the client's Unreachable, which is not imported here
         return _fail(args, UNREACHABLE, str(err), "unreachable")
     except OSError as err:
-        return _fail(args, FAILED, str(err), "internal")
+        typed = to_typed_error(err)
+        return _fail(args, exit_code_of(typed.kind), str(typed), typed.kind, typed)
 
 
 def _command(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
@@ -66,7 +79,7 @@ def _fail(
             if code == CANCELLED:
                 told["state"] = "cancelled"
         told["error"] = {**to_error_fields(error or PdcdError(text)), "kind": kind}
-        sys.stdout.write(json.dumps(told) + "\n")
-        sys.stdout.flush()
-    sys.stderr.write(f"pdcd: {to_indented_lines(text)}\n")
+        with contextlib.suppress(PdcdError, BrokenPipeError):  # stdout may be what went wrong
+            write_stdout(json.dumps(told) + "\n")
+    write_stderr(f"pdcd: {to_indented_lines(text)}\n")
     return code

@@ -12,6 +12,7 @@ from typing import Any
 from pdcd.api.progress import tell_user
 from pdcd.api.rows import summary_rows
 from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code_of
+from pdcd.cli.streams import write_stdout
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.printable import to_one_line
 from pdcd.protocol.result import CaptureResult, Quality, quality_of, read_summary_value
@@ -26,12 +27,8 @@ _WHOLE_WORDS: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": F
 
 
 def say(text: str) -> None:
-    """Print one result line, at once also into a pipe: the command may go on for hours.
-
-    What cannot be seen in it is escaped, for others wrote much of it.
-    """
-    sys.stdout.write(to_one_line(text) + "\n")
-    sys.stdout.flush()
+    """Print one result line. What cannot be seen in it is escaped, for others wrote much of it."""
+    write_stdout(to_one_line(text) + "\n")
 
 
 def say_json(value: object) -> None:

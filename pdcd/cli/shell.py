@@ -7,12 +7,12 @@ formatter knows are used: TH, SH, nf, fi.
 from __future__ import annotations
 
 import argparse
-import sys
 from functools import partial
 from pathlib import Path
 
 from pdcd.cli.exits import DONE
 from pdcd.cli.parser import actions_of, build_parser, list_subparsers
+from pdcd.cli.streams import write_stdout
 from pdcd.errors import ConfigError
 from pdcd.extras import suggest_install
 from pdcd.version import __version__
@@ -29,13 +29,13 @@ $XDG_RUNTIME_DIR/pdcd.sock       the daemon's socket
 
 def print_version(args: argparse.Namespace) -> int:
     """Print the version."""
-    sys.stdout.write(f"pdcd {__version__}\n")
+    write_stdout(f"pdcd {__version__}\n")
     return DONE
 
 
 def print_completion(args: argparse.Namespace) -> int:
     """Print the script for a shell. Raises ConfigError where the library for it is missing."""
-    sys.stdout.write(make_completion_script(args.shell))
+    write_stdout(make_completion_script(args.shell))
     return DONE
 
 
@@ -59,7 +59,7 @@ def make_completion_script(shell: str) -> str:
 
 def print_manual(args: argparse.Namespace) -> int:
     """Print the manual page."""
-    sys.stdout.write(make_manual_page())
+    write_stdout(make_manual_page())
     return DONE
 
 

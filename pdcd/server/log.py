@@ -69,6 +69,7 @@ def send_to_stderr(*, verbose: bool = False) -> None:
     what is marked by `FOR_PEOPLE`, or everything with `verbose`. Journal, files and pipes get
     everything.
     """
+    logging.raiseExceptions = False  # a line that cannot be written is no reason for more
     handler = logging.StreamHandler()
     if not verbose and sys.stderr.isatty():
         handler.addFilter(_Quiet())

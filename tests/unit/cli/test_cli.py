@@ -230,8 +230,11 @@ def test_end_of_the_job_gives_the_exit_code(
         (Cancelled("ended"), 130, "cancelled", "ended"),
         (UnreachableError("no daemon answers"), 3, "unreachable", "no daemon answers"),
         (KeyboardInterrupt(), 130, "cancelled", "interrupted"),
-        (PermissionError(13, "Permission denied", "/x"), 5, "internal",
-         "[Errno 13] Permission denied: '/x'"),
+        (PermissionError(13, "Permission denied", "/x"), 5, "disk",
+         "cannot use '/x': Permission denied (check folder and rights)"),
+        (OSError(24, "Too many open files"), 4, "busy",
+         "the system has nothing left: Too many open files (try again in a moment; if it stays, "
+         "raise LimitNOFILE or give it more memory)"),
     ],
 )  # fmt: skip
 def test_refusal_is_one_line_and_one_object(
