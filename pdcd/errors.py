@@ -160,6 +160,7 @@ def to_error_fields(error: PdcdError) -> dict[str, str | None]:
     }
 
 
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 _SCARCE = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN)
 """What the system says when a process, or all of them, have as much as there may be."""
 _MOST_TOLD = 1000
@@ -187,12 +188,11 @@ def to_typed_error(error: BaseException) -> PdcdError:
     said = _said_by(error)
     if isinstance(error, MemoryError) or "can't start new thread" in said:
         return _to_disk_error(OSError(errno.ENOMEM, said or "out of memory"), None, "")
-    # A connection that breaks is no disk's affair.
-    if isinstance(error, OSError) and error.errno and not isinstance(error, ConnectionError):
-        name = error.filename if isinstance(error.filename, str | bytes) else "a file"
-        return _to_disk_error(error, None, f"cannot use {name!r:.200}")
+    # Devices and connections raise it, too; of files there is a name.
+    if isinstance(error, OSError) and (error.filename or error.errno in (*_FULL, *_SCARCE)):
+        return _to_disk_error(error, None, f"cannot use {error.filename!r:.200}")
     message = f"{type(error).__name__}: {said}"
-    return PdcdError(message, hint="a fault of the program: see the daemon's log")
+    return PdcdError(message, hint="a fault of the program: see the log")
 
 
 def _said_by(error: BaseException) -> str:
@@ -204,7 +204,7 @@ def _said_by(error: BaseException) -> str:
 
 def _to_disk_error(error: OSError, device: str | None, what: str) -> PdcdError:
     why = error.strerror or _said_by(error)
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if error.errno in _FULL:
         return NoSpaceError("the disk is full", device=device, hint="free some space and run again")
     if error.errno in _SCARCE:
         hint = "try again in a moment; if it stays, raise LimitNOFILE or give it more memory"

@@ -19,7 +19,14 @@ import numpy as np
 from pdcd.api.local import LocalBench
 from pdcd.bench.choosing import lock_calibration as held_folder
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError, DecodeError, PdcdError, RequestError, disk_errors
+from pdcd.errors import (
+    BusyError,
+    DecodeError,
+    PdcdError,
+    RequestError,
+    disk_errors,
+    to_typed_error,
+)
 from pdcd.files.opening import ArrayLimits, Sendable, UnsoundFileError, open_own, read_contents
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, quality_of, read_summary_value
@@ -72,9 +79,7 @@ def take_capture(task: Task) -> TaskRecord:
         return make_failed_row(task.request, err)
     except Exception as err:
         logger.exception("a capture of a sweep failed goal=%s", task.request.goal)
-        return make_failed_row(
-            task.request, PdcdError(f"internal error: {type(err).__name__}: {err}")
-        )
+        return make_failed_row(task.request, to_typed_error(err))
 
 
 def make_result_row(request: CaptureRequest, result: CaptureResult) -> TaskRecord:

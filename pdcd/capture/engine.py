@@ -23,7 +23,7 @@ from pdcd.capture.run import CaptureRun
 from pdcd.capture.worker.answers import RigFacts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import Cancelled, DeviceLost, PdcdError, make_error
+from pdcd.errors import Cancelled, DeviceLost, PdcdError, make_error, to_typed_error
 from pdcd.planning.bench_fit import with_grid
 from pdcd.planning.defaults import is_camera_needed, is_search_needed
 from pdcd.planning.schedule_fit import is_lag_needed
@@ -64,10 +64,10 @@ def _never() -> bool:
 
 def _failure(err: Exception, what: str, job: str) -> PdcdError:
     """What a job ended by; a fault of the program is logged, and told as one."""
-    if isinstance(err, PdcdError):
-        return err
-    logger.error("%s failed job=%s", what, job, exc_info=err)
-    return PdcdError(f"internal error: {type(err).__name__}: {err}")
+    typed = to_typed_error(err)
+    if typed is not err:
+        logger.error("%s failed job=%s", what, job, exc_info=err)
+    return typed
 
 
 def _unsafe(result: CaptureResult) -> CaptureResult:

@@ -31,7 +31,7 @@ from pdcd.bench.tables import Config
 from pdcd.calibration.steps import GOES_BY, STALE
 from pdcd.capture.rig import Rig
 from pdcd.capture.worker.calibrating import StepResult
-from pdcd.errors import Cancelled, PdcdError, disk_errors
+from pdcd.errors import Cancelled, PdcdError, disk_errors, to_typed_error
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.runs.folder import LOG, RunFolder, write_through
 from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
@@ -153,12 +153,12 @@ class CalibrationKeeper:
             return False
         state: _State = "cancelled" if isinstance(err, Cancelled) else "failed"
         where = str(self.folder.where)
-        said = err.message if isinstance(err, PdcdError) else f"internal error: {err}"
+        typed = to_typed_error(err)
         stopped = CalibrationStop(
             step=step,
-            kind=getattr(err, "kind", "internal"),
-            message=said.replace(str(self.folder.path), where),
-            hint=getattr(err, "hint", None),
+            kind=typed.kind,
+            message=typed.message.replace(str(self.folder.path), where),
+            hint=typed.hint,
         )
         try:
             line = {"t_mono_ns": self.rig.clock.now_ns(), "event": state}

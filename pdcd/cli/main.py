@@ -8,15 +8,14 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
-import json
 import sys
 from collections.abc import Callable, Sequence
 
 from pdcd.cli.exits import CANCELLED, FAILED, UNREACHABLE, exit_code_of
 from pdcd.cli.parser import build_parser
 from pdcd.cli.streams import (
-    drop_broken_streams,
     open_missing_streams,
+    replace_broken_streams,
     write_stdout,
 )
 from pdcd.errors import PdcdError, to_error_fields, to_typed_error
@@ -38,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return FAILED  # the reader of our output has gone
     finally:
-        drop_broken_streams()
+        replace_broken_streams()
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -78,8 +77,10 @@ def _fail(
             told = {"job": None, "state": "failed", "folder": None}
             if code == CANCELLED:
                 told["state"] = "cancelled"
+        from pdcd.files.text import encode_json  # nothing but the parser is imported before
+
         told["error"] = {**to_error_fields(error or PdcdError(text)), "kind": kind}
         with contextlib.suppress(PdcdError, BrokenPipeError):  # stdout may be what went wrong
-            write_stdout(json.dumps(told) + "\n")
+            write_stdout(encode_json(told).decode() + "\n")
     write_stderr(f"pdcd: {to_indented_lines(text)}\n")
     return code

@@ -14,9 +14,9 @@ from pdcd.api.rows import summary_rows
 from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code_of
 from pdcd.cli.streams import write_stdout
 from pdcd.errors import ConfigError, PdcdError
+from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 from pdcd.protocol.result import CaptureResult, Quality, quality_of, read_summary_value
-from pdcd.protocol.wire import encode_json
 from pdcd.runs.folder import REPORT_FILE
 
 WIDTH = 80

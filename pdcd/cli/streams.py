@@ -46,7 +46,7 @@ def write_stdout(text: str) -> None:
             raise
 
 
-def drop_broken_streams() -> None:
+def replace_broken_streams() -> None:
     """Send what cannot be written to the null device; called last of all, for the interpreter
     complains of what is left."""
     for stream in (sys.stdout, sys.stderr):

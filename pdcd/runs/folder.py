@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.calibration import format_digest_line
-from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
+from pdcd.errors import DecodeError, DiskError, NoSpaceError, PdcdError, disk_errors
 from pdcd.files.inside import hash_open_file, open_folder, open_inner_file, path_of, read_inner_file
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns
@@ -60,6 +60,8 @@ REPORT_FILE = "report.html"
 """Everything of the run on one page; made after the run has ended, as rows of its matrix are: to
 look at, and nothing rests on them. No other file may come to lie in a run's folder later."""
 _LATER = re.compile(r"report\.html|row-[A-Za-z0-9._-]{1,64}-\d{1,6}-\d{1,6}\.png", re.ASCII)
+
+_KEPT = "all RAW files are in it: run pdcd decode --partial on it"
 
 
 class RunFolder:
@@ -228,15 +230,18 @@ class RunFolder:
         at, unfinished, final = self._parent.fd, self._unfinished, self._job
         self._parent.check()
         if not self._is(unfinished):
-            raise PdcdError("the run folder was moved", device=self._shown, hint="capture again")
+            raise self._moved()
         with suppress(FileNotFoundError):
             os.stat(final, dir_fd=at, follow_symlinks=False)
-            raise PdcdError("its name is taken", device=self._shown, hint="capture again")
+            raise DiskError("its name is taken", device=self._shown, hint=_KEPT)
         os.rename(unfinished, final, src_dir_fd=at, dst_dir_fd=at)
         os.fsync(at)
         self._parent.check()
         if not self._is(final):
-            raise PdcdError("the run folder was moved", device=self._shown, hint="capture again")
+            raise self._moved()
+
+    def _moved(self) -> DiskError:
+        return DiskError("the run folder was moved", device=self._shown, hint=_KEPT)
 
     def _unname(self) -> None:
         """Take the final name back where the folder has it already."""

@@ -18,10 +18,10 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from pdcd.errors import PdcdError, ProtocolError, RequestError, make_error
+from pdcd.files.text import encode_json
 from pdcd.protocol import messages
 from pdcd.protocol.fields import FieldError, decode_struct
 from pdcd.protocol.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
-from pdcd.protocol.wire import encode_json
 from pdcd.server.descriptors import Descriptors
 
 _Id = str | int

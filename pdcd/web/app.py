@@ -15,11 +15,11 @@ from aiohttp import web
 from pdcd.api.rows import plan_rows
 from pdcd.client import INTAKE_TIMEOUT_S
 from pdcd.errors import PdcdError, RequestError
+from pdcd.files.text import encode_json
 from pdcd.protocol.fields import FieldError, decode_struct
 from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
-from pdcd.protocol.wire import encode_json
 from pdcd.web.asks import ENGINE_S, WAIT_S, DaemonQueries, Turns
 from pdcd.web.door import REQUEST_S, BrowserAuth, Refusal, VisitorPlaces
 from pdcd.web.news import News, TooManyPagesError

@@ -17,8 +17,8 @@ from typing import Any
 from pdcd.api.progress import describe_event, read_share_done
 from pdcd.client import Client
 from pdcd.errors import PdcdError
+from pdcd.files.text import encode_json
 from pdcd.protocol.events import ENDS, THINNED, Event, JobQueued, JobStarted, encode_event
-from pdcd.protocol.wire import encode_json
 from pdcd.web.asks import CONNECT_S, DaemonQueries
 
 _RETRY_S = 1.0

@@ -18,7 +18,7 @@ from pdcd.capture.worker.calls import LifeSign, StopCall, TaskCall, TaskFailure,
 from pdcd.capture.worker.work import SPENT, WORK, make_memory_error
 from pdcd.capture.worker.worker import Worker
 from pdcd.child import PICKLES, LineClosedError, MessageLine, limit_memory
-from pdcd.errors import Cancelled, PdcdError
+from pdcd.errors import Cancelled, PdcdError, to_typed_error
 from pdcd.watch import Watch
 
 logger = logging.getLogger(__name__)
@@ -87,8 +87,10 @@ def _answer(worker: Worker, call: TaskCall, watch: Watch) -> TaskResult | TaskFa
         # What little is left may not do for the next task.
         failed = TaskFailure(make_memory_error(call.name), spent=True)
     except Exception as err:
-        logger.exception("work failed task=%s", call.name)
-        failed = TaskFailure(PdcdError(f"internal error: {type(err).__name__}: {err}"))
+        typed = to_typed_error(err)
+        if typed.kind == PdcdError.kind:  # else of the system: it is told, and no fault of ours
+            logger.exception("work failed task=%s", call.name)
+        failed = TaskFailure(typed)
     worker.forget(watch)
     return failed
 

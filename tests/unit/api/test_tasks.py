@@ -104,7 +104,7 @@ def test_whatever_goes_wrong_in_a_capture_of_a_sweep_is_a_row(
     assert take_capture(Task(Config(), WHITE))["error_kind"] == "device_lost"
     error = ZeroDivisionError("oh")
     row = take_capture(Task(Config(), WHITE))
-    assert row["state"] == "failed" and "internal error: ZeroDivisionError: oh" in str(row["error"])
+    assert row["state"] == "failed" and "ZeroDivisionError: oh" in str(row["error"])
     assert closed == [True, True]
 
 

@@ -133,7 +133,7 @@ def test_a_final_name_that_is_taken_leaves_an_unfinished_folder(
     place: HeldFolder, run: RunFolder, taken: Callable[[Path], None]
 ) -> None:
     taken(place.real / "job")
-    with pytest.raises(PdcdError, match="name is taken"):
+    with pytest.raises(DiskError, match="name is taken"):
         finish(run)
     assert names(place) == ["job", "job.partial"]
     assert run.files() == ()
@@ -141,10 +141,10 @@ def test_a_final_name_that_is_taken_leaves_an_unfinished_folder(
 
 def test_a_folder_that_was_moved_does_not_look_finished(place: HeldFolder, run: RunFolder) -> None:
     (place.real / "job.partial").rename(place.real / "elsewhere")
-    with pytest.raises(PdcdError, match="was moved"):
+    with pytest.raises(DiskError, match="was moved"):
         finish(run)
     a_folder(place.real / "job.partial")  # another one of that name is not it
-    with pytest.raises(PdcdError, match="was moved"):
+    with pytest.raises(DiskError, match="was moved"):
         finish(run)
     assert names(place) == ["elsewhere", "job.partial"]
     assert list((place.real / "elsewhere").rglob("capture*")) == []

@@ -85,8 +85,13 @@ class Held:
         self.released.append(fds)
 
 
+class UntoldError(Exception):
+    def __str__(self) -> str:
+        raise ValueError
+
+
 SHOWN = ShowReply("grid", 0, "j")
-OURS = "a fault of the program: see the daemon's log"
+OURS = "a fault of the program: see the log"
 SCARCE = "try again in a moment; if it stays, raise LimitNOFILE or give it more memory"
 
 
@@ -100,6 +105,9 @@ SCARCE = "try again in a moment; if it stays, raise LimitNOFILE or give it more 
         (SystemExit("\udce9"), ("internal", "SystemExit: \\udce9", OURS), "method failed"),
         (OSError(errno.EMFILE, "too many"),
          ("busy", "the system has nothing left: too many", SCARCE), "method failed"),
+        (OSError(errno.EIO, "of a device"),
+         ("internal", f"OSError: [Errno {errno.EIO}] of a device", OURS), "method failed"),
+        (UntoldError(), ("internal", "UntoldError: it cannot be told", OURS), "method failed"),
         (MemoryError(), ("busy", "the system has nothing left: out of memory", SCARCE),
          "method failed"),
         (FileNotFoundError(errno.ENOENT, "gone", "a/b"),

@@ -200,7 +200,7 @@ def test_whatever_a_task_raises_is_the_answer_and_the_job_is_forgotten(
     assert (own.error, own.spent) == (error, False)
     assert isinstance(full.error, PlanError) and full.spent
     assert "ran out of memory" in full.error.message
-    assert (fault.error.message, fault.spent) == ("internal error: ValueError: x", False)
+    assert (fault.error.message, fault.spent) == ("ValueError: x", False)
     assert type(fault.error) is PdcdError and "KeyError" in unknown.error.message
     assert all(isinstance(one, TaskFailure) for one in (own, full, fault, unknown))
     assert [desk.forgotten for desk in Table.made] == [4]
