@@ -341,7 +341,9 @@ class _EventsToLoop:
     tell : takes the time in ns and the event, in the loop.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, tell: Callable[[int, Event], None]) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, tell: Callable[[int, Event], object]
+    ) -> None:
         self._loop, self._tell = loop, tell
         self._thinned = Coalescer()
         self._late_s = PROGRESS_INTERVAL_NS * 1e-9

@@ -1,5 +1,6 @@
 """``python -m tests.hostile --count 10000 --seed 1``: what comes back from so many attacks. With
-``--web`` they are put to the page of `pdcd web`, else to the methods of the daemon."""
+``--web`` they are put to the page of `pdcd web`, else to the methods of the daemon. With ``--crowd
+60`` attackers come for so many seconds at once, over the socket, and to the page."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ import time
 from pathlib import Path
 
 from tests import world
-from tests.hostile import web_trial
+from tests.hostile import crowd, web_trial
 from tests.hostile.trial import trial
 
 
@@ -23,8 +24,11 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--web", action="store_true")
+    parser.add_argument("--crowd", type=float, metavar="SECONDS")
     given = parser.parse_args()
     logging.disable(logging.ERROR)
+    if given.crowd:
+        return _crowd(given.crowd)
     return _web(given.seed, given.count) if given.web else _methods(given.seed, given.count)
 
 
@@ -36,6 +40,15 @@ def _web(seed: int, count: int) -> int:
     statuses = ", ".join(f"{n} of {status}" for status, n in sorted(outcome.statuses.items()))
     sys.stdout.write(f"{count} attacks in {outcome.seconds:.0f} s: {statuses}\n")
     return 1 if outcome.broken else 0
+
+
+def _crowd(seconds: float) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = crowd.trial(Path(folder), seconds)
+    for line in outcome.broken():
+        sys.stdout.write(f"broken: {line}\n")
+    sys.stdout.write(outcome.told() + "\n")
+    return 1 if outcome.broken() else 0
 
 
 def _methods(seed: int, count: int) -> int:

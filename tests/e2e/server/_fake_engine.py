@@ -11,7 +11,8 @@ import argparse
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, MutableSequence
 from pathlib import Path
 
 import msgspec
@@ -40,7 +41,7 @@ class FakeEngine:
         self.threads: set[int] = set()
         self.owners: list[OwnerView] = []
         self.requests: list[CaptureRequest] = []
-        self.given: list[dict[str, Floats]] = []
+        self.given: MutableSequence[dict[str, Floats]] = []
         self.shutter_open = False
         self.lit: str | None = None
         """The pattern that `show` left on the panels."""
@@ -208,12 +209,15 @@ def main() -> int:
     parser.add_argument("--socket", type=Path)
     parser.add_argument("--state-dir", required=True)
     parser.add_argument("--rig", default="fake")
+    parser.add_argument("--shoot", type=int, nargs="*", default=())
     given = parser.parse_args()
-    config = Config(rig=RigConfig(name=given.rig), server=ServerConfig(state_dir=given.state_dir))
+    server = ServerConfig(state_dir=given.state_dir, allow_uids=tuple(given.shoot))
+    config = Config(rig=RigConfig(name=given.rig), server=server)
     engines: list[FakeEngine] = []
 
     def make(config: Config) -> FakeEngine:
         engines.append(FakeEngine(config))
+        engines[-1].given = deque(maxlen=1)  # its memory is measured
         return engines[-1]
 
     code = run_daemon(config, socket=given.socket, engine_factory=make)

@@ -21,8 +21,9 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.views import ClientRole
 from pdcd.server.access import Access
 from pdcd.server.callers import Caller
-from pdcd.server.connections import Server, Service
+from pdcd.server.connections import Server
 from pdcd.server.protocol import RpcRequest
+from pdcd.server.reading import Service
 from tests.e2e.server._server_harness import PATIENCE_S
 
 

@@ -68,7 +68,7 @@ class Tracer:
         finally:
             self.over = True  # the engine's thread has it for life
             sys.settrace(before[0])
-            threading.settrace(before[1])  # type: ignore[arg-type]
+            threading.settrace(before[1])
 
 
 async def go_about(desk: Desk, tracer: Tracer) -> list[Job]:

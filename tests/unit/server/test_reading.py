@@ -12,6 +12,7 @@ from typing import Any, cast
 import pytest
 
 from pdcd.errors import DeniedError
+from pdcd.protocol.fields import decode_struct
 from pdcd.protocol.messages import MAX_LINE, NoParams
 from pdcd.protocol.views import ClientRole
 from pdcd.server import protocol, reading
@@ -121,11 +122,12 @@ async def test_who_sends_long_lines_rests_and_has_only_so_many_unanswered(
     rests: list[float] = []
     house = House()
     give_back = house.shares.lines.give_back
-    monkeypatch.setattr(
-        house.shares.lines,
-        "give_back",
-        lambda uid, rest_s=0.0: (rests.append(rest_s), give_back(uid))[1],
-    )
+
+    def noted(uid: int, rest_s: float = 0.0) -> None:
+        rests.append(rest_s)
+        give_back(uid)
+
+    monkeypatch.setattr(house.shares.lines, "give_back", noted)
     house.service.until.clear()
     long = line("capture.plan", goal="white", note="", kernel=[[1.0] * 200_000])
     eve = house.let_in(EVE, *[long] * 4)
@@ -186,8 +188,12 @@ async def test_who_may_not_ask_is_told_so_before_the_parameters_are_looked_at(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     looked: list[Any] = []
-    decode = protocol.decode_struct
-    monkeypatch.setattr(protocol, "decode_struct", lambda *g: (looked.append(g), decode(*g))[1])
+
+    def noted(*given: Any) -> Any:
+        looked.append(given)
+        return decode_struct(*given)
+
+    monkeypatch.setattr(protocol, "decode_struct", noted)
     house = House()
     wrong = line("capture.start", goal="sideways")
     eve = house.let_in(EVE, wrong, role=ClientRole.LOOK)
