@@ -58,9 +58,10 @@ class Outcome:
 
     def told(self) -> str:
         """The figures in words."""
+        half_s, most_s = (_percentile(self.status_s, share) for share in (0.5, 0.99))
         return (
-            f"{len(self.status_s)} times rig.status: half in {_percentile(self.status_s, 0.5):.3f} s,"
-            f" 99 % in {_percentile(self.status_s, 0.99):.3f} s, all in {max(self.status_s):.3f} s\n"
+            f"{len(self.status_s)} times rig.status: half in {half_s:.3f} s, "
+            f"99 % in {most_s:.3f} s, all in {max(self.status_s):.3f} s\n"
             f"{len(self.cancel_s)} cancels: all in {max(self.cancel_s):.3f} s; "
             f"{len(self.page_s)} pages: all in {max(self.page_s):.3f} s\n"
             f"memory: {self.rss_mib[0]:.0f} MiB at first, {max(self.rss_mib):.0f} at most, "

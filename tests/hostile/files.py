@@ -39,6 +39,8 @@ HEADERS = (
     "{'descr': '|V2000000000', 'fortran_order': False, 'shape': (3, 4)}",
     "{'descr': '<f8', 'fortran_order': False, 'shape': (3L, 4L), }",
     "__import__('os').abort()",
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4)" + ")" + " " * 1980 + "x",
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4)" + ")" + " " * 9800 + "x",
 )  # fmt: skip
 SHAPES: tuple[tuple[int, ...], ...] = (
     (), (0,), (0, 0), (3, 0), (12,), (3, 4, 1), (1,) * 40, (4, 3), (10**6, 10**6), (2**63, 2),

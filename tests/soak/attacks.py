@@ -16,7 +16,7 @@ from random import Random
 
 from pdcd.client import Client, UnreachableError
 from pdcd.errors import PdcdError
-from tests.hostile import files
+from tests.hostile import crowd, files
 from tests.hostile.requests import attacks
 from tests.soak import daemon as orders
 from tests.soak import disk, processes
@@ -153,6 +153,20 @@ def _hostile(daemon: Daemon, rng: Random) -> int:
     return 0
 
 
+def _flood(daemon: Daemon, rng: Random) -> int:
+    """One thing again and again: lists of runs, lines of many members or numbers, slow headers."""
+    line = crowd.FLOODS[rng.choice(sorted(crowd.FLOODS))]()
+    until_s = time.monotonic() + rng.uniform(0.2, 2.0)
+    with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock:
+        sock.settimeout(5.0)
+        sock.connect(str(daemon.socket))
+        while time.monotonic() < until_s:
+            sock.sendall(line)
+            with suppress(BlockingIOError):
+                sock.recv(2**20, socket.MSG_DONTWAIT)
+    return 0
+
+
 def _idle(daemon: Daemon, rng: Random) -> int:
     """Connections that say nothing, not even goodbye in time."""
     held = []
@@ -215,6 +229,7 @@ ATTACKS = (
     Attack("the disk is full", _fill_disk, after=_empty_disk, on=("mocks",)),
     Attack("the disk is read-only", _protect_disk, after=_allow_disk, on=("mocks",)),
     Attack("hostile requests", _hostile, spoils=False),
+    Attack("floods of one request", _flood, spoils=False),
     Attack("idle connections", _idle, spoils=False),
     Attack("garbage lines", _garbage, spoils=False),
     Attack("clients that vanish", _vanish, spoils=False),
