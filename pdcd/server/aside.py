@@ -1,4 +1,4 @@
-"""Calls that may hang, made where they hold up nobody."""
+"""Calls that may hang, made where they hold up nobody, and what comes of calls in other threads."""
 
 from __future__ import annotations
 
@@ -6,10 +6,42 @@ import asyncio
 import contextlib
 import threading
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from typing import Generic, NamedTuple, ParamSpec, TypeVar, cast
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
+
+
+class Outcome(NamedTuple, Generic[_R]):
+    """What a call returned or raised, as a value: for not every error may pass through a future,
+    and some would end the loop."""
+
+    value: _R | None
+    error: BaseException | None
+
+    @classmethod
+    def of(cls, call: Callable[[], _R]) -> Outcome[_R]:
+        """Make the call, in whatever thread this is."""
+        try:
+            return cls(call(), None)
+        # Whatever it raises belongs to the caller, as in a direct call.
+        except BaseException as err:
+            return cls(None, err)
+
+    def get(self) -> _R:
+        """The value, or the error raised: one that would end more than the caller, as SystemExit
+        does, as a RuntimeError."""
+        if isinstance(self.error, Exception):
+            raise self.error
+        if self.error is not None:
+            raise RuntimeError(f"{type(self.error).__name__} was raised") from self.error
+        return cast(_R, self.value)
+
+
+def settle_future(future: asyncio.Future[_R], value: _R) -> None:
+    """In the loop: end the wait of whoever still waits."""
+    if not future.done():
+        future.set_result(value)
 
 
 async def call_in_thread(function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -19,27 +51,17 @@ async def call_in_thread(function: Callable[_P, _R], *args: _P.args, **kwargs: _
     call that hangs does not hold up another, nor the end of the process.
     """
     loop = asyncio.get_running_loop()
-    done: asyncio.Future[_R] = loop.create_future()
-
-    def deliver(settle: Callable[[Any], None], value: object) -> None:
-        if not done.cancelled():
-            settle(value)
+    done: asyncio.Future[Outcome[_R]] = loop.create_future()
 
     def run() -> None:
-        settle: Callable[[Any], None] = done.set_result
-        value: object
-        try:
-            value = function(*args, **kwargs)
-        # Whatever it raises belongs to the caller, as in a direct call.
-        except BaseException as err:
-            settle, value = done.set_exception, err
+        outcome = Outcome.of(lambda: function(*args, **kwargs))
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
-            loop.call_soon_threadsafe(deliver, settle, value)
+            loop.call_soon_threadsafe(settle_future, done, outcome)
 
     thread = threading.Thread(target=run, name="pdcd-aside", daemon=True)
     thread.start()
     try:
-        return await done
+        return (await done).get()
     finally:
         if not done.cancelled():
             thread.join()  # all that it has left to do is to end

@@ -94,6 +94,7 @@ class Methods:
         self._connections = connections
         self._looks = UserTurns()
         self._describing = asyncio.Lock()
+        self._schema: dict[str, Any] | None = None
         self._started_ns = time.monotonic_ns()
         self._description = description
         folder = config.server.arrays
@@ -201,9 +202,9 @@ class Methods:
         if self.state == "idle" and not self._describing.locked():
             async with self._describing:
                 self._description = await self._worker.call(self._engine.describe)
-        return RigDescription(
-            self._description, messages.build_message_schema(), _goals(), _arrays()
-        )
+        if self._schema is None:  # it takes a while to make
+            self._schema = await call_in_thread(messages.build_message_schema)
+        return RigDescription(self._description, self._schema, _goals(), _arrays())
 
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config

@@ -12,10 +12,10 @@ import asyncio
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from typing import TypeVar
 
 from pdcd.errors import BusyError, RequestError
+from pdcd.server.aside import Outcome, settle_future
 from pdcd.server.turns import UserTurns
 
 _T = TypeVar("_T")
@@ -74,7 +74,7 @@ class Readers:
             raise
         done, over = self._started(uid, function)
         try:
-            return await asyncio.wait_for(done, self._limit_s)
+            return (await asyncio.wait_for(done, self._limit_s)).get()
         except (TimeoutError, _Over) as err:
             raise RequestError(
                 f"its arrays could not be read within {self._limit_s:g} s",
@@ -85,10 +85,10 @@ class Readers:
 
     def _started(
         self, uid: int, function: Callable[[_Alive], _T]
-    ) -> tuple[asyncio.Future[_T], threading.Event]:
+    ) -> tuple[asyncio.Future[Outcome[_T]], threading.Event]:
         """Run the function in a thread; its future, and the event that tells it to end."""
         loop = asyncio.get_running_loop()
-        done: asyncio.Future[_T] = loop.create_future()
+        done: asyncio.Future[Outcome[_T]] = loop.create_future()
         over = threading.Event()
 
         def alive() -> None:
@@ -96,14 +96,10 @@ class Readers:
                 raise _Over
 
         def body() -> None:
-            try:
-                tell = partial(_result, done, function(alive))
-            # Whatever it was, it is the asker's to hear.
-            except BaseException as err:
-                tell = partial(_failure, done, err)
+            outcome = Outcome.of(lambda: function(alive))
             with suppress(RuntimeError):  # the loop has ended meanwhile
                 loop.call_soon_threadsafe(self._turns.give_back, uid)
-                loop.call_soon_threadsafe(tell)
+                loop.call_soon_threadsafe(settle_future, done, outcome)
 
         try:
             threading.Thread(target=body, name="pdcd-reader", daemon=True).start()
@@ -120,13 +116,3 @@ class Readers:
         except BaseException:
             self._turns.give_back(uid)
             raise
-
-
-def _result(future: asyncio.Future[_T], value: _T) -> None:
-    if not future.done():
-        future.set_result(value)
-
-
-def _failure(future: asyncio.Future[_T], error: BaseException) -> None:
-    if not future.done():
-        future.set_exception(error)

@@ -10,7 +10,9 @@ import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import ParamSpec, TypeVar, cast
+from typing import ParamSpec, TypeVar
+
+from pdcd.server.aside import Outcome
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -35,27 +37,10 @@ class EngineThread:
             self._probe = self._pool.submit(self.beat)
 
     async def call(self, function: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Run the call in the thread and wait for what it returns or raises.
-
-        What would end more than the call, as SystemExit does, is raised as a RuntimeError.
-        """
-        done = self._pool.submit(_outcome, partial(function, *args, **kwargs))
-        value, error = await asyncio.wrap_future(done)
-        if isinstance(error, Exception):
-            raise error
-        if error is not None:
-            raise RuntimeError(f"{type(error).__name__} was raised") from error
-        return cast(_R, value)
+        """Run the call in the thread and wait for what it returns or raises."""
+        made = self._pool.submit(Outcome.of, partial(function, *args, **kwargs))
+        return (await asyncio.wrap_future(made)).get()
 
     def close(self) -> None:
         """End the thread after the calls that were made. Blocks until then."""
         self._pool.shutdown(wait=True)
-
-
-def _outcome(call: Callable[[], object]) -> tuple[object, BaseException | None]:
-    """What a call returns, or raises: handed on as a value, for not every error may pass through a
-    future or a loop."""
-    try:
-        return call(), None
-    except BaseException as err:
-        return None, err

@@ -185,6 +185,22 @@ async def test_a_failed_capture_tells_kind_device_and_hint(wire: Wire, kind: str
 
 
 @served
+async def test_a_text_that_is_none_ends_its_job_and_not_the_daemon(
+    running: Daemon, wire: Wire
+) -> None:
+    """As names of files are that are no UTF-8: the next job runs, a cancel is answered."""
+    await wire.result("events.subscribe", jobs="own")
+    job = await begin(wire, note="fail:\\udce9")
+    following = await begin(wire, queue=True)
+    result = await wire.result("capture.wait", job=job)
+    assert result["error"]["kind"] == "\\udce9"
+    assert (await wire.event("failed", job))["error"] == result["error"]
+    assert (await wire.result("capture.wait", job=following))["state"] == "done"
+    job = await begin(wire, note="slow")
+    assert (await wire.result("capture.cancel", job=job))["state"] == "cancelled"
+
+
+@served
 async def test_events_reach_those_who_asked_for_them(
     starter: Wire, everything: Wire, own: Wire, silent: Wire
 ) -> None:

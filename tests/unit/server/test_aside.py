@@ -31,7 +31,7 @@ async def test_a_call_is_made_in_a_thread_of_its_own_which_is_gone_afterwards() 
         assert not thread.is_alive() and thread.daemon and thread.name == "pdcd-aside"
 
 
-@pytest.mark.parametrize("error", [ZeroDivisionError("x"), RuntimeError("y"), Odd("z")])
+@pytest.mark.parametrize("error", [ZeroDivisionError("x"), RuntimeError("y"), UnicodeError("z")])
 async def test_whatever_it_raises_belongs_to_the_caller(error: BaseException) -> None:
     def call() -> None:
         raise error
@@ -39,6 +39,18 @@ async def test_whatever_it_raises_belongs_to_the_caller(error: BaseException) ->
     with pytest.raises(type(error)) as caught:
         await call_in_thread(call)
     assert caught.value is error
+
+
+@pytest.mark.parametrize("error", [Odd(), SystemExit(), StopIteration(), asyncio.CancelledError()])
+async def test_what_would_end_more_than_the_caller_is_a_fault_of_the_call(
+    error: BaseException,
+) -> None:
+    def call() -> None:
+        raise error
+
+    with pytest.raises(RuntimeError) as caught:
+        await call_in_thread(call)
+    assert caught.value.__cause__ is error
 
 
 def left_behind(call: Callable[[], object], *, ends_first: bool) -> list[Any]:
