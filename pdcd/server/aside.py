@@ -38,7 +38,7 @@ class Outcome(NamedTuple, Generic[_R]):
         return cast(_R, self.value)
 
 
-def settle_future(future: asyncio.Future[_R], value: _R) -> None:
+def finish_future(future: asyncio.Future[_R], value: _R) -> None:
     """In the loop: end the wait of whoever still waits."""
     if not future.done():
         future.set_result(value)
@@ -56,7 +56,7 @@ async def call_in_thread(function: Callable[_P, _R], *args: _P.args, **kwargs: _
     def run() -> None:
         outcome = Outcome.of(lambda: function(*args, **kwargs))
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
-            loop.call_soon_threadsafe(settle_future, done, outcome)
+            loop.call_soon_threadsafe(finish_future, done, outcome)
 
     thread = threading.Thread(target=run, name="pdcd-aside", daemon=True)
     thread.start()

@@ -29,8 +29,9 @@ from typing import Protocol
 import msgspec
 
 from pdcd.errors import BusyError, Cancelled, RequestError, to_error_fields, to_typed_error
+from pdcd.files.text import encode_json
 from pdcd.protocol.events import Emit, Event
-from pdcd.protocol.messages import JobView, ShowParams, ShowReply
+from pdcd.protocol.messages import MAX_LINE, JobView, ShowParams, ShowReply
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
@@ -41,6 +42,9 @@ from pdcd.words import JobKind, JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
 """States that a job never leaves."""
+
+_MOST_BYTES = MAX_LINE - 4096
+"""Longest result: around it are a few fields of a reply or an event."""
 
 PROGRESS_INTERVAL_NS = 100_000_000
 """Least time between two thinned events of a job: at most ten a second."""
@@ -326,10 +330,10 @@ class JobTable:
             self.running.state = "running"
         return self.running
 
-    def end(self, job: Job, result: CaptureResult) -> None:
-        """Enter the result of a job, and let go of all that it was given."""
+    def end(self, job: Job, result: CaptureResult) -> CaptureResult:
+        """Enter the result of a job, and let go of all that it was given. Returns it as entered."""
         if job.result is None:
-            job.result = result
+            job.result = fit_into_line(result)
         job.state = job.result.state
         job.given = NO_ARRAYS
         with suppress(ValueError):
@@ -344,6 +348,7 @@ class JobTable:
         if place is not None:
             with suppress(OSError):  # it is let go of all the same
                 place.close()
+        return job.result
 
     def release(self, job: Job) -> None:
         """The job has ended: the rig is free."""
@@ -362,6 +367,24 @@ def make_failed_result(job: Job, error: BaseException) -> CaptureResult:
     typed = to_typed_error(error)
     state: JobState = "cancelled" if isinstance(typed, Cancelled) else "failed"
     return CaptureResult(job=job.name, state=state, error=to_error_fields(typed))
+
+
+def fit_into_line(result: CaptureResult) -> CaptureResult:
+    """The result as it can be sent: what is too long for a line of the socket is left out, and said
+    to be, for whoever waits must hear of the end."""
+    if len(encode_json(result)) <= _MOST_BYTES:
+        return result
+    left_out = f"{len(result.files)} files, and what else was long, are left out: see its folder"
+    error = result.error and {name: text and text[:1000] for name, text in result.error.items()}
+    cut = msgspec.structs.replace(
+        result,
+        files=(),
+        error=error,
+        warnings=(*(text[:1000] for text in result.warnings[:63]), left_out),
+    )
+    if len(encode_json(cut)) > _MOST_BYTES:
+        cut = msgspec.structs.replace(cut, summary={})
+    return cut
 
 
 class Coalescer:

@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from pdcd.errors import BusyError, RequestError
-from pdcd.server.aside import Outcome, settle_future
+from pdcd.server.aside import Outcome, finish_future
 from pdcd.server.turns import UserTurns
 
 _T = TypeVar("_T")
@@ -99,7 +99,7 @@ class Readers:
             outcome = Outcome.of(lambda: function(alive))
             with suppress(RuntimeError):  # the loop has ended meanwhile
                 loop.call_soon_threadsafe(self._turns.give_back, uid)
-                loop.call_soon_threadsafe(settle_future, done, outcome)
+                loop.call_soon_threadsafe(finish_future, done, outcome)
 
         try:
             threading.Thread(target=body, name="pdcd-reader", daemon=True).start()

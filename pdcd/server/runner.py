@@ -312,7 +312,7 @@ class Runner:
         result = job.result or job.outcome
         if result is None:
             result = make_failed_result(job, PdcdError("the job ended without a result"))
-        self.table.end(job, result)
+        result = self.table.end(job, result)
         for mark in (job.answered, job.ended, job.let_go):
             mark.set()
         while job.untold:

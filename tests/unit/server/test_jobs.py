@@ -5,13 +5,14 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, cast
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
-from pdcd.protocol.events import PilotLearning, Progress
-from pdcd.protocol.messages import ShowParams
+from pdcd.protocol.events import PilotLearning, Progress, make_end_event
+from pdcd.protocol.messages import MAX_LINE, ShowParams
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.server.jobs import (
@@ -22,6 +23,7 @@ from pdcd.server.jobs import (
     Owner,
     make_failed_result,
 )
+from pdcd.server.protocol import encode_notification, encode_reply
 
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
@@ -212,6 +214,35 @@ def test_an_engine_that_raises_gives_a_failed_result() -> None:
     assert make_failed_result(job, Cancelled("stop")).state == "cancelled"
     lost = make_failed_result(job, DeviceLost("gone", device="camera")).error
     assert lost is not None and (lost["kind"], lost["device"]) == ("device_lost", "camera")
+
+
+LONG = "x" * MAX_LINE
+
+
+@pytest.mark.parametrize(
+    ("long", "kept"),
+    [
+        ({"files": tuple(f"raw/coded-{n}.dng" for n in range(70_000))}, {"summary": {"codes": 8}}),
+        ({"warnings": (LONG, "late")}, {"summary": {"codes": 8}}),
+        ({"error": {"kind": "sync", "message": LONG, "device": None, "hint": "mend it"}}, {}),
+        ({"summary": {"method": LONG}}, {"summary": {}}),
+        ({"files": ("\udce9" * (MAX_LINE // 5),)}, {}),
+    ],
+)
+def test_an_end_can_always_be_told(long: dict[str, Any], kept: dict[str, Any]) -> None:
+    table = JobTable()
+    job = admit(table)
+    fields: dict[str, Any] = {"summary": {"codes": 8}, "folder": "/x", **long}
+    told = table.end(job, CaptureResult(job=job.name, state="failed", **fields))
+    for line in (
+        encode_reply("i" * 128, told),
+        encode_notification("event", job.numbered(make_end_event(told), 2**62)),
+    ):
+        assert len(line) <= MAX_LINE
+    assert told is job.result and (told.folder, told.files) == ("/x", ())
+    assert told.warnings[-1].startswith(f"{len(fields.get('files', ()))} files, and")
+    assert kept.items() <= msgspec.to_builtins(told).items()
+    assert told.error is None or (told.error["kind"], told.error["hint"]) == ("sync", "mend it")
 
 
 def test_progress_is_thinned_to_the_interval_and_the_newest_wins() -> None:
