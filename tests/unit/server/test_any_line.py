@@ -128,7 +128,8 @@ async def test_an_error_at_any_line_ends_neither_the_runner_nor_a_job(
         await check_all_is_well(desk, await go_about(desk, calm))
     raised = 0
     for number, (at, count) in enumerate(sorted(calm.seen.items())):
-        for nth in sorted({1, count}):
+        both = at[0] == runner.__file__  # of the table one will do
+        for nth in sorted({1, count}) if both else [(1, count)[number % 2]]:
             errors = make_errors()
             tracer = Tracer(at, nth, errors[(number + nth) % len(errors)])
             async with open_desk() as desk:
