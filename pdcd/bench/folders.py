@@ -29,14 +29,23 @@ def find_socket_path(config: Config) -> Path:
 
 
 def find_state_dir(config: Config) -> Path:
-    """Folder that run folders and calibrations are kept in; it need not exist yet."""
+    """Folder that run folders and calibrations are kept in; it need not exist yet.
+
+    Raises ConfigError where it would lie in the home folder of a user who has none.
+    """
     if config.server.state_dir is not None:
         return Path(config.server.state_dir)
     if folder := read_folder_variable("STATE_DIRECTORY"):
         return folder
     if home := read_folder_variable("XDG_STATE_HOME"):
         return home / "pdcd"
-    return Path.home() / ".local" / "state" / "pdcd"
+    try:
+        return Path.home() / ".local" / "state" / "pdcd"
+    except RuntimeError as err:  # $HOME is not set, and uid has no entry
+        raise ConfigError(
+            f"uid {os.getuid()} has no home folder for runs and calibrations",
+            hint="set XDG_STATE_HOME or [server] state_dir",
+        ) from err
 
 
 def read_folder_variable(name: str) -> Path | None:

@@ -247,6 +247,14 @@ def test_state_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert folders.find_state_dir(rig) == Path("/data")
 
 
+def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("os.getuid", lambda: 2**31 - 7)  # of no user that has a name
+    with pytest.raises(ConfigError, match="uid 2147483641 has no home folder") as caught:
+        folders.find_state_dir(Config())
+    assert "XDG_STATE_HOME" in str(caught.value.hint)
+
+
 def test_stand_in_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
     private = tmp_path / f"pdcd-{os.getuid()}"
     (tmp_path / "trap").mkdir(mode=0o700)
