@@ -55,6 +55,8 @@ def _run(args: argparse.Namespace) -> int:
         return _fail(args, UNREACHABLE, str(err), "unreachable")
     except OSError as err:
         typed = to_typed_error(err)
+        if typed.kind == PdcdError.kind:
+            return _fail(args, FAILED, str(err), typed.kind)
         return _fail(args, exit_code_of(typed.kind), str(typed), typed.kind, typed)
 
 
