@@ -8,8 +8,8 @@
 Every use of the rig is a job: a capture, a plan, a picture held on the panels (show), a preview, a
 calibration.
 One runs at a time. A show has no end of its own, and gives way to whatever else its owner asks for.
-All of this is used from one thread (the event loop's); only the
-flags of `Job` and `Coalescer` are touched by the thread that captures.
+All of this is used from one thread (the event loop's); only the flags of `Job` are touched by the
+thread that captures.
 
 Any of the steps by which a job gets the rig and ends may be cut short by an error, between any two
 lines. Each may be made again then, and goes on from where it was.
@@ -45,9 +45,6 @@ ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
 
 _MOST_BYTES = MAX_LINE - 4096
 """Longest result: around it are a few fields of a reply or an event."""
-
-PROGRESS_INTERVAL_NS = 100_000_000
-"""Least time between two thinned events of a job: at most ten a second."""
 
 
 class EngineLike(Protocol):
@@ -385,58 +382,6 @@ def fit_into_line(result: CaptureResult) -> CaptureResult:
     if len(encode_json(cut)) > _MOST_BYTES:
         cut = msgspec.structs.replace(cut, summary={})
     return cut
-
-
-class Coalescer:
-    """Thins events to one in `interval_ns`; of those held back the newest wins.
-
-    The thread that captures offers them. Where nothing follows what is held, a timer of the event
-    loop sends it: it is asked for by `wants_timer`, asks `due`, and starts again while `timed`.
-    """
-
-    def __init__(self, interval_ns: int = PROGRESS_INTERVAL_NS) -> None:
-        self._interval_ns = interval_ns
-        self._last_ns: int | None = None
-        self._held: tuple[int, Event] | None = None
-        self.timed = False
-        self._lock = threading.Lock()
-
-    def offer(self, now_ns: int, event: Event) -> Event | None:
-        """The event if it may go out now; else it is held and None is returned."""
-        with self._lock:
-            if self._early(now_ns):
-                self._held = (now_ns, event)
-                return None
-            self._last_ns = now_ns
-            self._held = None
-            return event
-
-    def wants_timer(self) -> bool:
-        """Whether something is held and no timer runs; the caller then starts one."""
-        with self._lock:
-            wanted = self._held is not None and not self.timed
-            self.timed = self.timed or wanted
-            return wanted
-
-    def due(self, now_ns: int) -> tuple[int, Event] | None:
-        """Time and event of what is held and may go out by now."""
-        with self._lock:
-            if self._held is not None and self._early(now_ns):
-                return None
-            self.timed = False
-            held, self._held = self._held, None
-            if held is not None:
-                self._last_ns = now_ns
-            return held
-
-    def flush(self) -> tuple[int, Event] | None:
-        """Time and event of what is held, to go out before any other event; None if nothing."""
-        with self._lock:
-            held, self._held = self._held, None
-            return held
-
-    def _early(self, now_ns: int) -> bool:
-        return self._last_ns is not None and now_ns - self._last_ns < self._interval_ns
 
 
 def _utc_now() -> str:

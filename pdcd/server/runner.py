@@ -27,8 +27,6 @@ from pdcd.recipes.arrays import Given
 from pdcd.runs.place import HeldFolder
 from pdcd.server.jobs import (
     ENDED,
-    PROGRESS_INTERVAL_NS,
-    Coalescer,
     EngineLike,
     Job,
     JobAnswer,
@@ -37,6 +35,7 @@ from pdcd.server.jobs import (
     Owner,
     make_failed_result,
 )
+from pdcd.server.thinning import EventsToLoop
 from pdcd.server.worker import EngineThread
 from pdcd.words import JobKind
 
@@ -245,7 +244,7 @@ class Runner:
         loop: asyncio.AbstractEventLoop,
     ) -> tuple[CaptureResult, JobAnswer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
-        thinned = _EventsToLoop(loop, lambda t_ns, event: self._tell(job, t_ns, event))
+        thinned = EventsToLoop(loop, lambda t_ns, event: self._tell(job, t_ns, event))
 
         def emit(event: Event) -> None:
             self._worker.beat()
@@ -333,45 +332,3 @@ class Runner:
 
 def _is_over(task: asyncio.Task[None] | None) -> bool:
     return task is None or task.done()
-
-
-class _EventsToLoop:
-    """Events of one job on their way from the engine's thread to the loop, progress thinned.
-
-    tell : takes the time in ns and the event, in the loop.
-    """
-
-    def __init__(
-        self, loop: asyncio.AbstractEventLoop, tell: Callable[[int, Event], object]
-    ) -> None:
-        self._loop, self._tell = loop, tell
-        self._thinned = Coalescer()
-        self._late_s = PROGRESS_INTERVAL_NS * 1e-9
-
-    def emit(self, event: Event) -> None:
-        """In the engine's thread: send it on, or hold it back for a while."""
-        now_ns = time.monotonic_ns()
-        if not isinstance(event, events.THINNED):
-            self.flush()
-            self._send(now_ns, event)
-        elif self._thinned.offer(now_ns, event) is not None:
-            self._send(now_ns, event)
-        elif self._thinned.wants_timer():
-            self._loop.call_soon_threadsafe(self._loop.call_later, self._late_s, self._tell_late)
-
-    def flush(self) -> None:
-        """In the engine's thread: send what was held back."""
-        held = self._thinned.flush()
-        if held is not None:
-            self._send(*held)
-
-    def _send(self, t_ns: int, event: Event) -> None:
-        self._loop.call_soon_threadsafe(self._tell, t_ns, event)
-
-    def _tell_late(self) -> None:
-        """In the loop: nothing followed what was held, for the rig waits, or hangs."""
-        held = self._thinned.due(time.monotonic_ns())
-        if held is not None:
-            self._tell(*held)
-        elif self._thinned.timed:
-            self._loop.call_later(self._late_s, self._tell_late)

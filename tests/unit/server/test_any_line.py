@@ -1,6 +1,7 @@
 """An error at any line of the runner or its table: every job ends, the next runs, all is answered.
 
-A tracer raises once, at one line of `runner.py` or `jobs.py`, on the loop's thread or the engine's.
+A tracer raises once, at one line of `runner.py`, `jobs.py` or `thinning.py`, on the loop's thread
+or the engine's.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from typing import Any
 import pytest
 
 from pdcd.protocol.messages import ShowParams
-from pdcd.server import jobs, runner
+from pdcd.server import jobs, runner, thinning
 from pdcd.server.jobs import ENDED, Job
 from tests.processes import LONG_S
 from tests.unit.server.test_runner import ANNA, BERT, Desk, open_desk, until_cancelled
 
 _Place = tuple[str, int]
 """A line: its file and number."""
-WATCHED = (runner.__file__, jobs.__file__)
+WATCHED = (runner.__file__, jobs.__file__, thinning.__file__)
 
 
 class UnheardOfError(BaseException):

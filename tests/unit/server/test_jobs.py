@@ -17,13 +17,13 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult
 from pdcd.server.jobs import (
     ENDED,
-    Coalescer,
     Job,
     JobTable,
     Owner,
     make_failed_result,
 )
 from pdcd.server.protocol import encode_notification, encode_reply
+from pdcd.server.thinning import Coalescer
 
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
