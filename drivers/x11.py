@@ -79,6 +79,7 @@ class X11Display:
             ready.refresh_hz,
             ready.identity,
             self._mask_lag_s(ready),
+            warnings=ready.warnings,
         )
 
     def _mask_lag_s(self, ready: Ready) -> float | None:

@@ -54,6 +54,9 @@ class DisplayInfo:
 
     `row_times` says that `load` takes rows with `Frames.dark_s` and `Frames.delay_s`, and that the
     log tells of them. The rig gives such frames to no other display.
+
+    `warnings` are what the user must know of the panels, each with what to do: a run takes them
+    over.
     """
 
     primal_size_px: tuple[int, int]
@@ -62,6 +65,7 @@ class DisplayInfo:
     identity: dict[str, str] = field(default_factory=dict)
     mask_lag_s: float | None = None
     row_times: bool = False
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

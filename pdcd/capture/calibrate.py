@@ -137,6 +137,7 @@ class CalibrationRun:
             },
             warnings=(
                 *([note] if note else []),
+                *self.rig.display_warnings,
                 *(f"{step.name}: {text}" for step in steps for text in step.advice),
                 *(f"{name}: not used: {why}" for name, why in keeper.left_out.items()),
                 *keeper.stale.values(),

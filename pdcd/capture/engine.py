@@ -327,7 +327,7 @@ class Engine:
             try:
                 place = parent or held.enter_context(HeldFolder.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
-                notes = (self._note,) if self._note else ()
+                notes = (*filter(None, [self._note]), *self._rig.display_warnings)
                 run = CaptureRun(
                     self._config, self._rig, self._profile, self._worker, folder, ordered, notes
                 )

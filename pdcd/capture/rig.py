@@ -140,6 +140,11 @@ class Rig:
         return scene if isinstance(scene, Scene) else None
 
     @property
+    def display_warnings(self) -> tuple[str, ...]:
+        """What the display says of its panels that the user must know."""
+        return () if self.display_info is None else self.display_info.warnings
+
+    @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
         scene = self._virtual_scene

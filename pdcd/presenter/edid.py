@@ -10,15 +10,11 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from Xlib import X
-from Xlib.ext import randr
-from Xlib.protocol import rq
+from pdcd.presenter.properties import read_property
 
 _BLOCK = 128
 """Bytes of the base block."""
 
-_WORDS = 256
-"""Longest EDID that is asked for, in units of 4 bytes: base block and seven extensions."""
 _HEADER = b"\x00\xff\xff\xff\xff\xff\xff\x00"
 _DESCRIPTORS = (54, 72, 90, 108)
 _TAG_SERIAL, _TAG_NAME = 0xFF, 0xFC
@@ -73,38 +69,8 @@ def read_edid(display: Any, output: int) -> Edid | None:
 
     Raises what python-xlib raises.
     """
-    atom = display.intern_atom("EDID", True)
-    if atom == X.NONE:
-        return None
-    reply = _GetOutputProperty(
-        display=display.display,
-        opcode=display.display.get_extension_major(randr.extname),
-        output=output,
-        property=atom,
-        type=X.AnyPropertyType,
-        long_offset=0,
-        long_length=_WORDS,
-        delete=False,
-        pending=False,
-    )
-    bits, data = reply.value or (0, b"")
+    bits, data = read_property(display, output, "EDID") or (0, b"")
     return parse_edid(data) if bits == 8 else None
-
-
-class _GetOutputProperty(randr.GetOutputProperty):  # type: ignore[misc]
-    """python-xlib's own takes the number of items for that of bytes."""
-
-    _reply = rq.Struct(
-        rq.ReplyCode(),
-        rq.Format("value", 1),
-        rq.Card16("sequence_number"),
-        rq.ReplyLength(),
-        rq.Card32("property_type"),
-        rq.Card32("bytes_after"),
-        rq.LengthOf("value", 4),
-        rq.Pad(12),
-        rq.PropertyData("value"),
-    )
 
 
 def _text(data: bytes, tag: int) -> str:

@@ -20,6 +20,7 @@ from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.map import Map
 from pdcd.presenter import desktop
 from pdcd.presenter.client import DisplayProcess
+from pdcd.presenter.levels import list_level_findings
 from pdcd.presenter.messages import Open, PanelMode, Ready
 from pdcd.presenter.options import VERIFIED, SourceName, X11Options, read_x11_options
 from pdcd.presenter.outputs import (
@@ -87,6 +88,7 @@ def _examine(display: Any, config: Config, options: X11Options | None) -> Iterat
     else:
         yield _panels(pair)
     yield _rates(pair)
+    yield from _levels(pair, exact=config.display.planes_per_refresh > 1)
     faults = desktop.list_desktop_faults(desktop.inspect_desktop(display), name)
     for found in faults:
         yield _fault("desktop", found)
@@ -145,6 +147,14 @@ def _panels(pair: OutputPair | None) -> Finding:
     if pair is None:
         return _unknown("panels", "not named", "give --config with an x11 display in it")
     return Finding("panels", "good", f"{pair.projector.name} and {pair.mask.name}")
+
+
+def _levels(pair: OutputPair | None, *, exact: bool) -> Iterator[Finding]:
+    if pair is None:
+        yield _unknown("levels", "there are no two panels")
+        return
+    for role, output in (("projector", pair.projector), ("mask", pair.mask)):
+        yield from list_level_findings(output.name, role, output.levels, exact=exact)
 
 
 def _rates(pair: OutputPair | None) -> Finding:

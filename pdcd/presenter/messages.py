@@ -115,6 +115,8 @@ class Ready(msgspec.Struct, frozen=True, tag=True):
     lag_s: float | None = None
     """By how much the mask's vblank follows the projector's; None where it could not be measured,
     or drifts."""
+    warnings: tuple[str, ...] = ()
+    """What whoever takes photos must know of the panels, each with what to do."""
 
 
 class Done(msgspec.Struct, frozen=True, tag=True):

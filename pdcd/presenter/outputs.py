@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import select
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from Xlib.ext import randr
@@ -17,6 +17,7 @@ from Xlib.ext import randr
 from pdcd.bench.checks import RATE_TOLERANCE
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.edid import Edid, read_edid
+from pdcd.presenter.levels import Levels, read_levels
 from pdcd.presenter.xconnection import guard_x_calls
 
 _Size = tuple[int, int]
@@ -47,6 +48,8 @@ class Output:
     """In words how the server rotates or mirrors it; x, y, width and height are those of the
     screen, as drawing is."""
     edid: Edid | None = None
+    levels: Levels = field(default_factory=Levels)
+    """What is done to levels between the frame buffer and the panel."""
 
     @property
     def on(self) -> bool:
@@ -96,10 +99,11 @@ def slip_s(first_hz: float | None, second_hz: float | None) -> float | None:
     return 1.0 / abs(first_hz - second_hz)
 
 
-def read_outputs(display: Any) -> tuple[Output, ...]:
+def read_outputs(display: Any, *, anew: bool = True) -> tuple[Output, ...]:
     """All connectors of the first X screen, as they are set; nothing is changed.
 
-    The driver looks at its connectors anew, which may take a second: never between frames.
+    anew : the driver looks at its connectors, which may take a second: never between frames.
+    Without it the server answers out of what it knows, in a few milliseconds.
 
     Raises DeviceLost when the server goes away, ConfigError when it has no RandR.
     """
@@ -109,10 +113,15 @@ def read_outputs(display: Any) -> tuple[Output, ...]:
         )
     with guard_x_calls(display):
         root = display.screen().root
-        resources = root.xrandr_get_screen_resources()
+        if anew:
+            resources = root.xrandr_get_screen_resources()
+            names = resources.mode_names
+        else:
+            resources = root.xrandr_get_screen_resources_current()
+            names = resources.names
         modes, at = {}, 0
         for mode in resources.modes:
-            name = resources.mode_names[at : at + mode["name_length"]]
+            name = names[at : at + mode["name_length"]]
             modes[mode["id"]] = (mode, name)
             at += mode["name_length"]
         stamp = resources.config_timestamp
@@ -128,6 +137,15 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
     if crtc is None or not crtc.mode:
         return Output(info.name, connected, edid=edid)
     mode, name = modes[crtc.mode]
+    rate_hz = mode_hz(mode["dot_clock"], mode["h_total"], mode["v_total"], mode["flags"])
+    preferred = info.modes[: info.num_preferred]
+    levels = read_levels(
+        display,
+        number,
+        info.crtc,
+        clocked=rate_hz is not None,
+        native=not preferred or crtc.mode in preferred,
+    )
     return Output(
         info.name,
         connected,
@@ -136,9 +154,10 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
         crtc.width,
         crtc.height,
         name,
-        mode_hz(mode["dot_clock"], mode["h_total"], mode["v_total"], mode["flags"]),
+        rate_hz,
         describe_rotation(crtc.rotation),
         edid,
+        levels,
     )
 
 

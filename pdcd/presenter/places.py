@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from pdcd.errors import DeviceLost
+from pdcd.bench.devices import Finding
+from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import desktop
+from pdcd.presenter.levels import list_level_findings
 from pdcd.presenter.messages import Open, Rect
 from pdcd.presenter.outputs import (
     Output,
@@ -22,8 +24,8 @@ from pdcd.presenter.xconnection import guard_x_calls, open_x_connection
 class Places:
     """Both panels' places, and whether they still hold.
 
-    Raises ConfigError when the outputs are not what is asked for or something else draws on the
-    screen, DeviceLost when the server or an output is not there.
+    Raises ConfigError when the outputs are not what is asked for, do not show what is drawn, or
+    something else draws on the screen, DeviceLost when the server or an output is not there.
     """
 
     def __init__(self, name: str | None, request: Open) -> None:
@@ -34,6 +36,7 @@ class Places:
         self._pair = self._find()
         rates_hz = request.projector.refresh_hz, request.mask.refresh_hz
         check_nominal(self._pair, projector_hz=rates_hz[0], mask_hz=rates_hz[1])
+        self._refuse_levels(self._pair)
         screen = self._display.screen()
         with guard_x_calls(self._display):
             self.screen_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))
@@ -65,6 +68,12 @@ class Places:
         return found
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What outputs do to levels that spoils no code of black and white, and how to mend it."""
+        found = (f for f in self._levels(self._pair) if f.state == "warning")
+        return tuple(f"{f.what}: {f.found}: {f.hint}" for f in found)
+
+    @property
     def drifts(self) -> bool:
         """Whether the modes have different rates, so that no phase lasts."""
         return self._pair.projector.refresh_hz != self._pair.mask.refresh_hz
@@ -78,25 +87,52 @@ class Places:
         self._moved = self._watcher.changed() or self._moved
         return self._moved
 
-    def check(self) -> None:
-        """Raise DeviceLost when the outputs are no longer those of the start."""
-        if not self.changed():
+    def check(self, *, unheard: bool = False) -> None:
+        """Raise DeviceLost when the outputs are no longer those of the start, ConfigError when they
+        do not show any more what is drawn.
+
+        unheard : look also where the server told of no change: of gamma ramps it tells nobody.
+        """
+        heard = self.changed()
+        if not (heard or unheard):
             return
         self._moved = False
-        now = self._find()
+        now = self._find(anew=heard)
         if now != self._pair:
+            self._refuse_levels(now)
             raise DeviceLost(
-                f"the outputs have changed: {self._pair.projector}; {self._pair.mask} "
-                f"became {now.projector}; {now.mask}",
+                f"the outputs have changed: {self._describe(self._pair, now)} "
+                f"became {self._describe(now, self._pair)}",
                 device="display",
                 hint="restore the modes; the next job opens the panels anew",
             )
 
-    def _find(self) -> OutputPair:
+    def _levels(self, pair: OutputPair) -> list[Finding]:
+        exact = self._request.plane_order is not None
+        return [
+            finding
+            for role, output in (("projector", pair.projector), ("mask", pair.mask))
+            for finding in list_level_findings(output.name, role, output.levels, exact=exact)
+        ]
+
+    def _refuse_levels(self, pair: OutputPair) -> None:
+        """Raise ConfigError where black and white do not come out as they are drawn."""
+        for found in self._levels(pair):
+            if found.state == "fault":
+                raise ConfigError(f"{found.what}: {found.found}", device="display", hint=found.hint)
+
+    def _describe(self, pair: OutputPair, other: OutputPair) -> str:
+        """Both outputs in words, with their levels where these are what differs."""
+        words = [str(pair.projector), str(pair.mask)]
+        if words == [str(other.projector), str(other.mask)]:
+            words = [f"{found.what} {found.found}" for found in self._levels(pair)]
+        return "; ".join(words)
+
+    def _find(self, *, anew: bool = True) -> OutputPair:
         options = self._request.options
         projector = (options.projector, self._request.projector.size_px)
         mask = (options.mask, self._request.mask.size_px)
-        outputs = read_outputs(self._display)
+        outputs = read_outputs(self._display, anew=anew)
         if options.positions_px is None:
             return find_pair(outputs, projector=projector, mask=mask)
         return place_pair(

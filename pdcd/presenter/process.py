@@ -108,13 +108,15 @@ class Presenter:
                 "realtime": realtime_note,
                 "memory locked": realtime.lock_memory(),
             },
+            warnings=places.warnings,
         )
         realtime.stop_garbage_collection()
 
     def load(self, message: Load, arrays: dict[str, NDArray[Any]]) -> None:
-        """Take over patterns; the panels stay as they are."""
+        """Take over patterns; the panels stay as they are. Raises what `Places.check` does."""
         frames = Frames(**arrays, grid=message.grid, lattice=message.lattice, window=message.window)
         self._frames = None
+        self._places.check(unheard=True)
         self._windows.load(frames)
         self._frames = frames
 
@@ -174,7 +176,7 @@ class Presenter:
             realtime.arm_dead_mans_switch(0.0)
             self._windows.black()
         self._windows.check()
-        self._places.check()
+        self._places.check(unheard=True)
 
     def idle(self) -> None:
         """Look at windows and outputs while nothing is asked."""

@@ -301,6 +301,34 @@ def test_what_does_not_fit_is_refused(
     display.disconnect()
 
 
+def test_levels_that_change_are_found_before_light(tmp_path: Path) -> None:
+    """A night light comes while the panels are open, and the server tells nobody."""
+    with run(*QUARTER, kinds=("dummy",)) as server:
+        display = x11_rig.display(x11_rig.config(tmp_path, server))
+        ramp = ("--output", server.mask, "--gamma")
+        try:
+            assert display.connect().warnings == ()
+            display.load(frames())
+            server.xrandr(*ramp, "1:1:1", "--brightness", "0")
+            with pytest.raises(ConfigError, match="mask gamma ramp: DUMMY0: all 0"):
+                display.load(frames())
+            server.xrandr(*ramp, "1:1:1")
+            display.load(frames())
+            # After light, too: nobody knows for which part of it.
+            server.xrandr(*ramp, "1:0.9:0.8", "--brightness", "0.9")
+            with pytest.raises(ConfigError, match=r"green 0, .*; blue 0, "):
+                display.play(lambda *_: None, lambda: False)
+            server.xrandr(*ramp, "1:0.9:0.8")  # black and white as ever
+            with pytest.raises(DeviceLost, match=r"the outputs have changed: .*green 0, "):
+                display.load(frames())
+            (told,) = display.connect().warnings
+            assert "levels 0, 128, 255 come out as red 0, 128, 255; green 0, 119, 255" in told
+            assert told.endswith("xrandr --output DUMMY0 --gamma 1:1:1")
+            display.load(frames())
+        finally:
+            display.disconnect()
+
+
 def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
     """One output named "screen" without a refresh rate stands for both panels."""
     with run(*QUARTER, kinds=("xvfb",)) as server:

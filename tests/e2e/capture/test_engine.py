@@ -7,6 +7,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from drivers.mock.display import MockDisplay
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
@@ -39,6 +41,15 @@ def run(config: Config, **fields: object) -> tuple[Path, dict[str, object]]:
     assert result.error is None, result.error
     assert result.folder is not None
     return Path(result.folder), dict(result.summary)
+
+
+def test_what_the_display_says_of_its_panels_is_said_of_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect, said = MockDisplay.connect, ("mask dither: on",)
+    monkeypatch.setattr(MockDisplay, "connect", lambda self: replace(connect(self), warnings=said))
+    folder, _ = run(bench_rig.config(tmp_path), codes=8, window="whole")
+    assert said[0] in read_manifest(folder).warnings
 
 
 def image_of(folder: Path) -> np.ndarray:

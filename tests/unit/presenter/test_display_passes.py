@@ -56,7 +56,8 @@ class Stage:
         made._period_ns, made._grabs, made._hung_up = float(PERIOD_NS), None, lambda: self.gone
         made._news = SimpleNamespace(poll=lambda wait: [1] if self.news else [])  # type: ignore[assignment]
         made._places = SimpleNamespace(  # type: ignore[assignment]
-            changed=lambda: self.changed, check=lambda: self.done.append("places")
+            changed=lambda: self.changed,
+            check=lambda unheard: self.done.append("places" if unheard else "heard"),
         )
         self.frames(4)
 
@@ -194,6 +195,7 @@ def test_what_was_loaded_is_taken_over_where_the_windows_take_it(
     (frames,) = taken
     assert (frames.grid, frames.lattice, frames.window) == ((2, 3), (3, 4), "quarter")
     assert stage.presenter._frames is (None if refused else frames)
+    assert stage.done == ["places"]
 
 
 def test_nothing_is_played_before_it_was_loaded(stage: Stage) -> None:

@@ -18,13 +18,15 @@ from pdcd.presenter import examine as examine_module
 from pdcd.presenter.desktop import Desktop
 from pdcd.presenter.edid import parse_edid
 from pdcd.presenter.examine import TURNED_HINT, examine_display
+from pdcd.presenter.levels import Levels
 from pdcd.presenter.messages import Open, Ready
 from pdcd.presenter.outputs import Output
 from tests.edid_block import block
 
 PANEL = parse_edid(block(name="EPSON PJ"))
-LEFT = Output("HDMI-1", True, 0, 0, 256, 192, "left", 60.0, edid=PANEL)
-RIGHT = Output("DP-1", True, 256, 0, 400, 300, "right", 60.0, edid=PANEL)
+STRAIGHT = Levels((("gamma ramp", (tuple(range(0, 65536, 257)),) * 3),))
+LEFT = Output("HDMI-1", True, 0, 0, 256, 192, "left", 60.0, edid=PANEL, levels=STRAIGHT)
+RIGHT = Output("DP-1", True, 256, 0, 400, 300, "right", 60.0, edid=PANEL, levels=STRAIGHT)
 IDENTITY = {"renderer": "a card", "realtime": "SCHED_FIFO 20", "memory locked": "yes"}
 
 
@@ -113,7 +115,8 @@ def test_two_sound_panels_are_opened_once_for_each_source_of_time(server: Server
     found = server.found()
     assert [(finding.what, finding.state) for finding in found] == [
         ("X server", "good"), ("output", "good"), ("output", "good"), ("panels", "good"),
-        ("lockstep", "good"), ("desktop", "good"), ("renderer", "good"),
+        ("lockstep", "good"), ("projector levels", "good"), ("mask levels", "good"),
+        ("desktop", "good"), ("renderer", "good"),
         ("time by present-complete", "good"),
         *((f"time by {name}", "warning") for name in SOURCES[1:]),
         ("real time", "good"), ("memory lock", "good"),
@@ -223,6 +226,18 @@ def test_every_fault_of_the_desktop_is_a_finding(server: Server) -> None:
     found = [finding for finding in server.found() if finding.what == "desktop"]
     assert [finding.state for finding in found] == ["fault", "fault"]
     assert "xset -display :7 s off" in str(found[1].hint)
+
+
+def test_levels_are_looked_at_of_both_panels(server: Server) -> None:
+    bent = Levels(STRAIGHT.ramps, properties=(("underscan", ("on",)), ("dither", ("on",))))
+    server.outputs = (replace(LEFT, levels=Levels()), replace(RIGHT, levels=bent))
+    found = by(server.found())
+    assert found["projector levels"].state == "unknown"
+    assert found["mask underscan"].state == "fault"
+    assert found["mask underscan"].hint == "xrandr --output DP-1 --set underscan off"
+    assert found["mask dither"].state == "warning" and "mask levels" not in found
+    server.outputs = (LEFT,)
+    assert by(server.found(Config()))["levels"].state == "unknown"
 
 
 def window(*, shown: bool = True, kind: int = X.InputOutput, gone: bool = False) -> Any:

@@ -70,7 +70,7 @@ class Parts:
         self.note("places", name)
         return SimpleNamespace(
             name=":7.0", fileno=lambda: 9, screen_px=(656, 300), panels=PANELS, drifts=self.drifts,
-            identity={"projector": "P", "mask": "M"},
+            identity={"projector": "P", "mask": "M"}, warnings=("mind the mask",),
         )  # fmt: skip
 
     def _windows(self, *words: Any) -> Any:
@@ -129,6 +129,7 @@ def test_panels_are_opened_in_order_and_black_before_they_are_called_ready(parts
     assert told["phase"] == (":7.0", PANELS)
     assert parts.registered == [(5, select.POLLHUP), (9, select.POLLIN)]
     assert (ready.source, ready.refresh_hz, ready.lag_s) == ("clock", 62.5, 0.0025)
+    assert ready.warnings == ("mind the mask",)
     assert ready.identity == {
         "projector": "P", "mask": "M", "layout": "windows", "renderer": "NVIDIA H200",
         "time source": "clock",

@@ -13,6 +13,7 @@ from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import desktop
 from pdcd.presenter import places as places_module
+from pdcd.presenter.levels import Levels
 from pdcd.presenter.messages import Open, PanelMode, Rect
 from pdcd.presenter.options import X11Options
 from pdcd.presenter.outputs import Output
@@ -30,6 +31,7 @@ class Screen:
         self.done: list[Any] = []
         self.outputs: tuple[Output, ...] = (PROJECTOR, MASK)
         self.changes: list[bool] = []
+        self.anew: list[bool] = []
         self.fault: Exception | None = None
         self.width_in_pixels, self.height_in_pixels, self.black_pixel = 656, 307, 17
         self.root = SimpleNamespace(
@@ -58,8 +60,9 @@ class Screen:
             raise self.fault
         self.note("sync")
 
-    def read_outputs(self, display: object) -> tuple[Output, ...]:
+    def read_outputs(self, display: object, *, anew: bool) -> tuple[Output, ...]:
         assert display is self
+        self.anew.append(anew)
         return self.outputs
 
     def Watcher(self, display: Any) -> Any:
@@ -146,3 +149,48 @@ def test_outputs_that_became_others_are_lost_and_none_is_read_without_need(
     screen.outputs, screen.changes = (PROJECTOR, replace(MASK, width=0)), [True]
     with pytest.raises(ConfigError, match="switched off"):
         made.check()
+
+
+RAMP = tuple(range(0, 65536, 257))
+BENT = tuple(round(65535 * (k / 255) ** 0.8) for k in range(256))
+
+
+def levels(ramp: tuple[int, ...] = RAMP, **properties: str) -> Levels:
+    named = tuple((name, (value,)) for name, value in properties.items())
+    return Levels((("gamma ramp", (ramp,) * 3),), properties=named)
+
+
+def test_no_code_is_shown_over_levels_that_are_not_its_own(screen: Screen) -> None:
+    screen.outputs = (PROJECTOR, replace(MASK, levels=levels((0,) * 256)))
+    with pytest.raises(ConfigError) as told:
+        Places(None, opening())
+    assert told.value.message == "mask gamma ramp: DP-1: all 0: the panel stays black"
+    assert told.value.hint == "xrandr --output DP-1 --gamma 1:1:1"
+    screen.outputs = (replace(PROJECTOR, levels=levels(BENT, dither="on")), MASK)
+    first, second = Places(None, opening()).warnings
+    assert first.startswith("projector gamma ramp: HDMI-1: levels 0, 128, 255 come out as 0, 147,")
+    assert first.endswith(": xrandr --output HDMI-1 --gamma 1:1:1")
+    assert second.endswith(": xrandr --output HDMI-1 --set dither off")
+    bits = replace_plane_order(opening(), "GRB")
+    with pytest.raises(ConfigError, match="projector gamma ramp"):
+        Places(None, bits)
+
+
+def replace_plane_order(request: Open, order: str) -> Open:
+    return Open(request.options, request.projector, request.mask, order)
+
+
+def test_ramps_of_which_no_server_tells_are_looked_at_before_and_after_light(
+    screen: Screen,
+) -> None:
+    made = Places(None, opening())
+    screen.changes = [False] * 4
+    made.check(unheard=True)
+    assert screen.anew == [True, False]
+    screen.outputs = (PROJECTOR, replace(MASK, levels=levels((0,) * 256)))
+    made.check()  # which asks nobody
+    with pytest.raises(ConfigError, match="all 0"):
+        made.check(unheard=True)
+    screen.outputs = (PROJECTOR, replace(MASK, levels=levels(BENT)))
+    with pytest.raises(DeviceLost, match=r"mask gamma ramp DP-1: levels .* come out"):
+        made.check(unheard=True)
