@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 from msgspec import Meta, field
 
-from pdcd.bench.grey import find_curve_fault, with_lut
+from pdcd.bench.grey import curve_of, find_curve_fault, with_lut
 from pdcd.bench.reading import (
     ConfigFault,
     find_number_faults,
@@ -29,6 +30,7 @@ from pdcd.panels.placing import Placing, make_placed_map
 
 _Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 _Line = Annotated[int, Meta(ge=0)]
+_Level = Annotated[int, Meta(ge=0, le=255)]
 _Number = Annotated[int, Meta(ge=1)]
 """Of an exposure, test exposures included: 1 is the first since the bench was opened."""
 
@@ -57,6 +59,9 @@ class TruePanel(_Table, frozen=True):
     gamma: Gamma | None = None
     lut: Lut | None = None
     """In the place of `gamma`. Where neither is said and nothing was typed, panels are linear."""
+    clipped: tuple[_Level, _Level] | None = None
+    """Levels that it takes for black and for white, as one of limited range takes 16 and 235: those
+    beyond look like these. It comes before the curve."""
     scan_s: float | None = None
     """Time from the first row of pixels until the last one is set; negative: from the last row."""
     scan_bands: Annotated[int, Meta(ge=1, le=16384)] | None = None
@@ -198,7 +203,15 @@ def _panel(believed: PanelConfig, true: TruePanel) -> PanelConfig:
     }
     if true.gamma is not None and true.lut is None:
         said["lut"] = None  # it would take the place of gamma
-    return msgspec.structs.replace(believed, **said)
+    panel = msgspec.structs.replace(believed, **said)
+    if true.clipped is None:
+        return panel
+    low, high = true.clipped
+    levels = np.arange(256.0)
+    curve = curve_of(panel)
+    light = levels / 255.0 if curve is None else curve.light
+    seen = np.interp(255.0 * (levels - low) / max(high - low, 1), levels, light)
+    return msgspec.structs.replace(panel, lut=tuple(seen.tolist()))
 
 
 def load_bench_truth(config: Config) -> BenchTruth:
@@ -265,6 +278,8 @@ def _panel_faults(
             yield ConfigFault((f"{name}.{key}",), f"{name}.{key}: lines are counted 0 to {end - 1}")
     if (fault := find_curve_fault(name, said.lut)) is not None:
         yield fault
+    if said.clipped is not None and said.clipped[0] >= said.clipped[1]:
+        yield ConfigFault((f"{name}.clipped",), f"{name}.clipped: black lies below white")
     if said.contrast is not None and said.contrast <= 1.0:
         yield ConfigFault((f"{name}.contrast",), f"{name}.contrast: white over black exceeds 1")
     if abs(panel.phase_s) > 1.0 / panel.refresh_hz:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from pdcd.arrays import Floats
 from pdcd.calibration.figures import ROOM_GOOD, MeasuredFigure, Verdict
+from pdcd.calibration.light.end_levels import EndLevels, measure_end_levels
 from pdcd.calibration.light.light_plan import LightPlan, PulseEdges
 from pdcd.calibration.light.light_series import LightSeries, LitMeans, make_light_series
 from pdcd.calibration.photo import BlockMeans, QuadPhoto
@@ -71,6 +72,7 @@ class LightMeasurement:
     rate : (3,) light of a white projector, units of the photos a second, where it is brightest.
     rate_sigma : relative, of the edges and the photos' noise; the lamp's drift is not in it.
     lamp, lamp_sigma : WW-again over WW, less 1, and its standard deviation.
+    ends : what levels beside black and white give; empty where they were not shown.
     """
 
     projector: _Share
@@ -81,6 +83,7 @@ class LightMeasurement:
     rate_sigma: float
     lamp: float
     lamp_sigma: float
+    ends: tuple[EndLevels, ...] = ()
 
     def ambient(self, albedo: float) -> tuple[float, float] | None:
         """`scene.ambient` and its standard deviation: the room's light in scene units, that is over
@@ -115,7 +118,7 @@ class LightMeasurement:
                     Verdict.GOOD if good else Verdict.DOUBTFUL,
                 )
             )
-        return tuple(found)
+        return (*found, *(figure for one in self.ends for figure in one.figures()))
 
 
 def _contrast(panel: str, share: _Share, with_room: bool) -> MeasuredFigure:
@@ -145,7 +148,8 @@ def measure_light(
     Parameters
     ----------
     photos : by the names of `plan.photos()`, all of one aperture and ISO; those of
-        `light_plan.COVERED` may be missing. By blocks of 16 quads they take less memory.
+        `light_plan.COVERED` and of `plan.levels` may be missing. By blocks of 16 quads they take
+        less memory.
     plan : what was shown.
     edges : of the panels; None: unknown, within 4 ms.
     black_sigma : standard deviation of one photo's black level, in the units of the photos: 0.3 DN
@@ -171,6 +175,7 @@ def measure_light(
         lamp=series.lamp,
         lamp_sigma=float(np.sqrt(2.0) * np.hypot(black_sigma, series.whole.sigma[3]))
         / float(series.whole.mean[3]),
+        ends=measure_end_levels(series, photos, mask.value),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from pdcd.panels.frames import BLACK, WHITE
 
 COVERED = ("C", "C-again")
 """Photos for which somebody covers the projector's lens."""
+DARK_LEVEL, LIGHT_LEVEL = 16, 239
+"""Levels beside black and white that a panel of limited range, 16 to 235, cannot tell from them."""
+DARK_TIMES = 2
+"""How many times as long as WW photos of the dark level last."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,30 @@ class LightPlan:
         light[self.lead : -self.lead] = projector
         none = np.zeros((0, 0, 0), np.bool_)
         return PanelSequence(name, none, none, light, np.full(light.size, mask, np.int32))
+
+    def levels(self, sizes: tuple[tuple[int, int], tuple[int, int]]) -> tuple[PanelSequence, ...]:
+        """Each panel all of a level beside black, and beside white, with the other one white:
+        "dark-projector", "dark-mask", "light-projector", "light-mask".
+
+        sizes : (width, height) of projector and mask.
+        """
+        return tuple(
+            self._level(end, level, times, panel, sizes[panel])
+            for end, level, times in (
+                ("dark", DARK_LEVEL, DARK_TIMES), ("light", LIGHT_LEVEL, 1),
+            )
+            for panel in (0, 1)
+        )  # fmt: skip
+
+    def _level(
+        self, end: str, level: int, times: int, panel: int, size: tuple[int, int]
+    ) -> PanelSequence:
+        whole = self._shown(f"{end}-{('projector', 'mask')[panel]}", WHITE, WHITE, times)
+        pattern = np.full((1, size[1], size[0]), level, np.uint8)
+        if panel:
+            return replace(whole, mask=pattern, mask_index=np.zeros_like(whole.mask_index))
+        light = np.where(whole.projector_index == WHITE, 0, BLACK).astype(np.int32)
+        return replace(whole, projector=pattern, projector_index=light)
 
     def lit_s(self, times: int, excess_s: float = 0.0) -> float:
         """D: for how long a white projector gives its light; excess_s is its fall - rise."""

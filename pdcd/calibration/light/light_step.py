@@ -14,6 +14,7 @@ from pdcd.bench.placed import make_camera_map
 from pdcd.bench.stops import stop_of
 from pdcd.calibration.figures import MeasuredFigure, Verdict, describe_room_light
 from pdcd.calibration.light.contrasts import LightMeasurement, compute_responsivity, measure_light
+from pdcd.calibration.light.end_levels import advise_on_levels
 from pdcd.calibration.light.lamp import measure_lamp
 from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
 from pdcd.calibration.light.metering import choose_wide_aperture
@@ -40,6 +41,7 @@ from pdcd.calibration.script import (
 from pdcd.calibration.sensor.sensor_step import BLACK_SIGMA_KEY, EDGE_KEY, GAIN_KEY
 from pdcd.calibration.shown import PanelSequence
 from pdcd.panels.map import Map, map_between
+from pdcd.sensor.profile import NOMINAL_RESPONSIVITY_E
 
 _Marks = NDArray[np.bool_]
 
@@ -65,14 +67,19 @@ COVER = "cover the projector's lens with its cap; leave all else as it is"
 UNCOVER = "take the cap off the projector's lens again"
 _ADVICE = {
     "projector.contrast": "black of the projector is bright: see that its picture mode is not "
-    "dynamic, and darken the room",
+    "dynamic and its input takes the full range (RGB 0 to 255), and darken the room",
     "mask.contrast": "the mask leaks: turn its polariser a little and calibrate light again",
     "light.lamp_change": "the lamp drifts: let it warm up for half an hour",
     "light.lamp_drift": "the lamp drifts: let it warm up for half an hour",
     "light.lamp_flicker": "the lamp flickers: switch eco mode off; show codes for longer",
     "light.field_lit": "part of the field gets no light where it lay at the last calibration: take "
     "away what covers it, then calibrate the geometry",
+    "light.white_colour": "white has another colour than it should: switch night lights, colour "
+    "profiles and picture modes off, see what pdcd doctor display says, and calibrate light again",
 }
+_COLOUR_AS_MEASURED, _COLOUR_AS_GUESSED = 1.05, 3.0
+"""Factor by which red and blue over green may be off what an earlier calibration has measured, and
+off what white light usually is."""
 
 
 @dataclass
@@ -117,6 +124,10 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
         taking.blocks[shown.name] = average_photo_blocks(white)
         for number in range(LAMP_PHOTOS if shown.name == "WW" else 0):
             yield from taking.photo(replace(shown, name=f"lamp-{number + 1}"))
+    if session.config.display.planes_per_refresh == 1:  # others show black and white only
+        for shown in plan.levels(session.sizes):
+            grey = yield from taking.photo(shown)
+            taking.blocks[shown.name] = average_photo_blocks(grey)
     if session.helped:
         yield from _covered(plan, taking)
     found = measure_light(
@@ -137,6 +148,7 @@ def calibrate_light(session: CalibrationSession) -> StepScript:
         *measure_lamp(times - times[0], levels, float(noise.max())).figures(),
         *stops.figures(),
         *lit,
+        _colour(session, found),
     )
     return _outcome(session, found, white, stops, figures, f_number)
 
@@ -178,7 +190,7 @@ def _outcome(
     advice = [
         describe_room_light(found.room.value)
         if f.name == "scene.ambient" and found.room is not None
-        else _ADVICE[f.name]
+        else _ADVICE.get(f.name) or advise_on_levels(f.name)
         for f in figures
         if f.verdict is not Verdict.GOOD
     ]
@@ -267,6 +279,26 @@ def _field_lit(session: CalibrationSession, white: QuadPhoto) -> tuple[MeasuredF
     share = float((bright[field] > 0.1 * np.quantile(bright, 0.98)).mean())
     verdict = Verdict.GOOD if share >= _FIELD_LIT else Verdict.DOUBTFUL
     return (MeasuredFigure("light.field_lit", share, 0.0, "", f"{_FIELD_LIT:g} or more", verdict),)
+
+
+def _colour(session: CalibrationSession, found: LightMeasurement) -> MeasuredFigure:
+    """By which factor red or blue over green is off what it was, or off what it usually is.
+
+    A night light dims blue and green of all that is shown; nothing else tells of it.
+    """
+    measured = "camera.responsivity_e" in session.config.calibration.typed
+    known = session.config.camera.responsivity_e if measured else NOMINAL_RESPONSIVITY_E
+    off = np.log(found.rate / np.array(known))
+    factor = float(np.exp(np.abs(off[[0, 2]] - off[1]).max()))
+    most = _COLOUR_AS_MEASURED if measured else _COLOUR_AS_GUESSED
+    return MeasuredFigure(
+        "light.white_colour",
+        factor,
+        0.0,
+        "times",
+        f"{most:g} or less",
+        Verdict.GOOD if factor <= most else Verdict.DOUBTFUL,
+    )
 
 
 def _draw(figure: Any, found: LightMeasurement, white: QuadPhoto) -> None:

@@ -198,3 +198,21 @@ def test_a_bad_bench_is_refused_and_the_cause_is_named(
     told = f"{done.error}: {done.result.error['hint']}"
     assert cause in told, told
     assert not list((tmp_path / "bench" / "state" / "calibrations").glob("*/calibration.json"))
+
+
+@pytest.mark.long
+def test_a_range_that_the_projector_clips_is_found_with_the_camera(tmp_path: Path) -> None:
+    """It is in the truth only: levels 16 to 235 for black and white, then gamma."""
+    truth = "[projector]\nclipped = [16, 235]\ngamma = 2.2\n[mask]\ngamma = 1.8\n"
+    done = SmallBench(tmp_path, truth, quads=SMALL).calibrate("light")
+    found = done.figures("light")
+    states = {name: found[name].verdict for name in found if ".level_" in name}
+    assert states == {
+        "projector.level_16": "doubtful", "projector.level_239": "doubtful",
+        "mask.level_16": "good", "mask.level_239": "good",
+    }  # fmt: skip
+    assert found["mask.level_16"].value == pytest.approx((16 / 255) ** 1.8, rel=0.02)
+    assert found["mask.level_239"].value == pytest.approx((239 / 255) ** 1.8, rel=0.005)
+    (dark, light) = [text for text in done.result.warnings if "full range" in text]
+    assert "level 16 of the projector gives the light of 0:" in dark
+    assert "level 239 of the projector gives the light of 255:" in light

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import msgspec
+import numpy as np
+import pytest
 
 from pdcd.bench import config
+from pdcd.bench.grey import curve_of
 from pdcd.bench.placed import panels_of
 from pdcd.bench.reading import read_toml
 from pdcd.bench.tables import BenchConfig, Config
@@ -44,10 +47,23 @@ def test_the_example_names_every_table_and_key() -> None:
     left_out = {"phase_s", "jitter_s", "contrast", "offset_px", "dead_rows", "dead_columns"}
     left_out |= {"samples", "blur_taps", "dark", "full_well", "scan_bands", "falloff"}
     left_out |= {"responsivity_e", "lut", "tagged_s", "ambient_from", "stretched", "stretch"}
-    left_out |= {"stops"}
+    left_out |= {"stops", "clipped"}
     for table in msgspec.structs.fields(BenchTruth):
         known = {f.name for f in msgspec.structs.fields(type(getattr(BenchTruth(), table.name)))}
         assert set(given[table.name]) <= known <= set(given[table.name]) | left_out
+
+
+def test_a_panel_of_limited_range_shows_levels_beyond_it_as_black_and_white(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text("[mask]\nclipped = [16, 235]\ngamma = 2.0\n")
+    believed = Config(bench=BenchConfig(truth=str(tmp_path / "truth.toml")))
+    true = load_bench_truth(believed).of(believed)
+    curve = curve_of(true.mask)
+    assert curve is not None and true.projector.lut is None
+    light = curve.light
+    assert (light[:17] == 0.0).all() and (light[235:] == 1.0).all()
+    # Gamma comes after it, in steps of 8 bits.
+    levels = np.arange(17, 235)
+    assert light[levels] == pytest.approx(((levels - 16) / 219) ** 2, abs=2e-5)
 
 
 def test_a_truth_lies_beside_its_configuration(tmp_path: Path) -> None:
@@ -65,6 +81,7 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
         rise_ms = 4.0
         fall_s = -1.0
         dead_rows = [1200]
+        clipped = [235, 16]
         contrast = 0.5
         scan_s = 0.2
         place = { homography = [1, 0, 0, 0, 1, 0, 0, 0, 0] }
@@ -85,6 +102,7 @@ def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
         "mask.rise_ms: no such key; is rise_s meant?",
         "mask.fall_s:",
         "mask.dead_rows: lines are counted 0 to 1199",
+        "mask.clipped: black lies below white",
         "mask.contrast: white over black exceeds 1",
         "mask.scan_s: rows that are set 0.2 s apart",
         "mask.place: the map of the mask",

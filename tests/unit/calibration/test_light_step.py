@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -28,11 +29,39 @@ FULL = 240
 COLOURS = np.array([0.7, 1.0, 0.8])
 
 
+def limited(level: np.ndarray) -> np.ndarray:
+    """What a panel makes of levels that takes 16 for black and 235 for white."""
+    return np.asarray(np.clip((255.0 * level - 16.0) / 219.0, 0.0, 1.0))
+
+
+CURVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "linear": lambda x: x,
+    "gamma 2.2": lambda x: x**2.2,
+    "gamma 3": lambda x: x**3.0,
+    "gamma 0.5": lambda x: x**0.5,
+    "sRGB": lambda x: np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4),
+    "limited": lambda x: limited(x) ** 2.2,
+    "dark ones crushed": lambda x: np.clip((x - 0.08) / 0.92, 0.0, 1.0) ** 2.0,
+    "light ones crushed": lambda x: np.clip(x / 0.9, 0.0, 1.0) ** 2.0,
+    "blue crushed": lambda x: np.concatenate([x**2.2, x**2.2, limited(x) ** 2.2], axis=-1),
+    "no grey": lambda x: np.round(x),
+}
+
+
 class Bench:
     """Panels that switch at once and leak, a room, a lamp: light is a sum over refreshes."""
 
-    def __init__(self, projector: float, mask: float, room: float, lamp: dict[str, float]) -> None:
+    def __init__(
+        self,
+        projector: float,
+        mask: float,
+        room: float,
+        lamp: dict[str, float],
+        curves: tuple[str, str],
+        tint: tuple[float, float, float],
+    ) -> None:
         self.leaks, self.room, self.lamp = (1.0 / projector, 1.0 / mask), room, lamp
+        self.curves, self.colours = [CURVES[name] for name in curves], COLOURS * tint
         self.rng = np.random.default_rng(5)
         self.taken_ns = 0
 
@@ -47,30 +76,31 @@ class Bench:
         shown = wanted.shown
         both = np.stack([shown.projector_index, shown.mask_index])
         pairs, counts = np.unique(both, axis=1, return_counts=True)
-        lit_s, open_s = np.zeros(SHAPE), np.zeros(SHAPE)
+        lit_s, open_s = np.zeros((*SHAPE, 3)), np.zeros((*SHAPE, 3))
         for (first, second), count in zip(pairs.T, counts, strict=True):
-            p = self._panel(shown.projector, int(first), self.leaks[0]) * (not wanted.covered)
-            m = self._panel(shown.mask, int(second), self.leaks[1])
+            p = self._panel(shown.projector, int(first), 0) * (not wanted.covered)
+            m = self._panel(shown.mask, int(second), 1)
             lit_s += count * T * p * m
             open_s += count * T * m
         full_dn = session.profile.saturation_dn(100)
         rate_dn = 0.65 * full_dn / (FULL * T) * (8.0 / wanted.f_number) ** 2
         lamp = self.lamp.get(shown.name, 1.0)
-        light = rate_dn * (lamp * lit_s + self.room * open_s)[..., None] * COLOURS
+        light = rate_dn * (lamp * lit_s + self.room * open_s) * self.colours
         variance = np.full(light.shape, 4.0)
         noisy = light + 2.0 * self.rng.standard_normal(light.shape)
         return QuadPhoto(noisy, variance, (light > full_dn).any(axis=2))
 
-    @staticmethod
-    def _panel(patterns: Any, which: int, leak: float) -> np.ndarray:
-        """What a panel lets pass at each quad."""
+    def _panel(self, patterns: Any, which: int, panel: int) -> np.ndarray:
+        """What a panel lets pass at each quad, (h, w, 3)."""
+        leak = self.leaks[panel]
         if which < 0:
             asked = np.full(SHAPE, float(which == WHITE))
         else:
             rows = np.arange(SHAPE[0]) * patterns.shape[1] // SHAPE[0]
             cols = np.arange(SHAPE[1]) * patterns.shape[2] // SHAPE[1]
             asked = patterns[which][rows][:, cols].astype(np.float64)
-        return np.asarray(leak + (1.0 - leak) * asked)
+            asked /= 255.0 if patterns.dtype == np.uint8 else 1.0
+        return np.asarray(leak + (1.0 - leak) * self.curves[panel](asked[..., None]))
 
 
 @cache
@@ -84,11 +114,20 @@ def stepped(
     estimated: bool = True,
     card: float | None = None,
     wide: tuple[float, ...] = (),
+    curves: tuple[str, str] = ("linear", "linear"),
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    known: tuple[float, float, float] | None = None,
+    planes: Literal[1, 24] = 1,
 ) -> tuple[Answered, Run]:
     still = {"size_px": PANEL, "rise_s": 0.0, "fall_s": 0.0}
-    bench = Bench(2000.0, mask, room, dict(lamp))
-    said = {"card_albedo": card}
-    session = session_of(config(projector=still, mask=still, calibration=said))
+    bench = Bench(2000.0, mask, room, dict(lamp), curves, tint)
+    said: dict[str, Any] = {"card_albedo": card}
+    camera: dict[str, Any] = {}
+    if known is not None:
+        said["typed"], camera["responsivity_e"] = {"camera.responsivity_e": "null"}, known
+    session = session_of(config(projector=still, mask=still, calibration=said, camera=camera))
+    shown = msgspec.structs.replace(session.config.display, planes_per_refresh=planes)
+    session.config = msgspec.structs.replace(session.config, display=shown)
     session.answer = lambda taken: bench.photo(session, taken)
     session.helped, session.full, session.f_number = helped, FULL, 8.0
     if wide:
@@ -127,7 +166,8 @@ def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> N
     assert names[:10] == [
         "WW", *lamps, "BW", "WB", "BB", "WB-again", "BW-again", "WW-again",
     ]  # fmt: skip
-    assert names[10:12] == list(COVERED) and names[12].startswith("stop-")
+    assert names[10:14] == ["dark-projector", "dark-mask", "light-projector", "light-mask"]
+    assert names[14:16] == list(COVERED) and names[16].startswith("stop-")
     assert [wanted.covered for wanted in found.wanted] == [n in COVERED for n in names]
     assert [ask.text for ask in found.asked] == [COVER, UNCOVER]
     # The widest lens at which a second of light is not too much.
@@ -228,3 +268,73 @@ def test_stops_that_are_too_wide_for_a_pulse_are_compared_by_flashes_of_the_proj
     for one in short:
         lit = np.flatnonzero(one.shown.projector_index == WHITE)
         assert all((one.shown.mask_index[lit + k] == WHITE).all() for k in (-2, -1, 0, 1))
+
+
+DARK, LIGHT = "level_16", "level_239"
+
+
+ALIKE = {
+    "limited": (DARK, LIGHT), "dark ones crushed": (DARK,), "light ones crushed": (LIGHT,),
+    "blue crushed": (DARK, LIGHT), "no grey": (DARK, LIGHT),
+}  # fmt: skip
+"""Levels that are not told from black or white; by other curves both are."""
+
+
+@pytest.mark.parametrize(
+    "curves",
+    [
+        ("linear", "gamma 2.2"), ("gamma 3", "gamma 0.5"), ("sRGB", "limited"),
+        ("limited", "sRGB"), ("dark ones crushed", "light ones crushed"),
+        ("no grey", "blue crushed"),
+    ],
+)  # fmt: skip
+def test_a_range_that_no_server_tells_of_is_seen_by_two_levels(curves: tuple[str, str]) -> None:
+    out = stepped(curves=curves)[1].outcome
+    assert out is not None
+    figures = {f.name: f for f in out.figures if ".level_" in f.name}
+    advice = [text for text in out.advice if "full range" in text]
+    for panel, curve in zip(("projector", "mask"), curves, strict=True):
+        for level, name in ((16, DARK), (239, LIGHT)):
+            found = figures.pop(f"{panel}.{name}")
+            gives = CURVES[curve](np.full((1, 1), level / 255.0))
+            want = float(gives.min() if name == DARK else gives.max())
+            assert abs(found.value - want) < 4.0 * found.sigma, (found, want)
+            alike = name in ALIKE.get(curve, ())
+            assert (found.verdict is Verdict.DOUBTFUL) == alike
+            assert sum(f"level {level} of the {panel} gives" in text for text in advice) == alike
+    assert not figures
+
+
+def test_panels_that_show_bits_are_shown_no_grey() -> None:
+    out, wanted = stepped(planes=24)[1].outcome, stepped(planes=24)[1].wanted
+    assert out is not None and not [f for f in out.figures if ".level_" in f.name]
+    assert not [one for one in wanted if one.shown.name.startswith(("dark-", "light-"))]
+
+
+NIGHT = (1.0, 0.78**2.2, 0.53**2.2)
+"""What a night light of 3400 K leaves of red, green and blue, at gamma 2.2."""
+
+
+@pytest.mark.parametrize(
+    ("tint", "known", "factor", "good"),
+    [
+        # An earlier calibration knows the colour of white; so does nobody, but for a guess.
+        ((1.0, 1.0, 1.0), (7e6, 1e7, 8e6), 1.0, True),
+        ((1.0, 1.0, 0.97), (7e6, 1e7, 8e6), 1 / 0.97, True),
+        (NIGHT, (7e6, 1e7, 8e6), NIGHT[1] / NIGHT[2], False),
+        ((1.0, 1.0, 1.0), None, 0.7 / (4.8 / 8.6), True),
+        ((1.0, 1.0, 0.2), None, (5.6 / 8.6) / 0.16, False),
+    ],
+)
+def test_a_white_of_another_colour_is_doubtful(
+    tint: tuple[float, float, float],
+    known: tuple[float, float, float] | None,
+    factor: float,
+    good: bool,
+) -> None:
+    out = stepped(tint=tint, known=known)[1].outcome
+    assert out is not None
+    (found,) = (f for f in out.figures if f.name == "light.white_colour")
+    assert found.value == pytest.approx(factor, rel=0.01)
+    assert (found.verdict is Verdict.GOOD) == good
+    assert any("night lights, colour profiles" in text for text in out.advice) != good
