@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from pdcd.bench.devices import Finding
-from pdcd.presenter.properties import Value, read_property_values
+from pdcd.presenter.properties import PropertyValue, read_property_values
 
 _Numbers = tuple[float, ...]
 _Ramp = tuple[tuple[int, ...], ...]
@@ -39,7 +39,7 @@ class _Row(NamedTuple):
     """
 
     name: str
-    neutral: Container[Value]
+    neutral: Container[PropertyValue]
     mend: str
     state: _State
     says: str
@@ -81,7 +81,7 @@ _TABLES = ("DEGAMMA_LUT", "GAMMA_LUT")
 
 
 @dataclass(frozen=True)
-class Levels:
+class OutputLevels:
     """What one output does to what is drawn, as far as the server tells.
 
     ramps : by name, "gamma ramp" or a property: what each of 256 levels comes out as in red, green
@@ -93,7 +93,7 @@ class Levels:
 
     ramps: tuple[tuple[str, _Ramp], ...] = ()
     transform: _Numbers = _UNIT
-    properties: tuple[tuple[str, tuple[Value, ...]], ...] = ()
+    properties: tuple[tuple[str, tuple[PropertyValue, ...]], ...] = ()
     native: bool = True
 
     def __str__(self) -> str:
@@ -106,7 +106,7 @@ class Levels:
 
 def read_levels(
     display: Any, output: int, crtc: int, *, clocked: bool, native: bool = True
-) -> Levels:
+) -> OutputLevels:
     """Ask the server for all that it tells of one output that is on; nothing is changed.
 
     `read_outputs` does, whenever it looks. Of outputs without a pixel clock (`clocked` False, Xvfb)
@@ -128,13 +128,13 @@ def read_levels(
     )
     names = (*(row.name for row in _TABLE), *_MATRICES)
     told = ((name, read_property_values(display, output, name)) for name in names)
-    return Levels(
+    return OutputLevels(
         tuple(ramps), transform, tuple((name, values) for name, values in told if values), native
     )
 
 
 def list_level_findings(
-    output: str, role: str, levels: Levels, *, exact: bool = False
+    output: str, role: str, levels: OutputLevels, *, exact: bool = False
 ) -> list[Finding]:
     """Everything that is not neutral about an output, each with the command that mends it; or one
     finding that all is.
@@ -156,7 +156,7 @@ def list_level_findings(
     return [Finding(f"{role} levels", "good", f"{output}: as they are drawn ({told})")]
 
 
-def _ramps(output: str, role: str, levels: Levels, *, exact: bool) -> Iterator[Finding]:
+def _ramps(output: str, role: str, levels: OutputLevels, *, exact: bool) -> Iterator[Finding]:
     for name, ramp in levels.ramps:
         if all(part == _STRAIGHT for part in ramp):
             continue
@@ -191,13 +191,13 @@ def _spread(*channels: Sequence[int]) -> _Ramp:
     return tuple(out)
 
 
-def _transform(output: str, role: str, levels: Levels) -> Iterator[Finding]:
+def _transform(output: str, role: str, levels: OutputLevels) -> Iterator[Finding]:
     if levels.transform != _UNIT:
         text = f"{output}: {_rows(levels.transform, 3)}: {_MOVED}"
         yield Finding(f"{role} transform", "fault", text, f"{_xrandr(output)} --transform none")
 
 
-def _properties(output: str, role: str, levels: Levels) -> Iterator[Finding]:
+def _properties(output: str, role: str, levels: OutputLevels) -> Iterator[Finding]:
     told = dict(levels.properties)
     for row in _TABLE:
         values = told.get(row.name, ())
@@ -215,7 +215,7 @@ def _properties(output: str, role: str, levels: Levels) -> Iterator[Finding]:
         )
 
 
-def _matrices(output: str, role: str, levels: Levels) -> Iterator[Finding]:
+def _matrices(output: str, role: str, levels: OutputLevels) -> Iterator[Finding]:
     told = dict(levels.properties)
     for name, unit in _MATRICES.items():
         words = [value for value in told.get(name, ()) if isinstance(value, int)]
@@ -248,7 +248,7 @@ def _rows(numbers: _Numbers, columns: int) -> str:
     return " / ".join(" ".join(f"{v:.4g}" for v in row) for row in rows)
 
 
-def _words(values: tuple[Value, ...]) -> str:
+def _words(values: tuple[PropertyValue, ...]) -> str:
     return ", ".join(str(value) for value in values[:_MOST])
 
 

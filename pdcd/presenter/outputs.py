@@ -17,7 +17,7 @@ from Xlib.ext import randr
 from pdcd.bench.checks import RATE_TOLERANCE
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.edid import Edid, read_edid
-from pdcd.presenter.levels import Levels, read_levels
+from pdcd.presenter.levels import OutputLevels, read_levels
 from pdcd.presenter.xconnection import guard_x_calls
 
 _Size = tuple[int, int]
@@ -48,7 +48,7 @@ class Output:
     """In words how the server rotates or mirrors it; x, y, width and height are those of the
     screen, as drawing is."""
     edid: Edid | None = None
-    levels: Levels = field(default_factory=Levels)
+    levels: OutputLevels = field(default_factory=OutputLevels)
     """What is done to levels between the frame buffer and the panel."""
 
     @property

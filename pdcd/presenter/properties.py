@@ -11,7 +11,7 @@ from Xlib import X, Xatom, error
 from Xlib.ext import randr
 from Xlib.protocol import rq
 
-Value = int | str
+PropertyValue = int | str
 """An item of a property: a number without a sign, or the name of an atom."""
 
 _WORDS = 1 << 14
@@ -28,7 +28,7 @@ def read_property(display: Any, output: int, name: str) -> tuple[int, Any] | Non
     return None if reply is None else reply.value
 
 
-def read_property_values(display: Any, output: int, name: str) -> tuple[Value, ...]:
+def read_property_values(display: Any, output: int, name: str) -> tuple[PropertyValue, ...]:
     """The same as numbers or names; empty where there is none."""
     reply = _ask(display, output, name)
     if reply is None or reply.value is None:

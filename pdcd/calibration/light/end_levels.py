@@ -69,7 +69,7 @@ class EndLevels:
         )
 
 
-def advise_on_levels(name: str) -> str:
+def explain_level_figure(name: str) -> str:
     """What to do about a figure of `EndLevels` that is not good, by its name."""
     panel, _, level = name.partition(".level_")
     like = 0 if level == str(DARK_LEVEL) else 255

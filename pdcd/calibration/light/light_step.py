@@ -14,7 +14,7 @@ from pdcd.bench.placed import make_camera_map
 from pdcd.bench.stops import stop_of
 from pdcd.calibration.figures import MeasuredFigure, Verdict, describe_room_light
 from pdcd.calibration.light.contrasts import LightMeasurement, compute_responsivity, measure_light
-from pdcd.calibration.light.end_levels import advise_on_levels
+from pdcd.calibration.light.end_levels import explain_level_figure
 from pdcd.calibration.light.lamp import measure_lamp
 from pdcd.calibration.light.light_plan import COVERED, LightPlan, PulseEdges
 from pdcd.calibration.light.metering import choose_wide_aperture
@@ -190,7 +190,7 @@ def _outcome(
     advice = [
         describe_room_light(found.room.value)
         if f.name == "scene.ambient" and found.room is not None
-        else _ADVICE.get(f.name) or advise_on_levels(f.name)
+        else _ADVICE.get(f.name) or explain_level_figure(f.name)
         for f in figures
         if f.verdict is not Verdict.GOOD
     ]

@@ -18,13 +18,13 @@ from pdcd.presenter import examine as examine_module
 from pdcd.presenter.desktop import Desktop
 from pdcd.presenter.edid import parse_edid
 from pdcd.presenter.examine import TURNED_HINT, examine_display
-from pdcd.presenter.levels import Levels
+from pdcd.presenter.levels import OutputLevels
 from pdcd.presenter.messages import Open, Ready
 from pdcd.presenter.outputs import Output
 from tests.edid_block import block
 
 PANEL = parse_edid(block(name="EPSON PJ"))
-STRAIGHT = Levels((("gamma ramp", (tuple(range(0, 65536, 257)),) * 3),))
+STRAIGHT = OutputLevels((("gamma ramp", (tuple(range(0, 65536, 257)),) * 3),))
 LEFT = Output("HDMI-1", True, 0, 0, 256, 192, "left", 60.0, edid=PANEL, levels=STRAIGHT)
 RIGHT = Output("DP-1", True, 256, 0, 400, 300, "right", 60.0, edid=PANEL, levels=STRAIGHT)
 IDENTITY = {"renderer": "a card", "realtime": "SCHED_FIFO 20", "memory locked": "yes"}
@@ -229,8 +229,8 @@ def test_every_fault_of_the_desktop_is_a_finding(server: Server) -> None:
 
 
 def test_levels_are_looked_at_of_both_panels(server: Server) -> None:
-    bent = Levels(STRAIGHT.ramps, properties=(("underscan", ("on",)), ("dither", ("on",))))
-    server.outputs = (replace(LEFT, levels=Levels()), replace(RIGHT, levels=bent))
+    bent = OutputLevels(STRAIGHT.ramps, properties=(("underscan", ("on",)), ("dither", ("on",))))
+    server.outputs = (replace(LEFT, levels=OutputLevels()), replace(RIGHT, levels=bent))
     found = by(server.found())
     assert found["projector levels"].state == "unknown"
     assert found["mask underscan"].state == "fault"

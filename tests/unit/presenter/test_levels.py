@@ -11,7 +11,7 @@ from Xlib import X, Xatom, error
 
 from pdcd.presenter import levels as levels_module
 from pdcd.presenter import properties
-from pdcd.presenter.levels import Levels, list_level_findings, read_levels
+from pdcd.presenter.levels import OutputLevels, list_level_findings, read_levels
 
 UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -20,17 +20,17 @@ def ramp_of(light: Callable[[float], float], steps: int = 256) -> tuple[int, ...
     return tuple(round(65535 * light(k / (steps - 1))) for k in range(steps))
 
 
-def found(levels: Levels, **how: bool) -> list[tuple[str, str, str | None]]:
+def found(levels: OutputLevels, **how: bool) -> list[tuple[str, str, str | None]]:
     """What, state and command of each finding."""
     return [(f.what, f.state, f.hint) for f in list_level_findings("DP-1", "mask", levels, **how)]
 
 
-def with_ramp(*channels: tuple[int, ...], name: str = "gamma ramp") -> Levels:
-    return Levels(((name, levels_module._spread(*channels * (3 // len(channels)))),))
+def with_ramp(*channels: tuple[int, ...], name: str = "gamma ramp") -> OutputLevels:
+    return OutputLevels(((name, levels_module._spread(*channels * (3 // len(channels)))),))
 
 
-def with_property(name: str, *values: int | str, native: bool = True) -> Levels:
-    return Levels(properties=((name, values),), native=native)
+def with_property(name: str, *values: int | str, native: bool = True) -> OutputLevels:
+    return OutputLevels(properties=((name, values),), native=native)
 
 
 # Straight ramps as servers and programs write them: 8, 10 and 12 bits, filled up by 0 or by
@@ -87,7 +87,7 @@ def test_tables_of_a_driver_are_ramps_of_their_own() -> None:
 
 
 SET = "xrandr --output DP-1 --set"
-PROPERTIES: list[tuple[Levels, str | None, str | None]] = [
+PROPERTIES: list[tuple[OutputLevels, str | None, str | None]] = [
     (with_property("Broadcast RGB", "Full"), None, None),
     (with_property("Broadcast RGB", "Automatic"), "warning", f'{SET} "Broadcast RGB" Full'),
     (with_property("Broadcast RGB", "Limited 16:235"), "warning", f'{SET} "Broadcast RGB" Full'),
@@ -128,7 +128,7 @@ PROPERTIES: list[tuple[Levels, str | None, str | None]] = [
 
 @pytest.mark.parametrize(("levels", "state", "mend"), PROPERTIES)
 def test_each_property_is_neutral_or_has_its_command(
-    levels: Levels, state: str | None, mend: str | None
+    levels: OutputLevels, state: str | None, mend: str | None
 ) -> None:
     ((name, _),) = levels.properties
     told = found(levels)
@@ -147,7 +147,7 @@ def test_a_matrix_is_told_row_by_row() -> None:
 
 
 def test_a_scaled_output_is_a_fault() -> None:
-    scaled = Levels(transform=(1.25, *UNIT[1:4], 1.25, *UNIT[5:]))
+    scaled = OutputLevels(transform=(1.25, *UNIT[1:4], 1.25, *UNIT[5:]))
     assert found(scaled) == [("mask transform", "fault", "xrandr --output DP-1 --transform none")]
 
 
@@ -188,7 +188,7 @@ class Server:
         kind, items = self.properties[property]
         return SimpleNamespace(property_type=kind, value=(32, items) if items else None)
 
-    def read(self, **how: bool) -> Levels:
+    def read(self, **how: bool) -> OutputLevels:
         return read_levels(self, 7, 5, **{"clocked": True, **how})
 
 
@@ -205,7 +205,7 @@ def test_all_that_a_server_tells_is_read(server: Server) -> None:
         "GAMMA_LUT": (Xatom.INTEGER, [0, 0, 0, 9, 255, 510, 765, 9]),
     }  # fmt: skip
     table = tuple(range(256)), tuple(range(0, 512, 2)), tuple(range(0, 768, 3))
-    assert server.read(native=False) == Levels(
+    assert server.read(native=False) == OutputLevels(
         (("gamma ramp", (tuple(range(0, 65536, 257)),) * 3), ("GAMMA_LUT", table)),
         (1.25, 0.0, -1.0, *UNIT[3:]),
         (("Broadcast RGB", ("Limited 16:235",)), ("underscan", ("?",)), ("max bpc", (8,))),
@@ -216,13 +216,13 @@ def test_all_that_a_server_tells_is_read(server: Server) -> None:
 def test_a_ramp_that_was_never_set_tells_nothing(server: Server) -> None:
     """A server without hardware has one of nothing but 0; none at all is of size 0."""
     server.ramp = (0, 0, 0)
-    assert server.read(clocked=False) == Levels()
+    assert server.read(clocked=False) == OutputLevels()
     assert found(server.read(clocked=False)) == [("mask levels", "unknown", None)]
     assert found(server.read()) == [
         ("mask gamma ramp", "fault", "xrandr --output DP-1 --gamma 1:1:1")
     ]
     server.ramp = ()
-    assert server.read() == Levels()
+    assert server.read() == OutputLevels()
 
 
 def test_every_matrix_and_row_of_the_table_has_a_case_here() -> None:

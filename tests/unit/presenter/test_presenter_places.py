@@ -13,7 +13,7 @@ from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
 from pdcd.presenter import desktop
 from pdcd.presenter import places as places_module
-from pdcd.presenter.levels import Levels
+from pdcd.presenter.levels import OutputLevels
 from pdcd.presenter.messages import Open, PanelMode, Rect
 from pdcd.presenter.options import X11Options
 from pdcd.presenter.outputs import Output
@@ -155,9 +155,9 @@ RAMP = tuple(range(0, 65536, 257))
 BENT = tuple(round(65535 * (k / 255) ** 0.8) for k in range(256))
 
 
-def levels(ramp: tuple[int, ...] = RAMP, **properties: str) -> Levels:
+def levels(ramp: tuple[int, ...] = RAMP, **properties: str) -> OutputLevels:
     named = tuple((name, (value,)) for name, value in properties.items())
-    return Levels((("gamma ramp", (ramp,) * 3),), properties=named)
+    return OutputLevels((("gamma ramp", (ramp,) * 3),), properties=named)
 
 
 def test_no_code_is_shown_over_levels_that_are_not_its_own(screen: Screen) -> None:
