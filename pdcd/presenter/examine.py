@@ -88,7 +88,8 @@ def _examine(display: Any, config: Config, options: X11Options | None) -> Iterat
     else:
         yield _panels(pair)
     yield _rates(pair)
-    yield from _levels(pair, exact=config.display.planes_per_refresh > 1)
+    levels = list(_levels(pair, exact=config.display.planes_per_refresh > 1))
+    yield from levels
     faults = desktop.list_desktop_faults(desktop.inspect_desktop(display), name)
     for found in faults:
         yield _fault("desktop", found)
@@ -103,8 +104,9 @@ def _examine(display: Any, config: Config, options: X11Options | None) -> Iterat
         why = "not tried: a window is on the screen, perhaps the daemon's"
         yield Finding("renderer", "unknown", why, "stop pdcd.service and ask again")
         yield from _permissions(None)
-    elif pair is None:
-        yield _unknown("renderer", "not tried: there are no two panels")
+    elif pair is None or any(found.state == "fault" for found in levels):
+        why = "there are no two panels" if pair is None else "no code is shown over such levels"
+        yield _unknown("renderer", f"not tried: {why}")
         yield from _permissions(None)
     else:
         yield from _opened(name, pair, config, options)

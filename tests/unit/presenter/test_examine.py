@@ -236,6 +236,9 @@ def test_levels_are_looked_at_of_both_panels(server: Server) -> None:
     assert found["mask underscan"].state == "fault"
     assert found["mask underscan"].hint == "xrandr --output DP-1 --set underscan off"
     assert found["mask dither"].state == "warning" and "mask levels" not in found
+    # Nothing would be opened over such levels; that is one fault and not two.
+    assert found["renderer"].found == "not tried: no code is shown over such levels"
+    assert not [what for what in server.done if isinstance(what, Open)]
     server.outputs = (LEFT,)
     assert by(server.found(Config()))["levels"].state == "unknown"
 
