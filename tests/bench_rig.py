@@ -31,7 +31,8 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
-from pdcd.files.opening import ArrayLimits, read_contents
+from pdcd.files.opening import ArrayLimits
+from pdcd.files.reading import read_contents
 from pdcd.panels.patterns import Patterns, pack_bits
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.planning.given import FileSource, read_request_arrays

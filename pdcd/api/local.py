@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pwd
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +19,13 @@ from pdcd.bench.config import from_config_tables, load_config
 from pdcd.bench.measured import apply_calibration
 from pdcd.bench.reading import check_integers, parse_toml
 from pdcd.bench.tables import Config
-from pdcd.files.opening import open_parcels
+from pdcd.files.opening import UnsoundFileError, open_parcels
+from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
 from pdcd.protocol.events import Event
 from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.protocol.views import OwnerView
-from pdcd.runs.folder import sha256_of
 
 if TYPE_CHECKING:
     from pdcd.capture.engine import Engine
@@ -168,7 +169,10 @@ def describe_bench(config: Config) -> dict[str, Any]:
     config = apply_calibration(config)
     names = (config.scene.path, config.bench.truth, config.camera.profile)
     files = [Path(name) for name in names if name is not None]
-    sums = {str(f): sha256_of(f) for f in files if f.is_file()}
+    sums = {}
+    for file in files:
+        with suppress(UnsoundFileError):  # of the bundled ones a name is no file
+            sums[str(file)] = hash_file(file, MAX_PICTURE_BYTES)
     return {"config": msgspec.to_builtins(config), "files": sums}
 
 

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from pdcd.api.progress import ProgressChoice, show_progress
 from pdcd.arrays import Floats
 from pdcd.errors import DecodeError
+from pdcd.files.inside import open_folder, read_inner_file
+from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, refuse_unsound
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, has_cell_count, read_pattern_levels
 from pdcd.protocol.result import Quality, SummaryValue
-from pdcd.runs.folder import sha256_of
 from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
 from pdcd.runs.frame_table import read_frame_columns
-from pdcd.runs.manifest import MANIFEST
+from pdcd.runs.manifest import MANIFEST, MAX_MANIFEST_BYTES
 from pdcd.runs.patterns import CODES_FILE as CODES
 from pdcd.runs.patterns import read_patterns, read_stored_arrays
 from pdcd.runs.record import Manifest
@@ -74,7 +75,8 @@ class Run:
     @cached_property
     def manifest_sha256(self) -> str:
         """Of capture.json: kept elsewhere, it proves that nothing of the run was forged."""
-        return sha256_of(self.folder / MANIFEST)
+        with refuse_unsound(self.folder / MANIFEST):
+            return hash_file(self.folder / MANIFEST, MAX_MANIFEST_BYTES)
 
     @property
     def job(self) -> str:
@@ -267,7 +269,9 @@ class Run:
         for name in names[:_MOST_PREVIEWS]:
             # A view for eyes: whoever asks for the numbers is told what is wrong.
             with suppress(DecodeError, OSError):
-                yield name, self.checked(f"preview/{name}.png").read_bytes()
+                self.checked(f"preview/{name}.png")
+                with open_folder(self.folder) as at:
+                    yield name, read_inner_file(at, f"preview/{name}.png", MAX_PICTURE_BYTES)
 
     @cached_property
     def _probe(self) -> dict[str, NDArray[Any]]:

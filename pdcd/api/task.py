@@ -27,12 +27,12 @@ from pdcd.errors import (
     disk_errors,
     to_typed_error,
 )
-from pdcd.files.opening import ArrayLimits, Sendable, UnsoundFileError, open_own, read_contents
+from pdcd.files.opening import ArrayLimits, Sendable, UnsoundFileError
+from pdcd.files.reading import hash_file, read_array_file
 from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import CaptureResult, quality_of, read_summary_value
 from pdcd.recipes.arrays import MOST_ELEMENTS
-from pdcd.runs.folder import sha256_of
-from pdcd.runs.manifest import MANIFEST
+from pdcd.runs.manifest import MANIFEST, MAX_MANIFEST_BYTES
 from pdcd.runs.verify import read_whole_manifest
 from pdcd.version import __version__
 
@@ -124,13 +124,13 @@ def find_kept_row(task: Task) -> TaskRecord | None:
     there is none."""
     with suppress(OSError):
         for run in sorted(task.folder.iterdir() if task.folder else (), reverse=True):
-            with suppress(DecodeError, OSError):
+            with suppress(DecodeError, UnsoundFileError, OSError):
                 manifest = read_whole_manifest(run, ())
                 result = CaptureResult(
                     job=manifest.job,
                     state="done",
                     folder=str(run.readlink() if run.is_symlink() else run),
-                    manifest_sha256=sha256_of(run / MANIFEST),
+                    manifest_sha256=hash_file(run / MANIFEST, MAX_MANIFEST_BYTES),
                     summary=manifest.summary,
                 )
                 return make_result_row(task.request, result)
@@ -158,11 +158,7 @@ def load_arrays(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:
     for name, value in arrays.items():
         if isinstance(value, Path | str):
             try:
-                descriptor = open_own(value)
-                try:
-                    found[name] = read_contents(descriptor, ArrayLimits(MOST_ELEMENTS))
-                finally:
-                    os.close(descriptor)
+                found[name] = read_array_file(value, ArrayLimits(MOST_ELEMENTS))
             except UnsoundFileError as err:
                 raise RequestError(f"{name} ({value}): {err.message}", hint=err.hint) from err
         else:

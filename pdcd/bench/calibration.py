@@ -20,7 +20,6 @@ from the moment on that it has its name.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -31,7 +30,9 @@ from msgspec import Meta
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.errors import ConfigError
-from pdcd.files.opening import UnsoundFileError, open_own
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import read_file
+from pdcd.files.text import encode_json
 from pdcd.words import MarksName, StepName, SubjectName, VerdictName
 
 RECORD, CALIBRATION_DIGEST = "calibration.json", "calibration.json.sha256"
@@ -253,7 +254,7 @@ def to_config_tables(measured: Mapping[str, MeasuredValue]) -> dict[str, Any]:
 
 def encode_calibration(record: Calibration) -> bytes:
     """The bytes of `calibration.json`."""
-    return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
+    return msgspec.json.format(encode_json(record), indent=1) + b"\n"
 
 
 def format_digest_line(data: bytes, name: str = RECORD) -> bytes:
@@ -269,14 +270,12 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
     """
     try:
         data, said = (
-            read_small_file(folder / n, m)
+            read_file(folder / n, m)
             for n, m in ((RECORD, MAX_RECORD_BYTES), (CALIBRATION_DIGEST, 200))
         )
         record = msgspec.json.decode(data, type=Calibration)
     except (
-        OSError,
         UnsoundFileError,
-        ConfigError,
         msgspec.MsgspecError,
         ValueError,
         RecursionError,
@@ -292,13 +291,3 @@ def read_calibration(folder: Path) -> tuple[Calibration, str]:
             hint="restore it from a copy, or calibrate again",
         )
     return record, hashlib.sha256(data).hexdigest()
-
-
-def read_small_file(path: Path, most: int) -> bytes:
-    """A regular file of at most so many bytes; nothing is waited for. Raises Unsound, ConfigError
-    and OSError."""
-    with os.fdopen(open_own(path), "rb") as file:
-        data = file.read(most + 1)
-    if len(data) > most:
-        raise ConfigError(f"{path.name} is longer than {most} bytes")
-    return data

@@ -7,7 +7,6 @@ for each rig, and "latest" then is that one.
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import shutil
 from collections.abc import Iterator
@@ -22,7 +21,6 @@ from pdcd.bench.calibration import (
     STEP_FOLDER_PREFIX,
     Calibration,
     read_calibration,
-    read_small_file,
 )
 from pdcd.bench.devices import CameraInfo, DisplayInfo
 from pdcd.bench.folders import find_state_dir
@@ -31,6 +29,8 @@ from pdcd.bench.tables import Config
 from pdcd.bench.truth import restore_typed_values
 from pdcd.errors import BusyError, ConfigError, disk_errors
 from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import hash_file, read_file
+from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 
 CALIBRATIONS_FOLDER = "calibrations"
@@ -184,8 +184,8 @@ def hash_truth_file(config: Config) -> str:
     if path is None or config.camera.driver != "mock":
         return ""
     try:
-        return hashlib.sha256(read_small_file(Path(path), _MAX_BYTES)).hexdigest()
-    except (OSError, UnsoundFileError, ConfigError):
+        return hash_file(path, _MAX_BYTES)
+    except UnsoundFileError:
         return ""
 
 
@@ -237,7 +237,7 @@ def pin_calibration(config: Config, name: str | None) -> None:
     with disk_errors(str(path)):
         path.parent.mkdir(parents=True, exist_ok=True)
         new = path.with_name(f"{PINNED}.new")
-        new.write_bytes(msgspec.json.encode(pins) + b"\n")
+        new.write_bytes(encode_json(pins) + b"\n")
         new.replace(path)
 
 
@@ -308,8 +308,8 @@ def lock_calibration_in_use(folder: Path) -> int | None:
 def _pins(config: Config) -> dict[str, str]:
     path = find_state_dir(config) / CALIBRATIONS_FOLDER / PINNED
     try:
-        return msgspec.json.decode(read_small_file(path, _MAX_BYTES), type=dict[str, str])
-    except (OSError, UnsoundFileError, ConfigError, ValueError, RecursionError) as err:
+        return msgspec.json.decode(read_file(path, _MAX_BYTES), type=dict[str, str])
+    except (UnsoundFileError, ValueError, RecursionError) as err:
         if not path.exists() and not path.is_symlink():
             return {}
         raise ConfigError(

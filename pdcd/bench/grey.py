@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -11,7 +10,8 @@ import msgspec
 from pdcd.bench.reading import ConfigFault
 from pdcd.bench.tables import Config, Lut, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.files.opening import UnsoundFileError, open_own
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import read_file
 from pdcd.panels.curve import (
     PANEL_LEVELS,
     Curve,
@@ -75,12 +75,10 @@ def read_lut(path: Path) -> tuple[float, ...]:
     Raises ConfigError in one line; whether they make a curve is not looked at.
     """
     try:
-        with os.fdopen(open_own(path), "rb") as file:
-            data = file.read(MAX_LUT_BYTES + 1)
-        lines = data.decode("ascii").splitlines()
+        lines = read_file(path, MAX_LUT_BYTES).decode("ascii").splitlines()
         words = [w for line in lines for w in line.partition("#")[0].replace(",", " ").split()]
-        if len(data) > MAX_LUT_BYTES or len(words) > PANEL_LEVELS:
+        if len(words) > PANEL_LEVELS:
             raise ConfigError(f"{path} holds more than {PANEL_LEVELS} lights")
         return tuple(float(word) for word in words)
-    except (OSError, UnsoundFileError, ValueError) as err:
+    except (UnsoundFileError, ValueError) as err:
         raise ConfigError(f"cannot read lights from {path}: {err}") from err

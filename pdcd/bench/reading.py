@@ -27,6 +27,8 @@ from pdcd.printable import to_one_line
 
 _S = TypeVar("_S", bound=msgspec.Struct)
 
+_MAX_BYTES = 2**20
+"""Longest file that is read."""
 _MAX_INTEGER = 2**53
 """Integers stay below this in every message, so that any JSON reader keeps them exactly."""
 
@@ -45,7 +47,12 @@ def read_toml(source: Path, what: str, hint: str) -> dict[str, Any]:
     ConfigError for what is no TOML file.
     """
     try:
-        return parse_toml(source.read_text(encoding="utf-8"), source)
+        # Who starts the program names it, and may well hand it over by a pipe.
+        with source.open("rb") as file:
+            data = file.read(_MAX_BYTES + 1)
+        if len(data) > _MAX_BYTES:
+            raise ConfigError(f"{what} {source} is longer than {_MAX_BYTES} bytes", hint=hint)
+        return parse_toml(data.decode(), source)
     except OSError as err:
         raise ConfigError(f"cannot read {what} {source}: {err.strerror}", hint=hint) from err
     except UnicodeDecodeError as err:

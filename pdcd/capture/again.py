@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import msgspec
 from pdcd.bench.calibration import (
     CALIBRATION_ARRAYS,
     MAPS,
+    MAX_RECORD_BYTES,
     PROFILE,
     RECORD,
     Calibration,
@@ -26,6 +26,8 @@ from pdcd.capture.worker.calibrating import (
     StepResult,
 )
 from pdcd.errors import CalibrationError, ConfigError, disk_errors
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
 from pdcd.sensor.profile import SensorProfile
 
 _LOOK, _FIRST = "check.", "check.dots"
@@ -74,7 +76,7 @@ def recompute_calibration(folder: Path) -> _Again:
             if entry.folder is None:
                 items.append(_Item(key, key in entries and _plain(entries[key]) == _plain(entry)))
         items += [
-            _Item(name, _digest(work / name) == record.files[name].sha256)
+            _Item(name, hash_file(work / name, MAX_PICTURE_BYTES) == record.files[name].sha256)
             for name in (MAPS, CALIBRATION_ARRAYS, PROFILE)
             if name in record.files and (work / name).exists()
         ]
@@ -106,8 +108,8 @@ def _before(record: Calibration, folder: Path) -> Path | None:
     named = {Path(entry.folder) for entry in record.measured.values() if entry.folder}
     for candidate in sorted(named | set(folder.resolve().parent.iterdir())):
         try:
-            found = _digest(candidate / RECORD)
-        except OSError:
+            found = hash_file(candidate / RECORD, MAX_RECORD_BYTES)
+        except UnsoundFileError:
             continue
         if found == record.before:
             return candidate
@@ -142,7 +144,3 @@ def _same(old: StepRecord, new: StepRecord) -> bool:
 
 def _plain(value: object) -> object:
     return msgspec.json.decode(msgspec.json.encode(value))
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

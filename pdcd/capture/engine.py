@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from pdcd.capture.worker.answers import RigFacts
 from pdcd.capture.worker.proxy import InProcessWorker, WorkerProxy
 from pdcd.capture.worker.worker import Worker
 from pdcd.errors import Cancelled, DeviceLost, PdcdError, make_error, to_typed_error
+from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, refuse_unsound
 from pdcd.planning.bench_fit import with_grid
 from pdcd.planning.defaults import is_camera_needed, is_search_needed
 from pdcd.planning.schedule_fit import is_lag_needed
@@ -293,9 +293,11 @@ class Engine:
         path = folder / "preview" / "white.png"
         cells = read_manifest(folder).run.cells
         height, width = (0, 0) if cells is None else cells.frame
+        with refuse_unsound(path):
+            digest = hash_file(path, MAX_PICTURE_BYTES)
         return PreviewView(
             path=str(path),
-            sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            sha256=digest,
             shape=(height, width, 3),
         )
 

@@ -32,6 +32,7 @@ from pdcd.calibration.steps import GOES_BY, STALE
 from pdcd.capture.rig import Rig
 from pdcd.capture.worker.calibrating import StepResult
 from pdcd.errors import Cancelled, PdcdError, disk_errors, to_typed_error
+from pdcd.files.reading import read_file
 from pdcd.protocol.request import CalibrateRequest
 from pdcd.runs.folder import LOG, RunFolder, write_through
 from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
@@ -204,7 +205,7 @@ class CalibrationKeeper:
         own, old = into / kept.PROFILE, folder / kept.PROFILE
         if "camera.profile" in measured and not own.exists() and old.exists():
             with disk_errors(str(self.folder.where)):
-                own.write_bytes(old.read_bytes())
+                own.write_bytes(read_file(old, kept.MAX_RECORD_BYTES))
 
     def _record(
         self,

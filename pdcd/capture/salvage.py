@@ -9,7 +9,6 @@ so, too.
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,12 +22,12 @@ from pdcd.capture.job import describe_shots_taken, list_run_warnings, make_manif
 from pdcd.capture.worker.answers import make_developed_run
 from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
 from pdcd.files.inside import (
-    HASH_CHUNK_BYTES,
     find_name_fault,
     open_folder,
     open_inner_file,
     path_of,
 )
+from pdcd.files.reading import HASH_CHUNK_BYTES, hash_open_file
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import convert_record_errors, write_pictures
 from pdcd.printable import to_one_line
@@ -206,7 +205,7 @@ def _check_frames(source: int, kept: LedgerContents, watch: Callable[[], None]) 
         with open_inner_file(source, FRAMES) as descriptor:
             for entry in kept.taken:
                 size = entry.frames.size_bytes
-                if _digest(descriptor, size, watch) != entry.frames.sha256:
+                if hash_open_file(descriptor, watch, size)[0] != entry.frames.sha256:
                     raise DecodeError("it is not as it was written")
                 at += size
     except FileNotFoundError:
@@ -227,22 +226,12 @@ def _fault_in(source: int, name: str, wanted: FileRecord, watch: Callable[[], No
         with open_inner_file(source, name) as descriptor:
             if os.fstat(descriptor).st_size != wanted.size_bytes:
                 return "it has another size"
-            same = _digest(descriptor, wanted.size_bytes, watch) == wanted.sha256
+            same = hash_open_file(descriptor, watch, wanted.size_bytes)[0] == wanted.sha256
             return None if same else "it does not have the SHA-256 that it was stored with"
     except FileNotFoundError:
         return "it is missing"
     except (OSError, DecodeError) as err:
         return err.message if isinstance(err, DecodeError) else str(err.strerror)
-
-
-def _digest(descriptor: int, size: int, watch: Callable[[], None]) -> str:
-    """SHA-256 of so many bytes of an open file, from where it stands."""
-    digest = hashlib.sha256()
-    while size and (chunk := os.read(descriptor, min(size, HASH_CHUNK_BYTES))):
-        digest.update(chunk)
-        size -= len(chunk)
-        watch()
-    return digest.hexdigest()
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import TRANSPORT
 from pdcd.pictures.truth import TRUTH, compute_true_entries, read_known_answer
 from pdcd.pictures.upright import FieldSampler, FieldView
+from pdcd.runs.patterns import read_stored_arrays
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.scene import Scene
@@ -108,9 +109,9 @@ def _beside_truth(run: Run, optics: OpticalBench, mode: FigureMode, heard: _Hear
 def _transport(run: Run, scene: Scene) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
     if TRANSPORT not in run.manifest.files:
         return None, None
-    with np.load(run.checked(TRANSPORT)) as data:
-        found = np.where(np.isfinite(data["sigma"]), data["transport"], np.nan)
-        seen, lit = data["camera_cells"], data["projector_cells"]
+    data = read_stored_arrays(run.checked(TRANSPORT))
+    found = np.where(np.isfinite(data["sigma"]), data["transport"], np.nan)
+    seen, lit = data["camera_cells"], data["projector_cells"]
     return found, compute_true_entries(scene, seen, lit)
 
 

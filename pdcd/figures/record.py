@@ -37,7 +37,10 @@ from pdcd.figures.figure import (
     PaperFigure,
     Photos,
 )
+from pdcd.files.opening import UnsoundFileError
 from pdcd.files.put import replace_file
+from pdcd.files.reading import hash_file, read_file
+from pdcd.files.text import encode_json
 from pdcd.version import __version__
 
 PaperFigureRecord = dict[str, Any]
@@ -97,6 +100,10 @@ def _whole(value: Any) -> int | None:
     return int(value) if isinstance(value, int | float) else None
 
 
+_MAX_BYTES = 2**24
+"""Longest record that is read."""
+
+
 def fingerprint_of(mode: FigureMode, *, plots: bool) -> str:
     """SHA-256 of all that figures depend on: the mode, and every line of the program."""
     whole = hashlib.sha256(f"{__version__} {np.__version__} {mode} {plots}".encode())
@@ -104,17 +111,19 @@ def fingerprint_of(mode: FigureMode, *, plots: bool) -> str:
         spec = find_spec(name)
         for place in (spec.submodule_search_locations or ()) if spec else ():
             for path in sorted(Path(place).rglob("*.py")):
-                whole.update(hashlib.sha256(path.read_bytes()).digest())
+                whole.update(bytes.fromhex(hash_file(path, _MAX_BYTES)))
     return whole.hexdigest()
 
 
 def read_record(folder: Path, number: str, fingerprint: str) -> PaperFigureRecord | None:
     """A figure as it was made of these inputs, if all of it is there; else None."""
     try:
-        found = msgspec.json.decode(_path(folder, number).read_bytes(), type=PaperFigureRecord)
+        found = msgspec.json.decode(
+            read_file(_path(folder, number), _MAX_BYTES), type=PaperFigureRecord
+        )
         files = [one["file"] for one in found["plots"]]
         files += [one["file"] for row in found["rows"] for one in row["pictures"]]
-    except (OSError, msgspec.DecodeError, KeyError, TypeError):
+    except (UnsoundFileError, msgspec.DecodeError, KeyError, TypeError):
         return None
     whole = all((folder / file).is_file() for file in files)
     return found if whole and found.get("fingerprint") == fingerprint else None
@@ -122,7 +131,7 @@ def read_record(folder: Path, number: str, fingerprint: str) -> PaperFigureRecor
 
 def write_record(folder: Path, record: PaperFigureRecord) -> None:
     """Note that a figure is made; its pictures are there. Raises DiskError."""
-    replace_file(_path(folder, record["number"]), msgspec.json.format(msgspec.json.encode(record)))
+    replace_file(_path(folder, record["number"]), msgspec.json.format(encode_json(record)))
 
 
 def _path(folder: Path, number: str) -> Path:

@@ -44,7 +44,8 @@ _HEADER = re.compile(rf"\{{ {_ITEM.pattern}(?: , {_ITEM.pattern}){{2}}(?: ,)? \}
 """A header as its words with one space between any two."""
 
 _END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"
-_END_BYTES, _END_64_BYTES = 22, 20
+_END_BYTES = 22
+ARCHIVE_END_BYTES = _END_BYTES + 20
 
 # What numpy and zipfile raise on damaged input.
 _DAMAGE = (
@@ -92,16 +93,22 @@ def read_npz(data: bytes, wanted: Mapping[str, ArrayLimits]) -> dict[str, _Float
 
 def _archive(data: bytes) -> zipfile.ZipFile:
     """The archive, if it ends as those of numpy do and its directory is small."""
-    end = data[-_END_BYTES:]
+    check_archive_end(data[-ARCHIVE_END_BYTES:])
+    return zipfile.ZipFile(io.BytesIO(data))
+
+
+def check_archive_end(tail: bytes) -> None:
+    """Look at the last `ARCHIVE_END_BYTES` of a zip archive before anybody reads its directory,
+    which may say that it has any size. Raises Unsound."""
+    end = tail[-_END_BYTES:]
     if len(end) < _END_BYTES or end[:4] != _END or end[-2:] != b"\0\0":
         raise UnsoundFileError(
             "it is damaged: no .npz file ends like that", "write it with numpy.savez"
         )
-    if data[-_END_BYTES - _END_64_BYTES :][:4] == _END_64:
+    if tail[-ARCHIVE_END_BYTES:][:4] == _END_64:
         raise UnsoundFileError("it is a zip archive of a larger kind", "write it with numpy.savez")
     if int.from_bytes(end[12:16], "little") > MAX_DIRECTORY_BYTES:
         raise UnsoundFileError("it holds too many files", f"store at most {_MAX_MEMBERS} arrays")
-    return zipfile.ZipFile(io.BytesIO(data))
 
 
 def _names(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:

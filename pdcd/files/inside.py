@@ -7,25 +7,26 @@ what it is without being touched.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
-from pdcd.errors import DecodeError
-from pdcd.files.opening import kind_of
+from pdcd.errors import DecodeError, DiskError
+from pdcd.files.opening import UnsoundFileError, kind_of
+from pdcd.files.reading import Alive, read_descriptor
 
 MAX_NAME_PARTS = 16
 """Deepest file of a folder: parts of its name."""
 MAX_ENTRIES = 1_000_000
 """Most files and folders that are listed."""
-HASH_CHUNK_BYTES = 2**22
-"""Bytes hashed between two signs of life."""
-
 WAY = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to open a folder on the way to something, which takes no more than the right to pass."""
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_SIGN_ENTRIES = 256
+"""Names looked at between two signs of life."""
 
 
 def path_of(descriptor: int) -> Path:
@@ -62,30 +63,163 @@ def open_folder(folder: Path) -> Iterator[int]:
         os.close(descriptor)
 
 
+class FolderEntry(NamedTuple):
+    """What lies in a folder: its name there, and its status, that of a link for a link."""
+
+    name: str
+    status: os.stat_result
+
+    @property
+    def kind(self) -> str:
+        """ "file", "folder", "FIFO" ..."""
+        return kind_of(self.status.st_mode)
+
+
 def list_folder(folder: int) -> dict[str, str]:
     """All that lies in a folder and below: relative name -> "file", "folder", "FIFO" ...
 
     Raises DecodeError when that is too much, and OSError.
     """
     found: dict[str, str] = {}
-    _list(folder, "", found, MAX_NAME_PARTS)
+    for prefix, _, entries in walk_folder(folder, MAX_NAME_PARTS):
+        found |= {prefix + entry.name: entry.kind for entry in entries}
+        if len(found) > MAX_ENTRIES:
+            raise DecodeError(f"it holds more than {MAX_ENTRIES} files")
     return found
 
 
-def _list(folder: int, prefix: str, found: dict[str, str], depth: int) -> None:
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            if len(found) >= MAX_ENTRIES:
+def walk_folder(
+    folder: int,
+    depth: int | None = None,
+    alive: Alive = lambda: None,
+    *,
+    pass_closed: bool = False,
+) -> Iterator[tuple[str, int, list[FolderEntry]]]:
+    """An open folder and all folders below it, `depth` of them: the beginning of the names in it,
+    its descriptor until the next one comes, and what it holds.
+
+    No link is followed, and however deep folders lie in each other, few are open at a time. A
+    folder that is taken out of the list is not entered; with `pass_closed` none is that cannot be.
+    `alive` is called now and then, and may raise to end the work. Raises OSError, and DiskError
+    where a folder was moved meanwhile.
+    """
+    at, above, prefix = os.open(".", _FOLDER, dir_fd=folder), list[os.stat_result](), ""
+    ahead: list[list[str]] = []
+    try:
+        while True:
+            entries = _entries(at, alive)
+            yield prefix, at, entries
+            enter = depth is None or len(ahead) + 1 < depth
+            ahead.append([e.name for e in reversed(entries) if enter and e.kind == "folder"])
+            below = None
+            while below is None:
+                if ahead[-1]:
+                    name = ahead[-1].pop()
+                    below = _enter(at, name, pass_closed=pass_closed)
+                    continue
+                ahead.pop()
+                if not ahead:
+                    return
+                up = os.open("..", _FOLDER, dir_fd=at)
+                at = _leave(at, up)
+                if not os.path.samestat(os.fstat(at), above.pop()):
+                    raise DiskError("a folder was moved while it was looked at", hint="try again")
+                prefix = prefix[: prefix.rfind("/", 0, -1) + 1]
+            above.append(os.fstat(at))
+            at = _leave(at, below)
+            prefix += f"{name}/"
+    finally:
+        os.close(at)
+
+
+def _leave(left: int, entered: int) -> int:
+    os.close(left)
+    return entered
+
+
+def _enter(at: int, name: str, *, pass_closed: bool) -> int | None:
+    """Descriptor of a folder in an open one, from which there is a way back. Raises OSError."""
+    try:
+        below = os.open(name, _FOLDER, dir_fd=at)
+    except OSError:
+        if pass_closed:
+            return None
+        raise
+    try:
+        os.stat("..", dir_fd=below)
+    except OSError:
+        os.close(below)
+        if pass_closed:
+            return None
+        raise
+    return below
+
+
+def _entries(folder: int, alive: Alive) -> list[FolderEntry]:
+    found: list[FolderEntry] = []
+    with os.scandir(folder) as listed:
+        for number, entry in enumerate(listed):
+            if number % _SIGN_ENTRIES == 0:
+                alive()
+            if number >= MAX_ENTRIES:
                 raise DecodeError(f"it holds more than {MAX_ENTRIES} files")
-            mode = entry.stat(follow_symlinks=False).st_mode
-            kind = found[prefix + entry.name] = kind_of(mode)
-            if kind == "folder" and depth > 1:
-                flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-                below = os.open(entry.name, flags, dir_fd=folder)
-                try:
-                    _list(below, f"{prefix}{entry.name}/", found, depth - 1)
-                finally:
-                    os.close(below)
+            try:
+                found.append(FolderEntry(entry.name, entry.stat(follow_symlinks=False)))
+            except FileNotFoundError:  # it went just now
+                continue
+    return found
+
+
+def remove_folder(parent: int, name: str) -> None:
+    """Remove a folder with all that is in it, through no link. Raises OSError.
+
+    Folders in it come up to its top first, one after the other, so that none is too deep.
+    """
+    top = os.open(name, _FOLDER, dir_fd=parent)
+    try:
+        waiting = _empty(top, top, 0)
+        number = 0
+        while waiting:
+            below = waiting.pop()
+            folder = os.open(below, _FOLDER, dir_fd=top)
+            try:
+                moved = _empty(folder, top, number)
+            finally:
+                os.close(folder)
+            os.rmdir(below, dir_fd=top)
+            number += len(moved)
+            waiting += moved
+    finally:
+        os.close(top)
+    os.rmdir(name, dir_fd=parent)
+
+
+def _empty(folder: int, top: int, number: int) -> list[str]:
+    """Remove what lies in a folder but its folders, which are moved to the top; their names there,
+    counted from `number` on."""
+    moved: list[str] = []
+    for entry in _entries(folder, lambda: None):
+        if entry.kind != "folder":
+            os.unlink(entry.name, dir_fd=folder)
+            continue
+        name = entry.name
+        if folder != top:
+            name = f".removed.{number + len(moved)}"
+            os.rename(entry.name, name, src_dir_fd=folder, dst_dir_fd=top)
+        moved.append(name)
+    return moved
+
+
+@contextmanager
+def open_inner_folder(folder: int, name: str) -> Iterator[int]:
+    """Descriptor of a folder below another, "" for that itself, to go on from: through no link.
+    Raises OSError."""
+    with ExitStack() as held:
+        at = folder
+        for part in name.split("/") if name else ():
+            at = os.open(part, WAY, dir_fd=at)
+            held.callback(os.close, at)
+        yield at
 
 
 @contextmanager
@@ -94,22 +228,19 @@ def open_inner_file(folder: int, name: str) -> Iterator[int]:
 
     Raises DecodeError when it is no regular file or a link leads to it, and OSError.
     """
+    above, _, last = name.rpartition("/")
     with ExitStack() as held:
-
-        def hold(path: str, flags: int, at: int | None) -> int:
-            descriptor = os.open(path, flags | os.O_CLOEXEC, dir_fd=at)
-            held.callback(os.close, descriptor)
-            return descriptor
-
-        at, parts = folder, name.split("/")
-        for part in parts[:-1]:
-            at = hold(part, WAY, at)
-        found = hold(parts[-1], os.O_PATH | os.O_NOFOLLOW, at)
+        at = held.enter_context(open_inner_folder(folder, above))
+        found = os.open(last, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=at)
+        held.callback(os.close, found)
         mode = os.fstat(found).st_mode
         if not stat.S_ISREG(mode):
             raise DecodeError(f"it is a {kind_of(mode)}, no file")
         # What is opened is what was looked at: a name may have come to mean something else.
-        yield hold(str(path_of(found)), os.O_RDONLY | os.O_NONBLOCK, None)
+        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+        descriptor = os.open(path_of(found), flags)
+        held.callback(os.close, descriptor)
+        yield descriptor
 
 
 def read_inner_file(folder: int, name: str, most_bytes: int) -> bytes:
@@ -118,24 +249,7 @@ def read_inner_file(folder: int, name: str, most_bytes: int) -> bytes:
     Raises DecodeError when it is none or longer than that, and OSError.
     """
     with open_inner_file(folder, name) as descriptor:
-        # One byte more than allowed tells a longer file, one that still grows as well.
-        size = os.fstat(descriptor).st_size
-        if size <= most_bytes:
-            with os.fdopen(os.dup(descriptor), "rb") as file:
-                data = file.read(most_bytes + 1)
-            if len(data) <= most_bytes:
-                return data
-        raise DecodeError(f"it has {size} bytes, more than the {most_bytes} allowed")
-
-
-def hash_open_file(descriptor: int, alive: Callable[[], object] = lambda: None) -> tuple[str, int]:
-    """SHA-256, hexadecimal, and bytes of an open file, from where it stands. Raises OSError.
-
-    `alive` is called now and then, and may raise to end the work.
-    """
-    digest, size = hashlib.sha256(), 0
-    while chunk := os.read(descriptor, HASH_CHUNK_BYTES):
-        digest.update(chunk)
-        size += len(chunk)
-        alive()
-    return digest.hexdigest(), size
+        try:
+            return read_descriptor(descriptor, most_bytes)
+        except UnsoundFileError as err:
+            raise DecodeError(err.message) from err

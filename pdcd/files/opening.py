@@ -71,10 +71,10 @@ def open_own(path: Path | str) -> int:
     The caller closes it. Raises Unsound.
     """
     try:
-        _check_regular(os.stat(path))  # noqa: PTH116 - a pathlib call would have to guess our path
+        check_regular(os.stat(path))  # noqa: PTH116 - a pathlib call would have to guess our path
         descriptor = os.open(path, _READ)
     except (OSError, ValueError) as err:
-        raise _refused(err) from err
+        raise make_file_error(err) from err
     return _sure(descriptor)
 
 
@@ -100,45 +100,15 @@ def open_beneath(folder: Path, name: str, asker: Asker) -> int:
                 os.close(at)
                 at = following
                 found = os.fstat(at)
-            _check_regular(found)
+            check_regular(found)
             if not asker.may(found, 4):
                 raise PermissionError(0, "you may not read it")
             descriptor = _reopened(at)
         finally:
             os.close(at)
     except (OSError, ValueError, RuntimeError) as err:
-        raise _refused(err) from err
+        raise make_file_error(err) from err
     return _sure(descriptor)
-
-
-def read_contents(descriptor: int, limits: ArrayLimits) -> bytes:
-    """All of a regular file, wherever its offset stands. Raises Unsound.
-
-    The size is looked at before anything is read. What the file grows by meanwhile is left out.
-    """
-    try:
-        found = os.fstat(descriptor)
-        _check_regular(found)
-        size = found.st_size
-        if size > limits.file_bytes:
-            raise UnsoundFileError(
-                f"it has {size} bytes; at most {limits.file_bytes} are read for such an array",
-                "give one value for each cell, or one for each pair of them in a matrix",
-            )
-        data = bytearray()
-        while len(data) < size:
-            limits.alive()
-            piece = os.pread(descriptor, min(READ_CHUNK_BYTES, size - len(data)), len(data))
-            if not piece:
-                raise UnsoundFileError(
-                    "it became shorter while it was read", "let nobody write to it"
-                )
-            data += piece
-    except OSError as err:
-        raise _refused(err) from err
-    if not data:
-        raise UnsoundFileError("it is empty")
-    return bytes(data)
 
 
 def _reopened(looked_at: int) -> int:
@@ -153,25 +123,27 @@ def _check_passage(found: os.stat_result, asker: Asker) -> None:
         raise PermissionError(0, "you may not enter a folder on the way to it")
 
 
-def _check_regular(found: os.stat_result) -> None:
+def check_regular(found: os.stat_result) -> None:
+    """Raise Unsound for what is no regular file."""
     if not stat.S_ISREG(found.st_mode):
         kind = kind_of(found.st_mode)
         raise UnsoundFileError(
-            f"it is a {kind}, not a regular file", "give a .npy, .npz or PNG file"
+            f"it is a {kind}, not a regular file", "name a file that can be read to its end"
         )
 
 
 def _sure(descriptor: int) -> int:
     """The descriptor, if it still is of a regular file: names can change between two looks."""
     try:
-        _check_regular(os.fstat(descriptor))
+        check_regular(os.fstat(descriptor))
     except BaseException:
         os.close(descriptor)
         raise
     return descriptor
 
 
-def _refused(err: Exception) -> UnsoundFileError:
+def make_file_error(err: Exception) -> UnsoundFileError:
+    """The error of a file that the system does not let be opened or read."""
     why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
     return UnsoundFileError(
         f"it cannot be opened: {why}", "see whether it is there and may be read"

@@ -16,8 +16,7 @@ from collections.abc import Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
+from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 from pdcd.version import __version__
 
@@ -99,5 +98,5 @@ def _digest(words: str) -> str:
 def encode_page_json(told: Any) -> str:
     """JSON for a script element, which ends no element and begins none; null for what is no
     number. The template marks it as safe."""
-    data = msgspec.json.encode(told, enc_hook=lambda value: value.item()).decode()
+    data = encode_json(told, lambda value: value.item()).decode()
     return data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -19,7 +19,8 @@ import numpy as np
 
 from pdcd.errors import ConfigError, disk_errors
 from pdcd.files.arrays import list_members, read_npz
-from pdcd.files.opening import ArrayLimits, UnsoundFileError, open_own, read_contents
+from pdcd.files.opening import ArrayLimits, UnsoundFileError
+from pdcd.files.reading import read_array_file
 from pdcd.panels.map import Map, to_map_matrix
 from pdcd.panels.map_soundness import MAX_NODES, check_map
 from pdcd.printable import to_one_line
@@ -89,12 +90,7 @@ def load_maps(path: Path | str) -> dict[str, Map]:
     damaged or not of this form, and for a map that cannot be used.
     """
     try:
-        descriptor = open_own(path)
-        try:
-            data = read_contents(descriptor, _FILE)
-        finally:
-            os.close(descriptor)
-        return _maps(data)
+        return _maps(read_array_file(path, _FILE))
     except UnsoundFileError as err:
         raise _unreadable(path, err.message) from err
     except ConfigError as err:

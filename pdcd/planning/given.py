@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.files.arrays import read_array
-from pdcd.files.opening import ArrayLimits, Asker, UnsoundFileError, open_beneath, read_contents
+from pdcd.files.opening import ArrayLimits, Asker, UnsoundFileError, open_beneath
+from pdcd.files.reading import read_contents
 from pdcd.protocol.fields import ARRAY_FIELDS
 from pdcd.protocol.request import CaptureRequest, SentArray, is_prior_in_words
 from pdcd.recipes.arrays import Given, convert_rows, count_most_elements

@@ -22,7 +22,6 @@ from __future__ import annotations
 import errno
 import fcntl
 import hashlib
-import json
 import os
 import re
 import shutil
@@ -31,12 +30,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.calibration import format_digest_line
 from pdcd.errors import DecodeError, DiskError, NoSpaceError, PdcdError, disk_errors
-from pdcd.files.inside import hash_open_file, open_folder, open_inner_file, path_of, read_inner_file
+from pdcd.files.inside import open_folder, open_inner_file, path_of, read_inner_file
+from pdcd.files.reading import hash_open_file
+from pdcd.files.text import encode_json
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.patterns import Patterns
 from pdcd.printable import to_one_line
@@ -156,9 +158,9 @@ class RunFolder:
 
     def log(self, event: Mapping[str, Any]) -> None:
         """Append one line to log.jsonl: `t_mono_ns`, `event` (its type) and what it says."""
-        line = json.dumps(event)
-        with disk_errors(self._shown), (self.path / LOG).open("a") as file:
-            file.write(line + "\n")
+        line = msgspec.json.format(encode_json(event), indent=0) + b"\n"
+        with disk_errors(self._shown), (self.path / LOG).open("ab") as file:
+            file.write(line)
 
     def files(self) -> tuple[str, ...]:
         """Relative paths of all files so far, sorted."""
@@ -323,12 +325,6 @@ def write_patterns(
         with made.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
         made.replace(folder / CODES)
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_through(path: Path) -> None:

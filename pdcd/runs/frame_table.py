@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import open_file
 from pdcd.panels.frames import BLACK, FrameLog, Frames, check_row_times
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, has_cell_count
 from pdcd.runs.record import ShotRecord
 
 FRAMES_FILE = "frames.csv"
+_MAX_LINE = 2**12
+"""Letters of a row that are read at a time: the longest has a few hundred."""
+_DAMAGE = (OSError, UnsoundFileError, csv.Error)
 COLUMNS = (
     "shot", "refresh", "code", "shift", "guard", "primal_index", "dual_index",
     "primal_shown", "dual_shown", "t_primal_ns", "t_dual_ns", "skew_ns", "missed", "dropped",
@@ -61,21 +69,32 @@ def read_frame_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str,
     """A whole table by column, an entry for each refresh: "shot" str, all others int64. Raises
     DecodeError for a damaged one."""
     try:
-        with path.open(newline="") as file:
-            head, *lines = csv.reader(file)
+        with _opened(path) as file:
+            head, *lines = _read_rows(file)
         entries = zip(*lines, strict=True) if lines else [()] * len(head)
         columns = dict(zip(head, entries, strict=True))
         return {
             name: np.array(columns[name], dtype=np.str_ if name == "shot" else np.int64)
             for name in wanted
         }
-    except (OSError, KeyError, ValueError, OverflowError, csv.Error) as err:
+    except (*_DAMAGE, KeyError, ValueError, OverflowError) as err:
         raise make_table_error(path, err) from err
 
 
 def make_table_error(path: Path, err: Exception) -> DecodeError:
     """The error of a damaged table."""
     return DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[TextIO]:
+    """The table, which may be anything: read line by line, and by its descriptor."""
+    with open_file(path) as descriptor, os.fdopen(os.dup(descriptor), newline="") as file:
+        yield file
+
+
+def _read_rows(file: TextIO) -> Iterator[list[str]]:
+    return csv.reader(iter(partial(file.readline, _MAX_LINE), ""))
 
 
 class FrameTable:
@@ -129,14 +148,14 @@ class FrameTable:
                 column: np.array([int(entry) for entry in columns[column]], dtype=np.int64)
                 for column in COLUMNS[1:]
             }
-        except (OSError, OverflowError, IndexError, KeyError, ValueError, csv.Error) as err:
+        except (*_DAMAGE, OverflowError, IndexError, KeyError, ValueError) as err:
             raise make_table_error(self._path, err) from err
 
     def _read_on(self) -> None:
         """Sort the lines that came since the last time by their shots."""
-        with self._path.open(newline="") as file:
+        with _opened(self._path) as file:
             file.seek(self._read_bytes)
-            lines = csv.reader(iter(file.readline, ""))
+            lines = _read_rows(file)
             if not self._heads:
                 self._heads = next(lines, [])
             place = self._heads.index("shot")

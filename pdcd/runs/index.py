@@ -15,6 +15,7 @@ from pathlib import Path
 import msgspec
 
 from pdcd.errors import RequestError
+from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.protocol.result import format_job_time
@@ -57,7 +58,7 @@ def search_runs(state: Path, query: RunQuery, walk: Walk | None = None) -> Page:
                 read += size
                 if entry is not None and is_match(entry, query):
                     found.append(entry)
-                    told += len(msgspec.json.encode(entry))
+                    told += len(encode_json(entry))
                 full = len(found) == query.newest or read > PAGE_BYTES or told > ANSWER_BYTES
                 if full and number + 1 < len(wanted):
                     more = spot.path

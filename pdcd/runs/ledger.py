@@ -16,7 +16,9 @@ from typing import Any
 import msgspec
 
 from pdcd.errors import DecodeError, disk_errors
-from pdcd.files.inside import hash_open_file, open_inner_file, read_inner_file
+from pdcd.files.inside import open_inner_file, read_inner_file
+from pdcd.files.reading import hash_open_file
+from pdcd.files.text import encode_json
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
 from pdcd.runs.patterns import CODES_FILE as CODES
@@ -127,7 +129,7 @@ class RunLedger:
         self._write(ConvergenceEntry())
 
     def _write(self, entry: LedgerEntry) -> None:
-        said = msgspec.json.encode(entry)
+        said = encode_json(entry)
         self._digest = _digest(self._digest, said)
         line = msgspec.json.encode(_Line(msgspec.Raw(said), self._digest)) + b"\n"
         with disk_errors(str(self._folder.where)):

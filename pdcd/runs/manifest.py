@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from pdcd.errors import ConfigError, DecodeError, PdcdError
+from pdcd.files.text import encode_json
 from pdcd.runs.provenance import list_versions
 from pdcd.runs.record import SCHEMA_VERSION, Manifest
 
@@ -26,7 +27,7 @@ MAX_MANIFEST_BYTES = 2**26
 
 def encode_manifest(manifest: Manifest) -> bytes:
     """The manifest as capture.json has it. Raises PdcdError when it could not be read again."""
-    data = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
+    data = msgspec.json.format(encode_json(manifest), indent=1)
     if len(data) > MAX_MANIFEST_BYTES:
         raise PdcdError(
             f"the manifest would have {len(data)} bytes, more than {MAX_MANIFEST_BYTES}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from pathlib import Path
 from typing import IO, Any
@@ -11,6 +12,9 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
+from pdcd.files.arrays import ARCHIVE_END_BYTES, check_archive_end
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import open_file
 
 CODES_FILE = "codes.npz"
 MAX_CODES_BYTES = 2**31
@@ -26,7 +30,10 @@ def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
 def read_stored_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of an .npz file of a run, which may be damaged. Raises DecodeError."""
     try:
-        with path.open("rb") as file, ZipFile(file) as archive:
+        with open_file(path) as descriptor, os.fdopen(os.dup(descriptor), "rb") as file:
+            file.seek(-min(ARCHIVE_END_BYTES, os.fstat(descriptor).st_size), os.SEEK_END)
+            check_archive_end(file.read(ARCHIVE_END_BYTES))
+            archive = ZipFile(file)
             members = archive.infolist()
             if sum(member.file_size for member in members) > MAX_CODES_BYTES:
                 raise ValueError(f"its arrays would take more than {MAX_CODES_BYTES} bytes")
@@ -39,8 +46,8 @@ def read_stored_arrays(path: Path) -> dict[str, NDArray[Any]]:
                 found[member.filename.removesuffix(".npy")] = array
             return found
     except (
-        OSError, KeyError, ValueError, EOFError, NotImplementedError, RuntimeError, MemoryError,
-        BadZipFile, zlib.error,
+        OSError, UnsoundFileError, KeyError, ValueError, EOFError, NotImplementedError,
+        RuntimeError, MemoryError, BadZipFile, zlib.error,
     ) as err:  # fmt: skip
         raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
 

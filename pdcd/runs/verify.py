@@ -20,12 +20,12 @@ from pdcd.bench.calibration import format_digest_line
 from pdcd.errors import DecodeError
 from pdcd.files.inside import (
     find_name_fault,
-    hash_open_file,
     list_folder,
     open_folder,
     open_inner_file,
     read_inner_file,
 )
+from pdcd.files.reading import hash_open_file
 from pdcd.printable import to_one_line
 from pdcd.protocol.result import quality_of
 from pdcd.runs.folder import LOG, is_made_later

@@ -26,6 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, ExposureError
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import read_file
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 PROFILE_FOLDERS = (_PACKAGE / "_config" / "sensors", _PACKAGE.parent / "config" / "sensors")
@@ -36,6 +38,8 @@ NOMINAL_RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
 a half-grey scene then fills the well of the "modern" sensor about two thirds in a default capture
 at f/8. True of the mock camera; for a real bench without a calibration only a scale."""
 
+_MAX_BYTES = 2**20
+"""Longest profile that is read."""
 _GAUSSIAN_FROM_E = 1000.0
 """Mean count from which photon noise is drawn as Gaussian: its skewness is then below 0.032."""
 _FULL_WELL_SIGMAS = 4.0
@@ -173,9 +177,9 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
     """
     path = _profile_path(name_or_path)
     try:
-        return msgspec.toml.decode(path.read_bytes(), type=SensorProfile)
-    except OSError as err:
-        raise ConfigError(f"cannot read sensor profile {path}: {err.strerror}") from err
+        return msgspec.toml.decode(read_file(path, _MAX_BYTES), type=SensorProfile)
+    except UnsoundFileError as err:
+        raise ConfigError(f"cannot read sensor profile {path}: {err.message}") from err
     except (msgspec.MsgspecError, UnicodeDecodeError) as err:
         raise ConfigError(
             f"sensor profile {path}: {err}", hint="compare with config/sensors/modern.toml"

@@ -25,6 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdcd.arrays import Floats
 from pdcd.errors import DecodeError
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import MAX_RAW_BYTES, read_file
 from pdcd.sensor.bands import run_in_bands
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
 from pdcd.sensor.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, TiffTags, read_tags
@@ -233,9 +235,9 @@ def _libraw_errors(path: Path) -> Iterator[None]:
 
 def _read_checked(path: Path, sha256: str | None, size_bytes: int | None) -> bytes:
     try:
-        data = path.read_bytes()
-    except OSError as err:
-        raise DecodeError(f"cannot read {path}: {err.strerror}") from err
+        data = read_file(path, MAX_RAW_BYTES)
+    except UnsoundFileError as err:
+        raise DecodeError(f"cannot read {path}: {err.message}", hint=err.hint) from err
     again = "fetch it from the camera again"
     if size_bytes is not None and len(data) != size_bytes:
         raise DecodeError(f"{path.name} has {len(data)} bytes, not {size_bytes}", hint=again)

@@ -19,7 +19,6 @@ from pdcd.bench.calibration import (
     MeasuredValue,
     PhotoRecord,
     StepRecord,
-    read_small_file,
 )
 from pdcd.bench.devices import CameraInfo, ShutterTiming
 from pdcd.bench.exposure_time import describe_time_conflict
@@ -39,6 +38,7 @@ from pdcd.calibration.steps import METER, explain_unused_step, start_step_script
 from pdcd.errors import CalibrationError, ConfigError, PdcdError, disk_errors
 from pdcd.files.arrays import list_members, read_npz
 from pdcd.files.opening import ArrayLimits, UnsoundFileError
+from pdcd.files.reading import read_file
 from pdcd.panels.frames import Frames
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps
@@ -300,7 +300,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
         if not path.exists():
             return {}
-        data = read_small_file(path, _MAX_ARRAYS_BYTES)
+        data = read_file(path, _MAX_ARRAYS_BYTES)
         return dict(
             read_npz(data, dict.fromkeys(list_members(data), ArrayLimits(_MAX_ARRAY_VALUES)))
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pdcd.files.reading import MAX_PICTURE_BYTES, read_file, refuse_unsound
 from pdcd.pages.report.layers import (
     MOST_PICTURES,
     AnswerTruth,
@@ -75,7 +76,6 @@ def gather_material(
     truth = None
     if known is not None:
         truth = AnswerTruth(*known.binned(decoded.side).on_quads(decoded.cells))
-    sliced = decoded.transport
     return Material(
         layers=pack_layers(decoded.pictures, decoded.view, truth, decoded.side),
         matrices=pack_matrices(decoded.recipe, {**decoded.shots, **decoded.sums}, record.normalise),
@@ -83,5 +83,10 @@ def gather_material(
         budget=make_light_budget(record, decoded.shots),
         answer=decoded.recipe.answer_name,
         kind=decoded.answer.kind,
-        slice_png=b"" if sliced is None else (folder / PICTURE).read_bytes(),
+        slice_png=b"" if decoded.transport is None else _read_picture(folder / PICTURE),
     )
+
+
+def _read_picture(path: Path) -> bytes:
+    with refuse_unsound(path):
+        return read_file(path, MAX_PICTURE_BYTES)

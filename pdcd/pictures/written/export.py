@@ -23,14 +23,14 @@ from pdcd.arrays import Singles
 from pdcd.errors import DecodeError, DiskError, RequestError, disk_errors
 from pdcd.files.images import encode_png
 from pdcd.files.inside import find_name_fault
+from pdcd.files.reading import hash_file, refuse_unsound
 from pdcd.pictures.decode import convert_record_errors
 from pdcd.pictures.upright import FieldSampler, FieldView, find_known_pixels
 from pdcd.pictures.written.looks import WHITE_PICTURE, WhiteBalance, balance_by_patch
 from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.pictures.written.previews import LEAST_PX, MOST_PREVIEW_PX
 from pdcd.printable import to_one_line
-from pdcd.runs.folder import sha256_of
-from pdcd.runs.manifest import MANIFEST
+from pdcd.runs.manifest import MANIFEST, MAX_MANIFEST_BYTES
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import read_whole_manifest
 from pdcd.sensor.cells import CellMap
@@ -96,7 +96,8 @@ def export_run_pictures(
     manifest = read_whole_manifest(folder, alive=alive)
     if "/" in manifest.job or find_name_fault(manifest.job) is not None:
         raise DecodeError(f"{folder}: its job cannot be part of a file's name")
-    digest = sha256_of(folder / MANIFEST)
+    with refuse_unsound(folder):
+        digest = hash_file(folder / MANIFEST, MAX_MANIFEST_BYTES)
     with convert_record_errors(folder):
         images = _images(folder, manifest, alive)
         chosen = _chosen(images, asked.pictures)

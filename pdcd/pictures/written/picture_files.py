@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pdcd.arrays import Bytes
 from pdcd.errors import ConfigError, DecodeError, disk_errors
 from pdcd.files.images import encode_png, make_tiff_ends
+from pdcd.files.reading import MAX_PICTURE_BYTES, read_file, refuse_unsound
 
 HEIGHT_PX = 48
 PAPER, _INK, _FAINT = 24, 225, 150
@@ -60,10 +61,9 @@ def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
 def read_tiff(path: Path) -> NDArray[np.float32]:
     """Read what `write_tiff` wrote, as (h, w, 3) float32 RGB. Raises `DecodeError`."""
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        with refuse_unsound(path):
+            data = np.frombuffer(read_file(path, MAX_PICTURE_BYTES), dtype=np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    except OSError as err:
-        raise DecodeError(f"cannot read {path}: {err.strerror}") from err
     except cv2.error as err:  # an empty file, or a size beyond OpenCV's limits
         raise DecodeError(f"cannot decode {path.name}: {err.err}") from err
     if image is None or image.dtype != np.float32 or image.ndim != 3 or image.shape[2] != 3:

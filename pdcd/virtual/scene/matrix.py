@@ -13,7 +13,6 @@ Codes have the camera's cells, so a scene is a matrix over these alone: see `ove
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +21,8 @@ import scipy
 
 from pdcd.errors import ConfigError
 from pdcd.files.arrays import ZIP_MAGIC, list_members, read_npz
-from pdcd.files.opening import ArrayLimits, UnsoundFileError, open_own, read_contents
+from pdcd.files.opening import ArrayLimits, UnsoundFileError
+from pdcd.files.reading import read_array_file
 from pdcd.virtual.scene.effects import (
     COLOUR_NAMES,
     Array,
@@ -71,13 +71,7 @@ def load_matrix(path: Path) -> _Stored:
     """
     limits = ArrayLimits(MOST_SCENE_ELEMENTS)
     try:
-        descriptor = open_own(path)
-        try:
-            data = read_contents(
-                descriptor, ArrayLimits(MOST_SCENE_ELEMENTS + MOST_TEXTURE_ELEMENTS)
-            )
-        finally:
-            os.close(descriptor)
+        data = read_array_file(path, ArrayLimits(MOST_SCENE_ELEMENTS + MOST_TEXTURE_ELEMENTS))
         stored = _read(data, limits)
         return _Stored(stored.transport, stored.grid, stored.projector_grid, _texture(data))
     except UnsoundFileError as err:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import RigConfig, ServerConfig
 from pdcd.client import Client
 from pdcd.errors import BusyError, PdcdError, RequestError
-from pdcd.files import opening
+from pdcd.files import reading
 from pdcd.files.arrays import read_array
 from pdcd.files.opening import Sendable
 from pdcd.protocol.request import CaptureRequest, SentArray
@@ -144,7 +144,7 @@ def test_a_descriptor_is_read_though_its_sender_closes_it(
     """The server may close its own in the middle of a read; the number may be another file then."""
     np.save(tmp_path / "light.npy", LIGHT)
     descriptor = descriptor_of(tmp_path / "light.npy")
-    whole = opening.read_contents
+    whole = reading.read_contents
 
     def closing(mine: int, limits: Any) -> bytes:
         os.close(descriptor)

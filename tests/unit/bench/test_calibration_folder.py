@@ -64,7 +64,7 @@ def test_a_record_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(calibration, "MAX_RECORD_BYTES", size)
     assert read_calibration(folder)[0] == record()
     monkeypatch.setattr(calibration, "MAX_RECORD_BYTES", size - 1)
-    with pytest.raises(ConfigError, match=f"is longer than {size - 1} bytes"):
+    with pytest.raises(ConfigError, match=f"more than the {size - 1} allowed"):
         read_calibration(folder)
 
 

@@ -16,7 +16,7 @@ import pytest
 from pdcd.errors import RequestError
 from pdcd.files import arrays as npy
 from pdcd.files import arrays as png
-from pdcd.files import opening
+from pdcd.files import reading
 from pdcd.files.arrays import list_members, read_array, read_npy, read_npz
 from pdcd.files.opening import (
     ArrayLimits,
@@ -25,8 +25,8 @@ from pdcd.files.opening import (
     kind_of,
     open_own,
     open_parcels,
-    read_contents,
 )
+from pdcd.files.reading import read_contents
 from tests.hostile import files
 
 LIMITS = ArrayLimits(1000)
@@ -287,7 +287,7 @@ def test_a_decoder_that_gives_up_is_damage(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_file_is_as_large_as_its_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opening, "READ_CHUNK_BYTES", 400_000)
+    monkeypatch.setattr(reading, "READ_CHUNK_BYTES", 400_000)
     limits, signs = ArrayLimits(2), 0
 
     def alive() -> None:
@@ -303,7 +303,7 @@ def test_a_file_is_as_large_as_its_limit(tmp_path: Path, monkeypatch: pytest.Mon
                 found = read_contents(descriptor, ArrayLimits(2, alive))
                 assert found == (tmp_path / "a").read_bytes() and signs == -(-size // 400_000)
             else:
-                words = f"it has {most + 1} bytes; at most {most}" if size else "it is empty"
+                words = f"it has {most + 1} bytes, more than the {most}" if size else "it is empty"
                 with pytest.raises(UnsoundFileError, match=words):
                     read_contents(descriptor, limits)
         finally:

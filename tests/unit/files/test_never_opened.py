@@ -23,8 +23,8 @@ from pdcd.files.opening import (
     open_beneath,
     open_own,
     open_parcels,
-    read_contents,
 )
+from pdcd.files.reading import read_contents
 
 SELF = Asker(os.getuid(), frozenset(os.getgroups()))
 NOBODY = Asker(65534, frozenset({65534}))

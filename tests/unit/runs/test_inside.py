@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DecodeError, PdcdError
-from pdcd.files import inside
+from pdcd.files import inside, reading
 from pdcd.files.inside import (
     find_name_fault,
-    hash_open_file,
     list_folder,
     open_folder,
     open_inner_file,
     path_of,
     read_inner_file,
 )
+from pdcd.files.reading import hash_open_file
 from pdcd.protocol import events
 from pdcd.runs import manifest, provenance
 
@@ -109,7 +109,7 @@ def test_contents_are_read_up_to_a_length(tmp_path: Path) -> None:
 def test_a_digest_is_of_what_follows_and_gives_signs_of_life(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(inside, "HASH_CHUNK_BYTES", 4)
+    monkeypatch.setattr(reading, "HASH_CHUNK_BYTES", 4)
     (tmp_path / "a").write_bytes(b"0123456789")
     signs: list[int] = []
     with open_folder(tmp_path) as folder, open_inner_file(folder, "a") as descriptor:

@@ -1,0 +1,143 @@
+"""Files that somebody else named, read and hashed: in pieces, up to a limit, and not without end.
+
+`alive` is called for each piece and may raise: a deadline or a cancel ends any of these by it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pdcd.errors import DecodeError
+from pdcd.files.opening import (
+    READ_CHUNK_BYTES,
+    ArrayLimits,
+    UnsoundFileError,
+    check_regular,
+    make_file_error,
+    open_own,
+)
+from pdcd.printable import to_one_line
+
+HASH_CHUNK_BYTES = 2**22
+"""Bytes hashed between two signs of life."""
+MAX_RAW_BYTES = 2**29
+"""Largest RAW file that is read: 150 megapixels, uncompressed, take 300 MB."""
+MAX_PICTURE_BYTES = 2**31
+"""Largest picture or array file of a run."""
+
+Alive = Callable[[], object]
+
+
+def _go_on() -> None:
+    """Nobody is told, and nothing ends the work."""
+
+
+@contextmanager
+def open_file(path: Path | str) -> Iterator[int]:
+    """Descriptor of a regular file, with this process' own rights, while the context lasts.
+
+    For who must seek in it; `read_file` reads all of it. Raises Unsound.
+    """
+    descriptor = open_own(path)
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes:
+    """All of a regular file that somebody else named. Raises Unsound, also for a longer one."""
+    with open_file(path) as descriptor:
+        return read_descriptor(descriptor, most_bytes, alive)
+
+
+def read_descriptor(
+    descriptor: int,
+    most_bytes: int,
+    alive: Alive = _go_on,
+    hint: str = "see whether it is the right file",
+) -> bytes:
+    """The same of an open file, wherever its offset stands.
+
+    The size is looked at before anything is read. What the file grows by meanwhile is left out.
+    """
+    try:
+        found = os.fstat(descriptor)
+        check_regular(found)
+        size = found.st_size
+        if size > most_bytes:
+            words = f"it has {size} bytes, more than the {most_bytes} allowed"
+            raise UnsoundFileError(words, hint)
+        data = bytearray()
+        while len(data) < size:
+            alive()
+            piece = os.pread(descriptor, min(READ_CHUNK_BYTES, size - len(data)), len(data))
+            if not piece:
+                raise UnsoundFileError(
+                    "it became shorter while it was read", "let nobody write to it"
+                )
+            data += piece
+    except OSError as err:
+        raise make_file_error(err) from err
+    return bytes(data)
+
+
+def read_contents(descriptor: int, limits: ArrayLimits) -> bytes:
+    """The same of a file of an array; an empty one is none. Raises Unsound."""
+    hint = "give one value for each cell, or one for each pair of them in a matrix"
+    data = read_descriptor(descriptor, limits.file_bytes, limits.alive, hint)
+    if not data:
+        raise UnsoundFileError("it is empty")
+    return data
+
+
+def read_array_file(path: Path | str, limits: ArrayLimits) -> bytes:
+    """The same by its name."""
+    with open_file(path) as descriptor:
+        return read_contents(descriptor, limits)
+
+
+def hash_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> str:
+    """SHA-256 of a regular file, hexadecimal. Raises Unsound, also for a longer one."""
+    with open_file(path) as descriptor:
+        try:
+            size = os.fstat(descriptor).st_size
+            if size > most_bytes:
+                raise UnsoundFileError(f"it has {size} bytes, more than the {most_bytes} allowed")
+            return hash_open_file(descriptor, alive, most_bytes)[0]
+        except OSError as err:
+            raise make_file_error(err) from err
+
+
+def hash_open_file(
+    descriptor: int, alive: Alive = _go_on, most_bytes: int | None = None
+) -> tuple[str, int]:
+    """SHA-256, hexadecimal, and bytes of an open file, from where it stands. Raises OSError.
+
+    most_bytes : no more than these are read, however much there is; None: all of it.
+    """
+    digest, size = hashlib.sha256(), 0
+    while chunk := os.read(descriptor, _next_bytes(most_bytes, size)):
+        digest.update(chunk)
+        size += len(chunk)
+        alive()
+    return digest.hexdigest(), size
+
+
+def _next_bytes(most_bytes: int | None, done: int) -> int:
+    return HASH_CHUNK_BYTES if most_bytes is None else min(HASH_CHUNK_BYTES, most_bytes - done)
+
+
+@contextmanager
+def refuse_unsound(path: Path | str) -> Iterator[None]:
+    """Turn Unsound into the error of a file of a run, which names it. Raises DecodeError."""
+    try:
+        yield
+    except UnsoundFileError as err:
+        raise DecodeError(
+            f"cannot read {to_one_line(str(path))}: {err.message}", hint=err.hint
+        ) from err
