@@ -3,23 +3,26 @@
 Tethering software writes them there, or a card is mounted. The folder is looked at from time to
 time, by the injected clock; no notification service is needed, and network shares work.
 
-A file is taken when it is the only RAW file under a name that was not there at `arm`, its size and
-date have not changed for some looks, its directories speak of no data behind its end, LibRaw
-decodes it, and it says the ISO and aperture that were asked for. So software that writes each photo
-over the last one does not do. What cannot be seen: whether the file is that of *this* exposure. One
-of an earlier exposure that arrives late, alone, is taken for it.
+A file is taken when it is the only RAW file under a name that was not there at `arm`, size, dates
+and content are the same for some looks, its directories speak of no data behind its end, no strip
+of it is all zeros, as it is where a program makes a file of full length first and fills it later,
+LibRaw decodes it, and it says the ISO and aperture that were asked for. Until then it is waited
+for; at the end of the run it is looked at once more. So software that writes each photo over the
+last one does not do. What cannot be seen: whether the file is that of *this* exposure. One of an
+earlier exposure that arrives late, alone, is taken for it.
+
+Whoever may write into the folder is not believed: no link is followed, nothing but regular files is
+opened, and no file is read that is larger than a photo can be (`WatchedFolder`).
 """
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import hashlib
-import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -35,20 +38,30 @@ from pdcd.driver import (
     DeviceLost,
     DriverContext,
     ExposureError,
-    NoSpaceError,
     RawFile,
+    WatchedFile,
+    WatchedFolder,
+    disk_errors,
+    find_gap,
     load_profile,
     read_options,
     read_raw,
-    read_tags,
     responsivity_e,
+    to_one_line,
 )
 
 _DATE_SLACK_S = 2.0
 """FAT stores dates to two seconds."""
 _F_NUMBER_SLACK = 0.06
 """Nominal and true f-numbers differ by rounding: 5.6 is 5.66, 3.5 is 3.56."""
-_BLOCK_BYTES = 1 << 20
+_GRACE_S = 0.9
+"""How long after the time-out a file may still be read that was whole by then."""
+_NOT_YET = "is the transfer still going on? raise camera.fetch_timeout_s"
+_MOST_NAMED = 6
+"""Names that an error tells."""
+_MOST_BYTES, _BESIDE_BYTES, _QUAD_BYTES = 2**28, 2**26, 16
+"""Largest file of a camera of which nothing is known, and what a photo of known size may take:
+that beside its samples, and twice what its quads take in 16 bits."""
 
 
 class FolderOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -62,15 +75,30 @@ class FolderOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """Whether the file stays in the folder as well."""
     poll_s: Annotated[float, Meta(ge=0.01, le=10.0)] = 0.2
     looks: Annotated[int, Meta(ge=2, le=100)] = 4
-    """How many looks in a row must find the same size and date."""
+    """How many looks in a row must find the same size and dates."""
     check_date: bool = True
     """Refuse a file whose date lies before the exposure. Only a camera with a wrong clock, on a
     card that is mounted, needs it off."""
 
 
-class _Seen(NamedTuple):
-    size_bytes: int
-    date_ns: int
+@dataclass
+class _Arrival:
+    """What came since the camera was armed, look by look.
+
+    same : looks that found the same. sha256 : of the only new file one look before it is taken.
+    refused : of content that was looked at and is no photo, for the reason `fault`.
+    """
+
+    before: dict[str, WatchedFile] = field(default_factory=dict)
+    same: int = 0
+    sha256: str = ""
+    refused: str = ""
+    fault: DecodeError | None = None
+
+    def see(self, photos: dict[str, WatchedFile]) -> None:
+        """Count one more look."""
+        self.same = self.same + 1 if photos == self.before else 1
+        self.before = photos
 
 
 class FolderReadout:
@@ -89,12 +117,15 @@ class FolderReadout:
         self._config = config
         self._clock = clock
         self._alive = alive
-        self._folder = Path(options.folder).expanduser()
+        self._folder = WatchedFolder(Path(options.folder).expanduser())
         profile = load_profile(config.profile)
         self._isos, self._frame_quads = profile.isos, profile.frame_quads
         self._settings: CameraSettings | None = None
-        self._known: dict[Path, _Seen] = {}
+        self._known: dict[str, WatchedFile] = {}
         self._armed_ns = 0
+        self._until_ns: int | None = None
+        self._taken: dict[str, str] = {}
+        self._changed: dict[str, str] = {}
 
     @classmethod
     def create(cls, context: DriverContext) -> FolderReadout:
@@ -113,7 +144,7 @@ class FolderReadout:
         """See that the folder can be read. Raises DeviceLost."""
         self._look()
         return CameraInfo(
-            model=f"files in {self._folder}",
+            model=f"files in {self._folder.path}",
             serial="",
             profile=self._config.profile,
             responsivity_e=responsivity_e(self._config),
@@ -133,6 +164,8 @@ class FolderReadout:
                 device="camera",
                 hint=f"take one of {', '.join(map(str, self._isos))}",
             )
+        if self._options.take == "move":
+            self._settle(self._taken)
         self._known = self._look()
         self._armed_ns = time.time_ns()
         self._settings = settings
@@ -147,132 +180,225 @@ class FolderReadout:
         settings, self._settings = self._settings, None
         if settings is None:
             raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
-        source, seen = self._wait(timeout_s)
-        path = folder / f"{name}{source.suffix.lower()}"
-        raw = self._copy(source, seen, path)
         try:
-            self._check(source, raw, settings)
-            if self._options.take == "move":
-                source.unlink()
-        except OSError as err:
-            path.unlink()
-            raise DeviceLost(
-                f"cannot remove {source}: {err.strerror}", device="camera", hint="take = 'copy'?"
-            ) from err
-        except BaseException:
-            path.unlink()
-            raise
+            source, raw = self._wait(folder, name, timeout_s, settings)
+        finally:
+            self._until_ns = None
+        self._taken[raw.sha256] = source
         return raw
+
+    def recheck(self, photos: Collection[str]) -> None:
+        """Look once more at the files that photos of those SHA-256 were taken from.
+
+        Raises ExposureError for one that holds something else by now. With `take = "move"` the
+        others are removed; DeviceLost where one cannot be.
+        """
+        self._settle({sha256: name for sha256, name in self._taken.items() if sha256 in photos})
+        changed = [name for sha256, name in self._changed.items() if sha256 in photos]
+        self._taken, self._changed = {}, {}
+        if changed:
+            raise ExposureError(
+                f"changed after it was taken: {_list(changed)}",
+                device="camera",
+                hint="have the files written elsewhere and moved here once they are whole",
+            )
 
     def disconnect(self) -> None:
         """Forget the settings."""
         self._settings = None
 
-    def _look(self) -> dict[Path, _Seen]:
-        """All RAW files by name; hidden ones are somebody's unfinished business."""
-        found: dict[Path, _Seen] = {}
+    def _settle(self, photos: dict[str, str]) -> None:
+        """Note which files hold something else than was taken, and remove the others if asked."""
+        for sha256, name in list(photos.items()):
+            self._taken.pop(sha256, None)
+            try:
+                now = self._folder.hash(name, self._most_bytes, self._go_on)
+                if now != sha256:
+                    self._changed[sha256] = name
+                elif self._options.take == "move":
+                    self._folder.remove(name)
+            except FileNotFoundError:  # somebody tidied up
+                continue
+            except DecodeError:
+                self._changed[sha256] = name
+            except OSError as err:
+                raise DeviceLost(
+                    f"cannot remove or read {to_one_line(name)}: {err.strerror}",
+                    device="camera",
+                    hint="may the daemon write there? take = 'copy' leaves files where they are",
+                ) from err
+
+    @property
+    def _most_bytes(self) -> int:
+        if self._frame_quads is None:
+            return _MOST_BYTES
+        return _BESIDE_BYTES + _QUAD_BYTES * self._frame_quads[0] * self._frame_quads[1]
+
+    def _go_on(self) -> None:
+        """Show that it lives, and end what takes longer than may be waited."""
+        self._alive()
+        if self._until_ns is not None:
+            late_s = (self._clock.now_ns() - self._until_ns) * 1e-9
+            if late_s > _GRACE_S:
+                raise ExposureError(
+                    f"{self._folder.path} cannot be read in time",
+                    device="camera",
+                    hint="is the network slow? raise camera.fetch_timeout_s",
+                )
+
+    def _look(self) -> dict[str, WatchedFile]:
+        """All that is there by name."""
         try:
-            os.scandir(self._folder).close()  # rglob passes over a folder that is not there
-            for path in self._folder.rglob("*"):
-                if path.suffix.lower() in self._options.suffixes and path.name[0] != ".":
-                    with contextlib.suppress(FileNotFoundError):  # renamed in between
-                        status = path.stat()
-                        found[path] = _Seen(status.st_size, status.st_mtime_ns)
+            return self._folder.look(self._go_on)
         except OSError as err:
             raise DeviceLost(
-                f"cannot read the folder {self._folder}: {err.strerror}",
+                f"cannot read the folder {self._folder.path}: {err.strerror}",
                 device="camera",
                 hint="is it mounted, and may the daemon read it?",
             ) from err
-        return found
 
-    def _wait(self, timeout_s: float) -> tuple[Path, _Seen]:
-        """The one new file, once it is whole."""
-        until_ns = self._clock.now_ns() + round(timeout_s * 1e9)
-        before: dict[Path, _Seen] = {}
-        same = 0
+    def _wait(
+        self, folder: Path, name: str, timeout_s: float, settings: CameraSettings
+    ) -> tuple[str, RawFile]:
+        """The one new file, and what was made of it, once it is whole."""
+        until_ns, arrival = self._clock.now_ns() + round(timeout_s * 1e9), _Arrival()
+        self._until_ns = until_ns
         while True:
             self._alive()
-            new = {p: seen for p, seen in self._look().items() if p not in self._known}
-            same = same + 1 if new == before else 1
-            before = new
-            if same >= self._options.looks and new and all(map(_whole, new)):
-                self._refuse_old_or_many(new)
-                return next(iter(new.items()))
+            there = self._look()
+            new = {n: seen for n, seen in there.items() if n not in self._known and self._is_raw(n)}
+            photos = {name: seen for name, seen in new.items() if seen.kind == "file"}
+            arrival.see(photos)
+            if photos and arrival.same >= self._options.looks:
+                self._refuse_old_or_many(photos)
+                (source,) = photos
+                raw = self._take(source, arrival, folder, name, settings)
+                if raw is not None:
+                    return source, raw
+                arrival.same = 0
+            elif len(photos) == 1 and arrival.same == self._options.looks - 1:
+                arrival.sha256 = self._hash(*photos)
             now_ns = self._clock.now_ns()
             if now_ns >= until_ns:
-                raise self._nothing(new, timeout_s)
+                raise self._nothing(photos, arrival.fault, there, timeout_s)
             poll_ns = round(self._options.poll_s * 1e9)
             self._clock.sleep_until_ns(min(now_ns + poll_ns, until_ns))
 
-    def _refuse_old_or_many(self, new: dict[Path, _Seen]) -> None:
+    def _hash(self, source: str) -> str:
+        """SHA-256 of what is in a file now; "" where it cannot be read."""
+        try:
+            return self._folder.hash(source, self._most_bytes, self._go_on)
+        except (OSError, DecodeError):
+            return ""
+
+    def _take(
+        self, source: str, arrival: _Arrival, folder: Path, name: str, settings: CameraSettings
+    ) -> RawFile | None:
+        """The photo in a file that did not change for some looks; None where it is none yet."""
+        shown = to_one_line(source)
+        try:
+            data = self._folder.read(source, self._most_bytes, self._go_on)
+        except DecodeError as err:
+            arrival.fault = err
+            return None
+        except OSError as err:
+            hint = "may the daemon read the file?"
+            arrival.fault = DecodeError(f"cannot read {shown}: {err.strerror}", hint=hint)
+            return None
+        sha256, size_bytes = hashlib.sha256(data).hexdigest(), len(data)
+        if sha256 == arrival.refused:
+            return None
+        why = find_gap(data) if sha256 == arrival.sha256 else "it changed between two looks"
+        if why:
+            arrival.fault = DecodeError(f"{shown}: {why}", hint=_NOT_YET)
+            return None
+        path = folder / f"{name}{Path(source).suffix.lower()}"
+        with disk_errors("camera"), path.open("xb") as copy:
+            try:
+                copy.write(data)
+            except BaseException:
+                path.unlink()
+                raise
+        del data  # of a large photo, which is decoded now
+        raw = RawFile(path, size_bytes, sha256)
+        try:
+            self._check(shown, raw, settings)
+        except DecodeError as err:
+            path.unlink()
+            arrival.refused, arrival.fault = sha256, err
+            return None
+        except BaseException:
+            path.unlink()
+            raise
+        return raw
+
+    def _is_raw(self, name: str) -> bool:
+        return Path(name).suffix.lower() in self._options.suffixes
+
+    def _refuse_old_or_many(self, new: dict[str, WatchedFile]) -> None:
         if len(new) > 1:
             raise ExposureError(
                 f"{len(new)} RAW files came for one exposure: {_names(new)}",
                 device="camera",
                 hint="has somebody else released the shutter? take single shots",
             )
-        ((path, seen),) = new.items()
+        ((name, seen),) = new.items()
         late_s = (self._armed_ns - seen.date_ns) * 1e-9
         if self._options.check_date and late_s > _DATE_SLACK_S:
             raise ExposureError(
-                f"{path.name} is new but dated {late_s:.0f} s before the exposure",
+                f"{to_one_line(name)} is new but dated {late_s:.0f} s before the exposure",
                 device="camera",
                 hint="set the camera's clock, or check_date = false",
             )
 
-    def _nothing(self, new: dict[Path, _Seen], timeout_s: float) -> ExposureError:
+    def _nothing(
+        self,
+        new: dict[str, WatchedFile],
+        fault: DecodeError | None,
+        there: dict[str, WatchedFile],
+        timeout_s: float,
+    ) -> Exception:
+        """Why no photo was taken, with what was passed over."""
+        if new and fault is not None and fault.hint != _NOT_YET:
+            return fault
         if new:
+            why = "" if fault is None else f": {fault.message}"
             return ExposureError(
-                f"not whole after {timeout_s:g} s: {_names(new)}",
+                f"not whole after {timeout_s:g} s: {_names(new)}{why}",
                 device="camera",
-                hint="is the transfer still going on? raise camera.fetch_timeout_s",
+                hint=_NOT_YET,
             )
+        passed = _list(self._passed_over(there))
         return ExposureError(
-            f"no RAW file came into {self._folder} within {timeout_s:g} s",
+            f"no RAW file came into {self._folder.path} within {timeout_s:g} s"
+            + (f"; passed over: {passed}" if passed else ""),
             device="camera",
             hint="is the camera set to RAW, and does the tethering software save here?",
         )
 
-    def _copy(self, source: Path, seen: _Seen, path: Path) -> RawFile:
-        """Copy and hash in one go; what is left of a failed copy is removed."""
-        digest, size_bytes = hashlib.sha256(), 0
-        made = False
-        try:
-            try:
-                with source.open("rb") as file, path.open("xb") as copy:
-                    made = True
-                    while block := file.read(_BLOCK_BYTES):
-                        self._alive()
-                        digest.update(block)
-                        size_bytes += copy.write(block)
-            except BaseException:  # a signal, say
-                if made:
-                    path.unlink()
-                raise
-        except OSError as err:
-            if err.errno in (errno.ENOSPC, errno.EDQUOT):
-                raise NoSpaceError(
-                    f"no space left for {path.name}", device="camera", hint="free some space"
-                ) from err
-            raise DecodeError(
-                f"cannot copy {source} to {path}: {err.strerror}",
-                device="camera",
-                hint="may the daemon read the file?",
-            ) from err
-        if size_bytes != seen.size_bytes:
-            path.unlink()
-            raise ExposureError(
-                f"{source.name} changed while it was copied", device="camera", hint="raise looks"
-            )
-        return RawFile(path, size_bytes, digest.hexdigest())
+    def _passed_over(self, there: dict[str, WatchedFile]) -> list[str]:
+        """What came and is no photo, each with the reason."""
+        found = []
+        for name, seen in there.items():
+            known = self._known.get(name)
+            if known == seen or (known is not None and seen.kind == "folder"):
+                continue
+            shown = to_one_line(name)
+            if seen.kind != "file" and self._is_raw(name):
+                found.append(f"{shown} (a {seen.kind})")
+            elif seen.kind == "file" and not self._is_raw(name):
+                found.append(f"{shown} (no RAW by its name)")
+            elif seen.kind == "file":
+                found.append(f"{shown} (its name was there before)")
+        return found
 
-    def _check(self, source: Path, raw: RawFile, settings: CameraSettings) -> None:
-        """Decode it and compare it with what was asked for."""
+    def _check(self, shown: str, raw: RawFile, settings: CameraSettings) -> None:
+        """Decode a photo and compare it with what was asked for. Raises DecodeError and
+        ExposureError."""
         frame = read_raw(raw.path, sha256=raw.sha256, size_bytes=raw.size_bytes)
         if frame.iso and frame.iso != settings.iso:
             raise ExposureError(
-                f"{source.name} was taken at ISO {frame.iso}, not {settings.iso}",
+                f"{shown} was taken at ISO {frame.iso}, not {settings.iso}",
                 device="camera",
                 hint="set the camera's ISO, or camera.iso",
             )
@@ -280,21 +406,18 @@ class FolderReadout:
         if frame.f_number and asked != "auto":
             if abs(frame.f_number / asked - 1.0) > _F_NUMBER_SLACK:
                 raise ExposureError(
-                    f"{source.name} was taken at f/{frame.f_number:g}, not f/{asked:g}",
+                    f"{shown} was taken at f/{frame.f_number:g}, not f/{asked:g}",
                     device="camera",
                     hint="set the lens, or camera.f_number",
                 )
 
 
-def _whole(path: Path) -> bool:
-    """Whether all that the file's directories speak of is there."""
-    try:
-        data = path.read_bytes()
-    except OSError:
-        return True  # let the copy say what is wrong
-    tags = read_tags(data)
-    return bool(data) and (tags is None or tags.needs_bytes <= len(data))
+def _list(names: Collection[str]) -> str:
+    """Some names for people."""
+    shown = [to_one_line(name) for name in list(names)[:_MOST_NAMED]]
+    more = [f"and {len(names) - _MOST_NAMED} more"] if len(names) > _MOST_NAMED else []
+    return ", ".join([*shown, *more])
 
 
-def _names(files: dict[Path, _Seen]) -> str:
-    return ", ".join(f"{path.name} ({seen.size_bytes} bytes)" for path, seen in files.items())
+def _names(files: dict[str, WatchedFile]) -> str:
+    return _list([f"{name} ({seen.size_bytes} bytes)" for name, seen in files.items()])

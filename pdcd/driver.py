@@ -39,6 +39,9 @@ Tools for cameras
     `write_dng`          samples -> a RAW file
     `read_raw`           a RAW file -> samples; `RAW_SUFFIXES` says how such files are called
     `read_tags`          the tags of a RAW file, and whether it is whole
+    `find_gap`           what of a RAW file is still to come
+    `WatchedFolder`      a folder that others write into: listed, read and hashed with care
+    `to_one_line`        text from outside, fit to show
     `load_profile`       the sensor profile that [camera] names
     `responsivity_e`     what `CameraInfo` says of the answer to light
 
@@ -79,6 +82,7 @@ if TYPE_CHECKING:
         Preview,
         RawFile,
         Readout,
+        RecheckingReadout,
         Shutter,
         TimedShutter,
         fault,
@@ -99,11 +103,14 @@ if TYPE_CHECKING:
         SyncError,
         disk_errors,
     )
+    from pdcd.files.watched import WatchedFile, WatchedFolder
     from pdcd.panels.balance import play_all, streams
     from pdcd.panels.draw import check_fit, draw, draw_planes
     from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames, check_row_times
     from pdcd.panels.patterns import check_binary
+    from pdcd.printable import to_one_line
     from pdcd.sensor.dng import write_dng
+    from pdcd.sensor.filled import find_gap
     from pdcd.sensor.profile import load_profile, responsivity_e
     from pdcd.sensor.raw import RAW_SUFFIXES, read_raw
     from pdcd.sensor.tiff import read_tags
@@ -137,10 +144,13 @@ __all__ = [
     "RawFile",
     "Readout",
     "RealClock",
+    "RecheckingReadout",
     "Shutter",
     "SyncError",
     "TimedShutter",
     "TriggerConfig",
+    "WatchedFile",
+    "WatchedFolder",
     "check_binary",
     "check_fit",
     "check_row_times",
@@ -148,6 +158,7 @@ __all__ = [
     "draw",
     "draw_planes",
     "fault",
+    "find_gap",
     "load_profile",
     "panels_of",
     "play_all",
@@ -156,6 +167,7 @@ __all__ = [
     "read_tags",
     "responsivity_e",
     "streams",
+    "to_one_line",
     "write_dng",
 ]
 
@@ -172,6 +184,7 @@ _ROOMS = {
         "Preview",
         "RawFile",
         "Readout",
+        "RecheckingReadout",
         "Shutter",
         "TimedShutter",
         "Finding",
@@ -193,11 +206,14 @@ _ROOMS = {
         "SyncError",
         "disk_errors",
     ),
+    "pdcd.files.watched": ("WatchedFile", "WatchedFolder"),
+    "pdcd.printable": ("to_one_line",),
     "pdcd.panels.balance": ("play_all", "streams"),
     "pdcd.panels.patterns": ("check_binary",),
     "pdcd.panels.draw": ("check_fit", "draw", "draw_planes"),
     "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames", "check_row_times"),
     "pdcd.sensor.dng": ("write_dng",),
+    "pdcd.sensor.filled": ("find_gap",),
     "pdcd.sensor.profile": ("load_profile", "responsivity_e"),
     "pdcd.sensor.raw": ("RAW_SUFFIXES", "read_raw"),
     "pdcd.sensor.tiff": ("read_tags",),

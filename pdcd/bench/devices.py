@@ -15,7 +15,7 @@ Protocol of its own (`TimedShutter`, `Preview`) is asked for only where a driver
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -257,6 +257,19 @@ class Readout(Protocol):
 
     def disconnect(self) -> None:
         """Release the camera. Idempotent."""
+        ...
+
+
+@runtime_checkable
+class RecheckingReadout(Readout, Protocol):
+    """A readout that finds its photos in files which something else writes. None need be."""
+
+    def recheck(self, photos: Collection[str]) -> None:
+        """Look once more at where photos came from, given by their SHA-256, before a run is whole.
+
+        Those of other runs are forgotten. Raises ExposureError where one holds something else by
+        now than was fetched.
+        """
         ...
 
 

@@ -153,6 +153,7 @@ class CalibrationRun:
     def _step(self, name: str, number: int, count: int, note: str) -> None:
         """Run one step to its end, and keep what it found; the metering before all of them is told
         of as step 1."""
+        self.rig.begin_photos()
         begun = events.StepBegun(step=name, number=max(number, 1), steps=count, note=note)
         self._notify(begun)
         wanted = self.worker.do(self._watch(), Worker.step, name, format_utc_now())
@@ -164,6 +165,7 @@ class CalibrationRun:
                 photo = self._photo(wanted)
                 wanted = self.worker.do(self._watch(), Worker.photo, photo)
         step = wanted.step
+        self.rig.recheck_photos()
         if self.keeper is not None:
             self.keeper.keep(wanted)
         self._notify(

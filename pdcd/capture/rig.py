@@ -23,6 +23,7 @@ from pdcd.bench.devices import (
     PhotoFrame,
     RawFile,
     Readout,
+    RecheckingReadout,
     Shutter,
     ShutterTiming,
 )
@@ -118,6 +119,7 @@ class Rig:
         self.camera_info: CameraInfo | None = None
         self._arming_ns = 0
         self._readouts_ns: deque[int] = deque(maxlen=_LAST_PHOTOS)
+        self._photos: set[str] = set()
 
     @property
     def camera(self) -> CameraInfo | None:
@@ -403,11 +405,23 @@ class Rig:
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         self._fetched(folder, name)
 
+    def begin_photos(self) -> None:
+        """The photos from here on are those of one job."""
+        self._photos = set()
+
+    def recheck_photos(self) -> None:
+        """See that the photos since `begin_photos` still are what they were fetched as, where their
+        files lie in others' hands. Raises ExposureError, DeviceLost."""
+        photos, self._photos = self._photos, set()
+        if isinstance(self.readout, RecheckingReadout):
+            self.readout.recheck(photos)
+
     def _fetched(self, folder: Path, name: str) -> RawFile:
         closed_ns = self.clock.now_ns()
         with disk_errors("camera"):
             photo = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
         raw = self.stored(photo, folder, name)
+        self._photos.add(raw.sha256)
         self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
         return raw
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,6 +30,7 @@ MAX_RAW_BYTES = 2**29
 MAX_PICTURE_BYTES = 2**31
 """Largest picture or array file of a run."""
 
+_RIGHT_FILE = "see whether it is the right file"
 Alive = Callable[[], object]
 
 
@@ -56,10 +58,7 @@ def read_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> bytes
 
 
 def read_descriptor(
-    descriptor: int,
-    most_bytes: int,
-    alive: Alive = _go_on,
-    hint: str = "see whether it is the right file",
+    descriptor: int, most_bytes: int, alive: Alive = _go_on, hint: str = _RIGHT_FILE
 ) -> bytes:
     """The same of an open file, wherever its offset stands.
 
@@ -69,21 +68,24 @@ def read_descriptor(
         found = os.fstat(descriptor)
         check_regular(found)
         size = found.st_size
-        if size > most_bytes:
-            words = f"it has {size} bytes, more than the {most_bytes} allowed"
-            raise UnsoundFileError(words, hint)
-        data = bytearray()
-        while len(data) < size:
+        _check_size(size, most_bytes, hint)
+        data = io.BytesIO()  # which gives its memory away, where a bytearray is copied
+        while (done := data.tell()) < size:
             alive()
-            piece = os.pread(descriptor, min(READ_CHUNK_BYTES, size - len(data)), len(data))
+            piece = os.pread(descriptor, min(READ_CHUNK_BYTES, size - done), done)
             if not piece:
                 raise UnsoundFileError(
                     "it became shorter while it was read", "let nobody write to it"
                 )
-            data += piece
+            data.write(piece)
     except OSError as err:
         raise make_file_error(err) from err
-    return bytes(data)
+    return data.getvalue()
+
+
+def _check_size(size: int, most_bytes: int, hint: str = _RIGHT_FILE) -> None:
+    if size > most_bytes:
+        raise UnsoundFileError(f"it has {size} bytes, more than the {most_bytes} allowed", hint)
 
 
 def read_contents(descriptor: int, limits: ArrayLimits) -> bytes:
@@ -104,13 +106,16 @@ def read_array_file(path: Path | str, limits: ArrayLimits) -> bytes:
 def hash_file(path: Path | str, most_bytes: int, alive: Alive = _go_on) -> str:
     """SHA-256 of a regular file, hexadecimal. Raises Unsound, also for a longer one."""
     with open_file(path) as descriptor:
-        try:
-            size = os.fstat(descriptor).st_size
-            if size > most_bytes:
-                raise UnsoundFileError(f"it has {size} bytes, more than the {most_bytes} allowed")
-            return hash_open_file(descriptor, alive, most_bytes)[0]
-        except OSError as err:
-            raise make_file_error(err) from err
+        return hash_descriptor(descriptor, most_bytes, alive)
+
+
+def hash_descriptor(descriptor: int, most_bytes: int, alive: Alive = _go_on) -> str:
+    """The same of an open file."""
+    try:
+        _check_size(os.fstat(descriptor).st_size, most_bytes)
+        return hash_open_file(descriptor, alive, most_bytes)[0]
+    except OSError as err:
+        raise make_file_error(err) from err
 
 
 def hash_open_file(

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from pdcd.errors import DecodeError
 from pdcd.files.inside import open_folder, open_inner_file, open_inner_folder, walk_folder
 from pdcd.files.opening import UnsoundFileError, kind_of
-from pdcd.files.reading import Alive, hash_open_file, read_descriptor
+from pdcd.files.reading import Alive, hash_descriptor, read_descriptor
 from pdcd.printable import to_one_line
 
 _DEPTH = 8
@@ -75,9 +75,9 @@ class WatchedFolder:
             return read_descriptor(descriptor, most_bytes, alive)
 
     def hash(self, name: str, most_bytes: int, alive: Alive = lambda: None) -> str:
-        """Its SHA-256, hexadecimal, of no more bytes than that. Raises DecodeError as `read`."""
+        """Its SHA-256, hexadecimal. Raises DecodeError as `read`."""
         with self._opened(name) as descriptor:
-            return hash_open_file(descriptor, alive, most_bytes)[0]
+            return hash_descriptor(descriptor, most_bytes, alive)
 
     def remove(self, name: str) -> None:
         """Remove a file, through no link."""
