@@ -31,14 +31,15 @@ from pdcd.capture.worker.answers import (
 )
 from pdcd.capture.worker.proxy import WorkerProxy
 from pdcd.capture.worker.worker import Worker
-from pdcd.errors import DeviceLost
+from pdcd.errors import DeviceLost, NoSpaceError, PdcdError
 from pdcd.planning.defaults import is_search_needed
 from pdcd.planning.schedule_fit import is_lag_needed
 from pdcd.protocol import events
+from pdcd.protocol.plan_summary import PlanSummary
 from pdcd.protocol.result import CaptureResult
 from pdcd.protocol.views import RigView
 from pdcd.runs.folder import RunFolder
-from pdcd.runs.ledger import RunLedger
+from pdcd.runs.ledger import RunLedger, RunStart
 from pdcd.runs.manifest import MANIFEST, MANIFEST_DIGEST
 from pdcd.runs.provenance import format_utc_now
 from pdcd.runs.record import MeterRecord
@@ -94,6 +95,7 @@ class CaptureRun:
         planned = self._plan()
         iso = min(self._camera.isos) if planned.iso is None else planned.iso
         doubtful = tuple(find_calibration_doubts(self._config, self._rig, iso))
+        self._rig.begin_photos()
         self._check.foresee(self._rig.grid, cut=planned.cut)
         folder.create(min_free_bytes=self._config.limits.min_free_bytes)
         self._journal.notify(events.JobStarted(job=job.name, goal=job.request.goal))
@@ -109,13 +111,26 @@ class CaptureRun:
         if self._rig.mixed is not None:
             self._journal.warn(self._rig.mixed)
         self._take_all()
+        try:
+            return self._finish(begun, (self._adopted or adopted).summary, begun_s)
+        except NoSpaceError as err:
+            raise NoSpaceError(
+                err.message,
+                device=err.device,
+                hint="all RAW files are safe: free some space and run pdcd decode --partial "
+                f"{folder.where}",
+            ) from err
+
+    def _finish(self, begun: RunStart, plan: PlanSummary, begun_s: float) -> CaptureResult:
+        """Decode what was taken, and archive. plan : as it came to be. begun_s : when it began."""
+        job, folder = self._job, self._folder
         self._journal.notify(events.DecodingStarted(shots=len(self._taken)))
         developed = self._worker.do(job.watch(), Worker.develop, report=job.report)
-        for text in list_run_warnings(developed, self._config, self._profile, mock=mock):
+        for text in list_run_warnings(developed, self._config, self._profile, mock=begun.mock):
             self._journal.warn(text)
-        plan = (self._adopted or adopted).summary  # as it came to be
         summary = summarise_run(plan, developed)
         summary["wall_s"] = time.perf_counter() - begun_s
+        self._rig.recheck_photos()
         # The last line of log.jsonl: hashes come after it.
         self._journal.notify(events.PicturesArchived(job=job.name))
         manifest = make_manifest(
@@ -149,7 +164,13 @@ class CaptureRun:
         try:
             name = self._worker.do(Watch(), Worker.report)
         except Exception as err:
-            logger.warning("no report was made job=%s", self._job.name, exc_info=err)
+            known = isinstance(err, PdcdError)  # such as a full disk, which is no fault of ours
+            logger.warning(
+                "no report was made job=%s error=%s",
+                self._job.name,
+                err,
+                exc_info=None if known else err,
+            )
             return ()
         return () if name is None else (name,)
 

@@ -37,14 +37,14 @@ from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.folder import LOG, RunFolder
 from pdcd.runs.frame_table import FRAMES_FILE as FRAMES
 from pdcd.runs.ledger import LEDGER_FILE as LEDGER
-from pdcd.runs.ledger import LedgerContents, read_ledger
+from pdcd.runs.ledger import MAX_LEDGER_BYTES, LedgerContents, read_ledger
 from pdcd.runs.patterns import CODES_FILE as CODES
 from pdcd.runs.place import UNFINISHED, HeldFolder
 from pdcd.runs.record import FileRecord, MeterRecord, RunRecord
 from pdcd.watch import Watch
 
-_MOST_BYTES = 2**32
-"""Longest ledger or log that is copied."""
+_MOST_LOG_BYTES = 2**26
+"""So much of a log is copied; a run of a thousand shots writes a hundredth of it."""
 _TRIES = 1000
 """Names that are tried for the new folder while it is being filled."""
 
@@ -118,8 +118,8 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
             HeldFolder.at(out or folder.resolve().parent) as place,
             _new(place, name, sound) as made,
         ):
-            _copy(source, made, sound, watch)
-            return _decoded(made, sound, watch)
+            cut = _copy(source, made, sound, watch)
+            return _decoded(made, sound, cut, watch)
 
 
 @contextmanager
@@ -252,14 +252,23 @@ def _new(place: HeldFolder, name: str, sound: _Sound) -> Iterator[RunFolder]:
         yield made
 
 
-def _copy(source: int, made: RunFolder, sound: _Sound, watch: Callable[[], None]) -> None:
-    """Copy what is sound; its content was looked at and is looked at again when it is decoded."""
-    names = [CODES, *(shot.raw for shot in sound.run.shots), *(test.raw for test in sound.meter)]
-    for name in names:
-        _copy_file(source, name, made.path / name, _MOST_BYTES, watch)
-    _copy_file(source, FRAMES, made.path / FRAMES, sound.frames_bytes, watch)
-    for name in (LEDGER, LOG):
-        _copy_file(source, name, made.path / name, _MOST_BYTES, watch)
+def _copy(
+    source: int, made: RunFolder, sound: _Sound, watch: Callable[[], None]
+) -> tuple[str, ...]:
+    """Copy what is sound; its content was looked at and is looked at again when it is decoded.
+    Returns what was left out, in words."""
+    planned = sound.kept.planned
+    sizes = {} if planned is None else {CODES: planned.codes.size_bytes}
+    sizes |= {shot.raw: shot.size_bytes for shot in sound.run.shots}
+    metered = {test.meter.raw: test.file.size_bytes for test in sound.kept.metered}
+    sizes |= {test.raw: metered[test.raw] for test in sound.meter}
+    sizes |= {FRAMES: sound.frames_bytes, LEDGER: MAX_LEDGER_BYTES, LOG: _MOST_LOG_BYTES}
+    for name, most_bytes in sizes.items():
+        _copy_file(source, name, made.path / name, most_bytes, watch)
+    whole = os.stat(LOG, dir_fd=source, follow_symlinks=False).st_size
+    if whole <= _MOST_LOG_BYTES:
+        return ()
+    return (f"left out: all but the first {_MOST_LOG_BYTES} of {whole} bytes of {LOG}",)
 
 
 def _copy_file(
@@ -276,8 +285,8 @@ def _copy_file(
             watch()
 
 
-def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> _Salvaged:
-    """Decode in the new folder, and finish it."""
+def _decoded(made: RunFolder, sound: _Sound, cut: tuple[str, ...], watch: Watch) -> _Salvaged:
+    """Decode in the new folder, and finish it. cut : what of it was left out."""
     kept = sound.kept
     with convert_record_errors(made.path):
         darkroom = Darkroom(made.path, sound.run)
@@ -291,7 +300,7 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> _Salvaged:
     taken = describe_shots_taken(len(sound.run.shots), len(sound.planned), sound.missing)
     summary["taken"] = taken
     warnings = [*dict.fromkeys((*kept.warnings, *known)), f"decoded after an interruption: {taken}"]
-    warnings += [f"left out: {text}" for text in sound.lost]
+    warnings += [*(f"left out: {text}" for text in sound.lost), *cut]
     warnings += _lacks(darkroom.recipe, decoded.recipe)
     manifest = make_manifest(
         kept.begun,

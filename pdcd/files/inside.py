@@ -120,10 +120,7 @@ def walk_folder(
                 ahead.pop()
                 if not ahead:
                     return
-                up = os.open("..", _FOLDER, dir_fd=at)
-                at = _leave(at, up)
-                if not os.path.samestat(os.fstat(at), above.pop()):
-                    raise DiskError("a folder was moved while it was looked at", hint="try again")
+                at = _leave(at, _find_above(at, above.pop()))
                 prefix = prefix[: prefix.rfind("/", 0, -1) + 1]
             above.append(os.fstat(at))
             at = _leave(at, below)
@@ -135,6 +132,15 @@ def walk_folder(
 def _leave(left: int, entered: int) -> int:
     os.close(left)
     return entered
+
+
+def _find_above(at: int, wanted: os.stat_result) -> int:
+    """Descriptor of the folder above an open one. Raises DiskError where that is another one."""
+    up = os.open("..", _FOLDER, dir_fd=at)
+    if os.path.samestat(os.fstat(up), wanted):
+        return up
+    os.close(up)
+    raise DiskError("a folder was moved while it was looked at", hint="try again")
 
 
 def _enter(at: int, name: str, *, pass_closed: bool) -> int | None:
@@ -171,43 +177,37 @@ def _entries(folder: int, alive: Alive) -> list[FolderEntry]:
 
 
 def remove_folder(parent: int, name: str) -> None:
-    """Remove a folder with all that is in it, through no link. Raises OSError.
+    """Remove a folder with all that is in it, however deep, through no link.
 
-    Folders in it come up to its top first, one after the other, so that none is too deep.
+    Raises OSError, and DiskError where one of its folders was moved meanwhile.
     """
-    top = os.open(name, _FOLDER, dir_fd=parent)
+    at, above, names = os.open(name, _FOLDER, dir_fd=parent), list[os.stat_result](), [name]
     try:
-        waiting = _empty(top, top, 0)
-        number = 0
-        while waiting:
-            below = waiting.pop()
-            folder = os.open(below, _FOLDER, dir_fd=top)
-            try:
-                moved = _empty(folder, top, number)
-            finally:
-                os.close(folder)
-            os.rmdir(below, dir_fd=top)
-            number += len(moved)
-            waiting += moved
+        ahead = [_remove_files(at)]
+        while True:
+            if ahead[-1]:
+                names.append(ahead[-1].pop())
+                above.append(os.fstat(at))
+                at = _leave(at, os.open(names[-1], _FOLDER, dir_fd=at))
+                ahead.append(_remove_files(at))
+                continue
+            ahead.pop()
+            if not ahead:
+                break
+            at = _leave(at, _find_above(at, above.pop()))
+            os.rmdir(names.pop(), dir_fd=at)
     finally:
-        os.close(top)
+        os.close(at)
     os.rmdir(name, dir_fd=parent)
 
 
-def _empty(folder: int, top: int, number: int) -> list[str]:
-    """Remove what lies in a folder but its folders, which are moved to the top; their names there,
-    counted from `number` on."""
-    moved: list[str] = []
-    for entry in _entries(folder, lambda: None):
+def _remove_files(folder: int) -> list[str]:
+    """Remove all that lies in a folder but its folders, whose names are returned."""
+    entries = _entries(folder, lambda: None)
+    for entry in entries:
         if entry.kind != "folder":
             os.unlink(entry.name, dir_fd=folder)
-            continue
-        name = entry.name
-        if folder != top:
-            name = f".removed.{number + len(moved)}"
-            os.rename(entry.name, name, src_dir_fd=folder, dst_dir_fd=top)
-        moved.append(name)
-    return moved
+    return [entry.name for entry in entries if entry.kind == "folder"]
 
 
 @contextmanager

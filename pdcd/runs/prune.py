@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -16,7 +15,8 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd.errors import BusyError, DiskError, PdcdError, RequestError, disk_errors
+from pdcd.errors import BusyError, DecodeError, DiskError, PdcdError, RequestError, disk_errors
+from pdcd.files.inside import remove_folder, walk_folder
 from pdcd.protocol.entry import RunEntry, RunQuery
 from pdcd.protocol.result import format_job_time
 from pdcd.runs.index import iterate_run_pages
@@ -75,7 +75,7 @@ def remove_run(state: Path, one: UnwantedRun) -> UnwantedRun:
             if gone != name:
                 os.rename(name, gone, src_dir_fd=parent, dst_dir_fd=parent)
                 os.fsync(parent)
-            shutil.rmtree(gone, dir_fd=parent)  # through descriptors: no link leads it away
+            remove_folder(parent, gone)
             os.fsync(parent)
     except PdcdError as err:
         return msgspec.structs.replace(one, why=str(err))
@@ -116,7 +116,7 @@ def _size(state: Path, run: RunEntry) -> int:
         with open_state_folder(state) as (top, owners):
             with open_run_folder(top, os.path.relpath(run.folder, state), owners) as folder:
                 return _measured(folder, None)
-    except (OSError, DiskError):
+    except (OSError, DiskError, DecodeError):
         return 0
 
 
@@ -124,12 +124,12 @@ def _measured(folder: int, disk: int | None) -> int:
     """Bytes of all files below an open folder. Raises DiskError where another disk than that is
     mounted in it, or where it holds too much."""
     size = files = 0
-    for _, _, names, below in os.fwalk(".", dir_fd=folder):
+    for _, below, entries in walk_folder(folder):
         if disk is not None and os.fstat(below).st_dev != disk:
             raise DiskError("another disk is mounted in it", hint="unmount it first")
-        for name in names:
-            files += 1
-            size += os.stat(name, dir_fd=below, follow_symlinks=False).st_size
+        sizes = [entry.status.st_size for entry in entries if entry.kind != "folder"]
+        files += len(sizes)
+        size += sum(sizes)
         if files > MOST_FILES:
             raise DiskError(f"it holds more than {MOST_FILES} files", hint="remove it by hand")
     return size

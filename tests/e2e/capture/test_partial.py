@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig
+from pdcd.capture import salvage
 from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
 from pdcd.cli.main import main
@@ -276,6 +277,16 @@ def test_a_photo_that_is_not_as_it_came_is_missing(tmp_path: Path, attack: str) 
     assert found.state == "partial" and found.missing[0] == photo.stem
     assert len(found.lost) == 1 and photo.name in found.lost[0]
     assert not (Path(found.folder) / "raw" / photo.name).exists()
+
+
+def test_a_log_without_end_is_not_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = left(tmp_path, 5)
+    monkeypatch.setattr(salvage, "_MOST_LOG_BYTES", 1000)
+    os.truncate(folder / "log.jsonl", 2**32)
+    made = Path(decode_partial(folder).folder)
+    assert (made / "log.jsonl").stat().st_size == 1000
+    text = "left out: all but the first 1000 of 4294967296 bytes of log.jsonl"
+    assert text in read_manifest(made).warnings
 
 
 def test_a_line_that_was_half_written_is_left_out(tmp_path: Path) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import fcntl
+import inspect
 import os
+import resource
 import shutil
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -68,6 +71,31 @@ def test_a_run_goes_with_all_that_is_in_it_and_nothing_else(tmp_path: Path) -> N
     assert (outside / "precious").read_text() == "x"
 
 
+def test_folders_in_folders_do_not_keep_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Deeper than Python calls functions and a process holds descriptors, with both set low."""
+    place, deep = finished(tmp_path, job(1)), 120
+    at = os.open(place, os.O_RDONLY)
+    for number in range(deep):
+        os.mkdir("d", dir_fd=at)
+        below = os.open("d", os.O_RDONLY, dir_fd=at)
+        os.symlink("/etc/hostname", f"link-{number}", dir_fd=below)
+        os.close(at)
+        at = below
+    os.close(at)
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    calls = sys.getrecursionlimit()
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (100, limits[1]))
+        sys.setrecursionlimit(len(inspect.stack()) + 100)
+        gone = remove_run(tmp_path, first(tmp_path))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        sys.setrecursionlimit(calls)
+    assert gone.removed and not list(tmp_path.iterdir()) and Path("/etc/hostname").exists()
+
+
 def test_a_run_that_goes_on_is_never_removed(tmp_path: Path) -> None:
     place = cut(tmp_path, job(1), FAILED)
     one = first(tmp_path)
@@ -125,8 +153,12 @@ def test_an_interrupted_removal_leaves_nothing_that_looks_like_a_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
     finished(tmp_path, job(1), ending, state="partial" if ending == "-partial" else "done")
+
+    def refuse(*_: Any) -> None:
+        raise OSError(5, "broken")
+
     with monkeypatch.context() as patch:
-        patch.setattr(shutil, "rmtree", lambda *a, **k: (_ for _ in ()).throw(OSError(5, "broken")))
+        patch.setattr(prune, "remove_folder", refuse)
         kept = remove_run(tmp_path, first(tmp_path))
     assert not kept.removed and "broken" in (kept.why or "")
     (left,) = find_runs(tmp_path)
