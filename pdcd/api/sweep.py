@@ -40,6 +40,7 @@ from pdcd.api.task import (
 )
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError
+from pdcd.files.text import encode_json
 from pdcd.protocol.request import CaptureRequest
 
 _Request = Mapping[str, Any] | CaptureRequest | str
@@ -215,7 +216,7 @@ def _said(value: Any) -> Value:
     simple = to_json_types(value)
     if simple is None or isinstance(simple, bool | int | float | str):
         return simple
-    text = msgspec.json.encode(simple).decode()
+    text = encode_json(simple).decode()
     return text if len(text) <= 80 else f"{text[:76]} ..."
 
 

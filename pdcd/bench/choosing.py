@@ -175,7 +175,7 @@ def select_mock_tables(config: Config) -> dict[str, Any]:
         return {}
     typed = restore_typed_values(config)
     tables = {name: getattr(typed, name) for name in _TABLES}
-    return dict(msgspec.json.decode(msgspec.json.encode(tables)))
+    return dict(msgspec.json.decode(encode_json(tables)))
 
 
 def hash_truth_file(config: Config) -> str:
@@ -351,5 +351,5 @@ def _flat(table: dict[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def _short(value: object) -> str:
-    text = "unset" if value is None else msgspec.json.encode(value).decode()
+    text = "unset" if value is None else encode_json(value).decode()
     return text if len(text) <= 40 else f"{text[:37]}..."

@@ -58,7 +58,7 @@ def read_config(source: Path) -> tuple[Config, list[ConfigFault]]:
     A key that is at fault stands at its default. Raises ConfigError for what is no TOML file.
     """
     hint = "give an existing file with --config, or none for the mock bench"
-    table = read_toml(source, "the configuration", hint)
+    table = read_toml(source, "the configuration", hint, may_be_pipe=True)
     return _of_table(table, source.absolute().parent)
 
 

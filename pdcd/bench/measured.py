@@ -36,6 +36,7 @@ from pdcd.bench.stops import STOP_SIGMA, AbsoluteScale, stop_of
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.bench.truth import TYPED
 from pdcd.errors import ConfigError, disk_errors
+from pdcd.files.text import encode_json
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import load_maps
 from pdcd.panels.placing import Placing
@@ -280,7 +281,7 @@ def _with_typed(config: Config, asked: Config) -> Config:
         for name in now.__struct_fields__:
             value = getattr(before, name)
             if value != getattr(now, name) and f"{table}.{name}" not in typed:
-                typed[f"{table}.{name}"] = msgspec.json.encode(value).decode()
+                typed[f"{table}.{name}"] = encode_json(value).decode()
     if typed == asked.calibration.typed:
         return config
     calibration = msgspec.structs.replace(config.calibration, typed=typed)

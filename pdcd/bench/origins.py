@@ -50,7 +50,11 @@ def trace_origins(source: Path | None, config: Config) -> Iterator[_Origin]:
 
     source : the file it was read from. Raises ConfigError as `apply_calibration` does.
     """
-    typed = {} if source is None else dict(_flat(read_toml(source, "the configuration", "")))
+    typed = (
+        {}
+        if source is None
+        else dict(_flat(read_toml(source, "the configuration", "", may_be_pipe=True)))
+    )
     folder = choose_calibration_folder(config)
     measured = {}
     if folder is not None:

@@ -23,6 +23,8 @@ import msgspec
 from msgspec.structs import FieldInfo
 
 from pdcd.errors import ConfigError
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import read_file
 from pdcd.printable import to_one_line
 
 _S = TypeVar("_S", bound=msgspec.Struct)
@@ -40,19 +42,22 @@ class ConfigFault(NamedTuple):
     message: str
 
 
-def read_toml(source: Path, what: str, hint: str) -> dict[str, Any]:
+def read_toml(source: Path, what: str, hint: str, *, may_be_pipe: bool = False) -> dict[str, Any]:
     """The tables of a TOML file, nothing of them checked but that numbers have at most 64 bits.
 
-    `what` names the file for people, `hint` says what to do where it cannot be read. Raises
-    ConfigError for what is no TOML file.
+    `what` names the file for people, `hint` says what to do where it cannot be read. may_be_pipe :
+    of the configuration alone: who starts the program may hand it over by one, and waits himself.
+    Raises ConfigError for what is no TOML file.
     """
     try:
-        # Who starts the program names it, and may well hand it over by a pipe.
-        with source.open("rb") as file:
-            data = file.read(_MAX_BYTES + 1)
-        if len(data) > _MAX_BYTES:
-            raise ConfigError(f"{what} {source} is longer than {_MAX_BYTES} bytes", hint=hint)
+        if may_be_pipe and source.is_fifo():
+            with source.open("rb") as pipe:
+                data = pipe.read(_MAX_BYTES)
+        else:
+            data = read_file(source, _MAX_BYTES)
         return parse_toml(data.decode(), source)
+    except UnsoundFileError as err:
+        raise ConfigError(f"cannot read {what} {source}: {err.message}", hint=hint) from err
     except OSError as err:
         raise ConfigError(f"cannot read {what} {source}: {err.strerror}", hint=hint) from err
     except UnicodeDecodeError as err:

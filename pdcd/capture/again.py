@@ -28,6 +28,7 @@ from pdcd.capture.worker.calibrating import (
 from pdcd.errors import CalibrationError, ConfigError, disk_errors
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file
+from pdcd.files.text import encode_json
 from pdcd.sensor.profile import SensorProfile
 
 _LOOK, _FIRST = "check.", "check.dots"
@@ -143,4 +144,4 @@ def _same(old: StepRecord, new: StepRecord) -> bool:
 
 
 def _plain(value: object) -> object:
-    return msgspec.json.decode(msgspec.json.encode(value))
+    return msgspec.json.decode(encode_json(value))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
+import os
 import sys
 from collections.abc import Callable, Sequence
 
@@ -32,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     open_missing_streams()
     typed = sys.argv[1:] if argv is None else argv
+    _keep_others_out()
     try:
         return _run(build_parser(typed).parse_args(typed))
     except BrokenPipeError:
@@ -58,6 +60,13 @@ def _run(args: argparse.Namespace) -> int:
         if typed.kind == PdcdError.kind:
             return _fail(args, FAILED, str(err), typed.kind)
         return _fail(args, exit_code_of(typed.kind), str(typed), typed.kind, typed)
+
+
+def _keep_others_out() -> None:
+    """Let nobody else write to what this process makes, where the umask lets everybody. One that
+    lets a group alone is believed."""
+    mask = os.umask(0o077)
+    os.umask(mask if mask & 0o002 else mask | 0o022)
 
 
 def _command(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:

@@ -30,6 +30,7 @@ from pdcd.cli.output import (
 from pdcd.cli.parser import LISTED
 from pdcd.cli.typed import WHEN
 from pdcd.errors import ConfigError, DecodeError
+from pdcd.files.text import encode_json
 from pdcd.printable import to_one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.protocol.fields import list_request_fields
@@ -295,7 +296,7 @@ def _json_words(value: object) -> str:
     """A value of a request in few letters: a word as it is, all else as JSON."""
     if isinstance(value, str):
         return value
-    text = msgspec.json.encode(value).decode()
+    text = encode_json(value).decode()
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -6,7 +6,6 @@ import csv
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -94,7 +93,15 @@ def _opened(path: Path) -> Iterator[TextIO]:
 
 
 def _read_rows(file: TextIO) -> Iterator[list[str]]:
-    return csv.reader(iter(partial(file.readline, _MAX_LINE), ""))
+    """Rows of a table. Raises csv.Error for one that is too long to be one."""
+    return csv.reader(_read_lines(file))
+
+
+def _read_lines(file: TextIO) -> Iterator[str]:
+    while line := file.readline(_MAX_LINE):
+        if len(line) == _MAX_LINE and not line.endswith("\n"):
+            raise csv.Error(f"a row of more than {_MAX_LINE} letters")
+        yield line
 
 
 class FrameTable:
