@@ -124,8 +124,8 @@ class FolderReadout:
         self._known: dict[str, WatchedFile] = {}
         self._armed_ns = 0
         self._until_ns: int | None = None
-        self._taken: dict[str, str] = {}
-        self._changed: dict[str, str] = {}
+        self._taken: list[tuple[str, str]] = []
+        self._changed: list[tuple[str, str]] = []
 
     @classmethod
     def create(cls, context: DriverContext) -> FolderReadout:
@@ -165,7 +165,7 @@ class FolderReadout:
                 hint=f"take one of {', '.join(map(str, self._isos))}",
             )
         if self._options.take == "move":
-            self._settle(self._taken)
+            self._settle(None)
         self._known = self._look()
         self._armed_ns = time.time_ns()
         self._settings = settings
@@ -184,7 +184,7 @@ class FolderReadout:
             source, raw = self._wait(folder, name, timeout_s, settings)
         finally:
             self._until_ns = None
-        self._taken[raw.sha256] = source
+        self._taken.append((source, raw.sha256))
         return raw
 
     def recheck(self, photos: Collection[str]) -> None:
@@ -193,9 +193,9 @@ class FolderReadout:
         Raises ExposureError for one that holds something else by now. With `take = "move"` the
         others are removed; DeviceLost where one cannot be.
         """
-        self._settle({sha256: name for sha256, name in self._taken.items() if sha256 in photos})
-        changed = [name for sha256, name in self._changed.items() if sha256 in photos]
-        self._taken, self._changed = {}, {}
+        self._settle(photos)
+        changed = [name for name, sha256 in self._changed if sha256 in photos]
+        self._changed = []
         if changed:
             raise ExposureError(
                 f"changed after it was taken: {_list(changed)}",
@@ -207,20 +207,25 @@ class FolderReadout:
         """Forget the settings."""
         self._settings = None
 
-    def _settle(self, photos: dict[str, str]) -> None:
-        """Note which files hold something else than was taken, and remove the others if asked."""
-        for sha256, name in list(photos.items()):
-            self._taken.pop(sha256, None)
+    def _settle(self, photos: Collection[str] | None) -> None:
+        """Note which files hold something else than was taken, and remove the others if asked.
+
+        photos : those that are asked about, by SHA-256; the others are forgotten. None: all.
+        """
+        taken, self._taken = self._taken, []
+        for name, sha256 in taken:
+            if photos is not None and sha256 not in photos:
+                continue
             try:
                 now = self._folder.hash(name, self._most_bytes, self._go_on)
                 if now != sha256:
-                    self._changed[sha256] = name
+                    self._changed.append((name, sha256))
                 elif self._options.take == "move":
                     self._folder.remove(name)
             except FileNotFoundError:  # somebody tidied up
                 continue
             except DecodeError:
-                self._changed[sha256] = name
+                self._changed.append((name, sha256))
             except OSError as err:
                 raise DeviceLost(
                     f"cannot remove or read {to_one_line(name)}: {err.strerror}",
@@ -325,7 +330,8 @@ class FolderReadout:
             self._check(shown, raw, settings)
         except DecodeError as err:
             path.unlink()
-            arrival.refused, arrival.fault = sha256, err
+            arrival.refused = sha256
+            arrival.fault = DecodeError(f"{shown}: {err.message}", hint=err.hint)
             return None
         except BaseException:
             path.unlink()

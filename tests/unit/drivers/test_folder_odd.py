@@ -200,6 +200,16 @@ def test_a_photo_is_looked_at_again_at_the_end_of_the_run(bench: WatchedBench) -
     bench.readout.recheck({raw.sha256})  # it is told once
 
 
+def test_two_photos_of_one_content_are_both_removed(tmp_path: Path) -> None:
+    bench = WatchedBench(tmp_path, take="move")
+    for name in ("a", "b"):
+        bench.arm()
+        bench.put(f"{name}.dng", GOOD)
+        raw = bench.readout.fetch(bench.run, name, 5.0)
+    bench.readout.recheck({raw.sha256})
+    assert not list(bench.card.iterdir())
+
+
 @pytest.mark.parametrize("take", ["copy", "move"])
 def test_a_photo_that_was_tidied_up_meanwhile_is_good(tmp_path: Path, take: str) -> None:
     bench = WatchedBench(tmp_path, take=take)
