@@ -12,6 +12,7 @@ Roles, each a Protocol that a class of yours answers (an entry point names it)
     `Shutter`            opens and closes the exposure
     `TimedShutter`       the same, and wants to know how long the exposure will be
     `Readout`            sets the camera up and brings its photo home
+    `RecheckingReadout`  the same, and finds its photos in files which others write
     `Preview`            the camera's finder; a bench may lack it
 
 What crosses them
@@ -40,7 +41,8 @@ Tools for cameras
     `read_raw`           a RAW file -> samples; `RAW_SUFFIXES` says how such files are called
     `read_tags`          the tags of a RAW file, and whether it is whole
     `find_gap`           what of a RAW file is still to come
-    `WatchedFolder`      a folder that others write into: listed, read and hashed with care
+    `WatchedFolder`, `WatchedFile`    a folder that others write into: listed, read and hashed
+    with care; what it tells of a name
     `to_one_line`        text from outside, fit to show
     `load_profile`       the sensor profile that [camera] names
     `responsivity_e`     what `CameraInfo` says of the answer to light

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pdcd.api.progress import ProgressChoice, show_progress
 from pdcd.arrays import Floats
 from pdcd.errors import DecodeError
-from pdcd.files.inside import open_folder, read_inner_file
-from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, refuse_unsound
+from pdcd.files.opening import UnsoundFileError
+from pdcd.files.reading import MAX_PICTURE_BYTES, hash_file, read_file, refuse_unsound
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, has_cell_count, read_pattern_levels
 from pdcd.protocol.result import Quality, SummaryValue
@@ -268,10 +268,8 @@ class Run:
         names.sort(key=lambda name: (name != answer, name))
         for name in names[:_MOST_PREVIEWS]:
             # A view for eyes: whoever asks for the numbers is told what is wrong.
-            with suppress(DecodeError, OSError):
-                self.checked(f"preview/{name}.png")
-                with open_folder(self.folder) as at:
-                    yield name, read_inner_file(at, f"preview/{name}.png", MAX_PICTURE_BYTES)
+            with suppress(DecodeError, UnsoundFileError, OSError):
+                yield name, read_file(self.checked(f"preview/{name}.png"), MAX_PICTURE_BYTES)
 
     @cached_property
     def _probe(self) -> dict[str, NDArray[Any]]:

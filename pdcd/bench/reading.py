@@ -57,7 +57,7 @@ def read_toml(source: Path, what: str, hint: str, *, may_be_pipe: bool = False) 
             data = read_file(source, _MAX_BYTES)
         return parse_toml(data.decode(), source)
     except UnsoundFileError as err:
-        raise ConfigError(f"cannot read {what} {source}: {err.message}", hint=hint) from err
+        raise ConfigError(f"cannot read {what} {source}: {err.why}", hint=hint) from err
     except OSError as err:
         raise ConfigError(f"cannot read {what} {source}: {err.strerror}", hint=hint) from err
     except UnicodeDecodeError as err:

@@ -145,9 +145,10 @@ def _sure(descriptor: int) -> int:
 def make_file_error(err: Exception) -> UnsoundFileError:
     """The error of a file that the system does not let be opened or read."""
     why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
-    return UnsoundFileError(
-        f"it cannot be opened: {why}", "see whether it is there and may be read"
-    )
+    return UnsoundFileError(f"{_CLOSED}{why}", "see whether it is there and may be read")
+
+
+_CLOSED = "it cannot be opened: "
 
 
 class UnsoundFileError(Exception):
@@ -161,6 +162,11 @@ class UnsoundFileError(Exception):
         super().__init__(message)
         self.message = message
         self.hint = hint
+
+    @property
+    def why(self) -> str:
+        """The message behind words that say already that it cannot be read."""
+        return self.message.removeprefix(_CLOSED)
 
 
 @dataclass(frozen=True)

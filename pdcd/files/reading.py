@@ -144,5 +144,5 @@ def refuse_unsound(path: Path | str) -> Iterator[None]:
         yield
     except UnsoundFileError as err:
         raise DecodeError(
-            f"cannot read {to_one_line(str(path))}: {err.message}", hint=err.hint
+            f"cannot read {to_one_line(str(path))}: {err.why}", hint=err.hint
         ) from err

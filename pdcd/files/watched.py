@@ -95,7 +95,7 @@ class WatchedFolder:
                     raise UnsoundFileError(f"it is a {kind}", "have a file of its own saved there")
                 yield descriptor
         except UnsoundFileError as err:
-            raise DecodeError(f"cannot read {shown}: {err.message}", hint=err.hint) from err
+            raise DecodeError(f"cannot read {shown}: {err.why}", hint=err.hint) from err
 
 
 def _kind(status: os.stat_result) -> str:

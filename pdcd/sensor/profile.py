@@ -179,7 +179,7 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
     try:
         return msgspec.toml.decode(read_file(path, _MAX_BYTES), type=SensorProfile)
     except UnsoundFileError as err:
-        raise ConfigError(f"cannot read sensor profile {path}: {err.message}") from err
+        raise ConfigError(f"cannot read sensor profile {path}: {err.why}") from err
     except (msgspec.MsgspecError, UnicodeDecodeError) as err:
         raise ConfigError(
             f"sensor profile {path}: {err}", hint="compare with config/sensors/modern.toml"

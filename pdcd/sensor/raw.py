@@ -237,7 +237,7 @@ def _read_checked(path: Path, sha256: str | None, size_bytes: int | None) -> byt
     try:
         data = read_file(path, MAX_RAW_BYTES)
     except UnsoundFileError as err:
-        raise DecodeError(f"cannot read {path}: {err.message}", hint=err.hint) from err
+        raise DecodeError(f"cannot read {path}: {err.why}", hint=err.hint) from err
     again = "fetch it from the camera again"
     if size_bytes is not None and len(data) != size_bytes:
         raise DecodeError(f"{path.name} has {len(data)} bytes, not {size_bytes}", hint=again)

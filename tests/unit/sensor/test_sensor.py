@@ -294,7 +294,7 @@ def test_a_file_that_cannot_be_a_profile(tmp_path: Path) -> None:
         assert caught.value.message.startswith(f"sensor profile {path}: ")
         assert caught.value.hint == "compare with config/sensors/modern.toml"
     (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(ConfigError, match=r"cannot read sensor profile .*: Is a directory"):
+    with pytest.raises(ConfigError, match=r"cannot read sensor profile .*: it is a folder"):
         load_profile(tmp_path / "folder.toml")
 
 
