@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import socket
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -23,6 +25,7 @@ from pdcd.bench.choosing import hash_truth_file, read_candidate
 from pdcd.bench.grey import read_lut
 from pdcd.bench.reading import read_toml
 from pdcd.bench.tables import BenchConfig, Config
+from pdcd.capture import again
 from pdcd.capture.worker.calibrating import read_arrays
 from pdcd.errors import ConfigError, DecodeError, PdcdError
 from pdcd.figures.record import read_record
@@ -150,6 +153,19 @@ def test_a_calibration_of_odd_files_is_passed_over_and_the_daemon_starts(
     if odd != "empty":
         assert hash_truth_file(config) == ""
     assert read_record(folder, "1", "x") is None
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_the_calibration_before_is_looked_for_past_odd_ones(tmp_path: Path, odd: str) -> None:
+    folder, data = tmp_path / "b", b"it"
+    for name in ("a", "b", "c"):
+        (tmp_path / name).mkdir()
+    ODD[odd](tmp_path / "a" / RECORD)
+    (tmp_path / "c" / RECORD).write_bytes(data)
+    record: Any = SimpleNamespace(before=hashlib.sha256(data).hexdigest(), measured={})
+    assert again._before(record, folder) == tmp_path / "c"
+    record.before = "0" * 64
+    assert again._before(record, folder) == folder
 
 
 def test_a_configuration_may_come_by_a_pipe(tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def many() -> bytes:
         (lambda: b"\x93NUMPY", "damaged"),
         (lambda: packed()[:-30], "damaged"),
         (lambda: packed().replace(b"\x93NUMPY", b"\x93NUMPI"), "damaged"),
-        (lambda: bytes(4_000_000), "bytes; at most"),
+        (lambda: bytes(4_000_000), "bytes, more than"),
         (huge, "at most 2048 numbers"),
         (bomb, "at most 2048 numbers"),
         (pickled, "not real numbers"),
