@@ -9,10 +9,8 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.codes.make import make_codes
-from pdcd.errors import ConfigError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import build_frames
-from pdcd.planning.bench_fit import choose_window
 from pdcd.planning.make import make_plan
 from pdcd.probing.panel import PanelOptics
 from pdcd.protocol.request import CaptureRequest
@@ -60,20 +58,6 @@ def test_c3_complement_codes_keep_p_times_one_less_p_of_indirect_only() -> None:
     np.testing.assert_allclose(4.0 * seen, S, rtol=1e-12)
 
 
-def test_c3_weight_is_largest_at_one_half() -> None:
-    """The mean weight off the diagonal of Bernoulli codes, over p: p (1 - p), never negative."""
-    shares = [0.1, 0.3, 0.5, 0.7, 0.9]
-    off = ~np.eye(N, dtype=bool)
-    weights = []
-    for p in shares:
-        bits = random_bits(4000, p)
-        pi = (1.0 - bits).T @ bits / 4000
-        assert np.all(np.diag(pi) == 0.0) and pi.min() >= 0.0
-        weights.append(pi[off].mean())
-    np.testing.assert_allclose(weights, [p * (1 - p) for p in shares], atol=0.005)
-    assert int(np.argmax(weights)) == 2
-
-
 @pytest.mark.parametrize(("family", "tolerance"), [("bernoulli", 0.01), ("balanced", 1e-12)])
 def test_c4_codes_in_proportion_to_1_over_p_keep_direct_light_equally_bright(
     family: str, tolerance: float
@@ -116,12 +100,6 @@ def test_c6_illumination_modulated_codes_are_linear_in_the_illumination() -> Non
     np.testing.assert_allclose(seen(first), by_hand, rtol=1e-12)
 
 
-def test_c7_default_cells_are_16_projector_and_25_mask_pixels() -> None:
-    config = Config()
-    for panel, pixels in ((config.projector, 16), (config.mask, 25)):
-        assert (panel.size_px[0] / 64, panel.size_px[1] / 48) == (pixels, pixels)
-
-
 @pytest.mark.parametrize("fine", [16, 24])
 def test_c7_cells_survive_the_way_through_pixels(fine: int) -> None:
     """A code drawn in `fine` x `fine` pixels a cell, averaged over cells, is the code again."""
@@ -150,19 +128,6 @@ def test_c7_windows_of_24_pixel_cells_open_a_quarter_and_meet_every_pixel_once()
     np.testing.assert_allclose(opened.mean(axis=1), 0.25)
     areas = [sum(o.area for o in lattice.overlaps if o.dual_field == f) for f in range(4)]
     np.testing.assert_allclose(areas, 0.25, rtol=1e-12)
-
-
-@pytest.mark.parametrize(("grid", "served"), [((48, 64), True), ((50, 64), False)])
-def test_r3_cells_must_be_four_times_the_misregistration(
-    grid: tuple[int, int], served: bool
-) -> None:
-    """4 projector pixels of 768 lines allow 48 rows and no more."""
-    cells = 4.0 / (768 / grid[0])
-    if served:
-        assert choose_window("quarter", cells) == "quarter"
-    else:
-        with pytest.raises(ConfigError, match="misregistration"):
-            choose_window("quarter", cells)
 
 
 def test_r4_paths_within_a_cell_count_as_direct_and_all_others_the_same() -> None:

@@ -17,7 +17,7 @@ from pdcd.protocol.fields import list_request_fields
 from pdcd.words import FamilyName
 
 Dual = Literal["complement", "same"]
-LATTICES = [(1, 1), (1, 9), (7, 1), (5, 7), (11, 13)]
+LATTICES = [(1, 1), (1, 9), (5, 7)]
 
 
 def probing(codes: Codes) -> NDArray[np.int64]:
@@ -36,7 +36,7 @@ def test_families_are_those_that_requests_and_the_command_line_may_name() -> Non
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
-@pytest.mark.parametrize("count", [2, 4, 8, 12, 20, 24, 28, 36, 64, 128])
+@pytest.mark.parametrize("count", [2, 4, 12, 28, 128])
 @pytest.mark.parametrize("family", ANY_COUNT)
 def test_complement_codes_never_let_a_cell_see_itself(
     family: str, count: int, lattice: tuple[int, int]
@@ -99,7 +99,7 @@ def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str)
     assert (first.primal != other.primal).mean() > 0.3
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(deadline=None, derandomize=True, max_examples=20)
 @given(
     family=st.sampled_from(sorted(ANY_COUNT)),
     rows=st.integers(1, 12),
@@ -172,6 +172,7 @@ def test_an_unknown_family_is_refused_with_the_known_ones() -> None:
         (0.5, 1, "take 2 codes"),
         (0.25, 3, "take 4 codes"),
         (0.9, 1, "take 10 codes"),
+        (0.99, 99_950, "take 99900 codes"),
         (1 / np.pi, 128, "simple fraction"),
         (1e-12, 8, "simple fraction"),
     ],

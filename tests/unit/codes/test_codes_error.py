@@ -48,37 +48,3 @@ def test_eight_hadamard_codes_beat_128_bernoulli_codes_on_smooth_transport() -> 
     few = max(indirect_error(transport, grid, "hadamard", 8, seed) for seed in SEEDS)
     many = min(indirect_error(transport, grid, "bernoulli", 128, seed) for seed in SEEDS)
     assert few < many / 3
-
-
-def one_shot_variance(family: str, count: int, shots: int) -> tuple[float, float, float]:
-    """Variance of 4 sum_k m_k (T i_k) / K over many shots, and S^2 and Q, all for one cell."""
-    rng = np.random.default_rng(11)
-    row = rng.exponential(size=12)
-    row[0] = 0.0  # the cell itself
-    estimates = np.empty(shots)
-    for seed in range(shots):
-        codes = make_codes(family, (3, 4), count, dual="complement", seed=seed)
-        estimates[seed] = 4.0 * (codes.dual[:, 0] * (codes.primal @ row)).mean()
-    total = float(row.sum())
-    # Both families have mean weight 1/4, so the estimate is unbiased: five standard errors.
-    assert abs(estimates.mean() - total) < 5 * estimates.std() / np.sqrt(shots)
-    return float(estimates.var()), total**2, float((row**2).sum())
-
-
-def test_bernoulli_variance_is_that_of_independent_coins() -> None:
-    """Var = (S^2 + 2 Q) / K for 4 m (T i) with m = 1 - i and p = 1/2 (the one-shot form of eq 7).
-
-    The sampled variance of R near-Gaussian values scatters by sqrt(2 / R); four of these.
-    """
-    count, shots = 16, 4000
-    variance, total_squared, squares = one_shot_variance("bernoulli", count, shots)
-    assert variance * count / (total_squared + 2 * squares) == pytest.approx(
-        1.0, abs=4 * np.sqrt(2 / shots)
-    )
-
-
-def test_balanced_variance_lacks_the_part_of_unequal_on_counts() -> None:
-    """Var = Q / (K - 1): neither S^2 nor half of the rest of the Bernoulli variance is left."""
-    count, shots = 16, 4000
-    variance, _, squares = one_shot_variance("balanced", count, shots)
-    assert variance * (count - 1) / squares == pytest.approx(1.0, abs=4 * np.sqrt(2 / shots))

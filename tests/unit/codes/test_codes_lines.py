@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.codes.lines import make_comb_codes, make_matched_codes, make_row_codes
-from pdcd.errors import RequestError
+from pdcd.codes.lines import make_matched_codes
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -38,22 +37,3 @@ def test_matched_codes_of_few_codes_share_where_they_must(
         meets = bits[:, row].T @ bits[:, row]
         # Twelve cells have seven columns: at least ten of the pairs of neighbours differ.
         assert sum(meets[c, c + 1] == count // 4 for c in range(cols - 1)) >= cols - 2
-
-
-def test_a_comb_lights_every_cell_equally_often_and_no_two_of_a_row() -> None:
-    bits = make_comb_codes((5, 9), 40, 12, rng()).reshape(40, 5, 9)
-    assert (bits.sum(axis=0) == 3).all()
-    assert bits.sum(axis=2).max() == 1
-    assert not bits[36:].any()
-    assert not np.array_equal(bits[:12], bits[12:24])
-    with pytest.raises(RequestError, match="at least 12"):
-        make_comb_codes((5, 9), 11, 12, rng())
-
-
-def test_rows_have_orthogonal_codes_from_as_many_as_there_are_rows() -> None:
-    bits = make_row_codes((12, 5), 12, rng()).reshape(12, 12, 5)
-    assert (bits == bits[:, :, :1]).all()
-    h = np.where(bits[:, :, 0], 1, -1)
-    np.testing.assert_array_equal(h.T @ h, 12 * np.eye(12))
-    with pytest.raises(RequestError, match="hadamard codes do not come"):
-        make_row_codes((12, 5), 11, rng())

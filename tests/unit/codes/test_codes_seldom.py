@@ -15,13 +15,10 @@ from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import Codes, make_codes
 from pdcd.codes.orders import count_spread_subspaces, make_partial_spread
-from pdcd.codes.singer import count_plane_lines, make_difference_set
-from pdcd.errors import RequestError
+from pdcd.codes.singer import count_plane_lines
 from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
-
-ORDERS = [2, 3, 4, 5, 7, 8, 9, 11, 13, 16, 25, 31]
 
 
 def probing(codes: Codes) -> NDArray[np.int64]:
@@ -75,26 +72,6 @@ def test_as_few_cells_as_products_make_the_probing_matrix_exact(t: int, count: i
     assert np.array_equal(probing(codes), p * (1.0 - p) * count * (1.0 - np.eye(cells)))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("q", ORDERS)
-def test_every_difference_comes_once(q: int) -> None:
-    lines = q * q + q + 1
-    found = make_difference_set(q)
-    assert len(found) == q + 1
-    differences = sorted((a - b) % lines for a in found for b in found if a != b)
-    assert differences == list(range(1, lines))
-
-
-@pytest.mark.parametrize("q", [0, 1, 6, 10, 12, 32, 37])
-def test_orders_without_a_plane_here_are_refused(q: int) -> None:
-    with pytest.raises(RequestError) as caught:
-        make_codes("singer", (2, 2), 7, dual="same", p=1.0 / (q + 1.001 if q == 0 else q + 1))
-    assert "1/3, 1/4, 1/5, 1/6, 1/8" in str(caught.value.hint)
-    if q > 1:
-        with pytest.raises(RequestError):
-            make_difference_set(q)
-
-
 @pytest.mark.parametrize(
     ("q", "lines"),
     [
@@ -134,13 +111,6 @@ def test_each_set_of_singer_codes_gives_the_lines_out_anew() -> None:
     first, second = (set_.astype(np.int64).T @ set_ for set_ in (twice[:21], twice[21:]))
     both = (first == 5) & (second == 5) & ~np.eye(17 * 23, dtype=bool)
     assert both.sum() < 0.2 * (first == 5).sum()
-
-
-def test_singer_names_the_counts_that_fit() -> None:
-    for count, hint in ((20, "take 21 codes"), (22, "take 21 or 42 codes")):
-        with pytest.raises(RequestError) as caught:
-            make_codes("singer", (4, 4), count, dual="same", p=0.2)
-        assert str(caught.value.hint) == hint
 
 
 def fraction_error(name: str, family: str, count: int, p: float, share: float, seed: int) -> float:

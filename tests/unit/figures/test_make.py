@@ -34,7 +34,6 @@ from pdcd.figures.figure import (
     PanelRow,
     PaperFigure,
     Photos,
-    count_independent_codes,
 )
 from pdcd.figures.make import PAGE, MakeOutcome, make_paper_figures
 from pdcd.figures.record import capture_told, fingerprint_of, read_record
@@ -263,28 +262,6 @@ def test_a_capture_of_entries_is_judged_by_these() -> None:
     one = replace(PHOTO, transport=entries, transport_truth=truth)
     assert capture_told("slice", TAKE, one)["error"] == pytest.approx(0.25)
     assert capture_told("slice", TAKE, replace(one, transport_truth=None))["error"] is None
-
-
-def test_modes_have_fewer_codes_but_enough() -> None:
-    assert [QUICK_MODE.codes(count) for count in (16, 32, 64, 128, 256)] == [16, 32, 32, 32, 64]
-    assert [TINY_MODE.codes(n) for n in (8, 16, 60, 64, 68)] == [8, 16, 16, 16, 17]
-    assert [count_independent_codes(n) for n in (512, 4, 7, 1, 8)] == [
-        128,
-        1,
-        1,
-        1,
-        2,
-    ]  # four sub-shifts
-
-
-def test_captures_share_a_bench_by_what_stands_there() -> None:
-    same = FigureTake("vase", "indirect", {"codes": 8}, {"a": 1, "b": 2}, bound=0.1, said="x")
-    assert same.stands == FigureTake("vase", "white", {}, {"b": 2, "a": 1}).stands
-    changes: list[dict[str, Any]] = [
-        {"scene": "wax"}, {"options": {"a": 2, "b": 2}}, {"off_axis": True}, {"perfect": True},
-        {"f_number": 8.0}, {"grid": (3, 4)},
-    ]  # fmt: skip
-    assert len({same.stands, *(replace(same, **change).stands for change in changes)}) == 7
 
 
 def test_all_figures_are_whole() -> None:

@@ -9,10 +9,8 @@ import pytest
 
 from pdcd.panels.curve import (
     COPIES,
-    compute_pattern_light,
     find_table_fault,
     make_power_curve,
-    make_table_curve,
     prepare_codes,
     prepare_sequence,
 )
@@ -25,22 +23,6 @@ from pdcd.panels.patterns import (
     to_grey_bytes,
 )
 from pdcd.panels.schedule import build_frames
-
-LEVELS = np.arange(256)
-
-
-def test_the_level_that_is_sent_gives_the_nearest_light() -> None:
-    light = np.random.default_rng(1).random((3, 50))
-    for gamma in (1.0, 2.2, 0.6):
-        of_level = (LEVELS / 255.0) ** gamma
-        sent = make_power_curve(gamma).sent(light) * 255.0
-        nearest = np.abs(light[..., None] - of_level).min(axis=-1)
-        np.testing.assert_allclose(np.abs(of_level[sent.astype(int)] - light), nearest, atol=1e-12)
-
-
-def test_a_table_is_straight_between_its_lights() -> None:
-    curve = make_table_curve((0.0, 0.1, 1.0))
-    assert curve.light[[0, 51, 204, 255]] == pytest.approx([0.0, 0.04, 0.64, 1.0])
 
 
 @pytest.mark.parametrize(
@@ -58,17 +40,6 @@ def test_a_table_is_straight_between_its_lights() -> None:
 )
 def test_a_table_that_is_none_is_told(lights: tuple[float, ...], told: str) -> None:
     assert find_table_fault(lights).find(told) >= 0 and bool(find_table_fault(lights)) == bool(told)
-
-
-def test_black_and_white_are_sent_as_bits_under_any_curve() -> None:
-    bits = np.random.default_rng(2).random((5, 12)) < 0.5
-    for mask in (bits, bits.astype(np.float64)):
-        primal, dual = prepare_codes(bits, mask, (make_power_curve(2.2), make_power_curve(0.7)))
-        np.testing.assert_array_equal(primal, pack_bits(bits))
-        np.testing.assert_array_equal(dual, pack_bits(bits))
-        np.testing.assert_array_equal(
-            compute_pattern_light(primal, 1, 12, make_power_curve(2.2)), bits[1]
-        )
 
 
 def test_levels_of_codes_are_mixed_in_two_accounts() -> None:

@@ -13,7 +13,6 @@ from pdcd.panels.windows import LOWER, MOVED, PLACED, UPPER
 GRID = (2, 3)
 CENTRE = {PLACED: 0.5, MOVED: 0.0, LOWER: 0.25, UPPER: 0.75}
 """Of a strip, from the edge of the cell that it is numbered by."""
-WINDOWS = ["whole", "quarter", "side-5/8", "side-3/4", "side-7/8"]
 
 
 def pattern(lattice: Lattice) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -93,8 +92,8 @@ def test_cells_are_cut_where_windows_end(
     assert down == Lattice(GRID, window).pieces[0]
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.125, -0.3), (-1.25, 0.5), (1e-17, 0.5 + 1e-16)])
-@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.125, -0.3), (1e-17, 0.5 + 1e-16)])
+@pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8"])
 def test_parts_of_cells_are_where_their_places_are(
     window: str, offset: tuple[float, float]
 ) -> None:

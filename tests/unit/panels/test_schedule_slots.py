@@ -10,7 +10,6 @@ from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, WHITE, FrameLog
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.schedule import SLOTS, build_frames, count_slot_rows
-from pdcd.planning.bench_fit import choose_window
 from pdcd.words import ScheduleName
 from tests import bench_rig
 
@@ -95,21 +94,6 @@ def test_a_log_without_rows_asked_was_asked_for_all_in_order() -> None:
         shown, shown, ns, ns, np.zeros(2, np.int64), shown, "test", True, primal_asked=shown
     )
     assert [rows.tolist() for rows in asked.asked] == [[5, 6, 7], [0, 1, 2]]
-
-
-@pytest.mark.parametrize(
-    ("asked", "cells", "got"),
-    [("auto", 0.0, "whole"), ("auto", 0.2, "quarter"), ("whole", 0.2, "whole"),
-     ("quarter", 0.0, "quarter"), ("auto", 0.25, "quarter"), ("auto", 0.001, "whole"),
-     ("auto", 0.01, "quarter")],
-)  # fmt: skip
-def test_window_choice(asked: str, cells: float, got: str) -> None:
-    assert choose_window(asked, cells) == got
-
-
-def test_misregistration_beyond_quarter_windows_is_refused() -> None:
-    with pytest.raises(ConfigError, match="misregistration"):
-        choose_window("auto", 0.3)
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8", "side-7/8"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.map import Map, to_map_matrix
+from pdcd.panels.map import Map
 from pdcd.panels.map_soundness import (
     check_map,
     check_share,
@@ -17,7 +17,6 @@ from pdcd.panels.map_soundness import (
     find_fewest_pixels,
     find_points_on_device,
     is_field_covered,
-    measure_cell_sides,
 )
 
 GOOD = Map.filling((64, 48))
@@ -125,13 +124,6 @@ def test_part_of_it_folded_is_folded(mirror: float) -> None:
     assert check_map(flat, "mask") is flat
 
 
-def test_a_singular_homography_is_told_before_anything_is_worked_out() -> None:
-    for rows in (np.zeros((3, 3)), np.ones((3, 3)), np.diag([1.0, 0.0, 1.0])):
-        refused("has a singular homography", homography=tuple(rows.ravel().tolist()))
-    huge = to_map_matrix(np.diag([1e308, 1.0, 1e-10]))
-    refused("not finite", homography=huge)
-
-
 def beside(right: float, down: float) -> Map:
     return GOOD.then([[1.0, 0.0, right], [0.0, 1.0, down], [0.0, 0.0, 1.0]])
 
@@ -178,18 +170,6 @@ NARROWING = FULL.then([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.5]])
 def moved(right: float, down: float) -> Map:
     """The device that fills the field, shifted by so many of its pixels."""
     return FULL.then([[1.0, 0.0, right / 64], [0.0, 1.0, down / 48], [0.0, 0.0, 1.0]])
-
-
-def test_a_point_lies_on_the_device_up_to_its_edges() -> None:
-    points = [[0.0, 0.0], [64.0, 48.0], [10.0, 20.0], [-0.01, 20.0], [64.01, 20.0], [20.0, -0.01],
-              [20.0, 48.01], [60.0, 50.0], [np.nan, 20.0], [20.0, np.nan]]  # fmt: skip
-    assert find_points_on_device(FULL, np.array(points)).tolist() == [True] * 3 + [False] * 7
-
-
-def test_pixels_across_a_cell_are_counted_each_way() -> None:
-    assert measure_cell_sides(FULL, np.array([[1.0, 2.0]]), (6, 4)) == pytest.approx((8.0, 16.0))
-    assert measure_cell_sides(FULL, np.array([[1.0, 2.0]]), (2, 16)) == pytest.approx((4.0, 24.0))
-    assert measure_cell_sides(FULL, np.empty((0, 2)), (6, 4)) == (0.0, 0.0)
 
 
 def test_only_cells_on_the_device_are_counted() -> None:

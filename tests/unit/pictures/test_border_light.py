@@ -1,5 +1,5 @@
 """Direct light along borders that panels draw in two places, held against pixels looked at one by
-one: 14400 points of every quad, with the pixel of both panels that each lies in."""
+one: 3600 points of every quad, with the pixel of both panels that each lies in."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 GRID = (3, 4)
 N = 12
-FINE = 120
+FINE = 60
 PROJECTOR_PX = (50, 38)
 BENCHES: list[dict[str, Any]] = [
     {"size_px": (78, 58)},

@@ -8,8 +8,6 @@ import pytest
 from pdcd.pictures.written.looks import (
     Brightness,
     ToneStats,
-    choose_pixel_step,
-    compute_median_sigma,
 )
 
 
@@ -57,15 +55,6 @@ def test_a_picture_is_signed_by_clear_light_below_zero(
     assert Brightness({"it": look}).signed("it") == signed
 
 
-def test_a_signed_picture_reaches_as_far_as_either_side() -> None:
-    assert ToneStats(0.5, 0.0, -2.0).reach == 2.0
-    assert ToneStats(3.0, 0.0, -2.0).reach == 3.0
-    assert ToneStats(0.5, 1.0, -2.0).reach == 0.5  # by noise alone: not signed
-    assert ToneStats(0.5, 0.1).dark == 0.0
-    shown = Brightness({"low": ToneStats(1.0, 0.0), "it": ToneStats(0.5, 0.0, -2.0)})
-    assert shown.scale == pytest.approx(0.45) and shown.factor("low") == 2.0
-
-
 def picture(levels: list[tuple[int, float]]) -> tuple[np.ndarray, np.ndarray]:
     """A column of pixels, so many of each level, and all of them known."""
     column = np.concatenate([np.full(count, level) for count, level in levels])
@@ -96,20 +85,3 @@ def test_a_look_is_the_darkest_and_the_brightest_hundredth_of_what_is_known() ->
 )
 def test_few_glints_do_not_decide(levels: list[tuple[int, float]], bright: float) -> None:
     assert ToneStats.of(*picture(levels), 0.0).bright == pytest.approx(bright)
-
-
-@pytest.mark.parametrize(
-    ("shape", "step"), [((1, 1), 1), ((799, 800), 1), ((800, 800), 2), ((1200, 1201), 3)]
-)
-def test_of_large_pictures_every_so_many_pixels_are_looked_at(
-    shape: tuple[int, int], step: int
-) -> None:
-    assert choose_pixel_step(np.zeros(shape, np.bool_)) == step
-
-
-def test_the_usual_error_is_the_median_of_what_is_known() -> None:
-    sigma = np.arange(15.0).reshape(5, 1, 3)
-    seen = np.ones((5, 1), np.bool_)
-    assert compute_median_sigma(sigma, seen) == 7.0
-    seen[3:] = False
-    assert compute_median_sigma(sigma, seen) == 4.0

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
 from pdcd.pictures.written.picture_files import draw_value_table, read_tiff, write_png, write_tiff
@@ -23,26 +22,6 @@ def test_numbers_become_grey_squares() -> None:
     small = draw_value_table(table, min_width_px=1)
     assert small[..., 0].tolist() == [[0, 128, 255, 51], [0, 255, 0, 255]]
     assert (small == small[..., :1]).all() and small.dtype == np.uint8
-
-
-@pytest.mark.parametrize(
-    ("width", "min_width_px", "expected"), [(64, 640, 640), (60, 640, 660), (700, 640, 700)]
-)
-def test_small_tables_are_enlarged_in_blocks(width: int, min_width_px: int, expected: int) -> None:
-    table = np.random.default_rng(0).uniform(0.0, 1.0, (2, width))
-    small = draw_value_table(table, min_width_px=1)
-    large = draw_value_table(table, min_width_px=min_width_px)
-    factor = expected // width
-    assert large.shape == (2 * factor, expected, 3)
-    for row, column in ((0, 0), (factor - 1, factor - 1)):
-        assert np.array_equal(large[row::factor, column::factor], small)
-
-
-def test_png_can_be_viewed_with_its_colours_in_order(tmp_path: Path) -> None:
-    picture = np.random.default_rng(1).integers(0, 256, (5, 7, 3)).astype(np.uint8)
-    picture[0, 0] = (255, 128, 0)
-    write_png(tmp_path / "a.png", picture)
-    assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), picture)
 
 
 @needs("exiftool")
@@ -101,17 +80,6 @@ def test_truncated_tiff_is_refused(tmp_path: Path, keep: int) -> None:
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(DecodeError, match=r"a\.tiff"):
         read_tiff(path)
-
-
-def test_picture_in_place_of_a_tiff_is_refused(tmp_path: Path) -> None:
-    write_png(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
-    with pytest.raises(DecodeError, match="float32"):
-        read_tiff(tmp_path / "a.png")
-
-
-def test_missing_tiff(tmp_path: Path) -> None:
-    with pytest.raises(DecodeError, match="cannot read"):
-        read_tiff(tmp_path / "none.tiff")
 
 
 def test_full_disk_is_reported() -> None:

@@ -199,10 +199,3 @@ def test_a_truth_that_lacks_something_does_not_fit(tmp_path: Path, missing: str)
         np.savez(tmp_path / TRUTH, **{**good, name: wrong[name]})
         with pytest.raises(DecodeError):
             read_known_answer(tmp_path, MAP)
-
-
-def test_squares_without_all_of_their_quads_are_not_compared() -> None:
-    seen = np.ones((4, 4), np.bool_)
-    seen[0, 0] = False
-    found = KnownAnswer(np.ones((4, 4, 3)), seen, of_cells=False).binned(2)
-    assert found.seen.tolist() == [[False, True], [True, True]]

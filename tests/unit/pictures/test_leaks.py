@@ -15,9 +15,8 @@ from pdcd.pictures.leaks import (
     make_leak_answers,
     predict_photo_variances,
 )
-from pdcd.planning.look import choose_black_level
 from pdcd.probing.realised import Factors
-from pdcd.protocol.plan_summary import CaptureScheme, Goal, LeakErrors
+from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
 from pdcd.sensor.cells import CellMap
@@ -119,18 +118,6 @@ def test_noise_is_no_leak() -> None:
         noise = DarkPhotoLight(0.01 * rng.standard_normal((N, 3)), np.full((N, 3), 1e-4))
         assert found.ambient(noise) == 0.0
         assert found.floor(noise) > 0.0
-
-
-@pytest.mark.parametrize(
-    ("ambient", "mask", "both", "level"),
-    [(0.001, 0.002, 0.003, "none"), (0.3, 0.002, 0.3, "ambient"), (0.0, 0.2, 0.2, "mask"),
-     (0.3, 0.2, 0.4, "both"), (0.008, 0.008, 0.012, "ambient")],
-)  # fmt: skip
-def test_as_few_black_exposures_as_will_do(
-    ambient: float, mask: float, both: float, level: str
-) -> None:
-    leaks = LeakErrors(ambient=ambient, mask=mask, both=both, floor=0.0, limit=0.01, raw=())
-    assert choose_black_level(leaks) == level
 
 
 @pytest.mark.parametrize("share", [1.0, -0.5])

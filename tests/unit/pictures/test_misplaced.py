@@ -31,7 +31,7 @@ WIDTH, HEIGHT = 512, 384
 PROJECTOR, MASK, QUADS = (WIDTH, HEIGHT), (800, 600), (200, 150)
 SIZE: Any = np.array(PROJECTOR)
 MIDDLE = SIZE / 2.0
-POINTS = 6
+POINTS = 4
 """Along either axis of a quad."""
 
 
@@ -115,14 +115,8 @@ def test_places_are_in_pixels_of_a_projector_of_whose_picture_the_field_is_a_par
     "mask",
     [
         Lies(),
-        Lies((2.0, 0.0)),
-        Lies((-5.0, 3.5)),
-        Lies((24.0, 3.0)),
         Lies((-31.0, 32.0)),
-        Lies(turn=1.0),
         Lies((8.0, -3.0), turn=-3.0),
-        Lies(flip=(-1.0, 1.0)),
-        Lies(flip=(-1.0, -1.0), scale=1.04),
         Lies((30.0, 0.0), turn=3.0, scale=0.8, flip=(-1.0, 1.0)),
     ],
 )
@@ -152,7 +146,7 @@ def test_a_look_says_how_sure_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    "camera", [Lies((12.0, -5.0)), Lies(turn=-2.0, scale=1.1), Lies(flip=(-1.0, 1.0))]
+    "camera", [Lies((12.0, -5.0), turn=-2.0, scale=1.1), Lies(flip=(-1.0, 1.0))]
 )
 def test_the_camera_cancels_and_is_found_by_itself(camera: Lies) -> None:
     found = looked(Lies((5.0, 0.0)), camera)

@@ -14,8 +14,8 @@ from pdcd.panels.map import Map
 from pdcd.pictures.picture import PictureWithErrors
 from pdcd.pictures.upright import FieldView
 from pdcd.pictures.written import previews
-from pdcd.pictures.written.picture_files import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, draw_caption
-from pdcd.pictures.written.previews import HATCH, Previews, encode_gamma, write_previews
+from pdcd.pictures.written.picture_files import HEIGHT_PX, MARGIN_PX, STEP_PX
+from pdcd.pictures.written.previews import HATCH, Previews, write_previews
 
 Floats = NDArray[np.float64]
 
@@ -70,17 +70,6 @@ def test_without_a_white_photo_the_brightest_picture_is_the_measure() -> None:
     assert made.balance.source == "camera"
 
 
-def test_noise_is_not_brightened_until_it_looks_like_light() -> None:
-    noise = 0.003 * np.random.default_rng(0).standard_normal((*FRAME, 3))
-    quiet, loud = (picture(noise, sigma) for sigma in (1e-5, 0.003))
-    made = Previews({"white": picture(flat(0.9)), "quiet": quiet, "loud": loud}, VIEW)
-    assert made.factor("loud") == 32.0  # 0.003 x 32 is 0.096 of white, x 64 would be 0.19
-    assert made.factor("quiet") > made.factor("loud")
-    alone = Previews({"loud": loud}, VIEW)
-    seen = alone.drawn("loud")[:240]
-    assert 30 < seen.mean() < 60  # half of it negative, the rest about 255 * 0.125^(1/2.2) = 99
-
-
 def test_light_below_zero_is_darker_than_the_grey_of_none() -> None:
     halves = flat(0.4)
     halves[:, :32], halves[:12] = -0.15, 0.0
@@ -96,18 +85,6 @@ def test_light_below_zero_is_darker_than_the_grey_of_none() -> None:
     assert middle(dark.drawn("dark"))[0] < 30
 
 
-def test_a_few_glints_do_not_leave_all_else_nearly_black() -> None:
-    """Two in a hundred places are 200 times as bright as the others."""
-    glints = flat(0.01)
-    glints.reshape(-1, 3)[::50] = 2.0
-    made = Previews({"white": picture(glints)}, VIEW)
-    assert made.factor("white") == 1.0
-    assert np.median(made.drawn("white")[:240]) > 70  # by the brightest hundredth it was 23
-    lit = flat(0.01)
-    lit[:8] = 2.0  # a sixth of it: what was lit on purpose
-    assert np.median(Previews({"white": picture(lit)}, VIEW).drawn("white")[:240]) < 30
-
-
 def test_paper_in_the_white_photo_makes_all_pictures_neutral() -> None:
     """One balance for all: what is coloured in the others stays so."""
     white = flat(0.02)
@@ -121,12 +98,6 @@ def test_paper_in_the_white_photo_makes_all_pictures_neutral() -> None:
     assert max(pixel) - min(pixel) <= 1
     first, second, third = middle(made.drawn("red"))
     assert first > second + 50 and abs(second - third) <= 1
-
-
-@pytest.mark.parametrize("colour", [(0.9, 0.7, 0.4), (0.3, 0.8, 0.3), (0.0, 0.0, 0.0)])
-def test_a_scene_without_white_keeps_its_colours(colour: tuple[float, float, float]) -> None:
-    made = Previews({"white": picture(np.broadcast_to(colour, (*FRAME, 3)).copy())}, VIEW)
-    assert made.balance.factors == (1.0, 1.0, 1.0) and made.balance.source == "camera"
 
 
 def test_a_patch_that_cannot_be_seen_is_told() -> None:
@@ -146,43 +117,6 @@ def test_what_is_not_known_is_hatched(value: float) -> None:
     hole = drawn[103:137, 153:197]
     assert set(np.unique(hole).tolist()) == set(HATCH)
     assert (drawn[:95] == 243).all() and (drawn[145:] == 243).all()
-
-
-def test_the_strip_names_its_greys() -> None:
-    greys = [(0, "0"), (128, "0.2"), (255, "1")]
-    made = draw_caption(640, "indirect  x 4", ["a", "b"], greys)
-    left = 640 - MARGIN_PX - 3 * STEP_PX
-    assert [made[10, left + STEP_PX * k + 5].tolist() for k in range(3)] == [
-        [grey] * 3 for grey, _ in greys
-    ]
-    other = draw_caption(640, "indirect  x 8", ["a", "b"], greys)
-    assert (made != other).any() and (made[:, left:] == other[:, left:]).all()
-    long = draw_caption(640, "m" * 200, ["n" * 300], greys)
-    assert (long[:, left - MARGIN_PX :] == made[:, left - MARGIN_PX :]).all()
-    assert (made[:, :left] != PAPER).any()
-
-
-def test_the_scale_of_greys_is_that_of_the_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[tuple[str, list[tuple[int, str]]]] = []
-
-    def noted(width: int, title: str, notes: list[str], greys: list[tuple[int, str]]) -> object:
-        told.append((title, greys))
-        return draw_caption(width, title, notes, greys)
-
-    monkeypatch.setattr(previews, "draw_caption", noted)
-    made = Previews({"white": picture(flat(0.9)), "dark": picture(flat(0.05))}, VIEW)
-    made.drawn("dark")
-    ((title, greys),) = told
-    # 0.05 times 16 is 0.8 of white, which is 1 scene unit here.
-    assert title == "dark  x 16"
-    assert greys == [(0, "0"), (99, "0.0078"), (136, "0.016"), (186, "0.031"), (255, "0.062")]
-
-
-def test_gamma_is_that_of_the_formula() -> None:
-    values = np.random.default_rng(1).uniform(0.0, 1.0, 5000).astype(np.float32)
-    exact = 255.0 * values.astype(np.float64) ** (1 / 2.2)
-    assert np.abs(encode_gamma(values) - exact).max() < 1.0
-    assert encode_gamma(np.array([-1.0, 7.0], np.float32)).tolist() == [0, 255]
 
 
 def test_files_are_the_same_every_time(tmp_path: Path) -> None:

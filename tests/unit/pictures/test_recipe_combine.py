@@ -7,18 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdcd.errors import DecodeError, RequestError
+from pdcd.errors import DecodeError
 from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot, ExposedShot
 from pdcd.pictures.picture import Picture, combine_photos
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
-from pdcd.recipes.goals import Target, check_target
+from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
 from pdcd.recipes.recipe import Extremes, Rule
 from pdcd.sensor.cells import CellMap
-from tests import bench_rig
 
 GRID = (1, 3)
 CELLS = CellMap.block(GRID, GRID)
@@ -31,14 +30,6 @@ def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> Exposed
     factors = Factors(np.eye(n), matrix.astype(float), np.diag(matrix).astype(float), np.ones(n))
     image = np.full((1, n, 3), light)
     return ComputedShot(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors, {})
-
-
-@pytest.mark.parametrize(
-    ("name", "p"), [("indirect", 0.5), ("fraction", None), ("fraction", 1.0), ("sideways", None)]
-)
-def test_contradictory_goals_are_refused(name: str, p: float | None) -> None:
-    with pytest.raises(RequestError):
-        check_target(Target(Goal(name=name, p=p), GRID))  # type: ignore[arg-type]
 
 
 def test_direct_scales_each_photo_by_its_own_weight() -> None:
@@ -82,27 +73,6 @@ def test_row_weights_divide_each_cell_by_its_own() -> None:
     shot.light[...] = uneven.sum(axis=1)[None, :, None]
     image = combine_shots(recipe, {"far": shot}, CELLS)["long-range"].image
     np.testing.assert_allclose(image, 2.0)
-
-
-@pytest.mark.parametrize(
-    ("level", "names"),
-    [
-        ("none", ["coded"]),
-        ("mask", ["coded", "coded-black-dual"]),
-        ("ambient", ["coded", "coded-black-primal"]),
-        ("both", ["coded", "coded-black-dual", "coded-black-primal", "coded-black-primal-dual"]),
-    ],
-)
-def test_black_level_shots(level: str, names: list[str]) -> None:
-    recipe = make_recipe(INDIRECT, CaptureScheme(black_level=level, white=False))  # type: ignore[arg-type]
-    assert [s.name for s in recipe.shots] == names
-    signs = [sign for sign, _ in recipe.photos[0].shots]
-    assert signs == [1.0, -1.0, -1.0, 1.0][: len(names)]
-
-
-def test_weight_of_a_single_cell_without_indirect_light_is_its_open_time() -> None:
-    one = Factors(np.eye(1), np.zeros((1, 1)), np.zeros(1), np.array([0.3]))
-    assert weight_s(one, bench_rig.uniform((1, 1), 0.0, 1.0)) == 0.3
 
 
 def single(image: float, sigma: float) -> Picture:

@@ -11,13 +11,10 @@ from pdcd.pictures.bars import add_known_errors
 from pdcd.pictures.picture import Picture
 from pdcd.pictures.sigma import _inverse_trigamma, estimate_quad_errors, measure_error_bars
 from pdcd.pictures.to_cells import QuadSample
-from pdcd.probing.deviation import compute_row_deviations
-from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
 from pdcd.words import GoalName
-from tests import bench_rig
 
 SHAPE = (24, 32, 3)
 
@@ -99,18 +96,6 @@ def test_saturated_pixels_stay_unknown() -> None:
 @pytest.mark.parametrize("value", [1e-3, 0.1, 1.0, 30.0, 1e4])
 def test_inverse_trigamma(value: float) -> None:
     assert scipy.special.polygamma(1, _inverse_trigamma(value)) == pytest.approx(value)
-
-
-def test_row_deviations_are_those_of_the_dense_matrix() -> None:
-    rng = np.random.default_rng(3)
-    left, right, coaxial = rng.random((5, 12)), rng.random((5, 12)), rng.random(12)
-    realised = Factors(left, right, coaxial, np.ones(12))
-    rows = compute_row_deviations(realised, bench_rig.uniform((3, 4), 0.0, 1.0), 2.0)
-    dense = left.T @ right / 2.0 - 1.0
-    off = [np.delete(dense[n], n) for n in range(12)]
-    np.testing.assert_allclose(rows[0], [np.mean(o) for o in off])
-    np.testing.assert_allclose(rows[1], [np.var(o) for o in off])
-    np.testing.assert_allclose(rows[2], coaxial / 2.0)
 
 
 @pytest.mark.parametrize(

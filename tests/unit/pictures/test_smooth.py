@@ -59,7 +59,7 @@ def spread(kind: str, grid: tuple[int, int]) -> Floats:
 
 @pytest.mark.parametrize(("kind", "left"), [("even", 0.3), ("near", 0.35)])
 @pytest.mark.parametrize(
-    ("family", "count"), [("bernoulli", 32), ("balanced", 32), ("hadamard", 8), ("hadamard", 64)]
+    ("family", "count"), [("bernoulli", 32), ("hadamard", 8), ("hadamard", 64)]
 )
 def test_light_of_the_assumed_forms_is_found_and_corrected(
     kind: str, left: float, family: str, count: int
@@ -70,7 +70,7 @@ def test_light_of_the_assumed_forms_is_found_and_corrected(
     assert after < left * before
 
 
-@settings(deadline=None, derandomize=True, max_examples=25)
+@settings(deadline=None, derandomize=True, max_examples=15)
 @given(rows=st.integers(1, 9), cols=st.integers(1, 9), seed=st.integers(0, 999))
 def test_any_image_on_any_grid_gets_a_finite_correction(rows: int, cols: int, seed: int) -> None:
     """Never more than what would be missing if all light were of both forms."""
@@ -141,7 +141,7 @@ def test_no_preset_gets_worse(name: str, count: int) -> None:
         assert after < 1.001 * before
 
 
-@pytest.mark.parametrize("count", [8, 32, 128, 512])
+@pytest.mark.parametrize("count", [8, 128])
 def test_a_path_traced_corner_errs_less(count: int) -> None:
     with np.load(DATA / "corner_32x24.npz") as file:
         transport = np.asarray(file["transport"], dtype=np.float64)
@@ -157,8 +157,7 @@ def test_sharp_paths_are_hardly_touched() -> None:
     assert after < 1.01 * before
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("count", [8, 32, 128])
+@pytest.mark.parametrize(("count", "seed"), [(8, 0), (32, 1), (128, 2)])
 def test_texture_is_not_taken_for_the_pattern_of_the_codes(count: int, seed: int) -> None:
     """Sharp and near light between cells whose brightness is drawn at random: nothing to learn,
     and codes that are nearly exact already."""

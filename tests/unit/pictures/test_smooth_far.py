@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
 from pdcd.pictures.smooth import compute_smooth_correction
-from pdcd.protocol.plan_summary import CaptureScheme, Goal
-from pdcd.recipes.goals import Target
-from pdcd.recipes.make import make_recipe
 from pdcd.recipes.programs import LongRangeProgram
 
 GRID = (12, 16)
@@ -66,12 +63,3 @@ def test_before_single_sharp_paths_little_is_done() -> None:
     assert not compute_smooth_correction(
         np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N), GRID, beyond=2
     ).any()
-
-
-@pytest.mark.parametrize("goal", ["long-range", "short-range"])
-def test_far_photos_are_corrected_under_full_light(goal: str) -> None:
-    target = Target(Goal(name=goal, radius=2), GRID)  # type: ignore[arg-type]
-    found = {photo.name: photo.beyond for photo in make_recipe(target, CaptureScheme()).photos}
-    assert found["far"] == 2 and found.get("coded", 0) == 0
-    lit = Target(Goal(name=goal, radius=2), GRID, {"illumination": np.full(N, 0.5)})  # type: ignore[arg-type]
-    assert all(photo.beyond == 0 for photo in make_recipe(lit, CaptureScheme()).photos)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.errors import DecodeError, RequestError
+from pdcd.errors import DecodeError
 from pdcd.pictures.exposed import ComputedShot, ExposedShot
 from pdcd.pictures.transport import draw_transport_slice, solve_transport_slice
 from pdcd.probing.panel import PanelOptics
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.recipes.goals import Target
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.transport import MOST_PHOTOS, check_slice, count_slice_photos, make_s_matrix
+from pdcd.recipes.transport import count_slice_photos, make_s_matrix
 from pdcd.recipes.transport import make_transport_recipe as recipe_of_slice
 from pdcd.sensor.cells import CellMap
 from tests import catalogue_rig
@@ -153,20 +153,3 @@ def test_photos_without_light_are_no_slice() -> None:
     )
     with pytest.raises(DecodeError, match="no light"):
         solve_transport_slice(recipe, shots, CellMap.block(GRID, GRID))
-
-
-@pytest.mark.parametrize(
-    ("goal", "grid", "told"),
-    [
-        ({"rows": (4, 0)}, GRID, "no row 4"),
-        ({"rows": (0, -1)}, GRID, "no row -1"),
-        ({"masked": True}, GRID, "leaves no row to mask"),
-        ({}, (48, 64), f"the limit is {MOST_PHOTOS}"),
-        ({"rows": (0, 0)}, (2, 1023), f"the limit is {MOST_PHOTOS}"),
-    ],
-)
-def test_slices_that_cannot_be_are_refused(
-    goal: dict[str, object], grid: tuple[int, int], told: str
-) -> None:
-    with pytest.raises(RequestError, match=told):
-        check_slice(Goal(name="transport", **goal), grid)  # type: ignore[arg-type]

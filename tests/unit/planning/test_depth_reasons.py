@@ -42,8 +42,8 @@ def on_both(
     return projector.reshape(-1, rows, columns), mask.reshape(-1, rows, columns)
 
 
-@pytest.mark.parametrize("codes", [4, 8, 12, 16])
-@pytest.mark.parametrize("columns", range(9, 17))
+@pytest.mark.parametrize("codes", [4, 8, 16])
+@pytest.mark.parametrize("columns", [9, 12, 16])
 def test_cells_of_a_row_that_share_a_code_are_as_far_apart_as_it_says(
     codes: int, columns: int
 ) -> None:
@@ -64,9 +64,9 @@ def test_cells_of_a_row_that_share_a_code_are_as_far_apart_as_it_says(
         assert columns < 2 * codes or shared.min() == least
 
 
-@pytest.mark.parametrize("codes", [16, 20, 32])
-@pytest.mark.parametrize("columns", [8, *range(11, 22), 30])
-@pytest.mark.parametrize("low", [-1, 0, 2])
+@pytest.mark.parametrize("codes", [16, 20])
+@pytest.mark.parametrize("columns", [8, 13, 14, 17, 18, 30])
+@pytest.mark.parametrize("low", [-1, 2])
 def test_a_comb_that_blocks_other_depths_says_so(codes: int, columns: int, low: int) -> None:
     """Closed for two disparities: a comb that is too short comes back while they are closed."""
     plan = planned(columns, goal="keyed", codes=codes, disparity=[low, low + 1])

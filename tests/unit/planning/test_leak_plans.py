@@ -69,13 +69,6 @@ def test_the_black_exposures_that_leaks_call_for_join_the_shots(
     assert after.refreshes(black) == plan.refreshes(coded)
 
 
-def test_leaks_of_both_kinds_take_both() -> None:
-    plan = plan_of()
-    after = with_black_exposures(plan, leaks(0.02, 0.02), Config(), ())
-    assert after.how.black_level == "both"
-    assert after.look is None
-
-
 def test_where_time_or_memory_leaves_no_room_nothing_is_added() -> None:
     plan = plan_of()
     full = replace(plan, look=LeakProbe(0.01, may_add=False))
@@ -130,19 +123,3 @@ def test_a_dark_photo_pauses_for_as_long_as_panels_settle() -> None:
     assert frames.shift.size == frames.code.size == len(frames)
     assert (frames.grid, frames.lattice, frames.window) == (GRID, GRID, "whole")
     assert len(frames.primal_patterns) == len(frames.dual_patterns) == 0
-
-
-@pytest.mark.parametrize(("row_hz", "rows"), [(60.0, 15), (4.0, 2), (10.0, 2), (30.0, 8)])
-def test_each_state_of_a_dark_photo_lasts_a_quarter_of_a_second(row_hz: float, rows: int) -> None:
-    """At least two rows, however slow the panels are."""
-    plan = replace(plan_of(codes=128), row_hz=row_hz)
-    assert DarkFrames.of(plan).rows == rows
-
-
-def test_the_last_exposure_is_not_that_of_a_second_bucket() -> None:
-    rig = config(camera={"buckets": 2})
-    plan = plan_of(rig, goal="direct", method="pairs")
-    beside = [shot.name for shot in plan.recipe.shots if shot.beside]
-    assert beside and plan.last_exposed.name not in beside
-    alone = [shot.name for shot in plan.recipe.shots if not shot.beside]
-    assert plan.last_exposed.name == alone[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import scipy
@@ -120,21 +121,6 @@ def test_a_plain_request_has_two_plans_with_the_same_reasons() -> None:
     assert list(plan.reasons[: len(named)]) == named
 
 
-def test_who_names_codes_keeps_the_look_and_the_parts() -> None:
-    plain, named = plan_of(), plan_of(codes=128)
-    assert named.unasked and named.how == plain.how
-    assert named.reasons[-2:] == plain.reasons[-2:] and named.reasons[-1].startswith("parts: ")
-    assert named.otherwise is not None and plain.otherwise is not None
-    assert named.otherwise.how == plain.otherwise.how
-
-
-def test_no_pilot_and_one_part_are_one_plan() -> None:
-    plan = plan_of(codes=128, pilot=0, parts=1)
-    assert (plan.how.codes, plan.how.pilot, plan.how.parts) == (128, 0, 1)
-    assert plan.otherwise is None and not plan.unasked
-    assert not any(reason.startswith(("pilot", "parts")) for reason in plan.reasons)
-
-
 @pytest.mark.parametrize(
     ("fields", "first", "reason"),
     [
@@ -222,26 +208,26 @@ def test_a_map_is_made_of_no_more_cells_than_can_be_matched() -> None:
 
 
 @pytest.mark.parametrize(
-    ("family", "codes", "parts"),
+    ("family", "codes", "used", "parts"),
     [
-        ("hadamard", 64, 4),
-        ("hadamard", 60, 1),
-        ("balanced", 64, 4),
-        ("balanced", 72, 4),
-        ("balanced", 68, 4),
-        ("balanced", 62, 1),
-        ("bernoulli", 144, 8),
-        ("rademacher", 108, 6),
+        ("hadamard", 256, 256, 8), ("hadamard", 127, 120, 6), ("hadamard", 112, 112, 7),
+        ("hadamard", 72, 64, 4), ("hadamard", 64, 64, 4), ("hadamard", 60, 60, 1),
+        ("balanced", 72, 72, 4), ("balanced", 68, 64, 4), ("balanced", 62, 62, 1),
+        ("bernoulli", 144, 144, 8), ("rademacher", 108, 108, 6),
     ],
-)
+)  # fmt: skip
 def test_parts_have_sixteen_codes_at_least_and_whole_pairs(
-    family: Any, codes: int, parts: int
+    family: Any, codes: int, used: int, parts: int
 ) -> None:
-    request = CaptureRequest(goal="indirect", codes=codes, family=family, pilot=0)
-    found = resolve_defaults(request, Config(), GRID, camera())
-    assert found.request.parts == parts
-    assert (found.request.codes or 128) <= codes
-    assert replace(found).otherwise is None
+    """Named or configured; a few codes are left out where all cannot be split."""
+    asked = CaptureRequest(goal="indirect", pilot=0)
+    named = msgspec.structs.replace(asked, codes=codes, family=family)
+    rig = config(schedule={"codes": codes, "family": family})
+    for request, bench in ((named, Config()), (asked, rig)):
+        found = resolve_defaults(request, bench, GRID, camera())
+        assert (found.request.codes or codes, found.request.parts) == (used, parts)
+        left_out = f"{codes - used} of {codes} being left out"
+        assert (left_out in found.reasons[0]) == (used < codes) and found.otherwise is None
 
 
 def test_families_of_their_own_structure_are_not_split() -> None:

@@ -138,6 +138,7 @@ def test_a_white_shot_lasts_as_long_as_gathers_the_light_of_codes() -> None:
         light = average_pair_light(plan.patterns[name], Lattice(GRID, plan.window).lattice_cells)
         assert plan.white_slots == max(1, round(slots * light))
     assert plan_of(goal="white").white_slots == 8
+    assert plan_of(codes=2).white_slots == 1  # never none
     assert plan_of(goal="white", codes=12).white_slots == 12
 
 
@@ -286,6 +287,8 @@ def test_whoever_waits_hears_of_every_program_and_may_end_the_work() -> None:
         ({"goal": "short-range", "radius": 1}, True),
         ({"goal": "short-range", "radius": 1, "family": "balanced"}, False),
         ({"goal": "diagonal"}, False),
+        ({"goal": "fraction", "p": 0.5}, False),
+        ({"goal": "white"}, False),
     ],
 )
 def test_smooth_light_is_corrected_where_it_can_be(fields: dict[str, Any], smooth: bool) -> None:

@@ -10,16 +10,13 @@ import pytest
 from scipy.special import ndtr
 
 from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError
 from pdcd.panels.schedule import SLOTS
 from pdcd.planning.bench_fit import MOST_LEAK, choose_window, with_grid
 from pdcd.planning.make import make_plan
 from pdcd.planning.schedule_fit import (
     compute_schedule_leak,
-    convert_lag_to_rows,
     find_quietest_schedule,
     resolve_schedule,
-    scan_out_lags_s,
 )
 from pdcd.protocol.request import CaptureRequest
 
@@ -68,11 +65,6 @@ def test_where_nothing_was_measured_cells_are_the_usual_ones() -> None:
     assert with_grid(typed) is typed
 
 
-def test_blur_alone_asks_for_windows() -> None:
-    assert choose_window("auto", 0.0, 0.0) == "whole"
-    assert choose_window("auto", 0.0, 0.01) == "quarter"
-
-
 @pytest.mark.parametrize("limit", [0.97, 1.03])
 def test_whole_cells_are_taken_as_long_as_they_let_hardly_any_light_through(limit: float) -> None:
     """By blur alone, by misregistration alone, and by half of each."""
@@ -83,29 +75,6 @@ def test_whole_cells_are_taken_as_long_as_they_let_hardly_any_light_through(limi
     assert choose_window("auto", limit * apart) == wanted
     assert choose_window("auto", apart) == "whole"  # up to it, inclusive
     assert choose_window("auto", 0.5 * limit * apart, 0.5 * limit * blur) == wanted
-
-
-def test_a_window_that_the_panels_miss_is_refused() -> None:
-    """Windows keep off what their guards are wide; whole cells have none, and nothing to keep."""
-    for name, guard in (("quarter", 0.25), ("side-5/8", 3 / 16), ("side-7/8", 1 / 16)):
-        assert choose_window(name, guard) == name
-        with pytest.raises(ConfigError, match=f"more than {name} windows tolerate") as found:
-            choose_window(name, guard + 0.01)
-        assert (found.value.hint or "").startswith("use fewer") == (name == "quarter")
-    assert choose_window("whole", 0.9) == "whole"
-    with pytest.raises(ConfigError, match="more than quarter windows tolerate"):
-        choose_window("auto", 0.3)
-
-
-def test_rows_that_are_set_late_count_as_lag() -> None:
-    same = config(projector={"scan_s": 0.016}, mask={"scan_s": 0.016})
-    assert scan_out_lags_s(same) == pytest.approx((0.0, 0.0), abs=1e-9)
-    against = config(projector={"scan_s": 0.016}, mask={"scan_s": -0.016})
-    low_s, high_s = scan_out_lags_s(against)
-    assert low_s == pytest.approx(-0.016 * 8 / 9, rel=0.01)
-    assert high_s == pytest.approx(0.016 * 8 / 9, rel=0.01)
-    lag, spread = convert_lag_to_rows(against, 0.002)
-    assert lag == pytest.approx(0.12, abs=1e-6) and 4.0 * spread > 0.8
 
 
 def test_the_quietest_schedule_goes_by_rise_fall_and_lag() -> None:

@@ -50,14 +50,6 @@ def test_settles_just_below_the_target(light: float) -> None:
     assert final >= TARGET / 2 ** (1 / 3) * (1 - 1e-9) or f_number == 1.0
 
 
-def test_no_light_opens_the_lens_and_no_stop_is_dark_enough_closes_it() -> None:
-    f_number, settled = 8.0, False
-    while not settled:
-        f_number, settled = choose_next_aperture(STOPS, f_number, 0.0, 0.0)
-    assert f_number == 1.0
-    assert choose_next_aperture(STOPS, max(STOPS), 1.0, 1.0) == (max(STOPS), True)
-
-
 def test_peak_share() -> None:
     planes = np.array([[[10.0]], [[40.0]], [[-3.0]], [[20.0]]], dtype=np.float32)
     assert measure_peak_share(planes, np.array([[False]]), 80.0) == 0.5
@@ -74,11 +66,11 @@ def test_expected_share_counts_each_cell_by_its_own_ratio() -> None:
     assert predict_peak_share(planes, ratio, 100.0, cells) == pytest.approx(2.4)
 
 
-@pytest.mark.parametrize("window", ["whole", "quarter"])
 @pytest.mark.parametrize(
-    ("goal", "fields"),
-    [("indirect", {}), ("fraction", {"p": 0.125}), ("long-range", {"radius": 1})],
-)
+    ("goal", "fields", "window"),
+    [("indirect", {}, "quarter"), ("fraction", {"p": 0.125}, "whole"),
+     ("long-range", {"radius": 1}, "quarter")],
+)  # fmt: skip
 def test_light_from_everywhere_is_metered_exactly(
     goal: str, fields: dict[str, Any], window: str, tmp_path: Path
 ) -> None:
@@ -107,7 +99,7 @@ def test_light_from_everywhere_is_metered_exactly(
 
 @pytest.mark.parametrize(
     ("goal", "codes", "pairs"),
-    [("indirect", 512, 16), ("long-range", 512, 64), ("long-range", 128, 16), ("long-range", 8, 8)],
+    [("indirect", 512, 16), ("long-range", 512, 64), ("long-range", 8, 8)],
 )
 def test_codes_of_far_light_are_too_unlike_for_a_few_to_tell(
     goal: str, codes: int, pairs: int, tmp_path: Path
@@ -115,7 +107,7 @@ def test_codes_of_far_light_are_too_unlike_for_a_few_to_tell(
     # Masks of black and white take no time to be chosen.
     far: dict[str, Any] = {"radius": 2, "grey_masks": False} if goal == "long-range" else {}
     request = CaptureRequest(goal=goal, codes=codes, window="whole", **far)  # type: ignore[arg-type]
-    plan = make_plan(request, bench_rig.config(tmp_path), (24, 32))
+    plan = make_plan(request, bench_rig.config(tmp_path), (12, 16))
     shot = next(s for s in plan.recipe.shots if s.name == plan.recipe.main or s.name == "coded")
     assert choose_test_pairs(plan.sequence(shot))[0] == pairs
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -11,10 +10,9 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.planning.make import make_plan
-from pdcd.planning.plan import LeakProbe, Plan, is_windowed
+from pdcd.planning.plan import Plan, is_windowed
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Shot
-from tests.unit.planning.test_measured import config
 
 GRID = (6, 8)
 LIGHT = np.linspace(0.1, 1.0, 48).reshape(GRID).tolist()
@@ -147,12 +145,6 @@ def test_a_summary_tells_of_a_pilot_once() -> None:
     assert not plan_of(guards="none").summary().guards
 
 
-def test_black_exposures_are_open_as_long_as_a_look_is_to_come() -> None:
-    plan = plan_of(black_level="mask")
-    assert plan.summary().black_level == "mask"
-    assert replace(plan, look=LeakProbe(0.01, may_add=True)).summary().black_level == "auto"
-
-
 def test_the_light_of_single_codes_speaks_for_photos_that_are_sums_of_them() -> None:
     plan = plan_of(goal="direct", method="multi-image")
     told = plan.summary()
@@ -160,14 +152,6 @@ def test_the_light_of_single_codes_speaks_for_photos_that_are_sums_of_them() -> 
     assert told.light_share == plan.light_share(shot_of(plan, "photo-0001"))
     whole = plan_of(codes=16, pilot=16).summary()
     assert whole.light_share == whole.shots[-1].light_share
-
-
-def test_the_second_bucket_of_a_pair_is_no_exposure() -> None:
-    plan = plan_of(config(camera={"buckets": 2}), goal="direct", method="pairs")
-    told = plan.summary()
-    beside = {shot.name: shot.beside for shot in plan.recipe.shots if shot.beside}
-    assert beside and not {shot.name for shot in told.shots} & set(beside)
-    assert told.light_share in {shot.light_share for shot in told.shots}
 
 
 @pytest.mark.parametrize("repeat", [1, 3])

@@ -17,7 +17,6 @@ from pdcd.planning.predict import (
     PredictedError,
     RigSetting,
     SceneLight,
-    guess_scene_light,
     measure_scene_light,
     predict_error,
 )
@@ -188,13 +187,3 @@ def test_errors_of_exposures_fall_as_they_add_up() -> None:
     assert replace(one, split=True).repeated(4).error == pytest.approx(0.025)
     assert one.bound(0.5) == pytest.approx(0.05)
     assert one.bound(0.9) < one.bound(0.99)
-
-
-def test_a_guess_is_what_it_says() -> None:
-    light = guess_scene_light()
-    assert light.name == "guess: 50 paths, 30 % indirect, contrast 3"
-    for picture, share in ((light.direct, 0.7), (light.indirect, 0.3)):
-        rms = np.sqrt(np.mean(picture**2))
-        assert rms == pytest.approx(share)
-        assert picture.max() == pytest.approx(3.0 * rms)
-    assert light.squares == pytest.approx(0.3**2 / 50.0)

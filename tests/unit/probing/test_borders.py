@@ -73,7 +73,7 @@ def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -
     found = find_window_kind(choose_grid_window("auto", rig, GRID))
     assert found.name == "quarter"
     rng = np.random.Generator(np.random.PCG64(5))
-    points = rng.uniform(0.0, 1.0, (200_000, 2))
+    points = rng.uniform(0.0, 1.0, (60_000, 2))
     panels = panels_of(rig)
     centres = []
     for view in (panels.projector, panels.mask):

@@ -27,7 +27,6 @@ EPS, DELTA = 0.02, 0.01
 
 CODES = make_codes("balanced", GRID, 16, dual="complement", seed=1)
 LIT, OPEN = CODES.primal + 0.0, CODES.dual + 0.0
-DRAWS = 4000
 
 
 def exposure(primal_black: bool = False, dual_black: bool = False, eps: float = EPS) -> Any:
@@ -82,68 +81,6 @@ def test_l4_a_mask_of_300_to_1_spoils_indirect_light_by_percents(
     shown = show(codes.primal, codes.dual, GRID, guards=guards, mask=PanelOptics(leak=eps))
     seen = photo(shown, scene_of(scene, GRID)) / 32 * 4.0
     np.testing.assert_allclose(seen / 0.25 - 1.0, excess, rtol=1e-9)
-
-
-def test_x1_off_diagonal_weight_of_indirect_codes_is_positive() -> None:
-    pi = OPEN.T @ LIT / len(LIT)
-    assert pi.min() >= 0.0
-    assert pi[~np.eye(N, dtype=bool)].mean() == pytest.approx(0.25, abs=0.02)
-
-
-def signed_variance(count: int, row: Any, seed: int = 3) -> float:
-    """Sampled variance of the diagonal estimator of one cell with +-1 codes."""
-    h = np.where(np.random.default_rng(seed).random((DRAWS, count, row.size)) < 0.5, -1.0, 1.0)
-    return float(np.mean(h[:, :, 0] * (h @ row), axis=1).var())
-
-
-def test_x3_four_times_the_codes_halve_the_error() -> None:
-    row = T[0]
-    once, twice, four = (signed_variance(count, row) for count in (4, 8, 16))
-    assert once / twice == pytest.approx(2.0, rel=0.15)
-    assert np.sqrt(once / four) == pytest.approx(2.0, rel=0.1)
-
-
-def test_x4_light_from_many_cells_averages_away_and_from_one_does_not() -> None:
-    """At the same S the variance is S^2 / (N_eff K)."""
-    count, cells = 4, 101
-    for spread in (1, 10, 100):
-        row = np.zeros(cells)
-        row[1 : spread + 1] = 1.0 / spread
-        assert signed_variance(count, row) * count * spread == pytest.approx(1.0, rel=0.1)
-
-
-def test_x5_equation_9_is_not_equation_6_times_the_matrix() -> None:
-    """With orthogonal codes both limits are exact: row sums of Pi o T, and Pi diag(T)."""
-    pi = np.random.default_rng(2).normal(size=(N, N))
-    h = 2.0 * make_codes("hadamard", GRID, 32, dual="same", seed=1).primal - 1.0
-    ninth = np.mean((h @ pi.T) * (h @ T.T), axis=0)
-    np.testing.assert_allclose(ninth, np.sum(pi * T, axis=1), atol=1e-12)
-    sixth = pi @ np.mean(h * (h @ T.T), axis=0)
-    np.testing.assert_allclose(sixth, pi @ D, atol=1e-12)
-    assert np.abs(ninth - sixth).max() > 0.1
-
-
-@pytest.mark.parametrize("p", [0.5, 0.25])
-def test_x6_one_shot_photos_scatter_more_than_signed_ones(p: float) -> None:
-    """i = m over p K: [((1-p)/p) (D + p S)^2 + (1-p) Q] / K, from cells open unequally often."""
-    count = 16
-    bits = make_codes("bernoulli", (1, N), count * DRAWS, dual="same", p=p, seed=5).primal
-    i = (bits + 0.0).reshape(DRAWS, count, N)
-    estimates = np.sum(i * (i @ T.T), axis=1) / (p * count)
-    squares = np.sum(T**2, axis=1) - D**2
-    formula = ((1 - p) / p * (D + p * S) ** 2 + (1 - p) * squares) / count
-    np.testing.assert_allclose(estimates.var(axis=0) / formula, 1.0, atol=4 * np.sqrt(3 / DRAWS))
-
-
-def test_x6_complement_codes_scatter_by_their_open_count() -> None:
-    """m = 1 - i times 4, p = 1/2: (S^2 + 2 Q) / K."""
-    count = 16
-    bits = make_codes("bernoulli", (1, N), count * DRAWS, dual="same", seed=6).primal
-    i = (bits + 0.0).reshape(DRAWS, count, N)
-    estimates = 4.0 * np.mean((1.0 - i) * (i @ T.T), axis=1)
-    squares = np.sum(T**2, axis=1) - D**2
-    ratio = estimates.var(axis=0) * count / (S**2 + 2.0 * squares)
-    np.testing.assert_allclose(ratio, 1.0, atol=4 * np.sqrt(3 / DRAWS))
 
 
 def test_x8_difference_of_shifted_photos_has_weight_p_times_one_less_p() -> None:

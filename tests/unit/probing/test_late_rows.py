@@ -188,9 +188,10 @@ def test_panels_that_are_set_at_once_have_one_band() -> None:
     np.testing.assert_array_equal(band_delays_ns(-0.01, 3), [10_000_000, 5_000_000, 0])
 
 
-@pytest.mark.parametrize("scan_s", [0.0, -0.0133])
-@pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("sigma_px", [0.31, 1.7])
+@pytest.mark.parametrize(
+    ("window", "sigma_px", "scan_s"),
+    [("whole", 0.31, 0.0), ("quarter", 1.7, 0.0), ("quarter", 0.31, -0.0133)],
+)
 def test_light_that_is_blurred_on_the_mask(window: str, sigma_px: float, scan_s: float) -> None:
     """A cell is 4 projector pixels; the larger blur reaches over it."""
     mask = told(MASK, blur_px=sigma_px, scan_s=scan_s, offset_px=(1.0, 0.0))

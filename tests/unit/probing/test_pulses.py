@@ -65,7 +65,7 @@ def test_beginning_and_end_of_an_exposure_are_as_the_realised_matrix_has_them() 
     assert np.abs(without_end - light / light[-1]).max() > 1e-3
 
 
-@pytest.mark.parametrize("lag_s", [0.0, 0.004, -0.011, 0.02])
+@pytest.mark.parametrize("lag_s", [0.004, -0.011])
 @pytest.mark.parametrize(
     "taus_s",
     [(0.002, 0.003, 0.004, 0.008), (0.001, 0.001, 0.003, 0.003), (0.006, 0.0005, 0.012, 0.002)],

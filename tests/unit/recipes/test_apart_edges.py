@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import MatchPart, UniformPart, WantedMatrix
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
-from pdcd.recipes.factored import find_distinct_rows
 from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import (
     ISOLATION_FAMILIES,
@@ -19,14 +17,11 @@ from pdcd.recipes.isolation import (
     use_path_isolation,
 )
 from pdcd.recipes.make import make_recipe
-from pdcd.recipes.programs import BlockProgram, SignedBlockProgram, SignedMatrixProgram
-from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.structure import find_structure
 from pdcd.recipes.transport import MOST_PHOTOS, Slice, check_slice, count_slice_photos
 
 GRID = (9, 12)
 N = 108
-Floats = NDArray[np.float64]
 
 
 @pytest.mark.parametrize(("scattered", "found"), [(2, True), (600, False)])
@@ -42,37 +37,6 @@ def test_parts_are_taken_out_where_they_are_half_of_a_matrix(scattered: int, fou
     if not found:
         assert made.rest is matrix and made.matches == ()
     np.testing.assert_allclose(made.rows(0, N), matrix, atol=1e-6)
-
-
-def relit(matrix: Floats, codes: int = 64) -> Recipe:
-    goal = Target(Goal(name="relit"), GRID, {}, {"matrix": matrix})
-    return make_recipe(goal, CaptureScheme(codes=codes))
-
-
-def kinds(recipe: Recipe) -> set[type]:
-    return {type(program) for program in recipe.programs.values()}
-
-
-def test_a_plain_matrix_is_blocks_products_or_codes() -> None:
-    rng = np.random.default_rng(8)
-    rows = rng.random((3, N))[np.arange(N) % 3]
-    assert kinds(relit(rows)) == {BlockProgram}
-    assert kinds(relit(rows, 3)) == {BlockProgram}
-    rows[0::3, 5] = -0.25
-    assert kinds(relit(rows)) == {SignedBlockProgram}
-    assert kinds(relit(rng.random((N, N)))) == {BlockProgram, SignedMatrixProgram}
-    for matrix in (rows, rng.random((N, N))):
-        np.testing.assert_allclose(relit(matrix).wanted.dense(), matrix, rtol=1e-5)
-
-
-def test_nothing_is_nothing_whatever_its_sign() -> None:
-    matrix = np.zeros((4, 4))
-    matrix[1] = -0.0
-    matrix[2, 0] = 1.0
-    found = find_distinct_rows(matrix, 2)
-    assert found is not None
-    np.testing.assert_array_equal(found[0], [[0, 0, 0, 0], [1, 0, 0, 0]])
-    assert found[1].tolist() == [0, 0, 1, 0]
 
 
 def all_but_own(cells: int) -> WantedMatrix:

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.errors import RequestError
-from pdcd.planning.code_counts import scale_code_count
 from pdcd.protocol.plan_summary import CaptureScheme
-from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import make_recipe
 from tests import dense_recipe
 from tests.sampled import sampled
@@ -219,17 +216,6 @@ def test_stripes_under_a_warp_keep_all_but_the_matched_cell() -> None:
         blocked = matrix(lambda n, m: (WARP_B[n] >= 0) and WARP_B[n] != m)
         np.testing.assert_array_equal(dense, blocked * lit)
         assert lit.mean() == 0.5
-
-
-@pytest.mark.parametrize(
-    ("codes", "p", "more"), [(128, 0.5, 128), (128, 0.25, 256), (64, 0.0625, 512), (128, 0.3, 210)]
-)
-def test_fig_8_equal_brightness_takes_codes_in_proportion_to_1_over_p(
-    codes: int, p: float, more: int
-) -> None:
-    assert scale_code_count(codes, CaptureRequest(goal="fraction", p=p)) == more
-    with pytest.raises(RequestError, match="equal brightness"):
-        scale_code_count(codes, CaptureRequest(goal="indirect"))
 
 
 def test_what_scattered_weights_have_in_common_is_a_photo_of_its_own() -> None:

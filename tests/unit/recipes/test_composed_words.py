@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pdcd.probing.wanted import NearPart
-from pdcd.protocol.plan_summary import CaptureScheme, Goal
-from pdcd.recipes.goals import Target
-from pdcd.recipes.make import make_recipe
-from pdcd.recipes.programs import CodedProgram
-from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.structure import find_structure
 
 GRID = (9, 12)
 N = 108
 Floats = NDArray[np.float64]
 RNG = np.random.default_rng(21)
-WARP, WARP_B = RNG.permutation(N), RNG.permutation(N)
+WARP = RNG.permutation(N)
 
 
 def by_warp(partner: NDArray[np.int64]) -> Floats:
@@ -28,133 +21,6 @@ def by_warp(partner: NDArray[np.int64]) -> Floats:
     there = np.flatnonzero(partner >= 0)
     out[there, partner[there]] = 1.0
     return out
-
-
-def recipe(matrix: Floats, codes: int = 128) -> Recipe:
-    target = Target(Goal(name="relit"), GRID, matrices={"matrix": matrix})
-    return make_recipe(target, CaptureScheme(codes=codes))
-
-
-def terms(found: Recipe) -> dict[str, Any]:
-    assert found.pictures.keys() == {"relit"}
-    rule = found.pictures["relit"]
-    assert isinstance(rule, tuple)
-    return {name: pytest.approx(weight) for weight, name in rule}
-
-
-@pytest.mark.parametrize("level", [1.0, 2.5])
-def test_all_but_the_cell_itself_is_one_photo(level: float) -> None:
-    found = recipe(level * (1.0 - np.eye(N)))
-    assert found.split == (
-        "100 % all but the cell itself: codes with their complements, one exposure",
-    )
-    assert terms(found) == {"coded": level}
-
-
-def test_a_part_of_the_matched_cell_is_kept_by_white_light() -> None:
-    found = recipe(2.0 * (1.0 - 0.7 * by_warp(WARP)))
-    assert found.split == (
-        "100 % all but one cell each: codes with their complements, one exposure, "
-        "and 30 % of white",
-    )
-    assert terms(found) == {"kept": 0.6, "coded": 1.4}
-    assert found.main == "coded"
-
-
-@pytest.mark.parametrize(
-    ("kept", "p", "weights"),
-    [
-        (3.0, 0.25, {"coded": 8.0 / 3.0, "kept": 1.0 / 3.0}),  # 2/3 of (1 - p) / p = 3
-        (4.0, 0.25, {"coded": 4.0}),
-        (2.0, 0.5, {"coded": 2.0}),
-        (1.5, 0.5, {"coded": 1.0, "kept": 0.5}),
-    ],
-)
-def test_more_of_the_matched_cell_takes_codes_that_are_lit_less_often(
-    kept: float, p: float, weights: dict[str, float]
-) -> None:
-    found = recipe(1.0 + (kept - 1.0) * np.eye(N))
-    (line,) = found.split
-    white = ", and white" * ("kept" in weights)
-    assert line == (
-        f"100 % the cell itself and {100.0 / kept:.3g} % of the rest: codes lit with p = {p}, "
-        f"one exposure{white}"
-    )
-    assert terms(found) == weights
-    program = found.programs["coded"]
-    assert isinstance(program, CodedProgram) and (program.p, program.complement) == (p, False)
-    (photo,) = (photo for photo in found.photos if photo.name == "coded")
-    assert photo.wanted.by_direct
-
-
-def test_bands_are_what_far_light_leaves() -> None:
-    near = NearPart(GRID, 2).rows(0, N)
-    found = recipe(1.0 - near)
-    assert terms(found) == {"far-2": 1.0}
-    assert found.split == (
-        "100 % beyond 2 cells: codes that are dark around what is lit, one exposure",
-    )
-    found = recipe(1.0 + 0.5 * near)
-    assert terms(found) == {"white": 1.5, "far-2": -0.5}
-    assert [line.partition("% ")[2] for line in found.split] == [
-        "all light alike: 1 exact pair, one exposure",
-        "within 2 cells: codes that are dark around what is lit, one exposure",
-    ]
-    shares = [float(line.partition(" %")[0]) for line in found.split]
-    squares = np.array([N**2, 0.25 * near.sum()])
-    assert shares == pytest.approx(100.0 * squares / squares.sum(), rel=6e-3)
-
-
-def test_matches_alone_are_taken_by_signed_codes() -> None:
-    found = recipe(0.75 * by_warp(WARP) - 0.5 * by_warp(np.where(WARP == WARP_B, -1, WARP_B)))
-    assert terms(found) == {"matched": 1.0}
-    assert {line.partition("% ")[2] for line in found.split} == {
-        "0.75 times one cell each: signed codes, two exposures",
-        "-0.5 times one cell each: signed codes, two exposures",
-    }
-    assert [shot.name for shot in found.shots] == ["matched-plus", "matched-minus"]
-
-
-def test_more_than_four_matches_are_told_together() -> None:
-    own = np.arange(N).reshape(GRID)
-    matrix = np.zeros((N, N))
-    for step in range(1, 6):
-        matrix += step * by_warp(np.roll(own, step, axis=1).ravel())
-    (line,) = recipe(matrix).split
-    assert line == "100 % 5 matched cells each: signed codes, two exposures"
-    matrix -= 5.0 * by_warp(np.roll(own, 5, axis=1).ravel())
-    assert len(recipe(matrix).split) == 4
-
-
-def test_few_different_rows_are_exact_blocks() -> None:
-    which = np.arange(N) % 8
-    rows = RNG.random((8, N))
-    found = recipe(rows[which])
-    assert found.split == ("100 % 8 different rows: 8 exact pairs, one exposure",)
-    assert terms(found) == {"relit": 1.0}
-    lights, masks = found.programs["relit"].pairs(np.zeros((0, N), np.bool_), None)  # type: ignore[arg-type]
-    np.testing.assert_allclose(masks.T @ lights * rows.max(), rows[which])
-    assert recipe(np.ones((N, N))).split == ("100 % 1 different rows: 1 exact pair, one exposure",)
-
-
-@pytest.mark.parametrize(("rank", "says"), [(1, "1 exact pair, "), (3, "3 exact pairs, ")])
-def test_even_light_of_low_rank_is_a_few_exact_pairs(rank: int, says: str) -> None:
-    seen, lit = 0.1 + RNG.random((rank, N)), 0.1 + RNG.random((rank, N))
-    (line,) = recipe(seen.T @ lit).split
-    assert line.startswith("100 % ") and line.endswith(f"{says}one exposure")
-
-
-def test_sides_of_both_signs_take_two_exposures() -> None:
-    seen, lit = RNG.standard_normal((2, N)), RNG.standard_normal((2, N))
-    found = recipe(seen.T @ lit)
-    assert found.split == ("100 % rank 2, of both signs: 4 exact pairs, two exposures",)
-    assert terms(found) == {"even": 1.0}
-
-
-def test_numbers_without_structure_are_taken_by_signed_codes() -> None:
-    found = recipe(RNG.standard_normal((N, N)), codes=64)
-    assert found.split == ("100 % anything: signed codes, two exposures: no structure was found",)
-    assert terms(found) == {"relit": 1.0}
 
 
 @pytest.mark.parametrize(("cells", "found"), [(7, True), (6, False)])

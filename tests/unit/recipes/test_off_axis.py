@@ -17,19 +17,8 @@ from pdcd.pictures.combine import combine_shots
 from pdcd.pictures.exposed import ComputedShot
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
-from pdcd.probing.convolved import SameRowPart
 from pdcd.probing.realised import Factors, collect_factors, compute_bench_factors
-from pdcd.probing.wanted import (
-    MatchPart,
-    MatrixPart,
-    NearPart,
-    OuterPart,
-    UniformPart,
-    WantedMatrix,
-)
-from pdcd.protocol.plan_summary import Goal
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.partners import find_match_places, find_matched_cells
 from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.scene.displaced import DisplacedEffect
@@ -124,7 +113,7 @@ FIELDS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("source", FIELDS)
-@pytest.mark.parametrize("disparity", [0, -3, 2])
+@pytest.mark.parametrize("disparity", [0, -3])
 def test_k5_t2_what_is_keyed_never_meets_and_all_else_does(source: str, disparity: int) -> None:
     """Table 2, row 2 with a_n in the place of n: exactly 0, whatever the number of codes."""
     fields = {"disparity": [disparity, disparity], **FIELDS[source]}
@@ -152,8 +141,7 @@ def test_k5_t2_what_is_keyed_never_meets_and_all_else_does(source: str, disparit
     np.testing.assert_array_equal(wanted, expected)
 
 
-@pytest.mark.parametrize("source", ["itself", "disparities", "warp"])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("source", "seed"), [("itself", 0), ("disparities", 1), ("warp", 0)])
 def test_a_range_of_depths_is_exactly_dark_and_the_rest_of_the_row_even(
     source: str, seed: int
 ) -> None:
@@ -194,7 +182,7 @@ def scene_of(disparity: float, *, haze: float = 0.3, grid: tuple[int, int] = GRI
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("disparity", [0.0, 0.125, 0.25, 0.375, 0.5, 0.7, 0.75, 1.0, -0.2, -0.6])
+@pytest.mark.parametrize("disparity", [0.0, 0.25, 0.375, 0.75, 1.0, -0.6])
 def test_fig11_a_plane_comes_back_as_it_leaves_the_keyed_depth(
     window: str, disparity: float
 ) -> None:
@@ -257,8 +245,7 @@ def test_photos_are_the_dense_sums(goal: str, disparity: tuple[int, int]) -> Non
     assert np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)) < 0.05
 
 
-@pytest.mark.parametrize("keep", ["in", "out"])
-@pytest.mark.parametrize("rows", [8, 12])
+@pytest.mark.parametrize(("keep", "rows"), [("in", 8), ("out", 12)])
 def test_24_epipolar_paths_are_exact_at_as_many_codes_as_rows(keep: str, rows: int) -> None:
     grid = (rows, 7)
     cells = rows * 7
@@ -276,51 +263,6 @@ def test_24_epipolar_paths_are_exact_at_as_many_codes_as_rows(keep: str, rows: i
     # With half of the codes it is not: the test above could fail.
     few = planned(grid, goal="epipolar", keep=keep, codes=4, seed=2)
     assert np.abs(pictures(few, scene)["epipolar"].ravel() - truth).max() > 1e-3 * truth.max()
-
-
-@pytest.mark.parametrize("light", [None, RNG.random(N)])
-@pytest.mark.parametrize(
-    "other",
-    [
-        None,
-        UniformPart(N),
-        NearPart(GRID, 2),
-        MatchPart(RNG.permutation(N)),
-        OuterPart(*RNG.random((2, N))),
-    ],
-)
-def test_sums_over_rows_are_those_of_the_matrix(
-    light: np.ndarray | None, other: MatrixPart | None
-) -> None:
-    parts: tuple[tuple[float, MatrixPart], ...] = ((1.5, SameRowPart(GRID)),)
-    if other is not None:
-        parts = (*parts, (-0.7, other))
-    wanted = WantedMatrix(GRID, parts, light)
-    dense = wanted.dense()
-    off = dense - np.diag(dense.diagonal())
-    images = RNG.random((3, N))
-    np.testing.assert_allclose(wanted.others(images), images @ off.T, atol=1e-12)
-    np.testing.assert_allclose(wanted.diagonal(), dense.diagonal(), atol=1e-12)
-    np.testing.assert_allclose(wanted.squares(), (off**2).sum(axis=1), atol=1e-12)
-    np.testing.assert_array_equal(
-        SameRowPart(GRID).rows(0, N),
-        [[float(n // COLS == m // COLS) for m in range(N)] for n in range(N)],
-    )
-
-
-def test_the_rigs_plane_is_taken_where_a_request_names_none() -> None:
-    own = (1.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    rig = config(rig=RigConfig(arrangement="off-axis", plane=own))
-
-    def goal(**fields: Any) -> Goal:
-        request = msgspec.convert({"goal": "keyed", **fields}, CaptureRequest)
-        return make_plan(request, rig, GRID).recipe.target.goal
-
-    assert goal().plane == own
-    assert goal(plane=list(TILT)).plane == TILT
-    assert goal(disparity=[0, 1]).plane == own
-    place = find_match_places(goal(), GRID, {})
-    np.testing.assert_array_equal(find_matched_cells(place, 0, GRID)[:3], [1, 2, 3])
 
 
 @pytest.mark.parametrize(
@@ -350,25 +292,3 @@ def test_depths_that_cannot_be_are_refused(fields: dict[str, Any], what: str) ->
     with pytest.raises(RequestError) as caught:
         planned(**fields)
     assert what in f"{caught.value.message} {caught.value.hint}"
-
-
-@pytest.mark.parametrize("goal", ["keyed", "epipolar", "stereo"])
-def test_a_coaxial_bench_has_no_depths(goal: str) -> None:
-    request = msgspec.convert({"goal": goal}, CaptureRequest)
-    with pytest.raises(RequestError, match="off the projector's axis"):
-        make_plan(request, Config(), GRID)
-
-
-@pytest.mark.parametrize(
-    ("fields", "says"),
-    [
-        ({"goal": "keyed", "codes": 64}, "none share a code"),
-        ({"goal": "keyed", "codes": 8}, "none nearer than 7 cells"),
-        ({"goal": "stereo", "codes": 64, "disparity": [0, 2]}, "closed for 3 disparities; "),
-        ({"goal": "keyed", "codes": 12, "disparity": [0, 2]}, "12 cells apart are blocked"),
-        ({"goal": "epipolar", "codes": 8}, "one for each row, exact"),
-        ({"goal": "epipolar", "codes": 4, "keep": "out"}, "4 codes for 6 rows"),
-    ],
-)
-def test_the_plan_says_what_the_codes_can_do(fields: dict[str, Any], says: str) -> None:
-    assert any(says in reason for reason in planned(**fields).summary().reasons)

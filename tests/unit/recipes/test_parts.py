@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.planning.make import make_plan
@@ -53,23 +52,6 @@ def test_each_part_takes_every_shot_of_codes_in_turn() -> None:
     assert {shot.kind for shot in recipe.shots} == {"", "coded"}
 
 
-def test_one_part_is_the_recipe_itself() -> None:
-    recipe = make_recipe(Target(Goal(name="indirect"), GRID), CaptureScheme())
-    assert split_into_parts(recipe, 1) is recipe
-    assert list_parts(recipe) == ()
-
-
-def test_a_pilot_is_taken_once_and_before_all_parts() -> None:
-    recipe = split_into_parts(
-        make_recipe(
-            Target(Goal(name="indirect"), GRID), CaptureScheme(white=False, pilot=2, codes=130)
-        ),
-        3,
-    )
-    names = [shot.name for shot in recipe.shots]
-    assert names == ["pilot-0001", "pilot-0002", "coded-1", "coded-2", "coded-3"]
-
-
 def test_both_halves_of_a_signed_photo_belong_to_one_part() -> None:
     recipe = split_into_parts(make_recipe(Target(Goal(name="diagonal"), GRID), CaptureScheme()), 2)
     second = select_parts(recipe, {2})
@@ -87,26 +69,6 @@ def test_no_two_parts_share_a_seed() -> None:
     seeds = [derive_part_seed(seed, 8, part) for seed in range(20) for part in range(1, 9)]
     assert len(set(seeds)) == len(seeds)
     assert derive_part_seed(7, 1, 0) == 7
-
-
-def test_parts_of_a_plan_have_codes_of_their_own(tmp_path: Path) -> None:
-    config = bench_rig.config(tmp_path)
-    request = CaptureRequest(goal="indirect", codes=32, parts=4, white=False)
-    plan = make_plan(request, config, GRID)
-    assert [len(plan.patterns[f"coded-{part}"][0]) for part in range(1, 5)] == [8] * 4
-    assert len({plan.patterns[f"coded-{part}"][0].tobytes() for part in range(1, 5)}) == 4
-
-
-def test_the_plan_counts_files_and_seconds(tmp_path: Path) -> None:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    whole = engine.plan(CaptureRequest(goal="indirect", codes=32, white=False))
-    parts = engine.plan(CaptureRequest(goal="indirect", codes=32, parts=4, white=False))
-    assert (whole.raw_files, parts.raw_files, parts.parts) == (1, 4, 4)
-    assert [shot.name for shot in parts.shots] == ["coded-1", "coded-2", "coded-3", "coded-4"]
-    assert parts.refreshes == whole.refreshes
-    # Each exposure waits on black at both ends.
-    settle_s = whole.seconds - whole.refreshes / 60.0
-    assert parts.seconds == pytest.approx(whole.seconds + 3.0 * settle_s)
 
 
 def weight_of_near_neighbours(*, coins: bool, runs: int = 200) -> float:

@@ -14,7 +14,6 @@ from pdcd.recipes.alternatives import (
     compute_masked_weights,
     find_light_shares,
     fit_weights,
-    make_checkers,
 )
 from pdcd.recipes.goals import Target
 
@@ -69,15 +68,6 @@ def test_quads_that_hardly_change_tell_nothing() -> None:
     for spread, told in ((ALL_DARK, False), (1.01 * ALL_DARK, True)):
         found = FittedWeights(1.0, 1.0).mixed(np.array([0.7]), mixture(lit, spread))
         assert bool(found.any()) == told
-
-
-def test_checkers_move_by_each_place_of_their_blocks() -> None:
-    found = make_checkers((2, 4), 1)
-    np.testing.assert_array_equal(found, [[0, 1, 0, 1, 1, 0, 1, 0], [1, 0, 1, 0, 0, 1, 0, 1]])
-    wide = make_checkers((4, 4))
-    assert len(wide) == 8
-    np.testing.assert_array_equal(wide[0].reshape(4, 4), [[0, 0, 1, 1]] * 2 + [[1, 1, 0, 0]] * 2)
-    np.testing.assert_array_equal(wide[1].reshape(4, 4)[0], [0, 1, 1, 0])
 
 
 def test_shares_of_every_goal_that_has_them() -> None:

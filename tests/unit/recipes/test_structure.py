@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.probing.wanted import NearPart, shift_cells
-from pdcd.recipes.even import find_even_part
 from pdcd.recipes.factored import find_nonnegative_sides
 from pdcd.recipes.structure import Structure, find_nearest_product, find_structure
 
@@ -43,7 +42,7 @@ def summed(found: Structure) -> Floats:
     return np.asarray(total)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_random_sums_of_parts_are_found_again(seed: int) -> None:
     """Even light of rank 1 to 3, a band, a warp and a shift, of weights of either sign."""
     rng = np.random.default_rng(seed)
@@ -100,21 +99,6 @@ def test_a_band_whose_weights_scatter_is_no_band() -> None:
     found = find_structure(matrix, GRID)
     assert not found.near and found.rest is not None
     np.testing.assert_allclose(summed(found), matrix, atol=1e-9)
-
-
-def test_the_same_matrix_always_comes_apart_in_the_same_way() -> None:
-    rng = np.random.default_rng(6)
-    matrix = rng.random((N, 2)) @ rng.random((2, N)) + by_warp(rng.permutation(N))
-    one, two = find_structure(matrix, GRID), find_structure(matrix.copy(), GRID)
-    np.testing.assert_array_equal(one.camera, two.camera)
-    np.testing.assert_array_equal(one.matches[0][1], two.matches[0][1])
-
-
-def test_the_even_part_needs_most_of_every_row() -> None:
-    rng = np.random.default_rng(7)
-    assert find_even_part(rng.standard_normal((N, N))) is None
-    sides = find_even_part(np.eye(N))
-    assert sides is not None and len(sides[0]) == 0
 
 
 @pytest.mark.parametrize("rank", [1, 2, 3])

@@ -10,17 +10,15 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from pdcd.codes.pilot import links, matching, pursuit
-from pdcd.codes.pilot.codes import choose_pilot_count, make_pilot_codes
+from pdcd.codes.pilot.codes import make_pilot_codes
 from pdcd.codes.pilot.links import (
     PilotPrediction,
     compute_path_correction,
     estimate_links,
     estimate_sharpness,
-    match_links,
     predict_pilot_errors,
 )
 from pdcd.codes.pilot.scene_light import (
-    check_photos,
     compute_projections,
     estimate_direct_light,
     to_signs,
@@ -93,33 +91,6 @@ def test_what_is_added_for_paths_is_what_their_weights_lack(
     assert np.allclose(found, lacking.sum(axis=1))
 
 
-def test_channels_are_matched_by_their_mean_and_the_noise_of_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    codes = make_pilot_codes(GRID, 8, seed=5)
-    rng = np.random.default_rng(6)
-    photos, sigma = rng.random((8, N, 3)), rng.random((8, N, 3))
-    heard: dict[str, Any] = {}
-
-    def find(codes: Any, grey: Any, grid: Any, noise: Any) -> str:
-        heard.update(grey=grey, noise=noise)
-        return "map"
-
-    def weigh(partners: str, codes: Any, one: Any, grid: Any, noise: Any) -> Any:
-        assert partners == "map"
-        channel = next(c for c in range(3) if np.array_equal(one, photos[..., c]))
-        assert np.allclose(noise**2, (sigma[..., channel] ** 2).mean(axis=0))
-        return scipy.sparse.csr_array(np.full((N, N), float(channel)))
-
-    monkeypatch.setattr(links, "find_partners", find)
-    monkeypatch.setattr(links, "weigh_partners", weigh)
-    whole, *own = match_links(codes, photos, GRID, sigma=sigma)
-    assert np.allclose(heard["grey"], photos.mean(axis=2))
-    # The mean of three has a third of the root of the sum of their squares.
-    assert np.allclose(heard["noise"], np.sqrt((sigma**2).mean(axis=0).sum(axis=1)) / 3.0)
-    assert [one.toarray().max() for one in own] == [0.0, 1.0, 2.0] and whole.toarray().max() == 1.0
-
-
 def test_noise_of_a_pilot_is_that_of_its_projections(monkeypatch: pytest.MonkeyPatch) -> None:
     codes = make_pilot_codes(GRID, 32, seed=7)
     photos, sigma = shown(codes, scene(3)), np.random.default_rng(8).random((32, N))
@@ -173,28 +144,6 @@ def test_worth_is_by_how_much_two_sets_disagree() -> None:
 @pytest.mark.parametrize(("piloted", "pays"), [(0.0699, True), (0.07, False), (0.08, False)])
 def test_paths_are_avoided_where_that_is_clearly_better(piloted: float, pays: bool) -> None:
     assert PilotPrediction(alone=1.0, piloted=piloted, unguided=0.1).pays is pays
-
-
-@pytest.mark.parametrize(
-    ("shape", "cells", "lit"), [((4, 7), 8, 2), ((3, 8), 8, 2), ((4, 8), 9, 2), ((4, 8), 8, 1)]
-)
-def test_photos_fit_their_codes(shape: tuple[int, int], cells: int, lit: int) -> None:
-    codes = np.zeros((4, 8), np.bool_)
-    codes[:2] = True
-    check_photos(codes, np.zeros((4, 8)), 8)
-    codes[lit:2] = False
-    with pytest.raises(ConfigError):
-        check_photos(codes, np.zeros(shape), cells)
-
-
-@pytest.mark.parametrize(
-    ("count", "by_map", "share"),
-    [(128, True, 16), (128, False, 64), (48, True, 16), (16, True, 8), (8, True, 0),
-     (48, False, 32), (40, False, 0), (256, False, 128)],
-)  # fmt: skip
-def test_a_pilot_takes_its_share_of_codes(count: int, by_map: bool, share: int) -> None:
-    assert choose_pilot_count(count, by_map=by_map) == share
-    assert 3 * share <= 2 * count
 
 
 def test_rows_of_paths_are_solved_as_one_by_one() -> None:

@@ -9,16 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.pilot import matching
-from pdcd.codes.pilot.codes import MATCHED, SCOUTS, make_pilot_codes
-from pdcd.codes.pilot.links import compute_path_correction, match_links
+from pdcd.codes.pilot.codes import make_pilot_codes
+from pdcd.codes.pilot.links import compute_path_correction
 from pdcd.codes.pilot.matching import (
     BREAK_COST,
     FAR_COST,
-    MOST_MATCHING_CELLS,
     find_partners,
     weigh_partners,
 )
-from pdcd.errors import RequestError
 from pdcd.recipes.alternatives import fit_weights
 
 Floats = NDArray[np.float64]
@@ -114,22 +112,6 @@ def test_noise_that_is_told_of_does_not_become_paths() -> None:
 
 
 @pytest.mark.long
-def test_channels_share_the_map_and_differ_in_light() -> None:
-    transport = mirror(1.25)
-    codes = make_pilot_codes(GRID, 12, seed=6)
-    grey = photos_of(transport, codes)
-    direct = codes * np.diag(transport)
-    photos = np.stack([grey, 0.5 * (grey - direct) + direct, grey], axis=2)
-    links, red, green, blue = match_links(codes, photos, GRID, sigma=np.zeros_like(photos))
-    assert green.sum() == pytest.approx(0.5 * red.sum(), rel=0.1)
-    assert (red != blue).nnz == 0
-    np.testing.assert_allclose(links.toarray(), ((red + green + blue) / 3.0).toarray())
-    same = np.repeat(grey[..., None], 3, axis=2)
-    again = match_links(codes, same, GRID, sigma=np.zeros_like(same))
-    assert len(again) == 4 and all(one is again[0] for one in again)
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("scale", [1e-9, 1e6])
 def test_units_do_not_matter(scale: float) -> None:
     transport = mirror(1.25)
@@ -164,24 +146,6 @@ def test_any_grid_will_do(grid: tuple[int, int]) -> None:
     noise = np.zeros(cells)
     paths = weigh_partners(find_partners(codes, photos, grid, noise), codes, photos, grid, noise)
     assert paths.shape == (cells, cells) and np.all(np.isfinite(paths.data))
-
-
-@pytest.mark.parametrize("count", MATCHED)
-def test_codes_of_a_short_pilot(count: int) -> None:
-    codes = make_pilot_codes((13, 22), count, seed=3)
-    rest = count - SCOUTS
-    assert codes.shape == (count, 286) and codes.dtype == np.bool_
-    np.testing.assert_array_equal(codes[:SCOUTS], make_pilot_codes((13, 22), SCOUTS, seed=3))
-    assert np.all(codes[:SCOUTS].sum(axis=0) == SCOUTS // 2)
-    assert np.all(np.abs(codes[SCOUTS:].sum(axis=0) - rest / 2) <= 1)
-    tile = codes[SCOUTS:].reshape(rest, 13, 22)[:, :4, :4].reshape(rest, 16)
-    assert len(np.unique(tile, axis=1).T) >= min(16, 14 if count == 8 else 16)
-    assert not np.array_equal(codes, make_pilot_codes((13, 22), count, seed=4))
-
-
-def test_grids_too_fine_for_a_map_are_refused() -> None:
-    with pytest.raises(RequestError, match=f"at most {MOST_MATCHING_CELLS} cells"):
-        make_pilot_codes((64, 65), 8, seed=0)
 
 
 def test_messages_along_a_row_are_those_of_all_ways_to_choose() -> None:

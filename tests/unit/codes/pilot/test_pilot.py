@@ -17,13 +17,11 @@ from pdcd.codes.make import make_codes
 from pdcd.codes.pilot.codes import SCOUTS, choose_pilot_count, make_pilot_codes
 from pdcd.codes.pilot.links import (
     SHARP,
-    PilotPrediction,
     compute_path_correction,
     estimate_links,
     estimate_sharpness,
     predict_pilot_errors,
 )
-from pdcd.errors import ConfigError, RequestError
 from tests.places import DATA
 from tests.sampled import sampled
 
@@ -99,22 +97,14 @@ def piloted_error(transport: Floats, count: int, seed: int, sigma: float = 0.0) 
     return shot_error(transport, make_prior_codes(GRID, count - len(codes), paths, rng), paths)
 
 
-@pytest.mark.parametrize("count", [32, 64, 128])
-def test_every_cell_is_lit_in_half_of_the_pilot(count: int) -> None:
-    codes = make_pilot_codes((7, 9), count, seed=2)
-    assert codes.shape == (count, 63) and codes.dtype == np.bool_
-    assert np.all(codes.sum(axis=0) == count // 2)
-    assert np.array_equal(codes, make_pilot_codes((7, 9), count, seed=2))
-    assert not np.array_equal(codes, make_pilot_codes((7, 9), count, seed=3))
-
-
 @pytest.mark.parametrize(
     ("count", "by_map", "share"),
     [
         *((count, False, 0) for count in (8, 32)),
         *((48, False, 32), (64, False, 32), (128, False, 64), (512, False, 128)),
         *((8, True, 0), (12, True, 8), (16, True, 8), (24, True, 16), (32, True, 16)),
-        *((20, True, 12), (48, True, 16), (130, True, 0), (512, True, 16)),
+        *((11, True, 0), (18, True, 0), (20, True, 12), (23, True, 0), (48, True, 16)),
+        *((130, True, 0), (512, True, 16), (95, False, 0), (96, False, 64), (191, False, 0)),
     ],
 )
 def test_a_pilot_takes_at_most_two_thirds_and_leaves_an_order(
@@ -123,7 +113,7 @@ def test_a_pilot_takes_at_most_two_thirds_and_leaves_an_order(
     assert choose_pilot_count(count, by_map=by_map) == share
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_single_paths_are_found_with_their_strength(seed: int) -> None:
     transport = scattered_paths(seed)
     codes, photos = take_pilot(transport, 64, seed)
@@ -207,7 +197,7 @@ def test_a_pilot_pays_on_sharp_paths_and_not_on_smooth_light() -> None:
             assert predict_pilot_errors(codes, photos, paths, 128, sigma=sigma).pays is pays
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("sigma", [0.0, 0.02])
 def test_scouts_measure_how_sharp_light_is(seed: int, sigma: float) -> None:
     """Against the matrix itself, for unrelated paths: sqrt(mean Q / mean S^2), noise left out."""
@@ -254,7 +244,7 @@ def test_ambient_light_that_is_taken_off_hides_no_sharp_light(level: float) -> N
     assert level == 0.0 or estimate_sharpness(codes, hidden, sigma=sigma) < SHARP
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_noise_of_ambient_light_is_no_sharp_light(seed: int) -> None:
     """Ten times as strong as the indirect light: what its noise is off by by chance is no path."""
     smooth_light = smooth(0.2) + np.diag(np.ones(CELLS))
@@ -267,17 +257,16 @@ def test_noise_of_ambient_light_is_no_sharp_light(seed: int) -> None:
 
 def test_scouts_tell_sharp_paths_from_smooth_light() -> None:
     smooth_scene = np.diag(np.linspace(0.5, 1.5, CELLS)) + smooth(0.3)
-    for seed in range(3):
-        for transport, sharp in (
-            (scattered_paths(seed), True),
-            (two_caustics(seed), True),
-            (matrix_scene("mirror_32x24"), True),
-            (smooth_scene, False),
-            (matrix_scene("corner_32x24"), False),
-            (np.eye(CELLS), False),
-        ):
-            codes, photos = take_pilot(transport, 64, seed)
-            assert (estimate_sharpness(codes[:SCOUTS], photos[:SCOUTS]) >= SHARP) is sharp
+    for transport, sharp in (
+        (scattered_paths(1), True),
+        (two_caustics(1), True),
+        (matrix_scene("mirror_32x24"), True),
+        (smooth_scene, False),
+        (matrix_scene("corner_32x24"), False),
+        (np.eye(CELLS), False),
+    ):
+        codes, photos = take_pilot(transport, SCOUTS, 1)
+        assert (estimate_sharpness(codes, photos) >= SHARP) is sharp
 
 
 def test_worth_predicts_unrelated_paths_without_a_pilot() -> None:
@@ -287,28 +276,6 @@ def test_worth_predicts_unrelated_paths_without_a_pilot() -> None:
     predicted = predict_pilot_errors(codes, photos, estimate_links(codes, photos, GRID), 128).alone
     measured = np.mean([plain_error(transport, "hadamard", 128, seed) for seed in range(5)])
     assert predicted == pytest.approx(measured, rel=0.25)
-
-
-def test_worth_compares_what_is_left_to_do() -> None:
-    """Codes that the pilot has used up are gone, whether or not it found something."""
-    assert PilotPrediction(alone=0.009, piloted=0.01, unguided=0.02).pays
-    assert not PilotPrediction(alone=0.02, piloted=0.01, unguided=0.012).pays
-
-
-@pytest.mark.parametrize("count", [0, 2, 7, 10, 20, 30, 44])
-def test_pilots_that_cannot_be_made_are_refused(count: int) -> None:
-    with pytest.raises(RequestError, match=f"pilot of {count} codes"):
-        make_pilot_codes((4, 4), count, seed=0)
-
-
-def test_photos_that_do_not_fit_are_refused() -> None:
-    codes = make_pilot_codes((4, 4), 32, seed=0)
-    with pytest.raises(ConfigError, match="do not fit 16 cells"):
-        estimate_links(codes, np.ones((31, 16)), (4, 4))
-    with pytest.raises(ConfigError, match="not lit in half"):
-        estimate_links(~(codes & False), np.ones((32, 16)), (4, 4))
-    with pytest.raises(ConfigError, match="leaves nothing of 32"):
-        predict_pilot_errors(codes, np.ones((32, 16)), scipy.sparse.csr_array((16, 16)), 32)
 
 
 @pytest.mark.parametrize("count", [8, 16, 32, 64])

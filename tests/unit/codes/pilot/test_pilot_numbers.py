@@ -16,12 +16,9 @@ from pdcd.codes.pilot.codes import (
     POWERS,
     SCOUTS,
     TILE,
-    choose_pilot_count,
     make_pilot_codes,
 )
 from pdcd.codes.pilot.links import (
-    CLEARLY,
-    SHARP,
     PilotPrediction,
     estimate_links,
     estimate_sharpness,
@@ -32,9 +29,6 @@ from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS, find_partners, weigh_
 from pdcd.codes.pilot.pursuit import AT_ONCE, LIKELY, PATH_SIGMAS, PURSUIT_STEPS, ROW_SHARE
 from pdcd.codes.pilot.scene_light import (
     check_photos,
-    compute_projections,
-    estimate_direct_light,
-    to_signs,
 )
 from pdcd.errors import ConfigError, RequestError
 
@@ -97,18 +91,6 @@ def test_the_finest_grid_of_a_map() -> None:
     assert make_pilot_codes((1, 4096), 8, seed=0).shape == (8, 4096)
     with pytest.raises(RequestError, match="at most 4096 cells"):
         make_pilot_codes((1, 4097), 8, seed=0)
-
-
-@pytest.mark.parametrize(
-    ("count", "by_map", "share"),
-    [(12, True, 8), (11, True, 0), (24, True, 16), (20, True, 12), (18, True, 0), (23, True, 0),
-     (28, True, 16), (64, False, 32), (96, False, 64), (192, False, 128), (191, False, 0),
-     (95, False, 0)],
-)  # fmt: skip
-def test_a_pilot_leaves_a_third_of_the_codes_and_an_order(
-    count: int, by_map: bool, share: int
-) -> None:
-    assert choose_pilot_count(count, by_map=by_map) == share
 
 
 def transport() -> NDArray[np.float64]:
@@ -193,12 +175,6 @@ def test_rows_of_many_paths_and_weak_ones_beside_strong_ones_are_found() -> None
     assert not found[25].any()
 
 
-def test_noise_that_is_told_of_hides_what_it_could_be() -> None:
-    codes, photos = photos_of(64)
-    loud = estimate_links(codes, photos, GRID, sigma=5.0)
-    assert loud.nnz == 0 and loud.shape == (N, N)
-
-
 def test_arrays_of_a_pilot_must_fit_each_other() -> None:
     codes, photos = photos_of(32)
     paths = scipy.sparse.csr_array((N, N))
@@ -226,28 +202,6 @@ def test_arrays_of_a_pilot_must_fit_each_other() -> None:
             use_one(odd)
 
 
-def test_scouts_tell_sharp_light_from_smooth() -> None:
-    assert (SHARP, CLEARLY) == (0.15, 0.7)
-    codes = make_pilot_codes(GRID, SCOUTS, seed=3)
-    smooth = np.diag(np.full(N, 0.8)) + 0.3 / N
-    found = [estimate_sharpness(codes, codes @ one.T) for one in (smooth, transport())]
-    assert found[0] < 0.02 < SHARP < found[1]
-
-
-def test_one_code_left_has_all_cells_in_common_and_many_have_none() -> None:
-    codes, photos = photos_of(32)
-    paths = scipy.sparse.csr_array((N, N))
-    one = predict_pilot_errors(codes, photos, paths, 33, sigma=0.0)
-    assert one.unguided == one.piloted > one.alone > 0.0
-    assert predict_pilot_errors(codes, photos, paths, 34, sigma=0.0).unguided == one.unguided
-    many = predict_pilot_errors(codes, photos, paths, 32 + N + 1, sigma=0.0)
-    assert many.unguided == 0.0 == many.alone
-    # All that noise could explain is none of the codes' doing.
-    assert predict_pilot_errors(codes, photos, paths, 40, sigma=9.0) == PilotPrediction(
-        0.0, 0.0, 0.0
-    )
-
-
 def test_noise_of_both_sets_alone_counts_for_what_they_disagree() -> None:
     """Photos 4 to 20 of 32; noise of the scouts and of the balanced codes says nothing of it."""
     codes, photos = photos_of(32)
@@ -262,19 +216,6 @@ def test_noise_of_both_sets_alone_counts_for_what_they_disagree() -> None:
         sigma[photo] = 9.0
         assert predict_pilot_errors(codes, photos, paths, 40, sigma=sigma).unguided == 0.0
         sigma[photo] = 0.02
-
-
-def test_signs_see_the_rows_of_the_transport() -> None:
-    codes, _ = photos_of(32)
-    photos = codes @ transport().T
-    np.testing.assert_allclose(
-        compute_projections(photos), to_signs(codes) @ transport().T, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        estimate_direct_light(codes, photos),
-        ((to_signs(codes) @ transport().T) * to_signs(codes)).mean(axis=0),
-        atol=1e-12,
-    )
 
 
 @pytest.mark.parametrize("light", [0.0, 1.0])

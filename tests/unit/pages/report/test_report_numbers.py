@@ -14,7 +14,6 @@ from pdcd.errors import DecodeError
 from pdcd.pages.report import material, weights
 from pdcd.pages.report.packing import (
     block_size_bytes,
-    choose_step,
     pack_factors,
     pack_integers,
     pack_linear,
@@ -58,12 +57,6 @@ def test_linear_blocks_come_back_within_half_a_step() -> None:
     assert np.array_equal(unpacked(pack_linear(np.array([[40e3, -40e3]]), 1.0)), [[32766, -32766]])
 
 
-def test_a_step_is_no_less_than_the_largest_value_allows() -> None:
-    assert choose_step(np.array([1.0, -32766.0]), 0.5) == pytest.approx(1.0)
-    assert choose_step(np.array([1.0, -32766.0]), 1.5) == 1.5
-    assert choose_step(np.array([np.nan]), 0.25) == 0.25
-
-
 def test_logarithmic_blocks_come_back_within_their_share() -> None:
     rng = np.random.default_rng(1)
     values = 10.0 ** rng.uniform(-9, 9, (3, 5, 50))
@@ -92,15 +85,6 @@ def test_singles_and_integers_come_back_whole() -> None:
     assert np.array_equal(back, whole) and block["shape"] == [2, 4]
     assert np.array_equal(unpacked(pack_singles(np.array([0.5, np.inf]))), [0.5, np.inf])
     assert block_size_bytes({"a": "four", "b": "12", "c": 5}) == 6
-
-
-def test_alike_numbers_are_packed_shorter_than_noise() -> None:
-    """Patterns of codes repeat, noise does not: each is packed in its own way."""
-    rows = np.tile(np.arange(64.0), (8, 16))
-    assert len(pack_factors(rows)[0]["data"]) < 400
-    steady = pack_integers(np.tile([0, 1000], 4000))
-    assert len(steady["data"]) < 400
-    assert len(pack_linear(np.zeros((64, 64)), 1.0)["data"]) < 400
 
 
 def shot(name: str, open_ns: int = 0, close_ns: int = 10**9, **fields: Any) -> Any:

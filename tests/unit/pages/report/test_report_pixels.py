@@ -98,29 +98,3 @@ def test_squares_of_quads_are_nearly_as_wide_as_a_pixel_of_the_page() -> None:
     for found, side in (({"cells": cells}, 5), ({"cells": any_side}, 6), ({"cells": None}, 1)):
         record: Any = SimpleNamespace(**(told | found))
         assert layers.choose_bin_side(8, record) == side
-
-
-def barred(level: float, sigma: float, frame: tuple[int, int]) -> PictureWithErrors:
-    error = np.full((*frame, 3), sigma, np.float32)
-    return PictureWithErrors(np.full((*frame, 3), level), error, error, 0.0 * error, "sensor")
-
-
-def test_brightness_of_a_page_is_told_by_picture() -> None:
-    """The white one gets to 0.9, and what is as weak as a tenth is shown eight times brighter."""
-    made = {"indirect": barred(0.06, 1e-5, (8, 12)), "white": barred(0.6, 1e-5, (8, 12))}
-    shown = layers.pack_layers(made, FieldView(Map.filling((12, 8)), 1.5), None)
-    assert shown.scale == pytest.approx(1.5)
-    assert [(one["name"], one["factor"], one["signed"]) for one in shown.data] == [
-        ("indirect", 8.0, False), ("white", 1.0, False),
-    ]  # fmt: skip
-    made["indirect"].image[...] = -0.06
-    signed = layers.pack_layers(made, FieldView(Map.filling((12, 8)), 1.5), None).data[0]
-    assert signed["signed"] and signed["factor"] == 8.0
-
-
-def test_steps_of_pictures_go_by_their_noise_but_not_below_their_brightest() -> None:
-    """Half of the usual sigma; of pictures without noise a 2^-14th of the largest value."""
-    view = FieldView(Map.filling((12, 8)), 1.5)
-    for sigma, step in ((0.02, 0.01), (1e-9, 0.6 * 2.0**-14)):
-        (one,) = layers.pack_layers({"white": barred(0.6, sigma, (8, 12))}, view, None).data
-        assert one["values"]["step"] == pytest.approx(step, rel=1e-4)

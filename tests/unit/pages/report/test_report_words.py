@@ -11,15 +11,9 @@ import numpy as np
 import pytest
 
 from pdcd.pages.render import encode_page_json
-from pdcd.pages.report.facts import MOST_ROWS, ReportTable, list_key_figures, list_tables
+from pdcd.pages.report.facts import MOST_ROWS, ReportTable, list_tables
 from pdcd.pages.report.write import render_report_page
-from pdcd.printable import to_percent
 from pdcd.protocol.result import Quality
-
-SHOT = {
-    "name": "coded", "exposure_s": 1.25, "iso": 200, "f_number": 5.6, "open": 0.5, "lit": 0.25,
-    "others": 0.0625, "electrons": 12345.0, "full": 0.5, "saturated": 0.001, "refreshes": 3,
-}  # fmt: skip
 
 
 def manifest(**fields: Any) -> Any:
@@ -54,76 +48,6 @@ def shown(told: Any = None, made: Any = None) -> str:
 def table(title: str, told: Any, made: Any = None) -> ReportTable:
     (found,) = [one for one in list_tables(told, made or material()) if one.title == title]
     return found
-
-
-@pytest.mark.parametrize(
-    ("share", "words"),
-    [
-        (None, "-"), ("much", "-"), (0, "0 %"), (0.012345, "1.23 %"), (9.994, "999 %"),
-        (9.996, "1e+03 %"), (10.0, "1000 %"), (12.3456, "1235 %"), (-12.3456, "-1235 %"),
-        (-0.5, "-50 %"),
-    ],
-)  # fmt: skip
-def test_shares_are_percentages(share: object, words: str) -> None:
-    assert to_percent(share) == words
-
-
-def test_figures_that_are_not_known_have_no_line() -> None:
-    summary = {
-        "rms_error_quads": 0.0123, "rms_sigma": float("inf"), "predicted_error": None, "codes": 64,
-        "exposure_s": 2.0, "refreshes": 120, "missed_refreshes": 0, "shots": 4, "wall_s": 3.14159,
-    }  # fmt: skip
-    assert list_key_figures(manifest(summary=summary), material(kind="new")) == [
-        ("error of quads against the known truth", "1.23 %"),
-        ("error bars", "new"),
-        ("codes", "64"),
-        ("exposure", "2.000 s"),
-        ("refreshes", "120"),
-        ("missed refreshes", "0"),
-        ("shots", "4"),
-        ("wall time", "3.14 s"),
-    ]
-
-
-def test_figures_of_a_wrong_kind_are_shown_as_they_are() -> None:
-    found = dict(
-        list_key_figures(
-            manifest(summary={"exposure_s": "long", "wall_s": float("nan")}), material()
-        )
-    )
-    assert found["exposure"] == "long" and "wall time" not in found
-
-
-def test_kinds_of_error_bars_are_told_in_words() -> None:
-    words = [
-        dict(list_key_figures(manifest(), material(kind=k)))["error bars"]
-        for k in ("measured", "sensor")
-    ]
-    assert words[0] != words[1] and "measured" in words[0]
-
-
-def test_a_budget_that_leaves_shots_out_says_so() -> None:
-    for lines, shots, said in ((64, 65, True), (64, 64, False), (2, 3, False)):
-        made = material(budget=[SHOT] * lines, shots=[{}] * shots)
-        note = table("Light budget", manifest(), made).note
-        assert note.endswith("These are the first 64 of 65 shots.") == said
-
-
-def test_the_budget_has_a_row_a_shot() -> None:
-    found = table("Light budget", manifest(), material(budget=[SHOT]))
-    assert found.rows == [
-        ["coded", "1.250 s", "200", "5.6", "50 %", "25 %", "6.25 %", "1.234e+04", "50 %", "0.1 %"]
-    ]  # fmt: skip
-    assert len(found.heads) == len(found.rows[0]) and found.note and not found.closed
-
-
-def test_realised_matrices_are_told_in_seconds_and_percent() -> None:
-    told = {"answer": {"weight_s": 2.0, "diagonal_mean": 0.25, "off_max": 0.5}}
-    found = table("Probing matrices", manifest(realised=told))
-    assert found.rows == [["answer", "2 s", "25 %", "-", "-", "-", "50 %"]]
-    assert len(found.heads) == 7
-    unknown = table("Probing matrices", manifest(realised={"old": {}}))
-    assert unknown.rows == [["old", "-", "-", "-", "-", "-", "-"]]
 
 
 def test_tables_say_what_was_given_and_not_what_was_left_open() -> None:
@@ -166,35 +90,6 @@ def test_tables_below_others_have_dotted_names() -> None:
 )
 def test_long_values_are_cut(value: object, words: str) -> None:
     assert table("The rig", manifest(drivers={"it": value})).rows == [("it", words)]
-
-
-def test_versions_and_files_are_told() -> None:
-    one = SimpleNamespace(size_bytes=7, sha256="ab" * 32)
-    found = table("Files", manifest(files={"a.tif": one}))
-    assert found.rows == [("a.tif", "7 bytes", "ab" * 32)] and found.closed
-    for commit, words in (("1234", "1234"), (None, "unknown")):
-        rows = table("Versions", manifest(versions={"pdcd": "1"}, git_commit=commit)).rows
-        assert rows == [("pdcd", "1"), ("commit", words)]
-
-
-def test_the_tables_that_are_open_are_those_of_the_photo() -> None:
-    opened = [one.title for one in list_tables(manifest(), material()) if not one.closed]
-    assert opened == ["Light budget", "Probing matrices", "What was asked", "Versions"]
-
-
-def test_tables_are_headings_that_open() -> None:
-    told = manifest(drivers={"<a>": "<b>"}, realised={"<p>": {}})
-    titled = dict(
-        re.findall(r"(<details[^>]*><summary><h2>[^<]*</h2>)(.*?)</details>", shown(told))
-    )
-    assert "<td>&lt;a&gt;</td><td>&lt;b&gt;</td>" in titled["<details><summary><h2>The rig</h2>"]
-    wide = titled["<details open><summary><h2>Probing matrices</h2>"]
-    assert 'class="wide"> <thead><tr><th>photo</th>' in wide and "<td>&lt;p&gt;</td>" in wide
-    assert 'class="quiet">Realised against wanted' in wide
-    plain = titled["<details open><summary><h2>Versions</h2>"]
-    assert 'class="pairs"' in plain and "<thead>" not in plain and "quiet" not in plain
-    empty = titled["<details><summary><h2>The plan</h2>"]
-    assert "nothing" in empty and "<table" not in empty
 
 
 @pytest.mark.parametrize(("more", "said"), [(0, []), (1, ["and 1 more"])])

@@ -20,13 +20,11 @@ from pdcd.bench.tables import (
 )
 from pdcd.panels.frames import WHITE, Frames
 from pdcd.panels.patterns import make_empty_patterns, pack_bits
-from pdcd.panels.placing import Placing, make_placed_map
+from pdcd.panels.placing import Placing
 from pdcd.probing.realised import compute_bench_factors
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.needed import choose_optics
 from pdcd.virtual.optics.products import PanelExposure
-from pdcd.virtual.optics.raster import EXACT_POINTS, MapRaster
-from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import DenseEffect, make_direct_effects
 from pdcd.virtual.scene.scene import Scene
 from tests.frame_logs import REFRESH_NS, make_log
@@ -170,26 +168,3 @@ def test_codes_may_have_other_cells_than_the_scene() -> None:
     plain = OpticalBench(config_of(camera=camera), scene, (3, 4)).photo(exposure_of(frames))
     np.testing.assert_allclose(found, plain, rtol=1e-12)
     np.testing.assert_allclose(found, 0.05 * scene.white().reshape(3, 4, 3), rtol=1e-6)
-
-
-def test_a_large_raster_is_close_to_the_map_itself() -> None:
-    lens = make_placed_map(
-        Placing(turn_deg=4.0, scale=1.1, radial=(0.03, -0.004), tangential=(0.002, 0.001)),
-        (1600, 1200), (1024, 768), "mask",
-    )  # fmt: skip
-    eye = make_placed_map(
-        Placing(turn_deg=-3.0, radial=(0.02, 0.0)), (800, 600), (1024, 768), "camera"
-    )
-    x, y = np.arange(0.5, 800.0), np.arange(0.5, 600.0)
-    assert x.size * y.size > EXACT_POINTS
-    raster = MapRaster(lambda points: lens.from_field(eye.to_field(points)), x, y)
-    assert not raster.exact
-    across, down = raster.rows(100, 103)
-    points = np.stack(np.meshgrid(x, y[100:103]), axis=-1)
-    wanted = lens.from_field(eye.to_field(points))
-    assert np.abs(np.stack([across, down], axis=-1) - wanted).max() < 1e-7
-
-
-def test_the_default_bench_has_no_optics() -> None:
-    """So that nothing of it costs anything there."""
-    assert choose_optics(Config(), build_scene(SceneConfig())) is None

@@ -14,7 +14,6 @@ from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.displaced import DisplacedEffect
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.presets import STAGED
-from pdcd.virtual.scene.presets.canvas import FRAME_HEIGHT, FRAME_WIDTH
 from pdcd.virtual.scene.presets.mirror_ball import find_ray_ends
 from pdcd.virtual.scene.presets.objects import Tumbler
 from pdcd.virtual.scene.scene import Scene
@@ -34,11 +33,6 @@ CELL_MEANS = {
 @cache
 def staged(kind: str, grid: tuple[int, int] = GRID) -> Scene:
     return build_scene(SceneConfig(kind=kind, grid=grid))
-
-
-def at(x: float, y: float, grid: tuple[int, int] = GRID) -> tuple[int, int]:
-    """Cell at a place of the drawing frame."""
-    return int((y / FRAME_HEIGHT + 0.5) * grid[0]), int((x / FRAME_WIDTH + 0.5) * grid[1])
 
 
 @pytest.mark.parametrize(
