@@ -63,7 +63,7 @@ def test_its_errors_are_those_of_many_looks(scatter: float) -> None:
     rng = np.random.default_rng(4)
     found = [
         fitted(SIZE, POINTS, POINTS + scatter * rng.standard_normal(POINTS.shape), EVEN)
-        for _ in range(200)
+        for _ in range(120)
     ]
     real = np.array([one.numbers for one in found]).std(axis=0)
     ratio = np.mean([one.sigma for one in found], axis=0) / real

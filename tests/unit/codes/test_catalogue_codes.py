@@ -14,7 +14,7 @@ from pdcd.panels.schedule import build_frames
 from pdcd.planning.make import make_plan
 from pdcd.probing.panel import PanelOptics
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.programs import CodedProgram, IlluminatedProgram, LongRangeProgram, SignedProgram
+from pdcd.recipes.programs import SignedProgram
 from tests import bench_rig, catalogue_rig, oracles
 from tests.catalogue_rig import photo, scene_of, show, transport
 from tests.frame_logs import REFRESH_NS
@@ -24,31 +24,10 @@ N = 20
 T = transport(N)
 D = np.diag(T)
 S = T.sum(axis=1) - D
-SHARES = [1 / 2, 1 / 4, 1 / 8, 1 / 16]
 
 
 def random_bits(count: int, p: float, seed: int = 0) -> Any:
     return make_codes("bernoulli", GRID, count, dual="same", p=p, seed=seed).primal + 0.0
-
-
-def test_c1_rademacher_codes_are_equiprobable_and_uncorrelated() -> None:
-    """Mean 0 and covariance 1, each within five standard errors of R samples."""
-    samples = 20_000
-    h = 2.0 * make_codes("rademacher", GRID, samples, dual="same").primal - 1.0
-    assert np.abs(h.mean(axis=0)).max() < 5.0 / np.sqrt(samples)
-    covariance = h.T @ h / samples
-    assert np.all(np.diag(covariance) == 1.0)
-    assert np.abs(covariance - np.eye(N)).max() < 5.0 / np.sqrt(samples)
-
-
-@pytest.mark.parametrize("p", SHARES)
-def test_c2_equal_codes_keep_direct_and_the_fraction_p_of_indirect(p: float) -> None:
-    """E[sum of i (T i)] / K = p (D + p S), within five standard errors."""
-    count = 40_000
-    bits = random_bits(count, p)
-    terms = bits * (bits @ T.T)
-    error = terms.std(axis=0) / np.sqrt(count)
-    assert np.all(np.abs(terms.mean(axis=0) - p * (D + p * S)) < 5.0 * error)
 
 
 def test_c3_complement_codes_keep_p_times_one_less_p_of_indirect_only() -> None:
@@ -56,19 +35,6 @@ def test_c3_complement_codes_keep_p_times_one_less_p_of_indirect_only() -> None:
     bits = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
     seen = photo(show(bits.primal, bits.dual, GRID), scene_of(T, GRID)) / 32
     np.testing.assert_allclose(4.0 * seen, S, rtol=1e-12)
-
-
-@pytest.mark.parametrize(("family", "tolerance"), [("bernoulli", 0.01), ("balanced", 1e-12)])
-def test_c4_codes_in_proportion_to_1_over_p_keep_direct_light_equally_bright(
-    family: str, tolerance: float
-) -> None:
-    """64, 128, 256, 512 codes for p = 1/2 to 1/16: each cell's direct light counts p K = 32."""
-    grid = (48, 64)
-    direct = []
-    for p in SHARES:
-        count = round(32 / p)
-        direct.append(make_codes(family, grid, count, dual="same", p=p, seed=2).primal.sum() / N)
-    np.testing.assert_allclose(np.array(direct) / direct[0], 1.0, atol=tolerance)
 
 
 def test_c5_warped_codes_are_exact_on_a_permutation_with_any_codes() -> None:
@@ -84,20 +50,6 @@ def test_c5_warped_codes_are_exact_on_a_permutation_with_any_codes() -> None:
         shown = show(light, mask, GRID)
         halves.append(photo(shown, scene_of(mirror, GRID)))
     np.testing.assert_allclose((halves[0] - halves[1]) / 3, mirror.sum(axis=1), rtol=1e-12)
-
-
-def test_c6_illumination_modulated_codes_are_linear_in_the_illumination() -> None:
-    rng = np.random.default_rng(6)
-    first, second = np.round(rng.random((2, N)) * 256) / 512  # exact in single precision
-    bits = random_bits(8, 0.5).astype(bool)
-
-    def seen(light: Any) -> Any:
-        i, m = IlluminatedProgram(CodedProgram(None, True), light).pairs(bits, Lattice(GRID))
-        return photo(show(i, m, GRID), scene_of(T, GRID))
-
-    np.testing.assert_allclose(seen(first) + seen(second), seen(first + second), rtol=1e-12)
-    by_hand = sum((1.0 - k) * (T @ (k * first)) for k in bits + 0.0)
-    np.testing.assert_allclose(seen(first), by_hand, rtol=1e-12)
 
 
 @pytest.mark.parametrize("fine", [16, 24])
@@ -162,18 +114,6 @@ def test_r5_robust_sequence_costs_a_twelfth_and_indirect_light_a_quarter_of_that
     plan = make_plan(request, Config(), (48, 64))
     shot = plan.recipe.shots[0]
     assert 30.0 * plan.light_share(shot) == pytest.approx(0.625, rel=1e-3)
-
-
-@pytest.mark.parametrize("radius", [1, 2])
-def test_long_range_codes_have_their_largest_weight_at_1_over_w_plus_1(radius: int) -> None:
-    """p (1 - p)^W with W = (2 r + 1)^2: 0.0387 for r = 1; no other p near it does better."""
-    width = (2 * radius + 1) ** 2
-    best = LongRangeProgram(radius).p
-    weight = best * (1.0 - best) ** width
-    grid = np.linspace(0.001, 0.5, 2000)
-    assert weight >= np.max(grid * (1.0 - grid) ** width)
-    if radius == 1:
-        assert weight == pytest.approx(0.0387, abs=5e-5)
 
 
 def test_r6_skew_of_one_refresh_is_harmless_and_more_is_not() -> None:

@@ -56,15 +56,11 @@ def test_bernoulli_takes_any_count_and_p_and_keeps_the_diagonal_zero(count: int)
 @pytest.mark.parametrize(
     ("family", "count", "p", "on"),
     [
-        ("balanced", 8, 0.5, 4),
-        ("balanced", 512, 0.0625, 32),
-        ("balanced", 30, 0.1, 3),
-        ("balanced", 9, 1 / 3, 3),
-        ("hadamard", 2, 0.5, 1),
-        ("hadamard", 28, 0.5, 14),
+        ("balanced", 8, 0.5, 4), ("balanced", 512, 0.0625, 32), ("balanced", 30, 0.1, 3),
+        ("balanced", 9, 1 / 3, 3), ("hadamard", 2, 0.5, 1), ("hadamard", 28, 0.5, 14),
         ("hadamard", 128, 0.5, 64),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("lattice", LATTICES)
 def test_same_codes_open_every_cell_equally_often(
     family: str, count: int, p: float, on: int, lattice: tuple[int, int]
@@ -138,17 +134,12 @@ def test_codes_say_what_they_were_made_from() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"count": 0}, "0 codes"),
-        ({"count": -4}, "-4 codes"),
-        ({"lattice": (0, 5)}, "0 x 5"),
-        ({"lattice": (5, 0)}, "5 x 0"),
-        ({"p": 0.0}, "p = 0.0"),
-        ({"p": 1.0}, "p = 1.0"),
-        ({"p": float("nan")}, "p = nan"),
-        ({"seed": -1}, "seed -1"),
+        ({"count": 0}, "0 codes"), ({"count": -4}, "-4 codes"), ({"lattice": (0, 5)}, "0 x 5"),
+        ({"lattice": (5, 0)}, "5 x 0"), ({"p": 0.0}, "p = 0.0"), ({"p": 1.0}, "p = 1.0"),
+        ({"p": float("nan")}, "p = nan"), ({"seed": -1}, "seed -1"),
         ({"dual": "other"}, "dual 'other'"),
     ],
-)
+)  # fmt: skip
 def test_out_of_range_arguments_are_refused(
     family: str, change: dict[str, Any], words: str
 ) -> None:
@@ -167,16 +158,12 @@ def test_an_unknown_family_is_refused_with_the_known_ones() -> None:
 @pytest.mark.parametrize(
     ("p", "count", "hint"),
     [
-        (0.0625, 100, "take 96 or 112 codes"),
-        (0.5, 7, "take 6 or 8 codes"),
-        (0.5, 1, "take 2 codes"),
-        (0.25, 3, "take 4 codes"),
-        (0.9, 1, "take 10 codes"),
-        (0.99, 99_950, "take 99900 codes"),
-        (1 / np.pi, 128, "simple fraction"),
+        (0.0625, 100, "take 96 or 112 codes"), (0.5, 7, "take 6 or 8 codes"),
+        (0.5, 1, "take 2 codes"), (0.25, 3, "take 4 codes"), (0.9, 1, "take 10 codes"),
+        (0.99, 99_950, "take 99900 codes"), (1 / np.pi, 128, "simple fraction"),
         (1e-12, 8, "simple fraction"),
     ],
-)
+)  # fmt: skip
 def test_balanced_names_the_counts_that_fit_p(p: float, count: int, hint: str) -> None:
     with pytest.raises(RequestError) as caught:
         make_codes("balanced", (4, 4), count, dual="same", p=p)

@@ -124,14 +124,11 @@ def test_counts_that_are_no_order_are_refused_with_the_nearest(count: int, hint:
 @pytest.mark.parametrize(
     ("count", "p", "hint"),
     [
-        (16, 0.3, "balanced"),
-        (16, 0.75, "balanced"),
-        (8, 0.25, "take 16 codes"),
-        (24, 0.25, "take 16 or 32 codes"),
-        (100, 0.0625, "take 256 codes"),
+        (16, 0.3, "balanced"), (16, 0.75, "balanced"), (8, 0.25, "take 16 codes"),
+        (24, 0.25, "take 16 or 32 codes"), (100, 0.0625, "take 256 codes"),
         (300, 0.0625, "take 256 or 512 codes"),
     ],
-)
+)  # fmt: skip
 def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hint: str) -> None:
     assert not can_make_hadamard_codes(count, p)
     with pytest.raises(RequestError) as caught:

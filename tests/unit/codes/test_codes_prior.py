@@ -104,12 +104,10 @@ def test_links_become_symmetric_by_the_stronger_way() -> None:
 @pytest.mark.parametrize(
     ("links", "words"),
     [
-        (np.zeros((5, 5)), "6 cells"),
-        (-np.ones((6, 6)), "negative"),
-        (np.full((6, 6), np.nan), "not finite"),
-        (np.full((6, 6), np.inf), "not finite"),
+        (np.zeros((5, 5)), "6 cells"), (-np.ones((6, 6)), "negative"),
+        (np.full((6, 6), np.nan), "not finite"), (np.full((6, 6), np.inf), "not finite"),
     ],
-)
+)  # fmt: skip
 def test_unfit_links_are_refused(links: Any, words: str) -> None:
     with pytest.raises(RequestError, match=words) as caught:
         make_prior_codes((2, 3), 4, links, rng(0))

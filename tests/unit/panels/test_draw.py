@@ -149,16 +149,12 @@ def homography(**changes: float) -> tuple[float, ...]:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"homography": homography(b=0.1 / 40)},
-        {"homography": homography(d=0.1 / 30)},
-        {"homography": homography(g=0.002)},
-        {"homography": homography(h=0.002)},
-        {"radial": (0.05, 0.0)},
-        {"radial": (0.0, 0.05)},
-        {"tangential": (0.03, 0.0)},
+        {"homography": homography(b=0.1 / 40)}, {"homography": homography(d=0.1 / 30)},
+        {"homography": homography(g=0.002)}, {"homography": homography(h=0.002)},
+        {"radial": (0.05, 0.0)}, {"radial": (0.0, 0.05)}, {"tangential": (0.03, 0.0)},
         {"tangential": (0.0, 0.03)},
     ],
-)
+)  # fmt: skip
 def test_a_single_bend_of_a_map_is_followed(changes: dict[str, Any]) -> None:
     per_cell = 16
     bent = msgspec.structs.replace(Map.filling((40, 30)), **changes)

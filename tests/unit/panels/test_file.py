@@ -104,12 +104,8 @@ def many() -> bytes:
         (pickled, "not real numbers"),
         (lambda: packed(radial=np.array([0.0, np.nan])), "not finite"),
         (lambda: packed(residual=np.full((2, 2, 2), np.inf)), "not finite"),
-        (lambda: packed(homography=None), "no homography"),
-        (lambda: packed(size_px=None), "no size_px"),
         (lambda: packed(homography=np.eye(3).ravel()), r"shape \(9,\), not \(3, 3\)"),
-        (lambda: packed(residual=np.zeros((4, 4))), "shape"),
         (lambda: packed(residual=np.zeros((1, 4, 2))), "no grid"),
-        (lambda: packed(size_px=np.array([64.5, 48])), "not whole pixels"),
         (lambda: packed(size_px=np.array([-64, 48])), "-64 x 48 pixels"),
         (lambda: packed(homography=np.ones((3, 3))), "singular"),
         (lambda: packed(radial=np.array([-0.9, 0.0])), "folds"),
@@ -139,16 +135,6 @@ def test_what_is_no_file_at_all(tmp_path: Path) -> None:
 GOOD = Map.filling((64, 48))
 NODES = tuple(tuple((1e-6 * row, 1e-6 * col) for col in range(32)) for row in range(32))
 BENT = msgspec.structs.replace(GOOD, radial=(0.01, 0.0), tangential=(0.0, 0.001), residual=NODES)
-
-
-def written(path: Path, **arrays: Any) -> Path:
-    """A file of one map, with some arrays put in or, for None, taken out."""
-    held = {"size_px": np.array([64, 48]), "homography": np.diag([1 / 64, 1 / 48, 1.0]), **arrays}
-    stream = io.BytesIO()
-    named: dict[str, Any] = {f"mask.{key}": a for key, a in held.items() if a is not None}
-    np.savez(stream, **named)
-    path.write_bytes(stream.getvalue())
-    return path
 
 
 def stored(path: Path) -> dict[str, tuple[int, ...]]:
@@ -200,16 +186,16 @@ def test_names_that_cannot(tmp_path: Path, name: str) -> None:
         ({"size_px": np.array([63.5, 48.0])}, r"is 63\.5 x 48\.0: not whole pixels"),
         ({"size_px": None}, "the mask has no size_px$"),
         ({"homography": None}, "the mask has no homography$"),
-        ({"size_px": None, "homography": None, "radial": np.zeros(2)},
-         "the mask has no size_px and no homography$"),
+        ({"size_px": None, "homography": None}, "the mask has no size_px and no homography$"),
         ({"mask.radial": np.zeros(2)}, r"'mask\.mask\.radial' is not of a map$"),
     ],
 )  # fmt: skip
 def test_arrays_of_another_form_are_refused(
     tmp_path: Path, arrays: dict[str, Any], says: str
 ) -> None:
+    (tmp_path / "m.npz").write_bytes(packed(**arrays))
     with pytest.raises(ConfigError) as caught:
-        load_maps(written(tmp_path / "m.npz", **arrays))
+        load_maps(tmp_path / "m.npz")
     assert re.search(says, caught.value.message)
     assert caught.value.hint and "calibration" in caught.value.hint
 

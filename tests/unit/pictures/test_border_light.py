@@ -1,5 +1,5 @@
 """Direct light along borders that panels draw in two places, held against pixels looked at one by
-one: 3600 points of every quad, with the pixel of both panels that each lies in."""
+one: 14400 points of every quad, with the pixel of both panels that each lies in."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 GRID = (3, 4)
 N = 12
-FINE = 60
+FINE = 120
 PROJECTOR_PX = (50, 38)
 BENCHES: list[dict[str, Any]] = [
     {"size_px": (78, 58)},
@@ -77,8 +77,10 @@ def leak_of(realised: Factors, lit: Any, opened: Any, direct: Floats | float) ->
     return np.asarray(there.reshape(height, FINE, width, FINE).mean(axis=(1, 3)))
 
 
-@pytest.mark.parametrize("mask", BENCHES)
-@pytest.mark.parametrize("frame", CAMERAS)
+@pytest.mark.parametrize(
+    ("mask", "frame"),
+    [(BENCHES[0], CAMERAS[0]), (BENCHES[1], CAMERAS[1]), (BENCHES[2], CAMERAS[0])],
+)
 def test_each_quad_has_what_the_pixels_let_through(
     mask: dict[str, Any], frame: tuple[int, int]
 ) -> None:
@@ -125,7 +127,7 @@ def of_quads(image: Floats) -> Floats:
     return np.repeat(mean[..., None], 3, axis=2)
 
 
-@pytest.mark.parametrize("mask", BENCHES)
+@pytest.mark.parametrize("mask", BENCHES[1:])
 def test_indirect_light_is_what_is_left(mask: dict[str, Any]) -> None:
     frame = CAMERAS[0]
     panels, cells, lit, opened = setting_of(mask, frame)
@@ -146,7 +148,7 @@ def test_indirect_light_is_what_is_left(mask: dict[str, Any]) -> None:
     assert (found.sigma >= none).all()
 
 
-@pytest.mark.parametrize("mask", BENCHES)
+@pytest.mark.parametrize("mask", BENCHES[1:])
 def test_a_photo_of_strips_tells_detail_that_no_quad_shows(mask: dict[str, Any]) -> None:
     frame, reach = CAMERAS[0], (0.1, 0.1)
     panels, cells, lit, opened = setting_of(mask, frame)

@@ -28,10 +28,10 @@ from pdcd.sensor.cells import CellMap
 Floats = NDArray[np.float64]
 
 WIDTH, HEIGHT = 512, 384
-PROJECTOR, MASK, QUADS = (WIDTH, HEIGHT), (800, 600), (200, 150)
+PROJECTOR, MASK, QUADS = (WIDTH, HEIGHT), (800, 600), (128, 96)
 SIZE: Any = np.array(PROJECTOR)
 MIDDLE = SIZE / 2.0
-POINTS = 4
+POINTS = 6
 """Along either axis of a quad."""
 
 
@@ -116,7 +116,6 @@ def test_places_are_in_pixels_of_a_projector_of_whose_picture_the_field_is_a_par
     [
         Lies(),
         Lies((-31.0, 32.0)),
-        Lies((8.0, -3.0), turn=-3.0),
         Lies((30.0, 0.0), turn=3.0, scale=0.8, flip=(-1.0, 1.0)),
     ],
 )
@@ -130,6 +129,7 @@ def test_a_mask_is_found_to_a_tenth_of_a_quad(mask: Lies) -> None:
     inner = MIDDLE + 0.8 * (corners - MIDDLE)
     assert np.hypot(*(where(inner) - mask.lies(inner)).T).max() < 0.5 * WIDTH / QUADS[0]
     assert abs(found.direct - 0.6) < 0.08
+    assert found.upright == bool(np.linalg.det(mask.linear) > 0.0)
 
 
 def test_a_look_says_how_sure_it_is() -> None:
@@ -151,8 +151,10 @@ def test_a_look_says_how_sure_it_is() -> None:
 def test_the_camera_cancels_and_is_found_by_itself(camera: Lies) -> None:
     found = looked(Lies((5.0, 0.0)), camera)
     assert found.mask is not None and found.camera is not None
-    assert np.hypot(*(make_affine_map(found.mask)(MIDDLE) - MIDDLE - (5.0, 0.0))) < 0.3
-    assert np.hypot(*(make_affine_map(found.camera)(MIDDLE) - camera.lies(MIDDLE))) < 0.5
+    quad_px = WIDTH / QUADS[0]
+    on_mask, on_camera = make_affine_map(found.mask), make_affine_map(found.camera)
+    assert np.hypot(*(on_mask(MIDDLE) - MIDDLE - (5.0, 0.0))) < 0.12 * quad_px
+    assert np.hypot(*(on_camera(MIDDLE) - camera.lies(MIDDLE))) < 0.2 * quad_px
     lie = measure_misplacement(found.camera, PROJECTOR)
     assert lie.flip == ("horizontal" if camera.linear[0, 0] < 0.0 else "none")
 
@@ -160,7 +162,7 @@ def test_the_camera_cancels_and_is_found_by_itself(camera: Lies) -> None:
 def test_little_direct_light_is_enough_and_none_is_said() -> None:
     faint = looked(Lies((10.0, 0.0)), direct=0.1)
     assert faint.mask is not None
-    assert abs(make_affine_map(faint.mask)(MIDDLE)[0] - MIDDLE[0] - 10.0) < 0.5
+    assert abs(make_affine_map(faint.mask)(MIDDLE)[0] - MIDDLE[0] - 10.0) < 0.2 * WIDTH / QUADS[0]
     none = looked(Lies((10.0, 0.0)), direct=0.0)
     assert none.mask is None and none.mask_seen and none.direct == 0.0
 
@@ -172,8 +174,6 @@ def test_a_mirror_in_the_scene_is_not_taken_for_a_mirrored_panel() -> None:
     assert nine_tenths.mask is None and nine_tenths.mask_seen
     half = looked(Lies(), direct=0.5, mirror=True)
     assert half.upright
-    turned = looked(Lies(flip=(-1.0, 1.0)))
-    assert turned.mask is not None and not turned.upright
 
 
 def test_how_a_picture_lies_in_words_terms() -> None:

@@ -137,15 +137,6 @@ def test_ambient_light_is_taken_off_the_photos_of_a_pilot() -> None:
     assert not np.allclose(scale_code_photos(panels, bits, seen)[0], wanted[0])
 
 
-def test_the_dark_of_a_shot_goes_by_the_time_between_its_blades(run: Path) -> None:
-    record = record_of(run)
-    _, shots = Darkroom(run, record).exposed(Watch())
-    for shot in record.shots:
-        found: Any = shots[shot.name]
-        assert found.exposure_s == pytest.approx((shot.close_ns - shot.open_ns) * 1e-9)
-        assert (found.iso, found.profile) == (shot.iso, record.profile)
-
-
 def test_matrices_are_over_the_level_too(run: Path) -> None:
     one = Darkroom(run, record_of(run, level=1.0)).matrices()[1]
     two = Darkroom(run, record_of(run, level=2.0)).matrices()[1]

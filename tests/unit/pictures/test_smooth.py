@@ -115,15 +115,11 @@ def preset_errors(name: str, family: str, count: int, seed: int) -> tuple[float,
 @pytest.mark.parametrize(
     ("name", "count", "gain"),
     [
-        ("wax-disk", 8, 60.0),
-        ("wax-disk", 128, 200.0),
-        ("wax-disk", 512, 120.0),
-        ("milky-bottle", 8, 120.0),
-        ("milky-bottle", 128, 200.0),
-        ("milky-bottle", 512, 250.0),
+        ("wax-disk", 8, 60.0), ("wax-disk", 128, 200.0), ("wax-disk", 512, 120.0),
+        ("milky-bottle", 8, 120.0), ("milky-bottle", 128, 200.0), ("milky-bottle", 512, 250.0),
         ("open-book", 128, 45.0),
     ],
-)
+)  # fmt: skip
 def test_corrected_codes_beat_bernoulli_by_the_promised_factor(
     name: str, count: int, gain: float
 ) -> None:

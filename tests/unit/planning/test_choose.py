@@ -28,7 +28,6 @@ from pdcd.planning.predict import (
 )
 from pdcd.protocol.plan_summary import PlanSummary, Prediction
 from pdcd.protocol.request import CaptureRequest
-from pdcd.watch import Watch
 from tests import bench_rig
 from tests.bench_rig import from_path
 from tests.places import DATA
@@ -219,13 +218,6 @@ def test_a_family_that_suits_no_number_of_codes_is_said(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=r"no hadamard codes .* p = 0\.3") as caught:
         choose_plan(asked, setting(tmp_path), GRID, None)
     assert "family" in str(caught.value.hint)
-
-
-def test_the_watch_hears_of_the_codes(tmp_path: Path) -> None:
-    heard: list[tuple[float, float]] = []
-    watch = Watch(step=lambda done, total: heard.append((done, total)))
-    choose_plan(request_of(error=0.1), setting(tmp_path), GRID, None, watch=watch)
-    assert watch.stage == "codes" and heard and heard[-1][0] == pytest.approx(heard[-1][1])
 
 
 def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:

@@ -23,7 +23,6 @@ from pdcd.planning.guided import (
     with_links,
 )
 from pdcd.planning.make import plan_with_prior
-from pdcd.planning.next_step import has_first_pilot_photos, is_pilot_complete
 from pdcd.planning.pairs import (
     make_linked_pairs,
     resolve_family,
@@ -151,25 +150,6 @@ def test_a_prior_keeps_what_it_links_apart_and_is_named() -> None:
     assert np.array_equal(bits_of(asked, "coded"), bits_of(same, "coded"))
 
 
-def test_a_pilot_is_told_from_what_comes_before_and_after() -> None:
-    plan = plan_of(codes=48, pilot=16)
-    names = [shot.name for shot in plan.recipe.shots]
-    before = names.index("pilot-0001")
-    taken = range(len(names) + 1)
-    assert [n for n in taken if has_first_pilot_photos(plan, n)] == [before + 4]
-    assert [n for n in taken if is_pilot_complete(plan, n)] == [before + 16]
-    none = plan_of()
-    assert all(
-        has_first_pilot_photos(none, n) is is_pilot_complete(none, n) is False for n in range(5)
-    )
-    # Scouts alone have nothing to go on to, and a pilot of all codes has none left to guide.
-    short = end_pilot(plan, 0, LONG_S)
-    assert not any(has_first_pilot_photos(short, n) or is_pilot_complete(short, n) for n in taken)
-    whole = plan_of(codes=16, pilot=16)
-    assert not any(is_pilot_complete(whole, n) for n in range(30))
-    assert any(has_first_pilot_photos(whole, n) for n in range(30))
-
-
 @pytest.mark.parametrize(
     ("limit_s", "codes"), [(LONG_S, 44), (2.31, 44), (2.29, 40), (2.11, 40), (2.09, 36), (1.71, 32)]
 )
@@ -244,12 +224,10 @@ def test_other_codes_stand_in_where_hadamard_ones_cannot_be_made(
 @pytest.mark.parametrize(
     ("radius", "codes", "share", "coins"),
     [
-        (1, 8, 1 / 8, 1 / 8),
-        (1, 16, 1 / 16, 2 / 16),
-        (1, 64, 3 / 64, 6 / 64),
+        (1, 8, 1 / 8, 1 / 8), (1, 16, 1 / 16, 2 / 16), (1, 64, 3 / 64, 6 / 64),
         (2, 16, 1 / 16, 1 / 16),
     ],
-)
+)  # fmt: skip
 def test_far_light_has_codes_of_half_the_share_that_is_best(
     radius: int, codes: int, share: float, coins: float
 ) -> None:

@@ -57,12 +57,6 @@ def test_what_contradicts_itself_is_refused(fields: dict[str, Any], words: str, 
     assert hint in str(caught.value.hint)
 
 
-def test_a_coded_photo_in_one_piece_can_be_repeated_and_parts_taken() -> None:
-    assert plan_of(repeat=2).how.repeat == 2
-    assert plan_of(repeat=1, parts=2, codes=16).how.parts == 2
-    assert plan_of(repeat=1, method="multi-image").how.method == "multi-image"
-
-
 def test_a_pilot_of_all_codes_has_another_plan_for_a_scene_without_mirrors() -> None:
     plan = plan_of(codes=16, pilot=16)
     other = plan.otherwise

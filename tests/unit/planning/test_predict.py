@@ -81,15 +81,12 @@ def error_of_codes(goal: str, family: FamilyName, p: float) -> float:
 @pytest.mark.parametrize(
     ("goal", "family", "p"),
     [
-        ("indirect", "bernoulli", 0.5),
-        ("indirect", "rademacher", 0.5),
-        ("indirect", "balanced", 0.5),
-        ("indirect", "hadamard", 0.5),
-        ("fraction", "bernoulli", 0.25),
-        ("fraction", "balanced", 0.25),
+        ("indirect", "bernoulli", 0.5), ("indirect", "rademacher", 0.5),
+        ("indirect", "balanced", 0.5), ("indirect", "hadamard", 0.5),
+        ("fraction", "bernoulli", 0.25), ("fraction", "balanced", 0.25),
         ("fraction", "hadamard", 0.5),
     ],
-)
+)  # fmt: skip
 def test_codes_err_as_the_formulas_say(goal: str, family: FamilyName, p: float) -> None:
     found = predict_error(shown(goal, family, p), ALIKE, rig(), 100)
     assert found.code == pytest.approx(error_of_codes(goal, family, p), rel=0.1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -17,13 +16,10 @@ from pdcd.planning.grey import explain_grey_levels, find_grey_panels, is_mock_as
 from pdcd.planning.look import (
     DarkFrames,
     choose_black_level,
-    note_harmless_leaks,
     resolve_black_level,
-    with_leak_probe,
 )
 from pdcd.planning.make import make_plan
 from pdcd.planning.metering import choose_next_aperture, pick_aperture
-from pdcd.planning.next_step import is_dark_photo_due
 from pdcd.planning.plan import LeakProbe, Plan, average_pair_light
 from pdcd.planning.schedule_fit import convert_lag_to_rows, is_lag_needed, list_tolerant_schedules
 from pdcd.protocol.plan_summary import LeakErrors
@@ -63,33 +59,14 @@ def test_black_exposures_are_as_asked_or_wait_for_a_look(
     assert (found.level, found.look) == (level, look)
 
 
-def test_a_look_is_due_once_the_shots_of_the_first_part_are_there() -> None:
-    plan = plan_of(codes=32, parts=2)
-    parts = {shot.name: shot.part for shot in plan.recipe.shots}
-    assert {1, 2} <= set(parts.values())
-    early = frozenset(name for name, part in parts.items() if part <= 1)
-    assert (
-        plan.look is not None
-        and is_dark_photo_due(plan, early)
-        and is_dark_photo_due(plan, frozenset(parts))
-    )
-    for name in early:
-        assert not is_dark_photo_due(plan, early - {name})
-    assert not is_dark_photo_due(replace(plan, look=None), frozenset(parts))
-
-
 @pytest.mark.parametrize(
     ("ambient", "mask", "both", "level"),
     [
-        (0.0, 0.0, 0.01, "none"),
-        (0.02, 0.0, 0.011, "ambient"),
-        (0.02, 0.01, 0.011, "ambient"),
-        (0.01, 0.02, 0.03, "mask"),
-        (0.02, 0.02, 0.03, "both"),
-        (0.005, 0.02, 0.03, "mask"),
+        (0.0, 0.0, 0.01, "none"), (0.02, 0.0, 0.011, "ambient"), (0.02, 0.01, 0.011, "ambient"),
+        (0.01, 0.02, 0.03, "mask"), (0.02, 0.02, 0.03, "both"), (0.005, 0.02, 0.03, "mask"),
         (None, None, 0.03, "ambient"),
     ],
-)
+)  # fmt: skip
 def test_black_exposures_are_those_that_leaks_call_for(
     ambient: float | None, mask: float | None, both: float, level: str
 ) -> None:
@@ -146,23 +123,6 @@ def test_a_single_code_of_a_pilot_is_lit_by_itself() -> None:
     rows = 3 * plan.passes_of(singles[0])
     for shot in (singles[0], singles[5], singles[-1]):
         assert lit_s(plan, shot) == pytest.approx(shares[shot.only] * rows / 60.0)
-
-
-def test_only_the_last_word_on_black_exposures_is_kept() -> None:
-    plan = plan_of(black_level="none")
-    look = with_leak_probe(plan, LeakProbe(0.025, may_add=False))
-    assert "2.5 %" in look.reasons[-1] and "a warning says" in look.reasons[-1]
-    assert "are added" in with_leak_probe(plan, LeakProbe(0.025, may_add=True)).reasons[-1]
-    assert with_leak_probe(plan, None).reasons == plan.reasons
-    leaks = LeakErrors(ambient=0.002, mask=0.001, both=0.0025, floor=1e-4, limit=0.01, raw=())
-    found = note_harmless_leaks(look, leaks)
-    said = [reason for reason in found.reasons if reason.startswith("black exposures")]
-    assert len(said) == 1 and "0.2 %" in said[0] and "0.1 %" in said[0] and "limit 1 %" in said[0]
-    assert found.look is None and found.leaks == leaks
-    at_most = note_harmless_leaks(look, msgspec.structs.replace(leaks, mask=None)).reasons[-1]
-    assert "at most 0.25 %" in at_most
-    none = note_harmless_leaks(look, msgspec.structs.replace(leaks, both=0.0)).reasons[-1]
-    assert "no leak" in none and "0.01 %" in none
 
 
 @pytest.mark.parametrize(
@@ -235,17 +195,13 @@ def test_schedules_bear_a_lag_up_to_their_edges(
 @pytest.mark.parametrize(
     ("asked", "apart", "blur", "window"),
     [
-        ("auto", 0.001, 0.0, "whole"),
-        ("auto", 0.0011, 0.0, "quarter"),
-        ("auto", 0.0005, 0.0003, "whole"),
-        ("auto", 0.0005, 0.0004, "quarter"),
-        ("whole", 5.0, 5.0, "whole"),
-        ("quarter", 0.25, 0.0, "quarter"),
-        ("quarter", 0.26, 0.0, None),
-        ("side-7/8", 0.0625, 0.0, "side-7/8"),
+        ("auto", 0.001, 0.0, "whole"), ("auto", 0.0011, 0.0, "quarter"),
+        ("auto", 0.0005, 0.0003, "whole"), ("auto", 0.0005, 0.0004, "quarter"),
+        ("whole", 5.0, 5.0, "whole"), ("quarter", 0.25, 0.0, "quarter"),
+        ("quarter", 0.26, 0.0, None), ("side-7/8", 0.0625, 0.0, "side-7/8"),
         ("side-7/8", 0.07, 0.0, None),
     ],
-)
+)  # fmt: skip
 def test_windows_cover_what_the_panels_are_apart(
     asked: str, apart: float, blur: float, window: str | None
 ) -> None:

@@ -166,14 +166,10 @@ def test_corners_do_not_widen_what_lies_beside_one_border(axis: int, by_px: floa
 @pytest.mark.parametrize(
     ("grid", "offset", "seen"),
     [
-        ((1, 1), (0.4, 0.4), False),
-        ((1, 32), (0.4, 0.0), True),
-        ((1, 32), (0.0, 0.4), False),
-        ((24, 1), (0.0, 0.4), True),
-        ((24, 1), (0.4, 0.0), False),
-        ((1, 2), (0.4, 0.0), True),
+        ((1, 1), (0.4, 0.4), False), ((1, 32), (0.4, 0.0), True), ((1, 32), (0.0, 0.4), False),
+        ((24, 1), (0.0, 0.4), True), ((24, 1), (0.4, 0.0), False), ((1, 2), (0.4, 0.0), True),
     ],
-)
+)  # fmt: skip
 def test_only_borders_that_there_are_can_be_apart(
     grid: tuple[int, int], offset: tuple[float, float], seen: bool
 ) -> None:

@@ -1,7 +1,7 @@
-"""The paper's equations, one by one: each test is named after the row E1 to E12 that it checks.
+"""The paper's equations: each test is named after the row that it checks.
 
-Dense matrices and closed formulas are worked out here; photos come from the program's refreshes and
-optics. Random estimators run on bare code bits, so that many draws cost little.
+Dense matrices are worked out here; photos come from the program's refreshes and optics. Rows about
+what chance does to codes are held against codes that are drawn in the room of plans.
 """
 
 from __future__ import annotations
@@ -16,13 +16,9 @@ import pytest
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.panels.lattice import Lattice
-from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.goals import Target, check_target
-from pdcd.recipes.make import make_recipe
 from pdcd.recipes.programs import SignedProgram
 from pdcd.runs.folder import read_manifest
-from pdcd.words import GoalName
 from tests import bench_rig, catalogue_rig
 from tests.catalogue_rig import photo, scene_of, show, transport
 
@@ -73,15 +69,6 @@ def test_e2_probing_equation_holds_for_any_known_matrix() -> None:
     np.testing.assert_allclose(seen, brute, rtol=1e-12)
 
 
-def test_e3_relit_scene_view_is_the_floodlit_photo_of_the_product() -> None:
-    bits = make_codes("balanced", GRID, 16, dual="complement", seed=1)
-    coded = show(bits.primal, bits.dual, GRID)
-    pi_hat = coded.dense() / catalogue_rig.REFRESH_S
-    flood = show(np.ones((1, N)), np.ones((1, N)), GRID)
-    virtual = photo(flood, scene_of(pi_hat * T, GRID))
-    np.testing.assert_allclose(photo(coded, scene_of(T, GRID)), virtual, rtol=1e-12)
-
-
 @pytest.mark.parametrize(("family", "exact"), [("hadamard", True), ("bernoulli", False)])
 def test_e4_rank_one_split_adds_up_to_the_matrix_that_is_reported(family: str, exact: bool) -> None:
     """Sum of m i^T against 1 - I over 4, in Frobenius norm and largest entry; 0 with K > N."""
@@ -96,14 +83,6 @@ def test_e4_rank_one_split_adds_up_to_the_matrix_that_is_reported(family: str, e
     else:
         # Entries of random codes scatter by sqrt(p(1-p) (1 - p(1-p)) / K) = 0.077 each.
         assert frobenius == pytest.approx(0.0765 * np.sqrt(N * (N - 1)), rel=0.2)
-
-
-@pytest.mark.parametrize("family", ["bernoulli", "balanced", "hadamard"])
-def test_e5_pipeline_is_the_sum_of_masked_photos(family: str) -> None:
-    codes = make_codes(family, GRID, 32, dual="complement", seed=4)
-    one_by_one = sum(m * (T @ i) for m, i in zip(codes.dual, codes.primal + 0.0, strict=True))
-    at_once = photo(show(codes.primal, codes.dual, GRID), scene_of(T, GRID))
-    np.testing.assert_allclose(at_once, one_by_one, rtol=1e-12)
 
 
 @pytest.mark.parametrize("shift", [(0, 1), (1, -2), (-1, 0)])
@@ -122,41 +101,3 @@ def test_e8_mask_of_a_shifted_code_samples_the_off_diagonal(shift: tuple[int, in
         if 0 <= r < GRID[0] and 0 <= c < GRID[1]:
             want[n] = T[n, r * GRID[1] + c]
     np.testing.assert_allclose(seen, want, atol=1e-12)
-
-
-def test_e10_negative_values_are_two_photos_of_twice_the_codes() -> None:
-    """P - N is the signed estimator; P + N is K T 1, and N alone K / 2 times indirect light."""
-    count = 32
-    h = signs(count, seed=6, family="hadamard")
-    photos = []
-    for half in (True, False):
-        light, mask = SignedProgram(((1.0, None),), half).pairs(h > 0, Lattice(GRID))
-        assert len(light) == len(mask) == 2 * count
-        assert np.asarray(light).min() >= 0.0 and np.asarray(mask).min() >= 0.0
-        shown = show(light, mask, GRID)
-        photos.append(photo(shown, scene_of(T, GRID)))
-    positive, negative = photos
-    signed = sum(code * (T @ code) for code in h)
-    np.testing.assert_allclose(positive - negative, signed, rtol=1e-11)
-    np.testing.assert_allclose(positive + negative, count * T.sum(axis=1), rtol=1e-12)
-    indirect = T.sum(axis=1) - np.diag(T)
-    np.testing.assert_allclose(negative, 0.5 * count * indirect, rtol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["indirect", "fraction"])
-def test_e11_goals_without_negative_weights_take_one_photo(name: GoalName) -> None:
-    goal = check_target(Target(Goal(name=name, p=0.5 if name == "fraction" else None), GRID))
-    assert len(make_recipe(goal, CaptureScheme(white=False)).shots) == 1
-
-
-def test_e11_matrix_of_few_distinct_rows_takes_that_many_codes_and_is_exact() -> None:
-    kinds = RNG.random((3, N))
-    matrix = kinds[RNG.integers(0, 3, N)]
-    goal = check_target(Target(Goal(name="relit"), GRID, matrices={"matrix": matrix}))
-    recipe = make_recipe(goal, CaptureScheme())
-    light, mask = recipe.programs["relit"].pairs(np.zeros((0, 0), bool), Lattice(GRID))
-    assert len(light) == 3 and len(recipe.shots) == 1
-    shown = show(light, mask, GRID)
-    seen = photo(shown, scene_of(T, GRID)) * matrix.max()
-    # Grey levels are stored in single precision.
-    np.testing.assert_allclose(seen, np.sum(matrix * T, axis=1), rtol=1e-6)

@@ -41,12 +41,10 @@ def summed_up(cell: int, window: float, offset: tuple[float, float], blur: float
 @pytest.mark.parametrize(
     ("cell", "window", "offset", "blur"),
     [
-        (4, 1.0, (0.25, 0.0), 0.5),
-        (4, 0.5, (0.25, -0.5), 0.75),
-        (2, 0.5, (0.5, 0.25), 0.75),
+        (4, 1.0, (0.25, 0.0), 0.5), (4, 0.5, (0.25, -0.5), 0.75), (2, 0.5, (0.5, 0.25), 0.75),
         (3, 0.5, (-0.25, 0.25), 1.0),
     ],
-)
+)  # fmt: skip
 def test_leak_is_what_light_summed_up_gives(
     cell: int, window: float, offset: tuple[float, float], blur: float
 ) -> None:

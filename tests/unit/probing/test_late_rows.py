@@ -159,16 +159,6 @@ def test_rows_one_after_the_other(window: str, scans: str) -> None:
     np.testing.assert_allclose(got.open_s, at_once.open_s, rtol=1e-3)
 
 
-@pytest.mark.long
-def test_misregistered_rows() -> None:
-    projector = told(PROJECTOR, scan_s=0.011)
-    mask = told(MASK, scan_s=-0.014, offset_px=(1.0, -2.0))  # a quarter and half a cell
-    want, coaxial = followed(projector, mask, "quarter").means()
-    got = realised(projector, mask, "quarter")
-    assert np.abs(got.dense() - want).max() <= 1e-12 * want.max()
-    assert np.abs(got.coaxial - coaxial).max() <= 1e-12 * want.max()
-
-
 def test_a_panel_on_its_side_is_late_by_columns() -> None:
     mask = told(MASK, scan_s=0.01, place=Placing(turn_deg=90.0))
     bands = split_into_bands(mask, PROJECTOR, Lattice(GRID, "whole"), mask=True)

@@ -316,16 +316,6 @@ def test_panels_of_which_pixels_do_not_tell_all_are_refused(
     assert caught.value.device == side
 
 
-@pytest.mark.parametrize("side", ["projector", "mask"])
-def test_pictures_of_another_panel_are_refused(side: str) -> None:
-    panels = {"projector": PanelConfig(size_px=(2, 1)), "mask": PanelConfig(size_px=(2, 1))}
-    panels[side] = PanelConfig(size_px=(1, 2))
-    shown = from_pictures([lit([[255, 0]])], [lit([[255, 0]])])
-    with pytest.raises(ConfigError, match="pictures of") as caught:
-        matrix(shown, panels["projector"], panels["mask"], (1, 1))
-    assert caught.value.device == side
-
-
 def test_pixels_are_shared_by_the_cells_they_lie_over() -> None:
     """Three pixels of the projector and two of the mask over four cells, one refresh of 10 ms.
 

@@ -121,15 +121,6 @@ def test_any_weight_of_the_matched_cell(kept: float) -> None:
     np.testing.assert_allclose(realised[np.arange(N), WARP], kept, atol=1e-5)
 
 
-def test_cells_without_a_partner_see_all_light_in_a_plain_matrix() -> None:
-    pi = 1.0 - matrix(lambda n, m: WARP_B[n] == m)
-    _, realised = dense_recipe.matrix_of(
-        dense_recipe.target(GRID, "relit", {"matrix": pi}), CaptureScheme()
-    )
-    assert dense_recipe.error(realised, pi, transport()) < 0.01
-    np.testing.assert_allclose(realised[WARP_B < 0], 1.0, rtol=1e-6)
-
-
 @pytest.mark.parametrize("rank", sampled([3, 1, 9], 3))
 def test_matrices_of_low_rank_are_exact(rank: int) -> None:
     rng = np.random.default_rng(rank)

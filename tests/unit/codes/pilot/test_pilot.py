@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdcd.codes.hadamard import make_prior_codes
@@ -122,17 +120,6 @@ def test_single_paths_are_found_with_their_strength(seed: int) -> None:
     np.fill_diagonal(true, 0.0)
     assert np.mean(found[true > 0.0] > 0.0) > 0.99
     assert np.sum((found - true) ** 2) < 0.02 * np.sum(true**2)
-
-
-@pytest.mark.long
-@settings(deadline=None, derandomize=True, max_examples=10)
-@given(seed=st.integers(0, 10_000), sigma=st.sampled_from([0.0, 0.01]))
-def test_what_is_found_are_paths_between_different_cells(seed: int, sigma: float) -> None:
-    codes, photos = take_pilot(two_caustics(seed), 32, seed, sigma)
-    found = estimate_links(codes, photos, GRID, sigma=sigma)
-    assert found.shape == (CELLS, CELLS)
-    assert not found.diagonal().any()
-    assert np.isfinite(found.data).all() and (found.data > 0.0).all()
 
 
 def test_noise_alone_is_hardly_taken_for_paths() -> None:

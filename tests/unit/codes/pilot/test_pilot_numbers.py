@@ -19,14 +19,12 @@ from pdcd.codes.pilot.codes import (
     make_pilot_codes,
 )
 from pdcd.codes.pilot.links import (
-    PilotPrediction,
     estimate_links,
     estimate_sharpness,
     match_links,
     predict_pilot_errors,
 )
 from pdcd.codes.pilot.matching import MOST_MATCHING_CELLS, find_partners, weigh_partners
-from pdcd.codes.pilot.pursuit import AT_ONCE, LIKELY, PATH_SIGMAS, PURSUIT_STEPS, ROW_SHARE
 from pdcd.codes.pilot.scene_light import (
     check_photos,
 )
@@ -146,18 +144,6 @@ def test_channels_that_are_alike_are_weighed_once() -> None:
     assert second.sum() == pytest.approx(0.5 * first.sum(), rel=0.1)
 
 
-def test_strong_paths_are_found_one_by_one_and_in_patches() -> None:
-    """Single paths stand out by 4.2 deviations, those beside another by 2.7."""
-    assert (PATH_SIGMAS, LIKELY, PURSUIT_STEPS, AT_ONCE, ROW_SHARE) == (4.2, 2.7, 12, 2, 4)
-    codes, photos = photos_of(64)
-    found = estimate_links(codes, photos, GRID, sigma=0.01).toarray()
-    true = np.where(transport() > 0.1, transport(), 0.0)
-    np.fill_diagonal(true, 0.0)
-    assert ((found > 0.05) == (true > 0.0)).all()
-    np.testing.assert_allclose(found[true > 0.0], true[true > 0.0], atol=0.03)
-    assert (found >= 0.0).all() and not found.diagonal().any()
-
-
 def test_rows_of_many_paths_and_weak_ones_beside_strong_ones_are_found() -> None:
     """Row by row, a few entries a round. Those beside a path need not stand out as much; a row
     without light has none."""
@@ -216,14 +202,3 @@ def test_noise_of_both_sets_alone_counts_for_what_they_disagree() -> None:
         sigma[photo] = 9.0
         assert predict_pilot_errors(codes, photos, paths, 40, sigma=sigma).unguided == 0.0
         sigma[photo] = 0.02
-
-
-@pytest.mark.parametrize("light", [0.0, 1.0])
-def test_a_pilot_of_more_codes_than_cells_needs_no_guide(light: float) -> None:
-    """No two cells share a code in either of its sets, so that these tell nothing of others."""
-    grid, count = (3, 4), 64
-    codes = make_pilot_codes(grid, count, seed=0)
-    rng = np.random.default_rng(1)
-    photos = codes @ (light * rng.random((12, 12)))
-    found = predict_pilot_errors(codes, photos, scipy.sparse.csr_array((12, 12)), 128, sigma=1e-3)
-    assert found == PilotPrediction(0.0, 0.0, 0.0) and not found.pays

@@ -131,15 +131,12 @@ def test_surfaces_send_on_no_more_light_than_they_get() -> None:
 @pytest.mark.parametrize(
     ("kind", "options"),
     [
-        ("off-axis-box", {"disparity": -50.0}),
-        ("off-axis-box", {"disparity": 50.0}),
-        ("off-axis-box", {"disparity": True}),
-        ("off-axis-box", {"seed": 1}),
-        ("off-axis-wedge", {"baseline": 0.0}),
-        ("off-axis-shelf", {"baseline": "wide"}),
+        ("off-axis-box", {"disparity": -50.0}), ("off-axis-box", {"disparity": 50.0}),
+        ("off-axis-box", {"disparity": True}), ("off-axis-box", {"seed": 1}),
+        ("off-axis-wedge", {"baseline": 0.0}), ("off-axis-shelf", {"baseline": "wide"}),
         ("off-axis-shelf", {"disparity": 0.0}),
     ],
-)
+)  # fmt: skip
 def test_wrong_options_are_refused(kind: str, options: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r"\[scene\] options"):
         build_scene(SceneConfig(kind=kind, grid=(12, 16), options=options))
