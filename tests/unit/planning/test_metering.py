@@ -50,6 +50,12 @@ def test_settles_just_below_the_target(light: float) -> None:
     assert final >= TARGET / 2 ** (1 / 3) * (1 - 1e-9) or f_number == 1.0
 
 
+def test_a_clipped_photo_is_taken_again_four_stops_narrower() -> None:
+    """And is what there is where the lens closes no further."""
+    assert choose_next_aperture(STOPS, 4.0, 0.96, 0.1) == (16.0, False)
+    assert choose_next_aperture(STOPS, max(STOPS), 1.0, 1.0) == (max(STOPS), True)
+
+
 def test_peak_share() -> None:
     planes = np.array([[[10.0]], [[40.0]], [[-3.0]], [[20.0]]], dtype=np.float32)
     assert measure_peak_share(planes, np.array([[False]]), 80.0) == 0.5
