@@ -24,7 +24,7 @@ from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, ExposureError, PdcdError
 from pdcd.sensor.fit import check_frame_fit, measure_frame_fit
 from pdcd.sensor.profile import load_profile
-from pdcd.sensor.raw import RawHead, read_raw_head
+from pdcd.sensor.raw import RawFrame, RawHead, read_raw, read_raw_head
 
 _DAY = 1.0
 _SESSION_DAYS = 1.0 / 24.0
@@ -120,13 +120,14 @@ def examine_frame(config: Config, raw: Path | None) -> Iterator[Finding]:
             yield Finding("frame", "good", f"{told[0]} x {told[1]} quads, by the sensor profile")
             yield Finding("orientation", "unknown", "only a photo tells", "give one: --raw FILE")
         else:
-            head = read_raw_head(raw)
-            frame = head.frame
+            head, photo = read_raw_head(raw), read_raw(raw)
+            frame = photo.frame
             yield Finding("frame", "good", f"{_size(head)} quads, of {head.model or raw.name}")
             yield Finding("orientation", "good", f"{head.turned}; not followed, see [camera.place]")
             rows, columns = head.masked
             border = f"{rows} rows and {columns} columns beyond the picture"
             yield Finding("masked border", "good", border if rows + columns else "none")
+            yield from _examine_levels(photo)
         what, grid = "view of the field", config.code_grid()
         fit = measure_frame_fit(make_camera_map(config, frame), grid)
         seen = f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
@@ -137,6 +138,16 @@ def examine_frame(config: Config, raw: Path | None) -> Iterator[Finding]:
         check_frame_fit(fit, "whole" if window == "whole" else "quarter")
     except PdcdError as err:
         yield fault(what, err, "camera")
+
+
+def _examine_levels(photo: RawFrame) -> Iterator[Finding]:
+    """What black and white of a decoded photo are, and what is odd about them."""
+    black = ", ".join(f"{level:.6g}" for level in photo.black)
+    source = photo.exif()["black_from"]
+    found = f"black {black} DN by the {source}, white {photo.white:g} DN, mosaic {photo.pattern}"
+    yield Finding("levels", "good", found)
+    for doubt in photo.doubts:
+        yield Finding("levels in doubt", "warning", doubt, "see that it is the camera's own file")
 
 
 def _size(head: RawHead) -> str:

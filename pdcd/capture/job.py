@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -119,6 +119,10 @@ def list_run_warnings(
         if blown:
             yield f"shot {name}: {blown} pixels are saturated"
     yield from developed.warnings
+    for name, exif in developed.exif.items():
+        if doubts := cast("list[str]", exif.get("doubts", [])):
+            yield from (f"shot {name}: {doubt}" for doubt in doubts)
+            break  # the others are of the same camera
     if developed.blind > 0.0:
         yield (
             f"{100.0 * developed.blind:.2g} % of the cells are blind, without a pixel of a panel "

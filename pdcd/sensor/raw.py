@@ -5,22 +5,20 @@ no scaling by the frame's own maximum, no clipping of noise below black, no demo
 will be subtracted from each other would be spoilt by each of these; they come last, in
 `pdcd.pictures.written.picture_files`.
 
-Black comes from the masked border where the file has one: columns of the sensor that no light
-reaches, exposed with the picture. A number in the file's tags knows nothing of that exposure.
+Black comes from the masked border where the file has a dark one: columns of the sensor that no
+light reaches, exposed with the picture. A number in the file's tags knows nothing of that exposure.
+`pdcd.sensor.mosaic` finds both, and says where figures for one thing disagree.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
-from collections.abc import Iterator
-from contextlib import contextmanager
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-import rawpy
 from numpy.typing import ArrayLike, NDArray
 
 from pdcd.arrays import Floats
@@ -28,8 +26,11 @@ from pdcd.errors import DecodeError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_RAW_BYTES, read_file
 from pdcd.sensor.bands import run_in_bands
+from pdcd.sensor.mosaic import Mosaic, RawInput, find_shown, open_raw, read_mosaic
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
-from pdcd.sensor.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, TiffTags, read_tags
+from pdcd.sensor.proof import check_hole, check_samples
+from pdcd.sensor.tiff import DATE_TAKEN, MODEL
+from pdcd.sensor.whole import find_stop_tags, measure_hole
 
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 """How names of RAW files end, in lower case."""
@@ -37,29 +38,25 @@ RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", 
 WHOLE_AXIS = slice(None)
 """All rows, or all columns."""
 
-_LIBRAW_MIN_SIDE = 22
-_CANON_GUARD = 2
-"""Columns at either edge of a Canon's left border that are not used: dcraw leaves them out, too."""
-_MIN_MASKED = 64
-"""Fewest masked samples of a colour that black is taken from."""
-_OUTLIER_SIGMAS = 5.0
-
 
 @dataclass(frozen=True)
 class RawFrame:
     """One decoded photo; one pixel per Bayer quad.
 
     samples : (4, h, w) uint16
-        R, G1 (the green of the red rows), G2, B in DN, black included; `planes` is without.
+        R, G1 (the green of the red rows), G2, B in DN, black included; `planes` is without. float32
+        of a file whose samples are real numbers or wider, and where black differs within a plane:
+        there what it differs by from the plane's `black` is taken off.
     saturated : (h, w) bool
         True where any sample of the quad is at or above saturation.
     black : (4,) float64
         Black level in DN that is taken off each plane: the mean of the masked border, or else what
-        LibRaw says.
+        the tags of a DNG say, or LibRaw.
     libraw_black : (4,) float64
         Black level in DN by LibRaw: from tags, or its own mean of a border, cut to whole numbers.
-    masked : bool
-        Whether the file has a masked border.
+        As `black` of a file that LibRaw does not read.
+    masked, tagged : bool
+        Whether black is that of a masked border; whether that of tags that LibRaw reads otherwise.
     white : float
         Highest value of a sample in DN, black included.
     iso, exposure_s, f_number, model, date
@@ -72,6 +69,8 @@ class RawFrame:
     side : int
         Quads of the file that one here is the mean of, each way; `samples` are float32 where that
         is more than 1.
+    doubts : tuple
+        What the user should know of this file's levels, in words.
     """
 
     samples: NDArray[np.uint16] | NDArray[np.float32]
@@ -88,6 +87,8 @@ class RawFrame:
     flip: int
     pattern: str
     side: int = 1
+    tagged: bool = False
+    doubts: tuple[str, ...] = ()
 
     @property
     def frame(self) -> tuple[int, int]:
@@ -127,6 +128,7 @@ class RawFrame:
 
     def exif(self) -> dict[str, object]:
         """What the manifest keeps of it."""
+        black_from = "masked border" if self.masked else "tags" if self.tagged else "LibRaw"
         return {
             "model": self.model,
             "date": self.date,
@@ -135,9 +137,10 @@ class RawFrame:
             "f_number": self.f_number,
             "flip": self.flip,
             "black_dn": self.black.tolist(),
-            "black_from": "masked border" if self.masked else "LibRaw",
+            "black_from": black_from,
             "libraw_black_dn": self.libraw_black.tolist(),
             "white_dn": self.white,
+            **({"doubts": list(self.doubts)} if self.doubts else {}),
         }
 
 
@@ -157,8 +160,8 @@ def read_raw(
         is left out, and so are masked borders; of a picture that begins in the middle of a quad
         LibRaw leaves out the first. The orientation tag is not followed.
     sha256, size_bytes
-        What the file must be, as announced when it was fetched. LibRaw alone notices most truncated
-        files, but no damaged one whose samples can still be unpacked.
+        What the file must be, as announced when it was fetched. Without them a file is refused that
+        is shorter than its headers say, or whose samples cannot be; no damage beside is noticed.
     saturation_dn
         Signal in DN above black from which a sample counts as saturated
         (`SensorProfile.saturation_dn`); the file's white level counts in any case.
@@ -166,11 +169,15 @@ def read_raw(
     Raises
     ------
     DecodeError
-        The file cannot be read, is not the announced one, is damaged, or has no Bayer mosaic.
+        The file cannot be read, is not the announced one, is not whole or damaged, or has no Bayer
+        mosaic; the message names what it has.
     """
     data = _read_checked(path, sha256, size_bytes)
-    with _libraw_errors(path), rawpy.imread(io.BytesIO(data)) as raw:
-        return _frame(raw, path, read_tags(data), saturation_dn)
+    with open_raw(data, path.name) as raw:
+        mosaic = read_mosaic(raw)
+        frame = _frame(raw, mosaic, saturation_dn)
+        _check_frame(raw, mosaic, frame)
+        return frame
 
 
 @dataclass(frozen=True)
@@ -202,14 +209,12 @@ def read_raw_head(path: Path, *, sha256: str | None = None) -> RawHead:
     sha256 : what the file must have, as of `read_raw`. Raises DecodeError.
     """
     data = _read_checked(path, sha256, None)
-    tags = read_tags(data)
-    with _libraw_errors(path), rawpy.RawPy() as raw:
-        raw.open_buffer(io.BytesIO(data))
-        sizes = raw.sizes
-        height, width = _shown(sizes, (sizes.height, sizes.width))
+    with open_raw(data, path.name) as raw:
+        sizes, tags = raw.libraw.sizes, raw.tags
+        height, width = find_shown(sizes, (sizes.height, sizes.width))
         if tags is None:
-            raw.unpack()  # LibRaw tells its time no earlier
-        exposure_s = tags.exposure_s if tags else _single(raw.other.shutter_speed)
+            raw.libraw.unpack()  # LibRaw tells its time no earlier
+        exposure_s = tags.exposure_s if tags else _single(raw.libraw.other.shutter_speed)
     return RawHead(
         frame=(height // 2, width // 2),
         flip=sizes.flip,
@@ -217,20 +222,6 @@ def read_raw_head(path: Path, *, sha256: str | None = None) -> RawHead:
         masked=(sizes.raw_height - sizes.height, sizes.raw_width - sizes.width),
         exposure_s=exposure_s,
     )
-
-
-@contextmanager
-def _libraw_errors(path: Path) -> Iterator[None]:
-    """Turn LibRaw's own errors, and RuntimeError for a form of image that its binding does not
-    know, into DecodeError."""
-    try:
-        yield
-    except (rawpy.LibRawError, RuntimeError, MemoryError) as err:
-        reason = err.args[0].decode() if err.args and isinstance(err.args[0], bytes) else str(err)
-        raise DecodeError(
-            f"cannot decode {path.name}: {reason or type(err).__name__}",
-            hint="the file is truncated, damaged or no RAW file; fetch it from the camera again",
-        ) from err
 
 
 def _read_checked(path: Path, sha256: str | None, size_bytes: int | None) -> bytes:
@@ -246,118 +237,63 @@ def _read_checked(path: Path, sha256: str | None, size_bytes: int | None) -> byt
     return data
 
 
-def _frame(
-    raw: rawpy.RawPy, path: Path, tags: TiffTags | None, saturation_dn: float | None
-) -> RawFrame:
+def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFrame:
     """Planes and metadata of an open file; everything is copied, as LibRaw's memory goes away."""
-    sizes = raw.sizes
-    numbers = raw.raw_pattern  # of the whole sensor, border included
-    colours = ""
-    if numbers is not None and numbers.shape == (2, 2):
-        numbers = np.roll(numbers, (-sizes.top_margin, -sizes.left_margin), axis=(0, 1))
-        letters = raw.color_desc.decode()
-        colours = "".join(letters[number] for number in numbers.ravel())
-    if numbers is None or colours not in ("RGGB", "BGGR", "GRBG", "GBRG"):
-        raise DecodeError(
-            f"{path.name} has no 2x2 Bayer mosaic of red, green and blue",
-            hint="set the camera to full-size RAW",
-        )
-    mosaic = raw.raw_image_visible
-    shown = _shown(sizes, mosaic.shape)
-    mosaic = mosaic[: shown[0], : shown[1]]
-    height, width = shown[0] // 2, shown[1] // 2
-    quad = _quad(colours)
-    libraw_black = np.array([raw.black_level_per_channel[numbers[at]] for at in quad], np.float64)
-    masked = _masked_black(raw, tags, quad)
-    black = libraw_black if masked is None else masked
-    white = float(raw.white_level)
-    limit = white - black
-    if saturation_dn is not None:
-        limit = np.minimum(limit, saturation_dn)
-    levels, limits = black.astype(np.float32), limit.astype(np.float32)
-    samples = np.empty((4, height, width), dtype=np.uint16)
-    saturated = np.zeros((height, width), dtype=np.bool_)
+    height, width = mosaic.size[0] // 2, mosaic.size[1] // 2
+    sensor, uneven = mosaic.sensor, mosaic.uneven
+    whole = uneven is None and sensor.dtype == np.uint16
+    samples = np.empty((4, height, width), np.uint16 if whole else np.float32)
+    saturated = np.zeros((height, width), np.bool_)
+    white = math.ceil(mosaic.white) if whole else mosaic.white
+    top, left = mosaic.first
 
     def band(rows: slice) -> None:
-        for plane, (row, column) in enumerate(quad):
+        for plane, (row, column) in enumerate(mosaic.places):
+            row, column = top + row, left + column
+            there = sensor[row + 2 * rows.start : row + 2 * rows.stop : 2]
+            light = there[:, column : column + 2 * width : 2]
             here = samples[plane, rows]
-            here[...] = mosaic[2 * rows.start + row : 2 * rows.stop : 2, column : 2 * width : 2]
-            signal = np.subtract(here, levels[plane], dtype=np.float32)
-            saturated[rows] |= signal >= limits[plane]
+            here[...] = light
+            saturated[rows] |= here >= white
+            if uneven is not None:
+                away = uneven[plane].of_rows(rows) - uneven[plane].mean
+                np.subtract(light, away, out=here, dtype=np.float64, casting="same_kind")
+            if saturation_dn is not None:
+                signal = np.subtract(here, np.float32(mosaic.black[plane]), dtype=np.float32)
+                saturated[rows] |= signal >= np.float32(saturation_dn)
 
     run_in_bands(height, band)
+    tags, other = raw.tags, raw.libraw.other
+    stop = find_stop_tags(raw.data, tags)
+    f_number = other.aperture if stop is None or not stop.says_f_number else stop.f_number
     return RawFrame(
         samples=samples,
         saturated=saturated,
-        black=black,
-        libraw_black=libraw_black,
-        masked=masked is not None,
-        white=white,
-        iso=round(raw.other.iso_speed),
-        exposure_s=_single(raw.other.shutter_speed),
-        f_number=_single(raw.other.aperture) or None,
+        black=mosaic.black,
+        libraw_black=mosaic.libraw_black,
+        masked=mosaic.masked,
+        white=mosaic.white,
+        iso=round(other.iso_speed),
+        exposure_s=_single(other.shutter_speed),
+        f_number=_single(f_number or 0.0) or None,
         model=tags.text(MODEL) if tags else "",
         date=tags.text(DATE_TAKEN) if tags else "",
-        flip=sizes.flip,
-        pattern=colours,
+        flip=raw.libraw.sizes.flip,
+        pattern=mosaic.colours,
+        tagged=mosaic.tagged and not mosaic.masked,
+        doubts=mosaic.doubts,
     )
 
 
-def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, ...]) -> tuple[int, int]:
-    """Rows and columns of samples of the picture, of those that LibRaw takes for visible."""
-    if 0 < min(sizes.crop_width, sizes.crop_height) < _LIBRAW_MIN_SIDE:
-        # LibRaw refuses so small an image; the mock camera sends a larger one and says by its crop
-        # which corner counts. Crops of real cameras only trim the edge and are not applied.
-        return min(visible[0], sizes.crop_height), min(visible[1], sizes.crop_width)
-    return visible[0], visible[1]
-
-
-def _masked_black(
-    raw: rawpy.RawPy, tags: TiffTags | None, quad: list[tuple[int, int]]
-) -> NDArray[np.float64] | None:
-    """Mean of the masked samples of each plane, hot ones left out; None without such a border.
-
-    A DNG says where they are. Of a CR2 it is the left border, as dcraw has it; the borders of
-    other makers' files may be anything.
-    """
-    if tags is None:
-        return None
-    sizes = raw.sizes
-    areas: list[tuple[int, ...]] = []
-    said = tags.numbers(MASKED_AREAS)
-    if said and len(said) % 4 == 0:
-        areas = [said[i : i + 4] for i in range(0, len(said), 4)]
-    elif tags.canon and sizes.left_margin > 2 * _CANON_GUARD:
-        bottom, right = sizes.top_margin + sizes.height, sizes.left_margin - _CANON_GUARD
-        areas = [(sizes.top_margin, _CANON_GUARD, bottom, right)]
-    black = np.empty(4)
-    for plane, (row, column) in enumerate(quad):
-        parts = [
-            raw.raw_image[
-                top + (sizes.top_margin + row - top) % 2 : bottom : 2,
-                left + (sizes.left_margin + column - left) % 2 : right : 2,
-            ].ravel()
-            for top, left, bottom, right in areas
-        ]
-        samples = np.concatenate(parts) if parts else np.empty(0, np.uint16)
-        if samples.size < _MIN_MASKED:
-            return None
-        black[plane] = _steady_mean(samples)
-    return black
-
-
-def _steady_mean(samples: NDArray[np.uint16]) -> float:
-    """Mean without outliers: hot pixels sit in the masked border, too."""
-    middle = float(np.median(samples))
-    distance = np.abs(samples - middle)
-    spread = max(1.4826 * float(np.median(distance)), 1.0)  # of a normal distribution; 1 DN rounds
-    return float(np.mean(samples[distance <= _OUTLIER_SIGMAS * spread], dtype=np.float64))
-
-
-def _quad(colours: str) -> list[tuple[int, int]]:
-    """(row, column) within the quad of R, G1, G2, B, where G1 shares its row with R."""
-    red, blue = divmod(colours.index("R"), 2), divmod(colours.index("B"), 2)
-    return [red, (red[0], blue[1]), (blue[0], red[1]), blue]
+def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> None:
+    """Refuse samples that are none of a photo. Raises DecodeError."""
+    packed = raw.found.packed
+    check_samples(frame.samples, mosaic.black, mosaic.white, raw.name, packed=packed)
+    if hole := measure_hole(raw.data, raw.found):
+        top = 0.98 * float(frame.samples.max())
+        light = frame.samples
+        even = int(np.count_nonzero((light >= top) | (light <= mosaic.black[:, None, None] + 1.0)))
+        check_hole(hole, even, raw.name)
 
 
 def shrink_image(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:

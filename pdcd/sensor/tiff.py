@@ -1,4 +1,4 @@
-"""The tags of a file built on TIFF: DNG, CR2, NEF, ARW.
+"""The tags of a file built on TIFF: DNG, CR2, NEF, ARW, and RW2 and ORF, which begin otherwise.
 
 LibRaw's Python binding leaves out the camera's name, the date and the masked borders, and it does
 not tell a file that is still being written from one that is damaged. Source: TIFF 6.0, section 2;
@@ -7,18 +7,51 @@ Adobe DNG specification 1.4, chapter 4.
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
+from typing import cast
 
+_ORDERS = {
+    b"II*\0": "<",
+    b"MM\0*": ">",
+    b"IIU\0": "<",  # Panasonic's RW2
+    b"IIRO": "<",  # Olympus' ORF, three kinds
+    b"IIRS": "<",
+    b"MMOR": ">",
+}
 MODEL, _EXIF, _SUB = 272, 34665, 330
-DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME = 36867, 50830, 33434
+DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME, F_NUMBER = 36867, 50830, 33434, 33437
+SUBFILE_TYPE, WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC = 254, 256, 257, 258, 259, 262
+STRIP_OFFSETS, SAMPLES_PER_PIXEL, ROWS_PER_STRIP, STRIP_BYTES = 273, 277, 278, 279
+FILL_ORDER, PREDICTOR, SAMPLE_FORMAT = 266, 317, 339
+TILE_WIDTH, TILE_LENGTH, TILE_OFFSETS, TILE_BYTES = 322, 323, 324, 325
+CFA_DIM, CFA_PATTERN, CFA_LAYOUT, ACTIVE_AREA = 33421, 33422, 50711, 50829
+DNG_VERSION, LINEARIZATION, CANON_SLICES = 50706, 50712, 50752
+RW2_WIDTH, RW2_HEIGHT, RW2_BITS, RW2_FORMAT, RW2_DATA = 2, 3, 10, 45, 280
+BLACK_DIM, BLACK, BLACK_DELTA_H, BLACK_DELTA_V, WHITE = 50713, 50714, 50715, 50716, 50717
 _DATA = ((273, 279), (324, 325), (513, 514))  # offsets and lengths of strips, tiles, a preview
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 _NUMBERS = {1: "B", 3: "H", 4: "I", 5: "II", 13: "I"}
+_REALS = _NUMBERS | {6: "b", 8: "h", 9: "i", 10: "ii", 11: "f", 12: "d"}
+_LEVELS = frozenset({BLACK, BLACK_DELTA_H, BLACK_DELTA_V, WHITE, F_NUMBER})
+"""Tags that may be fractions; kept as real numbers, NaN for one without a denominator."""
 _ASCII = 2
 _MAX_DIRECTORIES = 64
 """Real files have fewer than ten; a damaged one may chain them without end."""
-_KEPT = {MODEL, _EXIF, _SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME}.union(*_DATA)
+_NOWHERE = 0xFFFFFFFF
+"""In RW2 the place of data that another tag tells."""
+_KEPT = {
+    MODEL, _EXIF, _SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME, SUBFILE_TYPE, WIDTH, LENGTH, BITS,
+    COMPRESSION, PHOTOMETRIC, SAMPLES_PER_PIXEL, ROWS_PER_STRIP, FILL_ORDER, PREDICTOR,
+    SAMPLE_FORMAT, TILE_WIDTH, TILE_LENGTH, CFA_DIM, CFA_PATTERN, CFA_LAYOUT, ACTIVE_AREA,
+    DNG_VERSION, LINEARIZATION, CANON_SLICES, BLACK_DIM, RW2_WIDTH, RW2_HEIGHT, RW2_BITS,
+    RW2_FORMAT, RW2_DATA,
+}.union(*_DATA, _LEVELS)  # fmt: skip
+
+_Values = tuple[int, ...] | tuple[float, ...] | str
+TiffDirectory = dict[int, _Values]
+"""Numbers or text of the tags of one directory."""
 
 
 @dataclass(frozen=True)
@@ -29,19 +62,34 @@ class TiffTags:
     needs_bytes : where the data that the directories speak of end. A file that is shorter is not
         whole; one that a directory of lies behind the end needs one byte more than it has.
     canon : whether it is a CR2.
+    order : of the bytes of a number, "<" or ">".
     """
 
-    directories: tuple[dict[int, tuple[int, ...] | str], ...]
+    directories: tuple[TiffDirectory, ...]
     needs_bytes: int
     canon: bool
+    order: str = "<"
 
     def text(self, tag: int) -> str:
         """The first text under a tag, "" when there is none."""
         return next((v for d in self.directories if isinstance(v := d.get(tag), str)), "")
 
     def numbers(self, tag: int) -> tuple[int, ...]:
-        """The first numbers under a tag, empty when there are none."""
-        return next((v for d in self.directories if isinstance(v := d.get(tag), tuple)), ())
+        """The first whole numbers under a tag, empty when there are none."""
+        return next((found for d in self.directories if (found := get_numbers(d, tag))), ())
+
+    @property
+    def f_number(self) -> float | None:
+        """The stop that the camera says; None where it says none, or one that is no number."""
+        for directory in self.directories:
+            if said := get_levels(directory, F_NUMBER):
+                return said[0] if math.isfinite(said[0]) and said[0] > 0.0 else None
+        return None
+
+    @property
+    def says_f_number(self) -> bool:
+        """Whether there is a tag for the stop, whatever it says."""
+        return any(F_NUMBER in directory for directory in self.directories)
 
     @property
     def exposure_s(self) -> float:
@@ -52,18 +100,20 @@ class TiffTags:
 
 def read_tags(data: bytes) -> TiffTags | None:
     """The tags of a file's bytes; None for one that does not begin like TIFF. Never raises."""
-    order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
+    order = _ORDERS.get(data[:4])
     if order is None:
         return None
     canon = data[8:10] == b"CR"
-    found: list[dict[int, tuple[int, ...] | str]] = []
+    found: list[TiffDirectory] = []
     needs = 8
-    ahead = [_number(order, data, 4)]
+    # Where a directory is, and whether another one may follow it: those below another have none,
+    # and some cameras leave anything in that place.
+    ahead = [(_number(order, data, 4), True)]
     if canon:
-        ahead.append(_number(order, data, 12))  # the directory of the RAW image
+        ahead.append((_number(order, data, 12), True))  # the directory of the RAW image
     seen: set[int] = {0}
     while ahead and len(found) < _MAX_DIRECTORIES:
-        start = ahead.pop(0)
+        start, chained = ahead.pop(0)
         if start in seen:
             continue
         seen.add(start)
@@ -71,16 +121,29 @@ def read_tags(data: bytes) -> TiffTags | None:
         found.append(directory)
         needs = max(needs, end)
         for tag in (_EXIF, _SUB):
-            ahead.extend(v for v in directory.get(tag, ()) if isinstance(v, int))
-        ahead.append(after)
-    return TiffTags(tuple(found), needs, canon)
+            ahead.extend((below, False) for below in get_numbers(directory, tag))
+        if chained:
+            ahead.append((after, True))
+    return TiffTags(tuple(found), needs, canon, order)
 
 
-def _directory(
-    order: str, data: bytes, start: int
-) -> tuple[dict[int, tuple[int, ...] | str], int, int]:
+def get_numbers(directory: TiffDirectory, tag: int) -> tuple[int, ...]:
+    """The whole numbers under a tag of a directory, a fraction as two; empty when there are none.
+
+    For readers of forms of RAW files, which look at one directory at a time.
+    """
+    found = directory.get(tag)
+    return cast("tuple[int, ...]", found) if isinstance(found, tuple) else ()
+
+
+def get_levels(directory: TiffDirectory, tag: int) -> tuple[float, ...]:
+    """The same of a tag whose numbers may be fractions: a black or white level, a stop."""
+    return get_numbers(directory, tag)
+
+
+def _directory(order: str, data: bytes, start: int) -> tuple[TiffDirectory, int, int]:
     """One directory: its tags, the end of what it speaks of, and where the next one is (or 0)."""
-    directory: dict[int, tuple[int, ...] | str] = {}
+    directory: TiffDirectory = {}
     if start + 2 > len(data):
         return directory, len(data) + 1, 0
     (entries,) = struct.unpack_from(order + "H", data, start)
@@ -96,17 +159,27 @@ def _directory(
             continue
         if kind == _ASCII:
             directory[tag] = data[at : at + size].split(b"\0")[0].decode("ascii", "replace").strip()
-        elif kind in _NUMBERS:
-            each = _NUMBERS[kind]
-            form = f"{order}{count * len(each)}{each[0]}"
-            directory[tag] = struct.unpack_from(form, data, at)
+        elif kind in (_REALS if tag in _LEVELS else _NUMBERS):
+            each = _REALS[kind]
+            numbers = struct.unpack_from(f"{order}{count * len(each)}{each[0]}", data, at)
+            if tag in _LEVELS:
+                numbers = _as_reals(numbers, len(each))
+            directory[tag] = numbers
     for offsets, lengths in _DATA:
         for place, size in zip(
-            directory.get(offsets, ()), directory.get(lengths, ()), strict=False
+            get_numbers(directory, offsets), get_numbers(directory, lengths), strict=False
         ):
-            if isinstance(place, int) and isinstance(size, int):
+            if place != _NOWHERE:
                 end = max(end, place + size)
     return directory, end, _number(order, data, start + 2 + 12 * entries)
+
+
+def _as_reals(numbers: tuple[float, ...], parts: int) -> tuple[float, ...]:
+    """Numbers, or fractions of two, as real ones."""
+    if parts == 1:
+        return tuple(float(number) for number in numbers)
+    pairs = zip(numbers[::2], numbers[1::2], strict=True)
+    return tuple(over / under if under else math.nan for over, under in pairs)
 
 
 def _number(order: str, data: bytes, at: int) -> int:

@@ -102,14 +102,14 @@ def _keep_below(session: CalibrationSession, believed_dn: float, found_dn: float
 
 
 class _Frame(NamedTuple):
-    """samples : (4, h, w) uint16, as the file has them. black : (4,) float32, their black level."""
+    """samples : (4, h, w), as of `RawFrame`. black : (4,) float32, their black level."""
 
-    samples: NDArray[np.uint16]
+    samples: NDArray[np.uint16] | NDArray[np.float32]
     black: _Planes
 
 
 class Film(Mapping[str, _Planes]):
-    """Photos by name, as planes in DN minus black; held as the whole numbers of their files."""
+    """Photos by name, as planes in DN minus black; held as the numbers of their files."""
 
     def __init__(self) -> None:
         self._frames: dict[str, _Frame] = {}
@@ -120,7 +120,7 @@ class Film(Mapping[str, _Planes]):
         """Hold one photo."""
         raw: RawFrame = taken.raw
         black = raw.black.astype(np.float32)
-        self._frames[taken.name] = _Frame(np.asarray(raw.samples, np.uint16), black)
+        self._frames[taken.name] = _Frame(raw.samples, black)
         self._black.append(raw.black)
         self.masked = self.masked and raw.masked
         self.exposure_s = raw.exposure_s or taken.open_s

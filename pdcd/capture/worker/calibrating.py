@@ -183,6 +183,8 @@ class CalibrationStudy:
             verified=record.verified,
             mask_delay=record.mask_delay,
         )
+        if not self.photos:  # the others of a step are of the same camera
+            self.doubts += [f"photo {record.name}: {doubt}" for doubt in raw.doubts]
         self.photos.append(record)
         open_s = (record.close_ns - record.open_ns) * 1e-9
         if doubt := describe_time_conflict(record.planned_s or open_s, open_s, raw.exposure_s):

@@ -38,7 +38,7 @@ from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import Given
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import RunRecord
-from pdcd.sensor.raw import RawHead, read_raw_head
+from pdcd.sensor.raw import RawHead, read_raw, read_raw_head
 from pdcd.watch import Watch
 
 if TYPE_CHECKING:
@@ -55,6 +55,8 @@ class Worker:
         self._facts = facts
         self._job: PlannedJob | None = None
         self._course: Course | None = None
+        self._decoded = False
+        """Whether the first photo of the course could be decoded."""
         self._study: CalibrationStudy | None = None
         self._finished: tuple[Path, RunRecord, DecodedRun, KnownAnswer | None] | None = None
 
@@ -102,7 +104,7 @@ class Worker:
         """
         if self._job is None:
             raise PdcdError("there is no plan to work on")
-        self._course = Course(self._facts, self._job, folder)
+        self._course, self._decoded = Course(self._facts, self._job, folder), False
         return self._course.adopted()
 
     def next_exposure(self, watch: Watch, taken: PhotoOutcome) -> Order:
@@ -111,11 +113,16 @@ class Worker:
         return self._of_course().next_exposure(watch, taken)
 
     def look(self, watch: Watch, raw: str, sha256: str) -> RawHead:
-        """Size, orientation and camera of a photo that has just come.
+        """Size, orientation and camera of a photo that has just come; the first one is decoded, as
+        photos of a form that cannot be are not worth taking.
 
         raw : path below the run folder. Raises DecodeError.
         """
-        return read_raw_head(self._of_course().folder / raw, sha256=sha256)
+        path = self._of_course().folder / raw
+        if not self._decoded:
+            read_raw(path, sha256=sha256)
+            self._decoded = True
+        return read_raw_head(path, sha256=sha256)
 
     def develop(self, watch: Watch, *, report: bool = False) -> DevelopedRun:
         """Make all pictures and write them into the run folder; the job is forgotten then, but for

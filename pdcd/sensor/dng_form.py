@@ -1,0 +1,273 @@
+"""What a DNG says of its samples: where they lie, in which form, their mosaic and their levels.
+
+Forms that hold no 2x2 Bayer mosaic, or that nothing here unpacks, are named for what they are.
+Source: Adobe DNG specification 1.4 and 1.7, chapters 2, 4 and 5.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.errors import DecodeError
+from pdcd.sensor import tiff
+from pdcd.sensor.black import Area, BlackLevels
+from pdcd.sensor.tiff import TiffDirectory, TiffTags, get_levels, get_numbers
+
+BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
+"""Mosaics that can be read: colours of the quad, row by row."""
+PLAIN, JPEG, DEFLATE = (1,), (7,), (8, 32946)
+"""Numbers of the ways to pack samples that are read."""
+_CFA, _LINEAR = 32803, 34892
+_COLOURS = "RGBCMYW"
+_PACKINGS = {9: "VC-5", 34892: "lossy JPEG", 52546: "JPEG XL", 5: "LZW", 32773: "PackBits"}
+_REPACK = "set the camera or the converter to a DNG with lossless JPEG, or an uncompressed one"
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A strip or tile: where its bytes lie, and the samples of the sensor that it holds.
+
+    needed : rows and columns of samples in the bytes; of a tile at the edge more than it shows.
+    """
+
+    offset: int
+    size: int
+    row: int
+    column: int
+    needed: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class DngForm:
+    """The form of a DNG's mosaic.
+
+    shape : rows and columns of all samples. bits, floating : of a sample. packing : one of `PLAIN`,
+    `JPEG` and `DEFLATE`. predictor, order, pieces : how and where the samples lie.
+    table : what each stored number stands for; empty where it stands for itself.
+    active : the picture. colours : of the quad in its corner. black, white : levels in DN.
+    masked : numbers of masked areas, as the file has them. doubts : what is odd, in words.
+    """
+
+    shape: tuple[int, int]
+    bits: int
+    floating: bool
+    packing: int
+    predictor: int
+    order: str
+    pieces: tuple[Piece, ...]
+    table: tuple[int, ...]
+    active: Area
+    colours: str
+    black: BlackLevels
+    white: float
+    masked: tuple[int, ...]
+    doubts: tuple[str, ...]
+
+
+def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
+    """The form of the RAW image in a file called `name`; None for a file that is no DNG.
+
+    Raises DecodeError for one that cannot be read, or contradicts itself.
+    """
+    if not any(tiff.DNG_VERSION in directory for directory in tags.directories):
+        return None
+    main = _find_mosaic(tags, name)
+    shape = _one(main, tiff.LENGTH, 0), _one(main, tiff.WIDTH, 0)
+    if min(shape) < 1 or max(shape) > 65535:
+        raise _contradiction(name, f"an image of {shape[1]} x {shape[0]} samples")
+    colours = _read_mosaic(main, name)
+    packing = _one(main, tiff.COMPRESSION, 1)
+    if packing not in PLAIN + JPEG + DEFLATE:
+        what = _PACKINGS.get(packing, f"a packing of number {packing}")
+        raise DecodeError(
+            f"cannot decode {name}: it is packed with {what}, which nothing here reads",
+            hint=_REPACK,
+        )
+    bits, kind = _one(main, tiff.BITS, 16), _one(main, tiff.SAMPLE_FORMAT, 1)
+    floating = kind == 3
+    known = bits in (16, 24, 32) if floating else 8 <= bits <= 32
+    if not known or kind not in (1, 3, 4) or _one(main, tiff.FILL_ORDER, 1) != 1:
+        form = f"{bits}-bit samples of format {kind}"
+        raise DecodeError(
+            f"cannot decode {name}: it has {form}, which nothing here reads", hint=_REPACK
+        )
+    doubts: list[str] = []
+    active = _read_active(main, shape, doubts)
+    levels = _Levels(tags, main, name)
+    white = levels.read_white(1.0 if floating else float(2**bits - 1))
+    return DngForm(
+        shape=shape,
+        bits=bits,
+        floating=floating,
+        packing=packing,
+        predictor=_one(main, tiff.PREDICTOR, 1),
+        order=tags.order,
+        pieces=_list_pieces(main, shape, name),
+        table=() if floating else get_numbers(main, tiff.LINEARIZATION),
+        active=active,
+        colours=colours,
+        black=levels.read_black(active, doubts),
+        white=white,
+        masked=get_numbers(main, tiff.MASKED_AREAS) or tags.numbers(tiff.MASKED_AREAS),
+        doubts=tuple(doubts),
+    )
+
+
+def make_unreadable(name: str, what: str, hint: str) -> DecodeError:
+    """The error for a whole file of another form, named for `what` it is; for every reader."""
+    return DecodeError(
+        f"cannot decode {name}: it is {what}, with no 2x2 Bayer mosaic of red, green and blue",
+        hint=hint,
+    )
+
+
+def describe_mosaic(pattern: str, columns: int) -> tuple[str, str]:
+    """What a mosaic is called, and what to do about it.
+
+    pattern : colours of all its places, row by row, of so many `columns`.
+    """
+    rows = len(pattern) // columns if columns else 0
+    if (rows, columns) == (6, 6):
+        return "of an X-Trans sensor", "take a camera with a Bayer mosaic"
+    quads = [pattern[4 * row : 4 * row + 4] for row in range(4)]
+    paired = (rows, columns) == (4, 4) and quads[0] == quads[1] and quads[2] == quads[3]
+    if paired and all(quad[0] == quad[1] and quad[2] == quad[3] for quad in quads):
+        return "of a quad Bayer sensor", "set the camera to its RAW of a quarter of the pixels"
+    return (
+        f"of a mosaic of {columns} x {rows} places, {pattern[:36] or 'unknown'}",
+        "take a camera with a Bayer mosaic",
+    )
+
+
+def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
+    """The directory of the full-size mosaic. Raises DecodeError where there is none."""
+    full = [found for found in tags.directories if not _one(found, tiff.SUBFILE_TYPE, 0)]
+
+    def area(found: TiffDirectory) -> int:
+        return _one(found, tiff.WIDTH, 0) * _one(found, tiff.LENGTH, 0)
+
+    mosaics = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) == _CFA]
+    if mosaics:
+        return max(mosaics, key=area)
+    linear = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) == _LINEAR]
+    if not linear:
+        raise _contradiction(name, "no image of a sensor")
+    if _one(max(linear, key=area), tiff.SAMPLES_PER_PIXEL, 1) == 1:
+        raise make_unreadable(
+            name, "of a monochrome sensor", "take a camera with a Bayer mosaic over its sensor"
+        )
+    raise make_unreadable(
+        name, "a linear DNG, whose colours are made already", "take the RAW file of the camera"
+    )
+
+
+def _read_mosaic(main: TiffDirectory, name: str) -> str:
+    """Colours of the quad in the ActiveArea's corner. Raises DecodeError for another mosaic."""
+    rows, columns = (*get_numbers(main, tiff.CFA_DIM), 2, 2)[:2]
+    numbers = get_numbers(main, tiff.CFA_PATTERN)
+    pattern = "".join(_COLOURS[n] if n < len(_COLOURS) else "?" for n in numbers)
+    if _one(main, tiff.SAMPLES_PER_PIXEL, 1) != 1 or _one(main, tiff.CFA_LAYOUT, 1) != 1:
+        raise make_unreadable(
+            name, "of a mosaic in staggered rows or several parts", "take another camera"
+        )
+    if (rows, columns) != (2, 2) or pattern not in BAYER:
+        raise make_unreadable(name, *describe_mosaic(pattern, columns))
+    return pattern
+
+
+def _read_active(main: TiffDirectory, shape: tuple[int, int], doubts: list[str]) -> Area:
+    whole = 0, 0, *shape
+    said = get_numbers(main, tiff.ACTIVE_AREA)
+    if not said:
+        return whole
+    if len(said) == 4:
+        top, left, bottom, right = said
+        if top < bottom <= shape[0] and left < right <= shape[1]:
+            return top, left, bottom, right
+    doubts.append("the ActiveArea lies beyond the file; all samples are taken for the picture")
+    return whole
+
+
+def _list_pieces(main: TiffDirectory, shape: tuple[int, int], name: str) -> tuple[Piece, ...]:
+    """Strips or tiles with the samples they hold. Raises DecodeError where they are too few."""
+    (height, width), tiled = shape, tiff.TILE_WIDTH in main
+    if tiled:
+        rows, columns = _one(main, tiff.TILE_LENGTH, 0), _one(main, tiff.TILE_WIDTH, 0)
+        offsets, sizes = (get_numbers(main, t) for t in (tiff.TILE_OFFSETS, tiff.TILE_BYTES))
+    else:
+        rows, columns = min(_one(main, tiff.ROWS_PER_STRIP, height), height), width
+        offsets, sizes = (get_numbers(main, t) for t in (tiff.STRIP_OFFSETS, tiff.STRIP_BYTES))
+    count = math.ceil(height / rows) * math.ceil(width / columns) if rows and columns else 0
+    if not count or len(offsets) < count or len(sizes) < count:
+        said = f"{len(offsets)} places and {len(sizes)} lengths of {count} strips or tiles"
+        raise _contradiction(name, said)
+    pieces = []
+    across = math.ceil(width / columns)
+    for number in range(count):
+        row, column = number // across * rows, number % across * columns
+        needed = (rows if tiled else min(rows, height - row)), columns
+        pieces.append(Piece(offsets[number], sizes[number], row, column, needed))
+    return tuple(pieces)
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """Reads black and white of the image; some writers put them into another directory."""
+
+    tags: TiffTags
+    main: TiffDirectory
+    name: str
+
+    def _said(self, tag: int) -> tuple[float, ...]:
+        others = (get_levels(found, tag) for found in self.tags.directories)
+        said = get_levels(self.main, tag) or next(filter(None, others), ())
+        if not all(map(math.isfinite, said)):
+            raise _contradiction(self.name, f"a level that is no number (tag {tag})")
+        return said
+
+    def read_white(self, highest: float) -> float:
+        """The white level in DN; the highest number of a sample where none is told."""
+        white = (*self._said(tiff.WHITE), highest)[0]
+        if white <= 0.0:
+            raise _contradiction(self.name, f"a white level of {white:g}")
+        return white
+
+    def read_black(self, active: Area, doubts: list[str]) -> BlackLevels:
+        """Black levels in DN. Raises DecodeError where their numbers do not fit the picture."""
+        said = self._said(tiff.BLACK) or (0.0,)
+        rows, columns = (*get_numbers(self.main, tiff.BLACK_DIM), 1, 1)[:2]
+        if len(said) == 1:
+            said = said * (rows * columns if 0 < rows * columns < 2**16 else 1)
+        if not rows * columns or len(said) < rows * columns:
+            raise _contradiction(
+                self.name, f"{len(said)} black levels for {columns} x {rows} places"
+            )
+        if len(said) > rows * columns:
+            doubts.append(f"{len(said)} black levels for {rows * columns}; the first are taken")
+        pattern = np.array(said[: rows * columns], np.float64).reshape(rows, columns)
+        deltas = []
+        for tag, length in (
+            (tiff.BLACK_DELTA_V, active[2] - active[0]),
+            (tiff.BLACK_DELTA_H, active[3] - active[1]),
+        ):
+            more = np.array(self._said(tag), np.float64)
+            if more.size not in (0, length):
+                raise _contradiction(
+                    self.name, f"{more.size} differences of black for {length} rows or columns"
+                )
+            deltas.append(more if more.any() else np.empty(0))
+        return BlackLevels(pattern, *deltas)
+
+
+def _one(found: TiffDirectory, tag: int, otherwise: int) -> int:
+    numbers = get_numbers(found, tag)
+    return numbers[0] if numbers else otherwise
+
+
+def _contradiction(name: str, what: str) -> DecodeError:
+    return DecodeError(
+        f"cannot decode {name}: it tells of {what}", hint="fetch it from the camera again"
+    )

@@ -1,0 +1,347 @@
+"""The mosaic of a RAW file with its levels: LibRaw's reading and own reading, side by side.
+
+What a file says of black, white, mosaic and picture is read from its own tags where it is a DNG;
+what LibRaw makes of the same is a second figure, and a difference is said. The first photo of each
+form is decoded twice, into memory that is filled otherwise.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+import rawpy
+from numpy.typing import NDArray
+
+from pdcd.arrays import Floats
+from pdcd.errors import DecodeError
+from pdcd.sensor import tiff
+from pdcd.sensor.black import (
+    Area,
+    PlaneBlack,
+    choose_dark_areas,
+    find_lit_border,
+    measure_dark_areas,
+)
+from pdcd.sensor.dng_form import (
+    BAYER,
+    PLAIN,
+    DngForm,
+    describe_mosaic,
+    make_unreadable,
+    read_dng_form,
+)
+from pdcd.sensor.pieces import check_pieces, is_read_here, read_samples
+from pdcd.sensor.proof import decode_twice
+from pdcd.sensor.tiff import TiffTags, read_tags
+from pdcd.sensor.whole import RawData, check_whole
+
+_LIBRAW_MIN_SIDE = 22
+_CANON_GUARD = 2
+"""Columns at either edge of a Canon's left border that are not used: dcraw leaves them out, too."""
+_MORE_BYTES = 1 << 16
+"""Put behind a file whose headers do not tell its length: nothing of it may come into samples."""
+_WHOLE_DN = 1.0
+"""LibRaw cuts black to whole numbers."""
+
+_proven: dict[tuple[object, ...], bool] = {}
+"""Forms of which a photo was decoded twice, and whether LibRaw's samples are those of the file."""
+
+
+@dataclass(frozen=True)
+class RawInput:
+    """A RAW file before its samples are unpacked; made by `open_raw`.
+
+    form : of a DNG, else None. found : where its packed samples lie.
+    """
+
+    data: bytes
+    name: str
+    tags: TiffTags | None
+    form: DngForm | None
+    found: RawData
+    libraw: rawpy.RawPy
+
+
+@dataclass(frozen=True)
+class Mosaic:
+    """All samples of a sensor, and what part of them is the picture.
+
+    sensor : (H, W) DN, black included; of LibRaw's memory, which goes away with `RawInput`.
+    first : row and column of the picture's first sample. size : its rows and columns of samples.
+    colours : of the quad there. white : DN.
+    black, libraw_black : (4,) DN of R, G1, G2, B.
+    uneven : of each plane, where black differs within one; `black` is its mean.
+    masked, tagged : whether black is that of a masked border, and that of the file's tags.
+    doubts : what the user should know, in words.
+    """
+
+    sensor: NDArray[np.generic]
+    first: tuple[int, int]
+    size: tuple[int, int]
+    colours: str
+    white: float
+    black: Floats
+    libraw_black: Floats
+    uneven: tuple[PlaneBlack, ...] | None
+    masked: bool
+    tagged: bool
+    doubts: tuple[str, ...]
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Row and column within the quad of R, G1, G2 and B."""
+        return _list_places(self.colours)
+
+
+@contextmanager
+def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
+    """Open a RAW file called `name`, see what form it has and that all of it is there.
+
+    For `read_raw` and `read_raw_head`. Raises DecodeError; LibRaw's own errors within become such.
+    """
+    tags = read_tags(data)
+    found = check_whole(data, tags, name)
+    form = None if tags is None else read_dng_form(tags, name)
+    if form is not None:
+        check_pieces(data, form, name)
+        parts = tuple((piece.offset, piece.size) for piece in form.pieces)
+        found = replace(found, parts=parts, packed=form.packing not in PLAIN)
+    try:
+        with rawpy.imread(io.BytesIO(data)) as libraw:
+            yield RawInput(data, name, tags, form, found, libraw)
+    except (rawpy.LibRawError, RuntimeError, MemoryError) as err:
+        reason = err.args[0].decode() if err.args and isinstance(err.args[0], bytes) else str(err)
+        hint = "the file is truncated, damaged or no RAW file; fetch it from the camera again"
+        if tags is not None and isinstance(err, rawpy.LibRawFileUnsupportedError):
+            hint = "the file is whole, its camera or form unknown to LibRaw: convert it to a DNG"
+        raise DecodeError(
+            f"cannot decode {name}: {reason or type(err).__name__}", hint=hint
+        ) from err
+
+
+def read_mosaic(raw: RawInput) -> Mosaic:
+    """The samples of an open file, its picture and its levels. Raises DecodeError."""
+    sensor, doubts = _read_sensor(raw)
+    mosaic = _of_libraw(raw, sensor) if raw.form is None else _of_dng(raw, raw.form, sensor)
+    return _with_border(raw, replace(mosaic, doubts=(*doubts, *mosaic.doubts)))
+
+
+def find_shown(sizes: rawpy.ImageSizes, visible: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of samples of the picture, of those that LibRaw takes for visible."""
+    if 0 < min(sizes.crop_width, sizes.crop_height) < _LIBRAW_MIN_SIDE:
+        # LibRaw refuses so small an image; the mock camera sends a larger one and says by its crop
+        # which corner counts. Crops of real cameras only trim the edge and are not applied.
+        return min(visible[0], sizes.crop_height), min(visible[1], sizes.crop_width)
+    return visible[0], visible[1]
+
+
+def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
+    """All samples, and what is odd about them."""
+    form, data = raw.form, raw.data
+    sizes = raw.libraw.sizes
+    own = form is not None and is_read_here(form)
+    if form is not None and own and (form.floating or form.bits > 16 or form.packing not in PLAIN):
+        return read_samples(data, form, raw.name), ()
+    model = raw.tags.text(tiff.MODEL) if raw.tags else ""
+    shape = sizes.raw_height, sizes.raw_width
+    packing = (form.packing, form.bits) if form else ()
+    key = data[:4], model, packing, shape
+    if key not in _proven or not raw.found.sure:
+        sensor = decode_twice(lambda: _unpack(raw), lambda: _unpack_again(raw, shape), raw.name)
+        own_too = read_samples(data, form, raw.name) if form is not None and own else sensor
+        _proven[key] = bool(np.array_equal(own_too, sensor))
+    if form is None or _proven[key]:
+        sensor = _unpack(raw)
+        if form is not None and sensor.shape != form.shape:
+            what = " x ".join(map(str, sensor.shape[::-1]))
+            raise DecodeError(
+                f"cannot decode {raw.name}: LibRaw finds an image of {what} samples, its tags "
+                f"{form.shape[1]} x {form.shape[0]}",
+                hint="take the RAW file of the camera",
+            )
+        return sensor, ()
+    said = "LibRaw reads other samples than lie in the file; those in the file are taken"
+    return read_samples(data, form, raw.name), (said,)
+
+
+def _unpack(raw: RawInput) -> NDArray[np.uint16]:
+    """LibRaw's samples; those of a picture whose colours are made are refused."""
+    if raw.libraw.raw_type is not rawpy.RawType.Flat:
+        raise make_unreadable(
+            raw.name, "a reduced-size or ready-made picture", "set the camera to full-size RAW"
+        )
+    return raw.libraw.raw_image
+
+
+def _unpack_again(raw: RawInput, shape: tuple[int, int]) -> NDArray[np.uint16]:
+    """The same anew; with more bytes behind the file where nothing tells how many it needs."""
+    if not raw.found.sure:
+        try:
+            longer = io.BytesIO(raw.data + b"\xa5" * _MORE_BYTES)
+            with rawpy.imread(longer) as again:
+                sensor: NDArray[np.uint16] = again.raw_image.copy()
+            if sensor.shape == shape:
+                return sensor
+        except rawpy.LibRawError:
+            pass  # it minds what is behind
+    with rawpy.imread(io.BytesIO(raw.data)) as again:
+        return np.array(again.raw_image)
+
+
+def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
+    """Levels and picture as LibRaw has them. Raises DecodeError for another mosaic than Bayer."""
+    libraw, sizes = raw.libraw, raw.libraw.sizes
+    numbers, colours = _libraw_mosaic(libraw)
+    if colours not in BAYER or numbers is None:
+        if libraw.num_colors == 1 or numbers is None or numbers.shape == (1, 1):
+            raise make_unreadable(
+                raw.name, "of a monochrome sensor", "take a camera with a Bayer mosaic"
+            )
+        raise make_unreadable(raw.name, *describe_mosaic(colours, numbers.shape[1]))
+    black = _libraw_levels(libraw, numbers, _list_places(colours))
+    return Mosaic(
+        sensor=sensor,
+        first=(sizes.top_margin, sizes.left_margin),
+        size=find_shown(sizes, libraw.raw_image_visible.shape),
+        colours=colours,
+        white=float(libraw.white_level),
+        black=black,
+        libraw_black=black,
+        uneven=None,
+        masked=False,
+        tagged=False,
+        doubts=(),
+    )
+
+
+def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic:
+    """Levels and picture as the tags of a DNG have them."""
+    top, left, bottom, right = form.active
+    # Of a picture that begins in the middle of a quad the first row or column is left out.
+    skipped = top % 2, left % 2
+    mosaic = np.array(list(form.colours)).reshape(2, 2)
+    colours = "".join(np.roll(mosaic, skipped, axis=(0, 1)).ravel())
+    shape = bottom - top - skipped[0], right - left - skipped[1]
+    size = find_shown(raw.libraw.sizes, shape)
+    quads = size[0] // 2, size[1] // 2
+    if min(quads) < 1:
+        raise DecodeError(
+            f"cannot decode {raw.name}: its picture has {shape[1]} x {shape[0]} samples",
+            hint="fetch it from the camera again",
+        )
+    planes = tuple(
+        form.black.of_plane((skipped[0] + row, skipped[1] + column), quads)
+        for row, column in _list_places(colours)
+    )
+    black = np.array([plane.mean for plane in planes])
+    even = all(plane.even for plane in planes)
+    libraw_black, doubts = black, list(form.doubts)
+    if not form.floating and form.bits <= 16 and form.packing not in (8, 32946):
+        numbers, theirs = _libraw_mosaic(raw.libraw)
+        if numbers is None or theirs != colours:
+            doubts.append(f"LibRaw sees a mosaic {theirs or 'of no colours'}, the tags {colours}")
+        else:
+            libraw_black = _libraw_levels(raw.libraw, numbers, _list_places(colours))
+            doubts += _compare_levels(raw, form, black, libraw_black)
+    if even and np.array_equal(black, libraw_black):
+        black = libraw_black
+    if black.max() >= form.white:
+        raise DecodeError(
+            f"cannot decode {raw.name}: it tells of black at {black.max():g} DN and white at "
+            f"{form.white:g} DN",
+            hint="fetch it from the camera again",
+        )
+    return Mosaic(
+        sensor=sensor,
+        first=(top + skipped[0], left + skipped[1]),
+        size=size,
+        colours=colours,
+        white=form.white,
+        black=black,
+        libraw_black=libraw_black,
+        uneven=None if even else planes,
+        masked=False,
+        tagged=black is not libraw_black,
+        doubts=tuple(doubts),
+    )
+
+
+def _compare_levels(
+    raw: RawInput, form: DngForm, black: Floats, libraw_black: Floats
+) -> Iterator[str]:
+    """Where LibRaw has other levels than the tags, in forms of which it knows all."""
+    simple = max(form.black.pattern.shape) <= 2 and not (
+        form.black.rows.size or form.black.columns.size or form.masked
+    )
+    begins = form.active[0] % 2 == form.active[1] % 2 == 0
+    away = float(np.abs(black - libraw_black).max())
+    if simple and begins and away >= _WHOLE_DN:
+        yield f"black is {away:.4g} DN away from LibRaw's; the file's tags are believed"
+    theirs = float(raw.libraw.white_level)
+    if not form.table and abs(theirs - form.white) >= _WHOLE_DN:
+        yield f"white is {form.white:g} DN by the tags, {theirs:g} by LibRaw; the tags are believed"
+
+
+def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
+    """The same with black from a masked border, where there is one that is dark.
+
+    A DNG says where they are. Of a CR2 it is the left border, as dcraw has it; the borders of
+    other makers' files may be anything.
+    """
+    (top, left), doubts = mosaic.first, list(mosaic.doubts)
+    areas: list[Area] = []
+    tagged = mosaic.black
+    if raw.form is not None and raw.form.masked:
+        shape = mosaic.sensor.shape
+        areas, wrong = choose_dark_areas(raw.form.masked, (shape[0], shape[1]), raw.form.active)
+        doubts += [wrong] if wrong else []
+        if not raw.form.black.pattern.any():
+            tagged = np.full(4, np.nan)  # a level of zero is mostly none
+    elif raw.tags is not None and raw.tags.canon and left > 2 * _CANON_GUARD:
+        areas = [(top, _CANON_GUARD, top + raw.libraw.sizes.height, left - _CANON_GUARD)]
+    places = [(top + row, left + column) for row, column in mosaic.places]
+    measured = measure_dark_areas(mosaic.sensor, areas, places)
+    if not areas:
+        return replace(mosaic, doubts=tuple(doubts))
+    masked = measured is not None
+    if measured is None:  # too few; LibRaw takes what there is, or the tags
+        measured = mosaic.libraw_black, np.zeros(4)
+    bottom, right = top + mosaic.size[0], left + mosaic.size[1]
+    darkest = np.array(
+        [
+            np.median(mosaic.sensor[row:bottom:8, column:right:8].astype(np.float64))
+            for row, column in places
+        ]
+    )
+    lit, doubt = find_lit_border(measured, tagged, mosaic.white, darkest)
+    doubts += [doubt] if doubt else []
+    if lit:
+        return replace(mosaic, doubts=tuple(doubts))
+    return replace(mosaic, black=measured[0], masked=masked, tagged=False, doubts=tuple(doubts))
+
+
+def _libraw_mosaic(libraw: rawpy.RawPy) -> tuple[NDArray[np.uint8] | None, str]:
+    """LibRaw's numbers of colours from the picture's corner on, and their letters; G2 is G."""
+    sizes, numbers = libraw.sizes, libraw.raw_pattern
+    if numbers is None:
+        return None, ""
+    numbers = np.roll(numbers, (-sizes.top_margin, -sizes.left_margin), axis=(0, 1))
+    letters = libraw.color_desc.decode()
+    return numbers, "".join(letters[n] if n < len(letters) else "?" for n in numbers.ravel())
+
+
+def _libraw_levels(
+    libraw: rawpy.RawPy, numbers: NDArray[np.uint8], places: list[tuple[int, int]]
+) -> Floats:
+    levels = libraw.black_level_per_channel
+    return np.array([levels[numbers[place]] for place in places], np.float64)
+
+
+def _list_places(colours: str) -> list[tuple[int, int]]:
+    """(row, column) within the quad of R, G1, G2, B, where G1 shares its row with R."""
+    red, blue = divmod(colours.index("R"), 2), divmod(colours.index("B"), 2)
+    return [red, (red[0], blue[1]), (blue[0], red[1]), blue]

@@ -1,0 +1,215 @@
+"""Samples of a DNG that is not compressed, or deflated, as the file has them: own reading.
+
+LibRaw scales samples that are real numbers by the largest of each photo, and photos are subtracted
+from each other here; and what one decoder makes of a file is no proof. So all that needs no decoder
+of its own is read here, and LibRaw's reading of whole numbers is held against it. Source: TIFF 6.0,
+sections 8, 14 and 15; TIFF technical note 3; Adobe DNG specification 1.4, chapters 2 and 5.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import DecodeError
+from pdcd.sensor.bands import run_in_bands
+from pdcd.sensor.dng_form import DEFLATE, PLAIN, DngForm, Piece
+
+_DIFFERENCES = {1: 0, 2: 1, 34892: 2, 34893: 4}
+"""Predictors of whole numbers: how many samples back the one is that was taken off."""
+_PLANES = {3: 1, 34894: 2, 34895: 4}
+"""Predictors of real numbers, whose bytes lie plane by plane: the same in bytes."""
+_JPEG_START, _JPEG_END, _JPEG_SCAN, _LOSSLESS = b"\xff\xd8", b"\xff\xd9", 0xDA, 0xC3
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+
+
+def is_read_here(form: DngForm) -> bool:
+    """Whether `read_samples` reads such a file, without LibRaw."""
+    return form.packing in PLAIN + DEFLATE
+
+
+def check_pieces(data: bytes, form: DngForm, name: str) -> None:
+    """Hold every strip and tile against the file and against the samples that it must hold.
+
+    Raises DecodeError where one lies beyond the end, is too short, or is no lossless JPEG.
+    """
+    for number, piece in enumerate(form.pieces, 1):
+        where = f"part {number} of {len(form.pieces)}"
+        if piece.offset + piece.size > len(data):
+            end = piece.offset + piece.size
+            raise _absent(name, f"{where} ends at byte {end} of {len(data)}")
+        if form.packing in PLAIN and piece.size < (least := count_plain_bytes(form, piece)):
+            raise _absent(name, f"{where} has {piece.size} bytes, {least} are needed")
+        if form.packing not in PLAIN + DEFLATE:
+            check_lossless_jpeg(
+                data[piece.offset : piece.offset + piece.size], math.prod(piece.needed), where, name
+            )
+
+
+def count_plain_bytes(form: DngForm, piece: Piece) -> int:
+    """Bytes of a strip or tile that is not compressed: every row begins with a byte of its own."""
+    rows, columns = piece.needed
+    return rows * -(-columns * form.bits // 8)
+
+
+def check_lossless_jpeg(data: bytes, samples: int, where: str, name: str) -> None:
+    """See that so many samples begin and end in lossless JPEG data.
+
+    A decoder leaves what a missing frame does not fill as it was in memory. Raises DecodeError.
+    """
+    at = 2 if data.startswith(_JPEG_START) else len(data)
+    held = 0
+    while at + 9 < len(data) and data[at] == 0xFF and data[at + 1] != _JPEG_SCAN:
+        if data[at + 1] in _FRAMES:
+            rows, columns = (int.from_bytes(data[i : i + 2], "big") for i in (at + 5, at + 7))
+            held = rows * columns * data[at + 9] if data[at + 1] == _LOSSLESS else 0
+        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    if data[at : at + 2] != bytes((0xFF, _JPEG_SCAN)) or held < samples:
+        raise _absent(name, f"{where} is no lossless JPEG of {samples} samples")
+    if data.rfind(_JPEG_END) < at:
+        raise _absent(name, f"the lossless JPEG of {where} has no end")
+
+
+def read_samples(data: bytes, form: DngForm, name: str) -> NDArray[np.uint16 | np.float32]:
+    """All samples of a sensor, (H, W) in DN: uint16, or float32 of more than 16 bits.
+
+    data, form : a file and what it says of itself, which `check_pieces` found to be there.
+    Raises DecodeError for damaged data and for samples that are no numbers.
+    """
+    height, width = form.shape
+    wide = form.floating or form.bits > 16
+    samples = np.empty(form.shape, np.float32 if wide else np.uint16)
+    for piece in form.pieces:
+        found = _unpack(data, form, piece, name)
+        rows, columns = min(piece.needed[0], height - piece.row), width - piece.column
+        place = samples[piece.row : piece.row + rows, piece.column : piece.column + columns]
+        _copy(found, place)
+    if form.table:
+        table = np.array(form.table, np.uint32)
+        stored = samples.astype(np.int64) if wide else samples
+        samples = np.take(table, stored, mode="clip").astype(samples.dtype)
+    if form.floating and not np.isfinite(samples).all():
+        raise DecodeError(
+            f"cannot decode {name}: some samples are no numbers",
+            hint="take the RAW file of the camera",
+        )
+    return samples
+
+
+def _copy(found: NDArray[Any], place: NDArray[Any]) -> None:
+    """Rows of a piece to where they belong, as far as they lie in the picture."""
+    height, width = place.shape
+
+    def band(rows: slice) -> None:
+        place[rows] = found[rows, :width]
+
+    run_in_bands(height, band)
+
+
+def _unpack(data: bytes, form: DngForm, piece: Piece, name: str) -> NDArray[Any]:
+    """Samples of one strip or tile, (rows, columns)."""
+    rows, columns = piece.needed
+    stride = -(-columns * form.bits // 8)
+    if form.packing in PLAIN:
+        packed = np.frombuffer(data, np.uint8, rows * stride, piece.offset)
+        return _as_numbers(packed.reshape(rows, stride), columns, form)
+    inflater = zlib.decompressobj()
+    try:
+        plain = inflater.decompress(data[piece.offset : piece.offset + piece.size], rows * stride)
+    except zlib.error as err:
+        raise _absent(name, f"deflated samples: {err}") from err
+    if len(plain) < rows * stride:
+        raise _absent(name, f"{len(plain)} deflated bytes, {rows * stride} are needed")
+    packed = np.frombuffer(plain, np.uint8).reshape(rows, stride)
+    if form.floating and form.predictor in _PLANES:
+        return _join_planes(packed, form.bits // 8, _PLANES[form.predictor])
+    if form.predictor not in _DIFFERENCES or (form.predictor != 1 and form.floating):
+        raise DecodeError(
+            f"cannot decode {name}: its samples are predicted in the unknown way {form.predictor}",
+            hint="set the converter to an uncompressed DNG",
+        )
+    numbers = _as_numbers(packed, columns, form)
+    step = _DIFFERENCES[form.predictor]
+    if not step:
+        return numbers
+    mask = (1 << form.bits) - 1
+    summed = numbers.astype(np.uint64)
+    for first in range(step):
+        np.cumsum(summed[:, first::step], axis=1, out=summed[:, first::step])
+    return summed & np.uint64(mask)
+
+
+def _join_planes(packed: NDArray[np.uint8], size: int, step: int) -> NDArray[np.float32]:
+    """Real numbers whose bytes were sorted by rank, highest first, and then differenced."""
+    summed = packed.copy()
+    for first in range(step):
+        np.cumsum(packed[:, first::step], axis=1, dtype=np.uint8, out=summed[:, first::step])
+    rows = packed.shape[0]
+    joined = np.ascontiguousarray(summed.reshape(rows, size, -1).swapaxes(1, 2))
+    return _as_floats(joined.reshape(rows, -1), size, ">")
+
+
+def _as_numbers(packed: NDArray[np.uint8], columns: int, form: DngForm) -> NDArray[Any]:
+    """Bytes of rows as samples."""
+    if form.floating:
+        return _as_floats(packed, form.bits // 8, form.order)
+    if form.bits == 8:
+        return packed
+    if form.bits in (16, 32):
+        return packed.view(f"{form.order}u{form.bits // 8}")
+    return _unpack_bits(packed, columns, form.bits)
+
+
+def _as_floats(packed: NDArray[np.uint8], size: int, order: str) -> NDArray[np.float32]:
+    """Bytes of rows as real numbers of 2, 3 or 4 bytes."""
+    if size != 3:
+        found: NDArray[Any] = packed.view(f"{order}f{size}")
+        return found.astype(np.float32)
+    three = packed.reshape(packed.shape[0], -1, 3)
+    three = three[..., ::-1] if order == "<" else three
+    mantissa = three[..., 1].astype(np.float64) * 256.0 + three[..., 2]
+    exponent = (three[..., 0] & 0x7F).astype(np.int32)
+    value = np.ldexp(mantissa + (exponent > 0) * 65536.0, np.maximum(exponent, 1) - 63 - 16)
+    value[exponent == 0x7F] = np.nan
+    with np.errstate(over="ignore"):
+        return np.where(three[..., 0] & 0x80, -value, value).astype(np.float32)
+
+
+def _unpack_bits(packed: NDArray[np.uint8], columns: int, bits: int) -> NDArray[Any]:
+    """Whole numbers of so many bits, the highest first, whatever the order of the file's bytes."""
+    group = math.lcm(bits, 8)
+    many, size = group // bits, group // 8
+    groups = -(-columns // many)
+    rows = packed.shape[0]
+    out = np.empty((rows, groups * many), np.uint16 if bits <= 16 else np.uint32)
+    kind: type[np.unsignedinteger[Any]] = np.uint32 if bits <= 25 else np.uint64
+
+    def band(here: slice) -> None:
+        some = packed[here]
+        padded = np.zeros((some.shape[0], groups * size), np.uint8)
+        padded[:, : some.shape[1]] = some
+        parts = padded.reshape(some.shape[0], groups, size)
+        for number in range(many):
+            first, skipped = divmod(number * bits, 8)
+            last = (number * bits + bits - 1) // 8
+            value: NDArray[Any] = parts[..., first].astype(kind)
+            for byte in range(first + 1, last + 1):
+                value <<= kind(8)
+                value |= parts[..., byte]
+            value >>= kind(8 * (last - first + 1) - skipped - bits)
+            value &= kind((1 << bits) - 1)
+            out[here, number::many] = value
+
+    run_in_bands(rows, band)
+    return out
+
+
+def _absent(name: str, what: str) -> DecodeError:
+    return DecodeError(
+        f"cannot decode {name}: not all samples are in it: {what}",
+        hint="fetch it from the camera again",
+    )

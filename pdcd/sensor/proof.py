@@ -1,0 +1,128 @@
+"""Do the samples that a decoder gives come from the file?
+
+Three questions: does the decoder say the same when fresh memory is filled otherwise; are there
+samples far below black, as in a file whose data have not come; are there rows of one and the same
+number, as of a decoder that lost its way.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.arrays import Floats
+from pdcd.errors import DecodeError
+
+_M_PERTURB = -6
+"""Of glibc's mallopt: the byte that fresh memory is filled with is this one's complement."""
+_FILLINGS = (0x5A, 0xC3)
+_BLOCK_QUADS = 32
+_BLOCKS = 16
+"""So many blocks of neighbours that cannot be are no fault of the sensor."""
+_LEAST_BLACK, _LEAST_BLACK_SHARE = 4.0, 1.0 / 2000.0
+"""Lowest black (DN, and of white) that samples can lie far below."""
+_PER_ZERO = 0.5
+"""Least white or black samples that a byte of zeros can stand for."""
+_AGAIN = "fetch it from the camera again"
+_lock = threading.Lock()
+
+
+def decode_twice(
+    first: Callable[[], NDArray[np.uint16]], again: Callable[[], NDArray[np.uint16]], name: str
+) -> NDArray[np.uint16]:
+    """What a decoder makes of a file, if it is the same whatever fresh memory is filled with.
+
+    first, again : decode the file, each into memory of its own. Raises DecodeError.
+    """
+    with _lock:
+        with _fresh_memory(_FILLINGS[0]):
+            found = first()
+        with _fresh_memory(_FILLINGS[1]):
+            other = again()
+    if not np.array_equal(found, other):
+        raise DecodeError(
+            f"cannot decode {name}: not all samples are in it, some come from memory", hint=_AGAIN
+        )
+    return found
+
+
+def check_samples(
+    samples: NDArray[np.generic], black: Floats, white: float, name: str, *, packed: bool
+) -> None:
+    """Look for samples that cannot be. Raises DecodeError.
+
+    samples : (4, h, w) DN, black included. black : (4,) DN. packed : whether the file is
+    compressed; of one that is not, every number stands in it as it is.
+    """
+    for plane, level in zip(samples, black, strict=True):
+        low = 0.5 * float(level)
+        if level >= max(_LEAST_BLACK, _LEAST_BLACK_SHARE * white):
+            rows = np.flatnonzero(plane.min(axis=1) < low)
+            absent = int(np.count_nonzero(_blocks(plane[rows]).max(axis=1) < low))
+            if absent >= min(_BLOCKS, max(plane.size // _BLOCK_QUADS, 1)):
+                raise DecodeError(
+                    f"cannot decode {name}: not all samples are in it, {absent * _BLOCK_QUADS} of "
+                    f"a colour lie far below black, from row {2 * rows[0]} on",
+                    hint=_AGAIN,
+                )
+        if packed:
+            _check_rows(plane, float(level), white, name)
+
+
+def check_hole(hole_bytes: int, even: int, name: str) -> None:
+    """See that so many zeros in a file stand for samples. Raises DecodeError.
+
+    even : samples that are white or black, which alone are packed into zeros.
+    """
+    if even < _PER_ZERO * hole_bytes:
+        raise DecodeError(
+            f"cannot decode {name}: not all samples are in it, {hole_bytes} bytes are zero",
+            hint=_AGAIN,
+        )
+
+
+def _check_rows(plane: NDArray[np.generic], black: float, white: float, name: str) -> None:
+    """Refuse rows of one number that is neither white nor black, in a plane that has others."""
+    top, level = min(0.98 * float(plane.max()), white), max(2.0, 0.002 * (white - black))
+    near = plane[:, ::_BLOCK_QUADS].astype(np.float32)
+    held_on = (near[:, 1:] == near[:, :-1]) & (near[:, 1:] < top)
+    held_on &= np.abs(near[:, 1:] - black) > level
+    many = np.count_nonzero(held_on, axis=1) >= min(_BLOCKS, max(near.shape[1] // 2, 1))
+    rows = np.flatnonzero(many)
+    held = 0
+    for row in rows:
+        blocks = _blocks(plane[row : row + 1])
+        low, high = blocks.min(axis=1), blocks.max(axis=1)
+        held += int(np.count_nonzero((low == high) & (abs(low - black) > level) & (low < top)))
+    if _BLOCKS <= held < plane.size // _BLOCK_QUADS // 2:
+        raise DecodeError(
+            f"cannot decode {name}: {held * _BLOCK_QUADS} samples of a colour are one number, from "
+            f"row {2 * rows[0]} on",
+            hint=_AGAIN,
+        )
+
+
+def _blocks(rows: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Samples in blocks of neighbours, (blocks, quads); a rest at the end is left out."""
+    count = rows.size // _BLOCK_QUADS
+    blocks = rows.ravel()[: count * _BLOCK_QUADS].reshape(count, _BLOCK_QUADS)
+    return blocks.astype(np.float64)
+
+
+@contextmanager
+def _fresh_memory(filling: int) -> Iterator[None]:
+    """Have new memory filled with a byte; where the C library cannot, nothing is done."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is None:
+        yield
+        return
+    mallopt(_M_PERTURB, filling)
+    try:
+        yield
+    finally:
+        mallopt(_M_PERTURB, 0)

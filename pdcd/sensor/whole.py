@@ -1,0 +1,182 @@
+"""Is all of a RAW file there? By what its own headers say, whatever it is built on.
+
+A decoder fills what it does not find with what lies in memory, and a file that is still being
+written may have its full length with nothing in it. Sources: TIFF 6.0; ISO 14496-12 (boxes of CR3);
+the public descriptions of RAF and RW2.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.errors import DecodeError
+from pdcd.sensor import tiff
+from pdcd.sensor.dng_form import JPEG, PLAIN
+from pdcd.sensor.pieces import check_lossless_jpeg
+from pdcd.sensor.tiff import TiffDirectory, TiffTags, get_numbers, read_tags
+
+_BLOCK_BYTES = 1024
+"""Holes are looked for in steps of this."""
+_HOLE_BYTES = 64 * _BLOCK_BYTES
+"""Zeros in a row that no padding has; of small files a 64th of the data, and 4 KiB at least."""
+_RW2_BLOCKS = {4: (14, 14), 5: (10, 9), 6: (14, 11), 7: (10, 9)}
+"""Samples in 16 bytes by RW2's number of its way to pack them: of 12 bits, and of more."""
+_EXIF_REACH = 1 << 20
+
+
+@dataclass(frozen=True)
+class RawData:
+    """Where the packed samples of a file lie.
+
+    parts : offset and bytes of each. packed : whether they are compressed. sure : whether the
+    headers tell all bytes that are needed, so that one that is missing is noticed. jpegs : those
+    of the parts that must be lossless JPEG.
+    """
+
+    parts: tuple[tuple[int, int], ...]
+    packed: bool
+    sure: bool
+    jpegs: tuple[tuple[int, int], ...] = ()
+
+
+def check_whole(data: bytes, tags: TiffTags | None, name: str) -> RawData:
+    """Find the packed samples of a file called `name`. Raises DecodeError where it is too short.
+
+    tags : what `read_tags` makes of it. For `pdcd.sensor.mosaic`, before it looks at anything else.
+    """
+    needs = 0
+    if tags is None:
+        found, needs = _find_other(data)
+    elif data[:4] == b"IIU\0":
+        found, needs = _find_rw2(data, tags)
+    else:
+        found = _find_tiff(tags)
+    if tags is not None:
+        needs = max(needs, tags.needs_bytes)
+    if needs > len(data):
+        raise DecodeError(
+            f"cannot decode {name}: it is not whole, {len(data)} bytes of {needs}",
+            hint="fetch it from the camera again",
+        )
+    for offset, size in found.jpegs:
+        check_lossless_jpeg(data[offset : offset + size], 1, "its image", name)
+    return found
+
+
+def find_stop_tags(data: bytes, tags: TiffTags | None) -> TiffTags | None:
+    """The tags that tell the stop: of RAF and CR3, those of the EXIF data within."""
+    if tags is not None:
+        return tags
+    for mark in (b"CMT2", b"Exif\0\0"):
+        if (at := data.find(mark, 0, _EXIF_REACH)) >= 0:
+            return read_tags(data[at + len(mark) : at + len(mark) + 65536])
+    return None
+
+
+def measure_hole(data: bytes, found: RawData) -> int:
+    """Bytes of the longest run of zeros in compressed samples that is no padding; 0 of none.
+
+    Only samples that are all white, or all black, are packed into so many zeros.
+    """
+    if not found.packed:
+        return 0
+    size = sum(size for _, size in found.parts)
+    least = min(_HOLE_BYTES, max(size // 64, 4 * _BLOCK_BYTES))
+    longest = run = 0
+    for offset, length in found.parts:
+        blocks = min(length, len(data) - offset) // _BLOCK_BYTES
+        run = 0
+        if blocks < 1:
+            continue
+        bytes_ = np.frombuffer(data, np.uint8, blocks * _BLOCK_BYTES, offset)
+        bytes_ = bytes_.reshape(blocks, _BLOCK_BYTES)
+        empty = np.asarray(~bytes_[:, :: _BLOCK_BYTES // 4].any(axis=1))
+        for block in np.flatnonzero(empty):
+            empty[block] = not bytes_[block].any()
+        edges = np.flatnonzero(np.diff(empty, prepend=False, append=False))
+        run = int((edges[1::2] - edges[::2]).max(initial=0)) * _BLOCK_BYTES
+        longest = max(longest, run)
+    return longest if longest >= least else 0
+
+
+def _find_tiff(tags: TiffTags) -> RawData:
+    """Of the image that takes most of the file; a CR2's is lossless JPEG."""
+    best: list[tuple[int, int]] = []
+    jpegs: list[tuple[int, int]] = []
+    packed = True
+    for directory in tags.directories:
+        parts = _list_parts(directory)
+        packing = get_numbers(directory, tiff.COMPRESSION)[:1]
+        if sum(size for _, size in parts) > sum(size for _, size in best):
+            best, packed = parts, packing != PLAIN
+        if tiff.CANON_SLICES in directory and packing in ((6,), JPEG):
+            jpegs += parts
+    return RawData(tuple(best), packed, sure=True, jpegs=tuple(jpegs))
+
+
+def _list_parts(directory: TiffDirectory) -> list[tuple[int, int]]:
+    """Places and lengths of the strips or tiles of a directory."""
+    return [
+        part
+        for places, lengths in (
+            (tiff.STRIP_OFFSETS, tiff.STRIP_BYTES),
+            (tiff.TILE_OFFSETS, tiff.TILE_BYTES),
+        )
+        for part in zip(get_numbers(directory, places), get_numbers(directory, lengths),
+                        strict=False)
+    ]  # fmt: skip
+
+
+def _find_rw2(data: bytes, tags: TiffTags) -> tuple[RawData, int]:
+    """Of an RW2: packed so that each sample takes as many bits, except by the newest cameras."""
+
+    def one(tag: int, otherwise: int = 0) -> int:
+        return (*tags.numbers(tag), otherwise)[0]
+
+    offset = one(tiff.RW2_DATA)
+    if not offset:
+        parts = [part for directory in tags.directories for part in _list_parts(directory)]
+        return RawData(tuple(parts), packed=True, sure=False), 0
+    blocks = _RW2_BLOCKS.get(one(tiff.RW2_FORMAT, 4), (0, 0))
+    many = blocks[0 if one(tiff.RW2_BITS, 12) <= 12 else 1]
+    needs = one(tiff.RW2_HEIGHT) * -(-one(tiff.RW2_WIDTH) // many) * 16 if many else 0
+    size = max(len(data) - offset, 0)
+    return RawData(((offset, size),), packed=True, sure=False), offset + needs
+
+
+def _find_other(data: bytes) -> tuple[RawData, int]:
+    """Of RAF and CR3; of any other file nothing is known."""
+    if data.startswith(b"FUJIFILMCCD-RAW"):
+        pairs = [struct.unpack_from(">2I", data.ljust(108, b"\0"), at) for at in (84, 92, 100)]
+        needs = max(108, *(offset + size for offset, size in pairs))
+        return RawData((pairs[2],), packed=True, sure=True), needs
+    if data[4:12] == b"ftypcrx ":
+        boxes = list(_list_boxes(data))
+        parts = tuple((at, size) for kind, at, size in boxes if kind == b"mdat")
+        needs = max((at + size for _, at, size in boxes), default=0)
+        if not parts:
+            needs = max(needs, len(data) + 1)
+        return RawData(parts, packed=True, sure=True), needs
+    return RawData((), packed=False, sure=False), 0
+
+
+def _list_boxes(data: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Kind, place and length of each box, as far as there is one."""
+    at = 0
+    while at < len(data):
+        if at + 8 > len(data):
+            yield b"", at, 8
+            return
+        size, kind = struct.unpack_from(">I4s", data, at)
+        if size == 1 and at + 16 <= len(data):
+            (size,) = struct.unpack_from(">Q", data, at + 8)
+        elif size == 0:
+            size = len(data) - at
+        if size < 8:
+            return
+        yield kind, at, size
+        at += size
