@@ -14,7 +14,7 @@ import numpy as np
 from pdcd.errors import DecodeError
 from pdcd.sensor import tiff
 from pdcd.sensor.black import Area, BlackLevels
-from pdcd.sensor.tiff import TiffDirectory, TiffTags, get_levels, get_numbers
+from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_levels, read_numbers
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 """Mosaics that can be read: colours of the quad, row by row."""
@@ -27,7 +27,7 @@ _REPACK = "set the camera or the converter to a DNG with lossless JPEG, or an un
 
 
 @dataclass(frozen=True)
-class Piece:
+class SamplePiece:
     """A strip or tile: where its bytes lie, and the samples of the sensor that it holds.
 
     needed : rows and columns of samples in the bytes; of a tile at the edge more than it shows.
@@ -57,7 +57,7 @@ class DngForm:
     packing: int
     predictor: int
     order: str
-    pieces: tuple[Piece, ...]
+    pieces: tuple[SamplePiece, ...]
     table: tuple[int, ...]
     active: Area
     colours: str
@@ -75,22 +75,19 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
     if not any(tiff.DNG_VERSION in directory for directory in tags.directories):
         return None
     main = _find_mosaic(tags, name)
-    shape = _one(main, tiff.LENGTH, 0), _one(main, tiff.WIDTH, 0)
+    shape = _one(main, tiff.IMAGE_LENGTH, 0), _one(main, tiff.IMAGE_WIDTH, 0)
     if min(shape) < 1 or max(shape) > 65535:
         raise _contradiction(name, f"an image of {shape[1]} x {shape[0]} samples")
     colours = _read_mosaic(main, name)
     packing = _one(main, tiff.COMPRESSION, 1)
     if packing not in PLAIN + JPEG + DEFLATE:
-        what = _PACKINGS.get(packing, f"a packing of number {packing}")
-        raise DecodeError(
-            f"cannot decode {name}: it is packed with {what}, which nothing here reads",
-            hint=_REPACK,
-        )
+        raise make_packed(name, _PACKINGS.get(packing, f"number {packing}"))
     bits, kind = _one(main, tiff.BITS, 16), _one(main, tiff.SAMPLE_FORMAT, 1)
-    floating = kind == 3
-    known = bits in (16, 24, 32) if floating else 8 <= bits <= 32
-    if not known or kind not in (1, 3, 4) or _one(main, tiff.FILL_ORDER, 1) != 1:
-        form = f"{bits}-bit samples of format {kind}"
+    floating, predictor = kind == 3, _one(main, tiff.PREDICTOR, 1)
+    real = bits in (16, 24, 32) and packing not in JPEG and predictor in (1, 3, 34894, 34895)
+    known = real if floating else 8 <= bits <= 16 and packing not in DEFLATE
+    if not known or kind not in (1, 3) or _one(main, tiff.FILL_ORDER, 1) != 1:
+        form = f"{bits}-bit samples of format {kind}, packed in the way {packing}.{predictor}"
         raise DecodeError(
             f"cannot decode {name}: it has {form}, which nothing here reads", hint=_REPACK
         )
@@ -103,16 +100,23 @@ def read_dng_form(tags: TiffTags, name: str) -> DngForm | None:
         bits=bits,
         floating=floating,
         packing=packing,
-        predictor=_one(main, tiff.PREDICTOR, 1),
+        predictor=predictor,
         order=tags.order,
         pieces=_list_pieces(main, shape, name),
-        table=() if floating else get_numbers(main, tiff.LINEARIZATION),
+        table=() if floating else read_numbers(main, tiff.LINEARIZATION),
         active=active,
         colours=colours,
         black=levels.read_black(active, doubts),
         white=white,
-        masked=get_numbers(main, tiff.MASKED_AREAS) or tags.numbers(tiff.MASKED_AREAS),
+        masked=read_numbers(main, tiff.MASKED_AREAS) or tags.numbers(tiff.MASKED_AREAS),
         doubts=tuple(doubts),
+    )
+
+
+def make_packed(name: str, what: str) -> DecodeError:
+    """The error for a whole file whose samples are packed with what is not read; for readers."""
+    return DecodeError(
+        f"cannot decode {name}: it is packed with {what}, which nothing here reads", hint=_REPACK
     )
 
 
@@ -147,7 +151,7 @@ def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
     full = [found for found in tags.directories if not _one(found, tiff.SUBFILE_TYPE, 0)]
 
     def area(found: TiffDirectory) -> int:
-        return _one(found, tiff.WIDTH, 0) * _one(found, tiff.LENGTH, 0)
+        return _one(found, tiff.IMAGE_WIDTH, 0) * _one(found, tiff.IMAGE_LENGTH, 0)
 
     mosaics = [found for found in full if _one(found, tiff.PHOTOMETRIC, -1) == _CFA]
     if mosaics:
@@ -166,8 +170,8 @@ def _find_mosaic(tags: TiffTags, name: str) -> TiffDirectory:
 
 def _read_mosaic(main: TiffDirectory, name: str) -> str:
     """Colours of the quad in the ActiveArea's corner. Raises DecodeError for another mosaic."""
-    rows, columns = (*get_numbers(main, tiff.CFA_DIM), 2, 2)[:2]
-    numbers = get_numbers(main, tiff.CFA_PATTERN)
+    rows, columns = (*read_numbers(main, tiff.CFA_DIM), 2, 2)[:2]
+    numbers = read_numbers(main, tiff.CFA_PATTERN)
     pattern = "".join(_COLOURS[n] if n < len(_COLOURS) else "?" for n in numbers)
     if _one(main, tiff.SAMPLES_PER_PIXEL, 1) != 1 or _one(main, tiff.CFA_LAYOUT, 1) != 1:
         raise make_unreadable(
@@ -180,7 +184,7 @@ def _read_mosaic(main: TiffDirectory, name: str) -> str:
 
 def _read_active(main: TiffDirectory, shape: tuple[int, int], doubts: list[str]) -> Area:
     whole = 0, 0, *shape
-    said = get_numbers(main, tiff.ACTIVE_AREA)
+    said = read_numbers(main, tiff.ACTIVE_AREA)
     if not said:
         return whole
     if len(said) == 4:
@@ -191,15 +195,15 @@ def _read_active(main: TiffDirectory, shape: tuple[int, int], doubts: list[str])
     return whole
 
 
-def _list_pieces(main: TiffDirectory, shape: tuple[int, int], name: str) -> tuple[Piece, ...]:
+def _list_pieces(main: TiffDirectory, shape: tuple[int, int], name: str) -> tuple[SamplePiece, ...]:
     """Strips or tiles with the samples they hold. Raises DecodeError where they are too few."""
     (height, width), tiled = shape, tiff.TILE_WIDTH in main
     if tiled:
         rows, columns = _one(main, tiff.TILE_LENGTH, 0), _one(main, tiff.TILE_WIDTH, 0)
-        offsets, sizes = (get_numbers(main, t) for t in (tiff.TILE_OFFSETS, tiff.TILE_BYTES))
+        offsets, sizes = (read_numbers(main, t) for t in (tiff.TILE_OFFSETS, tiff.TILE_BYTES))
     else:
         rows, columns = min(_one(main, tiff.ROWS_PER_STRIP, height), height), width
-        offsets, sizes = (get_numbers(main, t) for t in (tiff.STRIP_OFFSETS, tiff.STRIP_BYTES))
+        offsets, sizes = (read_numbers(main, t) for t in (tiff.STRIP_OFFSETS, tiff.STRIP_BYTES))
     count = math.ceil(height / rows) * math.ceil(width / columns) if rows and columns else 0
     if not count or len(offsets) < count or len(sizes) < count:
         said = f"{len(offsets)} places and {len(sizes)} lengths of {count} strips or tiles"
@@ -209,7 +213,7 @@ def _list_pieces(main: TiffDirectory, shape: tuple[int, int], name: str) -> tupl
     for number in range(count):
         row, column = number // across * rows, number % across * columns
         needed = (rows if tiled else min(rows, height - row)), columns
-        pieces.append(Piece(offsets[number], sizes[number], row, column, needed))
+        pieces.append(SamplePiece(offsets[number], sizes[number], row, column, needed))
     return tuple(pieces)
 
 
@@ -222,23 +226,23 @@ class _Levels:
     name: str
 
     def _said(self, tag: int) -> tuple[float, ...]:
-        others = (get_levels(found, tag) for found in self.tags.directories)
-        said = get_levels(self.main, tag) or next(filter(None, others), ())
+        others = (read_levels(found, tag) for found in self.tags.directories)
+        said = read_levels(self.main, tag) or next(filter(None, others), ())
         if not all(map(math.isfinite, said)):
             raise _contradiction(self.name, f"a level that is no number (tag {tag})")
         return said
 
     def read_white(self, highest: float) -> float:
         """The white level in DN; the highest number of a sample where none is told."""
-        white = (*self._said(tiff.WHITE), highest)[0]
+        white = (*self._said(tiff.WHITE_LEVEL), highest)[0]
         if white <= 0.0:
             raise _contradiction(self.name, f"a white level of {white:g}")
         return white
 
     def read_black(self, active: Area, doubts: list[str]) -> BlackLevels:
         """Black levels in DN. Raises DecodeError where their numbers do not fit the picture."""
-        said = self._said(tiff.BLACK) or (0.0,)
-        rows, columns = (*get_numbers(self.main, tiff.BLACK_DIM), 1, 1)[:2]
+        said = self._said(tiff.BLACK_LEVEL) or (0.0,)
+        rows, columns = (*read_numbers(self.main, tiff.BLACK_DIM), 1, 1)[:2]
         if len(said) == 1:
             said = said * (rows * columns if 0 < rows * columns < 2**16 else 1)
         if not rows * columns or len(said) < rows * columns:
@@ -263,7 +267,7 @@ class _Levels:
 
 
 def _one(found: TiffDirectory, tag: int, otherwise: int) -> int:
-    numbers = get_numbers(found, tag)
+    numbers = read_numbers(found, tag)
     return numbers[0] if numbers else otherwise
 
 

@@ -116,8 +116,9 @@ def open_raw(data: bytes, name: str) -> Iterator[RawInput]:
     except (rawpy.LibRawError, RuntimeError, MemoryError) as err:
         reason = err.args[0].decode() if err.args and isinstance(err.args[0], bytes) else str(err)
         hint = "the file is truncated, damaged or no RAW file; fetch it from the camera again"
-        if tags is not None and isinstance(err, rawpy.LibRawFileUnsupportedError):
-            hint = "the file is whole, its camera or form unknown to LibRaw: convert it to a DNG"
+        unknown = isinstance(err, rawpy.LibRawFileUnsupportedError)
+        if unknown and tags is not None and form is None:
+            hint = "the file is whole, its camera or form unknown to LibRaw; convert it to a DNG"
         raise DecodeError(
             f"cannot decode {name}: {reason or type(err).__name__}", hint=hint
         ) from err
@@ -144,14 +145,16 @@ def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
     form, data = raw.form, raw.data
     sizes = raw.libraw.sizes
     own = form is not None and is_read_here(form)
-    if form is not None and own and (form.floating or form.bits > 16 or form.packing not in PLAIN):
+    if form is not None and form.floating:
         return read_samples(data, form, raw.name), ()
     model = raw.tags.text(tiff.MODEL) if raw.tags else ""
     shape = sizes.raw_height, sizes.raw_width
     packing = (form.packing, form.bits) if form else ()
     key = data[:4], model, packing, shape
     if key not in _proven or not raw.found.sure:
-        sensor = decode_twice(lambda: _unpack(raw), lambda: _unpack_again(raw, shape), raw.name)
+        sensor = decode_twice(
+            lambda: _unpack(raw), lambda: _unpack_again(raw, shape), _find_used(raw), raw.name
+        )
         own_too = read_samples(data, form, raw.name) if form is not None and own else sensor
         _proven[key] = bool(np.array_equal(own_too, sensor))
     if form is None or _proven[key]:
@@ -166,6 +169,16 @@ def _read_sensor(raw: RawInput) -> tuple[NDArray[np.generic], tuple[str, ...]]:
         return sensor, ()
     said = "LibRaw reads other samples than lie in the file; those in the file are taken"
     return read_samples(data, form, raw.name), (said,)
+
+
+def _find_used(raw: RawInput) -> tuple[slice, slice]:
+    """Rows and columns of samples that the picture, or black, is taken from."""
+    if raw.form is not None:
+        return slice(None), slice(None)
+    sizes, canon = raw.libraw.sizes, raw.tags is not None and raw.tags.canon
+    top, left = sizes.top_margin, sizes.left_margin
+    columns = slice(0 if canon else left, left + sizes.width)
+    return slice(top, top + sizes.height), columns
 
 
 def _unpack(raw: RawInput) -> NDArray[np.uint16]:
@@ -197,7 +210,7 @@ def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
     libraw, sizes = raw.libraw, raw.libraw.sizes
     numbers, colours = _libraw_mosaic(libraw)
     if colours not in BAYER or numbers is None:
-        if libraw.num_colors == 1 or numbers is None or numbers.shape == (1, 1):
+        if numbers is None or numbers.shape == (1, 1):
             raise make_unreadable(
                 raw.name, "of a monochrome sensor", "take a camera with a Bayer mosaic"
             )
@@ -240,7 +253,7 @@ def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic
     black = np.array([plane.mean for plane in planes])
     even = all(plane.even for plane in planes)
     libraw_black, doubts = black, list(form.doubts)
-    if not form.floating and form.bits <= 16 and form.packing not in (8, 32946):
+    if not form.floating:
         numbers, theirs = _libraw_mosaic(raw.libraw)
         if numbers is None or theirs != colours:
             doubts.append(f"LibRaw sees a mosaic {theirs or 'of no colours'}, the tags {colours}")
@@ -326,7 +339,11 @@ def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
 
 def _libraw_mosaic(libraw: rawpy.RawPy) -> tuple[NDArray[np.uint8] | None, str]:
     """LibRaw's numbers of colours from the picture's corner on, and their letters; G2 is G."""
-    sizes, numbers = libraw.sizes, libraw.raw_pattern
+    sizes = libraw.sizes
+    try:
+        numbers = libraw.raw_pattern
+    except NotImplementedError:  # of a mosaic for which its binding has no form
+        return np.zeros((0, 0), np.uint8), ""
     if numbers is None:
         return None, ""
     numbers = np.roll(numbers, (-sizes.top_margin, -sizes.left_margin), axis=(0, 1))

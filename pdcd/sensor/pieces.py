@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.sensor.bands import run_in_bands
-from pdcd.sensor.dng_form import DEFLATE, PLAIN, DngForm, Piece
+from pdcd.sensor.dng_form import DEFLATE, PLAIN, DngForm, SamplePiece, make_packed
 
-_DIFFERENCES = {1: 0, 2: 1, 34892: 2, 34893: 4}
-"""Predictors of whole numbers: how many samples back the one is that was taken off."""
 _PLANES = {3: 1, 34894: 2, 34895: 4}
-"""Predictors of real numbers, whose bytes lie plane by plane: the same in bytes."""
+"""Predictors of real numbers, whose bytes lie plane by plane: how many bytes back the one is that
+was taken off."""
 _JPEG_START, _JPEG_END, _JPEG_SCAN, _LOSSLESS = b"\xff\xd8", b"\xff\xd9", 0xDA, 0xC3
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
@@ -50,7 +49,7 @@ def check_pieces(data: bytes, form: DngForm, name: str) -> None:
             )
 
 
-def count_plain_bytes(form: DngForm, piece: Piece) -> int:
+def count_plain_bytes(form: DngForm, piece: SamplePiece) -> int:
     """Bytes of a strip or tile that is not compressed: every row begins with a byte of its own."""
     rows, columns = piece.needed
     return rows * -(-columns * form.bits // 8)
@@ -66,7 +65,9 @@ def check_lossless_jpeg(data: bytes, samples: int, where: str, name: str) -> Non
     while at + 9 < len(data) and data[at] == 0xFF and data[at + 1] != _JPEG_SCAN:
         if data[at + 1] in _FRAMES:
             rows, columns = (int.from_bytes(data[i : i + 2], "big") for i in (at + 5, at + 7))
-            held = rows * columns * data[at + 9] if data[at + 1] == _LOSSLESS else 0
+            held = rows * columns * data[at + 9]
+            if data[at + 1] != _LOSSLESS:
+                raise make_packed(name, "lossy JPEG")
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     if data[at : at + 2] != bytes((0xFF, _JPEG_SCAN)) or held < samples:
         raise _absent(name, f"{where} is no lossless JPEG of {samples} samples")
@@ -75,23 +76,21 @@ def check_lossless_jpeg(data: bytes, samples: int, where: str, name: str) -> Non
 
 
 def read_samples(data: bytes, form: DngForm, name: str) -> NDArray[np.uint16 | np.float32]:
-    """All samples of a sensor, (H, W) in DN: uint16, or float32 of more than 16 bits.
+    """All samples of a sensor, (H, W) in DN: uint16, or float32 of real numbers.
 
     data, form : a file and what it says of itself, which `check_pieces` found to be there.
     Raises DecodeError for damaged data and for samples that are no numbers.
     """
     height, width = form.shape
-    wide = form.floating or form.bits > 16
-    samples = np.empty(form.shape, np.float32 if wide else np.uint16)
+    samples = np.empty(form.shape, np.float32 if form.floating else np.uint16)
     for piece in form.pieces:
         found = _unpack(data, form, piece, name)
-        rows, columns = min(piece.needed[0], height - piece.row), width - piece.column
+        rows = min(piece.needed[0], height - piece.row)
+        columns = min(piece.needed[1], width - piece.column)
         place = samples[piece.row : piece.row + rows, piece.column : piece.column + columns]
         _copy(found, place)
     if form.table:
-        table = np.array(form.table, np.uint32)
-        stored = samples.astype(np.int64) if wide else samples
-        samples = np.take(table, stored, mode="clip").astype(samples.dtype)
+        samples = np.take(np.array(form.table, np.uint16), samples, mode="clip")
     if form.floating and not np.isfinite(samples).all():
         raise DecodeError(
             f"cannot decode {name}: some samples are no numbers",
@@ -110,7 +109,7 @@ def _copy(found: NDArray[Any], place: NDArray[Any]) -> None:
     run_in_bands(height, band)
 
 
-def _unpack(data: bytes, form: DngForm, piece: Piece, name: str) -> NDArray[Any]:
+def _unpack(data: bytes, form: DngForm, piece: SamplePiece, name: str) -> NDArray[Any]:
     """Samples of one strip or tile, (rows, columns)."""
     rows, columns = piece.needed
     stride = -(-columns * form.bits // 8)
@@ -125,22 +124,9 @@ def _unpack(data: bytes, form: DngForm, piece: Piece, name: str) -> NDArray[Any]
     if len(plain) < rows * stride:
         raise _absent(name, f"{len(plain)} deflated bytes, {rows * stride} are needed")
     packed = np.frombuffer(plain, np.uint8).reshape(rows, stride)
-    if form.floating and form.predictor in _PLANES:
+    if form.predictor in _PLANES:
         return _join_planes(packed, form.bits // 8, _PLANES[form.predictor])
-    if form.predictor not in _DIFFERENCES or (form.predictor != 1 and form.floating):
-        raise DecodeError(
-            f"cannot decode {name}: its samples are predicted in the unknown way {form.predictor}",
-            hint="set the converter to an uncompressed DNG",
-        )
-    numbers = _as_numbers(packed, columns, form)
-    step = _DIFFERENCES[form.predictor]
-    if not step:
-        return numbers
-    mask = (1 << form.bits) - 1
-    summed = numbers.astype(np.uint64)
-    for first in range(step):
-        np.cumsum(summed[:, first::step], axis=1, out=summed[:, first::step])
-    return summed & np.uint64(mask)
+    return _as_numbers(packed, columns, form)
 
 
 def _join_planes(packed: NDArray[np.uint8], size: int, step: int) -> NDArray[np.float32]:
@@ -159,8 +145,8 @@ def _as_numbers(packed: NDArray[np.uint8], columns: int, form: DngForm) -> NDArr
         return _as_floats(packed, form.bits // 8, form.order)
     if form.bits == 8:
         return packed
-    if form.bits in (16, 32):
-        return packed.view(f"{form.order}u{form.bits // 8}")
+    if form.bits == 16:
+        return packed.view(f"{form.order}u2")
     return _unpack_bits(packed, columns, form.bits)
 
 
@@ -168,7 +154,7 @@ def _as_floats(packed: NDArray[np.uint8], size: int, order: str) -> NDArray[np.f
     """Bytes of rows as real numbers of 2, 3 or 4 bytes."""
     if size != 3:
         found: NDArray[Any] = packed.view(f"{order}f{size}")
-        return found.astype(np.float32)
+        return np.array(found, np.float32)
     three = packed.reshape(packed.shape[0], -1, 3)
     three = three[..., ::-1] if order == "<" else three
     mantissa = three[..., 1].astype(np.float64) * 256.0 + three[..., 2]
@@ -176,7 +162,7 @@ def _as_floats(packed: NDArray[np.uint8], size: int, order: str) -> NDArray[np.f
     value = np.ldexp(mantissa + (exponent > 0) * 65536.0, np.maximum(exponent, 1) - 63 - 16)
     value[exponent == 0x7F] = np.nan
     with np.errstate(over="ignore"):
-        return np.where(three[..., 0] & 0x80, -value, value).astype(np.float32)
+        return np.asarray(np.where(three[..., 0] & 0x80, -value, value), np.float32)
 
 
 def _unpack_bits(packed: NDArray[np.uint8], columns: int, bits: int) -> NDArray[Any]:
@@ -185,8 +171,7 @@ def _unpack_bits(packed: NDArray[np.uint8], columns: int, bits: int) -> NDArray[
     many, size = group // bits, group // 8
     groups = -(-columns // many)
     rows = packed.shape[0]
-    out = np.empty((rows, groups * many), np.uint16 if bits <= 16 else np.uint32)
-    kind: type[np.unsignedinteger[Any]] = np.uint32 if bits <= 25 else np.uint64
+    out = np.empty((rows, groups * many), np.uint16)
 
     def band(here: slice) -> None:
         some = packed[here]
@@ -196,13 +181,11 @@ def _unpack_bits(packed: NDArray[np.uint8], columns: int, bits: int) -> NDArray[
         for number in range(many):
             first, skipped = divmod(number * bits, 8)
             last = (number * bits + bits - 1) // 8
-            value: NDArray[Any] = parts[..., first].astype(kind)
+            value: NDArray[Any] = parts[..., first].astype(np.uint32)
             for byte in range(first + 1, last + 1):
-                value <<= kind(8)
-                value |= parts[..., byte]
-            value >>= kind(8 * (last - first + 1) - skipped - bits)
-            value &= kind((1 << bits) - 1)
-            out[here, number::many] = value
+                value = value << 8 | parts[..., byte]
+            value = value >> (8 * (last - first + 1) - skipped - bits)
+            out[here, number::many] = value & ((1 << bits) - 1)
 
     run_in_bands(rows, band)
     return out

@@ -257,7 +257,7 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
             saturated[rows] |= here >= white
             if uneven is not None:
                 away = uneven[plane].of_rows(rows) - uneven[plane].mean
-                np.subtract(light, away, out=here, dtype=np.float64, casting="same_kind")
+                np.subtract(light, away, out=here)
             if saturation_dn is not None:
                 signal = np.subtract(here, np.float32(mosaic.black[plane]), dtype=np.float32)
                 saturated[rows] |= signal >= np.float32(saturation_dn)

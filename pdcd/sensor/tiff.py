@@ -22,31 +22,35 @@ _ORDERS = {
 }
 MODEL, _EXIF, _SUB = 272, 34665, 330
 DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME, F_NUMBER = 36867, 50830, 33434, 33437
-SUBFILE_TYPE, WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC = 254, 256, 257, 258, 259, 262
+SUBFILE_TYPE, IMAGE_WIDTH, IMAGE_LENGTH = 254, 256, 257
+BITS, COMPRESSION, PHOTOMETRIC = 258, 259, 262
 STRIP_OFFSETS, SAMPLES_PER_PIXEL, ROWS_PER_STRIP, STRIP_BYTES = 273, 277, 278, 279
 FILL_ORDER, PREDICTOR, SAMPLE_FORMAT = 266, 317, 339
 TILE_WIDTH, TILE_LENGTH, TILE_OFFSETS, TILE_BYTES = 322, 323, 324, 325
 CFA_DIM, CFA_PATTERN, CFA_LAYOUT, ACTIVE_AREA = 33421, 33422, 50711, 50829
 DNG_VERSION, LINEARIZATION, CANON_SLICES = 50706, 50712, 50752
 RW2_WIDTH, RW2_HEIGHT, RW2_BITS, RW2_FORMAT, RW2_DATA = 2, 3, 10, 45, 280
-BLACK_DIM, BLACK, BLACK_DELTA_H, BLACK_DELTA_V, WHITE = 50713, 50714, 50715, 50716, 50717
+BLACK_DIM, BLACK_LEVEL, WHITE_LEVEL = 50713, 50714, 50717
+BLACK_DELTA_H, BLACK_DELTA_V = 50715, 50716
 _DATA = ((273, 279), (324, 325), (513, 514))  # offsets and lengths of strips, tiles, a preview
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 _NUMBERS = {1: "B", 3: "H", 4: "I", 5: "II", 13: "I"}
 _REALS = _NUMBERS | {6: "b", 8: "h", 9: "i", 10: "ii", 11: "f", 12: "d"}
-_LEVELS = frozenset({BLACK, BLACK_DELTA_H, BLACK_DELTA_V, WHITE, F_NUMBER})
+_LEVELS = frozenset({BLACK_LEVEL, BLACK_DELTA_H, BLACK_DELTA_V, WHITE_LEVEL, F_NUMBER})
 """Tags that may be fractions; kept as real numbers, NaN for one without a denominator."""
 _ASCII = 2
 _MAX_DIRECTORIES = 64
 """Real files have fewer than ten; a damaged one may chain them without end."""
 _NOWHERE = 0xFFFFFFFF
-"""In RW2 the place of data that another tag tells."""
+"""A place that another tag tells."""
+_RW2 = b"IIU\0"
+"""How files begin whose lengths of strips need not be true."""
 _KEPT = {
-    MODEL, _EXIF, _SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME, SUBFILE_TYPE, WIDTH, LENGTH, BITS,
-    COMPRESSION, PHOTOMETRIC, SAMPLES_PER_PIXEL, ROWS_PER_STRIP, FILL_ORDER, PREDICTOR,
-    SAMPLE_FORMAT, TILE_WIDTH, TILE_LENGTH, CFA_DIM, CFA_PATTERN, CFA_LAYOUT, ACTIVE_AREA,
-    DNG_VERSION, LINEARIZATION, CANON_SLICES, BLACK_DIM, RW2_WIDTH, RW2_HEIGHT, RW2_BITS,
-    RW2_FORMAT, RW2_DATA,
+    MODEL, _EXIF, _SUB, DATE_TAKEN, MASKED_AREAS, EXPOSURE_TIME, SUBFILE_TYPE, IMAGE_WIDTH,
+    IMAGE_LENGTH, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES_PER_PIXEL, ROWS_PER_STRIP, FILL_ORDER,
+    PREDICTOR, SAMPLE_FORMAT, TILE_WIDTH, TILE_LENGTH, CFA_DIM, CFA_PATTERN, CFA_LAYOUT,
+    ACTIVE_AREA, DNG_VERSION, LINEARIZATION, CANON_SLICES, BLACK_DIM, RW2_WIDTH, RW2_HEIGHT,
+    RW2_BITS, RW2_FORMAT, RW2_DATA,
 }.union(*_DATA, _LEVELS)  # fmt: skip
 
 _Values = tuple[int, ...] | tuple[float, ...] | str
@@ -76,13 +80,13 @@ class TiffTags:
 
     def numbers(self, tag: int) -> tuple[int, ...]:
         """The first whole numbers under a tag, empty when there are none."""
-        return next((found for d in self.directories if (found := get_numbers(d, tag))), ())
+        return next((found for d in self.directories if (found := read_numbers(d, tag))), ())
 
     @property
     def f_number(self) -> float | None:
         """The stop that the camera says; None where it says none, or one that is no number."""
         for directory in self.directories:
-            if said := get_levels(directory, F_NUMBER):
+            if said := read_levels(directory, F_NUMBER):
                 return said[0] if math.isfinite(said[0]) and said[0] > 0.0 else None
         return None
 
@@ -121,13 +125,13 @@ def read_tags(data: bytes) -> TiffTags | None:
         found.append(directory)
         needs = max(needs, end)
         for tag in (_EXIF, _SUB):
-            ahead.extend((below, False) for below in get_numbers(directory, tag))
+            ahead.extend((below, False) for below in read_numbers(directory, tag))
         if chained:
             ahead.append((after, True))
     return TiffTags(tuple(found), needs, canon, order)
 
 
-def get_numbers(directory: TiffDirectory, tag: int) -> tuple[int, ...]:
+def read_numbers(directory: TiffDirectory, tag: int) -> tuple[int, ...]:
     """The whole numbers under a tag of a directory, a fraction as two; empty when there are none.
 
     For readers of forms of RAW files, which look at one directory at a time.
@@ -136,9 +140,9 @@ def get_numbers(directory: TiffDirectory, tag: int) -> tuple[int, ...]:
     return cast("tuple[int, ...]", found) if isinstance(found, tuple) else ()
 
 
-def get_levels(directory: TiffDirectory, tag: int) -> tuple[float, ...]:
+def read_levels(directory: TiffDirectory, tag: int) -> tuple[float, ...]:
     """The same of a tag whose numbers may be fractions: a black or white level, a stop."""
-    return get_numbers(directory, tag)
+    return read_numbers(directory, tag)
 
 
 def _directory(order: str, data: bytes, start: int) -> tuple[TiffDirectory, int, int]:
@@ -167,9 +171,9 @@ def _directory(order: str, data: bytes, start: int) -> tuple[TiffDirectory, int,
             directory[tag] = numbers
     for offsets, lengths in _DATA:
         for place, size in zip(
-            get_numbers(directory, offsets), get_numbers(directory, lengths), strict=False
+            read_numbers(directory, offsets), read_numbers(directory, lengths), strict=False
         ):
-            if place != _NOWHERE:
+            if place != _NOWHERE and not (offsets == STRIP_OFFSETS and data[:4] == _RW2):
                 end = max(end, place + size)
     return directory, end, _number(order, data, start + 2 + 12 * entries)
 

@@ -17,14 +17,15 @@ from pdcd.errors import DecodeError
 from pdcd.sensor import tiff
 from pdcd.sensor.dng_form import JPEG, PLAIN
 from pdcd.sensor.pieces import check_lossless_jpeg
-from pdcd.sensor.tiff import TiffDirectory, TiffTags, get_numbers, read_tags
+from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_numbers, read_tags
 
 _BLOCK_BYTES = 1024
 """Holes are looked for in steps of this."""
-_HOLE_BYTES = 64 * _BLOCK_BYTES
+_HOLE_BYTES = 128 * _BLOCK_BYTES
 """Zeros in a row that no padding has; of small files a 64th of the data, and 4 KiB at least."""
 _RW2_BLOCKS = {4: (14, 14), 5: (10, 9), 6: (14, 11), 7: (10, 9)}
-"""Samples in 16 bytes by RW2's number of its way to pack them: of 12 bits, and of more."""
+"""Samples in 16 bytes by RW2's number of its way to pack them: of 12 bits, and of more. Those of
+5 fill up the last bytes of a row, others leave them out."""
 _EXIF_REACH = 1 << 20
 
 
@@ -110,7 +111,7 @@ def _find_tiff(tags: TiffTags) -> RawData:
     packed = True
     for directory in tags.directories:
         parts = _list_parts(directory)
-        packing = get_numbers(directory, tiff.COMPRESSION)[:1]
+        packing = read_numbers(directory, tiff.COMPRESSION)[:1]
         if sum(size for _, size in parts) > sum(size for _, size in best):
             best, packed = parts, packing != PLAIN
         if tiff.CANON_SLICES in directory and packing in ((6,), JPEG):
@@ -126,7 +127,7 @@ def _list_parts(directory: TiffDirectory) -> list[tuple[int, int]]:
             (tiff.STRIP_OFFSETS, tiff.STRIP_BYTES),
             (tiff.TILE_OFFSETS, tiff.TILE_BYTES),
         )
-        for part in zip(get_numbers(directory, places), get_numbers(directory, lengths),
+        for part in zip(read_numbers(directory, places), read_numbers(directory, lengths),
                         strict=False)
     ]  # fmt: skip
 
@@ -141,9 +142,9 @@ def _find_rw2(data: bytes, tags: TiffTags) -> tuple[RawData, int]:
     if not offset:
         parts = [part for directory in tags.directories for part in _list_parts(directory)]
         return RawData(tuple(parts), packed=True, sure=False), 0
-    blocks = _RW2_BLOCKS.get(one(tiff.RW2_FORMAT, 4), (0, 0))
-    many = blocks[0 if one(tiff.RW2_BITS, 12) <= 12 else 1]
-    needs = one(tiff.RW2_HEIGHT) * -(-one(tiff.RW2_WIDTH) // many) * 16 if many else 0
+    way, width = one(tiff.RW2_FORMAT, 4), one(tiff.RW2_WIDTH)
+    many = _RW2_BLOCKS.get(way, (width + 1,) * 2)[0 if one(tiff.RW2_BITS, 12) <= 12 else 1]
+    needs = one(tiff.RW2_HEIGHT) * ((width + many - 1 if way == 5 else width) // many) * 16
     size = max(len(data) - offset, 0)
     return RawData(((offset, size),), packed=True, sure=False), offset + needs
 

@@ -21,6 +21,7 @@ from pdcd.bench.devices import Finding
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.cli.main import main
 from tests.fake_serial import FakeLine, fake_line
+from tests.form_dng import DngFile, write_dng_form
 from tests.placed_film import Shot, masked_dng
 
 BODY = {"usb": "virtual"}
@@ -76,6 +77,24 @@ def test_the_frame_of_a_450d(tmp_path: Path, capfd: pytest.CaptureFixture[str]) 
     photo.write_bytes(photo.read_bytes()[:100])
     code, found = ask(capfd, "camera", "--config", path, "--raw", str(photo))
     assert code == 5 and "cannot decode photo.dng" in found["frame"]["found"]
+
+
+def test_a_photo_is_decoded_as_a_capture_would(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path, photo = config(tmp_path, '[camera]\nprofile = "450d"\n'), tmp_path / "photo.dng"
+    image = np.random.default_rng(0).normal(1500.0, 20.0, (160, 200)).astype(np.uint16)
+    file = DngFile(black=((250.5, 256.0), (256.0, 256.0)), masked=(0, 0, 160, 20))
+    data = write_dng_form(photo, image, file)
+    _, found = ask(capfd, "camera", "--config", path, "--raw", str(photo))
+    levels = "black 250.5, 256, 256, 256 DN by the tags, white 4095 DN, mosaic RGGB"
+    assert found["levels"]["found"] == levels
+    assert found["levels in doubt"]["state"] == "warning"
+    assert "lie in the picture" in found["levels in doubt"]["found"]
+    photo.write_bytes(data[:-20_000] + bytes(20_000))  # the head is whole
+    code, found = ask(capfd, "camera", "--config", path, "--raw", str(photo))
+    assert code == 5 and "not all samples are in it" in found["frame"]["found"]
+    assert found["frame"]["hint"] == "fetch it from the camera again"
 
 
 @pytest.mark.parametrize("libusb", [True, False])

@@ -73,12 +73,15 @@ def test_a_result_has_so_many_warnings_and_the_last_says_how_many_more(count: in
 def test_what_the_user_must_know_of_a_finished_run(
     mock: bool, known: bool, estimated: bool
 ) -> None:
-    developed: Any = SimpleNamespace(saturated={"a": 0, "b": 3}, warnings=("dim",), blind=0.0)
+    exif = {"a": {}, "b": {"doubts": ["black is odd"]}, "c": {"doubts": ["black is odder"]}}
+    developed: Any = SimpleNamespace(
+        saturated={"a": 0, "b": 3}, warnings=("dim",), blind=0.0, exif=exif
+    )
     config: Any = SimpleNamespace(camera=SimpleNamespace(responsivity_e=(1.0,) if known else None))
     profile: Any = SimpleNamespace(estimated=estimated, name="eos")
     found = list(list_run_warnings(developed, config, profile, mock=mock))
-    assert found[:2] == ["shot b: 3 pixels are saturated", "dim"]
-    rest = found[2:]
+    assert found[:3] == ["shot b: 3 pixels are saturated", "dim", "shot b: black is odd"]
+    rest = found[3:]
     assert any("camera.responsivity_e is not set" in text for text in rest) is (
         not known and not mock
     )

@@ -1,0 +1,374 @@
+"""Samples that are not in a file, borders that are not dark, and forms that cannot be read."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import rawpy
+
+from pdcd.errors import DecodeError
+from pdcd.sensor import mosaic
+from pdcd.sensor.raw import read_raw, read_raw_head
+from pdcd.sensor.tiff import read_tags
+from pdcd.sensor.whole import check_whole
+from tests.cr2 import write_cr2
+from tests.form_dng import BYTE, LONG, RATIONAL, SHORT, DngFile, Tag, write_dng_form
+
+SHAPE = 128, 192
+RNG = np.random.default_rng(7)
+NOISE = RNG.normal(1500.0, 30.0, SHAPE).round().astype(np.uint16)
+PLAIN, JPEG = DngFile(), DngFile(packing=7, white=16383)
+TILES = replace(JPEG, tile=(32, 64))
+READERS = pytest.mark.parametrize("read", [read_raw, read_raw_head])
+AGAIN = "fetch it from the camera again"
+
+
+def parts_of(data: bytes | bytearray) -> list[tuple[int, int]]:
+    tags = read_tags(bytes(data))
+    assert tags is not None
+    places = tags.numbers(324) or tags.numbers(273)
+    return list(zip(places, tags.numbers(325) or tags.numbers(279), strict=True))
+
+
+def refused(path: Path, data: bytes, *, reads: Any = (read_raw,)) -> str:
+    """What reading such a file says."""
+    path.write_bytes(data)
+    said = ""
+    for read in reads:
+        with pytest.raises(DecodeError, match=f"cannot decode {path.name}: ") as caught:
+            read(path)
+        said = caught.value.message
+        assert caught.value.hint == AGAIN
+    return said
+
+
+@pytest.mark.parametrize("file", [JPEG, TILES])
+@pytest.mark.parametrize(("first", "filling"), [(0, b"\0"), (0, b"\xa5"), (2, b"\0")])
+def test_lossless_jpeg_that_is_not_there(
+    tmp_path: Path, file: DngFile, first: int, filling: bytes
+) -> None:
+    """Of the last part: all of it, or all but its first bytes."""
+    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
+    assert read_raw(tmp_path / "a.dng").frame == (64, 96)
+    offset, size = parts_of(data)[-1]
+    data[offset + first : offset + size] = filling * (size - first)
+    said = refused(tmp_path / "a.dng", bytes(data), reads=(read_raw, read_raw_head))
+    assert "no lossless JPEG" in said
+
+
+@pytest.mark.parametrize("file", [JPEG, TILES])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
+def test_lossless_jpeg_without_its_tail(tmp_path: Path, file: DngFile, share: float) -> None:
+    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
+    offset, size = parts_of(data)[-1]
+    there = int(share * (size - 150)) + 148
+    data[offset + there : offset + size] = bytes(size - there)
+    assert "has no end" in refused(tmp_path / "a.dng", bytes(data))
+
+
+def test_a_jpeg_of_fewer_samples_than_its_tile(tmp_path: Path) -> None:
+    """The rest would be what lay in memory."""
+    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, JPEG))
+    offset, _ = parts_of(data)[0]
+    frame = data.index(b"\xff\xc3", offset)
+    data[frame + 5 : frame + 7] = struct.pack(">H", 60)
+    assert "no lossless JPEG of 24576 samples" in refused(tmp_path / "a.dng", bytes(data))
+
+
+@pytest.mark.parametrize("file", [JPEG, TILES])
+def test_a_hole_in_the_middle_of_compressed_samples(tmp_path: Path, file: DngFile) -> None:
+    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
+    offset, size = parts_of(data)[0]
+    start = -(-(offset + size // 3) // 1024) * 1024
+    data[start : start + size // 2] = bytes(size // 2)
+    refused(tmp_path / "a.dng", bytes(data))
+
+
+@pytest.mark.parametrize("file", [PLAIN, replace(PLAIN, bits=12), replace(PLAIN, strip_rows=8),
+                                  replace(PLAIN, tile=(32, 64))])  # fmt: skip
+@pytest.mark.parametrize(("begin", "end"), [(0.6, 1.0), (0.0, 0.4), (0.5, 0.62)])
+def test_rows_that_have_not_come(tmp_path: Path, file: DngFile, begin: float, end: float) -> None:
+    data = bytearray(write_dng_form(tmp_path / "a.dng", NOISE, file))
+    first = parts_of(data)[0][0]
+    here, there = (first + int(share * (len(data) - first)) for share in (begin, end))
+    data[here:there] = bytes(there - here)
+    assert "far below black" in refused(tmp_path / "a.dng", bytes(data))
+
+
+def test_dark_rows_are_samples(tmp_path: Path) -> None:
+    """Black itself, noise around it, and zeros where black is zero."""
+    dark = NOISE.copy()
+    dark[40:] = RNG.normal(256.0, 8.0, dark[40:].shape).round()
+    write_dng_form(tmp_path / "a.dng", dark, PLAIN)
+    assert read_raw(tmp_path / "a.dng").planes[:, 30:].mean() < 1.0
+    dark[40:] = 0
+    write_dng_form(tmp_path / "a.dng", dark, replace(PLAIN, black=((0.0,),)))
+    assert not read_raw(tmp_path / "a.dng").planes[:, 30:].any()
+    dark[:] = 1000  # a flat picture without noise
+    for file in (PLAIN, JPEG):
+        write_dng_form(tmp_path / "a.dng", dark, file)
+        assert (read_raw(tmp_path / "a.dng").planes == 744.0).all()
+
+
+def test_a_white_picture_may_be_packed_into_zeros(tmp_path: Path) -> None:
+    lit = np.full((256, 512), 16383, np.uint16)
+    data = write_dng_form(tmp_path / "a.dng", lit, JPEG)
+    assert bytes(8192) in data
+    assert read_raw(tmp_path / "a.dng").saturated.all()
+
+
+def test_rows_of_one_number_come_from_a_decoder_that_lost_its_way(tmp_path: Path) -> None:
+    odd = NOISE.copy()
+    odd[60:110] = 900
+    write_dng_form(tmp_path / "a.dng", odd, JPEG)
+    with pytest.raises(DecodeError, match="are one number, from row 60 on"):
+        read_raw(tmp_path / "a.dng")
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({279: (LONG, [100])}, "part 1 of 1 has 100 bytes, 49152 are needed"),
+        ({279: (LONG, [10**6])}, "it is not whole"),
+        ({273: (LONG, [10**6])}, "it is not whole"),
+        ({278: (LONG, [16])}, "1 places and 1 lengths of 8 strips or tiles"),
+        ({50713: (SHORT, [2, 2]), 50714: (LONG, [1, 2, 3])}, "3 black levels for 2 x 2 places"),
+        ({50716: (SHORT, [1] * 5)}, "5 differences of black for 128 rows or columns"),
+        ({50714: (RATIONAL, [1, 0])}, "a level that is no number"),
+        ({50717: (LONG, [200])}, "black at 256 DN and white at 200 DN"),
+        ({256: (LONG, [0])}, "an image of 0 x 128 samples"),
+    ],
+)
+def test_numbers_that_contradict_each_other(
+    tmp_path: Path, more: dict[int, Tag], words: str
+) -> None:
+    data = write_dng_form(tmp_path / "a.dng", NOISE, replace(PLAIN, more=more))
+    assert words in refused(tmp_path / "a.dng", data)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.7, 0.98])
+def test_a_cr2_with_a_zeroed_tail(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "a.cr2"
+    write_cr2(path, RNG.integers(1100, 14000, (64, 96)).astype(np.uint16))
+    data = path.read_bytes()
+    there = int(share * len(data)) if share > 0.1 else 600
+    refused(path, data[:there] + bytes(len(data) - there))
+
+
+# What is not built on TIFF, or begins otherwise.
+
+
+def rw2(samples: bytes, bits: int, width: int = 560, height: int = 200, way: int = 5) -> bytes:
+    """A file that LibRaw takes for one of a Panasonic."""
+    begin = 1024
+    texts = b"Panasonic\0DMC-GH3\0"
+    entries: list[tuple[int, int, int, int]] = [
+        (1, 7, 4, 0x30353330), (2, 3, 1, width), (3, 3, 1, height), (4, 3, 1, 0), (5, 3, 1, 0),
+        (6, 3, 1, height), (7, 3, 1, width), (9, 3, 1, 1), (10, 3, 1, bits), (11, 3, 1, 34316),
+        (45, 3, 1, way), (271, 2, 10, 900), (272, 2, 8, 910), (273, 4, 1, 0xFFFFFFFF),
+        (279, 4, 1, 0), (280, 4, 1, begin),
+    ]  # fmt: skip
+    head = b"IIU\0" + struct.pack("<IH", 8, len(entries))
+    head += b"".join(struct.pack("<HHII", *entry) for entry in entries) + bytes(4)
+    return head.ljust(900, b"\0") + texts.ljust(begin - 900, b"\0") + samples
+
+
+@pytest.mark.parametrize("bits", [12, 14])
+def test_an_rw2_is_as_long_as_its_samples(tmp_path: Path, bits: int) -> None:
+    path = tmp_path / "a.rw2"
+    whole = RNG.integers(0, 256, 13 * 0x4000, np.uint8).tobytes()
+    path.write_bytes(rw2(whole, bits))
+    assert read_raw(path).frame == (100, 280)
+    needs = 200 * -(-560 // (10 if bits == 12 else 9)) * 16
+    for size in (12_000, needs // 2, needs - 1):
+        assert "it is not whole" in refused(path, rw2(whole[:size], bits))
+    # Up to the block that its bytes are turned in nothing but the decoder itself tells.
+    assert "come from memory" in refused(path, rw2(whole[:needs], bits))
+
+
+def raf(samples: int) -> bytes:
+    head = b"FUJIFILMCCD-RAW 0201FF393101X-T1".ljust(84, b"\0")
+    return head + struct.pack(">6I", 200, 300, 500, 80, 600, samples) + bytes(492 + samples)
+
+
+def cr3(samples: int) -> bytes:
+    def box(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I4s", 8 + len(body), kind) + body
+
+    large = struct.pack(">I4sQ", 1, b"mdat", 16 + samples) + bytes(samples)
+    return box(b"ftyp", b"crx \0\0\0\1crx isom") + box(b"moov", bytes(500)) + large
+
+
+def orf(samples: int) -> bytes:
+    entries = [(256, 4, 1, 100), (257, 4, 1, 100), (273, 4, 1, 300), (279, 4, 1, samples)]
+    head = b"IIRO" + struct.pack("<IH", 8, len(entries))
+    head += b"".join(struct.pack("<HHII", *entry) for entry in entries) + bytes(4)
+    return head.ljust(300, b"\0") + bytes(samples)
+
+
+@pytest.mark.parametrize("made", [raf, cr3, orf])
+def test_other_containers_are_as_long_as_they_say(made: Any) -> None:
+    data = made(20_000)
+    found = check_whole(data, read_tags(data), "a")
+    assert found.sure and sum(size for _, size in found.parts) in (20_000, 20_016)
+    for size in range(40, len(data), len(data) // 20):
+        with pytest.raises(DecodeError, match=f"a: it is not whole, {size} bytes of "):
+            check_whole(data[:size], read_tags(data[:size]), "a")
+
+
+def test_only_the_first_photo_of_a_form_is_decoded_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[io.BytesIO] = []
+    plain = rawpy.imread
+
+    def count(file: io.BytesIO) -> rawpy.RawPy:
+        opened.append(file)
+        return plain(file)
+
+    monkeypatch.setattr(rawpy, "imread", count)
+    monkeypatch.setattr(mosaic, "_proven", {})
+    for made, file in ((1, PLAIN), (1, replace(PLAIN, bits=12)), (0, PLAIN), (1, JPEG), (0, JPEG)):
+        write_dng_form(tmp_path / "a.dng", NOISE, file)
+        opened.clear()
+        read_raw(tmp_path / "a.dng")
+        assert len(opened) == 1 + made
+
+
+def test_what_lies_in_the_file_counts_where_the_decoder_says_otherwise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_dng_form(tmp_path / "a.dng", NOISE, PLAIN)
+    other = NOISE.copy()
+    other[5, 6] += 1
+    monkeypatch.setattr(mosaic, "_proven", {})
+    monkeypatch.setattr(mosaic, "_unpack", lambda raw: other)
+    monkeypatch.setattr(mosaic, "_unpack_again", lambda raw, shape: other)
+    frame = read_raw(tmp_path / "a.dng")
+    assert np.array_equal(frame.planes[0], NOISE[::2, ::2].astype(np.float32) - 256)
+    assert np.array_equal(frame.planes[2], NOISE[1::2, ::2].astype(np.float32) - 256)
+    assert frame.doubts[0].startswith("LibRaw reads other samples")
+
+
+# Masked borders.
+
+LIT = NOISE.copy()
+LIT[:, :16] = RNG.normal(260.0, 4.0, (SHAPE[0], 16)).round()
+DARK = 0, 0, 128, 16
+
+
+@pytest.mark.parametrize(
+    ("areas", "border", "black", "words"),
+    [
+        (DARK, 260.0, 260.0, None),
+        (DARK, 300.0, 300.0, "the border is believed"),  # 1.1 % of the way to white
+        ((0, 16, 128, 40), 260.0, 256.0, "lie in the picture"),
+        ((0, 8, 128, 20), 260.0, 256.0, "lie in the picture"),
+        ((0, 0, 300, 16), 260.0, 256.0, "lie beyond the file"),
+        ((0, 9, 128, 2), 260.0, 256.0, "lie beyond the file"),
+        ((0, 0, 128), 260.0, 256.0, "are not four numbers"),
+        (DARK, 2100.0, 256.0, "as bright as the picture"),
+        (DARK, 700.0, 256.0, "is no dark one"),
+        (DARK, 40.0, 256.0, "is no dark one"),
+        ((*DARK, 0, 20, 100, 40), 260.0, 260.0, "lie in the picture"),
+    ],
+)
+def test_only_dark_borders_are_believed(
+    tmp_path: Path, areas: Sequence[int], border: float, black: float, words: str | None
+) -> None:
+    image = LIT.copy()
+    image[:, :16] = image[:, :16].astype(int) + round(border - 260.0)
+    file = replace(PLAIN, active=(0, 16, *SHAPE), masked=areas)
+    write_dng_form(tmp_path / "a.dng", image, file)
+    frame = read_raw(tmp_path / "a.dng")
+    np.testing.assert_allclose(frame.black, black, atol=0.5)
+    assert frame.masked is (black != 256.0)
+    assert (words in " ".join(frame.doubts)) if words else frame.doubts == ()
+    assert frame.exif().get("doubts", []) == list(frame.doubts)
+
+
+def test_a_border_with_a_picture_on_it_is_not_dark(tmp_path: Path) -> None:
+    image = LIT.copy()
+    image[:, :16] = RNG.integers(0, 520, (SHAPE[0], 16))  # 260 on average
+    file = replace(PLAIN, active=(0, 16, *SHAPE), masked=DARK)
+    write_dng_form(tmp_path / "a.dng", image, file)
+    frame = read_raw(tmp_path / "a.dng")
+    assert not frame.masked and "no dark one" in frame.doubts[0]
+
+
+# Forms that are named.
+
+
+@READERS
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({259: (SHORT, [9])}, "packed with VC-5"),
+        ({259: (SHORT, [52546])}, "packed with JPEG XL"),
+        ({259: (SHORT, [34892])}, "packed with lossy JPEG"),
+        ({259: (SHORT, [8])}, "16-bit samples of format 1, packed in the way 8.1"),
+        ({262: (SHORT, [34892]), 277: (SHORT, [3])}, "a linear DNG"),
+        ({262: (SHORT, [34892])}, "of a monochrome sensor"),
+        ({33421: (SHORT, [6, 6]), 33422: (BYTE, [1, 0, 2, 1, 2, 0] * 6)}, "an X-Trans sensor"),
+        ({33421: (SHORT, [4, 4]), 33422: (BYTE, [0, 0, 1, 1] * 2 + [1, 1, 2, 2] * 2)},
+         "of a quad Bayer sensor"),
+        ({33422: (BYTE, [1, 6, 3, 0])}, "of a mosaic of 2 x 2 places, GWCR"),
+        ({50711: (SHORT, [2])}, "in staggered rows"),
+        ({258: (SHORT, [32])}, "32-bit samples of format 1"),
+    ],
+)  # fmt: skip
+def test_whole_files_are_called_what_they_are(
+    tmp_path: Path, read: Any, more: dict[int, Tag], words: str
+) -> None:
+    write_dng_form(tmp_path / "a.dng", NOISE, replace(PLAIN, more=more))
+    with pytest.raises(DecodeError, match=words) as caught:
+        read(tmp_path / "a.dng")
+    assert caught.value.hint and "fetch it" not in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"raw_type": rawpy.RawType.Stack}, "a reduced-size or ready-made picture"),
+        ({"raw_pattern": np.zeros((1, 1), np.uint8)}, "of a monochrome sensor"),
+        ({"raw_pattern": np.arange(36).reshape(6, 6) % 3}, "of an X-Trans sensor"),
+        ({"raw_pattern": np.arange(16).reshape(4, 4) % 3}, "of a mosaic of 4 x 4 places, RGB"),
+    ],
+)
+def test_what_libraw_finds_is_called_what_it_is(said: dict[str, Any], words: str) -> None:
+    sizes = SimpleNamespace(top_margin=0, left_margin=0)
+    form = {"raw_type": rawpy.RawType.Flat, "color_desc": b"RGBG", "sizes": sizes} | said
+    raw: Any = SimpleNamespace(name="a.raf", libraw=SimpleNamespace(**form, raw_image=NOISE))
+    with pytest.raises(DecodeError, match=f"cannot decode a.raf: it is {words}") as caught:
+        mosaic._of_libraw(raw, mosaic._unpack(raw))
+    assert caught.value.hint and "fetch it" not in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("ratio", "stop"), [((28, 10), 2.8), ((1, 0), None), ((0, 0), None), ((0, 1), None)]
+)
+def test_a_stop_that_is_no_number_is_none(
+    tmp_path: Path, ratio: tuple[int, int], stop: float | None
+) -> None:
+    file = replace(PLAIN, more={33437: (RATIONAL, ratio)})
+    write_dng_form(tmp_path / "a.dng", NOISE, file)
+    assert read_raw(tmp_path / "a.dng").f_number == stop
+
+
+def test_samples_that_are_no_numbers(tmp_path: Path) -> None:
+    real = NOISE.astype(np.float64) / 4096.0
+    real[3, 4] = np.nan
+    data = write_dng_form(
+        tmp_path / "a.dng", real, replace(PLAIN, floating=True, white=1, black=((0.0,),))
+    )
+    assert data
+    with pytest.raises(DecodeError, match="some samples are no numbers"):
+        read_raw(tmp_path / "a.dng")
