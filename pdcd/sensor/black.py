@@ -24,6 +24,8 @@ MIN_MASKED = 64
 _OUTLIER_SIGMAS = 5.0
 _LIT_SHARE = 0.05
 """Of the way from the tags' black to white: no dark current moves a masked border so far."""
+_HIGH_SHARE = 0.25
+"""Of white: no black of a camera is so high, whatever the tags say."""
 _ROUGH_SHARE = 0.03
 """The same of the spread of its samples."""
 _DOUBT_SHARE = 0.01
@@ -145,7 +147,8 @@ def find_lit_border(
     away = (black - tagged) / span
     above = bool(np.any(black > darkest + _DOUBT_SHARE * span))
     rough = bool(np.any(spread > _ROUGH_SHARE * span))
-    if above or rough or bool(np.any(np.abs(away) > _LIT_SHARE)):
+    high = bool(np.any(black > _HIGH_SHARE * white) or np.any(np.abs(away) > _LIT_SHARE))
+    if above or rough or high:
         why = "is as bright as the picture" if above else "is no dark one"
         return True, (
             f"the masked border {why} ({_level(black)} DN beside {_level(said)} DN by the tags); "

@@ -131,8 +131,21 @@ def read_mosaic(raw: RawInput) -> Mosaic:
     return _with_border(raw, replace(mosaic, doubts=(*doubts, *mosaic.doubts)))
 
 
-def find_shown(sizes: rawpy.ImageSizes, visible: tuple[int, ...]) -> tuple[int, int]:
-    """Rows and columns of samples of the picture, of those that LibRaw takes for visible."""
+def find_picture(raw: RawInput) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Row and column of the picture's first sample, and its rows and columns of samples.
+
+    Of a DNG by its ActiveArea; where that begins in the middle of a quad, one row or column on.
+    """
+    sizes = raw.libraw.sizes
+    if raw.form is None:
+        return (sizes.top_margin, sizes.left_margin), _shown(sizes, (sizes.height, sizes.width))
+    top, left, bottom, right = raw.form.active
+    first = top + top % 2, left + left % 2
+    return first, _shown(sizes, (bottom - first[0], right - first[1]))
+
+
+def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of the picture, of those that are visible."""
     if 0 < min(sizes.crop_width, sizes.crop_height) < _LIBRAW_MIN_SIDE:
         # LibRaw refuses so small an image; the mock camera sends a larger one and says by its crop
         # which corner counts. Crops of real cameras only trim the edge and are not applied.
@@ -207,7 +220,7 @@ def _unpack_again(raw: RawInput, shape: tuple[int, int]) -> NDArray[np.uint16]:
 
 def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
     """Levels and picture as LibRaw has them. Raises DecodeError for another mosaic than Bayer."""
-    libraw, sizes = raw.libraw, raw.libraw.sizes
+    libraw = raw.libraw
     numbers, colours = _libraw_mosaic(libraw)
     if colours not in BAYER or numbers is None:
         if numbers is None or numbers.shape == (1, 1):
@@ -216,10 +229,11 @@ def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
             )
         raise make_unreadable(raw.name, *describe_mosaic(colours, numbers.shape[1]))
     black = _libraw_levels(libraw, numbers, _list_places(colours))
+    first, size = find_picture(raw)
     return Mosaic(
         sensor=sensor,
-        first=(sizes.top_margin, sizes.left_margin),
-        size=find_shown(sizes, libraw.raw_image_visible.shape),
+        first=first,
+        size=(min(size[0], sensor.shape[0] - first[0]), min(size[1], sensor.shape[1] - first[1])),
         colours=colours,
         white=float(libraw.white_level),
         black=black,
@@ -233,17 +247,14 @@ def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
 
 def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic:
     """Levels and picture as the tags of a DNG have them."""
-    top, left, bottom, right = form.active
-    # Of a picture that begins in the middle of a quad the first row or column is left out.
-    skipped = top % 2, left % 2
+    first, size = find_picture(raw)
+    skipped = first[0] - form.active[0], first[1] - form.active[1]
     mosaic = np.array(list(form.colours)).reshape(2, 2)
     colours = "".join(np.roll(mosaic, skipped, axis=(0, 1)).ravel())
-    shape = bottom - top - skipped[0], right - left - skipped[1]
-    size = find_shown(raw.libraw.sizes, shape)
     quads = size[0] // 2, size[1] // 2
     if min(quads) < 1:
         raise DecodeError(
-            f"cannot decode {raw.name}: its picture has {shape[1]} x {shape[0]} samples",
+            f"cannot decode {raw.name}: its picture has {size[1]} x {size[0]} samples",
             hint="fetch it from the camera again",
         )
     planes = tuple(
@@ -270,7 +281,7 @@ def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic
         )
     return Mosaic(
         sensor=sensor,
-        first=(top + skipped[0], left + skipped[1]),
+        first=first,
         size=size,
         colours=colours,
         white=form.white,

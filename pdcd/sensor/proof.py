@@ -26,6 +26,9 @@ _BLOCKS = 16
 """So many blocks of neighbours that cannot be are no fault of the sensor."""
 _LEAST_BLACK, _LEAST_BLACK_SHARE = 4.0, 1.0 / 2000.0
 """Lowest black (DN, and of white) that samples can lie far below."""
+_ZERO_ROWS, _ZERO_SHARE = 8, 0.02
+"""Fewest rows of zeros that are noticed where black is zero, and the share of zeros elsewhere that
+speaks of noise that never gets there."""
 _PER_ZERO = 0.5
 """Least white or black samples that a byte of zeros can stand for."""
 _AGAIN = "fetch it from the camera again"
@@ -57,11 +60,11 @@ def decode_twice(
 
 def check_samples(
     samples: NDArray[np.generic], black: Floats, white: float, name: str, *, packed: bool
-) -> None:
-    """Look for samples that cannot be. Raises DecodeError.
+) -> tuple[str, ...]:
+    """Look for samples that cannot be, and say what is odd. Raises DecodeError.
 
     samples : (4, h, w) DN, black included. black : (4,) DN. packed : whether the file is
-    compressed; of one that is not, every number stands in it as it is.
+    compressed; in one that is not, every number stands as it is, and is believed.
     """
     for plane, level in zip(samples, black, strict=True):
         low = 0.5 * float(level)
@@ -74,8 +77,28 @@ def check_samples(
                     f"a colour lie far below black, from row {2 * rows[0]} on",
                     hint=_AGAIN,
                 )
-        if packed:
-            _check_rows(plane, float(level), white, name)
+        held, row = _count_held(plane, float(level), white)
+        if held:
+            said = f"{held} samples of a colour are one number, from row {row} on"
+            if packed:
+                raise DecodeError(f"cannot decode {name}: {said}", hint=_AGAIN)
+            return (said,)
+    return ()
+
+
+def check_zeros(samples: NDArray[np.generic], name: str) -> None:
+    """Refuse rows of zeros where all other rows have hardly any, of a file whose black is zero.
+
+    samples : as of `check_samples`. Raises DecodeError.
+    """
+    empty = ~samples.any(axis=(0, 2))
+    rest = samples[:, ~empty]
+    if empty.sum() >= _ZERO_ROWS and np.count_nonzero(rest) >= (1.0 - _ZERO_SHARE) * rest.size > 0:
+        raise DecodeError(
+            f"cannot decode {name}: not all samples are in it, rows are zero from row "
+            f"{2 * int(np.flatnonzero(empty)[0])} on",
+            hint=_AGAIN,
+        )
 
 
 def check_hole(hole_bytes: int, even: int, name: str) -> None:
@@ -90,8 +113,9 @@ def check_hole(hole_bytes: int, even: int, name: str) -> None:
         )
 
 
-def _check_rows(plane: NDArray[np.generic], black: float, white: float, name: str) -> None:
-    """Refuse rows of one number that is neither white nor black, in a plane that has others."""
+def _count_held(plane: NDArray[np.generic], black: float, white: float) -> tuple[int, int]:
+    """Samples in blocks of one number that is neither white nor black, in a plane that has others,
+    and the first row with such; 0 of few, and of a plane that is mostly such."""
     top, level = min(0.98 * float(plane.max()), white), max(2.0, 0.002 * (white - black))
     near = plane[:, ::_BLOCK_QUADS].astype(np.float32)
     held_on = (near[:, 1:] == near[:, :-1]) & (near[:, 1:] < top)
@@ -104,11 +128,8 @@ def _check_rows(plane: NDArray[np.generic], black: float, white: float, name: st
         low, high = blocks.min(axis=1), blocks.max(axis=1)
         held += int(np.count_nonzero((low == high) & (abs(low - black) > level) & (low < top)))
     if _BLOCKS <= held < plane.size // _BLOCK_QUADS // 2:
-        raise DecodeError(
-            f"cannot decode {name}: {held * _BLOCK_QUADS} samples of a colour are one number, from "
-            f"row {2 * rows[0]} on",
-            hint=_AGAIN,
-        )
+        return held * _BLOCK_QUADS, 2 * int(rows[0])
+    return 0, 0
 
 
 def _blocks(rows: NDArray[np.generic]) -> NDArray[np.float64]:

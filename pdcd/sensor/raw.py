@@ -26,9 +26,9 @@ from pdcd.errors import DecodeError
 from pdcd.files.opening import UnsoundFileError
 from pdcd.files.reading import MAX_RAW_BYTES, read_file
 from pdcd.sensor.bands import run_in_bands
-from pdcd.sensor.mosaic import Mosaic, RawInput, find_shown, open_raw, read_mosaic
+from pdcd.sensor.mosaic import Mosaic, RawInput, find_picture, open_raw, read_mosaic
 from pdcd.sensor.profile import SensorProfile, compute_variance_dn2
-from pdcd.sensor.proof import check_hole, check_samples
+from pdcd.sensor.proof import check_hole, check_samples, check_zeros
 from pdcd.sensor.tiff import DATE_TAKEN, MODEL
 from pdcd.sensor.whole import find_stop_tags, measure_hole
 
@@ -176,8 +176,8 @@ def read_raw(
     with open_raw(data, path.name) as raw:
         mosaic = read_mosaic(raw)
         frame = _frame(raw, mosaic, saturation_dn)
-        _check_frame(raw, mosaic, frame)
-        return frame
+        odd = _check_frame(raw, mosaic, frame)
+        return replace(frame, doubts=(*frame.doubts, *odd)) if odd else frame
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def read_raw_head(path: Path, *, sha256: str | None = None) -> RawHead:
     data = _read_checked(path, sha256, None)
     with open_raw(data, path.name) as raw:
         sizes, tags = raw.libraw.sizes, raw.tags
-        height, width = find_shown(sizes, (sizes.height, sizes.width))
+        height, width = find_picture(raw)[1]
         if tags is None:
             raw.libraw.unpack()  # LibRaw tells its time no earlier
         exposure_s = tags.exposure_s if tags else _single(raw.libraw.other.shutter_speed)
@@ -285,15 +285,19 @@ def _frame(raw: RawInput, mosaic: Mosaic, saturation_dn: float | None) -> RawFra
     )
 
 
-def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> None:
-    """Refuse samples that are none of a photo. Raises DecodeError."""
+def _check_frame(raw: RawInput, mosaic: Mosaic, frame: RawFrame) -> tuple[str, ...]:
+    """Refuse samples that are none of a photo, and say what is odd. Raises DecodeError."""
     packed = raw.found.packed
-    check_samples(frame.samples, mosaic.black, mosaic.white, raw.name, packed=packed)
+    odd = check_samples(frame.samples, mosaic.black, mosaic.white, raw.name, packed=packed)
+    # Cameras without noise write a DNG of one piece.
+    if not mosaic.black.any() and (raw.form is None or len(raw.form.pieces) > 1):
+        check_zeros(frame.samples, raw.name)
     if hole := measure_hole(raw.data, raw.found):
         top = 0.98 * float(frame.samples.max())
         light = frame.samples
         even = int(np.count_nonzero((light >= top) | (light <= mosaic.black[:, None, None] + 1.0)))
         check_hole(hole, even, raw.name)
+    return odd
 
 
 def shrink_image(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:

@@ -131,6 +131,22 @@ def test_rows_of_one_number_come_from_a_decoder_that_lost_its_way(tmp_path: Path
     write_dng_form(tmp_path / "a.dng", odd, JPEG)
     with pytest.raises(DecodeError, match="are one number, from row 60 on"):
         read_raw(tmp_path / "a.dng")
+    write_dng_form(tmp_path / "a.dng", odd, PLAIN)  # there they stand; the user is told
+    said = ("2400 samples of a colour are one number, from row 60 on",)
+    assert read_raw(tmp_path / "a.dng").doubts == said
+
+
+def test_rows_of_zeros_where_black_is_zero(tmp_path: Path) -> None:
+    """Of a file in pieces some may be missing; noise that reaches zero leaves them."""
+    file = replace(PLAIN, black=((0.0,),), strip_rows=16)
+    late = NOISE.copy()
+    late[80:] = 0
+    data = write_dng_form(tmp_path / "a.dng", late, file)
+    assert "rows are zero from row 80 on" in refused(tmp_path / "a.dng", data)
+    dim = RNG.normal(1.0, 2.0, SHAPE).clip(0).round().astype(np.uint16)
+    dim[80:] = 0
+    write_dng_form(tmp_path / "a.dng", dim, file)
+    assert not read_raw(tmp_path / "a.dng").planes[:, 40:].any()
 
 
 @pytest.mark.parametrize(
@@ -293,6 +309,17 @@ def test_only_dark_borders_are_believed(
     assert frame.masked is (black != 256.0)
     assert (words in " ".join(frame.doubts)) if words else frame.doubts == ()
     assert frame.exif().get("doubts", []) == list(frame.doubts)
+
+
+@pytest.mark.parametrize(("border", "black"), [(600.0, 600.0), (1100.0, 0.0)])
+def test_a_border_is_believed_up_to_a_quarter_of_white_where_no_tag_tells(
+    tmp_path: Path, border: float, black: float
+) -> None:
+    image = LIT.copy()
+    image[:, :16] = border
+    file = replace(PLAIN, black=((0.0,),), active=(0, 16, *SHAPE), masked=DARK)
+    write_dng_form(tmp_path / "a.dng", image, file)
+    assert read_raw(tmp_path / "a.dng").black.tolist() == [black] * 4
 
 
 def test_a_border_with_a_picture_on_it_is_not_dark(tmp_path: Path) -> None:
