@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.sensor.bands import run_in_bands
-from pdcd.sensor.dng_form import DEFLATE, PLAIN, DngForm, SamplePiece, make_packed
+from pdcd.sensor.dng_form import DEFLATE, JPEG, PLAIN, DngForm, SamplePiece, make_packed
 
 _PLANES = {3: 1, 34894: 2, 34895: 4}
 """Predictors of real numbers, whose bytes lie plane by plane: how many bytes back the one is that
 was taken off."""
+_FEW_BYTES = 64
+"""Of a part, to see whether it may be all zeros."""
 _JPEG_START, _JPEG_END, _JPEG_SCAN, _LOSSLESS = b"\xff\xd8", b"\xff\xd9", 0xDA, 0xC3
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
@@ -34,8 +36,10 @@ def is_read_here(form: DngForm) -> bool:
 def check_pieces(data: bytes, form: DngForm, name: str) -> None:
     """Hold every strip and tile against the file and against the samples that it must hold.
 
-    Raises DecodeError where one lies beyond the end, is too short, or is no lossless JPEG.
+    Raises DecodeError where one lies beyond the end, is too short, is no lossless JPEG, or holds
+    zeros only while another one does not.
     """
+    empty = []
     for number, piece in enumerate(form.pieces, 1):
         where = f"part {number} of {len(form.pieces)}"
         if piece.offset + piece.size > len(data):
@@ -43,10 +47,15 @@ def check_pieces(data: bytes, form: DngForm, name: str) -> None:
             raise _absent(name, f"{where} ends at byte {end} of {len(data)}")
         if form.packing in PLAIN and piece.size < (least := count_plain_bytes(form, piece)):
             raise _absent(name, f"{where} has {piece.size} bytes, {least} are needed")
-        if form.packing not in PLAIN + DEFLATE:
+        if form.packing in JPEG:
             check_lossless_jpeg(
                 data[piece.offset : piece.offset + piece.size], math.prod(piece.needed), where, name
             )
+        elif not any(data[piece.offset : piece.offset + _FEW_BYTES]):
+            there = np.frombuffer(data, np.uint8, piece.size, piece.offset)
+            empty += [] if there.any() else [where]
+    if 0 < len(empty) < len(form.pieces):
+        raise _absent(name, f"{empty[0]} holds zeros only")
 
 
 def count_plain_bytes(form: DngForm, piece: SamplePiece) -> int:

@@ -22,13 +22,13 @@ _M_PERTURB = -6
 """Of glibc's mallopt: the byte that fresh memory is filled with is this one's complement."""
 _FILLINGS = (0x5A, 0xC3)
 _BLOCK_QUADS = 32
-_BLOCKS = 16
-"""So many blocks of neighbours that cannot be are no fault of the sensor."""
+_ABSENT, _BLOCKS = 4, 16
+"""So many blocks of neighbours that are far below black, or of one number, are no fault of the
+sensor; of a small picture a sixteenth is, too."""
 _LEAST_BLACK, _LEAST_BLACK_SHARE = 4.0, 1.0 / 2000.0
 """Lowest black (DN, and of white) that samples can lie far below."""
-_ZERO_ROWS, _ZERO_SHARE = 8, 0.02
-"""Fewest rows of zeros that are noticed where black is zero, and the share of zeros elsewhere that
-speaks of noise that never gets there."""
+_MIXED_SHARE = 0.02
+"""Of blocks with some zeros, where zeros are a hole: its edges alone have such."""
 _PER_ZERO = 0.5
 """Least white or black samples that a byte of zeros can stand for."""
 _AGAIN = "fetch it from the camera again"
@@ -71,7 +71,7 @@ def check_samples(
         if level >= max(_LEAST_BLACK, _LEAST_BLACK_SHARE * white):
             rows = np.flatnonzero(plane.min(axis=1) < low)
             absent = int(np.count_nonzero(_blocks(plane[rows]).max(axis=1) < low))
-            if absent >= min(_BLOCKS, max(plane.size // _BLOCK_QUADS, 1)):
+            if absent >= min(_ABSENT, max(plane.size // _BLOCK_QUADS // _ABSENT**2, 1)):
                 raise DecodeError(
                     f"cannot decode {name}: not all samples are in it, {absent * _BLOCK_QUADS} of "
                     f"a colour lie far below black, from row {2 * rows[0]} on",
@@ -87,18 +87,22 @@ def check_samples(
 
 
 def check_zeros(samples: NDArray[np.generic], name: str) -> None:
-    """Refuse rows of zeros where all other rows have hardly any, of a file whose black is zero.
+    """Refuse neighbours that are all zero where the others never are, in a file whose black is
+    zero: noise that reaches zero makes both.
 
     samples : as of `check_samples`. Raises DecodeError.
     """
-    empty = ~samples.any(axis=(0, 2))
-    rest = samples[:, ~empty]
-    if empty.sum() >= _ZERO_ROWS and np.count_nonzero(rest) >= (1.0 - _ZERO_SHARE) * rest.size > 0:
-        raise DecodeError(
-            f"cannot decode {name}: not all samples are in it, rows are zero from row "
-            f"{2 * int(np.flatnonzero(empty)[0])} on",
-            hint=_AGAIN,
-        )
+    for plane in samples:
+        lit = _blocks(plane) != 0.0
+        empty, full = ~lit.any(axis=1), lit.all(axis=1)
+        mixed = int(np.count_nonzero(~empty & ~full))
+        if empty.sum() >= _ABSENT and full.any() and mixed <= max(1, _MIXED_SHARE * empty.size):
+            first = int(np.flatnonzero(empty)[0]) * _BLOCK_QUADS // plane.shape[1]
+            raise DecodeError(
+                f"cannot decode {name}: not all samples are in it, {int(empty.sum())} times "
+                f"{_BLOCK_QUADS} of a colour are zero, from row {2 * first} on",
+                hint=_AGAIN,
+            )
 
 
 def check_hole(hole_bytes: int, even: int, name: str) -> None:

@@ -100,7 +100,8 @@ def test_rows_that_have_not_come(tmp_path: Path, file: DngFile, begin: float, en
     first = parts_of(data)[0][0]
     here, there = (first + int(share * (len(data) - first)) for share in (begin, end))
     data[here:there] = bytes(there - here)
-    assert "far below black" in refused(tmp_path / "a.dng", bytes(data))
+    said = "far below black" if len(parts_of(data)) == 1 else "not all samples are in it"
+    assert said in refused(tmp_path / "a.dng", bytes(data))
 
 
 def test_dark_rows_are_samples(tmp_path: Path) -> None:
@@ -142,11 +143,16 @@ def test_rows_of_zeros_where_black_is_zero(tmp_path: Path) -> None:
     late = NOISE.copy()
     late[80:] = 0
     data = write_dng_form(tmp_path / "a.dng", late, file)
-    assert "rows are zero from row 80 on" in refused(tmp_path / "a.dng", data)
+    assert "part 6 of 8 holds zeros only" in refused(tmp_path / "a.dng", data)
+    late[78:80] = late[-2:] = 0
+    late[-1, -1] = 1500
+    late[80::16, 0] = 1
+    data = write_dng_form(tmp_path / "a.dng", late, file)
+    assert "times 32 of a colour are zero, from row 78 on" in refused(tmp_path / "a.dng", data)
     dim = RNG.normal(1.0, 2.0, SHAPE).clip(0).round().astype(np.uint16)
-    dim[80:] = 0
+    dim[82:110] = 0
     write_dng_form(tmp_path / "a.dng", dim, file)
-    assert not read_raw(tmp_path / "a.dng").planes[:, 40:].any()
+    assert not read_raw(tmp_path / "a.dng").planes[:, 41:55].any()
 
 
 @pytest.mark.parametrize(
