@@ -14,7 +14,7 @@ import numpy as np
 from pdcd.errors import DecodeError
 from pdcd.sensor import tiff
 from pdcd.sensor.black import Area, BlackLevels
-from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_levels, read_numbers
+from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_reals, read_numbers
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 """Mosaics that can be read: colours of the quad, row by row."""
@@ -226,8 +226,8 @@ class _Levels:
     name: str
 
     def _said(self, tag: int) -> tuple[float, ...]:
-        others = (read_levels(found, tag) for found in self.tags.directories)
-        said = read_levels(self.main, tag) or next(filter(None, others), ())
+        others = (read_reals(found, tag) for found in self.tags.directories)
+        said = read_reals(self.main, tag) or next(filter(None, others), ())
         if not all(map(math.isfinite, said)):
             raise _contradiction(self.name, f"a level that is no number (tag {tag})")
         return said

@@ -86,7 +86,7 @@ class TiffTags:
     def f_number(self) -> float | None:
         """The stop that the camera says; None where it says none, or one that is no number."""
         for directory in self.directories:
-            if said := read_levels(directory, F_NUMBER):
+            if said := read_reals(directory, F_NUMBER):
                 return said[0] if math.isfinite(said[0]) and said[0] > 0.0 else None
         return None
 
@@ -140,7 +140,7 @@ def read_numbers(directory: TiffDirectory, tag: int) -> tuple[int, ...]:
     return cast("tuple[int, ...]", found) if isinstance(found, tuple) else ()
 
 
-def read_levels(directory: TiffDirectory, tag: int) -> tuple[float, ...]:
+def read_reals(directory: TiffDirectory, tag: int) -> tuple[float, ...]:
     """The same of a tag whose numbers may be fractions: a black or white level, a stop."""
     return read_numbers(directory, tag)
 
