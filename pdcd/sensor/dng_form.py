@@ -14,7 +14,7 @@ import numpy as np
 from pdcd.errors import DecodeError
 from pdcd.sensor import tiff
 from pdcd.sensor.black import Area, BlackLevels
-from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_reals, read_numbers
+from pdcd.sensor.tiff import TiffDirectory, TiffTags, read_numbers, read_reals
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 """Mosaics that can be read: colours of the quad, row by row."""
