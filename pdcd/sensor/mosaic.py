@@ -132,16 +132,13 @@ def read_mosaic(raw: RawInput) -> Mosaic:
 
 
 def find_picture(raw: RawInput) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Row and column of the picture's first sample, and its rows and columns of samples.
-
-    Of a DNG by its ActiveArea; where that begins in the middle of a quad, one row or column on.
-    """
+    """Row and column of the picture's first sample, and its rows and columns of samples; of a DNG
+    by its ActiveArea."""
     sizes = raw.libraw.sizes
     if raw.form is None:
         return (sizes.top_margin, sizes.left_margin), _shown(sizes, (sizes.height, sizes.width))
     top, left, bottom, right = raw.form.active
-    first = top + top % 2, left + left % 2
-    return first, _shown(sizes, (bottom - first[0], right - first[1]))
+    return (top, left), _shown(sizes, (bottom - top, right - left))
 
 
 def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, int]) -> tuple[int, int]:
@@ -248,19 +245,14 @@ def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
 def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic:
     """Levels and picture as the tags of a DNG have them."""
     first, size = find_picture(raw)
-    skipped = first[0] - form.active[0], first[1] - form.active[1]
-    mosaic = np.array(list(form.colours)).reshape(2, 2)
-    colours = "".join(np.roll(mosaic, skipped, axis=(0, 1)).ravel())
+    colours = form.colours
     quads = size[0] // 2, size[1] // 2
     if min(quads) < 1:
         raise DecodeError(
             f"cannot decode {raw.name}: its picture has {size[1]} x {size[0]} samples",
             hint="fetch it from the camera again",
         )
-    planes = tuple(
-        form.black.of_plane((skipped[0] + row, skipped[1] + column), quads)
-        for row, column in _list_places(colours)
-    )
+    planes = tuple(form.black.of_plane(place, quads) for place in _list_places(colours))
     black = np.array([plane.mean for plane in planes])
     even = all(plane.even for plane in planes)
     libraw_black, doubts = black, list(form.doubts)

@@ -93,15 +93,13 @@ ORDERS = pytest.mark.parametrize("order", ["<", ">"])
 
 def sums(file: DngFile, stored: NDArray[Any]) -> NDArray[np.float64]:
     """(4, h, w) samples minus black, one by one as chapter 5 of the specification has them, of
-    those quads of R, G, G and B that lie whole behind the first even row and column."""
+    those quads of R, G, G and B that lie whole in the ActiveArea."""
     top, left, bottom, right = file.active or (0, 0, *stored.shape)
-    first_row, first_column = top + top % 2, left + left % 2
-    rows, columns = (bottom - first_row) // 2, (right - first_column) // 2
+    rows, columns = (bottom - top) // 2, (right - left) // 2
     red = next(n for n in range(4) if file.cfa[n] == 0)
     blue = 3 - red
     wanted = np.empty((4, rows, columns))
-    for r, c in itertools.product(range(2 * rows), range(2 * columns)):
-        row, column = first_row + r - top, first_column + c - left  # from the ActiveArea's corner
+    for row, column in itertools.product(range(2 * rows), range(2 * columns)):
         value = float(stored[row + top, column + left])
         if file.table:
             value = float(file.table[int(value)])
@@ -111,7 +109,7 @@ def sums(file: DngFile, stored: NDArray[Any]) -> NDArray[np.float64]:
         place = 2 * (row % 2) + column % 2
         same_row = place // 2 == red // 2
         plane = 0 if place == red else 3 if place == blue else 1 if same_row else 2
-        wanted[plane, r // 2, c // 2] = value - black
+        wanted[plane, row // 2, column // 2] = value - black
     return wanted
 
 
