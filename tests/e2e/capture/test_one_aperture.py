@@ -22,7 +22,7 @@ def shot(folder: Path, goal: Any, *, true: bool = True, **options: Any) -> pdcd.
         "".join(f"[[sensor.stops]]\nf_number = {f}\ntrue = {TRUE[f]}\n" for f in F_NUMBERS)
     )
     config = {
-        "scene": {"kind": "open-book", "grid": [24, 32]},
+        "scene": {"kind": "open-book", "grid": [12, 16]},
         "server": {"state_dir": str(folder / "state")},
         "bench": {"truth": str(truth)} if true else {},
     }
