@@ -276,7 +276,7 @@ def test_saturation_is_flagged(tmp_path: Path) -> None:
 def test_odd_grids(tmp_path: Path, grid: tuple[int, int], window: str) -> None:
     """Of usual panels no pixels end where these cells end: what gets in along borders is taken
     out, as well as a camera of a quad a cell tells how bright it is there."""
-    usual = {"projector": PanelConfig(size_px=(128, 96)), "mask": PanelConfig(size_px=(200, 150))}
+    usual = {"projector": PanelConfig(size_px=(320, 240)), "mask": PanelConfig(size_px=(500, 375))}
     for name, panels, most in (("fit", bench_rig.fitting(grid), 1e-3), ("usual", usual, 2e-3)):
         (tmp_path / name).mkdir()
         config = bench_rig.config(tmp_path / name, grid=grid, **panels)

@@ -12,11 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig
-from pdcd.capture.engine import Engine
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
+from tests.taken import take
 
 GRID = (12, 16)
 """Large enough for the mock's RAW files to be nothing but the mosaic."""
@@ -24,13 +23,7 @@ GRID = (12, 16)
 
 def capture(folder: Path, black_level: str) -> Path:
     config = bench_rig.config(folder, grid=GRID, camera=CameraConfig(noise="none", f_number=8.0))
-    engine = Engine.from_config(config)
-    engine.start()
-    request = CaptureRequest(goal="indirect", black_level=black_level)  # type: ignore[arg-type]
-    result = bench_rig.capture(engine, request)
-    engine.stop()
-    assert result.folder is not None, result.error
-    return Path(result.folder)
+    return take(config, codes=8, parts=1, pilot=0, black_level=black_level).folder
 
 
 def add_to_every_raw(run: Path, dark: NDArray[np.uint16]) -> None:
@@ -54,7 +47,7 @@ def picture(run: Path) -> NDArray[np.float64]:
     return decoded.answer.image
 
 
-@pytest.mark.parametrize("black_level", ["none", "ambient", "mask", "both"])
+@pytest.mark.parametrize("black_level", ["none", "mask", "both"])
 def test_what_the_sensor_adds_to_every_photo_cancels(tmp_path: Path, black_level: str) -> None:
     run = capture(tmp_path, black_level)
     shots = json.loads((run / "capture.json").read_text())["run"]["shots"]

@@ -16,13 +16,15 @@ NOMINAL = {f: 2.0 ** (round(6.0 * math.log2(f)) / 6.0) for f in F_NUMBERS}
 TRUE = {f: nominal * (1.0 + 0.02 * math.sin(7.0 * f)) for f, nominal in NOMINAL.items()}
 
 
-def shot(folder: Path, goal: Any, *, true: bool = True, **options: Any) -> pdcd.Run:
+def shot(
+    folder: Path, goal: Any, grid: tuple[int, int], *, true: bool = True, **options: Any
+) -> pdcd.Run:
     truth = folder / "truth.toml"
     truth.write_text(
         "".join(f"[[sensor.stops]]\nf_number = {f}\ntrue = {TRUE[f]}\n" for f in F_NUMBERS)
     )
     config = {
-        "scene": {"kind": "open-book", "grid": [12, 16]},
+        "scene": {"kind": "open-book", "grid": list(grid)},
         "server": {"state_dir": str(folder / "state")},
         "bench": {"truth": str(truth)} if true else {},
     }
@@ -37,20 +39,20 @@ def factor(image: np.ndarray, truth: np.ndarray) -> float:
 
 def test_indirect_light_beside_white_is_true_without_a_factor(tmp_path: Path) -> None:
     """One stop for all: both are off by what that stop is, which no photo can tell."""
-    run = shot(tmp_path, "indirect")
+    run = shot(tmp_path, "indirect", (24, 32))
     record = run.manifest.run
     (f_number,) = {one.f_number for one in record.shots}
     assert [stop.f_number for stop in record.stops] == [f_number]
     off = (NOMINAL[f_number] / TRUE[f_number]) ** 2
     truth = np.load(Path(run.folder) / "truth.npz")["image"]
     assert factor(run.image, truth) == pytest.approx(off, rel=0.005)
-    white = shot(tmp_path, "white", true=False).pictures["white"]
+    white = shot(tmp_path, "white", (24, 32), true=False).pictures["white"]
     assert factor(run.pictures["white"], white) == pytest.approx(off, rel=0.005)
     assert run.summary["scale"] == "of a nominal camera" and run.scale_sigma is None
 
 
 def test_where_two_stops_are_needed_their_ratio_is_measured_and_in_sigma(tmp_path: Path) -> None:
-    run = shot(tmp_path, "long-range", radius=3)
+    run = shot(tmp_path, "long-range", (12, 16), radius=3)
     own, other = run.manifest.run.stops
     assert own.sigma == 0.0 and 0.0 < other.sigma < 0.03
     light = (other.true / own.true * TRUE[own.f_number] / TRUE[other.f_number]) ** 2
