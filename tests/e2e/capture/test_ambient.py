@@ -17,12 +17,14 @@ from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify_run
 from tests.taken import Taken, request_of, started, take
 
-GRID = (24, 32)
+Grid = tuple[int, int]
+
+COARSE, FINE = (12, 16), (24, 32)
 
 
-def bench(folder: Path, scene: str, ambient: float, **camera: Any) -> Config:
+def bench(folder: Path, scene: str, ambient: float, grid: Grid = COARSE, **camera: Any) -> Config:
     return Config(
-        scene=SceneConfig(kind=scene, grid=GRID, ambient=ambient),
+        scene=SceneConfig(kind=scene, grid=grid, ambient=ambient),
         camera=CameraConfig(**camera),
         limits=LimitsConfig(min_free_bytes=0),
         server=ServerConfig(state_dir=str(folder / "state")),
@@ -53,7 +55,7 @@ def check_that_it_went_on(made: Taken) -> None:
 @pytest.mark.parametrize("scene", ["mirror-and-vase", "disco-ball"])
 def test_ambient_light_hides_no_mirror(scene: str, tmp_path: Path) -> None:
     """Without noise: in one exposure, and down to what rounding leaves."""
-    made = take(bench(tmp_path, scene, 0.3, noise="none"))
+    made = take(bench(tmp_path, scene, 0.3, FINE, noise="none"))
     check_that_it_went_on(made)
     assert off(made) < 0.003
 
@@ -75,7 +77,7 @@ def test_a_run_that_went_on_is_whole_and_decoded_bit_for_bit(tmp_path: Path) -> 
 
 def test_an_open_book_in_ambient_light_is_averaged(tmp_path: Path) -> None:
     """Before: 5.6 %."""
-    made = take(bench(tmp_path, "open-book", 0.3))
+    made = take(bench(tmp_path, "open-book", 0.3, FINE))
     error, leaks = off(made), made.manifest.plan["leaks"]
     times = leaks["times"]
     assert error < 0.02 and times > 5 and made.manifest.run.how.parts == 6 * times

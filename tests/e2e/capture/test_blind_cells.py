@@ -17,11 +17,10 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
-from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult, make_job_id
+from pdcd.protocol.result import CaptureResult
 from pdcd.runs.folder import read_manifest
+from tests.taken import request_of, started
 
 GRID = (12, 16)
 
@@ -38,18 +37,10 @@ def bench(folder: Path, **mask: Any) -> Config:
 
 
 def capture(config: Config) -> tuple[CaptureResult, list[object]]:
-    engine = Engine.from_config(config)
     events: list[object] = []
-    engine.start()
-    try:
-        result = engine.capture(
-            CaptureRequest(goal="indirect", codes=32, parts=1),
-            job=make_job_id(),
-            emit=events.append,
-            cancelled=lambda: False,
-        )
-    finally:
-        engine.stop()
+    asked = request_of(codes=32, parts=1)
+    with started(config) as engine:
+        result = engine.capture(asked, job="job", emit=events.append, cancelled=lambda: False)
     return result, events
 
 

@@ -7,7 +7,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -15,16 +14,14 @@ from pdcd.bench.tables import CameraConfig, Config, LimitsConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.pictures.decode import decode_folder
 from pdcd.planning.make import make_plan
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
 from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import make_recipe
-from pdcd.runs.folder import read_manifest
-from pdcd.runs.record import Manifest
 from tests import bench_rig
 from tests.sampled import sampled
+from tests.taken import Taken, request_of, take
 
 GRID = bench_rig.GRID
 N = GRID[0] * GRID[1]
@@ -44,17 +41,16 @@ GOALS: dict[str, tuple[dict[str, Any], Any]] = {
 }
 
 
-def run(folder: Path, config: Config | None = None, **fields: Any) -> tuple[Any, Any, Manifest]:
-    """Image, sensor sigma and manifest of one capture without a white shot."""
+def run(folder: Path, config: Config | None = None, **fields: Any) -> Taken:
+    """A capture without a white shot."""
     folder.mkdir(exist_ok=True)
-    engine = Engine.from_config(config or bench_rig.config(folder))
-    engine.start()
-    request = msgspec.convert({"white": False, **fields}, CaptureRequest)
-    result = bench_rig.capture(engine, request)
-    assert result.error is None and result.folder is not None, result.error
-    assert decode_folder(Path(result.folder)).identical
-    with np.load(Path(result.folder) / "probe.npz") as data:
-        return data["image"], data["sigma_sensor"], read_manifest(Path(result.folder))
+    made = take(config or bench_rig.config(folder), **{"white": False, **fields})
+    assert made.decodes_the_same()
+    return made
+
+
+def truth_of(pi: np.ndarray) -> np.ndarray:
+    return np.asarray((pi * T).sum(axis=1).reshape(*GRID, 1))
 
 
 @pytest.mark.parametrize(
@@ -64,21 +60,18 @@ def test_a1_a2_path_isolation_gives_any_matrix_exactly(
     name: str, family: str, tmp_path: Path
 ) -> None:
     fields, pi = GOALS[name]
-    image, _, manifest = run(tmp_path, family=family, **fields)
-    truth = (pi * T).sum(axis=1).reshape(*GRID, 1)
-    scale = np.sqrt(np.mean((np.abs(pi) * T).sum(axis=1) ** 2))
-    assert np.sqrt(np.mean((image - truth) ** 2)) < 1e-3 * scale  # the RAW file is quantised
-    for deviation in manifest.realised.values():
+    made = run(tmp_path, family=family, **fields)
+    scale = np.sqrt(np.mean(truth_of(np.abs(pi)) ** 2))
+    off = np.sqrt(np.mean((made.image - truth_of(pi)) ** 2))
+    assert off < 1e-3 * scale  # the RAW file is quantised
+    for deviation in made.manifest.realised.values():
         assert max(deviation["off_max"], deviation["diagonal_max"]) < 1e-6  # single precision
-    assert manifest.plan["family"] == family
+    assert made.manifest.plan["family"] == family
 
 
 def test_a1_every_pair_of_cells_has_a_slot_and_a_share_of_the_light() -> None:
     """N M slots; a path keeps 1 / (N M) of the time that guards leave."""
-    request = msgspec.convert(
-        {"goal": "relit", "matrix": np.ones((N, N)).tolist(), "family": "isolation"},
-        CaptureRequest,
-    )
+    request = request_of(goal="relit", matrix=np.ones((N, N)).tolist(), family="isolation")
     summary = make_plan(request, Config(), GRID).summary()
     assert summary.shots[0].codes == N * N
     assert summary.light_share == pytest.approx(1 / (3 * N * N), rel=1e-12)
@@ -93,21 +86,19 @@ def test_a1_signal_to_noise_collapses_with_the_light(tmp_path: Path) -> None:
         folder = tmp_path / family
         folder.mkdir()
         config = bench_rig.config(folder, camera=camera)
-        image, sigma, _ = run(folder, config, goal="indirect", codes=N * N, family=family)
-        truth = ((1.0 - np.eye(N)) * T).sum(axis=1).reshape(*GRID, 1)
-        noise[family] = np.array([np.sqrt(np.mean((image - truth) ** 2)), sigma.mean()])
+        made = run(folder, config, codes=N * N, family=family)
+        off = np.sqrt(np.mean((made.image - truth_of(1.0 - np.eye(N))) ** 2))
+        noise[family] = np.array([off, made.probe["sigma_sensor"].mean()])
     assert np.all(noise["isolation"] > 5.0 * noise["hadamard"])
     assert np.all(noise["isolation"] < 50.0 * noise["hadamard"])
 
 
-def test_a2_proportional_isolation_has_slots_for_wanted_paths_only(tmp_path: Path) -> None:
-    """Confocal for the identity: N slots where the plain form has N M, and the same image."""
-    images, slots = {}, {}
-    for family in ("isolation", "confocal"):
-        images[family], _, manifest = run(tmp_path / family, goal="diagonal", family=family)
-        slots[family] = [shot["codes"] for shot in manifest.plan["shots"]]
-    assert slots == {"isolation": [N * N] * 2, "confocal": [N] * 2}
-    np.testing.assert_allclose(images["isolation"], images["confocal"], rtol=1e-3)
+def test_a2_proportional_isolation_has_slots_for_wanted_paths_only() -> None:
+    """Confocal for the identity: N slots where the plain form has N M."""
+    for family, slots in (("isolation", N * N), ("confocal", N)):
+        asked = request_of(goal="diagonal", family=family, white=False)
+        shots = make_plan(asked, Config(), GRID).summary().shots
+        assert [shot.codes for shot in shots] == [slots] * 2
 
 
 def test_a2_both_halves_of_a_signed_matrix_open_the_same_cells() -> None:
@@ -138,15 +129,12 @@ def test_a1_isolation_of_too_many_pairs_is_refused_before_anything_is_built(
 
 def test_a3_optical_probing_takes_one_raw_file_a_photo(tmp_path: Path) -> None:
     """And each photo's file is the sum over its codes (E5), to quantisation."""
-    image, _, manifest = run(tmp_path, goal="indirect", codes=64, pilot=0)
-    assert [shot.raw for shot in manifest.run.shots] == ["raw/coded.dng"]
-    truth = ((1.0 - np.eye(N)) * T).sum(axis=1).reshape(*GRID, 1)
-    np.testing.assert_allclose(image, np.broadcast_to(truth, image.shape), rtol=2e-3)
-    both = run(tmp_path / "signed", goal="diagonal", codes=64)[2]
-    assert [shot.raw for shot in both.run.shots] == [
-        "raw/matched-plus.dng",
-        "raw/matched-minus.dng",
-    ]
+    made = run(tmp_path, codes=64, pilot=0)
+    assert [shot.raw for shot in made.manifest.run.shots] == ["raw/coded.dng"]
+    truth = truth_of(1.0 - np.eye(N))
+    np.testing.assert_allclose(made.image, np.broadcast_to(truth, made.image.shape), rtol=2e-3)
+    both = run(tmp_path / "signed", goal="diagonal", codes=64).manifest.run.shots
+    assert [shot.raw for shot in both] == ["raw/matched-plus.dng", "raw/matched-minus.dng"]
 
 
 def test_a4_patterns_are_there_before_the_shutter_opens(

@@ -18,6 +18,7 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, LimitsConfig
 from pdcd.capture.engine import Engine
+from pdcd.capture.worker import spawned
 from pdcd.capture.worker.calls import start_worker
 from pdcd.capture.worker.spawned import SpawnedWorker
 from pdcd.capture.worker.worker import Worker
@@ -177,7 +178,12 @@ def test_planning_beats_while_the_process_does_not_and_ends_by_its_death(engine:
     assert engine.plan(REQUEST).codes == 4
 
 
-def test_a_plan_is_cancelled_at_once_and_its_process_kept(engine: Engine) -> None:
+def test_a_plan_is_cancelled_at_once_and_its_process_kept(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The machine may be busy: what would be ended by force after a tenth of a second may be late
+    here."""
+    monkeypatch.setattr(spawned, "STOP_S", 30.0)
     engine.plan(REQUEST)  # so that the process is warm
     before = child_of(engine).pid
     told: list[Event] = []
@@ -296,36 +302,31 @@ def test_a_job_that_wants_too_much_memory_fails_and_the_next_one_works(tmp_path:
 
 
 def test_pictures_are_the_same_in_both_places_byte_for_byte(tmp_path: Path) -> None:
-    requests = {
-        "pilot": CaptureRequest(goal="indirect", codes=64, pilot=8, seed=3),
-        "parts": CaptureRequest(goal="direct", codes=32, parts=4, until_error=0.9),
-    }
+    request = CaptureRequest(goal="direct", codes=72, pilot=8, parts=4, until_error=0.9, seed=3)
     folders: dict[str, Path] = {}
     for place in (Engine.from_config, Engine.with_child):
         folder = tmp_path / place.__name__
         folder.mkdir()
         made = place(bench_rig.config(folder, grid=(8, 8), camera=CameraConfig(seed=1)))
         made.start()
-        for name, request in requests.items():
-            result = bench_rig.capture(made, request, name)
-            assert result.state == "done", result.error
+        result = bench_rig.capture(made, request)
+        assert result.state == "done", result.error
         made.stop()
-        folders[place.__name__] = folder / "state" / "captures"
+        folders[place.__name__] = folder / "state" / "captures" / "job"
     here, there = folders.values()
-    for name in requests:
-        files = sorted(p.relative_to(here) for p in (here / name).rglob("*") if p.is_file())
-        kept = [f for f in files if f.parts[1] in ("linear", "preview", "probe.npz", "frames.csv")]
-        assert len(kept) > 4
-        for file in kept:
-            assert (here / file).read_bytes() == (there / file).read_bytes(), file
-        ours, theirs = read_patterns(here / name), read_patterns(there / name)
-        assert ours.keys() == theirs.keys()
-        assert all(np.array_equal(ours[key], theirs[key]) for key in ours)
-        one, other = read_manifest(here / name), read_manifest(there / name)
-        assert one.realised == other.realised and one.plan == other.plan
-        assert one.run.cells == other.run.cells
-        figures = [{k: v for k, v in m.summary.items() if k != "wall_s"} for m in (one, other)]
-        assert figures[0] == figures[1]
+    files = sorted(p.relative_to(here) for p in here.rglob("*") if p.is_file())
+    kept = [f for f in files if f.parts[0] in ("linear", "preview", "probe.npz", "frames.csv")]
+    assert len(kept) > 4
+    for file in kept:
+        assert (here / file).read_bytes() == (there / file).read_bytes(), file
+    ours, theirs = read_patterns(here), read_patterns(there)
+    assert ours.keys() == theirs.keys()
+    assert all(np.array_equal(ours[key], theirs[key]) for key in ours)
+    one, other = read_manifest(here), read_manifest(there)
+    assert one.realised == other.realised and one.plan == other.plan
+    assert one.run.cells == other.run.cells
+    figures = [{k: v for k, v in m.summary.items() if k != "wall_s"} for m in (one, other)]
+    assert figures[0] == figures[1]
 
 
 def test_a_folder_named_by_a_descriptor_is_the_same_for_the_child(

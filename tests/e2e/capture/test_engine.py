@@ -12,7 +12,6 @@ from itertools import product
 from pathlib import Path
 
 import cv2
-import msgspec
 import numpy as np
 import pytest
 
@@ -22,25 +21,19 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Event
-from pdcd.protocol.request import CaptureRequest
 from pdcd.protocol.result import make_job_id
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig, tampered
 from tests.places import DATA
 from tests.sampled import sampled
+from tests.taken import relative_rms, started, take, take_with
 
 CORNER = SceneConfig(kind="matrix", path=str(DATA / "corner_32x24.npz"))
 
 
 def run(config: Config, **fields: object) -> tuple[Path, dict[str, object]]:
-    engine = Engine.from_config(config)
-    engine.start()
-    request = msgspec.convert({"goal": "indirect", **fields}, CaptureRequest)
-    result = bench_rig.capture(engine, request)
-    engine.stop()
-    assert result.error is None, result.error
-    assert result.folder is not None
-    return Path(result.folder), dict(result.summary)
+    made = take(config, **fields)
+    return made.folder, made.summary
 
 
 def test_what_the_display_says_of_its_panels_is_said_of_the_run(
@@ -61,15 +54,26 @@ def image_of(folder: Path) -> np.ndarray:
     return np.asarray(image)
 
 
-def rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run, of which tests spoil copies."""
+    return run(bench_rig.config(tmp_path_factory.mktemp("kept")), codes=8)[0]
 
 
-@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.fixture
+def copy(kept: Path, tmp_path: Path) -> Path:
+    folder = tmp_path / "copy"
+    shutil.copytree(kept, folder)
+    tampered.files(folder)  # which may be written to, too
+    return folder
+
+
 @pytest.mark.parametrize(
-    ("goal", "p", "diagonal", "off"),
-    [("white", None, 1, 1), ("indirect", None, 0, 1), ("direct", None, 1, 0),
-     ("fraction", 0.5, 1, 0.5), ("fraction", 0.25, 1, 0.25), ("fraction", 0.0625, 1, 0.0625)],
+    ("goal", "p", "diagonal", "off", "window"),
+    [("white", None, 1, 1, "whole"), ("indirect", None, 0, 1, "whole"),
+     ("direct", None, 1, 0, "whole"), ("fraction", 0.5, 1, 0.5, "whole"),
+     ("fraction", 0.0625, 1, 0.0625, "whole"), ("indirect", None, 0, 1, "quarter"),
+     ("fraction", 0.25, 1, 0.25, "quarter")],
 )  # fmt: skip
 def test_every_goal_in_scene_units(
     tmp_path: Path, goal: str, p: float | None, diagonal: float, off: float, window: str
@@ -81,12 +85,11 @@ def test_every_goal_in_scene_units(
     """
     config = bench_rig.config(tmp_path)
     folder, summary = run(config, goal=goal, p=p, codes=64, window=window)
-    image = image_of(folder)
     t = bench_rig.transport()
     direct = np.diag(t)
     truth = diagonal * direct + off * (t.sum(axis=1) - direct)
     want = truth.reshape(*bench_rig.GRID, 1).repeat(3, axis=2)
-    error = rms(image - want) / rms(want)
+    error = relative_rms(image_of(folder), want)
     assert error == pytest.approx(summary["rms_error_quads"], rel=1e-9)
     exact = goal == "white" or (window == "whole" and p in (None, 0.5))
     assert error < (5e-4 if exact else 0.25)
@@ -124,8 +127,7 @@ def test_a_run_folder_holds_everything(tmp_path: Path) -> None:
     assert picture is not None and picture.shape[1] >= 640 and picture.std() > 1
 
 
-@pytest.mark.parametrize("black_level", ["none", "both"])
-@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize(("window", "black_level"), [("whole", "none"), ("quarter", "both")])
 def test_decode_reproduces_the_tiff_bit_for_bit(
     tmp_path: Path, window: str, black_level: str
 ) -> None:
@@ -143,19 +145,14 @@ def test_decode_reproduces_the_tiff_bit_for_bit(
     assert not decode_folder(moved).identical
 
 
-def test_damaged_runs_do_not_decode(tmp_path: Path) -> None:
-    folder, _ = run(bench_rig.config(tmp_path), codes=8)
-    for name in ("raw/coded.dng", "codes.npz", "frames.csv", "capture.json"):
-        broken = tmp_path / "broken"
-        shutil.copytree(folder, broken)
-        path = broken / name
-        path.chmod(0o644)
-        path.write_bytes(path.read_bytes()[:-20])
-        with pytest.raises(DecodeError):
-            decode_folder(broken)
-        shutil.rmtree(broken)
+@pytest.mark.parametrize("name", ["raw/coded.dng", "codes.npz", "frames.csv", "capture.json"])
+def test_damaged_runs_do_not_decode(copy: Path, name: str) -> None:
+    path = copy / name
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(DecodeError):
+        decode_folder(copy)
     with pytest.raises(DecodeError, match="no finished run"):
-        decode_folder(tmp_path)
+        decode_folder(copy.parent)
 
 
 FRAME_DAMAGE: dict[str, tuple[Callable[[list[bytes]], list[bytes]], str]] = {
@@ -169,17 +166,15 @@ FRAME_DAMAGE: dict[str, tuple[Callable[[list[bytes]], list[bytes]], str]] = {
 
 
 @pytest.mark.parametrize("kind", FRAME_DAMAGE)
-def test_a_damaged_frame_log_does_not_decode(tmp_path: Path, kind: str) -> None:
-    folder, _ = run(bench_rig.config(tmp_path), codes=8)
+def test_a_damaged_frame_log_does_not_decode(copy: Path, kind: str) -> None:
     damage, words = FRAME_DAMAGE[kind]
-    path = folder / "frames.csv"
-    path.chmod(0o644)
+    path = copy / "frames.csv"
     path.write_bytes(b"\n".join(damage(path.read_bytes().splitlines())))
     with pytest.raises(DecodeError, match=r"frames\.csv"):
-        decode_folder(folder)
-    tampered.relisted(folder)
+        decode_folder(copy)
+    tampered.relisted(copy)
     with pytest.raises(DecodeError, match=words):
-        decode_folder(folder)
+        decode_folder(copy)
 
 
 @pytest.mark.long
@@ -207,7 +202,7 @@ def test_indirect_errors_on_the_path_traced_corner(tmp_path: Path) -> None:
         data = np.load(DATA / "corner_32x24.npz")
         t = data["transport"].astype(np.float64)
         truth = (t.sum(axis=1) - np.diag(t)).reshape(24, 32, 1)
-        assert rms(image - truth) / rms(truth * np.ones(3)) == pytest.approx(errors[family])
+        assert relative_rms(image, truth) == pytest.approx(errors[family])
     assert float(str(errors["hadamard"])) < float(str(errors["bernoulli"])) / 20
 
 
@@ -217,17 +212,13 @@ def test_sigma_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
     config = bench_rig.config(
         tmp_path, camera=CameraConfig(noise="full", f_number=32.0), grid=(24, 32)
     )
-    engine = Engine.from_config(config)
-    engine.start()
     images, sigmas = [], []
-    for i in range(10):
-        request = CaptureRequest(goal="direct", codes=4)
-        result = bench_rig.capture(engine, request, f"job{i}")
-        assert result.folder is not None
-        with np.load(Path(result.folder) / "probe.npz") as data:
-            images.append(data["image"])
-            sigmas.append(data["sigma_sensor"])
-        shutil.rmtree(result.folder)
+    with started(config) as engine:
+        for i in range(10):
+            made = take_with(engine, f"job{i}", goal="direct", codes=4)
+            images.append(made.image)
+            sigmas.append(made.probe["sigma_sensor"])
+            shutil.rmtree(made.folder)
     variance = np.var(images, axis=0, ddof=1) / np.mean(np.square(sigmas), axis=0)
     # 2304 variances, each known to 47 %: the root of their mean is known to 0.5 %.
     assert np.sqrt(np.mean(variance)) == pytest.approx(1.0, abs=0.02)

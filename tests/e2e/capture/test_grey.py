@@ -8,17 +8,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
 from pdcd.bench.tables import BenchConfig, Config, PanelConfig
-from pdcd.capture.engine import Engine
-from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult
 from tests import bench_rig
 from tests.sampled import sampled
+from tests.taken import Taken, take
 
 ROWS, COLS = GRID = bench_rig.GRID
 N = ROWS * COLS
@@ -70,49 +66,39 @@ def config_of(folder: Path, true: str, **believed: Any) -> Config:
     return bench_rig.config(folder, bench=BenchConfig(truth=str(truth)), **panels)
 
 
-def take(config: Config, goal: str) -> tuple[float, CaptureResult]:
+def photographed(config: Config, goal: str) -> tuple[float, Taken]:
     """RMS error over the scale of the wanted picture, all weights taken without their signs."""
     fields, wanted = GOALS[goal]
-    engine = Engine.from_config(config)
-    engine.start()
-    request = {"goal": goal.partition(",")[0], "codes": 64, **fields}
-    result = bench_rig.capture(engine, msgspec.convert(request, CaptureRequest))
-    engine.stop()
-    assert result.error is None and result.folder is not None, result.error
-    with np.load(Path(result.folder) / "probe.npz") as data:
-        image = data["image"]
+    made = take(config, **{"goal": goal.partition(",")[0], "codes": 64, **fields})
     transport = bench_rig.transport()
     truth = (wanted * transport).sum(axis=1).reshape(*GRID, 1)
     scale = np.sqrt(np.mean((np.abs(wanted) * transport).sum(axis=1) ** 2))
-    return float(np.sqrt(np.mean((image - truth) ** 2)) / scale), result
+    return float(np.sqrt(np.mean((made.image - truth) ** 2)) / scale), made
 
 
 @pytest.mark.parametrize("goal", sampled(list(GOALS), 2))
 def test_goals_hold_their_bound_with_gamma_in_both_panels(goal: str, tmp_path: Path) -> None:
     """The bound is that of panels without gamma and without rounding (`test_tables.py`)."""
-    error, result = take(config_of(tmp_path, "gamma = 2.2", gamma=2.2), goal)
+    error, made = photographed(config_of(tmp_path, "gamma = 2.2", gamma=2.2), goal)
     assert error < 2e-3
-    assert not any("grey" in text for text in result.warnings)
-    assert result.folder is not None and decode_folder(Path(result.folder)).identical
+    assert not any("grey" in text for text in made.warnings)
+    assert made.decodes_the_same()
 
 
 def test_a_table_of_lights_does_as_well(tmp_path: Path) -> None:
-    error, _ = take(config_of(tmp_path, f"lut = {list(BENT)}", lut=BENT), "relit")
+    error, _ = photographed(config_of(tmp_path, f"lut = {list(BENT)}", lut=BENT), "relit")
     assert error < 2e-3
 
 
 def test_gamma_that_nobody_knows_spoils_the_photo_and_is_warned_of(tmp_path: Path) -> None:
-    error, result = take(config_of(tmp_path, "gamma = 2.2"), "relit")
+    error, made = photographed(config_of(tmp_path, "gamma = 2.2"), "relit")
     assert error > 0.2
-    told = [text for text in result.warnings if "grey levels, and what light they give" in text]
+    told = [text for text in made.warnings if "grey levels, and what light they give" in text]
     assert {text.split()[1] for text in told} == {"projector", "mask"}
     assert any("projector.gamma" in text for text in told)
 
 
 def test_codes_of_black_and_white_need_no_curve(tmp_path: Path) -> None:
-    engine = Engine.from_config(config_of(tmp_path, "gamma = 2.2"))
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=64))
-    engine.stop()
-    assert float(result.summary["rms_error_quads"]) < 2e-3  # type: ignore[arg-type]
-    assert not any("grey" in text for text in result.warnings)
+    made = take(config_of(tmp_path, "gamma = 2.2"), codes=64)
+    assert made.error < 2e-3
+    assert not any("grey" in text for text in made.warnings)

@@ -14,12 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, Config, RigConfig
-from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
-from pdcd.pictures.written.picture_files import read_tiff
-from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
-from tests import bench_rig
+from tests import bench_rig, taken
 
 Floats = NDArray[np.floating]
 
@@ -49,16 +45,10 @@ def config_of(
 
 def take(config: Config, **asked: Any) -> tuple[dict[str, Floats], float]:
     """Pictures of a capture by name, and the error that it reports."""
-    engine = Engine.from_config(config)
-    engine.start()
-    result = bench_rig.capture(engine, msgspec.convert({**REQUEST, **asked}, CaptureRequest))
-    engine.stop()
-    assert result.error is None and result.folder is not None, result.error
-    folder = Path(result.folder)
-    assert any(shot.missed for shot in read_manifest(folder).run.shots)  # what is to be tested
-    error = result.summary["rms_error_quads"]
-    assert isinstance(error, float)
-    return {f.stem: read_tiff(f) for f in (folder / "linear").glob("*.tif")}, error
+    made = taken.take(config, **{**REQUEST, **asked})
+    assert any(shot.missed for shot in made.manifest.run.shots)  # what is to be tested
+    names = [file.stem for file in (made.folder / "linear").glob("*.tif")]
+    return {name: made.picture(name) for name in names}, made.error
 
 
 @pytest.mark.parametrize(
@@ -84,10 +74,6 @@ def test_cells_are_enough_for_one_quad_a_cell_and_for_windows_as_large(tmp_path:
     for per_cell, window in ((1, "quarter"), (4, "whole")):
         folder = tmp_path / window
         config = config_of(folder, per_cell, (0.0, 0.0), of_pixels=False)
-        engine = Engine.from_config(config)
-        engine.start()
-        request = msgspec.convert({**REQUEST, "window": window}, CaptureRequest)
-        assert bench_rig.capture(engine, request).error is None
-        bench = bench_rig.bench_of(engine)
-        engine.stop()
+        made = taken.take(config, **{**REQUEST, "window": window})
+        bench = bench_rig.bench_of(made.engine)
         assert bench.optics is None and "_optics_of_pixels" not in vars(bench)

@@ -16,11 +16,9 @@ from pdcd.bench.tables import (
     SceneConfig,
     ScheduleConfig,
 )
-from pdcd.capture.engine import Engine
-from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.places import DATA
+from tests.taken import take
 
 CODES = 128
 LOST = np.sort(np.random.default_rng(5).choice(CODES, 16, replace=False))
@@ -54,17 +52,10 @@ def error(folder: Path, faults: str, *, ambient: float = 0.0, **fields: Any) -> 
         display=DisplayConfig(faults=FAULTS[faults]),
         **leaks,
     )
-    engine = Engine.from_config(config)
-    engine.start()
-    asked = {"codes": CODES, "pilot": 0, "parts": 1, "white": False, **fields}
-    request = CaptureRequest(**{"goal": "indirect", **asked})
-    result = bench_rig.capture(engine, request)
-    assert result.error is None and result.folder is not None, result.error
-    shots = read_manifest(Path(result.folder)).run.shots
+    made = take(config, **{"codes": CODES, "pilot": 0, "parts": 1, "white": False, **fields})
+    shots = made.manifest.run.shots
     assert all(shot.missed == (0 if faults == "none" else 16) for shot in shots)
-    found = result.summary["rms_error_quads"]
-    assert isinstance(found, float)
-    return found
+    return made.error
 
 
 @pytest.mark.long
@@ -97,8 +88,5 @@ def test_repair_and_black_levels_work_together(tmp_path: Path) -> None:
 
 def test_the_configuration_may_ask_for_it(tmp_path: Path) -> None:
     schedule = ScheduleConfig(codes=8, normalise="row")
-    engine = Engine.from_config(bench_rig.config(tmp_path, schedule=schedule))
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="indirect"))
-    assert result.folder is not None
-    assert read_manifest(Path(result.folder)).run.normalise == "row"
+    made = take(bench_rig.config(tmp_path, schedule=schedule))
+    assert made.manifest.run.normalise == "row"

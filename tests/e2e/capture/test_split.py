@@ -9,19 +9,16 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
 from pdcd.pictures.combine import combine_shots
-from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.exposed import ComputedShot
-from pdcd.pictures.written.picture_files import read_tiff
 from pdcd.probing.realised import Factors
 from pdcd.protocol.plan_summary import CaptureScheme, Goal
-from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import make_recipe
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
+from tests.taken import Taken, take
 
 GRID = (3, 8)
 N = GRID[0] * GRID[1]
@@ -43,43 +40,38 @@ def parts() -> tuple[Any, Any, Any]:
     return direct, sharp, blocks.repeat(4, axis=1)
 
 
-def capture(folder: Path, **fields: Any) -> tuple[Path, dict[str, Any]]:
+def capture(folder: Path, **fields: Any) -> Taken:
     direct, sharp, smooth = parts()
     path = folder / "split.npz"
     np.savez(path, transport=np.diag(direct) + sharp + smooth, grid=np.array(GRID))
     scene = SceneConfig(kind="matrix", path=str(path))
-    engine = Engine.from_config(bench_rig.config(folder, grid=GRID, scene=scene))
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(goal="split", codes=64, **fields))
-    assert result.error is None and result.folder is not None, result.error
-    return Path(result.folder), dict(result.summary)
+    rig = bench_rig.config(folder, grid=GRID, scene=scene)
+    return take(rig, goal="split", codes=64, period=4, **fields)
 
 
 @pytest.mark.parametrize("black_level", ["none", "mask"])
 def test_split_is_exact_for_a_permutation_and_smooth_light(
     black_level: Any, tmp_path: Path
 ) -> None:
-    folder, summary = capture(tmp_path, period=4, black_level=black_level)
+    made = capture(tmp_path, black_level=black_level)
     _, sharp, smooth = parts()
     truths = {"high": sharp, "low": smooth, "indirect": sharp + smooth}
     scale = (sharp + smooth).sum(axis=1).max()
     for name, matrix in truths.items():
         truth = matrix.sum(axis=1).reshape(*GRID, 1)
-        image = read_tiff(folder / "linear" / f"{name}.tif")
-        assert np.abs(image - truth).max() < 2e-3 * scale, name
-    assert summary["rms_error_quads"] < 1e-3
-    assert summary["shots"] == (4 if black_level == "none" else 8)
-    assert decode_folder(folder).identical
+        assert np.abs(made.picture(name) - truth).max() < 2e-3 * scale, name
+    assert made.error < 1e-3
+    assert made.summary["shots"] == (4 if black_level == "none" else 8)
+    assert made.decodes_the_same()
 
 
 def test_split_under_an_illumination_keeps_its_share_of_the_light(tmp_path: Path) -> None:
     """Half light everywhere halves both pictures."""
-    folder, _ = capture(tmp_path, period=4, illumination=((0.5,) * 8,) * 3)
+    made = capture(tmp_path, illumination=((0.5,) * 8,) * 3)
     _, sharp, smooth = parts()
     for name, matrix in (("high", sharp), ("low", smooth)):
-        image = read_tiff(folder / "linear" / f"{name}.tif")
         truth = 0.5 * matrix.sum(axis=1).reshape(*GRID, 1)
-        assert np.abs(image - truth).max() < 2e-3 * truth.max(), name
+        assert np.abs(made.picture(name) - truth).max() < 2e-3 * truth.max(), name
 
 
 @pytest.mark.parametrize("period", [None, 2, 6, 12])

@@ -9,19 +9,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 import pytest
 
-from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
+from tests.taken import NO_FILES, attempt, started, take, take_with
 
 GRID = bench_rig.GRID
 ROWS, COLS = GRID
@@ -135,23 +132,10 @@ CASES: dict[str, tuple[dict[str, Any], np.ndarray]] = {
 
 
 def run(
-    folder: Path, files: Mapping[str, Path] = MappingProxyType({}), **fields: Any
+    folder: Path, files: Mapping[str, Path] = NO_FILES, **fields: Any
 ) -> tuple[np.ndarray, dict[str, Any], Path]:
-    engine = Engine.from_config(bench_rig.config(folder))
-    engine.start()
-    return taken(engine, msgspec.convert(fields, CaptureRequest), files=files)
-
-
-def taken(
-    engine: Engine,
-    request: CaptureRequest,
-    job: str = "job",
-    files: Mapping[str, Path] = MappingProxyType({}),
-) -> tuple[np.ndarray, dict[str, Any], Path]:
-    result = bench_rig.capture(engine, request, job, files=files)
-    assert result.error is None and result.folder is not None, result.error
-    with np.load(Path(result.folder) / "probe.npz") as data:
-        return data["image"], dict(result.summary), Path(result.folder)
+    made = take(bench_rig.config(folder), files, **fields)
+    return made.image, made.summary, made.folder
 
 
 @pytest.mark.parametrize("row", CASES)
@@ -220,12 +204,11 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
         "off-diagonal": matrix(lambda n, m: step(n, 0, 1) == m),
         "filtered": matrix(filter_weight),
     }[goal]
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    images = []
-    for seed in range(8 if window == "whole" else 4):
-        request = msgspec.convert({**fields, "codes": 16, "seed": seed}, CaptureRequest)
-        images.append(taken(engine, request, f"job{seed}")[0])
+    seeds = range(8 if window == "whole" else 4)
+    with started(bench_rig.config(tmp_path)) as engine:
+        images = [
+            take_with(engine, f"job{seed}", **fields, codes=16, seed=seed).image for seed in seeds
+        ]
     truth = (pi * bench_rig.transport()).sum(axis=1).reshape(*GRID, 1)
     error = np.std(images, axis=0, ddof=1) / np.sqrt(len(images))
     off = np.abs(np.mean(images, axis=0) - truth)
@@ -267,9 +250,7 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
 def test_bad_parameters_say_what_to_change(
     fields: dict[str, Any], what: str, tmp_path: Path
 ) -> None:
-    engine = Engine.from_config(bench_rig.config(tmp_path))
-    engine.start()
-    result = bench_rig.capture(engine, msgspec.convert(fields, CaptureRequest))
+    result = attempt(bench_rig.config(tmp_path), **fields)
     assert result.state == "failed" and result.error is not None
     assert result.error["kind"] == "request"
     assert what in f"{result.error['message']} {result.error['hint']}"

@@ -5,19 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
-from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import CaptureResult
-from tests import bench_rig
+from tests import bench_rig, taken
 from tests.sampled import sampled
+from tests.taken import Taken
 
 GRID = (6, 8)
 ROWS, COLS = GRID
@@ -40,19 +37,11 @@ def config(
     return bench_rig.config(folder, grid=GRID, **given)
 
 
-def take(rig: Config, **fields: Any) -> CaptureResult:
-    engine = Engine.from_config(rig)
-    engine.start()
-    request = msgspec.convert({"goal": "transport", **fields}, CaptureRequest)
-    result = bench_rig.capture(engine, request)
-    engine.stop()
-    return result
-
-
-def slice_of(result: CaptureResult) -> dict[str, np.ndarray]:
-    assert result.error is None and result.folder is not None, result.error
-    with np.load(Path(result.folder) / "transport.npz") as data:
-        return dict(data)
+def take(rig: Config, **fields: Any) -> tuple[Taken, dict[str, np.ndarray]]:
+    """A capture, and the slice that it found."""
+    made = taken.take(rig, goal="transport", **fields)
+    with np.load(made.folder / "transport.npz") as data:
+        return made, dict(data)
 
 
 def true(rows: tuple[int, int]) -> np.ndarray:
@@ -71,17 +60,15 @@ def off(found: dict[str, np.ndarray], wanted: np.ndarray) -> float:
 @pytest.mark.parametrize("masked", [False, True])
 def test_a_slice_is_photographed_and_made_again(tmp_path: Path, masked: bool) -> None:
     """Fig. 5. Without noise only the RAW file rounds."""
-    result = take(config(tmp_path), rows=[2, 3], masked=masked or None)
-    found = slice_of(result)
+    made, found = take(config(tmp_path), rows=[2, 3], masked=masked or None)
     assert off(found, true((2, 3))) < 1e-3
     np.testing.assert_array_equal(found["camera_cells"], 3 * COLS + np.arange(COLS))
     np.testing.assert_array_equal(found["projector_cells"], 2 * COLS + np.arange(COLS))
-    told = result.summary["transport_error"]
+    told = made.summary["transport_error"]
     assert told == pytest.approx(off(found, true((2, 3))), rel=1e-6)
-    assert result.summary["transport_photos"] == int(found["photos"]) == 15
-    folder = Path(str(result.folder))
-    assert (folder / "preview" / "transport.png").is_file()
-    again = decode_folder(folder)
+    assert made.summary["transport_photos"] == int(found["photos"]) == 15
+    assert (made.folder / "preview" / "transport.png").is_file()
+    again = decode_folder(made.folder)
     assert again.identical and "transport.npz" in {file.name for file in again.files}
 
 
@@ -91,12 +78,12 @@ def test_a_turned_camera_of_many_quads_sees_the_same_slice(
 ) -> None:
     """Quads at the edges of cells see two of them, and do not count; where blur leaves no others,
     what they mix is parted."""
-    found = slice_of(take(config(tmp_path, turned=blur), rows=[2, 2]))
+    _, found = take(config(tmp_path, turned=blur), rows=[2, 2])
     assert off(found, true((2, 2))) < bound
 
 
 def test_errors_are_as_large_as_sigma_says(tmp_path: Path) -> None:
-    found = slice_of(take(config(tmp_path, noise="full"), rows=[4, 4]))
+    _, found = take(config(tmp_path, noise="full"), rows=[4, 4])
     scores = (found["transport"] - true((4, 4))[..., None]) / found["sigma"]
     assert 0.8 < float(np.sqrt(np.mean(scores**2))) < 1.2
     assert np.sqrt(np.mean(found["sigma"] ** 2)) > 1e-4
@@ -116,7 +103,7 @@ def test_errors_are_as_large_as_sigma_says(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused_before_any_light(
     tmp_path: Path, fields: dict[str, Any], told: str
 ) -> None:
-    result = take(config(tmp_path), **fields)
+    result = taken.attempt(config(tmp_path), **{"goal": "transport", **fields})
     assert result.error is not None and result.error["kind"] == "request"
     assert told in f"{result.error['message']} {result.error['hint']}"
     assert not list((tmp_path / "state").glob("captures/*"))
@@ -144,9 +131,8 @@ def test_the_command_takes_one_row_or_two(
 def test_a_slice_of_few_cells_is_good_with_its_dark_photos(tmp_path: Path, columns: int) -> None:
     """Light of none of them comes up in one of seven photos, or in three of a single cell."""
     rig = bench_rig.config(tmp_path, grid=(4, columns), camera=CameraConfig(noise="full"))
-    result = take(rig, rows=[1, 2])
+    made, found = take(rig, rows=[1, 2])
     t = bench_rig.transport((4, columns))
     wanted = t[2 * columns : 3 * columns, columns : 2 * columns]
-    assert off(slice_of(result), wanted) < 0.05
-    verdict: Any = result.summary["quality"]
-    assert verdict.verdict == "good", verdict
+    assert off(found, wanted) < 0.05
+    assert made.quality.verdict == "good", made.quality

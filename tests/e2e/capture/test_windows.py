@@ -6,20 +6,18 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import cv2
 import msgspec
 import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.errors import ConfigError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.planning.make import make_plan
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig
+from tests.taken import Taken, started
 
 GRID = (6, 8)
 CELL_PX = 128
@@ -57,14 +55,10 @@ def photographed(
     config: Config, asked: CaptureRequest
 ) -> tuple[np.ndarray, dict[str, Any], Manifest]:
     """The picture (h, w, 3) of what was asked for, the summary and the manifest."""
-    engine = Engine.from_config(config)
-    engine.start()
-    result = bench_rig.capture(engine, asked)
-    engine.stop()
-    assert result.error is None and result.folder is not None, result.error
-    picture = cv2.imread(f"{result.folder}/linear/{asked.goal}.tif", cv2.IMREAD_UNCHANGED)
-    assert picture is not None
-    return picture, dict(result.summary), read_manifest(Path(result.folder))
+    with started(config) as engine:
+        result = bench_rig.capture(engine, asked)
+    made = Taken(result, engine)
+    return made.picture(asked.goal), made.summary, made.manifest
 
 
 @pytest.mark.parametrize(("window", "leaks"), [("side-5/8", False), ("side-7/8", True)])

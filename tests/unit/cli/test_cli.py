@@ -286,8 +286,10 @@ def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         assert "Traceback" not in printed.err
 
 
-@pytest.mark.parametrize("text", ["60%", "0.6", "60.0%", ".6"])
-@pytest.mark.parametrize("option", ["error", "confidence", "until_error", "p"])
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [("error", "60%"), ("confidence", "0.6"), ("until_error", "60%"), ("p", ".6")],
+)
 def test_every_share_may_be_a_percentage(
     daemon: type[StubClient], tmp_path: Path, option: str, text: str
 ) -> None:

@@ -215,6 +215,3 @@ def test_timing_prints_the_times_and_fails_for_what_was_missed(
         "identity": {"renderer": "a card"},
     }  # fmt: skip
     assert asked == [(Config(), 90), (Config(), 3000), (found, Path("a.png"))]
-
-
-# --- a camera on the network ----------------------------------------------------------------------

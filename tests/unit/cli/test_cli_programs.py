@@ -111,9 +111,6 @@ def test_a_demo_takes_one_photo_with_a_daemon_of_its_own(
     assert said.err.startswith(f"pdcd serve --config {options['--config']} --socket ")
 
 
-# --- the page -------------------------------------------------------------------------------------
-
-
 # --- completion -----------------------------------------------------------------------------------
 
 

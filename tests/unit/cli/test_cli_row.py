@@ -11,22 +11,23 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import RigConfig
-from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.pictures.row import read_matrix_row
 from pdcd.pictures.written.picture_files import HEIGHT_PX
-from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
+from tests.taken import take
 
 ROWS, COLS = bench_rig.GRID
 
 
 def finished(folder: Path, config: Any = None, **fields: Any) -> Path:
-    engine = Engine.from_config(config or bench_rig.config(folder))
-    engine.start()
-    result = bench_rig.capture(engine, CaptureRequest(**fields))
-    assert result.folder is not None, result.error
-    return Path(result.folder)
+    return take(config or bench_rig.config(folder), **fields).folder
+
+
+@pytest.fixture(scope="module")
+def coded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of eight codes by chance."""
+    return finished(tmp_path_factory.mktemp("coded"), codes=8, family="bernoulli")
 
 
 def meetings(folder: Path, name: str) -> Any:
@@ -39,10 +40,9 @@ def meetings(folder: Path, name: str) -> Any:
     return opened.T @ lit
 
 
-def test_row_is_that_of_the_stored_codes(tmp_path: Path) -> None:
-    folder = finished(tmp_path, goal="indirect", codes=8, family="bernoulli")
-    found = read_matrix_row(folder, (1, 2))
-    pi = meetings(folder, "coded")
+def test_row_is_that_of_the_stored_codes(coded: Path) -> None:
+    found = read_matrix_row(coded, (1, 2))
+    pi = meetings(coded, "coded")
     off = ~np.eye(ROWS * COLS, dtype=bool)
     np.testing.assert_allclose(found.realised.ravel(), pi[6] / pi[off].mean(), rtol=1e-9)
     want = np.ones(ROWS * COLS)
@@ -109,11 +109,11 @@ def test_faults_are_told(
     more: list[str],
     code: int,
     words: str,
+    coded: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    folder = finished(tmp_path, goal="indirect", codes=8)
-    assert main(["row", str(folder), *more]) == code
+    assert main(["row", str(coded), *more]) == code
     assert words in capsys.readouterr().err

@@ -6,7 +6,6 @@ import json
 
 import pytest
 
-from pdcd.capture.job import TOLD, merge_warnings
 from pdcd.cli.main import main
 from pdcd.cli.output import WIDTH, say_result
 from pdcd.protocol.result import CaptureResult, Quality
@@ -53,11 +52,3 @@ def test_json_and_daemon(
     assert last["warnings"] == list(RESULT.warnings)
     assert main(command) == 0
     assert "verdict  doubtful" in capsys.readouterr().out
-
-
-def test_what_many_shots_say_is_said_once() -> None:
-    many = [f"shot photo-{n}: presentation times are not verified" for n in range(1000)]
-    assert merge_warnings([*many, "other"]) == (f"{many[0]} (and so of 999 more)", "other")
-    assert merge_warnings(["a: b", "c: b"]) == ("a: b", "c: b")
-    brief = merge_warnings([f"text {n}" for n in range(100)])
-    assert len(brief) == TOLD and brief[-1] == "and 37 more; capture.json has all of them"

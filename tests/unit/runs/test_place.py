@@ -170,8 +170,17 @@ def move_into_a_run(state: Path, outside: Path) -> None:
     (state / "mine").rename(state / "run" / "mine")
 
 
-@pytest.mark.parametrize("when", [ShutterOpen, PicturesArchived])
-@pytest.mark.parametrize("do", [swap_run, copy_run, take_the_name, move_out, move_into_a_run])
+@pytest.mark.parametrize(
+    ("do", "when"),
+    [
+        (swap_run, ShutterOpen),
+        (copy_run, PicturesArchived),
+        (take_the_name, ShutterOpen),
+        (move_out, ShutterOpen),
+        (move_out, PicturesArchived),
+        (move_into_a_run, PicturesArchived),
+    ],
+)
 def test_a_run_that_cannot_end_where_it_was_allowed_fails(
     tmp_path: Path, when: type[Event], do: Callable[[Path, Path], object]
 ) -> None:
