@@ -20,6 +20,7 @@ from pdcd.protocol.result import CaptureResult, make_job_id
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.sampled import sampled
+from tests.taken import take_with
 
 Floats = NDArray[np.float64]
 GRID = (4, 6)
@@ -41,11 +42,8 @@ def engine_on(folder: Path, transport: Floats, **tables: Any) -> Engine:
 
 
 def take(engine: Engine, **fields: Any) -> tuple[Floats, CaptureResult]:
-    request = msgspec.convert(fields, CaptureRequest)
-    result = bench_rig.capture(engine, request, make_job_id())
-    assert result.error is None and result.folder is not None, result.error
-    with np.load(Path(result.folder) / "probe.npz") as data:
-        return data["image"], result
+    made = take_with(engine, make_job_id(), **fields)
+    return made.image, made.result
 
 
 def relative(image: Floats, truth: Floats) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -14,14 +13,13 @@ from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig,
 from pdcd.capture.engine import Engine
 from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
-from pdcd.protocol.request import CaptureRequest
-from pdcd.protocol.result import Quality
 from pdcd.runs.folder import read_manifest
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.scene import Scene
 from pdcd.words import WindowName
 from tests import bench_rig
 from tests.sampled import sampled
+from tests.taken import take_with
 
 GRID = (12, 16)
 N = 192
@@ -39,10 +37,8 @@ def engine_of(folder: Path, kind: str, options: dict[str, Any], **tables: Any) -
 
 
 def run(engine: Engine, job: str = "job", **fields: Any) -> tuple[Array, Path, dict[str, Any]]:
-    result = bench_rig.capture(engine, msgspec.convert(fields, CaptureRequest), job)
-    assert result.error is None and result.folder is not None, result.error
-    with np.load(Path(result.folder) / "probe.npz") as data:
-        return data["image"], Path(result.folder), dict(result.summary)
+    made = take_with(engine, job, **fields)
+    return made.image, made.folder, made.summary
 
 
 def parts(scene: Scene) -> tuple[Array, Array, Array]:
@@ -191,13 +187,10 @@ def test_light_that_slow_panels_do_not_block_is_told(tmp_path: Path) -> None:
     """Each shot of rows is followed by its inverse: a panel that is slow shows both at once."""
     slow = PanelConfig(size_px=(1024, 768), rise_s=0.006, fall_s=0.008)
     engine = engine_of(tmp_path, "off-axis-box", {}, projector=slow, mask=slow)
-    request = CaptureRequest(goal="epipolar", keep="out", codes=32)
-    result = bench_rig.capture(engine, request, "job")
-    error = result.summary["rms_error_quads"]
-    assert isinstance(error, float) and error > 1.0
-    quality = result.summary["quality"]
-    assert isinstance(quality, Quality) and quality.verdict == "bad"
-    said = next(reason for reason in quality.reasons if "was to be blocked" in reason)
+    made = take_with(engine, goal="epipolar", keep="out", codes=32)
+    error = made.error
+    assert error > 1.0 and made.quality.verdict == "bad"
+    said = next(reason for reason in made.quality.reasons if "was to be blocked" in reason)
     # Of the picture, leak included: as much as the error says.
     assert float(said.split(" %")[0]) == pytest.approx(100.0 * error / (1.0 + error), abs=15.0)
 

@@ -27,6 +27,7 @@ from pdcd.sensor.raw import RawFrame, read_raw
 from tests import bench_rig
 from tests.sampled import sampled
 from tests.soak import wanted
+from tests.taken import take_with
 
 Floats = NDArray[np.float64]
 
@@ -72,9 +73,7 @@ def engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Engine, 
 
 
 def taken(engine: Engine, request: CaptureRequest, job: str) -> Path:
-    result = bench_rig.capture(engine, request, job=job)
-    assert result.error is None and result.folder is not None, result.error
-    return Path(result.folder)
+    return take_with(engine, job, **msgspec.to_builtins(request)).folder
 
 
 def probe(folder: Path) -> dict[str, NDArray[Any]]:

@@ -11,30 +11,22 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.row import read_matrix_row
-from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor import raw
 from pdcd.words import MethodName
 from tests import bench_rig, tampered
+from tests.taken import take
 
 MIRROR = SceneConfig(kind="mirror-and-vase", grid=(12, 16))
 
 
-def taken(folder: Path, request: CaptureRequest) -> Path:
+def taken(folder: Path, **fields: Any) -> Path:
     """A finished run on the mock bench."""
-    engine = Engine.from_config(bench_rig.config(folder, scene=MIRROR))
-    engine.start()
-    try:
-        result = bench_rig.capture(engine, request)
-    finally:
-        engine.stop()
-    assert result.error is None and result.folder is not None, result.error
-    return Path(result.folder)
+    return take(bench_rig.config(folder, scene=MIRROR), **fields).folder
 
 
 @pytest.mark.parametrize(
@@ -66,7 +58,7 @@ def test_a_capture_reads_each_shot_once(
 
     monkeypatch.setattr("pdcd.pictures.darkroom.read_raw", counted)
     monkeypatch.setattr("pdcd.runs.frame_table.csv.reader", counting)
-    folder = taken(tmp_path, CaptureRequest(goal="indirect", **fields))
+    folder = taken(tmp_path, **fields)
     shots = {Path(shot.raw).name for shot in read_manifest(folder).run.shots}
     assert read == dict.fromkeys(shots | {"look-dark.dng"} | set(again), 1)
     assert lines == len((folder / "frames.csv").read_text().splitlines())
@@ -76,7 +68,7 @@ def test_a_capture_reads_each_shot_once(
 def test_a_row_of_the_matrix_needs_no_raw_file(
     tmp_path: Path, method: MethodName, codes: int
 ) -> None:
-    folder = taken(tmp_path, CaptureRequest(goal="indirect", codes=codes, method=method))
+    folder = taken(tmp_path, codes=codes, method=method)
     before = read_matrix_row(folder, (3, 4))
     for file in (folder / "raw").iterdir():
         file.unlink()
@@ -86,7 +78,7 @@ def test_a_row_of_the_matrix_needs_no_raw_file(
 
 
 def test_shots_of_other_sizes_are_refused(tmp_path: Path) -> None:
-    folder = taken(tmp_path, CaptureRequest(goal="indirect", codes=8))
+    folder = taken(tmp_path, codes=8)
     record = read_manifest(folder).run
     assert record.cells is not None and record.cells.frame == (12, 16)
     wrong = type(record.cells)(grid=record.grid, frame=(24, 32))
@@ -99,7 +91,7 @@ def test_shots_of_other_sizes_are_refused(tmp_path: Path) -> None:
 
 def test_a_wanted_error_chooses_the_iso_and_leaves_the_bench_as_configured(tmp_path: Path) -> None:
     """The manifest keeps the configuration of the bench; the ISO stands with plan and shots."""
-    folder = taken(tmp_path, CaptureRequest(goal="indirect", error=0.02))
+    folder = taken(tmp_path, error=0.02)
     manifest = read_manifest(folder)
     assert manifest.config["camera"]["iso"] is None
     chosen = manifest.plan["prediction"]["iso"]
@@ -109,7 +101,7 @@ def test_a_wanted_error_chooses_the_iso_and_leaves_the_bench_as_configured(tmp_p
 def test_decode_of_a_damaged_frame_log_is_one_clear_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = taken(tmp_path, CaptureRequest(goal="indirect", codes=8))
+    folder = taken(tmp_path, codes=8)
     table = folder / "frames.csv"
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3]))
     assert main(["decode", str(folder)]) == 5

@@ -8,26 +8,18 @@ import cv2
 import numpy as np
 
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.written.picture_files import HEIGHT_PX
-from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig
+from tests.taken import take
 
 
 def taken(config: Config, place: tuple[float, float]) -> tuple[Path, Manifest]:
-    engine = Engine.from_config(config)
-    engine.start()
-    request = CaptureRequest(goal="white", white_patch=place)
-    result = bench_rig.capture(engine, request)
-    engine.stop()
-    assert result.state == "done" and result.folder is not None, result.error
-    manifest = read_manifest(Path(result.folder))
-    assert manifest.run.white_patch == place
-    assert manifest.request["white_patch"] == list(place)
-    return Path(result.folder), manifest
+    made = take(config, goal="white", white_patch=place)
+    assert made.manifest.run.white_patch == place
+    assert made.manifest.request["white_patch"] == list(place)
+    return made.folder, made.manifest
 
 
 def warned(manifest: Manifest) -> list[str]:

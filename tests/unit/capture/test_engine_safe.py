@@ -73,15 +73,6 @@ def test_a_job_after_which_the_rig_is_not_safe_says_so(
     assert not any("shutter open" in text for text in again.warnings)
 
 
-@pytest.mark.parametrize("pattern", ["white", "checker", "grid", "code"])
-def test_a_picture_is_lit_until_black_is_asked_for(engine: Engine, pattern: str) -> None:
-    engine.show(pattern, 1)
-    bench = bench_rig.bench_of(engine)
-    assert not bench.panels_black and not bench.shutter_open
-    engine.show("black")
-    assert bench.panels_black
-
-
 def test_a_rig_whose_worker_fails_to_stop_is_released_and_one_that_fails_frees_its_worker(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
