@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,7 +32,7 @@ from tests.taken import relative_rms, started, take, take_with
 CORNER = SceneConfig(kind="matrix", path=str(DATA / "corner_32x24.npz"))
 
 
-def run(config: Config, **fields: object) -> tuple[Path, dict[str, object]]:
+def run(config: Config, **fields: Any) -> tuple[Path, dict[str, object]]:
     made = take(config, **fields)
     return made.folder, made.summary
 

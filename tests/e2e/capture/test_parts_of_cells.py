@@ -20,7 +20,12 @@ from tests import bench_rig, taken
 Floats = NDArray[np.floating]
 
 GRID = (6, 8)
-REQUEST = {"goal": "indirect", "codes": 16, "family": "bernoulli", "black_level": "none"}
+REQUEST: dict[str, Any] = {
+    "goal": "indirect",
+    "codes": 16,
+    "family": "bernoulli",
+    "black_level": "none",
+}
 """Without dark photos: one before the run, which only a bench of pixels has, would move what jitter
 is drawn next. For the same reason nobody looks at the panels."""
 

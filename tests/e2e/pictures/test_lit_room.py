@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def bright(folder: Path, grid: Grid, room: float = 0.0, indirect: float = 0.3) -
 
 def taken(
     folder: Path, scene: SceneConfig, truth: str, grid: Grid = COARSE, *,
-    contrasts: tuple[float | None, float | None] = (None, None), **asked: object,
+    contrasts: tuple[float | None, float | None] = (None, None), **asked: Any,
 ) -> Taken:  # fmt: skip
     """A capture of a bench that really is as `truth` says; 16 px of the projector to a cell."""
     (folder / "truth.toml").write_text(truth)
@@ -53,7 +53,13 @@ def taken(
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         limits=LimitsConfig(min_free_bytes=0),
     )
-    once = {"codes": 128, "pilot": 0, "parts": 1, "window": "quarter", "out": str(folder)}
+    once: dict[str, Any] = {
+        "codes": 128,
+        "pilot": 0,
+        "parts": 1,
+        "window": "quarter",
+        "out": str(folder),
+    }
     return take(config, **{**once, **asked})
 
 

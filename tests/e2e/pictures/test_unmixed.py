@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def test_direct_light_that_slow_panels_let_through_is_taken_out(tmp_path: Path) 
     assert cells_error(made.folder) < 0.02
 
 
-def uneven(kind: str, **mask: float) -> Config:
+def uneven(kind: str, **mask: Any) -> Config:
     """Cells of 21.3 pixels of the projector and 33.3 of the mask."""
     return Config(
         projector=PanelConfig(size_px=(85, 64)),
