@@ -218,7 +218,8 @@ def _unpack_again(raw: RawInput, shape: tuple[int, int]) -> NDArray[np.uint16]:
 def _of_libraw(raw: RawInput, sensor: NDArray[np.generic]) -> Mosaic:
     """Levels and picture as LibRaw has them. Raises DecodeError for another mosaic than Bayer."""
     libraw = raw.libraw
-    numbers, colours = _libraw_mosaic(libraw)
+    corner = libraw.sizes.top_margin, libraw.sizes.left_margin
+    numbers, colours = _libraw_mosaic(libraw, corner)
     if colours not in BAYER or numbers is None:
         if numbers is None or numbers.shape == (1, 1):
             raise make_unreadable(
@@ -257,7 +258,7 @@ def _of_dng(raw: RawInput, form: DngForm, sensor: NDArray[np.generic]) -> Mosaic
     even = all(plane.even for plane in planes)
     libraw_black, doubts = black, list(form.doubts)
     if not form.floating:
-        numbers, theirs = _libraw_mosaic(raw.libraw)
+        numbers, theirs = _libraw_mosaic(raw.libraw, first)
         if numbers is None or theirs != colours:
             doubts.append(f"LibRaw sees a mosaic {theirs or 'of no colours'}, the tags {colours}")
         else:
@@ -340,16 +341,18 @@ def _with_border(raw: RawInput, mosaic: Mosaic) -> Mosaic:
     return replace(mosaic, black=measured[0], masked=masked, tagged=False, doubts=tuple(doubts))
 
 
-def _libraw_mosaic(libraw: rawpy.RawPy) -> tuple[NDArray[np.uint8] | None, str]:
-    """LibRaw's numbers of colours from the picture's corner on, and their letters; G2 is G."""
-    sizes = libraw.sizes
+def _libraw_mosaic(
+    libraw: rawpy.RawPy, first: tuple[int, int]
+) -> tuple[NDArray[np.uint8] | None, str]:
+    """LibRaw's numbers of colours from the picture's `first` sample on, and their letters; G2 is
+    G."""
     try:
         numbers = libraw.raw_pattern
     except NotImplementedError:  # of a mosaic for which its binding has no form
         return np.zeros((0, 0), np.uint8), ""
     if numbers is None:
         return None, ""
-    numbers = np.roll(numbers, (-sizes.top_margin, -sizes.left_margin), axis=(0, 1))
+    numbers = np.roll(numbers, (-first[0], -first[1]), axis=(0, 1))
     letters = libraw.color_desc.decode()
     return numbers, "".join(letters[n] if n < len(letters) else "?" for n in numbers.ravel())
 
