@@ -102,7 +102,7 @@ SCARCE = "try again in a moment; if it stays, raise LimitNOFILE or give it more 
         (DeniedError("no", hint="ask"), ("denied", "no", "ask"), ""),
         (ZeroDivisionError("by nothing"),
          ("internal", "ZeroDivisionError: by nothing", OURS), "method failed"),
-        (SystemExit("\udce9"), ("internal", "SystemExit: \\udce9", OURS), "method failed"),
+        (SystemExit("now"), ("internal", "SystemExit: now", OURS), "method failed"),
         (OSError(errno.EMFILE, "too many"),
          ("busy", "the system has nothing left: too many", SCARCE), "method failed"),
         (OSError(errno.EIO, "of a device"),
